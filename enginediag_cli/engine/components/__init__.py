@@ -1,0 +1,23 @@
+"""The component types of the network; a new one is one file and one line here."""
+
+from __future__ import annotations
+
+from enginediag_cli.engine.components.ambient import Ambient
+from enginediag_cli.engine.components.base import Component, Unknown
+from enginediag_cli.engine.components.bleed import Bleed
+from enginediag_cli.engine.components.burner import Burner
+from enginediag_cli.engine.components.compressor import Compressor
+from enginediag_cli.engine.components.duct import Duct
+from enginediag_cli.engine.components.exhaust import Exhaust
+from enginediag_cli.engine.components.inlet import Inlet
+from enginediag_cli.engine.components.load import Load
+from enginediag_cli.engine.components.mixer import Mixer
+from enginediag_cli.engine.components.nozzle import Nozzle
+from enginediag_cli.engine.components.splitter import Splitter
+from enginediag_cli.engine.components.turbine import Turbine
+
+COMPONENTS: dict[str, type[Component]] = {
+    c.TYPE: c for c in (Ambient, Inlet, Compressor, Splitter, Bleed, Duct, Burner, Turbine, Mixer, Nozzle, Exhaust, Load)
+}
+
+__all__ = ["COMPONENTS", "Component", "Unknown"]

@@ -1,0 +1,36 @@
+"""Bleed: air taken from a station, for a turbine's cooling, for another duct, or overboard."""
+
+from __future__ import annotations
+
+from enginediag_cli.config.fields import Field, Section
+from enginediag_cli.engine.components.base import FROM, NAME, TO, Component
+from enginediag_cli.engine.evaluation import Evaluation
+from enginediag_cli.parameters import Parameter
+
+PORT = Section("port", "one bleed of this station", (
+    Field("name", "text", "name of the bleed; a bleed that no component receives goes overboard"),
+    Field("fraction", "number", "bleed flow over the station's flow", minimum=0.0, maximum=0.6),
+))
+
+
+class Bleed(Component):
+    """W_out = W (1 − Σ fractions); each bleed leaves at the station's total state."""
+
+    TYPE = "bleed"
+    SECTION = Section("bleed", "takes air from a station", (
+        NAME, FROM, TO, Field("ports", "sections", "the bleeds", section=PORT),
+    ))
+
+    def parameters(self) -> tuple[Parameter, ...]:
+        return tuple(self.design(f"{port['name']}.fraction", port["fraction"], 0.01, 0.0, 0.6, "1",
+                                 "bleed flow over station flow") for port in self.values["ports"])
+
+    def evaluate(self, e: Evaluation) -> None:
+        inlet = e.flows[self.values["from"]]
+        inlet.h  # noqa: B018  computed once here for every branch
+        W = inlet.W
+        for port in self.values["ports"]:
+            taken = inlet.W * e[f"{self.name}.{port['name']}.fraction"]
+            e.bleeds[port["name"]] = inlet.with_(W=taken)
+            W = W - taken
+        e.flows[self.values["to"]] = inlet.with_(W=W)

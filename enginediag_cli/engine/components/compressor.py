@@ -1,0 +1,149 @@
+"""Compressor: fan, booster or high-pressure compressor, with interstage bleed ports."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from enginediag_cli.config.fields import Field, Section
+from enginediag_cli.engine.atmosphere import P_ISA, T_ISA
+from enginediag_cli.engine.components.base import FROM, NAME, TO, Component, Unknown, scalar
+from enginediag_cli.engine.dual import Value, exp, log, sqrt, value
+from enginediag_cli.engine.evaluation import Evaluation
+from enginediag_cli.engine.flow import Flow
+from enginediag_cli.engine.maps import compressor_map
+from enginediag_cli.engine.maps.table_map import RULES, TableMap, make_table, read_table
+from enginediag_cli.parameters import Parameter
+
+PORT = Section("port", "bleed port between the stages", (
+    Field("name", "text", "name of the bleed, for the component that receives it"),
+    Field("fraction", "number", "bleed flow over compressor inlet flow", minimum=0.0, maximum=0.5),
+    Field("work_fraction", "number", "share of the enthalpy rise done on the bleed air", 1.0, minimum=0.0, maximum=1.0),
+    Field("pressure_fraction", "number", "share of the pressure rise at the port", 1.0, minimum=0.0, maximum=1.0),
+))
+TABLE = Section("table", "map file with speed lines and R-lines", (
+    Field("file", "text", "CSV with columns Nc_map, Rline, Wc_map, PR_map, eff_map; path from the engine file"),
+    Field("interpolation", "choice", "between the grid values", "quadratic", choices=RULES),
+    Field("design_speed", "number", "map speed of the design point", 1.0, minimum=0.0),
+    Field("design_rline", "number", "R-line of the design point", 2.0),
+    Field("speed_rpm", "number", "corrected speed per map speed; default from the design point", None, unit="rpm"),
+    Field("flow_kg_s", "number", "corrected flow per map flow; default from the design point", None, unit="kg/s"),
+    Field("pressure_ratio_scale", "number", "(PR − 1) per map (PR − 1); default from the design point", None),
+    Field("efficiency_scale", "number", "efficiency per map efficiency; default from the design point", None),
+))
+SHAPE = Section("map", "coefficients of the parametric map", compressor_map.FIELDS)
+
+
+class Compressor(Component):
+    """Enthalpy rise Δh and pressure ratio from corrected speed and flow.
+
+    With a parametric map (work and flow) the isentropic work gives the pressure: φ(T_s) − φ_in = R ln PR.
+    With a table the R-line is unknown and the balance is map flow = actual flow. Health parameters scale
+    isentropic efficiency and corrected flow.
+    """
+
+    TYPE = "compressor"
+    SECTION = Section("compressor", "fan, booster or compressor", (
+        NAME, FROM, TO,
+        Field("shaft", "text", "shaft that drives it"),
+        Field("pressure_ratio", "number", "total pressure ratio at the design point", minimum=1.001, maximum=60.0),
+        Field("isentropic_efficiency", "number", "at the design point", minimum=0.3, maximum=0.99),
+        Field("map", "section", "parametric map (used when there is no table)", {}, section=SHAPE),
+        Field("table", "section", "tabulated map", None, section=TABLE),
+        Field("ports", "sections", "interstage bleed ports", (), section=PORT),
+    ))
+
+    def __init__(self, values: Mapping[str, Any]):
+        super().__init__(values)
+        self.table: TableMap | None = None
+        if self.values["table"]:
+            t = self.values["table"]
+            path = Path(self.values.get("directory", ".")) / t["file"]
+            x, y, q = read_table(path, "Nc_map", "Rline", ("Wc_map", "PR_map", "eff_map"))
+            self.table = make_table(x, y, q, t["interpolation"], t["interpolation"])
+        self.speed_scale = self.flow_scale = self.ratio_scale = self.efficiency_scale = 1.0
+        self.work_scale = self.design_loss = 1.0
+
+    def parameters(self) -> tuple[Parameter, ...]:
+        found = [self.health("efficiency", "isentropic efficiency"), self.health("flow_capacity", "corrected flow")]
+        if self.table is None:
+            for f in compressor_map.FIELDS:
+                nominal = self.values["map"][f.name]
+                sigma = max(0.25 * abs(nominal), 0.2)
+                found.append(self.design(f"map.{f.name}", nominal, sigma, float(f.minimum or 0.0),
+                                         float(f.maximum or 0.0), "1", f.help))
+        for port in self.values["ports"]:
+            found.append(self.design(f"{port['name']}.fraction", port["fraction"], 0.01, 0.0, 0.5, "1",
+                                     "bleed flow over compressor inlet flow"))
+        return tuple(found)
+
+    def unknowns(self) -> tuple[Unknown, ...]:
+        if self.table is None:
+            return ()
+        return (Unknown(f"{self.name}.rline", self.values["table"]["design_rline"], 0.0, 6.0),)
+
+    def evaluate(self, e: Evaluation) -> None:
+        inlet = e.flows[self.values["from"]]
+        theta, root = inlet.T * (1.0 / T_ISA), sqrt(inlet.T * (1.0 / T_ISA))
+        corrected_speed = e.shafts[self.values["shaft"]].speed_rpm / root
+        capacity = e[f"{self.name}.flow_capacity"]
+        corrected_flow = inlet.W * root / (inlet.P * (1.0 / P_ISA))
+        efficiency = e[f"{self.name}.efficiency"]
+        if self.table is None:
+            n = corrected_speed * (1.0 / self.speed_scale)
+            w = corrected_flow * (1.0 / self.flow_scale) / capacity
+            shape = {k: e[f"{self.name}.map.{k}"] for k in compressor_map.NAMES}
+            work, loss = compressor_map.work_and_loss(n, w, self.design_loss, shape)
+            scale = theta * self.work_scale
+            rise = work * scale
+            ideal = efficiency * ((work - loss) * scale)
+            T_s = e.gas.temperature_from_enthalpy(inlet.h + ideal, inlet.mixture)
+            log_ratio = (e.gas.entropy(T_s, inlet.mixture) - inlet.phi) / inlet.R
+        else:
+            n = corrected_speed * (1.0 / self.speed_scale)
+            (wc, pr, eta), outside = self.table.lookup(n, e[f"{self.name}.rline"])
+            e.mark_outside(self.name, outside)
+            e.balances[f"{self.name} flow"] = corrected_flow / (wc * self.flow_scale * capacity) - 1.0
+            log_ratio = log(1.0 + (pr - 1.0) * self.ratio_scale)
+            ideal = inlet.expanded_enthalpy(-log_ratio) - inlet.h
+            rise = ideal / (eta * self.efficiency_scale * efficiency)
+        self._deliver(e, inlet, rise, exp(log_ratio))
+
+    def _deliver(self, e: Evaluation, inlet: Flow, rise: Value, ratio: Value) -> None:
+        """Outlet flow, bleeds and shaft power W Δh − Σ W_b (1 − work fraction) Δh."""
+        outlet = Flow(inlet.gas, inlet.mixture, inlet.W, inlet.P * ratio, h=inlet.h + rise)
+        demand = inlet.W * rise
+        for port in self.values["ports"]:
+            taken = inlet.W * e[f"{self.name}.{port['name']}.fraction"]
+            part = port["work_fraction"]
+            P = inlet.P + (outlet.P - inlet.P) * port["pressure_fraction"]
+            e.bleeds[port["name"]] = Flow(inlet.gas, inlet.mixture, taken, P, h=inlet.h + rise * part)
+            demand = demand - taken * (rise * (1.0 - part))
+            outlet.W = outlet.W - taken
+        shaft = e.shafts[self.values["shaft"]]
+        shaft.demand_W = shaft.demand_W + demand
+        e.flows[self.values["to"]] = outlet
+        e.outputs[f"{self.name}_pressure_ratio"] = ratio
+        e.outputs[f"{self.name}_power_W"] = demand
+
+    def size(self, e: Evaluation) -> None:
+        inlet = e.flows[self.values["from"]]
+        theta = scalar(inlet.T) / T_ISA
+        speed = scalar(e.shafts[self.values["shaft"]].speed_rpm) / theta**0.5
+        flow = scalar(inlet.W) * theta**0.5 / (scalar(inlet.P) / P_ISA)
+        ratio, efficiency = self.values["pressure_ratio"], self.values["isentropic_efficiency"]
+        if self.table is None:
+            ideal = scalar(inlet.expanded_enthalpy(-log(ratio)) - inlet.h)
+            self.work_scale = ideal / efficiency / theta
+            self.design_loss = 1.0 - efficiency
+            self.speed_scale, self.flow_scale = speed, flow
+        else:
+            t = self.values["table"]
+            (wc, pr, eta), _ = self.table.lookup(value(inlet.T) * 0 + t["design_speed"],
+                                                 value(inlet.T) * 0 + t["design_rline"])
+            self.speed_scale = t["speed_rpm"] or speed / t["design_speed"]
+            self.flow_scale = t["flow_kg_s"] or flow / scalar(wc)
+            self.ratio_scale = t["pressure_ratio_scale"] or (ratio - 1.0) / (scalar(pr) - 1.0)
+            self.efficiency_scale = t["efficiency_scale"] or efficiency / scalar(eta)
+        self.evaluate(e)

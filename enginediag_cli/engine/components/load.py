@@ -1,0 +1,51 @@
+"""Load: what a shaft drives outside the engine (generator, propeller, pump)."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from enginediag_cli.config.fields import Field, Section
+from enginediag_cli.engine.components.base import NAME, Component, scalar
+from enginediag_cli.engine.dual import value
+from enginediag_cli.engine.evaluation import Evaluation
+from enginediag_cli.parameters import Parameter
+
+
+class Load(Component):
+    """Law `surplus`: takes what the shaft has to spare, at a speed that is given; the power is an output.
+
+    Law `cube`: absorbs P_design (N/N_design)³ (propeller or water brake), and the balance of power
+    determines the speed.
+    """
+
+    TYPE = "load"
+    SECTION = Section("load", "driven machine on a shaft", (
+        NAME,
+        Field("shaft", "text", "shaft that drives it"),
+        Field("law", "choice", "what it takes", "surplus", choices=("surplus", "cube")),
+        Field("efficiency", "number", "delivered power over shaft power (generator, gearbox)", 1.0, minimum=0.3,
+              maximum=1.0),
+    ))
+    design_power_W = 1.0
+
+    def parameters(self) -> tuple[Parameter, ...]:
+        return (self.design("efficiency", self.values["efficiency"], 0.01, 0.3, 1.05, "1", "delivered over shaft power"),)
+
+    def evaluate(self, e: Evaluation) -> None:
+        shaft = e.shafts[self.values["shaft"]]
+        name = self.values["shaft"]
+        surplus = shaft.supply_W * e[f"{name}.mechanical_efficiency"] - shaft.demand_W - e[f"{name}.power_offtake_W"]
+        if self.values["law"] == "cube":
+            n = shaft.speed_rpm * (1.0 / self.design_speed_rpm)
+            absorbed = n * n * n * self.design_power_W
+            e.balances[f"{name} power"] = (surplus - absorbed) / shaft.supply_W
+            surplus = absorbed
+        e.outputs["power_W"] = surplus * e[f"{self.name}.efficiency"]
+
+    def size(self, e: Evaluation) -> None:
+        shaft = e.shafts[self.values["shaft"]]
+        name = self.values["shaft"]
+        self.design_speed_rpm = scalar(shaft.speed_rpm)
+        surplus = shaft.supply_W * e[f"{name}.mechanical_efficiency"] - shaft.demand_W - e[f"{name}.power_offtake_W"]
+        self.design_power_W = scalar(surplus)
+        self.evaluate(e)

@@ -1,0 +1,79 @@
+"""Mixer: core and bypass flow join at equal static pressure and leave through one duct."""
+
+from __future__ import annotations
+
+from enginediag_cli.config.fields import Field, Section
+from enginediag_cli.engine.components.base import NAME, TO, Component, scalar
+from enginediag_cli.engine.dual import Value, chain, exp, log, value
+from enginediag_cli.engine.evaluation import Evaluation
+from enginediag_cli.engine.flow import Flow, mix, static_pressure
+from enginediag_cli.engine.gas import Mixture
+
+
+class Mixer(Component):
+    """Balance p_s,core = p_s,bypass; constant-area mixing with mass, energy and momentum conserved.
+
+    Impulse I = Σ (W V + p A); behind the mixer W = ρ V A, T from h − V²/2 and I = W V + p A give V.
+    The areas are set at the design point from the core Mach number unless given.
+    """
+
+    TYPE = "mixer"
+    SECTION = Section("mixer", "joins core and bypass flow", (
+        NAME, TO,
+        Field("core", "text", "station of the core flow"),
+        Field("bypass", "text", "station of the bypass flow"),
+        Field("core_mach", "number", "core Mach number at the design point", 0.4, minimum=0.05, maximum=0.9),
+        Field("core_area_m2", "number", "default from the design point", None, unit="m2", minimum=1e-6),
+        Field("bypass_area_m2", "number", "default from the design point", None, unit="m2", minimum=1e-6),
+    ))
+
+    def evaluate(self, e: Evaluation) -> None:
+        core, bypass = e.flows[self.values["core"]], e.flows[self.values["bypass"]]
+        p_core, V_core = static_pressure(core, self.core_area)
+        p_bypass, V_bypass = static_pressure(bypass, self.bypass_area)
+        e.balances[f"{self.name} static pressure"] = p_bypass / p_core - 1.0
+        impulse = core.W * V_core + p_core * self.core_area + bypass.W * V_bypass + p_bypass * self.bypass_area
+        e.flows[self.values["to"]] = _mixed_out(mix(core, bypass), impulse, self.core_area + self.bypass_area)
+
+    def size(self, e: Evaluation) -> None:
+        """Core area from the core Mach number; bypass area so that the static pressures agree."""
+        core, bypass = e.flows[self.values["core"]], e.flows[self.values["bypass"]]
+        cp, R = core.gas.heat_capacity(core.T, core.mixture), core.R
+        gamma, M = cp / (cp - R), self.values["core_mach"]
+        T_s = core.T / (1.0 + 0.5 * (gamma - 1.0) * M * M)
+        p = core.P * exp((core.gas.entropy(T_s, core.mixture) - core.phi) / R)
+        V = (2.0 * (core.h - core.gas.enthalpy(T_s, core.mixture))) ** 0.5
+        self.core_area = self.values["core_area_m2"] or scalar(core.W * R * T_s / (p * V))
+        log_ratio = log(bypass.P / p)
+        if not scalar(log_ratio) > 0.0:
+            raise ValueError(f"{self.name}: the bypass total pressure is below the core's static pressure at design")
+        T_s = bypass.gas.temperature_from_entropy(bypass.phi - bypass.R * log_ratio, bypass.mixture)
+        V = (2.0 * (bypass.h - bypass.gas.enthalpy(T_s, bypass.mixture))) ** 0.5
+        self.bypass_area = self.values["bypass_area_m2"] or scalar(bypass.W * bypass.R * T_s / (p * V))
+        self.evaluate(e)
+
+
+def _mixed_out(flow: Flow, impulse: Value, area: float) -> Flow:
+    """The flow at the total pressure that the momentum balance leaves; V found by Newton's method on values."""
+    gas, mixture = flow.gas, flow.mixture
+    plain = Mixture(*(None if x is None else value(x) for x in (mixture.far, mixture.war)))
+
+    def state(V: Value, W: Value, h: Value, R: Value, total: Value, m: Mixture) -> tuple[Value, Value, Value]:
+        T_s = gas.temperature_from_enthalpy(h - 0.5 * (V * V), m)
+        p = (total - W * V) * (1.0 / area)
+        return p * V * area - W * R * T_s, T_s, p  # zero: W = p V A / (R T)
+
+    W, h, R, total = (value(x) for x in (flow.W, flow.h, flow.R, impulse))
+    V = W * R * value(flow.T) / total
+    for _ in range(30):
+        f, T_s, p = state(V, W, h, R, total, plain)
+        cp = gas.heat_capacity(T_s, plain)
+        slope = total - 2.0 * W * V + W * R * V / cp
+        V = V - f / slope
+        if (abs(f) < 1e-12 * abs(total * V)).all():
+            break
+    f_exact, _, _ = state(V, flow.W, flow.h, flow.R, impulse, mixture)
+    V_exact = chain(V - value(f_exact) / slope, (-1.0 / slope, f_exact))
+    _, T_s, p = state(V_exact, flow.W, flow.h, flow.R, impulse, mixture)
+    P = p * exp((flow.phi - gas.entropy(T_s, mixture)) / flow.R)
+    return flow.with_(P=P)

@@ -1,0 +1,68 @@
+"""One evaluation of the network: the leaves it reads, and the flows, powers and balances that it makes.
+
+Everything that a model reads is a *leaf*: an input column, a parameter, or an unknown. A leaf named in
+`wrt` becomes a direction of differentiation when it is first read, so directions follow the gas path.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from enginediag_cli.engine.dual import Array, Dual, Value
+from enginediag_cli.engine.flow import Flow
+from enginediag_cli.engine.gas import Gas
+
+
+@dataclass
+class Shaft:
+    """What turns together: rotational speed and the powers put in and taken out so far [W]."""
+
+    speed_rpm: Value
+    supply_W: Value = 0.0
+    demand_W: Value = 0.0
+
+
+@dataclass
+class Evaluation:
+    """State of one pass through the network for N operating points."""
+
+    gas: Gas
+    size: int
+    leaves: Mapping[str, Value]
+    wrt: frozenset[str] = frozenset()
+    directions: dict[str, int] = field(default_factory=dict)
+    flows: dict[str, Flow] = field(default_factory=dict)
+    bleeds: dict[str, Flow] = field(default_factory=dict)
+    shafts: dict[str, Shaft] = field(default_factory=dict)
+    balances: dict[str, Value] = field(default_factory=dict)
+    outputs: dict[str, Value] = field(default_factory=dict)
+    outside: dict[str, Array] = field(default_factory=dict)
+    theta2: Value = 1.0
+    delta2: Value = 1.0
+    _read: dict[str, Value] = field(default_factory=dict)
+
+    def __getitem__(self, name: str) -> Value:
+        """A leaf's value; a direction of differentiation if it is asked for."""
+        if name in self._read:
+            return self._read[name]
+        x = self.leaves[name]
+        if name in self.wrt:
+            k = self.directions[name] = len(self.directions)
+            d = np.zeros((k + 1, self.size))
+            d[k] = 1.0
+            x = Dual(np.broadcast_to(np.asarray(x, dtype=float), (self.size,)), d)
+        self._read[name] = x
+        return x
+
+    def has(self, name: str) -> bool:
+        return name in self.leaves
+
+    def add_output(self, name: str, x: Value) -> None:
+        """Adds to an output that several components contribute to (thrust)."""
+        self.outputs[name] = self.outputs[name] + x if name in self.outputs else x
+
+    def mark_outside(self, component: str, mask: Array) -> None:
+        self.outside[component] = mask

@@ -1,0 +1,132 @@
+"""The gas that passes from one component to the next, at total (stagnation) conditions."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from enginediag_cli.engine.dual import Value, chain, log, sqrt, value
+from enginediag_cli.engine.gas import DRY_AIR, Gas, Mixture
+
+
+class Flow:
+    """Mass flow W [kg/s], total pressure P [Pa], composition and total temperature T [K] or enthalpy h [J/kg].
+
+    Made from T or from h; the other, and φ, are computed when first asked for.
+    """
+
+    __slots__ = ("P", "W", "_T", "_h", "_phi", "gas", "mixture")
+
+    def __init__(self, gas: Gas, mixture: Mixture, W: Value, P: Value, *, T: Value | None = None,
+                 h: Value | None = None, phi: Value | None = None):
+        self.gas, self.mixture, self.W, self.P = gas, mixture, W, P
+        self._T, self._h, self._phi = T, h, phi
+
+    @property
+    def T(self) -> Value:
+        if self._T is None:
+            assert self._h is not None
+            self._T = self.gas.temperature_from_enthalpy(self._h, self.mixture)
+        return self._T
+
+    @property
+    def h(self) -> Value:
+        if self._h is None:
+            self._h = self.gas.enthalpy(self.T, self.mixture)
+        return self._h
+
+    @property
+    def phi(self) -> Value:
+        if self._phi is None:
+            self._phi = self.gas.entropy(self.T, self.mixture)
+        return self._phi
+
+    @property
+    def R(self) -> Value:
+        return self.gas.constant(self.mixture)
+
+    def with_(self, *, W: Value | None = None, P: Value | None = None) -> Flow:
+        """The same gas with another mass flow or total pressure."""
+        return Flow(self.gas, self.mixture, self.W if W is None else W, self.P if P is None else P,
+                    T=self._T, h=self._h, phi=self._phi)
+
+    def expanded_enthalpy(self, log_pressure_ratio: Value) -> Value:
+        """Enthalpy after isentropic expansion through ln(P_in/P_out): φ_out = φ_in − R ln PR."""
+        T = self.gas.temperature_from_entropy(self.phi - self.R * log_pressure_ratio, self.mixture)
+        return self.gas.enthalpy(T, self.mixture)
+
+
+def mix(first: Flow, *others: Flow) -> Flow:
+    """Flows mixed at the pressure of the first: mass, fuel, water and enthalpy add."""
+    others = tuple(f for f in others if not _is_zero(f.W))
+    if not others:
+        return first
+    flows = (first, *others)
+    W: Value = 0.0
+    H: Value = 0.0
+    for f in flows:
+        W = W + f.W
+        H = H + f.W * f.h
+    mixture = DRY_AIR
+    if any(f.mixture.kind > 1 for f in flows):
+        dry = [f.W / f.mixture.per_dry_air() for f in flows]
+        total: Value = 0.0
+        for d in dry:
+            total = total + d
+        mixture = Mixture(_share([f.mixture.far for f in flows], dry, total),
+                          _share([f.mixture.war for f in flows], dry, total))
+    return Flow(first.gas, mixture, W, first.P, h=H / W)
+
+
+def _share(ratios: list[Value | None], dry: list[Value], total: Value) -> Value | None:
+    """Fuel or water per dry air of the mixture; None when no flow has any."""
+    amount: Value | None = None
+    for ratio, d in zip(ratios, dry, strict=True):
+        if ratio is not None:
+            amount = ratio * d if amount is None else amount + ratio * d
+    return None if amount is None else amount / total
+
+
+def _is_zero(W: Value) -> bool:
+    return isinstance(W, float) and W == 0.0
+
+
+def static_pressure(flow: Flow, area_m2: Value, iterations: int = 30) -> tuple[Value, Value]:
+    """Static pressure [Pa] and velocity [m/s] of a subsonic total state passing through an area [m²].
+
+    Solves ρ V A = W with V² = 2 (h − h_s), p_s = P exp((φ_s − φ)/R) for T_s by Newton's method on values;
+    one Newton step in derivative arithmetic then gives the exact derivatives. NaN where the area chokes.
+    """
+    gas, mixture = flow.gas, flow.mixture
+
+    def excess(T_s: Value) -> tuple[Value, Value, Value]:
+        V = sqrt(2.0 * (flow.h - gas.enthalpy(T_s, mixture)))
+        log_p = log(flow.P) + (gas.entropy(T_s, mixture) - flow.phi) / flow.R
+        # ln(ρ V A / W)
+        return log_p - log(flow.R * T_s) + log(V * area_m2 / flow.W), V, log_p
+
+    T = value(flow.T)
+    R, cp = value(flow.R), value(gas.heat_capacity(flow.T, mixture))
+    mach = np.clip(value(flow.W) * np.sqrt(R * T) / (value(flow.P) * value(area_m2)), 1e-6, 0.6)
+    T_s = T - 0.5 * mach**2 * R * T / cp
+    values = Flow(gas, _plain(mixture), value(flow.W), value(flow.P), T=T)
+    for _ in range(iterations):
+        V = np.sqrt(np.maximum(2.0 * (value(flow.h) - gas.enthalpy(T_s, values.mixture)), 1e-12))
+        f = (np.log(value(flow.P)) + (gas.entropy(T_s, values.mixture) - value(flow.phi)) / R
+             - np.log(R * T_s) + np.log(V * value(area_m2) / value(flow.W)))
+        slope = cp / (R * T_s) - 1.0 / T_s - cp / V**2  # negative while subsonic
+        step = np.clip(-f / slope, -0.5 * (T - T_s), 0.5 * (T - T_s))
+        T_s = T_s + step
+        if np.all(np.abs(step) < 1e-11 * T):
+            break
+    subsonic = slope < 0.0
+    T_s = np.where(subsonic & (np.abs(f) < 1e-8), T_s, np.nan)
+    f_dual, _, _ = excess(T_s)
+    T_exact = chain(T_s, (-1.0 / slope, f_dual)) if not isinstance(f_dual, np.ndarray) else T_s
+    _, V_exact, log_p = excess(T_exact)
+    from enginediag_cli.engine.dual import exp
+
+    return exp(log_p), V_exact
+
+
+def _plain(mixture: Mixture) -> Mixture:
+    return Mixture(*(None if x is None else value(x) for x in (mixture.far, mixture.war)))

@@ -1,0 +1,119 @@
+"""Engine file → Engine, with every problem of the file reported at its place."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from enginediag_cli.config.hints import near
+from enginediag_cli.config.kinds import load_checked
+from enginediag_cli.engine import solver
+from enginediag_cli.engine.components import COMPONENTS, Component
+from enginediag_cli.engine.engine import Engine
+from enginediag_cli.engine.evaluation import Evaluation
+from enginediag_cli.engine.gas import gas_for
+from enginediag_cli.engine.network import Network
+from enginediag_cli.errors import ConfigError, Problem
+
+
+def load_engine(path: str | Path, power_setting: str | None = None) -> Engine:
+    """Reads, checks and sizes an engine; `power_setting` replaces the file's. Raises ConfigError."""
+    checked = load_checked(str(path), "engine")
+    values = dict(checked.values)
+    if power_setting:
+        values["power_setting"] = power_setting
+    problems = list(_wiring(values, checked))
+    if problems:
+        raise ConfigError(problems)
+    components: list[Component] = []
+    for k, c in enumerate(values["components"]):
+        try:
+            components.append(COMPONENTS[c["type"]]({**c, "directory": str(Path(path).parent)}))
+        except ConfigError:
+            raise
+        except ValueError as error:
+            raise ConfigError([Problem(checked.mark(("components", k)), str(error))]) from error
+    network = Network(gas_for(values["fuel_hydrogen_carbon_ratio"]), components, values["shafts"],
+                      values["power_setting"], values["design"], values["start"])
+    _size(network, values, checked)
+    engine = Engine(network, values, str(path))
+    problems = list(_references(engine, values, checked))
+    if problems:
+        raise ConfigError(problems)
+    return engine
+
+
+def _size(network: Network, values: dict[str, Any], checked: Any) -> None:
+    """Runs the components through the design point."""
+    inputs = {c: np.array([values["design"].get(c, 0.0)]) for c in network.inputs()}
+    x = {u.name: np.array([u.start]) for c in network.components for u in c.unknowns()}
+    x |= {f"{name}.corrected_speed": np.array([1.0]) for name in network.shafts}
+    leaves = {**{p.name: p.nominal for p in network.parameters()}, **x, **inputs}
+    e = Evaluation(network.gas, 1, leaves)
+    try:
+        with np.errstate(all="ignore"):
+            network.size(e)
+    except ValueError as error:
+        raise ConfigError([Problem(checked.mark(("design",)), f"the design point cannot be met: {error}")]) from error
+
+
+def _wiring(values: dict[str, Any], checked: Any) -> Any:
+    """Stations, shafts and bleeds that a component names must exist before it in the gas path."""
+    shafts = [s["name"] for s in values["shafts"]]
+    stations: list[str] = []
+    bleeds: list[str] = []
+    for k, c in enumerate(values["components"]):
+        for key, word in ((key, c.get(key)) for key in ("from", "core", "bypass") if key in c):
+            if key != "from" and c["type"] == "splitter":
+                continue
+            if word not in stations:
+                yield Problem(checked.mark(("components", k, key)), f"{c['name']}: no component before it delivers station '{word}'",
+                              near(str(word), stations))
+        if "shaft" in c and c["shaft"] not in shafts:
+            yield Problem(checked.mark(("components", k, "shaft")), f"{c['name']}: there is no shaft '{c['shaft']}'",
+                          near(c["shaft"], shafts))
+        for key in ("receives", "cooling_before_rotor", "cooling_after_rotor"):
+            for i, word in enumerate(c.get(key, ())):
+                if word not in bleeds:
+                    yield Problem(checked.mark(("components", k, key, i)), f"{c['name']}: there is no bleed '{word}' before it",
+                                  near(word, bleeds))
+        for port in c.get("ports", ()):
+            if port["name"] in bleeds:
+                yield Problem(checked.mark(("components", k)), f"{c['name']}: bleed '{port['name']}' exists already")
+            bleeds.append(port["name"])
+        stations += [str(c[key]) for key in ("to",) if key in c]
+        if c["type"] == "splitter":
+            stations += [c["core"], c["bypass"]]
+        if c.get("rotor_inlet_station"):
+            stations.append(c["rotor_inlet_station"])
+    types = [c["type"] for c in values["components"]]
+    for needed in ("ambient", "inlet", "burner"):
+        if types.count(needed) != 1:
+            yield Problem(checked.mark(("components",)), f"an engine needs exactly one {needed}, this one has {types.count(needed)}")
+
+
+def _references(engine: Engine, values: dict[str, Any], checked: Any) -> Any:
+    """Names of parameters, columns and inputs, and as many balances as unknowns."""
+    for k, name in enumerate(values["monitored"]):
+        if name not in engine.parameters:
+            yield Problem(checked.mark(("monitored", k)), f"there is no parameter '{name}'", near(name, list(engine.parameters)))
+    known = (*engine.inputs, *engine.optional_inputs)
+    for column in values["envelope"]:
+        if column not in known:
+            yield Problem(checked.mark(("envelope", column)), f"'{column}' is not an input of this engine", near(column, known))
+    unknowns, balances = [u.name for u in engine.unknowns], list(engine._balance_names)
+    if len(unknowns) != len(balances):
+        yield Problem(checked.mark(("components",)), f"{len(unknowns)} unknowns ({', '.join(unknowns)}) but {len(balances)} "
+                      f"balances ({', '.join(balances)})", "is a nozzle, mixer or load missing?")
+        return
+    inputs = {c: np.array([values["design"].get(c, 1.0)]) for c in known}
+    e = solver.evaluate(engine.network, inputs, engine._nominal, engine._design_start(1), frozenset())
+    for column, sensor in engine.sensors.items():
+        for read in (*sensor.reads, *([sensor.over] if sensor.over else [])):
+            try:
+                engine.network.read(e, read)
+            except KeyError:
+                have = [*e.outputs, *(f"{w}{s}{u}" for s in e.flows for w, u in (("T", "_K"), ("P", "_Pa"), ("W", "_kg_s")))]
+                yield Problem(checked.mark(("sensors", column)), f"the model has no column '{read}'", near(read, have))

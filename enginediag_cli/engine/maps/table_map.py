@@ -1,0 +1,141 @@
+"""Tabulated component maps: CSV file with two coordinates and several quantities on a rectangular grid.
+
+Inside the grid a quantity is a polynomial in local cell coordinates, made once; looking up all quantities
+of all points is one gather of coefficient rows and a Horner sum. Interpolation rules:
+
+- `linear`: bilinear in the cell.
+- `quadratic`: in each direction the parabola through the bracketing pair and the next grid value up, or
+  the last three values at the upper end; the rule of the T-MATS and NPSS "lagrange2" maps.
+
+Beyond the grid the value continues linearly in the coordinate that left it, and the point is marked.
+"""
+
+from __future__ import annotations
+
+import csv
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from enginediag_cli.engine.dual import Array, Value, chain, value
+from enginediag_cli.errors import ConfigError, Mark, Problem
+
+RULES = ("linear", "quadratic")
+
+
+@dataclass(frozen=True)
+class TableMap:
+    """Cell polynomials of q quantities: `cells` (nx+1, ny+1, q, a, b) with a, b the powers in x and y.
+
+    Cells 0 and nx, ny are the continuations outside the grid. `x`, `y` are the grid coordinates.
+    """
+
+    x: Array
+    y: Array
+    cells: Array
+
+    def lookup(self, x: Value, y: Value) -> tuple[list[Value], Array]:
+        """The quantities at (x, y), each (N,), and which points lie outside the grid (N,)."""
+        xv, yv = value(x), value(y)
+        i = np.searchsorted(self.x, xv, side="right")
+        j = np.searchsorted(self.y, yv, side="right")
+        outside = (i == 0) | (j == 0) | (xv > self.x[-1]) | (yv > self.y[-1])
+        C = self._rows[i * (len(self.y) + 1) + j]  # (N, q·a·b)
+        _, _, q, a, b = self.cells.shape
+        C = C.T.reshape(q, a, b, -1)
+        u = xv - self._x_origin[i]
+        v = yv - self._y_origin[j]
+        # Horner in v for each power of u, with derivative
+        s, sv = C[:, :, b - 1], np.zeros_like(C[:, :, 0])
+        for k in range(b - 2, -1, -1):
+            sv = sv * v + s
+            s = s * v + C[:, :, k]
+        t, tu, tv = s[:, a - 1], 0.0, sv[:, a - 1]
+        for k in range(a - 2, -1, -1):
+            tu = tu * u + t
+            t = t * u + s[:, k]
+            tv = tv * u + sv[:, k]
+        return [chain(t[m], (tu[m], x), (tv[m], y)) for m in range(q)], outside
+
+    @property
+    def _rows(self) -> Array:
+        return self.cells.reshape(self.cells.shape[0] * self.cells.shape[1], -1)
+
+    @property
+    def _x_origin(self) -> Array:
+        return np.concatenate([self.x[:1], self.x])
+
+    @property
+    def _y_origin(self) -> Array:
+        return np.concatenate([self.y[:1], self.y])
+
+
+def make_table(x: Array, y: Array, tables: Array, rule_x: str, rule_y: str) -> TableMap:
+    """A map from grids x (nx,), y (ny,) and tables (q, nx, ny)."""
+    Bx, By = _cell_basis(x, rule_x), _cell_basis(y, rule_y)  # (nx+1, a, nx), (ny+1, b, ny)
+    return TableMap(x, y, np.ascontiguousarray(np.einsum("iak,qkl,jbl->ijqab", Bx, tables, By)))
+
+
+def _cell_basis(grid: Array, rule: str) -> Array:
+    """Local polynomial of each cell as a linear map of grid values: (n+1 cells, powers, n).
+
+    Cell 0 is below the grid, cell i lies above grid value i−1, cell n above the last one; the local
+    coordinate counts from the cell's lower grid value (from the first one below the grid).
+    """
+    n = len(grid)
+    order = 2 if rule == "quadratic" and n >= 3 else 1
+    basis = np.zeros((n + 1, order + 1, n))
+    for i in range(n - 1):
+        if order == 1:
+            h = grid[i + 1] - grid[i]
+            basis[i + 1, 0, i] = 1.0
+            basis[i + 1, 1, i], basis[i + 1, 1, i + 1] = -1.0 / h, 1.0 / h
+        else:
+            nodes = np.arange(i, i + 3) if i + 2 < n else np.arange(n - 3, n)
+            local = grid[nodes] - grid[i]
+            basis[i + 1][:, nodes] = np.linalg.inv(np.vander(local, 3, increasing=True))
+    for cell, at, source in ((0, grid[0], 1), (n, grid[-1], n - 1)):
+        inner = basis[source]
+        u = at - grid[source - 1]
+        basis[cell, 0] = sum(inner[k] * u**k for k in range(order + 1))
+        basis[cell, 1] = sum(k * inner[k] * u ** (k - 1) for k in range(1, order + 1))
+    return basis
+
+
+def read_table(path: Path, x_column: str, y_column: str, quantities: tuple[str, ...]) -> tuple[Array, Array, Array]:
+    """Grids and tables (q, nx, ny) of a map CSV with one row per grid point; ConfigError names the fault."""
+    def fail(message: str, line: int = 0, hint: str = "") -> ConfigError:
+        return ConfigError([Problem(Mark(str(path), line), message, hint)])
+
+    try:
+        with path.open(newline="", encoding="utf-8") as file:
+            lines = [(k, row) for k, row in enumerate(csv.reader(file), 1) if row and not row[0].startswith("#")]
+    except OSError as error:
+        raise fail(f"cannot read the component map: {error.strerror}") from error
+    header = lines[0][1] if lines else []
+    missing = [c for c in (x_column, y_column, *quantities) if c not in header]
+    if missing:
+        raise fail(f"map columns missing: {', '.join(missing)}", 1, f"found {', '.join(header) or 'nothing'}")
+    at = [header.index(c) for c in (x_column, y_column, *quantities)]
+    try:
+        data = np.array([[float(row[k]) for k in at] for _, row in lines[1:]])
+    except (ValueError, IndexError) as error:
+        bad = next(k for k, row in lines[1:] if not _all_numbers(row, at))
+        raise fail("a map entry is not a number", bad) from error
+    x, y = np.unique(data[:, 0]), np.unique(data[:, 1])
+    if len(data) != len(x) * len(y):
+        raise fail(f"the map grid has {len(data)} rows, {len(x)} × {len(y)} were expected", 0,
+                   f"every {x_column} needs every {y_column} once")
+    tables = np.full((len(quantities), len(x), len(y)), np.nan)
+    tables[:, np.searchsorted(x, data[:, 0]), np.searchsorted(y, data[:, 1])] = data[:, 2:].T
+    if not np.isfinite(tables).all():
+        raise fail("a grid point of the map is given twice and another not at all")
+    return x, y, tables
+
+
+def _all_numbers(row: list[str], at: list[int]) -> bool:
+    try:
+        return all(np.isfinite(float(row[k])) for k in at)
+    except (ValueError, IndexError):
+        return False

@@ -1,0 +1,159 @@
+"""The network: components and shafts in gas-path order, its unknowns and balances, one evaluation."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from enginediag_cli.engine.components import Component, Unknown
+from enginediag_cli.engine.components.burner import Burner
+from enginediag_cli.engine.components.inlet import Inlet
+from enginediag_cli.engine.components.load import Load
+from enginediag_cli.engine.dual import Value, sqrt, value
+from enginediag_cli.engine.evaluation import Evaluation, Shaft
+from enginediag_cli.engine.flow import Flow
+from enginediag_cli.engine.gas import Gas
+from enginediag_cli.parameters import Parameter
+
+STATION_COLUMN = re.compile(r"(?P<what>T|P|W|FAR)(?P<station>.+?)(?:_K|_Pa|_kg_s)?")
+
+
+class Network:
+    """Collects unknowns and balances from the components; no engine has code of its own."""
+
+    def __init__(self, gas: Gas, components: Sequence[Component], shafts: Sequence[Mapping[str, Any]],
+                 power_setting: str, design: Mapping[str, float], start: Mapping[str, float]):
+        self.gas = gas
+        self.components = tuple(components)
+        self.shafts = {s["name"]: s for s in shafts}
+        self.power_setting = power_setting
+        self.design = dict(design)
+        self.surplus_shafts = {c.values["shaft"] for c in components if isinstance(c, Load)}
+        self.speed_columns = {f"{s['speed_label']}_rpm": name for name, s in self.shafts.items()}
+        self.burners = [c.name for c in components if isinstance(c, Burner)]
+        self.design_theta2 = 1.0
+        self._start = dict(start)
+
+    # what is given and what is sought
+
+    @property
+    def given_leaf(self) -> str | None:
+        """The leaf that the power setting fixes; None when it fixes an output through a balance."""
+        if self.power_setting == "Wf_kg_s":
+            return f"{self.burners[0]}.fuel_flow"
+        if self.power_setting in self.speed_columns:
+            return f"{self.speed_columns[self.power_setting]}.speed_rpm"
+        return None
+
+    def inputs(self) -> dict[str, float | None]:
+        """Input columns and the default of those that may be left out."""
+        found: dict[str, float | None] = {}
+        for c in self.components:
+            found.update(c.inputs())
+        for column, name in self.speed_columns.items():
+            if self.shafts[name]["speed"] == "input":
+                found[column] = None
+        found[self.power_setting] = None
+        return found
+
+    def unknowns(self) -> tuple[Unknown, ...]:
+        given = self.given_leaf
+        found: list[Unknown] = []
+        for c in self.components:
+            if not (isinstance(c, Burner) and given == f"{c.name}.fuel_flow"):
+                found.extend(c.unknowns())
+        for name, s in self.shafts.items():
+            if s["speed"] == "balance" and given != f"{name}.speed_rpm":
+                found.append(Unknown(f"{name}.corrected_speed", lower=0.05, upper=2.0))
+        return tuple(Unknown(u.name, self._start.get(u.name, u.start), u.lower, u.upper) for u in found)
+
+    def parameters(self) -> tuple[Parameter, ...]:
+        found = [p for c in self.components for p in c.parameters()]
+        for name, s in self.shafts.items():
+            found.append(Parameter(f"{name}.mechanical_efficiency", "design", s["mechanical_efficiency"], 0.7, 1.05, 0.005,
+                                   "1", "share of turbine power that reaches the shaft"))
+            found.append(Parameter(f"{name}.power_offtake_W", "design", s["power_offtake_W"], -1e7, 1e8, 5e4, "W",
+                                   "power taken from the shaft"))
+        return tuple(found)
+
+    # one evaluation
+
+    def leaves(self, inputs: Mapping[str, Value], parameters: Mapping[str, Value], x: Mapping[str, Value]) -> dict[str, Value]:
+        """All leaves of a pass: input columns under the names that the components read, parameters, unknowns."""
+        found: dict[str, Value] = {**parameters, **x, **inputs}
+        if self.given_leaf:
+            found[self.given_leaf] = inputs[self.power_setting]
+        for column, name in self.speed_columns.items():
+            if self.shafts[name]["speed"] == "input":
+                found[f"{name}.speed_rpm"] = inputs[column]
+            elif self.shafts[name]["speed"] == "constant":
+                found[f"{name}.speed_rpm"] = self.shafts[name]["design_speed_rpm"]
+        return found
+
+    def leaf_of(self, column: str) -> str:
+        """The leaf that an input column sets, for derivatives with respect to inputs."""
+        if column == self.power_setting and self.given_leaf:
+            return self.given_leaf
+        if column in self.speed_columns and self.shafts[self.speed_columns[column]]["speed"] == "input":
+            return f"{self.speed_columns[column]}.speed_rpm"
+        return column
+
+    def evaluate(self, e: Evaluation) -> None:
+        """All components in order, then the shafts' power balances, the control balance and net thrust."""
+        for c in self.components:
+            c.evaluate(e)
+            if isinstance(c, Inlet):
+                self._start_shafts(e)
+        self._close(e)
+
+    def size(self, e: Evaluation) -> None:
+        """Sizes every component at the design point; ValueError says what cannot be."""
+        for c in self.components:
+            c.size(e)
+            if isinstance(c, Inlet):
+                self.design_theta2 = float(np.ravel(value(e.theta2))[0])
+                self._start_shafts(e)
+
+    def _start_shafts(self, e: Evaluation) -> None:
+        root: Value | None = None
+        for name, s in self.shafts.items():
+            if e.has(f"{name}.speed_rpm"):
+                e.shafts[name] = Shaft(e[f"{name}.speed_rpm"])
+            else:
+                root = sqrt(e.theta2 * (1.0 / self.design_theta2)) if root is None else root
+                e.shafts[name] = Shaft(e[f"{name}.corrected_speed"] * (root * s["design_speed_rpm"]))
+
+    def _close(self, e: Evaluation) -> None:
+        for name, s in self.shafts.items():
+            shaft = e.shafts[name]
+            e.outputs[f"{s['speed_label']}_rpm"] = shaft.speed_rpm
+            if name not in self.surplus_shafts:
+                offtake = e[f"{name}.power_offtake_W"]
+                e.balances[f"{name} power"] = (
+                    e[f"{name}.mechanical_efficiency"] - (shaft.demand_W + offtake) / shaft.supply_W)
+        if "gross_thrust_N" in e.outputs:
+            e.outputs["Fn_N"] = e.outputs["gross_thrust_N"] - e.outputs["ram_drag_N"]
+        if self.given_leaf is None:
+            target = e[self.power_setting]
+            e.balances[f"power setting {self.power_setting}"] = self.read(e, self.power_setting) / target - 1.0
+
+    # outputs
+
+    def read(self, e: Evaluation, column: str) -> Value:
+        """A model column: T<station>_K, P<station>_Pa, W<station>_kg_s, FAR<station>, speeds, thrust, fuel, …"""
+        if column in e.outputs:
+            return e.outputs[column]
+        if column == "OPR":
+            return e.flows["3"].P / e.flows["2"].P
+        if column == "SFC_kg_Ns":
+            return e.outputs["Wf_kg_s"] / e.outputs["Fn_N"]
+        match = STATION_COLUMN.fullmatch(column)
+        if match is None or match["station"] not in e.flows:
+            raise KeyError(column)
+        flow: Flow = e.flows[match["station"]]
+        if match["what"] == "FAR":
+            return 0.0 if flow.mixture.far is None else flow.mixture.far
+        return {"T": lambda: flow.T, "P": lambda: flow.P, "W": lambda: flow.W}[match["what"]]()

@@ -1,0 +1,70 @@
+"""Every error that a user can cause, and the exit codes of the program.
+
+Exit codes: 0 done, 1 finding (only where a verdict is asked for), 2 bad usage, configuration or data,
+3 no verdict (did not converge, or too little data to judge), 70 internal error, 130 interrupted.
+"No verdict" never looks like "healthy" (0) or "faulty" (1).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import IntEnum
+
+
+class ExitCode(IntEnum):
+    DONE = 0
+    FINDING = 1
+    TROUBLE = 2
+    NO_VERDICT = 3
+    INTERNAL = 70
+    INTERRUPTED = 130
+    BROKEN_PIPE = 141
+
+
+@dataclass(frozen=True)
+class Mark:
+    """A place in a file; line and column count from 1, 0 where unknown."""
+
+    file: str
+    line: int = 0
+    column: int = 0
+
+    def __str__(self) -> str:
+        return ":".join([self.file, *(str(n) for n in (self.line, self.column) if n)])
+
+
+@dataclass(frozen=True)
+class Problem:
+    """One thing that is wrong: where, what, and how to mend it."""
+
+    mark: Mark
+    message: str
+    hint: str = ""
+
+    def __str__(self) -> str:
+        return f"{self.mark}: error: {self.message}" + (f" ({self.hint})" if self.hint else "")
+
+
+class EngineDiagError(Exception):
+    """Base of every error that is the user's to mend; shown in one line, without a traceback."""
+
+    exit_code = ExitCode.TROUBLE
+
+
+class ConfigError(EngineDiagError, ValueError):
+    """All problems of one configuration file at once."""
+
+    def __init__(self, problems: Sequence[Problem]):
+        self.problems = tuple(problems)
+        super().__init__("\n".join(str(p) for p in self.problems))
+
+
+class DataError(EngineDiagError, ValueError):
+    """A recording that cannot be read; the message carries file, line and column."""
+
+
+class NoVerdictError(EngineDiagError):
+    """The question was understood but these data cannot answer it."""
+
+    exit_code = ExitCode.NO_VERDICT
