@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -19,10 +20,9 @@ from enginediag_cli.parameters import Parameter
 
 OK, OUTSIDE_MAP, NOT_CONVERGED, INVALID_INPUT = range(4)
 STATUS = ("ok", "outside the maps", "did not converge", "invalid input")
-CHUNK = 4000  # points per pass: large enough to hide call overhead, small enough for the cache
-CHUNK_WITH_DERIVATIVES = 2000
+CHUNK = 10000  # points per pass: large enough to hide the overhead of calls, small enough for memory
 FIT_FROM = 500  # points from which a fitted start pays
-ANCHORS = 320
+ANCHORS = 200
 
 
 @dataclass(frozen=True)
@@ -71,13 +71,22 @@ class Engine:
         self.monitored: tuple[str, ...] = tuple(declared["monitored"]) or tuple(
             p.name for p in parameters if p.family == "health" and not p.name.endswith("burner.efficiency"))
         self.envelope: dict[str, tuple[float, float]] = {c: (v["low"], v["high"]) for c, v in declared["envelope"].items()}
-        self.power_range: tuple[float, float] = tuple(declared["power_range"])
+        self.power_range: tuple[float, float] | None = declared["power_range"] and tuple(declared["power_range"])
         self.unknowns = network.unknowns()
         self._nominal = {p.name: p.nominal for p in parameters}
         self._fit: StartFit | None = None
 
+    def forget_start(self) -> None:
+        """Forgets the fitted start, as if the engine had just been loaded."""
+        self._fit = None
+
     def power_from_fraction(self, fraction: Value, inputs: Mapping[str, Value]) -> Array:
-        """Power setting (N,) at a fraction of the corrected power range, 0 idle to 1 rating."""
+        """Power setting (N,) at a fraction of the corrected power range, 0 idle to 1 rating.
+
+        Raises ValueError when the engine file states no range for this power setting.
+        """
+        if self.power_range is None:
+            raise ValueError(f"{self.name}: the engine file gives no power range for {self.power_setting}")
         low, high = self.power_range
         theta, delta = total_ratios(inputs)
         return (low + (high - low) * np.asarray(fraction)) * correction(self.power_setting, theta, delta)
@@ -89,7 +98,7 @@ class Engine:
         `inputs`: column -> (N,) or number, all of `self.inputs`; `parameters`: name -> number or (N,), the
         rest nominal; `sensors`: columns to return, default all sensors, or any model column ("T4_K");
         `wrt`: parameters or input columns; `start`: unknowns (nx, N) to begin with, e.g. an earlier `x`.
-        Raises KeyError for unknown names. A point that fails is a flagged row, never an exception.
+        Raises KeyError for unknown names, ValueError for unequal lengths. A point that fails is a flagged row, never an exception.
         """
         columns = tuple(self.sensors) if sensors is None else tuple(sensors)
         points, theta, size, valid = self._checked(inputs, parameters or {}, columns, tuple(wrt))
@@ -100,21 +109,22 @@ class Engine:
         status = np.full(size, INVALID_INPUT, dtype=np.int8)
         reasons: dict[int, str] = {k: "an input is missing or not a number" for k in np.flatnonzero(~valid)}
         fit = self._start_fit(points, size, valid) if start is None else None
+        final = self._directions(wrt)
         for at in _chunks(np.flatnonzero(valid), CHUNK):
-            u, t = solver._take(points, at), solver._take(theta, at)
-            solved = self._solve(u, t, len(at), fit, None if start is None else start[:, at])
+            u, t = solver.take(points, at), solver.take(theta, at)
+            solved = self._solve(u, t, len(at), fit, None if start is None else start[:, at], final)
             x[:, at], residual[at], passes[at] = solved.x, solved.residual, solved.passes
             status[at] = np.where(solved.converged, OK, NOT_CONVERGED)
             names = self._balance_names
             reasons.update({int(k): f"{names[w]} not met (residual {r:.1e})" for k, w, r, good in zip(
                 at, solved.worst, solved.residual, solved.converged, strict=True) if not good})
-        good = np.flatnonzero(status == OK)
-        for at in _chunks(good, CHUNK_WITH_DERIVATIVES if p else CHUNK):
-            y[at], J[at], flags = self._outputs(solver._take(points, at), solver._take(theta, at), x[:, at], columns, tuple(wrt))
-            for name, mask in flags.items():
-                for k in at[mask]:
-                    reasons[int(k)] = f"{reasons[int(k)]}, {name}" if int(k) in reasons else f"outside the map of {name}"
-                status[at[mask]] = OUTSIDE_MAP
+            for e, k in self._evaluations(u, t, solved, final):
+                rows = at[k]
+                y[rows], J[rows], flags = self._outputs(e, columns, tuple(wrt))
+                for name, mask in flags.items():
+                    status[rows[mask]] = OUTSIDE_MAP
+                    for i in rows[mask]:
+                        reasons[int(i)] = f"{reasons[int(i)]}, {name}" if int(i) in reasons else f"outside the map of {name}"
         return Prediction(y, J, status, columns, tuple(wrt), x, residual, passes, reasons)
 
     # inside
@@ -128,19 +138,47 @@ class Engine:
         unknown += [n for n in wrt if n not in self.parameters and n not in self.inputs and n not in self.optional_inputs]
         if unknown:
             raise KeyError(f"{self.name} has no parameter {', '.join(unknown)}")
-        points = {c: np.asarray(inputs.get(c, self.optional_inputs.get(c)), dtype=float)
-                  for c in (*self.inputs, *self.optional_inputs)}
-        theta: dict[str, Value] = {**self._nominal, **parameters}
-        size = max((np.size(v) for v in (*points.values(), *parameters.values())), default=1)
+        for column in columns:
+            self._known_column(column)
+        points: dict[str, Value] = {}
+        lengths = {c: np.size(v) for c, v in (*inputs.items(), *parameters.items()) if np.ndim(v)}
+        sizes = {n for n in lengths.values() if n != 1} or {1}
+        if len(sizes) > 1:
+            raise ValueError(f"inputs and parameters differ in length: {', '.join(f'{c} {n}' for c, n in lengths.items())}")
+        size = sizes.pop()
         valid = np.ones(size, dtype=bool)
-        for c, v in points.items():
-            given = c in self.inputs or c in inputs
-            points[c] = np.broadcast_to(v, (size,)) if given else float(v)
-            valid &= np.isfinite(v)
-        if not points[self.power_setting].all():
+        for c in (*self.inputs, *self.optional_inputs):
+            v = np.asarray(inputs.get(c, self.optional_inputs.get(c)), dtype=float)
+            points[c] = np.broadcast_to(v.ravel() if v.ndim else v, (size,)) if c in inputs else float(v)
+            valid &= np.isfinite(points[c])
+        theta: dict[str, Value] = dict(self._nominal)
+        for name, given in parameters.items():
+            theta[name] = np.asarray(given, dtype=float) if np.size(given) == size > 1 else float(np.ravel(given)[0])
+            valid &= np.isfinite(theta[name])
+        with np.errstate(invalid="ignore"):
             valid &= points[self.power_setting] > 0.0
-        theta = {k: np.asarray(v, dtype=float) if np.ndim(v) else float(v) for k, v in theta.items()}
         return points, theta, size, valid
+
+    def _known_column(self, column: str) -> None:
+        if column not in self.sensors and column not in self.model_columns:
+            raise KeyError(f"{self.name} has no model column {column}")
+
+    @property
+    def model_columns(self) -> tuple[str, ...]:
+        """Every column that the model itself gives: stations, speeds, powers, thrust."""
+        return self._sample[1]
+
+    @property
+    def _balance_names(self) -> tuple[str, ...]:
+        return self._sample[0]
+
+    @cached_property
+    def _sample(self) -> tuple[tuple[str, ...], tuple[str, ...]]:
+        """Names of the balances and of the model's columns, from an evaluation at the start."""
+        points = {c: np.array([1.0 if d is None else d]) for c, d in self.network.inputs().items()}
+        e = solver.evaluate(self.network, points, self._nominal, self._design_start(1), frozenset())
+        stations = (f"{w}{s}{u}" for s in e.flows for w, u in (("T", "_K"), ("P", "_Pa"), ("W", "_kg_s"), ("FAR", "")))
+        return tuple(e.balances), (*e.outputs, *stations, "OPR", "SFC_kg_Ns")
 
     def _start_fit(self, points: Mapping[str, Value], size: int, valid: Array) -> StartFit | None:
         """The remembered start if it covers these points, else a new one from anchors among them when that pays."""
@@ -148,14 +186,14 @@ class Engine:
         at = np.flatnonzero(valid)
         if not at.size:
             return None
-        kinds, z = coordinates(self.power_setting, solver._take(moving, at), at.size)
+        kinds, z = coordinates(self.power_setting, solver.take(moving, at), at.size)
         if self._fit is not None and len(self._fit.low) == len(z) and self._fit.covers(z).mean() > 0.98:
             return self._fit
         if at.size < FIT_FROM:
             return None
         anchors = np.unique(np.concatenate([np.random.default_rng(0).choice(at.size, ANCHORS, replace=False),
                                             z.argmin(axis=1), z.argmax(axis=1)]))
-        solved = solver.newton(self.network, solver._take(points, at[anchors]), self._nominal,
+        solved = solver.newton(self.network, solver.take(points, at[anchors]), self._nominal,
                                self._design_start(anchors.size))
         good = solved.converged
         if good.sum() < 0.5 * anchors.size:
@@ -167,12 +205,13 @@ class Engine:
         return np.repeat(np.array([[u.start] for u in self.unknowns]), size, axis=1)
 
     def _solve(self, points: Mapping[str, Value], theta: Mapping[str, Value], size: int, fit: StartFit | None,
-               start: Array | None) -> solver.Solution:
+               start: Array | None, final: frozenset[str]) -> solver.Solution:
         if start is None and fit is not None:
             moving = {c: v for c, v in points.items() if isinstance(v, np.ndarray)}
             start = fit.predict(coordinates(self.power_setting, moving, size)[1])
         solved = solver.newton(self.network, points, theta,
-                               self._design_start(size) if start is None else np.where(np.isfinite(start), start, 1.0))
+                               self._design_start(size) if start is None else np.where(np.isfinite(start), start, 1.0),
+                               final)
         for attempt in range(3):
             failed = np.flatnonzero(~solved.converged)
             if not failed.size:
@@ -188,7 +227,7 @@ class Engine:
     def _retry(self, points: Mapping[str, Value], theta: Mapping[str, Value], solved: solver.Solution, failed: Array,
                attempt: int) -> solver.Solution:
         """Failed points once from the design start, then from their nearest converged neighbours."""
-        u, t = solver._take(points, failed), solver._take(theta, failed)
+        u, t = solver.take(points, failed), solver.take(theta, failed)
         good = np.flatnonzero(solved.converged)
         start = self._design_start(failed.size)
         if attempt and good.size:
@@ -200,45 +239,72 @@ class Engine:
             start = solved.x[:, nearest]
         return solver.newton(self.network, u, t, start)
 
-    @property
-    def _balance_names(self) -> tuple[str, ...]:
-        if not hasattr(self, "_balances"):
-            inputs = {c: np.array([0.5 * (lo + hi)]) for c, (lo, hi) in self.envelope.items()}
-            points = {c: inputs.get(c, np.array([d])) for c, d in (*((c, 1.0) for c in self.inputs), *self.optional_inputs.items())}
-            self._balances = tuple(solver.evaluate(self.network, points, self._nominal, self._design_start(1), frozenset()).balances)
-        return self._balances
+    def _directions(self, wrt: Sequence[str]) -> frozenset[str]:
+        """The leaves along which outputs are differentiated: none, or the unknowns and `wrt`."""
+        if not wrt:
+            return frozenset()
+        return frozenset([u.name for u in self.unknowns] + [self.network.leaf_of(w) for w in wrt])
 
-    def _outputs(self, points: Mapping[str, Value], theta: Mapping[str, Value], x: Array, columns: tuple[str, ...],
-                 wrt: tuple[str, ...]) -> tuple[Array, Array, dict[str, Array]]:
+    def _evaluations(self, points: Mapping[str, Value], theta: Mapping[str, Value], solved: solver.Solution,
+                     final: frozenset[str]) -> Iterator[tuple[_Rows, Array]]:
+        """Evaluations at the solution, with the converged points that each stands for: the confirming pass
+        of the solver, whose other rows are ignored, and one more for points that it does not cover."""
+        left = solved.converged.copy()
+        if solved.evaluation is not None and solved.evaluated is not None:
+            covered = np.full(len(left), -1)
+            covered[solved.evaluated] = np.arange(len(solved.evaluated))
+            current = solver.largest_balance(solved.evaluation) <= solver.TOLERANCE
+            good = np.flatnonzero(left & (covered >= 0))
+            good = good[current[covered[good]]]
+            yield _Rows(solved.evaluation, covered[good]), good
+            left[good] = False
+        rest = np.flatnonzero(left)
+        if rest.size:
+            e = solver.evaluate(self.network, solver.take(points, rest), solver.take(theta, rest), solved.x[:, rest], final)
+            yield _Rows(e, slice(None)), rest
+
+    def _outputs(self, e: _Rows, columns: tuple[str, ...], wrt: tuple[str, ...]) -> tuple[Array, Array, dict[str, Array]]:
         """y (n, m), dy/dθ = G_θ − G_x F_x⁻¹ F_θ (implicit function theorem) and the marked components."""
         names = tuple(u.name for u in self.unknowns)
-        leaves = tuple(self.network.leaf_of(w) for w in wrt)
-        e = solver.evaluate(self.network, points, theta, x, frozenset(names + leaves) if wrt else frozenset())
         with np.errstate(all="ignore"):
-            rows = {c: self._read(e, c) for c in columns}
-        n = x.shape[1]
+            rows = {c: self._read(e.evaluation, c) for c in columns}
+        n = e.evaluation.size
         y = np.stack([np.broadcast_to(value(r), (n,)) for r in rows.values()], axis=1) if rows else np.empty((n, 0))
-        J = np.empty((n, len(columns), len(wrt)))
+        J = np.empty((n, len(columns), len(wrt)))[e.rows]
         if wrt and columns:
-            F = solver.matrix(e, e.balances, names + leaves)
-            G = solver.matrix(e, rows, names + leaves)
+            leaves = names + tuple(self.network.leaf_of(w) for w in wrt)
+            F = solver.matrix(e.evaluation, e.evaluation.balances, leaves)[e.rows]
+            G = solver.matrix(e.evaluation, rows, leaves)[e.rows]
             k = len(names)
-            dx = np.linalg.solve(F[:, :, :k], F[:, :, k:]) if k else np.zeros((n, 0, len(wrt)))
-            J = G[:, :, k:] - G[:, :, :k] @ dx
-        flags = {f"{name}": np.broadcast_to(mask, (n,)) for name, mask in e.outside.items() if np.any(mask)}
-        hot = np.zeros(n, dtype=bool)
-        for flow in e.flows.values():
-            T = value(flow._T) if flow._T is not None else None
-            if T is not None:
-                hot |= np.broadcast_to((T > T_LIMIT[1]) | (T < T_LIMIT[0]), (n,))
-        if hot.any():
-            flags["the gas data"] = hot
-        return y, J, flags
+            J = G[:, :, k:] - G[:, :, :k] @ np.linalg.solve(F[:, :, :k], F[:, :, k:])
+        flags = {name: mask[e.rows] for name, mask in _marked(e.evaluation).items()}
+        return y[e.rows], J, {name: mask for name, mask in flags.items() if mask.any()}
 
     def _read(self, e: Evaluation, column: str) -> Value:
         if column in self.sensors:
             return self.sensors[column].read(self.network, e)
         return self.network.read(e, column)
+
+
+@dataclass(frozen=True)
+class _Rows:
+    """Some points of an evaluation."""
+
+    evaluation: Evaluation
+    rows: Array | slice
+
+
+def _marked(e: Evaluation) -> dict[str, Array]:
+    """Components met outside their maps, and temperatures outside the gas data; masks (N,)."""
+    marked = {name: np.broadcast_to(mask, (e.size,)) for name, mask in e.outside.items() if np.any(mask)}
+    beyond = np.zeros(e.size, dtype=bool)
+    for flow in e.flows.values():
+        if flow.known_temperature is not None:
+            T = value(flow.known_temperature)
+            beyond |= np.broadcast_to((T > T_LIMIT[1]) | (T < T_LIMIT[0]), (e.size,))
+    if beyond.any():
+        marked["the gas data"] = beyond
+    return marked
 
 
 def _chunks(index: Array, size: int) -> Iterator[Array]:

@@ -6,7 +6,7 @@ Everything that a model reads is a *leaf*: an input column, a parameter, or an u
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -42,6 +42,7 @@ class Evaluation:
     outside: dict[str, Array] = field(default_factory=dict)
     theta2: Value = 1.0
     delta2: Value = 1.0
+    make_shaft: Callable[[str], Shaft] | None = None
     _read: dict[str, Value] = field(default_factory=dict)
 
     def __getitem__(self, name: str) -> Value:
@@ -56,6 +57,13 @@ class Evaluation:
             x = Dual(np.broadcast_to(np.asarray(x, dtype=float), (self.size,)), d)
         self._read[name] = x
         return x
+
+    def shaft(self, name: str) -> Shaft:
+        """A shaft, its speed read when it is first met in the gas path."""
+        if name not in self.shafts:
+            assert self.make_shaft is not None
+            self.shafts[name] = self.make_shaft(name)
+        return self.shafts[name]
 
     def has(self, name: str) -> bool:
         return name in self.leaves

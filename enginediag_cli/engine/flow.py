@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from enginediag_cli.engine.dual import Value, chain, log, sqrt, value
+from enginediag_cli.engine.dual import Value, chain, exp, log, sqrt, value
 from enginediag_cli.engine.gas import DRY_AIR, Gas, Mixture
 
 
@@ -24,20 +24,27 @@ class Flow:
     @property
     def T(self) -> Value:
         if self._T is None:
-            assert self._h is not None
-            self._T = self.gas.temperature_from_enthalpy(self._h, self.mixture)
+            self._T, self._phi = self.gas.at_enthalpy(self._h, self.mixture)  # type: ignore[arg-type]
+        return self._T
+
+    @property
+    def known_temperature(self) -> Value | None:
+        """T if it has been needed already."""
         return self._T
 
     @property
     def h(self) -> Value:
         if self._h is None:
-            self._h = self.gas.enthalpy(self.T, self.mixture)
+            self._h, self._phi = self.gas.enthalpy_and_entropy(self.T, self.mixture)
         return self._h
 
     @property
     def phi(self) -> Value:
         if self._phi is None:
-            self._phi = self.gas.entropy(self.T, self.mixture)
+            if self._h is None:
+                self._h, self._phi = self.gas.enthalpy_and_entropy(self.T, self.mixture)
+            else:
+                self._T, self._phi = self.gas.at_enthalpy(self._h, self.mixture)
         return self._phi
 
     @property
@@ -51,8 +58,7 @@ class Flow:
 
     def expanded_enthalpy(self, log_pressure_ratio: Value) -> Value:
         """Enthalpy after isentropic expansion through ln(P_in/P_out): φ_out = φ_in − R ln PR."""
-        T = self.gas.temperature_from_entropy(self.phi - self.R * log_pressure_ratio, self.mixture)
-        return self.gas.enthalpy(T, self.mixture)
+        return self.gas.at_entropy(self.phi - self.R * log_pressure_ratio, self.mixture)[1]
 
 
 def mix(first: Flow, *others: Flow) -> Flow:
@@ -99,34 +105,28 @@ def static_pressure(flow: Flow, area_m2: Value, iterations: int = 30) -> tuple[V
     gas, mixture = flow.gas, flow.mixture
 
     def excess(T_s: Value) -> tuple[Value, Value, Value]:
-        V = sqrt(2.0 * (flow.h - gas.enthalpy(T_s, mixture)))
-        log_p = log(flow.P) + (gas.entropy(T_s, mixture) - flow.phi) / flow.R
-        # ln(ρ V A / W)
+        """ln(ρ V A / W), V and ln p_s."""
+        h_s, phi_s = gas.enthalpy_and_entropy(T_s, mixture)
+        V = sqrt(2.0 * (flow.h - h_s))
+        log_p = log(flow.P) + (phi_s - flow.phi) / flow.R
         return log_p - log(flow.R * T_s) + log(V * area_m2 / flow.W), V, log_p
 
-    T = value(flow.T)
-    R, cp = value(flow.R), value(gas.heat_capacity(flow.T, mixture))
+    T, R = value(flow.T), value(flow.R)
+    cp = value(gas.heat_capacity(flow.T, mixture))
     mach = np.clip(value(flow.W) * np.sqrt(R * T) / (value(flow.P) * value(area_m2)), 1e-6, 0.6)
     T_s = T - 0.5 * mach**2 * R * T / cp
-    values = Flow(gas, _plain(mixture), value(flow.W), value(flow.P), T=T)
+    plain = Mixture(*(None if x is None else value(x) for x in (mixture.far, mixture.war)))
     for _ in range(iterations):
-        V = np.sqrt(np.maximum(2.0 * (value(flow.h) - gas.enthalpy(T_s, values.mixture)), 1e-12))
-        f = (np.log(value(flow.P)) + (gas.entropy(T_s, values.mixture) - value(flow.phi)) / R
+        h_s, phi_s = gas.enthalpy_and_entropy(T_s, plain)
+        V = np.sqrt(np.maximum(2.0 * (value(flow.h) - h_s), 1e-12))
+        f = (np.log(value(flow.P)) + (phi_s - value(flow.phi)) / R
              - np.log(R * T_s) + np.log(V * value(area_m2) / value(flow.W)))
         slope = cp / (R * T_s) - 1.0 / T_s - cp / V**2  # negative while subsonic
         step = np.clip(-f / slope, -0.5 * (T - T_s), 0.5 * (T - T_s))
         T_s = T_s + step
         if np.all(np.abs(step) < 1e-11 * T):
             break
-    subsonic = slope < 0.0
-    T_s = np.where(subsonic & (np.abs(f) < 1e-8), T_s, np.nan)
-    f_dual, _, _ = excess(T_s)
-    T_exact = chain(T_s, (-1.0 / slope, f_dual)) if not isinstance(f_dual, np.ndarray) else T_s
-    _, V_exact, log_p = excess(T_exact)
-    from enginediag_cli.engine.dual import exp
-
+    T_s = np.where((slope < 0.0) & (np.abs(f) < 1e-8), T_s, np.nan)
+    f_exact, _, _ = excess(T_s)
+    _, V_exact, log_p = excess(chain(T_s, (-1.0 / slope, f_exact)))
     return exp(log_p), V_exact
-
-
-def _plain(mixture: Mixture) -> Mixture:
-    return Mixture(*(None if x is None else value(x) for x in (mixture.far, mixture.war)))

@@ -15,12 +15,13 @@ are stated; the entropy is s = φ − R ln P.
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
 
-from enginediag_cli.engine.dual import Array, Value, chain, value
+from enginediag_cli.engine.dual import Array, Dual, Value, chain, value
 from enginediag_cli.engine.nasa9 import (
     DRY_AIR_MOLE_FRACTION,
     MOLAR_MASS,
@@ -30,9 +31,11 @@ from enginediag_cli.engine.nasa9 import (
 
 T_REFERENCE = 298.15  # K, zero of h and φ
 T_FIT = (200.0, 2400.0)  # K
+T_NOZZLE = (180.0, 1700.0)  # K, total temperatures at which nozzles are met
+FIT_DEGREES = (10, 9, 8, 8, 6)  # in x, of the terms (1, far, far², war, war·far)
 T_LIMIT = (150.0, 2500.0)  # K, where an operating point is still called inside the gas data
 DEGREE = 9
-LOG_T_START = (np.log(T_LIMIT[0] - 20.0), np.log(T_LIMIT[1] + 200.0))
+START_LIMIT = ((130.0, 2700.0), (np.log(130.0), np.log(2700.0)))  # K, ln K
 H, PHI, CP, DCP = range(4)
 MOLAR_MASS_C, MOLAR_MASS_H = 12.0107e-3, 1.00794e-3  # kg/mol
 
@@ -71,12 +74,17 @@ class Gas:
         cp = np.stack([sum(n * molar_heat_capacity(name, T) for name, n in s.items()) for s in species])
         self._rows = _quantity_rows(T, cp)
         self._blocks = {
-            (kind, quantities): np.concatenate([self._rows[q, :kind] for q in quantities])
+            (kind, quantities): np.ascontiguousarray(np.concatenate([self._rows[q, :kind] for q in quantities])[
+                :, : DEGREE + 2 + (PHI in quantities)])
             for kind in (1, 2, 3)
-            for quantities in ((H,), (PHI,), (H, PHI), (H, CP, DCP), (PHI, CP, DCP), (H, CP), (PHI, CP), (CP, DCP))
+            for quantities in ((H,), (PHI,), (H, PHI), (H, CP), (CP, DCP), (H, PHI, CP), (H, CP, DCP), (H, PHI, CP, DCP),
+                               (PHI, H, CP, DCP))
         }
-        self._start_h = self._fit_start(H, degree=9)
-        self._start_phi = self._fit_start(PHI, degree=9)
+        self._start_h = self._fitted(*T_LIMIT, lambda T, m: (self._mixed(T, m, (H,))[0][0] * 1e-6, T))
+        self._start_phi = self._fitted(*T_LIMIT, lambda T, m: (self._mixed(T, m, (PHI,))[0][0] * 1e-3, np.log(T)))
+        self._critical = self._fitted(*T_NOZZLE, lambda T, m: (T * 1e-3, self._critical_exactly(T, m)))
+        self._critical_slope = np.zeros_like(self._critical)
+        self._critical_slope[:, :-1] = self._critical[:, 1:] * np.arange(1, 11)
 
     def constant(self, mixture: Mixture) -> Value:
         """Gas constant R [J/(kg K)]."""
@@ -93,44 +101,72 @@ class Gas:
     def enthalpy(self, T: Value, mixture: Mixture) -> Value:
         """h(T) [J/kg]."""
         h, cp = self._mixed(value(T), mixture, (H, CP))
-        return self._chain(h, cp[0], T, H, h, mixture)
+        return self._chain(h, cp[0], T, mixture)
 
-    def entropy(self, T: Value, mixture: Mixture) -> Value:
-        """φ(T) = ∫cp/T dT [J/(kg K)]."""
-        phi, cp = self._mixed(value(T), mixture, (PHI, CP))
-        return self._chain(phi, cp[0] / value(T), T, PHI, phi, mixture)
+    def enthalpy_and_entropy(self, T: Value, mixture: Mixture) -> tuple[Value, Value]:
+        """h(T) [J/kg] and φ(T) = ∫cp/T dT [J/(kg K)]."""
+        h, phi, cp = self._mixed(value(T), mixture, (H, PHI, CP))
+        return self._chain(h, cp[0], T, mixture), self._chain(phi, cp[0] / value(T), T, mixture)
 
     def heat_capacity(self, T: Value, mixture: Mixture) -> Value:
         """cp(T) [J/(kg K)]."""
         cp, dcp = self._mixed(value(T), mixture, (CP, DCP))
-        return self._chain(cp, dcp[0], T, CP, cp, mixture)
+        return self._chain(cp, dcp[0], T, mixture)
 
-    def h_cp_dcp(self, T: Array, mixture: Mixture) -> tuple[Array, Array, Array]:
-        """Plain values of h, cp and dcp/dT at T (N,)."""
-        h, cp, dcp = self._mixed(T, mixture, (H, CP, DCP))
-        return h[0], cp[0], dcp[0]
-
-    def temperature_from_enthalpy(self, h: Value, mixture: Mixture) -> Value:
-        """T [K] with h(T) = h: polynomial start, one Halley and one Newton step (error below 1e-10 K)."""
+    def at_enthalpy(self, h: Value, mixture: Mixture) -> tuple[Value, Value]:
+        """T [K] and φ where h(T) = h: polynomial start and one Halley step (1e-8 K); dφ = dh/T."""
         target = value(h)
-        T = self._start(self._start_h, target * 1e-6, mixture)
-        q, cp, dcp = self._mixed(T, mixture, (H, CP, DCP))
+        T0 = self._start(self._start_h, target * 1e-6, mixture)
+        q, phi, cp, dcp = self._mixed(T0, mixture, (H, PHI, CP, DCP))
         f = q[0] - target
-        T = T - f / (cp[0] - 0.5 * f * dcp[0] / cp[0])
-        q, cp = self._mixed(T, mixture, (H, CP))
-        return self._invert(T + (target - q[0]) / cp[0], 1.0 / cp[0], h, q, mixture)
+        dT = f / (0.5 * f * dcp[0] / cp[0] - cp[0])
+        T = T0 + dT
+        phi += (cp + 0.5 * dT * (dcp - cp / T0)) * (dT / T0)
+        q += (cp + 0.5 * dT * dcp) * dT
+        cp = cp[0] + dcp[0] * dT
+        return self._inverse(T, 1.0 / cp, h, q, mixture), self._transfer(phi, 1.0 / T, h, q, mixture)
 
-    def temperature_from_entropy(self, phi: Value, mixture: Mixture) -> Value:
-        """T [K] with φ(T) = phi, likewise."""
+    def at_entropy(self, phi: Value, mixture: Mixture) -> tuple[Value, Value]:
+        """T [K] and h where φ(T) = phi, likewise; dh = T dφ."""
         target = value(phi)
-        T = self._start(self._start_phi, target * 1e-3, mixture)
-        q, cp, dcp = self._mixed(T, mixture, (PHI, CP, DCP))
+        T0 = np.exp(self._start(self._start_phi, target * 1e-3, mixture))
+        q, h, cp, dcp = self._mixed(T0, mixture, (PHI, H, CP, DCP))
         f = q[0] - target
-        slope = cp[0] / T
-        T = T - f / (slope - 0.5 * f * (dcp[0] - slope) / cp[0])
-        q, cp = self._mixed(T, mixture, (PHI, CP))
-        per_phi = T / cp[0]
-        return self._invert(T + (target - q[0]) * per_phi, per_phi, phi, q, mixture)
+        slope = cp[0] / T0
+        dT = f / (0.5 * f * (dcp[0] - slope) / cp[0] - slope)
+        T = T0 + dT
+        q += (cp + 0.5 * dT * (dcp - cp / T0)) * (dT / T0)
+        h += (cp + 0.5 * dT * dcp) * dT
+        cp = cp[0] + dcp[0] * dT
+        return self._inverse(T, T / cp, phi, q, mixture), self._transfer(h, T, phi, q, mixture)
+
+    def critical_log_pressure_ratio(self, T: Value, mixture: Mixture) -> Value:
+        """ln(P/p_*) of an isentropic expansion from total temperature T [K] to Mach 1.
+
+        A polynomial in T and composition fitted to the exact solution of h(T) − h(T_*) = γ(T_*) R T_*/2
+        with these gas data (to 2e-5, which moves the choked flow by 1e-10), so that nozzles need no iteration.
+        """
+        t = value(T) * 1e-3
+        P = _powers(t, False)
+        kind = mixture.kind
+        rows = self._critical[: (1, 3, 5)[kind - 1]] @ P
+        slopes = self._critical_slope[: (1, 3, 5)[kind - 1]] @ P
+        far = value(mixture.far) if mixture.far is not None else 0.0
+        war = value(mixture.war) if mixture.war is not None else 0.0
+        q, dq = rows[0], slopes[0]
+        terms = []
+        if kind > 1:
+            q = q + far * (rows[1] + far * rows[2])
+            dq = dq + far * (slopes[1] + far * slopes[2])
+            dfar = rows[1] + 2.0 * far * rows[2]
+            if kind == 3:
+                q = q + war * (rows[3] + far * rows[4])
+                dq = dq + war * (slopes[3] + far * slopes[4])
+                dfar = dfar + war * rows[4]
+                terms.append((rows[3] + far * rows[4], mixture.war))
+            if mixture.far is not None:
+                terms.append((dfar, mixture.far))
+        return chain(q, (dq * 1e-3, T), *terms)
 
     # A mixed quantity is (kind, N): row 0 the mixture's value, rows 1.. the pseudo-species' own (fuel, water).
 
@@ -149,56 +185,68 @@ class Gas:
         return parts
 
     @staticmethod
-    def _chain(parts: Array, slope: Array, x: Value, quantity: int, q: Array, mixture: Mixture) -> Value:
-        """q(x, far, war) with ∂q/∂far = (q_fuel − q)/(1 + far + war)."""
-        if mixture.kind == 1:
-            return chain(parts[0], (slope, x))
-        inverse = 1.0 / value(mixture.per_dry_air())
-        terms = [(slope, x)]
-        for row, part in ((1, mixture.far), (2, mixture.war)):
-            if part is not None:
-                terms.append(((parts[row] - parts[0]) * inverse, part))
-        return chain(parts[0], *terms)
-
-    @staticmethod
-    def _invert(T: Array, dT_dq: Array, q: Value, parts: Array, mixture: Mixture) -> Value:
-        """T(q, far, war): dT = dT_dq · (dq − ∂q/∂far dfar − ∂q/∂war dwar)."""
-        terms = [(dT_dq, q)]
+    def _composition(parts: Array, mixture: Mixture) -> Iterator[tuple[Array, Value]]:
+        """∂q/∂far and ∂q/∂war at constant T, (q_species − q)/(1 + far + war), with what they multiply."""
         if mixture.kind > 1:
             inverse = 1.0 / value(mixture.per_dry_air())
             for row, part in ((1, mixture.far), (2, mixture.war)):
-                if part is not None:
-                    terms.append((-dT_dq * (parts[row] - parts[0]) * inverse, part))
-        return chain(T, *terms)
+                if isinstance(part, Dual):
+                    yield (parts[row] - parts[0]) * inverse, part
+
+    def _chain(self, parts: Array, slope: Array, T: Value, mixture: Mixture) -> Value:
+        """q(T, far, war)."""
+        return chain(parts[0], (slope, T), *self._composition(parts, mixture))
+
+    def _inverse(self, T: Array, dT_dq: Array, q: Value, parts: Array, mixture: Mixture) -> Value:
+        """T(q, far, war): dT = dT_dq · (dq − ∂q/∂far dfar − ∂q/∂war dwar)."""
+        return chain(T, (dT_dq, q), *((-dT_dq * g, x) for g, x in self._composition(parts, mixture)))
+
+    def _transfer(self, other: Array, slope: Array, q: Value, parts: Array, mixture: Mixture) -> Value:
+        """Another quantity r at given q: dr = slope · (dq − ∂q/∂far dfar …) + ∂r/∂far dfar …"""
+        composition = zip(self._composition(other, mixture), self._composition(parts, mixture), strict=True)
+        return chain(other[0], (slope, q), *((gr - slope * gq, x) for (gr, x), (gq, _) in composition))
 
     def _start(self, coefficients: Array, x: Array, mixture: Mixture) -> Array:
-        """Starting ln T from a polynomial in x = h or φ (scaled), corrected for fuel and water."""
+        """Starting T or ln T from a polynomial in x = h or φ (scaled), corrected for fuel and water."""
         kind = mixture.kind
-        rows = coefficients[: (1, 3, 4)[kind - 1]] @ _powers(x, False)[: coefficients.shape[1]]
-        log_T = rows[0]
+        rows = coefficients[: (1, 3, 5)[kind - 1]] @ _powers(x, False)
+        start = rows[0]
         if kind > 1 and mixture.far is not None:
             far = value(mixture.far)
-            log_T = log_T + far * (rows[1] + far * rows[2])
+            start = start + far * (rows[1] + far * rows[2])
         if kind == 3:
-            log_T = log_T + value(mixture.war) * rows[3]
-        return np.exp(np.minimum(np.maximum(log_T, LOG_T_START[0]), LOG_T_START[1]))
+            start = start + value(mixture.war) * (rows[3] if mixture.far is None else rows[3] + far * rows[4])
+        low, high = START_LIMIT[coefficients is self._start_phi]
+        return np.minimum(np.maximum(start, low), high)
 
-    def _fit_start(self, quantity: int, degree: int) -> Array:
-        """Least-squares coefficients (4, degree + 1) of ln T on powers of q times (1, far, far², war)."""
-        scale = 1e-6 if quantity == H else 1e-3
-        nodes = 0.5 * (T_LIMIT[0] + T_LIMIT[1]) - 0.5 * (T_LIMIT[1] - T_LIMIT[0]) * np.cos(np.linspace(0, np.pi, 60))
+    def _fitted(self, low: float, high: float, make: Callable[[Array, Mixture], tuple[Array, Array]]) -> Array:
+        """Least-squares coefficients (5, 11) of y on powers of x times (1, far, far², war, war·far), where
+        make(T, mixture) gives x and y over temperatures low … high."""
+        nodes = 0.5 * (low + high) - 0.5 * (high - low) * np.cos(np.linspace(0, np.pi, 60))
         T, far, war = (g.ravel() for g in np.meshgrid(nodes, np.linspace(0, 0.05, 4), [0.0, 0.02], indexing="ij"))
-        q = self._mixed(T, Mixture(far, war), (quantity,))[0][0] * scale
-        degrees = (degree, degree - 1, degree - 2, degree - 2)
-        powers = _powers(q, False)
-        columns = [w * powers[k] for w, d in zip((1.0, far, far**2, war), degrees, strict=True) for k in range(d + 1)]
-        solution = np.linalg.lstsq(np.stack(columns, axis=1), np.log(T), rcond=None)[0]
-        coefficients = np.zeros((4, degree + 1))
+        x, y = make(T, Mixture(far, war))
+        powers = _powers(x, False)
+        weights = (np.ones_like(T), far, far**2, war, war * far)
+        columns = [w * powers[k] for w, d in zip(weights, FIT_DEGREES, strict=True) for k in range(d + 1)]
+        solution = np.linalg.lstsq(np.stack(columns, axis=1), y, rcond=None)[0]
+        coefficients = np.zeros((5, 11))
         at = 0
-        for row, d in enumerate(degrees):
+        for row, d in enumerate(FIT_DEGREES):
             coefficients[row, : d + 1] = solution[at:at + d + 1]
             at += d + 1
         return coefficients
+
+    def _critical_exactly(self, T: Array, mixture: Mixture) -> Array:
+        """ln(P/p_*) by Newton's method on T_*."""
+        R = value(self.constant(mixture))
+        h, phi = (q[0] for q in self._mixed(T, mixture, (H, PHI)))
+        T_star = T / 1.17
+        for _ in range(6):
+            h_star, cp, dcp = (q[0] for q in self._mixed(T_star, mixture, (H, CP, DCP)))
+            half_gamma_R = 0.5 * cp * R / (cp - R)
+            slope = -cp - half_gamma_R * (1.0 - T_star * dcp * R / (cp * (cp - R)))
+            T_star = T_star - (h - h_star - half_gamma_R * T_star) / slope
+        return (phi - self._mixed(T_star, mixture, (PHI,))[0][0]) / R
 
 
 @lru_cache(maxsize=8)
@@ -237,13 +285,14 @@ def _quantity_rows(T: Array, cp: Array) -> Array:
 
 
 def _powers(t: Array, with_log: bool) -> Array:
-    """(1, t, …, t^(DEGREE+1), ln t), shape (DEGREE + 3, N); the last row is left zero if not wanted."""
-    P = np.empty((DEGREE + 3, t.size))
+    """(1, t, …, t^(DEGREE+1), ln t), shape (DEGREE + 3, N); without the logarithm one row less."""
+    P = np.empty((DEGREE + 2 + with_log, t.size))
     P[0] = 1.0
     P[1] = t
-    P[2] = t * t
-    P[3:5] = P[1:3] * P[2]
-    P[5:9] = P[1:5] * P[4]
-    P[9:11] = P[1:3] * P[8]
-    P[11] = np.log(t) if with_log else 0.0
+    np.multiply(t, t, out=P[2])
+    np.multiply(P[1:3], P[2], out=P[3:5])
+    np.multiply(P[1:5], P[4], out=P[5:9])
+    np.multiply(P[1:3], P[8], out=P[9:11])
+    if with_log:
+        np.log(t, out=P[11])
     return P

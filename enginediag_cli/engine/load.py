@@ -9,7 +9,6 @@ import numpy as np
 
 from enginediag_cli.config.hints import near
 from enginediag_cli.config.kinds import load_checked
-from enginediag_cli.engine import solver
 from enginediag_cli.engine.components import COMPONENTS, Component
 from enginediag_cli.engine.engine import Engine
 from enginediag_cli.engine.evaluation import Evaluation
@@ -22,9 +21,11 @@ def load_engine(path: str | Path, power_setting: str | None = None) -> Engine:
     """Reads, checks and sizes an engine; `power_setting` replaces the file's. Raises ConfigError."""
     checked = load_checked(str(path), "engine")
     values = dict(checked.values)
-    if power_setting:
-        values["power_setting"] = power_setting
-    problems = list(_wiring(values, checked))
+    if power_setting and power_setting != values["power_setting"]:
+        # the file's range and envelope are of its own power setting
+        values["envelope"] = {c: r for c, r in values["envelope"].items() if c != values["power_setting"]}
+        values["power_setting"], values["power_range"] = power_setting, None
+    problems = [*_wiring(values, checked), *_power_setting(values, checked)]
     if problems:
         raise ConfigError(problems)
     components: list[Component] = []
@@ -94,6 +95,18 @@ def _wiring(values: dict[str, Any], checked: Any) -> Any:
             yield Problem(checked.mark(("components",)), f"an engine needs exactly one {needed}, this one has {types.count(needed)}")
 
 
+def _power_setting(values: dict[str, Any], checked: Any) -> Any:
+    """What can set the power of this engine."""
+    speeds = [f"{s['speed_label']}_rpm" for s in values["shafts"] if s["speed"] == "balance"]
+    known = ["Wf_kg_s", *speeds, "T4_K"]
+    types = {c["type"] for c in values["components"]}
+    known += ["Fn_N"] if "nozzle" in types else []
+    known += ["power_W"] if "load" in types else []
+    if values["power_setting"] not in known:
+        yield Problem(checked.mark(("power_setting",)), f"'{values['power_setting']}' cannot be the power setting",
+                      near(values["power_setting"], known))
+
+
 def _references(engine: Engine, values: dict[str, Any], checked: Any) -> Any:
     """Names of parameters, columns and inputs, and as many balances as unknowns."""
     for k, name in enumerate(values["monitored"]):
@@ -108,12 +121,8 @@ def _references(engine: Engine, values: dict[str, Any], checked: Any) -> Any:
         yield Problem(checked.mark(("components",)), f"{len(unknowns)} unknowns ({', '.join(unknowns)}) but {len(balances)} "
                       f"balances ({', '.join(balances)})", "is a nozzle, mixer or load missing?")
         return
-    inputs = {c: np.array([values["design"].get(c, 1.0)]) for c in known}
-    e = solver.evaluate(engine.network, inputs, engine._nominal, engine._design_start(1), frozenset())
     for column, sensor in engine.sensors.items():
         for read in (*sensor.reads, *([sensor.over] if sensor.over else [])):
-            try:
-                engine.network.read(e, read)
-            except KeyError:
-                have = [*e.outputs, *(f"{w}{s}{u}" for s in e.flows for w, u in (("T", "_K"), ("P", "_Pa"), ("W", "_kg_s")))]
-                yield Problem(checked.mark(("sensors", column)), f"the model has no column '{read}'", near(read, have))
+            if read not in engine.model_columns:
+                yield Problem(checked.mark(("sensors", column)), f"the model has no column '{read}'",
+                              near(read, engine.model_columns))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -36,6 +37,7 @@ class Network:
         self.burners = [c.name for c in components if isinstance(c, Burner)]
         self.design_theta2 = 1.0
         self._start = dict(start)
+        self._unknowns: tuple[Unknown, ...] | None = None
 
     # what is given and what is sought
 
@@ -60,6 +62,11 @@ class Network:
         return found
 
     def unknowns(self) -> tuple[Unknown, ...]:
+        if self._unknowns is None:
+            self._unknowns = self._collected_unknowns()
+        return self._unknowns
+
+    def _collected_unknowns(self) -> tuple[Unknown, ...]:
         given = self.given_leaf
         found: list[Unknown] = []
         for c in self.components:
@@ -103,32 +110,29 @@ class Network:
 
     def evaluate(self, e: Evaluation) -> None:
         """All components in order, then the shafts' power balances, the control balance and net thrust."""
+        e.make_shaft = partial(self._shaft, e)
         for c in self.components:
             c.evaluate(e)
-            if isinstance(c, Inlet):
-                self._start_shafts(e)
         self._close(e)
 
     def size(self, e: Evaluation) -> None:
         """Sizes every component at the design point; ValueError says what cannot be."""
+        e.make_shaft = partial(self._shaft, e)
         for c in self.components:
             c.size(e)
             if isinstance(c, Inlet):
                 self.design_theta2 = float(np.ravel(value(e.theta2))[0])
-                self._start_shafts(e)
 
-    def _start_shafts(self, e: Evaluation) -> None:
-        root: Value | None = None
-        for name, s in self.shafts.items():
-            if e.has(f"{name}.speed_rpm"):
-                e.shafts[name] = Shaft(e[f"{name}.speed_rpm"])
-            else:
-                root = sqrt(e.theta2 * (1.0 / self.design_theta2)) if root is None else root
-                e.shafts[name] = Shaft(e[f"{name}.corrected_speed"] * (root * s["design_speed_rpm"]))
+    def _shaft(self, e: Evaluation, name: str) -> Shaft:
+        """Given speed, or design speed times the unknown times √(θ₂/θ₂,design)."""
+        if e.has(f"{name}.speed_rpm"):
+            return Shaft(e[f"{name}.speed_rpm"])
+        root = sqrt(e.theta2 * (1.0 / self.design_theta2))
+        return Shaft(e[f"{name}.corrected_speed"] * (root * self.shafts[name]["design_speed_rpm"]))
 
     def _close(self, e: Evaluation) -> None:
         for name, s in self.shafts.items():
-            shaft = e.shafts[name]
+            shaft = e.shaft(name)
             e.outputs[f"{s['speed_label']}_rpm"] = shaft.speed_rpm
             if name not in self.surplus_shafts:
                 offtake = e[f"{name}.power_offtake_W"]

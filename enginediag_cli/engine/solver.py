@@ -1,7 +1,7 @@
 """Damped Newton iteration over a whole batch of operating points at once.
 
-Each pass evaluates the points that are still open, with the exact Jacobian from the same evaluation;
-points that meet the tolerance leave the batch. A step is shortened so that no unknown moves by more than
+Each pass evaluates the points that are still open, with the exact Jacobian from the same evaluation
+(near the solution without it: the last one serves); points that meet the tolerance leave the batch. A step is shortened so that no unknown moves by more than
 `LARGEST_STEP` of itself, and halved again where the residual grew. A point that does not converge is data:
 its residuals say which balance failed.
 """
@@ -20,17 +20,25 @@ from enginediag_cli.engine.network import Network
 TOLERANCE = 1e-10  # on every balance, all of order one
 MAX_ITERATIONS = 60
 LARGEST_STEP = 0.4
-GROWTH_ALLOWED = 1.0
+SMALL = 0.05  # unknowns are of order one; smaller ones may move by this much of LARGEST_STEP
+MAX_HALVINGS = 6
+CONFIRM_BELOW = 3e-5
+FEW_POINTS = 40
 
 
 @dataclass
 class Solution:
-    """Unknowns (nx, N), largest residual (N,), index of the balance it belongs to (N,) and passes used (N,)."""
+    """Unknowns (nx, N), largest residual (N,), index of the balance it belongs to (N,) and passes used (N,).
+
+    `evaluation` is the pass that confirmed most points, at points `evaluated`, for outputs to be read from.
+    """
 
     x: Array
     residual: Array
     worst: Array
     passes: Array
+    evaluation: Evaluation | None = None
+    evaluated: Array | None = None
 
     @property
     def converged(self) -> Array:
@@ -64,52 +72,107 @@ def matrix(e: Evaluation, rows: Mapping[str, Value], names: tuple[str, ...]) -> 
 
 
 def newton(network: Network, inputs: Mapping[str, Value], parameters: Mapping[str, Value], x: Array,
-           max_iterations: int = MAX_ITERATIONS) -> Solution:
-    """Solves the balances from starting unknowns x (nx, N); inputs and parameters are floats or (N,)."""
+           final: frozenset[str] = frozenset(), max_iterations: int = MAX_ITERATIONS) -> Solution:
+    """Solves the balances from starting unknowns x (nx, N); inputs and parameters are floats or (N,).
+
+    A pass that most likely only confirms convergence is differentiated along `final` instead of the
+    unknowns alone, so that it can serve for outputs and sensitivities.
+    """
     unknowns = network.unknowns()
-    names = tuple(u.name for u in unknowns)
-    wrt = frozenset(names)
-    lower = np.array([u.lower for u in unknowns])[:, None]
-    upper = np.array([u.upper for u in unknowns])[:, None]
+    lower = np.array([[u.lower] for u in unknowns])
+    upper = np.array([[u.upper] for u in unknowns])
     n = x.shape[1]
     best = Solution(x.copy(), np.full(n, np.inf), np.zeros(n, dtype=int), np.zeros(n, dtype=int))
-    active = np.arange(n)
-    base, step = x.copy(), np.zeros_like(x)
-    base_norm, shortened = np.full(n, np.inf), np.zeros(n, dtype=int)
-    current = x.copy()
+    open_points = _OpenPoints(np.arange(n), x.copy(), x.copy(), np.zeros_like(x), np.full(n, np.inf),
+                              np.zeros(n, dtype=int), np.zeros((n, len(x), len(x))))
     for iteration in range(max_iterations):
-        whole = len(active) == n
-        e = evaluate(network, inputs if whole else _take(inputs, active), parameters if whole else _take(parameters, active),
-                     current, wrt)
-        R = np.stack([np.broadcast_to(value(b), (len(active),)) for b in e.balances.values()])
-        size = np.abs(R)
-        worst = np.argmax(np.where(np.isfinite(size), size, np.inf), axis=0)
-        norm = size[worst, np.arange(len(active))]
-        norm = np.where(np.isfinite(norm), norm, np.inf)
-        better = norm < best.residual[active]
-        at = active[better]
-        best.x[:, at], best.residual[at], best.worst[at] = current[:, better], norm[better], worst[better]
-        best.passes[active] = iteration + 1
-        # a step that made things worse is halved, at most six times in a row
-        rejected = (norm > GROWTH_ALLOWED * base_norm) & (shortened < 6) & (norm > TOLERANCE)
-        open_ = norm > TOLERANCE
-        accepted = open_ & ~rejected & np.isfinite(norm)
+        p = open_points
+        u = inputs if len(p.index) == n else take(inputs, p.index)
+        t = parameters if len(p.index) == n else take(parameters, p.index)
+        # near the solution convergence is quadratic: this pass most likely only confirms it
+        confirming = bool((p.base_norm < CONFIRM_BELOW).all())
+        e = None
+        if confirming:
+            e = evaluate(network, u, t, p.x, final)
+            R, J = _balances(e), None
+        else:
+            R, J = _values_and_jacobian(network, u, t, p.x)
+        size = np.where(np.isfinite(R), np.abs(R), np.inf)
+        worst = np.argmax(size, axis=0)
+        norm = size[worst, np.arange(len(p.index))]
+        better = norm < best.residual[p.index]
+        at = p.index[better]
+        best.x[:, at], best.residual[at], best.worst[at] = p.x[:, better], norm[better], worst[better]
+        best.passes[p.index] = iteration + 1
+        if e is not None and best.evaluation is None and np.mean(norm <= TOLERANCE) > 0.5:
+            best.evaluation, best.evaluated = e, p.index
+        # a step that made things worse is halved, a few times in a row
+        rejected = (norm > p.base_norm) & (p.halvings < MAX_HALVINGS) & (norm > TOLERANCE)
+        accepted = (norm > TOLERANCE) & ~rejected & np.isfinite(norm)
         if accepted.any():
-            J = matrix(e, e.balances, names)[accepted]
-            new_step = _linear_solve(J, R[:, accepted].T).T
-            largest = np.max(np.abs(new_step) / np.maximum(np.abs(current[:, accepted]), 0.05), axis=0)
-            new_step *= np.minimum(1.0, LARGEST_STEP / np.maximum(largest, 1e-300))
-            base[:, accepted], step[:, accepted] = current[:, accepted], new_step
-            base_norm[accepted], shortened[accepted] = norm[accepted], 0
-        step[:, rejected] *= 0.5
-        shortened[rejected] += 1
-        keep = (accepted | rejected) & (np.isfinite(step).all(axis=0))
+            if J is not None:
+                p.J[accepted] = J[accepted]
+            step = _linear_solve(p.J[accepted], R[:, accepted].T).T
+            largest = np.max(np.abs(step) / np.maximum(np.abs(p.x[:, accepted]), SMALL), axis=0)
+            step *= np.minimum(1.0, LARGEST_STEP / np.maximum(largest, 1e-300))
+            p.base[:, accepted], p.step[:, accepted] = p.x[:, accepted], step
+            p.base_norm[accepted], p.halvings[accepted] = norm[accepted], 0
+        p.step[:, rejected] *= 0.5
+        p.halvings[rejected] += 1
+        keep = (accepted | rejected) & np.isfinite(p.step).all(axis=0)
         if not keep.any():
             break
-        base, step = base[:, keep], step[:, keep]
-        current = np.clip(base + step, lower, upper)
-        base_norm, shortened, active = base_norm[keep], shortened[keep], active[keep]
+        open_points = p.kept(keep)
+        open_points.x = np.clip(open_points.base + open_points.step, lower, upper)
     return best
+
+
+@dataclass
+class _OpenPoints:
+    """Points that have not converged: where the last accepted step began, the step, and its Jacobian."""
+
+    index: Array
+    x: Array
+    base: Array
+    step: Array
+    base_norm: Array
+    halvings: Array
+    J: Array
+
+    def kept(self, keep: Array) -> _OpenPoints:
+        if keep.all():
+            return self
+        return _OpenPoints(self.index[keep], self.x[:, keep], self.base[:, keep], self.step[:, keep],
+                           self.base_norm[keep], self.halvings[keep], self.J[keep])
+
+
+def _balances(e: Evaluation) -> Array:
+    """Values of all balances (nx, n)."""
+    return np.stack([np.broadcast_to(value(b), (e.size,)) for b in e.balances.values()])
+
+
+def largest_balance(e: Evaluation) -> Array:
+    """Largest residual of each point (N,), infinite where one is not finite."""
+    R = _balances(e)
+    return np.where(np.isfinite(R), np.abs(R), np.inf).max(axis=0)
+
+
+def _values_and_jacobian(network: Network, inputs: Mapping[str, Value], parameters: Mapping[str, Value],
+                         x: Array) -> tuple[Array, Array]:
+    """Balances (nx, n) and their derivatives (n, nx, nx): exact, or for a few points by forward differences
+    in one widened batch, which costs one plain pass where the overhead of calls dominates."""
+    nx, n = x.shape
+    if n <= FEW_POINTS:
+        h = 1e-7 * np.maximum(np.abs(x), SMALL)
+        wide = np.repeat(x[:, None, :], nx + 1, axis=1)
+        wide[np.arange(nx), np.arange(1, nx + 1)] += h
+        tile = {k: np.tile(v, nx + 1) if isinstance(v, np.ndarray) and v.ndim else v for k, v in inputs.items()}
+        theta = {k: np.tile(v, nx + 1) if isinstance(v, np.ndarray) and v.ndim else v for k, v in parameters.items()}
+        R = _balances(evaluate(network, tile, theta, wide.reshape(nx, -1), frozenset())).reshape(-1, nx + 1, n)
+        return R[:, 0], np.ascontiguousarray(((R[:, 1:] - R[:, :1]) / h).transpose(2, 0, 1))
+    names = tuple(u.name for u in network.unknowns())
+    e = evaluate(network, inputs, parameters, x, frozenset(names))
+    return _balances(e), matrix(e, e.balances, names)
 
 
 def _linear_solve(J: Array, R: Array) -> Array:
@@ -121,5 +184,5 @@ def _linear_solve(J: Array, R: Array) -> Array:
         return -np.linalg.solve(J + 1e-9 * np.eye(J.shape[1]), R[:, :, None])[:, :, 0]
 
 
-def _take(leaves: Mapping[str, Value], index: Array) -> dict[str, Value]:
+def take(leaves: Mapping[str, Value], index: Array) -> dict[str, Value]:
     return {k: v[index] if isinstance(v, np.ndarray) and v.ndim else v for k, v in leaves.items()}

@@ -9,7 +9,7 @@ from typing import Any
 from enginediag_cli.config.fields import Field, Section
 from enginediag_cli.engine.atmosphere import P_ISA, T_ISA
 from enginediag_cli.engine.components.base import FROM, NAME, TO, Component, Unknown, scalar
-from enginediag_cli.engine.dual import Value, exp, log, sqrt, value
+from enginediag_cli.engine.dual import Value, exp, locally, log, sqrt, value
 from enginediag_cli.engine.evaluation import Evaluation
 from enginediag_cli.engine.flow import Flow
 from enginediag_cli.engine.maps import compressor_map
@@ -86,20 +86,20 @@ class Compressor(Component):
     def evaluate(self, e: Evaluation) -> None:
         inlet = e.flows[self.values["from"]]
         theta, root = inlet.T * (1.0 / T_ISA), sqrt(inlet.T * (1.0 / T_ISA))
-        corrected_speed = e.shafts[self.values["shaft"]].speed_rpm / root
+        corrected_speed = e.shaft(self.values["shaft"]).speed_rpm / root
         capacity = e[f"{self.name}.flow_capacity"]
         corrected_flow = inlet.W * root / (inlet.P * (1.0 / P_ISA))
         efficiency = e[f"{self.name}.efficiency"]
         if self.table is None:
             n = corrected_speed * (1.0 / self.speed_scale)
             w = corrected_flow * (1.0 / self.flow_scale) / capacity
-            shape = {k: e[f"{self.name}.map.{k}"] for k in compressor_map.NAMES}
-            work, loss = compressor_map.work_and_loss(n, w, self.design_loss, shape)
+            shape = [e[f"{self.name}.map.{k}"] for k in compressor_map.NAMES]
+            work, loss = locally(self._work_and_loss, n, w, *shape)
             scale = theta * self.work_scale
             rise = work * scale
             ideal = efficiency * ((work - loss) * scale)
-            T_s = e.gas.temperature_from_enthalpy(inlet.h + ideal, inlet.mixture)
-            log_ratio = (e.gas.entropy(T_s, inlet.mixture) - inlet.phi) / inlet.R
+            phi_s = e.gas.at_enthalpy(inlet.h + ideal, inlet.mixture)[1]
+            log_ratio = (phi_s - inlet.phi) / inlet.R
         else:
             n = corrected_speed * (1.0 / self.speed_scale)
             (wc, pr, eta), outside = self.table.lookup(n, e[f"{self.name}.rline"])
@@ -109,6 +109,9 @@ class Compressor(Component):
             ideal = inlet.expanded_enthalpy(-log_ratio) - inlet.h
             rise = ideal / (eta * self.efficiency_scale * efficiency)
         self._deliver(e, inlet, rise, exp(log_ratio))
+
+    def _work_and_loss(self, n: Value, w: Value, *shape: Value) -> tuple[Value, Value]:
+        return compressor_map.work_and_loss(n, w, self.design_loss, dict(zip(compressor_map.NAMES, shape, strict=True)))
 
     def _deliver(self, e: Evaluation, inlet: Flow, rise: Value, ratio: Value) -> None:
         """Outlet flow, bleeds and shaft power W Δh − Σ W_b (1 − work fraction) Δh."""
@@ -121,7 +124,7 @@ class Compressor(Component):
             e.bleeds[port["name"]] = Flow(inlet.gas, inlet.mixture, taken, P, h=inlet.h + rise * part)
             demand = demand - taken * (rise * (1.0 - part))
             outlet.W = outlet.W - taken
-        shaft = e.shafts[self.values["shaft"]]
+        shaft = e.shaft(self.values["shaft"])
         shaft.demand_W = shaft.demand_W + demand
         e.flows[self.values["to"]] = outlet
         e.outputs[f"{self.name}_pressure_ratio"] = ratio
@@ -130,7 +133,7 @@ class Compressor(Component):
     def size(self, e: Evaluation) -> None:
         inlet = e.flows[self.values["from"]]
         theta = scalar(inlet.T) / T_ISA
-        speed = scalar(e.shafts[self.values["shaft"]].speed_rpm) / theta**0.5
+        speed = scalar(e.shaft(self.values["shaft"]).speed_rpm) / theta**0.5
         flow = scalar(inlet.W) * theta**0.5 / (scalar(inlet.P) / P_ISA)
         ratio, efficiency = self.values["pressure_ratio"], self.values["isentropic_efficiency"]
         if self.table is None:

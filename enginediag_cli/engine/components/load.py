@@ -32,7 +32,7 @@ class Load(Component):
         return (self.design("efficiency", self.values["efficiency"], 0.01, 0.3, 1.05, "1", "delivered over shaft power"),)
 
     def evaluate(self, e: Evaluation) -> None:
-        shaft = e.shafts[self.values["shaft"]]
+        shaft = e.shaft(self.values["shaft"])
         name = self.values["shaft"]
         surplus = shaft.supply_W * e[f"{name}.mechanical_efficiency"] - shaft.demand_W - e[f"{name}.power_offtake_W"]
         if self.values["law"] == "cube":
@@ -43,7 +43,7 @@ class Load(Component):
         e.outputs["power_W"] = surplus * e[f"{self.name}.efficiency"]
 
     def size(self, e: Evaluation) -> None:
-        shaft = e.shafts[self.values["shaft"]]
+        shaft = e.shaft(self.values["shaft"])
         name = self.values["shaft"]
         self.design_speed_rpm = scalar(shaft.speed_rpm)
         surplus = shaft.supply_W * e[f"{name}.mechanical_efficiency"] - shaft.demand_W - e[f"{name}.power_offtake_W"]

@@ -41,14 +41,15 @@ class Mixer(Component):
         cp, R = core.gas.heat_capacity(core.T, core.mixture), core.R
         gamma, M = cp / (cp - R), self.values["core_mach"]
         T_s = core.T / (1.0 + 0.5 * (gamma - 1.0) * M * M)
-        p = core.P * exp((core.gas.entropy(T_s, core.mixture) - core.phi) / R)
-        V = (2.0 * (core.h - core.gas.enthalpy(T_s, core.mixture))) ** 0.5
+        h_s, phi_s = core.gas.enthalpy_and_entropy(T_s, core.mixture)
+        p = core.P * exp((phi_s - core.phi) / R)
+        V = (2.0 * (core.h - h_s)) ** 0.5
         self.core_area = self.values["core_area_m2"] or scalar(core.W * R * T_s / (p * V))
         log_ratio = log(bypass.P / p)
         if not scalar(log_ratio) > 0.0:
             raise ValueError(f"{self.name}: the bypass total pressure is below the core's static pressure at design")
-        T_s = bypass.gas.temperature_from_entropy(bypass.phi - bypass.R * log_ratio, bypass.mixture)
-        V = (2.0 * (bypass.h - bypass.gas.enthalpy(T_s, bypass.mixture))) ** 0.5
+        T_s, h_s = bypass.gas.at_entropy(bypass.phi - bypass.R * log_ratio, bypass.mixture)
+        V = (2.0 * (bypass.h - h_s)) ** 0.5
         self.bypass_area = self.values["bypass_area_m2"] or scalar(bypass.W * bypass.R * T_s / (p * V))
         self.evaluate(e)
 
@@ -58,22 +59,22 @@ def _mixed_out(flow: Flow, impulse: Value, area: float) -> Flow:
     gas, mixture = flow.gas, flow.mixture
     plain = Mixture(*(None if x is None else value(x) for x in (mixture.far, mixture.war)))
 
-    def state(V: Value, W: Value, h: Value, R: Value, total: Value, m: Mixture) -> tuple[Value, Value, Value]:
-        T_s = gas.temperature_from_enthalpy(h - 0.5 * (V * V), m)
+    def state(V: Value, W: Value, h: Value, R: Value, total: Value, m: Mixture) -> tuple[Value, Value, Value, Value]:
+        T_s, phi_s = gas.at_enthalpy(h - 0.5 * (V * V), m)
         p = (total - W * V) * (1.0 / area)
-        return p * V * area - W * R * T_s, T_s, p  # zero: W = p V A / (R T)
+        return p * V * area - W * R * T_s, T_s, p, phi_s  # zero: W = p V A / (R T)
 
     W, h, R, total = (value(x) for x in (flow.W, flow.h, flow.R, impulse))
     V = W * R * value(flow.T) / total
     for _ in range(30):
-        f, T_s, p = state(V, W, h, R, total, plain)
+        f, T_s, _, _ = state(V, W, h, R, total, plain)
         cp = gas.heat_capacity(T_s, plain)
         slope = total - 2.0 * W * V + W * R * V / cp
         V = V - f / slope
         if (abs(f) < 1e-12 * abs(total * V)).all():
             break
-    f_exact, _, _ = state(V, flow.W, flow.h, flow.R, impulse, mixture)
+    f_exact, _, _, _ = state(V, flow.W, flow.h, flow.R, impulse, mixture)
     V_exact = chain(V - value(f_exact) / slope, (-1.0 / slope, f_exact))
-    _, T_s, p = state(V_exact, flow.W, flow.h, flow.R, impulse, mixture)
-    P = p * exp((flow.phi - gas.entropy(T_s, mixture)) / flow.R)
+    _, _, p, phi_s = state(V_exact, flow.W, flow.h, flow.R, impulse, mixture)
+    P = p * exp((flow.phi - phi_s) / flow.R)
     return flow.with_(P=P)

@@ -6,10 +6,9 @@ import numpy as np
 
 from enginediag_cli.config.fields import Field, Section
 from enginediag_cli.engine.components.base import FROM, NAME, Component, scalar
-from enginediag_cli.engine.dual import Value, chain, exp, log, maximum, select, sqrt, value
+from enginediag_cli.engine.dual import Value, exp, log, maximum, select, sqrt, value
 from enginediag_cli.engine.evaluation import Evaluation
 from enginediag_cli.engine.flow import Flow
-from enginediag_cli.engine.gas import Mixture
 from enginediag_cli.parameters import Parameter
 
 SMALLEST_LOG_RATIO = 1e-4  # below it the flow falls linearly to zero, so that the iteration can pass
@@ -18,8 +17,7 @@ SMALLEST_LOG_RATIO = 1e-4  # below it the flow falls linearly to zero, so that t
 class Nozzle(Component):
     """Throat flow ρ V A C_d at ambient pressure, or at the critical pressure once choked.
 
-    Throat state from φ_th = φ − R ln(P/p_th), V² = 2 (h − h_th). The critical state solves
-    h − h_* = γ_* R T_*/2. Gross thrust W V C_v + A C_d (p_th − p_0).
+    Throat state from φ_th = φ − R ln(P/p_th), V² = 2 (h − h_th); critical where h − h_* = γ_* R T_*/2. Gross thrust W V C_v + A C_d (p_th − p_0).
     """
 
     TYPE = "nozzle"
@@ -59,33 +57,14 @@ class Nozzle(Component):
 
 def throat(flow: Flow, log_ratio: Value, p0: Value) -> tuple[Value, Value, Value]:
     """Mass flux ρV [kg/(s m²)], velocity [m/s] and static pressure [Pa] at the throat; arrays (N,)."""
-    gas, mixture, R = flow.gas, flow.mixture, flow.R
-    critical = _critical_log_ratio(flow)
+    critical = flow.gas.critical_log_pressure_ratio(flow.T, flow.mixture)
     choked = np.asarray(value(log_ratio) > value(critical))
     expansion = maximum(select(choked, critical, log_ratio), SMALLEST_LOG_RATIO)
-    T = gas.temperature_from_entropy(flow.phi - R * expansion, mixture)
-    V = sqrt(2.0 * (flow.h - gas.enthalpy(T, mixture)))
+    T, h = flow.gas.at_entropy(flow.phi - flow.R * expansion, flow.mixture)
+    V = sqrt(2.0 * (flow.h - h))
     p = select(choked, flow.P * exp(-critical), p0)
-    flux = p * V / (R * T)
+    flux = p * V / (flow.R * T)
     too_low = np.asarray(value(log_ratio) < SMALLEST_LOG_RATIO)
     if too_low.any():
         flux = select(too_low, flux * (log_ratio * (1.0 / SMALLEST_LOG_RATIO)), flux)
     return flux, V, p
-
-
-def _critical_log_ratio(flow: Flow) -> Value:
-    """ln(P/p_*) at Mach 1: Newton's method on values for T_*, one step in derivative arithmetic to finish."""
-    gas, mixture = flow.gas, flow.mixture
-    plain = Mixture(*(None if x is None else value(x) for x in (mixture.far, mixture.war)))
-    h, R, T = value(flow.h), value(flow.R), value(flow.T)
-    T_star = T * (1.0 / 1.17)
-    for _ in range(3):
-        parts_h, parts_cp, parts_dcp = gas.h_cp_dcp(T_star, plain)
-        gamma = parts_cp / (parts_cp - R)
-        f = h - parts_h - 0.5 * gamma * R * T_star
-        slope = -parts_cp - 0.5 * gamma * R * (1.0 - T_star * parts_dcp * R / (parts_cp * (parts_cp - R)))
-        T_star = T_star - f / slope
-    cp = gas.heat_capacity(T_star, mixture)
-    excess = flow.h - gas.enthalpy(T_star, mixture) - 0.5 * (cp / (cp - flow.R)) * flow.R * T_star
-    T_exact = chain(T_star, (-1.0 / slope, excess))
-    return (flow.phi - gas.entropy(T_exact, mixture)) / flow.R

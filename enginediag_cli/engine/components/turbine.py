@@ -27,6 +27,7 @@ TABLE = Section("table", "map file with speed lines and pressure ratios", (
     Field("pressure_ratio_scale", "number", "(PR − 1) per map (PR − 1); default from the design point", None),
     Field("efficiency_scale", "number", "efficiency per map efficiency; default from the design point", None),
 ))
+LARGEST_LOG_RATIO = 3.5  # of a design point
 SHAPE = Section("map", "coefficients of the parametric map", turbine_map.FIELDS)
 
 
@@ -82,7 +83,7 @@ class Turbine(Component):
         ratio = 1.0 + e[f"{self.name}.pressure_ratio"] * (self.design_ratio - 1.0)
         log_ratio = log(ratio)
         root = sqrt(inlet.T)
-        N = e.shafts[self.values["shaft"]].speed_rpm
+        N = e.shaft(self.values["shaft"]).speed_rpm
         speed = N / root * (1.0 / self.speed_scale)
         drop = inlet.h - inlet.expanded_enthalpy(log_ratio)
         capacity, efficiency = e[f"{self.name}.flow_capacity"], e[f"{self.name}.efficiency"]
@@ -113,7 +114,7 @@ class Turbine(Component):
             e.flows[self.values["rotor_inlet_station"]] = mixed
         behind = Flow(mixed.gas, mixed.mixture, mixed.W, P, h=mixed.h - power / mixed.W)
         e.flows[self.values["to"]] = mix(behind, *after)
-        shaft = e.shafts[self.values["shaft"]]
+        shaft = e.shaft(self.values["shaft"])
         shaft.supply_W = shaft.supply_W + power
         e.outputs[f"{self.name}_power_W"] = power
 
@@ -121,7 +122,7 @@ class Turbine(Component):
         inlet = e.flows[self.values["from"]]
         self.design_ratio = self.values["pressure_ratio"] or self._balancing_ratio(e, inlet)
         T = scalar(inlet.T)
-        N = scalar(e.shafts[self.values["shaft"]].speed_rpm)
+        N = scalar(e.shaft(self.values["shaft"]).speed_rpm)
         parameter = scalar(inlet.W) * T**0.5 / scalar(inlet.P)
         drop = scalar(inlet.h - inlet.expanded_enthalpy(np.log(self.design_ratio)))
         self.design_blade_speed = N / drop**0.5
@@ -138,18 +139,24 @@ class Turbine(Component):
         self.evaluate(e)
 
     def _balancing_ratio(self, e: Evaluation, inlet: Flow) -> float:
-        """Design pressure ratio whose power meets the shaft's demand, by Newton's method on ln PR."""
-        from scipy.optimize import brentq
-
-        shaft = e.shafts[self.values["shaft"]]
-        wanted = scalar(shaft.demand_W - shaft.supply_W)
+        """Design pressure ratio whose power meets the shaft's demand, by the secant method on ln PR."""
+        shaft = e.shaft(self.values["shaft"])
+        name = self.values["shaft"]
+        wanted = scalar((shaft.demand_W + e[f"{name}.power_offtake_W"]) / e[f"{name}.mechanical_efficiency"]
+                        - shaft.supply_W)
         streams = [inlet, *(e.bleeds[name] for name in self.values["cooling_before_rotor"])]
 
         def surplus(log_ratio: float) -> float:
             ideal = sum(scalar(f.W * (f.h - f.expanded_enthalpy(log_ratio))) for f in streams)
             return self.values["isentropic_efficiency"] * ideal / wanted - 1.0
 
-        low, high = 0.01, 3.5
-        if surplus(high) < 0.0:
+        if not wanted > 0.0 or surplus(LARGEST_LOG_RATIO) < 0.0:
             raise ValueError(f"{self.name}: the gas cannot give the {wanted / 1e6:.2f} MW that its shaft needs")
-        return float(np.exp(brentq(surplus, low, high, xtol=1e-14)))
+        x0, x1 = 0.8, 1.2
+        f0, f1 = surplus(x0), surplus(x1)
+        while abs(f1) > 1e-13 and x1 != x0:
+            x0, x1, f0 = x1, min(max(x1 - f1 * (x1 - x0) / (f1 - f0), 0.01), LARGEST_LOG_RATIO), f1
+            f1 = surplus(x1)
+            if abs(f1) >= abs(f0) and abs(f1) < 1e-11:
+                break
+        return float(np.exp(x1))

@@ -33,7 +33,8 @@ def work_and_loss(n: Value, w: Value, design_loss: float, coefficient: dict[str,
     c = coefficient
     log_n = log(n)
     x = w * exp(-(c["flow_speed_exponent"] * log_n))
-    level = n * n if c["work_speed_exponent"] == 2.0 else exp(c["work_speed_exponent"] * log_n)
+    q = c["work_speed_exponent"]
+    level = n * n if isinstance(q, float) and q == 2.0 else exp(q * log_n)
     work = level * (1.0 + (c["work_slope"] / c["choking_exponent"]) * (1.0 - power(x, c["choking_exponent"])))
     off_flow, off_speed = x - 1.0, n - 1.0
     loss = level * (design_loss * (1.0 + c["loss_incidence"] * (off_flow * off_flow)

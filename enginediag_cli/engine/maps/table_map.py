@@ -113,20 +113,25 @@ def read_table(path: Path, x_column: str, y_column: str, quantities: tuple[str, 
             lines = [(k, row) for k, row in enumerate(csv.reader(file), 1) if row and not row[0].startswith("#")]
     except OSError as error:
         raise fail(f"cannot read the component map: {error.strerror}") from error
+    except UnicodeDecodeError as error:
+        raise fail("the component map is not UTF-8 text", 0, "save it as CSV in UTF-8") from error
     header = lines[0][1] if lines else []
     missing = [c for c in (x_column, y_column, *quantities) if c not in header]
     if missing:
         raise fail(f"map columns missing: {', '.join(missing)}", 1, f"found {', '.join(header) or 'nothing'}")
+    if len(lines) == 1:
+        raise fail("the component map has no rows", lines[0][0])
     at = [header.index(c) for c in (x_column, y_column, *quantities)]
-    try:
-        data = np.array([[float(row[k]) for k in at] for _, row in lines[1:]])
-    except (ValueError, IndexError) as error:
-        bad = next(k for k, row in lines[1:] if not _all_numbers(row, at))
-        raise fail("a map entry is not a number", bad) from error
+    bad = next((k for k, row in lines[1:] if not _all_numbers(row, at)), None)
+    if bad is not None:
+        raise fail("a map entry is not a number", bad)
+    data = np.array([[float(row[k]) for k in at] for _, row in lines[1:]])
     x, y = np.unique(data[:, 0]), np.unique(data[:, 1])
     if len(data) != len(x) * len(y):
         raise fail(f"the map grid has {len(data)} rows, {len(x)} × {len(y)} were expected", 0,
                    f"every {x_column} needs every {y_column} once")
+    if min(len(x), len(y)) < 2:
+        raise fail(f"the map grid is {len(x)} × {len(y)}", 0, f"give at least two values of {x_column} and {y_column}")
     tables = np.full((len(quantities), len(x), len(y)), np.nan)
     tables[:, np.searchsorted(x, data[:, 0]), np.searchsorted(y, data[:, 1])] = data[:, 2:].T
     if not np.isfinite(tables).all():
