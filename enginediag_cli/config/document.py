@@ -1,0 +1,210 @@
+"""Reads a YAML file into nodes that remember their place, so that every later problem can name it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from enginediag_cli.config.yaml12 import TAG, compose, scalar_value
+from enginediag_cli.errors import ConfigError, Mark, Problem
+
+
+@dataclass(frozen=True)
+class Node:
+    """One value of a document and where it stands.
+
+    `value` is the Python value of a scalar, the tuple of child nodes of a list, and the dict of child nodes
+    (in the order of the file) of a mapping, whose keys stand at `key_marks`. Keys are text as written.
+    """
+
+    value: Any
+    mark: Mark
+    text: str = ""
+    key_marks: Mapping[str, Mark] = field(default_factory=dict)
+    problems: tuple[Problem, ...] = ()
+
+    @property
+    def is_mapping(self) -> bool:
+        return isinstance(self.value, dict)
+
+    @property
+    def is_list(self) -> bool:
+        return isinstance(self.value, tuple)
+
+    @property
+    def is_scalar(self) -> bool:
+        return not isinstance(self.value, (dict, tuple))
+
+    def describe(self) -> str:
+        """What stands here, in words: "the text 'abc'", "the number 3", "a list of 2"."""
+        if self.is_mapping:
+            return "a mapping with the keys " + ", ".join(self.value) if self.value else "an empty mapping"
+        if self.is_list:
+            return f"a list of {len(self.value)}" if self.value else "an empty list"
+        if self.value is None:
+            return "nothing"
+        if isinstance(self.value, str):
+            return f"the text '{self.value}'"
+        return f"{'' if isinstance(self.value, bool) else 'the number '}{self.text}"
+
+
+def load_document(path: str | Path) -> Node:
+    """The root node of a YAML file; raises ConfigError if the file cannot be read or is not YAML."""
+    name = str(path)
+    try:
+        raw = Path(path).read_bytes()
+    except OSError as error:
+        reason = (error.strerror or str(error)).lower()
+        raise ConfigError([Problem(Mark(name), f"cannot read the file: {reason}")]) from error
+    return parse_document(_decode(raw, name), name)
+
+
+def parse_document(text: str, name: str) -> Node:
+    """The root node of YAML text; `name` stands in the marks. Raises ConfigError as `load_document`."""
+    try:
+        tree = compose(text)
+        if tree is None:
+            raise ConfigError([Problem(Mark(name, 1, 1), "the file is empty",
+                                       "it should open with 'kind: …', which says what it describes")])
+        return _Builder(name).node(tree)
+    except yaml.reader.ReaderError as error:
+        before = text[: error.position]
+        mark = Mark(name, before.count("\n") + 1, error.position - (before.rfind("\n") + 1) + 1)
+        what = f"the control character U+{_code(error.character):04X} is not allowed in YAML"
+        raise ConfigError([Problem(mark, what)]) from error
+    except yaml.MarkedYAMLError as error:
+        raise ConfigError([_syntax_problem(error, text, name)]) from error
+    except RecursionError as error:
+        raise ConfigError([Problem(Mark(name), "brackets or indentation are nested too deeply")]) from error
+
+
+def document_problems(root: Node) -> Iterator[Problem]:
+    """Duplicate keys, foreign tags and the like, over the whole document, each node once."""
+    seen: set[int] = set()
+    waiting = [root]
+    while waiting:
+        node = waiting.pop()
+        if id(node) in seen:
+            continue
+        seen.add(id(node))
+        yield from node.problems
+        if not node.is_scalar:
+            waiting.extend(node.value.values() if node.is_mapping else node.value)
+
+
+class _Builder:
+    """Turns PyYAML's nodes into ours; an aliased node becomes one node, seen from several places."""
+
+    def __init__(self, name: str):
+        self.name = name
+        self.built: dict[int, Node] = {}
+        self.open: set[int] = set()
+
+    def node(self, source: yaml.Node) -> Node:
+        if id(source) in self.built:
+            return self.built[id(source)]
+        mark = self._mark(source.start_mark)
+        if id(source) in self.open:
+            return Node(None, mark, problems=(Problem(mark, "this anchor contains an alias to itself"),))
+        self.open.add(id(source))
+        if isinstance(source, yaml.MappingNode):
+            built = self._mapping(source, mark)
+        elif isinstance(source, yaml.ScalarNode):
+            built = self._scalar(source, mark)
+        else:
+            built = Node(tuple(self.node(item) for item in source.value), mark,
+                         problems=self._tag_problems(source, "seq", mark))
+        self.open.discard(id(source))
+        self.built[id(source)] = built
+        return built
+
+    def _mapping(self, source: yaml.MappingNode, mark: Mark) -> Node:
+        children: dict[str, Node] = {}
+        marks: dict[str, Mark] = {}
+        problems = list(self._tag_problems(source, "map", mark))
+        for key_node, value_node in source.value:
+            place = self._mark(key_node.start_mark)
+            if not isinstance(key_node, yaml.ScalarNode):
+                problems.append(Problem(place, "a key must be a text, not a list or a mapping"))
+                continue
+            key = key_node.value
+            if key == "<<" and not key_node.style:  # plain: None in one parser, "" in the other
+                problems.append(Problem(place, "merge keys '<<' are not part of YAML 1.2",
+                                        "write the keys out, or use an alias for a whole value"))
+            elif key in marks:
+                first = marks[key]
+                problems.append(Problem(place, f"key '{key}' is given twice", "first given at "
+                                        f"{first.file}:{first.line}:{first.column}; keep one of them"))
+            else:
+                child = self.node(value_node)
+                # nothing stands nowhere, and the parsers disagree where: at the key, for both
+                nothing = child.value is None and not child.text
+                children[key], marks[key] = replace(child, mark=place) if nothing else child, place
+        return Node(children, mark, key_marks=marks, problems=tuple(problems))
+
+    def _scalar(self, source: yaml.ScalarNode, mark: Mark) -> Node:
+        try:
+            return Node(scalar_value(source.tag, source.value), mark, text=source.value)
+        except ValueError as error:
+            return Node(source.value, mark, text=source.value, problems=(Problem(mark, str(error)),))
+
+    def _tag_problems(self, source: yaml.Node, kind: str, mark: Mark) -> tuple[Problem, ...]:
+        if source.tag == TAG + kind:
+            return ()
+        tag = source.tag.replace(TAG, "!!")
+        return (Problem(mark, f"the tag '{tag}' is not known here", "leave it out"),)
+
+    def _mark(self, mark: yaml.Mark) -> Mark:
+        return Mark(self.name, mark.line + 1, mark.column + 1)
+
+
+def _decode(raw: bytes, name: str) -> str:
+    if raw[:2] in (b"\xff\xfe", b"\xfe\xff"):
+        raise ConfigError([Problem(Mark(name, 1, 1), "the file is UTF-16, not UTF-8", "save it as UTF-8")])
+    try:
+        return raw.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        start = raw.rfind(b"\n", 0, error.start) + 1
+        column = len(raw[start : error.start].decode("utf-8", "replace").lstrip("\ufeff")) + 1
+        mark = Mark(name, raw.count(b"\n", 0, error.start) + 1, column)
+        byte = raw[error.start]
+        hint = f"save the file as UTF-8; as Latin-1 this byte would be '{bytes([byte]).decode('latin-1')}'"
+        raise ConfigError([Problem(mark, f"the byte 0x{byte:02x} is not UTF-8 text", hint)]) from error
+
+
+def _code(character: Any) -> int:
+    return character if isinstance(character, int) else ord(character)
+
+
+def _syntax_problem(error: yaml.MarkedYAMLError, text: str, name: str) -> Problem:
+    """PyYAML's complaint at its place, with the usual cause as hint."""
+    found = error.problem_mark or error.context_mark
+    mark = Mark(name, found.line + 1, found.column + 1) if found else Mark(name)
+    what = error.problem or "not valid YAML"
+    lines = text.splitlines()
+    line = lines[mark.line - 1] if 0 < mark.line <= len(lines) else ""
+    if "\t" in line[: mark.column] and ("\\t" in what or "tab" in what):
+        return Problem(mark, "a tab stands where YAML wants spaces", "indent with spaces")
+    hint = ""
+    if "mapping values are not allowed" in what:
+        hint = "put a text that contains ': ' in quotes, or check indentation and ':' of the line above"
+    elif "could not find expected ':'" in what:
+        hint = "a key is followed by ': '"
+    elif "another document" in what:
+        return Problem(mark, "a second document begins here", "one file holds one; remove the second '---'")
+    elif "undefined alias" in what:
+        hint = "define it first with '&', or put a text that begins with '*' in quotes"
+    elif "quoted scalar" in (error.context or ""):
+        hint = "a quote is opened and not closed"
+    elif "flow sequence" in (error.context or "") or "flow mapping" in (error.context or ""):
+        hint = "a bracket is opened and not closed, or a comma is missing"
+    elif "cannot start any token" in what:
+        hint = "put a text that begins with this character in quotes"
+    elif "expected <block end>" in what:
+        hint = "the indentation differs from that of the lines above"
+    context = f"{error.context}: " if error.context and not hint else ""
+    return Problem(mark, f"not valid YAML: {context}{what}", hint)

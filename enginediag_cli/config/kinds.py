@@ -1,0 +1,109 @@
+"""The kinds of YAML file, and where the code that declares each of them lives.
+
+Declarations are imported when a file of their kind is read, so that reading one kind does not load the code
+of the others. A new kind of file is one entry here.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+from enginediag_cli.config.checked import Checked
+from enginediag_cli.config.document import Node, load_document
+from enginediag_cli.config.fields import Section
+from enginediag_cli.config.hints import near
+from enginediag_cli.config.validate import validate
+from enginediag_cli.errors import ConfigError, Problem
+
+
+@dataclass(frozen=True)
+class FileKind:
+    """`section` is the "module:attribute" of the declaration. `build` is the "module:function" that turns a
+    path into the object that the file describes; it raises ConfigError for what one key alone cannot show."""
+
+    name: str
+    help: str
+    section: str
+    build: str = ""
+
+    def load_section(self) -> Section:
+        section: Section = _attribute(self.section)
+        return section
+
+    def load_build(self) -> Callable[[Path], Any] | None:
+        return _attribute(self.build) if self.build else None
+
+
+FILE_KINDS: dict[str, FileKind] = {
+    kind.name: kind
+    for kind in (
+        FileKind("engine", "an engine: its components, shafts, sensors and parameters",
+                 "enginediag_cli.engine.declaration:ENGINE_FILE", "enginediag_cli.engine:load_engine"),
+        FileKind("faults", "faults: named directions in parameter space, their size and onset",
+                 "enginediag_cli.simulation.fault_file:FAULT_FILE",
+                 "enginediag_cli.simulation.fault_file:load_faults"),
+        FileKind("recorder", "a recorder: the columns and units of foreign recordings",
+                 "enginediag_cli.recordings.recorder_file:RECORDER_FILE",
+                 "enginediag_cli.recordings.recorder:load_recorder"),
+        FileKind("nominal", "the nominal state of an engine, identified from healthy recordings",
+                 "enginediag_cli.identification.nominal_file:NOMINAL_FILE",
+                 "enginediag_cli.identification.nominal_file:read_nominal"),
+        FileKind("flight", "a flight to simulate: altitude, speed and power along time",
+                 "enginediag_cli.simulation.flight_file:FLIGHT_FILE"),
+    )
+}
+
+
+def load_checked(path: str | Path, kind: str) -> Checked:
+    """Read and validate a YAML file that must be of one kind.
+
+    Raises ConfigError with every problem of the file, or with the one problem that it is of another kind.
+    """
+    document = load_document(path)
+    found = _kind_node(document)
+    if found is not None and found.text in FILE_KINDS and found.text != kind:
+        raise ConfigError([Problem(found.mark, f"this is a file of kind '{found.value}', and one of kind "
+                                   f"'{kind}' is wanted here", f"give {FILE_KINDS[kind].help}")])
+    return validate(document, FILE_KINDS[kind].load_section())
+
+
+def file_kind(document: Node) -> FileKind:
+    """The kind that a document says it is of; raises ConfigError if it says none or an unknown one."""
+    found = _kind_node(document)
+    if found is None:
+        what = "the file does not say its kind" if document.is_mapping else (
+            f"the file must be a mapping of keys, not {document.describe()}")
+        raise ConfigError([Problem(document.mark, what,
+                                   f"begin it with 'kind:' and one of {', '.join(FILE_KINDS)}")])
+    if not isinstance(found.value, str) or found.value not in FILE_KINDS:
+        raise ConfigError([Problem(found.mark, f"unknown kind of file, {found.describe()}",
+                                   near(found.text, FILE_KINDS))])
+    return FILE_KINDS[found.value]
+
+
+def check_file(path: str | Path) -> FileKind:
+    """Validate a YAML file by the kind that it names, then build what it describes.
+
+    Returns the kind; raises ConfigError with the problems of the declarations, or if there are none, with
+    those of the build.
+    """
+    document = load_document(path)
+    kind = file_kind(document)
+    validate(document, kind.load_section())
+    build = kind.load_build()
+    if build is not None:
+        build(Path(path))
+    return kind
+
+
+def _kind_node(document: Node) -> Node | None:
+    return document.value.get("kind") if document.is_mapping else None
+
+
+def _attribute(where: str) -> Any:
+    module, _, name = where.partition(":")
+    return getattr(import_module(module), name)

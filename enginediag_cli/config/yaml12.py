@@ -1,0 +1,114 @@
+"""YAML 1.2 scalars on top of PyYAML, which resolves plain scalars by the rules of YAML 1.1.
+
+By the 1.1 rules `1e5` is a text, `12:30` is 750, `014` is 12 and `no` is false, while every editor with a
+YAML plug-in reads them as a number, a text, 14 and a text. Here the editor and the program agree:
+YAML 1.2.2, section 10.3.2 (core schema).
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from typing import Any
+
+import yaml
+
+TAG = "tag:yaml.org,2002:"
+
+NULL = re.compile(r"^(?:~|null|Null|NULL|)$")
+BOOLEAN = re.compile(r"^(?:true|True|TRUE|false|False|FALSE)$")
+INTEGER = re.compile(r"^(?:[-+]?[0-9]+|0o[0-7]+|0x[0-9a-fA-F]+)$")
+FLOAT = re.compile(
+    r"^(?:[-+]?(?:\.[0-9]+|[0-9]+(?:\.[0-9]*)?)(?:[eE][-+]?[0-9]+)?"
+    r"|[-+]?\.(?:inf|Inf|INF)|\.(?:nan|NaN|NAN))$"
+)
+
+
+class Loader(yaml.SafeLoader):
+    """A SafeLoader whose plain scalars follow YAML 1.2; only its `get_single_node` is used."""
+
+
+Loader.yaml_implicit_resolvers = {}  # those of YAML 1.1 are inherited otherwise
+
+for _kind, _pattern, _first in (
+    ("null", NULL, ["~", "n", "N", ""]),
+    ("bool", BOOLEAN, list("tTfF")),
+    ("int", INTEGER, list("-+0123456789")),
+    ("float", FLOAT, list("-+.0123456789")),
+):
+    Loader.add_implicit_resolver(TAG + _kind, _pattern, _first)
+
+FastLoader: type[yaml.CSafeLoader] | None = None
+"""The same on libyaml, ten times as fast, where PyYAML was built with it."""
+
+if yaml.__with_libyaml__:
+
+    class _FastLoader(yaml.CSafeLoader):
+        pass
+
+    _FastLoader.yaml_implicit_resolvers = Loader.yaml_implicit_resolvers
+    FastLoader = _FastLoader
+
+OPENERS = ("[", "{", ":", "- ", "-\n", "? ", "?\n")
+"""Each level of nesting takes at least one of these."""
+
+MOST_OPENERS = 10_000
+"""libyaml recurses in C and overflows the stack near 30,000 levels; Python's own limit is an exception."""
+
+
+def compose(text: str) -> yaml.Node | None:
+    """PyYAML's tree of a document, None for an empty one.
+
+    Raises yaml.YAMLError and RecursionError always from the Python parser, whose messages and marks are the
+    same on every machine.
+    """
+    if FastLoader is not None and sum(map(text.count, OPENERS)) <= MOST_OPENERS:
+        try:
+            return _single_node(FastLoader(text))
+        except yaml.YAMLError:
+            pass  # said again below, in the words of the Python parser
+    return _single_node(Loader(text))
+
+
+def _single_node(loader: yaml.SafeLoader | yaml.CSafeLoader) -> yaml.Node | None:
+    try:
+        node: yaml.Node | None = loader.get_single_node()
+        return node
+    finally:
+        loader.dispose()
+
+
+def scalar_value(tag: str, text: str) -> Any:
+    """The Python value of a scalar with a resolved tag.
+
+    Raises ValueError if the text does not have the form that the tag asks for (`!!int abc`) or the tag is
+    not one of the core schema's.
+    """
+    kind = tag.removeprefix(TAG)
+    if kind == "str":
+        return text
+    if kind == "null" and NULL.match(text):
+        return None
+    if kind == "bool" and BOOLEAN.match(text):
+        return text.lower() == "true"
+    if kind == "int" and INTEGER.match(text):
+        return _integer(text)
+    if kind == "float" and FLOAT.match(text):
+        return _float(text)
+    raise ValueError(f"'{text}' cannot be read with the tag '{tag.replace(TAG, '!!')}'")
+
+
+def _integer(text: str) -> int | float:
+    if text.startswith("0o"):
+        return int(text[2:], 8)
+    if text.startswith("0x"):
+        return int(text[2:], 16)
+    # Python refuses to convert thousands of digits to int; no quantity has them, so infinity is said instead
+    return int(text) if len(text) < 400 else math.copysign(math.inf, -1.0 if text[0] == "-" else 1.0)
+
+
+def _float(text: str) -> float:
+    lowered = text.lower()
+    if lowered.endswith("inf"):
+        return -math.inf if lowered[0] == "-" else math.inf
+    return math.nan if lowered.endswith("nan") else float(text)
