@@ -1,0 +1,16 @@
+"""Columns computed from recorded ones, one rule per file; a recorder YAML lists those that it needs."""
+
+from __future__ import annotations
+
+from enginediag_cli.recordings.derived.humidity_ratio import HUMIDITY_RATIO
+from enginediag_cli.recordings.derived.isa_deviation import ISA_DEVIATION
+from enginediag_cli.recordings.derived.product import PRODUCT
+from enginediag_cli.recordings.derived.rule import Rule
+from enginediag_cli.recordings.derived.soak import SOAK
+from enginediag_cli.recordings.derived.static_temperature import STATIC_TEMPERATURE
+
+RULES: dict[str, Rule] = {
+    rule.section.name: rule for rule in (HUMIDITY_RATIO, ISA_DEVIATION, PRODUCT, SOAK, STATIC_TEMPERATURE)
+}
+
+__all__ = ["RULES", "Rule"]

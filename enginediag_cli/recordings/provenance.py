@@ -1,0 +1,60 @@
+"""The `#` lines at the head of a file: which program, command, configuration and seed made it.
+
+The same run gives the same bytes, so there is no time stamp unless the caller adds one.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+
+from enginediag_cli import __version__
+
+
+def header_lines(
+    command: str = "",
+    *,
+    seed: int | None = None,
+    configs: Iterable[str | Path] = (),
+    notes: Mapping[str, str] | None = None,
+    inherited: Sequence[str] = (),
+) -> tuple[str, ...]:
+    """Lines without the `#`: tool, command, seed, configuration files with their hashes, notes `key: text`.
+
+    inherited: the provenance of the file that was read; it is kept, indented, below. Files are named without
+    their folder, so that the bytes do not depend on where the project lies.
+    """
+    lines = [f"enginediag: {__version__}"]
+    if command:
+        lines.append(f"command: {command}")
+    if seed is not None:
+        lines.append(f"seed: {seed}")
+    lines += [f"config: {Path(path).name} sha256:{sha256_of(path)[:16]}" for path in configs]
+    lines += [f"{key}: {text}" for key, text in (notes or {}).items()]
+    if inherited:
+        lines.append("input:")
+        lines += [f"  {line}" for line in inherited]
+    return tuple(" ".join(line.splitlines()) for line in lines)
+
+
+def parse_header(lines: Sequence[str]) -> dict[str, str]:
+    """Notes `key: text` of a file's own head, not of its input; a repeated key keeps all, joined by `; `."""
+    notes: dict[str, str] = {}
+    for line in lines:
+        if line.strip() == "input:":
+            break
+        key, colon, text = line.partition(":")
+        if colon and key.strip():
+            key, text = key.strip(), text.strip()
+            notes[key] = f"{notes[key]}; {text}" if key in notes else text
+    return notes
+
+
+def sha256_of(path: str | Path) -> str:
+    """Hexadecimal SHA-256 of a file's bytes. Raises OSError."""
+    digest = hashlib.sha256()
+    with open(path, "rb") as stream:
+        for block in iter(lambda: stream.read(1 << 20), b""):
+            digest.update(block)
+    return digest.hexdigest()

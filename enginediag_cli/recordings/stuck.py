@@ -1,0 +1,74 @@
+"""Stuck sensors: a reading that repeats itself to the last digit while the others move."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+COARSE = 0.01
+"""Share of records that repeat the one before, from which a sensor counts as coarse (quantised)."""
+END_OF_SCALE = 1e-3
+"""Readings this close to their smallest or largest, as a share of the span, are saturated or off scale."""
+
+
+def stuck(values: np.ndarray, others: Mapping[str, np.ndarray], records: int = 20) -> np.ndarray:
+    """Mask (N,) of the runs of `records` or more identical readings that are not natural.
+
+    A sensor with a fine resolution never repeats itself while anything else changes: any long run is stuck.
+    One with a coarse resolution does in steady flight; its run is stuck only when it is three times longer
+    than any other and the other columns, by a linear regression outside the run, say that it should have
+    moved by more than 6 residual standard deviations. A reading at the end of its scale (an air-speed
+    indicator on the ground) and a column that never changes give no evidence: neither is called stuck.
+    """
+    mask = np.zeros(len(values), dtype=bool)
+    finite = np.flatnonzero(np.isfinite(values))
+    if len(finite) < 2 * records:
+        return mask
+    x = values[finite]
+    starts = np.flatnonzero(np.r_[True, x[1:] != x[:-1]])
+    lengths = np.diff(np.r_[starts, len(x)])
+    margin = END_OF_SCALE * np.ptp(x)
+    within = (x[starts] > x.min() + margin) & (x[starts] < x.max() - margin)
+    suspects = np.flatnonzero((lengths >= records) & within)
+    if len(suspects) == 0:
+        return mask
+    predictors = _standardised(others, finite)
+    for k in suspects:
+        run = slice(starts[k], starts[k] + lengths[k])
+        elsewhere = np.delete(lengths, k)
+        repeats = 1.0 - len(elsewhere) / elsewhere.sum()
+        if repeats < COARSE:
+            frozen = bool(np.any(np.ptp(predictors[run], axis=0) > 0.0)) if predictors.shape[1] else False
+        elif lengths[k] < 3 * elsewhere.max():
+            frozen = False
+        else:
+            moved, error = _predicted_span(x, predictors, run)
+            frozen = moved > 6.0 * error
+        if frozen:
+            mask[finite[run]] = True
+    return mask
+
+
+def _standardised(others: Mapping[str, np.ndarray], rows: np.ndarray) -> np.ndarray:
+    """(n, q) columns of mean 0 and variance 1, gaps at the mean; those that never change are left out."""
+    columns = []
+    for values in others.values():
+        x = values[rows]
+        known = np.isfinite(x)
+        spread = np.std(x[known]) if known.any() else 0.0
+        if spread > 0.0:
+            columns.append(np.where(known, (x - np.mean(x[known])) / spread, 0.0))
+    return np.column_stack(columns) if columns else np.zeros((len(rows), 0))
+
+
+def _predicted_span(x: np.ndarray, predictors: np.ndarray, run: slice) -> tuple[float, float]:
+    """How far x should have moved within the run, and the residual standard deviation of the regression."""
+    outside = np.ones(len(x), dtype=bool)
+    outside[run] = False
+    design = np.column_stack([np.ones(len(x)), predictors])
+    if predictors.shape[1] == 0 or outside.sum() <= design.shape[1]:
+        return 0.0, np.inf
+    coefficients = np.linalg.lstsq(design[outside], x[outside], rcond=None)[0]
+    predicted = design @ coefficients
+    return float(np.ptp(predicted[run])), float(np.std(x[outside] - predicted[outside]))

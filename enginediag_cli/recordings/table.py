@@ -1,0 +1,106 @@
+"""The recording: a table of records with named columns of numbers, and everything else as it came."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from enginediag_cli.errors import DataError
+
+Rows = slice | np.ndarray
+
+
+@dataclass(frozen=True)
+class Recording:
+    """N records in file order.
+
+    columns: name → (N,) float64, NaN where missing; text: name → N strings, passed through untouched;
+    order: all column names as they are to be written; line: (N,) physical line of each record in `source`,
+    0 where it has none; provenance: the `#` lines of the file's head, without the `#`.
+    """
+
+    columns: Mapping[str, np.ndarray]
+    text: Mapping[str, Sequence[str]] = field(default_factory=dict)
+    order: tuple[str, ...] = ()
+    line: np.ndarray = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
+    source: str = ""
+    provenance: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        if not self.order:
+            object.__setattr__(self, "order", (*self.columns, *self.text))
+        sizes = {len(values) for values in (*self.columns.values(), *self.text.values())}
+        if len(sizes) > 1:
+            raise ValueError(f"columns of different lengths: {sorted(sizes)}")
+        if set(self.order) != {*self.columns, *self.text}:
+            raise ValueError("the order of columns does not name each column once")
+        size = sizes.pop() if sizes else 0
+        if len(self.line) != size:
+            object.__setattr__(self, "line", np.zeros(size, dtype=np.int64))
+
+    def __len__(self) -> int:
+        return len(self.line)
+
+    def __getitem__(self, column: str) -> np.ndarray:
+        return self.columns[column]
+
+    def __contains__(self, column: object) -> bool:
+        return column in self.columns
+
+    def select(self, rows: Rows) -> Recording:
+        """The records picked by a slice, a boolean mask (N,) or an index array."""
+        index = np.arange(len(self))[rows]
+        picked = index.tolist()
+        return replace(
+            self,
+            columns={name: values[index] for name, values in self.columns.items()},
+            text={name: [values[k] for k in picked] for name, values in self.text.items()},
+            line=self.line[index],
+        )
+
+    def with_columns(self, columns: Mapping[str, np.ndarray]) -> Recording:
+        """The same records with columns (N,) added at the end, or replaced in place."""
+        new = {name: np.asarray(values, dtype=float) for name, values in columns.items()}
+        return replace(
+            self,
+            columns={**self.columns, **new},
+            text={name: values for name, values in self.text.items() if name not in new},
+            order=(*self.order, *(name for name in new if name not in self.order)),
+        )
+
+    def with_text(self, text: Mapping[str, Sequence[str]]) -> Recording:
+        """The same records with text columns added at the end, or replaced in place."""
+        return replace(
+            self,
+            columns={name: values for name, values in self.columns.items() if name not in text},
+            text={**self.text, **text},
+            order=(*self.order, *(name for name in text if name not in self.order)),
+        )
+
+
+def concat(recordings: Sequence[Recording]) -> Recording:
+    """One recording of all records in turn; line numbers and provenance are those of each part.
+
+    Raises DataError when the recordings do not have the same columns.
+    """
+    if not recordings:
+        raise ValueError("nothing to concatenate")
+    first = recordings[0]
+    for other in recordings[1:]:
+        if set(other.columns) != set(first.columns) or set(other.text) != set(first.text):
+            odd = sorted(set(other.order) ^ set(first.order)) or ["(numbers in one, text in the other)"]
+            raise DataError(
+                f"{other.source}: its columns differ from those of {first.source}: {', '.join(odd)}"
+            )
+    if len(recordings) == 1:
+        return first
+    return Recording(
+        columns={name: np.concatenate([part.columns[name] for part in recordings]) for name in first.columns},
+        text={name: [cell for part in recordings for cell in part.text[name]] for name in first.text},
+        order=first.order,
+        line=np.concatenate([part.line for part in recordings]),
+        source=" + ".join(dict.fromkeys(part.source for part in recordings)),
+        provenance=tuple(dict.fromkeys(note for part in recordings for note in part.provenance)),
+    )

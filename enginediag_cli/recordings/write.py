@@ -1,0 +1,124 @@
+"""Flight-data CSV out: one header, then chunk after chunk; a file appears complete or not at all.
+
+Numbers are written with 10 significant digits: more than any recorder resolves, and short. A missing value is
+an empty cell. A closed pipe is left to the caller.
+"""
+
+from __future__ import annotations
+
+import csv
+import gzip
+import io
+import os
+import stat
+import sys
+import tempfile
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import TextIO
+
+import numpy as np
+
+from enginediag_cli.errors import DataError
+from enginediag_cli.recordings.table import Recording
+
+
+class CsvWriter:
+    """Writes recordings with the same columns, one after the other, to an open text stream."""
+
+    def __init__(self, stream: TextIO, provenance: Sequence[str] = (), *, digits: int = 10):
+        """provenance: lines to put behind `# ` at the head; none leaves the head out."""
+        self._stream = stream
+        self._provenance = tuple(provenance)
+        self._csv = csv.writer(stream, lineterminator="\n")
+        self._format = f"%.{digits}g"
+        self._order: tuple[str, ...] | None = None
+
+    def write(self, recording: Recording) -> None:
+        """Append the records (N,); the first call writes the head too.
+
+        Raises DataError when the columns are not those of the first call.
+        """
+        if self._order is None:
+            self._stream.writelines(f"# {line}\n" for line in self._provenance)
+            self._csv.writerow(recording.order)
+            self._order = recording.order
+        elif set(recording.order) != set(self._order):
+            odd = ", ".join(sorted(set(recording.order) ^ set(self._order)))
+            raise DataError(f"{recording.source}: its columns differ from those already written: {odd}")
+        cells = [self._cells(recording, column) for column in self._order]
+        self._csv.writerows(zip(*cells, strict=True))
+
+    def _cells(self, recording: Recording, column: str) -> Sequence[str]:
+        if column in recording.text:
+            return recording.text[column]
+        values = recording.columns[column]
+        cells = list(map(self._format.__mod__, values.tolist()))
+        for k in np.flatnonzero(np.isnan(values)):
+            cells[k] = ""
+        return cells
+
+
+@contextmanager
+def output(path: str | Path) -> Iterator[TextIO]:
+    """A text stream to `path`: `-` is stdout, `.gz` is packed.
+
+    A file is written beside its final place and renamed when the block ends well, so that an error or an
+    interrupt leaves whatever was there before. Pipes and devices are written to directly. Raises OSError.
+    """
+    if str(path) == "-":
+        yield sys.stdout
+        sys.stdout.flush()
+        return
+    final = Path(os.path.realpath(path))  # through a symbolic link: replace the file, not the link
+    if final.exists() and not final.is_file():
+        with open(final, "w", encoding="utf-8", newline="") as stream:
+            yield stream
+        return
+    handle, temporary = tempfile.mkstemp(prefix=f".{final.name}.", suffix=".part", dir=final.parent)
+    try:
+        with os.fdopen(handle, "wb") as raw:
+            if final.suffix == ".gz":
+                # no name and no time in the packed file: the same data give the same bytes
+                with gzip.GzipFile(filename="", fileobj=raw, mode="wb", mtime=0) as packed:
+                    with io.TextIOWrapper(packed, encoding="utf-8", newline="") as stream:
+                        yield stream
+            else:
+                with io.TextIOWrapper(raw, encoding="utf-8", newline="") as stream:
+                    yield stream
+        os.chmod(temporary, _mode_for(final))
+        os.replace(temporary, final)
+    except BaseException:
+        with suppress(FileNotFoundError):
+            os.unlink(temporary)
+        raise
+
+
+def _mode_for(path: Path) -> int:
+    """Permissions that a plain open() would have given: those of the file there, or the umask's."""
+    if path.exists():
+        return stat.S_IMODE(path.stat().st_mode)
+    mask = os.umask(0)
+    os.umask(mask)
+    return 0o666 & ~mask
+
+
+def write_csv(
+    path: str | Path, recordings: Iterable[Recording], provenance: Sequence[str] = (), *, digits: int = 10
+) -> int:
+    """Write the recordings to a path or, for `-`, to stdout; returns the number of records.
+
+    Raises DataError (columns differ, or nothing to write, not even a header) and OSError.
+    """
+    count = 0
+    started = False
+    with output(path) as stream:
+        writer = CsvWriter(stream, provenance, digits=digits)
+        for recording in recordings:
+            writer.write(recording)
+            count += len(recording)
+            started = True
+        if not started:
+            raise DataError(f"{path}: nothing to write")
+    return count

@@ -1,0 +1,167 @@
+"""Units: which unit a column name carries, and exact conversion to and from SI.
+
+A column is a quantity and the unit it is recorded in: `T3_K`, `Wf_lb_h`. Factors are exact by definition
+(NIST SP 811, 2008, appendix B; ISO 80000): 1 in = 25.4 mm, 1 lb = 0.45359237 kg, 1 lbf = 1 lb · 9.80665 m/s²,
+1 kt = 1852 m/h. Conventional inHg and inH2O are those of SP 811 (0 °C and 4 °C columns).
+"""
+
+from __future__ import annotations
+
+import difflib
+import math
+from dataclasses import dataclass
+from typing import TypeVar
+
+import numpy as np
+
+Value = TypeVar("Value", float, np.ndarray)
+
+_LB = 0.45359237
+_LBF = _LB * 9.80665
+_PSI = _LBF / 0.0254**2
+_FT = 0.3048
+
+
+@dataclass(frozen=True)
+class Unit:
+    """SI value = factor · value + offset, where the SI unit of the dimension is `si`."""
+
+    name: str
+    dimension: str
+    si: str
+    factor: float
+    offset: float = 0.0
+
+
+class UnitError(ValueError):
+    """An unknown unit, or two units that do not measure the same thing."""
+
+
+_TABLE: dict[tuple[str, str], dict[str, float]] = {
+    ("pressure", "Pa"): {
+        "Pa": 1.0, "kPa": 1e3, "hPa": 100.0, "MPa": 1e6, "bar": 1e5, "mbar": 100.0, "atm": 101325.0,
+        "psi": _PSI, "inHg": 3386.389, "inH2O": 249.0889,
+    },
+    ("length", "m"): {"m": 1.0, "ft": _FT, "kft": 1000 * _FT, "km": 1000.0},
+    ("speed", "m_s"): {
+        "m_s": 1.0, "kt": 1852 / 3600, "kmh": 1 / 3.6, "ft_min": _FT / 60, "ft_s": _FT,
+        "mph": 1609.344 / 3600,
+    },
+    ("mass flow", "kg_s"): {
+        "kg_s": 1.0, "kg_h": 1 / 3600, "lb_s": _LB, "lb_h": _LB / 3600, "t_h": 1 / 3.6,
+    },
+    ("rotational speed", "rpm"): {"rpm": 1.0, "rad_s": 30 / math.pi, "Hz": 60.0},
+    ("power", "W"): {"W": 1.0, "kW": 1e3, "MW": 1e6, "hp": 550 * _FT * _LBF},
+    ("torque", "Nm"): {"Nm": 1.0, "kNm": 1e3, "lbf_ft": _LBF * _FT},
+    ("force", "N"): {"N": 1.0, "kN": 1e3, "lbf": _LBF},
+    ("mass", "kg"): {"kg": 1.0, "lb": _LB},
+    ("time", "s"): {"s": 1.0, "min": 60.0, "h": 3600.0},
+    ("angle", "rad"): {"rad": 1.0, "deg": math.pi / 180},
+    ("ratio", "1"): {"1": 1.0, "pct": 0.01, "kg_kg": 1.0, "g_kg": 1e-3},
+    ("area", "m2"): {"m2": 1.0},
+    ("flow per pressure", "kg_s_Pa"): {"kg_s_Pa": 1.0, "pph_psi": _LB / 3600 / _PSI},
+}
+
+_TEMPERATURES = (
+    Unit("K", "temperature", "K", 1.0),
+    Unit("degC", "temperature", "K", 1.0, 273.15),
+    Unit("degF", "temperature", "K", 5 / 9, 459.67 * 5 / 9),
+    Unit("degR", "temperature", "K", 5 / 9),
+)
+
+UNITS: dict[str, Unit] = {unit.name: unit for unit in _TEMPERATURES} | {
+    name: Unit(name, dimension, si, factor)
+    for (dimension, si), factors in _TABLE.items()
+    for name, factor in factors.items()
+}
+
+ALIASES: dict[str, str] = {
+    "psia": "psi", "pph": "lb_h", "lbm_s": "lb_s", "lbm_h": "lb_h", "C": "degC", "F": "degF", "R": "degR",
+    "°C": "degC", "°F": "degF", "°R": "degR", "m/s": "m_s", "km/h": "kmh", "km_h": "kmh", "ft/min": "ft_min",
+    "fpm": "ft_min", "kts": "kt", "knots": "kt", "kg/s": "kg_s", "kg/h": "kg_h", "kgh": "kg_h",
+    "lb/h": "lb_h", "lb/s": "lb_s", "lbm/s": "lb_s", "lbm/h": "lb_h", "t/h": "t_h", "rad/s": "rad_s",
+    "%": "pct", "percent": "pct", "ratio": "1",
+    "MWh_h": "MW", "MWh/h": "MW", "N_m": "Nm", "sec": "s", "kg/kg": "kg_kg",
+    "pph/psi": "pph_psi",
+}
+"""Other spellings. An energy per hour (`MWh_h`: the reading of an hourly meter) is a mean power."""
+
+_NOT_SUFFIXES = frozenset({"1", "C", "F", "R", "ratio"})
+"""Never read as a unit at the end of a column name: `flag_1`, `class_C` are names, not quantities."""
+
+UNITLESS_COLUMNS = frozenset({"mach", "BPR", "OPR"})
+"""Columns that hold a number although their name carries no unit."""
+
+
+def find_unit(name: str) -> Unit:
+    """The unit of that name or alias.
+
+    Raises UnitError with a near match.
+    """
+    unit = UNITS.get(ALIASES.get(name, name))
+    if unit is not None:
+        return unit
+    known = [*UNITS, *ALIASES]
+    near = [other for other in known if other.lower() == name.lower()] or difflib.get_close_matches(
+        name, known, n=1
+    )
+    hint = f"did you mean {near[0]!r}?" if near else "known units: " + ", ".join(UNITS)
+    raise UnitError(f"unknown unit {name!r} ({hint})")
+
+
+def split_column(column: str) -> tuple[str, str]:
+    """Quantity and unit suffix of a column: `T3_K` → (`T3`, `K`), `mach` → (`mach`, ``).
+
+    The longest known suffix wins (`climb_ft_min` is in ft_min, not in min).
+    """
+    parts = column.split("_")
+    for start in range(1, len(parts)):
+        suffix = "_".join(parts[start:])
+        if suffix not in _NOT_SUFFIXES and (suffix in UNITS or suffix in ALIASES) and parts[0]:
+            return "_".join(parts[:start]), suffix
+    return column, ""
+
+
+def is_numeric_column(column: str) -> bool:
+    """Whether the name says that the column holds numbers: a unit suffix, or a known unitless quantity."""
+    return column in UNITLESS_COLUMNS or split_column(column)[1] != ""
+
+
+def to_si(value: Value, unit: str, full_scale: float | None = None) -> Value:
+    """Value in the SI unit of its dimension (rotational speed: rpm, as everywhere in this program).
+
+    With `full_scale` the value is in % and 100 % is that many units of the result:
+    `to_si(98.0, "pct", 15900)` is 15582 rpm. Raises UnitError for an unknown unit, or for a full
+    scale given with another unit than %.
+    """
+    known = find_unit(unit)
+    if full_scale is not None:
+        if known.name != "pct":
+            raise UnitError(f"a full scale belongs to a reading in pct, not in {unit}")
+        return value * (full_scale / 100.0)
+    return value * known.factor + known.offset
+
+
+def from_si(value: Value, unit: str) -> Value:
+    """Inverse of `to_si` without a full scale."""
+    known = find_unit(unit)
+    return (value - known.offset) / known.factor
+
+
+def convert(value: Value, unit: str, to: str) -> Value:
+    """Value in another unit of its dimension; temperatures are points on the scale (0 degC is 273.15 K)."""
+    source, target = _same_dimension(unit, to)
+    return (value * source.factor + source.offset - target.offset) / target.factor
+
+
+def convert_difference(value: Value, unit: str, to: str) -> Value:
+    """As `convert` for differences, standard deviations and biases (1 degC → 1 K)."""
+    source, target = _same_dimension(unit, to)
+    return value * (source.factor / target.factor)
+
+
+def _same_dimension(unit: str, to: str) -> tuple[Unit, Unit]:
+    source, target = find_unit(unit), find_unit(to)
+    if source.dimension != target.dimension:
+        raise UnitError(f"{unit} is a {source.dimension} and {to} is a {target.dimension}")
+    return source, target

@@ -1,0 +1,49 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from enginediag_cli.recordings.derived.humidity_ratio import humidity_ratio, saturation_pressure
+from enginediag_cli.recordings.derived.isa_deviation import isa_temperature
+from enginediag_cli.recordings.derived.soak import lowpass
+from enginediag_cli.recordings.derived.static_temperature import static_temperature
+
+
+def test_the_standard_atmosphere_has_its_published_temperatures():
+    np.testing.assert_allclose(
+        isa_temperature(np.array([0.0, 5000.0, 11000.0, 15000.0])), [288.15, 255.65, 216.65, 216.65]
+    )
+
+
+def test_saturation_pressure_is_that_of_the_steam_tables():
+    # IAPWS saturation pressures in Pa; the enhancement by air is taken off
+    celsius = np.array([0.01, 10.0, 20.0, 30.0, 40.0])
+    published = np.array([611.66, 1228.2, 2339.3, 4247.0, 7384.9])
+    pressure = 101325.0
+    without_air = saturation_pressure(celsius + 273.15, pressure) / (1.0007 + 3.46e-6 * pressure / 100)
+    np.testing.assert_allclose(without_air, published, rtol=2e-3)
+
+
+def test_humidity_ratio_of_saturated_air_is_that_of_the_psychrometric_chart():
+    # ASHRAE Fundamentals 2009, moist air at 101,325 Pa: 0.014758 at 20 °C, 0.007661 at 10 °C
+    ratio = humidity_ratio(np.ones(2), np.array([293.15, 283.15]), np.full(2, 101325.0))
+    np.testing.assert_allclose(ratio, [0.014758, 0.007661], rtol=3e-3)
+    assert humidity_ratio(np.array([1.002]), np.array([293.15]), np.array([101325.0]))[0] == ratio[0]
+
+
+def test_total_and_static_temperature_agree_at_mach_one():
+    assert static_temperature(np.array([300.0]), np.array([1.0]))[0] == pytest.approx(250.0)
+
+
+def test_the_low_pass_answers_a_step_with_its_exponential_at_any_time_stamps():
+    rng = np.random.default_rng(0)
+    time = np.concatenate([[0.0], np.cumsum(rng.uniform(0.1, 5.0, 100))])
+    x = np.where(time > 0.0, 1.0, 0.0)
+    np.testing.assert_allclose(lowpass(x, time, 20.0), 1.0 - np.exp(-time / 20.0), atol=1e-12)
+
+
+def test_the_low_pass_holds_over_missing_values_and_starts_afresh_where_time_runs_back():
+    time = np.array([0.0, 1.0, 2.0, 3.0, 0.0, 1.0])
+    x = np.array([np.nan, 4.0, np.nan, 4.0, 9.0, 9.0])
+    np.testing.assert_allclose(lowpass(x, time, 5.0), [4.0, 4.0, 4.0, 4.0, 9.0, 9.0])
+    assert np.isnan(lowpass(np.full(3, np.nan), time[:3], 5.0)).all()

@@ -1,0 +1,123 @@
+"""Masks: what is found, and what must not be."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from enginediag_cli.errors import DataError
+from enginediag_cli.recordings.outliers import outliers
+from enginediag_cli.recordings.quality import QualitySettings, mask_gross, physical_limits
+from enginediag_cli.recordings.stuck import stuck
+from enginediag_cli.recordings.table import Recording
+
+
+def flight(n: int = 20_000, seed: int = 1) -> dict[str, np.ndarray]:
+    """Five sensors that follow power, which holds, steps and ramps; white Gaussian noise."""
+    rng = np.random.default_rng(seed)
+    power = np.interp(np.arange(n), np.arange(0, n + 1, 400), rng.uniform(0.4, 1.0, n // 400 + 1))
+    power[n // 2 :] = np.repeat(rng.uniform(0.4, 1.0, n // 200 + 1), 200)[: n - n // 2]
+    gains = {
+        "N1_rpm": (8000, 15), "T3_K": (400, 1.0), "P3_Pa": (2e6, 4e3), "Wf_kg_s": (1.0, 0.004),
+        "ITT_K": (700, 2),
+    }
+    return {name: gain * (0.5 + power) + noise * rng.normal(size=n) for name, (gain, noise) in gains.items()}
+
+
+def test_clean_flights_lose_no_more_than_one_value_in_ten_thousand():
+    lost = total = 0
+    for seed in range(5):
+        _, report = mask_gross(Recording(flight(seed=seed)))
+        lost, total = lost + report.total, total + 5 * 20_000
+    assert lost <= 1e-4 * total
+
+
+def test_spikes_far_from_both_sides_are_found_and_nothing_else():
+    columns = flight()
+    rng = np.random.default_rng(5)
+    where = rng.choice(np.arange(20, 19_980, 20), 60, replace=False)
+    columns["ITT_K"][where] += 400.0 * rng.choice([-1, 1], 60)
+    found = outliers(columns)
+    assert found["ITT_K"][where].mean() >= 0.95
+    assert found["ITT_K"].sum() - found["ITT_K"][where].sum() <= 2
+    assert sum(mask.sum() for name, mask in found.items() if name != "ITT_K") <= 2
+
+
+def test_an_event_that_moves_several_sensors_within_their_range_is_not_an_outlier():
+    columns = flight(seed=2)
+    for name in columns:
+        columns[name][300] = columns[name].mean() if name != "N1_rpm" else columns[name][300]
+    assert not any(mask[300] for mask in outliers(columns).values())
+
+
+def test_a_quantised_sensor_in_steady_flight_is_not_stuck():
+    rng = np.random.default_rng(4)
+    slow = np.cumsum(rng.normal(0, 0.02, 5000))
+    columns = {"sat_degC": np.round(slow / 0.25) * 0.25} | {
+        name: values[:5000] for name, values in flight(seed=4).items()
+    }
+    _, report = mask_gross(Recording(columns))
+    assert report.counts["sat_degC"]["stuck"] == 0
+
+
+def test_a_frozen_sensor_is_found_whole_and_only_it():
+    columns = flight(seed=6)
+    columns["T3_K"][5000:5200] = columns["T3_K"][5000]
+    _, report = mask_gross(Recording(columns))
+    assert report.counts["T3_K"]["stuck"] == 200 and report.masks["T3_K"][5000:5200].all()
+    assert all(count["stuck"] == 0 for name, count in report.counts.items() if name != "T3_K")
+
+
+def test_a_coarse_sensor_is_stuck_when_the_others_say_that_it_should_have_moved():
+    columns = flight(seed=7)
+    coarse = np.round(columns["T3_K"] / 10.0) * 10.0
+    coarse[2000:4000] = coarse[2000]
+    others = {name: values for name, values in columns.items() if name != "T3_K"}
+    mask = stuck(coarse, others)
+    assert mask[2000:4000].all() and mask.sum() <= 2050
+
+
+def test_a_constant_column_and_an_indicator_at_its_stop_are_not_stuck():
+    others = flight(seed=8)
+    assert not stuck(np.full(20_000, 3.0), others).any()
+    speed = np.maximum(others["N1_rpm"] - 9000.0, 0.0)
+    assert not stuck(speed, others).any()
+
+
+def test_limits_missing_and_dropped_values_are_counted_by_reason():
+    columns = {"T3_K": np.linspace(600.0, 700.0, 100), "N1_rpm": np.linspace(1.0, 2.0, 100)}
+    columns["T3_K"][[3, 50]] = np.nan
+    columns["T3_K"][60:80] = np.nan
+    columns["T3_K"][90] = -9999.0
+    columns["T3_K"][91] = 690.5
+    clean, report = mask_gross(Recording(columns), {"T3_K": (600.0, 690.0)})
+    assert dict(report.counts["T3_K"]) == {
+        "missing": 2, "dropped": 20, "out of limits": 10, "stuck": 0, "outlier": 0,
+    }
+    assert np.isnan(clean["T3_K"]).sum() == report.total == 32
+    line = "T3_K: 32 of 100 values masked (missing 2, dropped 20, out of limits 10)"
+    assert report.report_lines() == [line]
+
+
+def test_codes_for_no_value_lie_outside_the_physical_limits_in_any_unit():
+    for column, code in (("T3_K", -9999.0), ("itt_degC", -9999.0), ("P3_psia", -99.0), ("N2_rpm", -1.0)):
+        low, high = physical_limits(column)
+        assert code < low < high
+    assert physical_limits("dT_isa_K") == (-np.inf, np.inf)
+    low, high = physical_limits("T3_degC")
+    assert (low, high) == pytest.approx((100.0 - 273.15, 3500.0 - 273.15))
+
+
+def test_nothing_left_is_an_error_that_says_why():
+    columns = {"T3_K": np.full(20, np.nan), "N1_rpm": np.ones(20)}
+    mask_gross(Recording(columns))
+    with pytest.raises(DataError, match=r"no usable record is left.*20 of 20 values masked \(dropped 20\)"):
+        mask_gross(Recording(columns), required=["T3_K", "N1_rpm"])
+
+
+def test_searches_can_be_turned_off():
+    columns = flight(seed=6)
+    columns["T3_K"][5000:5200] = columns["T3_K"][5000]
+    off = QualitySettings(stuck_records=0, outlier_sigma=0.0)
+    _, report = mask_gross(Recording(columns), settings=off)
+    assert report.total == 0
