@@ -1,0 +1,132 @@
+"""A recording of an engine that flies given conditions, with given faults and sensor noise."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from enginediag_cli.errors import DataError
+from enginediag_cli.simulation.conditions import LABELS, Conditions, EngineLike, engine_inputs
+from enginediag_cli.simulation.faults import FaultSet, check_faults, parameter_values
+from enginediag_cli.simulation.laws import Clocks, clocks_of
+from enginediag_cli.simulation.noise import ColumnNoise, noise_sources
+from enginediag_cli.simulation.sensor_faults import BEFORE_NOISE, SensorFaultState, sensor_truth
+
+CHUNK = 2000
+"""Records solved together; small enough that the first rows come out at once, large enough for the solver."""
+
+STATUS_WORDS = np.array(["ok", "outside-map", "not-converged", "invalid-input"])
+"""What the `status` column says for the engine's status 0 to 3."""
+
+
+@dataclass(frozen=True)
+class Simulated:
+    """Records of a recording, and what is true of them and must not be in it.
+
+    columns: what is recorded, (N,) each, in the order of writing; truth: changed parameters and sensor
+    faults, (N,) each; reasons: why points have no value or lie outside the maps → how many.
+    """
+
+    columns: Mapping[str, NDArray]
+    truth: Mapping[str, NDArray]
+    reasons: Mapping[str, int] = field(default_factory=dict)
+
+    def __len__(self) -> int:
+        return len(next(iter(self.columns.values()), ()))
+
+
+def simulate(
+    engine: EngineLike, conditions: Conditions, faults: FaultSet, noise: Mapping[str, ColumnNoise],
+    rng: np.random.Generator, *, chunk: int = CHUNK,
+) -> Simulated:
+    """All records at once; see `simulate_in_chunks`."""
+    parts = list(simulate_in_chunks(engine, conditions, faults, noise, rng, chunk=chunk))
+    reasons: Counter[str] = Counter()
+    for part in parts:
+        reasons.update(part.reasons)
+    return Simulated(
+        {name: np.concatenate([part.columns[name] for part in parts]) for name in parts[0].columns},
+        {name: np.concatenate([part.truth[name] for part in parts]) for name in parts[0].truth},
+        dict(reasons))
+
+
+def simulate_in_chunks(
+    engine: EngineLike, conditions: Conditions, faults: FaultSet, noise: Mapping[str, ColumnNoise],
+    rng: np.random.Generator, *, chunk: int = CHUNK,
+) -> Iterator[Simulated]:
+    """The recording in pieces of at most `chunk` records, one at least; the noise does not depend on `chunk`.
+
+    A reading is made in this order: engine output, sensor bias and scale, noise and rounding, stuck or
+    dropped. A point that the engine cannot solve keeps its row, with NaN readings and the reason in `status`.
+    Raises ConfigError for a fault on something that the engine does not have, DataError for a missing input
+    column or a parameter beyond its bounds, before the first piece.
+    """
+    check_faults(faults, engine)
+    inputs = engine_inputs(engine, conditions)
+    instruments = Instruments(noise, faults, rng, {*engine.sensors, *conditions.columns})
+    clocks = clocks_of(conditions.columns, len(conditions))
+    values = parameter_values(faults.components, engine.parameters, clocks)
+    hidden = {**{name: conditions.columns[name] for name in LABELS if name in conditions.columns},
+              **values, **sensor_truth(faults.sensors, clocks)}
+    return _pieces(engine, conditions, inputs, values, hidden, clocks, instruments, chunk)
+
+
+class Instruments:
+    """What stands between the engine and the recording: sensor faults and noise, with their memories."""
+
+    def __init__(
+        self, noise: Mapping[str, ColumnNoise], faults: FaultSet, rng: np.random.Generator,
+        recorded: set[str],
+    ) -> None:
+        wanted = (*noise, *(fault.column for fault in faults.sensors))
+        absent = sorted({column for column in wanted if column not in recorded})
+        if absent:
+            raise DataError(f"noise or a fault is wanted on {', '.join(absent)}, "
+                            "which the recording does not have")
+        self._sources = noise_sources(noise, rng)
+        states = [SensorFaultState(fault) for fault in faults.sensors]
+        self._before = [state for state in states if state.fault.effect["type"] in BEFORE_NOISE]
+        self._after = [state for state in states if state.fault.effect["type"] not in BEFORE_NOISE]
+
+    def read(self, true: Mapping[str, NDArray], clocks: Clocks) -> dict[str, NDArray]:
+        """The recorded columns (n,) of the next records from the true ones."""
+        recorded = dict(true)
+        for state in self._before:
+            recorded[state.fault.column] = state.apply(_floats(recorded[state.fault.column]), clocks)
+        for column, source in self._sources.items():
+            recorded[column] = source.apply(_floats(recorded[column]))
+        for state in self._after:
+            recorded[state.fault.column] = state.apply(_floats(recorded[state.fault.column]), clocks)
+        return recorded
+
+
+def _reason(text: str) -> str:
+    """A reason without its numbers in brackets, so that like points are counted together."""
+    return text.partition(" (")[0]
+
+
+def _floats(column: NDArray) -> NDArray[np.float64]:
+    return np.asarray(column, dtype=float)
+
+
+def _pieces(
+    engine: EngineLike, conditions: Conditions, inputs: Mapping[str, NDArray[np.float64]],
+    values: Mapping[str, NDArray[np.float64]], hidden: Mapping[str, NDArray], clocks: Clocks,
+    instruments: Instruments, chunk: int,
+) -> Iterator[Simulated]:
+    for start in range(0, max(len(conditions), 1), chunk):
+        piece = slice(start, start + chunk)
+        given = conditions.slice(start, start + chunk).columns
+        prediction = engine.predict({name: column[piece] for name, column in inputs.items()},
+                                    {name: value[piece] for name, value in values.items()},
+                                    sensors=tuple(engine.sensors))
+        outputs = dict(zip(prediction.columns, np.asarray(prediction.y).T, strict=True))
+        recorded = instruments.read({**given, **outputs}, clocks.slice(start, start + chunk))
+        status = np.asarray(prediction.status)
+        recorded["status"] = STATUS_WORDS[status]
+        reasons = Counter(_reason(prediction.reason(int(k))) for k in np.flatnonzero(status))
+        yield Simulated(recorded, {name: value[piece] for name, value in hidden.items()}, dict(reasons))
