@@ -1,0 +1,115 @@
+"""Covariance of the estimates: a sandwich that knows robust loss, priors and noise correlated in time.
+
+With J̃ the sensitivities after elimination of the recordings' offsets, in prior standard deviations:
+
+    A = Σ_s a_s/(κ_s σ_s²) Σ_k J̃_ks J̃_ksᵀ + C Cᵀ + 1          bread; a_s = mean ψ'(z)
+    B = Σ_s b_s/(κ_s σ_s)² Σ_kl ρ_s^|k−l| J̃_ks J̃_lsᵀ + C Cᵀ   meat;  b_s = mean ψ(z)²
+    cov = A⁻¹ (B + 1) A⁻¹
+
+C = H_xz (H_zz + 1)⁻¹ carries the prior of the offsets, 1 that of the parameters, and the sum over k, l runs
+within a recording. For white Gaussian noise (a = b = κ = 1, ρ = 0) it is the usual (F + 1)⁻¹. The AR(1) sum
+is exact for sensitivities of any shape in time; κ in the fit only balances data against priors.
+Source: Huber 1981, chapter 7; W. K. Newey and K. D. West, Econometrica 55 (1987) 703–708, for the idea.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from enginediag_cli.identification.gauss_newton import Fit
+from enginediag_cli.identification.normal_equations import accumulate, blocks, eliminate
+from enginediag_cli.identification.problem import Problem
+
+
+@dataclass(frozen=True)
+class Uncertainty:
+    """Covariances in prior standard deviations; 1 means: known no better than before."""
+
+    covariance: np.ndarray  # (p, p) posterior
+    information: np.ndarray  # (p, p) what the data alone say, the inverse of their covariance where it exists
+    from_data: np.ndarray  # (p,) 1 − posterior variance / prior variance, not below 0
+    data_standard_error: np.ndarray  # (p,) without priors on θ; inf where the data cannot tell
+    sensor_dof: np.ndarray  # (m,) readings of each sensor that the fit has used up
+
+
+def uncertainty(problem: Problem, fit: Fit, rho: np.ndarray) -> Uncertainty:
+    """Posterior and data-only covariance at the fit for lag-1 correlations `rho` (m,), each in [0, 1)."""
+    scaled = fit.equations.residual / problem.sigma
+    psi = problem.loss.weight(np.nan_to_num(scaled)) * scaled
+    with np.errstate(invalid="ignore"):
+        a = _column_mean(problem.loss.curvature(np.nan_to_num(scaled)), scaled, 1.0)
+        b = _column_mean(psi**2, scaled, 1.0)
+    bread = np.isfinite(scaled) * a / (problem.sigma**2 * problem.inflation)
+    p, R, q = len(fit.x), *fit.z.shape
+    H_xx, H_xz, H_zz = np.zeros((p, p)), np.zeros((R, p, q)), np.zeros((R, q, q))
+    for block in blocks(problem, fit.x, fit.z):
+        w = bread[block.rows]
+        part = accumulate(problem, block, w, np.zeros_like(w))
+        H_xx, H_xz, H_zz = H_xx + part[0], H_xz + part[1], H_zz + part[2]
+    arrow = eliminate(H_xx, H_xz, H_zz, np.zeros(p), np.zeros((R, q)), np.zeros(p), np.zeros((R, q)))
+    prior_of_offsets = np.einsum("rpq,rlq->pl", arrow.gain, arrow.gain)
+    scale = b / (problem.sigma * problem.inflation) ** 2
+    meat, by_sensor = _meat(problem, fit, bread, arrow.gain, rho, scale)
+    inverse = np.linalg.inv(arrow.S)
+    covariance = inverse @ (meat + prior_of_offsets + np.eye(p)) @ inverse
+    covariance = (covariance + covariance.T) / 2
+    data = arrow.S - np.eye(p)
+    offset_use = np.diagonal(H_zz @ np.linalg.inv(H_zz + np.eye(q)), axis1=1, axis2=2).sum(axis=0)
+    dof = np.einsum("pl,slp->s", inverse, by_sensor)
+    for j, o in enumerate(problem.offsets):
+        dof[problem.sensors.index(o.sensor)] += offset_use[j]
+    return Uncertainty(
+        covariance,
+        data,
+        np.clip(1 - np.diag(covariance), 0, 1),
+        _data_standard_error(data, meat + prior_of_offsets),
+        dof,
+    )
+
+
+def _column_mean(values: np.ndarray, valid: np.ndarray, default: float) -> np.ndarray:
+    there = np.isfinite(valid)
+    n = there.sum(axis=0)
+    total = np.where(there, values, 0.0).sum(axis=0)
+    return np.where(n > 0, total / np.maximum(n, 1), default)
+
+
+def _meat(
+    problem: Problem, fit: Fit, bread: np.ndarray, gain: np.ndarray, rho: np.ndarray, scale: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Covariance of the score (p, p), and each sensor's part of the bread (m, p, p)."""
+    from scipy.signal import lfilter
+
+    p, m = len(fit.x), len(problem.sensors)
+    meat, by_sensor = np.zeros((p, p)), np.zeros((m, p, p))
+    for block in blocks(problem, fit.x, fit.z):
+        w, recording = bread[block.rows], problem.recording[block.rows]
+        J = np.where((w > 0)[:, :, None], block.jacobian, 0.0)
+        for j, o in enumerate(problem.offsets):
+            s = problem.sensors.index(o.sensor)
+            G = np.where(w[:, s] > 0, block.offset_jacobian[:, j], 0.0)
+            J[:, s, :] -= G[:, None] * gain[recording, :, j]
+        starts = np.flatnonzero(np.r_[True, np.diff(recording) != 0])
+        runs = list(zip(starts, np.r_[starts[1:], len(recording)], strict=True))
+        for s in range(m):
+            by_sensor[s] += J[:, s].T @ (J[:, s] * w[:, s, None])
+            # Σ_kl ρ^|k−l| J_k J_lᵀ = Mᵀ D M with M_l = Σ_{k≥l} ρ^{k−l} J_k, so the double sum is one filter;
+            # D is 1 at the first record of a run and 1 − ρ² after it
+            for start, stop in runs:
+                M = lfilter([1.0], [1.0, -rho[s]], J[start:stop, s][::-1], axis=0)
+                D = np.full((stop - start, 1), 1 - rho[s] ** 2)
+                D[-1] = 1.0
+                meat += scale[s] * (M.T @ (D * M))
+    return meat, by_sensor
+
+
+def _data_standard_error(information: np.ndarray, meat: np.ndarray) -> np.ndarray:
+    """√diag of F⁺ V F⁺, inf for a parameter with a part in a direction that the data leave open."""
+    values, vectors = np.linalg.eigh(information)
+    seen = values > max(1e-10 * values.max(initial=0.0), 1e-8)
+    inverse = (vectors[:, seen] / values[seen]) @ vectors[:, seen].T
+    error = np.sqrt(np.diag(inverse @ meat @ inverse))
+    open_share = np.sum(vectors[:, ~seen] ** 2, axis=1)
+    return np.where(open_share > 1e-9, np.inf, error)

@@ -1,0 +1,125 @@
+"""The envelope of operating points that identification has seen.
+
+Inputs are scaled so that 1 is the spread of the training points, or a step that matters physically where
+they hardly spread. The training points are covered by at most `MAX_POINTS` of them (farthest-point sampling,
+T. F. Gonzalez, Theoret. Comput. Sci. 38 (1985) 293–306). A point is outside when the nearest of these is
+farther than the cover's own radius plus a margin: the 0.95 quantile of the distance from a training point to
+the nearest one of another stretch of the recordings, but no less than 0.25 and no more than 1.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+MAX_POINTS = 150
+MARGIN_RANGE = (0.25, 1.0)
+STRETCHES = 10
+MINIMUM_SPREAD = {
+    "mach": 0.05, "altitude_m": 2000.0, "dT_isa_K": 10.0, "humidity_kg_kg": 0.005,
+    "ambient_temperature_K": 5.0, "ambient_pressure_Pa": 1500.0, "T4_K": 5.0,
+}
+RELATIVE_SPREAD = 0.03
+"""Least spread, as a share of the largest value seen, of an input that is not in the table above."""
+
+
+@dataclass(frozen=True)
+class Envelope:
+    """Cover of the operating points seen: d inputs, points (n, d) in the columns' units."""
+
+    inputs: tuple[str, ...]
+    scale: np.ndarray  # (d,)
+    low: np.ndarray  # (d,) smallest and largest value seen
+    high: np.ndarray  # (d,)
+    points: np.ndarray  # (n, d)
+    threshold: float  # distance in scaled inputs
+
+    def distance(self, inputs: Mapping[str, np.ndarray]) -> np.ndarray:
+        """Scaled distance of N operating points to the nearest point seen, (N,); NaN for a missing input."""
+        u = self._scaled(inputs)
+        return _nearest(u, self.points / self.scale)[0]
+
+    def outside(self, inputs: Mapping[str, np.ndarray]) -> np.ndarray:
+        """True for operating points that training did not cover, (N,); a missing input counts as outside."""
+        return ~(self.distance(inputs) <= self.threshold)
+
+    def reason(self, inputs: Mapping[str, np.ndarray], k: int) -> str:
+        """Why record k is outside, in words; '' when it is not."""
+        point = {c: np.atleast_1d(np.asarray(inputs[c], float))[k : k + 1] for c in self.inputs}
+        if not self.outside(point)[0]:
+            return ""
+        value = np.array([point[c][0] for c in self.inputs])
+        if not np.isfinite(value).all():
+            return f"{self.inputs[int(np.argmin(np.isfinite(value)))]} is missing"
+        beyond = np.maximum(value - self.high, self.low - value) / self.scale
+        j = int(np.argmax(beyond))
+        if beyond[j] > 0:
+            side = "above" if value[j] > self.high[j] else "below"
+            return (
+                f"{self.inputs[j]} {value[j]:.4g} is {side} what was seen "
+                f"({self.low[j]:.4g} to {self.high[j]:.4g})"
+            )
+        index = int(_nearest(value[None] / self.scale, self.points / self.scale)[1][0])
+        j = int(np.argmax(np.abs(value - self.points[index]) / self.scale))
+        return (
+            f"no record seen is near this combination; the nearest has {self.inputs[j]} "
+            f"{self.points[index, j]:.4g} instead of {value[j]:.4g}"
+        )
+
+    def _scaled(self, inputs: Mapping[str, np.ndarray]) -> np.ndarray:
+        columns = [np.atleast_1d(np.asarray(inputs[c], float)) for c in self.inputs]
+        return np.column_stack(np.broadcast_arrays(*columns)) / self.scale
+
+
+def learn_envelope(inputs: Mapping[str, np.ndarray]) -> Envelope:
+    """Envelope of N records from their inputs, column: (N,), all finite and in the order of time."""
+    names = tuple(inputs)
+    u = np.column_stack([np.asarray(inputs[c], float) for c in names])
+    low, high = u.min(axis=0), u.max(axis=0)
+    least = np.array(
+        [
+            MINIMUM_SPREAD.get(c, RELATIVE_SPREAD * max(abs(low[j]), abs(high[j]), 1e-12))
+            for j, c in enumerate(names)
+        ]
+    )
+    scale = np.maximum(u.std(axis=0), least)
+    v = u / scale
+    chosen, radius = _cover(v)
+    margin = float(np.clip(_own_distance(v), *MARGIN_RANGE))
+    return Envelope(names, scale, low, high, u[chosen], radius + margin)
+
+
+def _cover(v: np.ndarray) -> tuple[np.ndarray, float]:
+    """Indices of a cover of the points (N, d) and its radius; starts at the point nearest to the median."""
+    first = int(np.argmin(np.sum((v - np.median(v, axis=0)) ** 2, axis=1)))
+    chosen = [first]
+    d2 = np.sum((v - v[first]) ** 2, axis=1)
+    while len(chosen) < min(MAX_POINTS, len(v)) and d2.max() > (0.1 * MARGIN_RANGE[0]) ** 2:
+        chosen.append(int(np.argmax(d2)))
+        d2 = np.minimum(d2, np.sum((v - v[chosen[-1]]) ** 2, axis=1))
+    return np.array(chosen), float(np.sqrt(d2.max()))
+
+
+def _own_distance(v: np.ndarray) -> float:
+    """0.95 quantile of the distance to the nearest point of another stretch, over about 1,000 points."""
+    if len(v) < 2 * STRETCHES:
+        return MARGIN_RANGE[1]
+    stretch = np.arange(len(v)) * STRETCHES // len(v)
+    sample = np.arange(0, len(v), max(1, len(v) // 1000))
+    nearest = [
+        _nearest(v[sample[stretch[sample] == i]], v[sample[stretch[sample] != i]])[0]
+        for i in range(STRETCHES)
+    ]
+    return float(np.quantile(np.concatenate(nearest), 0.95))
+
+
+def _nearest(v: np.ndarray, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Distance to and index of the nearest of `points` (n, d) for each row of v (N, d); NaN for NaN."""
+    from scipy.spatial import cKDTree
+
+    distance, index = np.full(len(v), np.nan), np.zeros(len(v), int)
+    there = np.isfinite(v).all(axis=1)
+    distance[there], index[there] = cKDTree(points).query(v[there])
+    return distance, index

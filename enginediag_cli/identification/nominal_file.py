@@ -1,0 +1,198 @@
+"""nominal.yaml: the `Nominal` of an engine as a file, read and written without loss.
+
+Numbers are written with the shortest digits that give the same float back, and keys in a fixed order, so that
+reading and writing again gives the same bytes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from enginediag_cli.config.fields import Section
+from enginediag_cli.errors import ConfigError, Problem
+from enginediag_cli.identification.envelope import Envelope
+from enginediag_cli.identification.nominal import Estimate, Nominal, SensorNoise
+from enginediag_cli.identification.nominal_sections import (
+    COMBINATION,
+    ESTIMATE,
+    NOISE,
+    NOMINAL_FILE,
+    OFFSET,
+    QUALITY,
+)
+from enginediag_cli.identification.problem import OffsetPrior
+from enginediag_cli.identification.quality import SensorQuality
+from enginediag_cli.identification.unidentified import Combination
+
+__all__ = [
+    "NOMINAL_FILE",
+    "engine_change_warning",
+    "engine_file",
+    "format_nominal",
+    "read_nominal",
+    "write_nominal",
+]
+
+HEADER = """\
+# Nominal engine: parameters, sensor noise and operating envelope identified from healthy recordings.
+# Values are in the unit given beside them; sensor values are in the unit of their column's name.
+# A parameter with status "at prior" was not found: its value is what was assumed before.
+"""
+
+
+def read_nominal(path: str | Path) -> Nominal:
+    """Read a nominal file. Raises ConfigError with every problem in it."""
+    from enginediag_cli.config.kinds import load_checked
+
+    checked = load_checked(path, "nominal")
+    v = checked.values
+    p, m = len(v["estimates"]), len(v["noise"])
+    problems = [
+        Problem(
+            checked.mark((key,)),
+            f"{key} has {len(v[key])} numbers, and {n * (n + 1) // 2} are needed for {n} {of}",
+        )
+        for key, n, of in (("covariance", p, "estimates"), ("noise_correlation", m, "sensors"))
+        if len(v[key]) != n * (n + 1) // 2
+    ]
+    axes = v["envelope"]["inputs"]
+    if len({len(a["points"]) for a in axes.values()}) != 1:
+        problems.append(
+            Problem(checked.mark(("envelope",)), "the inputs of the envelope differ in number of points")
+        )
+    if problems:
+        raise ConfigError(problems)
+    return Nominal(
+        v["engine"],
+        v["engine_sha256"],
+        tuple(v["inputs"]),
+        tuple(Estimate(name, **e) for name, e in v["estimates"].items()),
+        _symmetric(v["covariance"], p),
+        tuple(SensorNoise(name, **e) for name, e in v["noise"].items()),
+        _symmetric(v["noise_correlation"], m),
+        tuple(OffsetPrior(**o) for o in v["offsets"]),
+        {r["label"]: dict(r["values"]) for r in v["recording_offsets"]},
+        tuple(SensorQuality(**q) for q in v["in_sample"]),
+        tuple(SensorQuality(**q) for q in v["cross_validated"]),
+        tuple(SensorQuality(**q) for q in v["held_out"]),
+        tuple(
+            Combination(tuple(c["parameters"]), tuple(c["coefficients"]), c["from_data"])
+            for c in v["unidentified"]
+        ),
+        _envelope(v["envelope"]),
+        {k: int(n) for k, n in v["records"].items()},
+        dict(v["provenance"]),
+    )
+
+
+def _envelope(values: Mapping[str, Any]) -> Envelope:
+    axes = values["inputs"]
+    scale, low, high = (np.array([a[key] for a in axes.values()], float) for key in ("scale", "low", "high"))
+    points = np.column_stack([a["points"] for a in axes.values()]).astype(float)
+    return Envelope(tuple(axes), scale, low, high, points, values["threshold"])
+
+
+def format_nominal(nominal: Nominal) -> str:
+    """The text of the file."""
+    import yaml
+
+    class Dumper(yaml.SafeDumper):
+        """Quotes texts that YAML 1.2 would read as numbers and PyYAML, which follows 1.1, would not."""
+
+    def text(dumper: yaml.SafeDumper, value: str) -> yaml.Node:
+        style = "'" if value[:1].isdigit() or value[:1] in "+-." else None
+        return dumper.represent_scalar("tag:yaml.org,2002:str", value, style=style)
+
+    Dumper.add_representer(str, text)
+    body = yaml.dump(
+        _as_values(nominal),
+        Dumper=Dumper,
+        sort_keys=False,
+        allow_unicode=True,
+        width=110,
+        default_flow_style=None,
+    )
+    return HEADER + str(body)
+
+
+def write_nominal(nominal: Nominal, path: str | Path) -> None:
+    """Write the file completely or not at all. Raises OSError."""
+    from enginediag_cli.recordings.write import output
+
+    text = format_nominal(nominal)
+    with output(path) as stream:
+        stream.write(text)
+
+
+def engine_file(nominal: Nominal, nominal_path: str | Path) -> Path:
+    """The engine file that a nominal file means, resolved against the nominal file's folder."""
+    return Path(nominal_path).parent / nominal.engine_path
+
+
+def engine_change_warning(nominal: Nominal, engine_path: str | Path) -> str:
+    """A sentence when the engine file is not the one that was identified; '' when it is. Raises OSError."""
+    from enginediag_cli.recordings.provenance import sha256_of
+
+    if sha256_of(engine_path) == nominal.engine_sha256:
+        return ""
+    return f"{engine_path} has changed since its nominal state was identified; run identify again"
+
+
+def _as_values(n: Nominal) -> dict[str, Any]:
+    e = n.envelope
+    return {
+        "kind": "nominal",
+        "engine": n.engine_path,
+        "engine_sha256": n.engine_sha256,
+        "provenance": dict(n.provenance),
+        "records": dict(n.records),
+        "inputs": list(n.inputs),
+        "estimates": {x.name: _fields(x, ESTIMATE) for x in n.estimates},
+        "noise": {x.sensor: _fields(x, NOISE) for x in n.noise},
+        "in_sample": [_fields(q, QUALITY) for q in n.in_sample],
+        "cross_validated": [_fields(q, QUALITY) for q in n.cross_validated],
+        "held_out": [_fields(q, QUALITY) for q in n.held_out],
+        "unidentified": [_fields(c, COMBINATION) for c in n.unidentified],
+        "offsets": [_fields(o, OFFSET) for o in n.offsets],
+        "recording_offsets": [{"label": k, "values": dict(v)} for k, v in n.recording_offsets.items()],
+        "noise_correlation": _triangle(n.noise_correlation),
+        "covariance": _triangle(n.covariance),
+        "envelope": {
+            "threshold": float(e.threshold),
+            "inputs": {
+                c: {
+                    "scale": float(e.scale[j]),
+                    "low": float(e.low[j]),
+                    "high": float(e.high[j]),
+                    "points": [float(x) for x in e.points[:, j]],
+                }
+                for j, c in enumerate(e.inputs)
+            },
+        },
+    }
+
+
+def _fields(item: Any, section: Section) -> dict[str, Any]:
+    return {f.name: _plain(getattr(item, f.name)) for f in section.fields}
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, Mapping):
+        return {k: _plain(v) for k, v in value.items()}
+    if isinstance(value, Sequence) and not isinstance(value, str):
+        return [_plain(v) for v in value]
+    return value
+
+
+def _triangle(matrix: np.ndarray) -> list[float]:
+    return [float(x) for x in matrix[np.tril_indices(len(matrix))]]
+
+
+def _symmetric(triangle: Sequence[float], n: int) -> np.ndarray:
+    matrix = np.zeros((n, n))
+    matrix[np.tril_indices(n)] = triangle
+    return np.asarray(matrix + np.tril(matrix, -1).T)

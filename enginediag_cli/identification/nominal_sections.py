@@ -1,0 +1,140 @@
+"""The keys of nominal.yaml, from which it is validated, documented and written."""
+
+from __future__ import annotations
+
+from enginediag_cli.config.fields import Field, Section
+from enginediag_cli.identification.nominal import STATUSES
+
+ESTIMATE = Section(
+    "estimate",
+    "One identified parameter.",
+    (
+        Field("family", "text", "health, sensor, design or physics"),
+        Field("unit", "text", "unit of the values; empty for a factor", default=""),
+        Field("value", "number", "nominal value"),
+        Field("standard_error", "number", "standard error of the value", minimum=0.0),
+        Field("prior_mean", "number", "what was assumed before"),
+        Field("prior_sigma", "number", "how firmly it was assumed", minimum=0.0),
+        Field(
+            "from_data",
+            "number",
+            "share of the prior variance that the data removed",
+            minimum=0.0,
+            maximum=1.0,
+        ),
+        Field("status", "choice", "whether the data say anything about it", choices=STATUSES),
+    ),
+)
+NOISE = Section(
+    "noise",
+    "Noise of one sensor.",
+    (
+        Field("sigma", "number", "standard deviation of one reading", unit="the column's", minimum=0.0),
+        Field("rho1", "number", "correlation of consecutive records", minimum=0.0, maximum=1.0),
+        Field("n", "integer", "readings", minimum=0),
+        Field("n_effective", "number", "independent readings that they are worth", minimum=0.0),
+        Field("outliers", "integer", "readings beyond 4 standard deviations", minimum=0),
+    ),
+)
+OFFSET = Section(
+    "offset",
+    "A sensor error that is constant within one recording and differs between them.",
+    (
+        Field("sensor", "text", "column"),
+        Field(
+            "kind", "choice", "bias in the column's unit, or scale as a fraction", choices=("bias", "scale")
+        ),
+        Field("prior_sigma", "number", "standard deviation from recording to recording", minimum=0.0),
+    ),
+)
+OFFSETS_FOUND = Section(
+    "offsets of a recording",
+    "Offsets found in one recording.",
+    (
+        Field("label", "text", "recording"),
+        Field("values", "number_map", "'column bias' or 'column scale': value"),
+    ),
+)
+QUALITY = Section(
+    "quality",
+    "Fit of one sensor in one regime.",
+    (
+        Field("sensor", "text", "column"),
+        Field("regime", "text", "all, ground, climb, cruise, descent or a band of power"),
+        Field("n", "integer", "readings", minimum=0),
+        Field("rms", "number", "root mean square of reading minus model", minimum=0.0),
+        Field("unit", "text", "unit of rms; % is of the predicted value", default=""),
+        Field("chi2", "number", "mean square over noise variance", minimum=0.0),
+    ),
+)
+COMBINATION = Section(
+    "combination",
+    "A combination of parameters that these recordings leave open.",
+    (
+        Field("parameters", "texts", "names, the leading one first"),
+        Field("coefficients", "numbers", "factors, 1 for the leading one"),
+        Field(
+            "from_data",
+            "number",
+            "share of the prior variance that the data removed",
+            minimum=0.0,
+            maximum=1.0,
+        ),
+    ),
+)
+AXIS = Section(
+    "envelope input",
+    "One input of the envelope and its value in every point of the cover.",
+    (
+        Field("scale", "number", "distance that counts as 1", minimum=0.0),
+        Field("low", "number", "smallest value seen"),
+        Field("high", "number", "largest value seen"),
+        Field("points", "numbers", "value in each point"),
+    ),
+)
+ENVELOPE = Section(
+    "envelope",
+    "Operating points seen; what is farther than `threshold` is not judged.",
+    (
+        Field("threshold", "number", "largest scaled distance to a point", minimum=0.0),
+        Field("inputs", "section_map", "column: its scale and its values", section=AXIS),
+    ),
+)
+
+NOMINAL_FILE = Section(
+    "nominal",
+    "The nominal state of an engine, written by `enginediag identify`.",
+    (
+        Field("kind", "choice", "what this file is", choices=("nominal",)),
+        Field("engine", "text", "engine file, relative to this one"),
+        Field("engine_sha256", "text", "SHA-256 of that file when this one was written"),
+        Field("inputs", "texts", "columns that the engine needs"),
+        Field("estimates", "section_map", "parameter: its nominal value", section=ESTIMATE),
+        Field("covariance", "numbers", "lower triangle of the covariance of the estimates, row by row"),
+        Field("noise", "section_map", "column: its noise", section=NOISE),
+        Field(
+            "noise_correlation", "numbers", "lower triangle of the correlation between sensors, row by row"
+        ),
+        Field(
+            "offsets",
+            "sections",
+            "sensor offsets that differ between recordings",
+            default=(),
+            section=OFFSET,
+        ),
+        Field(
+            "recording_offsets",
+            "sections",
+            "what they were in these recordings",
+            default=(),
+            section=OFFSETS_FOUND,
+        ),
+        Field("in_sample", "sections", "fit on the records used", default=(), section=QUALITY),
+        Field("cross_validated", "sections", "fit on left-out blocks of them", default=(), section=QUALITY),
+        Field("held_out", "sections", "fit on records that were not used", default=(), section=QUALITY),
+        Field("unidentified", "sections", "what the recordings leave open", default=(), section=COMBINATION),
+        Field("envelope", "section", "operating points seen", section=ENVELOPE),
+        Field("records", "any_map", "records used, and left out by reason", default={}),
+        Field("provenance", "text_map", "version, command, files", default={}),
+    ),
+)

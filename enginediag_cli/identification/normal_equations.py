@@ -1,0 +1,164 @@
+"""Model, residuals and normal equations of the identification problem at one point.
+
+With x the parameters and z_r the offsets of recording r, both in prior standard deviations, and weights
+w_ks, the normal matrix has the shape of an arrow:
+
+    [ H_xx   H_xz1  H_xz2 … ]      H_xx = Σ_ks w_ks J_ks J_ksᵀ/(κ_s σ_s²)      (p, p)
+    [ H_z1x  H_z1z1         ]      H_xz = Σ_{k in r} w_ks J_ks g_ks/(κ_s σ_s²) (R, p, q)
+    [ H_z2x         H_z2z2  ]      H_zz                                       (R, q, q)
+
+so the offsets of any number of recordings are eliminated one recording at a time.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from enginediag_cli.identification.problem import Problem
+
+CHUNK_RECORDS = 8192
+"""Records per model call: bounds the memory of the sensitivities, (records, m, p)."""
+
+
+@dataclass(frozen=True)
+class Block:
+    """Predictions of a run of consecutive records, scaled to prior standard deviations."""
+
+    rows: slice
+    predicted: np.ndarray  # (n, m) with offsets, NaN where the model gave none
+    jacobian: np.ndarray  # (n, m, p) ∂y/∂x
+    offset_jacobian: np.ndarray  # (n, q) ∂y_s/∂z for the one sensor s that each offset acts on
+    status: np.ndarray  # (n,) int8, as the engine gives it
+
+
+@dataclass(frozen=True)
+class NormalEquations:
+    """Sums over all records that have a prediction; priors are not in them."""
+
+    predicted: np.ndarray  # (N, m)
+    residual: np.ndarray  # (N, m) in the column's unit, NaN where reading or prediction is missing
+    status: np.ndarray  # (N,)
+    record_cost: np.ndarray  # (N,) Σ_s ρ(e/σ)/κ
+    H_xx: np.ndarray
+    H_xz: np.ndarray
+    H_zz: np.ndarray
+    g_x: np.ndarray  # (p,) gradient of the cost
+    g_z: np.ndarray  # (R, q)
+
+    @property
+    def ok(self) -> np.ndarray:
+        """Records with a prediction, (N,) bool."""
+        return self.status <= 1
+
+
+@dataclass(frozen=True)
+class Arrow:
+    """Normal equations with priors added and the offsets eliminated (Schur complement)."""
+
+    S: np.ndarray  # (p, p) H_xx + 1 − Σ H_xz (H_zz + 1)⁻¹ H_zx
+    g: np.ndarray  # (p,)
+    gain: np.ndarray  # (R, p, q) H_xz (H_zz + 1)⁻¹
+
+
+def blocks(problem: Problem, x: np.ndarray, z: np.ndarray, *, sensitivities: bool = True) -> Iterator[Block]:
+    """Predictions and their derivatives, a bounded number of records at a time."""
+    theta = problem.physical(x)
+    wrt = problem.names if sensitivities else ()
+    column = {s: i for i, s in enumerate(problem.sensors)}
+    N = len(problem.recording)
+    for start in range(0, N, CHUNK_RECORDS):
+        rows = slice(start, min(start + CHUNK_RECORDS, N))
+        inputs = {c: v[rows] for c, v in problem.inputs.items()}
+        p = problem.model.predict(inputs, theta, sensors=problem.sensors, wrt=wrt)
+        y = np.array(p.y, float)
+        J = np.asarray(p.jacobian, float)[:, :, : len(wrt)] * problem.prior_sigma[: len(wrt)]
+        # a point whose derivatives cannot be had cannot take part in the fit, whatever its value
+        status = np.where(np.isfinite(J).all(axis=(1, 2)), p.status, np.maximum(p.status, 2)).astype(np.int8)
+        y[status > 1] = np.nan
+        offset_J = np.empty((len(y), len(problem.offsets)))
+        shift, factor = np.zeros_like(y), np.ones_like(y)
+        for j, o in enumerate(problem.offsets):
+            s = column[o.sensor]
+            value = o.prior_sigma * z[problem.recording[rows], j]
+            if o.kind == "bias":
+                shift[:, s] += value
+                offset_J[:, j] = o.prior_sigma
+            else:
+                factor[:, s] += value
+                offset_J[:, j] = o.prior_sigma * y[:, s]
+        yield Block(rows, y * factor + shift, J * factor[:, :, None], offset_J, status)
+
+
+def predict(problem: Problem, x: np.ndarray, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Predicted readings with offsets (N, m), NaN where the model gave none, and status (N,)."""
+    parts = list(blocks(problem, x, z, sensitivities=False))
+    return np.concatenate([b.predicted for b in parts]), np.concatenate([b.status for b in parts])
+
+
+def normal_equations(problem: Problem, x: np.ndarray, z: np.ndarray) -> NormalEquations:
+    """Robust cost, its gradient and its reweighted Gauss–Newton matrix at (x, z)."""
+    N, p, (R, q) = len(problem.recording), len(x), z.shape
+    predicted, status = np.empty((N, len(problem.sensors))), np.empty(N, np.int8)
+    cost = np.zeros(N)
+    H_xx, g_x = np.zeros((p, p)), np.zeros(p)
+    H_xz, H_zz, g_z = np.zeros((R, p, q)), np.zeros((R, q, q)), np.zeros((R, q))
+    for b in blocks(problem, x, z):
+        e = problem.measured[b.rows] - b.predicted
+        scaled = np.nan_to_num(e / problem.sigma)  # a missing reading has no residual and no weight
+        there = np.isfinite(e)
+        cost[b.rows] = (problem.loss.cost(scaled) * there / problem.inflation).sum(axis=1)
+        w = problem.loss.weight(scaled) * there / (problem.sigma**2 * problem.inflation)
+        pull = w * scaled * problem.sigma
+        parts = accumulate(problem, b, w, pull)
+        H_xx, H_xz, H_zz = H_xx + parts[0], H_xz + parts[1], H_zz + parts[2]
+        g_x, g_z = g_x - parts[3], g_z - parts[4]
+        predicted[b.rows], status[b.rows] = b.predicted, b.status
+    return NormalEquations(predicted, problem.measured - predicted, status, cost, H_xx, H_xz, H_zz, g_x, g_z)
+
+
+def accumulate(problem: Problem, block: Block, w: np.ndarray, pull: np.ndarray) -> tuple[np.ndarray, ...]:
+    """Weighted sums H_xx, H_xz, H_zz and Jᵀ pull for x and z; `w` and `pull` are (n, m), 0 where missing."""
+    p, q, R = block.jacobian.shape[2], block.offset_jacobian.shape[1], len(problem.labels)
+    J = np.where((w > 0)[:, :, None], block.jacobian, 0.0)
+    flat = J.reshape(-1, p)
+    H_xx = flat.T @ (flat * w.reshape(-1, 1))
+    g_x = flat.T @ pull.reshape(-1)
+    H_xz, H_zz, g_z = np.zeros((R, p, q)), np.zeros((R, q, q)), np.zeros((R, q))
+    column = [problem.sensors.index(o.sensor) for o in problem.offsets]
+    recording = problem.recording[block.rows]
+    for j, s in enumerate(column):
+        G = np.where(w[:, s] > 0, block.offset_jacobian[:, j], 0.0)
+        g_z[:, j] = np.bincount(recording, G * pull[:, s], R)
+        for i in range(p):
+            H_xz[:, i, j] = np.bincount(recording, G * w[:, s] * J[:, s, i], R)
+        for l in (l for l, other in enumerate(column) if other == s):
+            G2 = np.where(w[:, s] > 0, block.offset_jacobian[:, l], 0.0)
+            H_zz[:, j, l] = np.bincount(recording, G * w[:, s] * G2, R)
+    return H_xx, H_xz, H_zz, g_x, g_z
+
+
+def eliminate(
+    H_xx: np.ndarray,
+    H_xz: np.ndarray,
+    H_zz: np.ndarray,
+    g_x: np.ndarray,
+    g_z: np.ndarray,
+    x: np.ndarray,
+    z: np.ndarray,
+) -> Arrow:
+    """Add the unit priors at (x, z) and eliminate the offsets of every recording."""
+    q = z.shape[1]
+    A = H_zz + np.eye(q)
+    gain = np.swapaxes(np.linalg.solve(A, np.swapaxes(H_xz, 1, 2)), 1, 2)
+    S = H_xx + np.eye(len(x)) - np.einsum("rpq,rlq->pl", gain, H_xz)
+    g = g_x + x - np.einsum("rpq,rq->p", gain, g_z + z)
+    return Arrow((S + S.T) / 2, g, gain)
+
+
+def offset_step(n: NormalEquations, z: np.ndarray, dx: np.ndarray) -> np.ndarray:
+    """Best change of the offsets (R, q) when the parameters change by dx (p,)."""
+    rhs = n.g_z + z + np.einsum("rpq,p->rq", n.H_xz, dx)
+    return -np.linalg.solve(n.H_zz + np.eye(z.shape[1]), rhs[:, :, None])[:, :, 0]

@@ -1,0 +1,268 @@
+"""The identification problem: which numbers are sought, what is known before, and the readings.
+
+A reading of sensor s in record k of recording r is modelled as
+
+    y_ks = Φ_s(u_k, θ)·(1 + c_rs) + b_rs + noise of standard deviation σ_s
+
+with θ the parameters (prior N(mean, sigma²), hard bounds) and, per recording, nuisance offsets b and c
+(prior N(0, sigma²)) where the settings ask for them. Inside the solver both are measured in prior
+standard deviations, x = (θ − mean)/sigma, so that nothing depends on the units of a parameter.
+"""
+
+from __future__ import annotations
+
+import fnmatch
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple, Protocol
+
+import numpy as np
+
+from enginediag_cli.config.hints import near
+from enginediag_cli.errors import DataError
+from enginediag_cli.identification.loss import Loss
+from enginediag_cli.identification.settings import IDENTIFICATION, IdentificationSettings
+from enginediag_cli.parameters import Parameter
+from enginediag_cli.units import split_column
+
+__all__ = ["IDENTIFICATION", "Model", "OffsetPrior", "Problem", "TrainingRecording", "build_problem"]
+
+
+class Model(Protocol):
+    """What identification needs of an engine (`enginediag_cli.engine.Engine` has it)."""
+
+    @property
+    def inputs(self) -> tuple[str, ...]: ...
+    @property
+    def optional_inputs(self) -> Mapping[str, float]: ...
+    @property
+    def sensors(self) -> Mapping[str, Any]: ...
+    @property
+    def parameters(self) -> Mapping[str, Parameter]: ...
+    def predict(
+        self,
+        inputs: Mapping[str, Any],
+        parameters: Mapping[str, Any] | None = None,
+        *,
+        sensors: Sequence[str] | None = None,
+        wrt: Sequence[str] = (),
+    ) -> Any: ...
+
+
+class TrainingRecording(NamedTuple):
+    """One healthy recording: label (file or flight), columns (N,) by name, regime of each record or None."""
+
+    label: str
+    columns: Mapping[str, np.ndarray]
+    regimes: np.ndarray | None = None
+
+
+@dataclass(frozen=True)
+class OffsetPrior:
+    """A sensor error that is constant in one recording: `bias` in the column's unit, `scale` a fraction."""
+
+    sensor: str
+    kind: str
+    prior_sigma: float
+
+
+@dataclass(frozen=True)
+class Problem:
+    """N records of m sensors from R recordings, p parameters and q offsets per recording."""
+
+    model: Model
+    parameters: tuple[Parameter, ...]
+    prior_mean: np.ndarray  # (p,)
+    prior_sigma: np.ndarray  # (p,)
+    lower: np.ndarray  # (p,)
+    upper: np.ndarray  # (p,)
+    sensors: tuple[str, ...]
+    sigma: np.ndarray  # (m,) noise of one reading, in the column's unit
+    inflation: np.ndarray  # (m,) κ ≥ 1: readings per independent reading
+    inputs: Mapping[str, np.ndarray]  # (N,) each
+    measured: np.ndarray  # (N, m), NaN where there is no reading
+    recording: np.ndarray  # (N,) index into labels, not decreasing
+    labels: tuple[str, ...]
+    regimes: np.ndarray  # (N,) text
+    offsets: tuple[OffsetPrior, ...]
+    loss: Loss
+    dropped: Mapping[str, int]  # reason: records that were left out before the fit
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the p estimated parameters."""
+        return tuple(p.name for p in self.parameters)
+
+    def physical(self, x: np.ndarray) -> dict[str, float]:
+        """Parameter values in their own units from x in prior standard deviations, (p,)."""
+        theta = np.clip(self.prior_mean + self.prior_sigma * x, self.lower, self.upper)
+        return {p.name: float(v) for p, v in zip(self.parameters, theta, strict=True)}
+
+    def select(self, keep: np.ndarray) -> Problem:
+        """The same problem with the records where `keep` (N,) is true."""
+        inputs = {c: v[keep] for c, v in self.inputs.items()}
+        return replace(
+            self,
+            inputs=inputs,
+            measured=self.measured[keep],
+            recording=self.recording[keep],
+            regimes=self.regimes[keep],
+        )
+
+    def with_noise(self, sigma: np.ndarray, inflation: np.ndarray) -> Problem:
+        """The same problem with other noise, both (m,)."""
+        return replace(self, sigma=sigma, inflation=inflation)
+
+
+def build_problem(
+    model: Model, recordings: Sequence[TrainingRecording], settings: IdentificationSettings
+) -> Problem:
+    """Stack recordings and choose parameters, sensors and offsets.
+
+    Records that lack an input or every reading are left out and counted in `dropped`. Raises DataError for
+    unknown names in the settings, for a missing input column, and when no record is left.
+    """
+    sensors = _recorded_sensors(model, recordings, settings)
+    parameters = _chosen_parameters(model, settings, sensors)
+    means = np.array([settings.prior_mean.get(p.name, p.nominal) for p in parameters], float)
+    sigmas = np.array([settings.prior_sigma.get(p.name, p.prior_sigma) for p in parameters], float)
+    bad = [p.name for p, s in zip(parameters, sigmas, strict=True) if not (np.isfinite(s) and s > 0)]
+    if bad:
+        raise DataError(
+            f"the prior sigma of {', '.join(bad)} must be a positive number; "
+            "list the parameter under `fixed:` to keep it at nominal"
+        )
+    noise = np.array(
+        [settings.noise_sigma.get(s, model.sensors[s].noise_sigma) or np.nan for s in sensors], float
+    )
+    if not np.all(noise > 0):
+        lacking = [s for s, v in zip(sensors, noise, strict=True) if not v > 0]
+        raise DataError(f"no noise sigma is known for {', '.join(lacking)}; give it under `noise_sigma:`")
+    inputs, measured, recording, regimes, dropped = _stack(model, recordings, sensors)
+    return Problem(
+        model,
+        parameters,
+        means,
+        sigmas,
+        np.array([p.lower for p in parameters], float),
+        np.array([p.upper for p in parameters], float),
+        sensors,
+        noise,
+        np.ones(len(sensors)),
+        inputs,
+        measured,
+        recording,
+        tuple(r.label for r in recordings),
+        regimes,
+        _offsets(sensors, settings),
+        Loss(settings.loss, settings.loss_scale),
+        dropped,
+    )
+
+
+def match_names(patterns: Sequence[str], known: Sequence[str], what: str) -> list[str]:
+    """Names that names and shell patterns stand for. Raises DataError for one that fits nothing."""
+    found: list[str] = []
+    for pattern in patterns:
+        hits = fnmatch.filter(known, pattern)
+        if not hits:
+            raise DataError(f"`identification:` names an unknown {what} {pattern!r} ({near(pattern, known)})")
+        found += [h for h in hits if h not in found]
+    return found
+
+
+def _chosen_parameters(
+    model: Model, settings: IdentificationSettings, sensors: tuple[str, ...]
+) -> tuple[Parameter, ...]:
+    known = list(model.parameters)
+    match_names([*settings.prior_mean, *settings.prior_sigma], known, "parameter")
+    if settings.parameters:
+        chosen = match_names(settings.parameters, known, "parameter")
+    else:
+        # an effect that the engine file carries has its own coefficient; it is identified only when asked for
+        # and a sensor that is not recorded has nothing to say about its own errors
+        recorded = {split_column(s)[0] for s in sensors}
+        chosen = [
+            n
+            for n, p in model.parameters.items()
+            if p.family != "physics" and (p.family != "sensor" or n.split(".")[1] in recorded)
+        ]
+    fixed = set(match_names(settings.fixed, known, "parameter"))
+    chosen = [n for n in chosen if n not in fixed]
+    if not chosen:
+        raise DataError("`identification:` leaves no parameter to estimate")
+    return tuple(model.parameters[n] for n in chosen)
+
+
+def _recorded_sensors(
+    model: Model, recordings: Sequence[TrainingRecording], settings: IdentificationSettings
+) -> tuple[str, ...]:
+    known = list(model.sensors)
+    match_names(
+        [*settings.noise_sigma, *settings.recording_bias_sigma, *settings.recording_scale_sigma],
+        known,
+        "sensor",
+    )
+    wanted = match_names(settings.sensors, known, "sensor") if settings.sensors else known
+    recorded = tuple(
+        s for s in wanted if any(s in r.columns and np.any(np.isfinite(r.columns[s])) for r in recordings)
+    )
+    if not recorded:
+        raise DataError(f"the recordings hold no reading of any sensor of the engine ({', '.join(wanted)})")
+    return recorded
+
+
+def _offsets(sensors: tuple[str, ...], settings: IdentificationSettings) -> tuple[OffsetPrior, ...]:
+    wanted = [("bias", settings.recording_bias_sigma), ("scale", settings.recording_scale_sigma)]
+    return tuple(
+        OffsetPrior(s, kind, float(sigma[s]))
+        for s in sensors
+        for kind, sigma in wanted
+        if sigma.get(s, 0.0) > 0
+    )
+
+
+def _stack(
+    model: Model, recordings: Sequence[TrainingRecording], sensors: tuple[str, ...]
+) -> tuple[dict[str, np.ndarray], np.ndarray, np.ndarray, np.ndarray, dict[str, int]]:
+    dropped: Counter[str] = Counter()
+    inputs: dict[str, list[np.ndarray]] = {c: [] for c in (*model.inputs, *model.optional_inputs)}
+    measured, recording, regimes = [], [], []
+    for index, item in enumerate(recordings):
+        missing = [c for c in model.inputs if c not in item.columns]
+        if missing:
+            raise DataError(
+                f"{item.label}: lacks the input column{'s' * (len(missing) > 1)} {', '.join(missing)}"
+            )
+        n = len(item.columns[model.inputs[0]])
+        keep = np.ones(n, bool)
+        values = {c: np.asarray(item.columns[c], float) for c in model.inputs}
+        for c, default in model.optional_inputs.items():
+            values[c] = np.asarray(item.columns.get(c, np.full(n, default)), float)
+        for c in values:
+            dropped[f"no {c}"] += int(np.sum(keep & ~np.isfinite(values[c])))
+            keep &= np.isfinite(values[c])
+        y = np.column_stack([np.asarray(item.columns.get(s, np.full(n, np.nan)), float) for s in sensors])
+        y[~np.isfinite(y)] = np.nan
+        empty = np.isnan(y).all(axis=1)
+        dropped["no sensor reading"] += int(np.sum(keep & empty))
+        keep &= ~empty
+        for c in inputs:
+            inputs[c].append(values[c][keep])
+        measured.append(y[keep])
+        recording.append(np.full(int(keep.sum()), index))
+        labels = np.full(n, "all") if item.regimes is None else np.asarray(item.regimes).astype(str)
+        regimes.append(labels[keep])
+    if not sum(map(len, measured)):
+        raise DataError(
+            "no record has all inputs and a sensor reading: "
+            + ", ".join(f"{v} {k}" for k, v in dropped.items() if v)
+        )
+    return (
+        {c: np.concatenate(v) for c, v in inputs.items()},
+        np.concatenate(measured),
+        np.concatenate(recording),
+        np.concatenate(regimes),
+        {k: v for k, v in dropped.items() if v},
+    )

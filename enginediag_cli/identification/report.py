@@ -1,0 +1,119 @@
+"""What identification found, in lines of text for people."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+from enginediag_cli.identification.identify import OUTSIDE_MAPS, IdentificationResult
+from enginediag_cli.identification.nominal import Estimate
+from enginediag_cli.identification.quality import EVERYTHING, SensorQuality
+from enginediag_cli.presentation.numbers import rounded
+
+SHOWN_COMBINATIONS = 12
+
+
+def report_lines(result: IdentificationResult) -> Iterator[str]:
+    """Records, fit, parameters by status, and what the data leave open."""
+    yield _records_line(result)
+    if not result.converged:
+        yield f"did not converge: {result.reason}"
+    else:
+        yield f"converged after {result.noise_passes} passes over noise and fit; {result.reason}"
+    yield ""
+    yield from fit_table(result)
+    yield ""
+    yield from parameter_lines(result.estimates)
+    yield ""
+    yield from combination_lines(result)
+
+
+def _records_line(result: IdentificationResult) -> str:
+    n = len(result.problem.labels)
+    used = f"{result.records['used']:,} records of {n} recording{'s' * (n > 1)} used"
+    outside = result.records.get(OUTSIDE_MAPS, 0)
+    used += f" ({outside:,} of them outside the maps)" if outside else ""
+    left = [f"{n:,} {why}" for why, n in result.records.items() if why not in ("used", OUTSIDE_MAPS) and n]
+    return used + (f"; left out: {', '.join(left)}" if left else "; none left out")
+
+
+def fit_table(result: IdentificationResult) -> list[str]:
+    """Per sensor and regime: RMS in sample, by left-out blocks and held out; and the noise of each sensor."""
+    found = [_by_place(q) for q in (result.in_sample, result.cross_validated, result.held_out)]
+    rows: list[tuple[str, ...]] = [
+        ("sensor", "regime", "records", "RMS in sample", "cross-validated", "held out", "chi2/N", "rho1")
+    ]
+    noise = dict(zip(result.problem.sensors, result.noise.rho1, strict=True))
+    places = list(dict.fromkeys(place for table in found for place in table))
+    for sensor, regime in sorted(
+        places, key=lambda p: (result.problem.sensors.index(p[0]), p[1] != EVERYTHING)
+    ):
+        q = [table.get((sensor, regime)) for table in found]
+        inside = q[0]
+        rows.append(
+            (
+                sensor if regime == EVERYTHING else "",
+                regime,
+                str(inside.n) if inside else "",
+                *(f"{rounded(x.rms)} {x.unit}".rstrip() if x else "-" for x in q),
+                rounded(inside.chi2) if inside else "-",
+                rounded(float(noise[sensor]), digits=2) if regime == EVERYTHING else "",
+            )
+        )
+    lines = _aligned(rows)
+    cv = result.cross_validation
+    if cv.folds:
+        lines.append(
+            f"cross-validated over {cv.folds} folds of contiguous blocks"
+            + (f"; {cv.failed_folds} did not converge and count nowhere" if cv.failed_folds else "")
+        )
+    return lines
+
+
+def parameter_lines(estimates: Sequence[Estimate]) -> list[str]:
+    """Estimates with their standard errors; those that stayed at their prior are named, not quoted."""
+    told = [e for e in estimates if e.status != "at prior"]
+    rows = [("parameter", "value", "± standard error", "unit", "prior", "from data", "status")]
+    rows += [
+        (
+            e.name,
+            rounded(e.value, e.standard_error),
+            rounded(e.standard_error, digits=2),
+            e.unit,
+            f"{e.prior_mean:g} ± {e.prior_sigma:g}",
+            f"{100 * e.from_data:.0f} %",
+            e.status,
+        )
+        for e in told
+    ]
+    lines = _aligned(rows) if told else []
+    bound = [e.name for e in estimates if e.status == "at bound"]
+    if bound:
+        lines.append(f"{len(bound)} at a bound, a sign that the model lacks something: {', '.join(bound)}")
+    prior = [e.name for e in estimates if e.status == "at prior"]
+    if prior:
+        lines.append(
+            f"{len(prior)} not found by these recordings, left at what was assumed: {', '.join(prior)}"
+        )
+    return lines
+
+
+def combination_lines(result: IdentificationResult) -> list[str]:
+    """Changes of several parameters together that these recordings do not show."""
+    joint = [c for c in result.unidentified if len(c.parameters) > 1]
+    if not joint:
+        return ["no combination of parameters is left open besides those left at what was assumed"]
+    more = len(joint) - SHOWN_COMBINATIONS
+    return [
+        "combinations that these recordings leave open:",
+        *(f"  {c}" for c in joint[:SHOWN_COMBINATIONS]),
+        *([f"  and {more} more, in the nominal file"] if more > 0 else []),
+    ]
+
+
+def _by_place(quality: Sequence[SensorQuality]) -> dict[tuple[str, str], SensorQuality]:
+    return {(q.sensor, q.regime): q for q in quality}
+
+
+def _aligned(rows: Sequence[Sequence[str]]) -> list[str]:
+    widths = [max(len(row[j]) for row in rows) for j in range(len(rows[0]))]
+    return ["  ".join(cell.ljust(w) for cell, w in zip(row, widths, strict=True)).rstrip() for row in rows]
