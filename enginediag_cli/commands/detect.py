@@ -1,0 +1,146 @@
+"""`enginediag detect`: has the engine departed from nominal, window by window?"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator
+from itertools import chain
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from enginediag_cli.commands.options import (
+    exit_code_option,
+    exit_codes,
+    message_options,
+    output_options,
+    pass_messages,
+    recordings_argument,
+)
+from enginediag_cli.commands.origin import Origin, origin_options
+from enginediag_cli.commands.windows import (
+    Intake,
+    ending,
+    false_alarm_option,
+    load_monitor,
+    planned,
+    statistics_option,
+    window_options,
+)
+from enginediag_cli.presentation.messages import Messages
+from enginediag_cli.presentation.output import Output
+
+if TYPE_CHECKING:
+    from enginediag_cli.detection.verdict import Verdict
+    from enginediag_cli.errors import ExitCode
+
+
+@click.command(
+    short_help="Say when an engine departs from nominal.",
+    epilog=exit_codes("a fault was found and --exit-code given"),
+)
+@recordings_argument
+@statistics_option
+@window_options
+@origin_options
+@false_alarm_option
+@click.option(
+    "--detectable",
+    is_flag=True,
+    help="Add the smallest change of each parameter that the window would "
+    "have shown, in the parameter's unit, and what the window does not excite.",
+)
+@click.option(
+    "--power",
+    metavar="P",
+    type=click.FloatRange(0.5, 0.9999),
+    default=0.9,
+    show_default=True,
+    help="Probability with which --detectable counts a change as shown.",
+)
+@exit_code_option
+@output_options
+@message_options
+@pass_messages
+def detect(
+    messages: Messages,
+    recordings: tuple[str, ...],
+    nominal: str | None,
+    window: str | None,
+    step: str | None,
+    linearise: str,
+    patterns: tuple[str, ...],
+    origin: Origin,
+    false_alarm: float,
+    detectable: bool,
+    power: float,
+    exit_code: bool,
+    output: Output,
+) -> ExitCode:
+    """Test whether monitored parameters have changed, one row per window.
+
+    \b
+    enginediag detect -n nominal.yaml flight.csv
+    enginediag simulate configs/turbofan.yaml --seed 7 | enginediag detect -n nominal.yaml -
+    enginediag detect -n nominal.yaml flight.csv --window 10min --step 1min --detectable
+
+    The verdict is healthy, fault, or no verdict with its reason: an engine that could not be judged is never
+    called healthy. `fit` is what no change of parameters explains, per degree of freedom: near 1 when model
+    and noise are right.
+    """
+    from enginediag_cli.detection.verdict import judge
+    from enginediag_cli.recordings.provenance import header_lines
+
+    if detectable and power <= false_alarm:
+        raise click.UsageError("--power must be larger than --false-alarm")
+    plan = planned(window, step)
+    monitor = load_monitor(messages, nominal, patterns) if nominal else None
+    intake = Intake(messages, monitor, plan, linearise, origin)
+    tally: Counter[str] = Counter()
+
+    def rows() -> Iterator[dict[str, Any]]:
+        for found, _ in intake.windows(recordings):
+            verdict = judge(found, false_alarm)
+            tally[verdict.verdict] += 1
+            yield _row(verdict, detectable, false_alarm, power)
+
+    found = rows()
+    first = next(found, None)
+    head = header_lines(
+        "detect",
+        configs=[*([nominal] if nominal else []), *origin.configs],
+        notes={"false_alarm": str(false_alarm), **origin.notes},
+        inherited=intake.provenance,
+    )
+    output.write_rows(chain([first] if first is not None else [], found), provenance=head, live=True)
+    intake.report()
+    messages.note(", ".join(f"{n} {what}" for what, n in sorted(tally.items())) or "no window")
+    windows = sum(tally.values())
+    return ending(tally["fault"], windows - tally["no verdict"], windows, exit_code)
+
+
+def _row(verdict: Verdict, detectable: bool, false_alarm: float, power: float) -> dict[str, Any]:
+    from enginediag_cli.residuals.flat import window_row
+
+    test, fit, statistics = verdict.test, verdict.fit, verdict.window.statistics
+    row = window_row(verdict.window)
+    row.update(
+        judged=statistics.n if statistics else 0,
+        statistic=test.statistic if test else None,
+        dof=test.dof if test else None,
+        threshold=test.threshold if test else None,
+        p_value=test.p_value if test else None,
+        alarm=test.alarm if test else None,
+        fit=fit.ratio if fit else None,
+        verdict=verdict.verdict,
+        reason=verdict.reason,
+    )
+    if detectable:
+        row["not_excited"] = None
+        if verdict.score is not None and statistics is not None:
+            from enginediag_cli.detection.minimum_change import minimum_change
+
+            row["not_excited"] = [str(combination) for combination in statistics.unexcited()]
+            sizes = minimum_change(verdict.score, false_alarm=false_alarm, power=power)
+            row.update({f"detectable:{a}": x for a, x in zip(verdict.score.parameters, sizes, strict=True)})
+    return row

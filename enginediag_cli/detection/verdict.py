@@ -1,0 +1,36 @@
+"""The verdict on one window: healthy, fault, or no verdict with the reason."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from enginediag_cli.residuals.pipeline import WindowStatistics
+from enginediag_cli.residuals.score import Score, fisher_score
+
+from .glr import GlrTest, glr_test
+from .lack_of_fit import LackOfFit, lack_of_fit
+
+HEALTHY, FAULT, NO_VERDICT = "healthy", "fault", "no verdict"
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """`test`, `fit` and `score` are None where there is no verdict, and `reason` says why."""
+
+    window: WindowStatistics
+    verdict: str
+    reason: str = ""
+    test: GlrTest | None = None
+    fit: LackOfFit | None = None
+    score: Score | None = None
+
+
+def judge(window: WindowStatistics, false_alarm: float = 0.01) -> Verdict:
+    """Test one window at the given false-alarm probability."""
+    if window.statistics is None:
+        return Verdict(window, NO_VERDICT, window.reason)
+    score = fisher_score(window.statistics)
+    test = glr_test(score, false_alarm)
+    if test.alarm is None:
+        return Verdict(window, NO_VERDICT, "these operating points excite none of the monitored parameters")
+    return Verdict(window, FAULT if test.alarm else HEALTHY, "", test, lack_of_fit(window.statistics), score)

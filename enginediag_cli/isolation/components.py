@@ -1,0 +1,114 @@
+"""Isolation to components: which of them changed, whatever each one's parameters did.
+
+A set of components S changed with prior odds (π/(1−π))^|S|, and in a component that changed every parameter has
+the slab prior N(0, slab²·prior_sigma²): what wears a compressor costs efficiency and flow capacity together. With
+β_S, I_SS the score and information of all parameters of S, scaled by D = slab·diag(prior_sigma),
+
+    log P(S | data) = ½ β_Sᵀ A_S⁻¹ β_S − ½ log det A_S + |S| log(π/(1−π)) + const,    A_S = 1 + I_SS.
+
+Where the maps of the model are generic this is surer than parameters: efficiency and flow capacity of one component
+trade against each other with the shape of its map, and one parameter of a neighbour can imitate both together.
+A sensor counts as a component of its own.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import combinations
+from math import comb, log
+
+import numpy as np
+
+from enginediag_cli.residuals.score import Score
+
+from .methods import IsolationOptions
+from .result import Explanation
+
+MAX_SETS = 5000
+"""Enough for all sets of 12 components, or up to three of 30."""
+
+
+@dataclass(frozen=True)
+class ComponentIsolation:
+    """`components` that changed, empty when none; `probability` of exactly this set.
+
+    rivals: other sets of components, likeliest first, which with the answer hold `coverage`; inclusion:
+    probability per component that it is among those that changed; complete: False when the answer is as large
+    as the largest set considered.
+    """
+
+    components: tuple[str, ...]
+    probability: float
+    rivals: tuple[Explanation, ...]
+    coverage: float
+    inclusion: dict[str, float]
+    complete: bool
+
+
+def component_of(parameter: str) -> str:
+    """`hpc.efficiency` and `hpc.map.work_slope` → hpc; `sensor.T3.bias` → sensor.T3."""
+    parts = parameter.split(".")
+    return ".".join(parts[:2]) if parts[0] == "sensor" else parts[0]
+
+
+def component_posterior(
+    score: Score, *, inclusion: float = 0.1, slab: float = 1.0, largest: int | None = None
+) -> tuple[tuple[str, ...], np.ndarray, np.ndarray]:
+    """Components, sets of them (M, c) bool by falling probability, and the probabilities (M,), summing to 1.
+
+    All sets of up to `largest` components are visited (default: as many as MAX_SETS allows).
+    """
+    owner = [component_of(name) for name in score.parameters]
+    components = tuple(dict.fromkeys(owner))
+    members = [[i for i, o in enumerate(owner) if o == c] for c in components]
+    b, information = score.scaled()
+    p, width = len(owner), max(map(len, members), default=0)
+    # every component is filled up to the same width with a parameter of which the data tell nothing
+    beta, I = np.zeros(p + 1), np.zeros((p + 1, p + 1))
+    beta[:p], I[:p, :p] = slab * b, slab**2 * information
+    padded = np.array([m + [p] * (width - len(m)) for m in members], dtype=int).reshape(len(members), width)
+    odds = log(inclusion / (1 - inclusion))
+    masks, logs = [np.zeros((1, len(components)), bool)], [np.zeros(1)]
+    for size in range(1, _largest(len(components), largest) + 1):
+        chosen = np.array(list(combinations(range(len(components)), size)))
+        rows = padded[chosen].reshape(len(chosen), -1)
+        A = np.eye(rows.shape[1]) + I[rows[:, :, None], rows[:, None, :]]
+        gain = np.linalg.solve(A, beta[rows][:, :, None])[:, :, 0]
+        logs.append(0.5 * np.sum(beta[rows] * gain, axis=1) - 0.5 * np.linalg.slogdet(A)[1] + size * odds)
+        mask = np.zeros((len(chosen), len(components)), bool)
+        mask[np.arange(len(chosen))[:, None], chosen] = True
+        masks.append(mask)
+    sets, weights = np.concatenate(masks), np.concatenate(logs)
+    order = np.argsort(-weights, kind="stable")
+    probabilities = np.exp(weights[order] - weights[order[0]])
+    return components, sets[order], probabilities / probabilities.sum()
+
+
+def isolate_components(score: Score, options: IsolationOptions | None = None) -> ComponentIsolation:
+    """Most probable set of changed components; of the options, those of the posterior method count."""
+    options = options or IsolationOptions()
+    components, sets, probabilities = component_posterior(
+        score, inclusion=options.inclusion, slab=options.slab, largest=options.largest
+    )
+    count = min(int(np.searchsorted(np.cumsum(probabilities), options.coverage - 1e-12)) + 1, len(sets))
+    named = [tuple(c for c, member in zip(components, row, strict=True) if member) for row in sets[:count]]
+    limit = int(sets.sum(axis=1).max())
+    return ComponentIsolation(
+        named[0],
+        float(probabilities[0]),
+        tuple(Explanation(n, float(q)) for n, q in zip(named[1:], probabilities[1:count], strict=True)),
+        options.coverage,
+        dict(zip(components, map(float, probabilities @ sets), strict=True)),
+        len(named[0]) < limit or limit == len(components),
+    )
+
+
+def _largest(components: int, wanted: int | None) -> int:
+    """Largest size of a set for which there are no more than MAX_SETS sets, at most `wanted`."""
+    total, limit = 1, 0
+    while limit < (components if wanted is None else min(wanted, components)):
+        total += comb(components, limit + 1)
+        if total > MAX_SETS:
+            break
+        limit += 1
+    return limit

@@ -1,0 +1,174 @@
+"""The isolation methods by name, all from a `Score` to an `IsolationResult`."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from itertools import combinations
+from math import comb
+
+from enginediag_cli.detection.glr import threshold
+from enginediag_cli.residuals.score import Score
+
+from .holm import holm_minmax
+from .incremental import incremental_diagnosis
+from .minmax import rejection_test
+from .posterior import set_posterior
+from .result import Explanation, IsolationResult
+from .sizes import estimate_sizes
+from .subsets import best_subsets
+
+MAX_RIVALS = 20
+MAX_RIVAL_TESTS = 5000
+
+
+@dataclass(frozen=True)
+class IsolationOptions:
+    """Choices common to the methods.
+
+    faults: number of changed parameters when known; false_alarm: level of tests; inclusion and slab: prior of
+    the posterior method; coverage: total probability that answer and rivals hold; confidence: level of size
+    intervals; largest: largest set considered.
+    """
+
+    faults: int | None = None
+    false_alarm: float = 0.01
+    inclusion: float = 0.1
+    slab: float = 1.0
+    coverage: float = 0.95
+    confidence: float = 0.95
+    largest: int | None = None
+
+
+def by_posterior(score: Score, options: IsolationOptions) -> IsolationResult:
+    """Most probable set among all sets; rivals are the next ones until `coverage` is reached."""
+    posterior = set_posterior(
+        score, inclusion=options.inclusion, slab=options.slab, largest=options.largest, faults=options.faults
+    )
+    isolated = posterior.names(0)
+    count = posterior.credible(options.coverage)
+    rivals = tuple(
+        Explanation(posterior.names(i), float(posterior.probabilities[i]))
+        for i in range(1, min(count, MAX_RIVALS + 1))
+    )
+    cut = options.faults is None and len(isolated) == posterior.largest < len(score.parameters)
+    return IsolationResult(
+        "posterior",
+        isolated,
+        float(posterior.probabilities[0]),
+        rivals,
+        max(count - 1 - len(rivals), 0),
+        options.coverage,
+        dict(zip(score.parameters, map(float, posterior.inclusion), strict=True)),
+        estimate_sizes(score, isolated, options.confidence),
+        not cut,
+        f"sets of more than {posterior.largest} parameters were not considered" if cut else "",
+    )
+
+
+def by_incremental(score: Score, options: IsolationOptions) -> IsolationResult:
+    """The paper's incremental algorithm; rivals: sets of equal size that the rejection test accepts."""
+    found = incremental_diagnosis(
+        score, false_alarm=options.false_alarm, faults=options.faults, largest=options.largest
+    )
+    notes = [] if found.accepted else ["the isolated set does not explain the residual"]
+    notes += [] if found.exact else ["the search for the best set stopped at its limit"]
+    rivals, left_out, searched = _accepted_rivals(score, found.isolated, options.false_alarm)
+    notes += [] if searched else ["rival sets were too many to test"]
+    return IsolationResult(
+        "incremental",
+        found.isolated,
+        float("nan"),
+        rivals,
+        left_out,
+        1 - options.false_alarm,
+        {},
+        estimate_sizes(score, found.isolated, options.confidence),
+        found.accepted and found.exact,
+        "; ".join(notes),
+    )
+
+
+def by_sensitivity(score: Score, options: IsolationOptions) -> IsolationResult:
+    """The set of `faults` parameters (default one) with the largest sensitivity statistic, eq. (13)."""
+    best = best_subsets(score, options.faults or 1)
+    isolated = tuple(score.parameters[i] for i in best.sets[-1]) if best.sets else ()
+    rivals, left_out, searched = _accepted_rivals(score, isolated, options.false_alarm)
+    notes = [] if best.exact else ["the search for the best set stopped at its limit"]
+    notes += [] if searched else ["rival sets were too many to test"]
+    return IsolationResult(
+        "sensitivity",
+        isolated,
+        float("nan"),
+        rivals,
+        left_out,
+        1 - options.false_alarm,
+        {},
+        estimate_sizes(score, isolated, options.confidence),
+        best.exact,
+        "; ".join(notes),
+    )
+
+
+def by_minmax(score: Score, options: IsolationOptions) -> IsolationResult:
+    """Parameters whose change no other parameter can imitate, by Holm's step-down on min-max statistics.
+
+    With `faults` = q, the q parameters with the largest min-max statistics that can be tested.
+    """
+    named, adjusted = holm_minmax(score, options.false_alarm)
+    if options.faults is not None:
+        order = sorted(range(len(adjusted)), key=lambda i: (adjusted[i], i))
+        named = tuple(score.parameters[i] for i in sorted(order[: options.faults]))
+    changed = score.rank > 0 and score.glr > threshold(score.rank, options.false_alarm)
+    note = "a change is seen but no single parameter is sure to have changed" if changed and not named else ""
+    return IsolationResult(
+        "minmax",
+        named,
+        float("nan"),
+        (),
+        0,
+        1 - options.false_alarm,
+        {},
+        estimate_sizes(score, named, options.confidence),
+        not note,
+        note,
+    )
+
+
+METHODS: dict[str, Callable[[Score, IsolationOptions], IsolationResult]] = {
+    "posterior": by_posterior,
+    "incremental": by_incremental,
+    "sensitivity": by_sensitivity,
+    "minmax": by_minmax,
+}
+
+
+def isolate(
+    score: Score, method: str = "posterior", options: IsolationOptions | None = None
+) -> IsolationResult:
+    """Isolate changed parameters by the named method; ValueError lists the methods when it is unknown."""
+    if method not in METHODS:
+        raise ValueError(f"`method` must be one of {', '.join(METHODS)}, not {method!r}")
+    return METHODS[method](score, options or IsolationOptions())
+
+
+def _accepted_rivals(
+    score: Score, isolated: tuple[str, ...], false_alarm: float
+) -> tuple[tuple[Explanation, ...], int, bool]:
+    """Other sets of the same size that the rejection test accepts, by falling p value; how many more; whether
+    all could be tested."""
+    from scipy.stats import chi2
+
+    if not isolated:
+        return (), 0, True
+    if comb(len(score.parameters), len(isolated)) > MAX_RIVAL_TESTS:
+        return (), 0, False
+    accepted = []
+    for names in combinations(score.parameters, len(isolated)):
+        if set(names) != set(isolated):
+            statistic, dof = rejection_test(score, names)
+            p_value = float(chi2.sf(statistic, dof)) if dof > 0 else 1.0
+            if p_value > false_alarm:
+                accepted.append(Explanation(names, p_value))
+    accepted.sort(key=lambda rival: -rival.probability)
+    return tuple(accepted[:MAX_RIVALS]), max(len(accepted) - MAX_RIVALS, 0), True

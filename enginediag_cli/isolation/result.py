@@ -1,0 +1,38 @@
+"""What isolation hands over: the set, how sure, its rivals, the sizes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from .sizes import ParameterChange
+
+
+@dataclass(frozen=True)
+class Explanation:
+    """A set of changed parameters with its probability (posterior) or p value (tests)."""
+
+    parameters: tuple[str, ...]
+    probability: float
+
+
+@dataclass(frozen=True)
+class IsolationResult:
+    """Outcome of one isolation method.
+
+    isolated: changed parameters, empty when none; probability of exactly this set (NaN for methods without
+    one); rivals: other sets that the data cannot exclude, likeliest first, which together with the answer
+    hold `coverage`; rivals_left_out: how many more were not listed; inclusion: probability per parameter that
+    it changed (empty for methods without one); sizes of the isolated parameters; complete: False when the
+    method stopped at a limit before it was satisfied; note says why in plain words.
+    """
+
+    method: str
+    isolated: tuple[str, ...]
+    probability: float
+    rivals: tuple[Explanation, ...]
+    rivals_left_out: int
+    coverage: float
+    inclusion: dict[str, float]
+    sizes: tuple[ParameterChange, ...]
+    complete: bool = True
+    note: str = ""

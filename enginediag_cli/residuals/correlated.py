@@ -1,0 +1,65 @@
+"""Covariance of a sum of primary residuals when the noise of a sensor remembers its past (AR(1)).
+
+    V = Σ_j σ_j² Σ_k Σ_l ρ_j^|k−l| g_kj g_ljᵀ      with g_kj = the row of whitened sensitivities
+
+The double sum is one pass with the recursion a_k = c_k a_{k−1} + g_k, c_k = ρ^(steps since record k−1).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+FORGOTTEN = 1e-14
+"""Correlation below which the past no longer counts."""
+
+
+@dataclass(frozen=True)
+class LaggedSums:
+    """`before` (N, m, p): c_k a_{k−1}, the decayed past inside the block of each record.
+
+    Per block (B, ...): `tail` (m, p) = a at its last record; `head` (m, p) = Σ_k g_k times the correlation of
+    record k with the record before the block; `decay` (m,) = correlation of last record and that record.
+    """
+
+    before: np.ndarray
+    tail: np.ndarray
+    head: np.ndarray
+    decay: np.ndarray
+
+
+def linear_recursion(c: np.ndarray, g: np.ndarray) -> np.ndarray:
+    """a_k = c_k a_{k−1} + g_k for c (N,), g (N, p), a_{−1} = 0; by doubling, O(N log(memory length))."""
+    a, c = g.copy(), c.copy()
+    if c.size:
+        c[0] = 0.0
+    distance = 1
+    while distance < len(a) and np.any(np.abs(c) > FORGOTTEN):
+        a[distance:] = a[distance:] + c[distance:, None] * a[:-distance]
+        c[distance:] = c[distance:] * c[:-distance]
+        c[:distance] = 0.0
+        distance *= 2
+    return a
+
+
+def lagged_sums(G: np.ndarray, rho: np.ndarray, lags: np.ndarray, starts: np.ndarray) -> LaggedSums:
+    """Pasts, heads and tails of blocks for G (N, m, p), rho (m,), lags (N,) in steps, starts (B,)."""
+    N, m, p = G.shape
+    stops = np.append(starts[1:], N)
+    before = np.zeros_like(G)
+    head, tail, decay = (
+        np.zeros((len(starts), m, p)),
+        np.zeros((len(starts), m, p)),
+        np.zeros((len(starts), m)),
+    )
+    for j in np.flatnonzero(rho):
+        c = rho[j] ** lags
+        inside = c.copy()
+        inside[starts] = 0.0
+        a = linear_recursion(inside, G[:, j])
+        before[1:, j] = inside[1:, None] * a[:-1]
+        for b, (i, k) in enumerate(zip(starts, stops, strict=True)):
+            reach = np.cumprod(c[i:k])
+            head[b, j], tail[b, j], decay[b, j] = reach @ G[i:k, j], a[k - 1], reach[-1]
+    return LaggedSums(before, tail, head, decay)

@@ -1,0 +1,84 @@
+"""Which combinations of parameters the operating points excite, and which they leave in the dark.
+
+Everything is scaled by the prior standard deviations D = diag(prior_sigma), so that D F D has no unit: an
+eigenvalue of 1 means that the data know the combination exactly as well as the prior did.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+RANK_TOLERANCE = 1e-9
+"""Eigenvalues of D F D below this share of the largest count as zero (sensitivities are good to 1e-10)."""
+
+
+@dataclass(frozen=True)
+class RangeSpace:
+    """Eigen-decomposition of D F D restricted to its range: D F D = U diag(eigenvalues) Uᵀ.
+
+    `scale` (p,) is the diagonal of D, `basis` U is (p, r), `eigenvalues` is (r,), descending.
+    """
+
+    scale: np.ndarray
+    basis: np.ndarray
+    eigenvalues: np.ndarray
+
+    @property
+    def rank(self) -> int:
+        return int(self.eigenvalues.size)
+
+
+@dataclass(frozen=True)
+class DarkCombination:
+    """A combination of parameters that the operating points hardly excite.
+
+    `weights` gives the change of each parameter in multiples of its prior standard deviation; `information`
+    is the squared signal-to-noise ratio of that change of one prior standard deviation.
+    """
+
+    weights: dict[str, float]
+    information: float
+
+    def __str__(self) -> str:
+        terms = [
+            f"{'-' if weight < 0 else '+'} {abs(weight):.2g} {name}" for name, weight in self.weights.items()
+        ]
+        return " ".join(terms).removeprefix("+ ")
+
+
+def range_space(F: np.ndarray, scale: np.ndarray, tolerance: float = RANK_TOLERANCE) -> RangeSpace:
+    """Range of the information matrix F (p, p) in units of `scale` (p,), rank by relative tolerance."""
+    eigenvalues, vectors = np.linalg.eigh(scale[:, None] * F * scale)
+    eigenvalues, vectors = eigenvalues[::-1], vectors[:, ::-1]
+    kept = eigenvalues > tolerance * max(eigenvalues[0], 0.0) if eigenvalues.size else np.zeros(0, bool)
+    return RangeSpace(scale, vectors[:, kept], eigenvalues[kept])
+
+
+def dark_combinations(
+    parameters: tuple[str, ...], F: np.ndarray, scale: np.ndarray, least_information: float = 1.0
+) -> tuple[DarkCombination, ...]:
+    """Combinations known worse than `least_information` prior standard deviations squared, one per dimension.
+
+    The eigenvectors of a null space of several dimensions are an arbitrary rotation, hard to read; the basis
+    is therefore brought to reduced echelon form, in which each combination owns one leading parameter.
+    """
+    import scipy.linalg
+
+    scaled = scale[:, None] * F * scale
+    eigenvalues, vectors = np.linalg.eigh(scaled)
+    weak = vectors[:, eigenvalues < least_information]
+    if not weak.shape[1]:
+        return ()
+    d = weak.shape[1]
+    _, R, pivots = scipy.linalg.qr(weak.T, mode="economic", pivoting=True)
+    echelon = np.empty((d, weak.shape[0]))
+    echelon[:, pivots] = np.linalg.solve(R[:, :d], R)
+    found = []
+    for row in echelon:
+        row = row / np.linalg.norm(row)
+        order = np.argsort(-np.abs(row), kind="stable")
+        weights = {parameters[i]: float(row[i]) for i in order if abs(row[i]) > 0.1}
+        found.append(DarkCombination(weights, max(float(row @ scaled @ row), 0.0)))
+    return tuple(sorted(found, key=lambda c: c.information))

@@ -1,0 +1,52 @@
+"""Residuals of windows carried back to θ0 from their own estimate, or taken at θ0: input of estimation and local."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from enginediag_cli.residuals.monitor import Monitor
+from enginediag_cli.residuals.pipeline import LINEARISE
+from enginediag_cli.residuals.relinearise import relinearise
+
+from .base import Windows
+from .sums import nominal_residuals
+
+
+@dataclass(frozen=True)
+class WindowResiduals:
+    """e (W, n, m), NaN where missing, J (W, n, m, p), point of linearisation theta (W, p), converged (W,)."""
+
+    e: np.ndarray
+    J: np.ndarray
+    theta: np.ndarray
+    converged: np.ndarray
+
+
+def linearised(monitor: Monitor, windows: Windows, linearise: str, precision: np.ndarray) -> WindowResiduals:
+    """Residuals ẽ = y − Φ(û) + Ĵ(θ̂ − θ0) at θ0 ("nominal") or at the estimate held by `precision` (p, p)."""
+    if linearise not in LINEARISE:
+        raise ValueError(f"`linearise` must be one of {', '.join(LINEARISE)}, not {linearise!r}")
+    W, n, m = windows.y.shape
+    if linearise == "nominal":
+        e, J = nominal_residuals(monitor, windows)
+        return WindowResiduals(e, J, np.tile(monitor.theta0, (W, 1)), np.ones(W, bool))
+    inputs = windows.flat_inputs()
+
+    def predict(theta: np.ndarray, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        return monitor.predict({c: v[rows] for c, v in inputs.items()}, theta, nuisance=False)[:3]
+
+    found = relinearise(
+        predict,
+        windows.y.reshape(-1, m),
+        monitor.theta0,
+        precision,
+        monitor.noise,
+        window=np.repeat(np.arange(W), n),
+        moving=len(monitor.monitored),
+        nominal=monitor.predict(inputs, monitor.theta0)[:3],
+        bounds=(monitor.lower, monitor.upper),
+    )
+    e = np.where(found.ok[:, None], found.e, np.nan)
+    return WindowResiduals(e.reshape(W, n, m), found.J.reshape(W, n, m, -1), found.theta, found.converged)

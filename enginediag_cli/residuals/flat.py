@@ -1,0 +1,134 @@
+"""Local statistics as flat rows, one value per column, and back; such a file needs nothing else to be read.
+
+Columns: those of the window, `n`, `chi2`, `dof`, then `theta0:a`, `prior_sigma:a`, `unit:a`, `s:a` per
+parameter a, and the upper triangles `F:a|b` and `V:a|b`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from enginediag_cli.errors import DataError
+
+from .pipeline import WindowStatistics
+from .statistics import LocalStatistics
+
+TEXTS = ("source", "flight", "engine", "reason")
+COUNTS = ("first_line", "last_line", "records", "outside", "incomplete", "failed")
+TIMES = ("start_s", "end_s")
+WINDOW_COLUMNS = (
+    "source",
+    "flight",
+    "engine",
+    "first_line",
+    "last_line",
+    "start_s",
+    "end_s",
+    "records",
+    "outside",
+    "incomplete",
+    "failed",
+    "reason",
+)
+
+
+def window_row(window: WindowStatistics) -> dict[str, Any]:
+    """The bookkeeping of a window as a row."""
+    return {name: getattr(window, name) for name in WINDOW_COLUMNS}
+
+
+def flat_columns(parameters: Sequence[str]) -> tuple[str, ...]:
+    """Columns of a file of statistics of these parameters."""
+    pairs = [(a, b) for i, a in enumerate(parameters) for b in parameters[i:]]
+    return (
+        *WINDOW_COLUMNS,
+        "n",
+        "chi2",
+        "dof",
+        *(f"{what}:{a}" for what in ("theta0", "prior_sigma", "unit", "s") for a in parameters),
+        *(f"{what}:{a}|{b}" for what in ("F", "V") for a, b in pairs),
+    )
+
+
+def flat_row(window: WindowStatistics, units: Mapping[str, str]) -> dict[str, Any]:
+    """One window as a row; a window without verdict has only its bookkeeping."""
+    row = window_row(window)
+    x = window.statistics
+    if x is None:
+        return row
+    row.update(n=x.n, chi2=x.chi2, dof=x.dof)
+    for i, a in enumerate(x.parameters):
+        row.update(
+            {
+                f"theta0:{a}": x.theta0[i],
+                f"prior_sigma:{a}": x.prior_sigma[i],
+                f"unit:{a}": units.get(a, ""),
+                f"s:{a}": x.s[i],
+            }
+        )
+        for k in range(i, len(x.parameters)):
+            b = x.parameters[k]
+            row.update({f"F:{a}|{b}": x.F[i, k], f"V:{a}|{b}": x.V[i, k]})
+    return row
+
+
+def is_flat(columns: Iterable[str]) -> bool:
+    """Whether these are the columns of a file of statistics, not of a recording."""
+    return any(column.startswith("s:") for column in columns)
+
+
+def read_flat(
+    rows: Iterable[Mapping[str, str]], source: str, lines: Iterable[int]
+) -> Iterator[tuple[WindowStatistics, dict[str, str]]]:
+    """Windows and the units of their parameters from rows of texts. DataError names file, line, column."""
+    for row, line in zip(rows, lines, strict=True):
+        cell = _Cells(row, f"{source}:{line}")
+        names = tuple(c.removeprefix("s:") for c in row if c.startswith("s:"))
+        statistics = None
+        if row.get("n", "").strip():
+            theta0, sigma, s = (
+                np.array([cell.number(f"{what}:{a}") for a in names])
+                for what in ("theta0", "prior_sigma", "s")
+            )
+            F, V = (cell.matrix(what, names) for what in ("F", "V"))
+            if not np.all(sigma > 0):
+                raise DataError(f"{source}:{line}:prior_sigma: must be positive")
+            statistics = LocalStatistics(
+                names, theta0, sigma, s, F, V, int(cell.number("n")), cell.number("chi2"), cell.number("dof")
+            )
+        values: dict[str, Any] = {c: row.get(c, "") for c in TEXTS}
+        values.update({c: int(cell.number(c)) for c in COUNTS})
+        values.update({c: cell.number(c) if row.get(c, "").strip() else float("nan") for c in TIMES})
+        if statistics is None and not values["reason"]:
+            values["reason"] = "the file of statistics gives none for this window"
+        units = {a: row.get(f"unit:{a}", "") for a in names}
+        yield WindowStatistics(**values, statistics=statistics), units
+
+
+class _Cells:
+    """Numbers of one row, with a place to name when one is wrong."""
+
+    def __init__(self, row: Mapping[str, str], place: str):
+        self._row, self._place = row, place
+
+    def number(self, column: str) -> float:
+        text = self._row.get(column)
+        if text is None:
+            raise DataError(f"{self._place}: missing column {column}")
+        try:
+            value = float(text)
+        except ValueError:
+            raise DataError(f"{self._place}:{column}: not a number: {text!r}") from None
+        if not np.isfinite(value):
+            raise DataError(f"{self._place}:{column}: not a finite number: {text!r}")
+        return value
+
+    def matrix(self, what: str, names: Sequence[str]) -> np.ndarray:
+        full = np.zeros((len(names), len(names)))
+        for i, a in enumerate(names):
+            for k in range(i, len(names)):
+                full[i, k] = full[k, i] = self.number(f"{what}:{a}|{names[k]}")
+        return full

@@ -1,0 +1,123 @@
+"""The local approach: primary residuals and their sums, for any number of blocks of records at once.
+
+Primary residual, eq. (7) with the weighting that mixed units need: K_k = J_kᵀ R⁻¹ e_k. R is the *long-run*
+noise, σ²(1+ρ)/(1−ρ), the variance that a mean over many records really has; a sensor with slowly wandering
+errors is thereby trusted less, and V ≈ F however correlated the noise.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from .blocks import Block
+from .correlated import lagged_sums
+from .noise import NoiseModel
+from .statistics import LocalStatistics
+
+
+def whiten(e: np.ndarray, J: np.ndarray, noise: NoiseModel) -> tuple[np.ndarray, np.ndarray]:
+    """Residuals z (N, m) and sensitivities G (N, m, p) in units of the long-run noise; missing rows are zero.
+
+    e (N, m) in sensor units, NaN where a sensor is missing; J (N, m, p) in sensor unit per parameter unit. A
+    row of J that is not finite is dropped with its measurement.
+    """
+    present = np.isfinite(e) & np.all(np.isfinite(J), axis=2)
+    e = np.where(present, e, 0.0)
+    J = np.where(present[:, :, None], J, 0.0)
+    if noise.covariance is None:
+        weight = 1 / (noise.sigma * np.sqrt(noise.inflation))
+        return e * weight, J * weight[:, None]
+    z, G = np.zeros_like(e), np.zeros_like(J)
+    for pattern in np.unique(present, axis=0):  # one Cholesky factor per set of working sensors
+        records = np.flatnonzero(np.all(present == pattern, axis=1))
+        sensors = np.flatnonzero(pattern)
+        if sensors.size:
+            inverse = np.linalg.inv(np.linalg.cholesky(noise.covariance[np.ix_(sensors, sensors)]))
+            cell = np.ix_(records, sensors)
+            z[cell] = e[cell] @ inverse.T
+            G[cell] = inverse @ J[cell]
+    return z, G
+
+
+def primary_residuals(e: np.ndarray, J: np.ndarray, noise: NoiseModel) -> np.ndarray:
+    """K_k = J_kᵀ R⁻¹ e_k (N, p), eq. (7)."""
+    z, G = whiten(e, J, noise)
+    return np.einsum("kjp,kj->kp", G, z)
+
+
+def block_statistics(
+    e: np.ndarray,
+    J: np.ndarray,
+    noise: NoiseModel,
+    starts: np.ndarray,
+    *,
+    parameters: Sequence[str],
+    theta0: np.ndarray,
+    prior_sigma: np.ndarray,
+    lags: np.ndarray | None = None,
+    labels: Sequence[tuple[str, str]] | None = None,
+) -> list[Block]:
+    """Statistics of consecutive blocks of records, ready to be added up to windows.
+
+    e (N, m), J (N, m, p): residuals and sensitivities at θ0; starts (B,): first record of each block,
+    ascending from 0. lags (N,): steps of time since the record before (inf: unrelated, a new recording);
+    1 when not given. V is exact for AR(1) noise, inside blocks and, when blocks are added, between them.
+    """
+    N, _, p = J.shape
+    z, G = whiten(e, J, noise)
+    present = np.isfinite(e) & np.all(np.isfinite(J), axis=2)
+    lags = np.ones(N) if lags is None else lags
+    stops = np.append(starts[1:], N)
+    share = 1 / noise.inflation  # variance of one whitened residual
+    lagged = lagged_sums(G, noise.rho, lags, starts)
+    blocks = []
+    for b, (i, k) in enumerate(zip(starts, stops, strict=True)):
+        rows, pre = G[i:k].reshape(-1, p), lagged.before[i:k].reshape(-1, p)
+        weighted = (G[i:k] * share[:, None]).reshape(-1, p)
+        F = rows.T @ rows
+        cross = weighted.T @ pre
+        V = F if noise.white else weighted.T @ rows + cross + cross.T
+        start, end = labels[b] if labels is not None else ("", "")
+        used = present[i:k]
+        statistics = LocalStatistics(
+            tuple(parameters),
+            np.asarray(theta0, float),
+            np.asarray(prior_sigma, float),
+            rows.T @ z[i:k].ravel(),
+            F,
+            V,
+            int(used.any(axis=1).sum()),
+            float(np.sum(z[i:k] ** 2)),
+            float(used.sum(axis=0) @ share),
+            start,
+            end,
+        )
+        blocks.append(Block(statistics, lagged.head[b], lagged.tail[b], lagged.decay[b], share))
+    return blocks
+
+
+def local_statistics(
+    e: np.ndarray,
+    J: np.ndarray,
+    noise: NoiseModel,
+    *,
+    parameters: Sequence[str],
+    theta0: np.ndarray,
+    prior_sigma: np.ndarray,
+    lags: np.ndarray | None = None,
+    label: tuple[str, str] = ("", ""),
+) -> LocalStatistics:
+    """Statistics of all records together; arguments as in `block_statistics`."""
+    return block_statistics(
+        e,
+        J,
+        noise,
+        np.array([0]),
+        parameters=parameters,
+        theta0=theta0,
+        prior_sigma=prior_sigma,
+        lags=lags,
+        labels=[label],
+    )[0].statistics

@@ -1,0 +1,200 @@
+"""What is watched: parameters, sensors, noise and everything uncertain about nominal, ready to predict with.
+
+Parameters come in three kinds. *Monitored* ones may have changed. *Uncertain* ones were identified with an
+error, and *offsets* of sensors differ from one recording to the next; both are nuisance, of covariance
+`uncertainty`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from fnmatch import filter as matching
+from typing import TYPE_CHECKING, Any, Protocol
+
+import numpy as np
+
+from enginediag_cli.errors import DataError
+from enginediag_cli.parameters import Parameter
+
+from .noise import NoiseModel
+
+if TYPE_CHECKING:
+    from enginediag_cli.identification.nominal import Nominal
+
+
+class Model(Protocol):
+    """What monitoring needs of an engine."""
+
+    @property
+    def name(self) -> str: ...
+    @property
+    def inputs(self) -> tuple[str, ...]: ...
+    @property
+    def optional_inputs(self) -> Mapping[str, float]: ...
+    @property
+    def sensors(self) -> Mapping[str, Any]: ...
+    @property
+    def parameters(self) -> Mapping[str, Parameter]: ...
+    @property
+    def monitored(self) -> tuple[str, ...]: ...
+    def predict(
+        self,
+        inputs: Mapping[str, Any],
+        parameters: Mapping[str, Any] | None = None,
+        *,
+        sensors: Sequence[str] | None = None,
+        wrt: Sequence[str] = (),
+    ) -> Any: ...
+
+
+@dataclass(frozen=True)
+class Offset:
+    """A sensor error, constant in one recording: `bias` in the column's unit or `scale`, a fraction."""
+
+    sensor: int
+    kind: str
+
+
+@dataclass(frozen=True)
+class Monitor:
+    """Engine with p parameters of interest (monitored, then uncertain, then offsets) and m sensors.
+
+    base: values of all identified parameters; theta0, prior_sigma, lower, upper (p,); uncertainty (p, p).
+    """
+
+    engine: Model
+    sensors: tuple[str, ...]
+    base: Mapping[str, float]
+    names: tuple[str, ...]
+    monitored: tuple[str, ...]
+    units: Mapping[str, str]
+    offsets: tuple[Offset, ...]
+    theta0: np.ndarray
+    prior_sigma: np.ndarray
+    lower: np.ndarray
+    upper: np.ndarray
+    uncertainty: np.ndarray
+    noise: NoiseModel
+    envelope: Any = None
+
+    @property
+    def precision(self) -> np.ndarray:
+        """Inverse covariance (p, p) that holds the re-estimate: of a change plus uncertainty of nominal."""
+        change = np.zeros(len(self.names))
+        change[: len(self.monitored)] = self.prior_sigma[: len(self.monitored)] ** 2
+        covariance = self.uncertainty + np.diag(change)
+        scale = self.prior_sigma
+        scaled = covariance / scale / scale[:, None] + 1e-10 * np.eye(len(scale))
+        return np.asarray(np.linalg.inv(scaled) / scale / scale[:, None])
+
+    def predict(
+        self, inputs: Mapping[str, np.ndarray], theta: np.ndarray, *, nuisance: bool = True
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, Any]:
+        """y (N, m), J (N, m, p), ok (N,) and the engine's prediction, theta (p,) or one row per record.
+
+        Without `nuisance`, J has only the columns of the monitored parameters.
+        """
+        q = len(self.names) - len(self.offsets)
+        # a parameter that is the same for all records goes in as one number, which the engine computes faster
+        same = theta.ndim == 1 or np.all(theta == theta[:1], axis=0)
+        shared = np.broadcast_to(same, theta.shape[-1:])
+        first = theta if theta.ndim == 1 else theta[0]
+        values: dict[str, Any] = dict(self.base)
+        values.update(
+            {name: float(first[i]) if shared[i] else theta[:, i] for i, name in enumerate(self.names[:q])}
+        )
+        prediction = self.engine.predict(
+            inputs, values, sensors=self.sensors, wrt=self.names[:q] if nuisance else self.monitored
+        )
+        y, J = np.asarray(prediction.y), np.asarray(prediction.jacobian)
+        if self.offsets:
+            factor, shift = np.ones_like(y), np.zeros_like(y)
+            extra = np.zeros((*y.shape, len(self.offsets)))
+            for i, offset in enumerate(self.offsets):
+                if offset.kind == "bias":
+                    shift[:, offset.sensor] += theta[..., q + i]
+                    extra[:, offset.sensor, i] = 1.0
+                else:
+                    factor[:, offset.sensor] += theta[..., q + i]
+                    extra[:, offset.sensor, i] = y[:, offset.sensor]
+            J = np.concatenate([J * factor[:, :, None], *([extra] if nuisance else [])], axis=2)
+            y = y * factor + shift
+        return y, J, np.asarray(prediction.ok), prediction
+
+
+def monitor_from_nominal(
+    engine: Model, nominal: Nominal, patterns: Sequence[str] = (), sensors: Sequence[str] = ()
+) -> Monitor:
+    """Monitor of an identified engine.
+
+    patterns: names or shell patterns of the parameters to watch (default: those that the engine file
+    monitors); sensors: columns to use (default: those identified). Raises DataError for names that do not
+    exist.
+    """
+    used = tuple(sensors) or nominal.sensors
+    absent = [c for c in used if c not in nominal.sensors]
+    if absent:
+        raise DataError(
+            f"no noise was identified for {', '.join(absent)}; nominal has {', '.join(nominal.sensors)}"
+        )
+    monitored = watched_parameters(engine, patterns)
+    errors = {e.name: e.standard_error for e in nominal.estimates}
+    uncertain = tuple(e.name for e in nominal.estimates if e.standard_error > 0 and e.name not in monitored)
+    offsets = tuple(Offset(used.index(o.sensor), o.kind) for o in nominal.offsets if o.sensor in used)
+    spread = [o.prior_sigma for o in nominal.offsets if o.sensor in used]
+    names = (*monitored, *uncertain, *(f"offset.{used[o.sensor]}.{o.kind}" for o in offsets))
+    known = {**{name: p.nominal for name, p in engine.parameters.items()}, **nominal.theta0}
+    inner = names[: len(names) - len(offsets)]
+    free = np.full(len(offsets), np.inf)
+    return Monitor(
+        engine,
+        used,
+        nominal.theta0,
+        names,
+        monitored,
+        {name: engine.parameters[name].unit for name in monitored},
+        offsets,
+        np.array([*(known[name] for name in inner), *np.zeros(len(offsets))], float),
+        np.array(
+            [
+                *(engine.parameters[name].prior_sigma for name in monitored),
+                *(errors[name] for name in uncertain),
+                *spread,
+            ],
+            float,
+        ),
+        np.concatenate([[engine.parameters[name].lower for name in inner], -free]),
+        np.concatenate([[engine.parameters[name].upper for name in inner], free]),
+        _uncertainty(nominal, inner, spread),
+        NoiseModel(np.array([nominal.sigma[c] for c in used]), np.array([nominal.rho1[c] for c in used])),
+        nominal.envelope,
+    )
+
+
+def watched_parameters(engine: Model, patterns: Sequence[str]) -> tuple[str, ...]:
+    """Parameters that the patterns name, in the engine's order; DataError for a pattern that names none."""
+    if not patterns:
+        return tuple(engine.monitored)
+    chosen: set[str] = set()
+    for pattern in patterns:
+        hits = matching(list(engine.parameters), pattern)
+        if not hits:
+            from difflib import get_close_matches
+
+            near = get_close_matches(pattern, engine.parameters, n=1)
+            hint = f"; did you mean {near[0]!r}?" if near else ""
+            raise DataError(f"no parameter of {engine.name} matches {pattern!r}{hint}")
+        chosen.update(hits)
+    return tuple(name for name in engine.parameters if name in chosen)
+
+
+def _uncertainty(nominal: Nominal, names: Sequence[str], spread: Sequence[float]) -> np.ndarray:
+    """Covariance of the identified among `names`, zero for what was not identified, then of the offsets."""
+    position = {e.name: i for i, e in enumerate(nominal.estimates)}
+    C = np.zeros((len(names) + len(spread),) * 2)
+    here = [i for i, name in enumerate(names) if name in position]
+    there = [position[names[i]] for i in here]
+    C[np.ix_(here, here)] = nominal.covariance[np.ix_(there, there)]
+    C[range(len(names), len(C)), range(len(names), len(C))] = np.square(spread)
+    return C

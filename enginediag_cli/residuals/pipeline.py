@@ -1,0 +1,305 @@
+"""From recordings to local statistics, window by window, in constant memory.
+
+recording → groups (file, flight, engine) → records that can be judged → blocks → windows → statistics.
+A record outside the operating points that identification saw, or without its inputs, is counted, not judged.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import reduce
+from operator import add
+
+import numpy as np
+
+from enginediag_cli.errors import DataError
+from enginediag_cli.recordings.table import Recording
+
+from .admission import check_inputs, judged_inputs
+from .blocks import Block
+from .groups import Key, Timeline, group_rows, runs
+from .local import block_statistics, local_statistics
+from .monitor import Monitor
+from .relinearise import relinearise
+from .score import marginalise
+from .statistics import LocalStatistics
+from .windows import WindowAssembler, WindowPlan
+
+LINEARISE = ("estimate", "nominal")
+BATCH_RECORDS = 20_000
+"""Windows are re-linearised together up to this many records: one call of the engine costs less than many."""
+
+
+@dataclass(frozen=True)
+class WindowStatistics:
+    """Statistics of the monitored parameters over one window; `statistics` is None where there is no verdict.
+
+    records: in the window; outside: beyond the operating points seen; incomplete: without an input or without
+    any reading; failed: not computed by the engine; reason: why there is no verdict, or empty.
+    """
+
+    source: str
+    flight: str
+    engine: str
+    first_line: int
+    last_line: int
+    start_s: float
+    end_s: float
+    records: int
+    outside: int
+    incomplete: int
+    failed: int
+    statistics: LocalStatistics | None
+    reason: str = ""
+    notes: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class _Piece:
+    """Consecutive records of one block: bookkeeping, and the judged ones as a sum or as they are."""
+
+    window: WindowStatistics
+    block: Block | None
+    inputs: Mapping[str, np.ndarray]
+    y: np.ndarray
+    lags: np.ndarray
+
+
+Condense = Callable[[WindowStatistics, LocalStatistics], WindowStatistics]
+"""condense(window, statistics of all parameters) -> the window with statistics, or with a reason for none."""
+
+
+def monitored_only(monitor: Monitor) -> Condense:
+    """The monitored parameters, with everything uncertain about nominal and sensors counted as noise."""
+
+    def condense(window: WindowStatistics, statistics: LocalStatistics) -> WindowStatistics:
+        return replace(window, statistics=marginalise(statistics, monitor.monitored, monitor.uncertainty))
+
+    return condense
+
+
+def window_statistics(
+    monitor: Monitor,
+    recordings: Iterable[Recording],
+    plan: WindowPlan,
+    *,
+    linearise: str = "estimate",
+    condense: Condense | None = None,
+) -> Iterator[WindowStatistics]:
+    """Statistics of each window as soon as it is complete; chunks of one file come in order.
+
+    linearise: "estimate" re-linearises every window at its own estimate, "nominal" stays at θ0 as the paper
+    does. condense: from the statistics of all parameters of the monitor to those that the window hands over;
+    default: everything that is not monitored counts as noise. Raises DataError when a recording lacks an
+    input of the engine.
+    """
+    if linearise not in LINEARISE:
+        raise ValueError(f"`linearise` must be one of {', '.join(LINEARISE)}, not {linearise!r}")
+    condense = condense or monitored_only(monitor)
+    assemblers: dict[Key, WindowAssembler[_Piece]] = {}
+    timelines: dict[Key, Timeline] = {}
+    source = None
+    waiting: deque[list[_Piece]] = deque()
+    for recording in recordings:
+        if recording.source != source:  # a new file: what was open in the old one is complete
+            waiting.extend(window for assembler in assemblers.values() for window in assembler.flush())
+            assemblers, timelines, source = {}, {}, recording.source
+        check_inputs(monitor, recording)
+        groups = group_rows(recording)
+        # a flight of which a whole chunk tells nothing has ended: memory holds the flights of one chunk
+        for ended in [key for key in assemblers if key not in dict(groups)]:
+            waiting.extend(assemblers.pop(ended).flush())
+            del timelines[ended]
+        for key, rows in groups:
+            assembler = assemblers.setdefault(key, WindowAssembler(plan))
+            part = recording.select(rows)
+            time = part.columns.get("time_s")
+            timeline = timelines.setdefault(key, Timeline())
+            if plan.in_time and (time is None or not np.all(np.isfinite(time))):
+                raise DataError(f"{recording.source}: windows in time need a column time_s without gaps")
+            position, lags = timeline.advance(len(part), time, plan.in_time)
+            if plan.in_time and timeline.breaks:
+                raise DataError(
+                    f"{recording.source}: time_s runs backwards; windows in time need one stretch of "
+                    "time per flight (a column `flight` tells flights apart)"
+                )
+            for number, piece in _pieces(monitor, part, key, plan.blocks(position), lags, linearise):
+                waiting.extend(assembler.push(number, piece))
+        yield from _finished(monitor, waiting, linearise, condense)
+    waiting.extend(window for assembler in assemblers.values() for window in assembler.flush())
+    yield from _finished(monitor, waiting, linearise, condense)
+
+
+def _pieces(
+    monitor: Monitor, part: Recording, key: Key, blocks: np.ndarray, lags: np.ndarray, linearise: str
+) -> Iterator[tuple[int, _Piece]]:
+    """One piece per block number of the records of one group in one chunk."""
+    inputs, y, incomplete, outside = judged_inputs(monitor, part)
+    judged = ~incomplete & ~outside
+    # skipped records lengthen the lag of the next one that is judged
+    elapsed = np.cumsum(np.where(np.isfinite(lags), lags, 1e9))
+    kept = np.flatnonzero(judged)
+    lags = np.diff(elapsed[kept], prepend=elapsed[kept[0]] - lags[kept[0]]) if kept.size else lags[:0]
+    sums: dict[int, Block] = {}
+    failed = np.zeros(len(part), bool)
+    if linearise == "nominal" and kept.size:
+        here = {c: v[kept] for c, v in inputs.items()}
+        predicted, J, ok, _ = monitor.predict(here, monitor.theta0)
+        failed[kept[~ok]] = True
+        e = np.where(ok[:, None], y[kept] - predicted, np.nan)
+        starts = np.array([i for i, _ in runs(blocks[kept])])
+        found = block_statistics(
+            e,
+            J,
+            monitor.noise,
+            starts,
+            parameters=monitor.names,
+            theta0=monitor.theta0,
+            prior_sigma=monitor.prior_sigma,
+            lags=lags,
+        )
+        sums = dict(zip(blocks[kept][starts].tolist(), found, strict=True))
+    time = part.columns.get("time_s", np.full(len(part), np.nan))
+    for i, k in runs(blocks):
+        number = int(blocks[i])
+        source, flight, engine = key
+        window = WindowStatistics(
+            source,
+            flight,
+            engine,
+            int(part.line[i]),
+            int(part.line[k - 1]),
+            float(time[i]),
+            float(time[k - 1]),
+            k - i,
+            int(outside[i:k].sum()),
+            int(incomplete[i:k].sum()),
+            int(failed[i:k].sum()),
+            None,
+        )
+        mine = slice(*np.searchsorted(kept, [i, k]))
+        rows = kept[mine]
+        yield (
+            number,
+            _Piece(window, sums.get(number), {c: v[rows] for c, v in inputs.items()}, y[rows], lags[mine]),
+        )
+
+
+def _finished(
+    monitor: Monitor, waiting: deque[list[_Piece]], linearise: str, condense: Condense
+) -> Iterator[WindowStatistics]:
+    """Statistics of the waiting windows, in order; empties the queue."""
+    while waiting:
+        batch: list[list[_Piece]] = []
+        size = 0
+        while waiting and (not batch or size < BATCH_RECORDS):
+            batch.append(waiting.popleft())
+            size += sum(len(piece.y) for piece in batch[-1])
+        if linearise == "nominal":
+            yield from (_at_nominal(condense, pieces) for pieces in batch)
+        else:
+            yield from _at_estimate(monitor, batch, condense)
+
+
+def _whole(pieces: Sequence[_Piece]) -> WindowStatistics:
+    """Bookkeeping of a window from that of its pieces."""
+    first, last = pieces[0].window, pieces[-1].window
+
+    def total(name: str) -> int:
+        return sum(getattr(piece.window, name) for piece in pieces)
+
+    return replace(
+        first,
+        last_line=last.last_line,
+        end_s=last.end_s,
+        records=total("records"),
+        outside=total("outside"),
+        incomplete=total("incomplete"),
+        failed=total("failed"),
+    )
+
+
+def _with_statistics(
+    condense: Condense, window: WindowStatistics, statistics: LocalStatistics | None, reason: str = ""
+) -> WindowStatistics:
+    """The window with its condensed statistics, or with the reason why it has none."""
+    if statistics is None or statistics.n == 0:
+        return replace(window, reason=reason or _nothing_judged(window))
+    if reason:
+        return replace(window, reason=reason)
+    labelled = replace(
+        statistics, start=f"{window.source}:{window.first_line}", end=f"{window.source}:{window.last_line}"
+    )
+    return condense(window, labelled)
+
+
+def _nothing_judged(window: WindowStatistics) -> str:
+    counts = [
+        (window.outside, "outside the operating points identified"),
+        (window.incomplete, "incomplete"),
+        (window.failed, "not computed by the engine"),
+    ]
+    return "no record could be judged: " + ", ".join(f"{n} {what}" for n, what in counts if n)
+
+
+def _at_nominal(condense: Condense, pieces: Sequence[_Piece]) -> WindowStatistics:
+    blocks = [piece.block for piece in pieces if piece.block is not None]
+    return _with_statistics(condense, _whole(pieces), reduce(add, blocks).statistics if blocks else None)
+
+
+def _at_estimate(
+    monitor: Monitor, batch: Sequence[Sequence[_Piece]], condense: Condense
+) -> Iterator[WindowStatistics]:
+    """Re-linearise all windows of a batch together."""
+    sizes = [sum(len(piece.y) for piece in pieces) for pieces in batch]
+    window = np.repeat(np.cumsum(np.array(sizes) > 0) - 1, sizes)
+    every = [piece for pieces in batch for piece in pieces]
+    inputs = {c: np.concatenate([piece.inputs[c] for piece in every]) for c in every[0].inputs}
+    y, lags = np.concatenate([p.y for p in every]), np.concatenate([p.lags for p in every])
+
+    def predict(theta: np.ndarray, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        return monitor.predict({c: values[rows] for c, values in inputs.items()}, theta, nuisance=False)[:3]
+
+    nominal = monitor.predict(inputs, monitor.theta0)[:3]
+    found = (
+        relinearise(
+            predict,
+            y,
+            monitor.theta0,
+            monitor.precision,
+            monitor.noise,
+            window=window,
+            moving=len(monitor.monitored),
+            nominal=nominal,
+            bounds=(monitor.lower, monitor.upper),
+        )
+        if len(y)
+        else None
+    )
+    first = 0
+    for pieces, size in zip(batch, sizes, strict=True):
+        rows = slice(first, first + size)
+        first += size
+        if found is None or size == 0:
+            yield _with_statistics(condense, _whole(pieces), None)
+            continue
+        failed = int(np.sum(~found.ok[rows]))
+        whole = replace(_whole(pieces), failed=failed)
+        statistics = local_statistics(
+            found.e[rows],
+            found.J[rows],
+            monitor.noise,
+            parameters=monitor.names,
+            theta0=monitor.theta0,
+            prior_sigma=monitor.prior_sigma,
+            lags=lags[rows],
+        )
+        w = int(window[rows.start])
+        reason = (
+            ""
+            if found.converged[w] or statistics.n == 0
+            else (f"the re-estimate did not converge (last step {found.decrement[w]:.2g} standard errors)")
+        )
+        yield _with_statistics(condense, whole, statistics, reason)

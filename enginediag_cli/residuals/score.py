@@ -1,0 +1,122 @@
+"""The score b = Mᵀ Σ⁻¹ r and Fisher information I = Mᵀ Σ⁻¹ M: the form in which all tests are quadratic.
+
+With s ~ N(F Δθ, V + F C F), C the covariance of what is uncertain about θ0 and the nuisance parameters,
+
+    b = F_a (V + F C F)⁻¹ s        I = F_a (V + F C F)⁻¹ F_aᵀ        (F_a: rows of the parameters asked for)
+
+so that b ~ N(I Δθ_a, I). For white noise and a certain nominal, b = s and I = F.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from .excitation import RANK_TOLERANCE, range_space
+from .statistics import LocalStatistics
+
+
+@dataclass(frozen=True)
+class Score:
+    """Score b (p,) and information (p, p) of `parameters`, with `glr` = bᵀ I⁺ b, eq. (11), and its `rank`."""
+
+    parameters: tuple[str, ...]
+    theta0: np.ndarray
+    prior_sigma: np.ndarray
+    b: np.ndarray
+    information: np.ndarray
+    glr: float
+    rank: int
+
+    def scaled(self) -> tuple[np.ndarray, np.ndarray]:
+        """D b (p,) and D I D (p, p) with D = diag(prior_sigma): parameters in prior standard deviations."""
+        d = self.prior_sigma
+        return d * self.b, d[:, None] * self.information * d
+
+    def indices(self, names: Sequence[str]) -> np.ndarray:
+        """Positions of `names`; KeyError for a name that is not monitored."""
+        missing = [name for name in names if name not in self.parameters]
+        if missing:
+            raise KeyError(f"not monitored: {', '.join(missing)}")
+        return np.array([self.parameters.index(name) for name in names], dtype=int)
+
+
+def fisher_score(
+    statistics: LocalStatistics,
+    *,
+    monitored: Sequence[str] | None = None,
+    uncertainty: np.ndarray | None = None,
+    tolerance: float = RANK_TOLERANCE,
+) -> Score:
+    """Score of the `monitored` parameters (default: all), the others certain or covered by `uncertainty`.
+
+    uncertainty C (p, p), in parameter units: covariance of θ0 as identified and of nuisance parameters
+    (sensor offsets). Computed in the range of F, so that singular F and V do no harm.
+    """
+    space = range_space(statistics.F, statistics.prior_sigma, tolerance)
+    U, root, D = space.basis, np.sqrt(space.eigenvalues), statistics.prior_sigma
+    half = (U / root).T * D  # Λ^-½ Uᵀ D
+    z = half @ statistics.s
+    W = half @ statistics.V @ half.T
+    if uncertainty is not None:
+        spread = (U * root).T / D  # Λ^½ Uᵀ D⁻¹
+        W = W + spread @ uncertainty @ spread.T
+    a = statistics.indices(monitored if monitored is not None else statistics.parameters)
+    rows = (U[a] * root) / D[a, None]  # D⁻¹ U Λ^½: F_a in the basis in which z lives
+    L = np.linalg.cholesky(W) if space.rank else np.zeros((0, 0))
+    y = np.linalg.solve(L, z)
+    H = np.linalg.solve(L, rows.T)
+    b, information = H.T @ y, H.T @ H
+    reduced = range_space(information, D[a], tolerance)
+    v = (D[a] * b) @ reduced.basis
+    return Score(
+        tuple(statistics.parameters[i] for i in a),
+        statistics.theta0[a],
+        D[a],
+        b,
+        information,
+        float(np.sum(v**2 / reduced.eigenvalues)),
+        reduced.rank,
+    )
+
+
+def separable_information(score: Score) -> np.ndarray:
+    """I_a* = I_aa − I_ab I_bb⁺ I_ba per parameter (p,), in 1/unit²; zero where others imitate it."""
+    _, information = score.scaled()
+    p = len(score.parameters)
+    floor = RANK_TOLERANCE * float(np.max(np.diag(information), initial=0.0))
+    left = np.empty(p)
+    for i in range(p):
+        others = np.delete(np.arange(p), i)
+        space = range_space(information[np.ix_(others, others)], np.ones(p - 1))
+        shadow = information[i, others] @ space.basis
+        left[i] = information[i, i] - np.sum(shadow**2 / space.eigenvalues)
+    return np.where(left > floor, left, 0.0) / score.prior_sigma**2
+
+
+def marginalise(statistics: LocalStatistics, keep: Sequence[str], uncertainty: np.ndarray) -> LocalStatistics:
+    """Statistics of the parameters `keep` with everything in `uncertainty` (p, p) counted as noise.
+
+    Use per recording for offsets that differ from one recording to the next, before adding recordings. The
+    result has V = F. Its χ² is such that χ² − GLR stays what no parameter explains: Σz² less sᵀ(F + C⁻¹)⁻¹s
+    and less the GLR statistic in the metric of F (that of V differs when noise is correlated in time).
+    """
+    score = fisher_score(statistics, monitored=keep, uncertainty=uncertainty)
+    plain = fisher_score(replace(statistics, V=statistics.F), monitored=keep, uncertainty=uncertainty)
+    eigenvalues, vectors = np.linalg.eigh(uncertainty)
+    root = vectors * np.sqrt(np.maximum(eigenvalues, 0.0))
+    inner = np.eye(len(root)) + root.T @ statistics.F @ root
+    absorbed = root.T @ statistics.s
+    explained = float(absorbed @ np.linalg.solve(inner, absorbed))
+    return replace(
+        statistics,
+        parameters=score.parameters,
+        theta0=score.theta0,
+        prior_sigma=score.prior_sigma,
+        s=score.b,
+        F=score.information,
+        V=score.information,
+        chi2=statistics.chi2 - explained - plain.glr + score.glr,
+    )

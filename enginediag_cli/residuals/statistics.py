@@ -1,0 +1,114 @@
+"""The local statistics (s, F, V, N) of a stretch of records: everything that later tests need to know of it.
+
+    s = Σ_k J_kᵀ R_k⁻¹ e_k     F = Σ_k J_kᵀ R_k⁻¹ J_k     V = covariance of s     r_N = s/√N   (eqs. 7, 8)
+
+They add: the statistics of two windows, flights or machines are the sum of their statistics.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from .excitation import DarkCombination, dark_combinations
+
+
+@dataclass(frozen=True)
+class LocalStatistics:
+    """Local statistics about the point `theta0` of p parameters.
+
+    s (p,) in 1/parameter unit, F and V (p, p), n records. `chi2` = Σ eᵀR⁻¹e and `dof`, its mean when the
+    model is right: the number of independent measurements (records × sensors, fewer when noise is correlated
+    in time). `prior_sigma` (p,) says how large a change of each parameter is plausible, in its unit.
+    """
+
+    parameters: tuple[str, ...]
+    theta0: np.ndarray
+    prior_sigma: np.ndarray
+    s: np.ndarray
+    F: np.ndarray
+    V: np.ndarray
+    n: int
+    chi2: float
+    dof: float
+    start: str = ""
+    end: str = ""
+
+    def __post_init__(self) -> None:
+        p = len(self.parameters)
+        for name, shape in [
+            ("theta0", (p,)),
+            ("prior_sigma", (p,)),
+            ("s", (p,)),
+            ("F", (p, p)),
+            ("V", (p, p)),
+        ]:
+            if getattr(self, name).shape != shape:
+                raise ValueError(f"`{name}` must have shape {shape}, not {getattr(self, name).shape}")
+        if not np.all(self.prior_sigma > 0):
+            raise ValueError("`prior_sigma` must be positive")
+
+    def __add__(self, other: LocalStatistics) -> LocalStatistics:
+        """Statistics of both stretches together; correlation of noise across their border is not counted."""
+        if self.parameters != other.parameters:
+            raise ValueError("statistics of different parameters cannot be added")
+        if not np.allclose(self.theta0, other.theta0, rtol=1e-9, atol=1e-12):
+            raise ValueError("statistics about different nominal points cannot be added")
+        return replace(
+            self,
+            s=self.s + other.s,
+            F=self.F + other.F,
+            V=self.V + other.V,
+            n=self.n + other.n,
+            chi2=self.chi2 + other.chi2,
+            dof=self.dof + other.dof,
+            end=other.end or self.end,
+        )
+
+    @property
+    def improved_residual(self) -> np.ndarray:
+        """r_N = s/√N (p,), eq. (8)."""
+        return self.s / np.sqrt(self.n)
+
+    @property
+    def M(self) -> np.ndarray:
+        """M = F/N (p, p): the mean of r_N is M Δθ when θ = θ0 + Δθ/√N, eq. (9)."""
+        return self.F / self.n
+
+    @property
+    def Sigma(self) -> np.ndarray:
+        """Σ = V/N (p, p): covariance of r_N, eq. (9)."""
+        return self.V / self.n
+
+    def unexcited(self, least_information: float = 1.0) -> tuple[DarkCombination, ...]:
+        """Combinations of parameters that these operating points tell less about than the prior does."""
+        return dark_combinations(self.parameters, self.F, self.prior_sigma, least_information)
+
+    def indices(self, names: Sequence[str]) -> np.ndarray:
+        """Positions of `names`; KeyError names the parameter that these statistics do not monitor."""
+        position = {name: i for i, name in enumerate(self.parameters)}
+        missing = [name for name in names if name not in position]
+        if missing:
+            raise KeyError(f"not monitored: {', '.join(missing)}")
+        return np.array([position[name] for name in names], dtype=int)
+
+
+def empty_statistics(
+    parameters: Sequence[str], theta0: np.ndarray, prior_sigma: np.ndarray
+) -> LocalStatistics:
+    """Statistics of no records: the zero of `+`."""
+    p = len(parameters)
+    zero = np.zeros((p, p))
+    return LocalStatistics(
+        tuple(parameters),
+        np.asarray(theta0, float),
+        np.asarray(prior_sigma, float),
+        np.zeros(p),
+        zero,
+        zero,
+        0,
+        0.0,
+        0.0,
+    )

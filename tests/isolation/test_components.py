@@ -1,0 +1,102 @@
+"""Isolation to components."""
+
+from __future__ import annotations
+
+from itertools import combinations
+
+import numpy as np
+import pytest
+from scipy.stats import multivariate_normal
+from score_makers import sensitivities
+
+from enginediag_cli.isolation.components import component_of, component_posterior, isolate_components
+from enginediag_cli.isolation.methods import IsolationOptions
+from enginediag_cli.isolation.posterior import set_posterior
+from enginediag_cli.residuals.local import local_statistics
+from enginediag_cli.residuals.noise import white_noise
+from enginediag_cli.residuals.score import fisher_score
+
+NAMES = ("fan.efficiency", "fan.flow_capacity", "hpc.efficiency", "hpc.flow_capacity", "nozzle.area", "sensor.T3.bias")
+
+
+def score_of(rng, J, change, names=NAMES, sigma=0.02):
+    e = rng.standard_normal(J.shape[:2]) + J @ np.asarray(change, float)
+    p = len(names)
+    return fisher_score(
+        local_statistics(
+            e, J, white_noise(np.ones(J.shape[1])), parameters=names, theta0=np.ones(p), prior_sigma=np.full(p, sigma)
+        )
+    ), e
+
+
+@pytest.mark.parametrize(
+    "parameter, component",
+    [
+        ("hpc.efficiency", "hpc"),
+        ("hpc.map.work_slope", "hpc"),
+        ("core_nozzle.area", "core_nozzle"),
+        ("sensor.T3.bias", "sensor.T3"),
+        ("sensor.T3.scale", "sensor.T3"),
+    ],
+)
+def test_a_parameter_belongs_to_the_component_that_its_name_begins_with(parameter, component):
+    assert component_of(parameter) == component
+
+
+def test_the_posterior_is_that_of_the_marginal_likelihoods_of_the_readings():
+    rng = np.random.default_rng(1)
+    J = sensitivities(rng, N=5, m=3)
+    score, e = score_of(rng, J, [0, 0, -0.03, 0.02, 0, 0])
+    components, sets, probabilities = component_posterior(score, inclusion=0.2, slab=1.5)
+    assert components == ("fan", "hpc", "nozzle", "sensor.T3") and len(sets) == 16
+    wide = J.reshape(-1, 6)
+    logs = {}
+    for k in range(5):
+        for chosen in combinations(components, k):
+            own = [i for i, n in enumerate(NAMES) if component_of(n) in chosen]
+            covariance = np.eye(15) + (1.5 * 0.02) ** 2 * wide[:, own] @ wide[:, own].T
+            logs[chosen] = multivariate_normal.logpdf(e.ravel(), np.zeros(15), covariance) + k * np.log(0.2 / 0.8)
+    weights = np.exp(np.array(list(logs.values())) - max(logs.values()))
+    direct = dict(zip(logs, weights / weights.sum(), strict=True))
+    for row, probability in zip(sets, probabilities, strict=True):
+        key = tuple(c for c, member in zip(components, row, strict=True) if member)
+        assert probability == pytest.approx(direct[key], rel=1e-6)
+
+
+def test_with_one_parameter_per_component_it_is_the_posterior_of_parameter_sets():
+    rng = np.random.default_rng(2)
+    names = tuple(f"part{i}.efficiency" for i in range(6))
+    score, _ = score_of(rng, sensitivities(rng), [0.01, 0, -0.005, 0, 0, 0], names)
+    _, sets, probabilities = component_posterior(score)
+    reference = set_posterior(score)
+    np.testing.assert_array_equal(sets[:10], reference.masks[:10])
+    np.testing.assert_allclose(probabilities, reference.probabilities, rtol=1e-6)
+
+
+def test_both_parameters_of_a_component_at_once_are_one_component():
+    rng = np.random.default_rng(3)
+    score, _ = score_of(rng, sensitivities(rng), [0, 0, -0.02, -0.015, 0, 0])
+    found = isolate_components(score)
+    assert found.components == ("hpc",) and found.probability > 0.5 and found.complete
+    assert found.inclusion["hpc"] > 0.99
+
+
+def test_nothing_is_named_when_nothing_changed():
+    rng = np.random.default_rng(4)
+    found = isolate_components(score_of(rng, sensitivities(rng), np.zeros(6))[0])
+    assert found.components == () and found.probability > 0.5
+
+
+def test_answer_and_rivals_hold_the_coverage_asked_for():
+    rng = np.random.default_rng(5)
+    score, _ = score_of(rng, sensitivities(rng, N=3, size=10.0), [0.03, 0, 0, 0, 0, 0])
+    found = isolate_components(score, IsolationOptions(coverage=0.9))
+    held = np.cumsum([found.probability, *(r.probability for r in found.rivals)])
+    assert held[-1] >= 0.9 and (len(held) == 1 or held[-2] < 0.9)
+
+
+def test_a_limit_that_the_answer_reaches_is_told():
+    rng = np.random.default_rng(6)
+    score, _ = score_of(rng, sensitivities(rng), [-0.05, 0, -0.05, 0, 0, 0])
+    assert not isolate_components(score, IsolationOptions(largest=1)).complete
+    assert isolate_components(score).components == ("fan", "hpc")

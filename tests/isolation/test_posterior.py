@@ -1,0 +1,100 @@
+"""The posterior over sets against brute force, and its calibration."""
+
+from __future__ import annotations
+
+from itertools import combinations
+
+import numpy as np
+import pytest
+from scipy.stats import multivariate_normal
+from score_makers import linear_score, sensitivities
+
+from enginediag_cli.isolation.posterior import set_posterior, size_limit
+
+
+def test_probabilities_equal_the_marginal_likelihoods_of_all_sets():
+    rng = np.random.default_rng(1)
+    N, m, p, slab = 6, 3, 4, 0.05
+    J = sensitivities(rng, N, m, p)
+    change = np.array([0.05, 0, 0, -0.05])
+    e_rng = np.random.default_rng(2)
+    e = (e_rng.standard_normal((N, m)) + J @ change).ravel()
+    score = linear_score(np.random.default_rng(2), J, change, sigma=slab)
+    G = J.reshape(-1, p)
+    logs = {}
+    for size in range(p + 1):
+        for chosen in combinations(range(p), size):
+            covariance = np.eye(N * m) + slab**2 * G[:, chosen] @ G[:, chosen].T
+            logs[chosen] = multivariate_normal(cov=covariance).logpdf(e) + size * np.log(0.2 / 0.8)
+    weights = np.exp(np.array(list(logs.values())) - max(logs.values()))
+    expected = dict(zip(logs, weights / weights.sum(), strict=True))
+    found = set_posterior(score, inclusion=0.2)
+    assert len(found.probabilities) == 16
+    for mask, probability in zip(found.masks, found.probabilities, strict=True):
+        assert probability == pytest.approx(expected[tuple(np.flatnonzero(mask))], rel=1e-8)
+    assert found.inclusion[0] == pytest.approx(sum(q for s, q in expected.items() if 0 in s), rel=1e-8)
+    something = sum(q for s, q in expected.items() if s)
+    assert found.log_evidence == pytest.approx(np.log(something / expected[()]), rel=1e-8)
+
+
+def test_stated_probabilities_are_the_realised_frequencies():
+    rng = np.random.default_rng(3)
+    J = sensitivities(rng, N=15, p=6)
+    claimed = right = covered = 0.0
+    trials = 400
+    for _ in range(trials):
+        truth = rng.random(6) < 0.2
+        change = np.where(truth, 0.02 * rng.standard_normal(6), 0)
+        found = set_posterior(linear_score(rng, J, change), inclusion=0.2)
+        claimed += found.probabilities[0]
+        right += np.array_equal(found.masks[0], truth)
+        covered += any(np.array_equal(mask, truth) for mask in found.masks[: found.credible(0.9)])
+    # standard error of either rate is at most 0.025; three of them
+    assert right / trials == pytest.approx(claimed / trials, abs=0.075)
+    assert covered / trials > 0.9 - 0.045
+
+
+def test_answers_do_not_depend_on_units_or_order_of_parameters():
+    rng = np.random.default_rng(4)
+    J = sensitivities(rng, p=5)
+    change = np.array([0.03, 0, 0, 0.03, 0])
+    plain = set_posterior(linear_score(np.random.default_rng(5), J, change))
+    order = [3, 1, 4, 0, 2]
+    turned = set_posterior(linear_score(np.random.default_rng(5), J[:, :, order], change[order]))
+    np.testing.assert_allclose(turned.inclusion, plain.inclusion[order], rtol=1e-9)
+    np.testing.assert_allclose(turned.probabilities, plain.probabilities, rtol=1e-7)
+
+
+def test_a_known_number_of_faults_leaves_only_sets_of_that_size():
+    rng = np.random.default_rng(6)
+    found = set_posterior(linear_score(rng, sensitivities(rng), [0.03, 0, 0, 0.03, 0, 0]), faults=2)
+    assert np.all(found.masks.sum(axis=1) == 2) and len(found.masks) == 15
+    assert found.names(0) == ("p0", "p3")
+    assert found.probabilities.sum() == pytest.approx(1)
+
+
+def test_two_parameters_that_imitate_each_other_share_the_probability():
+    rng = np.random.default_rng(7)
+    J = sensitivities(rng)
+    J[:, :, 5] = J[:, :, 0]
+    found = set_posterior(linear_score(rng, J, [0.05, 0, 0, 0, 0, 0]))
+    assert found.probabilities[0] == pytest.approx(found.probabilities[1])
+    assert {found.names(0), found.names(1)} == {("p0",), ("p5",)}
+    assert found.credible(0.95) >= 2
+
+
+def test_the_size_limit_keeps_the_number_of_sets_in_hand():
+    assert size_limit(11) == 11
+    assert size_limit(20) == 20
+    assert size_limit(40) == 5
+    assert size_limit(11, 3) == 3
+    rng = np.random.default_rng(8)
+    assert (
+        len(set_posterior(linear_score(rng, sensitivities(rng), np.zeros(6)), largest=2).masks) == 1 + 6 + 15
+    )
+
+
+def test_a_healthy_engine_is_most_probably_unchanged():
+    rng = np.random.default_rng(9)
+    J = sensitivities(rng, N=200)
+    assert sum(set_posterior(linear_score(rng, J, np.zeros(6))).names(0) == () for _ in range(50)) >= 48

@@ -1,0 +1,187 @@
+"""residual, detect and isolate as commands, on a turbofan whose nominal state is written by hand."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from enginediag_cli.__main__ import main
+from enginediag_cli.engine import load_engine
+from enginediag_cli.identification.envelope import learn_envelope
+from enginediag_cli.identification.nominal import Nominal, SensorNoise
+from enginediag_cli.identification.nominal_file import write_nominal
+from enginediag_cli.recordings.provenance import sha256_of
+from enginediag_cli.recordings.table import Recording
+from enginediag_cli.recordings.write import write_csv
+
+ENGINE = Path(__file__).parents[2] / "configs" / "turbofan.yaml"
+N = 120
+
+
+@pytest.fixture(scope="module")
+def files(tmp_path_factory):
+    """nominal.yaml and two recordings: healthy.csv, and faulty.csv with 2 % of HPC efficiency lost."""
+    folder = tmp_path_factory.mktemp("windows")
+    engine, rng = load_engine(ENGINE), np.random.default_rng(1)
+    phase = np.linspace(0, 1, N)
+    columns = {"altitude_m": 9e3 * phase, "mach": 0.3 + 0.5 * phase, "dT_isa_K": np.full(N, 5.0)}
+    columns[engine.power_setting] = engine.power_from_fraction(0.95 - 0.3 * phase, columns)
+    columns = {c: columns[c] for c in engine.inputs}
+    sigma = {c: s.noise_sigma for c, s in engine.sensors.items()}
+    for name, health in (("healthy", {}), ("faulty", {"hpc.efficiency": 0.98})):
+        y = engine.predict(columns, health).y
+        readings = {c: y[:, j] + sigma[c] * rng.standard_normal(N) for j, c in enumerate(sigma)}
+        write_csv(folder / f"{name}.csv", [Recording({**columns, "time_s": 10.0 * np.arange(N), **readings})])
+    m = len(sigma)
+    nominal = Nominal(
+        str(ENGINE),
+        sha256_of(ENGINE),
+        engine.inputs,
+        (),
+        np.zeros((0, 0)),
+        tuple(SensorNoise(c, s, 0.0, N, float(N), 0) for c, s in sigma.items()),
+        np.eye(m),
+        (),
+        {},
+        (),
+        (),
+        (),
+        (),
+        learn_envelope(columns),
+        {},
+        {},
+    )
+    write_nominal(nominal, folder / "nominal.yaml")
+    return folder
+
+
+@pytest.fixture
+def run(files, capsys, monkeypatch, tmp_path):
+    """`run(command, *arguments, stdin="")` with -n nominal.yaml filled in: exit code, rows, stderr."""
+
+    def call(command, *arguments, nominal=True, stdin=""):
+        piped = tmp_path / "stdin"
+        piped.write_text(stdin)
+        words = [str(files / a) if str(a).endswith(".csv") else str(a) for a in arguments]
+        with open(piped) as stream:
+            monkeypatch.setattr(sys, "stdin", stream)
+            code = main([command, *(["-n", str(files / "nominal.yaml")] if nominal else []), *words])
+        out, err = capsys.readouterr()
+        body = [line for line in io.StringIO(out) if not line.startswith("#")]
+        rows = list(csv.DictReader(body)) if "json" not in arguments else json.loads(out)
+        return code, rows, err, out
+
+    return call
+
+
+def test_a_healthy_engine_is_healthy_and_a_faulty_one_is_found_and_told_by_the_exit_code(run):
+    code, rows, err, _ = run("detect", "healthy.csv", "--exit-code")
+    assert (code, [r["verdict"] for r in rows]) == (0, ["healthy"])
+    assert "1 healthy" in err
+    assert run("detect", "faulty.csv")[0] == 0
+    code, rows, _, _ = run("detect", "faulty.csv", "--exit-code")
+    assert (code, rows[0]["verdict"], rows[0]["alarm"]) == (1, "fault", "true")
+
+
+def test_windows_give_one_row_each_with_their_lines_and_times(run):
+    rows = run("detect", "faulty.csv", "--window", "60", "--step", "30")[1]
+    assert [(r["first_line"], r["last_line"], r["start_s"]) for r in rows] == [
+        ("2", "61", "0.0"),
+        ("32", "91", "300.0"),
+        ("62", "121", "600.0"),
+    ]
+    assert len(run("detect", "faulty.csv", "--window", "10min")[1]) == 2
+
+
+def test_the_lost_efficiency_is_isolated_with_its_size_and_told_in_words(run):
+    _, rows, err, _ = run("isolate", "faulty.csv")
+    assert rows[0]["parameter"] == "hpc.efficiency"
+    assert float(rows[0]["lower"]) < -0.02 < float(rows[0]["upper"])
+    assert "HPC isentropic efficiency fell by" in err
+
+
+@pytest.mark.parametrize("method", ["incremental", "sensitivity", "minmax"])
+def test_every_method_can_be_chosen(run, method):
+    assert (
+        "hpc.efficiency"
+        in run("isolate", "faulty.csv", "--method", method, "--faults", "1")[1][0]["isolated"]
+    )
+
+
+def test_statistics_through_a_pipe_give_the_same_answers_without_the_nominal_file(run):
+    statistics = run("residual", "faulty.csv")[3]
+    direct, piped = run("isolate", "faulty.csv")[1], run("isolate", "-", nominal=False, stdin=statistics)[1]
+    assert piped == direct
+    direct, piped = run("detect", "faulty.csv")[1], run("detect", "-", nominal=False, stdin=statistics)[1]
+    assert piped == direct
+
+
+def test_a_recording_through_a_pipe_needs_the_nominal_file(run, files):
+    recording = (files / "healthy.csv").read_text()
+    assert run("detect", "-", stdin=recording)[1][0]["verdict"] == "healthy"
+    code, _, err, _ = run("detect", "-", nominal=False, stdin=recording)
+    assert code == 2 and "--nominal" in err
+
+
+def test_residuals_record_by_record_are_in_units_and_in_sigmas(run):
+    rows = run("residual", "healthy.csv", "--what", "records")[1]
+    assert len(rows) == N and {r["state"] for r in rows} <= {"ok", "outside the maps"}
+    sigmas = np.array([float(r["T3_K:sigmas"]) for r in rows])
+    assert 0.8 < sigmas.std() < 1.2
+    ratio = np.array([float(r["T3_K:residual"]) for r in rows]) / sigmas
+    assert np.ptp(ratio) < 1e-6 * ratio[0]
+
+
+def test_the_smallest_detectable_changes_are_columns_in_the_parameters_units(run):
+    (row,) = run("detect", "healthy.csv", "--detectable")[1]
+    sizes = {c: float(v) for c, v in row.items() if c.startswith("detectable:")}
+    assert len(sizes) == 11 and 1e-4 < sizes["detectable:hpc.efficiency"] < 0.02
+
+
+def test_a_sensor_fault_can_be_monitored_too(run):
+    rows = run("residual", "healthy.csv", "--monitor", "hpc.*efficiency", "--monitor", "sensor.T3.bias")[1]
+    assert {c for c in rows[0] if c.startswith("s:")} == {"s:hpc.efficiency", "s:sensor.T3.bias"}
+    code, _, err, _ = run("residual", "healthy.csv", "--monitor", "hpc.eficiency")
+    assert code == 2 and "hpc.efficiency" in err
+
+
+def test_records_that_nobody_has_seen_are_no_verdict_and_exit_3(run, files, tmp_path):
+    text = (files / "healthy.csv").read_text().splitlines()
+    altitude = text[0].split(",").index("altitude_m")
+    far = [line.split(",") for line in text[1:]]
+    for cells in far:
+        cells[altitude] = "16000"
+    code, rows, err, _ = run("detect", "-", stdin="\n".join([text[0], *map(",".join, far)]) + "\n")
+    assert code == 3 and rows[0]["verdict"] == "no verdict"
+    assert "outside the operating points identified" in rows[0]["reason"] and f"{N} records outside" in err
+
+
+def test_a_missing_input_column_is_trouble_and_names_it(run, files):
+    text = (files / "healthy.csv").read_text().replace("mach", "Mach")
+    code, _, err, _ = run("detect", "-", stdin=text)
+    assert code == 2 and "no column mach" in err and "Traceback" not in err
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ("--window", "ten"),
+        ("--window", "5", "--step", "9"),
+        ("--step", "5"),
+        ("--false-alarm", "0"),
+        ("--method", "guess"),
+    ],
+)
+def test_options_that_make_no_sense_are_usage_errors(run, arguments):
+    assert run("isolate", "healthy.csv", *arguments)[0] == 2
+
+
+def test_json_holds_lists_and_numbers(run):
+    (row,) = run("isolate", "faulty.csv", "--format", "json")[1]
+    assert row["isolated"] == ["hpc.efficiency"] and isinstance(row["change"], float)
