@@ -1,0 +1,127 @@
+"""Entry of the console script: runs a command and turns whatever happens into one exit code.
+
+Click ends with 1 on a broken pipe, on Ctrl-C and on many errors, and Python ends with 1 on an uncaught
+exception; here 1 means "a fault was found", so every ending is mapped in `_report` and nowhere else.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+from enginediag_cli.errors import ConfigError, EngineDiagError, ExitCode
+
+if TYPE_CHECKING:
+    from enginediag_cli.presentation.messages import Messages
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run `enginediag` with `arguments` (default: those of the shell) and return the exit code."""
+    if arguments is None:
+        _leave_no_half_written_file_when_terminated()
+        _write_utf_8()
+        arguments = sys.argv[1:]
+    try:
+        from enginediag_cli.presentation.messages import Messages
+    except KeyboardInterrupt:
+        return ExitCode.INTERRUPTED
+    messages = Messages()
+    try:
+        code = _run(arguments, messages)
+        if sys.stdout is not None:
+            sys.stdout.flush()
+    except (Exception, KeyboardInterrupt, SystemExit) as error:
+        code = _report(error, messages)
+        _discard_unwritable_output()
+    return code
+
+
+def _run(arguments: Sequence[str], messages: Messages) -> int:
+    """Parse and run one command line; the exit code that it asks for."""
+    import os
+
+    from click.exceptions import Exit
+
+    from enginediag_cli.commands.main import enginediag
+
+    if "_ENGINEDIAG_COMPLETE" in os.environ:
+        enginediag.main(list(arguments), prog_name="enginediag")
+    try:
+        with enginediag.make_context("enginediag", list(arguments), obj=messages) as context:
+            result = enginediag.invoke(context)
+    except Exit as asked:
+        return asked.exit_code
+    return int(result) if isinstance(result, int) else ExitCode.DONE
+
+
+def _report(error: BaseException, messages: Messages) -> int:
+    """Say on stderr what went wrong and return the exit code."""
+    import click
+
+    if messages.debug and not isinstance(error, SystemExit):
+        import traceback
+
+        traceback.print_exception(error)
+    if isinstance(error, (KeyboardInterrupt, click.Abort)):
+        messages.error("interrupted")
+        return ExitCode.INTERRUPTED
+    if isinstance(error, BrokenPipeError):
+        return ExitCode.BROKEN_PIPE
+    if isinstance(error, SystemExit):
+        return error.code if isinstance(error.code, int) else ExitCode.INTERNAL
+    if isinstance(error, click.ClickException):
+        error.show()
+        return ExitCode.TROUBLE
+    if isinstance(error, ConfigError):
+        messages.problems(error.problems)
+        return error.exit_code
+    if isinstance(error, EngineDiagError):
+        messages.error(str(error))
+        return error.exit_code
+    if isinstance(error, OSError):
+        where = f"{error.filename}: " if error.filename else ""
+        messages.error(f"{where}{error.strerror or error}")
+        return ExitCode.TROUBLE
+    messages.error(f"internal error: {type(error).__name__}: {error}")
+    if not messages.debug:
+        messages.error("this is a fault of the program, not of your data; run with --debug for the traceback")
+    return ExitCode.INTERNAL
+
+
+def _discard_unwritable_output() -> None:
+    """Let Python's own flush at exit succeed: it would otherwise fail again and end with code 120."""
+    import os
+
+    try:
+        sys.stdout.flush()
+    except OSError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    except (AttributeError, ValueError):  # stdout is None or closed: nothing is left to flush
+        return
+
+
+def _leave_no_half_written_file_when_terminated() -> None:
+    """Turn SIGTERM into an exception, so that temporary files are removed on the way out."""
+    import signal
+
+    def stop(number: int, frame: object) -> None:
+        raise SystemExit(128 + number)
+
+    signal.signal(signal.SIGTERM, stop)
+
+
+def _write_utf_8() -> None:
+    """Files and pipes get UTF-8 whatever the locale; a terminal gets what it can show."""
+    import io
+
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            if stream.isatty():
+                stream.reconfigure(errors="replace")
+            else:
+                stream.reconfigure(encoding="utf-8")
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,104 @@
+"""The command group. A command's module is imported only when that command runs or is asked for help.
+
+To add a command: write `commands/<name>.py` and add its line to `COMMANDS`.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, NamedTuple
+
+import click
+
+from enginediag_cli import __version__
+from enginediag_cli.commands.options import message_options
+
+if TYPE_CHECKING:
+    from click.shell_completion import CompletionItem
+
+
+class Entry(NamedTuple):
+    """Where a command lives, and its line in `enginediag --help`."""
+
+    module: str
+    attribute: str
+    help: str
+
+
+COMMANDS: dict[str, Entry] = {
+    "simulate": Entry("enginediag_cli.commands.simulate", "simulate",
+                      "Fly an engine, healthy or faulty, and write what its sensors record."),
+    "identify": Entry("enginediag_cli.commands.identify", "identify",
+                      "Fit the nominal engine and its sensor noise to healthy recordings."),
+    "residual": Entry("enginediag_cli.commands.residual", "residual",
+                      "Condense recordings into local statistics, window by window."),
+    "detect": Entry("enginediag_cli.commands.detect", "detect",
+                    "Say when an engine departs from nominal."),
+    "isolate": Entry("enginediag_cli.commands.isolate", "isolate",
+                     "Say which parameters changed, by how much and how surely."),
+    "check": Entry("enginediag_cli.commands.check", "check",
+                   "Validate YAML and CSV files."),
+    "schema": Entry("enginediag_cli.commands.schema", "schema",
+                    "Print the JSON schema of a kind of YAML file, for editors."),
+    "demo": Entry("enginediag_cli.commands.demo", "demo",
+                  "Run the whole chain on simulated flights and explain it in words."),
+}
+
+
+class LazyGroup(click.Group):
+    """A click group that reads names and help lines from `COMMANDS` and imports nothing else."""
+
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        return list(COMMANDS)
+
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
+        entry = COMMANDS.get(cmd_name)
+        if entry is None:
+            return None
+        command: click.Command = getattr(import_module(entry.module), entry.attribute)
+        return command
+
+    def resolve_command(
+        self, ctx: click.Context, args: list[str]
+    ) -> tuple[str | None, click.Command | None, list[str]]:
+        name = args[0]
+        if name not in COMMANDS and not name.startswith("-"):
+            from difflib import get_close_matches
+
+            near = get_close_matches(name, COMMANDS)
+            hint = f"; did you mean {' or '.join(map(repr, near))}?" if near else ""
+            raise click.UsageError(f"no such command {name!r}{hint}", ctx)
+        return super().resolve_command(ctx, args)
+
+    def shell_complete(self, ctx: click.Context, incomplete: str) -> list[CompletionItem]:
+        from click.shell_completion import CompletionItem
+
+        names = [name for name in COMMANDS if name.startswith(incomplete)]
+        options = click.Command.shell_complete(self, ctx, incomplete)
+        return [CompletionItem(name, help=COMMANDS[name].help) for name in names] + options
+
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        with formatter.section("Commands"):
+            formatter.write_dl([(name, entry.help) for name, entry in COMMANDS.items()])
+
+
+@click.group(
+    cls=LazyGroup, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100}
+)
+@click.version_option(__version__, prog_name="enginediag", message="%(prog)s %(version)s")
+@message_options
+def enginediag() -> None:
+    """Diagnose gas turbines from recorded flights with a physical model of the engine.
+
+    \b
+    enginediag demo
+    enginediag simulate configs/turbofan.yaml --seed 1 -o healthy.csv
+    enginediag identify configs/turbofan.yaml healthy.csv -o nominal.yaml
+    enginediag detect -n nominal.yaml flight.csv
+
+    FILE may be - for standard input. Data go to standard output, everything else to standard error.
+
+    \b
+    Exit codes: 0 done; 1 finding (only with --exit-code); 2 bad usage, configuration or data;
+    3 no verdict; 70 internal error; 130 interrupted.
+    """

@@ -1,0 +1,163 @@
+"""Options that several commands share, so that they are spelt and behave alike everywhere.
+
+    @click.command(epilog=exit_codes(finding="a change was found and --exit-code given"))
+    @nominal_option
+    @recordings_argument
+    @seed_option
+    @exit_code_option
+    @output_options
+    @message_options
+    @pass_messages
+    def detect(messages, nominal, recordings, seed, exit_code, output): ...
+
+A command returns its `ExitCode`, or nothing for `DONE`.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Callable
+from functools import wraps
+from typing import Any, TypeVar
+
+import click
+
+from enginediag_cli.presentation.messages import Messages
+
+Function = TypeVar("Function", bound=Callable[..., Any])
+
+pass_messages = click.make_pass_decorator(Messages, ensure=True)
+"""Gives the command the run's `Messages` (stderr) as its first argument."""
+
+FORMATS = ("auto", "csv", "json", "table")
+
+
+def exit_codes(finding: str = "") -> str:
+    """Epilog of a command's help that lists its exit codes; `finding` says what 1 means, if it can occur."""
+    one = f"1 {finding}; " if finding else ""
+    first = f"Exit codes: 0 done; {one}2 bad usage, configuration or data;"
+    return f"\b\n{first}\n3 no verdict; 70 internal error; 130 interrupted."
+
+
+def message_options(function: Function) -> Function:
+    """`-q`, `--color` and `--debug`: kept in the run's `Messages`, not passed to the command."""
+    quiet = click.option(
+        "-q", "--quiet", is_flag=True, expose_value=False, is_eager=True, callback=_set_message_option,
+        help="Say nothing on standard error but errors.",
+    )
+    color = click.option(
+        "--color", type=click.Choice(["auto", "always", "never"]), default=None, expose_value=False,
+        is_eager=True, callback=_set_message_option, help="Colours; auto asks the terminal and NO_COLOR.",
+    )
+    debug = click.option(
+        "--debug", is_flag=True, expose_value=False, is_eager=True, callback=_set_message_option,
+        help="Show the traceback of an error.",
+    )
+    return quiet(color(debug(function)))
+
+
+def _set_message_option(context: click.Context, parameter: click.Parameter, value: Any) -> None:
+    if value and parameter.name:  # an option of the group stays set when its command leaves it out
+        setattr(context.ensure_object(Messages), parameter.name, value)
+
+
+class ConfigFile(click.Path):
+    """A YAML file that exists. A name that is not in the working folder may be one that comes with the program,
+    such as turbofan.yaml or faults/hpc_fouling.yaml."""
+
+    def __init__(self) -> None:
+        super().__init__(exists=True, dir_okay=False, readable=True)
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        if isinstance(value, str) and not os.path.lexists(value) and not os.path.isabs(value):
+            from enginediag_cli.errors import DataError
+            from enginediag_cli.shipped import shipped
+
+            try:
+                value = str(shipped(value))
+            except DataError as error:
+                self.fail(f"there is no file {value!r} here, and {error}", param, ctx)
+        return super().convert(value, param, ctx)
+
+
+def output_options(function: Callable[..., Any]) -> Callable[..., Any]:
+    """`-o/--output`, `--format`, `--no-header`: given to the command as one `output: Output`."""
+
+    @wraps(function)
+    def with_output(
+        *args: Any, output_path: str, output_format: str, no_header: bool, **others: Any
+    ) -> Any:
+        from enginediag_cli.presentation.output import Output
+
+        messages = click.get_current_context().ensure_object(Messages)
+        output = Output(output_path, output_format, header=not no_header, color=messages.color)
+        return function(*args, output=output, **others)
+
+    path = click.option(
+        "-o", "--output", "output_path", default="-", metavar="FILE", callback=_writable_path,
+        help="Write to FILE, completely or not at all; - is standard output.",
+    )
+    form = click.option(
+        "--format", "output_format", type=click.Choice(FORMATS), default="auto",
+        help="auto: by the name of FILE, else table on a terminal and csv in a pipe.",
+    )
+    header = click.option("--no-header", is_flag=True, help="Leave out the # provenance lines.")
+    return path(form(header(with_output)))
+
+
+def _writable_path(context: click.Context, parameter: click.Parameter, value: str) -> str:
+    """Refuse an output that cannot be written before the work is done, not after."""
+    folder = os.path.dirname(os.path.abspath(value))
+    if value != "-" and (os.path.isdir(value) or not os.path.isdir(folder)):
+        reason = "is a folder" if os.path.isdir(value) else f"there is no folder {folder}"
+        raise click.BadParameter(f"{value}: {reason}", context, parameter)
+    return value
+
+
+def recordings_argument(function: Function) -> Function:
+    """`FILE...` as `recordings: tuple[str, ...]`; `-` or nothing with piped input means standard input."""
+    return click.argument(
+        "recordings", nargs=-1, metavar="[FILE]...", callback=_input_files,
+        type=click.Path(exists=True, dir_okay=False, readable=True, allow_dash=True),
+    )(function)
+
+
+def _input_files(
+    context: click.Context, parameter: click.Parameter, value: tuple[str, ...]
+) -> tuple[str, ...]:
+    files = value or ("-",)
+    if files.count("-") > 1:
+        raise click.UsageError("standard input (-) can be read only once", context)
+    if "-" in files and not context.resilient_parsing and _nothing_is_piped():
+        raise click.UsageError("no input: name a FILE, or pipe data in", context)
+    return files
+
+
+def _nothing_is_piped() -> bool:
+    return sys.stdin is None or sys.stdin.closed or sys.stdin.isatty()
+
+
+def nominal_option(function: Function) -> Function:
+    """`-n/--nominal FILE` as `nominal: str`: what `identify` wrote."""
+    return click.option(
+        "-n", "--nominal", required=True, metavar="FILE",
+        type=click.Path(exists=True, dir_okay=False, readable=True),
+        help="Nominal engine, as written by identify.",
+    )(function)
+
+
+def seed_option(function: Function) -> Function:
+    """`--seed N` as `seed: int`; the same seed gives the same bytes."""
+    return click.option(
+        "--seed", type=click.IntRange(min=0), default=0, show_default=True, metavar="N",
+        help="Seed of everything random.",
+    )(function)
+
+
+def exit_code_option(function: Function) -> Function:
+    """`--exit-code` as `exit_code: bool`: end with 1 when there is a finding.
+
+    Opt-in, because a 1 from the middle of a pipe would stop a script under `set -o pipefail`.
+    """
+    return click.option("--exit-code", is_flag=True, help="End with 1 if there is a finding.")(function)

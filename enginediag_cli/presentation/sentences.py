@@ -1,0 +1,109 @@
+"""Results in plain words: what changed, by how much, how surely, and what these data cannot tell."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from enginediag_cli.presentation.names import in_words, listed
+from enginediag_cli.presentation.numbers import p_value, probability, rounded, with_unit
+
+
+def change(
+    name: str,
+    delta: float,
+    half_width: float | None = None,
+    *,
+    unit: str = "",
+    chance: float | None = None,
+) -> str:
+    """The change of one parameter from nominal, for instance
+    "HPC isentropic efficiency fell by 2.0 % ± 0.3 % (probability 0.97)".
+
+    `delta` is the value minus the nominal one in the parameter's own unit: a number without unit is a scale
+    factor and is told in per cent. `half_width` is half the interval, `chance` the probability that the
+    parameter changed at all.
+    """
+    shown = (delta, half_width, unit) if unit else (100 * delta, _times(100, half_width), "%")
+    size = with_unit(abs(shown[0]), shown[2], shown[1])
+    behind = f" (probability {probability(chance)})" if chance is not None else ""
+    if name.startswith("sensor.") and name.endswith((".bias", ".scale")):
+        sensor = name.split(".")[1]
+        return f"{sensor} sensor reads {size} too {'high' if delta > 0 else 'low'}{behind}"
+    return f"{in_words(name)} {'rose' if delta > 0 else 'fell'} by {size}{behind}"
+
+
+def _times(factor: float, value: float | None) -> float | None:
+    return None if value is None else factor * value
+
+
+def ambiguous(explanations: Sequence[Sequence[str]], remedy: str = "") -> str:
+    """What the data cannot separate; each explanation is a set of parameters that change together.
+
+    "cannot tell: HPC isentropic efficiency or T3 sensor bias would explain these records equally well"
+    """
+    rivals = [listed([in_words(name) for name in sorted(names)], "together with") for names in explanations]
+    text = f"cannot tell: {listed(rivals, 'or')} would explain these records equally well"
+    return f"{text}; {remedy}" if remedy else text
+
+
+def not_excited(combinations: Sequence[str]) -> str:
+    """Changes to which these operating points are blind."""
+    return f"cannot tell: these operating points do not show {listed(list(combinations), 'or')}"
+
+
+def departed(
+    statistic: float,
+    threshold: float,
+    freedom: int,
+    p: float | None = None,
+    *,
+    where: str = "",
+    onset: str = "",
+) -> str:
+    """The verdict that the engine is no longer nominal, with the numbers it rests on."""
+    begins = f", beginning about {onset}" if onset else ""
+    return f"{_prefix(where)}departs from nominal{begins} {_evidence(statistic, threshold, freedom, p)}"
+
+
+def nominal(
+    statistic: float, threshold: float, freedom: int, p: float | None = None, *, where: str = ""
+) -> str:
+    """The verdict that nothing speaks against a nominal engine."""
+    return f"{_prefix(where)}agrees with nominal {_evidence(statistic, threshold, freedom, p)}"
+
+
+def no_verdict(reason: str, *, where: str = "") -> str:
+    """Neither healthy nor faulty, and why."""
+    return f"{_prefix(where)}no verdict: {reason}"
+
+
+def smallest_detectable(name: str, delta: float, *, unit: str = "") -> str:
+    """The smallest change that these data would reveal, for instance "HPC flow capacity: 0.4 %"."""
+    size = with_unit(delta, unit, digits=2) if unit else with_unit(100 * delta, "%", digits=2)
+    return f"{in_words(name)}: {size}"
+
+
+def count(number: int, noun: str, plural: str = "") -> str:
+    """"1 record", "1,200 records"."""
+    return f"{number:,} {noun if number == 1 else plural or noun + 's'}"
+
+
+def masked(column: str, reasons: dict[str, int]) -> str:
+    """What was left out of one column, for instance "T3_K: 12 records masked (9 missing, 3 outliers)"."""
+    parts = ", ".join(f"{number:,} {reason}" for reason, number in reasons.items())
+    return f"{column}: {count(sum(reasons.values()), 'record')} masked ({parts})"
+
+
+def _prefix(where: str) -> str:
+    return f"{where}: " if where else ""
+
+
+def _evidence(statistic: float, threshold: float, freedom: int, p: float | None) -> str:
+    chance = f", p {_equals(p_value(p))}" if p is not None else ""
+    freedoms = count(freedom, "degree of freedom", "degrees of freedom")
+    numbers = f"statistic {rounded(statistic)}, threshold {rounded(threshold)}, {freedoms}"
+    return f"({numbers}{chance})"
+
+
+def _equals(text: str) -> str:
+    return text if text.startswith("<") else f"= {text}"

@@ -1,0 +1,53 @@
+"""Results in plain words."""
+
+from __future__ import annotations
+
+from enginediag_cli.presentation import sentences
+
+
+def test_a_loss_of_efficiency_is_told_in_per_cent_with_its_interval_and_probability():
+    assert (
+        sentences.change("hpc.efficiency", -0.02, 0.003, chance=0.97)
+        == "HPC isentropic efficiency fell by 2.0 % ± 0.3 % (probability 0.97)"
+    )
+
+
+def test_a_sensor_bias_is_told_in_the_sensors_unit():
+    assert sentences.change("sensor.T3.bias", 4.12, 0.8, unit="K") == "T3 sensor reads 4.1 K ± 0.8 K too high"
+
+
+def test_a_sensor_scale_below_nominal_reads_too_low():
+    assert sentences.change("sensor.Wf.scale", -0.015) == "Wf sensor reads 1.5 % too low"
+
+
+def test_explanations_that_cannot_be_separated_are_all_named():
+    assert sentences.ambiguous([["hpc.efficiency"], ["sensor.T3.bias", "hpt.flow_capacity"]]) == (
+        "cannot tell: HPC isentropic efficiency or HPT flow capacity together with T3 sensor bias "
+        "would explain these records equally well"
+    )
+
+
+def test_a_departure_names_its_place_its_onset_and_its_evidence():
+    assert sentences.departed(45.21, 24.72, 11, 1e-6, where="b22", onset="1200 s") == (
+        "b22: departs from nominal, beginning about 1200 s "
+        "(statistic 45.2, threshold 24.7, 11 degrees of freedom, p = 1e-06)"
+    )
+
+
+def test_a_nominal_engine_and_a_missing_verdict_do_not_sound_alike():
+    healthy = sentences.nominal(9.1, 24.7, 1)
+    unknown = sentences.no_verdict("only 3 records in the envelope")
+    assert healthy == "agrees with nominal (statistic 9.1, threshold 24.7, 1 degree of freedom)"
+    assert unknown == "no verdict: only 3 records in the envelope"
+
+
+def test_masked_records_are_counted_by_reason():
+    assert (
+        sentences.masked("T3_K", {"missing": 1009, "outliers": 3})
+        == "T3_K: 1,012 records masked (1,009 missing, 3 outliers)"
+    )
+
+
+def test_the_smallest_detectable_change_has_the_unit_of_its_parameter():
+    assert sentences.smallest_detectable("core_nozzle.area", 0.0042) == "core nozzle area: 0.42 %"
+    assert sentences.smallest_detectable("sensor.T3.bias", 1.3, unit="K") == "T3 sensor bias: 1.3 K"
