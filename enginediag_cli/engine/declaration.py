@@ -3,57 +3,112 @@
 from __future__ import annotations
 
 from enginediag_cli.config.fields import Field, Section, Variants
-from enginediag_cli.identification.settings import IDENTIFICATION
 from enginediag_cli.engine.components import COMPONENTS
+from enginediag_cli.identification.settings import IDENTIFICATION
 
-SHAFT = Section("shaft", "what turns together", (
-    Field("name", "text", "name of the shaft"),
-    Field("speed_label", "text", "N1, N2, …: its speed is the column <label>_rpm"),
-    Field("design_speed_rpm", "number", "at the design point", unit="rpm", minimum=1.0),
-    Field("speed", "choice", "balance: follows from the power balance; constant: the design speed (synchronous "
-          "generator); input: a recorded column", "balance", choices=("balance", "constant", "input")),
-    Field("mechanical_efficiency", "number", "share of turbine power that reaches the shaft", 1.0, minimum=0.8, maximum=1.0),
-    Field("power_offtake_W", "number", "power taken from the shaft", 0.0, unit="W"),
-))
-SENSOR = Section("sensor", "one measured output; the key of the entry is its column", (
-    Field("reads", "any_map", "columns of the model and their weights, {T45_K: 0.6, T5_K: 0.4}; default the column itself", None),
-    Field("over", "text", "model column by which the reading is divided (a ratio such as EPR)", None),
-    Field("noise_sigma", "number", "standard deviation of one reading, in the column's unit", minimum=0.0),
-    Field("maximum", "number", "largest reading, in the column's unit; scales uniform noise", None),
-    Field("bias_sigma", "number", "plausible bias, in the column's unit; default 3 noise_sigma", None, minimum=0.0),
-    Field("scale_sigma", "number", "plausible scale error", 0.01, minimum=0.0),
-    Field("soak", "text", "input column with the heat-soak driver; adds parameter sensor.<quantity>.soak", None),
-    Field("soak_sigma", "number", "plausible soak coefficient, reading unit per driver unit", 0.01, minimum=0.0),
-))
-DESIGN = Section("design", "the design point, at which components are sized", (
-    Field("altitude_m", "number", "geopotential altitude", 0.0, unit="m"),
-    Field("mach", "number", "flight Mach number", 0.0, minimum=0.0, maximum=1.0),
-    Field("dT_isa_K", "number", "deviation from the standard atmosphere", 0.0, unit="K"),
-    Field("ambient_pressure_Pa", "number", "for ground conditions", 101325.0, unit="Pa"),
-    Field("ambient_temperature_K", "number", "for ground conditions", 288.15, unit="K"),
-    Field("humidity_kg_kg", "number", "water vapour per dry air", 0.0, unit="kg/kg", minimum=0.0),
-    Field("dP_inlet_Pa", "number", "measured inlet loss", 0.0, unit="Pa"),
-))
-RANGE = Section("range", "lowest and highest value, in the column's unit", (
-    Field("low", "number", "lowest value"), Field("high", "number", "highest value")))
+SHAFT = Section(
+    "shaft",
+    "what turns together",
+    (
+        Field("name", "text", "name of the shaft"),
+        Field("speed_label", "text", "N1, N2, …: its speed is the column <label>_rpm"),
+        Field("design_speed_rpm", "number", "at the design point", unit="rpm", minimum=1.0),
+        Field(
+            "speed",
+            "choice",
+            "balance: follows from the power balance; constant: the design speed (synchronous "
+            "generator); input: a recorded column",
+            "balance",
+            choices=("balance", "constant", "input"),
+        ),
+        Field(
+            "mechanical_efficiency",
+            "number",
+            "share of turbine power that reaches the shaft",
+            1.0,
+            minimum=0.8,
+            maximum=1.0,
+        ),
+        Field("power_offtake_W", "number", "power taken from the shaft", 0.0, unit="W"),
+    ),
+)
+SENSOR = Section(
+    "sensor",
+    "one measured output; the key of the entry is its column",
+    (
+        Field(
+            "reads",
+            "any_map",
+            "columns of the model and their weights, {T45_K: 0.6, T5_K: 0.4}; default the column itself",
+            None,
+        ),
+        Field("over", "text", "model column by which the reading is divided (a ratio such as EPR)", None),
+        Field("noise_sigma", "number", "standard deviation of one reading, in the column's unit", minimum=0.0),
+        Field("maximum", "number", "largest reading, in the column's unit; scales uniform noise", None),
+        Field("bias_sigma", "number", "plausible bias, in the column's unit; default 3 noise_sigma", None, minimum=0.0),
+        Field("scale_sigma", "number", "plausible scale error", 0.01, minimum=0.0),
+        Field("soak", "text", "input column with the heat-soak driver; adds parameter sensor.<quantity>.soak", None),
+        Field("soak_sigma", "number", "plausible soak coefficient, reading unit per driver unit", 0.01, minimum=0.0),
+    ),
+)
+DESIGN = Section(
+    "design",
+    "the design point, at which components are sized",
+    (
+        Field("altitude_m", "number", "geopotential altitude", 0.0, unit="m"),
+        Field("mach", "number", "flight Mach number", 0.0, minimum=0.0, maximum=1.0),
+        Field("dT_isa_K", "number", "deviation from the standard atmosphere", 0.0, unit="K"),
+        Field("ambient_pressure_Pa", "number", "for ground conditions", 101325.0, unit="Pa"),
+        Field("ambient_temperature_K", "number", "for ground conditions", 288.15, unit="K"),
+        Field("humidity_kg_kg", "number", "water vapour per dry air", 0.0, unit="kg/kg", minimum=0.0),
+        Field("dP_inlet_Pa", "number", "measured inlet loss", 0.0, unit="Pa"),
+    ),
+)
+RANGE = Section(
+    "range",
+    "lowest and highest value, in the column's unit",
+    (Field("low", "number", "lowest value"), Field("high", "number", "highest value")),
+)
 COMPONENT = Variants("component", "a component of the gas path", {t: c.SECTION for t, c in COMPONENTS.items()})
 
-ENGINE_FILE = Section("engine", "an engine as a network of components", (
-    Field("kind", "choice", "what this file is", "engine", choices=("engine",)),
-    Field("description", "text", "which engine it is"),
-    Field("sources", "texts", "where its numbers come from", ()),
-    Field("name", "text", "short name"),
-    Field("fuel_hydrogen_carbon_ratio", "number", "atoms of hydrogen per atom of carbon", 1.9185, minimum=0.5, maximum=4.0),
-    Field("design", "section", "design point", {}, section=DESIGN),
-    Field("power_setting", "text", "column that sets the power: Wf_kg_s, a shaft speed such as N1_rpm, T4_K, Fn_N or "
-          "power_W; given as input, the rest are outputs"),
-    Field("components", "named_sections", "in the order of the gas path", section=COMPONENT),
-    Field("shafts", "named_sections", "the shafts", section=SHAFT),
-    Field("sensors", "section_map", "measured outputs by column", section=SENSOR),
-    Field("monitored", "texts", "health parameters that are watched; default: efficiency, flow capacity and area of "
-          "every rotating component and of the first nozzle", ()),
-    Field("envelope", "section_map", "largest range of every input column, {low, high}", section=RANGE),
-    Field("power_range", "range", "corrected power setting from idle to rating (W_f/(δ√θ), N/√θ, T/θ, F/δ, P/(δ√θ))"),
-    Field("start", "number_map", "starting values of unknowns, relative to design", {}),
-    Field("identification", "section", "what `identify` estimates", None, section=IDENTIFICATION),
-))
+ENGINE_FILE = Section(
+    "engine",
+    "an engine as a network of components",
+    (
+        Field("kind", "choice", "what this file is", "engine", choices=("engine",)),
+        Field("description", "text", "which engine it is"),
+        Field("sources", "texts", "where its numbers come from", ()),
+        Field("name", "text", "short name"),
+        Field(
+            "fuel_hydrogen_carbon_ratio",
+            "number",
+            "atoms of hydrogen per atom of carbon",
+            1.9185,
+            minimum=0.5,
+            maximum=4.0,
+        ),
+        Field("design", "section", "design point", {}, section=DESIGN),
+        Field(
+            "power_setting",
+            "text",
+            "column that sets the power: Wf_kg_s, a shaft speed such as N1_rpm, T4_K, Fn_N or "
+            "power_W; given as input, the rest are outputs",
+        ),
+        Field("components", "named_sections", "in the order of the gas path", section=COMPONENT),
+        Field("shafts", "named_sections", "the shafts", section=SHAFT),
+        Field("sensors", "section_map", "measured outputs by column", section=SENSOR),
+        Field(
+            "monitored",
+            "texts",
+            "health parameters that are watched; default: efficiency, flow capacity and area of "
+            "every rotating component and of the first nozzle",
+            (),
+        ),
+        Field("envelope", "section_map", "largest range of every input column, {low, high}", section=RANGE),
+        Field(
+            "power_range", "range", "corrected power setting from idle to rating (W_f/(δ√θ), N/√θ, T/θ, F/δ, P/(δ√θ))"
+        ),
+        Field("start", "number_map", "starting values of unknowns, relative to design", {}),
+        Field("identification", "section", "what `identify` estimates", None, section=IDENTIFICATION),
+    ),
+)

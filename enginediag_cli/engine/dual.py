@@ -57,8 +57,8 @@ class Dual:
             d[:m] += self.d
         return Dual(self.v - other.v, d)
 
-    def __rsub__(self, other: Value) -> Dual:
-        return Dual(other - self.v, -self.d)  # type: ignore[operator]
+    def __rsub__(self, other: float | Array) -> Dual:
+        return Dual(np.asarray(other - self.v), -self.d)
 
     def __mul__(self, other: Value) -> Dual:
         if not isinstance(other, Dual):
@@ -66,6 +66,11 @@ class Dual:
         return _combine(self.v * other.v, self, other.v, other, self.v)
 
     __rmul__ = __mul__
+
+    def __pow__(self, exponent: float) -> Dual:
+        result = power(self, exponent)
+        assert isinstance(result, Dual)
+        return result
 
     def __truediv__(self, other: Value) -> Dual:
         if not isinstance(other, Dual):
@@ -75,7 +80,7 @@ class Dual:
         v = self.v * inverse
         return _combine(v, self, inverse, other, -v * inverse)
 
-    def __rtruediv__(self, other: Value) -> Dual:
+    def __rtruediv__(self, other: float | Array) -> Dual:
         inverse = 1.0 / self.v
         v = other * inverse
         return Dual(v, self.d * (-v * inverse))
@@ -147,8 +152,11 @@ def power(x: Value, exponent: Value) -> Value:
     if isinstance(exponent, Dual):
         return exp(exponent * log(x))
     if isinstance(x, Dual):
-        lower = x.v ** (exponent - 1.0) if np.ndim(exponent) or exponent not in (1.0, 2.0) else (
-            1.0 if exponent == 1.0 else x.v)
+        lower = (
+            x.v ** (exponent - 1.0)
+            if np.ndim(exponent) or exponent not in (1.0, 2.0)
+            else (1.0 if exponent == 1.0 else x.v)
+        )
         return Dual(lower * x.v, x.d * (exponent * lower))
     return x**exponent
 

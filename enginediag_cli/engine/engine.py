@@ -15,14 +15,13 @@ from enginediag_cli.engine.evaluation import Evaluation
 from enginediag_cli.engine.gas import T_LIMIT
 from enginediag_cli.engine.network import Network
 from enginediag_cli.engine.sensors import Sensor
-from enginediag_cli.engine.start import StartFit, coordinates, correction, total_ratios
+from enginediag_cli.engine.start import correction, total_ratios
+from enginediag_cli.engine.strategy import Strategy
 from enginediag_cli.parameters import Parameter
 
 OK, OUTSIDE_MAP, NOT_CONVERGED, INVALID_INPUT = range(4)
 STATUS = ("ok", "outside the maps", "did not converge", "invalid input")
 CHUNK = 10000  # points per pass: large enough to hide the overhead of calls, small enough for memory
-FIT_FROM = 500  # points from which a fitted start pays
-ANCHORS = 200
 
 
 @dataclass(frozen=True)
@@ -69,18 +68,21 @@ class Engine:
         parameters = [*network.parameters(), *(p for s in self.sensors.values() for p in s.parameters())]
         self.parameters: dict[str, Parameter] = {p.name: p for p in parameters}
         self.monitored: tuple[str, ...] = tuple(declared["monitored"]) or tuple(
-            p.name for p in parameters if p.family == "health" and not p.name.endswith("burner.efficiency"))
-        self.envelope: dict[str, tuple[float, float]] = {c: (v["low"], v["high"]) for c, v in declared["envelope"].items()}
+            p.name for p in parameters if p.family == "health" and not p.name.endswith("burner.efficiency")
+        )
+        self.envelope: dict[str, tuple[float, float]] = {
+            c: (v["low"], v["high"]) for c, v in declared["envelope"].items()
+        }
         self.power_range: tuple[float, float] | None = declared["power_range"] and tuple(declared["power_range"])
         self.unknowns = network.unknowns()
         self._nominal = {p.name: p.nominal for p in parameters}
-        self._fit: StartFit | None = None
+        self._strategy = Strategy(network, self._nominal)
 
     def forget_start(self) -> None:
         """Forgets the fitted start, as if the engine had just been loaded."""
-        self._fit = None
+        self._strategy.fit = None
 
-    def power_from_fraction(self, fraction: Value, inputs: Mapping[str, Value]) -> Array:
+    def power_from_fraction(self, fraction: float | Array, inputs: Mapping[str, Any]) -> Array:
         """Power setting (N,) at a fraction of the corrected power range, 0 idle to 1 rating.
 
         Raises ValueError when the engine file states no range for this power setting.
@@ -91,73 +93,92 @@ class Engine:
         theta, delta = total_ratios(inputs)
         return (low + (high - low) * np.asarray(fraction)) * correction(self.power_setting, theta, delta)
 
-    def predict(self, inputs: Mapping[str, Value], parameters: Mapping[str, Value] | None = None, *,
-                sensors: Sequence[str] | None = None, wrt: Sequence[str] = (), start: Array | None = None) -> Prediction:
+    def predict(
+        self,
+        inputs: Mapping[str, Any],
+        parameters: Mapping[str, Any] | None = None,
+        *,
+        sensors: Sequence[str] | None = None,
+        wrt: Sequence[str] = (),
+        start: Array | None = None,
+    ) -> Prediction:
         """Φ and ∂Φ/∂θ at N operating points.
 
         `inputs`: column -> (N,) or number, all of `self.inputs`; `parameters`: name -> number or (N,), the
         rest nominal; `sensors`: columns to return, default all sensors, or any model column ("T4_K");
         `wrt`: parameters or input columns; `start`: unknowns (nx, N) to begin with, e.g. an earlier `x`.
-        Raises KeyError for unknown names, ValueError for unequal lengths. A point that fails is a flagged row, never an exception.
+        Raises KeyError for unknown names, ValueError for unequal lengths. A point
+        that fails is a flagged row, never an exception.
         """
         columns = tuple(self.sensors) if sensors is None else tuple(sensors)
-        points, theta, size, valid = self._checked(inputs, parameters or {}, columns, tuple(wrt))
+        wrt = tuple(wrt)
+        points, theta, size, valid, reasons = self._checked(inputs, parameters or {}, columns, wrt)
+        if start is not None and np.shape(start) != (len(self.unknowns), size):
+            raise ValueError(f"`start` must have shape ({len(self.unknowns)}, {size}), not {np.shape(start)}")
         m, p = len(columns), len(wrt)
         y, J = np.full((size, m), np.nan), np.full((size, m, p), np.nan)
         x = np.full((len(self.unknowns), size), np.nan)
         residual, passes = np.full(size, np.inf), np.zeros(size, dtype=int)
         status = np.full(size, INVALID_INPUT, dtype=np.int8)
-        reasons: dict[int, str] = {k: "an input is missing or not a number" for k in np.flatnonzero(~valid)}
-        fit = self._start_fit(points, size, valid) if start is None else None
+        if start is None:
+            self._strategy.prepare(points, valid)
         final = self._directions(wrt)
         for at in _chunks(np.flatnonzero(valid), CHUNK):
             u, t = solver.take(points, at), solver.take(theta, at)
-            solved = self._solve(u, t, len(at), fit, None if start is None else start[:, at], final)
+            solved = self._strategy.solve(u, t, len(at), None if start is None else start[:, at], final)
             x[:, at], residual[at], passes[at] = solved.x, solved.residual, solved.passes
             status[at] = np.where(solved.converged, OK, NOT_CONVERGED)
-            names = self._balance_names
-            reasons.update({int(k): f"{names[w]} not met (residual {r:.1e})" for k, w, r, good in zip(
-                at, solved.worst, solved.residual, solved.converged, strict=True) if not good})
-            for e, k in self._evaluations(u, t, solved, final):
-                rows = at[k]
-                y[rows], J[rows], flags = self._outputs(e, columns, tuple(wrt))
+            for k in np.flatnonzero(~solved.converged):
+                balance = self._balance_names[solved.worst[k]]
+                reasons[int(at[k])] = f"{balance} not met (residual {solved.residual[k]:.1e})"
+            for e, good in self._evaluations(u, t, solved, final):
+                rows = at[good]
+                y[rows], J[rows], flags = self._outputs(e, columns, wrt)
                 for name, mask in flags.items():
                     status[rows[mask]] = OUTSIDE_MAP
-                    for i in rows[mask]:
-                        reasons[int(i)] = f"{reasons[int(i)]}, {name}" if int(i) in reasons else f"outside the map of {name}"
-        return Prediction(y, J, status, columns, tuple(wrt), x, residual, passes, reasons)
+                    for i in rows[mask].tolist():
+                        reasons[i] = f"{reasons[i]}, {name}" if i in reasons else f"outside the map of {name}"
+        return Prediction(y, J, status, columns, wrt, x, residual, passes, reasons)
 
     # inside
 
-    def _checked(self, inputs: Mapping[str, Value], parameters: Mapping[str, Value], columns: tuple[str, ...],
-                 wrt: tuple[str, ...]) -> tuple[dict[str, Value], dict[str, Value], int, Array]:
+    def _checked(
+        self, inputs: Mapping[str, Any], parameters: Mapping[str, Any], columns: tuple[str, ...], wrt: tuple[str, ...]
+    ) -> tuple[dict[str, Any], dict[str, Any], int, Array, dict[int, str]]:
         missing = [c for c in self.inputs if c not in inputs]
         if missing:
             raise KeyError(f"input columns missing: {', '.join(missing)}")
         unknown = [n for n in parameters if n not in self.parameters]
-        unknown += [n for n in wrt if n not in self.parameters and n not in self.inputs and n not in self.optional_inputs]
+        unknown += [
+            n for n in wrt if n not in self.parameters and n not in self.inputs and n not in self.optional_inputs
+        ]
         if unknown:
             raise KeyError(f"{self.name} has no parameter {', '.join(unknown)}")
         for column in columns:
             self._known_column(column)
-        points: dict[str, Value] = {}
+        points: dict[str, Any] = {}
         lengths = {c: np.size(v) for c, v in (*inputs.items(), *parameters.items()) if np.ndim(v)}
         sizes = {n for n in lengths.values() if n != 1} or {1}
         if len(sizes) > 1:
-            raise ValueError(f"inputs and parameters differ in length: {', '.join(f'{c} {n}' for c, n in lengths.items())}")
+            raise ValueError(
+                f"inputs and parameters differ in length: {', '.join(f'{c} {n}' for c, n in lengths.items())}"
+            )
         size = sizes.pop()
-        valid = np.ones(size, dtype=bool)
         for c in (*self.inputs, *self.optional_inputs):
             v = np.asarray(inputs.get(c, self.optional_inputs.get(c)), dtype=float)
             points[c] = np.broadcast_to(v.ravel() if v.ndim else v, (size,)) if c in inputs else float(v)
-            valid &= np.isfinite(points[c])
-        theta: dict[str, Value] = dict(self._nominal)
+        theta: dict[str, Any] = dict(self._nominal)
         for name, given in parameters.items():
             theta[name] = np.asarray(given, dtype=float) if np.size(given) == size > 1 else float(np.ravel(given)[0])
-            valid &= np.isfinite(theta[name])
-        with np.errstate(invalid="ignore"):
-            valid &= points[self.power_setting] > 0.0
-        return points, theta, size, valid
+        valid, reasons = np.ones(size, dtype=bool), {}
+        for name, v in (*points.items(), *((p, theta[p]) for p in parameters)):
+            good = np.broadcast_to(np.isfinite(v), (size,))
+            if name == self.power_setting:
+                good = good & (np.nan_to_num(v) > 0.0)
+            for k in np.flatnonzero(valid & ~good).tolist():
+                reasons[k] = f"{name} is {np.broadcast_to(v, (size,))[k]:g}"
+            valid &= good
+        return points, theta, size, valid, reasons
 
     def _known_column(self, column: str) -> None:
         if column not in self.sensors and column not in self.model_columns:
@@ -176,68 +197,10 @@ class Engine:
     def _sample(self) -> tuple[tuple[str, ...], tuple[str, ...]]:
         """Names of the balances and of the model's columns, from an evaluation at the start."""
         points = {c: np.array([1.0 if d is None else d]) for c, d in self.network.inputs().items()}
-        e = solver.evaluate(self.network, points, self._nominal, self._design_start(1), frozenset())
+        x = np.array([[u.start] for u in self.unknowns])
+        e = solver.evaluate(self.network, points, self._nominal, x, frozenset())
         stations = (f"{w}{s}{u}" for s in e.flows for w, u in (("T", "_K"), ("P", "_Pa"), ("W", "_kg_s"), ("FAR", "")))
         return tuple(e.balances), (*e.outputs, *stations, "OPR", "SFC_kg_Ns")
-
-    def _start_fit(self, points: Mapping[str, Value], size: int, valid: Array) -> StartFit | None:
-        """The remembered start if it covers these points, else a new one from anchors among them when that pays."""
-        moving = {c: v for c, v in points.items() if isinstance(v, np.ndarray)}
-        at = np.flatnonzero(valid)
-        if not at.size:
-            return None
-        kinds, z = coordinates(self.power_setting, solver.take(moving, at), at.size)
-        if self._fit is not None and len(self._fit.low) == len(z) and self._fit.covers(z).mean() > 0.98:
-            return self._fit
-        if at.size < FIT_FROM:
-            return None
-        anchors = np.unique(np.concatenate([np.random.default_rng(0).choice(at.size, ANCHORS, replace=False),
-                                            z.argmin(axis=1), z.argmax(axis=1)]))
-        solved = solver.newton(self.network, solver.take(points, at[anchors]), self._nominal,
-                               self._design_start(anchors.size))
-        good = solved.converged
-        if good.sum() < 0.5 * anchors.size:
-            return None
-        self._fit = StartFit.fit(kinds, z[:, anchors[good]], solved.x[:, good])
-        return self._fit
-
-    def _design_start(self, size: int) -> Array:
-        return np.repeat(np.array([[u.start] for u in self.unknowns]), size, axis=1)
-
-    def _solve(self, points: Mapping[str, Value], theta: Mapping[str, Value], size: int, fit: StartFit | None,
-               start: Array | None, final: frozenset[str]) -> solver.Solution:
-        if start is None and fit is not None:
-            moving = {c: v for c, v in points.items() if isinstance(v, np.ndarray)}
-            start = fit.predict(coordinates(self.power_setting, moving, size)[1])
-        solved = solver.newton(self.network, points, theta,
-                               self._design_start(size) if start is None else np.where(np.isfinite(start), start, 1.0),
-                               final)
-        for attempt in range(3):
-            failed = np.flatnonzero(~solved.converged)
-            if not failed.size:
-                break
-            again = self._retry(points, theta, solved, failed, attempt)
-            better = again.residual < solved.residual[failed]
-            at = failed[better]
-            solved.x[:, at], solved.residual[at] = again.x[:, better], again.residual[better]
-            solved.worst[at] = again.worst[better]
-            solved.passes[failed] += again.passes
-        return solved
-
-    def _retry(self, points: Mapping[str, Value], theta: Mapping[str, Value], solved: solver.Solution, failed: Array,
-               attempt: int) -> solver.Solution:
-        """Failed points once from the design start, then from their nearest converged neighbours."""
-        u, t = solver.take(points, failed), solver.take(theta, failed)
-        good = np.flatnonzero(solved.converged)
-        start = self._design_start(failed.size)
-        if attempt and good.size:
-            moving = {c: v for c, v in points.items() if isinstance(v, np.ndarray)}
-            _, z = coordinates(self.power_setting, moving, len(solved.residual))
-            z = z / np.maximum(np.ptp(z, axis=1), 1e-9)[:, None]
-            distance = ((z[:, failed, None] - z[:, None, good]) ** 2).sum(axis=0) if failed.size * good.size < 2e6 else None
-            nearest = good[distance.argmin(axis=1)] if distance is not None else good[np.arange(failed.size) % good.size]
-            start = solved.x[:, nearest]
-        return solver.newton(self.network, u, t, start)
 
     def _directions(self, wrt: Sequence[str]) -> frozenset[str]:
         """The leaves along which outputs are differentiated: none, or the unknowns and `wrt`."""
@@ -245,8 +208,9 @@ class Engine:
             return frozenset()
         return frozenset([u.name for u in self.unknowns] + [self.network.leaf_of(w) for w in wrt])
 
-    def _evaluations(self, points: Mapping[str, Value], theta: Mapping[str, Value], solved: solver.Solution,
-                     final: frozenset[str]) -> Iterator[tuple[_Rows, Array]]:
+    def _evaluations(
+        self, points: Mapping[str, Any], theta: Mapping[str, Any], solved: solver.Solution, final: frozenset[str]
+    ) -> Iterator[tuple[_Rows, Array]]:
         """Evaluations at the solution, with the converged points that each stands for: the confirming pass
         of the solver, whose other rows are ignored, and one more for points that it does not cover."""
         left = solved.converged.copy()
@@ -260,10 +224,14 @@ class Engine:
             left[good] = False
         rest = np.flatnonzero(left)
         if rest.size:
-            e = solver.evaluate(self.network, solver.take(points, rest), solver.take(theta, rest), solved.x[:, rest], final)
+            e = solver.evaluate(
+                self.network, solver.take(points, rest), solver.take(theta, rest), solved.x[:, rest], final
+            )
             yield _Rows(e, slice(None)), rest
 
-    def _outputs(self, e: _Rows, columns: tuple[str, ...], wrt: tuple[str, ...]) -> tuple[Array, Array, dict[str, Array]]:
+    def _outputs(
+        self, e: _Rows, columns: tuple[str, ...], wrt: tuple[str, ...]
+    ) -> tuple[Array, Array, dict[str, Array]]:
         """y (n, m), dy/dθ = G_θ − G_x F_x⁻¹ F_θ (implicit function theorem) and the marked components."""
         names = tuple(u.name for u in self.unknowns)
         with np.errstate(all="ignore"):
@@ -309,7 +277,7 @@ def _marked(e: Evaluation) -> dict[str, Array]:
 
 def _chunks(index: Array, size: int) -> Iterator[Array]:
     for k in range(0, len(index), size):
-        yield index[k:k + size]
+        yield index[k : k + size]
 
 
 __all__ = ["STATUS", "Engine", "Prediction"]

@@ -16,8 +16,17 @@ class Flow:
 
     __slots__ = ("P", "W", "_T", "_h", "_phi", "gas", "mixture")
 
-    def __init__(self, gas: Gas, mixture: Mixture, W: Value, P: Value, *, T: Value | None = None,
-                 h: Value | None = None, phi: Value | None = None):
+    def __init__(
+        self,
+        gas: Gas,
+        mixture: Mixture,
+        W: Value,
+        P: Value,
+        *,
+        T: Value | None = None,
+        h: Value | None = None,
+        phi: Value | None = None,
+    ):
         self.gas, self.mixture, self.W, self.P = gas, mixture, W, P
         self._T, self._h, self._phi = T, h, phi
 
@@ -53,8 +62,15 @@ class Flow:
 
     def with_(self, *, W: Value | None = None, P: Value | None = None) -> Flow:
         """The same gas with another mass flow or total pressure."""
-        return Flow(self.gas, self.mixture, self.W if W is None else W, self.P if P is None else P,
-                    T=self._T, h=self._h, phi=self._phi)
+        return Flow(
+            self.gas,
+            self.mixture,
+            self.W if W is None else W,
+            self.P if P is None else P,
+            T=self._T,
+            h=self._h,
+            phi=self._phi,
+        )
 
     def expanded_enthalpy(self, log_pressure_ratio: Value) -> Value:
         """Enthalpy after isentropic expansion through ln(P_in/P_out): φ_out = φ_in − R ln PR."""
@@ -78,8 +94,9 @@ def mix(first: Flow, *others: Flow) -> Flow:
         total: Value = 0.0
         for d in dry:
             total = total + d
-        mixture = Mixture(_share([f.mixture.far for f in flows], dry, total),
-                          _share([f.mixture.war for f in flows], dry, total))
+        mixture = Mixture(
+            _share([f.mixture.far for f in flows], dry, total), _share([f.mixture.war for f in flows], dry, total)
+        )
     return Flow(first.gas, mixture, W, first.P, h=H / W)
 
 
@@ -119,8 +136,13 @@ def static_pressure(flow: Flow, area_m2: Value, iterations: int = 30) -> tuple[V
     for _ in range(iterations):
         h_s, phi_s = gas.enthalpy_and_entropy(T_s, plain)
         V = np.sqrt(np.maximum(2.0 * (value(flow.h) - h_s), 1e-12))
-        f = (np.log(value(flow.P)) + (phi_s - value(flow.phi)) / R
-             - np.log(R * T_s) + np.log(V * value(area_m2) / value(flow.W)))
+        f = (
+            np.log(value(flow.P))
+            + (phi_s - value(flow.phi)) / R
+            - np.log(R * T_s)
+            + np.log(V * value(area_m2) / value(flow.W))
+        )
+        cp = gas.heat_capacity(T_s, plain)
         slope = cp / (R * T_s) - 1.0 / T_s - cp / V**2  # negative while subsonic
         step = np.clip(-f / slope, -0.5 * (T - T_s), 0.5 * (T - T_s))
         T_s = T_s + step

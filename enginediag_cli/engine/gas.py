@@ -73,12 +73,22 @@ class Gas:
         T = 0.5 * (T_FIT[0] + T_FIT[1]) - 0.5 * (T_FIT[1] - T_FIT[0]) * np.cos(np.linspace(0, np.pi, 800))
         cp = np.stack([sum(n * molar_heat_capacity(name, T) for name, n in s.items()) for s in species])
         self._rows = _quantity_rows(T, cp)
-        self._blocks = {
-            (kind, quantities): np.ascontiguousarray(np.concatenate([self._rows[q, :kind] for q in quantities])[
-                :, : DEGREE + 2 + (PHI in quantities)])
+        self._blocks: dict[tuple[int, tuple[int, ...]], Array] = {
+            (kind, quantities): np.ascontiguousarray(
+                np.concatenate([self._rows[q, :kind] for q in quantities])[:, : DEGREE + 2 + (PHI in quantities)]
+            )
             for kind in (1, 2, 3)
-            for quantities in ((H,), (PHI,), (H, PHI), (H, CP), (CP, DCP), (H, PHI, CP), (H, CP, DCP), (H, PHI, CP, DCP),
-                               (PHI, H, CP, DCP))
+            for quantities in (
+                (H,),
+                (PHI,),
+                (H, PHI),
+                (H, CP),
+                (CP, DCP),
+                (H, PHI, CP),
+                (H, CP, DCP),
+                (H, PHI, CP, DCP),
+                (PHI, H, CP, DCP),
+            )
         }
         self._start_h = self._fitted(*T_LIMIT, lambda T, m: (self._mixed(T, m, (H,))[0][0] * 1e-6, T))
         self._start_phi = self._fitted(*T_LIMIT, lambda T, m: (self._mixed(T, m, (PHI,))[0][0] * 1e-3, np.log(T)))
@@ -152,9 +162,10 @@ class Gas:
         rows = self._critical[: (1, 3, 5)[kind - 1]] @ P
         slopes = self._critical_slope[: (1, 3, 5)[kind - 1]] @ P
         far = value(mixture.far) if mixture.far is not None else 0.0
-        war = value(mixture.war) if mixture.war is not None else 0.0
+        war_value: Value = 0.0 if mixture.war is None else mixture.war
+        war = value(war_value)
         q, dq = rows[0], slopes[0]
-        terms = []
+        terms: list[tuple[Array, Value]] = []
         if kind > 1:
             q = q + far * (rows[1] + far * rows[2])
             dq = dq + far * (slopes[1] + far * slopes[2])
@@ -163,7 +174,7 @@ class Gas:
                 q = q + war * (rows[3] + far * rows[4])
                 dq = dq + war * (slopes[3] + far * slopes[4])
                 dfar = dfar + war * rows[4]
-                terms.append((rows[3] + far * rows[4], mixture.war))
+                terms.append((rows[3] + far * rows[4], war_value))
             if mixture.far is not None:
                 terms.append((dfar, mixture.far))
         return chain(q, (dq * 1e-3, T), *terms)
@@ -173,14 +184,15 @@ class Gas:
     def _mixed(self, T: Array, mixture: Mixture, quantities: tuple[int, ...]) -> list[Array]:
         kind = mixture.kind
         X = self._blocks[kind, quantities] @ _powers(T * 1e-3, PHI in quantities)
-        parts = [X[i * kind:(i + 1) * kind] for i in range(len(quantities))]
+        parts = [X[i * kind : (i + 1) * kind] for i in range(len(quantities))]
         if kind > 1:
             far = value(mixture.far) if mixture.far is not None else 0.0
+            war = value(mixture.war) if mixture.war is not None else 0.0
             inverse = 1.0 / value(mixture.per_dry_air())
             for part in parts:
                 mix = part[0] + far * part[1]
                 if kind == 3:
-                    mix += value(mixture.war) * part[2]
+                    mix += war * part[2]
                 part[0] = mix * inverse
         return parts
 
@@ -215,7 +227,9 @@ class Gas:
             far = value(mixture.far)
             start = start + far * (rows[1] + far * rows[2])
         if kind == 3:
-            start = start + value(mixture.war) * (rows[3] if mixture.far is None else rows[3] + far * rows[4])
+            far = 0.0 if mixture.far is None else value(mixture.far)
+            war = 0.0 if mixture.war is None else value(mixture.war)
+            start = start + war * (rows[3] + far * rows[4])
         low, high = START_LIMIT[coefficients is self._start_phi]
         return np.minimum(np.maximum(start, low), high)
 
@@ -232,7 +246,7 @@ class Gas:
         coefficients = np.zeros((5, 11))
         at = 0
         for row, d in enumerate(FIT_DEGREES):
-            coefficients[row, : d + 1] = solution[at:at + d + 1]
+            coefficients[row, : d + 1] = solution[at : at + d + 1]
             at += d + 1
         return coefficients
 

@@ -14,6 +14,7 @@ from enginediag_cli.engine.engine import Engine
 from enginediag_cli.engine.evaluation import Evaluation
 from enginediag_cli.engine.gas import gas_for
 from enginediag_cli.engine.network import Network
+from enginediag_cli.engine.wiring import wiring_problems
 from enginediag_cli.errors import ConfigError, Problem
 
 
@@ -25,7 +26,7 @@ def load_engine(path: str | Path, power_setting: str | None = None) -> Engine:
         # the file's range and envelope are of its own power setting
         values["envelope"] = {c: r for c, r in values["envelope"].items() if c != values["power_setting"]}
         values["power_setting"], values["power_range"] = power_setting, None
-    problems = [*_wiring(values, checked), *_power_setting(values, checked)]
+    problems = wiring_problems(values, checked)
     if problems:
         raise ConfigError(problems)
     components: list[Component] = []
@@ -36,8 +37,14 @@ def load_engine(path: str | Path, power_setting: str | None = None) -> Engine:
             raise
         except ValueError as error:
             raise ConfigError([Problem(checked.mark(("components", k)), str(error))]) from error
-    network = Network(gas_for(values["fuel_hydrogen_carbon_ratio"]), components, values["shafts"],
-                      values["power_setting"], values["design"], values["start"])
+    network = Network(
+        gas_for(values["fuel_hydrogen_carbon_ratio"]),
+        components,
+        values["shafts"],
+        values["power_setting"],
+        values["design"],
+        values["start"],
+    )
     _size(network, values, checked)
     engine = Engine(network, values, str(path))
     problems = list(_references(engine, values, checked))
@@ -49,9 +56,9 @@ def load_engine(path: str | Path, power_setting: str | None = None) -> Engine:
 def _size(network: Network, values: dict[str, Any], checked: Any) -> None:
     """Runs the components through the design point."""
     inputs = {c: np.array([values["design"].get(c, 0.0)]) for c in network.inputs()}
-    x = {u.name: np.array([u.start]) for c in network.components for u in c.unknowns()}
+    x: dict[str, Any] = {u.name: np.array([u.start]) for c in network.components for u in c.unknowns()}
     x |= {f"{name}.corrected_speed": np.array([1.0]) for name in network.shafts}
-    leaves = {**{p.name: p.nominal for p in network.parameters()}, **x, **inputs}
+    leaves: dict[str, Any] = {**{p.name: p.nominal for p in network.parameters()}, **x, **inputs}
     e = Evaluation(network.gas, 1, leaves)
     try:
         with np.errstate(all="ignore"):
@@ -60,69 +67,38 @@ def _size(network: Network, values: dict[str, Any], checked: Any) -> None:
         raise ConfigError([Problem(checked.mark(("design",)), f"the design point cannot be met: {error}")]) from error
 
 
-def _wiring(values: dict[str, Any], checked: Any) -> Any:
-    """Stations, shafts and bleeds that a component names must exist before it in the gas path."""
-    shafts = [s["name"] for s in values["shafts"]]
-    stations: list[str] = []
-    bleeds: list[str] = []
-    for k, c in enumerate(values["components"]):
-        for key, word in ((key, c.get(key)) for key in ("from", "core", "bypass") if key in c):
-            if key != "from" and c["type"] == "splitter":
-                continue
-            if word not in stations:
-                yield Problem(checked.mark(("components", k, key)), f"{c['name']}: no component before it delivers station '{word}'",
-                              near(str(word), stations))
-        if "shaft" in c and c["shaft"] not in shafts:
-            yield Problem(checked.mark(("components", k, "shaft")), f"{c['name']}: there is no shaft '{c['shaft']}'",
-                          near(c["shaft"], shafts))
-        for key in ("receives", "cooling_before_rotor", "cooling_after_rotor"):
-            for i, word in enumerate(c.get(key, ())):
-                if word not in bleeds:
-                    yield Problem(checked.mark(("components", k, key, i)), f"{c['name']}: there is no bleed '{word}' before it",
-                                  near(word, bleeds))
-        for port in c.get("ports", ()):
-            if port["name"] in bleeds:
-                yield Problem(checked.mark(("components", k)), f"{c['name']}: bleed '{port['name']}' exists already")
-            bleeds.append(port["name"])
-        stations += [str(c[key]) for key in ("to",) if key in c]
-        if c["type"] == "splitter":
-            stations += [c["core"], c["bypass"]]
-        if c.get("rotor_inlet_station"):
-            stations.append(c["rotor_inlet_station"])
-    types = [c["type"] for c in values["components"]]
-    for needed in ("ambient", "inlet", "burner"):
-        if types.count(needed) != 1:
-            yield Problem(checked.mark(("components",)), f"an engine needs exactly one {needed}, this one has {types.count(needed)}")
-
-
-def _power_setting(values: dict[str, Any], checked: Any) -> Any:
-    """What can set the power of this engine."""
-    speeds = [f"{s['speed_label']}_rpm" for s in values["shafts"] if s["speed"] == "balance"]
-    known = ["Wf_kg_s", *speeds, "T4_K"]
-    types = {c["type"] for c in values["components"]}
-    known += ["Fn_N"] if "nozzle" in types else []
-    known += ["power_W"] if "load" in types else []
-    if values["power_setting"] not in known:
-        yield Problem(checked.mark(("power_setting",)), f"'{values['power_setting']}' cannot be the power setting",
-                      near(values["power_setting"], known))
-
-
 def _references(engine: Engine, values: dict[str, Any], checked: Any) -> Any:
     """Names of parameters, columns and inputs, and as many balances as unknowns."""
     for k, name in enumerate(values["monitored"]):
         if name not in engine.parameters:
-            yield Problem(checked.mark(("monitored", k)), f"there is no parameter '{name}'", near(name, list(engine.parameters)))
+            yield Problem(
+                checked.mark(("monitored", k)), f"there is no parameter '{name}'", near(name, list(engine.parameters))
+            )
     known = (*engine.inputs, *engine.optional_inputs)
     for column in values["envelope"]:
         if column not in known:
-            yield Problem(checked.mark(("envelope", column)), f"'{column}' is not an input of this engine", near(column, known))
+            yield Problem(
+                checked.mark(("envelope", column)), f"'{column}' is not an input of this engine", near(column, known)
+            )
+    names = engine.network.possible_unknowns()
+    for name in values["start"]:
+        if name not in names:
+            yield Problem(
+                checked.mark(("start", name)), f"'{name}' is not an unknown of this engine", near(name, names)
+            )
     unknowns, balances = [u.name for u in engine.unknowns], list(engine._balance_names)
     if len(unknowns) != len(balances):
-        yield Problem(checked.mark(("components",)), f"{len(unknowns)} unknowns ({', '.join(unknowns)}) but {len(balances)} "
-                      f"balances ({', '.join(balances)})", "is a nozzle, mixer or load missing?")
+        yield Problem(
+            checked.mark(("components",)),
+            f"{len(unknowns)} unknowns ({', '.join(unknowns)}) but {len(balances)} balances ({', '.join(balances)})",
+            "is a nozzle, mixer or load missing?",
+        )
         return
     for column, sensor in engine.sensors.items():
         for read in (*sensor.reads, *([sensor.over] if sensor.over else [])):
             if read not in engine.model_columns:
-                yield Problem(checked.mark(("sensors", column)), f"the model has no column '{read}'",
-                              near(read, engine.model_columns))
+                yield Problem(
+                    checked.mark(("sensors", column)),
+                    f"the model has no column '{read}'",
+                    near(read, engine.model_columns),
+                )

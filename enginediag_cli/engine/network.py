@@ -7,16 +7,16 @@ from collections.abc import Mapping, Sequence
 from functools import partial
 from typing import Any
 
-import numpy as np
-
 from enginediag_cli.engine.components import Component, Unknown
+from enginediag_cli.engine.components.base import scalar
 from enginediag_cli.engine.components.burner import Burner
 from enginediag_cli.engine.components.inlet import Inlet
 from enginediag_cli.engine.components.load import Load
-from enginediag_cli.engine.dual import Value, sqrt, value
+from enginediag_cli.engine.dual import Value, sqrt
 from enginediag_cli.engine.evaluation import Evaluation, Shaft
 from enginediag_cli.engine.flow import Flow
 from enginediag_cli.engine.gas import Gas
+from enginediag_cli.engine.start import correction, total_ratios
 from enginediag_cli.parameters import Parameter
 
 STATION_COLUMN = re.compile(r"(?P<what>T|P|W|FAR)(?P<station>.+?)(?:_K|_Pa|_kg_s)?")
@@ -25,8 +25,15 @@ STATION_COLUMN = re.compile(r"(?P<what>T|P|W|FAR)(?P<station>.+?)(?:_K|_Pa|_kg_s
 class Network:
     """Collects unknowns and balances from the components; no engine has code of its own."""
 
-    def __init__(self, gas: Gas, components: Sequence[Component], shafts: Sequence[Mapping[str, Any]],
-                 power_setting: str, design: Mapping[str, float], start: Mapping[str, float]):
+    def __init__(
+        self,
+        gas: Gas,
+        components: Sequence[Component],
+        shafts: Sequence[Mapping[str, Any]],
+        power_setting: str,
+        design: Mapping[str, float],
+        start: Mapping[str, float],
+    ):
         self.gas = gas
         self.components = tuple(components)
         self.shafts = {s["name"]: s for s in shafts}
@@ -36,6 +43,7 @@ class Network:
         self.speed_columns = {f"{s['speed_label']}_rpm": name for name, s in self.shafts.items()}
         self.burners = [c.name for c in components if isinstance(c, Burner)]
         self.design_theta2 = 1.0
+        self.design_setting = 1.0  # corrected power setting of the design point
         self._start = dict(start)
         self._unknowns: tuple[Unknown, ...] | None = None
 
@@ -66,6 +74,10 @@ class Network:
             self._unknowns = self._collected_unknowns()
         return self._unknowns
 
+    def possible_unknowns(self) -> list[str]:
+        """Names of the unknowns of any power setting."""
+        return [u.name for c in self.components for u in c.unknowns()] + [f"{s}.corrected_speed" for s in self.shafts]
+
     def _collected_unknowns(self) -> tuple[Unknown, ...]:
         given = self.given_leaf
         found: list[Unknown] = []
@@ -80,15 +92,37 @@ class Network:
     def parameters(self) -> tuple[Parameter, ...]:
         found = [p for c in self.components for p in c.parameters()]
         for name, s in self.shafts.items():
-            found.append(Parameter(f"{name}.mechanical_efficiency", "design", s["mechanical_efficiency"], 0.7, 1.05, 0.005,
-                                   "1", "share of turbine power that reaches the shaft"))
-            found.append(Parameter(f"{name}.power_offtake_W", "design", s["power_offtake_W"], -1e7, 1e8, 5e4, "W",
-                                   "power taken from the shaft"))
+            found.append(
+                Parameter(
+                    f"{name}.mechanical_efficiency",
+                    "design",
+                    s["mechanical_efficiency"],
+                    0.7,
+                    1.05,
+                    0.005,
+                    "1",
+                    "share of turbine power that reaches the shaft",
+                )
+            )
+            found.append(
+                Parameter(
+                    f"{name}.power_offtake_W",
+                    "design",
+                    s["power_offtake_W"],
+                    -1e7,
+                    1e8,
+                    5e4,
+                    "W",
+                    "power taken from the shaft",
+                )
+            )
         return tuple(found)
 
     # one evaluation
 
-    def leaves(self, inputs: Mapping[str, Value], parameters: Mapping[str, Value], x: Mapping[str, Value]) -> dict[str, Value]:
+    def leaves(
+        self, inputs: Mapping[str, Value], parameters: Mapping[str, Value], x: Mapping[str, Value]
+    ) -> dict[str, Value]:
         """All leaves of a pass: input columns under the names that the components read, parameters, unknowns."""
         found: dict[str, Value] = {**parameters, **x, **inputs}
         if self.given_leaf:
@@ -121,7 +155,10 @@ class Network:
         for c in self.components:
             c.size(e)
             if isinstance(c, Inlet):
-                self.design_theta2 = float(np.ravel(value(e.theta2))[0])
+                self.design_theta2 = scalar(e.theta2)
+        self._close(e)
+        theta, delta = total_ratios({c: e.leaves[c] for c in self.inputs() if c in e.leaves})
+        self.design_setting = scalar(self.read(e, self.power_setting) / correction(self.power_setting, theta, delta))
 
     def _shaft(self, e: Evaluation, name: str) -> Shaft:
         """Given speed, or design speed times the unknown times √(θ₂/θ₂,design)."""
@@ -137,7 +174,8 @@ class Network:
             if name not in self.surplus_shafts:
                 offtake = e[f"{name}.power_offtake_W"]
                 e.balances[f"{name} power"] = (
-                    e[f"{name}.mechanical_efficiency"] - (shaft.demand_W + offtake) / shaft.supply_W)
+                    e[f"{name}.mechanical_efficiency"] - (shaft.demand_W + offtake) / shaft.supply_W
+                )
         if "gross_thrust_N" in e.outputs:
             e.outputs["Fn_N"] = e.outputs["gross_thrust_N"] - e.outputs["ram_drag_N"]
         if self.given_leaf is None:

@@ -1,6 +1,6 @@
 """Sensors: what a recorded column shows of the model's outputs.
 
-    reading = scale · (Σ weights · model columns [/ model column]) + bias + soak · driver
+reading = scale · (Σ weights · model columns [/ model column]) + bias + soak · driver
 """
 
 from __future__ import annotations
@@ -36,19 +36,42 @@ class Sensor:
     def declared(column: str, values: Mapping[str, Any]) -> Sensor:
         quantity, unit = split_column(column)
         bias = values["bias_sigma"]
-        return Sensor(column, quantity, unit, values["noise_sigma"], values["maximum"],
-                      {k: float(v) for k, v in (values["reads"] or {column: 1.0}).items()}, values["over"],
-                      3.0 * values["noise_sigma"] if bias is None else bias, values["scale_sigma"],
-                      values["soak"], values["soak_sigma"])
+        return Sensor(
+            column,
+            quantity,
+            unit,
+            values["noise_sigma"],
+            values["maximum"],
+            {k: float(v) for k, v in (values["reads"] or {column: 1.0}).items()},
+            values["over"],
+            3.0 * values["noise_sigma"] if bias is None else bias,
+            values["scale_sigma"],
+            values["soak"],
+            values["soak_sigma"],
+        )
 
     def parameters(self) -> tuple[Parameter, ...]:
         q = f"sensor.{self.quantity}"
         big = 1e3 * max(self.bias_sigma, self.noise_sigma, 1e-12)
-        found = [Parameter(f"{q}.bias", "sensor", 0.0, -big, big, self.bias_sigma, self.unit, f"{self.quantity} sensor bias"),
-                 Parameter(f"{q}.scale", "sensor", 1.0, 0.5, 1.5, self.scale_sigma, "1", f"{self.quantity} sensor scale")]
+        found = [
+            Parameter(
+                f"{q}.bias", "sensor", 0.0, -big, big, self.bias_sigma, self.unit, f"{self.quantity} sensor bias"
+            ),
+            Parameter(f"{q}.scale", "sensor", 1.0, 0.5, 1.5, self.scale_sigma, "1", f"{self.quantity} sensor scale"),
+        ]
         if self.soak:
-            found.append(Parameter(f"{q}.soak", "sensor", 0.0, -1e3 * self.soak_sigma, 1e3 * self.soak_sigma, self.soak_sigma,
-                                   f"{self.unit} per {self.soak}", f"heat soak of the {self.quantity} reading"))
+            found.append(
+                Parameter(
+                    f"{q}.soak",
+                    "sensor",
+                    0.0,
+                    -1e3 * self.soak_sigma,
+                    1e3 * self.soak_sigma,
+                    self.soak_sigma,
+                    f"{self.unit} per {self.soak}",
+                    f"heat soak of the {self.quantity} reading",
+                )
+            )
         return tuple(found)
 
     def read(self, network: Network, e: Evaluation) -> Value:

@@ -1,9 +1,9 @@
 """Damped Newton iteration over a whole batch of operating points at once.
 
 Each pass evaluates the points that are still open, with the exact Jacobian from the same evaluation
-(near the solution without it: the last one serves); points that meet the tolerance leave the batch. A step is shortened so that no unknown moves by more than
-`LARGEST_STEP` of itself, and halved again where the residual grew. A point that does not converge is data:
-its residuals say which balance failed.
+(near the solution without it: the last one serves); points that meet the tolerance leave the batch. A step
+is shortened so that no unknown moves by more than `LARGEST_STEP` of itself, and halved again where the
+residual grew. A point that does not converge is data: its residuals say which balance failed.
 """
 
 from __future__ import annotations
@@ -45,8 +45,9 @@ class Solution:
         return self.residual <= TOLERANCE
 
 
-def evaluate(network: Network, inputs: Mapping[str, Value], parameters: Mapping[str, Value], x: Array,
-             wrt: frozenset[str]) -> Evaluation:
+def evaluate(
+    network: Network, inputs: Mapping[str, Value], parameters: Mapping[str, Value], x: Array, wrt: frozenset[str]
+) -> Evaluation:
     """One pass at unknowns x (nx, N)."""
     names = [u.name for u in network.unknowns()]
     leaves = network.leaves(inputs, parameters, dict(zip(names, x, strict=True)))
@@ -59,20 +60,22 @@ def evaluate(network: Network, inputs: Mapping[str, Value], parameters: Mapping[
 def matrix(e: Evaluation, rows: Mapping[str, Value], names: tuple[str, ...]) -> Array:
     """Derivatives of `rows` with respect to leaves `names`, shape (N, rows, names)."""
     out = np.zeros((len(rows), len(names), e.size))
-    column = np.full(len(e.directions), -1)
-    for k, name in enumerate(names):
-        if name in e.directions:
-            column[e.directions[name]] = k
+    source = np.array([e.directions.get(name, -1) for name in names])
     for row, y in enumerate(rows.values()):
         if isinstance(y, Dual):
-            at = column[: len(y.d)]
-            use = at >= 0
-            out[row, at[use]] = y.d if use.all() else y.d[use]
+            use = (source >= 0) & (source < len(y.d))
+            out[row, use] = y.d[source[use]]
     return np.ascontiguousarray(out.transpose(2, 0, 1))
 
 
-def newton(network: Network, inputs: Mapping[str, Value], parameters: Mapping[str, Value], x: Array,
-           final: frozenset[str] = frozenset(), max_iterations: int = MAX_ITERATIONS) -> Solution:
+def newton(
+    network: Network,
+    inputs: Mapping[str, Value],
+    parameters: Mapping[str, Value],
+    x: Array,
+    final: frozenset[str] = frozenset(),
+    max_iterations: int = MAX_ITERATIONS,
+) -> Solution:
     """Solves the balances from starting unknowns x (nx, N); inputs and parameters are floats or (N,).
 
     A pass that most likely only confirms convergence is differentiated along `final` instead of the
@@ -83,8 +86,15 @@ def newton(network: Network, inputs: Mapping[str, Value], parameters: Mapping[st
     upper = np.array([[u.upper] for u in unknowns])
     n = x.shape[1]
     best = Solution(x.copy(), np.full(n, np.inf), np.zeros(n, dtype=int), np.zeros(n, dtype=int))
-    open_points = _OpenPoints(np.arange(n), x.copy(), x.copy(), np.zeros_like(x), np.full(n, np.inf),
-                              np.zeros(n, dtype=int), np.zeros((n, len(x), len(x))))
+    open_points = _OpenPoints(
+        np.arange(n),
+        x.copy(),
+        x.copy(),
+        np.zeros_like(x),
+        np.full(n, np.inf),
+        np.zeros(n, dtype=int),
+        np.zeros((n, len(x), len(x))),
+    )
     for iteration in range(max_iterations):
         p = open_points
         u = inputs if len(p.index) == n else take(inputs, p.index)
@@ -142,8 +152,15 @@ class _OpenPoints:
     def kept(self, keep: Array) -> _OpenPoints:
         if keep.all():
             return self
-        return _OpenPoints(self.index[keep], self.x[:, keep], self.base[:, keep], self.step[:, keep],
-                           self.base_norm[keep], self.halvings[keep], self.J[keep])
+        return _OpenPoints(
+            self.index[keep],
+            self.x[:, keep],
+            self.base[:, keep],
+            self.step[:, keep],
+            self.base_norm[keep],
+            self.halvings[keep],
+            self.J[keep],
+        )
 
 
 def _balances(e: Evaluation) -> Array:
@@ -157,8 +174,9 @@ def largest_balance(e: Evaluation) -> Array:
     return np.where(np.isfinite(R), np.abs(R), np.inf).max(axis=0)
 
 
-def _values_and_jacobian(network: Network, inputs: Mapping[str, Value], parameters: Mapping[str, Value],
-                         x: Array) -> tuple[Array, Array]:
+def _values_and_jacobian(
+    network: Network, inputs: Mapping[str, Value], parameters: Mapping[str, Value], x: Array
+) -> tuple[Array, Array]:
     """Balances (nx, n) and their derivatives (n, nx, nx): exact, or for a few points by forward differences
     in one widened batch, which costs one plain pass where the overhead of calls dominates."""
     nx, n = x.shape
@@ -169,7 +187,8 @@ def _values_and_jacobian(network: Network, inputs: Mapping[str, Value], paramete
         tile = {k: np.tile(v, nx + 1) if isinstance(v, np.ndarray) and v.ndim else v for k, v in inputs.items()}
         theta = {k: np.tile(v, nx + 1) if isinstance(v, np.ndarray) and v.ndim else v for k, v in parameters.items()}
         R = _balances(evaluate(network, tile, theta, wide.reshape(nx, -1), frozenset())).reshape(-1, nx + 1, n)
-        return R[:, 0], np.ascontiguousarray(((R[:, 1:] - R[:, :1]) / h).transpose(2, 0, 1))
+        with np.errstate(invalid="ignore"):
+            return R[:, 0], np.ascontiguousarray(((R[:, 1:] - R[:, :1]) / h).transpose(2, 0, 1))
     names = tuple(u.name for u in network.unknowns())
     e = evaluate(network, inputs, parameters, x, frozenset(names))
     return _balances(e), matrix(e, e.balances, names)

@@ -11,46 +11,61 @@ import itertools
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
 
 from enginediag_cli.engine.atmosphere import P_ISA, T_ISA, standard_atmosphere
-from enginediag_cli.engine.dual import Array, Value
+from enginediag_cli.engine.dual import Array, value
 
 DEGREE = 8.0
 WEIGHTS = {"power": 1.0, "mach": 1.3, "theta": 3.0, "delta": 5.0, "other": 3.0, "fixed": 1e9}
 POWER_EXPONENTS = {  # of (δ, √θ) in the corrected power setting
-    "Wf_kg_s": (1, 1), "rpm": (0, 1), "T4_K": (0, 2), "Fn_N": (1, 0), "power_W": (1, 1),
+    "Wf_kg_s": (1, 1),
+    "rpm": (0, 1),
+    "T4_K": (0, 2),
+    "Fn_N": (1, 0),
+    "power_W": (1, 1),
 }
 
 
-def correction(column: str, theta: Value, delta: Value) -> Value:
+def correction(column: str, theta: Array, delta: Array) -> Array:
     """What a power setting is divided by to correct it to ISA sea level."""
     a, b = POWER_EXPONENTS["rpm" if column.endswith("_rpm") else "T4_K" if column.endswith("_K") else column]
     return delta**a * theta ** (0.5 * b)
 
 
-def total_ratios(inputs: Mapping[str, Value]) -> tuple[Array, Array]:
+def total_ratios(inputs: Mapping[str, Any]) -> tuple[Array, Array]:
     """θ₂ and δ₂ with constant γ = 1.4: close enough for a start and for corrected power settings."""
     if "altitude_m" in inputs:
-        T, P = standard_atmosphere(np.asarray(inputs["altitude_m"], dtype=float))
+        T, P = (np.asarray(value(x)) for x in standard_atmosphere(np.asarray(inputs["altitude_m"], dtype=float)))
         ram = 1.0 + 0.2 * np.asarray(inputs["mach"], dtype=float) ** 2
         return (T + inputs["dT_isa_K"]) / T_ISA * ram, P / P_ISA * ram**3.5
     theta = np.asarray(inputs["ambient_temperature_K"], dtype=float) / T_ISA
     return theta, np.asarray(inputs["ambient_pressure_Pa"], dtype=float) / P_ISA
 
 
-def coordinates(power_setting: str, inputs: Mapping[str, Value], size: int) -> tuple[tuple[str, ...], Array]:
+def coordinates(power_setting: str, inputs: Mapping[str, Any], size: int) -> tuple[tuple[str, ...], Array]:
     """Kinds and values (k, N) of the corrected coordinates."""
     theta, delta = total_ratios(inputs)
-    kinds, rows = ["power"], [np.log(np.maximum(inputs[power_setting] / correction(power_setting, theta, delta), 1e-12))]
+    kinds, rows = (
+        ["power"],
+        [np.log(np.maximum(inputs[power_setting] / correction(power_setting, theta, delta), 1e-12))],
+    )
     if "mach" in inputs:
         kinds.append("mach")
         rows.append(np.asarray(inputs["mach"], dtype=float))
     kinds += ["theta", "delta"]
     rows += [np.log(theta), np.log(delta)]
     for column, x in inputs.items():
-        if column not in (power_setting, "altitude_m", "mach", "dT_isa_K", "ambient_temperature_K", "ambient_pressure_Pa"):
+        if column not in (
+            power_setting,
+            "altitude_m",
+            "mach",
+            "dT_isa_K",
+            "ambient_temperature_K",
+            "ambient_pressure_Pa",
+        ):
             kinds.append("other")
             rows.append(x / np.sqrt(theta) if column.endswith("_rpm") else np.asarray(x, dtype=float))
     return tuple(kinds), np.stack([np.broadcast_to(r, (size,)) for r in rows])
@@ -61,8 +76,7 @@ def basis(kinds: tuple[str, ...], degree: float) -> tuple[tuple[int, ...], ...]:
     """Exponents of every Chebyshev product of weighted degree ≤ degree."""
     weights = [WEIGHTS[k] for k in kinds]
     ranges = [range(int(degree / w) + 1) for w in weights]
-    return tuple(t for t in itertools.product(*ranges)
-                 if sum(e * w for e, w in zip(t, weights, strict=True)) <= degree)
+    return tuple(t for t in itertools.product(*ranges) if sum(e * w for e, w in zip(t, weights, strict=True)) <= degree)
 
 
 @dataclass(frozen=True)
@@ -79,7 +93,9 @@ class StartFit:
     def fit(kinds: tuple[str, ...], z: Array, x: Array) -> StartFit | None:
         """Least squares on anchors z (k, n), x (nx, n); None when there are too few for a useful polynomial."""
         low, high = z.min(axis=1), z.max(axis=1)
-        moving = tuple("fixed" if h - l < 1e-9 * max(1.0, abs(h)) else k for k, l, h in zip(kinds, low, high, strict=True))
+        moving = tuple(
+            "fixed" if h - l < 1e-9 * max(1.0, abs(h)) else k for k, l, h in zip(kinds, low, high, strict=True)
+        )
         degree = DEGREE
         while len(basis(moving, degree)) * 1.6 > z.shape[1]:
             degree -= 1.0

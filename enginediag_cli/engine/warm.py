@@ -32,8 +32,14 @@ class WarmEngine:
     def __getattr__(self, name: str) -> Any:
         return getattr(self._engine, name)
 
-    def predict(self, inputs: Mapping[str, Any], parameters: Mapping[str, Any] | None = None, *,
-                sensors: Sequence[str] | None = None, wrt: Sequence[str] = ()) -> Prediction:
+    def predict(
+        self,
+        inputs: Mapping[str, Any],
+        parameters: Mapping[str, Any] | None = None,
+        *,
+        sensors: Sequence[str] | None = None,
+        wrt: Sequence[str] = (),
+    ) -> Prediction:
         """As `Engine.predict`; the answer does not depend on the memory beyond the solver's tolerance."""
         points = self._points(inputs)
         key = points.tobytes()
@@ -50,8 +56,9 @@ class WarmEngine:
 
     def _points(self, inputs: Mapping[str, Any]) -> np.ndarray:
         """Operating points (N, d): all inputs that the engine must have."""
-        return np.column_stack(np.broadcast_arrays(*(np.atleast_1d(np.asarray(inputs[c], float))
-                                                     for c in self._engine.inputs)))
+        return np.column_stack(
+            np.broadcast_arrays(*(np.atleast_1d(np.asarray(inputs[c], float)) for c in self._engine.inputs))
+        )
 
     def _nearest(self, points: np.ndarray) -> np.ndarray | None:
         """Unknowns (nx, N) of the nearest remembered operating points; None when there are none."""

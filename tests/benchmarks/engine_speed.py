@@ -28,14 +28,30 @@ from enginediag_cli.engine import load_engine
 from enginediag_cli.engine.engine import Engine
 
 ROOT = Path(__file__).resolve().parents[2]
-OUTPUTS = ("N1_rpm", "N2_rpm", "T25_K", "P25_Pa", "T3_K", "P3_Pa", "T45_K", "T5_K", "P5_Pa", "Fn_N", "W2_kg_s", "P13_Pa")
+OUTPUTS = (
+    "N1_rpm",
+    "N2_rpm",
+    "T25_K",
+    "P25_Pa",
+    "T3_K",
+    "P3_Pa",
+    "T45_K",
+    "T5_K",
+    "P5_Pa",
+    "Fn_N",
+    "W2_kg_s",
+    "P13_Pa",
+)
 PYCYCLE_S, GSPY_S = 1.1, 0.45
 
 
 def operating_points(engine: Engine, count: int, seed: int = 3) -> dict[str, np.ndarray]:
     rng = np.random.default_rng(seed)
-    points = {"altitude_m": rng.uniform(0, 12000, count), "mach": rng.uniform(0, 0.85, count),
-              "dT_isa_K": rng.uniform(-15, 20, count)}
+    points = {
+        "altitude_m": rng.uniform(0, 12000, count),
+        "mach": rng.uniform(0, 0.85, count),
+        "dT_isa_K": rng.uniform(-15, 20, count),
+    }
     points[engine.power_setting] = engine.power_from_fraction(rng.uniform(0.3, 1.0, count), points)
     return points
 
@@ -63,14 +79,17 @@ def measure(engine: Engine, file: str | Path) -> dict[str, float]:
         engine.forget_start()
         assert engine.predict(one).ok.all()
 
-    return {"solve_us_per_point": 1e2 * best(cold),
-            "solve_and_sensitivities_us_per_point": 1e2 * best(lambda: cold(engine.monitored)),
-            "one_cold_point_ms": 1e3 * best(one_cold),
-            "load_engine_ms": 1e3 * best(lambda: load_engine(file))}
+    return {
+        "solve_us_per_point": 1e2 * best(cold),
+        "solve_and_sensitivities_us_per_point": 1e2 * best(lambda: cold(engine.monitored)),
+        "one_cold_point_ms": 1e3 * best(one_cold),
+        "load_engine_ms": 1e3 * best(lambda: load_engine(file)),
+    }
 
 
 def start_ratio(ours: list[str], theirs: str, repetitions: int = 9) -> float:
     """Wall time of a command of ours over that of some imports, least of several runs each."""
+
     def least(command: list[str]) -> float:
         times = []
         for _ in range(repetitions):
@@ -92,11 +111,16 @@ def main() -> None:
     engine.predict(operating_points(engine, 100_000), sensors=OUTPUTS, wrt=engine.monitored)
     report["peak_memory_MB_100000_points_with_sensitivities"] = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e3
     cold_s = report["parametric_maps"]["one_cold_point_ms"] / 1e3  # type: ignore[index]
-    report["one_cold_point_ratio"] = {"pyCycle_4.4_tabular_over_ours": PYCYCLE_S / cold_s, "GSPy_over_ours": GSPY_S / cold_s}
+    report["one_cold_point_ratio"] = {
+        "pyCycle_4.4_tabular_over_ours": PYCYCLE_S / cold_s,
+        "GSPy_over_ours": GSPY_S / cold_s,
+    }
     tool = [sys.executable, "-m", "enginediag_cli"]
     report["start_up"] = {
         "version_over_import_click": start_ratio([*tool, "--version"], "import click"),
-        "detect_help_over_import_numpy_click_yaml": start_ratio([*tool, "detect", "--help"], "import numpy, click, yaml"),
+        "detect_help_over_import_numpy_click_yaml": start_ratio(
+            [*tool, "detect", "--help"], "import numpy, click, yaml"
+        ),
     }
     print(json.dumps(report, indent=2))
 

@@ -30,21 +30,48 @@ def engine_file(folder: Path, power_setting: str = "Wf_kg_s") -> dict[str, Any]:
 
     def compressor(name: str, key: str, file: str, start: str, end: str, shaft: str) -> dict[str, Any]:
         s = scale[key]
-        return {"type": "compressor", "name": name, "from": start, "to": end, "shaft": shaft,
-                "pressure_ratio": float(case[f"{key}_PR"]), "isentropic_efficiency": float(case[f"{key}_eff"]),
-                "table": {"file": str(folder / file), "interpolation": "quadratic",
-                          "design_speed": float(case[f"{key}_NcMap"]), "design_rline": float(case[f"{key}_Rline"]),
-                          "speed_rpm": s["s_Nc"], "flow_kg_s": s["s_Wc"] * LB,
-                          "pressure_ratio_scale": s["s_PR"], "efficiency_scale": s["s_eff"]}}
+        return {
+            "type": "compressor",
+            "name": name,
+            "from": start,
+            "to": end,
+            "shaft": shaft,
+            "pressure_ratio": float(case[f"{key}_PR"]),
+            "isentropic_efficiency": float(case[f"{key}_eff"]),
+            "table": {
+                "file": str(folder / file),
+                "interpolation": "quadratic",
+                "design_speed": float(case[f"{key}_NcMap"]),
+                "design_rline": float(case[f"{key}_Rline"]),
+                "speed_rpm": s["s_Nc"],
+                "flow_kg_s": s["s_Wc"] * LB,
+                "pressure_ratio_scale": s["s_PR"],
+                "efficiency_scale": s["s_eff"],
+            },
+        }
 
     def turbine(name: str, key: str, file: str, start: str, end: str, shaft: str, **more: Any) -> dict[str, Any]:
         s = scale[key]
-        return {"type": "turbine", "name": name, "from": start, "to": end, "shaft": shaft,
-                "isentropic_efficiency": float(case[f"{key}_eff"]), "pressure_ratio": float(case[f"{key}_PR"]),
-                "table": {"file": str(folder / file), "interpolation": "linear", "design_speed": 100.0,
-                          "design_pressure_ratio": float(case[f"{key}_PRmap"]), "speed_rpm_K": s["s_Nc"] * 1.8**0.5,
-                          "flow_parameter": s["s_Wc"] * TURBINE_FLOW, "pressure_ratio_scale": s["s_PR"],
-                          "efficiency_scale": s["s_eff"]}, **more}
+        return {
+            "type": "turbine",
+            "name": name,
+            "from": start,
+            "to": end,
+            "shaft": shaft,
+            "isentropic_efficiency": float(case[f"{key}_eff"]),
+            "pressure_ratio": float(case[f"{key}_PR"]),
+            "table": {
+                "file": str(folder / file),
+                "interpolation": "linear",
+                "design_speed": 100.0,
+                "design_pressure_ratio": float(case[f"{key}_PRmap"]),
+                "speed_rpm_K": s["s_Nc"] * 1.8**0.5,
+                "flow_parameter": s["s_Wc"] * TURBINE_FLOW,
+                "pressure_ratio_scale": s["s_PR"],
+                "efficiency_scale": s["s_eff"],
+            },
+            **more,
+        }
 
     def duct(name: str, start: str, end: str, key: str) -> dict[str, Any]:
         return {"type": "duct", "name": name, "from": start, "to": end, "pressure_loss": ducts[key]}
@@ -53,41 +80,94 @@ def engine_file(folder: Path, power_setting: str = "Wf_kg_s") -> dict[str, Any]:
     theta = float(case["T2_K"]) / 288.15
     corrected = float(case["W2_kg_s"]) * theta**0.5 / (float(case["P2_Pa"]) / 101325.0)
     return {
-        "kind": "engine", "description": "public JT9D model", "name": "jt9d", "power_setting": power_setting,
+        "kind": "engine",
+        "description": "public JT9D model",
+        "name": "jt9d",
+        "power_setting": power_setting,
         "design": {"altitude_m": 0, "mach": 0, "dT_isa_K": 15},
         "components": [
             {"type": "ambient", "name": "ambient", "to": "1"},
-            {"type": "inlet", "name": "inlet", "from": "1", "to": "2", "corrected_flow_kg_s": corrected,
-             "recovery_mach": recovery["mach"], "recovery_table": recovery["recovery"], "recovery_rule": "step"},
+            {
+                "type": "inlet",
+                "name": "inlet",
+                "from": "1",
+                "to": "2",
+                "corrected_flow_kg_s": corrected,
+                "recovery_mach": recovery["mach"],
+                "recovery_table": recovery["recovery"],
+                "recovery_rule": "step",
+            },
             compressor("fan", "Fan", "map_fan.csv", "2", "21", "lp"),
-            {"type": "splitter", "name": "splitter", "from": "21", "core": "22", "bypass": "13",
-             "bypass_ratio": float(case["BPR"])},
+            {
+                "type": "splitter",
+                "name": "splitter",
+                "from": "21",
+                "core": "22",
+                "bypass": "13",
+                "bypass_ratio": float(case["BPR"]),
+            },
             duct("gooseneck", "22", "23", "22-23"),
             compressor("booster", "LPC", "map_lpc.csv", "23", "24", "lp"),
             duct("interduct", "24", "25", "24-25"),
             compressor("hpc", "HPC", "map_hpc.csv", "25", "3", "hp"),
-            {"type": "bleed", "name": "cooling", "from": "3", "to": "31", "ports": [
-                {"name": "hpt_vanes", "fraction": inlet_bleed}, {"name": "hpt_exit", "fraction": exit_bleed}]},
-            {"type": "burner", "name": "burner", "from": "31", "to": "4", "exit_temperature_K": float(case["T4_K"]),
-             "combustion_efficiency": burner["eff"], "pressure_loss": burner["dp"],
-             "lower_heating_value_J_kg": burner["efficiency_times_lower_heating_value_J_kg"] / burner["eff"]},
-            turbine("hpt", "HPT", "map_hpt.csv", "4", "45", "hp", cooling_before_rotor=["hpt_vanes"],
-                    cooling_after_rotor=["hpt_exit"], rotor_inlet_station="41"),
+            {
+                "type": "bleed",
+                "name": "cooling",
+                "from": "3",
+                "to": "31",
+                "ports": [{"name": "hpt_vanes", "fraction": inlet_bleed}, {"name": "hpt_exit", "fraction": exit_bleed}],
+            },
+            {
+                "type": "burner",
+                "name": "burner",
+                "from": "31",
+                "to": "4",
+                "exit_temperature_K": float(case["T4_K"]),
+                "combustion_efficiency": burner["eff"],
+                "pressure_loss": burner["dp"],
+                "lower_heating_value_J_kg": burner["efficiency_times_lower_heating_value_J_kg"] / burner["eff"],
+            },
+            turbine(
+                "hpt",
+                "HPT",
+                "map_hpt.csv",
+                "4",
+                "45",
+                "hp",
+                cooling_before_rotor=["hpt_vanes"],
+                cooling_after_rotor=["hpt_exit"],
+                rotor_inlet_station="41",
+            ),
             duct("turbine_duct", "45", "48", "45-48"),
             turbine("lpt", "LPT", "map_lpt.csv", "48", "5", "lp"),
             duct("tailpipe", "5", "7", "5-7"),
-            {"type": "nozzle", "name": "core_nozzle", "from": "7", "area_m2": float(case["Core_Nozz_Ath_m2"]),
-             "velocity_coefficient": float(case["Core_Nozz_Cv"])},
+            {
+                "type": "nozzle",
+                "name": "core_nozzle",
+                "from": "7",
+                "area_m2": float(case["Core_Nozz_Ath_m2"]),
+                "velocity_coefficient": float(case["Core_Nozz_Cv"]),
+            },
             duct("bypass_duct", "13", "17", "15-17"),
-            {"type": "nozzle", "name": "bypass_nozzle", "from": "17", "area_m2": float(case["Byp_Nozz_Ath_m2"]),
-             "velocity_coefficient": float(case["Byp_Nozz_Cv"])},
+            {
+                "type": "nozzle",
+                "name": "bypass_nozzle",
+                "from": "17",
+                "area_m2": float(case["Byp_Nozz_Ath_m2"]),
+                "velocity_coefficient": float(case["Byp_Nozz_Cv"]),
+            },
         ],
-        "shafts": [{"name": "lp", "speed_label": "N1", "design_speed_rpm": float(case["N1_rpm"])},
-                   {"name": "hp", "speed_label": "N2", "design_speed_rpm": float(case["N2_rpm"])}],
+        "shafts": [
+            {"name": "lp", "speed_label": "N1", "design_speed_rpm": float(case["N1_rpm"])},
+            {"name": "hp", "speed_label": "N2", "design_speed_rpm": float(case["N2_rpm"])},
+        ],
         "sensors": {"T3_K": {"noise_sigma": 1.0}},
-        "envelope": {"altitude_m": {"low": 0, "high": 12500}, "mach": {"low": 0, "high": 0.9},
-                     "dT_isa_K": {"low": -30, "high": 30},
-                     power_setting: {"low": 0.2, "high": 3.0} if power_setting == "Wf_kg_s" else {"low": 1500, "high": 4200}},
+        "envelope": {
+            "altitude_m": {"low": 0, "high": 12500},
+            "mach": {"low": 0, "high": 0.9},
+            "dT_isa_K": {"low": -30, "high": 30},
+            power_setting: {"low": 0.2, "high": 3.0} if power_setting == "Wf_kg_s" else {"low": 1500, "high": 4200},
+        },
         "power_range": [0.5, 2.4] if power_setting == "Wf_kg_s" else [1800, 3900],
     }
 

@@ -28,11 +28,15 @@ def main() -> int:
     with tempfile.TemporaryDirectory() as scratch:
         if "jt9d" not in missing:
             for setting in ("Wf_kg_s", "N1_rpm"):
-                table(f"JT9D against NPSS 2.4, {setting} given",
-                      jt9d_npss.compare(shared_data.DATA / "jt9d", Path(scratch), setting))
+                table(
+                    f"JT9D against NPSS 2.4, {setting} given",
+                    jt9d_npss.compare(shared_data.DATA / "jt9d", Path(scratch), setting),
+                )
         if "pycycle_hbtf" not in missing:
-            table("high-bypass turbofan against pyCycle 4.4, N1_rpm given",
-                  pycycle_hbtf.compare(shared_data.DATA / "pycycle_hbtf", Path(scratch)))
+            table(
+                "high-bypass turbofan against pyCycle 4.4, N1_rpm given",
+                pycycle_hbtf.compare(shared_data.DATA / "pycycle_hbtf", Path(scratch)),
+            )
     return 2 if missing else 0
 
 

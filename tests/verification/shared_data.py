@@ -14,5 +14,7 @@ def available(folder: str) -> bool:
 
 
 def reason(folder: str) -> str:
-    return (f"public data '{folder}' not found beside the checkout; put it in ../shared/data or set the "
-            "environment variable ENGINEDIAG_SHARED")
+    return (
+        f"public data '{folder}' not found beside the checkout; put it in ../shared/data or set the "
+        "environment variable ENGINEDIAG_SHARED"
+    )

@@ -17,7 +17,8 @@ from enginediag_cli.engine.components.splitter import Splitter
 from enginediag_cli.engine.components.turbine import Turbine
 
 COMPONENTS: dict[str, type[Component]] = {
-    c.TYPE: c for c in (Ambient, Inlet, Compressor, Splitter, Bleed, Duct, Burner, Turbine, Mixer, Nozzle, Exhaust, Load)
+    c.TYPE: c
+    for c in (Ambient, Inlet, Compressor, Splitter, Bleed, Duct, Burner, Turbine, Mixer, Nozzle, Exhaust, Load)
 }
 
 __all__ = ["COMPONENTS", "Component", "Unknown"]

@@ -21,11 +21,21 @@ class Ambient(Component):
     """
 
     TYPE = "ambient"
-    SECTION = Section("ambient", "air around the engine", (
-        NAME, TO,
-        Field("conditions", "choice", "flight: altitude_m, mach, dT_isa_K are inputs; "
-              "ground: ambient_pressure_Pa and ambient_temperature_K", "flight", choices=("flight", "ground")),
-    ))
+    SECTION = Section(
+        "ambient",
+        "air around the engine",
+        (
+            NAME,
+            TO,
+            Field(
+                "conditions",
+                "choice",
+                "flight: altitude_m, mach, dT_isa_K are inputs; ground: ambient_pressure_Pa and ambient_temperature_K",
+                "flight",
+                choices=("flight", "ground"),
+            ),
+        ),
+    )
 
     def inputs(self) -> dict[str, float | None]:
         if self.values["conditions"] == "ground":

@@ -43,8 +43,9 @@ class Component(ABC):
         """A scale factor of nominal 1 on what the component should do."""
         return Parameter(f"{self.name}.{quantity}", "health", 1.0, 0.5, 1.5, prior_sigma, "1", description)
 
-    def design(self, quantity: str, nominal: float, sigma: float, lower: float, upper: float, unit: str,
-               description: str) -> Parameter:
+    def design(
+        self, quantity: str, nominal: float, sigma: float, lower: float, upper: float, unit: str, description: str
+    ) -> Parameter:
         """A number of the engine type, identified rather than monitored."""
         return Parameter(f"{self.name}.{quantity}", "design", nominal, lower, upper, sigma, unit, description)
 

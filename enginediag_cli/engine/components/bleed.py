@@ -7,23 +7,38 @@ from enginediag_cli.engine.components.base import FROM, NAME, TO, Component
 from enginediag_cli.engine.evaluation import Evaluation
 from enginediag_cli.parameters import Parameter
 
-PORT = Section("port", "one bleed of this station", (
-    Field("name", "text", "name of the bleed; a bleed that no component receives goes overboard"),
-    Field("fraction", "number", "bleed flow over the station's flow", minimum=0.0, maximum=0.6),
-))
+PORT = Section(
+    "port",
+    "one bleed of this station",
+    (
+        Field("name", "text", "name of the bleed; a bleed that no component receives goes overboard"),
+        Field("fraction", "number", "bleed flow over the station's flow", minimum=0.0, maximum=0.6),
+    ),
+)
 
 
 class Bleed(Component):
     """W_out = W (1 − Σ fractions); each bleed leaves at the station's total state."""
 
     TYPE = "bleed"
-    SECTION = Section("bleed", "takes air from a station", (
-        NAME, FROM, TO, Field("ports", "sections", "the bleeds", section=PORT),
-    ))
+    SECTION = Section(
+        "bleed",
+        "takes air from a station",
+        (
+            NAME,
+            FROM,
+            TO,
+            Field("ports", "sections", "the bleeds", section=PORT),
+        ),
+    )
 
     def parameters(self) -> tuple[Parameter, ...]:
-        return tuple(self.design(f"{port['name']}.fraction", port["fraction"], 0.01, 0.0, 0.6, "1",
-                                 "bleed flow over station flow") for port in self.values["ports"])
+        return tuple(
+            self.design(
+                f"{port['name']}.fraction", port["fraction"], 0.01, 0.0, 0.6, "1", "bleed flow over station flow"
+            )
+            for port in self.values["ports"]
+        )
 
     def evaluate(self, e: Evaluation) -> None:
         inlet = e.flows[self.values["from"]]

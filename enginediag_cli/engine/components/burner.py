@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from enginediag_cli.config.fields import Field, Section
-from enginediag_cli.engine.components.base import FROM, NAME, TO, Component, Unknown
+from enginediag_cli.engine.components.base import FROM, NAME, TO, Component, Unknown, scalar
 from enginediag_cli.engine.dual import sqrt
 from enginediag_cli.engine.evaluation import Evaluation
 from enginediag_cli.engine.flow import Flow
@@ -19,14 +19,33 @@ class Burner(Component):
     """
 
     TYPE = "burner"
-    SECTION = Section("burner", "combustor", (
-        NAME, FROM, TO,
-        Field("exit_temperature_K", "number", "total temperature at the design point", unit="K", minimum=500.0,
-              maximum=2400.0),
-        Field("combustion_efficiency", "number", "share of the heating value released", 0.995, minimum=0.5, maximum=1.0),
-        Field("pressure_loss", "number", "ΔP/P", 0.05, minimum=0.0, maximum=0.3),
-        Field("lower_heating_value_J_kg", "number", "of the fuel at 298.15 K", 42.8e6, unit="J/kg", minimum=1e6),
-    ))
+    SECTION = Section(
+        "burner",
+        "combustor",
+        (
+            NAME,
+            FROM,
+            TO,
+            Field(
+                "exit_temperature_K",
+                "number",
+                "total temperature at the design point",
+                unit="K",
+                minimum=500.0,
+                maximum=2400.0,
+            ),
+            Field(
+                "combustion_efficiency",
+                "number",
+                "share of the heating value released",
+                0.995,
+                minimum=0.5,
+                maximum=1.0,
+            ),
+            Field("pressure_loss", "number", "ΔP/P", 0.05, minimum=0.0, maximum=0.3),
+            Field("lower_heating_value_J_kg", "number", "of the fuel at 298.15 K", 42.8e6, unit="J/kg", minimum=1e6),
+        ),
+    )
     corrected_fuel_kg_s = 1.0
 
     def parameters(self) -> tuple[Parameter, ...]:
@@ -34,8 +53,15 @@ class Burner(Component):
         return (
             self.health("efficiency", "combustion efficiency, factor", 0.01),
             self.design("pressure_loss", v["pressure_loss"], 0.01, 0.0, 0.3, "1", "ΔP/P"),
-            self.design("lower_heating_value_J_kg", v["lower_heating_value_J_kg"], 0.3e6, 1e6, 150e6, "J/kg",
-                        "lower heating value of the fuel"),
+            self.design(
+                "lower_heating_value_J_kg",
+                v["lower_heating_value_J_kg"],
+                0.3e6,
+                1e6,
+                150e6,
+                "J/kg",
+                "lower heating value of the fuel",
+            ),
         )
 
     def unknowns(self) -> tuple[Unknown, ...]:
@@ -51,7 +77,8 @@ class Burner(Component):
         dry = inlet.W / inlet.mixture.per_dry_air()
         far = fuel / dry if inlet.mixture.far is None else inlet.mixture.far + fuel / dry
         released = e[f"{self.name}.lower_heating_value_J_kg"] * (
-            e[f"{self.name}.efficiency"] * v["combustion_efficiency"])
+            e[f"{self.name}.efficiency"] * v["combustion_efficiency"]
+        )
         W = inlet.W + fuel
         h = (inlet.W * inlet.h + fuel * released) / W
         P = inlet.P * (1.0 - e[f"{self.name}.pressure_loss"])
@@ -69,5 +96,5 @@ class Burner(Component):
             far = fuel / dry if inlet.mixture.far is None else inlet.mixture.far + fuel / dry
             h4 = e.gas.enthalpy(inlet.W * 0.0 + v["exit_temperature_K"], Mixture(far, inlet.mixture.war))
             fuel = inlet.W * (h4 - inlet.h) / (released - h4)
-        self.corrected_fuel_kg_s = float((fuel / (e.delta2 * sqrt(e.theta2)))[0])
+        self.corrected_fuel_kg_s = scalar(fuel / (e.delta2 * sqrt(e.theta2)))
         self.evaluate(e)

@@ -16,22 +16,32 @@ from enginediag_cli.engine.maps import compressor_map
 from enginediag_cli.engine.maps.table_map import RULES, TableMap, make_table, read_table
 from enginediag_cli.parameters import Parameter
 
-PORT = Section("port", "bleed port between the stages", (
-    Field("name", "text", "name of the bleed, for the component that receives it"),
-    Field("fraction", "number", "bleed flow over compressor inlet flow", minimum=0.0, maximum=0.5),
-    Field("work_fraction", "number", "share of the enthalpy rise done on the bleed air", 1.0, minimum=0.0, maximum=1.0),
-    Field("pressure_fraction", "number", "share of the pressure rise at the port", 1.0, minimum=0.0, maximum=1.0),
-))
-TABLE = Section("table", "map file with speed lines and R-lines", (
-    Field("file", "text", "CSV with columns Nc_map, Rline, Wc_map, PR_map, eff_map; path from the engine file"),
-    Field("interpolation", "choice", "between the grid values", "quadratic", choices=RULES),
-    Field("design_speed", "number", "map speed of the design point", 1.0, minimum=0.0),
-    Field("design_rline", "number", "R-line of the design point", 2.0),
-    Field("speed_rpm", "number", "corrected speed per map speed; default from the design point", None, unit="rpm"),
-    Field("flow_kg_s", "number", "corrected flow per map flow; default from the design point", None, unit="kg/s"),
-    Field("pressure_ratio_scale", "number", "(PR − 1) per map (PR − 1); default from the design point", None),
-    Field("efficiency_scale", "number", "efficiency per map efficiency; default from the design point", None),
-))
+PORT = Section(
+    "port",
+    "bleed port between the stages",
+    (
+        Field("name", "text", "name of the bleed, for the component that receives it"),
+        Field("fraction", "number", "bleed flow over compressor inlet flow", minimum=0.0, maximum=0.5),
+        Field(
+            "work_fraction", "number", "share of the enthalpy rise done on the bleed air", 1.0, minimum=0.0, maximum=1.0
+        ),
+        Field("pressure_fraction", "number", "share of the pressure rise at the port", 1.0, minimum=0.0, maximum=1.0),
+    ),
+)
+TABLE = Section(
+    "table",
+    "map file with speed lines and R-lines",
+    (
+        Field("file", "text", "CSV with columns Nc_map, Rline, Wc_map, PR_map, eff_map; path from the engine file"),
+        Field("interpolation", "choice", "between the grid values", "quadratic", choices=RULES),
+        Field("design_speed", "number", "map speed of the design point", 1.0, minimum=0.0),
+        Field("design_rline", "number", "R-line of the design point", 2.0),
+        Field("speed_rpm", "number", "corrected speed per map speed; default from the design point", None, unit="rpm"),
+        Field("flow_kg_s", "number", "corrected flow per map flow; default from the design point", None, unit="kg/s"),
+        Field("pressure_ratio_scale", "number", "(PR − 1) per map (PR − 1); default from the design point", None),
+        Field("efficiency_scale", "number", "efficiency per map efficiency; default from the design point", None),
+    ),
+)
 SHAPE = Section("map", "coefficients of the parametric map", compressor_map.FIELDS)
 
 
@@ -44,15 +54,21 @@ class Compressor(Component):
     """
 
     TYPE = "compressor"
-    SECTION = Section("compressor", "fan, booster or compressor", (
-        NAME, FROM, TO,
-        Field("shaft", "text", "shaft that drives it"),
-        Field("pressure_ratio", "number", "total pressure ratio at the design point", minimum=1.001, maximum=60.0),
-        Field("isentropic_efficiency", "number", "at the design point", minimum=0.3, maximum=0.99),
-        Field("map", "section", "parametric map (used when there is no table)", {}, section=SHAPE),
-        Field("table", "section", "tabulated map", None, section=TABLE),
-        Field("ports", "sections", "interstage bleed ports", (), section=PORT),
-    ))
+    SECTION = Section(
+        "compressor",
+        "fan, booster or compressor",
+        (
+            NAME,
+            FROM,
+            TO,
+            Field("shaft", "text", "shaft that drives it"),
+            Field("pressure_ratio", "number", "total pressure ratio at the design point", minimum=1.001, maximum=60.0),
+            Field("isentropic_efficiency", "number", "at the design point", minimum=0.3, maximum=0.99),
+            Field("map", "section", "parametric map (used when there is no table)", {}, section=SHAPE),
+            Field("table", "section", "tabulated map", None, section=TABLE),
+            Field("ports", "sections", "interstage bleed ports", (), section=PORT),
+        ),
+    )
 
     def __init__(self, values: Mapping[str, Any]):
         super().__init__(values)
@@ -71,11 +87,23 @@ class Compressor(Component):
             for f in compressor_map.FIELDS:
                 nominal = self.values["map"][f.name]
                 sigma = max(0.25 * abs(nominal), 0.2)
-                found.append(self.design(f"map.{f.name}", nominal, sigma, float(f.minimum or 0.0),
-                                         float(f.maximum or 0.0), "1", f.help))
+                found.append(
+                    self.design(
+                        f"map.{f.name}", nominal, sigma, float(f.minimum or 0.0), float(f.maximum or 0.0), "1", f.help
+                    )
+                )
         for port in self.values["ports"]:
-            found.append(self.design(f"{port['name']}.fraction", port["fraction"], 0.01, 0.0, 0.5, "1",
-                                     "bleed flow over compressor inlet flow"))
+            found.append(
+                self.design(
+                    f"{port['name']}.fraction",
+                    port["fraction"],
+                    0.01,
+                    0.0,
+                    0.5,
+                    "1",
+                    "bleed flow over compressor inlet flow",
+                )
+            )
         return tuple(found)
 
     def unknowns(self) -> tuple[Unknown, ...]:
@@ -143,8 +171,9 @@ class Compressor(Component):
             self.speed_scale, self.flow_scale = speed, flow
         else:
             t = self.values["table"]
-            (wc, pr, eta), _ = self.table.lookup(value(inlet.T) * 0 + t["design_speed"],
-                                                 value(inlet.T) * 0 + t["design_rline"])
+            (wc, pr, eta), _ = self.table.lookup(
+                value(inlet.T) * 0 + t["design_speed"], value(inlet.T) * 0 + t["design_rline"]
+            )
             self.speed_scale = t["speed_rpm"] or speed / t["design_speed"]
             self.flow_scale = t["flow_kg_s"] or flow / scalar(wc)
             self.ratio_scale = t["pressure_ratio_scale"] or (ratio - 1.0) / (scalar(pr) - 1.0)

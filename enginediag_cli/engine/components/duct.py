@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from enginediag_cli.config.fields import Field, Section
 from enginediag_cli.engine.components.base import FROM, NAME, TO, Component, scalar
-from enginediag_cli.engine.dual import sqrt, value
+from enginediag_cli.engine.dual import sqrt
 from enginediag_cli.engine.evaluation import Evaluation
 from enginediag_cli.engine.flow import mix
 from enginediag_cli.parameters import Parameter
@@ -14,12 +14,18 @@ class Duct(Component):
     """P_out = P_in (1 − loss); the loss is constant or ∝ (W√T/P)², the dynamic pressure at low Mach number."""
 
     TYPE = "duct"
-    SECTION = Section("duct", "pressure loss between two stations", (
-        NAME, FROM, TO,
-        Field("pressure_loss", "number", "ΔP/P at the design point", minimum=0.0, maximum=0.5),
-        Field("law", "choice", "how the loss varies", "constant", choices=("constant", "corrected_flow_squared")),
-        Field("receives", "texts", "names of bleeds that mix in before the loss", ()),
-    ))
+    SECTION = Section(
+        "duct",
+        "pressure loss between two stations",
+        (
+            NAME,
+            FROM,
+            TO,
+            Field("pressure_loss", "number", "ΔP/P at the design point", minimum=0.0, maximum=0.5),
+            Field("law", "choice", "how the loss varies", "constant", choices=("constant", "corrected_flow_squared")),
+            Field("receives", "texts", "names of bleeds that mix in before the loss", ()),
+        ),
+    )
     flow_parameter = 1.0
 
     def parameters(self) -> tuple[Parameter, ...]:
@@ -35,5 +41,5 @@ class Duct(Component):
 
     def size(self, e: Evaluation) -> None:
         inlet = mix(e.flows[self.values["from"]], *(e.bleeds[b] for b in self.values["receives"]))
-        self.flow_parameter = scalar(inlet.W * inlet.T**0.5 / inlet.P)
+        self.flow_parameter = scalar(inlet.W * sqrt(inlet.T) / inlet.P)
         self.evaluate(e)

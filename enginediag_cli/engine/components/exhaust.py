@@ -18,11 +18,18 @@ class Exhaust(Component):
     """
 
     TYPE = "exhaust"
-    SECTION = Section("exhaust", "discharge to ambient", (
-        NAME, FROM,
-        Field("measured_back_pressure", "boolean", "the input column dP_exhaust_Pa adds to ambient pressure", False),
-        Field("design_back_pressure_Pa", "number", "dP_exhaust_Pa at the design point", 0.0, unit="Pa"),
-    ))
+    SECTION = Section(
+        "exhaust",
+        "discharge to ambient",
+        (
+            NAME,
+            FROM,
+            Field(
+                "measured_back_pressure", "boolean", "the input column dP_exhaust_Pa adds to ambient pressure", False
+            ),
+            Field("design_back_pressure_Pa", "number", "dP_exhaust_Pa at the design point", 0.0, unit="Pa"),
+        ),
+    )
     flow_parameter = 1.0
     design_loss = 0.0
 
@@ -43,12 +50,14 @@ class Exhaust(Component):
 
     def size(self, e: Evaluation) -> None:
         flow = e.flows[self.values["from"]]
-        self.flow_parameter = scalar(flow.W * flow.T**0.5 / flow.P)
+        self.flow_parameter = scalar(flow.W * sqrt(flow.T) / flow.P)
         ambient = value(e.outputs["P0_Pa"])
         if self.values["measured_back_pressure"]:
             ambient = ambient + self.values["design_back_pressure_Pa"]
         self.design_loss = 1.0 - scalar(ambient / flow.P)
         if self.design_loss < 0.0:
-            raise ValueError(f"{self.name}: total pressure {scalar(flow.P):.0f} Pa is below the exhaust's "
-                             "back pressure at design; lower the turbine's pressure_ratio")
+            raise ValueError(
+                f"{self.name}: total pressure {scalar(flow.P):.0f} Pa is below the exhaust's "
+                "back pressure at design; lower the turbine's pressure_ratio"
+            )
         self.evaluate(e)

@@ -23,27 +23,46 @@ class Inlet(Component):
     """
 
     TYPE = "inlet"
-    SECTION = Section("inlet", "inlet of the engine", (
-        NAME, FROM, TO,
-        Field("corrected_flow_kg_s", "number", "corrected air flow at the design point", unit="kg/s", minimum=1e-6),
-        Field("pressure_recovery", "number", "total pressure recovery", 1.0, minimum=0.5, maximum=1.0),
-        Field("recovery_mach", "numbers", "Mach numbers of a recovery table", ()),
-        Field("recovery_table", "numbers", "total pressure recovery at these Mach numbers, a factor", ()),
-        Field("recovery_rule", "choice", "how the table is read", "linear", choices=("linear", "step")),
-        Field("measured_loss", "boolean", "the input column dP_inlet_Pa gives the inlet pressure loss", False),
-    ))
+    SECTION = Section(
+        "inlet",
+        "inlet of the engine",
+        (
+            NAME,
+            FROM,
+            TO,
+            Field("corrected_flow_kg_s", "number", "corrected air flow at the design point", unit="kg/s", minimum=1e-6),
+            Field("pressure_recovery", "number", "total pressure recovery", 1.0, minimum=0.5, maximum=1.0),
+            Field("recovery_mach", "numbers", "Mach numbers of a recovery table", ()),
+            Field("recovery_table", "numbers", "total pressure recovery at these Mach numbers, a factor", ()),
+            Field("recovery_rule", "choice", "how the table is read", "linear", choices=("linear", "step")),
+            Field("measured_loss", "boolean", "the input column dP_inlet_Pa gives the inlet pressure loss", False),
+        ),
+    )
 
     def __init__(self, values: Mapping[str, Any]):
         super().__init__(values)
         self.mach = np.asarray(self.values["recovery_mach"], dtype=float)
         self.recovery = np.asarray(self.values["recovery_table"], dtype=float)
+        if self.mach.size == 1 or self.mach.size != self.recovery.size or (np.diff(self.mach) <= 0.0).any():
+            raise ValueError(
+                f"{self.name}: recovery_mach must rise, with one recovery_table value for each, at least two"
+            )
 
     def inputs(self) -> dict[str, float | None]:
         return {"dP_inlet_Pa": None} if self.values["measured_loss"] else {}
 
     def parameters(self) -> tuple[Parameter, ...]:
-        return (self.design("pressure_recovery", self.values["pressure_recovery"], 0.005, 0.8, 1.02, "1",
-                            "inlet total pressure recovery"),)
+        return (
+            self.design(
+                "pressure_recovery",
+                self.values["pressure_recovery"],
+                0.005,
+                0.8,
+                1.02,
+                "1",
+                "inlet total pressure recovery",
+            ),
+        )
 
     def unknowns(self) -> tuple[Unknown, ...]:
         return (Unknown(f"{self.name}.corrected_flow", lower=0.02, upper=3.0),)

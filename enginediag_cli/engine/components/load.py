@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-import numpy as np
-
 from enginediag_cli.config.fields import Field, Section
 from enginediag_cli.engine.components.base import NAME, Component, scalar
-from enginediag_cli.engine.dual import value
 from enginediag_cli.engine.evaluation import Evaluation
 from enginediag_cli.parameters import Parameter
 
@@ -19,17 +16,29 @@ class Load(Component):
     """
 
     TYPE = "load"
-    SECTION = Section("load", "driven machine on a shaft", (
-        NAME,
-        Field("shaft", "text", "shaft that drives it"),
-        Field("law", "choice", "what it takes", "surplus", choices=("surplus", "cube")),
-        Field("efficiency", "number", "delivered power over shaft power (generator, gearbox)", 1.0, minimum=0.3,
-              maximum=1.0),
-    ))
+    SECTION = Section(
+        "load",
+        "driven machine on a shaft",
+        (
+            NAME,
+            Field("shaft", "text", "shaft that drives it"),
+            Field("law", "choice", "what it takes", "surplus", choices=("surplus", "cube")),
+            Field(
+                "efficiency",
+                "number",
+                "delivered power over shaft power (generator, gearbox)",
+                1.0,
+                minimum=0.3,
+                maximum=1.0,
+            ),
+        ),
+    )
     design_power_W = 1.0
 
     def parameters(self) -> tuple[Parameter, ...]:
-        return (self.design("efficiency", self.values["efficiency"], 0.01, 0.3, 1.05, "1", "delivered over shaft power"),)
+        return (
+            self.design("efficiency", self.values["efficiency"], 0.01, 0.3, 1.05, "1", "delivered over shaft power"),
+        )
 
     def evaluate(self, e: Evaluation) -> None:
         shaft = e.shaft(self.values["shaft"])

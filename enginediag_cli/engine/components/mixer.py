@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from enginediag_cli.config.fields import Field, Section
 from enginediag_cli.engine.components.base import NAME, TO, Component, scalar
-from enginediag_cli.engine.dual import Value, chain, exp, log, value
+from enginediag_cli.engine.dual import Value, chain, exp, log, sqrt, value
 from enginediag_cli.engine.evaluation import Evaluation
 from enginediag_cli.engine.flow import Flow, mix, static_pressure
 from enginediag_cli.engine.gas import Mixture
@@ -18,14 +20,19 @@ class Mixer(Component):
     """
 
     TYPE = "mixer"
-    SECTION = Section("mixer", "joins core and bypass flow", (
-        NAME, TO,
-        Field("core", "text", "station of the core flow"),
-        Field("bypass", "text", "station of the bypass flow"),
-        Field("core_mach", "number", "core Mach number at the design point", 0.4, minimum=0.05, maximum=0.9),
-        Field("core_area_m2", "number", "default from the design point", None, unit="m2", minimum=1e-6),
-        Field("bypass_area_m2", "number", "default from the design point", None, unit="m2", minimum=1e-6),
-    ))
+    SECTION = Section(
+        "mixer",
+        "joins core and bypass flow",
+        (
+            NAME,
+            TO,
+            Field("core", "text", "station of the core flow"),
+            Field("bypass", "text", "station of the bypass flow"),
+            Field("core_mach", "number", "core Mach number at the design point", 0.4, minimum=0.05, maximum=0.9),
+            Field("core_area_m2", "number", "default from the design point", None, unit="m2", minimum=1e-6),
+            Field("bypass_area_m2", "number", "default from the design point", None, unit="m2", minimum=1e-6),
+        ),
+    )
 
     def evaluate(self, e: Evaluation) -> None:
         core, bypass = e.flows[self.values["core"]], e.flows[self.values["bypass"]]
@@ -43,13 +50,18 @@ class Mixer(Component):
         T_s = core.T / (1.0 + 0.5 * (gamma - 1.0) * M * M)
         h_s, phi_s = core.gas.enthalpy_and_entropy(T_s, core.mixture)
         p = core.P * exp((phi_s - core.phi) / R)
-        V = (2.0 * (core.h - h_s)) ** 0.5
+        V = sqrt(2.0 * (core.h - h_s))
         self.core_area = self.values["core_area_m2"] or scalar(core.W * R * T_s / (p * V))
         log_ratio = log(bypass.P / p)
         if not scalar(log_ratio) > 0.0:
             raise ValueError(f"{self.name}: the bypass total pressure is below the core's static pressure at design")
+        if scalar(log_ratio) > scalar(bypass.gas.critical_log_pressure_ratio(bypass.T, bypass.mixture)):
+            raise ValueError(
+                f"{self.name}: the bypass flow would be supersonic at design; raise the core's pressure "
+                "or lower the bypass's"
+            )
         T_s, h_s = bypass.gas.at_entropy(bypass.phi - bypass.R * log_ratio, bypass.mixture)
-        V = (2.0 * (bypass.h - h_s)) ** 0.5
+        V = sqrt(2.0 * (bypass.h - h_s))
         self.bypass_area = self.values["bypass_area_m2"] or scalar(bypass.W * bypass.R * T_s / (p * V))
         self.evaluate(e)
 
@@ -71,7 +83,7 @@ def _mixed_out(flow: Flow, impulse: Value, area: float) -> Flow:
         cp = gas.heat_capacity(T_s, plain)
         slope = total - 2.0 * W * V + W * R * V / cp
         V = V - f / slope
-        if (abs(f) < 1e-12 * abs(total * V)).all():
+        if np.all(np.abs(value(f)) < 1e-12 * np.abs(total * V)):
             break
     f_exact, _, _, _ = state(V, flow.W, flow.h, flow.R, impulse, mixture)
     V_exact = chain(V - value(f_exact) / slope, (-1.0 / slope, f_exact))

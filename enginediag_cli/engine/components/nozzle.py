@@ -11,27 +11,37 @@ from enginediag_cli.engine.evaluation import Evaluation
 from enginediag_cli.engine.flow import Flow
 from enginediag_cli.parameters import Parameter
 
-SMALLEST_LOG_RATIO = 1e-4  # below it the flow falls linearly to zero, so that the iteration can pass
+SMALLEST_LOG_RATIO = 1e-4  # within it the flow passes linearly through zero
 
 
 class Nozzle(Component):
     """Throat flow ρ V A C_d at ambient pressure, or at the critical pressure once choked.
 
-    Throat state from φ_th = φ − R ln(P/p_th), V² = 2 (h − h_th); critical where h − h_* = γ_* R T_*/2. Gross thrust W V C_v + A C_d (p_th − p_0).
+    Throat state from φ_th = φ − R ln(P/p_th), V² = 2 (h − h_th); critical where h − h_* = γ_* R T_*/2. Gross
+    thrust W V C_v + A C_d (p_th − p_0).
     """
 
     TYPE = "nozzle"
-    SECTION = Section("nozzle", "convergent nozzle to ambient", (
-        NAME, FROM,
-        Field("area_m2", "number", "throat area; default: what the design point needs", None, unit="m2", minimum=1e-6),
-        Field("discharge_coefficient", "number", "C_d", 1.0, minimum=0.5, maximum=1.05),
-        Field("velocity_coefficient", "number", "C_v", 1.0, minimum=0.5, maximum=1.05),
-    ))
+    SECTION = Section(
+        "nozzle",
+        "convergent nozzle to ambient",
+        (
+            NAME,
+            FROM,
+            Field(
+                "area_m2", "number", "throat area; default: what the design point needs", None, unit="m2", minimum=1e-6
+            ),
+            Field("discharge_coefficient", "number", "C_d", 1.0, minimum=0.5, maximum=1.05),
+            Field("velocity_coefficient", "number", "C_v", 1.0, minimum=0.5, maximum=1.05),
+        ),
+    )
     reference_area_m2 = 1.0
 
     def parameters(self) -> tuple[Parameter, ...]:
-        return (self.health("area", "throat area, factor", 0.02),
-                self.design("velocity_coefficient", self.values["velocity_coefficient"], 0.005, 0.5, 1.05, "1", "C_v"))
+        return (
+            self.health("area", "throat area, factor", 0.02),
+            self.design("velocity_coefficient", self.values["velocity_coefficient"], 0.005, 0.5, 1.05, "1", "C_v"),
+        )
 
     def evaluate(self, e: Evaluation) -> None:
         flow = e.flows[self.values["from"]]
@@ -59,12 +69,15 @@ def throat(flow: Flow, log_ratio: Value, p0: Value) -> tuple[Value, Value, Value
     """Mass flux ρV [kg/(s m²)], velocity [m/s] and static pressure [Pa] at the throat; arrays (N,)."""
     critical = flow.gas.critical_log_pressure_ratio(flow.T, flow.mixture)
     choked = np.asarray(value(log_ratio) > value(critical))
-    expansion = maximum(select(choked, critical, log_ratio), SMALLEST_LOG_RATIO)
+    expansion = select(choked, critical, log_ratio)
+    backward = np.asarray(value(log_ratio) < SMALLEST_LOG_RATIO)
+    if backward.any():  # met on the way to a solution only: flow out of ambient, the mirror image of flow into it
+        expansion = select(backward, maximum(-1.0 * log_ratio, SMALLEST_LOG_RATIO), expansion)
+        expansion = select(np.asarray(value(expansion) > value(critical)), critical, expansion)
     T, h = flow.gas.at_entropy(flow.phi - flow.R * expansion, flow.mixture)
     V = sqrt(2.0 * (flow.h - h))
     p = select(choked, flow.P * exp(-critical), p0)
     flux = p * V / (flow.R * T)
-    too_low = np.asarray(value(log_ratio) < SMALLEST_LOG_RATIO)
-    if too_low.any():
-        flux = select(too_low, flux * (log_ratio * (1.0 / SMALLEST_LOG_RATIO)), flux)
+    if backward.any():
+        flux = select(backward, flux * (log_ratio / expansion), flux)
     return flux, V, p

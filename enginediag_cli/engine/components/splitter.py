@@ -11,12 +11,17 @@ class Splitter(Component):
     """W_core = W/(1 + BPR), W_bypass = W BPR/(1 + BPR)."""
 
     TYPE = "splitter"
-    SECTION = Section("splitter", "divides core and bypass flow", (
-        NAME, FROM,
-        Field("core", "text", "station of the core flow"),
-        Field("bypass", "text", "station of the bypass flow"),
-        Field("bypass_ratio", "number", "bypass over core flow at the design point", minimum=0.01, maximum=30.0),
-    ))
+    SECTION = Section(
+        "splitter",
+        "divides core and bypass flow",
+        (
+            NAME,
+            FROM,
+            Field("core", "text", "station of the core flow"),
+            Field("bypass", "text", "station of the bypass flow"),
+            Field("bypass_ratio", "number", "bypass over core flow at the design point", minimum=0.01, maximum=30.0),
+        ),
+    )
 
     def unknowns(self) -> tuple[Unknown, ...]:
         return (Unknown(f"{self.name}.bypass_ratio", lower=0.05, upper=20.0),)

@@ -10,23 +10,29 @@ import numpy as np
 
 from enginediag_cli.config.fields import Field, Section
 from enginediag_cli.engine.components.base import FROM, NAME, TO, Component, Unknown, scalar
-from enginediag_cli.engine.dual import Value, exp, log, sqrt, value
+from enginediag_cli.engine.dual import Value, log, sqrt, value
 from enginediag_cli.engine.evaluation import Evaluation
 from enginediag_cli.engine.flow import Flow, mix
 from enginediag_cli.engine.maps import turbine_map
 from enginediag_cli.engine.maps.table_map import RULES, TableMap, make_table, read_table
 from enginediag_cli.parameters import Parameter
 
-TABLE = Section("table", "map file with speed lines and pressure ratios", (
-    Field("file", "text", "CSV with columns Nc_map, PR_map, Wp_map, eff_map; path from the engine file"),
-    Field("interpolation", "choice", "between the grid values", "linear", choices=RULES),
-    Field("design_speed", "number", "map speed of the design point", 100.0, minimum=0.0),
-    Field("design_pressure_ratio", "number", "map pressure ratio of the design point", 5.0, minimum=1.0),
-    Field("speed_rpm_K", "number", "N/√T per map speed; default from the design point", None, unit="rpm/√K"),
-    Field("flow_parameter", "number", "W√T/P per map flow; default from the design point", None, unit="kg√K/(s Pa)"),
-    Field("pressure_ratio_scale", "number", "(PR − 1) per map (PR − 1); default from the design point", None),
-    Field("efficiency_scale", "number", "efficiency per map efficiency; default from the design point", None),
-))
+TABLE = Section(
+    "table",
+    "map file with speed lines and pressure ratios",
+    (
+        Field("file", "text", "CSV with columns Nc_map, PR_map, Wp_map, eff_map; path from the engine file"),
+        Field("interpolation", "choice", "between the grid values", "linear", choices=RULES),
+        Field("design_speed", "number", "map speed of the design point", 100.0, minimum=0.0),
+        Field("design_pressure_ratio", "number", "map pressure ratio of the design point", 5.0, minimum=1.0),
+        Field("speed_rpm_K", "number", "N/√T per map speed; default from the design point", None, unit="rpm/√K"),
+        Field(
+            "flow_parameter", "number", "W√T/P per map flow; default from the design point", None, unit="kg√K/(s Pa)"
+        ),
+        Field("pressure_ratio_scale", "number", "(PR − 1) per map (PR − 1); default from the design point", None),
+        Field("efficiency_scale", "number", "efficiency per map efficiency; default from the design point", None),
+    ),
+)
 LARGEST_LOG_RATIO = 3.5  # of a design point
 SHAPE = Section("map", "coefficients of the parametric map", turbine_map.FIELDS)
 
@@ -41,18 +47,30 @@ class Turbine(Component):
     """
 
     TYPE = "turbine"
-    SECTION = Section("turbine", "turbine", (
-        NAME, FROM, TO,
-        Field("shaft", "text", "shaft that it drives"),
-        Field("isentropic_efficiency", "number", "at the design point", minimum=0.3, maximum=0.99),
-        Field("pressure_ratio", "number", "at the design point; default: what the shaft's power balance asks", None,
-              minimum=1.001, maximum=60.0),
-        Field("map", "section", "parametric map (used when there is no table)", {}, section=SHAPE),
-        Field("table", "section", "tabulated map", None, section=TABLE),
-        Field("cooling_before_rotor", "texts", "names of bleeds that mix in before the rotor and do work", ()),
-        Field("cooling_after_rotor", "texts", "names of bleeds that mix in behind the rotor", ()),
-        Field("rotor_inlet_station", "text", "label of the state after mixing the first cooling air", ""),
-    ))
+    SECTION = Section(
+        "turbine",
+        "turbine",
+        (
+            NAME,
+            FROM,
+            TO,
+            Field("shaft", "text", "shaft that it drives"),
+            Field("isentropic_efficiency", "number", "at the design point", minimum=0.3, maximum=0.99),
+            Field(
+                "pressure_ratio",
+                "number",
+                "at the design point; default: what the shaft's power balance asks",
+                None,
+                minimum=1.001,
+                maximum=60.0,
+            ),
+            Field("map", "section", "parametric map (used when there is no table)", {}, section=SHAPE),
+            Field("table", "section", "tabulated map", None, section=TABLE),
+            Field("cooling_before_rotor", "texts", "names of bleeds that mix in before the rotor and do work", ()),
+            Field("cooling_after_rotor", "texts", "names of bleeds that mix in behind the rotor", ()),
+            Field("rotor_inlet_station", "text", "label of the state after mixing the first cooling air", ""),
+        ),
+    )
 
     def __init__(self, values: Mapping[str, Any]):
         super().__init__(values)
@@ -67,12 +85,24 @@ class Turbine(Component):
         self.speed_scale = self.flow_scale = self.ratio_scale = self.efficiency_scale = 1.0
 
     def parameters(self) -> tuple[Parameter, ...]:
-        found = [self.health("efficiency", "isentropic efficiency"), self.health("flow_capacity", "flow capacity W√T/P")]
+        found = [
+            self.health("efficiency", "isentropic efficiency"),
+            self.health("flow_capacity", "flow capacity W√T/P"),
+        ]
         if self.table is None:
             for f in turbine_map.FIELDS:
                 nominal = self.values["map"][f.name]
-                found.append(self.design(f"map.{f.name}", nominal, max(0.25 * abs(nominal), 0.1),
-                                         float(f.minimum or 0.0), float(f.maximum or 0.0), "1", f.help))
+                found.append(
+                    self.design(
+                        f"map.{f.name}",
+                        nominal,
+                        max(0.25 * abs(nominal), 0.1),
+                        float(f.minimum or 0.0),
+                        float(f.maximum or 0.0),
+                        "1",
+                        f.help,
+                    )
+                )
         return tuple(found)
 
     def unknowns(self) -> tuple[Unknown, ...]:
@@ -91,8 +121,9 @@ class Turbine(Component):
             shape = {k: e[f"{self.name}.map.{k}"] for k in turbine_map.NAMES}
             capacity = capacity * turbine_map.relative_capacity(log_ratio, speed, np.log(self.design_ratio), shape)
             blade_speed = N / sqrt(drop) * (1.0 / self.design_blade_speed)
-            efficiency = efficiency * self.values["isentropic_efficiency"] * turbine_map.relative_efficiency(
-                blade_speed, shape)
+            efficiency = (
+                efficiency * self.values["isentropic_efficiency"] * turbine_map.relative_efficiency(blade_speed, shape)
+            )
         else:
             map_ratio = 1.0 + (ratio - 1.0) * (1.0 / self.ratio_scale)
             (wp, eta), outside = self.table.lookup(speed, map_ratio)
@@ -134,7 +165,9 @@ class Turbine(Component):
             (wp, eta), _ = self.table.lookup(one + t["design_speed"], one + t["design_pressure_ratio"])
             self.speed_scale = t["speed_rpm_K"] or N / T**0.5 / t["design_speed"]
             self.flow_scale = t["flow_parameter"] or parameter / scalar(wp)
-            self.ratio_scale = t["pressure_ratio_scale"] or (self.design_ratio - 1.0) / (t["design_pressure_ratio"] - 1.0)
+            self.ratio_scale = t["pressure_ratio_scale"] or (self.design_ratio - 1.0) / (
+                t["design_pressure_ratio"] - 1.0
+            )
             self.efficiency_scale = t["efficiency_scale"] or self.values["isentropic_efficiency"] / scalar(eta)
         self.evaluate(e)
 
@@ -142,8 +175,9 @@ class Turbine(Component):
         """Design pressure ratio whose power meets the shaft's demand, by the secant method on ln PR."""
         shaft = e.shaft(self.values["shaft"])
         name = self.values["shaft"]
-        wanted = scalar((shaft.demand_W + e[f"{name}.power_offtake_W"]) / e[f"{name}.mechanical_efficiency"]
-                        - shaft.supply_W)
+        wanted = scalar(
+            (shaft.demand_W + e[f"{name}.power_offtake_W"]) / e[f"{name}.mechanical_efficiency"] - shaft.supply_W
+        )
         streams = [inlet, *(e.bleeds[name] for name in self.values["cooling_before_rotor"])]
 
         def surplus(log_ratio: float) -> float:

@@ -18,10 +18,14 @@ from enginediag_cli.engine.dual import Value, exp, log, power
 
 FIELDS = (
     Field("work_slope", "number", "s: fall of work with flow coefficient at design", 1.2, minimum=0.05, maximum=8.0),
-    Field("choking_exponent", "number", "c: how much the speed lines steepen with flow", 3.0, minimum=0.5, maximum=15.0),
+    Field(
+        "choking_exponent", "number", "c: how much the speed lines steepen with flow", 3.0, minimum=0.5, maximum=15.0
+    ),
     Field("flow_speed_exponent", "number", "e: flow at constant work coefficient ∝ n^e", 1.1, minimum=0.5, maximum=4.0),
     Field("work_speed_exponent", "number", "q: work at constant flow coefficient ∝ n^q", 2.0, minimum=1.0, maximum=3.0),
-    Field("loss_incidence", "number", "a: growth of loss off the best flow coefficient", 4.0, minimum=0.0, maximum=60.0),
+    Field(
+        "loss_incidence", "number", "a: growth of loss off the best flow coefficient", 4.0, minimum=0.0, maximum=60.0
+    ),
     Field("loss_speed", "number", "b: growth of loss off design speed", 0.5, minimum=-2.0, maximum=20.0),
     Field("loss_speed_slope", "number", "g: tilt of loss with speed", 0.0, minimum=-2.0, maximum=2.0),
 )
@@ -37,6 +41,12 @@ def work_and_loss(n: Value, w: Value, design_loss: float, coefficient: dict[str,
     level = n * n if isinstance(q, float) and q == 2.0 else exp(q * log_n)
     work = level * (1.0 + (c["work_slope"] / c["choking_exponent"]) * (1.0 - power(x, c["choking_exponent"])))
     off_flow, off_speed = x - 1.0, n - 1.0
-    loss = level * (design_loss * (1.0 + c["loss_incidence"] * (off_flow * off_flow)
-                                   + off_speed * (c["loss_speed"] * off_speed + c["loss_speed_slope"])))
+    loss = level * (
+        design_loss
+        * (
+            1.0
+            + c["loss_incidence"] * (off_flow * off_flow)
+            + off_speed * (c["loss_speed"] * off_speed + c["loss_speed_slope"])
+        )
+    )
     return work, loss

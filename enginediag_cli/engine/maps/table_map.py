@@ -51,7 +51,7 @@ class TableMap:
         for k in range(b - 2, -1, -1):
             sv = sv * v + s
             s = s * v + C[:, :, k]
-        t, tu, tv = s[:, a - 1], 0.0, sv[:, a - 1]
+        t, tu, tv = s[:, a - 1], np.zeros_like(s[:, 0]), sv[:, a - 1]
         for k in range(a - 2, -1, -1):
             tu = tu * u + t
             t = t * u + s[:, k]
@@ -105,6 +105,7 @@ def _cell_basis(grid: Array, rule: str) -> Array:
 
 def read_table(path: Path, x_column: str, y_column: str, quantities: tuple[str, ...]) -> tuple[Array, Array, Array]:
     """Grids and tables (q, nx, ny) of a map CSV with one row per grid point; ConfigError names the fault."""
+
     def fail(message: str, line: int = 0, hint: str = "") -> ConfigError:
         return ConfigError([Problem(Mark(str(path), line), message, hint)])
 
@@ -128,8 +129,11 @@ def read_table(path: Path, x_column: str, y_column: str, quantities: tuple[str, 
     data = np.array([[float(row[k]) for k in at] for _, row in lines[1:]])
     x, y = np.unique(data[:, 0]), np.unique(data[:, 1])
     if len(data) != len(x) * len(y):
-        raise fail(f"the map grid has {len(data)} rows, {len(x)} × {len(y)} were expected", 0,
-                   f"every {x_column} needs every {y_column} once")
+        raise fail(
+            f"the map grid has {len(data)} rows, {len(x)} × {len(y)} were expected",
+            0,
+            f"every {x_column} needs every {y_column} once",
+        )
     if min(len(x), len(y)) < 2:
         raise fail(f"the map grid is {len(x)} × {len(y)}", 0, f"give at least two values of {x_column} and {y_column}")
     tables = np.full((len(quantities), len(x), len(y)), np.nan)

@@ -25,8 +25,9 @@ def saturation(log_pressure_ratio: Value, choking_exponent: Value) -> Value:
     return sqrt(1.0 - exp(-(choking_exponent * log_pressure_ratio)))
 
 
-def relative_capacity(log_pressure_ratio: Value, speed: Value, design_log_ratio: float,
-                      coefficient: dict[str, Value]) -> Value:
+def relative_capacity(
+    log_pressure_ratio: Value, speed: Value, design_log_ratio: float, coefficient: dict[str, Value]
+) -> Value:
     """W√T/P relative to design at ln PR and relative N/√T, shape (N,)."""
     k = coefficient["choking_exponent"]
     shape = saturation(log_pressure_ratio, k) / saturation(design_log_ratio, k)

@@ -1,0 +1,150 @@
+"""Where the iteration begins, and what is tried when it fails.
+
+In this order: the caller's start; the fitted start of many points; the design point, for a shaft speed as
+power setting by a walk from design speed, because flow and fuel at design do not suit a low speed. Points
+that fail are tried again from the design point, by a walk in power setting, and from their nearest
+neighbours that converged.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from enginediag_cli.engine import solver
+from enginediag_cli.engine.dual import Array
+from enginediag_cli.engine.network import Network
+from enginediag_cli.engine.start import StartFit, coordinates, correction, total_ratios
+
+FIT_FROM = 500  # points from which a fitted start pays
+ANCHORS = 200
+WALK_STEP = {"rpm": 0.12, "other": 0.6}  # largest change of ln(corrected power setting) in one step of a walk
+MAX_WALK_STEPS = 12
+WALK_ITERATIONS = 6
+LARGEST_NEIGHBOUR_TABLE = 2_000_000
+
+
+class Strategy:
+    """Solves batches of operating points of one network; remembers only its fitted start."""
+
+    def __init__(self, network: Network, nominal: Mapping[str, float]):
+        self.network = network
+        self.nominal = nominal
+        self.fit: StartFit | None = None
+
+    def prepare(self, points: Mapping[str, Any], valid: Array) -> None:
+        """Fits a start from anchors among the points (N,) when they are many and the remembered one does not
+        cover them."""
+        at = np.flatnonzero(valid)
+        if not at.size:
+            return
+        kinds, z = self._coordinates(solver.take(points, at), at.size)
+        if at.size < FIT_FROM or (self.fit is not None and self._fits(z) and self.fit.covers(z).mean() > 0.98):
+            return
+        drawn = np.random.default_rng(0).choice(at.size, min(ANCHORS, at.size), replace=False)
+        anchors = np.unique(np.concatenate([drawn, z.argmin(axis=1), z.argmax(axis=1)]))
+        u = solver.take(points, at[anchors])
+        solved = solver.newton(self.network, u, self.nominal, self._first(u, self.nominal, anchors.size))
+        good = solved.converged
+        if good.mean() >= 0.5:
+            self.fit = StartFit.fit(kinds, z[:, anchors[good]], solved.x[:, good])
+
+    def solve(
+        self,
+        points: Mapping[str, Any],
+        theta: Mapping[str, Any],
+        size: int,
+        start: Array | None,
+        final: frozenset[str],
+    ) -> solver.Solution:
+        """Unknowns of `size` points; `start` (nx, size) or None; `final` as in `solver.newton`."""
+        first = (
+            self._first(points, theta, size)
+            if start is None
+            else np.where(np.isfinite(start), start, self._design(size))
+        )
+        solved = solver.newton(self.network, points, theta, first, final)
+        for again in (self._from_design, self._by_walking, self._from_neighbours, self._from_neighbours):
+            failed = np.flatnonzero(~solved.converged)
+            if not failed.size:
+                break
+            x = again(points, theta, solved, failed)
+            if x is None:
+                continue
+            retried = solver.newton(self.network, solver.take(points, failed), solver.take(theta, failed), x)
+            better = retried.residual < solved.residual[failed]
+            at = failed[better]
+            solved.x[:, at], solved.residual[at] = retried.x[:, better], retried.residual[better]
+            solved.worst[at] = retried.worst[better]
+            solved.passes[failed] += retried.passes
+        return solved
+
+    # starts (nx, n)
+
+    def _design(self, size: int) -> Array:
+        return np.repeat(np.array([[u.start] for u in self.network.unknowns()]), size, axis=1)
+
+    def _first(self, points: Mapping[str, Any], theta: Mapping[str, Any], size: int) -> Array:
+        _, z = self._coordinates(points, size)
+        if self._fits(z):
+            assert self.fit is not None
+            covered = self.fit.covers(z)
+            if covered.all():
+                return self.fit.predict(z)
+            x = self._plain(points, theta, size)
+            x[:, covered] = self.fit.predict(z[:, covered])
+            return x
+        return self._plain(points, theta, size)
+
+    def _plain(self, points: Mapping[str, Any], theta: Mapping[str, Any], size: int) -> Array:
+        speed = self.network.power_setting in self.network.speed_columns
+        return self._walk(points, theta, size) if speed else self._design(size)
+
+    def _walk(self, points: Mapping[str, Any], theta: Mapping[str, Any], size: int) -> Array:
+        """From the design power setting to the wanted one in equal ratios, a few iterations at each."""
+        setting = self.network.power_setting
+        target = np.broadcast_to(points[setting], (size,))
+        with np.errstate(all="ignore"):
+            origin = self.network.design_setting * correction(setting, *total_ratios(points))
+            ratio = np.nan_to_num(np.log(target / origin), nan=0.0, posinf=0.0, neginf=0.0)
+        largest = WALK_STEP["rpm" if setting.endswith("_rpm") else "other"]
+        steps = int(np.clip(np.ceil(np.max(np.abs(ratio)) / largest), 1, MAX_WALK_STEPS))
+        x = self._design(size)
+        for k in range(steps):
+            here = {**points, setting: origin * np.exp(ratio * (k / steps))}
+            found = solver.newton(self.network, here, theta, x, max_iterations=WALK_ITERATIONS)
+            x = np.where(found.residual < 0.1, found.x, x)
+        return x
+
+    def _from_design(
+        self, points: Mapping[str, Any], theta: Mapping[str, Any], solved: solver.Solution, failed: Array
+    ) -> Array:
+        return self._design(failed.size)
+
+    def _by_walking(
+        self, points: Mapping[str, Any], theta: Mapping[str, Any], solved: solver.Solution, failed: Array
+    ) -> Array:
+        return self._walk(solver.take(points, failed), solver.take(theta, failed), failed.size)
+
+    def _from_neighbours(
+        self, points: Mapping[str, Any], theta: Mapping[str, Any], solved: solver.Solution, failed: Array
+    ) -> Array | None:
+        good = np.flatnonzero(solved.converged)
+        if not good.size:
+            return None
+        good = good[:: max(1, failed.size * good.size // LARGEST_NEIGHBOUR_TABLE)]
+        _, z = self._coordinates(points, len(solved.residual))
+        z = z / np.maximum(np.ptp(z, axis=1), 1e-9)[:, None]
+        distance = ((z[:, failed, None] - z[:, None, good]) ** 2).sum(axis=0)
+        return solved.x[:, good[distance.argmin(axis=1)]]
+
+    def _fits(self, z: Array) -> bool:
+        """Whether there is a fitted start in these coordinates (an optional input adds one)."""
+        return self.fit is not None and len(self.fit.low) == len(z)
+
+    def _coordinates(self, points: Mapping[str, Any], size: int) -> tuple[tuple[str, ...], Array]:
+        moving = {c: v for c, v in points.items() if isinstance(v, np.ndarray)}
+        with np.errstate(invalid="ignore"):
+            return coordinates(self.network.power_setting, moving, size)

@@ -1,0 +1,113 @@
+"""Checks of an engine file that need more than one key: stations, shafts, bleeds, power setting."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+from enginediag_cli.config.checked import Checked
+from enginediag_cli.config.hints import near
+from enginediag_cli.errors import Problem
+
+RECEIVERS = ("receives", "cooling_before_rotor", "cooling_after_rotor")
+
+
+def wiring_problems(values: Mapping[str, Any], checked: Checked) -> list[Problem]:
+    """Everything about the network that is wrong, before it is built."""
+    return [*_stations(values, checked), *_bleeds(values, checked), *_shafts(values, checked), *_whole(values, checked)]
+
+
+def _inlets(component: Mapping[str, Any]) -> list[str]:
+    """Keys that name the stations at which a component begins."""
+    if component["type"] == "mixer":
+        return ["core", "bypass"]
+    return ["from"] if "from" in component else []
+
+
+def _outlets(component: Mapping[str, Any]) -> list[str]:
+    keys = ["core", "bypass"] if component["type"] == "splitter" else ["to"]
+    return [str(component[k]) for k in keys if k in component]
+
+
+def _stations(values: Mapping[str, Any], checked: Checked) -> Iterator[Problem]:
+    """Every station is delivered once, before the one component that begins at it."""
+    delivered: list[str] = []
+    taken: dict[str, str] = {}
+    for k, c in enumerate(values["components"]):
+        for key in _inlets(c):
+            place, station = checked.mark(("components", k, key)), c[key]
+            if station not in delivered:
+                yield Problem(
+                    place, f"{c['name']}: no component before it delivers station '{station}'", near(station, delivered)
+                )
+            elif station in taken:
+                yield Problem(
+                    place,
+                    f"{c['name']}: station '{station}' already is the inlet of {taken[station]}",
+                    "use a splitter or a bleed to divide a flow",
+                )
+            taken[station] = c["name"]
+        for station in _outlets(c):
+            if station in delivered:
+                yield Problem(checked.mark(("components", k)), f"{c['name']}: station '{station}' is delivered already")
+            delivered.append(station)
+
+
+def _bleeds(values: Mapping[str, Any], checked: Checked) -> Iterator[Problem]:
+    """A bleed has one name, is taken before it is received, and received at most once."""
+    bleeds: list[str] = []
+    received: dict[str, str] = {}
+    for k, c in enumerate(values["components"]):
+        for key in RECEIVERS:
+            for i, bleed in enumerate(c.get(key, ())):
+                place = checked.mark(("components", k, key, i))
+                if bleed not in bleeds:
+                    yield Problem(place, f"{c['name']}: there is no bleed '{bleed}' before it", near(bleed, bleeds))
+                elif bleed in received:
+                    yield Problem(place, f"{c['name']}: bleed '{bleed}' is received already by {received[bleed]}")
+                received[bleed] = c["name"]
+        for port in c.get("ports", ()):
+            if port["name"] in bleeds:
+                yield Problem(
+                    checked.mark(("components", k, "ports")), f"{c['name']}: bleed '{port['name']}' exists already"
+                )
+            bleeds.append(port["name"])
+
+
+def _shafts(values: Mapping[str, Any], checked: Checked) -> Iterator[Problem]:
+    """Components name shafts that exist; a shaft has a turbine, and its load comes behind its turbines."""
+    shafts = [s["name"] for s in values["shafts"]]
+    driven: set[str] = set()
+    for k, c in enumerate(values["components"]):
+        if "shaft" not in c:
+            continue
+        place = checked.mark(("components", k, "shaft"))
+        if c["shaft"] not in shafts:
+            yield Problem(place, f"{c['name']}: there is no shaft '{c['shaft']}'", near(c["shaft"], shafts))
+        elif c["type"] == "load" and c["shaft"] not in driven:
+            yield Problem(place, f"{c['name']}: a load comes behind the turbine that drives its shaft")
+        if c["type"] == "turbine":
+            driven.add(c["shaft"])
+    for name in shafts:
+        if name not in driven:
+            yield Problem(checked.mark(("shafts", name)), f"shaft '{name}' has no turbine")
+
+
+def _whole(values: Mapping[str, Any], checked: Checked) -> Iterator[Problem]:
+    """One of each of the parts that no engine lacks, and a power setting that this engine can have."""
+    types = [c["type"] for c in values["components"]]
+    for needed in ("ambient", "inlet", "burner"):
+        if types.count(needed) != 1:
+            yield Problem(
+                checked.mark(("components",)),
+                f"an engine needs exactly one {needed}, this one has {types.count(needed)}",
+            )
+    known = ["Wf_kg_s", *(f"{s['speed_label']}_rpm" for s in values["shafts"] if s["speed"] == "balance"), "T4_K"]
+    known += ["Fn_N"] if "nozzle" in types else []
+    known += ["power_W"] if "load" in types else []
+    if values["power_setting"] not in known:
+        yield Problem(
+            checked.mark(("power_setting",)),
+            f"'{values['power_setting']}' cannot be the power setting",
+            near(values["power_setting"], known),
+        )
