@@ -100,8 +100,7 @@ ENGINE_FILE = Section(
         Field(
             "monitored",
             "texts",
-            "health parameters that are watched; default: efficiency, flow capacity and area of "
-            "every rotating component and of the first nozzle",
+            "health parameters that are watched; default: all but those of the burner",
             (),
         ),
         Field("envelope", "section_map", "largest range of every input column, {low, high}", section=RANGE),

@@ -148,7 +148,7 @@ def sqrt(x: Value) -> Value:
 
 
 def power(x: Value, exponent: Value) -> Value:
-    """x**exponent for x > 0; integer exponents cost multiplications only."""
+    """x**exponent for x > 0; exponents 1 and 2 cost multiplications only."""
     if isinstance(exponent, Dual):
         return exp(exponent * log(x))
     if isinstance(x, Dual):

@@ -68,7 +68,7 @@ class Engine:
         parameters = [*network.parameters(), *(p for s in self.sensors.values() for p in s.parameters())]
         self.parameters: dict[str, Parameter] = {p.name: p for p in parameters}
         self.monitored: tuple[str, ...] = tuple(declared["monitored"]) or tuple(
-            p.name for p in parameters if p.family == "health" and not p.name.endswith("burner.efficiency")
+            p.name for p in parameters if p.family == "health" and p.name.partition(".")[0] not in network.burners
         )
         self.envelope: dict[str, tuple[float, float]] = {
             c: (v["low"], v["high"]) for c, v in declared["envelope"].items()
@@ -108,7 +108,8 @@ class Engine:
         rest nominal; `sensors`: columns to return, default all sensors, or any model column ("T4_K");
         `wrt`: parameters or input columns; `start`: unknowns (nx, N) to begin with, e.g. an earlier `x`.
         Raises KeyError for unknown names, ValueError for unequal lengths. A point
-        that fails is a flagged row, never an exception.
+        that fails is a flagged row, never an exception. `envelope` is not checked here: it is for those who
+        generate or judge operating points.
         """
         columns = tuple(self.sensors) if sensors is None else tuple(sensors)
         wrt = tuple(wrt)
@@ -137,7 +138,7 @@ class Engine:
                 for name, mask in flags.items():
                     status[rows[mask]] = OUTSIDE_MAP
                     for i in rows[mask].tolist():
-                        reasons[i] = f"{reasons[i]}, {name}" if i in reasons else f"outside the map of {name}"
+                        reasons[i] = f"{reasons[i]}, {name}" if i in reasons else f"outside {name}"
         return Prediction(y, J, status, columns, wrt, x, residual, passes, reasons)
 
     # inside
@@ -244,7 +245,7 @@ class Engine:
             F = solver.matrix(e.evaluation, e.evaluation.balances, leaves)[e.rows]
             G = solver.matrix(e.evaluation, rows, leaves)[e.rows]
             k = len(names)
-            J = G[:, :, k:] - G[:, :, :k] @ np.linalg.solve(F[:, :, :k], F[:, :, k:])
+            J = G[:, :, k:] - G[:, :, :k] @ solver.linear_solve(F[:, :, :k], F[:, :, k:])
         flags = {name: mask[e.rows] for name, mask in _marked(e.evaluation).items()}
         return y[e.rows], J, {name: mask for name, mask in flags.items() if mask.any()}
 
@@ -264,7 +265,9 @@ class _Rows:
 
 def _marked(e: Evaluation) -> dict[str, Array]:
     """Components met outside their maps, and temperatures outside the gas data; masks (N,)."""
-    marked = {name: np.broadcast_to(mask, (e.size,)) for name, mask in e.outside.items() if np.any(mask)}
+    marked = {
+        f"the map of {name}": np.broadcast_to(mask, (e.size,)) for name, mask in e.outside.items() if np.any(mask)
+    }
     beyond = np.zeros(e.size, dtype=bool)
     for flow in e.flows.values():
         if flow.known_temperature is not None:

@@ -8,7 +8,7 @@ dissociation) and water. For h, φ = ∫cp/T dT and cp alike
     q(T, far, war) = [q_air(T) + far q_fuel(T) + war q_water(T)] / (1 + far + war).
 
 The heat capacities are the NASA nine-coefficient polynomials (`nasa9`), refitted once per engine as one
-polynomial in T over 200–2400 K (largest departure in h: 20 J/kg, 0.02 K), so that h, φ, cp and dcp/dT of
+polynomial in T over 200–2400 K (largest departure in h: 20 J/kg, 0.02 K, for air), so that h, φ, cp and dcp/dT of
 all points come from one matrix product and are smooth. h and φ are zero at 298.15 K, where heating values
 are stated; the entropy is s = φ − R ln P.
 """
@@ -124,7 +124,8 @@ class Gas:
         return self._chain(cp, dcp[0], T, mixture)
 
     def at_enthalpy(self, h: Value, mixture: Mixture) -> tuple[Value, Value]:
-        """T [K] and φ where h(T) = h: polynomial start and one Halley step (1e-8 K); dφ = dh/T."""
+        """T [K] and φ where h(T) = h: polynomial start and one Halley step (1e-8 K; 4e-7 K in very humid air);
+        dφ = dh/T."""
         target = value(h)
         T0 = self._start(self._start_h, target * 1e-6, mixture)
         q, phi, cp, dcp = self._mixed(T0, mixture, (H, PHI, CP, DCP))

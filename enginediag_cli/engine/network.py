@@ -39,7 +39,7 @@ class Network:
         self.shafts = {s["name"]: s for s in shafts}
         self.power_setting = power_setting
         self.design = dict(design)
-        self.surplus_shafts = {c.values["shaft"] for c in components if isinstance(c, Load)}
+        self.loaded_shafts = {c.values["shaft"] for c in components if isinstance(c, Load)}
         self.speed_columns = {f"{s['speed_label']}_rpm": name for name, s in self.shafts.items()}
         self.burners = [c.name for c in components if isinstance(c, Burner)]
         self.design_theta2 = 1.0
@@ -171,7 +171,7 @@ class Network:
         for name, s in self.shafts.items():
             shaft = e.shaft(name)
             e.outputs[f"{s['speed_label']}_rpm"] = shaft.speed_rpm
-            if name not in self.surplus_shafts:
+            if name not in self.loaded_shafts:
                 offtake = e[f"{name}.power_offtake_W"]
                 e.balances[f"{name} power"] = (
                     e[f"{name}.mechanical_efficiency"] - (shaft.demand_W + offtake) / shaft.supply_W

@@ -195,12 +195,19 @@ def _values_and_jacobian(
 
 
 def _linear_solve(J: Array, R: Array) -> Array:
-    """−J⁻¹ R for a stack (n, k, k), (n, k); a singular matrix is regularised, its point is judged by its residual."""
-    J = np.where(np.isfinite(J), J, 0.0)
+    """−J⁻¹ R for a stack (n, k, k), (n, k)."""
+    return -linear_solve(J, R[:, :, None])[:, :, 0]
+
+
+def linear_solve(A: Array, B: Array) -> Array:
+    """A⁻¹ B for stacks (n, k, k), (n, k, m); a matrix that is exactly singular or not finite gives NaN in its
+    own rows only."""
     try:
-        return -np.linalg.solve(J, R[:, :, None])[:, :, 0]
+        return np.linalg.solve(A, B)
     except np.linalg.LinAlgError:
-        return -np.linalg.solve(J + 1e-9 * np.eye(J.shape[1]), R[:, :, None])[:, :, 0]
+        bad = ~(np.abs(np.linalg.det(A)) > 0.0)
+        solved = np.linalg.solve(np.where(bad[:, None, None], np.eye(A.shape[1]), A), B)
+        return np.where(bad[:, None, None], np.nan, solved)
 
 
 def take(leaves: Mapping[str, Value], index: Array) -> dict[str, Value]:

@@ -46,7 +46,7 @@ def total_ratios(inputs: Mapping[str, Any]) -> tuple[Array, Array]:
 
 
 def coordinates(power_setting: str, inputs: Mapping[str, Any], size: int) -> tuple[tuple[str, ...], Array]:
-    """Kinds and values (k, N) of the corrected coordinates."""
+    """Names and values (k, N) of the corrected coordinates; inputs of their own keep their column's name."""
     theta, delta = total_ratios(inputs)
     kinds, rows = (
         ["power"],
@@ -66,7 +66,7 @@ def coordinates(power_setting: str, inputs: Mapping[str, Any], size: int) -> tup
             "ambient_temperature_K",
             "ambient_pressure_Pa",
         ):
-            kinds.append("other")
+            kinds.append(column)
             rows.append(x / np.sqrt(theta) if column.endswith("_rpm") else np.asarray(x, dtype=float))
     return tuple(kinds), np.stack([np.broadcast_to(r, (size,)) for r in rows])
 
@@ -74,7 +74,7 @@ def coordinates(power_setting: str, inputs: Mapping[str, Any], size: int) -> tup
 @lru_cache(maxsize=32)
 def basis(kinds: tuple[str, ...], degree: float) -> tuple[tuple[int, ...], ...]:
     """Exponents of every Chebyshev product of weighted degree ≤ degree."""
-    weights = [WEIGHTS[k] for k in kinds]
+    weights = [WEIGHTS.get(k, WEIGHTS["other"]) for k in kinds]
     ranges = [range(int(degree / w) + 1) for w in weights]
     return tuple(t for t in itertools.product(*ranges) if sum(e * w for e, w in zip(t, weights, strict=True)) <= degree)
 
@@ -83,6 +83,7 @@ def basis(kinds: tuple[str, ...], degree: float) -> tuple[tuple[int, ...], ...]:
 class StartFit:
     """ln x (nx, N) = coefficients (nx, terms) · Chebyshev products of scaled coordinates."""
 
+    names: tuple[str, ...]
     kinds: tuple[str, ...]
     low: Array
     high: Array
@@ -103,10 +104,12 @@ class StartFit:
                 return None
         A = _features(moving, degree, low, high, z)
         coefficients = np.linalg.lstsq(A.T, np.log(x).T, rcond=1e-10)[0].T
-        return StartFit(moving, low, high, degree, np.ascontiguousarray(coefficients))
+        return StartFit(kinds, moving, low, high, degree, np.ascontiguousarray(coefficients))
 
-    def covers(self, z: Array) -> Array:
-        """Which points (N,) lie within the anchors' range, with a margin of 2 %."""
+    def covers(self, names: tuple[str, ...], z: Array) -> Array:
+        """Which points (N,) have these coordinates and lie within the anchors' range, with a margin of 2 %."""
+        if names != self.names:
+            return np.zeros(z.shape[1], dtype=bool)
         margin = 0.02 * (self.high - self.low) + 1e-9
         return ((z >= (self.low - margin)[:, None]) & (z <= (self.high + margin)[:, None])).all(axis=0)
 

@@ -1,9 +1,9 @@
 """Where the iteration begins, and what is tried when it fails.
 
-In this order: the caller's start; the fitted start of many points; the design point, for a shaft speed as
-power setting by a walk from design speed, because flow and fuel at design do not suit a low speed. Points
-that fail are tried again from the design point, by a walk in power setting, and from their nearest
-neighbours that converged.
+In this order: the caller's start; the fitted start of many points; the design point, with its air flow
+following the speed where a shaft speed is the power setting, because design flow does not suit a low speed.
+Points that fail are tried again from there, by a walk in power setting, and from their nearest neighbours
+that converged.
 """
 
 from __future__ import annotations
@@ -23,13 +23,15 @@ ANCHORS = 200
 WALK_STEP = {"rpm": 0.12, "other": 0.6}  # largest change of ln(corrected power setting) in one step of a walk
 MAX_WALK_STEPS = 12
 WALK_ITERATIONS = 6
+RETRY_ITERATIONS = 30
+FLOW_EXPONENT = 1.2
 LARGEST_NEIGHBOUR_TABLE = 2_000_000
 
 
 class Strategy:
     """Solves batches of operating points of one network; remembers only its fitted start."""
 
-    def __init__(self, network: Network, nominal: Mapping[str, float]):
+    def __init__(self, network: Network, nominal: Mapping[str, float]) -> None:
         self.network = network
         self.nominal = nominal
         self.fit: StartFit | None = None
@@ -40,16 +42,16 @@ class Strategy:
         at = np.flatnonzero(valid)
         if not at.size:
             return
-        kinds, z = self._coordinates(solver.take(points, at), at.size)
-        if at.size < FIT_FROM or (self.fit is not None and self._fits(z) and self.fit.covers(z).mean() > 0.98):
+        names, z = self._coordinates(solver.take(points, at), at.size)
+        if at.size < FIT_FROM or (self.fit is not None and self.fit.covers(names, z).mean() > 0.98):
             return
         drawn = np.random.default_rng(0).choice(at.size, min(ANCHORS, at.size), replace=False)
         anchors = np.unique(np.concatenate([drawn, z.argmin(axis=1), z.argmax(axis=1)]))
         u = solver.take(points, at[anchors])
-        solved = solver.newton(self.network, u, self.nominal, self._first(u, self.nominal, anchors.size))
+        solved = solver.newton(self.network, u, self.nominal, self._first(u, anchors.size))
         good = solved.converged
         if good.mean() >= 0.5:
-            self.fit = StartFit.fit(kinds, z[:, anchors[good]], solved.x[:, good])
+            self.fit = StartFit.fit(names, z[:, anchors[good]], solved.x[:, good])
 
     def solve(
         self,
@@ -60,20 +62,17 @@ class Strategy:
         final: frozenset[str],
     ) -> solver.Solution:
         """Unknowns of `size` points; `start` (nx, size) or None; `final` as in `solver.newton`."""
-        first = (
-            self._first(points, theta, size)
-            if start is None
-            else np.where(np.isfinite(start), start, self._design(size))
-        )
+        first = self._first(points, size) if start is None else np.where(np.isfinite(start), start, self._design(size))
         solved = solver.newton(self.network, points, theta, first, final)
-        for again in (self._from_design, self._by_walking, self._from_neighbours, self._from_neighbours):
+        for again in (self._from_design, self._by_walking, self._from_neighbours):
             failed = np.flatnonzero(~solved.converged)
             if not failed.size:
                 break
             x = again(points, theta, solved, failed)
             if x is None:
                 continue
-            retried = solver.newton(self.network, solver.take(points, failed), solver.take(theta, failed), x)
+            u, t = solver.take(points, failed), solver.take(theta, failed)
+            retried = solver.newton(self.network, u, t, x, max_iterations=RETRY_ITERATIONS)
             better = retried.residual < solved.residual[failed]
             at = failed[better]
             solved.x[:, at], solved.residual[at] = retried.x[:, better], retried.residual[better]
@@ -86,21 +85,25 @@ class Strategy:
     def _design(self, size: int) -> Array:
         return np.repeat(np.array([[u.start] for u in self.network.unknowns()]), size, axis=1)
 
-    def _first(self, points: Mapping[str, Any], theta: Mapping[str, Any], size: int) -> Array:
-        _, z = self._coordinates(points, size)
-        if self._fits(z):
-            assert self.fit is not None
-            covered = self.fit.covers(z)
-            if covered.all():
-                return self.fit.predict(z)
-            x = self._plain(points, theta, size)
-            x[:, covered] = self.fit.predict(z[:, covered])
-            return x
-        return self._plain(points, theta, size)
+    def _first(self, points: Mapping[str, Any], size: int) -> Array:
+        x = self._plain(points, size)
+        if self.fit is not None:
+            names, z = self._coordinates(points, size)
+            covered = self.fit.covers(names, z)
+            if covered.any():
+                x[:, covered] = self.fit.predict(z[:, covered])
+        return x
 
-    def _plain(self, points: Mapping[str, Any], theta: Mapping[str, Any], size: int) -> Array:
-        speed = self.network.power_setting in self.network.speed_columns
-        return self._walk(points, theta, size) if speed else self._design(size)
+    def _plain(self, points: Mapping[str, Any], size: int) -> Array:
+        """The design point; where speed is given, air flow ∝ speed^FLOW_EXPONENT."""
+        x = self._design(size)
+        setting = self.network.power_setting
+        if setting in self.network.speed_columns:
+            flow = next(k for k, u in enumerate(self.network.unknowns()) if u.name.endswith(".corrected_flow"))
+            with np.errstate(all="ignore"):
+                ratio = points[setting] / (self.network.design_setting * correction(setting, *total_ratios(points)))
+            x[flow] *= np.nan_to_num(np.clip(ratio, 0.1, 1.2), nan=1.0) ** FLOW_EXPONENT
+        return x
 
     def _walk(self, points: Mapping[str, Any], theta: Mapping[str, Any], size: int) -> Array:
         """From the design power setting to the wanted one in equal ratios, a few iterations at each."""
@@ -121,7 +124,7 @@ class Strategy:
     def _from_design(
         self, points: Mapping[str, Any], theta: Mapping[str, Any], solved: solver.Solution, failed: Array
     ) -> Array:
-        return self._design(failed.size)
+        return self._plain(solver.take(points, failed), failed.size)
 
     def _by_walking(
         self, points: Mapping[str, Any], theta: Mapping[str, Any], solved: solver.Solution, failed: Array
@@ -139,10 +142,6 @@ class Strategy:
         z = z / np.maximum(np.ptp(z, axis=1), 1e-9)[:, None]
         distance = ((z[:, failed, None] - z[:, None, good]) ** 2).sum(axis=0)
         return solved.x[:, good[distance.argmin(axis=1)]]
-
-    def _fits(self, z: Array) -> bool:
-        """Whether there is a fitted start in these coordinates (an optional input adds one)."""
-        return self.fit is not None and len(self.fit.low) == len(z)
 
     def _coordinates(self, points: Mapping[str, Any], size: int) -> tuple[tuple[str, ...], Array]:
         moving = {c: v for c, v in points.items() if isinstance(v, np.ndarray)}

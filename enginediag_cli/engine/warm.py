@@ -1,7 +1,8 @@
 """An engine that begins where it ended: for fits, which solve the same records again and again.
 
 From one iteration of a fit to the next the parameters move a little and the operating points not at all, so the
-last solution of the same records is a far better start than any other: one or two passes instead of five to ten.
+last solution of the same records is a far better start than any other, and records that do not converge from
+afar do so from there.
 Records that are new begin at the solution of the nearest operating point.
 """
 

@@ -102,7 +102,8 @@ def _whole(values: Mapping[str, Any], checked: Checked) -> Iterator[Problem]:
                 checked.mark(("components",)),
                 f"an engine needs exactly one {needed}, this one has {types.count(needed)}",
             )
-    known = ["Wf_kg_s", *(f"{s['speed_label']}_rpm" for s in values["shafts"] if s["speed"] == "balance"), "T4_K"]
+    known = ["Wf_kg_s", *(f"{s['speed_label']}_rpm" for s in values["shafts"] if s["speed"] == "balance")]
+    known += ["T4_K"] if any("4" in _outlets(c) for c in values["components"]) else []
     known += ["Fn_N"] if "nozzle" in types else []
     known += ["power_W"] if "load" in types else []
     if values["power_setting"] not in known:

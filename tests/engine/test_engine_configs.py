@@ -133,8 +133,9 @@ def test_energy_is_conserved_between_inlet_fuel_exits_and_shafts(path):
 def test_shaft_power_balances_close(path):
     engine = engine_of(path)
     p, e = evaluated(engine, random_points(engine, POINTS, seed=4))
+    driving = {c.values["shaft"] for c in engine.network.components if c.TYPE == "load"}
     for name, shaft in e.shafts.items():
-        if name in engine.network.surplus_shafts:
+        if name in driving:  # the load takes what is left
             continue
         wanted = value(shaft.demand_W + engine.parameters[f"{name}.power_offtake_W"].nominal)
         given = value(shaft.supply_W) * engine.parameters[f"{name}.mechanical_efficiency"].nominal
@@ -211,3 +212,29 @@ def test_humid_air_lowers_the_power_of_the_power_plant_little():
     assert 0.97 < power[1] / power[0] < 1.03
 
 
+
+
+def test_a_propeller_of_cube_law_lets_the_power_turbine_find_its_speed(tmp_path):
+    text = next(p for p in CONFIGS if p.stem == "naval_gas_generator").read_text(encoding="utf-8")
+    text = text.replace("law: surplus", "law: cube").replace(", speed: input", "")
+    path = tmp_path / "propeller.yaml"
+    path.write_text("\n".join(line for line in text.splitlines() if "N2_rpm: {low" not in line), encoding="utf-8")
+    engine = load_engine(path)
+    fuel = np.array([0.6, 1.0, 1.436])
+    y = engine.predict({**design_inputs(engine), "Wf_kg_s": fuel}, sensors=["N2_rpm", "power_W"]).y
+    assert y[2, 0] == pytest.approx(3332, rel=1e-3)
+    assert y[:, 1] / y[2, 1] == pytest.approx((y[:, 0] / y[2, 0]) ** 3, rel=1e-9)
+
+
+@pytest.mark.parametrize("engine_file, flight", [("power_plant", "power_plant"), ("naval_gas_generator", "naval"),
+                                                 ("turbojet", "business_jet")])
+def test_the_flights_that_come_with_the_project_fly_with_their_engines(engine_file, flight):
+    from enginediag_cli.config.kinds import load_checked
+    from enginediag_cli.simulation.flights import generate_flights
+
+    engine = engine_of(next(p for p in CONFIGS if p.stem == engine_file))
+    values = load_checked(CONFIGS[0].parent / "flights" / f"{flight}.yaml", "flight").values
+    made = generate_flights(values, engine, np.random.default_rng(1), flights=2, records=500)
+    p = engine.predict({c: made.columns[c] for c in engine.inputs})
+    assert len(p.status) > 40
+    assert p.ok.mean() >= 0.99

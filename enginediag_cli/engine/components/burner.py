@@ -10,6 +10,8 @@ from enginediag_cli.engine.flow import Flow
 from enginediag_cli.engine.gas import Mixture
 from enginediag_cli.parameters import Parameter
 
+SIZING_ITERATIONS = 80
+
 
 class Burner(Component):
     """W₄ h₄ = W₃ h₃ + W_f (η LHV), enthalpies from 298.15 K; P₄ = P₃ (1 − loss).
@@ -92,9 +94,13 @@ class Burner(Component):
         fuel = 0.02 * inlet.W
         released = v["lower_heating_value_J_kg"] * v["combustion_efficiency"]
         dry = inlet.W / inlet.mixture.per_dry_air()
-        for _ in range(60):
+        for _ in range(SIZING_ITERATIONS):
             far = fuel / dry if inlet.mixture.far is None else inlet.mixture.far + fuel / dry
             h4 = e.gas.enthalpy(inlet.W * 0.0 + v["exit_temperature_K"], Mixture(far, inlet.mixture.war))
-            fuel = inlet.W * (h4 - inlet.h) / (released - h4)
+            last, fuel = fuel, inlet.W * (h4 - inlet.h) / (released - h4)
+            if abs(scalar(fuel) - scalar(last)) <= 1e-14 * abs(scalar(fuel)):
+                break
+        else:
+            raise ValueError(f"{self.name}: no fuel flow gives {v['exit_temperature_K']:.0f} K at its exit")
         self.corrected_fuel_kg_s = scalar(fuel / (e.delta2 * sqrt(e.theta2)))
         self.evaluate(e)

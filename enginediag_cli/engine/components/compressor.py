@@ -109,7 +109,11 @@ class Compressor(Component):
     def unknowns(self) -> tuple[Unknown, ...]:
         if self.table is None:
             return ()
-        return (Unknown(f"{self.name}.rline", self.values["table"]["design_rline"], 0.0, 6.0),)
+        low, high = self.table.y[0], self.table.y[-1]
+        margin = 0.5 * (high - low)
+        return (
+            Unknown(f"{self.name}.rline", self.values["table"]["design_rline"], max(low - margin, 1e-3), high + margin),
+        )
 
     def evaluate(self, e: Evaluation) -> None:
         inlet = e.flows[self.values["from"]]

@@ -34,6 +34,7 @@ class Load(Component):
         ),
     )
     design_power_W = 1.0
+    design_speed_rpm = 1.0
 
     def parameters(self) -> tuple[Parameter, ...]:
         return (

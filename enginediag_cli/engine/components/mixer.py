@@ -34,6 +34,8 @@ class Mixer(Component):
         ),
     )
 
+    core_area = bypass_area = 1.0  # m²
+
     def evaluate(self, e: Evaluation) -> None:
         core, bypass = e.flows[self.values["core"]], e.flows[self.values["bypass"]]
         p_core, V_core = static_pressure(core, self.core_area)

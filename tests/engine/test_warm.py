@@ -1,0 +1,76 @@
+"""The engine that begins where it ended."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from enginediag_cli.engine import load_engine
+from enginediag_cli.engine.warm import WarmEngine, warm
+
+CONFIG = Path(__file__).resolve().parents[2] / "configs" / "citation_jt15d.yaml"
+
+
+@pytest.fixture(scope="module")
+def engine():
+    return load_engine(CONFIG)
+
+
+@pytest.fixture
+def flight():
+    rng = np.random.default_rng(3)
+    n = 80
+    return {
+        "altitude_m": rng.uniform(500, 3000, n),
+        "mach": rng.uniform(0.2, 0.4, n),
+        "dT_isa_K": rng.uniform(-8, 8, n),
+        "N1_rpm": rng.uniform(9000, 15000, n),
+    }
+
+
+def test_the_answer_does_not_depend_on_the_memory(engine, flight):
+    warmed = WarmEngine(engine)
+    parameters = {"hpc.efficiency": 0.97, "lpt.flow_capacity": 1.02}
+    warmed.predict(flight)
+    found = warmed.predict(flight, parameters, wrt=("hpc.efficiency",))
+    fresh = engine.predict(flight, parameters, wrt=("hpc.efficiency",))
+    assert np.array_equal(found.status, fresh.status) and found.ok.all()
+    np.testing.assert_allclose(found.y, fresh.y, rtol=1e-8)
+    np.testing.assert_allclose(found.jacobian, fresh.jacobian, rtol=1e-6, atol=1e-9)
+
+
+def test_the_same_records_again_take_fewer_passes(engine, flight):
+    warmed = WarmEngine(engine)
+    first = warmed.predict(flight)
+    again = warmed.predict(flight, {"hpc.efficiency": 0.9999})
+    assert again.ok.all()
+    assert again.passes.mean() < 0.7 * first.passes.mean()
+
+
+def test_new_records_begin_at_the_nearest_point_solved(engine, flight):
+    warmed = WarmEngine(engine)
+    first = warmed.predict(flight)
+    half = {c: v[::2] + 1e-4 for c, v in flight.items()}
+    found = warmed.predict(half)
+    np.testing.assert_allclose(found.y, engine.predict(half).y, rtol=1e-8)
+    assert found.passes.mean() < 0.7 * first.passes.mean()
+
+
+def test_a_missing_input_is_flagged_and_leaves_the_other_records_their_start(engine, flight):
+    warmed = WarmEngine(engine)
+    broken = {**flight, "mach": np.where(np.arange(80) == 7, np.nan, flight["mach"])}
+    for _ in range(2):
+        found = warmed.predict(broken)
+        assert found.status[7] == 3 and found.ok.sum() == 79
+    assert warmed.predict(flight).ok.all()
+
+
+def test_only_engines_get_a_memory(engine):
+    class Toy:
+        inputs = ("x",)
+
+    toy = Toy()
+    assert warm(toy) is toy
+    assert warm(engine).inputs == engine.inputs
