@@ -42,7 +42,7 @@ class Evaluation:
     outside: dict[str, Array] = field(default_factory=dict)
     theta2: Value = 1.0
     delta2: Value = 1.0
-    make_shaft: Callable[[str], Shaft] | None = None
+    make_shaft: Callable[[Evaluation, str], Shaft] | None = None
     _read: dict[str, Value] = field(default_factory=dict)
 
     def __getitem__(self, name: str) -> Value:
@@ -62,7 +62,7 @@ class Evaluation:
         """A shaft, its speed read when it is first met in the gas path."""
         if name not in self.shafts:
             assert self.make_shaft is not None
-            self.shafts[name] = self.make_shaft(name)
+            self.shafts[name] = self.make_shaft(self, name)
         return self.shafts[name]
 
     def has(self, name: str) -> bool:

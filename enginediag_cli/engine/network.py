@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
-from functools import partial
 from typing import Any
 
 from enginediag_cli.engine.components import Component, Unknown
@@ -144,14 +143,14 @@ class Network:
 
     def evaluate(self, e: Evaluation) -> None:
         """All components in order, then the shafts' power balances, the control balance and net thrust."""
-        e.make_shaft = partial(self._shaft, e)
+        e.make_shaft = self._shaft
         for c in self.components:
             c.evaluate(e)
         self._close(e)
 
     def size(self, e: Evaluation) -> None:
         """Sizes every component at the design point; ValueError says what cannot be."""
-        e.make_shaft = partial(self._shaft, e)
+        e.make_shaft = self._shaft
         for c in self.components:
             c.size(e)
             if isinstance(c, Inlet):
