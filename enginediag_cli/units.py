@@ -7,7 +7,6 @@ A column is a quantity and the unit it is recorded in: `T3_K`, `Wf_lb_h`. Factor
 
 from __future__ import annotations
 
-import difflib
 import math
 from dataclasses import dataclass
 from typing import TypeVar
@@ -101,6 +100,8 @@ def find_unit(name: str) -> Unit:
     unit = UNITS.get(ALIASES.get(name, name))
     if unit is not None:
         return unit
+    import difflib
+
     known = [*UNITS, *ALIASES]
     near = [other for other in known if other.lower() == name.lower()] or difflib.get_close_matches(
         name, known, n=1

@@ -58,6 +58,20 @@ if TYPE_CHECKING:
     show_default=True,
     help="Probability with which --detectable counts a change as shown.",
 )
+@click.option(
+    "--follow",
+    is_flag=True,
+    help="Judge records as they come, from standard input or a growing file: one row per --window records (20), "
+    "with one probability of a false alarm (--false-alarm) for the whole of each flight.",
+)
+@click.option(
+    "--idle",
+    metavar="SECONDS",
+    type=click.FloatRange(min=0),
+    default=60.0,
+    show_default=True,
+    help="With --follow, a file to which nothing is added for so long has ended.",
+)
 @exit_code_option
 @output_options
 @message_options
@@ -74,6 +88,8 @@ def detect(
     false_alarm: float,
     detectable: bool,
     power: float,
+    follow: bool,
+    idle: float,
     exit_code: bool,
     output: Output,
 ) -> ExitCode:
@@ -83,11 +99,20 @@ def detect(
     enginediag detect -n nominal.yaml flight.csv
     enginediag simulate configs/turbofan.yaml --seed 7 | enginediag detect -n nominal.yaml -
     enginediag detect -n nominal.yaml flight.csv --window 10min --step 1min --detectable
+    tail -n +1 -f flight.csv | enginediag detect -n nominal.yaml --follow -
 
     The verdict is healthy, fault, or no verdict with its reason: an engine that could not be judged is never
     called healthy. `fit` is what no change of parameters explains, per degree of freedom: near 1 when model
     and noise are right.
+
+    With --follow, `log10_e` is the evidence that something has changed since the flight began, as a power of
+    ten; the alarm comes when it reaches 1/P of --false-alarm, at any time of the flight, and stays. Then `kind`
+    says sudden fault, gradual deterioration, sensor jump, sensor drift, present from the start, or cannot tell,
+    and onset_s since when, with its 95 % interval.
     """
+    if follow:
+        return _follow(messages, recordings, nominal, window, step, patterns, origin, false_alarm, detectable, idle,
+                       exit_code, output)
     from enginediag_cli.detection.verdict import judge
     from enginediag_cli.recordings.provenance import header_lines
 
@@ -117,6 +142,55 @@ def detect(
     messages.note(", ".join(f"{n} {what}" for what, n in sorted(tally.items())) or "no window")
     windows = sum(tally.values())
     return ending(tally["fault"], windows - tally["no verdict"], windows, exit_code)
+
+
+def _follow(
+    messages: Messages,
+    recordings: tuple[str, ...],
+    nominal: str | None,
+    window: str | None,
+    step: str | None,
+    patterns: tuple[str, ...],
+    origin: Origin,
+    false_alarm: float,
+    detectable: bool,
+    idle: float,
+    exit_code: bool,
+    output: Output,
+) -> ExitCode:
+    from enginediag_cli.commands.follow import block_length, followed, report_row
+    from enginediag_cli.recordings.provenance import header_lines
+    from enginediag_cli.residuals.windows import WindowPlan
+
+    if nominal is None:
+        raise click.UsageError("--follow needs --nominal")
+    if step or detectable or origin != Origin():
+        raise click.UsageError(
+            "--follow goes with --window, --monitor and --false-alarm, not with --step, --detectable, --recorder, "
+            "--engine-instance, --reference, --last or --model-error"
+        )
+    block = block_length(window)
+    intake = Intake(messages, load_monitor(messages, nominal, patterns), WindowPlan(), "nominal", origin)
+    alarms: dict[tuple[str, str, str], bool] = {}
+    judged = 0
+
+    def rows() -> Iterator[dict[str, Any]]:
+        nonlocal judged
+        for report in followed(intake, recordings, false_alarm, block, idle):
+            alarms[report.key] = report.alarm
+            judged += report.judged
+            yield report_row(report)
+
+    found = rows()
+    first = next(found, None)
+    head = header_lines(
+        "detect", configs=[nominal], notes={"follow": f"{block} records", "false_alarm": str(false_alarm)},
+        inherited=intake.provenance,
+    )
+    output.write_rows(chain([first] if first is not None else [], found), provenance=head, live=True)
+    intake.report()
+    messages.note(f"{sum(alarms.values())} of {len(alarms)} flights with an alarm")
+    return ending(sum(alarms.values()), judged, len(alarms), exit_code)
 
 
 def _row(verdict: Verdict, detectable: bool, false_alarm: float, power: float) -> dict[str, Any]:

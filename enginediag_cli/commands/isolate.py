@@ -128,6 +128,7 @@ def isolate(
     from enginediag_cli.isolation.components import isolate_components
     from enginediag_cli.isolation.methods import IsolationOptions
     from enginediag_cli.isolation.methods import isolate as isolate_score
+    from enginediag_cli.isolation.prior import SetPrior
     from enginediag_cli.recordings.provenance import header_lines
 
     if by == "component" and (method != "posterior" or faults):
@@ -138,7 +139,7 @@ def isolate(
     options = IsolationOptions(
         faults=faults,
         false_alarm=false_alarm,
-        inclusion=inclusion,
+        prior=SetPrior(inclusion=inclusion),
         coverage=coverage,
         confidence=coverage,
         largest=largest,

@@ -91,7 +91,7 @@ def origin_options(function: Callable[..., Any]) -> Callable[..., Any]:
         click.option(
             "--recorder",
             metavar="FILE",
-            type=click.Path(exists=True, dir_okay=False, readable=True),
+            type=ConfigFile(),
             help="Recorder of foreign recordings.",
         ),
         click.option("--engine-instance", default="", metavar="NAME", help="Use only this engine of the recordings."),

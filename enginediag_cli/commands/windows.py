@@ -150,11 +150,11 @@ class Intake:
                     self._count(window)
                     yield window, units
                 continue
-            chunks = read(file, declared=self._declared(), chunk_records=CHUNK)
+            chunks = read(file, declared=self.declared(), chunk_records=CHUNK)
             first = next(chunks)
-            self._remember(first)
+            self.remember(first)
             every = chain([first], chunks)
-            found = self._flat(every) if is_flat(first.order) else self._condensed(map(self._clean, every))
+            found = self._flat(every) if is_flat(first.order) else self._condensed(map(self.clean, every))
             for window, units in found:
                 self._count(window)
                 yield window, units
@@ -167,10 +167,10 @@ class Intake:
             if self.origin.recorder:
                 yield from self._mapped(file)
                 continue
-            for number, chunk in enumerate(read(file, declared=self._declared(), chunk_records=CHUNK)):
+            for number, chunk in enumerate(read(file, declared=self.declared(), chunk_records=CHUNK)):
                 if number == 0:
-                    self._remember(chunk)
-                yield self._clean(chunk)
+                    self.remember(chunk)
+                yield self.clean(chunk)
 
     def report(self) -> None:
         """What was left out, on stderr."""
@@ -186,19 +186,19 @@ class Intake:
             if number:
                 self.messages.note(f"{count(number, 'record')} {what}")
 
-    def _declared(self) -> tuple[str, ...]:
+    def declared(self) -> tuple[str, ...]:
         if self.monitor is None:
             return ()
         engine = self.monitor.engine
         return (*engine.inputs, *engine.optional_inputs, *self.monitor.sensors, "time_s")
 
-    def _remember(self, chunk: Recording) -> None:
+    def remember(self, chunk: Recording) -> None:
         self.provenance += [line for line in chunk.provenance if line not in self.provenance]
 
     def _mapped(self, file: str) -> Iterator[Recording]:
         for number, recording in enumerate(self.origin.mapped(self.messages, file)):
             if number == 0:
-                self._remember(recording)
+                self.remember(recording)
             yield recording
 
     def _condensed(self, chunks: Iterable[Recording]) -> Iterator[Window]:
@@ -223,15 +223,15 @@ class Intake:
             rows = (dict(zip(cells, row, strict=True)) for row in zip(*cells.values(), strict=True))
             yield from read_flat(rows, chunk.source, chunk.line.tolist())
 
-    def _clean(self, chunk: Recording) -> Recording:
+    def clean(self, chunk: Recording, *, search: bool = True) -> Recording:
         from enginediag_cli.recordings.quality import mask_gross
         from enginediag_cli.residuals.admission import check_inputs
 
         if self.monitor is None or not len(chunk):
             return chunk
         check_inputs(self.monitor, chunk)
-        columns = [c for c in self._declared() if c in chunk.columns and c != "time_s"]
-        clean, report = mask_gross(chunk, columns=columns)
+        columns = [c for c in self.declared() if c in chunk.columns and c != "time_s"]
+        clean, report = mask_gross(chunk, columns=columns, search=search)
         for column, reasons in report.counts.items():
             found = {reason: n for reason, n in reasons.items() if n}
             if found:

@@ -27,7 +27,7 @@ class LackOfFit:
 
 def lack_of_fit(statistics: LocalStatistics) -> LackOfFit:
     """Test of what no change of the parameters explains; NaN where nothing is left over to test."""
-    from scipy.stats import chi2
+    from scipy.special import chdtrc
 
     space = range_space(statistics.F, statistics.prior_sigma)
     v = (statistics.prior_sigma * statistics.s) @ space.basis
@@ -35,4 +35,4 @@ def lack_of_fit(statistics: LocalStatistics) -> LackOfFit:
     dof = statistics.dof - space.rank
     if dof <= 0:
         return LackOfFit(rest, dof, float("nan"), float("nan"))
-    return LackOfFit(rest, dof, float(chi2.sf(rest, dof)), rest / dof)
+    return LackOfFit(rest, dof, float(chdtrc(dof, rest)), rest / dof)

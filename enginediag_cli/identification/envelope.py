@@ -19,7 +19,7 @@ MARGIN_RANGE = (0.25, 1.0)
 STRETCHES = 10
 MINIMUM_SPREAD = {
     "mach": 0.05, "altitude_m": 2000.0, "dT_isa_K": 10.0, "humidity_kg_kg": 0.005,
-    "ambient_temperature_K": 5.0, "ambient_pressure_Pa": 1500.0, "T4_K": 5.0,
+    "ambient_temperature_K": 5.0, "ambient_pressure_Pa": 1500.0, "dP_inlet_Pa": 100.0, "T4_K": 5.0,
 }
 RELATIVE_SPREAD = 0.03
 """Least spread, as a share of the largest value seen, of an input that is not in the table above."""

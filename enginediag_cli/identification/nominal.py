@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from enginediag_cli.identification.envelope import Envelope
-from enginediag_cli.identification.problem import OffsetPrior
+from enginediag_cli.identification.offset_prior import OffsetPrior
 from enginediag_cli.identification.quality import SensorQuality
 from enginediag_cli.identification.unidentified import Combination
 

@@ -24,7 +24,7 @@ from enginediag_cli.identification.nominal_sections import (
     OFFSET,
     QUALITY,
 )
-from enginediag_cli.identification.problem import OffsetPrior
+from enginediag_cli.identification.offset_prior import OffsetPrior
 from enginediag_cli.identification.quality import SensorQuality
 from enginediag_cli.identification.unidentified import Combination
 

@@ -22,11 +22,12 @@ import numpy as np
 from enginediag_cli.config.hints import near
 from enginediag_cli.errors import DataError
 from enginediag_cli.identification.loss import Loss
+from enginediag_cli.identification.offset_prior import OffsetPrior
 from enginediag_cli.identification.settings import IDENTIFICATION, IdentificationSettings
 from enginediag_cli.parameters import Parameter
 from enginediag_cli.units import split_column
 
-__all__ = ["IDENTIFICATION", "Model", "OffsetPrior", "Problem", "TrainingRecording", "build_problem"]
+__all__ = ["IDENTIFICATION", "Model", "Problem", "TrainingRecording", "build_problem"]
 
 
 class Model(Protocol):
@@ -56,15 +57,6 @@ class TrainingRecording(NamedTuple):
     label: str
     columns: Mapping[str, np.ndarray]
     regimes: np.ndarray | None = None
-
-
-@dataclass(frozen=True)
-class OffsetPrior:
-    """A sensor error that is constant in one recording: `bias` in the column's unit, `scale` a fraction."""
-
-    sensor: str
-    kind: str
-    prior_sigma: float
 
 
 @dataclass(frozen=True)

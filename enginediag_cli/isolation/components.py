@@ -1,10 +1,10 @@
 """Isolation to components: which of them changed, whatever each one's parameters did.
 
-A set of components S changed with prior odds (π/(1−π))^|S|, and in a component that changed every parameter has
-the slab prior N(0, slab²·prior_sigma²): what wears a compressor costs efficiency and flow capacity together. With
-β_S, I_SS the score and information of all parameters of S, scaled by D = slab·diag(prior_sigma),
+A set of components S changed with the probability of `SetPrior`, and in a component that changed every parameter
+has the slab prior N(0, slab²·prior_sigma²): what wears a compressor costs efficiency and flow capacity together.
+With β_S, I_SS the score and information of all parameters of S, scaled by D = slab·diag(prior_sigma),
 
-    log P(S | data) = ½ β_Sᵀ A_S⁻¹ β_S − ½ log det A_S + |S| log(π/(1−π)) + const,    A_S = 1 + I_SS.
+    P(S | data) ∝ P(S) · mean over slabs of exp(½ β_Sᵀ A_S⁻¹ β_S − ½ log det A_S),    A_S = 1 + I_SS.
 
 Where the maps of the model are generic this is surer than parameters: efficiency and flow capacity of one component
 trade against each other with the shape of its map, and one parameter of a neighbour can imitate both together.
@@ -15,13 +15,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from itertools import combinations
-from math import comb, log
+from math import comb
 
 import numpy as np
 
 from enginediag_cli.residuals.score import Score
 
 from .methods import IsolationOptions
+from .prior import SetPrior
 from .result import Explanation
 
 MAX_SETS = 5000
@@ -52,12 +53,13 @@ def component_of(parameter: str) -> str:
 
 
 def component_posterior(
-    score: Score, *, inclusion: float = 0.1, slab: float = 1.0, largest: int | None = None
+    score: Score, prior: SetPrior | None = None, *, largest: int | None = None
 ) -> tuple[tuple[str, ...], np.ndarray, np.ndarray]:
     """Components, sets of them (M, c) bool by falling probability, and the probabilities (M,), summing to 1.
 
     All sets of up to `largest` components are visited (default: as many as MAX_SETS allows).
     """
+    prior = prior or SetPrior()
     owner = [component_of(name) for name in score.parameters]
     components = tuple(dict.fromkeys(owner))
     members = [[i for i, o in enumerate(owner) if o == c] for c in components]
@@ -65,16 +67,19 @@ def component_posterior(
     p, width = len(owner), max(map(len, members), default=0)
     # every component is filled up to the same width with a parameter of which the data tell nothing
     beta, I = np.zeros(p + 1), np.zeros((p + 1, p + 1))
-    beta[:p], I[:p, :p] = slab * b, slab**2 * information
+    beta[:p], I[:p, :p] = b, information
     padded = np.array([m + [p] * (width - len(m)) for m in members], dtype=int).reshape(len(members), width)
-    odds = log(inclusion / (1 - inclusion))
-    masks, logs = [np.zeros((1, len(components)), bool)], [np.zeros(1)]
+    variance = np.square(prior.slabs)[:, None]
+    log_prior = prior.log_of_size(len(components))
+    masks, logs = [np.zeros((1, len(components)), bool)], [log_prior[:1]]
     for size in range(1, _largest(len(components), largest) + 1):
         chosen = np.array(list(combinations(range(len(components)), size)))
         rows = padded[chosen].reshape(len(chosen), -1)
-        A = np.eye(rows.shape[1]) + I[rows[:, :, None], rows[:, None, :]]
-        gain = np.linalg.solve(A, beta[rows][:, :, None])[:, :, 0]
-        logs.append(0.5 * np.sum(beta[rows] * gain, axis=1) - 0.5 * np.linalg.slogdet(A)[1] + size * odds)
+        A = np.eye(rows.shape[1]) + variance[:, :, None, None] * I[rows[:, :, None], rows[:, None, :]]
+        right = np.broadcast_to(beta[rows][:, :, None], (*A.shape[:3], 1))
+        gain = variance[:, :, None] * np.linalg.solve(A, right)[..., 0]
+        each = 0.5 * np.sum(beta[rows] * gain, axis=2) - 0.5 * np.linalg.slogdet(A)[1]
+        logs.append(np.logaddexp.reduce(each, axis=0) - np.log(len(each)) + log_prior[size])
         mask = np.zeros((len(chosen), len(components)), bool)
         mask[np.arange(len(chosen))[:, None], chosen] = True
         masks.append(mask)
@@ -88,7 +93,7 @@ def isolate_components(score: Score, options: IsolationOptions | None = None) ->
     """Most probable set of changed components; of the options, those of the posterior method count."""
     options = options or IsolationOptions()
     components, sets, probabilities = component_posterior(
-        score, inclusion=options.inclusion, slab=options.slab, largest=options.largest
+        score, options.prior, largest=options.largest
     )
     count = min(int(np.searchsorted(np.cumsum(probabilities), options.coverage - 1e-12)) + 1, len(sets))
     named = [tuple(c for c, member in zip(components, row, strict=True) if member) for row in sets[:count]]

@@ -15,10 +15,10 @@ from .minmax import single_minmax
 
 def holm_minmax(score: Score, false_alarm: float = 0.01) -> tuple[tuple[str, ...], np.ndarray]:
     """Parameters that changed whatever the others did, and the adjusted p value of each parameter (p,)."""
-    from scipy.stats import chi2
+    from scipy.special import chdtrc
 
     t, testable = single_minmax(score)
-    p_values = np.where(testable, chi2.sf(t, 1), 1.0)
+    p_values = np.where(testable, chdtrc(1, t), 1.0)
     order = np.argsort(p_values, kind="stable")
     steps = (len(order) - np.arange(len(order))) * p_values[order]
     adjusted = np.empty(len(order))

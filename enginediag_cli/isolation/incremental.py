@@ -12,7 +12,7 @@ from enginediag_cli.detection.glr import threshold
 from enginediag_cli.residuals.score import Score
 
 from .minmax import rejection_test
-from .subsets import best_subsets
+from .subsets import ENUMERATED, best_subsets
 
 
 @dataclass(frozen=True)
@@ -49,15 +49,17 @@ def incremental_diagnosis(
     most = faults or min(largest or score.rank, score.rank)
     steps: list[IncrementalStep] = []
     accepted, exact = False, True
+    best = best_subsets(score, most) if len(score.parameters) <= ENUMERATED else None
     for size in [most] if faults else range(1, most + 1):
-        best = best_subsets(score, size)
-        if len(best.sets) < size:
+        # a search is cheapest for small sets, and the algorithm seldom gets to large ones
+        found = best or best_subsets(score, size)
+        if len(found.sets) < size:
             break
-        exact = exact and best.exact
-        names = tuple(score.parameters[i] for i in best.sets[-1])
+        exact = exact and found.exact
+        names = tuple(score.parameters[i] for i in found.sets[size - 1])
         rejection, dof = rejection_test(score, names)
         limit = threshold(dof, false_alarm)
-        steps.append(IncrementalStep(names, float(best.values[-1]), rejection, dof, limit))
+        steps.append(IncrementalStep(names, float(found.values[size - 1]), rejection, dof, limit))
         accepted = dof <= 0 or rejection <= limit
         if accepted:
             break

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import combinations
 from math import comb
 
@@ -14,6 +14,7 @@ from .holm import holm_minmax
 from .incremental import incremental_diagnosis
 from .minmax import rejection_test
 from .posterior import set_posterior
+from .prior import SetPrior
 from .result import Explanation, IsolationResult
 from .sizes import estimate_sizes
 from .subsets import best_subsets
@@ -26,15 +27,14 @@ MAX_RIVAL_TESTS = 5000
 class IsolationOptions:
     """Choices common to the methods.
 
-    faults: number of changed parameters when known; false_alarm: level of tests; inclusion and slab: prior of
-    the posterior method; coverage: total probability that answer and rivals hold; confidence: level of size
+    faults: number of changed parameters when known; false_alarm: level of tests; prior of the posterior
+    method; coverage: total probability that answer and rivals hold; confidence: level of size
     intervals; largest: largest set considered.
     """
 
     faults: int | None = None
     false_alarm: float = 0.01
-    inclusion: float = 0.1
-    slab: float = 1.0
+    prior: SetPrior = field(default_factory=SetPrior)
     coverage: float = 0.95
     confidence: float = 0.95
     largest: int | None = None
@@ -42,9 +42,7 @@ class IsolationOptions:
 
 def by_posterior(score: Score, options: IsolationOptions) -> IsolationResult:
     """Most probable set among all sets; rivals are the next ones until `coverage` is reached."""
-    posterior = set_posterior(
-        score, inclusion=options.inclusion, slab=options.slab, largest=options.largest, faults=options.faults
-    )
+    posterior = set_posterior(score, options.prior, largest=options.largest, faults=options.faults)
     isolated = posterior.names(0)
     count = posterior.credible(options.coverage)
     rivals = tuple(
@@ -157,7 +155,7 @@ def _accepted_rivals(
 ) -> tuple[tuple[Explanation, ...], int, bool]:
     """Other sets of the same size that the rejection test accepts, by falling p value; how many more; whether
     all could be tested."""
-    from scipy.stats import chi2
+    from scipy.special import chdtrc
 
     if not isolated:
         return (), 0, True
@@ -167,7 +165,7 @@ def _accepted_rivals(
     for names in combinations(score.parameters, len(isolated)):
         if set(names) != set(isolated):
             statistic, dof = rejection_test(score, names)
-            p_value = float(chi2.sf(statistic, dof)) if dof > 0 else 1.0
+            p_value = float(chdtrc(dof, statistic)) if dof > 0 else 1.0
             if p_value > false_alarm:
                 accepted.append(Explanation(names, p_value))
     accepted.sort(key=lambda rival: -rival.probability)

@@ -38,7 +38,7 @@ def estimate_sizes(
     score: Score, names: Sequence[str], confidence: float = 0.95
 ) -> tuple[ParameterChange, ...]:
     """Changes of `names` when nothing else changed, with two-sided intervals of level `confidence`."""
-    from scipy.stats import norm
+    from scipy.special import ndtri
 
     if not names:
         return ()
@@ -51,7 +51,7 @@ def estimate_sizes(
     error = np.sqrt(np.diag(inverse)) * score.prior_sigma[a]
     blind = np.any(np.abs(vectors[:, ~seen]) > 1e-3, axis=1)
     error = np.where(blind, np.inf, error)
-    reach = norm.isf((1 - confidence) / 2) * error
+    reach = -ndtri((1 - confidence) / 2) * error
     return tuple(
         ParameterChange(name, float(score.theta0[i]), float(d), float(se), float(d - r), float(d + r))
         for name, i, d, se, r in zip(names, a, change, error, reach, strict=True)

@@ -1,8 +1,9 @@
-"""The best explaining set of each size, exactly: branch and bound ("leaps and bounds") on (I, b).
+"""The best explaining set of each size, exactly: all sets of few parameters, else branch and bound.
 
     maximise  f(S) = b_Sᵀ I_SS⁻¹ b_S  over all sets S of k parameters       (step 1 of incremental diagnosis)
 
-This is best-subset regression: Furnival, G. M. and Wilson, R. W. (1974) Technometrics 16, 499–511. The tree
+This is best-subset regression, by "leaps and bounds" where there are too many sets to visit them all: Furnival,
+G. M. and Wilson, R. W. (1974) Technometrics 16, 499–511. The tree
 starts at the full set and drops parameters. With P = I_SS⁻¹, δ = P b_S, dropping j loses δ_j²/P_jj, and
 dropping any set T loses at least the largest single loss in T; so a branch that must still drop d parameters
 loses at least the d-th smallest of its single losses.
@@ -16,6 +17,10 @@ import numpy as np
 
 from enginediag_cli.residuals.score import Score
 
+from .enumeration import all_sets
+
+ENUMERATED = 12
+"""Up to so many parameters all sets are visited: that takes 2 ms, for all sizes together."""
 BATCH = 1024
 """Nodes handled together: numpy overhead is shared, memory stays small."""
 RIDGE = 1e-9
@@ -49,15 +54,26 @@ def best_subsets(score: Score, largest: int, max_nodes: int = 2_000_000) -> Best
     unit = 1 / np.sqrt(diagonal[alive])
     b, information = b[alive] * unit, information[np.ix_(alive, alive)] * unit[:, None] * unit
     largest = min(largest, len(alive))
-    search = _Search(b, information, largest, max_nodes)
-    search.run()
-    sets = [tuple(sorted(s)) for s in search.sets[1:]]
+    if len(alive) <= ENUMERATED:
+        sets, nodes, exact = _best_of_all(b, information, largest), 2 ** len(alive), True
+    else:
+        search = _Search(b, information, largest, max_nodes)
+        search.run()
+        sets, nodes, exact = [tuple(sorted(s)) for s in search.sets[1:]], search.nodes, search.exact
     return BestSubsets(
         tuple(tuple(int(alive[i]) for i in s) for s in sets),
         np.array([subset_value(b, information, s) for s in sets]),
-        search.nodes,
-        search.exact,
+        nodes,
+        exact,
     )
+
+
+def _best_of_all(b: np.ndarray, information: np.ndarray, largest: int) -> list[tuple[int, ...]]:
+    """Best set of every size 1…largest, for unit-diagonal information."""
+    masks, values, _ = all_sets(b[None], (information + RIDGE * np.eye(len(b)))[None], largest)
+    size = masks.sum(axis=1)
+    best = [np.argmax(np.where(size == k, values[0], -np.inf)) for k in range(1, largest + 1)]
+    return [tuple(int(i) for i in np.flatnonzero(masks[k])) for k in best]
 
 
 class _Search:

@@ -5,7 +5,6 @@ The same run gives the same bytes, so there is no time stamp unless the caller a
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
@@ -53,6 +52,8 @@ def parse_header(lines: Sequence[str]) -> dict[str, str]:
 
 def sha256_of(path: str | Path) -> str:
     """Hexadecimal SHA-256 of a file's bytes. Raises OSError."""
+    import hashlib
+
     digest = hashlib.sha256()
     with open(path, "rb") as stream:
         for block in iter(lambda: stream.read(1 << 20), b""):

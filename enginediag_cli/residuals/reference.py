@@ -27,6 +27,10 @@ from .windows import WindowPlan
 OWN_SCALE = 0.01
 """By how much the readings of one engine plausibly differ from those of its type, where nominal does not say."""
 
+OWN_HEALTH = 0.25
+"""By how much a new engine's monitored parameters plausibly differ from those of its type, as a share of a
+plausible change: half a per cent of efficiency, by manufacture and initial wear."""
+
 
 @dataclass(frozen=True)
 class Reference:
@@ -72,8 +76,10 @@ def windows_against_reference(
     `model_error.py`. A flight whose first records give no reference, or that ends with them, is a window
     without verdict.
     """
-    if records or model_error:
-        monitor = with_scale_offsets(monitor, OWN_SCALE if records else 0.0)
+    if records:
+        monitor = _with_own_state(monitor)
+    elif model_error:
+        monitor = with_scale_offsets(monitor)
     early = _EarlyRecords(monitor, records, linearise)
 
     def condense(window: WindowStatistics, statistics: LocalStatistics) -> WindowStatistics:
@@ -91,6 +97,15 @@ def windows_against_reference(
     later = last_records(later, last) if last else later
     yield from window_statistics(monitor, later, plan, linearise=linearise, condense=condense)
     yield from early.without_later_records()
+
+
+def _with_own_state(monitor: Monitor) -> Monitor:
+    """The monitor with the uncertainty of how one engine differs from its type, which a reference will reduce."""
+    monitor = with_scale_offsets(monitor, OWN_SCALE)
+    spread = np.zeros(len(monitor.names))
+    healthy = slice(len(monitor.monitored))
+    spread[healthy] = OWN_HEALTH * monitor.prior_sigma[healthy]
+    return replace(monitor, uncertainty=monitor.uncertainty + np.diag(spread**2))
 
 
 class _EarlyRecords:

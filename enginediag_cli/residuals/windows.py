@@ -9,7 +9,6 @@ from __future__ import annotations
 import re
 from collections import deque
 from dataclasses import dataclass
-from fractions import Fraction
 from math import gcd, inf
 from typing import Generic, TypeVar
 
@@ -35,8 +34,7 @@ class WindowPlan:
         if self.length == inf:
             return inf
         unit = 1000 if self.in_time else 1
-        length, step = Fraction(round(self.length * unit)), Fraction(round(self.step * unit))
-        return gcd(int(length), int(step)) / unit
+        return gcd(round(self.length * unit), round(self.step * unit)) / unit
 
     def blocks(self, position: np.ndarray) -> np.ndarray:
         """Number of the block of each record at `position` (N,): its count, or seconds since the first."""

@@ -12,6 +12,7 @@ from score_makers import sensitivities
 from enginediag_cli.isolation.components import component_of, component_posterior, isolate_components
 from enginediag_cli.isolation.methods import IsolationOptions
 from enginediag_cli.isolation.posterior import set_posterior
+from enginediag_cli.isolation.prior import SetPrior
 from enginediag_cli.residuals.local import local_statistics
 from enginediag_cli.residuals.noise import white_noise
 from enginediag_cli.residuals.score import fisher_score
@@ -47,7 +48,8 @@ def test_the_posterior_is_that_of_the_marginal_likelihoods_of_the_readings():
     rng = np.random.default_rng(1)
     J = sensitivities(rng, N=5, m=3)
     score, e = score_of(rng, J, [0, 0, -0.03, 0.02, 0, 0])
-    components, sets, probabilities = component_posterior(score, inclusion=0.2, slab=1.5)
+    prior = SetPrior(0.2, slabs=(1.5,))
+    components, sets, probabilities = component_posterior(score, prior)
     assert components == ("fan", "hpc", "nozzle", "sensor.T3") and len(sets) == 16
     wide = J.reshape(-1, 6)
     logs = {}
@@ -55,7 +57,7 @@ def test_the_posterior_is_that_of_the_marginal_likelihoods_of_the_readings():
         for chosen in combinations(components, k):
             own = [i for i, n in enumerate(NAMES) if component_of(n) in chosen]
             covariance = np.eye(15) + (1.5 * 0.02) ** 2 * wide[:, own] @ wide[:, own].T
-            logs[chosen] = multivariate_normal.logpdf(e.ravel(), np.zeros(15), covariance) + k * np.log(0.2 / 0.8)
+            logs[chosen] = multivariate_normal.logpdf(e.ravel(), np.zeros(15), covariance) + prior.log_of_size(4)[k]
     weights = np.exp(np.array(list(logs.values())) - max(logs.values()))
     direct = dict(zip(logs, weights / weights.sum(), strict=True))
     for row, probability in zip(sets, probabilities, strict=True):

@@ -10,25 +10,30 @@ from scipy.stats import multivariate_normal
 from score_makers import linear_score, sensitivities
 
 from enginediag_cli.isolation.posterior import set_posterior, size_limit
+from enginediag_cli.isolation.prior import SetPrior
 
 
 def test_probabilities_equal_the_marginal_likelihoods_of_all_sets():
     rng = np.random.default_rng(1)
-    N, m, p, slab = 6, 3, 4, 0.05
+    N, m, p = 6, 3, 4
+    prior = SetPrior(0.2, slabs=(0.5, 2.0))
     J = sensitivities(rng, N, m, p)
     change = np.array([0.05, 0, 0, -0.05])
     e_rng = np.random.default_rng(2)
     e = (e_rng.standard_normal((N, m)) + J @ change).ravel()
-    score = linear_score(np.random.default_rng(2), J, change, sigma=slab)
+    score = linear_score(np.random.default_rng(2), J, change, sigma=0.05)
     G = J.reshape(-1, p)
     logs = {}
     for size in range(p + 1):
         for chosen in combinations(range(p), size):
-            covariance = np.eye(N * m) + slab**2 * G[:, chosen] @ G[:, chosen].T
-            logs[chosen] = multivariate_normal(cov=covariance).logpdf(e) + size * np.log(0.2 / 0.8)
+            each = [
+                multivariate_normal(cov=np.eye(N * m) + (0.05 * slab) ** 2 * G[:, chosen] @ G[:, chosen].T).logpdf(e)
+                for slab in prior.slabs
+            ]
+            logs[chosen] = np.logaddexp(*each) + prior.log_of_size(p)[size]
     weights = np.exp(np.array(list(logs.values())) - max(logs.values()))
     expected = dict(zip(logs, weights / weights.sum(), strict=True))
-    found = set_posterior(score, inclusion=0.2)
+    found = set_posterior(score, prior)
     assert len(found.probabilities) == 16
     for mask, probability in zip(found.masks, found.probabilities, strict=True):
         assert probability == pytest.approx(expected[tuple(np.flatnonzero(mask))], rel=1e-8)
@@ -40,12 +45,11 @@ def test_probabilities_equal_the_marginal_likelihoods_of_all_sets():
 def test_stated_probabilities_are_the_realised_frequencies():
     rng = np.random.default_rng(3)
     J = sensitivities(rng, N=15, p=6)
+    prior = SetPrior(0.2)
     claimed = right = covered = 0.0
     trials = 400
-    for _ in range(trials):
-        truth = rng.random(6) < 0.2
-        change = np.where(truth, 0.02 * rng.standard_normal(6), 0)
-        found = set_posterior(linear_score(rng, J, change), inclusion=0.2)
+    for truth, size in zip(*prior.draw(rng, trials, 6), strict=True):
+        found = set_posterior(linear_score(rng, J, 0.02 * size), prior)
         claimed += found.probabilities[0]
         right += np.array_equal(found.masks[0], truth)
         covered += any(np.array_equal(mask, truth) for mask in found.masks[: found.credible(0.9)])

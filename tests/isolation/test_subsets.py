@@ -1,4 +1,4 @@
-"""Branch and bound finds what exhaustive search finds."""
+"""Enumeration and branch and bound find what exhaustive search finds."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from score_makers import linear_score, sensitivities
 
-from enginediag_cli.isolation.subsets import best_subsets
+from enginediag_cli.isolation.subsets import ENUMERATED, best_subsets
 
 
 def exhaustive(score, size):
@@ -19,15 +19,16 @@ def exhaustive(score, size):
     return max(combinations(range(len(score.parameters)), size), key=value)
 
 
-@pytest.mark.parametrize("seed", range(4))
-def test_the_best_set_of_every_size_equals_exhaustive_search(seed):
+@pytest.mark.parametrize("p", [10, ENUMERATED + 1])
+@pytest.mark.parametrize("seed", range(3))
+def test_the_best_set_of_every_size_equals_exhaustive_search(seed, p):
     rng = np.random.default_rng(seed)
     score = linear_score(
-        rng, sensitivities(rng, p=10), 0.02 * rng.standard_normal(10) * (rng.random(10) < 0.4)
+        rng, sensitivities(rng, p=p), 0.02 * rng.standard_normal(p) * (rng.random(p) < 0.4)
     )
-    found = best_subsets(score, 10)
+    found = best_subsets(score, p)
     assert found.exact
-    for size in range(1, 11):
+    for size in range(1, p + 1):
         assert found.sets[size - 1] == exhaustive(score, size)
     assert found.values[-1] == pytest.approx(score.glr, rel=1e-6)
     assert np.all(np.diff(found.values) > -1e-9)

@@ -1,0 +1,157 @@
+"""One engine's flight followed block by block: readings in, a row of evidence out."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from enginediag_cli.recordings.table import Recording
+from enginediag_cli.residuals.admission import judged_inputs
+from enginediag_cli.residuals.groups import Key, Timeline
+from enginediag_cli.residuals.innovations import Innovations
+from enginediag_cli.residuals.monitor import Monitor
+
+from .change import Change, explain_change, posterior_change
+from .segments import Coordinates
+from .sequential import EProcess
+
+JUMP_SIGMAS = 5.0
+"""Size of a plausible jump of a sensor, in its noise, where the engine file has no prior for its bias."""
+NEGLIGIBLE = 1e-6
+"""Variances of nuisance combinations below this share of the largest are dropped; they are in prior units."""
+
+
+def coordinates_of(monitor: Monitor) -> Coordinates:
+    """Unit-normal coordinates of the uncertainty of nominal, of changes of health, and of sensor jumps.
+
+    Parameters of the columns are those of the monitor, then a bias of each sensor.
+    """
+    p, m, a = len(monitor.names), len(monitor.sensors), len(monitor.monitored)
+    D = monitor.prior_sigma
+    eigenvalues, vectors = np.linalg.eigh(monitor.uncertainty / D / D[:, None])
+    kept = eigenvalues > NEGLIGIBLE * max(eigenvalues.max(initial=0.0), 1e-300)
+    root = D[:, None] * vectors[:, kept] * np.sqrt(eigenvalues[kept])
+    k = root.shape[1]
+    basis = np.zeros((p + m, k + a + m))
+    basis[:p, :k] = root
+    basis[range(a), range(k, k + a)] = D[:a]
+    basis[range(p, p + m), range(k + a, k + a + m)] = [_jump(monitor, j) for j in range(m)]
+    return Coordinates(basis, k, monitor.monitored, tuple(f"{c} reading" for c in monitor.sensors))
+
+
+def _jump(monitor: Monitor, j: int) -> float:
+    column = monitor.sensors[j]
+    bias = monitor.engine.parameters.get(f"sensor.{column.rsplit('_', 1)[0]}.bias")
+    sigma = float(monitor.noise.sigma[j])
+    return max(bias.prior_sigma, sigma) if bias is not None and bias.prior_sigma > 0 else JUMP_SIGMAS * sigma
+
+
+@dataclass(frozen=True)
+class BlockReport:
+    """One block of a flight. log10_e: evidence that something has changed, as a power of ten; alarm: E has reached
+    1/α, in this block or before; change: what it looks like, once there is an alarm."""
+
+    key: Key
+    block: int
+    first_line: int
+    last_line: int
+    start_s: float
+    end_s: float
+    records: int
+    outside: int
+    incomplete: int
+    failed: int
+    judged: int
+    log10_e: float
+    alarm: bool
+    change: Change | None
+
+
+@dataclass
+class FlightMonitor:
+    """Follows one flight of one engine; `add` takes the records of the next block."""
+
+    monitor: Monitor
+    key: Key
+    false_alarm: float
+    process: EProcess = field(init=False)
+    _innovations: Innovations = field(init=False)
+    _timeline: Timeline = field(default_factory=Timeline)
+    _skipped: float = 0.0
+    _clock: float = 0.0
+
+    def __post_init__(self) -> None:
+        self.process = EProcess(coordinates_of(self.monitor), self.false_alarm)
+        self._innovations = Innovations(self.monitor.noise)
+
+    def add(self, part: Recording) -> BlockReport:
+        """Judge the records of a block; those without inputs or outside the points identified are counted only."""
+        monitor = self.monitor
+        inputs, y, incomplete, outside = judged_inputs(monitor, part)
+        time = part.columns.get("time_s")
+        _, lags = self._timeline.advance(len(part), time, False)
+        kept = np.flatnonzero(~incomplete & ~outside)
+        failed, judged, lags = 0, 0, self._thinned(lags, kept)
+        clock = time if time is not None else self._clock + np.arange(len(part), dtype=float)
+        self._clock += len(part)
+        if kept.size:
+            e, J, ok = self._residuals({c: v[kept] for c, v in inputs.items()}, y[kept])
+            failed, judged = int(np.sum(~ok)), int(np.sum(np.isfinite(e).any(axis=1)))
+            z, G = self._innovations.of(e, J, lags)
+            if judged:
+                self.process.add(z, G, float(clock[kept[0]]), float(np.mean(clock[kept])))
+        alarm = self.process.alarm_block is not None
+        change = explain_change(self.process.past, self.process.coordinates) if alarm else None
+        return BlockReport(
+            self.key,
+            self.process.blocks - 1,
+            int(part.line[0]),
+            int(part.line[-1]),
+            float(time[0]) if time is not None else float("nan"),
+            float(time[-1]) if time is not None else float("nan"),
+            len(part),
+            int(outside.sum()),
+            int(incomplete.sum()),
+            failed,
+            judged,
+            self.process.log_e / float(np.log(10)),
+            alarm,
+            change,
+        )
+
+    def _thinned(self, lags: np.ndarray, kept: np.ndarray) -> np.ndarray:
+        """Lags between the records that are judged: those skipped lengthen the lag of the next one."""
+        elapsed = np.cumsum(np.where(np.isfinite(lags), lags, 1e9))
+        total = float(elapsed[-1]) if len(elapsed) else 0.0
+        if not kept.size:
+            self._skipped += total
+            return lags[:0]
+        found = np.diff(elapsed[kept], prepend=-self._skipped)
+        self._skipped = total - float(elapsed[kept[-1]])
+        return found
+
+    def _residuals(
+        self, inputs: dict[str, np.ndarray], y: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """e (n, m) about nominal, J (n, m, p + m) with a column per sensor bias, ok (n,).
+
+        Up to an alarm the model is linearised at nominal, as the bound on false alarms wants; after it, at the
+        change estimated so far, and carried back: e = y − Φ(θ̂) + J(θ̂)(θ̂ − θ0).
+        """
+        monitor = self.monitor
+        shift = self._estimate()
+        predicted, J, ok, _ = monitor.predict(inputs, np.clip(monitor.theta0 + shift, monitor.lower, monitor.upper))
+        e = np.where(ok[:, None], y - predicted + J @ shift, np.nan)
+        bias = np.broadcast_to(np.eye(y.shape[1]), (*y.shape, y.shape[1]))
+        return e, np.concatenate([J, bias], axis=2), ok
+
+    def _estimate(self) -> np.ndarray:
+        """Change (p,) of the health parameters at which the next block is linearised; zero without an alarm."""
+        shift = np.zeros(len(self.monitor.names))
+        if self.process.alarm_block is None:
+            return shift
+        a = len(self.monitor.monitored)
+        shift[:a] = posterior_change(self.process.past, self.process.coordinates) * self.monitor.prior_sigma[:a]
+        return np.clip(self.monitor.theta0 + shift, self.monitor.lower, self.monitor.upper) - self.monitor.theta0
+

@@ -1,0 +1,126 @@
+"""Monitoring record by record with a false-alarm probability that holds for the whole flight.
+
+A change Δθ ~ N(0, P) that begins at block j has, against no change, the likelihood ratio
+
+    log L_j = −½ log det(I + P F) + ½ sᵀ (P⁻¹ + F)⁻¹ s
+
+with s and F of what came since j, after elimination of everything uncertain about nominal (w ~ N(0, C), in both
+hypotheses). The mean over shapes of change and onsets j with weights Σ w_j = 1,
+
+    E_n = Σ_{j ≤ n} w_j L_j + (1 − Σ_{j ≤ n} w_j),
+
+starts at 1 and has mean 1 as long as nothing changes, so that P(E_n ≥ 1/α for any n) ≤ α: J. Ville, Étude critique
+de la notion de collectif, 1939; mixtures: H. Robbins, Ann. Math. Statist. 41 (1970) 1397–1409; sums over onsets:
+J. Shin, A. Ramdas, A. Rinaldo, "E-detectors", NEJSDS 2023. Forgetting an onset can only lower E. The bound holds for
+Gaussian noise, and with certain nominal for uniform noise too, whose moments E exp(λx) lie below the Gaussian ones.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from .segments import Coordinates, Segment, Tails, append, tails
+
+FROM_THE_START = 0.5
+"""Weight of a change that was there when the flight began; the rest is for those that begin on the way."""
+HORIZON = 60
+"""Blocks over which onsets on the way have about the same weight; it falls as 1/j² beyond."""
+SCALES = (1.0, 0.25)
+"""Sizes of a change of one parameter alone, in multiples of its prior standard deviation."""
+
+
+@dataclass(frozen=True)
+class Effect:
+    """Normal equations of the changes, nuisance eliminated, for J onsets: score r (J, c), information S (J, c, c)."""
+
+    r: np.ndarray
+    S: np.ndarray
+
+
+def effect(found: Tails, nuisance: int) -> Effect:
+    """r = s_δ − F_δw (I + F_ww)⁻¹ s_w,   S = F_δδ − F_δw (I + F_ww)⁻¹ F_wδ."""
+    k = nuisance
+    r, S = found.s[:, k:], found.F[:, k:, k:]
+    if k == 0:
+        return Effect(r, S)
+    F_wd = found.cross[:, :k, k:]
+    inner = np.eye(k) + found.total_F[:k, :k]
+    J, _, c = F_wd.shape
+    right = np.concatenate([found.total_s[:k, None], F_wd.transpose(1, 0, 2).reshape(k, J * c)], axis=1)
+    solved = np.linalg.solve(inner, right)
+    solved_F = solved[:, 1:].reshape(k, J, c).transpose(1, 0, 2)
+    back = F_wd.transpose(0, 2, 1)
+    return Effect(r - back @ solved[:, 0], S - back @ solved_F)
+
+
+def log_single(found: Effect, scale: float = 1.0) -> np.ndarray:
+    """log likelihood ratios (J, c) of a change of one parameter alone, of `scale` prior standard deviations."""
+    information = scale**2 * np.maximum(np.einsum("jcc->jc", found.S), 0.0)
+    return np.asarray(-0.5 * np.log1p(information) + 0.5 * scale**2 * found.r**2 / (1 + information))
+
+
+def log_full(found: Effect, count: int) -> np.ndarray:
+    """log likelihood ratios (J,) of a change of the first `count` parameters together."""
+    r, S = found.r[:, :count], found.S[:, :count, :count]
+    L = np.linalg.cholesky(np.eye(count) + (S + S.transpose(0, 2, 1)) / 2)
+    y = np.linalg.solve(L, r[:, :, None])[:, :, 0]
+    return np.asarray(-np.sum(np.log(np.einsum("jcc->jc", L)), axis=1) + 0.5 * np.sum(y**2, axis=1))
+
+
+def log_mean_exp(x: np.ndarray, axis: int = -1) -> np.ndarray:
+    """log of the mean of exp(x) along an axis."""
+    top = np.max(x, axis=axis, keepdims=True)
+    return np.asarray(np.log(np.mean(np.exp(x - top), axis=axis)) + np.squeeze(top, axis=axis))
+
+
+def log_ratio(found: Effect, coordinates: Coordinates) -> np.ndarray:
+    """log L_j (J,): a third each for all health parameters together, one of them alone, one sensor alone."""
+    a = len(coordinates.health)
+    parts = [log_full(found, a)] if a else []
+    singles = np.stack([log_single(found, scale) for scale in SCALES])
+    for chosen in (slice(0, a), slice(a, None)):
+        part = singles[:, :, chosen]
+        if part.shape[2]:
+            parts.append(log_mean_exp(log_mean_exp(part, axis=2), axis=0))
+    return log_mean_exp(np.stack(parts), axis=0)
+
+
+def onset_weight(block: np.ndarray) -> np.ndarray:
+    """w_j for block numbers j = 0, 1, …: ½, then ½ H/((j + H − 1)(j + H)), which sum to 1."""
+    j = np.asarray(block, float)
+    late = (1 - FROM_THE_START) * HORIZON / ((j + HORIZON - 1) * (j + HORIZON))
+    return np.where(j == 0, FROM_THE_START, late)
+
+
+@dataclass
+class EProcess:
+    """E of one flight. `log_e` is log E_n, `alarm_block` the first block with E ≥ 1/α (None while there is none)."""
+
+    coordinates: Coordinates
+    false_alarm: float
+    past: list[Segment] = field(default_factory=list)
+    blocks: int = 0
+    log_e: float = 0.0
+    highest: float = 0.0
+    alarm_block: int | None = None
+
+    def add(self, z: np.ndarray, G: np.ndarray, begin: float, clock: float) -> None:
+        """The next block: innovations z (N, m) and sensitivities G (N, m, p) of parameters and sensor biases."""
+        columns = G.reshape(-1, G.shape[2]) @ self.coordinates.basis
+        new = Segment(
+            self.blocks, self.blocks + 1, len(z), begin, clock, columns.T @ z.ravel(), columns.T @ columns
+        )
+        self.past = append(self.past, new)
+        self.blocks += 1
+        found = effect(tails(self.past), self.coordinates.nuisance)
+        weights = onset_weight(np.array([piece.first for piece in self.past]))
+        # onsets that have been forgotten count as ratio 0, those to come as ratio 1
+        to_come = (1 - FROM_THE_START) * HORIZON / (self.blocks + HORIZON - 1)
+        self.log_e = float(
+            np.logaddexp.reduce([*(np.log(weights) + log_ratio(found, self.coordinates)), np.log(to_come)])
+        )
+        self.highest = max(self.highest, self.log_e)
+        if self.alarm_block is None and self.log_e >= -np.log(self.false_alarm):
+            self.alarm_block = self.blocks - 1

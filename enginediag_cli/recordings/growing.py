@@ -1,0 +1,51 @@
+"""Lines of a file that is still being written, as they come."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+
+from enginediag_cli.errors import DataError
+
+POLL_S = 0.2
+
+
+class GrowingFile:
+    """Complete lines of a text file; waits at its end for more, and ends when none has come for `idle_s` seconds.
+
+    A last line without an end of line is handed over only when the wait is over. `idle_s` inf waits for ever.
+    """
+
+    def __init__(self, path: str, idle_s: float, wait: Callable[[float], None] = time.sleep):
+        self.name = path
+        self._idle_s, self._wait = idle_s, wait
+        self._lines = self._read()
+
+    def __iter__(self) -> Iterator[str]:
+        return self
+
+    def __next__(self) -> str:
+        """The next line. Raises DataError when the file cannot be opened."""
+        return next(self._lines)
+
+    def _read(self) -> Iterator[str]:
+        try:
+            stream = open(self.name, encoding="utf-8-sig", newline="")
+        except OSError as error:
+            raise DataError(f"{self.name}: {error.strerror or error}") from error
+        with stream:
+            held, idle = "", 0.0
+            while True:
+                line = stream.readline()
+                if line:
+                    held, idle = held + line, 0.0
+                    if held.endswith("\n"):
+                        yield held
+                        held = ""
+                    continue
+                if idle >= self._idle_s:
+                    break
+                self._wait(POLL_S)
+                idle += POLL_S
+            if held:
+                yield held
