@@ -36,6 +36,8 @@ COMMANDS: dict[str, Entry] = {
                     "Say when an engine departs from nominal."),
     "isolate": Entry("enginediag_cli.commands.isolate", "isolate",
                      "Say which parameters changed, by how much and how surely."),
+    "study": Entry("enginediag_cli.commands.study", "study",
+                   "Count how often diagnosis is right, on simulated engines with known faults."),
     "check": Entry("enginediag_cli.commands.check", "check",
                    "Validate YAML and CSV files."),
     "schema": Entry("enginediag_cli.commands.schema", "schema",

@@ -52,6 +52,9 @@ FILE_KINDS: dict[str, FileKind] = {
         FileKind("nominal", "the nominal state of an engine, identified from healthy recordings",
                  "enginediag_cli.identification.nominal_file:NOMINAL_FILE",
                  "enginediag_cli.identification.nominal_file:read_nominal"),
+        FileKind("study", "a Monte-Carlo study: fault cases, methods of diagnosis and repetitions",
+                 "enginediag_cli.studies.study_file:STUDY_FILE",
+                 "enginediag_cli.studies.study_file:load_study"),
         FileKind("flight", "a flight to simulate: altitude, speed and power along time",
                  "enginediag_cli.simulation.flight_file:FLIGHT_FILE"),
     )

@@ -77,12 +77,12 @@ def test_nothing_is_built_from_a_file_that_fails_its_declarations(tmp_path: Path
 
 @pytest.mark.parametrize(("text", "message"), [
     ("stages: 1", "1:1: error: the file does not say its kind (begin it with 'kind:' and one of "
-                  "engine, faults, recorder, nominal, flight)"),
+                  "engine, faults, recorder, nominal, study, flight)"),
     ("kind: engin", "1:7: error: unknown kind of file, the text 'engin' (did you mean 'engine'?)"),
     ("kind: 3", "1:7: error: unknown kind of file, the number 3 (one of: engine, faults, recorder, nominal, "
-                "flight)"),
+                "study, flight)"),
     ("- 3", "1:1: error: the file must be a mapping of keys, not a list of 1 (begin it with 'kind:' and one "
-            "of engine, faults, recorder, nominal, flight)"),
+            "of engine, faults, recorder, nominal, study, flight)"),
 ])
 def test_a_file_without_a_known_kind_gets_the_list(tmp_path: Path, text: str, message: str) -> None:
     file = written(tmp_path, text)

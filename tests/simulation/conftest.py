@@ -1,12 +1,6 @@
 from __future__ import annotations
 
-import sys
-from pathlib import Path
-
 import pytest
-
-sys.path.insert(0, str(Path(__file__).parent))
-
 from simulation_toy import CONFIGS, ToyEngine
 
 
@@ -17,7 +11,7 @@ def engine() -> ToyEngine:
 
 @pytest.fixture
 def flight_values():
-    """Values of a flight file of configs/flights by its name."""
+    """Values of a flight file of configs/flights by its name, without the constants that only its engine takes."""
     from enginediag_cli.config.kinds import load_checked
 
-    return lambda name: load_checked(CONFIGS / "flights" / f"{name}.yaml", "flight").values
+    return lambda name: {**load_checked(CONFIGS / "flights" / f"{name}.yaml", "flight").values, "constants": {}}

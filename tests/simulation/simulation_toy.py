@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -41,10 +41,10 @@ class ToyEngine:
     power_setting = "Wf_kg_s"
     power_range = (0.3, 2.4)
 
-    def __init__(self, sensors: Sequence[str] = SENSORS, humidity: bool = False) -> None:
+    def __init__(self, sensors: Sequence[str] = SENSORS, optional_inputs: Mapping[str, float] | None = None) -> None:
         size = dict(zip(SENSORS, SIZES, strict=True))
         self.sensors = {s: Sensor(s, 0.002 * size[s], 1.1 * size[s]) for s in sensors}
-        self.optional_inputs = {"humidity_kg_kg": 0.0} if humidity else {}
+        self.optional_inputs = dict(optional_inputs or {})
         self.envelope = {"altitude_m": (-300.0, 13000.0), "mach": (0.0, 0.9), "dT_isa_K": (-40.0, 40.0)}
         names = [f"{c}.{q}" for c in COMPONENTS for q in ("efficiency", "flow_capacity")]
         names.append("core_nozzle.area")

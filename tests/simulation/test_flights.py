@@ -14,12 +14,13 @@ NAMES = sorted(path.stem for path in (CONFIGS / "flights").glob("*.yaml"))
 
 
 def fly(values, engine=None, seed=0, **how):
-    return generate_flights(values, engine or ToyEngine(), np.random.default_rng(seed), **how)
+    engine = engine or ToyEngine(optional_inputs=values["constants"])
+    return generate_flights(values, engine, np.random.default_rng(seed), **how)
 
 
 @pytest.mark.parametrize("name", NAMES)
 def test_paths_stay_in_the_engines_envelope(name, flight_values, engine):
-    conditions = fly(flight_values(name), engine, flights=20)
+    conditions = fly(flight_values(name), flights=20)
     assert len(conditions) > 0 and outside_envelope(engine, conditions) == {}
     assert all(np.isfinite(conditions.columns[column]).all() for column in engine.inputs)
 
@@ -138,8 +139,10 @@ def test_humidity_agrees_with_steam_tables():
 
 
 def test_humidity_is_given_to_engines_that_take_it(flight_values):
-    assert "humidity_kg_kg" in fly(flight_values("power_plant"), ToyEngine(humidity=True), flights=1).columns
-    assert "humidity_kg_kg" not in fly(flight_values("power_plant"), flights=1).columns
+    plant = flight_values("power_plant")
+    humid = ToyEngine(optional_inputs={**plant["constants"], "humidity_kg_kg": 0.0})
+    assert "humidity_kg_kg" in fly(plant, humid, flights=1).columns
+    assert "humidity_kg_kg" not in fly(plant, flights=1).columns
 
 
 def test_an_input_that_no_flight_gives_is_named(flight_values, engine):

@@ -75,7 +75,7 @@ def test_an_empty_input_keeps_its_row_and_is_counted_on_stderr(tmp_path, capfd):
     out, err = capfd.readouterr()
     rows = list(csv.DictReader(out.splitlines()))
     assert [row["status"] for row in rows] == ["ok", "invalid-input"] and rows[1]["T3_K"] == ""
-    assert "1 of 2 records: an input is missing" in err
+    assert "1 of 2 records: Wf_kg_s is nan" in err
 
 
 def test_header_names_seed_and_files_and_no_header_leaves_them_out(tmp_path):

@@ -1,0 +1,50 @@
+"""The sample recordings are what the commands in their README make."""
+
+from __future__ import annotations
+
+import csv
+import math
+import shlex
+from pathlib import Path
+
+import pytest
+
+from enginediag_cli.__main__ import main
+
+FOLDER = Path(__file__).parents[1] / "sample_data"
+COMMANDS = {
+    Path(words[-1]).name: words[1:]
+    for line in (FOLDER / "README.md").read_text(encoding="utf-8").splitlines()
+    if (words := shlex.split(line.strip() if line.startswith("    ") else ""))[:2] == ["enginediag", "simulate"]
+}
+RELATIVE = 1e-8
+"""The solver converges to 1e-10; other versions of the numerical libraries differ below that."""
+
+
+def cells(path: Path) -> list[list[str]]:
+    with open(path, encoding="utf-8", newline="") as stream:
+        return list(csv.reader(line for line in stream if not line.startswith("#")))
+
+
+def same(a: str, b: str) -> bool:
+    try:
+        return math.isclose(float(a), float(b), rel_tol=RELATIVE)
+    except ValueError:
+        return a == b
+
+
+def test_every_sample_has_its_command():
+    assert set(COMMANDS) == {path.name for path in FOLDER.glob("*.csv")}
+
+
+@pytest.mark.parametrize("name", ["fouling_snapshots.csv", "T3_bias_snapshots.csv"])
+def test_its_command_gives_the_same_recording_again(name, tmp_path, monkeypatch):
+    monkeypatch.chdir(FOLDER.parent)
+    assert main([*COMMANDS[name][:-1], str(tmp_path / name), "-q"]) == 0
+    made, kept = cells(tmp_path / name), cells(FOLDER / name)
+    assert [row[0] for row in made] == [row[0] for row in kept]
+    assert all(same(a, b) for mine, theirs in zip(made, kept, strict=True) for a, b in zip(mine, theirs, strict=True))
+
+
+def test_all_samples_together_stay_small():
+    assert sum(path.stat().st_size for path in FOLDER.iterdir()) < 300_000
