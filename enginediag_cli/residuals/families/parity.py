@@ -67,7 +67,7 @@ class _Fitted(FittedFamily):
         sums = reduced_sums(self.monitor, windows, self.reduction)
         test = chi_square_test(f"prediction error, {self.reduction}", sums.zz, sums.dof, false_alarm)
         return FamilyResult(
-            "parity",
+            "parity" if self.reduction == "mean" else "parity_records",
             (test,),
             "none",
             (),

@@ -16,10 +16,15 @@ from .sums import nominal_residuals
 
 @dataclass(frozen=True)
 class WindowResiduals:
-    """e (W, n, m), NaN where missing, J (W, n, m, p), point of linearisation theta (W, p), converged (W,)."""
+    """e (W, n, m), NaN where missing, J (W, n, m, p), point of linearisation theta (W, p), converged (W,).
+
+    e0, J0: the same at θ0, with the same readings missing.
+    """
 
     e: np.ndarray
     J: np.ndarray
+    e0: np.ndarray
+    J0: np.ndarray
     theta: np.ndarray
     converged: np.ndarray
 
@@ -31,12 +36,13 @@ def linearised(monitor: Monitor, windows: Windows, linearise: str, precision: np
     W, n, m = windows.y.shape
     if linearise == "nominal":
         e, J = nominal_residuals(monitor, windows)
-        return WindowResiduals(e, J, np.tile(monitor.theta0, (W, 1)), np.ones(W, bool))
+        return WindowResiduals(e, J, e, J, np.tile(monitor.theta0, (W, 1)), np.ones(W, bool))
     inputs = windows.flat_inputs()
 
     def predict(theta: np.ndarray, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         return monitor.predict({c: v[rows] for c, v in inputs.items()}, theta, nuisance=False)[:3]
 
+    nominal = monitor.predict(inputs, monitor.theta0)[:3]
     found = relinearise(
         predict,
         windows.y.reshape(-1, m),
@@ -45,8 +51,11 @@ def linearised(monitor: Monitor, windows: Windows, linearise: str, precision: np
         monitor.noise,
         window=np.repeat(np.arange(W), n),
         moving=len(monitor.monitored),
-        nominal=monitor.predict(inputs, monitor.theta0)[:3],
+        nominal=nominal,
         bounds=(monitor.lower, monitor.upper),
     )
-    e = np.where(found.ok[:, None], found.e, np.nan)
-    return WindowResiduals(e.reshape(W, n, m), found.J.reshape(W, n, m, -1), found.theta, found.converged)
+    shape = windows.y.shape
+    e = np.where(found.ok[:, None], found.e, np.nan).reshape(shape)
+    e0 = np.where(np.isfinite(e), windows.y - nominal[0].reshape(shape), np.nan)
+    J, J0 = found.J.reshape(*shape, -1), nominal[1].reshape(*shape, -1)
+    return WindowResiduals(e, J, e0, J0, found.theta, found.converged)

@@ -87,9 +87,7 @@ def wald_statistics(s: np.ndarray, F: np.ndarray, scale: np.ndarray) -> WaldStat
     blind = np.einsum("wpi,wi->wp", U**2, (~kept).astype(float)) > 1e-6
     variance = np.where(blind, np.inf, variance)
     wald = np.where(blind | (variance == 0), 0.0, estimate**2 / np.where(variance > 0, variance, 1.0))
-    return WaldStatistics(
-        estimate * scale, variance * scale**2, wald, np.sum(inverse * v**2, axis=1), kept.sum(axis=1)
-    )
+    return WaldStatistics(estimate * scale, variance * scale**2, wald, np.sum(inverse * v**2, axis=1), kept.sum(axis=1))
 
 
 def holm(p_values: np.ndarray, false_alarm: float) -> np.ndarray:

@@ -16,9 +16,7 @@ from enginediag_cli.residuals.local import whiten
 from enginediag_cli.residuals.noise import NoiseModel
 
 
-def white_residuals(
-    e: np.ndarray, J: np.ndarray, noise: NoiseModel
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def white_residuals(e: np.ndarray, J: np.ndarray, noise: NoiseModel) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """z (W, n, m), G (W, n, m, p) of unit white noise, zero where missing, and what is present (W, n, m).
 
     e (W, n, m), NaN where missing; J (W, n, m, p); records of a window are one step apart.
