@@ -21,6 +21,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if arguments is None:
         _leave_no_half_written_file_when_terminated()
         _write_utf_8()
+        _use_one_thread()
         arguments = sys.argv[1:]
     try:
         from enginediag_cli.presentation.messages import Messages
@@ -35,6 +36,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
         code = _report(error, messages)
         _discard_unwritable_output()
     return code
+
+
+def _use_one_thread() -> None:
+    """Matrices here are small and many: threads of the linear algebra cost more than they give."""
+    import os
+
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 
 def _run(arguments: Sequence[str], messages: Messages) -> int:
