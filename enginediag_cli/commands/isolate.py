@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from enginediag_cli.commands.isolation_options import Further, KeepingIntake, further_options
 from enginediag_cli.commands.options import (
     exit_code_option,
     exit_codes,
@@ -18,10 +19,8 @@ from enginediag_cli.commands.options import (
 )
 from enginediag_cli.commands.origin import Origin, origin_options
 from enginediag_cli.commands.windows import (
-    Intake,
     ending,
     false_alarm_option,
-    load_monitor,
     planned,
     statistics_option,
     window_options,
@@ -30,9 +29,7 @@ from enginediag_cli.presentation.messages import Messages
 from enginediag_cli.presentation.output import Output
 
 if TYPE_CHECKING:
-    from enginediag_cli.detection.verdict import Verdict
     from enginediag_cli.errors import ExitCode
-    from enginediag_cli.isolation.result import IsolationResult
 
 METHODS = ("posterior", "incremental", "sensitivity", "minmax")
 SENTENCES = 10
@@ -89,6 +86,7 @@ SENTENCES = 10
     type=click.IntRange(min=1),
     help="Largest number of parameters that may have changed together.",
 )
+@further_options
 @exit_code_option
 @output_options
 @message_options
@@ -109,6 +107,7 @@ def isolate(
     coverage: float,
     by: str,
     largest: int | None,
+    further: Further,
     exit_code: bool,
     output: Output,
 ) -> ExitCode:
@@ -118,24 +117,32 @@ def isolate(
     enginediag isolate -n nominal.yaml flight.csv
     enginediag residual -n nominal.yaml flight.csv | enginediag isolate -
     enginediag isolate -n nominal.yaml flight.csv --method incremental --linearise nominal
+    enginediag isolate -n nominal.yaml flight.csv --sensors --catalogue configs/faults --advise
 
     `probability` is that of exactly this set, `inclusion` that of the parameter in any set; `rivals` are the
     other sets that the data cannot exclude. Sizes are in the parameter's unit, with an interval that holds if
     the set is right.
     """
     from enginediag_cli.commands.component_rows import component_row, component_sentence
+    from enginediag_cli.commands.isolation_options import advice_for
+    from enginediag_cli.commands.isolation_rows import isolation_rows, tell, where
     from enginediag_cli.detection.verdict import judge
     from enginediag_cli.isolation.components import isolate_components
+    from enginediag_cli.isolation.diagnosis import diagnose
     from enginediag_cli.isolation.methods import IsolationOptions
-    from enginediag_cli.isolation.methods import isolate as isolate_score
     from enginediag_cli.isolation.prior import SetPrior
     from enginediag_cli.recordings.provenance import header_lines
+    from enginediag_cli.residuals.kept_records import KeptRecords
 
     if by == "component" and (method != "posterior" or faults):
         raise click.UsageError("--by component goes with --method posterior and without --faults")
+    further.check(method, by, nominal, bool(origin.reference or origin.model_error))
     plan = planned(window, step)
-    monitor = load_monitor(messages, nominal, patterns) if nominal else None
-    intake = Intake(messages, monitor, plan, linearise, origin)
+    monitor = further.monitor(messages, nominal, patterns) if nominal else None
+    intake = KeepingIntake(messages, monitor, plan, linearise, origin)
+    plain = not (origin.reference or origin.model_error)  # otherwise the score knows more than the records tell
+    if monitor is not None and plain and by == "parameter" and further.keeps(method, linearise):
+        intake.kept = KeptRecords(monitor, short_windows=window is not None)
     options = IsolationOptions(
         faults=faults,
         false_alarm=false_alarm,
@@ -144,6 +151,7 @@ def isolate(
         confidence=coverage,
         largest=largest,
     )
+    asked = further.diagnosis_options(method, linearise, options)
     named = judged = windows = 0
 
     def rows() -> Iterator[dict[str, Any]]:
@@ -156,108 +164,30 @@ def isolate(
                 judged += component is not None
                 named += bool(component and component.components)
                 if windows <= SENTENCES and component is not None:
-                    messages.note(f"{_where(verdict)}: {component_sentence(component)}")
+                    messages.note(f"{where(verdict)}: {component_sentence(component)}")
                 yield component_row(verdict, component)
                 continue
-            result = isolate_score(verdict.score, method, options) if verdict.score is not None else None
-            judged += result is not None
-            named += bool(result and result.isolated)
+            diagnosis = advice = None
+            if verdict.score is not None:
+                model = intake.model(found)
+                diagnosis = diagnose(verdict.score, asked, model)
+                if further.advise and monitor is not None:
+                    advice = advice_for(further, monitor, diagnosis, model() if model else None)
+                judged += 1
+                named += bool(diagnosis.result.isolated)
             if windows <= SENTENCES:
-                _tell(messages, verdict, result, units)
-            yield from _rows(verdict, result, units)
+                tell(messages, verdict, diagnosis, units, advice or ())
+            yield from isolation_rows(verdict, diagnosis, units, asked.catalogue is not None, advice)
 
     found = rows()
     first = next(found, None)
     notes = {"method": method, "false_alarm": str(false_alarm)}
     head = header_lines(
         "isolate",
-        configs=[*([nominal] if nominal else []), *origin.configs],
-        notes={**notes, **origin.notes},
+        configs=[*([nominal] if nominal else []), *origin.configs, *further.files()],
+        notes={**notes, **origin.notes, **further.notes},
         inherited=intake.provenance,
     )
     output.write_rows(chain([first] if first is not None else [], found), provenance=head, live=True)
     intake.report()
     return ending(named, judged, windows, exit_code)
-
-
-def _rows(
-    verdict: Verdict, result: IsolationResult | None, units: dict[str, str]
-) -> Iterator[dict[str, Any]]:
-    """Rows of one window: one per isolated parameter, or a single one when there is none."""
-    from enginediag_cli.residuals.flat import window_row
-
-    row = window_row(verdict.window)
-    row.update(
-        verdict=verdict.verdict,
-        p_value=verdict.test.p_value if verdict.test else None,
-        isolated=None,
-        probability=None,
-        parameter=None,
-        inclusion=None,
-        change=None,
-        lower=None,
-        upper=None,
-        unit=None,
-        percent=None,
-        rivals=None,
-        rivals_left_out=None,
-        note=verdict.reason,
-    )
-    if result is None:
-        yield row
-        return
-    row.update(
-        isolated=list(result.isolated),
-        probability=result.probability,
-        rivals=[f"{' & '.join(r.parameters) or 'nothing'} ({r.probability:.2g})" for r in result.rivals],
-        rivals_left_out=result.rivals_left_out,
-        note=result.note,
-    )
-    if not result.sizes:
-        yield row
-    for size in result.sizes:
-        yield {
-            **row,
-            "parameter": size.parameter,
-            "inclusion": result.inclusion.get(size.parameter),
-            "change": size.change,
-            "lower": size.lower,
-            "upper": size.upper,
-            "unit": units.get(size.parameter, ""),
-            "percent": size.percent,
-        }
-
-
-def _where(verdict: Verdict) -> str:
-    """Which window it is: its flight and engine, or else file and lines."""
-    window = verdict.window
-    names = (window.flight and f"flight {window.flight}", window.engine and f"engine {window.engine}")
-    return " ".join(filter(None, names)) or f"{window.source}:{window.first_line}-{window.last_line}"
-
-
-def _tell(
-    messages: Messages, verdict: Verdict, result: IsolationResult | None, units: dict[str, str]
-) -> None:
-    """The answer for one window in words."""
-    from enginediag_cli.presentation.sentences import change, no_verdict
-
-    where = _where(verdict)
-    if result is None:
-        messages.note(no_verdict(verdict.reason, where=where))
-        return
-    told = [
-        change(
-            size.parameter,
-            size.change,
-            size.upper - size.change,
-            unit=units.get(size.parameter, "").removeprefix("1"),
-            chance=result.inclusion.get(size.parameter),
-        )
-        for size in result.sizes
-    ]
-    messages.note(f"{where}: {'; '.join(told) if told else 'no change of a parameter stands out'}")
-    if result.rivals:
-        rivals = [" & ".join(r.parameters) or "no change" for r in result.rivals[:3]]
-        more = len(result.rivals) - len(rivals) + result.rivals_left_out
-        behind = f" and {more} more" if more else ""
-        messages.note(f"{where}: not excluded either: {'; '.join(rivals)}{behind}")

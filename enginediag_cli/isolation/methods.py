@@ -13,7 +13,7 @@ from enginediag_cli.residuals.score import Score
 from .holm import holm_minmax
 from .incremental import incremental_diagnosis
 from .minmax import rejection_test
-from .posterior import set_posterior
+from .posterior import SetPosterior, set_posterior
 from .prior import SetPrior
 from .result import Explanation, IsolationResult
 from .sizes import estimate_sizes
@@ -43,6 +43,11 @@ class IsolationOptions:
 def by_posterior(score: Score, options: IsolationOptions) -> IsolationResult:
     """Most probable set among all sets; rivals are the next ones until `coverage` is reached."""
     posterior = set_posterior(score, options.prior, largest=options.largest, faults=options.faults)
+    return posterior_result(score, posterior, options)
+
+
+def posterior_result(score: Score, posterior: SetPosterior, options: IsolationOptions) -> IsolationResult:
+    """Answer, rivals and sizes from a posterior over sets; `score` gives the sizes."""
     isolated = posterior.names(0)
     count = posterior.credible(options.coverage)
     rivals = tuple(

@@ -46,6 +46,41 @@ def ambiguous(explanations: Sequence[Sequence[str]], remedy: str = "") -> str:
     return f"{text}; {remedy}" if remedy else text
 
 
+def sensor_or_component(
+    sensors: Sequence[str],
+    components: Sequence[str],
+    of_sensors: float,
+    of_components: float,
+    shared: Sequence[str] = (),
+) -> str:
+    """An instrument and the engine as rivals, the likelier first, for instance
+    "cannot tell T3 sensor bias from HPC isentropic efficiency: 0.55 against 0.41".
+
+    `shared`: what has changed in both explanations.
+    """
+    rivals = ((sensors, of_sensors), (components, of_components))
+    (names, p), (others, q) = sorted(rivals, key=lambda item: -item[1])
+    one, other = (listed([in_words(n) for n in each]) for each in (names, others))
+    beside = f" (beside {listed([in_words(n) for n in shared])})" if shared else ""
+    return f"cannot tell {one} from {other}{beside}: {probability(p)} against {probability(q)}"
+
+
+def named_fault(severities: Sequence[tuple[str, float, float]], chance: float) -> str:
+    """Faults of a catalogue by name with severity and half its interval, for instance
+    "HPC fouling, severity 0.9 ± 0.1 (probability 0.93)"."""
+    told = [f"{in_words(name)}, severity {with_unit(value, '', half)}" for name, value, half in severities]
+    return f"{listed(told, 'and')} (probability {probability(chance)})"
+
+
+def further_records(where: str, records: float, odds: float, noncentrality: float) -> str:
+    """How soon records of one kind would tell two rivals apart, for instance
+    "12 records with T4_K for odds of 20 to 1 (non-centrality 0.51 per record)"."""
+    if records == float("inf"):
+        return f"records {where} would not tell them apart"
+    needed = count(int(records), "record")
+    return f"{needed} {where} for odds of {odds:g} to 1 (non-centrality {rounded(noncentrality)} per record)"
+
+
 def not_excited(combinations: Sequence[str]) -> str:
     """Changes to which these operating points are blind."""
     return f"cannot tell: these operating points do not show {listed(list(combinations), 'or')}"

@@ -51,3 +51,24 @@ def test_masked_records_are_counted_by_reason():
 def test_the_smallest_detectable_change_has_the_unit_of_its_parameter():
     assert sentences.smallest_detectable("core_nozzle.area", 0.0042) == "core nozzle area: 0.42 %"
     assert sentences.smallest_detectable("sensor.T3.bias", 1.3, unit="K") == "T3 sensor bias: 1.3 K"
+
+
+def test_a_sensor_and_a_component_as_rivals_are_told_the_likelier_first():
+    told = sentences.sensor_or_component(["sensor.T3.bias"], ["hpc.efficiency"], 0.41, 0.55, ["fan.efficiency"])
+    assert told == (
+        "cannot tell HPC isentropic efficiency from T3 sensor bias (beside fan isentropic efficiency): "
+        "0.55 against 0.41"
+    )
+
+
+def test_a_fault_of_the_catalogue_is_told_with_its_severity():
+    told = sentences.named_fault([("hpc_fouling", 0.93, 0.12)], 0.93)
+    assert told == "HPC fouling, severity 0.93 ± 0.12 (probability 0.93)"
+
+
+def test_records_that_are_needed_are_counted_and_those_that_do_not_help_named():
+    assert sentences.further_records("with T4_K", 12, 20, 0.512) == (
+        "12 records with T4_K for odds of 20 to 1 (non-centrality 0.512 per record)"
+    )
+    hopeless = sentences.further_records("like these", float("inf"), 20, 0)
+    assert hopeless == "records like these would not tell them apart"

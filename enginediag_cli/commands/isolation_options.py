@@ -1,0 +1,241 @@
+"""What `isolate` can be asked beyond the set of changes: sensors, signs, names, large faults, advice."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from functools import wraps
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from enginediag_cli.commands.windows import Intake, Window, load_monitor
+from enginediag_cli.presentation.messages import Messages
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    from enginediag_cli.isolation.diagnosis import Diagnosis, DiagnosisOptions
+    from enginediag_cli.isolation.methods import IsolationOptions
+    from enginediag_cli.isolation.window_model import WindowModel
+    from enginediag_cli.recordings.table import Recording
+    from enginediag_cli.residuals.kept_records import KeptRecords
+    from enginediag_cli.residuals.monitor import Monitor
+    from enginediag_cli.residuals.pipeline import WindowStatistics
+
+ADVISED = 3
+"""Operating conditions advised."""
+
+
+@dataclass(frozen=True)
+class Further:
+    """Choices of `further_options`; extra: model column → noise of a further sensor, in the column's unit."""
+
+    sensors: bool = False
+    one_sided: bool = False
+    catalogue: tuple[str, ...] = ()
+    nonlinear: str = "auto"
+    advise: bool = False
+    extra: dict[str, float] = field(default_factory=dict)
+
+    @property
+    def notes(self) -> dict[str, str]:
+        """Choices that the result depends on, for the provenance header."""
+        told = {"sensors": self.sensors, "one_sided": self.one_sided, "nonlinear": self.nonlinear != "auto"}
+        shown = {name: "yes" for name, chosen in told.items() if chosen}
+        return {**shown, **({"nonlinear": self.nonlinear} if "nonlinear" in shown else {})}
+
+    def files(self) -> list[str]:
+        """Files of the catalogue; of a folder, its YAML files."""
+        from pathlib import Path
+
+        found: list[str] = []
+        for name in self.catalogue:
+            path = Path(name)
+            here = sorted(map(str, path.glob("*.yaml"))) if path.is_dir() else [name]
+            if not here:
+                raise click.UsageError(f"--catalogue: no YAML file in {name}")
+            found += here
+        return found
+
+    def keeps(self, method: str, linearise: str) -> bool:
+        """Whether the records may be needed: not for the full model where the linear statistic at nominal is
+        asked for."""
+        return self.advise or self._full_model(method, linearise)
+
+    def _full_model(self, method: str, linearise: str) -> bool:
+        wanted = self.nonlinear == "always" or (self.nonlinear == "auto" and linearise == "estimate")
+        return method == "posterior" and wanted
+
+    def diagnosis_options(
+        self, method: str, linearise: str, isolation: IsolationOptions
+    ) -> DiagnosisOptions:
+        """Everything that the diagnosis of a window needs; reads the catalogue."""
+        from enginediag_cli.isolation.diagnosis import DiagnosisOptions
+        from enginediag_cli.simulation.fault_file import load_faults
+        from enginediag_cli.simulation.faults import FaultSet
+
+        # a fault that several files hold is described best by the one that holds the fewest others
+        parts = sorted((load_faults(file) for file in self.files()), key=lambda part: len(part.names))
+        components = tuple(fault for part in parts for fault in part.components)
+        catalogue = FaultSet(components, tuple(fault for part in parts for fault in part.sensors))
+        nonlinear = self.nonlinear if self._full_model(method, linearise) else "never"
+        return DiagnosisOptions(method, isolation, self.one_sided, nonlinear, catalogue if parts else None)
+
+    def check(self, method: str, by: str, nominal: str | None, reference: bool) -> None:
+        """Raises click.UsageError for choices that do not go together."""
+        if by == "component" and (self.one_sided or self.catalogue or self.advise or self.nonlinear == "always"):
+            raise click.UsageError(
+                "--one-sided, --catalogue, --nonlinear and --advise go with --by parameter"
+            )
+        if method != "posterior" and (self.one_sided or self.nonlinear == "always"):
+            raise click.UsageError("--one-sided and --nonlinear always go with --method posterior")
+        if nominal is None and (self.sensors or self.advise or self.nonlinear == "always"):
+            raise click.UsageError("--sensors, --advise and --nonlinear always need --nominal")
+        if reference and self.nonlinear == "always":
+            raise click.UsageError("--nonlinear always does not go with --reference or --model-error")
+        if self.extra and not self.advise:
+            raise click.UsageError("--extra-sensor goes with --advise")
+
+    def monitor(self, messages: Messages, nominal: str, patterns: tuple[str, ...]) -> Monitor:
+        """The engine with what is watched; with `--sensors`, also the bias of every sensor in use."""
+        monitor = load_monitor(messages, nominal, patterns)
+        self._check_extra(monitor)
+        if not self.sensors:
+            return monitor
+        from enginediag_cli.identification.nominal_file import read_nominal
+        from enginediag_cli.residuals.monitor import monitor_from_nominal
+
+        biases = [
+            p.name
+            for column in monitor.sensors
+            for p in monitor.engine.sensors[column].parameters()
+            if p.name.endswith(".bias")
+        ]
+        return monitor_from_nominal(monitor.engine, read_nominal(nominal), (*monitor.monitored, *biases))
+
+
+    def _check_extra(self, monitor: Monitor) -> None:
+        from enginediag_cli.config.hints import near
+        from enginediag_cli.errors import DataError
+
+        engine: Any = monitor.engine
+        if not self.extra:
+            return
+        columns = (*engine.sensors, *engine.model_columns)
+        for column in self.extra:
+            if column not in columns:
+                raise DataError(f"--extra-sensor: {engine.name} has no column {column!r}; {near(column, columns)}")
+
+
+@dataclass
+class KeepingIntake(Intake):
+    """An intake that keeps the records of the windows being judged."""
+
+    kept: KeptRecords | None = None
+
+    def _condensed(self, chunks: Iterable[Recording]) -> Iterator[Window]:
+        yield from super()._condensed(self.kept.passing(chunks) if self.kept is not None else chunks)
+
+    def model(self, window: WindowStatistics) -> Callable[[], WindowModel | None] | None:
+        """The records of a window with the full model, when asked for; None where that has no meaning."""
+        if self.kept is None or self.monitor is None:
+            return None
+        kept, monitor = self.kept, self.monitor
+        kept.let_go(window)
+
+        def records() -> WindowModel | None:
+            from enginediag_cli.isolation.window_model import WindowModel
+
+            found = kept.of(window)
+            return None if found is None else WindowModel(monitor, *found)
+
+        return records
+
+
+def advice_for(further: Further, monitor: Monitor, diagnosis: Diagnosis, model: WindowModel | None) -> list[str]:
+    """What would best separate the answer from its leading rival, in words; empty when it has none."""
+    from enginediag_cli.isolation.advice import advise, condition_options, sensor_options
+    from enginediag_cli.isolation.conditions_grid import conditions_grid
+    from enginediag_cli.presentation.names import in_words, listed
+    from enginediag_cli.presentation.sentences import further_records
+
+    result = diagnosis.result
+    if not result.rivals:
+        return []
+    rivals = (result.isolated, result.rivals[0].parameters)
+    words = [listed([in_words(name) for name in names]) or "no change" for names in rivals]
+    told = [f"to tell {words[0]} from {words[1]}:"]
+    grid = conditions_grid(monitor.engine)
+    options = condition_options(monitor, grid) if grid else []
+    found = advise(diagnosis.score, rivals, options, monitor.uncertainty)
+    for one in found[:ADVISED]:
+        where = ", ".join(f"{column} {value:.4g}" for column, value in one.values.items())
+        unseen = "" if one.known else " (beyond the operating points identified)"
+        told.append(f"{further_records(f'at {where}', one.records, one.odds, one.noncentrality)}{unseen}")
+    if model is not None:
+        for one in advise(
+            diagnosis.score, rivals, sensor_options(monitor, model.inputs, further.extra), monitor.uncertainty
+        ):
+            where = f"with {one.label}" if one.values else "like these"
+            told.append(further_records(where, one.records, one.odds, one.noncentrality))
+    return told
+
+
+def further_options(function: Callable[..., Any]) -> Callable[..., Any]:
+    """The options of `Further`, as one argument `further`."""
+
+    @wraps(function)
+    def with_further(
+        *args: Any,
+        sensors: bool,
+        one_sided: bool,
+        catalogue: tuple[str, ...],
+        nonlinear: str,
+        advise: bool,
+        extra_sensors: tuple[tuple[str, float], ...],
+        **others: Any,
+    ) -> Any:
+        further = Further(sensors, one_sided, catalogue, nonlinear, advise, dict(extra_sensors))
+        return function(*args, further=further, **others)
+
+    options = [
+        click.option("--sensors", is_flag=True, help="Watch for a bias of every sensor, too."),
+        click.option(
+            "--catalogue",
+            metavar="FILE",
+            type=click.Path(exists=True, readable=True),
+            multiple=True,
+            help="Faults to be named: a fault file, or a folder of them. May be given several times.",
+        ),
+        click.option(
+            "--one-sided",
+            is_flag=True,
+            help="Changes have known signs: efficiencies fall, and other parameters go the way on which "
+            "the catalogue agrees.",
+        ),
+        click.option(
+            "--nonlinear",
+            type=click.Choice(["auto", "always", "never"]),
+            default="auto",
+            show_default=True,
+            help="Fit leading sets with the full model: when changes are too large for the quadratic "
+            "likelihood, always, or never.",
+        ),
+        click.option(
+            "--advise",
+            is_flag=True,
+            help="Say what to record next to tell the answer from its leading rival.",
+        ),
+        click.option(
+            "--extra-sensor",
+            "extra_sensors",
+            metavar="COLUMN SIGMA",
+            type=(str, click.FloatRange(min=0, min_open=True)),
+            multiple=True,
+            help="A sensor to consider with --advise: any column of the model, and its noise.",
+        ),
+    ]
+    for option in reversed(options):
+        with_further = option(with_further)
+    return with_further

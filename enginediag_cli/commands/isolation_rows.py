@@ -1,0 +1,156 @@
+"""The answer of `isolate`: one row per window and isolated parameter, and the same in words."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from typing import TYPE_CHECKING, Any
+
+from enginediag_cli.presentation.messages import Messages
+
+if TYPE_CHECKING:
+    from enginediag_cli.detection.verdict import Verdict
+    from enginediag_cli.isolation.diagnosis import Diagnosis
+    from enginediag_cli.isolation.named_faults import NamedIsolation
+
+
+def isolation_rows(
+    verdict: Verdict,
+    diagnosis: Diagnosis | None,
+    units: dict[str, str],
+    catalogue: bool = False,
+    advice: Sequence[str] | None = None,
+) -> Iterator[dict[str, Any]]:
+    """Rows of one window: one per isolated parameter, or a single one when there is none.
+
+    catalogue: with columns for named faults; advice: sentences, a column where they were asked for.
+    """
+    from enginediag_cli.residuals.flat import window_row
+
+    row = window_row(verdict.window)
+    row.update(
+        verdict=verdict.verdict,
+        p_value=verdict.test.p_value if verdict.test else None,
+        isolated=None,
+        probability=None,
+        parameter=None,
+        inclusion=None,
+        change=None,
+        lower=None,
+        upper=None,
+        unit=None,
+        percent=None,
+        rivals=None,
+        rivals_left_out=None,
+        note=verdict.reason,
+    )
+    if catalogue:
+        row.update(named=None, named_probability=None, severity=None, named_rivals=None)
+        if diagnosis is not None and diagnosis.named is not None:
+            row.update(_named_cells(diagnosis.named))
+    if advice is not None:
+        row["advice"] = list(advice)
+    if diagnosis is None:
+        yield row
+        return
+    result = diagnosis.result
+    row.update(
+        isolated=list(result.isolated),
+        probability=result.probability,
+        rivals=[f"{' & '.join(r.parameters) or 'nothing'} ({r.probability:.2g})" for r in result.rivals],
+        rivals_left_out=result.rivals_left_out,
+        note=result.note,
+    )
+    if not result.sizes:
+        yield row
+    for size in result.sizes:
+        yield {
+            **row,
+            "parameter": size.parameter,
+            "inclusion": result.inclusion.get(size.parameter),
+            "change": size.change,
+            "lower": size.lower,
+            "upper": size.upper,
+            "unit": units.get(size.parameter, ""),
+            "percent": size.percent,
+        }
+
+
+def _named_cells(named: NamedIsolation) -> dict[str, Any]:
+    return {
+        "named": list(named.faults) or (["unlisted"] if named.free else []),
+        "named_probability": named.probability,
+        "severity": [f"{s.value:.3g} ({s.lower:.3g} to {s.upper:.3g})" for s in named.severities],
+        "named_rivals": [f"{' & '.join(r.parameters) or 'nothing'} ({r.probability:.2g})" for r in named.rivals],
+    }
+
+
+def where(verdict: Verdict) -> str:
+    """Which window it is: its flight and engine, or else file and lines."""
+    window = verdict.window
+    names = (window.flight and f"flight {window.flight}", window.engine and f"engine {window.engine}")
+    return " ".join(filter(None, names)) or f"{window.source}:{window.first_line}-{window.last_line}"
+
+
+def tell(
+    messages: Messages,
+    verdict: Verdict,
+    diagnosis: Diagnosis | None,
+    units: dict[str, str],
+    advice: Sequence[str] = (),
+) -> None:
+    """The answer for one window in words."""
+    from enginediag_cli.presentation.numbers import probability
+    from enginediag_cli.presentation.sentences import change, no_verdict, sensor_or_component
+
+    here = where(verdict)
+    if diagnosis is None:
+        messages.note(no_verdict(verdict.reason, where=here))
+        return
+    result = diagnosis.result
+    told = [
+        change(
+            size.parameter,
+            size.change,
+            size.upper - size.change,
+            unit=units.get(size.parameter, "").removeprefix("1"),
+            chance=result.inclusion.get(size.parameter),
+        )
+        for size in result.sizes
+    ]
+    exactly = f"; exactly this: probability {probability(result.probability)}" if result.inclusion else ""
+    messages.note(f"{here}: {'; '.join(told) if told else 'no change of a parameter stands out'}{exactly}")
+    if diagnosis.nonlinear:
+        messages.note(f"{here}: a large change, judged with the full model")
+    if diagnosis.rivalry is not None:
+        r = diagnosis.rivalry
+        told_rivalry = sensor_or_component(r.sensors, r.components, r.of_sensors, r.of_components, r.shared)
+        messages.note(f"{here}: {told_rivalry}")
+    if result.rivals:
+        rivals = [" & ".join(r.parameters) or "no change" for r in result.rivals[:3]]
+        more = len(result.rivals) - len(rivals) + result.rivals_left_out
+        behind = f" and {more} more" if more else ""
+        share = f" (with the answer, {100 * result.coverage:.3g} % in all)" if result.inclusion else ""
+        messages.note(f"{here}: not excluded either: {'; '.join(rivals)}{behind}{share}")
+    if diagnosis.named is not None:
+        messages.note(f"{here}: {_named_sentence(diagnosis.named)}")
+    for sentence in advice:
+        messages.note(f"{here}: {sentence}")
+
+
+def _named_sentence(named: NamedIsolation) -> str:
+    """The named answer and its leading rival."""
+    from enginediag_cli.presentation.names import in_words, listed
+    from enginediag_cli.presentation.numbers import probability
+    from enginediag_cli.presentation.sentences import named_fault
+
+    if named.faults:
+        told = named_fault([(s.fault, s.value, s.upper - s.value) for s in named.severities], named.probability)
+    elif named.free:
+        told = f"none of the catalogue's faults (probability {probability(named.unlisted)})"
+    else:
+        told = f"no fault of the catalogue (probability {probability(named.probability)})"
+    if named.rivals:
+        rival = named.rivals[0]
+        name = listed([in_words(n) for n in rival.parameters]) or "no fault"
+        told += f"; next: {name} ({probability(rival.probability)})"
+    return told

@@ -1,0 +1,112 @@
+"""One answer for one window: which parameters changed, by all that is asked for.
+
+The posterior over sets, with the full nonlinear model where changes are too large for the quadratic one, and with
+what is known of signs; faults of a catalogue by name; whether a sensor and a component are rivals.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+
+from enginediag_cli.residuals.score import Score
+from enginediag_cli.simulation.faults import FaultSet
+
+from .large_faults import CHECKED, NATS, nonlinear_posterior, quadratic_error
+from .methods import IsolationOptions, isolate, posterior_result
+from .named_faults import NamedIsolation, isolate_named
+from .posterior import set_posterior
+from .result import IsolationResult
+from .rivals import SensorRivalry, sensor_rivalry
+from .signs import known_signs, one_sided_posterior
+from .window_model import WindowModel
+
+NONLINEAR = ("auto", "always", "never")
+MANY = 12
+LARGEST_OF_MANY = 5
+"""Of more than MANY parameters, no more than so many change together unless asked otherwise: a second's work
+becomes hundredths."""
+
+
+@dataclass(frozen=True)
+class DiagnosisOptions:
+    """`isolation`: choices common to the methods; one_sided: efficiencies fall, other signs from the catalogue;
+    nonlinear: one of NONLINEAR; catalogue: faults to be named."""
+
+    method: str = "posterior"
+    isolation: IsolationOptions = field(default_factory=IsolationOptions)
+    one_sided: bool = False
+    nonlinear: str = "auto"
+    catalogue: FaultSet | None = None
+
+
+@dataclass(frozen=True)
+class Diagnosis:
+    """The result, the score that it rests on, and what else was asked for."""
+
+    result: IsolationResult
+    score: Score
+    named: NamedIsolation | None
+    rivalry: SensorRivalry | None
+    nonlinear: bool
+
+
+def diagnose(
+    score: Score, options: DiagnosisOptions, records: Callable[[], WindowModel | None] | None = None
+) -> Diagnosis:
+    """Diagnosis of one window; `records` gives its records with the full model, when there are any.
+
+    Methods other than the posterior are as `isolate` gives them. DataError when no fault of the catalogue can
+    be told by the score's parameters.
+    """
+    isolation = options.isolation
+    many = len(score.parameters) > MANY and isolation.largest is None and isolation.faults is None
+    if many:
+        isolation = replace(isolation, largest=LARGEST_OF_MANY)
+    large = False
+    if options.method == "posterior":
+        score, result, large = _by_posterior(score, isolation, options, records)
+    else:
+        result = isolate(score, options.method, isolation)
+    named = None
+    if options.catalogue is not None:
+        named = isolate_named(
+            score,
+            options.catalogue,
+            prior=isolation.prior,
+            coverage=isolation.coverage,
+            confidence=isolation.confidence,
+            largest=isolation.largest,
+        )
+    return Diagnosis(result, score, named, sensor_rivalry(result), large)
+
+
+def _by_posterior(
+    score: Score,
+    isolation: IsolationOptions,
+    options: DiagnosisOptions,
+    records: Callable[[], WindowModel | None] | None,
+) -> tuple[Score, IsolationResult, bool]:
+    prior, notes = isolation.prior, []
+    posterior = set_posterior(score, prior, largest=isolation.largest, faults=isolation.faults)
+    large = False
+    if options.nonlinear != "never" and records is not None and posterior.masks[0].any():
+        model = records()
+        if model is None:
+            notes.append("the records are no longer at hand for the full model")
+        elif options.nonlinear == "always" or quadratic_error(model, score, posterior.masks[:CHECKED]) > NATS:
+            found = nonlinear_posterior(
+                model, score, prior, largest=isolation.largest, faults=isolation.faults
+            )
+            score, posterior, prior, large = found.score, found.posterior, found.prior, True
+            if not found.converged:
+                notes.append("a fit of the full model did not converge")
+    if options.one_sided:
+        faults = options.catalogue.components if options.catalogue is not None else ()
+        signs = known_signs(score.parameters, faults)
+        posterior = one_sided_posterior(score, posterior, signs, prior)
+    result = posterior_result(score, posterior, isolation)
+    if notes:
+        note = "; ".join(filter(None, [result.note, *notes]))
+        result = replace(result, note=note, complete=result.complete and len(notes) == 0)
+    return score, result, large

@@ -1,0 +1,212 @@
+"""Named faults of a catalogue as directional hypotheses, next to free sets of parameters.
+
+A fault of the catalogue moves the parameters along its direction, Δθ = a d, severity a > 0. Ratios within d are
+not universal, so d stands for a cone: Δθ = Σ w_i d_i, w_i > 0, a = Σ w_i, whose ratios lie within `ratio_spread`
+of the catalogue's. With β_i = d_iᵀb, κ_ij = d_iᵀI d_j, half-normal weights of scale τ and A = κ + 1/τ², the
+marginal likelihood of a fault of q generators is
+
+    mean over τ of  2^q τ^−q (det A)^−½ exp(½ βᵀA⁻¹β) P(w > 0),   w ~ N(A⁻¹β, A⁻¹),
+
+and that of two faults together the same with the generators of both. Bias and scale faults of sensors go either
+way. A fault is present with the probability `presence`; if something changed, it is none of the catalogue with
+the probability `unlisted`, and then any set of parameters, as in the posterior over sets.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+
+from enginediag_cli.errors import DataError
+from enginediag_cli.residuals.score import Score
+from enginediag_cli.simulation.faults import FaultSet
+
+from .directions import NamedFault, named_faults
+from .posterior import set_posterior
+from .prior import SetPrior
+from .result import Explanation
+from .signs import orthant_moments
+
+FREE_LISTED = 50
+"""Free sets named one by one among the rivals."""
+
+
+@dataclass(frozen=True)
+class Severity:
+    """Estimated severity of a named fault, 1 being the catalogue's size, with standard error and interval."""
+
+    fault: str
+    value: float
+    standard_error: float
+    lower: float
+    upper: float
+
+
+@dataclass(frozen=True)
+class NamedIsolation:
+    """The most probable account of the data in the catalogue's terms.
+
+    faults: names of the answer, empty when nothing changed or when it is not of the catalogue; free: then the
+    most probable set of parameters; probability of the answer (of all free sets together where the answer is
+    free); severities of the named; rivals: other answers, likeliest first, which with it hold `coverage`
+    (a free rival is named by its parameters); unlisted: probability that the change is none of the catalogue;
+    untestable: faults that these data could not show, with the reason.
+    """
+
+    faults: tuple[str, ...]
+    free: tuple[str, ...]
+    probability: float
+    severities: tuple[Severity, ...]
+    rivals: tuple[Explanation, ...]
+    coverage: float
+    unlisted: float
+    untestable: dict[str, str]
+
+
+def isolate_named(
+    score: Score,
+    catalogue: FaultSet,
+    *,
+    prior: SetPrior | None = None,
+    presence: float = 0.05,
+    unlisted: float = 0.2,
+    scales: tuple[float, ...] = (0.3, 1.0, 3.0),
+    ratio_spread: float = 1.7,
+    coverage: float = 0.95,
+    confidence: float = 0.95,
+    largest: int | None = None,
+) -> NamedIsolation:
+    """Compare no change, each fault, each two faults, and free sets, by marginal likelihood.
+
+    scales: scales of the severity, each as probable as the others; prior: of free sets; other arguments as in
+    the module's equation. DataError when no fault of the catalogue can be seen in these data.
+    """
+    faults, untestable = named_faults(catalogue, score.parameters, score.theta0, ratio_spread=ratio_spread)
+    if not faults:
+        reasons = "; ".join(f"{name}: {reason}" for name, reason in untestable.items())
+        raise DataError(f"no fault of the catalogue can be told by these parameters ({reasons})")
+    prior = prior or SetPrior()
+    n = len(faults)
+    answers: list[tuple[tuple[int, ...], float]] = [((), n * np.log1p(-presence))]
+    for size in (1, 2):
+        for members in combinations(range(n), size):
+            if size == 2 and _same_parameters(faults[members[0]], faults[members[1]]):
+                continue
+            log_prior = size * np.log(presence) + (n - size) * np.log1p(-presence)
+            chosen = [faults[i] for i in members]
+            answers.append((members, log_prior + _moments(score, chosen, scales)[0]))
+    sets = set_posterior(score, prior, largest=largest)
+    # all free sets with a change have together the share `unlisted` of the prior of a change
+    changed = float(-np.expm1(prior.log_of_size(len(score.parameters))[0]))
+    evidence = sets.log_evidence - np.log(changed) + float(np.log1p(-changed))
+    log_free = np.log(unlisted / (1 - unlisted)) + np.log(-np.expm1(n * np.log1p(-presence))) + evidence
+    logs = np.array([log for _, log in answers] + [log_free])
+    probabilities = np.exp(logs - np.logaddexp.reduce(logs))
+    free_masks = sets.masks.any(axis=1)
+    free_shares = sets.probabilities[free_masks] / sets.probabilities[free_masks].sum()
+    entries = [
+        Explanation(tuple(faults[i].name for i in members), float(q))
+        for (members, _), q in zip(answers, probabilities, strict=False)
+    ]
+    entries += [
+        Explanation(sets.names(int(i)), float(probabilities[-1] * q))
+        for i, q in zip(np.flatnonzero(free_masks)[:FREE_LISTED], free_shares[:FREE_LISTED], strict=False)
+    ]
+    named_best = int(np.argmax(probabilities[:-1]))
+    free_first = probabilities[-1] > probabilities[named_best]
+    answer = entries[len(answers)] if free_first else entries[named_best]
+    held = float(probabilities[-1]) if free_first else answer.probability
+    others = sorted(
+        (e for k, e in enumerate(entries) if e is not answer and not (free_first and k >= len(answers))),
+        key=lambda e: -e.probability,
+    )
+    return NamedIsolation(
+        () if free_first else answer.parameters,
+        answer.parameters if free_first else (),
+        held,
+        ()
+        if free_first
+        else tuple(_severities(score, [faults[i] for i in answers[named_best][0]], scales, confidence)),
+        tuple(_until(others, coverage - held)),
+        coverage,
+        float(probabilities[-1]),
+        untestable,
+    )
+
+
+def _until(entries: Sequence[Explanation], wanted: float) -> list[Explanation]:
+    """The first entries, until they hold the probability `wanted`."""
+    kept: list[Explanation] = []
+    for entry in entries:
+        if sum(e.probability for e in kept) >= wanted or entry.probability < 1e-4:
+            break
+        kept.append(entry)
+    return kept
+
+
+def _same_parameters(one: NamedFault, other: NamedFault) -> bool:
+    return bool(np.array_equal(one.own != 0, other.own != 0))
+
+
+def _moments(
+    score: Score, faults: Sequence[NamedFault], scales: Sequence[float]
+) -> tuple[float, np.ndarray, np.ndarray, np.ndarray]:
+    """log marginal likelihood of `faults` together; per scale of severity its share (h,), and mean (h, k) and
+    covariance (h, k, k) of the severities."""
+    D = np.concatenate([f.generators for f in faults])
+    counts = np.array([len(f.generators) for f in faults])
+    owner = np.repeat(np.arange(len(faults)), counts)
+    # weights of q generators such that the severity, their sum, has the mean square of its scale
+    q = counts[owner]
+    unit = 1 / np.sqrt(q * (1 + (q - 1) * 2 / np.pi))
+    tau = np.asarray(scales, float)[:, None] * unit
+    beta = D @ score.b
+    A = D @ score.information @ D.T + np.eye(len(D)) / tau[:, :, None] ** 2
+    covariance = np.linalg.inv(A)
+    mean = covariance @ beta
+    log = 0.5 * mean @ beta - 0.5 * np.linalg.slogdet(A)[1] - np.log(tau).sum(axis=1)
+    cut = np.array([f.one_sided for f in faults])[owner]
+    if cut.any():
+        positive, mean, covariance = _cut(mean, covariance, cut)
+        log = log + cut.sum() * np.log(2) + np.log(positive)
+    total = float(np.logaddexp.reduce(log))
+    to_severity = (owner == np.arange(len(faults))[:, None]).astype(float)
+    return (
+        total - float(np.log(len(log))),
+        np.exp(log - total),
+        mean @ to_severity.T,
+        to_severity @ covariance @ to_severity.T,
+    )
+
+
+def _cut(
+    mean: np.ndarray, covariance: np.ndarray, cut: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """P(w_cut > 0) (h,), and mean (h, k) and covariance (h, k, k) given that; the others follow linearly."""
+    inner = covariance[:, cut][:, :, cut]
+    positive, centre, spread = orthant_moments(mean[:, cut], inner)
+    gain = np.swapaxes(np.linalg.solve(inner, covariance[:, cut]), 1, 2)  # of all on the cut ones
+    new_mean = mean + np.einsum("hij,hj->hi", gain, centre - mean[:, cut])
+    return positive, new_mean, covariance + gain @ (spread - inner) @ np.swapaxes(gain, 1, 2)
+
+
+def _severities(
+    score: Score, faults: Sequence[NamedFault], scales: Sequence[float], confidence: float
+) -> list[Severity]:
+    """Severity of each fault: moments of the mixture over scales, with a normal interval cut at zero."""
+    from scipy.special import ndtri
+
+    if not faults:
+        return []
+    _, shares, mean, covariance = _moments(score, faults, scales)
+    found = []
+    for i, fault in enumerate(faults):
+        value = float(shares @ mean[:, i])
+        error = float(np.sqrt(shares @ (covariance[:, i, i] + mean[:, i] ** 2) - value**2))
+        reach = float(-ndtri((1 - confidence) / 2)) * error
+        lower = max(value - reach, 0.0) if fault.one_sided else value - reach
+        found.append(Severity(fault.name, value, error, lower, value + reach))
+    return found

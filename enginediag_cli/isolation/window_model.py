@@ -1,0 +1,124 @@
+"""The records of one window with the full model: the log likelihood of any change, and its expansion there.
+
+Readings are weighed by their long-run noise as everywhere, and what is uncertain about nominal and the sensors,
+x ~ N(0, C), acts linearly with the sensitivities J₀ at nominal, where identification left it. With z the whitened
+residuals at the change δ, G and G₀ the whitened sensitivities of the monitored and of all parameters, C = R Rᵀ,
+
+    ℓ(δ) = −½ [zᵀz − sᵀ K⁻¹ s],   s = Rᵀ G₀ᵀ z,   K = 1 + Rᵀ G₀ᵀ G₀ R
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from enginediag_cli.residuals.local import whiten
+from enginediag_cli.residuals.monitor import Monitor
+from enginediag_cli.residuals.score import Score
+
+MAX_POINTS = 20_000
+"""Records times sets computed in one call of the engine."""
+
+
+@dataclass(frozen=True)
+class Expansion:
+    """ℓ relative to no change, its gradient (p,) and information (p, p) at one change of monitored parameters."""
+
+    log_likelihood: float
+    gradient: np.ndarray
+    information: np.ndarray
+
+    def score_about(self, template: Score, change: np.ndarray) -> tuple[Score, float]:
+        """The expansion at `change` (p,) carried back to nominal: a score, and ℓ of it at nominal.
+
+        ℓ(δ) ≈ offset + β·δ − ½ δᵀ I δ.
+        """
+        b = self.gradient + self.information @ change
+        offset = self.log_likelihood - float(b @ change) + 0.5 * float(change @ self.information @ change)
+        d = template.prior_sigma
+        scaled, rhs = d[:, None] * self.information * d, d * b
+        eigenvalues, vectors = np.linalg.eigh(scaled)
+        kept = eigenvalues > 1e-9 * max(float(eigenvalues[-1]), 1e-300)
+        glr = float(np.sum((rhs @ vectors[:, kept]) ** 2 / eigenvalues[kept]))
+        local = Score(
+            template.parameters, template.theta0, d, b, self.information, glr, int(np.count_nonzero(kept))
+        )
+        return local, offset
+
+
+class WindowModel:
+    """Likelihood of one window's records; inputs: column -> (N,), y (N, m) with NaN where missing.
+
+    Records that the engine cannot compute at nominal are left out; a change at which it cannot compute another
+    has log likelihood −inf.
+    """
+
+    def __init__(self, monitor: Monitor, inputs: Mapping[str, np.ndarray], y: np.ndarray):
+        self.monitor = monitor
+        self.p = len(monitor.monitored)
+        predicted, J, ok, _ = monitor.predict(dict(inputs), monitor.theta0)
+        self.inputs = {column: np.asarray(values)[ok] for column, values in inputs.items()}
+        self.y = y[ok]
+        z, G = whiten(self.y - predicted[ok], J[ok], monitor.noise)
+        present = np.isfinite(self.y) & np.all(np.isfinite(J[ok]), axis=2)
+        eigenvalues, vectors = np.linalg.eigh(monitor.uncertainty)
+        seen = eigenvalues > 1e-14 * max(float(eigenvalues[-1]), 0.0)
+        root = vectors[:, seen] * np.sqrt(eigenvalues[seen])
+        self._present = present
+        self._doubt = G.reshape(-1, G.shape[2]) @ root
+        self._inner = np.eye(root.shape[1]) + self._doubt.T @ self._doubt
+        self._at_nominal = 0.0
+        self._at_nominal = self._expansion(z, G[:, :, : self.p]).log_likelihood
+
+    @property
+    def prior_sigma(self) -> np.ndarray:
+        return self.monitor.prior_sigma[: self.p]
+
+    @property
+    def records(self) -> int:
+        return len(self.y)
+
+    def clipped(self, changes: np.ndarray) -> np.ndarray:
+        """Changes (w, p) within the bounds of the parameters."""
+        theta0 = self.monitor.theta0[: self.p]
+        return np.asarray(
+            np.clip(changes, self.monitor.lower[: self.p] - theta0, self.monitor.upper[: self.p] - theta0)
+        )
+
+    def log_likelihood(self, changes: np.ndarray) -> np.ndarray:
+        """ℓ(δ) − ℓ(0) (w,) of changes (w, p); −inf where the engine cannot compute a record."""
+        return np.array([e.log_likelihood for e in self.expand(changes)])
+
+    def expand(self, changes: np.ndarray) -> list[Expansion]:
+        """Expansion about each of w changes (w, p)."""
+        found: list[Expansion] = []
+        N, at_once = self.records, max(1, MAX_POINTS // max(self.records, 1))
+        for first in range(0, len(changes), at_once):
+            part = changes[first : first + at_once]
+            theta = np.tile(self.monitor.theta0, (len(part), 1))
+            theta[:, : self.p] += part
+            inputs = {c: np.tile(values, len(part)) for c, values in self.inputs.items()}
+            predicted, J, ok, _ = self.monitor.predict(inputs, np.repeat(theta, N, axis=0), nuisance=False)
+            for k in range(len(part)):
+                rows = slice(k * N, (k + 1) * N)
+                computed = np.isfinite(predicted[rows]) & np.all(np.isfinite(J[rows][:, :, : self.p]), axis=2)
+                if not np.all(ok[rows]) or np.any(self._present & ~computed):  # fewer readings would fit better
+                    nothing = np.full((self.p, self.p), np.nan)
+                    found.append(Expansion(-np.inf, nothing[0], nothing))
+                    continue
+                e = np.where(self._present, self.y - predicted[rows], np.nan)
+                z, G = whiten(e, J[rows][:, :, : self.p], self.monitor.noise)
+                found.append(self._expansion(z, G))
+        return found
+
+    def _expansion(self, z: np.ndarray, G: np.ndarray) -> Expansion:
+        columns, residual = G.reshape(-1, self.p), z.ravel()
+        s = self._doubt.T @ residual
+        cross = self._doubt.T @ columns
+        solved = np.linalg.solve(self._inner, np.column_stack([s, cross]))
+        log_likelihood = -0.5 * float(residual @ residual - s @ solved[:, 0]) - self._at_nominal
+        gradient = columns.T @ residual - cross.T @ solved[:, 0]
+        information = columns.T @ columns - cross.T @ solved[:, 1:]
+        return Expansion(log_likelihood, gradient, information)

@@ -1,0 +1,130 @@
+"""`isolate` with sensors, a catalogue, signs, advice and large faults, on a turbofan with a written nominal."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from enginediag_cli.__main__ import main
+from enginediag_cli.engine import load_engine
+from enginediag_cli.identification.envelope import learn_envelope
+from enginediag_cli.identification.nominal import Nominal, SensorNoise
+from enginediag_cli.identification.nominal_file import write_nominal
+from enginediag_cli.recordings.provenance import sha256_of
+from enginediag_cli.recordings.table import Recording
+from enginediag_cli.recordings.write import write_csv
+
+CONFIGS = Path(__file__).parents[2] / "configs"
+ENGINE = CONFIGS / "turbofan.yaml"
+N = 100
+WINDOWS = {
+    "hpc": {"hpc.efficiency": 0.98},
+    "T3": {"sensor.T3.bias": 5.0},
+    "fouled": {"hpc.flow_capacity": 0.97, "hpc.efficiency": 0.985},
+    "large": {"lpt.flow_capacity": 0.9},
+    "slight": {"hpc.efficiency": 0.998},
+}
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """nominal.yaml and one recording per fault of WINDOWS."""
+    folder = tmp_path_factory.mktemp("isolate")
+    engine, rng = load_engine(ENGINE), np.random.default_rng(1)
+    phase = np.linspace(0, 1, N)
+    columns = {"altitude_m": 9e3 * phase, "mach": 0.3 + 0.5 * phase, "dT_isa_K": np.full(N, 5.0)}
+    columns[engine.power_setting] = engine.power_from_fraction(0.95 - 0.3 * phase, columns)
+    columns = {c: columns[c] for c in engine.inputs}
+    sigma = {c: s.noise_sigma for c, s in engine.sensors.items()}
+    for name, fault in WINDOWS.items():
+        y = engine.predict(columns, fault).y
+        readings = {c: y[:, j] + sigma[c] * rng.standard_normal(N) for j, c in enumerate(sigma)}
+        write_csv(folder / f"{name}.csv", [Recording({**columns, "time_s": 10.0 * np.arange(N), **readings})])
+    noise = tuple(SensorNoise(c, s, 0.0, N, float(N), 0) for c, s in sigma.items())
+    nominal = Nominal(
+        str(ENGINE), sha256_of(ENGINE), engine.inputs, (), np.zeros((0, 0)), noise, np.eye(len(sigma)),
+        (), {}, (), (), (), (), learn_envelope(columns), {}, {},
+    )
+    write_nominal(nominal, folder / "nominal.yaml")
+    return folder
+
+
+@pytest.fixture
+def isolate(folder, capsys):
+    """`isolate(recording, *options)` → exit code, rows, what was said."""
+
+    def call(recording, *options, nominal=True):
+        words = ["-n", str(folder / "nominal.yaml")] if nominal else []
+        code = main(["isolate", *words, str(folder / f"{recording}.csv"), *options, "--format", "json"])
+        out, err = capsys.readouterr()
+        return code, json.loads(out) if code == 0 else [], err
+
+    return call
+
+
+@pytest.mark.parametrize(("recording", "name"), [("hpc", "hpc.efficiency"), ("T3", "sensor.T3.bias")])
+def test_with_sensors_the_fault_is_one_of_twenty_and_the_right_one(isolate, recording, name):
+    _, rows, _ = isolate(recording, "--sensors")
+    assert rows[0]["isolated"] == [name]
+
+
+def test_a_bias_is_told_in_the_sensors_own_words(isolate):
+    assert "T3 sensor reads 5" in isolate("T3", "--sensors")[2]
+
+
+def test_fouling_is_named_with_its_severity_out_of_the_catalogue(isolate):
+    files = [word for name in ("hpc_fouling", "hpc_damage", "hpt_erosion", "fan_damage", "sensor_T3_bias")
+             for word in ("--catalogue", str(CONFIGS / "faults" / f"{name}.yaml"))]
+    _, rows, err = isolate("fouled", *files)
+    assert rows[0]["named"] == ["hpc_fouling"] and rows[0]["named_probability"] > 0.5
+    assert "HPC fouling, severity " in err
+
+
+def test_a_folder_is_a_catalogue(isolate):
+    _, rows, _ = isolate("fouled", "--catalogue", str(CONFIGS / "faults"), "--one-sided")
+    assert rows[0]["named"] in (["hpc_fouling"], ["hpc_wear"])
+    assert {"hpc.efficiency", "hpc.flow_capacity"} <= set(rows[0]["isolated"])
+
+
+def test_a_large_fault_is_judged_with_the_full_model_and_the_answer_says_so(isolate):
+    _, rows, err = isolate("large")
+    assert rows[0]["isolated"] == ["lpt.flow_capacity"] and "judged with the full model" in err
+    assert rows[0]["lower"] < -0.1 < rows[0]["upper"]
+    assert "full model" not in isolate("slight")[2]
+
+
+def test_advice_names_operating_conditions_and_compares_them_with_more_of_the_same(isolate):
+    _, rows, err = isolate("slight", "--sensors", "--advise", "--extra-sensor", "T4_K", "5")
+    advice = rows[0]["advice"]
+    assert advice[0].startswith("to tell ")
+    assert any("altitude_m" in text for text in advice) and any("like these" in text for text in advice)
+    assert any("T4_K" in text for text in advice) and advice[1] in err
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        ("--one-sided", "--method", "incremental"),
+        ("--advise", "--by", "component"),
+        ("--extra-sensor", "T4_K", "5"),
+        ("--nonlinear", "always", "--reference", "10"),
+    ],
+)
+def test_choices_that_do_not_go_together_are_usage_errors(isolate, options):
+    assert isolate("hpc", *options)[0] == 2
+
+
+def test_sensors_and_advice_need_the_nominal_engine(isolate):
+    assert isolate("hpc", "--sensors", nominal=False)[0] == 2
+
+
+def test_an_unknown_extra_sensor_or_a_catalogue_of_another_engine_is_told_without_a_traceback(isolate, tmp_path):
+    code, _, err = isolate("slight", "--advise", "--extra-sensor", "T99_K", "5")
+    assert code == 2 and "T99_K" in err and "Traceback" not in err
+    other = tmp_path / "other.yaml"
+    other.write_text("kind: faults\nfaults:\n  - {name: x, changes: {afterburner.efficiency: -0.1}}\n")
+    code, _, err = isolate("hpc", "--catalogue", str(other))
+    assert code == 2 and "afterburner.efficiency" in err and "Traceback" not in err

@@ -1,0 +1,126 @@
+"""Large changes, judged by the full nonlinear model."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from turbofan_trials import faulty_window, turbofan_monitor, window_score
+
+from enginediag_cli.isolation.diagnosis import DiagnosisOptions, diagnose
+from enginediag_cli.isolation.large_faults import (
+    NATS,
+    fit_sets,
+    nonlinear_posterior,
+    quadratic_error,
+    restricted_changes,
+)
+from enginediag_cli.isolation.posterior import set_posterior
+from enginediag_cli.isolation.window_model import WindowModel
+from enginediag_cli.residuals.score import fisher_score
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "residuals"))
+from toy_engine import toy_monitor, toy_recording
+
+from enginediag_cli.residuals.pipeline import window_statistics
+from enginediag_cli.residuals.windows import WindowPlan
+
+
+def toy_window(seed, change, n=200, **monitor):
+    """Monitor, model and score of a window of the toy engine."""
+    watched = toy_monitor(**monitor)
+    recording = toy_recording(np.random.default_rng(seed), n, change=change)
+    inputs = {c: recording.columns[c] for c in watched.engine.inputs}
+    y = np.column_stack([recording.columns[c] for c in watched.sensors])
+    (window,) = window_statistics(watched, [recording], WindowPlan())
+    return WindowModel(watched, inputs, y), fisher_score(window.statistics)
+
+
+def test_the_expansion_has_the_gradient_of_the_log_likelihood_with_nuisance_taken_out():
+    model, _ = toy_window(1, {"hpc.efficiency": -0.02}, offset=3.0, uncertain=2.0)
+    change = np.array([0.001, -0.018, 0.002, 0.0])
+    (here,) = model.expand(change[None])
+    step = 1e-6 * np.eye(4)
+    ahead, behind = model.log_likelihood(change + step), model.log_likelihood(change - step)
+    np.testing.assert_allclose(here.gradient, (ahead - behind) / 2e-6, rtol=1e-4, atol=1e-2)
+
+
+def test_of_a_small_change_the_full_model_says_what_the_quadratic_says():
+    model, score = toy_window(2, {"hpc.efficiency": -0.002}, offset=3.0)
+    plain = set_posterior(score)
+    assert quadratic_error(model, score, plain.masks[:5]) < 0.1
+    found = nonlinear_posterior(model, score)
+    assert found.converged and found.posterior.names(0) == plain.names(0)
+    np.testing.assert_allclose(found.posterior.inclusion, plain.inclusion, atol=0.1)
+
+
+def test_the_fit_of_the_true_set_recovers_a_large_change_within_its_error():
+    model, score = toy_window(3, {"fan.efficiency": -0.08, "hpt.efficiency": -0.1})
+    mask = np.array([[True, False, False, True]])
+    (fit,) = fit_sets(model, mask, restricted_changes(score, mask))
+    assert fit.converged and fit.change[1] == fit.change[2] == 0
+    error = np.sqrt(np.diag(np.linalg.inv(fit.expansion.information[np.ix_([0, 3], [0, 3])])))
+    assert np.all(np.abs(fit.change[[0, 3]] - [-0.08, -0.1]) < 4 * error)
+
+
+def test_a_start_that_the_model_cannot_compute_is_replaced_by_no_change():
+    model, _ = toy_window(4, {"hpc.efficiency": -0.05})
+    mask = np.array([[False, True, False, False]])
+    with np.errstate(invalid="ignore"):
+        (fit,) = fit_sets(model, mask, np.full((1, 4), np.nan))
+    assert fit.converged and fit.change[1] == pytest.approx(-0.05, abs=0.005)
+
+
+def test_readings_that_are_missing_are_left_out_of_the_likelihood():
+    watched = toy_monitor()
+    recording = toy_recording(np.random.default_rng(5), 50, change={"hpc.efficiency": -0.05})
+    inputs = {c: recording.columns[c] for c in watched.engine.inputs}
+    y = np.column_stack([recording.columns[c] for c in watched.sensors])
+    y[::3, 1] = np.nan
+    blank = WindowModel(watched, inputs, y).log_likelihood(np.array([[0, -0.05, 0, 0]]))
+    full = WindowModel(watched, inputs, np.nan_to_num(y)).log_likelihood(np.array([[0, -0.05, 0, 0]]))
+    assert np.isfinite(blank[0]) and blank[0] > 0 and blank[0] != full[0]
+
+
+@pytest.mark.parametrize(
+    "change",
+    [{"lpt.flow_capacity": -0.1}, {"hpt.flow_capacity": -0.1, "lpt.flow_capacity": -0.1}, {"fan.efficiency": -0.05}],
+)
+def test_changes_of_5_and_10_percent_of_the_turbofan_are_isolated_exactly(change):
+    monitor = turbofan_monitor()
+    inputs, y = faulty_window(np.random.default_rng(6), monitor, change)
+    score = window_score(monitor, inputs, y)
+    found = diagnose(score, DiagnosisOptions(), lambda: WindowModel(monitor, inputs, y))
+    assert set(found.result.isolated) == set(change) and found.result.probability > 0.8
+    for size in found.result.sizes:
+        assert abs(size.change - change[size.parameter]) < 4 * size.standard_error
+
+
+def test_the_quadratic_isolates_too_much_after_10_percent_and_knows_that_it_fails():
+    monitor = turbofan_monitor()
+    rng = np.random.default_rng(7)
+    wrong = 0
+    for _ in range(4):
+        inputs, y = faulty_window(rng, monitor, {"lpt.flow_capacity": -0.1})
+        score = window_score(monitor, inputs, y)
+        plain = diagnose(score, DiagnosisOptions(nonlinear="never"))
+        model = WindowModel(monitor, inputs, y)
+        wrong += plain.result.isolated != ("lpt.flow_capacity",)
+        assert quadratic_error(model, score, set_posterior(score).masks[:5]) > NATS
+        found = diagnose(score, DiagnosisOptions(), lambda model=model: model)
+        assert found.nonlinear and found.result.isolated == ("lpt.flow_capacity",)
+    assert wrong >= 2
+
+
+def test_never_means_never_and_always_means_always():
+    model, score = toy_window(8, {"hpc.efficiency": -0.002})
+    for choice, expected in (("never", False), ("auto", False), ("always", True)):
+        assert diagnose(score, DiagnosisOptions(nonlinear=choice), lambda: model).nonlinear is expected
+
+
+def test_records_no_longer_at_hand_are_told_in_the_note():
+    _, score = toy_window(9, {"hpc.efficiency": -0.02})
+    found = diagnose(score, DiagnosisOptions(), lambda: None)
+    assert "no longer at hand" in found.result.note and not found.result.complete

@@ -1,0 +1,68 @@
+"""Sensor faults next to component faults, on the real turbofan: 1 of 11 + 9."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from turbofan_trials import faulty_window, turbofan_monitor, window_score
+
+from enginediag_cli.isolation.diagnosis import DiagnosisOptions, diagnose
+from enginediag_cli.isolation.result import Explanation, IsolationResult
+from enginediag_cli.isolation.rivals import sensor_rivalry
+from enginediag_cli.presentation.sentences import sensor_or_component
+
+
+def diagnosis_of(seed, change, n=100):
+    monitor = turbofan_monitor(sensors=True)
+    window = faulty_window(np.random.default_rng(seed), monitor, change, n)
+    return diagnose(window_score(monitor, *window), DiagnosisOptions())
+
+
+def test_a_2_percent_hpc_efficiency_loss_is_isolated_to_the_hpc_not_to_the_T3_sensor():
+    result = diagnosis_of(1, {"hpc.efficiency": -0.02}).result
+    assert result.isolated == ("hpc.efficiency",) and result.probability > 0.5
+    assert abs(result.sizes[0].change + 0.02) < 4 * result.sizes[0].standard_error
+    assert result.inclusion["sensor.T3.bias"] < 0.1
+
+
+def test_a_T3_bias_of_5_K_is_isolated_to_the_T3_sensor():
+    result = diagnosis_of(2, {"sensor.T3.bias": 5.0}).result
+    assert result.isolated == ("sensor.T3.bias",) and result.probability > 0.5
+    assert abs(result.sizes[0].change - 5) < 4 * result.sizes[0].standard_error
+    assert result.inclusion["hpc.efficiency"] < 0.1
+
+
+@pytest.mark.parametrize("seed", [3, 4])
+def test_a_fault_of_engine_and_sensor_together_is_isolated_to_both(seed):
+    found = diagnosis_of(seed, {"hpc.efficiency": -0.02, "sensor.T3.bias": 5.0})
+    assert set(found.result.isolated) == {"hpc.efficiency", "sensor.T3.bias"}
+
+
+def of(answer, probability, *rivals):
+    return IsolationResult("posterior", answer, probability, rivals, 0, 0.95, {}, ())
+
+
+def test_a_sensor_against_a_component_is_a_rivalry_and_told_with_both_probabilities():
+    found = sensor_rivalry(of(("sensor.T3.bias",), 0.55, Explanation(("hpc.efficiency",), 0.41)))
+    assert (found.sensors, found.components) == (("sensor.T3.bias",), ("hpc.efficiency",))
+    assert (
+        sensor_or_component(found.sensors, found.components, found.of_sensors, found.of_components)
+        == "cannot tell T3 sensor bias from HPC isentropic efficiency: 0.55 against 0.41"
+    )
+    turned = sensor_rivalry(of(("hpc.efficiency",), 0.55, Explanation(("sensor.T3.bias",), 0.41)))
+    assert (turned.of_sensors, turned.of_components) == (0.41, 0.55)
+
+
+def test_what_both_explanations_share_is_no_part_of_the_rivalry():
+    answer = ("fan.efficiency", "sensor.T3.bias")
+    found = sensor_rivalry(of(answer, 0.5, Explanation(("fan.efficiency", "hpc.efficiency"), 0.3)))
+    assert found.shared == ("fan.efficiency",) and found.components == ("hpc.efficiency",)
+
+
+def test_two_components_an_addition_or_an_improbable_sensor_are_no_rivalry():
+    for rival in (
+        Explanation(("fan.efficiency",), 0.4),
+        Explanation(("hpc.efficiency", "sensor.T3.bias"), 0.4),
+        Explanation(("sensor.T3.bias",), 0.001),
+    ):
+        assert sensor_rivalry(of(("hpc.efficiency",), 0.5, rival)) is None

@@ -1,0 +1,67 @@
+"""Windows of the real turbofan with a fault, in flight conditions drawn at random, and their scores."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from pathlib import Path
+
+import numpy as np
+
+from enginediag_cli.engine import load_engine
+from enginediag_cli.residuals.local import local_statistics
+from enginediag_cli.residuals.monitor import Monitor
+from enginediag_cli.residuals.relinearise import relinearise
+from enginediag_cli.residuals.score import Score, fisher_score
+from enginediag_cli.simulation.noise import ColumnNoise
+from enginediag_cli.studies.known import known_nominal
+
+ENGINE = Path(__file__).parents[2] / "configs" / "turbofan.yaml"
+
+
+@lru_cache(maxsize=2)
+def turbofan_monitor(sensors: bool = False) -> Monitor:
+    """Eleven health parameters, and with `sensors` the bias of each of nine sensors; noise as in the paper."""
+    engine = load_engine(ENGINE)
+    noise = {c: ColumnNoise("uniform", width=0.01 * s.maximum) for c, s in engine.sensors.items()}
+    return known_nominal(engine, (*engine.monitored, "sensor.*.bias") if sensors else (), noise)
+
+
+def faulty_window(rng, monitor, change, n=100):
+    """Inputs, column -> (n,), and readings (n, m) of an engine with `change`, parameter -> its difference."""
+    inputs = {
+        "altitude_m": rng.uniform(0, 11e3, n),
+        "mach": rng.uniform(0.2, 0.8, n),
+        "dT_isa_K": rng.uniform(-10, 10, n),
+    }
+    inputs["Wf_kg_s"] = monitor.engine.power_from_fraction(rng.uniform(0.5, 1, n), inputs)
+    theta = monitor.theta0 + np.array([change.get(name, 0.0) for name in monitor.names])
+    y = monitor.predict(inputs, theta)[0]
+    return inputs, y + monitor.noise.sigma * 12**0.5 * rng.uniform(-0.5, 0.5, y.shape)
+
+
+def window_score(monitor, inputs, y) -> Score:
+    """The score about the re-estimate, as the tool forms it."""
+
+    def predict(theta, rows):
+        return monitor.predict({c: v[rows] for c, v in inputs.items()}, theta, nuisance=False)[:3]
+
+    found = relinearise(
+        predict,
+        y,
+        monitor.theta0,
+        monitor.precision,
+        monitor.noise,
+        moving=len(monitor.monitored),
+        bounds=(monitor.lower, monitor.upper),
+    )
+    assert found.converged.all()
+    return fisher_score(
+        local_statistics(
+            found.e,
+            found.J,
+            monitor.noise,
+            parameters=monitor.names,
+            theta0=monitor.theta0,
+            prior_sigma=monitor.prior_sigma,
+        )
+    )
