@@ -115,11 +115,12 @@ def detect(
                        exit_code, output)
     from enginediag_cli.detection.verdict import judge
     from enginediag_cli.recordings.provenance import header_lines
+    from enginediag_cli.residuals.compact import compact
 
     if detectable and power <= false_alarm:
         raise click.UsageError("--power must be larger than --false-alarm")
     plan = planned(window, step)
-    monitor = load_monitor(messages, nominal, patterns) if nominal else None
+    monitor = compact(load_monitor(messages, nominal, patterns)) if nominal else None
     intake = Intake(messages, monitor, plan, linearise, origin)
     tally: Counter[str] = Counter()
 

@@ -38,6 +38,8 @@ COMMANDS: dict[str, Entry] = {
                      "Say which parameters changed, by how much and how surely."),
     "study": Entry("enginediag_cli.commands.study", "study",
                    "Count how often diagnosis is right, on simulated engines with known faults."),
+    "trend": Entry("enginediag_cli.commands.trend", "trend",
+                   "Follow health over flights: level, onset and rate of deterioration."),
     "check": Entry("enginediag_cli.commands.check", "check",
                    "Validate YAML and CSV files."),
     "schema": Entry("enginediag_cli.commands.schema", "schema",

@@ -82,7 +82,7 @@ def explain_change(past: list[Segment], coordinates: Coordinates) -> Change:
     table = np.stack([evidence[kind] for kind in kinds])  # (kinds, onsets)
     weights = np.exp(table - table.max())
     # a ramp over a single piece, or from the start, is no ramp
-    weights[:, 0] = np.where([kind in (KINDS["health", "step"], KINDS["sensor", "step"]) for kind in kinds], weights[:, 0], 0)
+    weights[[kind in (KINDS["health", "ramp"], KINDS["sensor", "ramp"]) for kind in kinds], 0] = 0.0
     weights = weights / weights.sum()
     onset = int(np.argmax(weights.sum(axis=0)))
     low, high = _interval(weights.sum(axis=0))
@@ -95,6 +95,8 @@ def explain_change(past: list[Segment], coordinates: Coordinates) -> Change:
     kind = leading if probabilities[leading] >= SURE else CANNOT_TELL
     begin = [piece.begin for piece in past]
     first = [piece.first for piece in past]
+    # pieces begin where they begin: a change may have come anywhere in the piece before or after the best beginning
+    low, high = max(low - 1, 0), min(high + 1, len(past) - 1)
     return Change(
         kind,
         leading,
@@ -107,14 +109,6 @@ def explain_change(past: list[Segment], coordinates: Coordinates) -> Change:
         begin[low],
         begin[high],
     )
-
-
-def _interval(weights: np.ndarray) -> tuple[int, int]:
-    """First and last onset of the smallest set that holds MIXED of the probability (J,)."""
-    order = np.argsort(-weights, kind="stable")
-    held = np.cumsum(weights[order])
-    chosen = order[: int(np.searchsorted(held, MIXED)) + 1]
-    return int(chosen.min()), int(chosen.max())
 
 
 def posterior_change(past: list[Segment], coordinates: Coordinates) -> np.ndarray:
@@ -130,3 +124,11 @@ def posterior_change(past: list[Segment], coordinates: Coordinates) -> np.ndarra
         return np.zeros(a)
     j = int(np.argmax(health))
     return np.asarray(np.linalg.solve(np.eye(a) + found.S[j, :a, :a], found.r[j, :a]))
+
+
+def _interval(weights: np.ndarray) -> tuple[int, int]:
+    """First and last onset of the smallest set that holds MIXED of the probability (J,)."""
+    order = np.argsort(-weights, kind="stable")
+    held = np.cumsum(weights[order])
+    chosen = order[: int(np.searchsorted(held, MIXED)) + 1]
+    return int(chosen.min()), int(chosen.max())

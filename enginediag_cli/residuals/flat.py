@@ -1,7 +1,7 @@
 """Local statistics as flat rows, one value per column, and back; such a file needs nothing else to be read.
 
-Columns: those of the window, `n`, `chi2`, `dof`, then `theta0:a`, `prior_sigma:a`, `unit:a`, `s:a` per
-parameter a, and the upper triangles `F:a|b` and `V:a|b`.
+Columns: those of the window, `n`, `chi2`, `dof`, `noise_A1`, `noise_A2`, then `theta0:a`, `prior_sigma:a`, `unit:a`,
+`s:a` per parameter a, and the upper triangles `F:a|b` and `V:a|b`.
 """
 
 from __future__ import annotations
@@ -19,6 +19,8 @@ from .statistics import LocalStatistics
 TEXTS = ("source", "flight", "engine", "reason")
 COUNTS = ("first_line", "last_line", "records", "outside", "incomplete", "failed")
 TIMES = ("start_s", "end_s")
+DOUBT = ("noise_A1", "noise_A2")
+"""How uncertain estimated noise makes the metric, see `Score`; a file without these columns has known noise."""
 WINDOW_COLUMNS = (
     "source",
     "flight",
@@ -48,6 +50,7 @@ def flat_columns(parameters: Sequence[str]) -> tuple[str, ...]:
         "n",
         "chi2",
         "dof",
+        *DOUBT,
         *(f"{what}:{a}" for what in ("theta0", "prior_sigma", "unit", "s") for a in parameters),
         *(f"{what}:{a}|{b}" for what in ("F", "V") for a, b in pairs),
     )
@@ -59,7 +62,7 @@ def flat_row(window: WindowStatistics, units: Mapping[str, str]) -> dict[str, An
     x = window.statistics
     if x is None:
         return row
-    row.update(n=x.n, chi2=x.chi2, dof=x.dof)
+    row.update(n=x.n, chi2=x.chi2, dof=x.dof, **dict(zip(DOUBT, x.doubt, strict=True)))
     for i, a in enumerate(x.parameters):
         row.update(
             {
@@ -97,7 +100,8 @@ def read_flat(
             if not np.all(sigma > 0):
                 raise DataError(f"{source}:{line}:prior_sigma: must be positive")
             statistics = LocalStatistics(
-                names, theta0, sigma, s, F, V, int(cell.number("n")), cell.number("chi2"), cell.number("dof")
+                names, theta0, sigma, s, F, V, int(cell.number("n")), cell.number("chi2"), cell.number("dof"),
+                doubt=(cell.number(DOUBT[0]), cell.number(DOUBT[1])) if DOUBT[0] in row else (0.0, 0.0),
             )
         values: dict[str, Any] = {c: row.get(c, "") for c in TEXTS}
         values.update({c: int(cell.number(c)) for c in COUNTS})

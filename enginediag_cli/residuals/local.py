@@ -23,9 +23,11 @@ def whiten(e: np.ndarray, J: np.ndarray, noise: NoiseModel) -> tuple[np.ndarray,
     e (N, m) in sensor units, NaN where a sensor is missing; J (N, m, p) in sensor unit per parameter unit. A
     row of J that is not finite is dropped with its measurement.
     """
-    present = np.isfinite(e) & np.all(np.isfinite(J), axis=2)
-    e = np.where(present, e, 0.0)
-    J = np.where(present[:, :, None], J, 0.0)
+    with np.errstate(invalid="ignore"):
+        present = np.isfinite(e) & np.isfinite(J.sum(axis=2))
+    if not present.all():
+        e = np.where(present, e, 0.0)
+        J = np.where(present[:, :, None], J, 0.0)
     if noise.covariance is None:
         weight = 1 / (noise.sigma * np.sqrt(noise.inflation))
         return e * weight, J * weight[:, None]
@@ -67,7 +69,8 @@ def block_statistics(
     """
     N, _, p = J.shape
     z, G = whiten(e, J, noise)
-    present = np.isfinite(e) & np.all(np.isfinite(J), axis=2)
+    with np.errstate(invalid="ignore"):
+        present = np.isfinite(e) & np.isfinite(J.sum(axis=2))
     lags = np.ones(N) if lags is None else lags
     stops = np.append(starts[1:], N)
     share = 1 / noise.inflation  # variance of one whitened residual
@@ -77,8 +80,14 @@ def block_statistics(
         rows, pre = G[i:k].reshape(-1, p), lagged.before[i:k].reshape(-1, p)
         weighted = (G[i:k] * share[:, None]).reshape(-1, p)
         F = rows.T @ rows
-        cross = weighted.T @ pre
-        V = F if noise.white else weighted.T @ rows + cross + cross.T
+        doubt, parts = noise.doubt(k - i), None
+        if doubt is not None:
+            parts = _by_sensor(G[i:k], lagged.before[i:k], share)
+            V = F if noise.white else parts.sum(axis=0)
+            parts = parts * np.sqrt(doubt)[:, None, None]
+        else:
+            cross = weighted.T @ pre
+            V = F if noise.white else weighted.T @ rows + cross + cross.T
         start, end = labels[b] if labels is not None else ("", "")
         used = present[i:k]
         statistics = LocalStatistics(
@@ -93,9 +102,18 @@ def block_statistics(
             float(used.sum(axis=0) @ share),
             start,
             end,
+            parts,
         )
         blocks.append(Block(statistics, lagged.head[b], lagged.tail[b], lagged.decay[b], share))
     return blocks
+
+
+def _by_sensor(G: np.ndarray, before: np.ndarray, share: np.ndarray) -> np.ndarray:
+    """V_j (m, p, p): each sensor's part of the covariance of s, for G and their decayed past (n, m, p)."""
+    g = np.ascontiguousarray(G.transpose(1, 0, 2))
+    past = np.ascontiguousarray(before.transpose(1, 0, 2))
+    cross = g.transpose(0, 2, 1) @ (past + g / 2)
+    return np.asarray((cross + cross.transpose(0, 2, 1)) * share[:, None, None])
 
 
 def local_statistics(

@@ -23,6 +23,11 @@ if TYPE_CHECKING:
     from enginediag_cli.identification.nominal import Nominal
 
 
+HELD = 0.5
+"""Spread of a change in prior standard deviations, for the point of linearisation: the middle one of the sizes that
+isolation takes for plausible."""
+
+
 class Model(Protocol):
     """What monitoring needs of an engine."""
 
@@ -80,20 +85,30 @@ class Monitor:
 
     @property
     def precision(self) -> np.ndarray:
-        """Inverse covariance (p, p) that holds the re-estimate: of a change plus uncertainty of nominal."""
+        """Inverse covariance (p, p) that holds the re-estimate: of a change plus uncertainty of nominal.
+
+        A change is held by half its prior standard deviation: along directions that the data hardly determine a
+        looser estimate wanders far from every plausible explanation, and the model is linearised at a wrong place.
+        """
         change = np.zeros(len(self.names))
-        change[: len(self.monitored)] = self.prior_sigma[: len(self.monitored)] ** 2
+        change[: len(self.monitored)] = (HELD * self.prior_sigma[: len(self.monitored)]) ** 2
         covariance = self.uncertainty + np.diag(change)
         scale = self.prior_sigma
         scaled = covariance / scale / scale[:, None] + 1e-10 * np.eye(len(scale))
         return np.asarray(np.linalg.inv(scaled) / scale / scale[:, None])
 
     def predict(
-        self, inputs: Mapping[str, np.ndarray], theta: np.ndarray, *, nuisance: bool = True
+        self,
+        inputs: Mapping[str, np.ndarray],
+        theta: np.ndarray,
+        *,
+        nuisance: bool = True,
+        start: np.ndarray | None = None,
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray, Any]:
         """y (N, m), J (N, m, p), ok (N,) and the engine's prediction, theta (p,) or one row per record.
 
-        Without `nuisance`, J has only the columns of the monitored parameters.
+        Without `nuisance`, J has only the columns of the monitored parameters. start: the unknowns `x` of an
+        earlier prediction of the same records, which the engine begins with.
         """
         q = len(self.names) - len(self.offsets)
         # a parameter that is the same for all records goes in as one number, which the engine computes faster
@@ -104,9 +119,9 @@ class Monitor:
         values.update(
             {name: float(first[i]) if shared[i] else theta[:, i] for i, name in enumerate(self.names[:q])}
         )
-        prediction = self.engine.predict(
-            inputs, values, sensors=self.sensors, wrt=self.names[:q] if nuisance else self.monitored
-        )
+        wrt = self.names[:q] if nuisance else self.monitored
+        known: dict[str, Any] = {} if start is None else {"start": start}
+        prediction = self.engine.predict(inputs, values, sensors=self.sensors, wrt=wrt, **known)
         y, J = np.asarray(prediction.y), np.asarray(prediction.jacobian)
         if self.offsets:
             factor, shift = np.ones_like(y), np.zeros_like(y)

@@ -28,8 +28,11 @@ from .statistics import LocalStatistics
 from .windows import WindowAssembler, WindowPlan
 
 LINEARISE = ("estimate", "nominal")
-BATCH_RECORDS = 20_000
+BATCH_RECORDS = 5_000
 """Windows are re-linearised together up to this many records: one call of the engine costs less than many."""
+SETTLED = 0.2
+"""Step of the re-estimate, in standard errors, that is not worth another call of the engine: what it leaves out of
+the statistics is of second order in it."""
 
 
 @dataclass(frozen=True)
@@ -108,6 +111,7 @@ def window_statistics(
             assemblers, timelines, source = {}, {}, recording.source
         check_inputs(monitor, recording)
         groups = group_rows(recording)
+        chunk = _judged(monitor, recording, linearise)
         # a flight of which a whole chunk tells nothing has ended: memory holds the flights of one chunk
         for ended in [key for key in assemblers if key not in dict(groups)]:
             waiting.extend(assemblers.pop(ended).flush())
@@ -125,34 +129,68 @@ def window_statistics(
                     f"{recording.source}: time_s runs backwards; windows in time need one stretch of "
                     "time per flight (a column `flight` tells flights apart)"
                 )
-            for number, piece in _pieces(monitor, part, key, plan.blocks(position), lags, linearise):
+            for number, piece in _pieces(monitor, part, chunk.of(rows), key, plan.blocks(position), lags):
                 waiting.extend(assembler.push(number, piece))
         yield from _finished(monitor, waiting, linearise, condense)
     waiting.extend(window for assembler in assemblers.values() for window in assembler.flush())
     yield from _finished(monitor, waiting, linearise, condense)
 
 
+@dataclass(frozen=True)
+class _Chunk:
+    """Records of a chunk: what is judged of them and, at nominal, residuals e (N, m), J (N, m, p) and failed (N,)."""
+
+    inputs: Mapping[str, np.ndarray]
+    y: np.ndarray
+    incomplete: np.ndarray
+    outside: np.ndarray
+    failed: np.ndarray
+    e: np.ndarray | None = None
+    J: np.ndarray | None = None
+
+    def of(self, rows: np.ndarray) -> _Chunk:
+        """The records of one flight and engine."""
+        return _Chunk(
+            {c: v[rows] for c, v in self.inputs.items()},
+            self.y[rows],
+            self.incomplete[rows],
+            self.outside[rows],
+            self.failed[rows],
+            None if self.e is None else self.e[rows],
+            None if self.J is None else self.J[rows],
+        )
+
+
+def _judged(monitor: Monitor, recording: Recording, linearise: str) -> _Chunk:
+    """Everything that does not depend on flights, for a whole chunk: the engine likes long calls."""
+    inputs, y, incomplete, outside = judged_inputs(monitor, recording)
+    failed = np.zeros(len(y), bool)
+    kept = np.flatnonzero(~incomplete & ~outside)
+    if linearise != "nominal" or not kept.size:
+        return _Chunk(inputs, y, incomplete, outside, failed)
+    predicted, sensitivities, ok, _ = monitor.predict({c: v[kept] for c, v in inputs.items()}, monitor.theta0)
+    e, J = np.full(y.shape, np.nan), np.full((*y.shape, len(monitor.names)), np.nan)
+    e[kept], J[kept] = np.where(ok[:, None], y[kept] - predicted, np.nan), sensitivities
+    failed[kept[~ok]] = True
+    return _Chunk(inputs, y, incomplete, outside, failed, e, J)
+
+
 def _pieces(
-    monitor: Monitor, part: Recording, key: Key, blocks: np.ndarray, lags: np.ndarray, linearise: str
+    monitor: Monitor, part: Recording, chunk: _Chunk, key: Key, blocks: np.ndarray, lags: np.ndarray
 ) -> Iterator[tuple[int, _Piece]]:
     """One piece per block number of the records of one group in one chunk."""
-    inputs, y, incomplete, outside = judged_inputs(monitor, part)
+    inputs, y, incomplete, outside, failed = chunk.inputs, chunk.y, chunk.incomplete, chunk.outside, chunk.failed
     judged = ~incomplete & ~outside
     # skipped records lengthen the lag of the next one that is judged
     elapsed = np.cumsum(np.where(np.isfinite(lags), lags, 1e9))
     kept = np.flatnonzero(judged)
     lags = np.diff(elapsed[kept], prepend=elapsed[kept[0]] - lags[kept[0]]) if kept.size else lags[:0]
     sums: dict[int, Block] = {}
-    failed = np.zeros(len(part), bool)
-    if linearise == "nominal" and kept.size:
-        here = {c: v[kept] for c, v in inputs.items()}
-        predicted, J, ok, _ = monitor.predict(here, monitor.theta0)
-        failed[kept[~ok]] = True
-        e = np.where(ok[:, None], y[kept] - predicted, np.nan)
+    if chunk.e is not None and chunk.J is not None and kept.size:
         starts = np.array([i for i, _ in runs(blocks[kept])])
         found = block_statistics(
-            e,
-            J,
+            chunk.e[kept],
+            chunk.J[kept],
             monitor.noise,
             starts,
             parameters=monitor.names,
@@ -259,10 +297,14 @@ def _at_estimate(
     inputs = {c: np.concatenate([piece.inputs[c] for piece in every]) for c in every[0].inputs}
     y, lags = np.concatenate([p.y for p in every]), np.concatenate([p.lags for p in every])
 
-    def predict(theta: np.ndarray, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        return monitor.predict({c: values[rows] for c, values in inputs.items()}, theta, nuisance=False)[:3]
+    *nominal, prediction = monitor.predict(inputs, monitor.theta0)
+    x = getattr(prediction, "x", None)  # unknowns of the engine, from which the next solution is near
 
-    nominal = monitor.predict(inputs, monitor.theta0)[:3]
+    def predict(theta: np.ndarray, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        here = {c: values[rows] for c, values in inputs.items()}
+        start = None if x is None else x[:, rows]
+        return monitor.predict(here, theta, nuisance=False, start=start)[:3]
+
     found = (
         relinearise(
             predict,
@@ -272,8 +314,9 @@ def _at_estimate(
             monitor.noise,
             window=window,
             moving=len(monitor.monitored),
-            nominal=nominal,
+            nominal=(nominal[0], nominal[1], nominal[2]),
             bounds=(monitor.lower, monitor.upper),
+            tolerance=SETTLED,
         )
         if len(y)
         else None

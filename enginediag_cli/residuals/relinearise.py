@@ -108,6 +108,15 @@ def relinearise(
         taken = (target - state.theta[chosen])[:, :q]
         squared = np.einsum("wi,wij,wj->w", taken, hessian, taken)
         promised = 2 * np.sum(taken * gradient, axis=1) - squared
+        length = np.sqrt(squared) * (1 + damping[chosen])  # as long as the step would be without damping
+        settled = length < tolerance  # so short a step changes nothing that is carried back: it is not taken
+        decrement[chosen[settled]] = length[settled]
+        active[chosen[settled]] = False
+        chosen, target, squared, promised, length = (
+            x[~settled] for x in (chosen, target, squared, promised, length)
+        )
+        if not chosen.size:
+            break
         rows = np.flatnonzero(active[window])
         slot = np.searchsorted(chosen, window[rows])
         predicted, J, fine = predict(target[slot], rows)
@@ -122,10 +131,8 @@ def relinearise(
         kept = np.where(accepted, cost_before - trial_cost, 0.0) / np.maximum(promised, 1e-300)
         damping[chosen] *= np.where(kept > 0.75, 0.2, 1.0)
         damping[chosen] = np.where(kept < 0.4, np.maximum(4 * damping[chosen], 0.2), damping[chosen])
-        length = np.sqrt(squared) * (1 + damping[chosen])  # as long as the step would be without damping
-        settled = length < tolerance
-        decrement[chosen] = np.where(accepted | settled, length, decrement[chosen])
-        active[chosen[settled | (damping[chosen] > MAX_DAMPING)]] = False
+        decrement[chosen[accepted]] = length[accepted]
+        active[chosen[damping[chosen] > MAX_DAMPING]] = False
     back = np.einsum("kjp,kp->kj", state.J, (state.theta - theta0)[window])
     return Relinearised(state.theta, state.e + back, state.J, ok, decrement < tolerance, decrement, iteration)
 

@@ -14,13 +14,16 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from .excitation import RANK_TOLERANCE, range_space
+from .excitation import RANK_TOLERANCE, RangeSpace, range_space
 from .statistics import LocalStatistics
 
 
 @dataclass(frozen=True)
 class Score:
-    """Score b (p,) and information (p, p) of `parameters`, with `glr` = bᵀ I⁺ b, eq. (11), and its `rank`."""
+    """Score b (p,) and information (p, p) of `parameters`, with `glr` = bᵀ I⁺ b, eq. (11), and its `rank`.
+
+    `doubt`: A₁ and A₂ of `_doubt`, how uncertain estimated noise makes the metric of the test; 0 for known noise.
+    """
 
     parameters: tuple[str, ...]
     theta0: np.ndarray
@@ -29,6 +32,7 @@ class Score:
     information: np.ndarray
     glr: float
     rank: int
+    doubt: tuple[float, float] = (0.0, 0.0)
 
     def scaled(self) -> tuple[np.ndarray, np.ndarray]:
         """D b (p,) and D I D (p, p) with D = diag(prior_sigma): parameters in prior standard deviations."""
@@ -55,20 +59,8 @@ def fisher_score(
     uncertainty C (p, p), in parameter units: covariance of θ0 as identified and of nuisance parameters
     (sensor offsets). Computed in the range of F, so that singular F and V do no harm.
     """
-    space = range_space(statistics.F, statistics.prior_sigma, tolerance)
-    U, root, D = space.basis, np.sqrt(space.eigenvalues), statistics.prior_sigma
-    half = (U / root).T * D  # Λ^-½ Uᵀ D
-    z = half @ statistics.s
-    W = half @ statistics.V @ half.T
-    if uncertainty is not None:
-        spread = (U * root).T / D  # Λ^½ Uᵀ D⁻¹
-        W = W + spread @ uncertainty @ spread.T
-    a = statistics.indices(monitored if monitored is not None else statistics.parameters)
-    rows = (U[a] * root) / D[a, None]  # D⁻¹ U Λ^½: F_a in the basis in which z lives
-    L = np.linalg.cholesky(W) if space.rank else np.zeros((0, 0))
-    y = np.linalg.solve(L, z)
-    H = np.linalg.solve(L, rows.T)
-    b, information = H.T @ y, H.T @ H
+    a, B, information = score_map(statistics, monitored, uncertainty, tolerance)
+    b, D = B @ statistics.s, statistics.prior_sigma
     reduced = range_space(information, D[a], tolerance)
     v = (D[a] * b) @ reduced.basis
     return Score(
@@ -79,7 +71,44 @@ def fisher_score(
         information,
         float(np.sum(v**2 / reduced.eigenvalues)),
         reduced.rank,
+        _doubt(statistics, B, D[a], reduced),
     )
+
+
+def _doubt(statistics: LocalStatistics, B: np.ndarray, scale: np.ndarray, space: RangeSpace) -> tuple[float, float]:
+    """A₁ = Σ_j w_j (tr H_j)² and A₂ = Σ_j w_j tr H_j² of Kenward and Roger (1997), w_j = var log σ̂_j².
+
+    H_j = I^-½ B V_j Bᵀ I^-½ is the share of sensor j in the covariance of the normalised score, V_j its part of V.
+    The uncertainty of nominal was computed with the same noise and is taken to be wrong in the same proportion.
+    """
+    if statistics.by_sensor is None:
+        return statistics.doubt
+    R = (space.basis / np.sqrt(space.eigenvalues)).T * scale @ B
+    H = R @ statistics.by_sensor @ R.T
+    noise = float(np.sum((R @ statistics.V) * R)) / space.rank if space.rank else 1.0
+    H = H / max(noise, 1e-12)
+    return float(np.sum(np.einsum("jaa->j", H) ** 2)), float(np.sum(H * H.transpose(0, 2, 1)))
+
+
+def score_map(
+    statistics: LocalStatistics,
+    monitored: Sequence[str] | None = None,
+    uncertainty: np.ndarray | None = None,
+    tolerance: float = RANK_TOLERANCE,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Positions a (q,) of the monitored, B (q, p) with b = B s, and I (q, q); arguments as in `fisher_score`."""
+    space = range_space(statistics.F, statistics.prior_sigma, tolerance)
+    U, root, D = space.basis, np.sqrt(space.eigenvalues), statistics.prior_sigma
+    half = (U / root).T * D  # Λ^-½ Uᵀ D
+    W = half @ statistics.V @ half.T
+    if uncertainty is not None:
+        spread = (U * root).T / D  # Λ^½ Uᵀ D⁻¹
+        W = W + spread @ uncertainty @ spread.T
+    a = statistics.indices(monitored if monitored is not None else statistics.parameters)
+    rows = (U[a] * root) / D[a, None]  # D⁻¹ U Λ^½: F_a in the basis in which z = half s lives
+    L = np.linalg.cholesky(W) if space.rank else np.zeros((0, 0))
+    H = np.linalg.solve(L, rows.T)
+    return a, H.T @ np.linalg.solve(L, half), H.T @ H
 
 
 def separable_information(score: Score) -> np.ndarray:
@@ -104,7 +133,7 @@ def marginalise(statistics: LocalStatistics, keep: Sequence[str], uncertainty: n
     and less the GLR statistic in the metric of F (that of V differs when noise is correlated in time).
     """
     score = fisher_score(statistics, monitored=keep, uncertainty=uncertainty)
-    plain = fisher_score(replace(statistics, V=statistics.F), monitored=keep, uncertainty=uncertainty)
+    plain = fisher_score(replace(statistics, V=statistics.F, by_sensor=None), monitored=keep, uncertainty=uncertainty)
     eigenvalues, vectors = np.linalg.eigh(uncertainty)
     root = vectors * np.sqrt(np.maximum(eigenvalues, 0.0))
     inner = np.eye(len(root)) + root.T @ statistics.F @ root
@@ -118,5 +147,7 @@ def marginalise(statistics: LocalStatistics, keep: Sequence[str], uncertainty: n
         s=score.b,
         F=score.information,
         V=score.information,
+        by_sensor=None,
+        doubt=score.doubt,
         chi2=statistics.chi2 - explained - plain.glr + score.glr,
     )

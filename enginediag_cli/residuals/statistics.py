@@ -22,6 +22,8 @@ class LocalStatistics:
     s (p,) in 1/parameter unit, F and V (p, p), n records. `chi2` = Σ eᵀR⁻¹e and `dof`, its mean when the
     model is right: the number of independent measurements (records × sensors, fewer when noise is correlated
     in time). `prior_sigma` (p,) says how large a change of each parameter is plausible, in its unit.
+    `by_sensor` (m, p, p), where noise was estimated: each sensor's part of V times the standard deviation of the
+    logarithm of its noise variance; `doubt`: what `fisher_score` made of that.
     """
 
     parameters: tuple[str, ...]
@@ -35,6 +37,8 @@ class LocalStatistics:
     dof: float
     start: str = ""
     end: str = ""
+    by_sensor: np.ndarray | None = None
+    doubt: tuple[float, float] = (0.0, 0.0)
 
     def __post_init__(self) -> None:
         p = len(self.parameters)
@@ -65,6 +69,10 @@ class LocalStatistics:
             chi2=self.chi2 + other.chi2,
             dof=self.dof + other.dof,
             end=other.end or self.end,
+            by_sensor=None
+            if self.by_sensor is None or other.by_sensor is None
+            else self.by_sensor + other.by_sensor,
+            doubt=max(self.doubt, other.doubt),
         )
 
     @property

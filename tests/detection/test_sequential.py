@@ -1,0 +1,156 @@
+"""Monitoring block by block: the bound on false alarms, delays, onset and kind of a change."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.signal import lfilter
+from scipy.stats import binom, multivariate_normal
+from toy_engine import toy_monitor, toy_recording
+
+from enginediag_cli.detection.follow import FlightMonitor
+from enginediag_cli.detection.segments import RECENT, Coordinates, Segment, append, tails
+from enginediag_cli.detection.sequential import EProcess, effect, log_full, log_single, onset_weight
+from enginediag_cli.recordings.growing import GrowingFile
+from enginediag_cli.residuals.innovations import Innovations
+from enginediag_cli.residuals.noise import NoiseModel, white_noise
+
+KEY = ("toy.csv", "1", "")
+
+
+def segments(rng, count=6, d=5):
+    past = []
+    for i in range(count):
+        G = rng.standard_normal((8, d))
+        z = rng.standard_normal(8)
+        past.append(Segment(i, i + 1, 8, 10.0 * i, 10.0 * i + 5, G.T @ z, G.T @ G))
+    return past
+
+
+def test_the_weights_of_all_onsets_add_up_to_one():
+    j = np.arange(10**6)
+    assert onset_weight(j).sum() == pytest.approx(1.0, abs=1e-4)
+
+
+def test_likelihood_ratios_are_those_of_the_gaussian_densities():
+    rng = np.random.default_rng(1)
+    G, z = rng.standard_normal((20, 5)), rng.standard_normal(20)
+    past = [Segment(0, 1, 10, 0, 5, G[:10].T @ z[:10], G[:10].T @ G[:10]),
+            Segment(1, 2, 10, 10, 15, G[10:].T @ z[10:], G[10:].T @ G[10:])]
+    found = effect(tails(past), 2)
+    W, late = G[:, :2], np.arange(20) >= 10
+    base = np.eye(20) + W @ W.T
+    D = G[:, 2:] * late[:, None]
+    null = multivariate_normal(cov=base).logpdf(z)
+    assert log_full(found, 3)[1] == pytest.approx(multivariate_normal(cov=base + D @ D.T).logpdf(z) - null)
+    one = multivariate_normal(cov=base + np.outer(D[:, 1], D[:, 1]) / 4).logpdf(z) - null
+    assert log_single(found, 0.5)[1, 1] == pytest.approx(one)
+
+
+def test_memory_stays_bounded_and_sums_stay_what_they_are():
+    rng, past, total = np.random.default_rng(2), [], 0.0
+    for i in range(1000):
+        s = rng.standard_normal(2)
+        total = total + s
+        past = append(past, Segment(i, i + 1, 1, float(i), float(i), s, np.eye(2)))
+    assert len(past) < 6 * RECENT
+    assert [piece.last for piece in past[:-1]] == [piece.first for piece in past[1:]]
+    np.testing.assert_allclose(sum(piece.s for piece in past), total)
+
+
+def test_innovations_of_correlated_noise_are_white_also_across_chunks_and_gaps():
+    rng, rho = np.random.default_rng(3), np.array([0.9, 0.5])
+    shocks = rng.standard_normal((20_000, 2)) * np.sqrt(1 - rho**2)
+    e = np.column_stack([lfilter([1], [1, -r], shocks[:, j]) for j, r in enumerate(rho)])[500:]
+    e[::7, 0] = np.nan
+    stream, J = Innovations(NoiseModel(np.ones(2), rho)), np.ones((len(e), 2, 1))
+    z = np.concatenate([stream.of(e[i : i + 11], J[i : i + 11], np.ones(len(e[i : i + 11])))[0]
+                        for i in range(0, len(e), 11)])
+    for j in range(2):
+        x = z[z[:, j] != 0, j]
+        assert x.std() == pytest.approx(1.0, abs=0.02)
+        assert abs(np.mean(x[1:] * x[:-1])) < 0.03  # four standard errors
+
+
+def process(alpha, k=2, a=3, m=2):
+    coordinates = Coordinates(np.eye(k + a + m) * 2.0, k, tuple("abc"[:a]), tuple("xy"[:m]))
+    return EProcess(coordinates, alpha)
+
+
+@pytest.mark.parametrize("noise", ["gaussian", "uniform"])
+def test_healthy_flights_alarm_no_more_often_than_stated_over_their_whole_length(noise):
+    rng, alarms, flights = np.random.default_rng(4), 0, 300
+    for _ in range(flights):
+        watch, w = process(0.1), 2.0 * rng.standard_normal(2)  # as the coordinates' nuisance has it
+        for _ in range(25):
+            G = rng.standard_normal((6, 1, 7))
+            z = rng.standard_normal((6, 1)) if noise == "gaussian" else rng.uniform(-1, 1, (6, 1)) * np.sqrt(3)
+            watch.add(z + G[:, :, :2] @ w, G, 0.0, 0.0)
+        alarms += watch.alarm_block is not None
+    assert alarms <= binom.ppf(0.999, flights, 0.1)
+
+
+def test_larger_faults_are_found_sooner():
+    delays = []
+    for change in (-0.005, -0.01, -0.03):
+        rng = np.random.default_rng(5)
+        flight = FlightMonitor(toy_monitor(), KEY, 0.01)
+        for block in range(40):
+            part = toy_recording(rng, 20, change={"hpc.efficiency": change if block >= 15 else 0.0})
+            flight.add(part)
+        assert flight.process.alarm_block is not None and flight.process.alarm_block >= 15
+        delays.append(flight.process.alarm_block - 15)
+    assert delays == sorted(delays, reverse=True) and delays[-1] <= 1
+
+
+def followed(law, monitor=None, blocks=40, seed=6, records=20):
+    """Last report of a flight in which something changes from block 15 on."""
+    rng, flight, report = np.random.default_rng(seed), FlightMonitor(monitor or toy_monitor(rho=0.5), KEY, 0.01), None
+    for block in range(blocks):
+        change, shift = law(block)
+        part = toy_recording(rng, records, change={"hpc.efficiency": change}, shift=shift)
+        part.columns["time_s"][:] += block * records * 10.0
+        report = flight.add(part)
+    return report
+
+
+def test_a_sudden_fault_is_told_with_its_onset():
+    change = followed(lambda block: (-0.02 if block >= 15 else 0.0, None)).change
+    assert (change.kind, change.parameter) == ("sudden fault", "hpc.efficiency")
+    assert change.low_s <= 3000 <= change.high_s and change.high_s - change.low_s <= 800
+
+
+def test_gradual_deterioration_is_told_from_a_sudden_fault():
+    change = followed(lambda block: (-0.03 * max(block - 15, 0) / 25, None)).change
+    assert change.kind == "gradual deterioration"
+    assert change.low_s <= 3000 <= change.high_s
+
+
+def test_a_sensor_jump_is_told_from_a_fault():
+    jump = np.array([0.0, 0.0, 8.0, 0.0, 0.0])
+    change = followed(lambda block: (0.0, jump if block >= 15 else None)).change
+    assert (change.kind, change.parameter) == ("sensor jump", "T5_K reading")
+
+
+def test_a_change_that_was_there_before_has_no_onset():
+    assert followed(lambda block: (-0.02, None)).change.kind == "present from the start"
+
+
+def test_a_growing_file_is_read_to_its_end_and_on(tmp_path):
+    path, waits = tmp_path / "grow.csv", []
+    path.write_text("a\n1\n2")
+
+    def wait(seconds):
+        waits.append(seconds)
+        if len(waits) == 1:
+            with path.open("a") as stream:
+                stream.write("3\n4\n")
+
+    assert list(GrowingFile(str(path), 0.5, wait)) == ["a\n", "1\n", "23\n", "4\n"]
+
+
+def test_white_innovations_are_whitened_residuals():
+    e, J = np.array([[2.0, np.nan]]), np.ones((1, 2, 1))
+    z, G = Innovations(white_noise(np.array([2.0, 1.0]))).of(e, J, np.ones(1))
+    np.testing.assert_array_equal(z, [[1.0, 0.0]])
+    np.testing.assert_array_equal(G[:, :, 0], [[0.5, 0.0]])
