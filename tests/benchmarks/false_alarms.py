@@ -5,6 +5,9 @@ engine, identify its parameters and its noise from N records of one flight, judg
 is called once; every window goes through the product's own statistics and test. A table goes to standard output, one
 row per noise, nominal and phase: windows, and realised rate in % at nominal 5, 1 and 0.1 % with its 95 % interval:
 binomial where the nominal is known; where windows share an identified nominal, from the scatter between nominals.
+
+It judges with the doubt about an identified noise level (`NoiseModel.readings`), which the commands do not use yet: its
+rows for identified nominals are not those of `enginediag detect`.
 """
 
 from __future__ import annotations
