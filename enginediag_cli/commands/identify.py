@@ -13,7 +13,8 @@ from enginediag_cli.commands.options import (
     pass_messages,
     recordings_argument,
 )
-from enginediag_cli.errors import DataError, ExitCode
+from enginediag_cli.commands.origin import read_mapped
+from enginediag_cli.errors import ExitCode
 from enginediag_cli.presentation.messages import Messages
 
 if TYPE_CHECKING:
@@ -149,20 +150,7 @@ def _load(
         for line in [*inputs.report_lines(), *(readings.report_lines() if sensors else [])]:
             messages.note(f"{label}: {line}")
         return training_recordings(recording, label, engine=instance)
-    from enginediag_cli.recordings.recorder import load_recorder
-
-    mapped = load_recorder(recorder_path).read(path)
-    names = [m.engine for m in mapped if m.engine]
-    if instance and instance in names:
-        mapped = [m for m in mapped if m.engine == instance]
-    elif len(names) > 1:
-        what = f"no engine {instance!r}" if instance else "several engines"
-        raise DataError(
-            f"{path}: {what} in this recording; choose with --engine-instance one of {', '.join(names)}"
-        )
-    for m in mapped:
-        for line in m.report_lines():
-            messages.note(line)
+    mapped = read_mapped(messages, recorder_path, path, instance)
     return [part for m in mapped for part in training_recordings(m.recording, label, engine=instance)]
 
 

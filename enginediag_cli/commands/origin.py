@@ -14,6 +14,7 @@ from enginediag_cli.errors import DataError
 from enginediag_cli.presentation.messages import Messages
 
 if TYPE_CHECKING:
+    from enginediag_cli.recordings.recorder import MappedRecording
     from enginediag_cli.recordings.table import Recording
 
 
@@ -47,29 +48,33 @@ class Origin:
         """The file as its recorder maps it, whole; what was masked or left out goes to standard error."""
         import numpy as np
 
-        from enginediag_cli.recordings.recorder import load_recorder
-
         assert self.recorder is not None
-        found = load_recorder(self.recorder).read(file)
-        names = [m.engine for m in found if m.engine]
         wanted = self.engine_instance
-        if wanted in names:
-            found = [m for m in found if m.engine == wanted]
-        elif len(names) > 1:
-            what = f"no engine {wanted!r}" if wanted else "several engines"
-            raise DataError(
-                f"{file}: {what} in this recording; choose with --engine-instance one of {', '.join(names)}"
-            )
-        for m in found:
-            for line in m.report_lines():
-                messages.note(line)
+        for m in read_mapped(messages, self.recorder, file, wanted):
             recording = m.recording
-            if wanted and wanted not in names:
+            if wanted and m.engine != wanted:
                 engines = np.array(recording.text.get("engine", [""] * len(recording)))
                 if wanted not in engines:
                     raise DataError(f"{file}: no record of engine {wanted!r}")
                 recording = recording.select(engines == wanted)
             yield recording
+
+
+def read_mapped(messages: Messages, recorder: str, file: str, instance: str) -> list[MappedRecording]:
+    """The engines of a foreign file, or the one wanted; what was masked or left out goes to standard error."""
+    from enginediag_cli.recordings.recorder import load_recorder
+
+    found = load_recorder(recorder).read(file)
+    names = [m.engine for m in found if m.engine]
+    if instance in names:
+        found = [m for m in found if m.engine == instance]
+    elif len(names) > 1:
+        what = f"no engine {instance!r}" if instance else "several engines"
+        raise DataError(f"{file}: {what} in this recording; choose with --engine-instance one of {', '.join(names)}")
+    for m in found:
+        for line in m.report_lines():
+            messages.note(line)
+    return found
 
 
 def origin_options(function: Callable[..., Any]) -> Callable[..., Any]:
