@@ -5,6 +5,8 @@ from __future__ import annotations
 from enginediag_cli.config.fields import Field, Section, Variants
 from enginediag_cli.engine.components import COMPONENTS
 from enginediag_cli.identification.settings import IDENTIFICATION
+from enginediag_cli.mismatch.settings import MISMATCH
+from enginediag_cli.physics.carried import EFFECT
 
 SHAFT = Section(
     "shaft",
@@ -108,6 +110,8 @@ ENGINE_FILE = Section(
             "power_range", "range", "corrected power setting from idle to rating (W_f/(δ√θ), N/√θ, T/θ, F/δ, P/(δ√θ))"
         ),
         Field("start", "number_map", "starting values of unknowns, relative to design", {}),
+        Field("physics", "sections", "effects that the model carries beyond its components", (), section=EFFECT),
         Field("identification", "section", "what `identify` estimates", None, section=IDENTIFICATION),
+        Field("mismatch", "section", "what `locate`, `explain` and `refine` reckon with", None, section=MISMATCH),
     ),
 )

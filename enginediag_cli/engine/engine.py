@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from copy import copy
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -18,6 +19,7 @@ from enginediag_cli.engine.sensors import Sensor
 from enginediag_cli.engine.start import correction, total_ratios
 from enginediag_cli.engine.strategy import Strategy
 from enginediag_cli.parameters import Parameter
+from enginediag_cli.physics.term import Effect
 
 OK, OUTSIDE_MAP, NOT_CONVERGED, INVALID_INPUT = range(4)
 STATUS = ("ok", "outside the maps", "did not converge", "invalid input")
@@ -60,6 +62,7 @@ class Engine:
         found = network.inputs()
         self.power_setting: str = network.power_setting
         self.sensors = {c: Sensor.declared(c, v) for c, v in declared["sensors"].items() if c != network.power_setting}
+        network.sensors = self.sensors
         for s in self.sensors.values():
             if s.soak:
                 found.setdefault(s.soak, 0.0)
@@ -76,7 +79,31 @@ class Engine:
         self.power_range: tuple[float, float] | None = declared["power_range"] and tuple(declared["power_range"])
         self.unknowns = network.unknowns()
         self._nominal = {p.name: p.nominal for p in parameters}
+        self._moved: Mapping[str, float] = {}
         self._strategy = Strategy(network, self._nominal)
+
+    @property
+    def effects(self) -> tuple[Effect, ...]:
+        """Physical effects that the model carries."""
+        return self.network.effects
+
+    def with_effects(self, effects: Sequence[Effect]) -> Engine:
+        """The same sized engine, carrying these effects and no others; the fitted start is shared."""
+        if not effects and not self.effects:
+            return self
+        other = Engine(self.network.with_effects(effects), self.declared, self.path)
+        other._strategy.fit = self._strategy.fit
+        return other.at({n: v for n, v in self._moved.items() if n in other.parameters})
+
+    def at(self, values: Mapping[str, float]) -> Engine:
+        """The same engine with other nominal values of these parameters, as identified. Raises KeyError."""
+        if not values:
+            return self
+        other = copy(self)
+        other._moved = {**self._moved, **values}
+        other.parameters = {**self.parameters, **{n: replace(self.parameters[n], nominal=v) for n, v in values.items()}}
+        other._nominal = {**self._nominal, **values}
+        return other
 
     def forget_start(self) -> None:
         """Forgets the fitted start, as if the engine had just been loaded."""

@@ -14,6 +14,7 @@ import numpy as np
 from enginediag_cli.engine.dual import Array, Dual, Value
 from enginediag_cli.engine.flow import Flow
 from enginediag_cli.engine.gas import Gas
+from enginediag_cli.engine.hooks import Hooks, Stations
 
 
 @dataclass
@@ -43,10 +44,15 @@ class Evaluation:
     theta2: Value = 1.0
     delta2: Value = 1.0
     make_shaft: Callable[[Evaluation, str], Shaft] | None = None
+    hooks: Hooks | None = None
     _read: dict[str, Value] = field(default_factory=dict)
 
+    def __post_init__(self) -> None:
+        if self.hooks is not None and self.hooks.stations:
+            self.flows = Stations(self, self.hooks)
+
     def __getitem__(self, name: str) -> Value:
-        """A leaf's value; a direction of differentiation if it is asked for."""
+        """A leaf's value, as the effects on it leave it; a direction of differentiation if it is asked for."""
         if name in self._read:
             return self._read[name]
         x = self.leaves[name]
@@ -55,6 +61,8 @@ class Evaluation:
             d = np.zeros((k + 1, self.size))
             d[k] = 1.0
             x = Dual(np.broadcast_to(np.asarray(x, dtype=float), (self.size,)), d)
+        if self.hooks is not None:
+            x = self.hooks.leaf(self, name, x)
         self._read[name] = x
         return x
 

@@ -16,6 +16,7 @@ from enginediag_cli.engine.gas import gas_for
 from enginediag_cli.engine.network import Network
 from enginediag_cli.engine.wiring import wiring_problems
 from enginediag_cli.errors import ConfigError, Problem
+from enginediag_cli.physics.carried import carried_effects
 
 
 def load_engine(path: str | Path, power_setting: str | None = None) -> Engine:
@@ -47,6 +48,10 @@ def load_engine(path: str | Path, power_setting: str | None = None) -> Engine:
     )
     _size(network, values, checked)
     engine = Engine(network, values, str(path))
+    effects, problems = carried_effects(values["physics"], network, checked)
+    if problems:
+        raise ConfigError(problems)
+    engine = engine.with_effects(effects)
     problems = list(_references(engine, values, checked))
     if problems:
         raise ConfigError(problems)

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import copy
 import re
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from enginediag_cli.engine.components import Component, Unknown
 from enginediag_cli.engine.components.base import scalar
@@ -15,8 +16,13 @@ from enginediag_cli.engine.dual import Value, sqrt
 from enginediag_cli.engine.evaluation import Evaluation, Shaft
 from enginediag_cli.engine.flow import Flow
 from enginediag_cli.engine.gas import Gas
+from enginediag_cli.engine.hooks import Hooks
 from enginediag_cli.engine.start import correction, total_ratios
 from enginediag_cli.parameters import Parameter
+from enginediag_cli.physics.term import Effect, Place
+
+if TYPE_CHECKING:
+    from enginediag_cli.engine.sensors import Sensor
 
 STATION_COLUMN = re.compile(r"(?P<what>T|P|W|FAR)(?P<station>.+?)(?:_K|_Pa|_kg_s)?")
 
@@ -45,6 +51,10 @@ class Network:
         self.design_setting = 1.0  # corrected power setting of the design point
         self._start = dict(start)
         self._unknowns: tuple[Unknown, ...] | None = None
+        self.hooks: Hooks | None = None  # of the effects that the model carries
+        self.effects: tuple[Effect, ...] = ()
+        self.design_point: Evaluation | None = None  # the sized engine there, before any effect
+        self.sensors: Mapping[str, Sensor] = {}  # of the engine that this is, by column: where effects on readings act
 
     # what is given and what is sought
 
@@ -66,6 +76,9 @@ class Network:
             if self.shafts[name]["speed"] == "input":
                 found[column] = None
         found[self.power_setting] = None
+        for effect in self.effects:
+            for column, default in effect.term.INPUTS.items():
+                found.setdefault(column, default)
         return found
 
     def unknowns(self) -> tuple[Unknown, ...]:
@@ -115,7 +128,16 @@ class Network:
                     "power taken from the shaft",
                 )
             )
-        return tuple(found)
+        return (*found, *(p for effect in self.effects for p in effect.parameters()))
+
+    def with_effects(self, effects: Sequence[Effect]) -> Network:
+        """The same sized components, carrying these effects and no others."""
+        other = copy.copy(self)
+        other.effects, other.hooks = tuple(effects), Hooks() if effects else None
+        for effect in effects:
+            assert other.hooks is not None
+            effect.term.install(Place(other, effect, other.hooks))
+        return other
 
     # one evaluation
 
@@ -158,6 +180,7 @@ class Network:
         self._close(e)
         theta, delta = total_ratios({c: e.leaves[c] for c in self.inputs() if c in e.leaves})
         self.design_setting = scalar(self.read(e, self.power_setting) / correction(self.power_setting, theta, delta))
+        self.design_point = e
 
     def _shaft(self, e: Evaluation, name: str) -> Shaft:
         """Given speed, or design speed times the unknown times √(θ₂/θ₂,design)."""

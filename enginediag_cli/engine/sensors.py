@@ -82,6 +82,8 @@ class Sensor:
             total = total + (x if weight == 1.0 else x * weight)
         if self.over:
             total = total / network.read(e, self.over)
+        if e.hooks is not None:
+            total = e.hooks.reading(e, self.column, total)
         q = f"sensor.{self.quantity}"
         for name, apply in ((f"{q}.scale", lambda t, p: t * p), (f"{q}.bias", lambda t, p: t + p)):
             p = e[name]

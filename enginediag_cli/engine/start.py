@@ -91,13 +91,12 @@ class StartFit:
     coefficients: Array
 
     @staticmethod
-    def fit(kinds: tuple[str, ...], z: Array, x: Array) -> StartFit | None:
+    def fit(kinds: tuple[str, ...], z: Array, x: Array, degree: float = DEGREE) -> StartFit | None:
         """Least squares on anchors z (k, n), x (nx, n); None when there are too few for a useful polynomial."""
         low, high = z.min(axis=1), z.max(axis=1)
         moving = tuple(
             "fixed" if h - l < 1e-9 * max(1.0, abs(h)) else k for k, l, h in zip(kinds, low, high, strict=True)
         )
-        degree = DEGREE
         while len(basis(moving, degree)) * 1.6 > z.shape[1]:
             degree -= 1.0
             if degree < 1.0:

@@ -7,7 +7,7 @@ import numpy as np
 from enginediag_cli.config.fields import Field, Section
 from enginediag_cli.engine.atmosphere import standard_atmosphere
 from enginediag_cli.engine.components.base import NAME, TO, Component
-from enginediag_cli.engine.dual import Value, exp, sqrt, value
+from enginediag_cli.engine.dual import Dual, Value, exp, sqrt, value
 from enginediag_cli.engine.evaluation import Evaluation
 from enginediag_cli.engine.flow import Flow
 from enginediag_cli.engine.gas import DRY_AIR, Mixture
@@ -45,7 +45,7 @@ class Ambient(Component):
     def evaluate(self, e: Evaluation) -> None:
         mixture = DRY_AIR
         humidity = e["humidity_kg_kg"]
-        if "humidity_kg_kg" in e.wrt or np.any(np.asarray(value(humidity)) != 0.0):
+        if isinstance(humidity, Dual) or np.any(np.asarray(value(humidity)) != 0.0):
             mixture = Mixture(war=humidity)
         if self.values["conditions"] == "ground":
             T0: Value = e["ambient_temperature_K"]

@@ -1,0 +1,53 @@
+"""Where an effect takes hold of the network: a leaf, a station or a reading.
+
+Components know nothing of effects. What a component reads (`e["hpc.efficiency"]`) passes through the leaf hooks
+of that name, the flow that it delivers through the hooks of its station, and what a sensor reads through those
+of its column. A network without effects has no hooks and is untouched to the last digit.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+from enginediag_cli.engine.dual import Value
+
+if TYPE_CHECKING:
+    from enginediag_cli.engine.evaluation import Evaluation
+    from enginediag_cli.engine.flow import Flow
+
+ValueHook = Callable[["Evaluation", Value], Value]
+FlowHook = Callable[["Evaluation", "Flow"], "Flow"]
+
+
+@dataclass
+class Hooks:
+    """Functions by the name of the leaf, the station or the sensor column that they change, in order."""
+
+    leaves: dict[str, list[ValueHook]] = field(default_factory=dict)
+    stations: dict[str, list[FlowHook]] = field(default_factory=dict)
+    readings: dict[str, list[ValueHook]] = field(default_factory=dict)
+
+    def leaf(self, e: Evaluation, name: str, x: Value) -> Value:
+        for hook in self.leaves.get(name, ()):
+            x = hook(e, x)
+        return x
+
+    def reading(self, e: Evaluation, column: str, x: Value) -> Value:
+        for hook in self.readings.get(column, ()):
+            x = hook(e, x)
+        return x
+
+
+class Stations(dict[str, "Flow"]):
+    """Flows by station; a flow passes through its station's hooks when it is delivered."""
+
+    def __init__(self, e: Evaluation, hooks: Hooks):
+        super().__init__()
+        self._e, self._hooks = e, hooks
+
+    def __setitem__(self, station: str, flow: Flow) -> None:
+        for hook in self._hooks.stations.get(station, ()):
+            flow = hook(self._e, flow)
+        super().__setitem__(station, flow)

@@ -1,0 +1,68 @@
+"""What the search for missing physics is given: an engine, flights of one engine or of several, noise, settings."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from enginediag_cli.engine.engine import Engine
+
+
+@dataclass(frozen=True)
+class Flight:
+    """One recording of one engine: columns (N,) by name. `engine` is "" where the recording names none."""
+
+    label: str
+    engine: str
+    columns: Mapping[str, np.ndarray]
+
+
+@dataclass(frozen=True)
+class Noise:
+    """Of one reading, by sensor column: standard deviation in the column's unit, lag-1 correlation."""
+
+    sigma: Mapping[str, float]
+    rho: Mapping[str, float] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Settings:
+    """`nuisance`: parameter → prior standard deviation; `prior_mean`: those not at nominal; `map_accuracy` as in
+    `mismatch.settings`; `false_alarm`: probability of naming something on an engine whose model lacks nothing; `loss`
+    as in identification ("none" is least squares); `offsets`: sensor → standard deviation of a bias of each recording,
+    in the column's unit, and `scale_offsets` of a scale error of each recording; `noise`: "specified" takes the
+    evidence's noise at its word, "estimate" only as a start."""
+
+    nuisance: Mapping[str, float]
+    prior_mean: Mapping[str, float] = field(default_factory=dict)
+    map_accuracy: float = 0.003
+    false_alarm: float = 0.05
+    loss: str = "none"
+    loss_scale: float = 2.5
+    offsets: Mapping[str, float] = field(default_factory=dict)
+    scale_offsets: Mapping[str, float] = field(default_factory=dict)
+    noise: str = "specified"
+    seed: int = 0
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """`engine` carries what its file says and nothing else."""
+
+    engine: Engine
+    flights: tuple[Flight, ...]
+    noise: Noise
+    settings: Settings
+    drivers: tuple[str, ...] = ()  # further recorded columns that may drive an effect
+
+    @property
+    def engines(self) -> tuple[str, ...]:
+        return tuple(dict.fromkeys(f.engine for f in self.flights))
+
+    def only(self, keep: list[int]) -> Evidence:
+        """The same with some of the flights, by position."""
+        from dataclasses import replace
+
+        return replace(self, flights=tuple(self.flights[k] for k in keep))

@@ -1,0 +1,233 @@
+"""Names what a model lacks, or says that it cannot.
+
+1. Fit everything that identification would absorb. Nothing left over the gate: *nothing*.
+2. Score every listed effect and every change in time; refit the best (score to shortlist, refit to decide).
+   An explanation must be *adequate*: fitted with it, no other option and no free-form block is significant.
+3. No single one is: an unrecorded driver; pairs and, step by step, larger sets, of which every member must be
+   needed, and which must beat the best single free-form block.
+4. Else *none of these*, with the places and the driver of the free-form map.
+
+With a model-error floor an explanation must also predict most flights better from the other flights.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from enginediag_cli.mismatch.answer import FAILED, HIDDEN, NAMED, NONE, NOTHING, Answer, Coefficient, Explanation
+from enginediag_cli.mismatch.drivers import Driver, drivers
+from enginediag_cli.mismatch.evidence import Evidence
+from enginediag_cli.mismatch.freeform import Cell
+from enginediag_cli.mismatch.held_out import flights_gained
+from enginediag_cli.mismatch.identified import NO_HYPOTHESIS, identify_with, inputs_of, nuisance, stacked
+from enginediag_cli.mismatch.noise import estimated_noise, with_noise
+from enginediag_cli.mismatch.options import Option, OptionScore, effect_option, fault_options
+from enginediag_cli.mismatch.pairs import best_pairs
+from enginediag_cli.mismatch.projection import Projection
+from enginediag_cli.mismatch.scores import critical_surprise, surprise
+from enginediag_cli.mismatch.trial_fit import Remainder, Trial, attempt, remainder
+from enginediag_cli.physics.registry import candidates
+from enginediag_cli.physics.term import Effect
+
+ALIAS = 6.0
+"""Explanations whose χ² is within this of the best are told together."""
+
+ADEQUATE = 0.01
+"""Level of the gate that an explanation must pass; 5 % would reject one right explanation in twenty."""
+
+SHORTLIST, PAIRS = 6, 5
+LARGEST_SET, EXTENDED = 4, 2
+MOST_FLIGHTS = 0.75
+NOISE_PASSES = 2
+
+Hidden = Callable[[Trial], Sequence[object]]
+
+
+class Search:
+    """One search for what the evidence shows; `run` gives the answer."""
+
+    def __init__(self, evidence: Evidence, effects: Sequence[Effect] | None = None, hidden: Hidden | None = None):
+        self.evidence = evidence
+        self.effects = list(candidates(evidence.engine)) if effects is None else list(effects)
+        self.hidden = hidden
+        self.along = nuisance(evidence)
+        self.rng = np.random.default_rng(evidence.settings.seed)
+        self.rejected: dict[str, str] = {}
+
+    def run(self) -> Answer:
+        found = identify_with(self.evidence, NO_HYPOTHESIS, self.along)
+        self.base = Trial((), found, Projection(found))
+        self.gates = (np.inf, np.inf)
+        if not found.converged:
+            return self._answer(FAILED, f"the model as it is could not be fitted: {found.reason}", Remainder((), ()))
+        self.library = [*map(effect_option, self.effects), *fault_options(found)]
+        self.along_drivers = self._drivers()
+        rest = remainder(self.base, self.library, self.along_drivers)
+        if self.evidence.settings.noise == "estimate":
+            rest = self._with_estimated_noise(rest)
+            if not self.base.converged:
+                return self._answer(FAILED, f"the model could not be fitted: {self.base.found.reason}", rest)
+        levels = (self.evidence.settings.false_alarm, ADEQUATE)
+        self.gates = critical_surprise(rest.blocks(), levels, self.rng)  # type: ignore[assignment]
+        if rest.surprise <= self.gates[0]:
+            hidden = self.hidden(self.base) if self.hidden else ()
+            if hidden:
+                return self._answer(HIDDEN, "", rest, hidden=hidden)
+            return self._answer(NOTHING, "nothing stands out of noise and identified parameters", rest)
+        return self._decide(rest)
+
+    def _decide(self, rest: Remainder) -> Answer:
+        singles = self._refit([(s.option,) for s in self._shortlist(rest.scores)])
+        if singles is None:
+            return self._answer(FAILED, "no explanation could be fitted", rest)
+        named = self._named(singles, rest)
+        if named:
+            return self._answer(NAMED, "", rest, named)
+        hidden = self.hidden(self.base) if self.hidden else ()
+        if hidden:
+            return self._answer(HIDDEN, "", rest, hidden=hidden)
+        best = rest.cells[0] if rest.cells else None
+        sets = self._refit(best_pairs(rest.scores, singles, PAIRS)) or []
+        for size in range(2, LARGEST_SET + 1):
+            named = self._named([s for s in sets if self._counts(s, best)], rest)
+            if named:
+                return self._answer(NAMED, "", rest, named)
+            if size < LARGEST_SET:
+                sets = self._refit(self._extended(sets[:EXTENDED])) or []
+        return self._answer(
+            NONE, f"no listed effect or change in time, nor up to {LARGEST_SET} together, explains the mismatch", rest)
+
+    def _with_estimated_noise(self, rest: Remainder) -> Remainder:
+        """What is left when the noise is what nothing explains; weights and noise in turn."""
+        for _ in range(NOISE_PASSES):
+            noise = estimated_noise(self.base.projection, rest.blocks())
+            self.evidence = with_noise(self.evidence, noise)
+            found = identify_with(self.evidence, NO_HYPOTHESIS, self.along, self.base.found)
+            self.base = Trial((), found, Projection(found))
+            rest = remainder(self.base, self.library, self.along_drivers)
+        return rest
+
+    # fitting
+
+    def _shortlist(self, scores: Sequence[OptionScore]) -> list[OptionScore]:
+        """The best few: T > 0.3 T_max − 30. Of the onsets of one parameter only the best is worth a fit."""
+        top = max((s.score.statistic for s in scores if s.surprise > 0), default=0.0)
+        chosen: list[OptionScore] = []
+        for s in scores:
+            same = any(s.option.driver == c.option.driver == "time" and s.option.component == c.option.component
+                       and s.option.hypothesis.discrepancies[0].target == c.option.hypothesis.discrepancies[0].target
+                       for c in chosen)
+            if s.surprise > 0 and s.score.statistic > 0.3 * top - 30.0 and not same:
+                chosen.append(s)
+            if len(chosen) == SHORTLIST:
+                break
+        return chosen
+
+    def _extended(self, sets: Sequence[Trial]) -> list[tuple[Option, ...]]:
+        """Each set with the option that has most to say about what the set leaves."""
+        wider: list[tuple[Option, ...]] = []
+        for trial in sets:
+            left = remainder(trial, self.library, self.along_drivers)
+            if left.scores and left.scores[0].surprise > self.gates[1]:
+                new = (*trial.options, left.scores[0].option)
+                if not any({o.label for o in new} == {o.label for o in w} for w in wider):
+                    wider.append(new)
+        return wider
+
+    def _refit(self, sets: Sequence[tuple[Option, ...]]) -> list[Trial] | None:
+        """Trials that converged, best first; None when there were some and none did."""
+        trials = []
+        for options in sets:
+            trial = attempt(options, self.base.found, self.along)
+            if trial.converged:
+                trials.append(trial)
+            else:
+                self.rejected[trial.label] = f"did not converge: {trial.found.reason}"
+        if sets and not trials:
+            return None
+        return sorted(trials, key=lambda t: t.objective)
+
+    # deciding
+
+    def _named(self, trials: Sequence[Trial], rest: Remainder) -> list[Explanation]:
+        """The alias set of the best adequate trial, best first; empty when none is adequate."""
+        adequate: list[tuple[Trial, float, float]] = []
+        for trial in trials:
+            if adequate and trial.objective > adequate[0][0].objective + ALIAS:
+                self.rejected.setdefault(trial.label, f"χ² is {trial.objective - adequate[0][0].objective:.1f} worse")
+                continue
+            left, flights, why = self._judge(trial)
+            if why:
+                self.rejected[trial.label] = why
+            else:
+                adequate.append((trial, left, flights))
+        if not adequate:
+            return []
+        odds = np.exp([-0.5 * (t.objective - adequate[0][0].objective) for t, _, _ in adequate])
+        return [self._explanation(t, p, left, flights)
+                for (t, left, flights), p in zip(adequate, odds / odds.sum(), strict=True)]
+
+    def _judge(self, trial: Trial) -> tuple[float, float, str]:
+        """What is left, share of flights gained, and why the trial is no explanation ("" when it is one)."""
+        if trial.at_bound:
+            return np.nan, np.nan, f"needs {', '.join(trial.at_bound)} beyond its physical bound"
+        left = remainder(trial, self.library, self.along_drivers)
+        if left.surprise > self.gates[1]:
+            return left.surprise, np.nan, f"leaves a misfit behind (−ln p = {left.surprise:.1f})"
+        if self.evidence.settings.map_accuracy > 0.0 and all(o.driver != "time" for o in trial.options):
+            flights = flights_gained(self.base, trial)
+            if flights < MOST_FLIGHTS:
+                return left.surprise, flights, (
+                    f"predicts only {100 * flights:.0f} % of the flights better: not separable from map error")
+            return left.surprise, flights, ""
+        return left.surprise, np.nan, ""
+
+    def _counts(self, trial: Trial, best: Cell | None) -> bool:
+        """Whether a set is worth judging: every member is needed beside the others, and
+        drop − 2·p > T − 2·dof of the best single free-form block, else one unlisted effect is the simpler story."""
+        for option in trial.options:
+            own = [trial.coefficients[n] for n in option.hypothesis.names]
+            z2 = max(((v / s) ** 2 for v, s in own if s > 0), default=0.0)
+            if surprise(z2, 1) < self.gates[1]:
+                self.rejected[trial.label] = f"does not need {option.label}"
+                return False
+        drop = self.base.objective - trial.objective
+        if best is None or drop - 2.0 * len(trial.hypothesis.names) > best.score.statistic - 2.0 * best.score.dof:
+            return True
+        self.rejected[trial.label] = "one unlisted effect explains as much"
+        return False
+
+    def _explanation(self, t: Trial, probability: float, left: float, flights: float) -> Explanation:
+        parameters = t.found.model.parameters
+        found = tuple(
+            Coefficient(n, parameters[n].unit, v, s, v - 1.96 * s, v + 1.96 * s) for n, (v, s) in t.coefficients.items()
+        )
+        gain = self.base.objective - t.objective
+        return Explanation(t.options, found, t.objective, gain, float(probability), left, flights, t.at_bound)
+
+    # around it
+
+    def _drivers(self) -> list[Driver]:
+        engine = self.evidence.engine
+        theta = {n: v for n, v in self.base.found.theta.items() if n in engine.parameters}
+        recorded = {c: stacked(self.evidence, c) for c in self.evidence.drivers}
+        return drivers(engine, inputs_of(self.evidence), theta, recorded)
+
+    def _answer(
+        self, status: str, reason: str, rest: Remainder, named: Sequence[Explanation] = (),
+        hidden: Sequence[object] = (),
+    ) -> Answer:
+        unseen = tuple(s.option.label for s in rest.scores if s.score.absorbed and s.option.driver != "time")
+        base = self.base
+        return Answer(
+            status, reason, tuple(named), rest.cells, unseen, tuple(hidden), self.gates, rest.surprise, base.objective,
+            base.projection.dof, self.rejected, base.found.theta, base.found.number,
+        )
+
+
+def explain(evidence: Evidence, effects: Sequence[Effect] | None = None, hidden: Hidden | None = None) -> Answer:
+    """What the evidence shows that the engine's model lacks. `effects`: the library, default all that the model does
+    not carry; `hidden`: finds effects of an unrecorded driver at a trial."""
+    return Search(evidence, effects, hidden).run()

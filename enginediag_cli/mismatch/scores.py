@@ -1,0 +1,58 @@
+"""What the largest of many scores is worth.
+
+The largest of many scores is large by chance; its distribution when nothing is missing is drawn from the
+geometry of the columns themselves, all scores being linear in one Gaussian vector.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from scipy import special
+
+DRAWS = 2000
+FAR = 1e-280  # tail probabilities below it come from the asymptotic series
+
+
+def surprise(T: np.ndarray | float, dof: int) -> np.ndarray:
+    """−ln p of a χ² statistic, without underflow however large: by ln Φ for one degree of freedom, T/2 for two, and
+    beyond by Γ(k/2, T/2)/Γ(k/2), whose tail is −ln p → T/2 − (k/2 − 1) ln(T/2) + ln Γ(k/2)."""
+    half = 0.5 * np.asarray(T, float)
+    if dof == 1:
+        return np.asarray(-special.log_ndtr(-np.sqrt(2.0 * half)) - np.log(2.0))
+    if dof == 2:
+        return half
+    p = special.gammaincc(0.5 * dof, half)
+    far = half - (0.5 * dof - 1.0) * np.log(np.maximum(half, 1.0)) + special.gammaln(0.5 * dof)
+    return np.where(p > FAR, -np.log(np.maximum(p, FAR)), far)
+
+
+def critical_surprise(
+    blocks: Sequence[np.ndarray], levels: Sequence[float], rng: np.random.Generator
+) -> tuple[float, ...]:
+    """−ln p that the largest score of these blocks of projected columns (n, k) exceeds with each probability of
+    `levels` when nothing is missing; infinite when there is no block."""
+    bases = [b for b in map(_basis, blocks) if b.shape[1]]
+    if not bases:
+        return tuple(np.inf for _ in levels)
+    U = np.concatenate(bases, axis=1)
+    w = rng.standard_normal((DRAWS, len(U))) @ U
+    top: dict[int, np.ndarray] = {}  # the largest T of each number of degrees of freedom
+    j = 0
+    for b in bases:
+        k = b.shape[1]
+        T = np.einsum("dk,dk->d", w[:, j : j + k], w[:, j : j + k])
+        top[k] = np.maximum(top[k], T) if k in top else T
+        j += k
+    largest = np.max([surprise(T, k) for k, T in top.items()], axis=0)
+    return tuple(float(np.quantile(largest, 1.0 - level)) for level in levels)
+
+
+def _basis(block: np.ndarray) -> np.ndarray:
+    """Orthonormal columns that span a block."""
+    if block.shape[1] == 1:
+        length = float(np.linalg.norm(block))
+        return block / length if length > 0 else block[:, :0]
+    u, s, _ = np.linalg.svd(block, full_matrices=False)
+    return np.asarray(u[:, s > 1e-7 * s[0]] if s[0] > 0 else u[:, :0])

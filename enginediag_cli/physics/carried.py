@@ -1,0 +1,74 @@
+"""The `physics:` block of an engine file: the effects that its model carries."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+from enginediag_cli.config.checked import Checked
+from enginediag_cli.config.fields import Field, Section
+from enginediag_cli.config.hints import near
+from enginediag_cli.errors import Problem
+from enginediag_cli.physics.registry import term, term_names
+from enginediag_cli.physics.term import Effect
+
+if TYPE_CHECKING:
+    from enginediag_cli.engine.network import Network
+
+EFFECT = Section(
+    "effect",
+    "a physical effect that the model carries; `enginediag physics` lists them",
+    (
+        Field("term", "text", "name of the effect"),
+        Field("at", "text", "where it acts: a component, a shaft or a sensor"),
+        Field("coefficients", "number_map", "its coefficients; those left out are absent", {},
+              unit="the coefficient's"),
+        Field("standard_errors", "number_map", "of the coefficients, when they were fitted", {},
+              unit="the coefficient's"),
+        Field("source", "text", "where the coefficients come from: data and command", ""),
+    ),
+)
+
+
+def carried_effects(
+    blocks: Sequence[Mapping[str, Any]], network: Network, checked: Checked
+) -> tuple[list[Effect], list[Problem]]:
+    """The effects of the blocks, and everything that is wrong with them at its place in the file."""
+    effects: list[Effect] = []
+    problems: list[Problem] = []
+    for k, block in enumerate(blocks):
+        at = ("physics", k)
+        if block["term"] not in term_names():
+            problems.append(Problem(checked.mark((*at, "term")), f"there is no physics term '{block['term']}'",
+                                    near(block["term"], term_names())))
+            continue
+        found = term(block["term"])
+        sites = {s.name: s for s in found.sites(network)}
+        if block["at"] not in sites:
+            problems.append(Problem(checked.mark((*at, "at")), f"{found.NAME} cannot act at '{block['at']}'",
+                                    near(block["at"], sites)))
+            continue
+        problems += _coefficient_problems(found.COEFFICIENTS, block, at, checked)
+        effect = Effect(found, sites[block["at"]], dict(block["coefficients"]))
+        if any(e.label == effect.label for e in effects):
+            problems.append(Problem(checked.mark(at), f"{effect.label} is listed twice"))
+        effects.append(effect)
+    return ([] if problems else effects), problems
+
+
+def _coefficient_problems(
+    known: Sequence[Any], block: Mapping[str, Any], at: tuple[str | int, ...], checked: Checked
+) -> list[Problem]:
+    by_name = {c.name: c for c in known}
+    problems = []
+    for key in ("coefficients", "standard_errors"):
+        for name in block[key]:
+            if name not in by_name:
+                problems.append(Problem(checked.mark((*at, key, name)),
+                                        f"{block['term']} has no coefficient '{name}'", near(name, by_name)))
+    for name, value in block["coefficients"].items():
+        c = by_name.get(name)
+        if c is not None and not c.lower <= value <= c.upper:
+            problems.append(Problem(checked.mark((*at, "coefficients", name)),
+                                    f"{name} is {value:g}, outside its physical bounds", f"{c.lower:g} to {c.upper:g}"))
+    return problems

@@ -1,0 +1,62 @@
+"""Finds physics terms by name: the term `reynolds_efficiency` is the one class of `terms/reynolds_efficiency.py`.
+
+To add an effect, write its file; nothing else lists it.
+"""
+
+from __future__ import annotations
+
+import inspect
+import pkgutil
+from collections.abc import Iterator, Mapping, Sequence
+from functools import cache
+from importlib import import_module
+from typing import TYPE_CHECKING
+
+from enginediag_cli.physics import terms
+from enginediag_cli.physics.term import Effect, Term
+
+if TYPE_CHECKING:
+    from enginediag_cli.engine.engine import Engine
+
+
+def term_names() -> tuple[str, ...]:
+    """Names of all terms, sorted; no term is imported."""
+    return tuple(sorted(m.name for m in pkgutil.iter_modules(terms.__path__)))
+
+
+@cache
+def term(name: str) -> Term:
+    """The term of that name. Raises KeyError."""
+    if name not in term_names():
+        raise KeyError(name)
+    module = import_module(f"{terms.__name__}.{name}")
+    found = [c for _, c in inspect.getmembers(module, inspect.isclass)
+             if issubclass(c, Term) and c.__module__ == module.__name__ and getattr(c, "NAME", None) == name]
+    if len(found) != 1:
+        raise TypeError(f"{module.__name__} must hold exactly one Term with NAME {name!r}")
+    return found[0]()
+
+
+def effect(engine: Engine, name: str, site: str, values: Mapping[str, float] | None = None) -> Effect:
+    """The term of that name at a site of the engine. Raises KeyError with what is unknown."""
+    found = term(name)
+    sites = {s.name: s for s in found.sites(engine.network)}
+    if site not in sites:
+        raise KeyError(f"{name}@{site}")
+    return Effect(found, sites[site], dict(values or {}))
+
+
+def candidates(engine: Engine, without: Sequence[str] = ()) -> Iterator[Effect]:
+    """Every term at every site of the engine that its model does not carry, absent.
+
+    `without`: terms, or labels `term@site`, that are left out.
+    """
+    carried = {e.label for e in engine.effects}
+    for name in term_names():
+        if name in without:
+            continue
+        found = term(name)
+        for site in found.sites(engine.network):
+            e = Effect(found, site, {})
+            if e.label not in carried and e.label not in without:
+                yield e

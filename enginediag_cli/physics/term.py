@@ -1,0 +1,163 @@
+"""What every physics term is: words, coefficients, the places where it can act, and how it acts there.
+
+A term is installed at a *site* of an engine (a component, a shaft, a sensor), where its coefficients become
+parameters `<term>.<site>.<coefficient>` of the family "physics". At their `absent` values the effect is not there
+and the model is unchanged to the last digit: hooks of an effect that is absent are not even called.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, ClassVar
+
+import numpy as np
+
+from enginediag_cli.engine.dual import Value
+from enginediag_cli.engine.evaluation import Evaluation
+from enginediag_cli.engine.hooks import FlowHook, Hooks, ValueHook
+from enginediag_cli.parameters import Parameter
+
+if TYPE_CHECKING:
+    from enginediag_cli.engine.components.base import Component
+    from enginediag_cli.engine.network import Network
+
+
+@dataclass(frozen=True)
+class Coefficient:
+    """One number of an effect, in `unit`.
+
+    `absent`: the value at which the effect is not there; `lower`, `upper`: physical bounds, whose sign is
+    knowledge (a bleed takes air); `sigma`: prior standard deviation when the term is searched for; `typical`: a
+    plausible size, with its sign. `shape`: a number that matters only when another coefficient is not absent
+    (a threshold, an exponent that is not sought); it keeps its `absent` value in a search. `assumed`: the range
+    is engineering judgement, not read in a source.
+    """
+
+    name: str
+    unit: str
+    description: str
+    absent: float
+    lower: float
+    upper: float
+    sigma: float
+    typical: float
+    assumed: bool = False
+    shape: bool = False
+
+
+@dataclass(frozen=True)
+class Site:
+    """Where a term can act: `name` (hpc, hp, T45, …) completes its parameters' names; `component` is the part of
+    the engine that an engineer would look at ("hpc", "hp", "sensor.T45", "ambient"); `acts_on` are the leaves
+    ("hpc.efficiency"), stations ("station 3") or readings ("reading T45_K") that it changes."""
+
+    name: str
+    component: str
+    acts_on: tuple[str, ...]
+
+
+class Term(ABC):
+    """One effect. Subclasses fill in the words and implement `sites` and `install`.
+
+    `DRIVER` is one of the words of `enginediag_cli.physics.drivers.DRIVERS`: what the effect varies with.
+    `INPUTS` are columns that it reads beside the engine's own, with the value that stands for "not recorded".
+    `SWITCHES`: commanded, so it may be on or off without any column showing it.
+    """
+
+    NAME: ClassVar[str]
+    TITLE: ClassVar[str]
+    STATEMENT: ClassVar[str]
+    EQUATION: ClassVar[str]
+    DRIVER: ClassVar[str]
+    COEFFICIENTS: ClassVar[tuple[Coefficient, ...]]
+    REFERENCE: ClassVar[str]
+    INPUTS: ClassVar[Mapping[str, float]] = {}
+    SWITCHES: ClassVar[bool] = False
+
+    @classmethod
+    def amplitudes(cls) -> tuple[Coefficient, ...]:
+        """The coefficients that are sought."""
+        return tuple(c for c in cls.COEFFICIENTS if not c.shape)
+
+    @abstractmethod
+    def sites(self, network: Network) -> Iterable[Site]:
+        """Places of this engine at which the effect can act; none where the engine has no such part."""
+
+    @abstractmethod
+    def install(self, at: Place) -> None:
+        """Registers the effect's hooks at a site."""
+
+
+@dataclass(frozen=True)
+class Effect:
+    """A term at a site with the values of its coefficients; those not given are absent."""
+
+    term: Term
+    site: Site
+    values: Mapping[str, float]
+
+    @property
+    def label(self) -> str:
+        """`reynolds_efficiency@hpc`: how commands and answers call it."""
+        return f"{self.term.NAME}@{self.site.name}"
+
+    def parameter_name(self, coefficient: str) -> str:
+        return f"{self.term.NAME}.{self.site.name}.{coefficient}"
+
+    @property
+    def amplitudes(self) -> tuple[str, ...]:
+        """Names of the parameters that are sought."""
+        return tuple(self.parameter_name(c.name) for c in self.term.amplitudes())
+
+    def parameters(self) -> tuple[Parameter, ...]:
+        return tuple(
+            Parameter(
+                self.parameter_name(c.name), "physics", self.values.get(c.name, c.absent), c.lower, c.upper, c.sigma,
+                c.unit, c.description,
+            )
+            for c in self.term.COEFFICIENTS
+        )
+
+
+class Place:
+    """A site of one engine while a term is installed there.
+
+    `network` is the engine, `component` the component of the site's name (None for a shaft or sensor), `design`
+    the evaluation of the sized engine at its design point, one point, for reference values.
+    """
+
+    def __init__(self, network: Network, effect: Effect, hooks: Hooks):
+        self.network, self.effect, self._hooks = network, effect, hooks
+        self.site = effect.site
+        self.component: Component | None = next((c for c in network.components if c.name == self.site.name), None)
+        assert network.design_point is not None
+        self.design: Evaluation = network.design_point
+        self._absent = {effect.parameter_name(c.name): c.absent for c in effect.term.amplitudes()}
+
+    def c(self, e: Evaluation, coefficient: str) -> Value:
+        """Value of a coefficient in this evaluation."""
+        return e[self.effect.parameter_name(coefficient)]
+
+    def active(self, e: Evaluation) -> bool:
+        """Whether the effect is there, or sought: any amplitude not absent or a direction of differentiation."""
+        return any(n in e.wrt or np.any(e.leaves[n] != a) for n, a in self._absent.items())
+
+    def on_leaf(self, leaf: str, change: ValueHook) -> None:
+        """`change(e, x)` gives the leaf's new value from its old one."""
+        self._hooks.leaves.setdefault(leaf, []).append(self._guarded(change))
+
+    def on_station(self, station: str, change: FlowHook) -> None:
+        """`change(e, flow)` gives the flow that the station delivers."""
+        self._hooks.stations.setdefault(station, []).append(self._guarded(change))
+
+    def on_reading(self, column: str, change: ValueHook) -> None:
+        """`change(e, x)` gives what the sensor of the column reads, before its scale and bias."""
+        self._hooks.readings.setdefault(column, []).append(self._guarded(change))
+
+    def _guarded(self, change: Callable) -> Callable:
+        def hook(e: Evaluation, x: object) -> object:
+            return change(e, x) if self.active(e) else x
+
+        return hook

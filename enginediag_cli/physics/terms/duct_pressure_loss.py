@@ -1,0 +1,45 @@
+"""Pressure loss of ducts."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import TYPE_CHECKING
+
+from enginediag_cli.engine.components.duct import Duct
+from enginediag_cli.engine.dual import Value
+from enginediag_cli.engine.evaluation import Evaluation
+from enginediag_cli.physics.readings import relative_flow
+from enginediag_cli.physics.term import Coefficient, Place, Site, Term
+
+if TYPE_CHECKING:
+    from enginediag_cli.engine.network import Network
+
+
+class DuctPressureLoss(Term):
+    """ΔP/P = λ [1 + s (x² − 1)], x the corrected flow that enters the duct over its design value."""
+
+    NAME = "duct_pressure_loss"
+    TITLE = "Duct pressure loss with flow"
+    STATEMENT = ("Friction in a duct takes pressure with the square of the corrected flow, not the same share at every "
+                 "power.")
+    EQUATION = "ΔP/P = λ [1 + s (x² − 1)],  x = (W√T/P)/(W√T/P)_design at its inlet"
+    DRIVER = "corrected_speed"
+    COEFFICIENTS = (
+        Coefficient("share", "1", "share s of the loss that follows the flow", 0.0, 0.0, 1.5, 0.5, 0.9),
+    )
+    REFERENCE = "NASA AGTF30 (setup_Duct: loss ∝ M², 0.005 to 0.015 at design); pyCycle duct element (s_dPqP M^n)"
+
+    def sites(self, network: Network) -> Iterable[Site]:
+        for c in network.components:
+            if isinstance(c, Duct) and c.values["law"] == "constant" and c.values["pressure_loss"] > 0.0:
+                yield Site(c.name, c.name, (f"{c.name}.pressure_loss",))
+
+    def install(self, at: Place) -> None:
+        assert at.component is not None
+        relative = relative_flow(at, at.component.values["from"])
+
+        def loss(e: Evaluation, constant: Value) -> Value:
+            x = relative(e)
+            return constant * (1.0 + at.c(e, "share") * (x * x - 1.0))
+
+        at.on_leaf(f"{at.component.name}.pressure_loss", loss)

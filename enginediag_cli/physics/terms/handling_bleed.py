@@ -1,0 +1,65 @@
+"""Handling (blow-off, variable bleed) valve behind the booster or the only compressor."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import TYPE_CHECKING
+
+from enginediag_cli.engine.components.compressor import Compressor
+from enginediag_cli.engine.dual import exp
+from enginediag_cli.engine.evaluation import Evaluation
+from enginediag_cli.engine.flow import Flow
+from enginediag_cli.physics.parts import core_compressor, relative_corrected_speed, upstream
+from enginediag_cli.physics.term import Coefficient, Place, Site, Term
+
+if TYPE_CHECKING:
+    from enginediag_cli.engine.network import Network
+
+
+class HandlingBleed(Term):
+    """W_out = W [1 − b s(n)], s = 1/(1 + exp[(n − n_open)/Δn]), n = N_c/N_c,design of the site's compressor.
+
+    The air leaves the engine; what it would add to a bypass stream is neglected. An engine without booster blows
+    off behind its compressor.
+    """
+
+    NAME = "handling_bleed"
+    TITLE = "Handling bleed"
+    STATEMENT = ("Below a certain speed a valve lets compressed air out to keep the compressor from surge; what "
+                 "lies behind it gets less flow there.")
+    EQUATION = "W = W_exit (1 − b/(1 + exp[(N_c/N_c,design − n_open)/Δn]))"
+    DRIVER = "corrected_speed"
+    COEFFICIENTS = (
+        Coefficient("fraction", "1", "b, bleed over flow with the valve open", 0.0, 0.0, 0.25, 0.05, 0.08),
+        Coefficient("open_below", "1", "n_open, relative corrected speed at which the valve is half open", 0.85, 0.4,
+                    1.1, 0.05, 0.85, assumed=True, shape=True),
+        Coefficient("width", "1", "Δn, relative corrected speed over which it moves", 0.03, 0.01, 0.2, 0.02, 0.03,
+                    assumed=True, shape=True),
+    )
+    REFERENCE = "NASA AGTF30 variable bleed valve (0 to 15 % of booster flow); speed and width of opening assumed"
+
+    def sites(self, network: Network) -> Iterable[Site]:
+        c = valve(network)
+        if c is not None:
+            yield Site(c.name, c.name, (f"station {c.values['to']}",))
+
+    def install(self, at: Place) -> None:
+        c = at.component
+        assert isinstance(c, Compressor)
+        speed = relative_corrected_speed(at, c)
+
+        def exit_flow(e: Evaluation, flow: Flow) -> Flow:
+            closed = exp((speed(e) - at.c(e, "open_below")) / at.c(e, "width"))
+            return flow.with_(W=flow.W * (1.0 - at.c(e, "fraction") / (1.0 + closed)))
+
+        at.on_station(c.values["to"], exit_flow)
+
+
+def valve(network: Network) -> Compressor | None:
+    """The compressor behind which the valve lies: the booster, or else the core compressor itself; none at constant
+    speed, where the valve is a matter of starting."""
+    for core in core_compressor(network):
+        if network.shafts[core.values["shaft"]]["speed"] != "constant":
+            before = upstream(network, core.values["from"])
+            return before if isinstance(before, Compressor) else core
+    return None
