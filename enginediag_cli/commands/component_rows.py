@@ -9,14 +9,17 @@ if TYPE_CHECKING:
     from enginediag_cli.isolation.components import ComponentIsolation
 
 
-def component_row(verdict: Verdict, found: ComponentIsolation | None) -> dict[str, Any]:
+def component_row(verdict: Verdict, found: ComponentIsolation | None, units: dict[str, str]) -> dict[str, Any]:
     """Row of one window; `inclusion` lists the components likeliest first, down to one in a hundred."""
+    from enginediag_cli.commands.isolation_rows import fit_cell, reservation, told_verdict
     from enginediag_cli.residuals.flat import window_row
 
+    adequacy = found.adequacy if found else None
     row = window_row(verdict.window)
     row.update(
-        verdict=verdict.verdict,
+        verdict=told_verdict(verdict, adequacy),
         p_value=verdict.test.p_value if verdict.test else None,
+        fit=fit_cell(adequacy),
         components=None,
         probability=None,
         inclusion=None,
@@ -30,13 +33,15 @@ def component_row(verdict: Verdict, found: ComponentIsolation | None) -> dict[st
             probability=found.probability,
             inclusion=[f"{name} ({chance:.2g})" for name, chance in shown if chance >= 0.01],
             rivals=[f"{' & '.join(r.parameters) or 'nothing'} ({r.probability:.2g})" for r in found.rivals],
-            note="" if found.complete else "larger sets of parameters were not considered",
+            note="; ".join(filter(None, [reservation(found.adequacy, units),
+                                         "" if found.complete else "larger sets of parameters were not considered"])),
         )
     return row
 
 
-def component_sentence(found: ComponentIsolation) -> str:
+def component_sentence(found: ComponentIsolation, units: dict[str, str]) -> str:
     """The answer for one window in words."""
+    from enginediag_cli.commands.isolation_rows import reservation
     from enginediag_cli.presentation.names import in_words, listed
     from enginediag_cli.presentation.numbers import probability
 
@@ -46,4 +51,6 @@ def component_sentence(found: ComponentIsolation) -> str:
     told = f"{words(found.components)} changed (probability {probability(found.probability)})"
     if found.rivals:
         told += f"; next: {words(found.rivals[0].parameters)} ({probability(found.rivals[0].probability)})"
-    return told
+    caution = reservation(found.adequacy, units)
+    leading = "" if found.adequacy.stands else "leading, but not to be relied on: "
+    return f"{caution}; {leading}{told}" if caution else told

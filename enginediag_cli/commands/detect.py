@@ -165,11 +165,16 @@ def _follow(
 
     if nominal is None:
         raise click.UsageError("--follow needs --nominal")
-    if step or detectable or origin != Origin():
-        raise click.UsageError(
-            "--follow goes with --window, --monitor and --false-alarm, not with --step, --detectable, --recorder, "
-            "--engine-instance, --reference, --last or --model-error"
-        )
+    refused = {
+        "--step": (step, "blocks do not overlap, or their evidence would count twice"),
+        "--detectable": (detectable, "the smallest change depends on how long it has lasted"),
+        "--reference": (origin.reference, "a flight is judged from its first record on"),
+        "--last": (origin.last, "the last records of a flight that goes on are not known"),
+        "--model-error": (origin.model_error, "its bound on false alarms holds for an engine model that is right"),
+    }
+    reasons = [f"{option} does not go with --follow: {why}" for option, (given, why) in refused.items() if given]
+    if reasons:
+        raise click.UsageError("; ".join(reasons))
     block = block_length(window)
     intake = Intake(messages, load_monitor(messages, nominal, patterns), WindowPlan(), "nominal", origin)
     alarms: dict[tuple[str, str, str], bool] = {}
@@ -185,7 +190,8 @@ def _follow(
     found = rows()
     first = next(found, None)
     head = header_lines(
-        "detect", configs=[nominal], notes={"follow": f"{block} records", "false_alarm": str(false_alarm)},
+        "detect", configs=[nominal, *origin.configs],
+        notes={"follow": f"{block} records", "false_alarm": str(false_alarm), **origin.notes},
         inherited=intake.provenance,
     )
     output.write_rows(chain([first] if first is not None else [], found), provenance=head, live=True)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from itertools import chain
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -55,11 +56,45 @@ def _chunks(intake: Intake, files: tuple[str, ...], block: int, idle_s: float) -
 
     for file in files:
         source: Any = file if file == "-" or file.endswith(".gz") else GrowingFile(file, idle_s)
+        if intake.origin.recorder:
+            yield from _mapped(intake, source, block)
+            continue
         for number, chunk in enumerate(read(source, declared=intake.declared(), chunk_records=block)):
             if number == 0:
                 intake.remember(chunk)
             if len(chunk):
                 yield intake.clean(chunk, search=False)
+
+
+def _mapped(intake: Intake, source: Any, block: int) -> Iterator[Recording]:
+    """Blocks of what the recorder keeps of a foreign file, as it comes; what was left out goes to standard error."""
+    from enginediag_cli.commands.origin import chosen_engine, of_engine
+    from enginediag_cli.recordings.live import LiveRecorder
+    from enginediag_cli.recordings.read import read
+    from enginediag_cli.recordings.recorder import load_recorder
+    from enginediag_cli.recordings.table import concat
+
+    assert intake.origin.recorder is not None
+    recorder, wanted = load_recorder(intake.origin.recorder), intake.origin.engine_instance
+    name = str(getattr(source, "name", source))
+    live = LiveRecorder(recorder, chosen_engine(recorder.engines, wanted, name))
+    held: list[Recording] = []
+    chunks = chain(read(source, required=recorder.source_columns, by_suffix=False, chunk_records=block), [None])
+    last: Recording | None = None
+    for chunk in chunks:
+        if last is None:
+            if chunk is not None:
+                intake.remember(chunk)
+        else:
+            found = live.add(last, end=chunk is None)
+            held.append(of_engine(found, wanted) if wanted and wanted != live.engine else found)
+            if chunk is None or sum(map(len, held)) >= block:
+                piece, held = concat(held), []
+                if len(piece):
+                    yield piece
+        last = chunk
+    for line in live.report_lines(name):
+        intake.messages.note(line)
 
 
 def report_row(report: BlockReport) -> dict[str, Any]:

@@ -62,7 +62,15 @@ SENTENCES = 10
     type=click.FloatRange(0, 1, min_open=True, max_open=True),
     default=0.1,
     show_default=True,
-    help="Prior probability that a parameter changed (posterior).",
+    help="Prior probability that a parameter of the engine changed (posterior).",
+)
+@click.option(
+    "--sensor-inclusion",
+    metavar="P",
+    type=click.FloatRange(0, 1, min_open=True, max_open=True),
+    default=0.02,
+    show_default=True,
+    help="Prior probability that a sensor is wrong (posterior); no more than two are at once.",
 )
 @click.option(
     "--coverage",
@@ -104,6 +112,7 @@ def isolate(
     faults: int | None,
     false_alarm: float,
     inclusion: float,
+    sensor_inclusion: float,
     coverage: float,
     by: str,
     largest: int | None,
@@ -115,13 +124,17 @@ def isolate(
 
     \b
     enginediag isolate -n nominal.yaml flight.csv
-    enginediag residual -n nominal.yaml flight.csv | enginediag isolate -
+    enginediag residual -n nominal.yaml --sensors flight.csv | enginediag isolate -
     enginediag isolate -n nominal.yaml flight.csv --method incremental --linearise nominal
-    enginediag isolate -n nominal.yaml flight.csv --sensors --catalogue configs/faults --advise
+    enginediag isolate -n nominal.yaml flight.csv --catalogue configs/faults --advise
 
+    Every sensor may be wrong, too, unless --no-sensors says that none is, or --monitor what may have changed;
+    `verdict` tests all of that, where detect tests the engine alone.
     `probability` is that of exactly this set, `inclusion` that of the parameter in any set; `rivals` are the
     other sets that the data cannot exclude. Sizes are in the parameter's unit, with an interval that holds if
-    the set is right.
+    the set is right. `fit` is what the answer leaves unexplained, per degree of freedom: near 1 when it fits. Where the
+    model fits badly whatever is assumed, probabilities and intervals are widened; where it then convinces no longer, or
+    fits only with changes that no engine shows, the verdict is `cannot tell` and `note` says why.
     """
     from enginediag_cli.commands.component_rows import component_row, component_sentence
     from enginediag_cli.commands.isolation_options import advice_for
@@ -138,7 +151,7 @@ def isolate(
         raise click.UsageError("--by component goes with --method posterior and without --faults")
     further.check(method, by, nominal, bool(origin.reference or origin.model_error))
     plan = planned(window, step)
-    monitor = further.monitor(messages, nominal, patterns) if nominal else None
+    monitor = further.monitor(messages, nominal, patterns, method) if nominal else None
     intake = KeepingIntake(messages, monitor, plan, linearise, origin)
     plain = not (origin.reference or origin.model_error)  # otherwise the score knows more than the records tell
     if monitor is not None and plain and by == "parameter" and further.keeps(method, linearise):
@@ -146,7 +159,7 @@ def isolate(
     options = IsolationOptions(
         faults=faults,
         false_alarm=false_alarm,
-        prior=SetPrior(inclusion=inclusion),
+        prior=SetPrior(inclusion=inclusion, sensor=sensor_inclusion),
         coverage=coverage,
         confidence=coverage,
         largest=largest,
@@ -158,23 +171,27 @@ def isolate(
         nonlocal named, judged, windows
         for found, units in intake.windows(recordings):
             windows += 1
+            if windows == 1 and found.statistics is not None and nominal is None:
+                further.warn_of_sensors(messages, found.statistics.parameters)
             verdict = judge(found, false_alarm)
             if by == "component":
-                component = isolate_components(verdict.score, options) if verdict.score is not None else None
+                component = (
+                    isolate_components(verdict.score, options, found.statistics) if verdict.score is not None else None
+                )
                 judged += component is not None
-                named += bool(component and component.components)
+                named += bool(component and component.components and component.adequacy.stands)
                 if windows <= SENTENCES and component is not None:
-                    messages.note(f"{where(verdict)}: {component_sentence(component)}")
-                yield component_row(verdict, component)
+                    messages.note(f"{where(verdict)}: {component_sentence(component, units)}")
+                yield component_row(verdict, component, units)
                 continue
             diagnosis = advice = None
             if verdict.score is not None:
                 model = intake.model(found)
-                diagnosis = diagnose(verdict.score, asked, model)
+                diagnosis = diagnose(verdict.score, asked, model, found.statistics)
                 if further.advise and monitor is not None:
                     advice = advice_for(further, monitor, diagnosis, model() if model else None)
                 judged += 1
-                named += bool(diagnosis.result.isolated)
+                named += bool(diagnosis.result.isolated and diagnosis.adequacy.stands)
             if windows <= SENTENCES:
                 tell(messages, verdict, diagnosis, units, advice or ())
             yield from isolation_rows(verdict, diagnosis, units, asked.catalogue is not None, advice)

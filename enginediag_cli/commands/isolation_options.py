@@ -29,9 +29,10 @@ ADVISED = 3
 
 @dataclass(frozen=True)
 class Further:
-    """Choices of `further_options`; extra: model column → noise of a further sensor, in the column's unit."""
+    """Choices of `further_options`; sensors: None where nothing was said; extra: model column → noise of a further
+    sensor, in the column's unit."""
 
-    sensors: bool = False
+    sensors: bool | None = None
     one_sided: bool = False
     catalogue: tuple[str, ...] = ()
     nonlinear: str = "auto"
@@ -41,8 +42,10 @@ class Further:
     @property
     def notes(self) -> dict[str, str]:
         """Choices that the result depends on, for the provenance header."""
-        told = {"sensors": self.sensors, "one_sided": self.one_sided, "nonlinear": self.nonlinear != "auto"}
+        told = {"one_sided": self.one_sided, "nonlinear": self.nonlinear != "auto"}
         shown = {name: "yes" for name, chosen in told.items() if chosen}
+        if self.sensors is not None:
+            shown["sensors"] = "yes" if self.sensors else "no"
         return {**shown, **({"nonlinear": self.nonlinear} if "nonlinear" in shown else {})}
 
     def files(self) -> list[str]:
@@ -90,30 +93,30 @@ class Further:
             )
         if method != "posterior" and (self.one_sided or self.nonlinear == "always"):
             raise click.UsageError("--one-sided and --nonlinear always go with --method posterior")
-        if nominal is None and (self.sensors or self.advise or self.nonlinear == "always"):
-            raise click.UsageError("--sensors, --advise and --nonlinear always need --nominal")
+        if nominal is None and self.sensors:
+            raise click.UsageError("--sensors needs --nominal; to statistics they come by residual --sensors")
+        if nominal is None and (self.advise or self.nonlinear == "always"):
+            raise click.UsageError("--advise and --nonlinear always need --nominal")
         if reference and self.nonlinear == "always":
             raise click.UsageError("--nonlinear always does not go with --reference or --model-error")
         if self.extra and not self.advise:
             raise click.UsageError("--extra-sensor goes with --advise")
 
-    def monitor(self, messages: Messages, nominal: str, patterns: tuple[str, ...]) -> Monitor:
-        """The engine with what is watched; with `--sensors`, also the bias of every sensor in use."""
-        monitor = load_monitor(messages, nominal, patterns)
+    def monitor(self, messages: Messages, nominal: str, patterns: tuple[str, ...], method: str) -> Monitor:
+        """The engine with what is watched: also the bias of every sensor in use, unless --monitor says what, or the
+        method is one of the tests of the local approach, or --no-sensors was given."""
+        wanted = (method == "posterior" and not patterns) if self.sensors is None else self.sensors
+        monitor = load_monitor(messages, nominal, patterns, sensors=wanted)
         self._check_extra(monitor)
-        if not self.sensors:
-            return monitor
-        from enginediag_cli.identification.nominal_file import read_nominal
-        from enginediag_cli.residuals.monitor import monitor_from_nominal
+        return monitor
 
-        biases = [
-            p.name
-            for column in monitor.sensors
-            for p in monitor.engine.sensors[column].parameters()
-            if p.name.endswith(".bias")
-        ]
-        return monitor_from_nominal(monitor.engine, read_nominal(nominal), (*monitor.monitored, *biases))
-
+    def warn_of_sensors(self, messages: Messages, parameters: tuple[str, ...]) -> None:
+        """Statistics that hold no error of a sensor put a wrong sensor down to the engine."""
+        if self.sensors is None and not any(name.startswith("sensor.") for name in parameters):
+            messages.warning(
+                "these statistics hold no errors of sensors: a wrong sensor would be taken for a change of the engine; "
+                "`residual --sensors` writes statistics that hold them"
+            )
 
     def _check_extra(self, monitor: Monitor) -> None:
         from enginediag_cli.config.hints import near
@@ -188,7 +191,7 @@ def further_options(function: Callable[..., Any]) -> Callable[..., Any]:
     @wraps(function)
     def with_further(
         *args: Any,
-        sensors: bool,
+        sensors: bool | None,
         one_sided: bool,
         catalogue: tuple[str, ...],
         nonlinear: str,
@@ -200,7 +203,12 @@ def further_options(function: Callable[..., Any]) -> Callable[..., Any]:
         return function(*args, further=further, **others)
 
     options = [
-        click.option("--sensors", is_flag=True, help="Watch for a bias of every sensor, too."),
+        click.option(
+            "--sensors/--no-sensors",
+            default=None,
+            help="Whether every sensor may have a bias, too. They may when neither is given, with the posterior and "
+            "without --monitor: a wrong sensor would else be taken for a change of the engine.",
+        ),
         click.option(
             "--catalogue",
             metavar="FILE",

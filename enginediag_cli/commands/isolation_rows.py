@@ -9,8 +9,30 @@ from enginediag_cli.presentation.messages import Messages
 
 if TYPE_CHECKING:
     from enginediag_cli.detection.verdict import Verdict
+    from enginediag_cli.isolation.adequacy import Adequacy
     from enginediag_cli.isolation.diagnosis import Diagnosis
     from enginediag_cli.isolation.named_faults import NamedIsolation
+
+
+CANNOT_TELL = "cannot tell"
+"""The verdict where the leading answer does not stand."""
+
+
+def told_verdict(verdict: Verdict, adequacy: Adequacy | None) -> str:
+    """The verdict of the test, or that the answer to what it found does not stand."""
+    return verdict.verdict if adequacy is None or adequacy.stands else CANNOT_TELL
+
+
+def reservation(adequacy: Adequacy, units: dict[str, str]) -> str:
+    """Why the answer does not stand, or what a bad fit did to it; empty where the model fits."""
+    from enginediag_cli.presentation.sentences import does_not_fit, evidence_reduced, not_believed
+
+    if adequacy.misfit:
+        return does_not_fit(adequacy.fit)
+    if adequacy.beyond is not None:
+        name, change = adequacy.beyond
+        return not_believed(name, change, unit=units.get(name, "").removeprefix("1"))
+    return evidence_reduced(adequacy.dispersion) if adequacy.dispersion > 1 else ""
 
 
 def isolation_rows(
@@ -28,8 +50,9 @@ def isolation_rows(
 
     row = window_row(verdict.window)
     row.update(
-        verdict=verdict.verdict,
+        verdict=told_verdict(verdict, diagnosis.adequacy if diagnosis else None),
         p_value=verdict.test.p_value if verdict.test else None,
+        fit=fit_cell(diagnosis.adequacy if diagnosis else None),
         isolated=None,
         probability=None,
         parameter=None,
@@ -58,7 +81,7 @@ def isolation_rows(
         probability=result.probability,
         rivals=[f"{' & '.join(r.parameters) or 'nothing'} ({r.probability:.2g})" for r in result.rivals],
         rivals_left_out=result.rivals_left_out,
-        note=result.note,
+        note="; ".join(filter(None, [reservation(diagnosis.adequacy, units), result.note])),
     )
     if not result.sizes:
         yield row
@@ -73,6 +96,13 @@ def isolation_rows(
             "unit": units.get(size.parameter, ""),
             "percent": size.percent,
         }
+
+
+def fit_cell(adequacy: Adequacy | None) -> float | None:
+    """χ² per degree of freedom after the answer; None where nothing is left to test it by."""
+    from math import isfinite
+
+    return adequacy.fit if adequacy is not None and isfinite(adequacy.fit) else None
 
 
 def _named_cells(named: NamedIsolation) -> dict[str, Any]:
@@ -118,7 +148,11 @@ def tell(
         for size in result.sizes
     ]
     exactly = f"; exactly this: probability {probability(result.probability)}" if result.inclusion else ""
-    messages.note(f"{here}: {'; '.join(told) if told else 'no change of a parameter stands out'}{exactly}")
+    caution = reservation(diagnosis.adequacy, units)
+    if caution:
+        messages.note(f"{here}: {caution}")
+    leading = "" if diagnosis.adequacy.stands else "leading, but not to be relied on: "
+    messages.note(f"{here}: {leading}{'; '.join(told) if told else 'no change of a parameter stands out'}{exactly}")
     if diagnosis.nonlinear:
         messages.note(f"{here}: a large change, judged with the full model")
     if diagnosis.rivalry is not None:

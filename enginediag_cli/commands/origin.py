@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Collection, Iterator
 from dataclasses import dataclass
 from functools import wraps
 from typing import TYPE_CHECKING, Any
@@ -46,18 +46,33 @@ class Origin:
 
     def mapped(self, messages: Messages, file: str) -> Iterator[Recording]:
         """The file as its recorder maps it, whole; what was masked or left out goes to standard error."""
-        import numpy as np
-
         assert self.recorder is not None
         wanted = self.engine_instance
         for m in read_mapped(messages, self.recorder, file, wanted):
             recording = m.recording
             if wanted and m.engine != wanted:
-                engines = np.array(recording.text.get("engine", [""] * len(recording)))
-                if wanted not in engines:
+                recording = of_engine(recording, wanted)
+                if not len(recording):
                     raise DataError(f"{file}: no record of engine {wanted!r}")
-                recording = recording.select(engines == wanted)
             yield recording
+
+
+def of_engine(recording: Recording, wanted: str) -> Recording:
+    """The records that name this engine in their column `engine`. Raises DataError when there is no such column."""
+    import numpy as np
+
+    if "engine" not in recording.text:
+        raise DataError(f"{recording.source}: no column `engine`, in which records would name {wanted!r}")
+    return recording.select(np.array(recording.text["engine"], dtype=str) == wanted)
+
+
+def chosen_engine(names: Collection[str], wanted: str, file: str) -> str:
+    """Which of the engines that a recorder tells apart is wanted; "" where it tells none apart. Raises DataError."""
+    known = [name for name in names if name]
+    if wanted in known or len(known) < 2:
+        return wanted if wanted in known else (known[0] if known else "")
+    what = f"no engine {wanted!r}" if wanted else "several engines"
+    raise DataError(f"{file}: {what} in this recording; choose with --engine-instance one of {', '.join(known)}")
 
 
 def read_mapped(messages: Messages, recorder: str, file: str, instance: str) -> list[MappedRecording]:
@@ -65,12 +80,8 @@ def read_mapped(messages: Messages, recorder: str, file: str, instance: str) -> 
     from enginediag_cli.recordings.recorder import load_recorder
 
     found = load_recorder(recorder).read(file)
-    names = [m.engine for m in found if m.engine]
-    if instance in names:
-        found = [m for m in found if m.engine == instance]
-    elif len(names) > 1:
-        what = f"no engine {instance!r}" if instance else "several engines"
-        raise DataError(f"{file}: {what} in this recording; choose with --engine-instance one of {', '.join(names)}")
+    chosen = chosen_engine([m.engine for m in found], instance, file)
+    found = [m for m in found if m.engine == chosen]
     for m in found:
         for line in m.report_lines():
             messages.note(line)

@@ -27,6 +27,7 @@ from enginediag_cli.presentation.output import Output
 @nominal_option
 @window_options
 @origin_options
+@click.option("--sensors", is_flag=True, help="Statistics of a bias of every sensor, too, for isolate.")
 @click.option(
     "--what",
     type=click.Choice(["statistics", "records"]),
@@ -46,13 +47,14 @@ def residual(
     linearise: str,
     patterns: tuple[str, ...],
     origin: Origin,
+    sensors: bool,
     what: str,
     output: Output,
 ) -> None:
     """Compare recordings with the nominal engine.
 
     \b
-    enginediag residual -n nominal.yaml flight.csv --window 10min | enginediag isolate -
+    enginediag residual -n nominal.yaml --sensors flight.csv --window 10min | enginediag isolate -
     enginediag residual -n nominal.yaml flight.csv --what records > residuals.csv
 
     A row of statistics holds s, F and V of a window (upper triangles), the nominal values, prior sizes of
@@ -63,7 +65,7 @@ def residual(
     from enginediag_cli.residuals.flat import flat_columns, flat_row
 
     plan = planned(window, step)
-    intake = Intake(messages, load_monitor(messages, nominal, patterns), plan, linearise, origin)
+    intake = Intake(messages, load_monitor(messages, nominal, patterns, sensors=sensors), plan, linearise, origin)
     assert intake.monitor is not None
     columns: tuple[str, ...] | None
     if what == "records":

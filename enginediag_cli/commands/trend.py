@@ -15,7 +15,7 @@ from enginediag_cli.commands.options import (
     recordings_argument,
 )
 from enginediag_cli.commands.origin import Origin, origin_options
-from enginediag_cli.commands.windows import Intake, ending, load_monitor, statistics_option
+from enginediag_cli.commands.windows import Intake, ending, load_monitor, model_options, statistics_option
 from enginediag_cli.presentation.messages import Messages
 from enginediag_cli.presentation.output import Output
 
@@ -30,20 +30,7 @@ Flight = tuple[str, str, str]
 @click.command(short_help="Follow health over flights: level, onset and rate of deterioration.", epilog=exit_codes())
 @recordings_argument
 @statistics_option
-@click.option(
-    "--linearise",
-    type=click.Choice(["estimate", "nominal"]),
-    default="estimate",
-    show_default=True,
-    help="Where the model is linearised: at the estimate for each flight, or at nominal.",
-)
-@click.option(
-    "--monitor",
-    "patterns",
-    metavar="PATTERN",
-    multiple=True,
-    help="Parameters that may change, such as 'hpc.*'; those that the engine file monitors when not given.",
-)
+@model_options
 @origin_options
 @click.option(
     "--what",

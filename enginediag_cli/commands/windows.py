@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from enginediag_cli.commands.origin import Origin
+from enginediag_cli.commands.origin import Origin, of_engine
 from enginediag_cli.presentation.messages import Messages
 
 if TYPE_CHECKING:
@@ -24,7 +24,7 @@ Window = tuple["WindowStatistics", "dict[str, str]"]
 """Statistics of a window, and the unit of each parameter."""
 
 
-CHUNK = 5000
+CHUNK = 3000
 """Records read at once: rows appear while a long recording is being read, engine calls stay few."""
 
 
@@ -44,6 +44,16 @@ def window_options(function: Callable[..., Any]) -> Callable[..., Any]:
             callback=_check_length,
             help="From the start of a window to that of the next; as long as the window when not given.",
         ),
+    ]
+    function = model_options(function)
+    for option in reversed(options):
+        function = option(function)
+    return function
+
+
+def model_options(function: Callable[..., Any]) -> Callable[..., Any]:
+    """`--linearise`, `--monitor`: what residuals are compared with."""
+    options = [
         click.option(
             "--linearise",
             type=click.Choice(["estimate", "nominal"]),
@@ -108,8 +118,11 @@ def planned(window: str | None, step: str | None) -> WindowPlan:
         raise click.UsageError(f"--window, --step: {error}") from None
 
 
-def load_monitor(messages: Messages, nominal_path: str, patterns: tuple[str, ...]) -> Monitor:
-    """Engine and nominal state, to compare recordings with. Warns when the engine file has changed."""
+def load_monitor(
+    messages: Messages, nominal_path: str, patterns: tuple[str, ...], *, sensors: bool = False
+) -> Monitor:
+    """Engine and nominal state, to compare recordings with; sensors: the bias of every sensor in use may have changed,
+    too. Warns when the engine file has changed."""
     from enginediag_cli.engine import load_engine
     from enginediag_cli.identification.nominal_file import engine_change_warning, engine_file, read_nominal
     from enginediag_cli.residuals.monitor import monitor_from_nominal
@@ -123,7 +136,12 @@ def load_monitor(messages: Messages, nominal_path: str, patterns: tuple[str, ...
     warning = engine_change_warning(nominal, path)
     if warning:
         messages.warning(warning)
-    return monitor_from_nominal(engine, nominal, patterns)
+    monitor = monitor_from_nominal(engine, nominal, patterns)
+    if not sensors:
+        return monitor
+    known = [p.name for column in monitor.sensors for p in engine.sensors[column].parameters()]
+    biases = [name for name in known if name.endswith(".bias") and name not in monitor.monitored]
+    return monitor_from_nominal(engine, nominal, (*monitor.monitored, *biases))
 
 
 @dataclass
@@ -227,6 +245,8 @@ class Intake:
         from enginediag_cli.recordings.quality import mask_gross
         from enginediag_cli.residuals.admission import check_inputs
 
+        if self.origin.engine_instance:
+            chunk = of_engine(chunk, self.origin.engine_instance)
         if self.monitor is None or not len(chunk):
             return chunk
         check_inputs(self.monitor, chunk)

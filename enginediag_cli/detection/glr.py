@@ -7,6 +7,10 @@ combinations give a test of fewer.
 
 Where the noise itself was estimated, t/r is not χ²(r)/r but λ⁻¹ F(r, ν), with λ and ν such that mean and variance are
 right: M. G. Kenward and J. H. Roger, Biometrics 53 (1997) 983–997.
+
+Where noise is not Gaussian, t is a sum of squares of variance 2r + Q, Q = Σ_i κ_i h_i² (G. A. F. Seber and A. J. Lee,
+Linear Regression Analysis, 2nd ed. (2003), theorem 1.6), and r'/r · t has about the χ²(r') distribution with
+r' = 2r²/(2r + Q): the same mean and variance. Both together: λ t/r ~ F(r', ν).
 """
 
 from __future__ import annotations
@@ -38,13 +42,13 @@ def threshold(dof: int, false_alarm: float) -> float:
     return float(chdtri(dof, false_alarm)) if dof else float("nan")
 
 
-def noise_correction(rank: int, doubt: tuple[float, float]) -> tuple[float, float]:
+def noise_correction(rank: int, doubt: tuple[float, float, float]) -> tuple[float, float]:
     """(λ, ν): λ t/r has the F(r, ν) distribution; (1, inf) when the noise is known.
 
     doubt: A₁ and A₂ of Kenward and Roger, see `Score`. Where the noise is hardly known at all the formulas end; they
     are then kept at their ends, and the test is cautious but not exact.
     """
-    A1, A2 = doubt
+    A1, A2, _ = doubt
     r = float(rank)
     if rank == 0 or A2 <= 0:
         return 1.0, float("inf")
@@ -60,25 +64,37 @@ def noise_correction(rank: int, doubt: tuple[float, float]) -> tuple[float, floa
     return nu / (mean * (nu - 2)), nu
 
 
+def numerator(rank: int, doubt: tuple[float, float, float]) -> float:
+    """r' = 2r²/(2r + Q): degrees of freedom with which the law of the noise makes the statistic scatter.
+
+    It is kept within a factor of 4 of r: what is so far from Gaussian two moments do not describe.
+    """
+    return 2.0 * rank**2 / min(max(2.0 * rank + doubt[2], 0.5 * rank), 8.0 * rank) if rank else 0.0
+
+
 def p_value(statistic: float, score: Score) -> float:
     """Probability of a larger statistic when nothing has changed."""
     from scipy.special import chdtrc, fdtrc
 
     scale, nu = noise_correction(score.rank, score.doubt)
+    r = numerator(score.rank, score.doubt)
     if not np.isfinite(nu):
-        return float(chdtrc(score.rank, statistic))
-    return float(fdtrc(score.rank, nu, scale * statistic / score.rank))
+        return float(chdtrc(r, statistic * r / score.rank))
+    return float(fdtrc(r, nu, scale * statistic / score.rank))
 
 
 def critical_value(score: Score, false_alarm: float) -> float:
     """The statistic that is exceeded with probability `false_alarm` when nothing has changed."""
-    from scipy.special import fdtri
+    from scipy.special import chdtri, fdtri
 
     limit = threshold(score.rank, false_alarm)
-    scale, nu = noise_correction(score.rank, score.doubt)
-    if not np.isfinite(nu) or score.rank == 0:
+    if score.rank == 0:
         return limit
-    return float(score.rank / scale * fdtri(score.rank, nu, 1 - false_alarm))
+    scale, nu = noise_correction(score.rank, score.doubt)
+    r = numerator(score.rank, score.doubt)
+    if not np.isfinite(nu):
+        return float(score.rank / r * chdtri(r, false_alarm))
+    return float(score.rank / scale * fdtri(r, nu, 1 - false_alarm))
 
 
 def glr_test(score: Score, false_alarm: float = 0.01) -> GlrTest:

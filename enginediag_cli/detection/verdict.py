@@ -13,6 +13,10 @@ from .lack_of_fit import LackOfFit, lack_of_fit
 HEALTHY, FAULT, NO_VERDICT = "healthy", "fault", "no verdict"
 
 
+HARDLY_KNOWN = 0.5
+"""A₂/rank beyond which no threshold can be had for noise that was estimated: about four degrees of freedom."""
+
+
 @dataclass(frozen=True)
 class Verdict:
     """`test`, `fit` and `score` are None where there is no verdict, and `reason` says why."""
@@ -25,6 +29,11 @@ class Verdict:
     score: Score | None = None
 
 
+def unknown_noise(score: Score) -> bool:
+    """Whether the noise rests on so few independent readings that no threshold keeps its false-alarm rate."""
+    return score.rank > 0 and score.doubt[1] > HARDLY_KNOWN * score.rank
+
+
 def judge(window: WindowStatistics, false_alarm: float = 0.01) -> Verdict:
     """Test one window at the given false-alarm probability."""
     if window.statistics is None:
@@ -33,4 +42,6 @@ def judge(window: WindowStatistics, false_alarm: float = 0.01) -> Verdict:
     test = glr_test(score, false_alarm)
     if test.alarm is None:
         return Verdict(window, NO_VERDICT, "these operating points excite none of the monitored parameters")
+    if unknown_noise(score):
+        return Verdict(window, NO_VERDICT, "the noise was identified from too few independent records")
     return Verdict(window, FAULT if test.alarm else HEALTHY, "", test, lack_of_fit(window.statistics), score)

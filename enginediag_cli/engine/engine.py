@@ -134,12 +134,15 @@ class Engine:
         `inputs`: column -> (N,) or number, all of `self.inputs`; `parameters`: name -> number or (N,), the
         rest nominal; `sensors`: columns to return, default all sensors, or any model column ("T4_K");
         `wrt`: parameters or input columns; `start`: unknowns (nx, N) to begin with, e.g. an earlier `x`.
-        Raises KeyError for unknown names, ValueError for unequal lengths. A point
+        Raises KeyError for unknown names, ValueError for unequal lengths and for a column asked for twice. A point
         that fails is a flagged row, never an exception. `envelope` is not checked here: it is for those who
         generate or judge operating points.
         """
         columns = tuple(self.sensors) if sensors is None else tuple(sensors)
         wrt = tuple(wrt)
+        twice = sorted({c for c in columns if columns.count(c) > 1})
+        if twice:
+            raise ValueError(f"asked for twice: {', '.join(twice)}")
         points, theta, size, valid, reasons = self._checked(inputs, parameters or {}, columns, wrt)
         if start is not None and np.shape(start) != (len(self.unknowns), size):
             raise ValueError(f"`start` must have shape ({len(self.unknowns)}, {size}), not {np.shape(start)}")

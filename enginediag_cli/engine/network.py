@@ -79,6 +79,8 @@ class Network:
         for effect in self.effects:
             for column, default in effect.term.INPUTS.items():
                 found.setdefault(column, default)
+            if effect.switch:
+                found.setdefault(effect.switch, 0.0)
         return found
 
     def unknowns(self) -> tuple[Unknown, ...]:

@@ -2,8 +2,9 @@
 
 In this order: the caller's start; the fitted start of many points; the design point, with its air flow
 following the speed where a shaft speed is the power setting, because design flow does not suit a low speed.
-Points that fail are tried again from there, by a walk in power setting, and from their nearest neighbours
-that converged.
+Points that fail are tried again from there, by a walk in power setting, from their nearest neighbours
+that converged, and from less air flow: an engine whose compressor swallows far less than at design (closed vanes)
+is beyond its choking flow at every other start.
 """
 
 from __future__ import annotations
@@ -26,6 +27,7 @@ WALK_ITERATIONS = 6
 RETRY_ITERATIONS = 30
 FLOW_EXPONENT = 1.2
 LARGEST_NEIGHBOUR_TABLE = 2_000_000
+LESS_FLOW = (0.9, 0.8, 0.7, 0.6, 0.5)  # of the design point's
 
 
 class Strategy:
@@ -64,7 +66,7 @@ class Strategy:
         """Unknowns of `size` points; `start` (nx, size) or None; `final` as in `solver.newton`."""
         first = self._first(points, size) if start is None else np.where(np.isfinite(start), start, self._design(size))
         solved = solver.newton(self.network, points, theta, first, final)
-        for again in (self._from_design, self._by_walking, self._from_neighbours):
+        for again in (self._from_design, self._by_walking, self._from_neighbours, self._from_less_flow):
             failed = np.flatnonzero(~solved.converged)
             if not failed.size:
                 break
@@ -142,6 +144,20 @@ class Strategy:
         z = z / np.maximum(np.ptp(z, axis=1), 1e-9)[:, None]
         distance = ((z[:, failed, None] - z[:, None, good]) ** 2).sum(axis=0)
         return solved.x[:, good[distance.argmin(axis=1)]]
+
+    def _from_less_flow(
+        self, points: Mapping[str, Any], theta: Mapping[str, Any], solved: solver.Solution, failed: Array
+    ) -> Array:
+        u, t = solver.take(points, failed), solver.take(theta, failed)
+        flow = [k for k, x in enumerate(self.network.unknowns()) if x.name.endswith(".corrected_flow")]
+        best, left = self._plain(u, failed.size), np.full(failed.size, np.inf)
+        for factor in LESS_FLOW:
+            x = self._plain(u, failed.size)
+            x[flow] *= factor
+            found = solver.newton(self.network, u, t, x, max_iterations=WALK_ITERATIONS)
+            better = found.residual < left
+            best[:, better], left[better] = found.x[:, better], found.residual[better]
+        return best
 
     def _coordinates(self, points: Mapping[str, Any], size: int) -> tuple[tuple[str, ...], Array]:
         moving = {c: v for c, v in points.items() if isinstance(v, np.ndarray)}

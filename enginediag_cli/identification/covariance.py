@@ -9,6 +9,13 @@ With J̃ the sensitivities after elimination of the recordings' offsets, in prio
 C = H_xz (H_zz + 1)⁻¹ carries the prior of the offsets, 1 that of the parameters, and the sum over k, l runs
 within a recording. For white Gaussian noise (a = b = κ = 1, ρ = 0) it is the usual (F + 1)⁻¹. The AR(1) sum
 is exact for sensitivities of any shape in time; κ in the fit only balances data against priors.
+
+What the fit takes out of the noise of sensor s, e − ê = J̃ (x̂ − x), in units of its variance:
+
+    Σ_k ê_k²          falls by  2 w Σ_kl ρ^|k−l| J̃_k A⁻¹ J̃_lᵀ − Σ_k J̃_k cov J̃_kᵀ/σ²
+    Σ_k ê_k ê_k−1     falls by  w Σ_kl (ρ^|k−1−l| J̃_k + ρ^|k−l| J̃_k−1) A⁻¹ J̃_lᵀ − Σ_k J̃_k cov J̃_k−1ᵀ/σ²
+
+with w = a/(κσ²). With white noise the first is the trace of the hat matrix.
 Source: Huber 1981, chapter 7; W. K. Newey and K. D. West, Econometrica 55 (1987) 703–708, for the idea.
 """
 
@@ -32,15 +39,34 @@ class Uncertainty:
     from_data: np.ndarray  # (p,) 1 − posterior variance / prior variance, not below 0
     data_standard_error: np.ndarray  # (p,) without priors on θ; inf where the data cannot tell
     sensor_dof: np.ndarray  # (m,) readings of each sensor that the fit has used up
+    lost: np.ndarray  # (2, m) variances by which Σ e² and Σ e_k e_k−1 of each sensor are too small
 
 
-def uncertainty(problem: Problem, fit: Fit, rho: np.ndarray) -> Uncertainty:
-    """Posterior and data-only covariance at the fit for lag-1 correlations `rho` (m,), each in [0, 1)."""
+@dataclass(frozen=True)
+class _Sums:
+    """Sums over the records of each sensor, (m, p, p), with J̃ the sensitivities and f_k = Σ_l ρ^|k−l| J̃_l."""
+
+    bread: np.ndarray  # Σ w_k J̃_kᵀ J̃_k
+    plain: np.ndarray  # Σ J̃_kᵀ J̃_k
+    lagged: np.ndarray  # Σ J̃_kᵀ J̃_k−1
+    smooth: np.ndarray  # Σ J̃_kᵀ f_k
+    smooth_lagged: np.ndarray  # Σ J̃_kᵀ f_k−1 + J̃_k−1ᵀ f_k, or a matrix of the same symmetric part
+
+
+def uncertainty(problem: Problem, fit: Fit, rho: np.ndarray, used: np.ndarray | None = None) -> Uncertainty:
+    """Posterior and data-only covariance at the fit for lag-1 correlations `rho` (m,), each in (−1, 1).
+
+    `used` (m,): readings of each sensor that the fit has used up, as far as known: residuals are that much smaller
+    than the noise.
+    """
     scaled = fit.equations.residual / problem.sigma
     psi = problem.loss.weight(np.nan_to_num(scaled)) * scaled
     with np.errstate(invalid="ignore"):
         a = _column_mean(problem.loss.curvature(np.nan_to_num(scaled)), scaled, 1.0)
         b = _column_mean(psi**2, scaled, 1.0)
+    if used is not None:
+        n = np.isfinite(scaled).sum(axis=0)
+        b = b * n / np.maximum(n - used, 0.5 * n + 0.5)
     bread = np.isfinite(scaled) * a / (problem.sigma**2 * problem.inflation)
     p, R, q = len(fit.x), *fit.z.shape
     H_xx, H_xz, H_zz = np.zeros((p, p)), np.zeros((R, p, q)), np.zeros((R, q, q))
@@ -51,21 +77,34 @@ def uncertainty(problem: Problem, fit: Fit, rho: np.ndarray) -> Uncertainty:
     arrow = eliminate(H_xx, H_xz, H_zz, np.zeros(p), np.zeros((R, q)), np.zeros(p), np.zeros((R, q)))
     prior_of_offsets = np.einsum("rpq,rlq->pl", arrow.gain, arrow.gain)
     scale = b / (problem.sigma * problem.inflation) ** 2
-    meat, by_sensor = _meat(problem, fit, bread, arrow.gain, rho, scale)
+    sums = _sums(problem, fit, bread, arrow.gain, rho)
+    meat = np.einsum("s,spl->pl", scale, sums.smooth)
     inverse = np.linalg.inv(arrow.S)
     covariance = inverse @ (meat + prior_of_offsets + np.eye(p)) @ inverse
     covariance = (covariance + covariance.T) / 2
     data = arrow.S - np.eye(p)
     offset_use = np.diagonal(H_zz @ np.linalg.inv(H_zz + np.eye(q)), axis1=1, axis2=2).sum(axis=0)
-    dof = np.einsum("pl,slp->s", inverse, by_sensor)
+    dof = np.einsum("pl,slp->s", inverse, sums.bread)
+    w, variance = _column_mean(bread, scaled, 0.0), problem.sigma**2
+    lost = np.stack(
+        [
+            2 * w * np.einsum("pl,slp->s", inverse, sums.smooth)
+            - np.einsum("pl,slp->s", covariance, sums.plain) / variance,
+            w * np.einsum("pl,slp->s", inverse, sums.smooth_lagged)
+            - np.einsum("pl,slp->s", covariance, sums.lagged) / variance,
+        ]
+    )
     for j, o in enumerate(problem.offsets):
-        dof[problem.sensors.index(o.sensor)] += offset_use[j]
+        s = problem.sensors.index(o.sensor)
+        dof[s] += offset_use[j]
+        lost[:, s] += offset_use[j] * (1 + rho[s]) / (1 - rho[s])  # a mean varies by σ²κ/n and is in every product
     return Uncertainty(
         covariance,
         data,
         np.clip(1 - np.diag(covariance), 0, 1),
         _data_standard_error(data, meat + prior_of_offsets),
         dof,
+        lost,
     )
 
 
@@ -76,14 +115,11 @@ def _column_mean(values: np.ndarray, valid: np.ndarray, default: float) -> np.nd
     return np.where(n > 0, total / np.maximum(n, 1), default)
 
 
-def _meat(
-    problem: Problem, fit: Fit, bread: np.ndarray, gain: np.ndarray, rho: np.ndarray, scale: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Covariance of the score (p, p), and each sensor's part of the bread (m, p, p)."""
+def _sums(problem: Problem, fit: Fit, bread: np.ndarray, gain: np.ndarray, rho: np.ndarray) -> _Sums:
     from scipy.signal import lfilter
 
     p, m = len(fit.x), len(problem.sensors)
-    meat, by_sensor = np.zeros((p, p)), np.zeros((m, p, p))
+    by_sensor, plain, lagged, smooth, smooth_lagged = (np.zeros((m, p, p)) for _ in range(5))
     for block in blocks(problem, fit.x, fit.z):
         w, recording = bread[block.rows], problem.recording[block.rows]
         J = np.where((w > 0)[:, :, None], block.jacobian, 0.0)
@@ -95,14 +131,19 @@ def _meat(
         runs = list(zip(starts, np.r_[starts[1:], len(recording)], strict=True))
         for s in range(m):
             by_sensor[s] += J[:, s].T @ (J[:, s] * w[:, s, None])
-            # Σ_kl ρ^|k−l| J_k J_lᵀ = Mᵀ D M with M_l = Σ_{k≥l} ρ^{k−l} J_k, so the double sum is one filter;
-            # D is 1 at the first record of a run and 1 − ρ² after it
             for start, stop in runs:
-                M = lfilter([1.0], [1.0, -rho[s]], J[start:stop, s][::-1], axis=0)
-                D = np.full((stop - start, 1), 1 - rho[s] ** 2)
-                D[-1] = 1.0
-                meat += scale[s] * (M.T @ (D * M))
-    return meat, by_sensor
+                # one filter b_k = g_k + ρ b_k−1 does: with G = Σ g_kᵀ g_k and P = Σ g_kᵀ b_k−1, the sum Σ g_kᵀ b_k is
+                # B = G + ρ P, Σ g_kᵀ f_k = B + Bᵀ − G, and the lagged one 2 P + 2 ρ B less what passes the ends
+                g = np.ascontiguousarray(J[start:stop, s])
+                b = lfilter([1.0], [1.0, -rho[s]], g, axis=0) if rho[s] else g
+                G, P = g.T @ g, g[1:].T @ b[:-1]
+                B = G + rho[s] * P
+                first = rho[s] ** np.arange(len(g)) @ g
+                plain[s] += G
+                smooth[s] += B + B.T - G
+                smooth_lagged[s] += 2 * (P + rho[s] * B) - rho[s] * (np.outer(g[0], first) + np.outer(g[-1], b[-1]))
+                lagged[s] += g[1:].T @ g[:-1]
+    return _Sums(by_sensor, plain, lagged, smooth, smooth_lagged)
 
 
 def _data_standard_error(information: np.ndarray, meat: np.ndarray) -> np.ndarray:

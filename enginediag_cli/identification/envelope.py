@@ -43,7 +43,8 @@ class Envelope:
 
     def outside(self, inputs: Mapping[str, np.ndarray]) -> np.ndarray:
         """True for operating points that training did not cover, (N,); a missing input counts as outside."""
-        return ~(self.distance(inputs) <= self.threshold)
+        u = self._scaled(inputs)
+        return ~(_nearest(u, self.points / self.scale, self.threshold)[0] <= self.threshold)
 
     def reason(self, inputs: Mapping[str, np.ndarray], k: int) -> str:
         """Why record k is outside, in words; '' when it is not."""
@@ -115,11 +116,14 @@ def _own_distance(v: np.ndarray) -> float:
     return float(np.quantile(np.concatenate(nearest), 0.95))
 
 
-def _nearest(v: np.ndarray, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Distance to and index of the nearest of `points` (n, d) for each row of v (N, d); NaN for NaN."""
+def _nearest(v: np.ndarray, points: np.ndarray, limit: float = np.inf) -> tuple[np.ndarray, np.ndarray]:
+    """Distance to and index of the nearest of `points` (n, d) for each row of v (N, d); NaN for NaN.
+
+    Where none is nearer than `limit`, which saves time, the distance is inf.
+    """
     from scipy.spatial import cKDTree
 
     distance, index = np.full(len(v), np.nan), np.zeros(len(v), int)
     there = np.isfinite(v).all(axis=1)
-    distance[there], index[there] = cKDTree(points).query(v[there])
+    distance[there], index[there] = cKDTree(points).query(v[there], distance_upper_bound=np.nextafter(limit, np.inf))
     return distance, index

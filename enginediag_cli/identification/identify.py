@@ -98,6 +98,11 @@ class IdentificationResult:
                 int(later.n[i]),
                 float(later.n_effective[i]),
                 int(later.outliers[i]),
+                later.sigma_from,
+                float(later.degrees[i]),
+                float(later.rho1_error[i]),
+                float(later.rho1_common[i]),
+                float(later.kurtosis[i]),
             )
             for i, s in enumerate(p.sensors)
         )
@@ -221,8 +226,8 @@ def _fit_and_noise(
     start = zeros
     for number in range(1, NOISE_PASSES + 1):
         fit = solve(problem, start, max_iterations=settings.max_iterations, tolerance=PASS_TOLERANCE)
-        found = uncertainty(problem, fit, noise.rho1)
-        noise = estimate_noise(fit.equations.residual, problem.recording, found.sensor_dof, floor)
+        found = uncertainty(problem, fit, noise.rho1, noise.used)
+        noise = estimate_noise(fit.equations.residual, problem.recording, found.lost, floor)
         if not fit.converged and not fit.decrement < LOST_PASS:
             return problem, fit, noise, found, number, False
         sigma, inflation = noise.sigma if estimated else stated, _tempering(noise)
@@ -236,8 +241,9 @@ def _fit_and_noise(
         if settled:
             break
     fit = solve(problem, start, max_iterations=settings.max_iterations, tolerance=FINAL_TOLERANCE)
-    found = uncertainty(problem, fit, noise.rho1)
-    return problem, fit, replace(noise, sigma=problem.sigma), found, number, settled
+    found = uncertainty(problem, fit, noise.rho1, noise.used)
+    noise = replace(noise, sigma=problem.sigma, sigma_from="fit" if estimated else "stated")
+    return problem, fit, noise, found, number, settled
 
 
 def _tempering(noise: NoiseEstimate) -> np.ndarray:

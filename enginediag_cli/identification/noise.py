@@ -1,6 +1,7 @@
-"""What the fit leaves: noise per sensor, its correlation in time and between sensors.
+"""What the fit leaves: noise per sensor, its correlation in time and between sensors, and the shape of its law.
 
-The scale is Huber's "proposal 2": σ for which the mean of min((e/σ)², c²) is what it is for Gaussian noise.
+The scale is the root mean square, which is right whatever the law of the noise, unless there are gross outliers:
+then it is Huber's "proposal 2", σ for which the mean of min((e/σ)², c²) is what it is for Gaussian noise.
 A gross outlier counts as c standard deviations, not as nothing: leaving the tails out would let σ, the weights
 of the fit and the tails chase each other down. Readings beyond `OUTLIER` standard deviations are counted. The
 lag-1 correlation is taken without them between consecutive records of one recording, and
@@ -9,7 +10,7 @@ lag-1 correlation is taken without them between consecutive records of one recor
 
 is how many independent readings the n correlated ones are worth for a constant (G. V. Bayley and
 J. M. Hammersley, J. R. Statist. Soc. Suppl. 8 (1946) 184–197). Scale: P. J. Huber, Ann. Math. Statist. 35
-(1964) 73–101, §8.
+(1964) 73–101, §8. The law is told by the excess kurtosis of what each reading adds to the one before it, e_k − ρ e_k−1.
 """
 
 from __future__ import annotations
@@ -26,17 +27,33 @@ GAUSSIAN_MEAN = 0.9775
 MAX_RHO = 0.98
 """Beyond this the recording is one reading, not many, and κ says nothing any more."""
 
+FEW_PAIRS = 50
+"""Pairs of neighbours below which ρ is not taken to be negative."""
+
+MAX_KURTOSIS = 6.0
+"""Of an exponential law; tails that are heavier show as outliers."""
+
+SIGMA_FROM = ("fit", "stated", "cross_validation")
+"""Where σ comes from: the variance of what the fit leaves, known as well as its degrees of freedom make it; what the
+sensor is said to have, taken for certain; or errors of prediction, that of the model included."""
+
 
 @dataclass(frozen=True)
 class NoiseEstimate:
     """Noise of m sensors; `sigma` in the column's unit."""
 
     sigma: np.ndarray  # (m,)
-    rho1: np.ndarray  # (m,) in [0, MAX_RHO]
+    rho1: np.ndarray  # (m,) up to MAX_RHO, and not lower than chance makes it for white noise
     n: np.ndarray  # (m,) readings
     n_effective: np.ndarray  # (m,)
     outliers: np.ndarray  # (m,) readings beyond OUTLIER standard deviations
     correlation: np.ndarray  # (m, m) between sensors in the same record
+    degrees: np.ndarray  # (m,) readings less those that the fit used up
+    used: np.ndarray  # (m,) variances that the fit took out of the sum of squares
+    rho1_error: np.ndarray  # (m,) standard error of rho1, apart from what all sensors share
+    rho1_common: np.ndarray  # (m,) standard error of rho1 that all sensors share, because ρ was drawn to their mean
+    kurtosis: np.ndarray  # (m,) excess kurtosis, 0 for Gaussian noise
+    sigma_from: str = "fit"  # one of SIGMA_FROM
 
     @property
     def inflation(self) -> np.ndarray:
@@ -45,12 +62,17 @@ class NoiseEstimate:
 
 
 def estimate_noise(
-    residual: np.ndarray, recording: np.ndarray, dof: np.ndarray, floor: np.ndarray
+    residual: np.ndarray, recording: np.ndarray, lost: np.ndarray, floor: np.ndarray
 ) -> NoiseEstimate:
     """Noise from residuals (N, m), NaN where missing, of records ordered in time within `recording` (N,).
 
-    `dof` (m,) is how many readings of each sensor the fit used up. `floor` (m,) bounds sigma from below, in
-    the column's unit: a sensor that the model can follow exactly must not get infinite weight.
+    `lost` (2, m): how many variances the fit took out of Σ e² and Σ e_k e_k−1 of each sensor (see `covariance.py`); one
+    row (m,) where it took as many out of both, as a mean does. `floor` (m,) bounds sigma from below, in the column's
+    unit: a sensor that the model can follow exactly must not get infinite weight.
+
+    With n readings and n₁ pairs of neighbours, E Σ e² = σ² (n − lost₀) and E Σ e_k e_k−1 = σ² (n₁ ρ − lost₁) give each
+    sensor its own σ² = C₀ and ρ = C₁/C₀. Where ρ is then shrunk, σ goes with it, or a sensor that happened to wander
+    would be both large and quick: the variance of e_k − ρ e_k−1, by both ways C₀ (1 + ρ²) − 2ρ C₁ = σ² (1 − ρ²).
     """
     there = np.isfinite(residual)
     n = there.sum(axis=0)
@@ -59,16 +81,28 @@ def estimate_noise(
         inside = there & (np.abs(residual) <= OUTLIER * scale)
     kept = inside.sum(axis=0)
     e = np.where(inside, residual, 0.0)
+    square = np.sum(e**2, axis=0) / np.maximum(kept, 1)
+    # proposal 2 is consistent for Gaussian noise only: uniform noise, which never reaches the clip, gets 1 % more
+    scale = np.where(kept == n, np.maximum(np.sqrt(square), floor), scale)
     pairs = inside[1:] & inside[:-1] & (recording[1:] == recording[:-1])[:, None]
-    a, b = np.where(pairs, e[1:], 0.0), np.where(pairs, e[:-1], 0.0)
-    rho = np.sum(a * b, axis=0) / np.maximum(np.sqrt(np.sum(a**2, axis=0) * np.sum(b**2, axis=0)), 1e-300)
-    # fitted quantities that vary slowly take correlated noise with them; Kendall's first-order correction
-    # for a fitted mean (Biometrika 41 (1954) 403–404), once per reading used up
-    rho = rho + (1 + 3 * rho) * dof / np.maximum(kept, 1)
-    rho = np.where(pairs.sum(axis=0) >= 10, np.clip(rho, 0.0, MAX_RHO), 0.0)
+    known = pairs.sum(axis=0) >= 10
+    n0, n1 = np.maximum(kept, 1), np.maximum(pairs.sum(axis=0), 1)
+    # more than half of the readings is never used up by a fit that means anything; far from there sums may say so
+    lost = np.clip(np.broadcast_to(lost, (2, len(n))), -0.5 * n0, 0.5 * n0)
+    neighbours = np.sum(np.where(pairs, e[1:] * e[:-1], 0.0), axis=0) / np.where(square > 0, square, 1.0)
+    own = (neighbours * (n0 - lost[0]) / n0 + lost[1]) / n1
+    own = own * (1 + 2 / n1)  # F. H. C. Marriott and J. A. Pope, Biometrika 41 (1954) 390–402, for a known mean
+    # a little below 0 is sampling error; cutting it off would make white noise look correlated on average. Of a few
+    # records, operating points taken in turn make neighbours differ, and that is no reason to trust their mean more
+    lowest = np.where(n1 < FEW_PAIRS, 0.0, -2.0 / np.sqrt(np.maximum(kept, 4)))
+    own = np.where(known, np.clip(own, lowest, MAX_RHO), 0.0)
+    # the sums that the fit left are blown up by n/(n − lost), and their scatter with them
+    chance = np.maximum(1 - own**2, 0.0) / n1 * (n0 / (n0 - np.maximum(lost[0], 0.0))) ** 2
+    rho, rho_error, rho_common = _shrunk(own, n1, chance, known)
+    innovations = 1 - rho**2
+    sigma = scale * np.sqrt(n0 / (n0 - lost[0]) * (1 + rho**2 - 2 * rho * own) / innovations)
+    degrees = n0 - np.where(known, ((1 + rho**2) * lost[0] - 2 * rho * lost[1]) / innovations, lost[0])
     inflation = (1 + rho) / (1 - rho)
-    used = np.minimum(dof * inflation, kept / 2)
-    sigma = scale * np.sqrt(kept / np.maximum(kept - used, 1.0))
     return NoiseEstimate(
         np.maximum(sigma, floor),
         rho,
@@ -76,7 +110,61 @@ def estimate_noise(
         n / inflation,
         (there & ~inside).sum(axis=0),
         _correlation(e / np.maximum(sigma, floor), inside),
+        np.maximum(degrees, 1.0),
+        np.clip(lost[0], 0.0, None),
+        rho_error,
+        rho_common,
+        excess_kurtosis(np.where(pairs, e[1:] - rho * e[:-1], np.nan) if np.any(rho) else np.where(inside, e, np.nan)),
     )
+
+
+def _shrunk(
+    rho: np.ndarray, n: np.ndarray, chance: np.ndarray, known: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Correlations (m,) drawn towards their mean as far as their scatter is no more than chance, and standard errors:
+    each sensor's own, and that of the mean, which they have in common.
+
+    `chance` (m,) is the variance with which each scatters by chance, (1 − ρ²)/n where the fit took nothing.
+    Empirical Bayes (B. Efron and C. Morris, J. Am. Statist. Ass. 70 (1975) 311–319): from 100 readings ρ is known to
+    0.1 only, and tests that believed each sensor's own would raise false alarms. Sensors not `known` take no part and
+    are certain.
+    """
+    if known.sum() < 4:
+        return rho, np.where(known, np.sqrt(chance), 0.0), np.zeros(len(rho))
+    mean = float(np.average(rho[known], weights=n[known]))
+    excess = max(float(np.mean((rho[known] - mean) ** 2 - chance[known])), 0.0)
+    own = excess / (excess + chance + 1e-12)
+    common = (1 - own) * np.sqrt(np.mean(chance[known]) / known.sum())
+    own_error = np.sqrt(own * chance)
+    drawn = np.where(known, mean + own * (rho - mean), rho)
+    return drawn, np.where(known, own_error, 0.0), np.where(known, common, 0.0)
+
+
+def excess_kurtosis(u: np.ndarray) -> np.ndarray:
+    """Excess kurtosis of each column of (N, m), NaN where missing, as far as it is not chance.
+
+    Fisher's g₂, unbiased for Gaussian noise; its variance is then 24/n (D. N. Joanes and C. A. Gill, The Statistician
+    47 (1998) 183–189). The sensors' mean is drawn towards 0 and each sensor towards the mean, both by the share of
+    their square that chance explains, as in `_shrunk`.
+    """
+    n = np.isfinite(u).sum(axis=0)
+    known = n >= 20
+    if not known.any():
+        return np.zeros(u.shape[1])
+    v = np.nan_to_num(u[:, known])
+    k = n[known]
+    second = np.sum(v**2, axis=0) / k
+    fourth = np.sum(v**4, axis=0) / k
+    plain = np.where(second > 0, fourth / np.where(second > 0, second, 1.0) ** 2 - 3, 0.0)
+    own = (k - 1) / ((k - 2) * (k - 3)) * ((k + 1) * plain + 6)
+    mean = float(np.average(own, weights=k))
+    chance = 24.0 / k
+    of_mean = 24.0 / k.sum()
+    excess = max(float(np.mean((own - mean) ** 2 - chance)), 0.0)
+    common = mean * max(1 - of_mean / max(mean**2, 1e-300), 0.0)
+    found = np.zeros(u.shape[1])
+    found[known] = np.clip(common + excess / (excess + chance) * (own - mean), -2.0, MAX_KURTOSIS)
+    return found
 
 
 def huber_scale(e: np.ndarray) -> np.ndarray:

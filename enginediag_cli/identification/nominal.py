@@ -38,7 +38,12 @@ class Estimate:
 
 @dataclass(frozen=True)
 class SensorNoise:
-    """Noise of one reading in the column's unit, correlation from one record to the next, and readings."""
+    """Noise of one reading in the column's unit, correlation from one record to the next, and readings.
+
+    `sigma_from` (see `noise.SIGMA_FROM`) and `degrees` of freedom say how well sigma is known, `rho1_error` how well
+    rho1 is, and `rho1_common` an error of rho1 that all sensors share; `kurtosis` is the excess kurtosis. A file
+    without them has noise that is certain and Gaussian.
+    """
 
     sensor: str
     sigma: float
@@ -46,6 +51,11 @@ class SensorNoise:
     n: int
     n_effective: float
     outliers: int
+    sigma_from: str = "stated"
+    degrees: float = 0.0
+    rho1_error: float = 0.0
+    rho1_common: float = 0.0
+    kurtosis: float = 0.0
 
 
 @dataclass(frozen=True)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from enginediag_cli.config.fields import Field, Section
+from enginediag_cli.identification.noise import SIGMA_FROM
 from enginediag_cli.identification.nominal import STATUSES
 
 ESTIMATE = Section(
@@ -30,10 +31,22 @@ NOISE = Section(
     "Noise of one sensor.",
     (
         Field("sigma", "number", "standard deviation of one reading", unit="the column's", minimum=0.0),
-        Field("rho1", "number", "correlation of consecutive records", minimum=0.0, maximum=1.0),
+        Field("rho1", "number", "correlation of consecutive records", minimum=-1.0, maximum=1.0),
         Field("n", "integer", "readings", minimum=0),
         Field("n_effective", "number", "independent readings that they are worth", minimum=0.0),
         Field("outliers", "integer", "readings beyond 4 standard deviations", minimum=0),
+        Field(
+            "sigma_from",
+            "choice",
+            "what sigma is: the variance that the fit leaves, the sensor's own as stated, or errors of prediction of "
+            "left-out blocks, that of the model included; only the first is uncertain by chance",
+            default="stated",
+            choices=SIGMA_FROM,
+        ),
+        Field("degrees", "number", "readings less those that the fit used up", default=0.0, minimum=0.0),
+        Field("rho1_error", "number", "standard error of rho1, apart from the next", default=0.0, minimum=0.0),
+        Field("rho1_common", "number", "standard error of rho1 that all sensors share", default=0.0, minimum=0.0),
+        Field("kurtosis", "number", "excess kurtosis; 0 for Gaussian noise, -1.2 for uniform", default=0.0),
     ),
 )
 OFFSET = Section(

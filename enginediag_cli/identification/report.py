@@ -10,6 +10,8 @@ from enginediag_cli.identification.quality import EVERYTHING, SensorQuality
 from enginediag_cli.presentation.numbers import rounded
 
 SHOWN_COMBINATIONS = 12
+FEW_RECORDS = 20.0
+"""Independent records below which the size of the noise is not known to a sixth (1/√(2n))."""
 
 
 def report_lines(result: IdentificationResult) -> Iterator[str]:
@@ -21,6 +23,7 @@ def report_lines(result: IdentificationResult) -> Iterator[str]:
         yield f"converged after {result.noise_passes} passes over noise and fit; {result.reason}"
     yield ""
     yield from fit_table(result)
+    yield from noise_lines(result)
     yield ""
     yield from parameter_lines(result.estimates)
     yield ""
@@ -34,6 +37,18 @@ def _records_line(result: IdentificationResult) -> str:
     used += f" ({outside:,} of them outside the maps)" if outside else ""
     left = [f"{n:,} {why}" for why, n in result.records.items() if why not in ("used", OUTSIDE_MAPS) and n]
     return used + (f"; left out: {', '.join(left)}" if left else "; none left out")
+
+
+def noise_lines(result: IdentificationResult) -> Iterator[str]:
+    """Which sensors' noise rests on few independent records."""
+    noise = result.noise
+    few = [
+        f"{sensor} {rounded(float(n))}"
+        for sensor, n in zip(result.problem.sensors, noise.n_effective, strict=True)
+        if n < FEW_RECORDS
+    ]
+    if few:
+        yield f"noise from few independent records, so that size and correlation are vague: {', '.join(few)}"
 
 
 def fit_table(result: IdentificationResult) -> list[str]:

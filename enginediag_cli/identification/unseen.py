@@ -23,4 +23,4 @@ def noise_on_unseen(residual: np.ndarray, recording: np.ndarray, floor: np.ndarr
     there = np.isfinite(residual)
     squares = np.sum(np.where(there, residual, 0.0) ** 2, axis=0)
     rms = np.sqrt(squares / np.maximum(there.sum(axis=0), 1))
-    return replace(found, sigma=np.maximum(rms, floor))
+    return replace(found, sigma=np.maximum(rms, floor), sigma_from="cross_validation")

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from enginediag_cli.mismatch.freeform import Cell
+from enginediag_cli.mismatch.freeform import Cell, Place
 from enginediag_cli.mismatch.options import Option
 
 NOTHING, NAMED, NONE, HIDDEN, FAILED = "nothing", "named", "none of these", "hidden", "did not converge"
@@ -29,7 +29,7 @@ class Coefficient:
 @dataclass(frozen=True)
 class Explanation:
     """One set of options that explains the mismatch. `gain`: fall of χ² against the model as it is; `probability`:
-    among the explanations of the answer; `left`: −ln p of the most surprising thing that it leaves unexplained;
+    among all that was fitted; `left`: −ln p of the most surprising thing that it leaves unexplained;
     `flights`: share of flights that it predicts better from the other flights, NaN where not asked."""
 
     options: tuple[Option, ...]
@@ -49,14 +49,16 @@ class Explanation:
 @dataclass(frozen=True)
 class Answer:
     """`explanations`: the alias set, best first (empty unless something is named); `cells`: where the mismatch is, by
-    free form, most surprising first; `unseen`: effects that these flights cannot show; `hidden`: findings of an
-    unrecorded driver; `gates`: −ln p thresholds of detection and of adequacy; `surprise`: the largest −ln p of the
-    model as it is; `rejected`: label → why, for what was fitted and not named."""
+    free form, most surprising first, and `places` by component; `unseen`: effects that these flights cannot show;
+    `hidden`: findings of an unrecorded driver; `gates`: −ln p thresholds on listed effects, of detection and of
+    adequacy; `surprise`: the largest −ln p of a listed effect at the model as it is; `rejected`: label → why, for what
+    was fitted and not named."""
 
     status: str
     reason: str
     explanations: tuple[Explanation, ...]
     cells: tuple[Cell, ...]
+    places: tuple[Place, ...]
     unseen: tuple[str, ...]
     hidden: tuple[object, ...]
     gates: tuple[float, float]

@@ -12,6 +12,7 @@ import numpy as np
 
 from enginediag_cli.engine.atmosphere import P_ISA, T_ISA
 from enginediag_cli.engine.components.burner import Burner
+from enginediag_cli.engine.components.compressor import Compressor
 from enginediag_cli.engine.components.inlet import Inlet
 from enginediag_cli.engine.dual import value
 from enginediag_cli.engine.engine import Engine
@@ -51,7 +52,11 @@ def drivers(
     s4 = next(c.values["to"] for c in net.components if isinstance(c, Burner))
     speeds = list(net.speed_columns)
     nozzles = [c for c in engine.model_columns if c.endswith("nozzle_pressure_ratio")]
-    wanted = (f"T{s2}_K", f"P{s2}_Pa", f"T{s4}_K", "P0_Pa", *speeds, *nozzles)
+    s3 = next((c.values["to"] for c in reversed(net.components) if isinstance(c, Compressor)), None)
+    others = {"BPR": ("bypass_ratio", "1")} if "BPR" in engine.model_columns else {}
+    if s3 is not None:
+        others[f"P{s3}_Pa"] = ("compressor_pressure", "Pa")
+    wanted = tuple(dict.fromkeys((f"T{s2}_K", f"P{s2}_Pa", f"T{s4}_K", "P0_Pa", *speeds, *nozzles, *others)))
     p = engine.predict(inputs, parameters, sensors=wanted)
     column = dict(zip(wanted, np.where(p.ok[:, None], p.y, np.nan).T, strict=True))
     T2, P2 = column[f"T{s2}_K"], column[f"P{s2}_Pa"]
@@ -69,6 +74,8 @@ def drivers(
         found.append(Driver("shaft_speed", label, "rpm", column[c]))
     for c in nozzles:
         found.append(Driver("nozzle_pressure_ratio", c.removesuffix("_pressure_ratio"), "1", column[c]))
+    for c, (word, unit) in others.items():
+        found.append(Driver(word, word, unit, column[c]))
     if "humidity_kg_kg" in inputs:
         found.append(Driver("humidity", "humidity", "kg/kg", np.asarray(inputs["humidity_kg_kg"], float)))
     for name, values in (recorded or {}).items():

@@ -21,10 +21,13 @@ class Flight:
 
 @dataclass(frozen=True)
 class Noise:
-    """Of one reading, by sensor column: standard deviation in the column's unit, lag-1 correlation."""
+    """Of one reading, by sensor column: standard deviation in the column's unit, lag-1 correlation. `inputs`: of one
+    reading of an input column, in its unit; `input_shares`: the same as a share of the reading."""
 
     sigma: Mapping[str, float]
     rho: Mapping[str, float] = field(default_factory=dict)
+    inputs: Mapping[str, float] = field(default_factory=dict)
+    input_shares: Mapping[str, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)

@@ -19,15 +19,16 @@ import numpy as np
 from enginediag_cli.mismatch.answer import FAILED, HIDDEN, NAMED, NONE, NOTHING, Answer, Coefficient, Explanation
 from enginediag_cli.mismatch.drivers import Driver, drivers
 from enginediag_cli.mismatch.evidence import Evidence
-from enginediag_cli.mismatch.freeform import Cell
+from enginediag_cli.mismatch.freeform import Cell, places
 from enginediag_cli.mismatch.held_out import flights_gained
+from enginediag_cli.mismatch.hidden_driver import Hidden, follows_a_driver
 from enginediag_cli.mismatch.identified import NO_HYPOTHESIS, identify_with, inputs_of, nuisance, stacked
-from enginediag_cli.mismatch.noise import estimated_noise, with_noise
-from enginediag_cli.mismatch.options import Option, OptionScore, effect_option, fault_options
+from enginediag_cli.mismatch.noise import doubtful, estimated_noise, with_noise
+from enginediag_cli.mismatch.options import EFFECT, Option, OptionScore, effect_option, fault_options, with_best_onset
 from enginediag_cli.mismatch.pairs import best_pairs
 from enginediag_cli.mismatch.projection import Projection
-from enginediag_cli.mismatch.scores import critical_surprise, surprise
-from enginediag_cli.mismatch.trial_fit import Remainder, Trial, attempt, remainder
+from enginediag_cli.mismatch.scores import surprise
+from enginediag_cli.mismatch.trial_fit import Gates, Remainder, Trial, attempt, remainder
 from enginediag_cli.physics.registry import candidates
 from enginediag_cli.physics.term import Effect
 
@@ -42,13 +43,21 @@ LARGEST_SET, EXTENDED = 4, 2
 MOST_FLIGHTS = 0.75
 NOISE_PASSES = 2
 
-Hidden = Callable[[Trial], Sequence[object]]
+NEARLY_ALL, PLAINLY = 0.8, 1.5
+"""An unrecorded driver that explains this share of the excess χ², and so many times what the best recorded one does,
+needs no comparison with sets of effects."""
+
+MAIN, UNRECORDED = 0.8, 0.2
+"""Shares of the probability of a false alarm, of the gate on recorded drivers and of that on unrecorded ones."""
+
+
+HiddenSearch = Callable[[Trial], Sequence[Hidden]]
 
 
 class Search:
     """One search for what the evidence shows; `run` gives the answer."""
 
-    def __init__(self, evidence: Evidence, effects: Sequence[Effect] | None = None, hidden: Hidden | None = None):
+    def __init__(self, evidence: Evidence, effects: Sequence[Effect] | None = None, hidden: HiddenSearch | None = None):
         self.evidence = evidence
         self.effects = list(candidates(evidence.engine)) if effects is None else list(effects)
         self.hidden = hidden
@@ -59,7 +68,7 @@ class Search:
     def run(self) -> Answer:
         found = identify_with(self.evidence, NO_HYPOTHESIS, self.along)
         self.base = Trial((), found, Projection(found))
-        self.gates = (np.inf, np.inf)
+        self.detect = self.adequate = Gates()
         if not found.converged:
             return self._answer(FAILED, f"the model as it is could not be fitted: {found.reason}", Remainder((), ()))
         self.library = [*map(effect_option, self.effects), *fault_options(found)]
@@ -69,35 +78,55 @@ class Search:
             rest = self._with_estimated_noise(rest)
             if not self.base.converged:
                 return self._answer(FAILED, f"the model could not be fitted: {self.base.found.reason}", rest)
-        levels = (self.evidence.settings.false_alarm, ADEQUATE)
-        self.gates = critical_surprise(rest.blocks(), levels, self.rng)  # type: ignore[assignment]
-        if rest.surprise <= self.gates[0]:
-            hidden = self.hidden(self.base) if self.hidden else ()
+        levels = (MAIN * self.evidence.settings.false_alarm, ADEQUATE)
+        self.detect, self.adequate = rest.gates(levels, self.rng)
+        if self.evidence.settings.noise == "estimate":
+            self.detect, self.adequate = (
+                Gates(*(doubtful(g, self.base.projection) for g in (gates.effects, gates.faults, gates.cells)))
+                for gates in (self.detect, self.adequate))
+        if not rest.over(self.detect):
+            hidden = self._unrecorded()
             if hidden:
                 return self._answer(HIDDEN, "", rest, hidden=hidden)
             return self._answer(NOTHING, "nothing stands out of noise and identified parameters", rest)
         return self._decide(rest)
 
     def _decide(self, rest: Remainder) -> Answer:
-        singles = self._refit([(s.option,) for s in self._shortlist(rest.scores)])
+        singles = self._refit([(self._timed(s.option),) for s in self._shortlist(rest.scores)])
         if singles is None:
             return self._answer(FAILED, "no explanation could be fitted", rest)
-        named = self._named(singles, rest)
+        named = self._named(singles)
         if named:
             return self._answer(NAMED, "", rest, named)
-        hidden = self.hidden(self.base) if self.hidden else ()
-        if hidden:
-            return self._answer(HIDDEN, "", rest, hidden=hidden)
         best = rest.cells[0] if rest.cells else None
-        sets = self._refit(best_pairs(rest.scores, singles, PAIRS)) or []
-        for size in range(2, LARGEST_SET + 1):
-            named = self._named([s for s in sets if self._counts(s, best)], rest)
-            if named:
-                return self._answer(NAMED, "", rest, named)
-            if size < LARGEST_SET:
-                sets = self._refit(self._extended(sets[:EXTENDED])) or []
+        scores = [*(s.score for s in rest.scores), *(c.score for c in rest.cells)]
+        recorded = max((s.statistic - 2.0 * s.dof for s in scores), default=0.0)
+        hidden = self._unrecorded()
+        evidence = _evidence(hidden)
+        excess = self.base.objective - self.base.projection.dof
+        if evidence > NEARLY_ALL * 0.5 * excess and evidence > PLAINLY * 0.5 * recorded:
+            return self._answer(HIDDEN, "", rest, hidden=hidden)
+        pairs = [tuple(map(self._timed, p)) for p in best_pairs(rest.scores, singles, PAIRS)]
+        named = self._named_set(pairs, best)
+        # an amplitude of its own in every record follows any driver: it must be the better account of the two
+        if named and evidence < 0.5 * (named[0].gain - 2.0 * len(named[0].coefficients)):
+            return self._answer(NAMED, "", rest, named, hidden)
+        # that no column records the driver is only a finding where the best recorded one explains less
+        if hidden and (named or evidence > 0.5 * recorded):
+            return self._answer(HIDDEN, "", rest, named, hidden)
         return self._answer(
-            NONE, f"no listed effect or change in time, nor up to {LARGEST_SET} together, explains the mismatch", rest)
+            NONE, f"no listed effect or change in time, nor up to {LARGEST_SET} together, explains the mismatch", rest,
+            hidden=hidden)
+
+    def _named_set(self, pairs: Sequence[tuple[Option, ...]], best: Cell | None) -> list[Explanation]:
+        """The alias set of pairs, or of the larger sets that grow from them; empty when none is adequate."""
+        sets = self._refit(pairs) or []
+        for size in range(2, LARGEST_SET + 1):
+            named = self._named([s for s in sets if self._counts(s, best)])
+            if named or size == LARGEST_SET:
+                return named
+            sets = self._refit(self._extended(sets[:EXTENDED])) or []
+        return []
 
     def _with_estimated_noise(self, rest: Remainder) -> Remainder:
         """What is left when the noise is what nothing explains; weights and noise in turn."""
@@ -110,6 +139,14 @@ class Search:
         return rest
 
     # fitting
+
+    def _timed(self, option: Option) -> Option:
+        return with_best_onset(self.base.found, self.base.projection, option)
+
+    def _unrecorded(self) -> Sequence[Hidden]:
+        """Findings of a driver that no column shows: none where a recorded driver gives the same amplitude."""
+        found = self.hidden(self.base) if self.hidden else ()
+        return () if found and follows_a_driver(found[0], self.along_drivers) else found
 
     def _shortlist(self, scores: Sequence[OptionScore]) -> list[OptionScore]:
         """The best few: T > 0.3 T_max − 30. Of the onsets of one parameter only the best is worth a fit."""
@@ -129,8 +166,8 @@ class Search:
         """Each set with the option that has most to say about what the set leaves."""
         wider: list[tuple[Option, ...]] = []
         for trial in sets:
-            left = remainder(trial, self.library, self.along_drivers)
-            if left.scores and left.scores[0].surprise > self.gates[1]:
+            left = remainder(trial, self.library, ())
+            if left.scores and left.scores[0].surprise > self.adequate.effects:
                 new = (*trial.options, left.scores[0].option)
                 if not any({o.label for o in new} == {o.label for o in w} for w in wider):
                     wider.append(new)
@@ -151,12 +188,15 @@ class Search:
 
     # deciding
 
-    def _named(self, trials: Sequence[Trial], rest: Remainder) -> list[Explanation]:
+    def _named(self, trials: Sequence[Trial]) -> list[Explanation]:
         """The alias set of the best adequate trial, best first; empty when none is adequate."""
         adequate: list[tuple[Trial, float, float]] = []
+        elsewhere = 0.0  # odds of what is too far behind to be told
         for trial in trials:
-            if adequate and trial.objective > adequate[0][0].objective + ALIAS:
-                self.rejected.setdefault(trial.label, f"χ² is {trial.objective - adequate[0][0].objective:.1f} worse")
+            behind = trial.objective - adequate[0][0].objective if adequate else 0.0
+            if behind > ALIAS:
+                self.rejected.setdefault(trial.label, f"χ² is {behind:.1f} worse")
+                elsewhere += float(np.exp(-0.5 * behind))
                 continue
             left, flights, why = self._judge(trial)
             if why:
@@ -167,14 +207,14 @@ class Search:
             return []
         odds = np.exp([-0.5 * (t.objective - adequate[0][0].objective) for t, _, _ in adequate])
         return [self._explanation(t, p, left, flights)
-                for (t, left, flights), p in zip(adequate, odds / odds.sum(), strict=True)]
+                for (t, left, flights), p in zip(adequate, odds / (odds.sum() + elsewhere), strict=True)]
 
     def _judge(self, trial: Trial) -> tuple[float, float, str]:
         """What is left, share of flights gained, and why the trial is no explanation ("" when it is one)."""
         if trial.at_bound:
             return np.nan, np.nan, f"needs {', '.join(trial.at_bound)} beyond its physical bound"
-        left = remainder(trial, self.library, self.along_drivers)
-        if left.surprise > self.gates[1]:
+        left = remainder(trial, self.library, self.along_drivers, self.adequate)
+        if left.over(self.adequate):
             return left.surprise, np.nan, f"leaves a misfit behind (−ln p = {left.surprise:.1f})"
         if self.evidence.settings.map_accuracy > 0.0 and all(o.driver != "time" for o in trial.options):
             flights = flights_gained(self.base, trial)
@@ -190,7 +230,7 @@ class Search:
         for option in trial.options:
             own = [trial.coefficients[n] for n in option.hypothesis.names]
             z2 = max(((v / s) ** 2 for v, s in own if s > 0), default=0.0)
-            if surprise(z2, 1) < self.gates[1]:
+            if surprise(z2, 1) < self.adequate.effects:
                 self.rejected[trial.label] = f"does not need {option.label}"
                 return False
         drop = self.base.objective - trial.objective
@@ -217,17 +257,23 @@ class Search:
 
     def _answer(
         self, status: str, reason: str, rest: Remainder, named: Sequence[Explanation] = (),
-        hidden: Sequence[object] = (),
+        hidden: Sequence[Hidden] = (),
     ) -> Answer:
         unseen = tuple(s.option.label for s in rest.scores if s.score.absorbed and s.option.driver != "time")
         base = self.base
         return Answer(
-            status, reason, tuple(named), rest.cells, unseen, tuple(hidden), self.gates, rest.surprise, base.objective,
-            base.projection.dof, self.rejected, base.found.theta, base.found.number,
+            status, reason, tuple(named), rest.cells, tuple(places(rest.cells, base.projection)), unseen, tuple(hidden),
+            (self.detect.effects, self.adequate.effects), rest.best(EFFECT), base.objective, base.projection.dof,
+            self.rejected, base.found.theta, base.found.number,
         )
 
 
-def explain(evidence: Evidence, effects: Sequence[Effect] | None = None, hidden: Hidden | None = None) -> Answer:
+def _evidence(hidden: Sequence[Hidden]) -> float:
+    """ln likelihood ratio of the best finding of an unrecorded driver; −∞ without one."""
+    return max(hidden[0].lr, hidden[0].gain) if hidden else -np.inf
+
+
+def explain(evidence: Evidence, effects: Sequence[Effect] | None = None, hidden: HiddenSearch | None = None) -> Answer:
     """What the evidence shows that the engine's model lacks. `effects`: the library, default all that the model does
     not carry; `hidden`: finds effects of an unrecorded driver at a trial."""
     return Search(evidence, effects, hidden).run()

@@ -19,6 +19,7 @@ import numpy as np
 from enginediag_cli.engine.engine import Engine
 from enginediag_cli.engine.warm import WarmEngine
 from enginediag_cli.parameters import Parameter
+from enginediag_cli.physics.registry import term, term_names
 
 NUMBER = "record_number"
 """Input column with the place of each record in all that was read, so that it is found again after selection."""
@@ -40,6 +41,11 @@ class Discrepancy:
         return f"{self.target}|{self.curve}"
 
 
+def library_inputs() -> dict[str, float]:
+    """Input columns that terms of the library read, with the value that stands for "not recorded"."""
+    return {c: default for n in term_names() for c, default in term(n).INPUTS.items()}
+
+
 class ExtendedModel:
     """`engine` with discrepancies, as identification sees a model; points are solved warm."""
 
@@ -49,7 +55,8 @@ class ExtendedModel:
         self._discrepancies = {d.name: d for d in discrepancies}
         curves = {d.curve: 0.0 for d in discrepancies}
         self.inputs = engine.inputs
-        self.optional_inputs = {**engine.optional_inputs, NUMBER: -1.0, **curves}
+        # what effects read beside the engine's own inputs travels along: they are looked for at fits without them
+        self.optional_inputs = {**library_inputs(), **engine.optional_inputs, NUMBER: -1.0, **curves}
         self.sensors = engine.sensors
         self.parameters: dict[str, Parameter] = {
             **engine.parameters,

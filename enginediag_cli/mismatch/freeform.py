@@ -1,8 +1,7 @@
 """The free-form map: at every location, "something that depends on this driver is missing here".
 
 A block is one parameter of the engine times a polynomial of second degree in one driver, orthonormal over the
-records; its score has as many degrees of freedom as curves that the nuisance leaves. What identification knows
-already (a constant) is not in it.
+records; its score has as many degrees of freedom as curves that the nuisance leaves.
 """
 
 from __future__ import annotations
@@ -13,17 +12,18 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from enginediag_cli.engine.engine import Engine
 from enginediag_cli.mismatch.drivers import Driver, polynomials
-from enginediag_cli.mismatch.extended import ExtendedModel
 from enginediag_cli.mismatch.identified import Identified
-from enginediag_cli.mismatch.projection import Projection, Score, derivatives, lengths
+from enginediag_cli.mismatch.projection import Columns, Projection, Score, lengths
 from enginediag_cli.physics.registry import effect, term
 from enginediag_cli.physics.term import Effect
 
 DEGREE = 2
 PARAMETERS = ("*.efficiency", "*.flow_capacity", "*.area", "*.pressure_loss", "*.pressure_recovery", "*.loss_factor")
-LEVERS = ("customer_bleed", "power_offtake")
-"""Terms whose amplitude is a location of its own: air or power that leaves where the engine has no parameter."""
+LEVERS = ("customer_bleed", "power_offtake", "tat_probe_heating")
+"""Terms whose amplitude is a location of its own: air or power that leaves where the engine has no parameter, or an
+input that reads wrong."""
 
 
 @dataclass(frozen=True)
@@ -39,7 +39,11 @@ class Location:
 
 def locations(found: Identified) -> list[Location]:
     """Every health parameter, loss, nozzle area and cooling flow, every bleed and shaft load, every recorded sensor."""
-    engine = found.evidence.engine
+    return locations_of(found.evidence.engine, found.problem.sensors)
+
+
+def locations_of(engine: Engine, sensors: Sequence[str]) -> list[Location]:
+    """The same for an engine of which these sensor columns are recorded."""
     result = []
     for n, p in engine.parameters.items():
         if p.family in ("health", "design") and any(fnmatch.fnmatch(n, x) for x in PARAMETERS):
@@ -52,7 +56,7 @@ def locations(found: Identified) -> list[Location]:
         for site in term(lever).sites(engine.network):
             e = effect(engine, lever, site.name)
             result.append(Location(e.label, e.amplitudes[0], site.component, e))
-    for column in found.problem.sensors:
+    for column in sensors:
         quantity = engine.sensors[column].quantity
         result.append(Location(f"sensor.{quantity}", f"sensor.{quantity}.scale", f"sensor.{quantity}"))
     return result
@@ -74,29 +78,60 @@ class Cell:
         return 0.0 if self.score.absorbed else self.score.surprise
 
 
-def free_form(found: Identified, projection: Projection, along: Sequence[Driver]) -> list[Cell]:
-    """The map's cells, most surprising first; drivers' values are of all records of the evidence."""
-    places = locations(found)
-    engine = found.evidence.engine
-    there = {e.label for e in (*engine.effects, *found.hypothesis.effects)}
-    levers = {p.through.label: p.through for p in places if p.through is not None and p.through.label not in there}
-    model = ExtendedModel(
-        engine.with_effects((*engine.effects, *found.hypothesis.effects, *levers.values())),
-        found.model.discrepancies,
-    )
-    J = derivatives(found, [p.parameter for p in places], model)
+def free_form(
+    found: Identified, projection: Projection, along: Sequence[Driver], columns: Columns | None = None
+) -> list[Cell]:
+    """The map's cells, most surprising first; drivers' values are of all records of the evidence. A parameter that is
+    not identified may also be wrong by a constant. `columns`: of at least the `locations`, if known."""
+    where = locations(found)
+    J = columns or Columns(found, [p.parameter for p in where], [p.through for p in where if p.through is not None])
+    N = len(found.number)
+    known = set(found.problem.names)
+    constant = Driver("constant", "constant", "1", np.ones(len(along[0].values) if along else N))
     curves = [polynomials(d.values[found.number], DEGREE) for d in along]
     cells = []
-    for i, place in enumerate(places):
-        column = J[:, :, i : i + 1]
-        all_curves = np.concatenate(curves, axis=1)
-        blown = column * all_curves[:, None, :]
+    for place in where:
+        blocks = list(zip(along, curves, strict=True))
+        if place.parameter not in known:
+            blocks.insert(0, (constant, np.ones((N, 1))))
+        if not blocks:
+            continue
+        blown = J[place.parameter][:, :, None] * np.concatenate([c for _, c in blocks], axis=1)[:, None, :]
         C, full = projection.projected(blown), lengths(projection.frame, blown)
         j = 0
-        for d, curve in zip(along, curves, strict=True):
+        for d, curve in blocks:
             k = curve.shape[1]
             if k:
                 block = C[:, j : j + k]
                 cells.append(Cell(place, d, projection.score(block, float(full[j])), curve, block))
             j += k
     return sorted(cells, key=lambda c: -c.surprise)
+
+
+@dataclass(frozen=True)
+class Place:
+    """One component × driver: the better of its cells and, for a turbomachine, of efficiency and flow capacity
+    together (an effect on both matches neither alone)."""
+
+    component: str
+    driver: Driver
+    surprise: float
+
+
+def places(cells: Sequence[Cell], projection: Projection) -> list[Place]:
+    """Components along drivers, most surprising first."""
+    found: dict[tuple[str, str], Place] = {}
+    machines: dict[tuple[str, str], list[Cell]] = {}
+    for c in cells:
+        key = (c.location.component, c.driver.name)
+        if key not in found or c.surprise > found[key].surprise:
+            found[key] = Place(c.location.component, c.driver, c.surprise)
+        if c.location.parameter.endswith((".efficiency", ".flow_capacity")) and not c.score.absorbed:
+            machines.setdefault(key, []).append(c)
+    for key, both in machines.items():
+        if len(both) == 2:
+            joint = np.concatenate([c.columns for c in both], axis=1)
+            score = projection.score(joint, float(np.linalg.norm(joint[:, 0])) / both[0].score.share)
+            if score.surprise > found[key].surprise:
+                found[key] = Place(key[0], both[0].driver, score.surprise)
+    return sorted(found.values(), key=lambda p: -p.surprise)

@@ -120,7 +120,8 @@ def nuisance(evidence: Evidence) -> Nuisance:
     """Floor and fleet of the evidence, at the prior mean of its parameters."""
     s, engine = evidence.settings, evidence.engine
     inputs = inputs_of(evidence)
-    discrepancies, curves = floor(engine, inputs, s.prior_mean, s.map_accuracy)
+    known = {n: v for n, v in s.prior_mean.items() if n in engine.parameters}
+    discrepancies, curves = floor(engine, inputs, known, s.map_accuracy)
     of_engine = np.concatenate([np.full(len(next(iter(f.columns.values()))), evidence.engines.index(f.engine))
                                 for f in evidence.flights])
     for k, name in enumerate(evidence.engines[1:], start=1):

@@ -14,15 +14,17 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
+from scipy import stats
 
 from enginediag_cli.mismatch.evidence import Evidence, Noise
 from enginediag_cli.mismatch.projection import Projection
+from enginediag_cli.mismatch.scores import surprise
 
 LARGEST_SHARE = 0.4
 """Of the rows that the space may take; beyond it only its strongest directions count."""
 
 LARGEST_RHO = 0.95
-LEAST_RHO = 0.08  # of a few hundred records nothing below it is to be told from 0
+LEAST_RHO, DEVIATIONS = 0.08, 3.0  # of a few hundred records nothing below is to be told from 0, of nine sensors
 
 
 def estimated_noise(projection: Projection, blocks: Sequence[np.ndarray]) -> Noise:
@@ -40,7 +42,15 @@ def estimated_noise(projection: Projection, blocks: Sequence[np.ndarray]) -> Noi
             continue
         sigma[column] = float(found.problem.sigma[s] * np.sqrt(left[rows] @ left[rows] / free[rows].sum()))
         rho[column] = _lag_one(left[rows], found.number[frame.record[rows]], float(free[rows].mean()))
-    return Noise({**found.evidence.noise.sigma, **sigma}, rho)
+    return replace(found.evidence.noise, sigma={**found.evidence.noise.sigma, **sigma}, rho=rho)
+
+
+def doubtful(gate: float, projection: Projection) -> float:
+    """A gate on −ln p of scores that take estimated noise as exact: a score may rest on one sensor, whose σ² comes from
+    about ν = (1 − LARGEST_SHARE) n_s readings, so that T is F distributed with (1, ν) degrees of freedom."""
+    sensors = projection.frame.sensor
+    nu = (1.0 - LARGEST_SHARE) * float(np.bincount(sensors)[np.unique(sensors)].min())
+    return float(surprise(stats.f.isf(np.exp(-gate), 1, nu), 1)) if np.isfinite(gate) else gate
 
 
 def with_noise(evidence: Evidence, noise: Noise) -> Evidence:
@@ -64,4 +74,4 @@ def _lag_one(e: np.ndarray, number: np.ndarray, free: float) -> float:
     if next_to.sum() < 20:
         return 0.0
     r = float((e[1:] * e[:-1])[next_to].sum() / (e @ e) * len(e) / max(next_to.sum(), 1)) / free
-    return 0.0 if abs(r) < max(LEAST_RHO, 2.5 / np.sqrt(next_to.sum())) else float(np.clip(r, -0.5, LARGEST_RHO))
+    return 0.0 if abs(r) < max(LEAST_RHO, DEVIATIONS / np.sqrt(next_to.sum())) else float(np.clip(r, -0.5, LARGEST_RHO))

@@ -1,7 +1,7 @@
 """What may explain a mismatch: a listed effect, or a change in time of one engine or of one sensor.
 
 A fault begins and stays; an effect repeats with its driver. Both are columns at the same fit, so they are rivals.
-Onsets are tried at the flights' beginnings and at the quarters of each flight.
+Onsets are tried at the flights' beginnings and at the quarters of each flight, at most 24 of each engine.
 """
 
 from __future__ import annotations
@@ -11,14 +11,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from enginediag_cli.mismatch.extended import Discrepancy, ExtendedModel
+from enginediag_cli.mismatch.evidence import Evidence
+from enginediag_cli.mismatch.extended import Discrepancy
 from enginediag_cli.mismatch.identified import Hypothesis, Identified
-from enginediag_cli.mismatch.projection import Projection, Score, derivatives, lengths
+from enginediag_cli.mismatch.projection import Columns, Projection, Score, lengths
 from enginediag_cli.physics.term import Effect
 
 EFFECT, FAULT, SENSOR_FAULT = "effect", "fault", "sensor fault"
 PARTS_OF_FLIGHT = 4
 LEAST_RECORDS = 8  # on either side of an onset
+MOST_ONSETS = 24
 
 
 @dataclass(frozen=True)
@@ -86,43 +88,76 @@ def fault_options(found: Identified) -> list[Option]:
 def _steps(found: Identified) -> dict[str, np.ndarray]:
     """Curves (records of the evidence,) that step from 0 to 1, per engine, by a name that says when."""
     steps: dict[str, np.ndarray] = {}
-    evidence, first = found.evidence, 0
-    of_engine, place = [], []
-    for f in evidence.flights:
-        n = len(next(iter(f.columns.values())))
-        of_engine += [f.engine] * n
-        place.append((f, first, n))
-        first += n
-    engines, number = np.array(of_engine), np.arange(first)
-    for f, start, n in place:
-        for part in range(PARTS_OF_FLIGHT):
-            onset = start + part * n // PARTS_OF_FLIGHT
-            mine = engines == f.engine
-            curve = (mine & (number >= onset)).astype(float)
-            if min(curve.sum(), mine.sum() - curve.sum()) >= LEAST_RECORDS:
-                steps[f"since record {onset - start + 1} of {f.label}"] = curve
+    evidence = found.evidence
+    sizes = [len(next(iter(f.columns.values()))) for f in evidence.flights]
+    starts = np.concatenate([[0], np.cumsum(sizes)])
+    for name in evidence.engines:
+        own = [start + part * n // PARTS_OF_FLIGHT
+               for f, start, n in zip(evidence.flights, starts, sizes, strict=False) if f.engine == name
+               for part in range(PARTS_OF_FLIGHT)]
+        for onset in own[:: -(-len(own) // MOST_ONSETS)]:
+            steps |= _step(evidence, int(onset))
     return steps
 
 
-def option_scores(found: Identified, projection: Projection, options: Sequence[Option]) -> list[OptionScore]:
-    """Scores of options that the fit does not carry."""
+def _step(evidence: Evidence, onset: int) -> dict[str, np.ndarray]:
+    """The curve that steps at a record, counted over the evidence, on that record's engine; none too near an end."""
+    flight = np.repeat(np.arange(len(evidence.flights)),
+                       [len(next(iter(f.columns.values()))) for f in evidence.flights])
+    engine = np.array([evidence.engines.index(f.engine) for f in evidence.flights])[flight]
+    mine = engine == engine[onset]
+    curve = (mine & (np.arange(len(mine)) >= onset)).astype(float)
+    if min(curve.sum(), mine.sum() - curve.sum()) < LEAST_RECORDS:
+        return {}
+    first = int(np.flatnonzero(flight == flight[onset])[0])
+    return {f"since record {onset - first + 1} of {evidence.flights[flight[onset]].label}": curve}
+
+
+def with_best_onset(found: Identified, projection: Projection, option: Option) -> Option:
+    """A change in time with the onset, to the record, that scores best about its own; any other option as it is."""
+    if option.driver != "time":
+        return option
+    (d,) = option.hypothesis.discrepancies
+    evidence = found.evidence
+    onset = int(np.flatnonzero(option.hypothesis.curves[d.curve])[0])
+    total = len(option.hypothesis.curves[d.curve])
+    reach = max(2, -(-total // min(MOST_ONSETS, PARTS_OF_FLIGHT * len(evidence.flights))))
+    steps: dict[str, np.ndarray] = {}
+    for k in range(max(onset - reach, 0), min(onset + reach, total - 1) + 1):
+        steps |= _step(evidence, k)
+    column = Columns(found, [d.target], [])[d.target]
+    blown = column[:, :, None] * np.stack([c[found.number] for c in steps.values()], axis=1)[:, None, :]
+    C = projection.projected(blown)
+    length = np.linalg.norm(C, axis=0)
+    T = np.where(length > 0, (C.T @ projection.left) ** 2 / np.maximum(length, 1e-300) ** 2, 0.0)
+    name = list(steps)[int(np.argmax(T))]
+    return Option(option.kind, f"{d.target} {name}", option.component, "time",
+                  Hypothesis((), (Discrepancy(d.target, name, d.sigma),), {name: steps[name]}))
+
+
+def effects_of(options: Sequence[Option]) -> list[Effect]:
+    return [e for o in options for e in o.hypothesis.effects]
+
+
+def parameters_of(options: Sequence[Option]) -> list[str]:
+    """Amplitudes of the options' effects and targets of their discrepancies."""
+    targets = (d.target for o in options for d in o.hypothesis.discrepancies)
+    return [*(a for e in effects_of(options) for a in e.amplitudes), *dict.fromkeys(targets)]
+
+
+def option_scores(
+    found: Identified, projection: Projection, options: Sequence[Option], columns: Columns | None = None
+) -> list[OptionScore]:
+    """Scores of options that the fit does not carry; `columns` of at least `parameters_of` them, if known."""
     carried = set(found.hypothesis.names)
     options = [o for o in options if not carried & set(o.hypothesis.names)]
     if not options:
         return []
-    effects = [e for o in options for e in o.hypothesis.effects]
-    targets = dict.fromkeys(d.target for o in options for d in o.hypothesis.discrepancies)
-    names = [*(a for e in effects for a in e.amplitudes), *targets]
-    engine = found.evidence.engine
-    model = ExtendedModel(
-        engine.with_effects((*engine.effects, *found.hypothesis.effects, *effects)), found.model.discrepancies
-    )
-    J = derivatives(found, names, model)
-    at = {n: j for j, n in enumerate(names)}
+    J = columns or Columns(found, parameters_of(options), effects_of(options))
     stack, sizes = [], []
     for o in options:
-        own = [J[:, :, at[a]] for e in o.hypothesis.effects for a in e.amplitudes]
-        own += [J[:, :, at[d.target]] * o.hypothesis.curves[d.curve][found.number][:, None]
+        own = [J[a] for e in o.hypothesis.effects for a in e.amplitudes]
+        own += [J[d.target] * o.hypothesis.curves[d.curve][found.number][:, None]
                 for d in o.hypothesis.discrepancies]
         stack += own
         sizes.append(len(own))
@@ -130,11 +165,11 @@ def option_scores(found: Identified, projection: Projection, options: Sequence[O
     C, full = projection.projected(wide), lengths(projection.frame, wide)
     result, j = [], 0
     for o, k in zip(options, sizes, strict=True):
-        columns = C[:, j : j + k]
-        score = projection.score(columns, float(full[j]))
-        length = max(float(np.linalg.norm(columns[:, 0])), 1e-300)
-        z = float(columns[:, 0] @ projection.left) / length
-        result.append(OptionScore(o, score, _feasible(o, score), columns, z))
+        block = C[:, j : j + k]
+        score = projection.score(block, float(full[j]))
+        length = max(float(np.linalg.norm(block[:, 0])), 1e-300)
+        z = float(block[:, 0] @ projection.left) / length
+        result.append(OptionScore(o, score, _feasible(o, score), block, z))
         j += k
     return result
 

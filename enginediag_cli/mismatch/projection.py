@@ -11,16 +11,18 @@ Source: C. R. Rao, "Large Sample Tests of Statistical Hypotheses", Proc. Camb. P
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from enginediag_cli.identification.normal_equations import blocks
+from enginediag_cli.mismatch.extended import ExtendedModel
 from enginediag_cli.mismatch.identified import Identified
 from enginediag_cli.mismatch.scores import surprise
+from enginediag_cli.physics.term import Effect
 
-ABSORBED = 0.05
+ABSORBED = 0.01
 """Share of a column's length below which what survives the projection is not to be ranked."""
 
 
@@ -42,15 +44,37 @@ class Frame:
         self.follows &= self.rho != 0.0
         self.record = np.broadcast_to(np.arange(len(p.recording))[:, None], self.keep.shape)[self.keep]
         self.sensor = np.broadcast_to(np.arange(len(p.sensors))[None], self.keep.shape)[self.keep]
+        self.unmixed = _input_whitening(found, self.keep)
+
+    def scaled(self, values: np.ndarray) -> np.ndarray:
+        """Values (N, m, k) over σ, 0 where there is no reading, freed of what noise of the inputs has in common."""
+        v = np.where(self.keep[:, :, None], values, 0.0) / self.sigma[:, None]
+        return v if self.unmixed is None else self.unmixed @ v
 
     def rows(self, values: np.ndarray) -> np.ndarray:
         """Whitened rows (n, k) of values (N, m, k)."""
-        v = np.where(self.keep[:, :, None], values, 0.0) / self.sigma[:, None]
+        v = self.scaled(values)
         if self.follows.any():
             rho = np.where(self.follows, self.rho, 0.0)[:, :, None]
             before = np.concatenate([np.zeros_like(v[:1]), v[:-1]])
             v = (v - rho * before) / np.sqrt(1.0 - rho**2)
         return np.asarray(v[self.keep])
+
+
+def _input_whitening(found: Identified, keep: np.ndarray) -> np.ndarray | None:
+    """L⁻¹ (N, m, m) with L Lᵀ = 1 + G Gᵀ, G = σ⁻¹ ∂y/∂u σ_u: an error of an input moves all readings of its record.
+    None where the inputs are exact. Exact for noise that is white in time."""
+    noise = found.evidence.noise
+    columns = [c for c in found.evidence.engine.inputs if c in noise.inputs or c in noise.input_shares]
+    if not columns:
+        return None
+    u = np.column_stack([found.problem.inputs[c] for c in columns])
+    share = np.array([noise.input_shares.get(c, 0.0) for c in columns])
+    size = np.hypot([noise.inputs.get(c, 0.0) for c in columns], share * u)
+    G = derivatives(found, columns) * size[:, None, :] / found.problem.sigma[:, None]
+    G = np.where(keep[:, :, None], G, 0.0)
+    L = np.linalg.cholesky(np.eye(G.shape[1]) + G @ np.swapaxes(G, 1, 2))
+    return np.asarray(np.linalg.solve(L, np.broadcast_to(np.eye(G.shape[1]), L.shape)))
 
 
 @dataclass(frozen=True)
@@ -130,6 +154,24 @@ class Projection:
 def lengths(frame: Frame, columns: np.ndarray) -> np.ndarray:
     """Lengths (k,) of columns (N, m, k) as whitened rows, before projection."""
     return np.asarray(np.linalg.norm(frame.rows(columns), axis=0))
+
+
+class Columns:
+    """∂y/∂θ at a fit by name of the parameter, (N, m) each: of the fit's model, with effects that it does not carry."""
+
+    def __init__(self, found: Identified, names: Iterable[str], effects: Iterable[Effect]):
+        engine = found.evidence.engine
+        carried = {e.label for e in (*engine.effects, *found.hypothesis.effects)}
+        further = {e.label: e for e in effects if e.label not in carried}
+        self._at = {n: j for j, n in enumerate(dict.fromkeys(names))}
+        model = ExtendedModel(
+            engine.with_effects((*engine.effects, *found.hypothesis.effects, *further.values())),
+            found.model.discrepancies,
+        )
+        self._J = derivatives(found, tuple(self._at), model)
+
+    def __getitem__(self, name: str) -> np.ndarray:
+        return np.asarray(self._J[:, :, self._at[name]])
 
 
 def derivatives(found: Identified, names: Sequence[str], model: object = None) -> np.ndarray:

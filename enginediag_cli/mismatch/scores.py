@@ -12,6 +12,7 @@ import numpy as np
 from scipy import special
 
 DRAWS = 2000
+RESOLVED = 0.05  # level that 100 draws lie beyond
 FAR = 1e-280  # tail probabilities below it come from the asymptotic series
 
 
@@ -32,11 +33,19 @@ def critical_surprise(
     blocks: Sequence[np.ndarray], levels: Sequence[float], rng: np.random.Generator
 ) -> tuple[float, ...]:
     """−ln p that the largest score of these blocks of projected columns (n, k) exceeds with each probability of
-    `levels` when nothing is missing; infinite when there is no block."""
+    `levels` when nothing is missing; infinite when there is no block.
+
+    The tail of the largest −ln p is exponential, P(g) = 1 − exp(−K e^(−g)), with K the effective number of tests, which
+    hardly changes with g: gates beyond what the draws resolve are extrapolated by it.
+    """
     bases = [b for b in map(_basis, blocks) if b.shape[1]]
     if not bases:
         return tuple(np.inf for _ in levels)
     U = np.concatenate(bases, axis=1)
+    if len(U) > 3 * U.shape[1]:
+        # many rows: draw in the span of the columns instead, through their Gram matrix
+        values, vectors = np.linalg.eigh(U.T @ U)
+        U = (vectors * np.sqrt(np.maximum(values, 0.0))).T
     w = rng.standard_normal((DRAWS, len(U))) @ U
     top: dict[int, np.ndarray] = {}  # the largest T of each number of degrees of freedom
     j = 0
@@ -46,7 +55,12 @@ def critical_surprise(
         top[k] = np.maximum(top[k], T) if k in top else T
         j += k
     largest = np.max([surprise(T, k) for k, T in top.items()], axis=0)
-    return tuple(float(np.quantile(largest, 1.0 - level)) for level in levels)
+    anchor = float(np.quantile(largest, 1.0 - RESOLVED))
+    return tuple(
+        float(np.quantile(largest, 1.0 - level)) if level >= RESOLVED
+        else anchor + float(np.log(np.log1p(-RESOLVED) / np.log1p(-level)))
+        for level in levels
+    )
 
 
 def _basis(block: np.ndarray) -> np.ndarray:

@@ -9,10 +9,27 @@ from functools import cached_property
 import numpy as np
 
 from enginediag_cli.mismatch.drivers import Driver
-from enginediag_cli.mismatch.freeform import Cell, free_form
+from enginediag_cli.mismatch.freeform import Cell, free_form, locations
 from enginediag_cli.mismatch.identified import Hypothesis, Identified, Nuisance, identify_with
-from enginediag_cli.mismatch.options import Option, OptionScore, option_scores, together
-from enginediag_cli.mismatch.projection import Projection
+from enginediag_cli.mismatch.options import (
+    EFFECT,
+    FAULT,
+    SENSOR_FAULT,
+    Option,
+    OptionScore,
+    effects_of,
+    option_scores,
+    parameters_of,
+    together,
+)
+from enginediag_cli.mismatch.projection import Columns, Projection
+from enginediag_cli.mismatch.scores import critical_surprise
+
+SHARES = (0.5, 0.2, 0.3)
+"""Of the probability of a false alarm: listed effects, changes in time, free form. What can be named is what is looked
+for, and there are fewer of them."""
+
+FAULTS = (FAULT, SENSOR_FAULT)
 
 
 @dataclass(frozen=True)
@@ -65,6 +82,15 @@ class Trial:
 
 
 @dataclass(frozen=True)
+class Gates:
+    """Thresholds on −ln p of the most surprising effect, change in time and free-form block, at one level together."""
+
+    effects: float = np.inf
+    faults: float = np.inf
+    cells: float = np.inf
+
+
+@dataclass(frozen=True)
 class Remainder:
     """What a trial leaves: scores of the other options and the free-form map, most surprising first."""
 
@@ -73,9 +99,32 @@ class Remainder:
 
     @property
     def surprise(self) -> float:
-        """−ln p of the most surprising thing that is left."""
+        """−ln p of the most surprising thing that is left; infinite when nothing can be ranked (the model gave no
+        derivatives at the fit), which must not pass for nothing left."""
+        if (self.scores or self.cells) and not self.blocks():
+            return np.inf
         best = max((s.surprise for s in self.scores), default=0.0)
         return max(best, max((c.surprise for c in self.cells), default=0.0))
+
+    def over(self, gates: Gates) -> bool:
+        """Whether anything that is left is significant."""
+        return self.best(EFFECT) > gates.effects or self.best(*FAULTS) > gates.faults or (
+            max((c.surprise for c in self.cells), default=0.0) > gates.cells)
+
+    def best(self, *kinds: str) -> float:
+        """Largest −ln p of the options of these kinds."""
+        return max((s.surprise for s in self.scores if s.option.kind in kinds), default=0.0)
+
+    def gates(self, levels: Sequence[float], rng: np.random.Generator) -> tuple[Gates, ...]:
+        """Gates at each level, which the three families share by SHARES."""
+        families = (
+            [s.columns for s in self.scores if s.option.kind == EFFECT and not s.score.absorbed],
+            [s.columns for s in self.scores if s.option.kind != EFFECT and not s.score.absorbed],
+            [c.columns for c in self.cells if not c.score.absorbed],
+        )
+        found = [critical_surprise(blocks, [share * level for level in levels], rng)
+                 for blocks, share in zip(families, SHARES, strict=True)]
+        return tuple(Gates(*g) for g in zip(*found, strict=True))
 
     def blocks(self) -> list[np.ndarray]:
         """Projected columns of everything that can be ranked."""
@@ -89,7 +138,16 @@ def attempt(options: Sequence[Option], start: Identified, along: Nuisance) -> Tr
     return Trial(tuple(options), found, Projection(found))
 
 
-def remainder(trial: Trial, library: Sequence[Option], drivers: Sequence[Driver]) -> Remainder:
-    """Scores of what the trial does not carry; drivers are over the records of the evidence."""
-    scores = sorted(option_scores(trial.found, trial.projection, library), key=lambda s: -s.surprise)
-    return Remainder(tuple(scores), tuple(free_form(trial.found, trial.projection, drivers)))
+def remainder(
+    trial: Trial, library: Sequence[Option], drivers: Sequence[Driver], enough: Gates | None = None
+) -> Remainder:
+    """Scores of what the trial does not carry; drivers are over the records of the evidence. The map is left out where
+    an option is already over the gates `enough`."""
+    found, where = trial.found, locations(trial.found)
+    names = [*parameters_of(library), *(p.parameter for p in where)]
+    columns = Columns(found, names, [*effects_of(library), *(p.through for p in where if p.through is not None)])
+    scores = sorted(option_scores(found, trial.projection, library, columns), key=lambda s: -s.surprise)
+    left = Remainder(tuple(scores), ())
+    if enough is not None and left.over(enough):
+        return left
+    return Remainder(tuple(scores), tuple(free_form(found, trial.projection, drivers, columns)))

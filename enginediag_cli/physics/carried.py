@@ -25,6 +25,8 @@ EFFECT = Section(
               unit="the coefficient's"),
         Field("standard_errors", "number_map", "of the coefficients, when they were fitted", {},
               unit="the coefficient's"),
+        Field("switch", "text", "column of the recordings that is 1 where the effect is on and 0 where it is off or "
+              "not recorded; without it the effect is always on", ""),
         Field("source", "text", "where the coefficients come from: data and command", ""),
     ),
 )
@@ -49,7 +51,7 @@ def carried_effects(
                                     near(block["at"], sites)))
             continue
         problems += _coefficient_problems(found.COEFFICIENTS, block, at, checked)
-        effect = Effect(found, sites[block["at"]], dict(block["coefficients"]))
+        effect = Effect(found, sites[block["at"]], dict(block["coefficients"]), block["switch"])
         if any(e.label == effect.label for e in effects):
             problems.append(Problem(checked.mark(at), f"{effect.label} is listed twice"))
         effects.append(effect)

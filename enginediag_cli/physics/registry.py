@@ -10,7 +10,7 @@ import pkgutil
 from collections.abc import Iterator, Mapping, Sequence
 from functools import cache
 from importlib import import_module
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from enginediag_cli.physics import terms
 from enginediag_cli.physics.term import Effect, Term
@@ -43,7 +43,7 @@ def effect(engine: Engine, name: str, site: str, values: Mapping[str, float] | N
     sites = {s.name: s for s in found.sites(engine.network)}
     if site not in sites:
         raise KeyError(f"{name}@{site}")
-    return Effect(found, sites[site], dict(values or {}))
+    return Effect(found, sites[site], dict(values or {}), limits=limits(engine))
 
 
 def candidates(engine: Engine, without: Sequence[str] = ()) -> Iterator[Effect]:
@@ -57,6 +57,12 @@ def candidates(engine: Engine, without: Sequence[str] = ()) -> Iterator[Effect]:
             continue
         found = term(name)
         for site in found.sites(engine.network):
-            e = Effect(found, site, {})
+            e = Effect(found, site, {}, limits=limits(engine))
             if e.label not in carried and e.label not in without:
                 yield e
+
+
+def limits(engine: Engine) -> Mapping[str, float]:
+    """Upper bounds of coefficients that the engine's installation sets (`mismatch: limits:` of its file)."""
+    block: Mapping[str, Any] = engine.declared.get("mismatch") or {}
+    return dict(block.get("limits") or {})

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
@@ -92,11 +92,15 @@ class Term(ABC):
 
 @dataclass(frozen=True)
 class Effect:
-    """A term at a site with the values of its coefficients; those not given are absent."""
+    """A term at a site with the values of its coefficients; those not given are absent. `switch`: input column that is
+    1 where the effect is on and 0 where it is off (0 where it is not recorded); always on without one. `limits`:
+    parameter → upper bound, where this installation allows less than the term does."""
 
     term: Term
     site: Site
     values: Mapping[str, float]
+    switch: str = ""
+    limits: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def label(self) -> str:
@@ -114,8 +118,8 @@ class Effect:
     def parameters(self) -> tuple[Parameter, ...]:
         return tuple(
             Parameter(
-                self.parameter_name(c.name), "physics", self.values.get(c.name, c.absent), c.lower, c.upper, c.sigma,
-                c.unit, c.description,
+                self.parameter_name(c.name), "physics", self.values.get(c.name, c.absent), c.lower,
+                min(c.upper, self.limits.get(self.parameter_name(c.name), c.upper)), c.sigma, c.unit, c.description,
             )
             for c in self.term.COEFFICIENTS
         )
@@ -137,8 +141,11 @@ class Place:
         self._absent = {effect.parameter_name(c.name): c.absent for c in effect.term.amplitudes()}
 
     def c(self, e: Evaluation, coefficient: str) -> Value:
-        """Value of a coefficient in this evaluation."""
-        return e[self.effect.parameter_name(coefficient)]
+        """Value of a coefficient in this evaluation: absent where the effect is switched off."""
+        name = self.effect.parameter_name(coefficient)
+        if not self.effect.switch or name not in self._absent:
+            return e[name]
+        return self._absent[name] + (e[name] - self._absent[name]) * e[self.effect.switch]
 
     def active(self, e: Evaluation) -> bool:
         """Whether the effect is there, or sought: any amplitude not absent or a direction of differentiation."""

@@ -46,6 +46,22 @@ def ambiguous(explanations: Sequence[Sequence[str]], remedy: str = "") -> str:
     return f"{text}; {remedy}" if remedy else text
 
 
+def does_not_fit(ratio: float) -> str:
+    """Why an answer does not stand: readings are missed by far more than their noise, whatever it says."""
+    return (f"the model does not fit these records (chi2 per degree of freedom {ratio:.2g} after the best answer): "
+            "cannot tell")
+
+
+def not_believed(name: str, delta: float, *, unit: str = "") -> str:
+    """Why an answer does not stand: it fits, but only with a change that no engine shows."""
+    return f"the model fits these records only if {change(name, delta, unit=unit)}, which is not believed: cannot tell"
+
+
+def evidence_reduced(dispersion: float) -> str:
+    """What was done about a model that fits badly."""
+    return f"the model fits badly; the evidence was divided by {dispersion:.2g}"
+
+
 def sensor_or_component(
     sensors: Sequence[str],
     components: Sequence[str],

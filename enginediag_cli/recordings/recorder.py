@@ -86,8 +86,9 @@ class Recorder:
         """Read and map a whole file (`-`: stdin), one result per engine. Raises DataError, NoVerdictError."""
         return list(self.map(read_all(source, required=self.source_columns, by_suffix=False)))
 
-    def map(self, recording: Recording, *, steady: bool = True) -> Iterator[MappedRecording]:
-        """One result per engine: units, masks, derived columns, checks; with `steady` gate and averages.
+    def map(self, recording: Recording, *, steady: bool = True, search: bool = True) -> Iterator[MappedRecording]:
+        """One result per engine: units, masks, derived columns, checks; with `steady` gate and averages; with `search`
+        stuck sensors and spikes are looked for.
 
         Raises DataError when columns are missing, a check fails or no value is left, NoVerdictError when no
         record passes the gate.
@@ -98,7 +99,7 @@ class Recorder:
             masks = self.values["masks"]
             clean, report = mask_gross(
                 converted, limits, columns=[channel.target for channel in self.channels],
-                settings=QualitySettings(**masks),
+                settings=QualitySettings(**masks), search=search,
             )
             full = self._derive(clean)
             self._check(full)

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import dataclass
+
 import numpy as np
 
 from enginediag_cli.errors import DataError
@@ -41,3 +44,42 @@ def judged_inputs(
     if monitor.envelope is not None and N:
         outside = complete & np.asarray(monitor.envelope.outside(inputs))
     return inputs, y, ~complete, outside
+
+
+@dataclass(frozen=True)
+class JudgedChunk:
+    """Records of a chunk: what is judged of them and, at nominal, residuals e (N, m), J (N, m, p) and failed (N,)."""
+
+    inputs: Mapping[str, np.ndarray]
+    y: np.ndarray
+    incomplete: np.ndarray
+    outside: np.ndarray
+    failed: np.ndarray
+    e: np.ndarray | None = None
+    J: np.ndarray | None = None
+
+    def of(self, rows: np.ndarray) -> JudgedChunk:
+        """The records of one flight and engine."""
+        return JudgedChunk(
+            {c: v[rows] for c, v in self.inputs.items()},
+            self.y[rows],
+            self.incomplete[rows],
+            self.outside[rows],
+            self.failed[rows],
+            None if self.e is None else self.e[rows],
+            None if self.J is None else self.J[rows],
+        )
+
+
+def judged_chunk(monitor: Monitor, recording: Recording, *, at_nominal: bool) -> JudgedChunk:
+    """Everything that does not depend on flights, for a whole chunk: the engine likes long calls."""
+    inputs, y, incomplete, outside = judged_inputs(monitor, recording)
+    failed = np.zeros(len(y), bool)
+    kept = np.flatnonzero(~incomplete & ~outside)
+    if not at_nominal or not kept.size:
+        return JudgedChunk(inputs, y, incomplete, outside, failed)
+    predicted, sensitivities, ok, _ = monitor.predict({c: v[kept] for c, v in inputs.items()}, monitor.theta0)
+    e, J = np.full(y.shape, np.nan), np.full((*y.shape, len(monitor.names)), np.nan)
+    e[kept], J[kept] = np.where(ok[:, None], y[kept] - predicted, np.nan), sensitivities
+    failed[kept[~ok]] = True
+    return JudgedChunk(inputs, y, incomplete, outside, failed, e, J)

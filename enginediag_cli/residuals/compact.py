@@ -16,7 +16,10 @@ from typing import Any
 
 import numpy as np
 
-from .monitor import Monitor
+from enginediag_cli.engine.start import StartFit, coordinates
+
+from .curvature import Curvature, curvature
+from .monitor import Model, Monitor
 
 DEGREE = 5
 NEGLIGIBLE = 5e-5
@@ -25,6 +28,8 @@ TOLERANCE = 2e-4
 """Information per record that the fit may leave out; beyond it the engine is asked."""
 LEAST_POINTS = 300
 POINTS = 1500
+START_DEGREE = 12.0
+"""Of the fitted start: from there the engine's own iteration needs one pass less than from its usual start."""
 
 
 @dataclass(frozen=True)
@@ -41,14 +46,20 @@ class Fit:
         """Sensitivities (N, m, r) in sensor unit per unit normal."""
         X = _terms(_scaled(inputs, self.inputs, optional, self.centre, self.scale), self.powers)
         terms, m, r = self.coefficients.shape
-        return np.asarray((X @ self.coefficients.reshape(terms, m * r)).reshape(-1, m, r))
+        single = X.astype(np.float32) @ self.coefficients.reshape(terms, m * r).astype(np.float32)  # exact enough
+        return single.reshape(-1, m, r).astype(float)
 
 
 @dataclass(frozen=True)
 class CompactMonitor(Monitor):
-    """Its uncertain parameters are r unit normals `nominal.1` … whose effect `fit` gives."""
+    """Its uncertain parameters are r unit normals `nominal.1` … whose effect `fit` gives.
+
+    `start` gives the engine's unknowns at nominal, to begin with; `curvature` what a linear model leaves out.
+    """
 
     fit: Fit | None = field(default=None)
+    start: StartFit | None = field(default=None)
+    curvature: Curvature | None = field(default=None)
 
     def predict(
         self, inputs: Mapping[str, np.ndarray], theta: np.ndarray, *, nuisance: bool = True, **options: Any
@@ -56,6 +67,8 @@ class CompactMonitor(Monitor):
         """As `Monitor.predict`; the unit normals stay at 0, where nominal is."""
         assert self.fit is not None
         a, q = len(self.monitored), len(self.names) - len(self.offsets)
+        if self.start is not None and "start" not in options:
+            options["start"] = self.start.predict(_corrected(self.engine, self.fit.inputs, inputs)[1])
         plain = replace(self, names=(*self.monitored, *self.names[q:]))
         y, J, ok, prediction = Monitor.predict(
             plain, inputs, np.delete(theta, np.s_[a:q], axis=-1), nuisance=nuisance, **options
@@ -74,7 +87,8 @@ def compact(monitor: Monitor) -> Monitor:
         return monitor
     names = tuple(monitor.envelope.inputs)
     inputs = {c: points[:, i] for i, c in enumerate(names)}
-    _, J, ok, _ = monitor.predict(inputs, monitor.theta0)
+    _, J, ok, found = monitor.predict(inputs, monitor.theta0)
+    start = _fitted_start(monitor.engine, names, inputs, getattr(found, "x", None), ok)
     J, points = J[ok, :, :q], points[ok]
     if len(points) < LEAST_POINTS:
         return monitor
@@ -126,7 +140,27 @@ def compact(monitor: Monitor) -> Monitor:
         monitor.noise,
         monitor.envelope,
         Fit(names, centre, spread, powers, coefficients),
+        start,
+        curvature(monitor, {c: points[own, i] for i, c in enumerate(names)}),
     )
+
+
+def _fitted_start(
+    engine: Model, names: tuple[str, ...], inputs: Mapping[str, np.ndarray], x: np.ndarray | None, ok: np.ndarray
+) -> StartFit | None:
+    """Unknowns x (nx, n) as a polynomial of corrected coordinates; None for a model that shows none."""
+    if x is None or not hasattr(engine, "power_setting"):
+        return None
+    kinds, z = _corrected(engine, names, inputs)
+    return StartFit.fit(kinds, z[:, ok], x[:, ok], START_DEGREE)
+
+
+def _corrected(
+    engine: Model, names: tuple[str, ...], inputs: Mapping[str, np.ndarray]
+) -> tuple[tuple[str, ...], np.ndarray]:
+    N = len(next(iter(inputs.values())))
+    values = {c: np.broadcast_to(inputs.get(c, engine.optional_inputs.get(c, 0.0)), (N,)) for c in names}
+    return coordinates(getattr(engine, "power_setting"), values, N)  # noqa: B009 - not every model has one
 
 
 def _points(monitor: Monitor) -> np.ndarray:

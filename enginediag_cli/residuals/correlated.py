@@ -63,3 +63,18 @@ def lagged_sums(G: np.ndarray, rho: np.ndarray, lags: np.ndarray, starts: np.nda
             reach = np.cumprod(c[i:k])
             head[b, j], tail[b, j], decay[b, j] = reach @ G[i:k, j], a[k - 1], reach[-1]
     return LaggedSums(before, tail, head, decay)
+
+
+def independent_rows(G: np.ndarray, rho: np.ndarray, lags: np.ndarray) -> np.ndarray:
+    """h (N, m, p) with Σ_k g_k z_k = Σ_k h_k ε_k, ε_k independent of variance 1, for G (N, m, p), rho (m,), lags (N,).
+
+    z_k = c_k z_{k−1} + √(1 − c_k²) ε_k, c_k as above and 0 for the first record, so that
+    h_k = √(1 − c_k²) (g_k + c_{k+1} g_{k+1} + c_{k+1} c_{k+2} g_{k+2} + …).
+    """
+    h = G.copy()
+    for j in np.flatnonzero(rho):
+        c = np.sign(rho[j]) ** np.where(np.isfinite(lags), lags, 0) * np.abs(rho[j]) ** lags
+        c[:1] = 0.0
+        later = np.append(c[1:], 0.0)
+        h[:, j] = np.sqrt(1 - c**2)[:, None] * linear_recursion(later[::-1], G[::-1, j])[::-1]
+    return h

@@ -1,7 +1,7 @@
 """Local statistics as flat rows, one value per column, and back; such a file needs nothing else to be read.
 
-Columns: those of the window, `n`, `chi2`, `dof`, `noise_A1`, `noise_A2`, then `theta0:a`, `prior_sigma:a`, `unit:a`,
-`s:a` per parameter a, and the upper triangles `F:a|b` and `V:a|b`.
+Columns: those of the window, `n`, `chi2`, `dof`, `noise_A1`, `noise_A2`, `noise_Q`, then `theta0:a`, `prior_sigma:a`,
+`unit:a`, `s:a` per parameter a, and the upper triangles `F:a|b` and `V:a|b`.
 """
 
 from __future__ import annotations
@@ -19,8 +19,9 @@ from .statistics import LocalStatistics
 TEXTS = ("source", "flight", "engine", "reason")
 COUNTS = ("first_line", "last_line", "records", "outside", "incomplete", "failed")
 TIMES = ("start_s", "end_s")
-DOUBT = ("noise_A1", "noise_A2")
-"""How uncertain estimated noise makes the metric, see `Score`; a file without these columns has known noise."""
+DOUBT = ("noise_A1", "noise_A2", "noise_Q")
+"""How uncertain estimated noise makes the metric and how far it is from Gaussian, see `Score`; a file without these
+columns has known, Gaussian noise."""
 WINDOW_COLUMNS = (
     "source",
     "flight",
@@ -97,11 +98,12 @@ def read_flat(
                 for what in ("theta0", "prior_sigma", "s")
             )
             F, V = (cell.matrix(what, names) for what in ("F", "V"))
+            A1, A2, Q = (cell.number(c) if c in row else 0.0 for c in DOUBT)
             if not np.all(sigma > 0):
                 raise DataError(f"{source}:{line}:prior_sigma: must be positive")
             statistics = LocalStatistics(
                 names, theta0, sigma, s, F, V, int(cell.number("n")), cell.number("chi2"), cell.number("dof"),
-                doubt=(cell.number(DOUBT[0]), cell.number(DOUBT[1])) if DOUBT[0] in row else (0.0, 0.0),
+                doubt=(A1, A2, Q),
             )
         values: dict[str, Any] = {c: row.get(c, "") for c in TEXTS}
         values.update({c: int(cell.number(c)) for c in COUNTS})

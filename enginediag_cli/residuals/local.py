@@ -12,9 +12,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from .blocks import Block
-from .correlated import lagged_sums
+from .correlated import independent_rows, lagged_sums
 from .noise import NoiseModel
-from .statistics import LocalStatistics
+from .statistics import MAX_ROWS, LocalStatistics
 
 
 def whiten(e: np.ndarray, J: np.ndarray, noise: NoiseModel) -> tuple[np.ndarray, np.ndarray]:
@@ -77,17 +77,25 @@ def block_statistics(
     lagged = lagged_sums(G, noise.rho, lags, starts)
     blocks = []
     for b, (i, k) in enumerate(zip(starts, stops, strict=True)):
-        rows, pre = G[i:k].reshape(-1, p), lagged.before[i:k].reshape(-1, p)
-        weighted = (G[i:k] * share[:, None]).reshape(-1, p)
+        rows = G[i:k].reshape(-1, p)
         F = rows.T @ rows
         doubt, parts = noise.doubt(k - i), None
         if doubt is not None:
             parts = _by_sensor(G[i:k], lagged.before[i:k], share)
-            V = F if noise.white else parts.sum(axis=0)
-            parts = parts * np.sqrt(doubt)[:, None, None]
+            errors, bias = doubt
+            V = F if noise.white else np.tensordot(1 / (1 + bias), parts, axes=1)
+            parts = np.tensordot(errors, parts, axes=1)
+        elif noise.white:
+            V = F
         else:
-            cross = weighted.T @ pre
-            V = F if noise.white else weighted.T @ rows + cross + cross.T
+            weighted = (G[i:k] * share[:, None]).reshape(-1, p)
+            cross = weighted.T @ lagged.before[i:k].reshape(-1, p)
+            V = weighted.T @ rows + cross + cross.T
+        terms = kurtosis = None
+        if noise.kurtosis is not None and (k - i) * G.shape[1] <= MAX_ROWS:
+            told = np.flatnonzero(noise.kurtosis)
+            terms = independent_rows(G[i:k, told], noise.rho[told], lags[i:k]) * np.sqrt(share[told])[:, None]
+            terms, kurtosis = terms.reshape(-1, p), np.tile(noise.kurtosis[told], k - i)
         start, end = labels[b] if labels is not None else ("", "")
         used = present[i:k]
         statistics = LocalStatistics(
@@ -103,6 +111,8 @@ def block_statistics(
             start,
             end,
             parts,
+            terms,
+            kurtosis,
         )
         blocks.append(Block(statistics, lagged.head[b], lagged.tail[b], lagged.decay[b], share))
     return blocks
@@ -110,9 +120,7 @@ def block_statistics(
 
 def _by_sensor(G: np.ndarray, before: np.ndarray, share: np.ndarray) -> np.ndarray:
     """V_j (m, p, p): each sensor's part of the covariance of s, for G and their decayed past (n, m, p)."""
-    g = np.ascontiguousarray(G.transpose(1, 0, 2))
-    past = np.ascontiguousarray(before.transpose(1, 0, 2))
-    cross = g.transpose(0, 2, 1) @ (past + g / 2)
+    cross = np.stack([G[:, j].T @ (before[:, j] + G[:, j] / 2) for j in range(len(share))])
     return np.asarray((cross + cross.transpose(0, 2, 1)) * share[:, None, None])
 
 

@@ -182,8 +182,32 @@ def monitor_from_nominal(
         np.concatenate([[engine.parameters[name].lower for name in inner], -free]),
         np.concatenate([[engine.parameters[name].upper for name in inner], free]),
         _uncertainty(nominal, inner, spread),
-        NoiseModel(np.array([nominal.sigma[c] for c in used]), np.array([nominal.rho1[c] for c in used])),
+        noise_of(nominal, used),
         nominal.envelope,
+    )
+
+
+def noise_of(nominal: Nominal, columns: Sequence[str]) -> NoiseModel:
+    """Noise of the sensors, with the chance that is in it where it is the variance that the fit left.
+
+    Where σ is the error of prediction of left-out blocks it holds the scatter of the sensors, the error of the model
+    and, which the test adds once more, that of the identified parameters: a bound that lies above the noise, not an
+    estimate with so many degrees of freedom that lies on either side of it. Test statistics of the flight that it
+    came from are then below their mean, and room for chance in σ on top of that would only hide faults.
+    """
+    noise = {n.sensor: n for n in nominal.noise}
+    found = [noise[c] for c in columns]
+    bound = np.array([n.sigma_from == "cross_validation" for n in found])
+    readings = np.array([max(n.degrees, 1.0) if n.sigma_from == "fit" else np.inf for n in found])
+    rho_error = np.where(bound, 0.0, [n.rho1_error for n in found])
+    kurtosis = np.where(bound, 0.0, [n.kurtosis for n in found])
+    return NoiseModel(
+        np.array([n.sigma for n in found]),
+        np.array([n.rho1 for n in found]),
+        readings=readings if np.isfinite(readings).any() or rho_error.any() else None,
+        rho_error=rho_error,
+        rho_common=np.where(bound, 0.0, [n.rho1_common for n in found]),
+        kurtosis=kurtosis if kurtosis.any() else None,
     )
 
 

@@ -13,13 +13,19 @@ class NoiseModel:
 
     Noise is AR(1) in time: cov(e_k, e_l) = σ² ρ^|k−l|. `covariance` (m, m), when given, replaces σ and is
     white in time (ρ = 0): sensors whose errors go together. `readings` (m,) is from how many readings, less
-    those that a fit used up, σ and ρ have been estimated; not given, they are certain.
+    those that a fit used up, σ has been estimated; inf, or not given: it is certain. `rho_error` (m,) is the
+    standard error of ρ; not given, it follows from `readings`; `rho_common` (m,) is one more, that all sensors
+    share. `kurtosis` (m,) is the excess kurtosis of what a reading adds to the one before it; not given, noise
+    is Gaussian.
     """
 
     sigma: np.ndarray
     rho: np.ndarray
     covariance: np.ndarray | None = None
     readings: np.ndarray | None = None
+    rho_error: np.ndarray | None = None
+    rho_common: np.ndarray | None = None
+    kurtosis: np.ndarray | None = None
 
     def __post_init__(self) -> None:
         if self.sigma.ndim != 1 or self.rho.shape != self.sigma.shape:
@@ -36,26 +42,37 @@ class NoiseModel:
         """(1 + ρ)/(1 − ρ) (m,): variance of a long mean relative to that of independent records."""
         return (1 + self.rho) / (1 - self.rho)
 
-    def doubt(self, records: int) -> np.ndarray | None:
-        """Variance (m,) of the logarithm of each sensor's estimated noise in a mean over so many records; None where
-        noise is certain.
+    def _log_variance(self, rho: np.ndarray, records: int) -> np.ndarray:
+        """log of the variance (m,) of a mean over so many records, σ_ε²/(1 − ρ²) · L(ρ)/records with
+        L = 1 + 2 Σ_l (1 − l/records) ρ^l, as far as it depends on ρ: where σ is certain, through L alone."""
+        L = (1 + rho) / (1 - rho) - 2 * rho * (1 - rho**records) / (max(records, 1) * (1 - rho) ** 2)
+        certain = True if self.readings is None else ~np.isfinite(self.readings)
+        return np.asarray(np.log(np.maximum(L, 1e-300)) - np.where(certain, 0.0, np.log(1 - rho**2)))
 
-        For AR(1) noise log σ_ε² and ρ are estimated independently, with variances 2/n and (1 − ρ²)/n, and the
-        variance of the mean is σ_ε²/(1 − ρ²) · K(ρ)/records with K = 1 + 2 Σ_l (1 − l/records) ρ^l. Where the sensors'
-        ρ scatter less than chance would have it, identification has pooled them, and all m sensors tell of each.
+    def doubt(self, records: int) -> tuple[np.ndarray, np.ndarray] | None:
+        """How wrong the estimated noise variance of a mean over so many records is: errors (q, m) of its logarithm, as
+        standard deviations, one row for each independent cause; and bias (m,), what it is too large by on average, as a
+        share. None where noise is certain.
+
+        For AR(1) noise log σ_ε² and ρ are estimated independently, with variances (2 + κ)/n, κ the excess kurtosis, and
+        (1 − ρ²)/n. σ_ε² has no bias, but the variance v is convex in ρ: its bias is ½ v''/v var ρ (M. G. Kenward and
+        J. H. Roger, Comput. Statist. Data Anal. 53 (2009) 2583–2595, correct for it too).
         """
         if self.readings is None:
             return None
         step = 1e-4
-
-        def log_variance(rho: np.ndarray) -> np.ndarray:
-            K = (1 + rho) / (1 - rho) - 2 * rho * (1 - rho**records) / (max(records, 1) * (1 - rho) ** 2)
-            return np.asarray(np.log(np.maximum(K, 1e-300) / (1 - rho**2)))
-
-        slope = (log_variance(self.rho + step) - log_variance(self.rho - step)) / (2 * step)
-        alone = (1 - self.rho**2) / self.readings
-        of_rho = np.minimum(alone, np.var(self.rho) + alone / len(self.rho))
-        return np.asarray(2 / self.readings + of_rho * slope**2)
+        low, here, high = (self._log_variance(self.rho + d, records) for d in (-step, 0.0, step))
+        slope, bend = (high - low) / (2 * step), (high - 2 * here + low) / step**2
+        if self.rho_error is None:
+            of_rho = np.where(np.isfinite(self.readings), (1 - self.rho**2) / self.readings, 0.0)
+        else:
+            of_rho = self.rho_error**2
+        kurtosis = 0.0 if self.kurtosis is None else self.kurtosis
+        errors = np.diag(np.sqrt((2 + kurtosis) / self.readings + of_rho * slope**2))
+        if self.rho_common is not None and self.rho_common.any():
+            errors = np.concatenate([errors, [self.rho_common * slope]])
+            of_rho = of_rho + self.rho_common**2
+        return errors, np.clip(0.5 * of_rho * (slope**2 + bend), 0.0, 1.0)
 
     @property
     def white(self) -> bool:

@@ -17,8 +17,9 @@ import numpy as np
 from enginediag_cli.errors import DataError
 from enginediag_cli.recordings.table import Recording
 
-from .admission import check_inputs, judged_inputs
+from .admission import JudgedChunk, check_inputs, judged_chunk
 from .blocks import Block
+from .compact import CompactMonitor
 from .groups import Key, Timeline, group_rows, runs
 from .local import block_statistics, local_statistics
 from .monitor import Monitor
@@ -111,7 +112,7 @@ def window_statistics(
             assemblers, timelines, source = {}, {}, recording.source
         check_inputs(monitor, recording)
         groups = group_rows(recording)
-        chunk = _judged(monitor, recording, linearise)
+        chunk = judged_chunk(monitor, recording, at_nominal=linearise == "nominal")
         # a flight of which a whole chunk tells nothing has ended: memory holds the flights of one chunk
         for ended in [key for key in assemblers if key not in dict(groups)]:
             waiting.extend(assemblers.pop(ended).flush())
@@ -136,47 +137,8 @@ def window_statistics(
     yield from _finished(monitor, waiting, linearise, condense)
 
 
-@dataclass(frozen=True)
-class _Chunk:
-    """Records of a chunk: what is judged of them and, at nominal, residuals e (N, m), J (N, m, p) and failed (N,)."""
-
-    inputs: Mapping[str, np.ndarray]
-    y: np.ndarray
-    incomplete: np.ndarray
-    outside: np.ndarray
-    failed: np.ndarray
-    e: np.ndarray | None = None
-    J: np.ndarray | None = None
-
-    def of(self, rows: np.ndarray) -> _Chunk:
-        """The records of one flight and engine."""
-        return _Chunk(
-            {c: v[rows] for c, v in self.inputs.items()},
-            self.y[rows],
-            self.incomplete[rows],
-            self.outside[rows],
-            self.failed[rows],
-            None if self.e is None else self.e[rows],
-            None if self.J is None else self.J[rows],
-        )
-
-
-def _judged(monitor: Monitor, recording: Recording, linearise: str) -> _Chunk:
-    """Everything that does not depend on flights, for a whole chunk: the engine likes long calls."""
-    inputs, y, incomplete, outside = judged_inputs(monitor, recording)
-    failed = np.zeros(len(y), bool)
-    kept = np.flatnonzero(~incomplete & ~outside)
-    if linearise != "nominal" or not kept.size:
-        return _Chunk(inputs, y, incomplete, outside, failed)
-    predicted, sensitivities, ok, _ = monitor.predict({c: v[kept] for c, v in inputs.items()}, monitor.theta0)
-    e, J = np.full(y.shape, np.nan), np.full((*y.shape, len(monitor.names)), np.nan)
-    e[kept], J[kept] = np.where(ok[:, None], y[kept] - predicted, np.nan), sensitivities
-    failed[kept[~ok]] = True
-    return _Chunk(inputs, y, incomplete, outside, failed, e, J)
-
-
 def _pieces(
-    monitor: Monitor, part: Recording, chunk: _Chunk, key: Key, blocks: np.ndarray, lags: np.ndarray
+    monitor: Monitor, part: Recording, chunk: JudgedChunk, key: Key, blocks: np.ndarray, lags: np.ndarray
 ) -> Iterator[tuple[int, _Piece]]:
     """One piece per block number of the records of one group in one chunk."""
     inputs, y, incomplete, outside, failed = chunk.inputs, chunk.y, chunk.incomplete, chunk.outside, chunk.failed
@@ -297,6 +259,7 @@ def _at_estimate(
     inputs = {c: np.concatenate([piece.inputs[c] for piece in every]) for c in every[0].inputs}
     y, lags = np.concatenate([p.y for p in every]), np.concatenate([p.lags for p in every])
 
+    bent = monitor.curvature if isinstance(monitor, CompactMonitor) else None
     *nominal, prediction = monitor.predict(inputs, monitor.theta0)
     x = getattr(prediction, "x", None)  # unknowns of the engine, from which the next solution is near
 
@@ -316,6 +279,7 @@ def _at_estimate(
             moving=len(monitor.monitored),
             nominal=(nominal[0], nominal[1], nominal[2]),
             bounds=(monitor.lower, monitor.upper),
+            left_out=bent.left_out if bent else None,
             tolerance=SETTLED,
         )
         if len(y)

@@ -23,7 +23,11 @@ from .noise import NoiseModel
 Predict = Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray, np.ndarray]]
 """predict(theta (n, p), rows (n,)) -> y (n, m), J (n, m, p), ok (n,): one parameter vector per record. Except
 at nominal, J may hold only the columns of the parameters that move."""
+LeftOut = Callable[[np.ndarray, np.ndarray], np.ndarray]
+"""left_out(steps (w, q), records (w,)) -> (w,): what steps from nominal add beyond first order, in standard errors."""
 
+NEGLIGIBLE = 0.1
+"""Standard errors that a window may leave out by staying at nominal."""
 MAX_DAMPING = 1e4
 MAX_LOST = 0.05
 """Share of a window's records that may be given up because the model fails on them away from nominal."""
@@ -70,6 +74,7 @@ def relinearise(
     moving: int | None = None,
     nominal: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None,
     bounds: tuple[np.ndarray, np.ndarray] | None = None,
+    left_out: LeftOut | None = None,
     max_iterations: int = 20,
     tolerance: float = 0.05,
 ) -> Relinearised:
@@ -79,7 +84,8 @@ def relinearise(
     θ − θ0; window (N,): window number of each record, ascending 0…W−1 (default: one window); moving: number
     of leading parameters that are re-estimated (default: all), the others being linear nuisance; nominal:
     y, J, ok at θ0 when already known, else `predict` is asked. A window has converged when its last step was
-    below `tolerance` standard errors in total. Records that fail at θ0 are left out, as are few (MAX_LOST)
+    below `tolerance` standard errors in total, or when all that its first step leaves out, by `left_out`, is: such a
+    window stays at θ0. Records that fail at θ0 are left out, as are few (MAX_LOST)
     that fail on the way; a step after which more fail is shortened.
     """
     N, p = len(y), len(theta0)
@@ -109,6 +115,9 @@ def relinearise(
         squared = np.einsum("wi,wij,wj->w", taken, hessian, taken)
         promised = 2 * np.sum(taken * gradient, axis=1) - squared
         length = np.sqrt(squared) * (1 + damping[chosen])  # as long as the step would be without damping
+        if left_out is not None and iteration == 1:
+            missed = left_out(taken, np.bincount(window, ok, minlength=W))
+            length = np.where(missed < NEGLIGIBLE, np.minimum(length, missed), length)
         settled = length < tolerance  # so short a step changes nothing that is carried back: it is not taken
         decrement[chosen[settled]] = length[settled]
         active[chosen[settled]] = False

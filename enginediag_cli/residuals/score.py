@@ -22,7 +22,8 @@ from .statistics import LocalStatistics
 class Score:
     """Score b (p,) and information (p, p) of `parameters`, with `glr` = bᵀ I⁺ b, eq. (11), and its `rank`.
 
-    `doubt`: A₁ and A₂ of `_doubt`, how uncertain estimated noise makes the metric of the test; 0 for known noise.
+    `doubt`: A₁, A₂ and Q of `_doubt`, how uncertain estimated noise makes the metric of the test and how far its law is
+    from that of Gaussian noise; 0 for known, Gaussian noise.
     """
 
     parameters: tuple[str, ...]
@@ -32,7 +33,7 @@ class Score:
     information: np.ndarray
     glr: float
     rank: int
-    doubt: tuple[float, float] = (0.0, 0.0)
+    doubt: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
     def scaled(self) -> tuple[np.ndarray, np.ndarray]:
         """D b (p,) and D I D (p, p) with D = diag(prior_sigma): parameters in prior standard deviations."""
@@ -75,19 +76,29 @@ def fisher_score(
     )
 
 
-def _doubt(statistics: LocalStatistics, B: np.ndarray, scale: np.ndarray, space: RangeSpace) -> tuple[float, float]:
-    """A₁ = Σ_j w_j (tr H_j)² and A₂ = Σ_j w_j tr H_j² of Kenward and Roger (1997), w_j = var log σ̂_j².
+def _doubt(
+    statistics: LocalStatistics, B: np.ndarray, scale: np.ndarray, space: RangeSpace
+) -> tuple[float, float, float]:
+    """A₁ = Σ_j (tr H_j)² and A₂ = Σ_j tr H_j² of Kenward and Roger (1997), j the independent errors of the noise, and
+    Q = Σ_i κ_i h_i², κ_i the excess kurtosis of the i-th independent term of s and h_i its share in the test statistic.
 
-    H_j = I^-½ B V_j Bᵀ I^-½ is the share of sensor j in the covariance of the normalised score, V_j its part of V.
-    The uncertainty of nominal was computed with the same noise and is taken to be wrong in the same proportion.
+    H_j = R V_j Rᵀ with R = I^-½ B is what a standard deviation of error j does to the covariance of the normalised
+    score R s, V_j what it does to V, and h_i = |R row_i|². The uncertainty of nominal was computed with the same noise
+    and is taken to be wrong in the same proportion.
     """
-    if statistics.by_sensor is None:
+    if statistics.by_sensor is None and statistics.rows is None:
         return statistics.doubt
     R = (space.basis / np.sqrt(space.eigenvalues)).T * scale @ B
-    H = R @ statistics.by_sensor @ R.T
-    noise = float(np.sum((R @ statistics.V) * R)) / space.rank if space.rank else 1.0
-    H = H / max(noise, 1e-12)
-    return float(np.sum(np.einsum("jaa->j", H) ** 2)), float(np.sum(H * H.transpose(0, 2, 1)))
+    A1 = A2 = Q = 0.0
+    if statistics.by_sensor is not None:
+        H = R @ statistics.by_sensor @ R.T
+        noise = float(np.sum((R @ statistics.V) * R)) / space.rank if space.rank else 1.0
+        H = H / max(noise, 1e-12)
+        A1, A2 = float(np.sum(np.einsum("jaa->j", H) ** 2)), float(np.sum(H * H.transpose(0, 2, 1)))
+    if statistics.rows is not None and statistics.kurtosis is not None:
+        h = np.sum((statistics.rows @ R.T) ** 2, axis=1)
+        Q = float(statistics.kurtosis @ h**2)
+    return A1, A2, Q
 
 
 def score_map(
@@ -133,7 +144,8 @@ def marginalise(statistics: LocalStatistics, keep: Sequence[str], uncertainty: n
     and less the GLR statistic in the metric of F (that of V differs when noise is correlated in time).
     """
     score = fisher_score(statistics, monitored=keep, uncertainty=uncertainty)
-    plain = fisher_score(replace(statistics, V=statistics.F, by_sensor=None), monitored=keep, uncertainty=uncertainty)
+    in_F = replace(statistics, V=statistics.F, by_sensor=None, rows=None)
+    plain = fisher_score(in_F, monitored=keep, uncertainty=uncertainty)
     eigenvalues, vectors = np.linalg.eigh(uncertainty)
     root = vectors * np.sqrt(np.maximum(eigenvalues, 0.0))
     inner = np.eye(len(root)) + root.T @ statistics.F @ root
@@ -148,6 +160,8 @@ def marginalise(statistics: LocalStatistics, keep: Sequence[str], uncertainty: n
         F=score.information,
         V=score.information,
         by_sensor=None,
+        rows=None,
+        kurtosis=None,
         doubt=score.doubt,
         chi2=statistics.chi2 - explained - plain.glr + score.glr,
     )

@@ -14,6 +14,9 @@ import numpy as np
 
 from .excitation import DarkCombination, dark_combinations
 
+MAX_ROWS = 20_000
+"""Terms of s beyond which the law of each does not matter: what it changes falls as 1/number."""
+
 
 @dataclass(frozen=True)
 class LocalStatistics:
@@ -22,8 +25,10 @@ class LocalStatistics:
     s (p,) in 1/parameter unit, F and V (p, p), n records. `chi2` = Σ eᵀR⁻¹e and `dof`, its mean when the
     model is right: the number of independent measurements (records × sensors, fewer when noise is correlated
     in time). `prior_sigma` (p,) says how large a change of each parameter is plausible, in its unit.
-    `by_sensor` (m, p, p), where noise was estimated: each sensor's part of V times the standard deviation of the
-    logarithm of its noise variance; `doubt`: what `fisher_score` made of that.
+    `by_sensor` (q, p, p), where noise was estimated: by how much one standard deviation of each independent error
+    of it changes V (mostly a sensor's part of V times the error of the logarithm of its variance). `rows` (k, p),
+    where noise is not Gaussian: s = Σ rows_i ε_i with independent ε_i of variance 1 and excess kurtosis `kurtosis`
+    (k,). `doubt`: what `fisher_score` made of these.
     """
 
     parameters: tuple[str, ...]
@@ -38,7 +43,9 @@ class LocalStatistics:
     start: str = ""
     end: str = ""
     by_sensor: np.ndarray | None = None
-    doubt: tuple[float, float] = (0.0, 0.0)
+    rows: np.ndarray | None = None
+    kurtosis: np.ndarray | None = None
+    doubt: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
     def __post_init__(self) -> None:
         p = len(self.parameters)
@@ -60,6 +67,7 @@ class LocalStatistics:
             raise ValueError("statistics of different parameters cannot be added")
         if not np.allclose(self.theta0, other.theta0, rtol=1e-9, atol=1e-12):
             raise ValueError("statistics about different nominal points cannot be added")
+        rows, kurtosis = _rows_of_both(self, other)
         return replace(
             self,
             s=self.s + other.s,
@@ -72,7 +80,9 @@ class LocalStatistics:
             by_sensor=None
             if self.by_sensor is None or other.by_sensor is None
             else self.by_sensor + other.by_sensor,
-            doubt=max(self.doubt, other.doubt),
+            rows=rows,
+            kurtosis=kurtosis,
+            doubt=_doubt_of_both(self.doubt, other.doubt),
         )
 
     @property
@@ -101,6 +111,21 @@ class LocalStatistics:
         if missing:
             raise KeyError(f"not monitored: {', '.join(missing)}")
         return np.array([position[name] for name in names], dtype=int)
+
+
+def _rows_of_both(a: LocalStatistics, b: LocalStatistics) -> tuple[np.ndarray | None, np.ndarray | None]:
+    """Rows of both and their kurtosis; none where there are so many that the sum is Gaussian whatever its terms."""
+    if a.rows is None or b.rows is None or a.kurtosis is None or b.kurtosis is None:
+        return None, None
+    if len(a.rows) + len(b.rows) > MAX_ROWS:
+        return None, None
+    return np.concatenate([a.rows, b.rows]), np.concatenate([a.kurtosis, b.kurtosis])
+
+
+def _doubt_of_both(a: tuple[float, float, float], b: tuple[float, float, float]) -> tuple[float, float, float]:
+    """Doubt about the noise is common to both stretches; each contributes half of the leverages, h² a quarter."""
+    common = max(a[:2], b[:2])
+    return common[0], common[1], (a[2] + b[2]) / 4
 
 
 def empty_statistics(

@@ -12,7 +12,7 @@ import numpy as np
 from enginediag_cli.config.fields import Field, Section
 from enginediag_cli.config.hints import near
 from enginediag_cli.errors import DataError
-from enginediag_cli.isolation.prior import SetPrior
+from enginediag_cli.isolation.prior import SetPrior, are_sensors
 from enginediag_cli.residuals.monitor import Monitor
 
 SIGNS = {"both": (-1.0, 1.0), "fall": (-1.0,), "rise": (1.0,)}
@@ -53,7 +53,7 @@ class FaultCase:
             return np.tile(self.changes, (count, 1))
         among = np.flatnonzero(self.candidates)
         prior, sigma = SetPrior(), monitor.prior_sigma[among]
-        changed, size = prior.draw(rng, count, len(among))
+        changed, size = prior.draw(rng, count, len(among), are_sensors([monitor.names[i] for i in among]))
         if self.draw["faults"] is not None:
             low, high = self.draw["faults"]
             number = rng.integers(int(low), int(high) + 1, size=count)

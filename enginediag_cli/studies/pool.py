@@ -24,7 +24,7 @@ def run_batches(
     if not todo:
         return
     workers = max(1, min(processes, len(todo)))
-    with _single_threaded(), ProcessPoolExecutor(workers, get_context("spawn"), initializer=_ignore_interrupt) as pool:
+    with single_threaded(), ProcessPoolExecutor(workers, get_context("spawn"), initializer=ignore_interrupt) as pool:
         waiting: dict[Future[dict[str, Tally]], Batch] = {pool.submit(run_batch, path, seed, b): b for b in todo}
         try:
             for future in as_completed(waiting):
@@ -34,7 +34,7 @@ def run_batches(
 
 
 @contextmanager
-def _single_threaded() -> Iterator[None]:
+def single_threaded() -> Iterator[None]:
     """Processes started inside use one thread each for linear algebra: more would only hinder each other."""
     before = {name: os.environ.get(name) for name in THREADS}
     os.environ.update(dict.fromkeys(THREADS, "1"))
@@ -48,6 +48,6 @@ def _single_threaded() -> Iterator[None]:
                 os.environ[name] = value
 
 
-def _ignore_interrupt() -> None:
+def ignore_interrupt() -> None:
     """Ctrl-C reaches every process of a terminal; only the first one acts on it."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)

@@ -9,8 +9,11 @@ import sys
 from pathlib import Path
 
 import pytest
+import yaml
 
 from enginediag_cli.__main__ import main
+from enginediag_cli.recordings.recorder import load_recorder
+from enginediag_cli.units import split_column
 
 ENGINE = str(Path(__file__).parents[2] / "configs" / "turbofan.yaml")
 FAULT = """
@@ -44,50 +47,69 @@ def files(tmp_path_factory):
     paths = {name: str(folder / name) for name in ("healthy.csv", "nominal.yaml", "flown.csv", "statistics.csv")}
     plain = ["simulate", ENGINE, "-q"]
     assert run(*plain, "--flights", "1", "--seed", "3", "-o", paths["healthy.csv"])[0] == 0
-    assert (
-        run("identify", ENGINE, paths["healthy.csv"], "--no-cross-validation", "-q", "-o", paths["nominal.yaml"])[0]
-        == 0
-    )
-    assert (
-        run(*plain, "--flights", "5", "--seed", "4", "--fault", str(folder / "fault.yaml"), "-o", paths["flown.csv"])[0]
-        == 0
-    )
+    identify = ["identify", ENGINE, paths["healthy.csv"], "--no-cross-validation", "-q", "-o", paths["nominal.yaml"]]
+    assert run(*identify)[0] == 0
+    faulty = ["--flights", "5", "--seed", "4", "--fault", str(folder / "fault.yaml"), "-o", paths["flown.csv"]]
+    assert run(*plain, *faulty)[0] == 0
     return paths
 
 
 def test_follow_gives_a_row_per_block_and_an_alarm_in_faulty_flights_only(files):
-    code, out = run(
-        "detect",
-        "--follow",
-        "--idle",
-        "0",
-        "--window",
-        "50",
-        "-q",
-        "-n",
-        files["nominal.yaml"],
-        files["flown.csv"],
-        "--no-header",
-        "--format",
-        "csv",
-        "--exit-code",
-    )
+    code, out = run("detect", "--follow", "--idle", "0", "--window", "50", "-q", "-n", files["nominal.yaml"],
+                    files["flown.csv"], "--no-header", "--format", "csv", "--exit-code")
     rows = list(csv.DictReader(io.StringIO(out)))
     alarms = {row["flight"]: row["alarm"] for row in rows}
     assert code == 1 and alarms == {"1": "false", "2": "false", "3": "true", "4": "true", "5": "true"}
     assert {row["kind"] for row in rows if row["flight"] == "5"} - {""} <= {"present from the start", "cannot tell"}
 
 
-def test_follow_refuses_what_it_cannot_do(files):
-    assert (
-        run("detect", "--follow", "--step", "5", "--window", "50", "-n", files["nominal.yaml"], files["flown.csv"])[0]
-        == 2
-    )
+def test_follow_refuses_what_it_cannot_do_and_says_why(files, capsys):
+    follow = ["detect", "--follow", "-n", files["nominal.yaml"], files["flown.csv"]]
+    for options in (["--step", "5", "--window", "50"], ["--detectable"], ["--reference", "9"], ["--last", "9"],
+                    ["--model-error", "0.2"]):
+        assert run(*follow, *options)[0] == 2
+        assert f"{options[0]} does not go with --follow: " in capsys.readouterr().err
     assert run("detect", "--follow", files["flown.csv"])[0] == 2
 
 
+def test_a_foreign_recording_is_followed_as_its_recorder_maps_it(files, tmp_path):
+    """The same flights under other names of columns; the recorder keeps what was recorded in flight."""
+    lines = [line for line in Path(files["flown.csv"]).read_text(encoding="utf-8").splitlines() if line[0] != "#"]
+    names = lines[0].split(",")
+    shown = {name: f"x_{k}" for k, name in enumerate(names)}
+    foreign, recorder = tmp_path / "foreign.csv", tmp_path / "recorder.yaml"
+    foreign.write_text("\n".join([",".join(shown.values()), *lines[1:]]) + "\n", encoding="utf-8")
+    numbers = {name: {"from": shown[name], "unit": split_column(name)[1] or "1"}
+               for name in names if name not in ("flight", "phase", "status")}
+    recorder.write_text(yaml.safe_dump({
+        "kind": "recorder", "description": "other names", "columns": numbers, "text": {"flight": shown["flight"]},
+        "steady": {"window_s": 60, "minimum": {"mach": 0.2}, "spread": {"N1_rpm": 400}},
+    }), encoding="utf-8")
+    common = ["detect", "--follow", "--idle", "0", "--window", "50", "-n", files["nominal.yaml"], "--no-header",
+              "--format", "csv"]
+    code, out = run(*common, "-q", str(foreign), "--recorder", str(recorder))
+    rows = list(csv.DictReader(io.StringIO(out)))
+    alarms = {row["flight"]: row["alarm"] for row in rows}
+    assert code == 0 and alarms == {"1": "false", "2": "false", "3": "true", "4": "true", "5": "true"}
+    whole = load_recorder(recorder).read(foreign)[0].recording
+    assert sum(int(row["records"]) for row in rows) == len(whole) < len(lines) - 1
+
+
+def test_one_engine_of_a_recording_can_be_chosen_without_a_recorder(files, tmp_path):
+    lines = [line for line in Path(files["flown.csv"]).read_text(encoding="utf-8").splitlines() if line[0] != "#"]
+    flight = lines[0].split(",").index("flight")
+    named = [f"{line},{'A' if line.split(',')[flight] in '12' else 'B'}" for line in lines[1:]]
+    both = tmp_path / "both.csv"
+    both.write_text("\n".join([lines[0] + ",engine", *named]) + "\n", encoding="utf-8")
+    common = ["-q", "-n", files["nominal.yaml"], "--engine-instance", "A", "--format", "json"]
+    rows = json.loads(run("detect", *common, str(both))[1])
+    assert [(row["engine"], row["flight"]) for row in rows] == [("A", "1"), ("A", "2")]
+    assert run("detect", *common, files["flown.csv"])[0] == 2
+
+
 def test_trend_is_the_same_from_recordings_and_from_statistics(files):
-    assert run("residual", "-q", "-n", files["nominal.yaml"], files["flown.csv"], "-o", files["statistics.csv"])[0] == 0
+    condense = ["residual", "-q", "-n", files["nominal.yaml"], files["flown.csv"], "-o", files["statistics.csv"]]
+    assert run(*condense)[0] == 0
     direct = json.loads(run("trend", "-q", "-n", files["nominal.yaml"], files["flown.csv"], "--format", "json")[1])
     stored = json.loads(run("trend", "-q", files["statistics.csv"], "--format", "json")[1])
     kinds = {row["parameter"]: row["kind"] for row in direct}

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from identification_toy import noise as ar1
 
-from enginediag_cli.identification.noise import MAX_RHO, estimate_noise, starting_noise
+from enginediag_cli.identification.noise import MAX_RHO, estimate_noise, excess_kurtosis, starting_noise
 
 NONE, FLOOR = np.zeros(1), np.array([1e-9])
 
@@ -60,3 +60,55 @@ def test_the_starting_noise_ignores_an_offset_of_a_whole_recording():
     recording = np.repeat([0, 1], 500)
     e = rng.standard_normal((1000, 1)) + np.where(recording == 0, -40.0, 40.0)[:, None]
     assert starting_noise(e, recording, FLOOR).sigma[0] == pytest.approx(1.0, rel=0.1)
+
+
+def test_the_size_of_uniform_noise_is_its_standard_deviation():
+    """Four standard errors, √((2 + κ)/4n) with the excess kurtosis κ = −1.2 of the uniform law."""
+    e = np.random.default_rng(6).uniform(-np.sqrt(3), np.sqrt(3), (20_000, 1))
+    n = estimate_noise(e, np.zeros(20_000, int), NONE, FLOOR)
+    assert n.sigma[0] == pytest.approx(1.0, abs=4 * np.sqrt(0.8 / 80_000))
+    assert n.kurtosis[0] == pytest.approx(-1.2, abs=0.05)
+
+
+def test_the_law_of_what_is_new_in_a_reading_is_found_in_correlated_noise_too():
+    rng = np.random.default_rng(7)
+    shocks = rng.uniform(-1, 1, (5000, 4))
+    e = np.zeros_like(shocks)
+    for k in range(1, 5000):
+        e[k] = 0.8 * e[k - 1] + shocks[k]
+    found = estimate_noise(e, np.zeros(5000, int), np.zeros(4), np.full(4, 1e-9))
+    assert found.kurtosis == pytest.approx(np.full(4, -1.2), abs=0.15)
+
+
+def test_kurtosis_that_may_be_chance_is_drawn_to_that_of_gaussian_noise():
+    rng = np.random.default_rng(8)
+    found = np.array([excess_kurtosis(rng.standard_normal((100, 6))) for _ in range(100)])
+    # the sample's own scatters by √(24/100) = 0.49
+    assert np.median(np.abs(found)) < 0.1
+    assert excess_kurtosis(np.full((5, 2), np.nan)).tolist() == [0.0, 0.0]
+
+
+def test_few_correlated_records_leave_correlation_and_its_error_as_they_are_over_many_tries():
+    """Four sensors of the same ρ: the mean is right within four standard errors, and scatters as is stated."""
+    rng, n, rho, tries = np.random.default_rng(9), 300, 0.9, 60
+    means, stated = [], []
+    for _ in range(tries):
+        e = np.column_stack([ar1(n, 1.0, rho, rng) for _ in range(4)])
+        found = estimate_noise(e, np.zeros(n, int), np.zeros(4), np.full(4, 1e-9))
+        means.append(found.rho1.mean())
+        stated.append(np.sqrt(np.mean(found.rho1_error**2) / 4 + np.mean(found.rho1_common) ** 2))
+    assert abs(np.mean(means) - rho) < 4 * np.std(means) / np.sqrt(tries)
+    assert np.std(means) == pytest.approx(np.mean(stated), rel=0.4)
+
+
+def test_what_the_fit_took_out_of_the_sums_is_put_back():
+    """A mean of AR(1) noise takes (1 + ρ)/(1 − ρ) variances out of the sum of squares and of neighbours' products."""
+    rng, n, rho, tries = np.random.default_rng(10), 200, 0.8, 200
+    sizes = []
+    for _ in range(tries):
+        e = ar1(n, 1.0, rho, rng)
+        kappa = (1 + rho) / (1 - rho)
+        found = estimate_noise((e - e.mean())[:, None], np.zeros(n, int), np.full(1, kappa), FLOOR)
+        sizes.append([found.sigma[0] ** 2, found.rho1[0]])
+    mean, error = np.mean(sizes, axis=0), np.std(sizes, axis=0) / np.sqrt(tries)
+    assert np.all(np.abs(mean - [1.0, rho]) < 4 * error + [0.0, 0.005])

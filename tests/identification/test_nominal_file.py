@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+import yaml
 from identification_toy import ToyEngine, fly
 
 from enginediag_cli.errors import ConfigError
@@ -57,6 +58,19 @@ def test_the_round_trip_keeps_every_number_exactly(nominal, tmp_path):
     assert np.array_equal(again.envelope.points, nominal.envelope.points)
     assert again.envelope.threshold == nominal.envelope.threshold
     assert (again.theta0, again.sigma, again.rho1) == (nominal.theta0, nominal.sigma, nominal.rho1)
+
+
+def test_a_file_that_does_not_say_how_well_noise_is_known_is_read_as_certain(nominal, tmp_path):
+    keys = ("sigma_from", "degrees", "rho1_error", "rho1_common", "kurtosis")
+    values = yaml.safe_load(format_nominal(nominal))
+    for sensor in values["noise"].values():
+        for key in keys:
+            del sensor[key]
+    values["recording_offsets"] = []  # their labels need quotes that a plain dump does not give
+    path = tmp_path / "nominal.yaml"
+    path.write_text(yaml.safe_dump(values), encoding="utf-8")
+    for noise in read_nominal(path).noise:
+        assert tuple(getattr(noise, key) for key in keys) == ("stated", 0.0, 0.0, 0.0, 0.0)
 
 
 def test_the_file_opens_with_a_description_and_its_kind(nominal):

@@ -115,9 +115,14 @@ def test_every_method_can_be_chosen(run, method):
 
 
 def test_statistics_through_a_pipe_give_the_same_answers_without_the_nominal_file(run):
-    statistics = run("residual", "faulty.csv")[3]
+    statistics = run("residual", "faulty.csv", "--sensors")[3]
     direct, piped = run("isolate", "faulty.csv")[1], run("isolate", "-", nominal=False, stdin=statistics)[1]
     assert piped == direct
+    statistics = run("residual", "faulty.csv")[3]
+    code, rows, err, _ = run("isolate", "-", nominal=False, stdin=statistics)
+    assert code == 0 and rows == run("isolate", "faulty.csv", "--no-sensors")[1]
+    assert "hold no errors of sensors" in err
+    assert "hold no errors" not in run("isolate", "-", "--no-sensors", nominal=False, stdin=statistics)[2]
     direct, piped = run("detect", "faulty.csv")[1], run("detect", "-", nominal=False, stdin=statistics)[1]
     assert piped == direct
 

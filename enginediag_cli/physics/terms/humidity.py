@@ -20,7 +20,8 @@ ICE_POINT = 273.15  # K
 
 def saturated_water(T_K: Value, p_Pa: Value) -> Value:
     """Water of saturated air [kg per kg of dry air]: 0.622 e/(p − e), e(T) over liquid water by Buck's formula,
-    e = 611.21 Pa · exp[(18.678 − t/234.5) t/(257.14 + t)], t in °C (Buck 1981, J. Appl. Meteorol. 20, 1527)."""
+    e = 611.21 Pa · exp[(18.678 − t/234.5) t/(257.14 + t)], t in °C (Buck 1981, J. Appl. Meteorol. 20, 1527, with
+    the constants of 1996)."""
     t = T_K - ICE_POINT
     vapour = 611.21 * exp((18.678 - t * (1.0 / 234.5)) * t / (257.14 + t))
     return WATER_OVER_AIR * vapour / (p_Pa - vapour)
@@ -39,7 +40,7 @@ class Humidity(Term):
         Coefficient("relative_humidity", "1", "φ, relative humidity beyond what is recorded", 0.0, 0.0, 1.0, 0.4, 0.6),
     )
     REFERENCE = ("Bird & Grabe, ASME 91-GT-329 (corrections of 0.1 to 0.8 %); saturation: Buck 1981, "
-                 "J. Appl. Meteorol. 20, 1527")
+                 "J. Appl. Meteorol. 20, 1527, constants of 1996")
 
     def sites(self, network: Network) -> Iterable[Site]:
         if any(isinstance(c, Ambient) for c in network.components):

@@ -22,7 +22,7 @@ class PowerOfftake(Term):
     STATEMENT = ("Generators and hydraulic pumps take shaft power, whatever the engine's power: at low power they are "
                  "a larger share.")
     EQUATION = "P_turbine η_m = P_compressor + f · P_turbine,design"
-    DRIVER = "power"
+    DRIVER = "constant"
     COEFFICIENTS = (
         Coefficient("fraction", "1", "load over the shaft's turbine power at the design point", 0.0, 0.0, 0.05, 0.01,
                     0.005, assumed=True),

@@ -21,6 +21,8 @@ SECTION = Section("posterior", "posterior probability of every set of changes", 
           maximum=0.999),
     Field("worn", "number", "prior probability of an engine on which any number of changes is equally probable",
           _DEFAULT.worn, minimum=0.0, maximum=1.0),
+    Field("sensor", "number", "prior probability that a sensor is wrong, where sensors are monitored", _DEFAULT.sensor,
+          minimum=1e-6, maximum=0.999),
     Field("slabs", "numbers", "sizes of a change, each as probable, in prior standard deviations of the parameter",
           _DEFAULT.slabs, minimum=1e-6),
     Field("largest", "integer", "largest number of changes considered", None, minimum=1),
@@ -28,7 +30,7 @@ SECTION = Section("posterior", "posterior probability of every set of changes", 
 
 
 def answer(evidence: Evidence, options: Mapping[str, Any]) -> Answers:
-    prior = SetPrior(options["inclusion"], options["worn"], tuple(options["slabs"]))
+    prior = SetPrior(options["inclusion"], options["worn"], tuple(options["slabs"]), options["sensor"])
 
     def isolate(window: int, score: Score) -> tuple[tuple[str, ...], float]:
         found = set_posterior(score, prior, largest=options["largest"])

@@ -1,0 +1,90 @@
+"""`enginediag explain`: what physics does the model lack?"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import click
+
+from enginediag_cli.commands.mismatch_options import mismatch_options, provenance, without_option
+from enginediag_cli.commands.options import exit_code_option, exit_codes, message_options, output_options, pass_messages
+from enginediag_cli.errors import ExitCode
+from enginediag_cli.presentation.messages import Messages
+from enginediag_cli.presentation.output import Output
+
+if TYPE_CHECKING:
+    from enginediag_cli.mismatch.explain_story import Story
+    from enginediag_cli.mismatch.load import Case
+
+
+@click.command(
+    short_help="Say what physics the model lacks.", epilog=exit_codes("something is missing and --exit-code given")
+)
+@mismatch_options
+@without_option
+@click.option("--amplitudes", metavar="FILE", type=click.Path(dir_okay=False, writable=True),
+              help="Write the amplitude of an effect whose driver is not recorded, record by record, as CSV.")
+@click.option("--curves", metavar="FILE", type=click.Path(dir_okay=False, writable=True),
+              help="Write what no listed effect explains as curves along its driver, as CSV.")
+@click.option("--no-advice", is_flag=True, help="Do not look for recordings that would separate rival explanations.")
+@exit_code_option
+@output_options
+@message_options
+@pass_messages
+def explain(
+    messages: Messages,
+    case: Case,
+    without: tuple[str, ...],
+    amplitudes: str | None,
+    curves: str | None,
+    no_advice: bool,
+    exit_code: bool,
+    output: Output,
+) -> ExitCode:
+    """Name what was left out of the model of an engine, from recordings of engines believed healthy.
+
+    \b
+    enginediag explain configs/turbofan.yaml flights.csv
+    enginediag explain configs/turbofan.yaml flights.csv --without humidity --format json
+    enginediag explain configs/turbofan.yaml flights.csv --amplitudes valve.csv
+
+    The answer is one of: nothing; an effect or several, with those that these flights cannot tell from them; a
+    fault, which begins in time; an effect whose driver is not recorded; none of these, with where, along what and
+    how. Sentences go to standard error, coefficients as rows (or all of it as one JSON object) to standard output.
+    """
+    from enginediag_cli.mismatch.explain_story import tell
+    from enginediag_cli.mismatch.load import load_case
+    from enginediag_cli.physics.registry import candidates
+    from enginediag_cli.presentation.explanation_rows import amplitude_rows, curve_rows
+    from enginediag_cli.presentation.explanations import sentences
+
+    loaded = load_case(case, messages.note)
+    effects = list(candidates(loaded.evidence.engine, without))
+    story = tell(loaded.evidence, effects, advise=not no_advice)
+    head = provenance("explain", case, loaded.provenance, **({"without": ", ".join(without)} if without else {}))
+    for line in sentences(story):
+        messages.note(line)
+    _present(output, story, head)
+    for path, rows, what in (
+        (amplitudes, amplitude_rows(story), "effect with an unrecorded driver"),
+        (curves, curve_rows(story.curves), "free-form curve"),
+    ):
+        if path and not Output(path, "csv").write_rows(rows, provenance=head):
+            messages.note(f"{path}: no {what} was found, the file has no rows")
+    if story.answer.status == "did not converge":
+        return ExitCode.NO_VERDICT
+    return ExitCode.FINDING if exit_code and story.answer.status != "nothing" else ExitCode.DONE
+
+
+def _present(output: Output, story: Story, head: tuple[str, ...]) -> None:
+    from enginediag_cli.presentation.explanation_rows import COLUMNS, document, rows
+
+    if output.chosen_format() != "json":
+        output.write_rows(rows(story), COLUMNS, provenance=head)
+        return
+    import json
+
+    from enginediag_cli.presentation.rows import finite, plain
+
+    told = finite(plain(document(story, head if output.header else ())))
+    output.write_text(json.dumps(told, ensure_ascii=False, allow_nan=False, indent=1) + "\n")

@@ -1,0 +1,135 @@
+"""What locate, explain and refine share: an engine, recordings, and the options that make a `Case` of them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import wraps
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from enginediag_cli.commands.options import ConfigFile, recordings_argument, seed_option
+
+if TYPE_CHECKING:
+    from enginediag_cli.mismatch.load import Case
+
+
+def mismatch_options(function: Callable[..., Any]) -> Callable[..., Any]:
+    """`ENGINE.yaml [FILE]...`, `-n`, `--recorder`, `--engine-instance`, `--model-error`, `--false-alarm`, `--driver`,
+    `--noise` and `--seed` as one `case: Case`."""
+
+    @wraps(function)
+    def with_case(
+        *args: Any,
+        engine_path: str,
+        recordings: tuple[str, ...],
+        nominal: str | None,
+        recorder: str | None,
+        engine_instance: str,
+        model_error: float | None,
+        false_alarm: float,
+        drivers: tuple[str, ...],
+        noise: str | None,
+        seed: int,
+        **others: Any,
+    ) -> Any:
+        from enginediag_cli.mismatch.load import Case
+
+        case = Case(
+            engine_path, recordings, nominal, recorder, engine_instance, model_error, false_alarm, drivers, noise,
+            seed,
+        )
+        return function(*args, case=case, **others)
+
+    options = [
+        click.argument("engine_path", metavar="ENGINE.yaml", type=ConfigFile()),
+        recordings_argument,
+        click.option(
+            "-n",
+            "--nominal",
+            metavar="FILE",
+            type=click.Path(exists=True, dir_okay=False, readable=True),
+            help="Nominal engine, as written by identify, to start from, and its noise. Without it, the sensors' own "
+            "noise.",
+        ),
+        click.option("--recorder", metavar="FILE", type=ConfigFile(), help="Recorder of foreign recordings."),
+        click.option("--engine-instance", default="", metavar="NAME", help="Use only this engine of the recordings."),
+        click.option(
+            "--model-error",
+            metavar="SHARE",
+            type=click.FloatRange(0, 0.1),
+            help="Relative accuracy of the component maps, such as 0.003: what could be an error of theirs is not "
+            "called missing. That of the engine file when not given; 0 trusts the maps.",
+        ),
+        click.option(
+            "--false-alarm",
+            metavar="P",
+            type=click.FloatRange(0, 1, min_open=True, max_open=True),
+            default=0.05,
+            show_default=True,
+            help="Probability of finding something where nothing is missing.",
+        ),
+        click.option(
+            "--driver",
+            "drivers",
+            metavar="COLUMN",
+            multiple=True,
+            help="A further recorded column that what is missing may vary with, such as hours or a valve's state. May "
+            "be given several times.",
+        ),
+        click.option(
+            "--noise",
+            type=click.Choice(["specified", "estimate"]),
+            help="specified: the sensors' noise as stated; estimate: what nothing that is looked for explains, its "
+            "correlation in time included. That of the engine file when not given; estimate with a nominal whose "
+            "noise is what its fit left.",
+        ),
+        seed_option,
+    ]
+    for option in reversed(options):
+        with_case = option(with_case)
+    return with_case
+
+
+def without_option(function: Callable[..., Any]) -> Callable[..., Any]:
+    """`--without TERM` as `without: tuple[str, ...]`: effects that are not to be considered."""
+    return click.option(
+        "--without",
+        metavar="TERM",
+        multiple=True,
+        callback=_known_terms,
+        help="Leave this effect, or effect@site, out of the search. May be given several times.",
+    )(function)
+
+
+def _known_terms(context: click.Context, parameter: click.Parameter, value: tuple[str, ...]) -> tuple[str, ...]:
+    if value:
+        from enginediag_cli.config.hints import near
+        from enginediag_cli.physics.registry import term_names
+
+        for name in value:
+            if name.partition("@")[0] not in term_names():
+                hint = near(name.partition("@")[0], term_names())
+                raise click.BadParameter(f"there is no physics term {name!r} ({hint})", context, parameter)
+    return value
+
+
+def provenance(command: str, case: Case, inherited: tuple[str, ...], **notes: str) -> tuple[str, ...]:
+    """The `#` lines of a result: files, choices that differ from the default, and the recordings' own head."""
+    from enginediag_cli.recordings.provenance import header_lines
+
+    told = {
+        "engine instance": case.engine_instance,
+        "model_error": "" if case.model_error is None else f"{case.model_error:g}",
+        "false_alarm": f"{case.false_alarm:g}",
+        "drivers": ", ".join(case.drivers),
+        "noise": case.noise or "",
+        **notes,
+    }
+    return header_lines(
+        command,
+        seed=case.seed,
+        configs=[p for p in (case.engine, case.nominal, case.recorder) if p],
+        notes={name: text for name, text in told.items() if text},
+        inherited=inherited,
+    )

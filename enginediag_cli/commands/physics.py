@@ -1,0 +1,118 @@
+"""`enginediag physics`: the effects that a model may carry or lack, and where they can act."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from enginediag_cli.commands.options import ConfigFile, exit_codes, message_options, output_options
+from enginediag_cli.presentation.output import Output
+
+if TYPE_CHECKING:
+    from click.shell_completion import CompletionItem
+
+    from enginediag_cli.engine.engine import Engine
+    from enginediag_cli.physics.term import Site, Term
+
+LIST_COLUMNS = ("term", "title", "varies_with")
+SITE_COLUMNS = ("term", "at", "acts_on", "carried", "coefficients")
+
+
+def _complete(context: click.Context, parameter: click.Parameter, incomplete: str) -> list[CompletionItem]:
+    from click.shell_completion import CompletionItem
+
+    from enginediag_cli.physics.registry import term_names
+
+    return [CompletionItem(name) for name in term_names() if name.startswith(incomplete)]
+
+
+@click.command(short_help="Say which physical effects a model may carry or lack.", epilog=exit_codes())
+@click.argument("name", required=False, shell_complete=_complete)
+@click.option(
+    "--engine", "engine_path", metavar="ENGINE.yaml", type=ConfigFile(),
+    help="Where the effects can act on this engine, and which of them its model carries.",
+)
+@output_options
+@message_options
+def physics(name: str | None, engine_path: str | None, output: Output) -> None:
+    """Show the physics term NAME: what it is, its equation, coefficients, places and reference; or list them all.
+
+    \b
+    enginediag physics
+    enginediag physics reynolds_efficiency
+    enginediag physics --engine turbofan.yaml
+
+    Without --engine, NAME is shown with its places on the engines that come with the program. As csv, NAME is one
+    row for each coefficient, and with --engine one for each place; json holds everything.
+    """
+    from enginediag_cli.physics.registry import term, term_names
+    from enginediag_cli.recordings.provenance import header_lines
+
+    if name is not None and name not in term_names():
+        from enginediag_cli.config.hints import near
+
+        raise click.UsageError(f"no physics term {name!r}; {near(name, term_names())}")
+    engines = _engines(engine_path) if name or engine_path else {}
+    head = header_lines("physics", configs=[engine_path] if engine_path else [])
+    if name is not None:
+        _one(term(name), engines, bool(engine_path), head, output)
+    else:
+        _all([term(n) for n in term_names()], engines, head, output)
+
+
+def _engines(path: str | None) -> dict[str, Engine]:
+    """By name, the engine of the file, or those that come with the program."""
+    from enginediag_cli.engine.load import load_engine
+    from enginediag_cli.shipped import shipped_folder
+
+    shipped = (p for p in sorted(shipped_folder().glob("*.yaml")) if "\nkind: engine" in p.read_text(encoding="utf-8"))
+    loaded = [load_engine(p) for p in ([path] if path else shipped)]
+    return {engine.name: engine for engine in loaded}
+
+
+def _all(terms: Sequence[Term], engines: Mapping[str, Engine], head: Sequence[str], output: Output) -> None:
+    """Every term; or, with an engine, every place where one can act on it."""
+    from enginediag_cli.physics.drivers import DRIVERS
+    from enginediag_cli.presentation.physics_terms import site_row, term_row
+
+    short = output.chosen_format() == "table"
+    if not engines:
+        rows = [term_row(t, DRIVERS[t.DRIVER]) for t in terms]
+        output.write_rows(rows, LIST_COLUMNS if short else None, provenance=head)
+        return
+    [engine] = engines.values()
+    carried = _carried(engine)
+    rows = [site_row(t, site, carried) for t in terms for site in t.sites(engine.network)]
+    output.write_rows(rows, SITE_COLUMNS if short else None, provenance=head)
+
+
+def _one(
+    shown: Term, engines: Mapping[str, Engine], of_one_engine: bool, head: Sequence[str], output: Output
+) -> None:
+    """One term, as a page, as rows, or as one JSON object."""
+    import json
+
+    from enginediag_cli.physics.drivers import DRIVERS
+    from enginediag_cli.presentation.physics_terms import coefficient_rows, page, site_row, term_row
+
+    places: dict[str, list[Site]] = {n: list(shown.sites(e.network)) for n, e in engines.items()}
+    carried = {n: _carried(e) for n, e in engines.items()}
+    sites = {n: [site_row(shown, s, carried[n]) for s in found] for n, found in places.items()}
+    form = output.chosen_format()
+    if form == "table":
+        output.write_text(page(shown, DRIVERS[shown.DRIVER], places, carried))
+    elif form == "json":
+        document: dict[str, Any] = term_row(shown, DRIVERS[shown.DRIVER])
+        document |= {"coefficients": list(coefficient_rows(shown)), "places": sites}
+        output.write_text(json.dumps(document, indent=1, ensure_ascii=False) + "\n")
+    elif of_one_engine:
+        output.write_rows([row for rows in sites.values() for row in rows], provenance=head)
+    else:
+        output.write_rows(coefficient_rows(shown), provenance=head)
+
+
+def _carried(engine: Engine) -> dict[str, Mapping[str, Any]]:
+    """The blocks of the engine file by label `term@site`."""
+    return {f"{block['term']}@{block['at']}": block for block in engine.declared["physics"]}

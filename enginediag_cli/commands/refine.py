@@ -1,0 +1,235 @@
+"""`enginediag refine`: put a missing effect into the model, if flights that were not used gain by it."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import click
+
+from enginediag_cli.commands.mismatch_options import mismatch_options, provenance, without_option
+from enginediag_cli.commands.options import exit_codes, message_options, pass_messages
+from enginediag_cli.errors import ExitCode
+from enginediag_cli.presentation.messages import Messages
+
+if TYPE_CHECKING:
+    from enginediag_cli.mismatch.evidence import Evidence
+    from enginediag_cli.mismatch.hidden import HiddenFinding
+    from enginediag_cli.mismatch.load import Case
+    from enginediag_cli.mismatch.refine import Refinement
+    from enginediag_cli.physics.term import Effect
+
+
+def _writable(context: click.Context, parameter: click.Parameter, value: str | None) -> str | None:
+    import os
+
+    if value and value != "-" and (os.path.isdir(value) or not os.path.isdir(os.path.dirname(value) or ".")):
+        raise click.BadParameter(f"{value}: not a file in a folder that exists", context, parameter)
+    return value
+
+
+@click.command(short_help="Put a missing effect into the model, if unseen flights gain by it.", epilog=exit_codes())
+@mismatch_options
+@without_option
+@click.option("--term", "terms", metavar="TERM@SITE", multiple=True,
+              help="Effect to put in, such as reynolds_efficiency@hpc; may be given several times. Without it, what "
+              "explain names from the flights that are fitted.")
+@click.option("--switched", is_flag=True,
+              help="The effect of --term is on or off without any column showing it: find its states.")
+@click.option("--states", metavar="FILE", callback=_writable,
+              help="Write the states of a switched effect, record by record, as CSV, with the column that the refined "
+              "engine reads.")
+@click.option("--holdout-last", metavar="K", type=click.IntRange(min=1),
+              help="Judge by the last K flights of each engine, which are not fitted.")
+@click.option("--test", "tests", metavar="FILE", multiple=True,
+              type=click.Path(exists=True, dir_okay=False, readable=True),
+              help="Judge by the flights of this recording, which are not fitted. May be given several times.")
+@click.option("--window", metavar="RECORDS", type=click.IntRange(min=5), default=30, show_default=True,
+              help="Length of the windows in which detect is tried before and after.")
+@click.option("-o", "--output", "output_path", required=True, metavar="FILE", callback=_writable,
+              help="Engine file that carries the effect, written completely or not at all; - is standard output.")
+@click.option("--report", metavar="FILE", callback=_writable,
+              help="Write before and after to FILE (.csv, .json or a table), beside standard error.")
+@click.option("--picture", metavar="FILE", callback=_writable, help="Draw before and after as SVG.")
+@message_options
+@pass_messages
+def refine(
+    messages: Messages,
+    case: Case,
+    without: tuple[str, ...],
+    terms: tuple[str, ...],
+    switched: bool,
+    states: str | None,
+    holdout_last: int | None,
+    tests: tuple[str, ...],
+    window: int,
+    output_path: str,
+    report: str | None,
+    picture: str | None,
+) -> ExitCode:
+    """Fit what the model of an engine lacks, and write an engine file that carries it.
+
+    \b
+    enginediag refine configs/turbofan.yaml flights.csv --holdout-last 3 -o refined.yaml
+    enginediag refine configs/turbofan.yaml train.csv --test unseen.csv --term humidity@ambient -o refined.yaml
+
+    Flights that were not fitted decide: their log likelihood must rise by more than ln 20, and Wilcoxon's
+    signed-rank test of the paired gains of flights (of runs of records, with fewer than five) must give p < 0.05.
+    Else, or when a coefficient ends at its physical bound or a fit does not converge, nothing is written and the
+    exit code is 3. The refined file can be used with every other command.
+    """
+    if (holdout_last is None) == (not tests):
+        raise click.UsageError("name the flights to judge by: either --holdout-last K or --test FILE")
+    if switched and len(terms) != 1:
+        raise click.UsageError("--switched goes with one --term")
+    from enginediag_cli.mismatch.refine import refine as run
+
+    evidence, unseen, inherited = _evidence(messages, case, holdout_last, tests)
+    training = evidence.only([k for k in range(len(evidence.flights)) if k not in unseen])
+    hidden: HiddenFinding | None = None
+    if not training.flights:
+        raise click.UsageError("no flight is left to fit the effects to")
+    if terms:
+        effects = _asked(evidence, terms)
+        if switched:
+            from enginediag_cli.mismatch.refine_switch import find_switch
+
+            hidden = find_switch(training, effects[0])
+            if hidden is None:
+                messages.error(f"no switch was found where {effects[0].label} acts; nothing is written")
+                return ExitCode.NO_VERDICT
+    else:
+        effects, hidden = _explained(messages, training, without)
+    if not effects:
+        return ExitCode.NO_VERDICT
+    try:
+        found = run(evidence, unseen, effects, hidden=hidden, window=window)
+    except ValueError as error:
+        raise click.UsageError(str(error)) from None
+    head = provenance("refine", case, inherited, unseen=", ".join(evidence.flights[k].label for k in unseen))
+    _present(messages, found, report, picture, head)
+    if found.refused:
+        messages.error(f"{found.refused}; {output_path} is not written")
+        return ExitCode.NO_VERDICT
+    _write(evidence, found, case, unseen, output_path)
+    if states:
+        from enginediag_cli.presentation.output import Output
+        from enginediag_cli.presentation.refinements import state_rows
+
+        if not Output(states, "csv").write_rows(state_rows(found), provenance=head):
+            messages.note(f"{states}: no effect is switched, the file has no rows")
+    return ExitCode.DONE
+
+
+def _evidence(
+    messages: Messages, case: Case, last: int | None, tests: tuple[str, ...]
+) -> tuple[Evidence, list[int], tuple[str, ...]]:
+    """All flights, the positions of those to judge by, and the recordings' heads."""
+    from dataclasses import replace
+
+    from enginediag_cli.mismatch.load import load_case
+    from enginediag_cli.mismatch.refine import last_flights
+
+    loaded = load_case(replace(case, recordings=(*case.recordings, *tests)), messages.note)
+    evidence = loaded.evidence
+    if last is not None:
+        return evidence, last_flights(evidence, last), loaded.provenance
+    count = len(load_case(replace(case, recordings=tests), lambda _: None).evidence.flights)
+    total = len(evidence.flights)
+    return evidence, list(range(total - count, total)), loaded.provenance
+
+
+def _asked(evidence: Evidence, terms: tuple[str, ...]) -> list[Effect]:
+    """Effects that the user names. Raises UsageError for those that do not exist or are carried already."""
+    from enginediag_cli.config.hints import near
+    from enginediag_cli.physics.registry import candidates, effect
+
+    engine = evidence.engine
+    known = [e.label for e in candidates(engine)]
+    carried = {e.label for e in engine.effects}
+    found = []
+    for label in dict.fromkeys(terms):
+        if label in carried:
+            raise click.UsageError(f"--term {label}: {engine.name} carries it already")
+        if label not in known:
+            raise click.UsageError(f"--term {label}: not an effect of {engine.name} ({near(label, known)})")
+        name, _, site = label.partition("@")
+        found.append(effect(engine, name, site))
+    return found
+
+
+def _explained(
+    messages: Messages, training: Evidence, without: tuple[str, ...]
+) -> tuple[list[Effect], HiddenFinding | None]:
+    """What `explain` names from the flights that are fitted, and its finding where that is a switch; none, with the
+    reason told, when it names no effect."""
+    from enginediag_cli.mismatch.explain_story import named_effects, tell
+    from enginediag_cli.physics.registry import candidates
+    from enginediag_cli.presentation.explanations import sentences
+
+    story = tell(training, list(candidates(training.engine, without)), advise=False)
+    for line in sentences(story):
+        messages.note(line)
+    if story.answer.status == "hidden" and story.hidden[0].is_switch and story.hidden_effects[0]:
+        return list(story.hidden_effects[0][:1]), story.hidden[0]
+    effects = list(named_effects(story))
+    if not effects:
+        messages.error("explain names no effect that a model could carry; nothing is written")
+    return effects, None
+
+
+def _present(
+    messages: Messages, found: Refinement, report: str | None, picture: str | None, head: tuple[str, ...]
+) -> None:
+    from enginediag_cli.presentation import refinements
+    from enginediag_cli.presentation.output import Output
+    from enginediag_cli.presentation.tables import short_cell
+
+    rows = list(refinements.rows(found))
+    if rows:
+        width = max(len(f"{r['what']}, {r['of']}") for r in rows)
+        messages.note(f"{'on unseen flights':{width}}  {'before':>10}  {'after':>10}")
+        for r in rows:
+            unit = "" if r["unit"] == "1" else f" {r['unit']}"
+            what = f"{r['what']}, {r['of']}"
+            messages.note(f"{what:{width}}  {short_cell(r['before']):>10}  {short_cell(r['after']):>10}{unit}")
+    for line in refinements.sentences(found):
+        if not line.startswith("refused"):
+            messages.note(line)
+    if report:
+        out = Output(report, "auto" if report.endswith((".csv", ".json", ".gz")) else "table")
+        if out.chosen_format() == "json":
+            import json
+
+            from enginediag_cli.presentation.rows import finite, plain
+
+            told = finite(plain(refinements.document(found, head)))
+            out.write_text(json.dumps(told, ensure_ascii=False, allow_nan=False, indent=1) + "\n")
+        else:
+            out.write_rows(rows, refinements.COLUMNS, provenance=head)
+    if picture and found.unseen is not None:
+        from enginediag_cli.presentation.refinement_picture import picture as draw
+
+        Output(picture).write_text(draw(found))
+
+
+def _write(evidence: Evidence, found: Refinement, case: Case, unseen: list[int], place: str) -> None:
+    from enginediag_cli.mismatch.refine_file import refined_text, write_refined
+
+    engine = evidence.engine
+    text = refined_text(case.engine, found.effects, found.standard_errors, _source(case, evidence, unseen), place)
+    write_refined(text, place, engine.with_effects((*engine.effects, *found.effects)))
+
+
+def _source(case: Case, evidence: Evidence, unseen: list[int]) -> str:
+    """Data and command, files by name and hash but not by folder."""
+    import os
+    import sys
+
+    from enginediag_cli import __version__
+    from enginediag_cli.recordings.provenance import sha256_of
+
+    data = ", ".join("standard input" if p == "-" else f"{os.path.basename(p)} sha256:{sha256_of(p)[:16]}"
+                     for p in case.recordings)
+    command = " ".join(os.path.basename(a) if os.sep in a else a for a in sys.argv[1:])
+    return (f"enginediag {__version__} {command}; fitted to {len(evidence.flights) - len(unseen)} flights of {data}, "
+            f"judged by {len(unseen)} that were not fitted")

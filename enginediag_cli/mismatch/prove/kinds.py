@@ -1,0 +1,38 @@
+"""What a trial may be about, and how often."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+SAME_MODEL, MAP_ERROR = "same_model", "map_error"
+TRUTHS = (SAME_MODEL, MAP_ERROR)
+
+NULL, SINGLE, PAIR, WITHHELD = "null", "single", "pair", "withheld"
+HIDDEN_SWITCH, FAULT, EFFECT_AND_FAULT = "hidden_switch", "fault", "effect_and_fault"
+
+INPUT_NOISE, CORRELATED_NOISE, UNKNOWN_NOISE = "input_noise", "correlated_noise", "unknown_noise"
+VARIANTS = (INPUT_NOISE, CORRELATED_NOISE, UNKNOWN_NOISE)
+"""Of null and single trials: inputs recorded with noise; noise that remembers, its correlation known; noise of
+which the explainer is not told the size."""
+
+WEIGHTS: Mapping[str, int] = {
+    NULL: 14, SINGLE: 26, PAIR: 11, WITHHELD: 11, HIDDEN_SWITCH: 8, FAULT: 6, EFFECT_AND_FAULT: 6,
+    **{f"{kind}_{variant}": 3 for kind in (NULL, SINGLE) for variant in VARIANTS},
+}
+KINDS = tuple(WEIGHTS)
+"""Trials by kind, with their shares when nobody chooses."""
+
+MODEL_ERROR: Mapping[str, float] = {SAME_MODEL: 0.0, MAP_ERROR: 0.003}
+"""Accuracy of the maps that the explainer is told."""
+
+
+def base(kind: str) -> str:
+    """The kind without its variant of noise: null_input_noise is null."""
+    for variant in VARIANTS:
+        kind = kind.removesuffix(f"_{variant}")
+    return kind
+
+
+def variant(kind: str) -> str:
+    """The variant of noise; "" where there is none."""
+    return next((v for v in VARIANTS if kind.endswith(v)), "")

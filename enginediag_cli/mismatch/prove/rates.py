@@ -1,0 +1,49 @@
+"""Rates and means with 95 % intervals, from the marks of many trials."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+import numpy as np
+
+Z = 1.959964  # of a two-sided 95 % interval
+
+
+def wilson(count: float, of: int) -> tuple[float, float]:
+    """95 % interval of a binomial rate: E. B. Wilson, J. Am. Stat. Assoc. 22 (1927) 209–212."""
+    if not of:
+        return 0.0, 1.0
+    p, z2 = count / of, Z * Z
+    centre, half = p + z2 / (2 * of), Z * np.sqrt(p * (1 - p) / of + z2 / (4 * of * of))
+    return float(max(0.0, (centre - half) / (1 + z2 / of))), float(min(1.0, (centre + half) / (1 + z2 / of)))
+
+
+def mean(values: Sequence[float]) -> dict[str, Any]:
+    """Mean of trials with its 95 % interval by their scatter; `count` is their sum."""
+    n = len(values)
+    m = float(np.mean(values))
+    if n < 2:
+        return {"rate": m, "count": float(np.sum(values)), "of": n, "low": None, "high": None}
+    half = Z * float(np.std(values, ddof=1)) / np.sqrt(n)
+    low, high = m - half, m + half
+    if 0.0 <= min(values) and max(values) <= 1.0:  # shares
+        low, high = max(low, 0.0), min(high, 1.0)
+    return {"rate": m, "count": float(np.sum(values)), "of": n, "low": low, "high": high}
+
+
+def rate(marks: Iterable[Any]) -> dict[str, Any]:
+    """Of the marks of trials: True or False each; or each a list of shares or sizes, of which the mean is taken. A
+    list of 0 and 1 counts each as a mark of its own. Empty values where no trial counts."""
+    marks = list(marks)
+    if not marks:
+        return {"rate": None, "count": 0, "of": 0, "low": None, "high": None}
+    if isinstance(marks[0], bool):
+        hits, n = sum(marks), len(marks)
+    else:
+        flat = [float(x) for mark in marks for x in mark]
+        if not all(x in (0.0, 1.0) for x in flat):
+            return mean([float(np.mean(mark)) for mark in marks])
+        hits, n = int(sum(flat)), len(flat)
+    low, high = wilson(hits, n)
+    return {"rate": hits / n, "count": hits, "of": n, "low": low, "high": high}

@@ -1,0 +1,241 @@
+"""What a model lacks, in plain sentences: effects, faults in time, unlisted physics, hidden switches, and doubts."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from typing import TYPE_CHECKING
+
+from enginediag_cli.physics.drivers import DRIVERS
+from enginediag_cli.presentation.map_names import LOGARITHMS, driver_in_words, location_words
+from enginediag_cli.presentation.names import in_words, listed
+from enginediag_cli.presentation.numbers import probability, rounded, with_unit
+from enginediag_cli.presentation.sentences import change, count
+from enginediag_cli.units import split_column
+
+if TYPE_CHECKING:
+    from enginediag_cli.mismatch.alias_advice import Advice, Suggestion
+    from enginediag_cli.mismatch.answer import Coefficient, Explanation
+    from enginediag_cli.mismatch.curves import Curve
+    from enginediag_cli.mismatch.explain_story import Story
+    from enginediag_cli.mismatch.hidden import HiddenFinding
+    from enginediag_cli.mismatch.options import Option
+    from enginediag_cli.physics.term import Effect
+
+SHOWN = 5
+MOST_SWITCHES = 12
+
+
+def sentences(story: Story) -> Iterator[str]:
+    """The story, a paragraph at a time."""
+    a = story.answer
+    if a.status == "did not converge":
+        yield f"no verdict: {a.reason}"
+        return
+    if a.status == "nothing":
+        yield (f"Nothing is missing that these flights can show: {a.reason} (the effect that stands out most: −ln p "
+               f"{rounded(a.surprise)}; chance alone reaches {rounded(a.gates[0])}).")
+    elif a.status == "named":
+        yield from _named(story)
+    elif a.status == "hidden":
+        for finding, effects in zip(story.hidden[:1], story.hidden_effects, strict=False):
+            yield from _hidden(story, finding, effects)
+    else:
+        yield from _none(story)
+    yield from _rejected(story)
+    yield from _floor(story)
+    for advice in story.advice:
+        yield from _advice(advice)
+    switching = {e.label for effects in story.hidden_effects[:1] for e in effects if a.status == "hidden"}
+    unseen = [label for label in a.unseen if label not in switching]
+    if unseen:
+        yield f"Cannot be seen in these flights, whatever their size: {', '.join(unseen)}."
+
+
+def headline(x: Explanation) -> str:
+    """One explanation in a phrase: what acts where, or what changed and since when."""
+    return listed([_phrase(o, x) for o in x.options], "together with")
+
+
+def _phrase(o: Option, x: Explanation) -> str:
+    if o.hypothesis.effects:
+        e = o.hypothesis.effects[0]
+        return f"{e.term.TITLE} at {in_words(e.site.name)} ({o.label})"
+    d = o.hypothesis.discrepancies[0]
+    c = next(c for c in x.coefficients if c.name == d.name)
+    unit = c.unit if c.unit != "1" else ""
+    return f"a fault, {change(d.target, c.value, 1.96 * c.standard_error, unit=unit)} {d.curve}"
+
+
+def _named(story: Story) -> Iterator[str]:
+    a = story.answer
+    x = a.explanations[0]
+    fault = any(o.hypothesis.discrepancies for o in x.options)
+    effect = any(o.hypothesis.effects for o in x.options)
+    kind = "Missing"
+    if fault:
+        kind = "Missing, with a fault" if effect else "Not missing physics but a change in time"
+    yield f"{kind}: {headline(x)} (probability {probability(x.probability)})."
+    for o in x.options:
+        for e in o.hypothesis.effects:
+            yield f"  {e.term.STATEMENT} It varies with {DRIVERS[o.driver]}."
+            for c in x.coefficients:
+                if c.name in e.amplitudes:
+                    yield f"  {coefficient(c, e)}"
+        if o.hypothesis.discrepancies:
+            yield "  It begins at that time and holds over all operating conditions, which no effect does."
+    asked = x.flights == x.flights
+    share = "every flight is" if x.flights >= 1.0 else f"{100 * x.flights:.0f} % of the flights are"
+    told = f"; {share} predicted better from the others" if asked else ""
+    yield (f"  With it χ² falls from {_whole(x.objective + x.gain)} to {_whole(x.objective)} for {_whole(a.readings)} "
+           f"readings{told}.")
+    if len(a.explanations) > 1:
+        others = [f"{headline(other)} ({probability(other.probability)})" for other in a.explanations[1:]]
+        yield f"These flights cannot tell it from {listed(others, 'or')}."
+
+
+def coefficient(c: Coefficient, effect: Effect) -> str:
+    """A coefficient with its interval and unit, and whether its bounds were judged or read."""
+    declared = next((k for k in effect.term.COEFFICIENTS if effect.parameter_name(k.name) == c.name), None)
+    unit = "" if c.unit == "1" else c.unit
+    what = declared.description if declared else c.name
+    size = f"{rounded(c.value, c.standard_error)}{f' {unit}' if unit else ''}"
+    interval = f"{rounded(c.low, c.standard_error)} to {rounded(c.high, c.standard_error)}"
+    return f"{c.name.rpartition('.')[2]} = {size}, 95 % interval {interval}: {what}."
+
+
+def _whole(value: float) -> str:
+    return f"{value:,.0f}" if math.isfinite(value) else rounded(value)
+
+
+def _none(story: Story) -> Iterator[str]:
+    good = [c for c in story.curves if c.converged]
+    yield f"None of these: {story.answer.reason}."
+    if not good:
+        yield "  No free-form curve could be fitted either."
+        return
+    places = listed(list(dict.fromkeys(place(c) for c in good)), "or")
+    words = list(dict.fromkeys(DRIVERS.get(c.driver.word, c.driver.name) for c in good))
+    yield f"  Unlisted physics at {places}, varying with {listed(words, 'or')}."
+    yield f"  {curve_in_words(good[0])}"
+
+
+def place(c: Curve) -> str:
+    """Where a curve acts, in words."""
+    return location_words(c.location.name)
+
+
+def curve_in_words(c: Curve) -> str:
+    """The ends of a curve."""
+    percent = c.unit in ("", "1")
+    factor, unit = (100.0, "%") if percent else (1.0, c.unit)
+    ends = []
+    for k in (0, -1):
+        size = with_unit(factor * c.change[k], unit, factor * 1.96 * c.standard_error[k])
+        ends.append(f"{size} at {driver_in_words(c.driver.name)} {_driver_value(c, k)}")
+    return (f"{place(c)} goes from {ends[0]} to {ends[1]}, about its mean (χ² falls by {rounded(c.gain)} "
+            f"with {c.dof} coefficients).")
+
+
+def _driver_value(c: Curve, k: int) -> str:
+    value, unit = float(c.values[k]), c.driver.unit
+    if unit in LOGARITHMS:
+        return rounded(math.exp(value))
+    return rounded(value) if unit in ("1", "recorded") else with_unit(value, unit)
+
+
+def _hidden(story: Story, f: HiddenFinding, effects: tuple[Effect, ...]) -> Iterator[str]:
+    where = location_words(f.location.name)
+    rivals = f" (or {listed([location_words(name) for name in f.rivals], 'or')})" if f.rivals else ""
+    likelier = f"log likelihood +{rounded(f.lr)}; chance alone reaches +{rounded(f.threshold)}"
+    unit = "" if f.unit == "1" else f.unit
+    if f.is_switch:
+        half = 0.5 * (f.interval[1] - f.interval[0])
+        yield (f"An effect at {where}{rivals} switches between two states that no column records: "
+               f"{count(len(f.switches), 'change')} within flights, of size {with_unit(f.coefficient, unit, half)} "
+               f"({likelier}).")
+        times = [f"{'on' if s.on else 'off'} at record {s.record + 1} of {s.flight}" for s in f.switches]
+        if times:
+            more = f" and {len(times) - MOST_SWITCHES} more" if len(times) > MOST_SWITCHES else ""
+            yield f"  Switched {', '.join(times[:MOST_SWITCHES])}{more}."
+        yield ("  Which state is on follows from the sign that physics gives." if f.sign else
+               "  The readings do not say which of the two states is on.")
+    else:
+        yield (f"An effect at {where}{rivals} varies with something that no column records ({likelier}); two "
+               "states do not describe it better than a drifting amplitude.")
+    if story.switched:
+        best = story.switched[0].objective
+        told = [f"{t.label} ({', '.join(with_unit(v, '', 1.96 * e) for v, e in t.coefficients.values())}"
+                + (f", χ² {rounded(t.objective - best)} worse)" if t is not story.switched[0] else ")")
+                for t in story.switched]
+        yield f"  Listed effects that act there, refitted with these states, best first: {listed(told, 'or')}."
+    elif effects:
+        yield f"  Listed effects that act there: {listed([e.label for e in effects], 'or')}."
+    if f.remark:
+        yield f"  {f.remark}."
+
+
+def _rejected(story: Story) -> Iterator[str]:
+    rejected = story.answer.rejected
+    if rejected:
+        told = [f"{label} ({why})" for label, why in list(rejected.items())[:SHOWN]]
+        more = f", and {len(rejected) - SHOWN} more" if len(rejected) > SHOWN else ""
+        yield f"Fitted and rejected: {'; '.join(told)}{more}."
+
+
+def _floor(story: Story) -> Iterator[str]:
+    accuracy = story.evidence.settings.map_accuracy
+    if accuracy <= 0.0:
+        yield ("The maps were taken as exact (--model-error 0): an error of theirs of a few tenths of a per cent looks "
+               "like missing physics.")
+        return
+    named = {o.label for x in story.answer.explanations for o in x.options}
+    for c in story.floor:
+        if c.label in named:
+            yield (f"Tolerance of the maps {100 * accuracy:g} %: {c.label} would lower χ² by "
+                   f"{rounded(c.score_without)} were the maps exact, and by {rounded(c.score)} as they are; these "
+                   f"flights show it from a size of {_size(c.visible_without, c.unit)} and "
+                   f"{_size(c.visible, c.unit)}.")
+    if story.only_exact:
+        told = [f"{c.label} (χ² falls by {rounded(c.score_without)} with exact maps, {rounded(c.score)} with these)"
+                for c in sorted(story.only_exact, key=lambda c: -c.score_without)[:SHOWN]]
+        more = len(story.only_exact) - SHOWN
+        yield (f"Not separable from errors of the maps of {100 * accuracy:g} %: {'; '.join(told)}"
+               f"{f', and {more} more' if more > 0 else ''}.")
+
+
+def _size(value: float, unit: str) -> str:
+    return "no size" if value == float("inf") else with_unit(value, "" if unit == "1" else unit, digits=2)
+
+
+def _advice(advice: Advice) -> Iterator[str]:
+    one, other = advice.rivals
+    yield (f"To tell {one} from {other} (expected difference of χ² now {rounded(advice.separation)}; at 11 the wrong "
+           "one leads once in twenty times):")
+    if not advice.separates:
+        yield "  none of the recordings that were tried would separate them."
+        return
+    for s in advice.suggestions:
+        yield f"  {suggestion(s)}"
+
+
+def suggestion(s: Suggestion) -> str:
+    """One recording that would help, and how soon."""
+    where = {
+        "same": "more records like these",
+        "switch": f"records like these with {s.what} switched off, and on",
+        "sensor": f"records like these with {s.what} recorded",
+        "condition": f"records at {listed([_condition(c, v) for c, v in s.values.items()])}",
+    }[s.kind]
+    if s.records == float("inf"):
+        return f"{where}: would not separate them"
+    return f"{where}: {count(int(s.records), 'record')} (100 of them add {rounded(s.gain)})"
+
+
+INPUTS = {"mach": "Mach", "dT_isa": "ISA deviation", "Wf": "fuel flow", "humidity_kg": "humidity"}
+
+
+def _condition(column: str, value: float) -> str:
+    """An input with its value and unit: "altitude 12500 m"."""
+    quantity, unit = split_column(column)
+    return f"{INPUTS.get(quantity, quantity.replace('_', ' '))} {with_unit(value, unit.replace('_', '/'))}"

@@ -1,0 +1,240 @@
+"""The answer of `locate` in words and as rows."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from typing import TYPE_CHECKING, Any
+
+from enginediag_cli.presentation.map_names import LOGARITHMS, driver_in_words, group_in_words, location_words
+from enginediag_cli.presentation.names import in_words, listed
+from enginediag_cli.presentation.numbers import p_value, rounded, with_unit
+from enginediag_cli.units import split_column
+
+if TYPE_CHECKING:
+    from enginediag_cli.engine.engine import Engine
+    from enginediag_cli.mismatch.fleet import Difference
+    from enginediag_cli.mismatch.hidden import HiddenFinding
+    from enginediag_cli.mismatch.locate import Located, Place
+    from enginediag_cli.mismatch.presence import Test
+    from enginediag_cli.mismatch.verdict_kind import Kind
+    from enginediag_cli.presentation.pictures.mismatch_map import Scatter
+
+COLUMNS = (
+    "verdict", "rank", "driver", "along", "location", "component", "within", "statistic", "dof", "p_value", "share",
+    "stability", "driver_stability", "refit",
+)
+
+TESTS = {
+    "omnibus": "χ² of the fit {value}, {about}",
+    "order": "residuals in the order of a driver: von Neumann's ratio {value} where chance gives 2, {about}",
+    "directed": "best place of the map: −ln p = {value}, {about}",
+}
+
+
+def verdict_of(kind: Kind) -> str:
+    """The kinds as one cell: "effect", or "fault or sensor fault" where the flights do not tell."""
+    return " or ".join(kind.names)
+
+
+def located_rows(located: Located, kind: Kind, everything: bool) -> Iterator[dict[str, Any]]:
+    """One row per place within reach, or per place of the map; a single row where there is no place to tell.
+
+    What has no recorded driver comes first, with 2 ln of its likelihood ratio as statistic.
+    """
+    verdict = verdict_of(kind)
+    empty: dict[str, Any] = dict.fromkeys(COLUMNS)
+    told, rank = False, 0
+    hidden = kind.hidden
+    if hidden is not None:
+        for name in (hidden.location.name, *hidden.rivals):
+            first = name == hidden.location.name
+            rank, told = rank + 1, True
+            yield {**empty, "verdict": verdict, "rank": rank, "driver": "not recorded", "location": name,
+                   "component": hidden.location.component if first else None, "within": True,
+                   "statistic": 2.0 * hidden.lr if first else None}
+    leads = {lead.group: lead.stability for lead in located.leads}
+    for p in located.places if everything else () if hidden is not None else located.within:
+        rank, told = rank + 1, True
+        yield {
+            "verdict": verdict, "rank": rank, "driver": p.group, "along": p.cell.driver.name, "location": p.location,
+            "component": p.component, "within": p.within and hidden is None, "statistic": p.statistic,
+            "dof": p.cell.score.dof, "p_value": p.p, "share": p.share, "stability": p.stability,
+            "driver_stability": leads[p.group], "refit": p.refit,
+        }
+    if not told:
+        yield {**empty, "verdict": verdict}
+
+
+def sentences(located: Located, kind: Kind, engine: Engine) -> Iterator[str]:
+    """What was found, for stderr."""
+    from enginediag_cli.mismatch import verdict_kind as kinds
+
+    if not located.converged or located.presence is None:
+        yield f"no verdict: the model could not be fitted to these recordings: {located.reason}"
+        return
+    presence, name = located.presence, kind.names[0]
+    tests = "; ".join(_test(t) for t in presence.tests)
+    if name == kinds.NOTHING:
+        yield f"no mismatch beyond noise and identified parameters ({tests})"
+    else:
+        yield f"model and recordings differ ({tests})"
+    if name == kinds.UNLOCATED:
+        yield ("nothing that was looked at explains it: the noise may be larger than stated or correlated in time "
+               "(--noise estimate)")
+    if kind.hidden is not None:
+        yield _hidden(kind)
+    elif located.within:
+        yield from _where(located)
+        yield _kind(located, kind)
+    yield from (_worn(d, engine) for d in kind.worn)
+    if len(located.found.evidence.engines) == 1:
+        yield ("one engine is recorded: what is constant on it is identified with its parameters and is no mismatch; "
+               "whether an effect is common to its type cannot be said")
+
+
+def _test(test: Test) -> str:
+    what = TESTS[test.name].format(value=rounded(test.statistic, digits=4), about=_about(test))
+    p = p_value(test.p)
+    return f"{what}, p {p if p.startswith('<') else '= ' + p}"
+
+
+def _about(test: Test) -> str:
+    """"hpc.efficiency along mach" in words; where it is the order of residuals, of a sensor's column."""
+    place, along, driver = test.about.partition(" along ")
+    if not along:
+        return test.about
+    what = split_column(place)[0] if test.name == "order" else location_words(place)
+    return f"{what} along {driver_in_words(driver)}"
+
+
+def _where(located: Located) -> Iterator[str]:
+    first = next(lead for lead in located.leads if lead.within)
+    others = [listed(group_in_words(lead.group), "or") for lead in located.leads if lead.within and lead is not first]
+    members = group_in_words(first.group)
+    alike = " (which these recordings cannot tell apart)" if len(members) > 1 else ""
+    rivals = f"; {listed(others, 'or')} cannot be excluded" if others else ""
+    yield (f"it varies with {listed(members, 'or')}{alike}: first in {100 * first.stability:.0f} % of resamples of "
+           f"{located.resampled}{rivals}")
+    place = located.within[0]
+    names = list(dict.fromkeys(place_words(p) for p in located.within))
+    share = f"{100 * place.share:.0f} % of the excess"
+    told = f"it acts at {place_words(place)} (a correction there lowers χ² by {rounded(place.statistic)}, {share})"
+    if len(names) > 1:
+        told += f"; within reach of that: {listed(names[1:], 'or')}"
+    yield told
+    if place.refit == "did not converge":
+        yield "the refit with the full model did not converge: places are ranked by their linear scores"
+
+
+def place_words(place: Place) -> str:
+    """A location as an engineer says it."""
+    sensor = place.location.startswith("sensor.")
+    return f"the {location_words(place.location)}" if sensor else location_words(place.location)
+
+
+def _kind(located: Located, kind: Kind) -> str:
+    from enginediag_cli.mismatch import verdict_kind as kinds
+
+    what = {
+        kinds.SENSOR_ERROR: "one sensor is wrong: its own error beats every change of the engine",
+        kinds.SENSOR_FAULT: "one sensor changed at some time and stays so: no effect",
+        kinds.FAULT: "the engine changed at some time and stays so: a fault, no missing physics",
+        kinds.EFFECT: "an effect in the engine that the model lacks",
+        kinds.COMMON_EFFECT: "an effect that the model lacks, common to all engines: one coefficient serves them all",
+        kinds.ONE_ENGINE: "an effect that the engines do not share",
+        kinds.SWITCH: "it follows a recorded switch",
+    }
+    told = listed([what[n] for n in kind.names], "or")
+    if not kind.certain:
+        told = f"these flights do not tell which: {told}"
+    if kind.engines is not None and {kinds.COMMON_EFFECT, kinds.ONE_ENGINE} & set(kind.names):
+        own = ", ".join(f"{name} {rounded(T)}" for name, T in kind.engines.statistics.items())
+        told += f" (χ² by engine: {own}; p of one coefficient for all {p_value(kind.engines.p)})"
+    if kinds.FAULT in kind.names or kinds.SENSOR_FAULT in kind.names:
+        since = next(p.cell.driver.name for p in located.within if p.group == "time")
+        told += f"; best onset: {since}"
+    return told
+
+
+def _hidden(kind: Kind) -> str:
+    f = kind.hidden
+    assert f is not None
+    where = listed([location_words(name) for name in (f.location.name, *f.rivals)], "or")
+    likelier = f"log likelihood +{rounded(f.lr)}; chance alone reaches +{rounded(f.threshold)}"
+    if f.is_switch:
+        return (f"it switches between two states that no column records, {len(f.switches)} times within flights, and "
+                f"acts at {where} ({likelier})")
+    return f"it varies with something that no column records and acts at {where} ({likelier})"
+
+
+def _worn(d: Difference, engine: Engine) -> str:
+    unit = engine.parameters[d.parameter].unit
+    factor, shown = (100.0, "%") if unit in ("", "1") else (1.0, unit)
+    size = with_unit(factor * abs(d.value), shown, factor * 1.96 * d.standard_error)
+    way = "above" if d.value > 0 else "below"
+    return (f"engine {d.engine} stands out of the fleet: {in_words(d.parameter)} {size} {way} the others' "
+            f"(p {p_value(d.p)}); constant, so identified and no missing physics")
+
+
+def picture(located: Located, kind: Kind, title: str, notes: Sequence[str]) -> str:
+    """The SVG of a map that was judged."""
+    import math
+
+    from enginediag_cli.presentation.pictures.mismatch_map import mismatch_picture, rows_of
+
+    assert located.presence is not None
+    gate = math.log(located.presence.looks / (0.5 * located.presence.false_alarm))
+    told = [(location_words(p.location), _column(p.group), p.surprise, p.within and kind.hidden is None)
+            for p in located.places]
+    heat = rows_of(told, [_column(lead.group) for lead in located.leads], gate)
+    if kind.hidden is not None:
+        return mismatch_picture(title, notes, heat, _amplitude(kind.hidden))
+    return mismatch_picture(title, notes, heat, _residuals(located) if located.within else None)
+
+
+def _column(group: str) -> str:
+    return " = ".join(group_in_words(group))
+
+
+def _residuals(located: Located) -> Scatter:
+    """Residuals of the sensor that shows the first place most, against its driver."""
+    import math
+
+    from enginediag_cli.mismatch.residual_curve import shown
+    from enginediag_cli.presentation.pictures.mismatch_map import Scatter
+
+    assert located.projection is not None
+    cell = located.within[0].cell
+    s = shown(located.projection, cell)
+    label = f"{driver_in_words(cell.driver.name)} [{cell.driver.unit}]"
+    scale: Callable[[float], float] = float
+    if cell.driver.unit in LOGARITHMS:  # people read the quantity, not its logarithm
+        label, scale = LOGARITHMS[cell.driver.unit], math.exp
+    label = label.removesuffix(" [1]").removesuffix(" [recorded]")
+    return Scatter(
+        label,
+        f"{s.sensor.rsplit('_', 1)[0]}: measured − model [{s.unit}]",
+        f"What shows it most: {s.sensor.rsplit('_', 1)[0]}. Dots: readings; black: their means with 95 % intervals; "
+        f"orange: what a free curve of {location_words(cell.location.name)} makes of it",
+        [scale(x) for x in s.x.tolist()],
+        s.residual.tolist(),
+        [(scale(x), mean, error) for x, mean, error, _ in s.bins],
+        [(scale(x), curve) for x, _, _, curve in s.bins],
+    )
+
+
+def _amplitude(f: HiddenFinding) -> Scatter:
+    """Amplitude of an effect without a recorded driver, record by record, and its two states where it has them."""
+    from enginediag_cli.presentation.pictures.mismatch_map import Scatter
+
+    number = (f.number + 1).tolist()
+    line: list[tuple[float, float]] = []
+    if f.is_switch and f.states is not None:
+        # the amplitude is told about its mean, which identification took
+        steps = f.coefficient * ((f.states > 0.5) - f.states.mean())
+        for k, y in zip(number, steps.tolist(), strict=True):
+            line += [(k - 0.5, y), (k + 0.5, y)]
+    caption = "Dots: amplitude of each record, about its mean" + ("; orange: its two states" if line else "")
+    unit = f" [{f.unit}]" if f.unit not in ("", "1") else ""
+    label = f"{location_words(f.location.name)}{unit}"
+    return Scatter("record", label, caption, number, f.amplitude.tolist(), [], line)

@@ -1,0 +1,90 @@
+"""A drawing as SVG 1.1 text: rectangles, lines, dots and words at coordinates in pixels, y downwards."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from xml.sax.saxutils import escape, quoteattr
+
+INK, FAINT, PAPER = "#1f2933", "#d5dbe1", "#ffffff"
+BLUE, ORANGE = "#2166ac", "#d95f02"
+FONT = "Helvetica, Arial, sans-serif"
+
+
+class Drawing:
+    """Elements are drawn in the order in which they are added; `title` is what a screen reader says."""
+
+    def __init__(self, width: float, height: float, title: str):
+        self.width, self.height, self.title = width, height, title
+        self._elements: list[str] = []
+
+    def rectangle(
+        self, x: float, y: float, width: float, height: float, fill: str, *, stroke: str = "",
+        thick: float = 1.0, hint: str = "",
+    ) -> None:
+        edge = {"stroke": stroke, **({"stroke-width": thick} if thick != 1.0 else {})} if stroke else {}
+        self._add("rect", {"x": x, "y": y, "width": width, "height": height, "fill": fill, **edge}, hint)
+
+    def line(self, x1: float, y1: float, x2: float, y2: float, stroke: str = INK, *, width: float = 1.0) -> None:
+        self._add("line", {"x1": x1, "y1": y1, "x2": x2, "y2": y2, "stroke": stroke, "stroke-width": width})
+
+    def path(self, points: Iterable[tuple[float, float]], stroke: str, *, width: float = 2.0) -> None:
+        """A line through points."""
+        text = " ".join(f"{_number(x)},{_number(y)}" for x, y in points)
+        self._add("polyline", {"points": text, "fill": "none", "stroke": stroke, "stroke-width": width})
+
+    def dots(
+        self, points: Iterable[tuple[float, float]], fill: str, *, radius: float = 2.0, opacity: float = 1.0
+    ) -> None:
+        self._elements.append(f'<g fill="{fill}" fill-opacity="{_number(opacity)}">')
+        for x, y in points:
+            self._add("circle", {"cx": x, "cy": y, "r": radius})
+        self._elements.append("</g>")
+
+    def words(
+        self, x: float, y: float, text: str, *, size: float = 12.0, anchor: str = "start", fill: str = INK,
+        turned: float = 0.0, bold: bool = False,
+    ) -> None:
+        """Text whose base line starts ("start"), is centred ("middle") or ends ("end") at a point, turned clockwise by
+        degrees."""
+        attributes: dict[str, object] = {"x": x, "y": y, "font-size": size}
+        if anchor != "start":
+            attributes["text-anchor"] = anchor
+        if fill != INK:  # the colour of the whole drawing
+            attributes["fill"] = fill
+        if bold:
+            attributes["font-weight"] = "bold"
+        if turned:
+            attributes["transform"] = f"rotate({_number(turned)} {_number(x)} {_number(y)})"
+        self._elements.append(f"<text{_attributes(attributes)}>{escape(text)}</text>")
+
+    def text(self) -> str:
+        """The file."""
+        w, h = _number(self.width), _number(self.height)
+        head = (
+            f'<svg xmlns="http://www.w3.org/2000/svg" width="{w}" height="{h}" viewBox="0 0 {w} {h}" '
+            f'font-family="{FONT}" fill="{INK}" role="img">'
+        )
+        paper = f'<rect width="{w}" height="{h}" fill="{PAPER}"/>'
+        return "\n".join([head, f"<title>{escape(self.title)}</title>", paper, *self._elements, "</svg>", ""])
+
+    def _add(self, name: str, attributes: dict[str, object], hint: str = "") -> None:
+        inside = f"><title>{escape(hint)}</title></{name}>" if hint else "/>"
+        self._elements.append(f"<{name}{_attributes(attributes)}{inside}")
+
+
+def shade(share: float, low: Sequence[int] = (247, 251, 255), high: Sequence[int] = (8, 48, 107)) -> str:
+    """Colour between two, 0 to 1."""
+    s = min(1.0, max(0.0, share))
+    return "#" + "".join(f"{round(a + s * (b - a)):02x}" for a, b in zip(low, high, strict=True))
+
+
+def _attributes(values: dict[str, object]) -> str:
+    return "".join(
+        f" {name}={quoteattr(_number(v) if isinstance(v, float | int) else str(v))}" for name, v in values.items()
+    )
+
+
+def _number(value: float) -> str:
+    """Two decimals at most, one from 10 on: a picture has no more, and files stay small."""
+    text = f"{float(value):.{1 if abs(value) >= 10 else 2}f}".rstrip("0").rstrip(".")
+    return "0" if text in ("", "-0") else text

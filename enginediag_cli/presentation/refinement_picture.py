@@ -1,0 +1,92 @@
+"""Before and after in one SVG: misfit of every sensor on unseen flights, and what each flight gains."""
+
+from __future__ import annotations
+
+import textwrap
+from typing import TYPE_CHECKING
+
+from enginediag_cli.presentation.numbers import rounded
+from enginediag_cli.presentation.pictures.axes import padded, ticks
+from enginediag_cli.presentation.pictures.svg import BLUE, FAINT, INK, ORANGE, Drawing
+from enginediag_cli.presentation.refinements import alarms_in_words, named_effect, unseen_in_words
+
+if TYPE_CHECKING:
+    from enginediag_cli.mismatch.refine import Refinement
+
+WIDTH, MARGIN, LEFT, RIGHT = 844.0, 16.0, 180.0, 220.0
+ROW, BAR, LETTER = 22.0, 12.0, 6.6
+SPAN = WIDTH - LEFT - RIGHT
+MOST_FLIGHTS, MOST_LETTERS = 15, 25
+
+
+def picture(r: Refinement) -> str:
+    """SVG text; ValueError when there is nothing to show."""
+    u = r.unseen
+    if u is None:
+        raise ValueError("a refinement without unseen flights has no picture")
+    title = f"{' and '.join(e.label for e in r.effects)}: before and after, on flights that were not fitted"
+    told = [f"In the model now: {named_effect(e)}" for e in r.effects] + [unseen_in_words(r), alarms_in_words(r)]
+    lines = [line for text in told for line in textwrap.wrap(text, int((WIDTH - 2 * MARGIN) / LETTER))]
+    gains = list(zip(u.labels, u.flight_gains.tolist(), strict=True))
+    shown = gains if len(gains) <= MOST_FLIGHTS else gains[: MOST_FLIGHTS - 1]
+    top = 60.0 + 17 * len(lines)
+    below = top + 76 + ROW * len(u.quality_before)
+    left_out = gains[len(shown):]
+    on = Drawing(WIDTH, below + 24 + ROW * (len(shown) + bool(left_out)), title)
+    on.words(MARGIN, 28, title, size=17, bold=True)
+    for number, line in enumerate(lines):
+        on.words(MARGIN, 52 + 17 * number, line, size=12)
+    _sensors(on, r, top)
+    _gains(on, shown, left_out, below)
+    return on.text()
+
+
+def _sensors(on: Drawing, r: Refinement, top: float) -> None:
+    """RMS of every sensor's residual in its standard deviations, and in its unit."""
+    assert r.unseen is not None
+    pairs = list(zip(r.unseen.quality_before, r.unseen.quality_after, strict=True))
+    values = [q.chi2**0.5 for pair in pairs for q in pair if q.n]
+    low, high = padded([*values, 1.0], 0.08)
+
+    def at(value: float) -> float:
+        return LEFT + SPAN * (value - low) / (high - low)
+
+    on.words(MARGIN, top + 8, "RMS of the residual in standard deviations of the sensor's noise", size=13, bold=True)
+    on.dots([(LEFT + 4, top + 24)], ORANGE, radius=5)
+    on.words(LEFT + 14, top + 28, "before", size=12)
+    on.dots([(LEFT + 74, top + 24)], BLUE, radius=5)
+    on.words(LEFT + 84, top + 28, "after", size=12)
+    on.words(at(1.0), top + 28, "noise alone", size=12, anchor="middle" if at(1.0) > LEFT + 170 else "start")
+    on.words(WIDTH - MARGIN, top + 28, "RMS before → after", size=12, anchor="end")
+    first, bottom = top + 36, top + 36 + ROW * len(pairs)
+    for tick in ticks(low, high):
+        on.line(at(tick), first, at(tick), bottom, FAINT)
+        on.words(at(tick), bottom + 15, f"{tick:g}", size=12, anchor="middle")
+    on.line(at(1.0), first, at(1.0), bottom, INK)
+    for number, (one, other) in enumerate(pairs):
+        y = first + ROW * (number + 0.5)
+        on.words(LEFT - 10, y + 4, one.sensor, size=12, anchor="end")
+        if not one.n:
+            continue
+        before, after = at(one.chi2**0.5), at(other.chi2**0.5)
+        on.line(before, y, after, y, FAINT, width=4)
+        on.dots([(before, y)], ORANGE, radius=5)
+        on.dots([(after, y)], BLUE, radius=5)
+        told = f"{rounded(one.rms)} → {rounded(other.rms)} {one.unit}".removesuffix(" 1")
+        on.words(WIDTH - MARGIN, y + 4, told, size=12, anchor="end")
+
+
+def _gains(on: Drawing, shown: list[tuple[str, float]], left_out: list[tuple[str, float]], top: float) -> None:
+    """What each flight's log likelihood gains; losses in the colour of "before"."""
+    on.words(MARGIN, top - 8, "Gain of log likelihood, flight by flight", size=13, bold=True)
+    most = max([1.0, *(abs(g) for _, g in shown)])
+    for number, (name, gain) in enumerate(shown):
+        y = top + ROW * (number + 0.5)
+        on.words(LEFT - 10, y + 4, textwrap.shorten(name, MOST_LETTERS, placeholder=" …"), size=12, anchor="end")
+        on.rectangle(LEFT, y - BAR / 2, SPAN * abs(gain) / most, BAR, BLUE if gain > 0 else ORANGE)
+        on.words(LEFT + SPAN * abs(gain) / most + 6, y + 4, f"{gain:+.1f}".replace("-", "−"), size=12)
+    if left_out:
+        lost = sum(g <= 0 for _, g in left_out)
+        total = f"{sum(g for _, g in left_out):+.1f}".replace("-", "−")
+        on.words(LEFT, top + ROW * (len(shown) + 0.5) + 4,
+                 f"{len(left_out)} further flights: {total} in all, {lost or 'none'} of them without gain", size=12)

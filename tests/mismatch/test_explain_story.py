@@ -1,0 +1,104 @@
+"""What `explain` tells around its answer: coefficients in words, unlisted physics as curves, cost, advice."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+from refine_flights import engine, evidence, flights, library
+
+from enginediag_cli.mismatch.alias_advice import SWITCH, advise
+from enginediag_cli.mismatch.answer import Coefficient, Explanation
+from enginediag_cli.mismatch.curves import best_places
+from enginediag_cli.mismatch.explain_story import named_effects, tell
+from enginediag_cli.mismatch.identified import NO_HYPOTHESIS, identify_with, nuisance
+from enginediag_cli.mismatch.options import effect_option
+from enginediag_cli.presentation.explanation_rows import curve_rows, document, rows
+from enginediag_cli.presentation.explanations import sentences
+from enginediag_cli.presentation.rows import finite, plain
+
+RIVALS = ("power_offtake@hp", "thermocouple_radiation@T45", "nozzle_discharge@core_nozzle")
+
+
+@pytest.fixture(scope="module")
+def thin_air():
+    return flights("reynolds_efficiency@hpc", {"exponent": 0.1}, seed=1)[0]
+
+
+@pytest.fixture(scope="module")
+def named(thin_air):
+    return tell(evidence(thin_air), library("reynolds_efficiency@hpc", *RIVALS))
+
+
+@pytest.fixture(scope="module")
+def unlisted(thin_air):
+    return tell(evidence(thin_air[:5], model_error=0.0), library("thermocouple_radiation@T45"))
+
+
+def test_a_concealed_reynolds_effect_is_named_with_an_interval_that_holds_the_truth(named):
+    assert named.answer.status == "named"
+    assert [e.label for e in named_effects(named)] == ["reynolds_efficiency@hpc"]
+    (c,) = named.answer.explanations[0].coefficients
+    assert c.low < 0.1 < c.high
+
+
+def test_the_sentences_say_what_acts_where_how_large_and_what_the_tolerance_of_the_maps_cost(named):
+    told = "\n".join(sentences(named))
+    (e,) = named_effects(named)
+    assert e.term.STATEMENT in told and "(reynolds_efficiency@hpc)" in told and "95 % interval" in told
+    assert "Tolerance of the maps 0.3 %: reynolds_efficiency@hpc" in told
+
+
+def test_the_floor_never_raises_a_score_much_nor_lowers_the_visible_size(named):
+    assert {c.label for c in named.floor} >= {"reynolds_efficiency@hpc", "power_offtake@hp"}
+    for c in named.floor:
+        assert c.visible >= 0.999 * c.visible_without
+
+
+def test_rows_and_json_agree_on_the_coefficient(named):
+    (row,) = list(rows(named))
+    told = json.loads(json.dumps(finite(plain(document(named, ())))))
+    assert told["explanations"][0]["coefficients"][0]["value"] == row["value"]
+    assert told["status"] == row["status"] == "named"
+
+
+def test_an_effect_outside_the_library_gives_a_curve_at_its_place(unlisted):
+    assert unlisted.answer.status == "none of these"
+    best = unlisted.curves[0]
+    assert best.converged and best.location.name == "hpc.efficiency"
+    assert best.driver.word in ("reynolds_index", "ambient_pressure")
+    # efficiency falls by about a tenth of the losses (14 %) a unit of ln RNI
+    slope = np.polyfit(best.values, best.change, 1)[0]
+    assert 0.007 < slope < 0.021
+    assert len(list(curve_rows(unlisted.curves))) >= 10
+    assert any("Unlisted physics at" in line for line in sentences(unlisted))
+
+
+def test_places_within_reach_are_named_once_each(unlisted):
+    names = [c.location.name for c in best_places(unlisted.answer.cells)]
+    assert len(names) == len(set(names)) and "hpc.efficiency" in names
+
+
+def test_nothing_missing_is_told_as_nothing():
+    story = tell(evidence(flights("", {}, seed=5)[0][:4]), library("reynolds_efficiency@hpc"), advise=False)
+    assert story.answer.status == "nothing"
+    assert next(sentences(story)).startswith("Nothing is missing")
+    assert [r["status"] for r in rows(story)] == ["nothing"]
+
+
+def _explanation(label: str, size: float) -> Explanation:
+    option = effect_option(library(label)[0])
+    (name,) = option.hypothesis.names
+    return Explanation((option,), (Coefficient(name, "1", size, 0.0, size, size),), 0.0, 0.0, 0.5, 0.0, 1.0)
+
+
+def test_switching_the_off_take_off_tells_it_from_a_reynolds_effect_sooner_than_more_of_the_same(thin_air):
+    case = evidence(thin_air)
+    base = identify_with(case, NO_HYPOTHESIS, nuisance(case))
+    found = advise(base, _explanation("reynolds_efficiency@hpc", 0.02), _explanation("power_offtake@hp", 0.001))
+    assert found is not None and found.separates
+    by_kind = {s.kind: s for s in found.suggestions}
+    assert by_kind[SWITCH].what == "power_offtake@hp"
+    assert by_kind[SWITCH].gain > by_kind["same"].gain
+    assert by_kind["condition"].values.keys() == set(engine().inputs)
