@@ -1,4 +1,4 @@
-"""The sample recordings are what the commands in their README make."""
+"""The sample recordings and pictures are what the commands in their README make."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import csv
 import math
 import shlex
 from pathlib import Path
+from xml.dom import minidom
 
 import pytest
 
@@ -19,6 +20,15 @@ COMMANDS = {
 }
 RELATIVE = 1e-8
 """The solver converges to 1e-10; other versions of the numerical libraries differ below that."""
+
+
+PICTURES = [
+    Path(word).name
+    for line in (FOLDER / "README.md").read_text(encoding="utf-8").splitlines()
+    if line.startswith("    enginediag demo ")
+    for word in shlex.split(line)
+    if word.endswith(".svg")
+]
 
 
 def cells(path: Path) -> list[list[str]]:
@@ -35,6 +45,15 @@ def same(a: str, b: str) -> bool:
 
 def test_every_sample_has_its_command():
     assert set(COMMANDS) == {path.name for path in FOLDER.glob("*.csv")}
+    assert sorted(PICTURES) == sorted(path.name for path in FOLDER.glob("*.svg"))
+
+
+@pytest.mark.parametrize("name", PICTURES)
+def test_a_picture_is_small_and_can_be_drawn(name):
+    """That its command gives it again is part of the tests of the demonstration, since it takes long."""
+    document = minidom.parse(str(FOLDER / name))
+    assert document.documentElement.tagName == "svg" and len(document.getElementsByTagName("text")) > 20
+    assert (FOLDER / name).stat().st_size < 60_000
 
 
 @pytest.mark.parametrize("name", ["fouling_snapshots.csv", "T3_bias_snapshots.csv"])

@@ -71,7 +71,7 @@ def _close(found: Found) -> None:
     click.echo("\nWhat was concealed, and what was found")
     tell(story.comparison(found))
     click.echo(f"\n{story.closing(found)}")
-    click.echo(f"{script.REFINED} runs in every other command; the pictures are {script.MAP} and {script.BEFORE_AFTER}.")
+    click.echo(f"{script.REFINED} runs in every other command. Pictures: {script.MAP} and {script.BEFORE_AFTER}.")
 
 
 def _wrapped(lines: Iterable[str]) -> Iterator[str]:

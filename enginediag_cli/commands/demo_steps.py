@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import sys
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 
@@ -44,11 +45,25 @@ def run(messages: Messages, arguments: list[str], *, quiet: bool = True) -> None
 
     click.echo(f"   $ {join(['enginediag', *arguments])}")
     told = replace(messages, quiet=True) if quiet else messages
-    with enginediag.make_context("enginediag", list(arguments), obj=told) as context:
+    with (
+        _called_with(arguments),
+        enginediag.make_context("enginediag", list(arguments), obj=told) as context,
+    ):
         code = enginediag.invoke(context)
     # detect and isolate end so when they could judge no flight at all; their rows say why, and are told
     if code == ExitCode.NO_VERDICT and arguments[0] not in ("detect", "isolate"):
         raise NoVerdictError(f"without the result of {arguments[0]} the demonstration cannot go on")
+
+
+@contextmanager
+def _called_with(arguments: list[str]) -> Iterator[None]:
+    """Results that record the command that made them record this one, not the demonstration."""
+    before = sys.argv
+    sys.argv = ["enginediag", *arguments]
+    try:
+        yield
+    finally:
+        sys.argv = before
 
 
 def head(number: int, text: str) -> None:
@@ -57,4 +72,4 @@ def head(number: int, text: str) -> None:
 
 def tell(lines: Iterable[str]) -> None:
     for line in lines:
-        click.echo(f"   {line}")
+        click.echo(f"   {line}".rstrip())

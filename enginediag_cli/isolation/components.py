@@ -8,21 +8,23 @@ With β_S, I_SS the score and information of all parameters of S, scaled by D = 
 
 Where the maps of the model are generic this is surer than parameters: efficiency and flow capacity of one component
 trade against each other with the shape of its map, and one parameter of a neighbour can imitate both together.
-A sensor counts as a component of its own.
+A sensor counts as a component of its own, with the prior that sensors have.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from itertools import combinations
-from math import comb
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from enginediag_cli.residuals.score import Score
+from enginediag_cli.residuals.statistics import LocalStatistics
 
+from .adequacy import Adequacy, dispersed, fit_after, judged, tempered
+from .enumeration import plan
 from .methods import IsolationOptions
-from .prior import SetPrior
+from .posterior import size_limit
+from .prior import SetPrior, are_sensors
 from .result import Explanation
 
 MAX_SETS = 5000
@@ -35,7 +37,7 @@ class ComponentIsolation:
 
     rivals: other sets of components, likeliest first, which with the answer hold `coverage`; inclusion:
     probability per component that it is among those that changed; complete: False when the answer is as large
-    as the largest set considered.
+    as the largest set considered; adequacy: whether the answer fits, every parameter of its components free.
     """
 
     components: tuple[str, ...]
@@ -44,6 +46,7 @@ class ComponentIsolation:
     coverage: float
     inclusion: dict[str, float]
     complete: bool
+    adequacy: Adequacy = field(default_factory=Adequacy)
 
 
 def component_of(parameter: str) -> str:
@@ -70,18 +73,19 @@ def component_posterior(
     beta[:p], I[:p, :p] = b, information
     padded = np.array([m + [p] * (width - len(m)) for m in members], dtype=int).reshape(len(members), width)
     variance = np.square(prior.slabs)[:, None]
-    log_prior = prior.log_of_size(len(components))
-    masks, logs = [np.zeros((1, len(components)), bool)], [log_prior[:1]]
-    for size in range(1, _largest(len(components), largest) + 1):
-        chosen = np.array(list(combinations(range(len(components)), size)))
+    c, sensors, few = len(components), are_sensors([f"{name}." for name in components]), prior.wrong_sensors
+    every, _ = plan(c, size_limit(c, largest, MAX_SETS, int(sensors.sum()), few), tuple(sensors.tolist()), few)
+    log_prior, sizes = prior.log_of(every, sensors), every.sum(axis=1)
+    masks, logs = [every[:1]], [log_prior[:1]]
+    for size in range(1, int(sizes.max()) + 1):
+        mask = every[sizes == size]
+        chosen = np.nonzero(mask)[1].reshape(len(mask), size)
         rows = padded[chosen].reshape(len(chosen), -1)
         A = np.eye(rows.shape[1]) + variance[:, :, None, None] * I[rows[:, :, None], rows[:, None, :]]
         right = np.broadcast_to(beta[rows][:, :, None], (*A.shape[:3], 1))
         gain = variance[:, :, None] * np.linalg.solve(A, right)[..., 0]
         each = 0.5 * np.sum(beta[rows] * gain, axis=2) - 0.5 * np.linalg.slogdet(A)[1]
-        logs.append(np.logaddexp.reduce(each, axis=0) - np.log(len(each)) + log_prior[size])
-        mask = np.zeros((len(chosen), len(components)), bool)
-        mask[np.arange(len(chosen))[:, None], chosen] = True
+        logs.append(np.logaddexp.reduce(each, axis=0) - np.log(len(each)) + log_prior[sizes == size])
         masks.append(mask)
     sets, weights = np.concatenate(masks), np.concatenate(logs)
     order = np.argsort(-weights, kind="stable")
@@ -89,12 +93,27 @@ def component_posterior(
     return components, sets[order], probabilities / probabilities.sum()
 
 
-def isolate_components(score: Score, options: IsolationOptions | None = None) -> ComponentIsolation:
-    """Most probable set of changed components; of the options, those of the posterior method count."""
+def isolate_components(
+    score: Score, options: IsolationOptions | None = None, statistics: LocalStatistics | None = None
+) -> ComponentIsolation:
+    """Most probable set of changed components; of the options, those of the posterior method count.
+
+    statistics: those of which `score` was made, for the question whether the answer fits, as in `diagnose`.
+    """
     options = options or IsolationOptions()
     components, sets, probabilities = component_posterior(
         score, options.prior, largest=options.largest
     )
+    adequacy = Adequacy()
+    if statistics is not None:
+        adequacy = dispersed(fit_after(score, statistics, score.parameters))
+        if adequacy.dispersion > 1:
+            components, sets, probabilities = component_posterior(
+                tempered(score, adequacy.dispersion), options.prior, largest=options.largest
+            )
+        names = _parameters(score, components, sets[0])
+        after = replace(fit_after(score, statistics, names), dispersion=adequacy.dispersion)
+        adequacy = judged(after, score, names, float(probabilities[0]))
     count = min(int(np.searchsorted(np.cumsum(probabilities), options.coverage - 1e-12)) + 1, len(sets))
     named = [tuple(c for c, member in zip(components, row, strict=True) if member) for row in sets[:count]]
     limit = int(sets.sum(axis=1).max())
@@ -105,15 +124,12 @@ def isolate_components(score: Score, options: IsolationOptions | None = None) ->
         options.coverage,
         dict(zip(components, map(float, probabilities @ sets), strict=True)),
         len(named[0]) < limit or limit == len(components),
+        adequacy,
     )
 
 
-def _largest(components: int, wanted: int | None) -> int:
-    """Largest size of a set for which there are no more than MAX_SETS sets, at most `wanted`."""
-    total, limit = 1, 0
-    while limit < (components if wanted is None else min(wanted, components)):
-        total += comb(components, limit + 1)
-        if total > MAX_SETS:
-            break
-        limit += 1
-    return limit
+def _parameters(score: Score, components: tuple[str, ...], members: np.ndarray) -> list[str]:
+    """All parameters of the components chosen by `members` (c,) bool."""
+    chosen = {c for c, member in zip(components, members, strict=True) if member}
+    return [name for name in score.parameters if component_of(name) in chosen]
+

@@ -1,7 +1,8 @@
 """One answer for one window: which parameters changed, by all that is asked for.
 
 The posterior over sets, with the full nonlinear model where changes are too large for the quadratic one, and with
-what is known of signs; faults of a catalogue by name; whether a sensor and a component are rivals.
+what is known of signs; whether the answer fits; faults of a catalogue by name; whether a sensor and a component are
+rivals.
 """
 
 from __future__ import annotations
@@ -9,13 +10,18 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
+import numpy as np
+
 from enginediag_cli.residuals.score import Score
+from enginediag_cli.residuals.statistics import LocalStatistics
 from enginediag_cli.simulation.faults import FaultSet
 
+from .adequacy import Adequacy, dispersed, fit_after, judged, tempered
 from .large_faults import CHECKED, NATS, nonlinear_posterior, quadratic_error
 from .methods import IsolationOptions, isolate, posterior_result
 from .named_faults import NamedIsolation, isolate_named
 from .posterior import set_posterior
+from .prior import are_sensors
 from .result import IsolationResult
 from .rivals import SensorRivalry, sensor_rivalry
 from .signs import known_signs, one_sided_posterior
@@ -24,7 +30,7 @@ from .window_model import WindowModel
 NONLINEAR = ("auto", "always", "never")
 MANY = 12
 LARGEST_OF_MANY = 5
-"""Of more than MANY parameters, no more than so many change together unless asked otherwise: a second's work
+"""Of more than MANY parameters of health, no more than so many change together unless asked otherwise: a second's work
 becomes hundredths."""
 
 
@@ -42,30 +48,38 @@ class DiagnosisOptions:
 
 @dataclass(frozen=True)
 class Diagnosis:
-    """The result, the score that it rests on, and what else was asked for."""
+    """The result, the score that it rests on, and what else was asked for; adequacy: whether the answer fits."""
 
     result: IsolationResult
     score: Score
     named: NamedIsolation | None
     rivalry: SensorRivalry | None
     nonlinear: bool
+    adequacy: Adequacy = field(default_factory=Adequacy)
 
 
 def diagnose(
-    score: Score, options: DiagnosisOptions, records: Callable[[], WindowModel | None] | None = None
+    score: Score,
+    options: DiagnosisOptions,
+    records: Callable[[], WindowModel | None] | None = None,
+    statistics: LocalStatistics | None = None,
 ) -> Diagnosis:
     """Diagnosis of one window; `records` gives its records with the full model, when there are any.
+
+    statistics: those of which `score` was made. With them the posterior's answer is asked whether it fits, and where it
+    fits badly the evidence is worth less; without them the model is taken to be right.
 
     Methods other than the posterior are as `isolate` gives them. DataError when no fault of the catalogue can
     be told by the score's parameters.
     """
     isolation = options.isolation
-    many = len(score.parameters) > MANY and isolation.largest is None and isolation.faults is None
+    health = int(np.sum(~are_sensors(score.parameters)))
+    many = health > MANY and isolation.largest is None and isolation.faults is None
     if many:
         isolation = replace(isolation, largest=LARGEST_OF_MANY)
-    large = False
+    large, adequacy = False, Adequacy()
     if options.method == "posterior":
-        score, result, large = _by_posterior(score, isolation, options, records)
+        score, result, large, adequacy = _by_posterior(score, isolation, options, records, statistics)
     else:
         result = isolate(score, options.method, isolation)
     named = None
@@ -78,7 +92,7 @@ def diagnose(
             confidence=isolation.confidence,
             largest=isolation.largest,
         )
-    return Diagnosis(result, score, named, sensor_rivalry(result), large)
+    return Diagnosis(result, score, named, sensor_rivalry(result), large, adequacy)
 
 
 def _by_posterior(
@@ -86,7 +100,8 @@ def _by_posterior(
     isolation: IsolationOptions,
     options: DiagnosisOptions,
     records: Callable[[], WindowModel | None] | None,
-) -> tuple[Score, IsolationResult, bool]:
+    statistics: LocalStatistics | None,
+) -> tuple[Score, IsolationResult, bool, Adequacy]:
     prior, notes = isolation.prior, []
     posterior = set_posterior(score, prior, largest=isolation.largest, faults=isolation.faults)
     large = False
@@ -98,15 +113,24 @@ def _by_posterior(
             found = nonlinear_posterior(
                 model, score, prior, largest=isolation.largest, faults=isolation.faults
             )
-            score, posterior, prior, large = found.score, found.posterior, found.prior, True
+            score, posterior, prior, large = replace(found.score, doubt=score.doubt), found.posterior, found.prior, True
             if not found.converged:
                 notes.append("a fit of the full model did not converge")
+    adequacy = Adequacy()
+    if statistics is not None:
+        about, adequacy = score, dispersed(fit_after(score, statistics, score.parameters))
+        if adequacy.dispersion > 1:
+            score = tempered(score, adequacy.dispersion)
+            posterior = set_posterior(score, prior, largest=isolation.largest, faults=isolation.faults)
     if options.one_sided:
         faults = options.catalogue.components if options.catalogue is not None else ()
         signs = known_signs(score.parameters, faults)
         posterior = one_sided_posterior(score, posterior, signs, prior)
     result = posterior_result(score, posterior, isolation)
+    if statistics is not None:
+        after = replace(fit_after(about, statistics, result.isolated), dispersion=adequacy.dispersion)
+        adequacy = judged(after, about, result.isolated, result.probability)
     if notes:
         note = "; ".join(filter(None, [result.note, *notes]))
         result = replace(result, note=note, complete=result.complete and len(notes) == 0)
-    return score, result, large
+    return score, result, large, adequacy

@@ -7,17 +7,21 @@ Parameter by parameter every set splits into "without" and "with", the latter by
 from __future__ import annotations
 
 from functools import lru_cache
+from math import comb
 
 import numpy as np
 
 
-def all_sets(beta: np.ndarray, A: np.ndarray, limit: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def all_sets(
+    beta: np.ndarray, A: np.ndarray, limit: int, few: np.ndarray | None = None, most: int = 0
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Masks (M, p) of all sets of at most `limit` parameters, quadratic forms (w, M), log determinants (w, M).
 
-    beta (w, p), A (w, p, p) positive definite: w problems over the same parameters.
+    beta (w, p), A (w, p, p) positive definite: w problems over the same parameters. few (p,) bool: of these
+    parameters no set has more than `most`.
     """
     w, p = beta.shape
-    masks, growing = _plan(p, limit)
+    masks, growing = plan(p, limit, () if few is None else tuple(few.tolist()), most)
     quadratic, log_det = np.zeros((w, 1)), np.zeros((w, 1))
     # what is left of β and A for the undecided parameters, given the decided ones
     c, G = beta[:, None, :], A[:, None, :, :]
@@ -34,16 +38,27 @@ def all_sets(beta: np.ndarray, A: np.ndarray, limit: int) -> tuple[np.ndarray, n
     return masks, quadratic, log_det
 
 
+def number_of_sets(p: int, limit: int, few: int = 0, most: int = 0) -> int:
+    """How many sets of at most `limit` of p parameters there are, with no more than `most` out of `few` of them."""
+    return sum(
+        comb(few, j) * sum(comb(p - few, i) for i in range(max(limit - j, -1) + 1)) for j in range(min(most, few) + 1)
+    )
+
+
 @lru_cache(maxsize=8)
-def _plan(p: int, limit: int) -> tuple[np.ndarray, tuple[np.ndarray | slice, ...]]:
+def plan(
+    p: int, limit: int, few: tuple[bool, ...] = (), most: int = 0
+) -> tuple[np.ndarray, tuple[np.ndarray | slice, ...]]:
     """Masks of the sets in the order in which they are visited, and per parameter the sets that may grow."""
-    masks, size = np.zeros((1, p), bool), np.zeros(1, int)
+    masks, size, held = np.zeros((1, p), bool), np.zeros(1, int), np.zeros(1, int)
+    rare = few or (False,) * p
     growing: list[np.ndarray | slice] = []
     for j in range(p):
-        grow = np.flatnonzero(size < limit)
+        grow = np.flatnonzero((size < limit) & ((held < most) | (not rare[j])))
         growing.append(slice(None) if len(grow) == len(size) else grow)
         grown = masks[grow]
         grown[:, j] = True
         masks, size = np.concatenate([masks, grown]), np.concatenate([size, size[grow] + 1])
+        held = np.concatenate([held, held[grow] + rare[j]])
     masks.flags.writeable = False
     return masks, tuple(growing)

@@ -20,7 +20,7 @@ import numpy as np
 from enginediag_cli.residuals.score import Score
 
 from .posterior import SetPosterior, set_posterior
-from .prior import SetPrior
+from .prior import SetPrior, are_sensors
 from .signs import reweighed
 from .window_model import Expansion, WindowModel
 
@@ -140,7 +140,7 @@ def nonlinear_posterior(
     prior = replace(prior, slabs=(*prior.slabs, *((WIDE_SLAB,) if max(prior.slabs) < WIDE_SLAB else ())))
     fits: dict[bytes, SetFit] = {}
     logs: dict[bytes, float] = {}
-    log_size = prior.log_of_size(len(score.parameters))
+    sensors = are_sensors(score.parameters)
     error, about, offset, centre = 0.0, score, 0.0, b""
     for turn in range(ROUNDS):
         posterior = set_posterior(about, prior, largest=largest, faults=faults)
@@ -154,7 +154,7 @@ def nonlinear_posterior(
             for mask, fit in zip(new, fit_sets(model, new, start), strict=True):
                 key = mask.tobytes()
                 fits[key] = fit
-                logs[key] = laplace(score, fit, mask, prior) + float(log_size[int(mask.sum())])
+                logs[key] = laplace(score, fit, mask, prior) + float(prior.log_of(mask[None], sensors)[0])
         best = max(logs, key=lambda key: logs[key])
         if best == centre:
             break
@@ -196,7 +196,8 @@ def _combined(
     """Weights (M,) of all sets of `posterior`: those fitted by their fits, the others by the score `about`."""
     final = set_posterior(about, prior, largest=largest, faults=faults)
     anchor = final.masks[0]
-    level = offset + _log_slabs(about, anchor, prior) + float(prior.log_of_size(len(anchor))[int(anchor.sum())])
+    log_prior = float(prior.log_of(anchor[None], are_sensors(about.parameters))[0])
+    level = offset + _log_slabs(about, anchor, prior) + log_prior
     with np.errstate(divide="ignore"):
         known = level + np.log(final.probabilities) - np.log(final.probabilities[0])
     quadratic = {mask.tobytes(): log for mask, log in zip(final.masks, known, strict=True)}

@@ -14,7 +14,7 @@ from .holm import holm_minmax
 from .incremental import incremental_diagnosis
 from .minmax import rejection_test
 from .posterior import SetPosterior, set_posterior
-from .prior import SetPrior
+from .prior import SetPrior, are_sensors
 from .result import Explanation, IsolationResult
 from .sizes import estimate_sizes
 from .subsets import best_subsets
@@ -54,7 +54,12 @@ def posterior_result(score: Score, posterior: SetPosterior, options: IsolationOp
         Explanation(posterior.names(i), float(posterior.probabilities[i]))
         for i in range(1, min(count, MAX_RIVALS + 1))
     )
+    sensors = are_sensors(score.parameters)
+    wrong = int(are_sensors(isolated).sum())
     cut = options.faults is None and len(isolated) == posterior.largest < len(score.parameters)
+    notes = [f"sets of more than {posterior.largest} parameters were not considered"] if cut else []
+    if wrong and wrong == posterior.wrong_sensors < sensors.sum():
+        notes.append(f"more than {wrong} wrong sensors were not considered")
     return IsolationResult(
         "posterior",
         isolated,
@@ -64,8 +69,8 @@ def posterior_result(score: Score, posterior: SetPosterior, options: IsolationOp
         options.coverage,
         dict(zip(score.parameters, map(float, posterior.inclusion), strict=True)),
         estimate_sizes(score, isolated, options.confidence),
-        not cut,
-        f"sets of more than {posterior.largest} parameters were not considered" if cut else "",
+        not notes,
+        "; ".join(notes),
     )
 
 

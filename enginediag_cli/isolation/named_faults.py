@@ -26,7 +26,7 @@ from enginediag_cli.simulation.faults import FaultSet
 
 from .directions import NamedFault, named_faults
 from .posterior import set_posterior
-from .prior import SetPrior
+from .prior import SetPrior, are_sensors
 from .result import Explanation
 from .signs import orthant_moments
 
@@ -100,7 +100,8 @@ def isolate_named(
             answers.append((members, log_prior + _moments(score, chosen, scales)[0]))
     sets = set_posterior(score, prior, largest=largest)
     # all free sets with a change have together the share `unlisted` of the prior of a change
-    changed = float(-np.expm1(prior.log_of_size(len(score.parameters))[0]))
+    nothing = np.zeros((1, len(score.parameters)), bool)
+    changed = float(-np.expm1(prior.log_of(nothing, are_sensors(score.parameters))[0]))
     evidence = sets.log_evidence - np.log(changed) + float(np.log1p(-changed))
     log_free = np.log(unlisted / (1 - unlisted)) + np.log(-np.expm1(n * np.log1p(-presence))) + evidence
     logs = np.array([log for _, log in answers] + [log_free])

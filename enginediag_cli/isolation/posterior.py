@@ -12,14 +12,13 @@ All sets up to a size limit are visited, not sampled. The model is that of Georg
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import comb
 
 import numpy as np
 
 from enginediag_cli.residuals.score import Score
 
-from .enumeration import all_sets
-from .prior import SetPrior
+from .enumeration import all_sets, number_of_sets
+from .prior import SetPrior, are_sensors
 
 MAX_SETS = 1_200_000
 """Enough for all sets of 20 parameters, or up to five of 40; about a second."""
@@ -30,7 +29,7 @@ class SetPosterior:
     """Sets by falling probability: `masks` (M, p) bool, `probabilities` (M,), summing to 1; `inclusion` (p,).
 
     `log_evidence`: log of the marginal likelihood ratio of "something changed" to "nothing changed" times the
-    prior odds. `largest`: size limit that was used.
+    prior odds. `largest`: size limit that was used; `wrong_sensors`: largest number of sensors in a set.
     """
 
     parameters: tuple[str, ...]
@@ -39,6 +38,7 @@ class SetPosterior:
     inclusion: np.ndarray
     log_evidence: float
     largest: int
+    wrong_sensors: int = 0
 
     def names(self, i: int) -> tuple[str, ...]:
         """Parameters of the i-th most probable set."""
@@ -51,12 +51,14 @@ class SetPosterior:
         )
 
 
-def size_limit(p: int, wanted: int | None = None, max_sets: int = MAX_SETS) -> int:
-    """Largest size (at most `wanted`) for which there are no more than `max_sets` sets of p parameters."""
-    total, limit = 1, 0
+def size_limit(
+    p: int, wanted: int | None = None, max_sets: int = MAX_SETS, sensors: int = 0, wrong_sensors: int = 0
+) -> int:
+    """Largest size (at most `wanted`) for which there are no more than `max_sets` sets of p parameters, of which no
+    more than `wrong_sensors` are out of `sensors` of them."""
+    limit = 0
     while limit < (p if wanted is None else min(wanted, p)):
-        total += comb(p, limit + 1)
-        if total > max_sets:
+        if number_of_sets(p, limit + 1, sensors, wrong_sensors) > max_sets:
             break
         limit += 1
     return limit
@@ -75,8 +77,10 @@ def set_posterior(
     prior: of sets and sizes of changes. ValueError when `faults` leaves more than `max_sets` sets to visit.
     """
     prior = prior or SetPrior()
-    p = len(score.parameters)
-    limit = size_limit(p, faults if faults is not None else largest, max_sets)
+    p, sensors = len(score.parameters), are_sensors(score.parameters)
+    limit = size_limit(
+        p, faults if faults is not None else largest, max_sets, int(sensors.sum()), prior.wrong_sensors
+    )
     if faults is not None and limit < min(faults, p):
         raise ValueError(
             f"{faults} faults among {p} parameters are more sets than can be visited ({max_sets})"
@@ -84,10 +88,10 @@ def set_posterior(
     b, information = score.scaled()
     slabs = np.asarray(prior.slabs, float)
     A = np.eye(p) + slabs[:, None, None] ** 2 * information
-    masks, quadratic, log_det = all_sets(slabs[:, None] * b, A, limit)
+    masks, quadratic, log_det = all_sets(slabs[:, None] * b, A, limit, sensors, prior.wrong_sensors)
     each = 0.5 * (quadratic - log_det)
     sizes = masks.sum(axis=1)
-    logs = np.logaddexp.reduce(each, axis=0) - np.log(len(each)) + prior.log_of_size(p)[sizes]
+    logs = np.logaddexp.reduce(each, axis=0) - np.log(len(each)) + prior.log_of(masks, sensors)
     empty = float(logs[sizes == 0][0])
     if faults is not None:
         chosen = sizes == faults
@@ -100,4 +104,5 @@ def set_posterior(
     evidence = (
         float(logs[0] + np.log(weights[changed].sum()) - empty) if weights[changed].sum() > 0 else -np.inf
     )
-    return SetPosterior(score.parameters, masks, probabilities, probabilities @ masks, evidence, limit)
+    return SetPosterior(score.parameters, masks, probabilities, probabilities @ masks, evidence, limit,
+                        prior.wrong_sensors)

@@ -9,6 +9,11 @@ parameters then has the probability
 The first part alone would exclude an engine that is worn throughout, however clear the data (on multiplicity and
 priors over the size of a set: Scott, J. G. and Berger, J. O. (2010) Annals of Statistics 38, 2587–2619).
 
+Sensors do not wear together: each of m is wrong with probability `sensor`, whatever the engine did, and no more than
+`wrong_sensors` of them at once, so that a set of parameters and j sensors has
+
+    P(S) = P(parameters of S) · sensor^j (1 − sensor)^(m−j) / Σ_{i ≤ wrong_sensors} C(m, i) sensor^i (1 − sensor)^(m−i).
+
 How much: a change of a parameter is N(0, slab² · prior_sigma²), where the slab is common to the parameters of a
 set and one of `slabs`, each as probable as the others. With prior_sigma of 2 %, as health parameters have it, the
 three widths stand for changes of about 0.3 %, 1 % and 3 %.
@@ -16,24 +21,34 @@ three widths stand for changes of about 0.3 %, 1 % and 3 %.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 
+def are_sensors(parameters: Sequence[str]) -> np.ndarray:
+    """Which parameters (p,) are errors of sensors."""
+    return np.array([name.startswith("sensor.") for name in parameters], bool)
+
+
 @dataclass(frozen=True)
 class SetPrior:
-    """inclusion π and worn: probabilities; slabs: sizes of a change, in prior_sigma."""
+    """inclusion π, worn and sensor: probabilities; slabs: sizes of a change, in prior_sigma."""
 
     inclusion: float = 0.1
     worn: float = 0.05
     slabs: tuple[float, ...] = (0.15, 0.5, 1.5)
+    sensor: float = 0.02
+    wrong_sensors: int = 2
 
     def __post_init__(self) -> None:
         if not 0 < self.inclusion < 1:
             raise ValueError("`inclusion` must lie between 0 and 1")
         if not 0 <= self.worn <= 1:
             raise ValueError("`worn` must lie in [0, 1]")
+        if not 0 < self.sensor < 1 or self.wrong_sensors < 0:
+            raise ValueError("`sensor` must lie between 0 and 1, and `wrong_sensors` not be negative")
         if not self.slabs or not all(0 < slab < np.inf for slab in self.slabs):
             raise ValueError("`slabs` must be positive and finite, one at least")
 
@@ -49,10 +64,30 @@ class SetPrior:
                 np.logaddexp(np.log1p(-self.worn) + separate, np.log(self.worn) + betaln(1 + k, 1 + p - k))
             )
 
-    def draw(self, rng: np.random.Generator, count: int, p: int) -> tuple[np.ndarray, np.ndarray]:
+    def log_of(self, masks: np.ndarray, sensors: np.ndarray) -> np.ndarray:
+        """log P(S) (M,) of sets (M, p) bool; sensors (p,) bool: which parameters are errors of sensors."""
+        size, wrong = (masks & ~sensors).sum(axis=1), (masks & sensors).sum(axis=1)
+        m = int(sensors.sum())
+        log = self.log_of_size(len(sensors) - m)[size]
+        if not m:
+            return log
+        from scipy.special import bdtr
+
+        few = np.log(bdtr(min(self.wrong_sensors, m), m, self.sensor))
+        own = wrong * np.log(self.sensor) + (m - wrong) * np.log1p(-self.sensor) - few
+        return np.asarray(log + np.where(wrong <= self.wrong_sensors, own, -np.inf))
+
+    def draw(
+        self, rng: np.random.Generator, count: int, p: int, sensors: np.ndarray | None = None
+    ) -> tuple[np.ndarray, np.ndarray]:
         """`count` engines from this prior: which changed (count, p) bool, by how many prior_sigma (count, p)."""
         # a chance that is itself uniform makes all numbers of changes equally probable
         chance = np.where(rng.random(count) < self.worn, rng.random(count), self.inclusion)
         changed = rng.random((count, p)) < chance[:, None]
+        if sensors is not None and sensors.any():
+            again = np.arange(count)
+            while again.size:
+                changed[np.ix_(again, sensors)] = rng.random((len(again), int(sensors.sum()))) < self.sensor
+                again = again[changed[np.ix_(again, sensors)].sum(axis=1) > self.wrong_sensors]
         slab = rng.choice(np.asarray(self.slabs), size=(count, 1))
         return changed, np.where(changed, slab * rng.standard_normal((count, p)), 0.0)

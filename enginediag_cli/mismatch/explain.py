@@ -3,8 +3,8 @@
 1. Fit everything that identification would absorb. Nothing left over the gate: *nothing*.
 2. Score every listed effect and every change in time; refit the best (score to shortlist, refit to decide).
    An explanation must be *adequate*: fitted with it, no other option and no free-form block is significant.
-3. No single one is: an unrecorded driver; pairs and, step by step, larger sets, of which every member must be
-   needed, and which must beat the best single free-form block.
+3. No single one is: an unrecorded driver; pairs and, step by step, larger sets of one driver, of which every member
+   must be needed, and which must beat the best single free-form block.
 4. Else *none of these*, with the places and the driver of the free-form map.
 
 With a model-error floor an explanation must also predict most flights better from the other flights.
@@ -38,7 +38,7 @@ ALIAS = 6.0
 ADEQUATE = 0.01
 """Level of the gate that an explanation must pass; 5 % would reject one right explanation in twenty."""
 
-SHORTLIST, PAIRS = 6, 5
+SHORTLIST, PAIRS = 6, 4
 LARGEST_SET, EXTENDED = 4, 2
 MOST_FLIGHTS = 0.75
 NOISE_PASSES = 2
@@ -106,8 +106,8 @@ class Search:
         excess = self.base.objective - self.base.projection.dof
         if evidence > NEARLY_ALL * 0.5 * excess and evidence > PLAINLY * 0.5 * recorded:
             return self._answer(HIDDEN, "", rest, hidden=hidden)
-        pairs = [tuple(map(self._timed, p)) for p in best_pairs(rest.scores, singles, PAIRS)]
-        named = self._named_set(pairs, best)
+        pairs = [tuple(map(self._timed, p)) for p in best_pairs(rest.scores, PAIRS)]
+        named = self._named_set([*pairs, *self._forward(singles[:EXTENDED])], best)
         # an amplitude of its own in every record follows any driver: it must be the better account of the two
         if named and evidence < 0.5 * (named[0].gain - 2.0 * len(named[0].coefficients)):
             return self._answer(NAMED, "", rest, named, hidden)
@@ -162,15 +162,27 @@ class Search:
                 break
         return chosen
 
+    def _forward(self, singles: Sequence[Trial]) -> list[tuple[Option, ...]]:
+        """Each single option with the effect, and with the change in time, that says most about what it leaves."""
+        wider: list[tuple[Option, ...]] = []
+        for trial in singles:
+            left = remainder(trial, self.library, ())
+            for timed in (False, True):
+                best = next((s for s in left.scores if (s.option.driver == "time") == timed and s.surprise > 0.0), None)
+                if best is not None:
+                    _add(wider, (*trial.options, with_best_onset(trial.found, trial.projection, best.option)))
+        return wider
+
     def _extended(self, sets: Sequence[Trial]) -> list[tuple[Option, ...]]:
-        """Each set with the option that has most to say about what the set leaves."""
+        """Each set with the effect of the same driver that has most to say about what the set leaves: more than two
+        things are one cause that acts at several places, or a fit to chance."""
         wider: list[tuple[Option, ...]] = []
         for trial in sets:
-            left = remainder(trial, self.library, ())
-            if left.scores and left.scores[0].surprise > self.adequate.effects:
-                new = (*trial.options, left.scores[0].option)
-                if not any({o.label for o in new} == {o.label for o in w} for w in wider):
-                    wider.append(new)
+            driver = {o.driver for o in trial.options}
+            if len(driver) == 1 and "time" not in driver:
+                left = remainder(trial, [o for o in self.library if o.driver in driver], ())
+                if left.scores and left.scores[0].surprise > self.adequate.effects:
+                    _add(wider, (*trial.options, left.scores[0].option))
         return wider
 
     def _refit(self, sets: Sequence[tuple[Option, ...]]) -> list[Trial] | None:
@@ -266,6 +278,12 @@ class Search:
             (self.detect.effects, self.adequate.effects), rest.best(EFFECT), base.objective, base.projection.dof,
             self.rejected, base.found.theta, base.found.number,
         )
+
+
+def _add(sets: list[tuple[Option, ...]], new: tuple[Option, ...]) -> None:
+    """Adds a set that is not there yet, in whatever order."""
+    if not any({o.label for o in new} == {o.label for o in other} for other in sets):
+        sets.append(new)
 
 
 def _evidence(hidden: Sequence[Hidden]) -> float:

@@ -1,4 +1,4 @@
-"""Which pairs of options are worth a fit: the best by their joint score, and the best seconds of the best firsts."""
+"""Which pairs of options are worth a fit: the best by their joint score at the fit without them."""
 
 from __future__ import annotations
 
@@ -7,12 +7,11 @@ from collections.abc import Sequence
 import numpy as np
 
 from enginediag_cli.mismatch.options import Option, OptionScore
-from enginediag_cli.mismatch.trial_fit import Trial
 
 MOST = 60
 
 
-def best_pairs(scores: Sequence[OptionScore], singles: Sequence[Trial], most: int) -> list[tuple[Option, Option]]:
+def best_pairs(scores: Sequence[OptionScore], most: int) -> list[tuple[Option, Option]]:
     """At most `most` pairs, by the joint statistic T of both blocks' columns at the fit without them."""
     # an option that is nothing alone may matter beside another: rank by what each could be at all
     ranked = [s for s in scores if not s.score.absorbed and s.score.dof][:MOST]
@@ -20,7 +19,6 @@ def best_pairs(scores: Sequence[OptionScore], singles: Sequence[Trial], most: in
     if len(ranked) < 2:
         return []
     C = [s.columns / np.linalg.norm(s.columns, axis=0) for s in ranked]
-    firsts = {s.option.label: k for k, s in enumerate(ranked)}
     T = _pair_statistics(C, ranked)
     allowed = np.triu(np.ones_like(T, bool), 1)
     for i, a in enumerate(ranked):
@@ -34,13 +32,6 @@ def best_pairs(scores: Sequence[OptionScore], singles: Sequence[Trial], most: in
         i, j = np.unravel_index(flat, T.shape)
         if allowed[i, j]:
             found.append((float(T[i, j]), ranked[i].option, ranked[j].option))
-    for t in singles[:2]:  # forward from the best singles
-        k = firsts.get(t.options[0].label)
-        if k is not None:
-            both = np.where(allowed[k] | allowed[:, k], T[k], -np.inf)
-            j = int(np.argmax(both))
-            if np.isfinite(both[j]):
-                found.append((np.inf, ranked[k].option, ranked[j].option))
     result: list[tuple[Option, Option]] = []
     for _, one, other in sorted(found, key=lambda f: -f[0]):
         if not any({one.label, other.label} == {x.label, y.label} for x, y in result):

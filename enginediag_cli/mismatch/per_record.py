@@ -28,7 +28,7 @@ from enginediag_cli.mismatch.freeform import Location
 from enginediag_cli.mismatch.hidden_refit import with_lever
 from enginediag_cli.mismatch.identified import NO_HYPOTHESIS, Hypothesis, Nuisance, inputs_of, problem_with
 
-ITERATIONS = 60
+ITERATIONS = 150
 TOLERANCE, SHARE = 1e-4, 1e-3
 """A fit has converged when a full step lowers χ² by less than the first per record, or by less than the second of χ²
 itself, where it fits badly anyway."""

@@ -67,8 +67,10 @@ def switched_trials(
     """Each option refitted at the states (N,) over all records of the evidence, the lowest χ² first; those that did
     not converge last. Look at `converged` and `at_bound`."""
     start = replace(found, evidence=with_state_column(found.evidence, states))
-    options = [replace(o, hypothesis=replace(o.hypothesis, curves={STATE: states} if o.hypothesis.discrepancies else {}))
-               for o in options]
+    options = [
+        replace(o, hypothesis=replace(o.hypothesis, curves={STATE: states} if o.hypothesis.discrepancies else {}))
+        for o in options
+    ]
     trials = [attempt([o], start, along) for o in options]
     return sorted(trials, key=lambda t: (not t.converged, t.objective))
 
@@ -80,8 +82,8 @@ def effects_that_switch(
     the likeliest finding.
 
     Returns the best effect's own finding, with its own states, and the trials, the lowest χ² first, that converge and
-    stay within their bounds. None where there is none, or where the likeliest place itself, as a parameter of the engine that
-    switches, leaves a χ² that is lower by more than ALIAS.
+    stay within their bounds. None where there is none, or where the likeliest place itself, as a parameter of the
+    engine that switches, leaves a χ² that is lower by more than ALIAS.
     """
     with_states = [f for f in findings if f.is_switch and f.states is not None]
     if not with_states:

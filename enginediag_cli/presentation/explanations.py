@@ -232,7 +232,7 @@ def suggestion(s: Suggestion) -> str:
     return f"{where}: {count(int(s.records), 'record')} (100 of them add {rounded(s.gain)})"
 
 
-INPUTS = {"mach": "Mach", "dT_isa": "ISA deviation", "Wf": "fuel flow", "humidity_kg": "humidity"}
+INPUTS = {"mach": "Mach", "dT_isa": "ISA deviation", "Wf": "fuel flow"}
 
 
 def _condition(column: str, value: float) -> str:

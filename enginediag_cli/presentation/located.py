@@ -93,7 +93,8 @@ def sentences(located: Located, kind: Kind, engine: Engine) -> Iterator[str]:
 
 
 def _test(test: Test) -> str:
-    what = TESTS[test.name].format(value=rounded(test.statistic, digits=4), about=_about(test))
+    value = f"{test.statistic:.0f}" if test.name == "omnibus" else rounded(test.statistic)
+    what = TESTS[test.name].format(value=value, about=_about(test))
     p = p_value(test.p)
     return f"{what}, p {p if p.startswith('<') else '= ' + p}"
 

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import math
+import re
 import textwrap
 from typing import TYPE_CHECKING
 
-from enginediag_cli.presentation.numbers import rounded
 from enginediag_cli.presentation.pictures.axes import padded, ticks
 from enginediag_cli.presentation.pictures.svg import BLUE, FAINT, INK, ORANGE, Drawing
 from enginediag_cli.presentation.refinements import alarms_in_words, named_effect, unseen_in_words
@@ -26,11 +27,12 @@ def picture(r: Refinement) -> str:
         raise ValueError("a refinement without unseen flights has no picture")
     title = f"{' and '.join(e.label for e in r.effects)}: before and after, on flights that were not fitted"
     told = [f"In the model now: {named_effect(e)}" for e in r.effects] + [unseen_in_words(r), alarms_in_words(r)]
+    told = [re.sub(r" (?=%|= )|(?<=[=<]) ", "\u00a0", text) for text in told]  # no line ends between number and unit
     lines = [line for text in told for line in textwrap.wrap(text, int((WIDTH - 2 * MARGIN) / LETTER))]
     gains = list(zip(u.labels, u.flight_gains.tolist(), strict=True))
     shown = gains if len(gains) <= MOST_FLIGHTS else gains[: MOST_FLIGHTS - 1]
     top = 60.0 + 17 * len(lines)
-    below = top + 76 + ROW * len(u.quality_before)
+    below = top + 92 + ROW * len(u.quality_before)
     left_out = gains[len(shown):]
     on = Drawing(WIDTH, below + 24 + ROW * (len(shown) + bool(left_out)), title)
     on.words(MARGIN, 28, title, size=17, bold=True)
@@ -52,11 +54,10 @@ def _sensors(on: Drawing, r: Refinement, top: float) -> None:
         return LEFT + SPAN * (value - low) / (high - low)
 
     on.words(MARGIN, top + 8, "RMS of the residual in standard deviations of the sensor's noise", size=13, bold=True)
-    on.dots([(LEFT + 4, top + 24)], ORANGE, radius=5)
-    on.words(LEFT + 14, top + 28, "before", size=12)
-    on.dots([(LEFT + 74, top + 24)], BLUE, radius=5)
-    on.words(LEFT + 84, top + 28, "after", size=12)
-    on.words(at(1.0), top + 28, "noise alone", size=12, anchor="middle" if at(1.0) > LEFT + 170 else "start")
+    for left, colour, what in ((WIDTH - 148, ORANGE, "before"), (WIDTH - 68, BLUE, "after")):
+        on.dots([(left, top + 4)], colour, radius=5)
+        on.words(left + 10, top + 8, what, size=12)
+    on.words(at(1.0), top + 28, "noise alone", size=12, anchor="middle")
     on.words(WIDTH - MARGIN, top + 28, "RMS before → after", size=12, anchor="end")
     first, bottom = top + 36, top + 36 + ROW * len(pairs)
     for tick in ticks(low, high):
@@ -72,7 +73,8 @@ def _sensors(on: Drawing, r: Refinement, top: float) -> None:
         on.line(before, y, after, y, FAINT, width=4)
         on.dots([(before, y)], ORANGE, radius=5)
         on.dots([(after, y)], BLUE, radius=5)
-        told = f"{rounded(one.rms)} → {rounded(other.rms)} {one.unit}".removesuffix(" 1")
+        places = max(0, 2 - math.floor(math.log10(one.rms))) if one.rms > 0 else 0
+        told = f"{one.rms:.{places}f} → {other.rms:.{places}f} {one.unit}".removesuffix(" 1")
         on.words(WIDTH - MARGIN, y + 4, told, size=12, anchor="end")
 
 

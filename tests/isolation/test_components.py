@@ -57,7 +57,9 @@ def test_the_posterior_is_that_of_the_marginal_likelihoods_of_the_readings():
         for chosen in combinations(components, k):
             own = [i for i, n in enumerate(NAMES) if component_of(n) in chosen]
             covariance = np.eye(15) + (1.5 * 0.02) ** 2 * wide[:, own] @ wide[:, own].T
-            logs[chosen] = multivariate_normal.logpdf(e.ravel(), np.zeros(15), covariance) + prior.log_of_size(4)[k]
+            logs[chosen] = multivariate_normal.logpdf(e.ravel(), np.zeros(15), covariance)
+            mask = np.array([[c in chosen for c in components]])
+            logs[chosen] += prior.log_of(mask, np.array([False, False, False, True]))[0]
     weights = np.exp(np.array(list(logs.values())) - max(logs.values()))
     direct = dict(zip(logs, weights / weights.sum(), strict=True))
     for row, probability in zip(sets, probabilities, strict=True):

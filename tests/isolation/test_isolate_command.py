@@ -26,6 +26,9 @@ WINDOWS = {
     "fouled": {"hpc.flow_capacity": 0.97, "hpc.efficiency": 0.985},
     "large": {"lpt.flow_capacity": 0.9},
     "slight": {"hpc.efficiency": 0.998},
+    "worn": {f"{part}.efficiency": 0.985 for part in ("fan", "booster", "hpc", "hpt", "lpt")},
+    "other_maps": {"fan.map.flow_speed_exponent": 3.5, "hpt.map.capacity_speed_slope": 0.4,
+                   "lpt.map.capacity_speed_slope": -0.4},
 }
 
 
@@ -66,13 +69,41 @@ def isolate(folder, capsys):
 
 
 @pytest.mark.parametrize(("recording", "name"), [("hpc", "hpc.efficiency"), ("T3", "sensor.T3.bias")])
-def test_with_sensors_the_fault_is_one_of_twenty_and_the_right_one(isolate, recording, name):
-    _, rows, _ = isolate(recording, "--sensors")
+def test_the_fault_is_one_of_twenty_and_the_right_one(isolate, recording, name):
+    _, rows, _ = isolate(recording)
     assert rows[0]["isolated"] == [name]
 
 
+def test_a_wrong_sensor_is_taken_for_a_change_of_the_engine_only_when_sensors_are_excluded(isolate):
+    for options in (("--no-sensors",), ("--monitor", "hp*", "--monitor", "core_nozzle.*")):
+        _, rows, _ = isolate("T3", *options)
+        assert rows[0]["isolated"] and not any("sensor" in name for name in rows[0]["isolated"])
+    _, rows, _ = isolate("T3", "--method", "incremental", "--sensors")
+    assert rows[0]["isolated"] == ["sensor.T3.bias"]
+
+
+def test_a_worn_engine_is_not_explained_by_sensors_although_all_are_suspects(isolate):
+    _, rows, _ = isolate("worn")
+    assert set(rows[0]["isolated"]) >= {"hpc.efficiency", "hpt.efficiency", "fan.efficiency"}
+    assert not any("sensor" in name for name in rows[0]["isolated"])
+
+
+@pytest.mark.parametrize("options", [(), ("--by", "component")])
+def test_an_engine_with_other_maps_gets_the_verdict_cannot_tell_and_the_reason(isolate, options):
+    code, rows, err = isolate("other_maps", *options)
+    assert code == 0 and rows[0]["verdict"] == "cannot tell"
+    reason = rows[0]["note"].split(";")[0]
+    assert reason.startswith("the model ") and reason.endswith("cannot tell") and reason in err
+    assert rows[0]["fit"] > 1 and isolate("other_maps", *options, "--exit-code")[0] == 0
+
+
+def test_where_the_model_fits_the_verdict_is_a_fault_and_fit_is_near_1(isolate):
+    _, rows, _ = isolate("hpc")
+    assert rows[0]["verdict"] == "fault" and 0.7 < rows[0]["fit"] < 1.3 and not rows[0]["note"]
+
+
 def test_a_bias_is_told_in_the_sensors_own_words(isolate):
-    assert "T3 sensor reads 5" in isolate("T3", "--sensors")[2]
+    assert "T3 sensor reads 5" in isolate("T3")[2]
 
 
 def test_fouling_is_named_with_its_severity_out_of_the_catalogue(isolate):
@@ -97,7 +128,7 @@ def test_a_large_fault_is_judged_with_the_full_model_and_the_answer_says_so(isol
 
 
 def test_advice_names_operating_conditions_and_compares_them_with_more_of_the_same(isolate):
-    _, rows, err = isolate("slight", "--sensors", "--advise", "--extra-sensor", "T4_K", "5")
+    _, rows, err = isolate("slight", "--advise", "--extra-sensor", "T4_K", "5")
     advice = rows[0]["advice"]
     assert advice[0].startswith("to tell ")
     assert any("altitude_m" in text for text in advice) and any("like these" in text for text in advice)

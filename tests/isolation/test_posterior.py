@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import combinations
 
 import numpy as np
@@ -9,6 +10,7 @@ import pytest
 from scipy.stats import multivariate_normal
 from score_makers import linear_score, sensitivities
 
+from enginediag_cli.isolation.methods import isolate
 from enginediag_cli.isolation.posterior import set_posterior, size_limit
 from enginediag_cli.isolation.prior import SetPrior
 
@@ -102,3 +104,15 @@ def test_a_healthy_engine_is_most_probably_unchanged():
     rng = np.random.default_rng(9)
     J = sensitivities(rng, N=200)
     assert sum(set_posterior(linear_score(rng, J, np.zeros(6))).names(0) == () for _ in range(50)) >= 48
+
+
+def test_of_sensors_no_more_than_the_prior_allows_are_taken_together():
+    assert size_limit(20, sensors=9, wrong_sensors=2) == 20
+    rng = np.random.default_rng(9)
+    score = linear_score(rng, sensitivities(rng, p=7), [0.05, 0, 0, 0, 0.05, 0.05, 0])
+    names = ("a.x", "b.x", "c.x", "d.x", "sensor.p.bias", "sensor.q.bias", "sensor.r.bias")
+    found = set_posterior(replace(score, parameters=names), SetPrior(0.2))
+    assert len(found.masks) == 16 * 7 and (found.masks[:, 4:].sum(axis=1) <= 2).all()
+    assert found.names(0) == ("a.x", "sensor.p.bias", "sensor.q.bias")
+    note = isolate(replace(score, parameters=names)).note
+    assert note == "more than 2 wrong sensors were not considered"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import product
 from math import comb
 
 import numpy as np
@@ -33,8 +34,39 @@ def test_drawn_engines_follow_the_prior():
     assert np.mean(size[changed] ** 2) == pytest.approx((0.5**2 + 2.0**2) / 2, rel=0.1)
 
 
+def sets_and_sensors(p, m):
+    """All sets of p health parameters and m sensors, and which are sensors."""
+    return np.array(list(product([False, True], repeat=p + m))), np.arange(p + m) >= p
+
+
+def test_sensors_are_wrong_apart_from_the_engine_and_few_at_once():
+    prior, (masks, sensors) = SetPrior(0.2, 0.3, sensor=0.1), sets_and_sensors(3, 4)
+    probability = np.exp(prior.log_of(masks, sensors))
+    wrong = (masks & sensors).sum(axis=1)
+    assert probability.sum() == pytest.approx(1) and np.all(probability[wrong > 2] == 0)
+    expected = np.array([comb(4, j) * 0.1**j * 0.9 ** (4 - j) for j in range(3)])
+    np.testing.assert_allclose([probability[wrong == j].sum() for j in range(3)], expected / expected.sum())
+    healthy = masks[:, :3].sum(axis=1) == 0
+    assert probability[healthy].sum() == pytest.approx(np.exp(prior.log_of_size(3)[0]))
+
+
+def test_without_sensors_the_prior_is_that_of_the_size():
+    prior, (masks, sensors) = SetPrior(), sets_and_sensors(4, 0)
+    np.testing.assert_allclose(prior.log_of(masks, sensors), prior.log_of_size(4)[masks.sum(axis=1)])
+
+
+def test_drawn_sensors_follow_the_prior():
+    prior, (masks, sensors) = SetPrior(0.2, 0.3, sensor=0.2), sets_and_sensors(2, 4)
+    changed, _ = prior.draw(np.random.default_rng(2), 20_000, 6, sensors)
+    wrong = np.bincount((changed & sensors).sum(axis=1), minlength=5) / 20_000
+    own = (masks & sensors).sum(axis=1)
+    expected = [np.exp(prior.log_of(masks, sensors))[own == j].sum() for j in range(5)]
+    np.testing.assert_allclose(wrong, expected, atol=0.015)  # four standard errors at most
+
+
 @pytest.mark.parametrize(
-    "wrong", [{"inclusion": 0.0}, {"inclusion": 1.0}, {"worn": -0.1}, {"slabs": ()}, {"slabs": (0.5, -1.0)}]
+    "wrong", [{"inclusion": 0.0}, {"inclusion": 1.0}, {"worn": -0.1}, {"slabs": ()}, {"slabs": (0.5, -1.0)},
+              {"sensor": 0.0}, {"wrong_sensors": -1}]
 )
 def test_an_impossible_prior_is_refused(wrong):
     with pytest.raises(ValueError, match="must"):

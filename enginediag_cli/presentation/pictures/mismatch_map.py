@@ -98,6 +98,8 @@ def _draw_map(on: Drawing, heat: HeatMap, rows: int, columns: int, top: float) -
             on.rectangle(left + COLUMN * j, top + ROW * i, COLUMN - 2, ROW - 2, "none", stroke=ORANGE, thick=2.5)
     y = top + ROW * rows + 18
     told = "; framed: within reach of the first place" if heat.within else ""
+    if any(not math.isfinite(value) for line in heat.surprise[:rows] for value in line[:columns]):
+        told += "; grey: taken by identification"
     on.words(MARGIN, y, f"Numbers: −ln p of a correction there; chance alone reaches {heat.gate:.1f}{told}", size=12)
     left_out = [count(have - shown, what) for have, shown, what in
                 ((len(heat.rows), rows, "place"), (len(heat.columns), columns, "driver")) if have > shown]
