@@ -57,7 +57,7 @@ def play(messages: Messages, seed: int) -> None:
     run(messages, script.refine(effects))
     tell(_wrapped(story.read(script.REPORT)["sentences"]))
     head(5, "Does detect leave healthy flights alone?")
-    for engine in (script.ENGINE, script.REFINED):
+    for engine in (script.ENGINE, script.REFINED, script.TRUTH):
         run(messages, script.identify(engine))
         run(messages, script.detect(engine))
         tell([story.judged(story.read(script.detected_by(engine)), engine)])

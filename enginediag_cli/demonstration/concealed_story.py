@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from math import comb
 from pathlib import Path
 from typing import Any
 
@@ -13,24 +14,27 @@ from enginediag_cli.presentation.numbers import rounded
 from enginediag_cli.units import split_column
 
 SENSORS_TOLD = 3
+NOMINAL, SURPRISING = 0.01, 0.01
+"""Rate of false alarms that detect states, and the probability below which more of them are told as wrong."""
 
 
 @dataclass(frozen=True)
 class Found:
     """Answers as the commands wrote them: rows of `locate`, documents of `explain` and `refine`, and rows of `detect`
-    on unseen flights, with the engine as it was given and as it was refined."""
+    on unseen flights, with the engine as it was given, as it was refined, and as it flew."""
 
     located: Sequence[Mapping[str, Any]]
     explained: Mapping[str, Any]
     refined: Mapping[str, Any]
     before: Sequence[Mapping[str, Any]]
     after: Sequence[Mapping[str, Any]]
+    true: Sequence[Mapping[str, Any]]
 
 
 def read_found() -> Found:
     """From the working folder."""
     paths = (script.LOCATED, script.EXPLAINED, script.REPORT, script.detected_by(script.ENGINE),
-             script.detected_by(script.REFINED))
+             script.detected_by(script.REFINED), script.detected_by(script.TRUTH))
     return Found(*(read(path) for path in paths))
 
 
@@ -67,7 +71,7 @@ def comparison(found: Found) -> Iterator[str]:
 def table(found: Found) -> Iterator[str]:
     """Before and after on the unseen flights: totals, then the sensors that gain most."""
     chi2 = found.refined["chi2_per_reading"]
-    one, other = (f"{a} of {n}" for a, n in map(_alarms, (found.before, found.after)))
+    one, other, true = (f"{a} of {n}" for a, n in map(_alarms, (found.before, found.after, found.true)))
     lines = [("χ² per reading", f"{chi2['before']:.3f}", f"{chi2['after']:.3f}"),
              ("windows with a false alarm", one, other)]
     rms = [row for row in found.refined["rows"] if row["what"] == "rms"]
@@ -78,6 +82,7 @@ def table(found: Found) -> Iterator[str]:
     width = max(len(what) for what, _, _ in lines)
     yield f"{'on unseen flights':{width}}  {'before':>10}  {'after':>10}"
     yield from (f"{what:{width}}  {one:>10}  {other:>10}" for what, one, other in lines)
+    yield f"with the engine that flew, {true} windows have a false alarm"
 
 
 def mistakes(found: Found) -> Iterator[str]:
@@ -97,6 +102,10 @@ def mistakes(found: Found) -> Iterator[str]:
         yield "unseen flights do not fit better"
     if _alarms(found.after)[0] > _alarms(found.before)[0]:
         yield "the refined engine raises more false alarms"
+    alarms, windows = _alarms(found.after)
+    if _at_least(alarms, windows) < SURPRISING:
+        yield (f"the refined engine raises {alarms} alarms in {windows} windows, more than chance at nominal 1 %; the "
+               f"engine that flew, {_alarms(found.true)[0]} in {_alarms(found.true)[1]}")
 
 
 def closing(found: Found) -> str:
@@ -112,6 +121,11 @@ def _alarms(rows: Sequence[Mapping[str, Any]]) -> tuple[int, int]:
     """Windows that alarm, and windows that were judged."""
     verdicts = [row["verdict"] for row in rows]
     return verdicts.count("fault"), len(verdicts) - verdicts.count("no verdict")
+
+
+def _at_least(count: int, of: int) -> float:
+    """Probability of so many alarms or more in so many independent windows at the nominal rate."""
+    return 1.0 - sum(comb(of, k) * NOMINAL**k * (1.0 - NOMINAL) ** (of - k) for k in range(count))
 
 
 def _coefficients(found: Found) -> Iterator[tuple[str, str, float, float, float]]:

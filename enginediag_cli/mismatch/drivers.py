@@ -56,7 +56,8 @@ def drivers(
     others = {"BPR": ("bypass_ratio", "1")} if "BPR" in engine.model_columns else {}
     if s3 is not None:
         others[f"P{s3}_Pa"] = ("compressor_pressure", "Pa")
-    wanted = tuple(dict.fromkeys((f"T{s2}_K", f"P{s2}_Pa", f"T{s4}_K", "P0_Pa", *speeds, *nozzles, *others)))
+    inlet, hot = (f"T{s2}_K", f"P{s2}_Pa"), (f"T{s4}_K", f"P{s4}_Pa")
+    wanted = tuple(dict.fromkeys((*inlet, *hot, "P0_Pa", *speeds, *nozzles, *others)))
     p = engine.predict(inputs, parameters, sensors=wanted)
     column = dict(zip(wanted, np.where(p.ok[:, None], p.y, np.nan).T, strict=True))
     T2, P2 = column[f"T{s2}_K"], column[f"P{s2}_Pa"]
@@ -65,6 +66,8 @@ def drivers(
         Driver("inlet_temperature", "inlet_temperature", "K", T2),
         Driver("power", "power", "T4/T2", column[f"T{s4}_K"] / T2),
         Driver("reynolds_index", "reynolds_index", "ln RNI", np.log(value(reynolds_index_of(T2, P2)))),
+        Driver("reynolds_index", "turbine_reynolds_index", "ln RNI",
+               np.log(value(reynolds_index_of(column[f"T{s4}_K"], column[f"P{s4}_Pa"])))),
     ]
     if "mach" in inputs:
         found.insert(0, Driver("mach", "mach", "1", np.asarray(inputs["mach"], float)))

@@ -106,8 +106,12 @@ class Search:
         excess = self.base.objective - self.base.projection.dof
         if evidence > NEARLY_ALL * 0.5 * excess and evidence > PLAINLY * 0.5 * recorded:
             return self._answer(HIDDEN, "", rest, hidden=hidden)
-        pairs = [tuple(map(self._timed, p)) for p in best_pairs(rest.scores, PAIRS)]
-        named = self._named_set([*pairs, *self._forward(singles[:EXTENDED])], best)
+        pairs: list[tuple[Option, ...]] = []
+        for found in best_pairs(rest.scores, PAIRS):
+            _add(pairs, tuple(map(self._timed, found)))
+        for wider in self._forward(singles[:EXTENDED]):
+            _add(pairs, wider)
+        named = self._named_set(pairs, best)
         # an amplitude of its own in every record follows any driver: it must be the better account of the two
         if named and evidence < 0.5 * (named[0].gain - 2.0 * len(named[0].coefficients)):
             return self._answer(NAMED, "", rest, named, hidden)

@@ -18,9 +18,10 @@ from enginediag_cli.physics.term import Effect
 
 TOLERANCE = 0.03  # standard errors from the optimum: 0.001 of χ²
 ITERATIONS, ROUNDS = 25, 4
-SETTLED, SETTLED_SHARE = 0.1, 1e-3
+SETTLED, SETTLED_SHARE, STUCK_SHARE = 0.1, 1e-3, 0.02
 """Maps read linearly have kinks, at which the search may zigzag: a fit has settled, too, when a fresh round of
-iterations lowers χ² by less than 0.1, or by less than a thousandth of what is unexplained."""
+iterations lowers χ² by less than 0.1, or by less than a thousandth of what is unexplained, unless the Newton step
+promises a fiftieth of it: then it is stuck."""
 
 MAX_LOST = 0.1
 """A fit that has no prediction for more than this share of the records is no verdict."""
@@ -152,7 +153,8 @@ def _fit(problem: Problem, start: tuple[np.ndarray, np.ndarray] | None) -> tuple
         before = 2.0 * fit.iterations[-1].cost
         fit = solve(problem, (fit.x, fit.z), max_iterations=ITERATIONS, tolerance=TOLERANCE)
         fall = before - 2.0 * fit.iterations[-1].cost
-        if fall < max(SETTLED, SETTLED_SHARE * (before - readings)):
+        near = fit.decrement**2 < STUCK_SHARE * max(before, readings)
+        if near and fall < max(SETTLED, SETTLED_SHARE * (before - readings)):
             return fit, True
     return fit, fit.converged
 

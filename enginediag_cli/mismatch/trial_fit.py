@@ -77,6 +77,7 @@ class Trial:
             value = self.found.theta[n]
             if projection.free[j]:
                 value += float(projection.step[free[j]]) * scale
+                value = float(np.clip(value, problem.lower[j], problem.upper[j]))
             result[n] = float(value), float(error[free[j]] * scale) if projection.free[j] else 0.0
         return result
 

@@ -110,7 +110,8 @@ def _about(test: Test) -> str:
 
 def _where(located: Located) -> Iterator[str]:
     first = next(lead for lead in located.leads if lead.within)
-    others = [listed(group_in_words(lead.group), "or") for lead in located.leads if lead.within and lead is not first]
+    near = [lead.group for lead in located.leads if lead.within and lead is not first]
+    others = [name for group in near for name in group_in_words(group)]
     members = group_in_words(first.group)
     alike = " (which these recordings cannot tell apart)" if len(members) > 1 else ""
     rivals = f"; {listed(others, 'or')} cannot be excluded" if others else ""
@@ -210,7 +211,7 @@ def _residuals(located: Located) -> Scatter:
     label = f"{driver_in_words(cell.driver.name)} [{cell.driver.unit}]"
     scale: Callable[[float], float] = float
     if cell.driver.unit in LOGARITHMS:  # people read the quantity, not its logarithm
-        label, scale = LOGARITHMS[cell.driver.unit], math.exp
+        label, scale = f"{driver_in_words(cell.driver.name)} ({LOGARITHMS[cell.driver.unit]})", math.exp
     label = label.removesuffix(" [1]").removesuffix(" [recorded]")
     return Scatter(
         label,

@@ -1,4 +1,4 @@
-"""Places and drivers of the map in a few words: `reynolds_index` is the "Reynolds index".
+"""Places and drivers of the map in a few words: `reynolds_index` is the "inlet Reynolds index".
 
 What drivers are in full is told in `physics.drivers`.
 """
@@ -11,16 +11,14 @@ SHORT = {
     "constant": "no driver (constant)",
     "mach": "Mach number",
     "power": "power T4/T2",
-    "reynolds_index": "Reynolds index",
+    "reynolds_index": "inlet Reynolds index",
+    "turbine_reynolds_index": "turbine Reynolds index",
     "compressor_pressure": "compressor exit pressure",
 }
 """Where the name with spaces for underscores would not do."""
 
-LOGARITHMS = {
-    "ln RNI": "Reynolds number index at the engine's inlet, 1 at sea level",
-    "ln(p0/p_ISA)": "ambient pressure, 1 at sea level",
-}
-"""Units of drivers that are logarithms, and what the quantity itself is."""
+LOGARITHMS = {"ln RNI": "1 in standard air at sea level", "ln(p0/p_ISA)": "1 at sea level"}
+"""Units of drivers that are logarithms, and what the quantity itself is counted in."""
 
 
 def driver_in_words(name: str) -> str:

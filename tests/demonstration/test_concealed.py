@@ -35,7 +35,7 @@ def found(**other):
             "chi2_per_reading": {"before": 1.12, "after": 1.01, "of": 900}, "rows": rows,
         },
         before=[{"verdict": "fault"}, {"verdict": "healthy"}],
-        after=[{"verdict": "healthy"}, {"verdict": "no verdict"}],
+        after=[{"verdict": "healthy"}, {"verdict": "no verdict"}], true=[{"verdict": "healthy"}],
     )
     return replace(right, **other)
 
@@ -118,7 +118,11 @@ def test_what_is_right_is_no_mistake_and_stands_beside_what_was_concealed():
         ({"refined": refined(standard_errors={"reynolds_efficiency.hpc.exponent": 0.0005})},
          "outside its 95 % interval"),
         ({"refined": refined(chi2_per_reading={"before": 1.0, "after": 1.1, "of": 9})}, "do not fit better"),
-        ({"after": [{"verdict": "fault"}, {"verdict": "fault"}]}, "raises more false alarms"),
+        ({"before": [{"verdict": "fault"}] * 5 + [{"verdict": "healthy"}] * 42,
+          "after": [{"verdict": "fault"}] * 4 + [{"verdict": "healthy"}] * 43},
+         "4 alarms in 47 windows, more than chance at nominal 1 %; the engine that flew, 0 in 1"),
+        ({"before": [{"verdict": "healthy"}] * 40, "after": [{"verdict": "fault"}] + [{"verdict": "healthy"}] * 39},
+         "raises more false alarms"),
     ],
 )
 def test_everything_missed_or_wrong_is_told(wrong, told):

@@ -32,7 +32,7 @@ def test_every_place_of_an_engine_has_words_of_its_own():
 
 def test_drivers_that_cannot_be_told_apart_are_told_one_by_one():
     group = "ambient_pressure = reynolds_index = core_nozzle = N1"
-    assert group_in_words(group) == ["ambient pressure", "Reynolds index", "core nozzle pressure ratio", "N1"]
+    assert group_in_words(group) == ["ambient pressure", "inlet Reynolds index", "core nozzle pressure ratio", "N1"]
 
 
 def test_a_recorded_column_keeps_its_name():
