@@ -20,21 +20,24 @@ from enginediag_cli.physics.registry import effect, term
 from enginediag_cli.physics.term import Effect
 
 DEGREE = 2
+HEALTH_SCALE, RECOVERY_SCALE, PART = 0.02, 0.01, 0.3
 PARAMETERS = ("*.efficiency", "*.flow_capacity", "*.area", "*.pressure_loss", "*.pressure_recovery", "*.loss_factor")
-LEVERS = ("customer_bleed", "power_offtake", "tat_probe_heating")
-"""Terms whose amplitude is a location of its own: air or power that leaves where the engine has no parameter, or an
-input that reads wrong."""
+LEVERS = ("customer_bleed", "power_offtake", "tat_probe_heating", "humidity")
+"""Terms whose amplitude is a location of its own: air or power that leaves where the engine has no parameter, and
+air that is not what it is taken for."""
 
 
 @dataclass(frozen=True)
 class Location:
     """A place where something may be missing: the parameter that stands for it, its component ("hpc",
-    "sensor.T45"), and the effect that brings the parameter in, where the engine itself has none."""
+    "sensor.T45"), and the effect that brings the parameter in, where the engine itself has none. `scale`: how far the
+    parameter may plausibly vary along a driver (rms), in its unit."""
 
     name: str
     parameter: str
     component: str
     through: Effect | None = None
+    scale: float = HEALTH_SCALE
 
 
 def locations(found: Identified) -> list[Location]:
@@ -47,15 +50,19 @@ def locations_of(engine: Engine, sensors: Sequence[str]) -> list[Location]:
     result = []
     for n, p in engine.parameters.items():
         if p.family in ("health", "design") and any(fnmatch.fnmatch(n, x) for x in PARAMETERS):
-            result.append(Location(n, n, n.partition(".")[0]))
+            # a loss or an area may vary by a part of itself
+            scale = HEALTH_SCALE if p.family == "health" else PART * abs(p.nominal or p.prior_sigma)
+            scale = RECOVERY_SCALE if n.endswith(".pressure_recovery") else scale
+            result.append(Location(n, n, n.partition(".")[0], scale=scale))
     for c in engine.network.components:
         for port in c.values.get("ports", ()):
             name = f"{c.name}.{port['name']}.fraction"
-            result.append(Location(name, name, c.name))
+            result.append(Location(name, name, c.name, scale=PART * max(port["fraction"], 0.01)))
     for lever in LEVERS:
         for site in term(lever).sites(engine.network):
             e = effect(engine, lever, site.name)
-            result.append(Location(e.label, e.amplitudes[0], site.component, e))
+            scale = abs(e.term.amplitudes()[0].typical)
+            result.append(Location(e.label, e.amplitudes[0], site.component, e, scale))
     for column in sensors:
         quantity = engine.sensors[column].quantity
         result.append(Location(f"sensor.{quantity}", f"sensor.{quantity}.scale", f"sensor.{quantity}"))
@@ -76,6 +83,12 @@ class Cell:
     def surprise(self) -> float:
         """−ln p, 0 where the nuisance absorbs the block."""
         return 0.0 if self.score.absorbed else self.score.surprise
+
+    @property
+    def strain(self) -> float:
+        """½ Σ (c/scale)²: what it costs, in ln probability, that the parameter must vary by so much. Places that the
+        readings hardly tell apart differ in it: a duct that would have to lose many times its loss is not the place."""
+        return 0.5 * float(np.sum((self.score.coefficients / self.location.scale) ** 2))
 
 
 def free_form(

@@ -16,7 +16,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy import stats
 
 from enginediag_cli.mismatch.drivers import Driver, drivers, groups
 from enginediag_cli.mismatch.evidence import Evidence
@@ -36,6 +35,7 @@ from enginediag_cli.mismatch.identified import (
 from enginediag_cli.mismatch.noise import estimated_noise, with_noise
 from enginediag_cli.mismatch.presence import HIDDEN_SHARE, Presence, presence
 from enginediag_cli.mismatch.projection import Projection
+from enginediag_cli.mismatch.scores import surprise
 from enginediag_cli.mismatch.stability import resampled_surprise
 from enginediag_cli.mismatch.time_steps import TIME, step_drivers
 
@@ -65,6 +65,11 @@ class Place:
     stability: float
     refit: str = ""
     within: bool = False
+
+    @property
+    def worth(self) -> float:
+        """−ln p less the strain of what it takes: by this places are ranked."""
+        return self.surprise - self.cell.strain
 
     @property
     def location(self) -> str:
@@ -159,11 +164,11 @@ def _grouped(cells: Sequence[Cell], conditions: Sequence[Driver]) -> list[Place]
     """The best cell of every location and group, most surprising first, as it is scored."""
     names = group_names(conditions) if conditions else {}
     best: dict[tuple[str, str], Place] = {}
-    for c in cells:  # most surprising first
+    for c in sorted(cells, key=lambda c: c.strain - c.surprise):
         group = TIME if c.driver.word == TIME else names.get(c.driver.name, c.driver.name)
         if not c.score.absorbed:
             best.setdefault((c.location.name, group), Place(c, group, c.score.statistic, c.surprise, 1.0, 0.0, 0.0))
-    return sorted(best.values(), key=lambda p: -p.surprise)
+    return sorted(best.values(), key=lambda p: -p.worth)
 
 
 def _stable(places: Sequence[Place], drawn: np.ndarray) -> list[Place]:
@@ -178,13 +183,13 @@ def _refitted(places: Sequence[Place], found: Identified, along: Nuisance, base:
     result: list[Place] = []
     reach = REACH + BENT * places[0].statistic if places else 0.0
     for number, p in enumerate(places):
-        near = places[0].surprise - p.surprise <= reach
+        near = places[0].worth - p.worth <= reach
         if number < REFITS or (near and number < MOST_REFITS):
             fit = identify_with(found.evidence, free_hypothesis(p.cell, found), along, found)
             if fit.converged:
                 fall = max(0.0, base.objective - Projection(fit).objective)
-                surprise = float(-stats.chi2.logsf(fall, p.cell.score.dof))
-                p = replace(p, statistic=fall, surprise=surprise, refit="converged")
+                told = float(surprise(fall, p.cell.score.dof))
+                p = replace(p, statistic=fall, surprise=told, refit="converged")
             else:
                 p = replace(p, refit="did not converge")
         result.append(p)
@@ -215,17 +220,17 @@ def _judged(places: Sequence[Place], judged: Presence, projection: Projection) -
         return []
     refit = [p for p in places if p.refit == "converged"]
     rest = [p for p in places if p.refit != "converged"]
-    order = [*sorted(refit, key=lambda p: -p.surprise), *sorted(rest, key=lambda p: -p.surprise)]
-    top = max(places, key=lambda p: p.cell.surprise)
+    order = [*sorted(refit, key=lambda p: -p.worth), *sorted(rest, key=lambda p: -p.worth)]
+    top = max(places, key=lambda p: p.cell.surprise - p.cell.strain)
     first = order[0]
     reach = REACH + BENT * max(first.statistic, top.cell.score.statistic)
     # what there is to be explained: at least what the best place explains
     excess = max(projection.objective - projection.dof, first.statistic - first.cell.score.dof, 1e-300)
     result = []
     for p in order:
-        best = first.surprise if p.refit == "converged" else top.cell.surprise
+        best = first.worth if p.refit == "converged" else top.cell.surprise - top.cell.strain
         share = float(np.clip((p.statistic - p.cell.score.dof) / excess, 0.0, 1.0))
-        within = judged.located and best - p.surprise <= reach
+        within = judged.located and best - p.worth <= reach
         result.append(replace(p, p=judged.adjusted(p.surprise), share=share, within=bool(within)))
     return result
 
