@@ -5,7 +5,8 @@ With the set S of the answer, b_S, I_SS its score and information, and χ²_rest
     χ²(S) = χ²_rest + bᵀI⁺b − b_SᵀI_SS⁺b_S ~ χ²(measurements − rank I_SS),    ĉ = χ²(S)/freedom.
 
 ĉ is 1 when the set is right and the model and its noise are too. Where ĉ of all parameters together is larger for
-certain, and by more than noise that was estimated explains, no set is right and evidence is divided by it: b/ĉ, I/ĉ,
+certain, and by more than noise that was estimated explains, no set is right and evidence is divided by its lower bound:
+b/ĉ, I/ĉ,
 the quasi-likelihood of P. McCullagh and J. A. Nelder, Generalized Linear Models, 2nd ed. (1989), chapter 9. Intervals
 widen by √ĉ and probabilities come nearer to the prior. (ĉ of a set that is too small would hold what it lacks against
 the larger one.)
@@ -51,7 +52,8 @@ DETERMINED = 0.5
 
 @dataclass(frozen=True)
 class Adequacy:
-    """`fit` = ĉ after the answer (NaN where nothing is left to test it by) with its p value.
+    """`fit` = ĉ after the answer (NaN where nothing is left to test it by) with its p value; `least`: ĉ is no less, for
+    certain (a few independent readings say little of it).
 
     dispersion: by what the evidence was divided, 1 where the model fits; misfit: the answer does not stand because
     of ĉ; beyond: parameter and size of the change because of which it does not stand, or None.
@@ -59,6 +61,7 @@ class Adequacy:
 
     fit: float = float("nan")
     p_value: float = float("nan")
+    least: float = float("nan")
     dispersion: float = 1.0
     misfit: bool = False
     beyond: tuple[str, float] | None = None
@@ -66,7 +69,7 @@ class Adequacy:
     @property
     def gross(self) -> bool:
         """Whether the lack of fit is certain and large."""
-        return bool(self.p_value < CERTAIN and self.fit > LARGE)
+        return bool(self.least > LARGE)
 
     @property
     def stands(self) -> bool:
@@ -79,7 +82,7 @@ def fit_after(score: Score, statistics: LocalStatistics, names: Sequence[str]) -
     score: from `statistics`, or about the estimate of a large fault. Where noise was estimated, A₂/rank of the score's
     doubt is the squared error of the logarithm of its variance, 2/ν, and ĉ has the F(freedom, ν) distribution.
     """
-    from scipy.special import chdtrc, fdtrc
+    from scipy.special import chdtrc, chdtri, fdtrc, fdtri
 
     rest = lack_of_fit(statistics)
     explained, rank = _explained(score, names)
@@ -88,13 +91,16 @@ def fit_after(score: Score, statistics: LocalStatistics, names: Sequence[str]) -
         return Adequacy()
     ratio = (rest.statistic + max(score.glr - explained, 0.0)) / freedom
     doubt = score.doubt[1] / score.rank if score.rank else 0.0
-    p = fdtrc(freedom, 2 / doubt, ratio) if doubt > 0 else chdtrc(freedom, ratio * freedom)
-    return Adequacy(ratio, float(p))
+    if doubt > 0:
+        p, chance = fdtrc(freedom, 2 / doubt, ratio), fdtri(freedom, 2 / doubt, 1.0 - CERTAIN)
+    else:
+        p, chance = chdtrc(freedom, ratio * freedom), chdtri(freedom, CERTAIN) / freedom
+    return Adequacy(ratio, float(p), float(ratio / chance))
 
 
 def dispersed(found: Adequacy) -> Adequacy:
-    """`found` with what its fit makes of the evidence: divided by ĉ where the lack of fit is gross."""
-    return replace(found, dispersion=found.fit) if found.gross else found
+    """`found` with what its fit makes of the evidence: divided by the least ĉ where the lack of fit is gross."""
+    return replace(found, dispersion=found.least) if found.gross else found
 
 
 def tempered(score: Score, dispersion: float) -> Score:
