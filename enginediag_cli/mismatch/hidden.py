@@ -52,8 +52,8 @@ def hidden_amplitudes(
 
     `level`: probability that any location is significant when nothing is missing. Up to `refitted` locations not far
     from the best are refitted as two states, with the nuisance `along` (default: the evidence's own), and stand
-    first, by their evidence after it; the others follow by their LR. A fit that has not converged gives findings
-    that are not significant and say so.
+    first, by their evidence after it and how far the place must vary; the others follow by their LR. A fit that has not
+    converged gives findings that are not significant and say so.
     """
     of, places, directions = _geometry(found, projection)
     draws = of.noise(draws_for(len(of.gap)), rng)
@@ -69,7 +69,7 @@ def hidden_amplitudes(
     enough = max(gate, NEAR * findings[0].lr - SLACK)
     chosen = [f for f in findings if f.lr > enough][:refitted]
     again = [_with_states(f, found, of, known[f.location.name][0], along) for f in chosen]
-    again.sort(key=lambda f: -f.gain)
+    again.sort(key=lambda f: -f.worth)
     findings = again + findings[len(chosen):]
     return [replace(findings[0], rivals=_rivals(findings, of, known)), *findings[1:]]
 

@@ -64,6 +64,13 @@ class HiddenFinding:
         return -np.inf if self.states is None else max(self.switch_lr, self.continuous_lr)
 
     @property
+    def worth(self) -> float:
+        """`gain` less what it costs that the parameter must vary by so much, ½ (size/scale)²: places that the readings
+        hardly tell apart differ in it."""
+        size = self.coefficient if self.is_switch else float(np.sqrt(np.mean(self.amplitude**2)))
+        return self.gain - 0.5 * (size / self.location.scale) ** 2
+
+    @property
     def switch_records(self) -> np.ndarray:
         """Places in the evidence of the first record of every new state."""
         if self.states is None:
