@@ -187,7 +187,7 @@ def _values_and_jacobian(
         tile = {k: np.tile(v, nx + 1) if isinstance(v, np.ndarray) and v.ndim else v for k, v in inputs.items()}
         theta = {k: np.tile(v, nx + 1) if isinstance(v, np.ndarray) and v.ndim else v for k, v in parameters.items()}
         R = _balances(evaluate(network, tile, theta, wide.reshape(nx, -1), frozenset())).reshape(-1, nx + 1, n)
-        with np.errstate(invalid="ignore"):
+        with np.errstate(invalid="ignore", over="ignore"):
             return R[:, 0], np.ascontiguousarray(((R[:, 1:] - R[:, :1]) / h).transpose(2, 0, 1))
     names = tuple(u.name for u in network.unknowns())
     e = evaluate(network, inputs, parameters, x, frozenset(names))

@@ -10,7 +10,7 @@ DRIVERS: dict[str, str] = {
     "corrected_speed": "corrected shaft speed",
     "shaft_speed": "mechanical shaft speed",
     "power": "corrected power: burner temperature ratio T4/T2",
-    "reynolds_index": "Reynolds number index, at the engine's inlet or at its turbines",
+    "reynolds_index": "Reynolds number index, at the inlet or the turbines",
     "humidity": "water in the air",
     "hours": "time in service",
     "switch": "a commanded state that may be on or off",
