@@ -17,12 +17,11 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from enginediag_cli.mismatch.answer import FAILED, HIDDEN, NAMED, NONE, NOTHING, Answer, Coefficient, Explanation
-from enginediag_cli.mismatch.drivers import Driver, drivers
 from enginediag_cli.mismatch.evidence import Evidence
 from enginediag_cli.mismatch.freeform import Cell, places
 from enginediag_cli.mismatch.held_out import flights_gained
 from enginediag_cli.mismatch.hidden_driver import Hidden, follows_a_driver
-from enginediag_cli.mismatch.identified import NO_HYPOTHESIS, identify_with, inputs_of, nuisance, stacked
+from enginediag_cli.mismatch.identified import NO_HYPOTHESIS, drivers_of, identify_with, nuisance
 from enginediag_cli.mismatch.noise import doubtful, estimated_noise, with_noise
 from enginediag_cli.mismatch.options import EFFECT, Option, OptionScore, effect_option, fault_options, with_best_onset
 from enginediag_cli.mismatch.pairs import best_pairs
@@ -72,7 +71,7 @@ class Search:
         if not found.converged:
             return self._answer(FAILED, f"the model as it is could not be fitted: {found.reason}", Remainder((), ()))
         self.library = [*map(effect_option, self.effects), *fault_options(found)]
-        self.along_drivers = self._drivers()
+        self.along_drivers = drivers_of(self.evidence, found.theta)
         rest = remainder(self.base, self.library, self.along_drivers)
         if self.evidence.settings.noise == "estimate":
             rest = self._with_estimated_noise(rest)
@@ -230,7 +229,7 @@ class Search:
         if trial.at_bound:
             return np.nan, np.nan, f"needs {', '.join(trial.at_bound)} beyond its physical bound"
         left = remainder(trial, self.library, self.along_drivers, self.adequate)
-        if left.over(self.adequate):
+        if left.unranked or left.over(self.adequate):
             return left.surprise, np.nan, f"leaves a misfit behind (−ln p = {left.surprise:.1f})"
         if self.evidence.settings.map_accuracy > 0.0 and all(o.driver != "time" for o in trial.options):
             flights = flights_gained(self.base, trial)
@@ -264,12 +263,6 @@ class Search:
         return Explanation(t.options, found, t.objective, gain, float(probability), left, flights, t.at_bound)
 
     # around it
-
-    def _drivers(self) -> list[Driver]:
-        engine = self.evidence.engine
-        theta = {n: v for n, v in self.base.found.theta.items() if n in engine.parameters}
-        recorded = {c: stacked(self.evidence, c) for c in self.evidence.drivers}
-        return drivers(engine, inputs_of(self.evidence), theta, recorded)
 
     def _answer(
         self, status: str, reason: str, rest: Remainder, named: Sequence[Explanation] = (),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -11,6 +11,7 @@ from enginediag_cli.identification.gauss_newton import Fit, solve
 from enginediag_cli.identification.identify import with_regimes
 from enginediag_cli.identification.problem import Problem, TrainingRecording, build_problem
 from enginediag_cli.identification.settings import IdentificationSettings
+from enginediag_cli.mismatch.drivers import Driver, drivers
 from enginediag_cli.mismatch.evidence import Evidence
 from enginediag_cli.mismatch.extended import NUMBER, Discrepancy, ExtendedModel
 from enginediag_cli.mismatch.nuisance import constants, floor
@@ -108,6 +109,13 @@ def inputs_of(evidence: Evidence) -> dict[str, np.ndarray]:
     return found
 
 
+def drivers_of(evidence: Evidence, theta: Mapping[str, float]) -> list[Driver]:
+    """Drivers of all records of the evidence, with its further columns, at the engine's parameters among `theta`."""
+    engine = evidence.engine
+    at = {n: v for n, v in theta.items() if n in engine.parameters}
+    return drivers(engine, inputs_of(evidence), at, {c: stacked(evidence, c) for c in evidence.drivers})
+
+
 @dataclass(frozen=True)
 class Nuisance:
     """Discrepancies and curves that every hypothesis carries along, and constants with their prior."""
@@ -203,10 +211,3 @@ def _start(problem: Problem, other: Identified | None) -> tuple[np.ndarray, np.n
             x[j] = (theirs[p.name] - problem.prior_mean[j]) / problem.prior_sigma[j]
     shape = (len(problem.labels), len(problem.offsets))
     return x, other.fit.z.copy() if other.fit.z.shape == shape else np.zeros(shape)
-
-
-def chosen(patterns: Sequence[str], names: Sequence[str]) -> list[str]:
-    """Names that the patterns stand for, in the order of `names`."""
-    import fnmatch
-
-    return [n for n in names if any(fnmatch.fnmatch(n, p) for p in patterns)]

@@ -17,7 +17,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from enginediag_cli.mismatch.drivers import Driver, drivers, groups
+from enginediag_cli.mismatch.drivers import Driver, groups
 from enginediag_cli.mismatch.evidence import Evidence
 from enginediag_cli.mismatch.extended import Discrepancy
 from enginediag_cli.mismatch.freeform import Cell, free_form
@@ -27,10 +27,9 @@ from enginediag_cli.mismatch.identified import (
     Hypothesis,
     Identified,
     Nuisance,
+    drivers_of,
     identify_with,
-    inputs_of,
     nuisance,
-    stacked,
 )
 from enginediag_cli.mismatch.noise import estimated_noise, with_noise
 from enginediag_cli.mismatch.presence import HIDDEN_SHARE, Presence, presence
@@ -124,7 +123,7 @@ def locate(evidence: Evidence) -> Located:
     if not found.converged:
         return Located(False, found.reason, found)
     projection = Projection(found)
-    conditions = _drivers(evidence, found)
+    conditions = drivers_of(evidence, found.theta)
     everything = [*conditions, *step_drivers(evidence)]
     cells = free_form(found, projection, everything)
     if evidence.settings.noise == "estimate":
@@ -151,13 +150,6 @@ def locate(evidence: Evidence) -> Located:
 def group_names(conditions: Sequence[Driver]) -> dict[str, str]:
     """Driver → name of its group, the names of all its members, first the one that the drivers' order puts first."""
     return {name: " = ".join(members) for members in groups(conditions) for name in members}
-
-
-def _drivers(evidence: Evidence, found: Identified) -> list[Driver]:
-    engine = evidence.engine
-    theta = {n: v for n, v in found.theta.items() if n in engine.parameters}
-    recorded = {c: stacked(evidence, c) for c in evidence.drivers}
-    return drivers(engine, inputs_of(evidence), theta, recorded)
 
 
 def _grouped(cells: Sequence[Cell], conditions: Sequence[Driver]) -> list[Place]:

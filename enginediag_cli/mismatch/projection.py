@@ -107,7 +107,6 @@ class Projection:
         A, prior = A[:, free], prior[free]
         self.e = np.concatenate([self.frame.rows(fit.equations.residual[:, :, None])[:, 0], -prior])
         self.Q, R = np.linalg.qr(np.concatenate([A, np.eye(A.shape[1])]))
-        self.log_determinant = 2.0 * float(np.log(np.abs(np.diag(R))).sum())
         self.left = self.e - self.Q @ (self.Q.T @ self.e)
         self.R, self.free = R, free
         self.step = np.linalg.solve(R, self.Q.T @ self.e)  # what is left of the way to the whitened optimum

@@ -17,10 +17,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy import stats
 
-from enginediag_cli.mismatch.drivers import Driver, drivers
 from enginediag_cli.mismatch.evidence import Evidence, Flight
 from enginediag_cli.mismatch.hidden import HiddenFinding
-from enginediag_cli.mismatch.identified import NO_HYPOTHESIS, Nuisance, identify_with, inputs_of, nuisance
+from enginediag_cli.mismatch.identified import NO_HYPOTHESIS, Nuisance, drivers_of, identify_with, nuisance
 from enginediag_cli.mismatch.noise import estimated_noise, with_noise
 from enginediag_cli.mismatch.options import effect_option
 from enginediag_cli.mismatch.projection import Projection
@@ -134,7 +133,8 @@ def _with_estimated_noise(
     """The evidence with the noise that the fitted flights show where nothing explains the readings."""
     for _ in range(NOISE_PASSES):
         after = fit_both(concealed(evidence, unseen), effects, along)[1]
-        rest = remainder(after, [effect_option(e) for e in candidates(evidence.engine)], _drivers(after))
+        library = [effect_option(e) for e in candidates(evidence.engine)]
+        rest = remainder(after, library, drivers_of(after.found.evidence, after.found.theta))
         evidence = with_noise(evidence, estimated_noise(after.projection, rest.blocks()))
     return evidence
 
@@ -144,19 +144,13 @@ def still_missing(after: Trial) -> str:
     engine = after.found.evidence.engine
     carried = {e.label for e in after.hypothesis.effects}
     library = [effect_option(e) for e in candidates(engine) if e.label not in carried]
-    rest = remainder(after, library, _drivers(after))
+    rest = remainder(after, library, drivers_of(after.found.evidence, after.found.theta))
     if rest.surprise <= STANDS_OUT:
         return ""
     if rest.scores and rest.scores[0].surprise >= rest.surprise:
         return f"{rest.scores[0].option.label} (−ln p = {rest.scores[0].surprise:.1f})"
     cell = rest.cells[0]
     return f"something at {cell.location.name} that varies with {cell.driver.name} (−ln p = {cell.surprise:.1f})"
-
-
-def _drivers(trial: Trial) -> list[Driver]:
-    evidence = trial.found.evidence
-    theta = {n: v for n, v in trial.found.theta.items() if n in evidence.engine.parameters}
-    return drivers(evidence.engine, inputs_of(evidence), theta)
 
 
 def paired_gain(gains: np.ndarray, unit: str) -> Gain:

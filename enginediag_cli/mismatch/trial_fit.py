@@ -102,10 +102,15 @@ class Remainder:
     def surprise(self) -> float:
         """−ln p of the most surprising thing that is left; infinite when nothing can be ranked (the model gave no
         derivatives at the fit), which must not pass for nothing left."""
-        if (self.scores or self.cells) and not self.blocks():
+        if self.unranked:
             return np.inf
         best = max((s.surprise for s in self.scores), default=0.0)
         return max(best, max((c.surprise for c in self.cells), default=0.0))
+
+    @property
+    def unranked(self) -> bool:
+        """Whether nothing of what was looked for can be ranked."""
+        return bool(self.scores or self.cells) and not self.blocks()
 
     def over(self, gates: Gates) -> bool:
         """Whether anything that is left is significant."""

@@ -7,14 +7,13 @@ from __future__ import annotations
 
 import hashlib
 import json
-import os
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 from enginediag_cli import __version__
 from enginediag_cli.errors import DataError
 from enginediag_cli.studies.batches import Batch
+from enginediag_cli.studies.json_lines import append, parsed, rewrite
 from enginediag_cli.studies.study_file import Study
 from enginediag_cli.studies.tally import Tally
 
@@ -44,17 +43,17 @@ class Journal:
             return {}
         lines = self.path.read_text(encoding="utf-8").split("\n")
         whole, cut = lines[:-1], lines[-1]
-        head = _parsed(whole[0]) if whole else None
+        head = parsed(whole[0]) if whole else None
         if head is None or "study" not in head:
             raise DataError(f"{self.path}: not the journal of a study; name another one with --journal")
         if head["study"] != self._key:
             raise DataError(f"{self.path}: the journal of another study, or of this one before it was changed; "
                             "remove it or name another one with --journal")
         if cut:
-            self._rewrite(whole)
+            rewrite(self.path, whole)
         finished: Finished = {}
         for number, line in enumerate(whole[1:], start=2):
-            entry = _parsed(line)
+            entry = parsed(line)
             try:
                 assert entry is not None
                 finished[Batch(*entry["batch"])] = {n: Tally.from_json(v) for n, v in entry["methods"].items()}
@@ -65,24 +64,7 @@ class Journal:
     def add(self, batch: Batch, tallies: Mapping[str, Tally]) -> None:
         """Append one batch and see it on the disk."""
         new = not self.path.exists() or not self.path.stat().st_size
-        with open(self.path, "a", encoding="utf-8") as stream:
-            if new:
-                stream.write(json.dumps({"study": self._key}) + "\n")
-            entry = {"batch": [batch.case, batch.first, batch.count],
-                     "methods": {name: one.as_json() for name, one in tallies.items()}}
-            stream.write(json.dumps(entry) + "\n")
-            stream.flush()
-            os.fsync(stream.fileno())
-
-    def _rewrite(self, lines: list[str]) -> None:
-        beside = self.path.with_name(self.path.name + ".part")
-        beside.write_text("".join(line + "\n" for line in lines), encoding="utf-8")
-        os.replace(beside, self.path)
-
-
-def _parsed(line: str) -> dict[str, Any] | None:
-    try:
-        value = json.loads(line)
-    except json.JSONDecodeError:
-        return None
-    return value if isinstance(value, dict) else None
+        head = [json.dumps({"study": self._key})] if new else []
+        entry = {"batch": [batch.case, batch.first, batch.count],
+                 "methods": {name: one.as_json() for name, one in tallies.items()}}
+        append(self.path, *head, json.dumps(entry))

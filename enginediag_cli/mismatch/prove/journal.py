@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import os
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
@@ -16,6 +15,7 @@ from typing import Any
 from enginediag_cli import __version__
 from enginediag_cli.errors import DataError
 from enginediag_cli.mismatch.prove.trial import Plan
+from enginediag_cli.studies.json_lines import append, parsed, rewrite
 
 
 def plan_key(plan: Plan) -> str:
@@ -41,17 +41,17 @@ class Journal:
             return {}
         lines = self.path.read_text(encoding="utf-8").split("\n")
         whole = lines[:-1]
-        head = _parsed(whole[0]) if whole else None
+        head = parsed(whole[0]) if whole else None
         if head is None or "plan" not in head:
             raise DataError(f"{self.path}: not a file of trials; name another one with --trials-output")
         if head["plan"] != self._key:
             raise DataError(f"{self.path}: trials of another seed, choice or engine, or of this one before it was "
                             "changed; remove the file or name another one with --trials-output")
         if lines[-1]:
-            self._rewrite(whole)
+            rewrite(self.path, whole)
         finished = {}
         for number, line in enumerate(whole[1:], start=2):
-            entry = _parsed(line)
+            entry = parsed(line)
             if entry is None or not isinstance(entry.get("trial"), int) or "marks" not in entry:
                 raise DataError(f"{self.path}:{number}: not a line of a file of trials")
             finished[entry["trial"]] = entry
@@ -59,29 +59,13 @@ class Journal:
 
     def begin(self) -> None:
         """A new journal, empty but for its head."""
-        self._rewrite([json.dumps({"plan": self._key})])
+        rewrite(self.path, [json.dumps({"plan": self._key})])
 
     def add(self, record: Mapping[str, Any]) -> None:
         """Append one trial and see it on the disk."""
-        with open(self.path, "a", encoding="utf-8") as stream:
-            stream.write(json.dumps(record, ensure_ascii=False) + "\n")
-            stream.flush()
-            os.fsync(stream.fileno())
+        append(self.path, json.dumps(record, ensure_ascii=False))
 
     def end(self, records: Iterable[Mapping[str, Any]]) -> None:
         """The finished journal: trials in their order, whoever finished first."""
         ordered = sorted(records, key=lambda r: r["trial"])
-        self._rewrite([json.dumps({"plan": self._key}), *(json.dumps(r, ensure_ascii=False) for r in ordered)])
-
-    def _rewrite(self, lines: list[str]) -> None:
-        beside = self.path.with_name(self.path.name + ".part")
-        beside.write_text("".join(line + "\n" for line in lines), encoding="utf-8")
-        os.replace(beside, self.path)
-
-
-def _parsed(line: str) -> dict[str, Any] | None:
-    try:
-        value = json.loads(line)
-    except json.JSONDecodeError:
-        return None
-    return value if isinstance(value, dict) else None
+        rewrite(self.path, [json.dumps({"plan": self._key}), *(json.dumps(r, ensure_ascii=False) for r in ordered)])

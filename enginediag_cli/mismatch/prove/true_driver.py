@@ -11,9 +11,9 @@ from enginediag_cli.engine.components.ambient import Ambient
 from enginediag_cli.engine.components.compressor import Compressor
 from enginediag_cli.engine.components.splitter import Splitter
 from enginediag_cli.engine.engine import Engine
-from enginediag_cli.mismatch.drivers import SAME, drivers
+from enginediag_cli.mismatch.drivers import SAME
 from enginediag_cli.mismatch.evidence import Evidence
-from enginediag_cli.mismatch.identified import inputs_of, stacked
+from enginediag_cli.mismatch.identified import drivers_of, inputs_of
 from enginediag_cli.physics.terms.humidity import saturated_water
 
 UNDRIVEN = ("constant", "switch")
@@ -25,7 +25,7 @@ def driver_is_right(evidence: Evidence, health: Mapping[str, float], word: str, 
     stands for nothing that varies here."""
     engine = evidence.engine
     inputs, theta = inputs_of(evidence), {n: v for n, v in health.items() if n in engine.parameters}
-    found = drivers(engine, inputs, theta, {c: stacked(evidence, c) for c in evidence.drivers})
+    found = drivers_of(evidence, theta)
     values = {d.name: d.values for d in found}
     true = [d.values for d in found if d.word == word] or _others(engine, inputs, theta, word)
     if word in UNDRIVEN or not true:

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
-from enginediag_cli.engine.components.compressor import Compressor
 from enginediag_cli.engine.evaluation import Evaluation
 from enginediag_cli.engine.flow import Flow
+from enginediag_cli.physics.parts import core_compressor
 from enginediag_cli.physics.term import Coefficient, Place, Site, Term
 
 if TYPE_CHECKING:
@@ -30,9 +30,8 @@ class CustomerBleed(Term):
     SWITCHES = True
 
     def sites(self, network: Network) -> Iterable[Site]:
-        compressors = [c for c in network.components if isinstance(c, Compressor)]
-        # the core's last compressor; air of an outer fan or a booster is a matter of the handling bleed
-        for c in compressors[-1:]:
+        # air of an outer fan or a booster is a matter of the handling bleed
+        for c in core_compressor(network):
             yield Site(c.name, c.name, (f"station {c.values['to']}",))
 
     def install(self, at: Place) -> None:

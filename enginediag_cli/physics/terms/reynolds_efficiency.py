@@ -9,6 +9,7 @@ from enginediag_cli.engine.components.base import scalar
 from enginediag_cli.engine.components.compressor import Compressor
 from enginediag_cli.engine.dual import Value, power
 from enginediag_cli.engine.evaluation import Evaluation
+from enginediag_cli.physics.parts import compressors
 from enginediag_cli.physics.states import reynolds_index
 from enginediag_cli.physics.term import Coefficient, Place, Site, Term
 
@@ -32,9 +33,8 @@ class ReynoldsEfficiency(Term):
                  "form as in NLR GSP")
 
     def sites(self, network: Network) -> Iterable[Site]:
-        for c in network.components:
-            if isinstance(c, Compressor):
-                yield Site(c.name, c.name, (f"{c.name}.efficiency",))
+        for c in compressors(network):
+            yield Site(c.name, c.name, (f"{c.name}.efficiency",))
 
     def install(self, at: Place) -> None:
         c = at.component
