@@ -38,16 +38,32 @@ class UnitError(ValueError):
 
 _TABLE: dict[tuple[str, str], dict[str, float]] = {
     ("pressure", "Pa"): {
-        "Pa": 1.0, "kPa": 1e3, "hPa": 100.0, "MPa": 1e6, "bar": 1e5, "mbar": 100.0, "atm": 101325.0,
-        "psi": _PSI, "inHg": 3386.389, "inH2O": 249.0889,
+        "Pa": 1.0,
+        "kPa": 1e3,
+        "hPa": 100.0,
+        "MPa": 1e6,
+        "bar": 1e5,
+        "mbar": 100.0,
+        "atm": 101325.0,
+        "psi": _PSI,
+        "inHg": 3386.389,
+        "inH2O": 249.0889,
     },
     ("length", "m"): {"m": 1.0, "ft": _FT, "kft": 1000 * _FT, "km": 1000.0},
     ("speed", "m_s"): {
-        "m_s": 1.0, "kt": 1852 / 3600, "kmh": 1 / 3.6, "ft_min": _FT / 60, "ft_s": _FT,
+        "m_s": 1.0,
+        "kt": 1852 / 3600,
+        "kmh": 1 / 3.6,
+        "ft_min": _FT / 60,
+        "ft_s": _FT,
         "mph": 1609.344 / 3600,
     },
     ("mass flow", "kg_s"): {
-        "kg_s": 1.0, "kg_h": 1 / 3600, "lb_s": _LB, "lb_h": _LB / 3600, "t_h": 1 / 3.6,
+        "kg_s": 1.0,
+        "kg_h": 1 / 3600,
+        "lb_s": _LB,
+        "lb_h": _LB / 3600,
+        "t_h": 1 / 3.6,
     },
     ("rotational speed", "rpm"): {"rpm": 1.0, "rad_s": 30 / math.pi, "Hz": 60.0},
     ("power", "W"): {"W": 1.0, "kW": 1e3, "MW": 1e6, "hp": 550 * _FT * _LBF},
@@ -75,12 +91,40 @@ UNITS: dict[str, Unit] = {unit.name: unit for unit in _TEMPERATURES} | {
 }
 
 ALIASES: dict[str, str] = {
-    "psia": "psi", "pph": "lb_h", "lbm_s": "lb_s", "lbm_h": "lb_h", "C": "degC", "F": "degF", "R": "degR",
-    "°C": "degC", "°F": "degF", "°R": "degR", "m/s": "m_s", "km/h": "kmh", "km_h": "kmh", "ft/min": "ft_min",
-    "fpm": "ft_min", "kts": "kt", "knots": "kt", "kg/s": "kg_s", "kg/h": "kg_h", "kgh": "kg_h",
-    "lb/h": "lb_h", "lb/s": "lb_s", "lbm/s": "lb_s", "lbm/h": "lb_h", "t/h": "t_h", "rad/s": "rad_s",
-    "%": "pct", "percent": "pct", "ratio": "1",
-    "MWh_h": "MW", "MWh/h": "MW", "N_m": "Nm", "sec": "s", "kg/kg": "kg_kg",
+    "psia": "psi",
+    "pph": "lb_h",
+    "lbm_s": "lb_s",
+    "lbm_h": "lb_h",
+    "C": "degC",
+    "F": "degF",
+    "R": "degR",
+    "°C": "degC",
+    "°F": "degF",
+    "°R": "degR",
+    "m/s": "m_s",
+    "km/h": "kmh",
+    "km_h": "kmh",
+    "ft/min": "ft_min",
+    "fpm": "ft_min",
+    "kts": "kt",
+    "knots": "kt",
+    "kg/s": "kg_s",
+    "kg/h": "kg_h",
+    "kgh": "kg_h",
+    "lb/h": "lb_h",
+    "lb/s": "lb_s",
+    "lbm/s": "lb_s",
+    "lbm/h": "lb_h",
+    "t/h": "t_h",
+    "rad/s": "rad_s",
+    "%": "pct",
+    "percent": "pct",
+    "ratio": "1",
+    "MWh_h": "MW",
+    "MWh/h": "MW",
+    "N_m": "Nm",
+    "sec": "s",
+    "kg/kg": "kg_kg",
     "pph/psi": "pph_psi",
 }
 """Other spellings. An energy per hour (`MWh_h`: the reading of an hourly meter) is a mean power."""
@@ -103,9 +147,7 @@ def find_unit(name: str) -> Unit:
     import difflib
 
     known = [*UNITS, *ALIASES]
-    near = [other for other in known if other.lower() == name.lower()] or difflib.get_close_matches(
-        name, known, n=1
-    )
+    near = [other for other in known if other.lower() == name.lower()] or difflib.get_close_matches(name, known, n=1)
     hint = f"did you mean {near[0]!r}?" if near else "known units: " + ", ".join(UNITS)
     raise UnitError(f"unknown unit {name!r} ({hint})")
 

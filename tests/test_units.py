@@ -21,31 +21,54 @@ from enginediag_cli.units import (
 )
 
 
-@pytest.mark.parametrize(("column", "expected"), [
-    ("T3_K", ("T3", "K")),
-    ("climb_ft_min", ("climb", "ft_min")),
-    ("lh_fuel_flow_lb_h", ("lh_fuel_flow", "lb_h")),
-    ("humidity_kg_kg", ("humidity", "kg_kg")),
-    ("dT_isa_K", ("dT_isa", "K")),
-    ("P30_psia", ("P30", "psia")),
-    ("mach", ("mach", "")),
-    ("flag_1", ("flag_1", "")),
-    ("CO_mg_m3", ("CO_mg_m3", "")),
-    ("_K", ("_K", "")),
-])
+@pytest.mark.parametrize(
+    ("column", "expected"),
+    [
+        ("T3_K", ("T3", "K")),
+        ("climb_ft_min", ("climb", "ft_min")),
+        ("lh_fuel_flow_lb_h", ("lh_fuel_flow", "lb_h")),
+        ("humidity_kg_kg", ("humidity", "kg_kg")),
+        ("dT_isa_K", ("dT_isa", "K")),
+        ("P30_psia", ("P30", "psia")),
+        ("mach", ("mach", "")),
+        ("flag_1", ("flag_1", "")),
+        ("CO_mg_m3", ("CO_mg_m3", "")),
+        ("_K", ("_K", "")),
+    ],
+)
 def test_a_column_splits_into_quantity_and_the_longest_known_unit(column, expected):
     assert split_column(column) == expected
 
 
-@pytest.mark.parametrize(("value", "unit", "si"), [
-    (0.0, "degC", 273.15), (-459.67, "degF", 0.0), (212.0, "°F", 373.15), (518.67, "degR", 288.15),
-    (14.695948775513449, "psia", 101325.0), (1.0, "bar", 1e5), (1013.25, "mbar", 101325.0),
-    (1.0, "atm", 101325.0), (29.921252, "inHg", 101325.0), (1.0, "ft", 0.3048),
-    (35.0, "kft", 10668.0), (1.0, "kt", 1852 / 3600),
-    (1000.0, "ft_min", 5.08), (1.0, "lb_s", 0.45359237), (7936.64143865559, "pph", 1.0), (3.6, "t/h", 1.0),
-    (1.0, "Hz", 60.0), (math.pi, "rad/s", 30.0), (1.0, "hp", 745.69987158227), (1.0, "lbf", 4.4482216152605),
-    (180.0, "deg", math.pi), (50.0, "%", 0.5), (2.0, "h", 7200.0), (134.0, "MWh_h", 134e6),
-])
+@pytest.mark.parametrize(
+    ("value", "unit", "si"),
+    [
+        (0.0, "degC", 273.15),
+        (-459.67, "degF", 0.0),
+        (212.0, "°F", 373.15),
+        (518.67, "degR", 288.15),
+        (14.695948775513449, "psia", 101325.0),
+        (1.0, "bar", 1e5),
+        (1013.25, "mbar", 101325.0),
+        (1.0, "atm", 101325.0),
+        (29.921252, "inHg", 101325.0),
+        (1.0, "ft", 0.3048),
+        (35.0, "kft", 10668.0),
+        (1.0, "kt", 1852 / 3600),
+        (1000.0, "ft_min", 5.08),
+        (1.0, "lb_s", 0.45359237),
+        (7936.64143865559, "pph", 1.0),
+        (3.6, "t/h", 1.0),
+        (1.0, "Hz", 60.0),
+        (math.pi, "rad/s", 30.0),
+        (1.0, "hp", 745.69987158227),
+        (1.0, "lbf", 4.4482216152605),
+        (180.0, "deg", math.pi),
+        (50.0, "%", 0.5),
+        (2.0, "h", 7200.0),
+        (134.0, "MWh_h", 134e6),
+    ],
+)
 def test_conversions_agree_with_the_published_definitions(value, unit, si):
     assert to_si(value, unit) == pytest.approx(si, rel=1e-6, abs=1e-9)
 
@@ -68,9 +91,7 @@ def test_percent_of_full_scale_becomes_the_full_scale_unit():
         to_si(98.0, "rpm", 15900)
 
 
-@pytest.mark.parametrize(
-    ("wrong", "near"), [("kgs", "kg_s"), ("DEGC", "degC"), ("psii", "psi"), ("inhg", "inHg")]
-)
+@pytest.mark.parametrize(("wrong", "near"), [("kgs", "kg_s"), ("DEGC", "degC"), ("psii", "psi"), ("inhg", "inHg")])
 def test_an_unknown_unit_names_a_near_match(wrong, near):
     with pytest.raises(UnitError, match=f"did you mean '{near}"):
         find_unit(wrong)

@@ -33,8 +33,15 @@ def component_row(verdict: Verdict, found: ComponentIsolation | None, units: dic
             probability=found.probability,
             inclusion=[f"{name} ({chance:.2g})" for name, chance in shown if chance >= 0.01],
             rivals=[f"{' & '.join(r.parameters) or 'nothing'} ({r.probability:.2g})" for r in found.rivals],
-            note="; ".join(filter(None, [reservation(found.adequacy, units),
-                                         "" if found.complete else "larger sets of parameters were not considered"])),
+            note="; ".join(
+                filter(
+                    None,
+                    [
+                        reservation(found.adequacy, units),
+                        "" if found.complete else "larger sets of parameters were not considered",
+                    ],
+                )
+            ),
         )
     return row
 

@@ -25,13 +25,26 @@ def _new_folder(context: click.Context, parameter: click.Parameter, value: str |
 
 
 @click.command(short_help="Run the whole chain and explain it.", epilog=exit_codes())
-@click.option("--seed", type=click.IntRange(min=0), default=1, show_default=True, metavar="N",
-              help="Seed of the flights and their noise; the same seed gives the same bytes.")
-@click.option("--keep", metavar="DIR", callback=_new_folder,
-              help="Leave all files in DIR, which is made; the commands that were shown run there again.")
-@click.option("--missing-physics", is_flag=True,
-              help="Instead, conceal a physical effect in the flights, find it, put it into the model, and let flights "
-              "that were not used judge.")
+@click.option(
+    "--seed",
+    type=click.IntRange(min=0),
+    default=1,
+    show_default=True,
+    metavar="N",
+    help="Seed of the flights and their noise; the same seed gives the same bytes.",
+)
+@click.option(
+    "--keep",
+    metavar="DIR",
+    callback=_new_folder,
+    help="Leave all files in DIR, which is made; the commands that were shown run there again.",
+)
+@click.option(
+    "--missing-physics",
+    is_flag=True,
+    help="Instead, conceal a physical effect in the flights, find it, put it into the model, and let flights "
+    "that were not used judge.",
+)
 @message_options
 @pass_messages
 def demo(messages: Messages, seed: int, keep: str | None, missing_physics: bool) -> None:

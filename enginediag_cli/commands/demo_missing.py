@@ -78,5 +78,6 @@ def _wrapped(lines: Iterable[str]) -> Iterator[str]:
     """Sentences in lines of a terminal, the continuation indented by two more."""
     for line in lines:
         indent = line[: len(line) - len(line.lstrip())]
-        yield from textwrap.wrap(line, COLUMNS, initial_indent="", subsequent_indent=f"{indent}  ",
-                                 break_on_hyphens=False)
+        yield from textwrap.wrap(
+            line, COLUMNS, initial_indent="", subsequent_indent=f"{indent}  ", break_on_hyphens=False
+        )

@@ -111,8 +111,20 @@ def detect(
     and onset_s since when, with its 95 % interval.
     """
     if follow:
-        return _follow(messages, recordings, nominal, window, step, patterns, origin, false_alarm, detectable, idle,
-                       exit_code, output)
+        return _follow(
+            messages,
+            recordings,
+            nominal,
+            window,
+            step,
+            patterns,
+            origin,
+            false_alarm,
+            detectable,
+            idle,
+            exit_code,
+            output,
+        )
     from enginediag_cli.detection.verdict import judge
     from enginediag_cli.recordings.provenance import header_lines
     from enginediag_cli.residuals.compact import compact
@@ -190,7 +202,8 @@ def _follow(
     found = rows()
     first = next(found, None)
     head = header_lines(
-        "detect", configs=[nominal, *origin.configs],
+        "detect",
+        configs=[nominal, *origin.configs],
         notes={"follow": f"{block} records", "false_alarm": str(false_alarm), **origin.notes},
         inherited=intake.provenance,
     )

@@ -22,10 +22,18 @@ if TYPE_CHECKING:
 )
 @mismatch_options
 @without_option
-@click.option("--amplitudes", metavar="FILE", type=click.Path(dir_okay=False, writable=True),
-              help="Write the amplitude of an effect whose driver is not recorded, record by record, as CSV.")
-@click.option("--curves", metavar="FILE", type=click.Path(dir_okay=False, writable=True),
-              help="Write what no listed effect explains as curves along its driver, as CSV.")
+@click.option(
+    "--amplitudes",
+    metavar="FILE",
+    type=click.Path(dir_okay=False, writable=True),
+    help="Write the amplitude of an effect whose driver is not recorded, record by record, as CSV.",
+)
+@click.option(
+    "--curves",
+    metavar="FILE",
+    type=click.Path(dir_okay=False, writable=True),
+    help="Write what no listed effect explains as curves along its driver, as CSV.",
+)
 @click.option("--no-advice", is_flag=True, help="Do not look for recordings that would separate rival explanations.")
 @exit_code_option
 @output_options

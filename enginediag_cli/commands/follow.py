@@ -101,8 +101,20 @@ def report_row(report: BlockReport) -> dict[str, Any]:
     """A report as a row; what is said of the change is empty without an alarm."""
     change = report.change
     row: dict[str, Any] = dict(zip(("source", "flight", "engine"), report.key, strict=True))
-    for name in ("block", "first_line", "last_line", "start_s", "end_s", "records", "outside", "incomplete", "failed",
-                 "judged", "log10_e", "alarm"):
+    for name in (
+        "block",
+        "first_line",
+        "last_line",
+        "start_s",
+        "end_s",
+        "records",
+        "outside",
+        "incomplete",
+        "failed",
+        "judged",
+        "log10_e",
+        "alarm",
+    ):
         row[name] = getattr(report, name)
     row.update(
         kind=change.kind if change else None,

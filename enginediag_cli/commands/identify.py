@@ -36,9 +36,7 @@ def _writable(context: click.Context, parameter: click.Parameter, value: str) ->
 @click.command(short_help="Fit the nominal engine and its sensor noise.", epilog=exit_codes())
 @click.argument("engine_path", metavar="ENGINE.yaml", type=YAML_FILE)
 @recordings_argument
-@click.option(
-    "--recorder", "recorder_path", type=YAML_FILE, metavar="FILE", help="Recorder of foreign recordings."
-)
+@click.option("--recorder", "recorder_path", type=YAML_FILE, metavar="FILE", help="Recorder of foreign recordings.")
 @click.option("--engine-instance", default="", metavar="NAME", help="Use only this engine of the recordings.")
 @click.option(
     "--first",
@@ -96,9 +94,7 @@ def identify(
     from enginediag_cli.identification.training import first_records, hold_out_end
 
     engine = load_engine(engine_path)
-    training = [
-        part for path in recordings for part in _load(messages, engine, path, recorder_path, engine_instance)
-    ]
+    training = [part for path in recordings for part in _load(messages, engine, path, recorder_path, engine_instance)]
     if first is not None:
         training = first_records(training, first)
     held_out: list[TrainingRecording] = []

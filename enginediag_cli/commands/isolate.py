@@ -52,9 +52,7 @@ SENTENCES = 10
     help="posterior: probability of every set of changes; incremental: the tests of the asymptotic local "
     "approach, one parameter more at a time; sensitivity, minmax: its single tests.",
 )
-@click.option(
-    "--faults", metavar="Q", type=click.IntRange(min=1), help="Number of changed parameters, when known."
-)
+@click.option("--faults", metavar="Q", type=click.IntRange(min=1), help="Number of changed parameters, when known.")
 @false_alarm_option
 @click.option(
     "--inclusion",
@@ -85,8 +83,7 @@ SENTENCES = 10
     type=click.Choice(["parameter", "component"]),
     default="parameter",
     show_default=True,
-    help="component: one row per window with the components that changed (posterior), for an engine with "
-    "generic maps.",
+    help="component: one row per window with the components that changed (posterior), for an engine with generic maps.",
 )
 @click.option(
     "--largest",

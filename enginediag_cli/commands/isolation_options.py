@@ -70,9 +70,7 @@ class Further:
         wanted = self.nonlinear == "always" or (self.nonlinear == "auto" and linearise == "estimate")
         return method == "posterior" and wanted
 
-    def diagnosis_options(
-        self, method: str, linearise: str, isolation: IsolationOptions
-    ) -> DiagnosisOptions:
+    def diagnosis_options(self, method: str, linearise: str, isolation: IsolationOptions) -> DiagnosisOptions:
         """Everything that the diagnosis of a window needs; reads the catalogue."""
         from enginediag_cli.isolation.diagnosis import DiagnosisOptions
         from enginediag_cli.simulation.fault_file import load_faults
@@ -88,9 +86,7 @@ class Further:
     def check(self, method: str, by: str, nominal: str | None, reference: bool) -> None:
         """Raises click.UsageError for choices that do not go together."""
         if by == "component" and (self.one_sided or self.catalogue or self.advise or self.nonlinear == "always"):
-            raise click.UsageError(
-                "--one-sided, --catalogue, --nonlinear and --advise go with --by parameter"
-            )
+            raise click.UsageError("--one-sided, --catalogue, --nonlinear and --advise go with --by parameter")
         if method != "posterior" and (self.one_sided or self.nonlinear == "always"):
             raise click.UsageError("--one-sided and --nonlinear always go with --method posterior")
         if nominal is None and self.sensors:

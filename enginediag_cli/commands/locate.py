@@ -38,11 +38,17 @@ def _writable(context: click.Context, parameter: click.Parameter, value: str | N
 @mismatch_options
 @click.option("--all", "everything", is_flag=True, help="Write every place of the map, not only those within reach.")
 @click.option(
-    "--picture", "picture_path", metavar="FILE.svg", callback=_writable,
+    "--picture",
+    "picture_path",
+    metavar="FILE.svg",
+    callback=_writable,
     help="Draw the map, and the residuals that show it best, into FILE.svg.",
 )
 @click.option(
-    "--per-record", "every", metavar="N", type=click.IntRange(min=1),
+    "--per-record",
+    "every",
+    metavar="N",
+    type=click.IntRange(min=1),
     help="Instead of the map: a free amplitude in every Nth record at each place in turn, for what moves the engine "
     "far and has no recorded driver.",
 )
@@ -51,8 +57,13 @@ def _writable(context: click.Context, parameter: click.Parameter, value: str | N
 @message_options
 @pass_messages
 def locate(
-    messages: Messages, case: Case, everything: bool, picture_path: str | None, every: int | None,
-    exit_code: bool, output: Output,
+    messages: Messages,
+    case: Case,
+    everything: bool,
+    picture_path: str | None,
+    every: int | None,
+    exit_code: bool,
+    output: Output,
 ) -> ExitCode:
     """Locate a mismatch between the engine's model and recordings believed healthy.
 
@@ -85,7 +96,8 @@ def locate(
         return ExitCode.NO_VERDICT
     notes = {"map accuracy": f"{loaded.evidence.settings.map_accuracy:g}"}
     output.write_rows(
-        located_rows(located, kind, everything), COLUMNS,
+        located_rows(located, kind, everything),
+        COLUMNS,
         provenance=provenance("locate", case, loaded.provenance, **notes),
     )
     for line in told:
@@ -114,7 +126,9 @@ def _per_record(messages: Messages, case: Case, loaded: Loaded, every: int, outp
     found = scan(evidence, locations_of(evidence.engine, tuple(evidence.noise.sigma)), along)
     notes = {"map accuracy": f"{evidence.settings.map_accuracy:g}", "per-record": f"{every}"}
     output.write_rows(
-        per_record_rows(found), COLUMNS, provenance=provenance("locate", case, loaded.provenance, **notes),
+        per_record_rows(found),
+        COLUMNS,
+        provenance=provenance("locate", case, loaded.provenance, **notes),
     )
     best = found[0]
     if best.location is None or not best.converged:

@@ -26,36 +26,51 @@ class Entry(NamedTuple):
 
 
 COMMANDS: dict[str, Entry] = {
-    "simulate": Entry("enginediag_cli.commands.simulate", "simulate",
-                      "Fly an engine, healthy or faulty, and write what its sensors record."),
-    "identify": Entry("enginediag_cli.commands.identify", "identify",
-                      "Fit the nominal engine and its sensor noise to healthy recordings."),
-    "residual": Entry("enginediag_cli.commands.residual", "residual",
-                      "Condense recordings into local statistics, window by window."),
-    "detect": Entry("enginediag_cli.commands.detect", "detect",
-                    "Say when an engine departs from nominal."),
-    "isolate": Entry("enginediag_cli.commands.isolate", "isolate",
-                     "Say which parameters changed, by how much and how surely."),
-    "locate": Entry("enginediag_cli.commands.locate", "locate",
-                    "Say where model and recordings differ, and with what."),
-    "explain": Entry("enginediag_cli.commands.explain", "explain",
-                     "Say what physics the model lacks."),
-    "refine": Entry("enginediag_cli.commands.refine", "refine",
-                    "Put a missing effect into the model, if unseen flights gain by it."),
-    "study": Entry("enginediag_cli.commands.study", "study",
-                   "Count how often diagnosis is right, on simulated engines with known faults."),
-    "trend": Entry("enginediag_cli.commands.trend", "trend",
-                   "Follow health over flights: level, onset and rate of deterioration."),
-    "prove": Entry("enginediag_cli.commands.prove", "prove",
-                   "Prove on blind trials what the search for missing physics finds."),
-    "check": Entry("enginediag_cli.commands.check", "check",
-                   "Validate YAML and CSV files."),
-    "schema": Entry("enginediag_cli.commands.schema", "schema",
-                    "Print the JSON schema of a kind of YAML file, for editors."),
-    "physics": Entry("enginediag_cli.commands.physics", "physics",
-                     "Say which physical effects a model may carry or lack."),
-    "demo": Entry("enginediag_cli.commands.demo", "demo",
-                  "Run the whole chain on simulated flights and explain it in words."),
+    "simulate": Entry(
+        "enginediag_cli.commands.simulate",
+        "simulate",
+        "Fly an engine, healthy or faulty, and write what its sensors record.",
+    ),
+    "identify": Entry(
+        "enginediag_cli.commands.identify",
+        "identify",
+        "Fit the nominal engine and its sensor noise to healthy recordings.",
+    ),
+    "residual": Entry(
+        "enginediag_cli.commands.residual", "residual", "Condense recordings into local statistics, window by window."
+    ),
+    "detect": Entry("enginediag_cli.commands.detect", "detect", "Say when an engine departs from nominal."),
+    "isolate": Entry(
+        "enginediag_cli.commands.isolate", "isolate", "Say which parameters changed, by how much and how surely."
+    ),
+    "locate": Entry(
+        "enginediag_cli.commands.locate", "locate", "Say where model and recordings differ, and with what."
+    ),
+    "explain": Entry("enginediag_cli.commands.explain", "explain", "Say what physics the model lacks."),
+    "refine": Entry(
+        "enginediag_cli.commands.refine", "refine", "Put a missing effect into the model, if unseen flights gain by it."
+    ),
+    "study": Entry(
+        "enginediag_cli.commands.study",
+        "study",
+        "Count how often diagnosis is right, on simulated engines with known faults.",
+    ),
+    "trend": Entry(
+        "enginediag_cli.commands.trend", "trend", "Follow health over flights: level, onset and rate of deterioration."
+    ),
+    "prove": Entry(
+        "enginediag_cli.commands.prove", "prove", "Prove on blind trials what the search for missing physics finds."
+    ),
+    "check": Entry("enginediag_cli.commands.check", "check", "Validate YAML and CSV files."),
+    "schema": Entry(
+        "enginediag_cli.commands.schema", "schema", "Print the JSON schema of a kind of YAML file, for editors."
+    ),
+    "physics": Entry(
+        "enginediag_cli.commands.physics", "physics", "Say which physical effects a model may carry or lack."
+    ),
+    "demo": Entry(
+        "enginediag_cli.commands.demo", "demo", "Run the whole chain on simulated flights and explain it in words."
+    ),
 }
 
 
@@ -96,9 +111,7 @@ class LazyGroup(click.Group):
             formatter.write_dl([(name, entry.help) for name, entry in COMMANDS.items()])
 
 
-@click.group(
-    cls=LazyGroup, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100}
-)
+@click.group(cls=LazyGroup, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})
 @click.version_option(__version__, prog_name="enginediag", message="%(prog)s %(version)s")
 @message_options
 def enginediag() -> None:

@@ -36,7 +36,15 @@ def mismatch_options(function: Callable[..., Any]) -> Callable[..., Any]:
         from enginediag_cli.mismatch.load import Case
 
         case = Case(
-            engine_path, recordings, nominal, recorder, engine_instance, model_error, false_alarm, drivers, noise,
+            engine_path,
+            recordings,
+            nominal,
+            recorder,
+            engine_instance,
+            model_error,
+            false_alarm,
+            drivers,
+            noise,
             seed,
         )
         return function(*args, case=case, **others)

@@ -43,15 +43,29 @@ def exit_codes(finding: str = "") -> str:
 def message_options(function: Function) -> Function:
     """`-q`, `--color` and `--debug`: kept in the run's `Messages`, not passed to the command."""
     quiet = click.option(
-        "-q", "--quiet", is_flag=True, expose_value=False, is_eager=True, callback=_set_message_option,
+        "-q",
+        "--quiet",
+        is_flag=True,
+        expose_value=False,
+        is_eager=True,
+        callback=_set_message_option,
         help="Say nothing on standard error but errors.",
     )
     color = click.option(
-        "--color", type=click.Choice(["auto", "always", "never"]), default=None, expose_value=False,
-        is_eager=True, callback=_set_message_option, help="Colours; auto asks the terminal and NO_COLOR.",
+        "--color",
+        type=click.Choice(["auto", "always", "never"]),
+        default=None,
+        expose_value=False,
+        is_eager=True,
+        callback=_set_message_option,
+        help="Colours; auto asks the terminal and NO_COLOR.",
     )
     debug = click.option(
-        "--debug", is_flag=True, expose_value=False, is_eager=True, callback=_set_message_option,
+        "--debug",
+        is_flag=True,
+        expose_value=False,
+        is_eager=True,
+        callback=_set_message_option,
         help="Show the traceback of an error.",
     )
     return quiet(color(debug(function)))
@@ -85,9 +99,7 @@ def output_options(function: Callable[..., Any]) -> Callable[..., Any]:
     """`-o/--output`, `--format`, `--no-header`: given to the command as one `output: Output`."""
 
     @wraps(function)
-    def with_output(
-        *args: Any, output_path: str, output_format: str, no_header: bool, **others: Any
-    ) -> Any:
+    def with_output(*args: Any, output_path: str, output_format: str, no_header: bool, **others: Any) -> Any:
         from enginediag_cli.presentation.output import Output
 
         messages = click.get_current_context().ensure_object(Messages)
@@ -95,11 +107,19 @@ def output_options(function: Callable[..., Any]) -> Callable[..., Any]:
         return function(*args, output=output, **others)
 
     path = click.option(
-        "-o", "--output", "output_path", default="-", metavar="FILE", callback=_writable_path,
+        "-o",
+        "--output",
+        "output_path",
+        default="-",
+        metavar="FILE",
+        callback=_writable_path,
         help="Write to FILE, completely or not at all; - is standard output.",
     )
     form = click.option(
-        "--format", "output_format", type=click.Choice(FORMATS), default="auto",
+        "--format",
+        "output_format",
+        type=click.Choice(FORMATS),
+        default="auto",
         help="auto: by the name of FILE, else table on a terminal and csv in a pipe.",
     )
     header = click.option("--no-header", is_flag=True, help="Leave out the # provenance lines.")
@@ -118,14 +138,15 @@ def _writable_path(context: click.Context, parameter: click.Parameter, value: st
 def recordings_argument(function: Function) -> Function:
     """`FILE...` as `recordings: tuple[str, ...]`; `-` or nothing with piped input means standard input."""
     return click.argument(
-        "recordings", nargs=-1, metavar="[FILE]...", callback=_input_files,
+        "recordings",
+        nargs=-1,
+        metavar="[FILE]...",
+        callback=_input_files,
         type=click.Path(exists=True, dir_okay=False, readable=True, allow_dash=True),
     )(function)
 
 
-def _input_files(
-    context: click.Context, parameter: click.Parameter, value: tuple[str, ...]
-) -> tuple[str, ...]:
+def _input_files(context: click.Context, parameter: click.Parameter, value: tuple[str, ...]) -> tuple[str, ...]:
     files = value or ("-",)
     if files.count("-") > 1:
         raise click.UsageError("standard input (-) can be read only once", context)
@@ -141,7 +162,10 @@ def _nothing_is_piped() -> bool:
 def nominal_option(function: Function) -> Function:
     """`-n/--nominal FILE` as `nominal: str`: what `identify` wrote."""
     return click.option(
-        "-n", "--nominal", required=True, metavar="FILE",
+        "-n",
+        "--nominal",
+        required=True,
+        metavar="FILE",
         type=click.Path(exists=True, dir_okay=False, readable=True),
         help="Nominal engine, as written by identify.",
     )(function)
@@ -150,7 +174,11 @@ def nominal_option(function: Function) -> Function:
 def seed_option(function: Function) -> Function:
     """`--seed N` as `seed: int`; the same seed gives the same bytes."""
     return click.option(
-        "--seed", type=click.IntRange(min=0), default=0, show_default=True, metavar="N",
+        "--seed",
+        type=click.IntRange(min=0),
+        default=0,
+        show_default=True,
+        metavar="N",
         help="Seed of everything random.",
     )(function)
 

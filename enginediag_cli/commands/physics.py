@@ -31,7 +31,10 @@ def _complete(context: click.Context, parameter: click.Parameter, incomplete: st
 @click.command(short_help="Say which physical effects a model may carry or lack.", epilog=exit_codes())
 @click.argument("name", required=False, shell_complete=_complete)
 @click.option(
-    "--engine", "engine_path", metavar="ENGINE.yaml", type=ConfigFile(),
+    "--engine",
+    "engine_path",
+    metavar="ENGINE.yaml",
+    type=ConfigFile(),
     help="Where the effects can act on this engine, and which of them its model carries.",
 )
 @output_options
@@ -88,9 +91,7 @@ def _all(terms: Sequence[Term], engines: Mapping[str, Engine], head: Sequence[st
     output.write_rows(rows, SITE_COLUMNS if short else None, provenance=head)
 
 
-def _one(
-    shown: Term, engines: Mapping[str, Engine], of_one_engine: bool, head: Sequence[str], output: Output
-) -> None:
+def _one(shown: Term, engines: Mapping[str, Engine], of_one_engine: bool, head: Sequence[str], output: Output) -> None:
     """One term, as a page, as rows, or as one JSON object."""
     import json
 

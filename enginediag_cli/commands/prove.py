@@ -27,27 +27,65 @@ if TYPE_CHECKING:
 
 @click.command(short_help="Prove on blind trials what the search for missing physics finds.", epilog=exit_codes())
 @click.argument("engine", metavar="[ENGINE.yaml]", type=ConfigFile(), required=False)
-@click.option("--trials", metavar="N", type=click.IntRange(min=1), default=400, show_default=True,
-              help="How many engines to draw, conceal something in, and ask about.")
-@click.option("--truth", type=click.Choice((*TRUTHS, "both")), default="both", show_default=True,
-              help="same_model: the truth differs from the model in what is concealed alone; map_error: its maps, "
-              "cooling and gas differ a little as well, and the explainer allows for 0.3 %.")
-@click.option("--kind", "chosen", multiple=True, type=click.Choice(KINDS), metavar="KIND",
-              help=f"Only trials of this kind; may be given several times. One of {', '.join(KINDS)}.")
-@click.option("--jobs", metavar="J", type=click.IntRange(min=1),
-              help="Trials at a time; one per core when not given. The result does not depend on it.")
-@click.option("--trials-output", metavar="FILE.jsonl", type=click.Path(dir_okay=False, writable=True),
-              help="Keep every trial, its sealed answer and its marks, one JSON line each.")
+@click.option(
+    "--trials",
+    metavar="N",
+    type=click.IntRange(min=1),
+    default=400,
+    show_default=True,
+    help="How many engines to draw, conceal something in, and ask about.",
+)
+@click.option(
+    "--truth",
+    type=click.Choice((*TRUTHS, "both")),
+    default="both",
+    show_default=True,
+    help="same_model: the truth differs from the model in what is concealed alone; map_error: its maps, "
+    "cooling and gas differ a little as well, and the explainer allows for 0.3 %.",
+)
+@click.option(
+    "--kind",
+    "chosen",
+    multiple=True,
+    type=click.Choice(KINDS),
+    metavar="KIND",
+    help=f"Only trials of this kind; may be given several times. One of {', '.join(KINDS)}.",
+)
+@click.option(
+    "--jobs",
+    metavar="J",
+    type=click.IntRange(min=1),
+    help="Trials at a time; one per core when not given. The result does not depend on it.",
+)
+@click.option(
+    "--trials-output",
+    metavar="FILE.jsonl",
+    type=click.Path(dir_okay=False, writable=True),
+    help="Keep every trial, its sealed answer and its marks, one JSON line each.",
+)
 @click.option("--resume", is_flag=True, help="Go on from the trials that --trials-output holds.")
-@click.option("--sizes/--no-sizes", default=True, show_default=True,
-              help="Also say how large every effect must be to be found, with and without the model-error floor.")
+@click.option(
+    "--sizes/--no-sizes",
+    default=True,
+    show_default=True,
+    help="Also say how large every effect must be to be found, with and without the model-error floor.",
+)
 @seed_option
 @output_options
 @message_options
 @pass_messages
 def prove(
-    messages: Messages, engine: str | None, trials: int, truth: str, chosen: tuple[str, ...], jobs: int | None,
-    trials_output: str | None, resume: bool, sizes: bool, seed: int, output: Output,
+    messages: Messages,
+    engine: str | None,
+    trials: int,
+    truth: str,
+    chosen: tuple[str, ...],
+    jobs: int | None,
+    trials_output: str | None,
+    resume: bool,
+    sizes: bool,
+    seed: int,
+    output: Output,
 ) -> None:
     """Draw engines that lack, or do not lack, some physics; conceal it; and score what is said of their recordings.
 
@@ -99,8 +137,10 @@ def _run(
                 journal.add(record)
     except KeyboardInterrupt:
         if journal:
-            messages.note(f"{len(finished)} of {trials} trials are kept in {journal.path}; "
-                          "the same command with --resume goes on from there")
+            messages.note(
+                f"{len(finished)} of {trials} trials are kept in {journal.path}; "
+                "the same command with --resume goes on from there"
+            )
         raise
     finally:
         running.close()

@@ -30,25 +30,61 @@ def _writable(context: click.Context, parameter: click.Parameter, value: str | N
 @click.command(short_help="Put a missing effect into the model, if unseen flights gain by it.", epilog=exit_codes())
 @mismatch_options
 @without_option
-@click.option("--term", "terms", metavar="TERM@SITE", multiple=True,
-              help="Effect to put in, such as reynolds_efficiency@hpc; may be given several times. Without it, what "
-              "explain names from the flights that are fitted.")
-@click.option("--switched", is_flag=True,
-              help="The effect of --term is on or off without any column showing it: find its states.")
-@click.option("--states", metavar="FILE", callback=_writable,
-              help="Write the states of a switched effect, record by record, as CSV, with the column that the refined "
-              "engine reads.")
-@click.option("--holdout-last", metavar="K", type=click.IntRange(min=1),
-              help="Judge by the last K flights of each engine, which are not fitted.")
-@click.option("--test", "tests", metavar="FILE", multiple=True,
-              type=click.Path(exists=True, dir_okay=False, readable=True),
-              help="Judge by the flights of this recording, which are not fitted. May be given several times.")
-@click.option("--window", metavar="RECORDS", type=click.IntRange(min=5), default=30, show_default=True,
-              help="Length of the windows in which detect is tried before and after.")
-@click.option("-o", "--output", "output_path", required=True, metavar="FILE", callback=_writable,
-              help="Engine file that carries the effect, written completely or not at all; - is standard output.")
-@click.option("--report", metavar="FILE", callback=_writable,
-              help="Write before and after to FILE (.csv, .json or a table), beside standard error.")
+@click.option(
+    "--term",
+    "terms",
+    metavar="TERM@SITE",
+    multiple=True,
+    help="Effect to put in, such as reynolds_efficiency@hpc; may be given several times. Without it, what "
+    "explain names from the flights that are fitted.",
+)
+@click.option(
+    "--switched", is_flag=True, help="The effect of --term is on or off without any column showing it: find its states."
+)
+@click.option(
+    "--states",
+    metavar="FILE",
+    callback=_writable,
+    help="Write the states of a switched effect, record by record, as CSV, with the column that the refined "
+    "engine reads.",
+)
+@click.option(
+    "--holdout-last",
+    metavar="K",
+    type=click.IntRange(min=1),
+    help="Judge by the last K flights of each engine, which are not fitted.",
+)
+@click.option(
+    "--test",
+    "tests",
+    metavar="FILE",
+    multiple=True,
+    type=click.Path(exists=True, dir_okay=False, readable=True),
+    help="Judge by the flights of this recording, which are not fitted. May be given several times.",
+)
+@click.option(
+    "--window",
+    metavar="RECORDS",
+    type=click.IntRange(min=5),
+    default=30,
+    show_default=True,
+    help="Length of the windows in which detect is tried before and after.",
+)
+@click.option(
+    "-o",
+    "--output",
+    "output_path",
+    required=True,
+    metavar="FILE",
+    callback=_writable,
+    help="Engine file that carries the effect, written completely or not at all; - is standard output.",
+)
+@click.option(
+    "--report",
+    metavar="FILE",
+    callback=_writable,
+    help="Write before and after to FILE (.csv, .json or a table), beside standard error.",
+)
 @click.option("--picture", metavar="FILE", callback=_writable, help="Draw before and after as SVG.")
 @message_options
 @pass_messages
@@ -228,8 +264,11 @@ def _source(case: Case, evidence: Evidence, unseen: list[int]) -> str:
     from enginediag_cli import __version__
     from enginediag_cli.recordings.provenance import sha256_of
 
-    data = ", ".join("standard input" if p == "-" else f"{os.path.basename(p)} sha256:{sha256_of(p)[:16]}"
-                     for p in case.recordings)
+    data = ", ".join(
+        "standard input" if p == "-" else f"{os.path.basename(p)} sha256:{sha256_of(p)[:16]}" for p in case.recordings
+    )
     command = " ".join(os.path.basename(a) if os.sep in a else a for a in sys.argv[1:])
-    return (f"enginediag {__version__} {command}; fitted to {len(evidence.flights) - len(unseen)} flights of {data}, "
-            f"judged by {len(unseen)} that were not fitted")
+    return (
+        f"enginediag {__version__} {command}; fitted to {len(evidence.flights) - len(unseen)} flights of {data}, "
+        f"judged by {len(unseen)} that were not fitted"
+    )

@@ -74,9 +74,7 @@ def residual(
         rows = (flat_row(found, units) for found, units in intake.windows(recordings))
         columns = flat_columns(intake.monitor.monitored)
     first = next(rows, None)  # reads the head of the first file, which the provenance quotes
-    notes = {
-        "linearised": "at nominal" if linearise == "nominal" or what == "records" else "at each estimate"
-    }
+    notes = {"linearised": "at nominal" if linearise == "nominal" or what == "records" else "at each estimate"}
     head = header_lines(
         "residual",
         configs=[nominal, *origin.configs],

@@ -35,18 +35,35 @@ CONFIG_FILE = ConfigFile()
 
 @click.command(short_help="Simulate the recording of an engine.", epilog=exit_codes())
 @click.argument("engine_file", metavar="ENGINE", type=CONFIG_FILE)
-@click.option("--flight", metavar="FILE", type=CONFIG_FILE,
-              help="Flights to fly; without it and --conditions, a few flights of an airliner.")
-@click.option("--conditions", metavar="CSV", type=click.Path(exists=True, dir_okay=False, allow_dash=True),
-              help="Operating conditions record by record, instead of flights; - is standard input.")
-@click.option("--fault", "faults", metavar="FILE", type=CONFIG_FILE, multiple=True,
-              help="Faults to put in; may be given several times.")
-@click.option("--noise", type=click.Choice(NOISE_KINDS), default=None,
-              help="Sensor noise: none, gaussian (sizes of the engine file; default), uniform (1 % of the "
-              "maximum reading wide), correlated (gaussian, 0.8 from record to record), quantised (rounding "
-              "only).")
-@click.option("--flights", metavar="N", type=click.IntRange(min=1),
-              help="Number of flights, or of days on the ground.")
+@click.option(
+    "--flight",
+    metavar="FILE",
+    type=CONFIG_FILE,
+    help="Flights to fly; without it and --conditions, a few flights of an airliner.",
+)
+@click.option(
+    "--conditions",
+    metavar="CSV",
+    type=click.Path(exists=True, dir_okay=False, allow_dash=True),
+    help="Operating conditions record by record, instead of flights; - is standard input.",
+)
+@click.option(
+    "--fault",
+    "faults",
+    metavar="FILE",
+    type=CONFIG_FILE,
+    multiple=True,
+    help="Faults to put in; may be given several times.",
+)
+@click.option(
+    "--noise",
+    type=click.Choice(NOISE_KINDS),
+    default=None,
+    help="Sensor noise: none, gaussian (sizes of the engine file; default), uniform (1 % of the "
+    "maximum reading wide), correlated (gaussian, 0.8 from record to record), quantised (rounding "
+    "only).",
+)
+@click.option("--flights", metavar="N", type=click.IntRange(min=1), help="Number of flights, or of days on the ground.")
 @click.option("--records", metavar="N", type=click.IntRange(min=1), help="End after N records.")
 @click.option("--truth", metavar="FILE", help="Write what is really wrong, record by record, to FILE.")
 @seed_option
@@ -54,8 +71,16 @@ CONFIG_FILE = ConfigFile()
 @message_options
 @pass_messages
 def simulate(
-    messages: Messages, engine_file: str, flight: str | None, conditions: str | None, faults: tuple[str, ...],
-    noise: str | None, flights: int | None, records: int | None, truth: str | None, seed: int,
+    messages: Messages,
+    engine_file: str,
+    flight: str | None,
+    conditions: str | None,
+    faults: tuple[str, ...],
+    noise: str | None,
+    flights: int | None,
+    records: int | None,
+    truth: str | None,
+    seed: int,
     output: Output,
 ) -> None:
     """Simulate what the sensors of ENGINE record.
@@ -85,14 +110,23 @@ def simulate(
     pieces = simulate_in_chunks(engine, given, wrong, noise_of_columns, noisy)
     asked = {"noise": noise, "flights": flights, "records": records}
     notes = {"engine": engine.name, **{key: str(value) for key, value in asked.items() if value is not None}}
-    head = header_lines("simulate", seed=seed, configs=[engine_file, *([flight] if flight else []), *faults],
-                        notes=notes, inherited=inherited)
+    head = header_lines(
+        "simulate",
+        seed=seed,
+        configs=[engine_file, *([flight] if flight else []), *faults],
+        notes=notes,
+        inherited=inherited,
+    )
     reasons = _write(pieces, output, truth, head)
     _report(messages, reasons, len(given))
 
 
 def _check_usage(
-    flight: str | None, conditions: str | None, flights: int | None, truth: str | None, output: Output,
+    flight: str | None,
+    conditions: str | None,
+    flights: int | None,
+    truth: str | None,
+    output: Output,
 ) -> None:
     if flight and conditions:
         raise click.UsageError("--flight and --conditions exclude each other")
@@ -103,8 +137,13 @@ def _check_usage(
 
 
 def _flown(
-    engine: EngineLike, flight: str | None, conditions: str | None, flights: int | None, records: int | None,
-    noise: str | None, rng: Any,
+    engine: EngineLike,
+    flight: str | None,
+    conditions: str | None,
+    flights: int | None,
+    records: int | None,
+    noise: str | None,
+    rng: Any,
 ) -> tuple[Conditions, dict[str, ColumnNoise], tuple[str, ...]]:
     """(operating conditions, noise of each column, provenance of the conditions)."""
     from enginediag_cli.config.kinds import load_checked
@@ -134,7 +173,10 @@ def _flown(
 
 
 def _write(
-    pieces: Iterator[Simulated], output: Output, truth: str | None, head: tuple[str, ...],
+    pieces: Iterator[Simulated],
+    output: Output,
+    truth: str | None,
+    head: tuple[str, ...],
 ) -> Counter[str]:
     """Write recording and truth side by side; returns why points have no value, with counts."""
     from enginediag_cli.recordings.write import CsvWriter
@@ -177,8 +219,9 @@ def _warn_outside(messages: Messages, engine: EngineLike, given: Conditions) -> 
 
     for column, count in outside_envelope(engine, given).items():
         low, high = engine.envelope[column]
-        messages.warning(f"{count} of {len(given)} records have {column} outside the envelope of "
-                         f"{engine.name}, {low:g} to {high:g}")
+        messages.warning(
+            f"{count} of {len(given)} records have {column} outside the envelope of {engine.name}, {low:g} to {high:g}"
+        )
 
 
 def _report(messages: Messages, reasons: Counter[str], total: int) -> None:

@@ -28,22 +28,45 @@ SHOW = ("rates", "counts", "reliability")
 
 @click.command(short_help="Run a Monte-Carlo study of diagnosis.", epilog=exit_codes())
 @click.argument("file", metavar="FILE", type=ConfigFile())
-@click.option("--show", type=click.Choice(SHOW), default="rates", show_default=True,
-              help="What a table or CSV shows: rates with binomial intervals; counts per parameter, as in the paper; "
-              "reliability of stated probabilities. JSON holds all of it.")
-@click.option("--repetitions", metavar="N", type=click.IntRange(min=1),
-              help="Diagnoses of every case, instead of those of the file.")
+@click.option(
+    "--show",
+    type=click.Choice(SHOW),
+    default="rates",
+    show_default=True,
+    help="What a table or CSV shows: rates with binomial intervals; counts per parameter, as in the paper; "
+    "reliability of stated probabilities. JSON holds all of it.",
+)
+@click.option(
+    "--repetitions",
+    metavar="N",
+    type=click.IntRange(min=1),
+    help="Diagnoses of every case, instead of those of the file.",
+)
 @click.option("--seed", metavar="N", type=click.IntRange(min=0), help="Seed, instead of that of the file.")
-@click.option("--processes", metavar="N", type=click.IntRange(min=1),
-              help="Processes to work with; one per core when not given. The result does not depend on it.")
-@click.option("--journal", metavar="FILE", help="Keep finished batches in FILE, and go on from what it holds. With "
-              "-o, it lies beside the output while the study runs.")
+@click.option(
+    "--processes",
+    metavar="N",
+    type=click.IntRange(min=1),
+    help="Processes to work with; one per core when not given. The result does not depend on it.",
+)
+@click.option(
+    "--journal",
+    metavar="FILE",
+    help="Keep finished batches in FILE, and go on from what it holds. With "
+    "-o, it lies beside the output while the study runs.",
+)
 @output_options
 @message_options
 @pass_messages
 def study(
-    messages: Messages, file: str, show: str, repetitions: int | None, seed: int | None, processes: int | None,
-    journal: str | None, output: Output,
+    messages: Messages,
+    file: str,
+    show: str,
+    repetitions: int | None,
+    seed: int | None,
+    processes: int | None,
+    journal: str | None,
+    output: Output,
 ) -> None:
     """Run the study that FILE describes: a row per case and method.
 
@@ -88,8 +111,9 @@ def _run(
                 notes.add(batch, tallies)
     except KeyboardInterrupt:
         if notes:
-            messages.note(f"{len(finished)} of {len(every)} batches are kept in {notes.path}; "
-                          "the same command goes on from there")
+            messages.note(
+                f"{len(finished)} of {len(every)} batches are kept in {notes.path}; the same command goes on from there"
+            )
         raise
     finally:
         running.close()

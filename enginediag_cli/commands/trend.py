@@ -71,7 +71,9 @@ def trend(
     flights, units, lost = _sums(intake, recordings)
     rows = list(_trends(messages, flights, units) if what == "trend" else _flights(flights, units))
     head = header_lines(
-        "trend", configs=[*([nominal] if nominal else []), *origin.configs], notes=origin.notes,
+        "trend",
+        configs=[*([nominal] if nominal else []), *origin.configs],
+        notes=origin.notes,
         inherited=intake.provenance,
     )
     output.write_rows(rows, provenance=head)
@@ -143,13 +145,22 @@ def _trends(
             messages.warning(f"{name}the search for onsets did not settle")
         for t in fit.trends:
             changed = t.kind != "steady"
-            row: dict[str, Any] = {"engine": engine, "flights": len(mine), "parameter": t.parameter, "kind": t.kind,
-                                   "probability": t.probability}
+            row: dict[str, Any] = {
+                "engine": engine,
+                "flights": len(mine),
+                "parameter": t.parameter,
+                "kind": t.kind,
+                "probability": t.probability,
+            }
             values: dict[str, float | None] = {
-                "onset": t.onset, "onset_low": t.onset_low, "onset_high": t.onset_high,
-                "change": t.change, "change_low": t.change - Z95 * t.change_error,
+                "onset": t.onset,
+                "onset_low": t.onset_low,
+                "onset_high": t.onset_high,
+                "change": t.change,
+                "change_low": t.change - Z95 * t.change_error,
                 "change_high": t.change + Z95 * t.change_error,
-                "rate_per_flight": t.rate, "rate_low": t.rate - Z95 * t.rate_error,
+                "rate_per_flight": t.rate,
+                "rate_low": t.rate - Z95 * t.rate_error,
                 "rate_high": t.rate + Z95 * t.rate_error,
             }
             if t.kind == "step":

@@ -35,8 +35,7 @@ def window_options(function: Callable[..., Any]) -> Callable[..., Any]:
             "--window",
             metavar="LENGTH",
             callback=_check_length,
-            help="Length of a window: records (60) or time (300s, 10min, 1h). Without it, each flight is "
-            "one window.",
+            help="Length of a window: records (60) or time (300s, 10min, 1h). Without it, each flight is one window.",
         ),
         click.option(
             "--step",
@@ -118,9 +117,7 @@ def planned(window: str | None, step: str | None) -> WindowPlan:
         raise click.UsageError(f"--window, --step: {error}") from None
 
 
-def load_monitor(
-    messages: Messages, nominal_path: str, patterns: tuple[str, ...], *, sensors: bool = False
-) -> Monitor:
+def load_monitor(messages: Messages, nominal_path: str, patterns: tuple[str, ...], *, sensors: bool = False) -> Monitor:
     """Engine and nominal state, to compare recordings with; sensors: the bias of every sensor in use may have changed,
     too. Warns when the engine file has changed."""
     from enginediag_cli.engine import load_engine
@@ -227,7 +224,12 @@ class Intake:
         units = dict(self.monitor.units)
         origin = self.origin
         for window in windows_against_reference(
-            self.monitor, chunks, self.plan, origin.reference, last=origin.last, linearise=self.linearise,
+            self.monitor,
+            chunks,
+            self.plan,
+            origin.reference,
+            last=origin.last,
+            linearise=self.linearise,
             model_error=origin.model_error,
         ):
             yield window, units

@@ -68,8 +68,15 @@ def parse_document(text: str, name: str) -> Node:
     try:
         tree = compose(text)
         if tree is None:
-            raise ConfigError([Problem(Mark(name, 1, 1), "the file is empty",
-                                       "it should open with 'kind: …', which says what it describes")])
+            raise ConfigError(
+                [
+                    Problem(
+                        Mark(name, 1, 1),
+                        "the file is empty",
+                        "it should open with 'kind: …', which says what it describes",
+                    )
+                ]
+            )
         return _Builder(name).node(tree)
     except yaml.reader.ReaderError as error:
         before = text[: error.position]
@@ -116,8 +123,9 @@ class _Builder:
         elif isinstance(source, yaml.ScalarNode):
             built = self._scalar(source, mark)
         else:
-            built = Node(tuple(self.node(item) for item in source.value), mark,
-                         problems=self._tag_problems(source, "seq", mark))
+            built = Node(
+                tuple(self.node(item) for item in source.value), mark, problems=self._tag_problems(source, "seq", mark)
+            )
         self.open.discard(id(source))
         self.built[id(source)] = built
         return built
@@ -133,12 +141,22 @@ class _Builder:
                 continue
             key = key_node.value
             if key == "<<" and not key_node.style:  # plain: None in one parser, "" in the other
-                problems.append(Problem(place, "merge keys '<<' are not part of YAML 1.2",
-                                        "write the keys out, or use an alias for a whole value"))
+                problems.append(
+                    Problem(
+                        place,
+                        "merge keys '<<' are not part of YAML 1.2",
+                        "write the keys out, or use an alias for a whole value",
+                    )
+                )
             elif key in marks:
                 first = marks[key]
-                problems.append(Problem(place, f"key '{key}' is given twice", "first given at "
-                                        f"{first.file}:{first.line}:{first.column}; keep one of them"))
+                problems.append(
+                    Problem(
+                        place,
+                        f"key '{key}' is given twice",
+                        f"first given at {first.file}:{first.line}:{first.column}; keep one of them",
+                    )
+                )
             else:
                 child = self.node(value_node)
                 # nothing stands nowhere, and the parsers disagree where: at the key, for both

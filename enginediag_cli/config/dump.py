@@ -24,5 +24,8 @@ def dump(values: Mapping[str, Any], width: int = 110) -> str:
 
     Floats have the shortest digits that give the same float back. The text is loaded by `load_document`.
     """
-    return str(yaml.dump(dict(values), Dumper=Dumper, sort_keys=False, allow_unicode=True, width=width,
-                         default_flow_style=None))
+    return str(
+        yaml.dump(
+            dict(values), Dumper=Dumper, sort_keys=False, allow_unicode=True, width=width, default_flow_style=None
+        )
+    )

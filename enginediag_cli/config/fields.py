@@ -15,14 +15,18 @@ REQUIRED: Any = object()
 """Default of a field that must be given."""
 
 KINDS = (
-    "number", "integer", "text", "boolean", "choice",
-    "numbers",   # list of numbers
-    "texts",     # list of texts
-    "range",     # [low, high]
+    "number",
+    "integer",
+    "text",
+    "boolean",
+    "choice",
+    "numbers",  # list of numbers
+    "texts",  # list of texts
+    "range",  # [low, high]
     "number_map",  # mapping: any name -> number
     "text_map",  # mapping: any name -> text
-    "any_map",   # mapping: any name -> scalar
-    "section",   # mapping with the fields of `section`
+    "any_map",  # mapping: any name -> scalar
+    "section",  # mapping with the fields of `section`
     "sections",  # list of such mappings
     "section_map",  # mapping: any name -> such a mapping
     "named_sections",  # list of such mappings or of variants, each with a `name:`

@@ -9,8 +9,9 @@ from enginediag_cli.config.fields import Field
 SHOWN = 20
 """Names listed in a hint before the rest is only counted."""
 
-SUPERSCRIPTS = str.maketrans({"²": "2", "³": "3", "°": "", "(": "", ")": "", "^": "", "·": "_", "/": "_",
-                              "*": "_", " ": "_"})
+SUPERSCRIPTS = str.maketrans(
+    {"²": "2", "³": "3", "°": "", "(": "", ")": "", "^": "", "·": "_", "/": "_", "*": "_", " ": "_"}
+)
 
 
 def near(word: str, known: Iterable[str]) -> str:
@@ -59,14 +60,10 @@ def _is_stem_with_unit(key: str, stem: str) -> bool:
     if folded == stem:
         return True
     # unit symbols are short: in2, ft, lb_s, psi, degC, kPa, inHg
-    return folded.startswith(stem + "_") and all(
-        0 < len(part) <= 5 for part in folded[len(stem) + 1 :].split("_")
-    )
+    return folded.startswith(stem + "_") and all(0 < len(part) <= 5 for part in folded[len(stem) + 1 :].split("_"))
 
 
-def unknown_key(
-    key: str, value: object, fields: Sequence[Field], known: Sequence[str]
-) -> tuple[str, str | None]:
+def unknown_key(key: str, value: object, fields: Sequence[Field], known: Sequence[str]) -> tuple[str, str | None]:
     """(hint, the key that was probably meant or None) for a key that the section does not have.
 
     `known` are the declared keys that the file does not give yet: what is given already was not meant.
@@ -84,7 +81,7 @@ def unknown_key(
 
 
 def _converted(key: str, value: object, name: str) -> str:
-    """": 10668" for `altitude_ft: 35000` where `altitude_m` is wanted; empty where units are not known."""
+    """ ": 10668" for `altitude_ft: 35000` where `altitude_m` is wanted; empty where units are not known."""
     from enginediag_cli.units import UnitError, convert, find_unit, split_column
 
     given, wanted = split_column(key)[1], split_column(name)[1]

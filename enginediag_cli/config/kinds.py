@@ -41,22 +41,41 @@ class FileKind:
 FILE_KINDS: dict[str, FileKind] = {
     kind.name: kind
     for kind in (
-        FileKind("engine", "an engine: its components, shafts, sensors and parameters",
-                 "enginediag_cli.engine.declaration:ENGINE_FILE", "enginediag_cli.engine:load_engine"),
-        FileKind("faults", "faults: named directions in parameter space, their size and onset",
-                 "enginediag_cli.simulation.fault_file:FAULT_FILE",
-                 "enginediag_cli.simulation.fault_file:load_faults"),
-        FileKind("recorder", "a recorder: the columns and units of foreign recordings",
-                 "enginediag_cli.recordings.recorder_file:RECORDER_FILE",
-                 "enginediag_cli.recordings.recorder:load_recorder"),
-        FileKind("nominal", "the nominal state of an engine, identified from healthy recordings",
-                 "enginediag_cli.identification.nominal_file:NOMINAL_FILE",
-                 "enginediag_cli.identification.nominal_file:read_nominal"),
-        FileKind("study", "a Monte-Carlo study: fault cases, methods of diagnosis and repetitions",
-                 "enginediag_cli.studies.study_file:STUDY_FILE",
-                 "enginediag_cli.studies.study_file:load_study"),
-        FileKind("flight", "a flight to simulate: altitude, speed and power along time",
-                 "enginediag_cli.simulation.flight_file:FLIGHT_FILE"),
+        FileKind(
+            "engine",
+            "an engine: its components, shafts, sensors and parameters",
+            "enginediag_cli.engine.declaration:ENGINE_FILE",
+            "enginediag_cli.engine:load_engine",
+        ),
+        FileKind(
+            "faults",
+            "faults: named directions in parameter space, their size and onset",
+            "enginediag_cli.simulation.fault_file:FAULT_FILE",
+            "enginediag_cli.simulation.fault_file:load_faults",
+        ),
+        FileKind(
+            "recorder",
+            "a recorder: the columns and units of foreign recordings",
+            "enginediag_cli.recordings.recorder_file:RECORDER_FILE",
+            "enginediag_cli.recordings.recorder:load_recorder",
+        ),
+        FileKind(
+            "nominal",
+            "the nominal state of an engine, identified from healthy recordings",
+            "enginediag_cli.identification.nominal_file:NOMINAL_FILE",
+            "enginediag_cli.identification.nominal_file:read_nominal",
+        ),
+        FileKind(
+            "study",
+            "a Monte-Carlo study: fault cases, methods of diagnosis and repetitions",
+            "enginediag_cli.studies.study_file:STUDY_FILE",
+            "enginediag_cli.studies.study_file:load_study",
+        ),
+        FileKind(
+            "flight",
+            "a flight to simulate: altitude, speed and power along time",
+            "enginediag_cli.simulation.flight_file:FLIGHT_FILE",
+        ),
     )
 }
 
@@ -69,8 +88,15 @@ def load_checked(path: str | Path, kind: str) -> Checked:
     document = load_document(path)
     found = _kind_node(document)
     if found is not None and found.text in FILE_KINDS and found.text != kind:
-        raise ConfigError([Problem(found.mark, f"this is a file of kind '{found.value}', and one of kind "
-                                   f"'{kind}' is wanted here", f"give {FILE_KINDS[kind].help}")])
+        raise ConfigError(
+            [
+                Problem(
+                    found.mark,
+                    f"this is a file of kind '{found.value}', and one of kind '{kind}' is wanted here",
+                    f"give {FILE_KINDS[kind].help}",
+                )
+            ]
+        )
     return validate(document, FILE_KINDS[kind].load_section())
 
 
@@ -78,13 +104,16 @@ def file_kind(document: Node) -> FileKind:
     """The kind that a document says it is of; raises ConfigError if it says none or an unknown one."""
     found = _kind_node(document)
     if found is None:
-        what = "the file does not say its kind" if document.is_mapping else (
-            f"the file must be a mapping of keys, not {document.describe()}")
-        raise ConfigError([Problem(document.mark, what,
-                                   f"begin it with 'kind:' and one of {', '.join(FILE_KINDS)}")])
+        what = (
+            "the file does not say its kind"
+            if document.is_mapping
+            else (f"the file must be a mapping of keys, not {document.describe()}")
+        )
+        raise ConfigError([Problem(document.mark, what, f"begin it with 'kind:' and one of {', '.join(FILE_KINDS)}")])
     if not isinstance(found.value, str) or found.value not in FILE_KINDS:
-        raise ConfigError([Problem(found.mark, f"unknown kind of file, {found.describe()}",
-                                   near(found.text, FILE_KINDS))])
+        raise ConfigError(
+            [Problem(found.mark, f"unknown kind of file, {found.describe()}", near(found.text, FILE_KINDS))]
+        )
     return FILE_KINDS[found.value]
 
 

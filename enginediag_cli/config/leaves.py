@@ -16,11 +16,20 @@ Report = Callable[..., None]
 Leaf = Callable[[Node, Field, str, Report], Any]
 
 WANTED = {
-    "number": "a number", "integer": "a whole number", "text": "a text", "boolean": "true or false",
-    "choice": "a choice", "numbers": "a list of numbers", "texts": "a list of texts",
-    "range": "a range [low, high]", "number_map": "a mapping of names to numbers",
-    "text_map": "a mapping of names to texts", "any_map": "a mapping of names to single values",
-    "section": "a mapping", "sections": "a list of mappings", "section_map": "a mapping of names to mappings",
+    "number": "a number",
+    "integer": "a whole number",
+    "text": "a text",
+    "boolean": "true or false",
+    "choice": "a choice",
+    "numbers": "a list of numbers",
+    "texts": "a list of texts",
+    "range": "a range [low, high]",
+    "number_map": "a mapping of names to numbers",
+    "text_map": "a mapping of names to texts",
+    "any_map": "a mapping of names to single values",
+    "section": "a mapping",
+    "sections": "a list of mappings",
+    "section_map": "a mapping of names to mappings",
     "named_sections": "a list of mappings, each with a name",
 }
 
@@ -82,8 +91,11 @@ def boolean(node: Node, field: Field, where: str, report: Report) -> bool | None
     if not isinstance(node.value, bool):
         spelt = {"yes": "true", "on": "true", "1": "true", "no": "false", "off": "false", "0": "false"}
         meant = spelt.get(node.text.lower())
-        report(node.mark, f"{where} must be true or false, not {node.describe()}",
-               f"write {meant}" if meant else field.help)
+        report(
+            node.mark,
+            f"{where} must be true or false, not {node.describe()}",
+            f"write {meant}" if meant else field.help,
+        )
         return None
     return node.value
 
@@ -98,8 +110,11 @@ def texts(node: Node, field: Field, where: str, report: Report) -> list[str | No
 
 def number_range(node: Node, field: Field, where: str, report: Report) -> list[float | None] | None:
     if not node.is_list or len(node.value) != 2:
-        report(node.mark, f"{where} must be a range of two numbers, not {node.describe()}",
-               f"write [low, high]{' in ' + field.unit if field.unit else ''}")
+        report(
+            node.mark,
+            f"{where} must be a range of two numbers, not {node.describe()}",
+            f"write [low, high]{' in ' + field.unit if field.unit else ''}",
+        )
         return None
     low, high = _list(node, field, where, report, number)
     if low is not None and high is not None and low > high:
@@ -120,9 +135,17 @@ def any_map(node: Node, field: Field, where: str, report: Report) -> dict[str, A
 
 
 LEAVES: dict[str, Leaf] = {
-    "number": number, "integer": integer, "text": text, "boolean": boolean, "choice": choice,
-    "numbers": numbers, "texts": texts, "range": number_range,
-    "number_map": number_map, "text_map": text_map, "any_map": any_map,
+    "number": number,
+    "integer": integer,
+    "text": text,
+    "boolean": boolean,
+    "choice": choice,
+    "numbers": numbers,
+    "texts": texts,
+    "range": number_range,
+    "number_map": number_map,
+    "text_map": text_map,
+    "any_map": any_map,
 }
 
 

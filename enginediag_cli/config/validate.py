@@ -40,13 +40,14 @@ class _Walk:
     def report(self, mark: Mark, message: str, hint: str = "") -> None:
         self.problems.append(Problem(mark, message, hint))
 
-    def mapping(
-        self, node: Node, section: Section | Variants, where: str, named: bool = False
-    ) -> dict[str, Any]:
+    def mapping(self, node: Node, section: Section | Variants, where: str, named: bool = False) -> dict[str, Any]:
         """`where` is the dotted path for messages; `named` mappings have a `name:` besides their fields."""
         if not node.is_mapping:
-            self.report(node.mark, f"{where or 'the file'} must be a mapping of keys, not {node.describe()}",
-                        "a space is missing after ':'" if _lacks_space(node) else section.help)
+            self.report(
+                node.mark,
+                f"{where or 'the file'} must be a mapping of keys, not {node.describe()}",
+                "a space is missing after ':'" if _lacks_space(node) else section.help,
+            )
             return {}
         extra = [NAME] if named else []
         if isinstance(section, Variants):
@@ -102,15 +103,16 @@ class _Walk:
                 continue
             if name in places:
                 first = places[name]
-                self.report(item.value["name"].mark, f"the name '{name}' is used twice in {where}",
-                            f"first at {first.file}:{first.line}:{first.column}; names must differ")
+                self.report(
+                    item.value["name"].mark,
+                    f"the name '{name}' is used twice in {where}",
+                    f"first at {first.file}:{first.line}:{first.column}; names must differ",
+                )
             else:
                 places[name] = item.value["name"].mark
         return values
 
-    def _section_map(
-        self, node: Node, field: Field, section: Section | Variants, where: str
-    ) -> dict[str, Any]:
+    def _section_map(self, node: Node, field: Field, section: Section | Variants, where: str) -> dict[str, Any]:
         if not node.is_mapping:
             self.report(node.mark, f"{where} must be a mapping of names, not {node.describe()}", field.help)
             return {}
@@ -122,12 +124,18 @@ class _Walk:
             self.report(node.mark, f"missing key '{variants.key}'{_in(where)}", near("", variants.options))
             return None
         if not isinstance(chooser.value, str):
-            self.report(chooser.mark, f"{variants.key}{_in(where)} must be a name, not {chooser.describe()}",
-                        near("", variants.options))
+            self.report(
+                chooser.mark,
+                f"{variants.key}{_in(where)} must be a name, not {chooser.describe()}",
+                near("", variants.options),
+            )
             return None
         if chooser.value not in variants.options:
-            self.report(chooser.mark, f"unknown {variants.key} '{chooser.value}'{_in(where)}",
-                        near(chooser.value, variants.options))
+            self.report(
+                chooser.mark,
+                f"unknown {variants.key} '{chooser.value}'{_in(where)}",
+                near(chooser.value, variants.options),
+            )
             return None
         return variants.options[chooser.value]
 

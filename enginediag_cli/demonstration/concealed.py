@@ -52,8 +52,19 @@ def _write(path: str, text: str) -> None:
 
 
 def fly(recording: str, flights: int, seed: int) -> list[str]:
-    return ["simulate", TRUTH, "--flight", FLIGHTS, "--flights", str(flights), "--seed", str(seed), "--no-header",
-            "-o", recording]
+    return [
+        "simulate",
+        TRUTH,
+        "--flight",
+        FLIGHTS,
+        "--flights",
+        str(flights),
+        "--seed",
+        str(seed),
+        "--no-header",
+        "-o",
+        recording,
+    ]
 
 
 def locate() -> list[str]:
@@ -67,8 +78,22 @@ def explain() -> list[str]:
 def refine(effects: Sequence[str]) -> list[str]:
     """With the effects that `explain` named."""
     named = [word for label in effects for word in ("--term", label)]
-    return ["refine", ENGINE, RECORDED, *named, "--test", UNSEEN, "--window", str(WINDOW), "-o", REFINED, "--report",
-            REPORT, "--picture", BEFORE_AFTER]
+    return [
+        "refine",
+        ENGINE,
+        RECORDED,
+        *named,
+        "--test",
+        UNSEEN,
+        "--window",
+        str(WINDOW),
+        "-o",
+        REFINED,
+        "--report",
+        REPORT,
+        "--picture",
+        BEFORE_AFTER,
+    ]
 
 
 def nominal_of(engine: str) -> str:

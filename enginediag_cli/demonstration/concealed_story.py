@@ -33,8 +33,14 @@ class Found:
 
 def read_found() -> Found:
     """From the working folder."""
-    paths = (script.LOCATED, script.EXPLAINED, script.REPORT, script.detected_by(script.ENGINE),
-             script.detected_by(script.REFINED), script.detected_by(script.TRUTH))
+    paths = (
+        script.LOCATED,
+        script.EXPLAINED,
+        script.REPORT,
+        script.detected_by(script.ENGINE),
+        script.detected_by(script.REFINED),
+        script.detected_by(script.TRUTH),
+    )
     return Found(*(read(path) for path in paths))
 
 
@@ -72,8 +78,10 @@ def table(found: Found) -> Iterator[str]:
     """Before and after on the unseen flights: totals, then the sensors that gain most."""
     chi2 = found.refined["chi2_per_reading"]
     one, other, true = (f"{a} of {n}" for a, n in map(_alarms, (found.before, found.after, found.true)))
-    lines = [("χ² per reading", f"{chi2['before']:.3f}", f"{chi2['after']:.3f}"),
-             ("windows with a false alarm", one, other)]
+    lines = [
+        ("χ² per reading", f"{chi2['before']:.3f}", f"{chi2['after']:.3f}"),
+        ("windows with a false alarm", one, other),
+    ]
     rms = [row for row in found.refined["rows"] if row["what"] == "rms"]
     rms.sort(key=lambda row: row["after"] / row["before"])
     for row in rms[:SENSORS_TOLD]:
@@ -104,16 +112,20 @@ def mistakes(found: Found) -> Iterator[str]:
         yield "the refined engine raises more false alarms"
     alarms, windows = _alarms(found.after)
     if _at_least(alarms, windows) < SURPRISING:
-        yield (f"the refined engine raises {alarms} alarms in {windows} windows, more than chance at nominal 1 %; the "
-               f"engine that flew, {_alarms(found.true)[0]} in {_alarms(found.true)[1]}")
+        yield (
+            f"the refined engine raises {alarms} alarms in {windows} windows, more than chance at nominal 1 %; the "
+            f"engine that flew, {_alarms(found.true)[0]} in {_alarms(found.true)[1]}"
+        )
 
 
 def closing(found: Found) -> str:
     """One sentence."""
     wrong = sum(1 for _ in mistakes(found))
     if not wrong:
-        return ("What was concealed was located, named and put into the model, its true size lies inside its 95 % "
-                "interval, and flights that were not used fit better.")
+        return (
+            "What was concealed was located, named and put into the model, its true size lies inside its 95 % "
+            "interval, and flights that were not used fit better."
+        )
     return f"{wrong} {'thing was' if wrong == 1 else 'things were'} missed or wrong, marked with ! above."
 
 

@@ -93,8 +93,9 @@ def _flight(detection: Mapping[str, Any], put_in: Mapping[str, PutIn], rows: lis
     judged = [row for row in rows if row["isolated"] is not None]
     sizes = {row["parameter"]: _size(row) for row in judged if row["parameter"]}
     rivals = tuple(judged[0]["rivals"] or ()) if judged else ()
-    return Flight(str(detection["flight"]), put_in, detection, sizes if judged else None, rivals,
-                  str(detection["reason"] or ""))
+    return Flight(
+        str(detection["flight"]), put_in, detection, sizes if judged else None, rivals, str(detection["reason"] or "")
+    )
 
 
 def _size(row: Mapping[str, Any]) -> Size:

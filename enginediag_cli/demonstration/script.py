@@ -55,8 +55,19 @@ def identify() -> list[str]:
 
 def fly(case: Case, seed: int) -> list[str]:
     fault = ["--fault", case.fault] if case.fault else []
-    return ["simulate", ENGINE, *fault, "--flights", str(case.flights), "--seed", str(seed), "--truth", case.truth,
-            "-o", case.recording]
+    return [
+        "simulate",
+        ENGINE,
+        *fault,
+        "--flights",
+        str(case.flights),
+        "--seed",
+        str(seed),
+        "--truth",
+        case.truth,
+        "-o",
+        case.recording,
+    ]
 
 
 def detect(case: Case) -> list[str]:

@@ -15,12 +15,16 @@ from enginediag_cli.units import split_column
 def identified(found: Nominal, noise_put_in: Mapping[str, float]) -> Iterator[str]:
     """How many parameters were found, and how near the noise is to that of the simulated sensors."""
     count = {status: sum(e.status == status for e in found.estimates) for status in ("identified", "weak", "at prior")}
-    yield (f"{count['identified']} parameters are known well from these flights, {count['weak']} a little; "
-           f"{count['at prior']} stay at what was assumed")
+    yield (
+        f"{count['identified']} parameters are known well from these flights, {count['weak']} a little; "
+        f"{count['at prior']} stay at what was assumed"
+    )
     off = {c: found.sigma[c] / noise_put_in[c] - 1 for c in found.sensors}
     worst = max(off, key=lambda c: abs(off[c]))
-    yield (f"noise of {len(off)} sensors found, all within {100 * abs(off[worst]):.1f} % of what was put in "
-           f"(farthest: {split_column(worst)[0]})")
+    yield (
+        f"noise of {len(off)} sensors found, all within {100 * abs(off[worst]):.1f} % of what was put in "
+        f"(farthest: {split_column(worst)[0]})"
+    )
 
 
 def verdict(flight: Flight) -> str:
@@ -56,8 +60,10 @@ def comparison(case: Case, flights: Sequence[Flight]) -> Iterator[str]:
     if wrong:
         alarms = sum(flight.verdict == "fault" for flight in wrong)
         exact = sum(flight.put_in.keys() == (flight.isolated or {}).keys() for flight in wrong)
-        yield (f"  {_named(wrong)}, something wrong: {alarms} of {len(wrong)} detected, {exact} isolated to exactly "
-               "what was put in")
+        yield (
+            f"  {_named(wrong)}, something wrong: {alarms} of {len(wrong)} detected, {exact} isolated to exactly "
+            "what was put in"
+        )
         yield from _last(wrong[-1])
     yield from (f"  ! {mistake}" for flight in flights for mistake in mistakes(flight))
 
@@ -66,8 +72,10 @@ def closing(flights: Sequence[Flight]) -> str:
     """One sentence on whether all was found."""
     wrong = [mistake for flight in flights for mistake in mistakes(flight)]
     if not wrong:
-        return (f"All {len(flights)} flights were judged rightly, nothing else was blamed, and every true size lies "
-                "inside its 95 % interval.")
+        return (
+            f"All {len(flights)} flights were judged rightly, nothing else was blamed, and every true size lies "
+            "inside its 95 % interval."
+        )
     things = "thing was" if len(wrong) == 1 else "things were"
     return f"In {len(flights)} flights {len(wrong)} {things} missed or wrong; they are marked with ! above."
 

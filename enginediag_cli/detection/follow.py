@@ -131,9 +131,7 @@ class FlightMonitor:
         self._skipped = total - float(elapsed[kept[-1]])
         return found
 
-    def _residuals(
-        self, inputs: dict[str, np.ndarray], y: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def _residuals(self, inputs: dict[str, np.ndarray], y: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """e (n, m) about nominal, J (n, m, p + m) with a column per sensor bias, ok (n,).
 
         Up to an alarm the model is linearised at nominal, as the bound on false alarms wants; after it, at the
@@ -154,4 +152,3 @@ class FlightMonitor:
         a = len(self.monitor.monitored)
         shift[:a] = posterior_change(self.process.past, self.process.coordinates) * self.monitor.prior_sigma[:a]
         return np.clip(self.monitor.theta0 + shift, self.monitor.lower, self.monitor.upper) - self.monitor.theta0
-

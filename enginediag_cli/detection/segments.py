@@ -90,6 +90,4 @@ def tails(past: list[Segment], law: str = "step") -> Tails:
     g = np.where(np.arange(len(past))[None, :] >= np.arange(len(past))[:, None], since, 0.0)
     g = g / np.maximum(g[:, -1:], 1e-300)
     flat = F.reshape(len(past), -1)
-    return Tails(
-        g @ s, (g**2 @ flat).reshape(-1, *F.shape[1:]), (g @ flat).reshape(-1, *F.shape[1:]), total_s, total_F
-    )
+    return Tails(g @ s, (g**2 @ flat).reshape(-1, *F.shape[1:]), (g @ flat).reshape(-1, *F.shape[1:]), total_s, total_F)

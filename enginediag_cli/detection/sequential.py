@@ -109,9 +109,7 @@ class EProcess:
     def add(self, z: np.ndarray, G: np.ndarray, begin: float, clock: float) -> None:
         """The next block: innovations z (N, m) and sensitivities G (N, m, p) of parameters and sensor biases."""
         columns = G.reshape(-1, G.shape[2]) @ self.coordinates.basis
-        new = Segment(
-            self.blocks, self.blocks + 1, len(z), begin, clock, columns.T @ z.ravel(), columns.T @ columns
-        )
+        new = Segment(self.blocks, self.blocks + 1, len(z), begin, clock, columns.T @ z.ravel(), columns.T @ columns)
         self.past = append(self.past, new)
         self.blocks += 1
         found = effect(tails(self.past), self.coordinates.nuisance)

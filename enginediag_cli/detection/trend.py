@@ -151,9 +151,7 @@ def _equations(data: _Flights, G: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Right side (2p,) and matrix (2p, 2p) of the posterior of (level, change), with g of each parameter G (p, n)."""
     p = len(data.D)
     F_lc = np.einsum("nab,bn->ab", data.F, G)
-    H = np.block(
-        [[data.F.sum(axis=0), F_lc], [F_lc.T, np.einsum("nab,an,bn->ab", data.F, G, G)]]
-    ) + np.eye(2 * p)
+    H = np.block([[data.F.sum(axis=0), F_lc], [F_lc.T, np.einsum("nab,an,bn->ab", data.F, G, G)]]) + np.eye(2 * p)
     return np.concatenate([data.s.sum(axis=0), np.einsum("na,an->a", data.s, G)]), H
 
 

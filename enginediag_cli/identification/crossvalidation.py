@@ -44,9 +44,7 @@ def block_folds(recording: np.ndarray, block: int) -> np.ndarray:
     return number % min(FOLDS, int(number[-1]) + 1)
 
 
-def cross_validate(
-    problem: Problem, fit: Fit, block: int, max_iterations: int = MAX_ITERATIONS
-) -> CrossValidation:
+def cross_validate(problem: Problem, fit: Fit, block: int, max_iterations: int = MAX_ITERATIONS) -> CrossValidation:
     """Refit without each fold, starting from the full fit, and predict the fold.
 
     Offsets of a recording come from its remaining records, or stay at zero when none remain.

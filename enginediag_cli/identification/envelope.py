@@ -18,8 +18,14 @@ MAX_POINTS = 150
 MARGIN_RANGE = (0.25, 1.0)
 STRETCHES = 10
 MINIMUM_SPREAD = {
-    "mach": 0.05, "altitude_m": 2000.0, "dT_isa_K": 10.0, "humidity_kg_kg": 0.005,
-    "ambient_temperature_K": 5.0, "ambient_pressure_Pa": 1500.0, "dP_inlet_Pa": 100.0, "T4_K": 5.0,
+    "mach": 0.05,
+    "altitude_m": 2000.0,
+    "dT_isa_K": 10.0,
+    "humidity_kg_kg": 0.005,
+    "ambient_temperature_K": 5.0,
+    "ambient_pressure_Pa": 1500.0,
+    "dP_inlet_Pa": 100.0,
+    "T4_K": 5.0,
 }
 RELATIVE_SPREAD = 0.03
 """Least spread, as a share of the largest value seen, of an input that is not in the table above."""
@@ -58,10 +64,7 @@ class Envelope:
         j = int(np.argmax(beyond))
         if beyond[j] > 0:
             side = "above" if value[j] > self.high[j] else "below"
-            return (
-                f"{self.inputs[j]} {value[j]:.4g} is {side} what was seen "
-                f"({self.low[j]:.4g} to {self.high[j]:.4g})"
-            )
+            return f"{self.inputs[j]} {value[j]:.4g} is {side} what was seen ({self.low[j]:.4g} to {self.high[j]:.4g})"
         index = int(_nearest(value[None] / self.scale, self.points / self.scale)[1][0])
         j = int(np.argmax(np.abs(value - self.points[index]) / self.scale))
         return (
@@ -80,10 +83,7 @@ def learn_envelope(inputs: Mapping[str, np.ndarray]) -> Envelope:
     u = np.column_stack([np.asarray(inputs[c], float) for c in names])
     low, high = u.min(axis=0), u.max(axis=0)
     least = np.array(
-        [
-            MINIMUM_SPREAD.get(c, RELATIVE_SPREAD * max(abs(low[j]), abs(high[j]), 1e-12))
-            for j, c in enumerate(names)
-        ]
+        [MINIMUM_SPREAD.get(c, RELATIVE_SPREAD * max(abs(low[j]), abs(high[j]), 1e-12)) for j, c in enumerate(names)]
     )
     scale = np.maximum(u.std(axis=0), least)
     v = u / scale
@@ -109,10 +109,7 @@ def _own_distance(v: np.ndarray) -> float:
         return MARGIN_RANGE[1]
     stretch = np.arange(len(v)) * STRETCHES // len(v)
     sample = np.arange(0, len(v), max(1, len(v) // 1000))
-    nearest = [
-        _nearest(v[sample[stretch[sample] == i]], v[sample[stretch[sample] != i]])[0]
-        for i in range(STRETCHES)
-    ]
+    nearest = [_nearest(v[sample[stretch[sample] == i]], v[sample[stretch[sample] != i]])[0] for i in range(STRETCHES)]
     return float(np.quantile(np.concatenate(nearest), 0.95))
 
 

@@ -116,9 +116,7 @@ def solve(
         gain, predicted = _reduction(now, trial, x, z, dx, dz)
         enough = lost <= max(1, LOST_FRACTION * now.ok.sum())
         noise_floor = NEGLIGIBLE * max(_total(now, x, z), 1.0)
-        accepted = bool(
-            enough and predicted > 0 and (gain > 1e-4 * predicted or abs(gain) + predicted < noise_floor)
-        )
+        accepted = bool(enough and predicted > 0 and (gain > 1e-4 * predicted or abs(gain) + predicted < noise_floor))
         history.append(
             Iteration(
                 _total(trial if accepted else now, x + dx if accepted else x, z + dz if accepted else z),
@@ -208,8 +206,6 @@ def _reduction(
     gain = float((now.record_cost[both] - trial.record_cost[both]).sum() - prior)
     slope = now.g_x @ dx + np.sum(now.g_z * dz)
     bend = (
-        dx @ now.H_xx @ dx
-        + 2 * np.einsum("p,rpq,rq->", dx, now.H_xz, dz)
-        + np.einsum("rp,rpq,rq->", dz, now.H_zz, dz)
+        dx @ now.H_xx @ dx + 2 * np.einsum("p,rpq,rq->", dx, now.H_xz, dz) + np.einsum("rp,rpq,rq->", dz, now.H_zz, dz)
     )
     return gain, float(-(slope + 0.5 * bend + prior))

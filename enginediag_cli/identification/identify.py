@@ -84,9 +84,7 @@ class IdentificationResult:
             raise ValueError(f"an identification that did not converge has no nominal state: {self.reason}")
         p, fit = self.problem, self.fit
         offsets = {
-            label: {
-                f"{o.sensor} {o.kind}": float(o.prior_sigma * fit.z[r, j]) for j, o in enumerate(p.offsets)
-            }
+            label: {f"{o.sensor} {o.kind}": float(o.prior_sigma * fit.z[r, j]) for j, o in enumerate(p.offsets)}
             for r, label in enumerate(p.labels)
         }
         later = self.monitoring_noise
@@ -170,9 +168,7 @@ def identify(
         found.information, found.covariance, problem.prior_sigma, problem.names
     )
     seen = {
-        c: v[fit.equations.ok] if fit.equations.ok.any() else v
-        for c, v in problem.inputs.items()
-        if c in engine.inputs
+        c: v[fit.equations.ok] if fit.equations.ok.any() else v for c, v in problem.inputs.items() if c in engine.inputs
     }
     envelope = learn_envelope(seen)
     status = fit.equations.status
@@ -207,8 +203,7 @@ def with_regimes(engine: Model, recordings: Sequence[TrainingRecording]) -> list
     recordings = [TrainingRecording(*r) for r in recordings]
     found = assign_regimes([r.columns for r in recordings], engine.inputs) if recordings else []
     return [
-        r if r.regimes is not None else r._replace(regimes=label)
-        for r, label in zip(recordings, found, strict=True)
+        r if r.regimes is not None else r._replace(regimes=label) for r, label in zip(recordings, found, strict=True)
     ]
 
 

@@ -61,9 +61,7 @@ class NoiseEstimate:
         return (1 + self.rho1) / (1 - self.rho1)
 
 
-def estimate_noise(
-    residual: np.ndarray, recording: np.ndarray, lost: np.ndarray, floor: np.ndarray
-) -> NoiseEstimate:
+def estimate_noise(residual: np.ndarray, recording: np.ndarray, lost: np.ndarray, floor: np.ndarray) -> NoiseEstimate:
     """Noise from residuals (N, m), NaN where missing, of records ordered in time within `recording` (N,).
 
     `lost` (2, m): how many variances the fit took out of Σ e² and Σ e_k e_k−1 of each sensor (see `covariance.py`); one

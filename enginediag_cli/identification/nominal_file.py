@@ -61,9 +61,7 @@ def read_nominal(path: str | Path) -> Nominal:
     ]
     axes = v["envelope"]["inputs"]
     if len({len(a["points"]) for a in axes.values()}) != 1:
-        problems.append(
-            Problem(checked.mark(("envelope",)), "the inputs of the envelope differ in number of points")
-        )
+        problems.append(Problem(checked.mark(("envelope",)), "the inputs of the envelope differ in number of points"))
     if problems:
         raise ConfigError(problems)
     return Nominal(
@@ -79,10 +77,7 @@ def read_nominal(path: str | Path) -> Nominal:
         tuple(SensorQuality(**q) for q in v["in_sample"]),
         tuple(SensorQuality(**q) for q in v["cross_validated"]),
         tuple(SensorQuality(**q) for q in v["held_out"]),
-        tuple(
-            Combination(tuple(c["parameters"]), tuple(c["coefficients"]), c["from_data"])
-            for c in v["unidentified"]
-        ),
+        tuple(Combination(tuple(c["parameters"]), tuple(c["coefficients"]), c["from_data"]) for c in v["unidentified"]),
         _envelope(v["envelope"]),
         {k: int(n) for k, n in v["records"].items()},
         dict(v["provenance"]),

@@ -54,9 +54,7 @@ OFFSET = Section(
     "A sensor error that is constant within one recording and differs between them.",
     (
         Field("sensor", "text", "column"),
-        Field(
-            "kind", "choice", "bias in the column's unit, or scale as a fraction", choices=("bias", "scale")
-        ),
+        Field("kind", "choice", "bias in the column's unit, or scale as a fraction", choices=("bias", "scale")),
         Field("prior_sigma", "number", "standard deviation from recording to recording", minimum=0.0),
     ),
 )
@@ -125,9 +123,7 @@ NOMINAL_FILE = Section(
         Field("estimates", "section_map", "parameter: its nominal value", section=ESTIMATE),
         Field("covariance", "numbers", "lower triangle of the covariance of the estimates, row by row"),
         Field("noise", "section_map", "column: its noise", section=NOISE),
-        Field(
-            "noise_correlation", "numbers", "lower triangle of the correlation between sensors, row by row"
-        ),
+        Field("noise_correlation", "numbers", "lower triangle of the correlation between sensors, row by row"),
         Field(
             "offsets",
             "sections",

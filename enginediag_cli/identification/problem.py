@@ -107,9 +107,7 @@ class Problem:
         return replace(self, sigma=sigma, inflation=inflation)
 
 
-def build_problem(
-    model: Model, recordings: Sequence[TrainingRecording], settings: IdentificationSettings
-) -> Problem:
+def build_problem(model: Model, recordings: Sequence[TrainingRecording], settings: IdentificationSettings) -> Problem:
     """Stack recordings and choose parameters, sensors and offsets.
 
     Records that lack an input or every reading are left out and counted in `dropped`. Raises DataError for
@@ -125,9 +123,7 @@ def build_problem(
             f"the prior sigma of {', '.join(bad)} must be a positive number; "
             "list the parameter under `fixed:` to keep it at nominal"
         )
-    noise = np.array(
-        [settings.noise_sigma.get(s, model.sensors[s].noise_sigma) or np.nan for s in sensors], float
-    )
+    noise = np.array([settings.noise_sigma.get(s, model.sensors[s].noise_sigma) or np.nan for s in sensors], float)
     if not np.all(noise > 0):
         lacking = [s for s, v in zip(sensors, noise, strict=True) if not v > 0]
         raise DataError(f"no noise sigma is known for {', '.join(lacking)}; give it under `noise_sigma:`")
@@ -197,9 +193,7 @@ def _recorded_sensors(
         "sensor",
     )
     wanted = match_names(settings.sensors, known, "sensor") if settings.sensors else known
-    recorded = tuple(
-        s for s in wanted if any(s in r.columns and np.any(np.isfinite(r.columns[s])) for r in recordings)
-    )
+    recorded = tuple(s for s in wanted if any(s in r.columns and np.any(np.isfinite(r.columns[s])) for r in recordings))
     if not recorded:
         raise DataError(f"the recordings hold no reading of any sensor of the engine ({', '.join(wanted)})")
     return recorded
@@ -208,10 +202,7 @@ def _recorded_sensors(
 def _offsets(sensors: tuple[str, ...], settings: IdentificationSettings) -> tuple[OffsetPrior, ...]:
     wanted = [("bias", settings.recording_bias_sigma), ("scale", settings.recording_scale_sigma)]
     return tuple(
-        OffsetPrior(s, kind, float(sigma[s]))
-        for s in sensors
-        for kind, sigma in wanted
-        if sigma.get(s, 0.0) > 0
+        OffsetPrior(s, kind, float(sigma[s])) for s in sensors for kind, sigma in wanted if sigma.get(s, 0.0) > 0
     )
 
 
@@ -224,9 +215,7 @@ def _stack(
     for index, item in enumerate(recordings):
         missing = [c for c in model.inputs if c not in item.columns]
         if missing:
-            raise DataError(
-                f"{item.label}: lacks the input column{'s' * (len(missing) > 1)} {', '.join(missing)}"
-            )
+            raise DataError(f"{item.label}: lacks the input column{'s' * (len(missing) > 1)} {', '.join(missing)}")
         n = len(item.columns[model.inputs[0]])
         keep = np.ones(n, bool)
         values = {c: np.asarray(item.columns[c], float) for c in model.inputs}
@@ -248,8 +237,7 @@ def _stack(
         regimes.append(labels[keep])
     if not sum(map(len, measured)):
         raise DataError(
-            "no record has all inputs and a sensor reading: "
-            + ", ".join(f"{v} {k}" for k, v in dropped.items() if v)
+            "no record has all inputs and a sensor reading: " + ", ".join(f"{v} {k}" for k, v in dropped.items() if v)
         )
     return (
         {c: np.concatenate(v) for c, v in inputs.items()},

@@ -10,8 +10,20 @@ CLIMB_RATE_M_S = 2.5
 """About 500 ft/min: beyond it an aircraft is climbing or descending."""
 
 GROUND_MACH = 0.1
-AMBIENT = ("altitude", "mach", "dT_isa", "humidity", "P0", "T0", "Pamb", "Tamb", "ambient_pressure",
-           "ambient_temperature", "dP_inlet", "dP_exhaust")
+AMBIENT = (
+    "altitude",
+    "mach",
+    "dT_isa",
+    "humidity",
+    "P0",
+    "T0",
+    "Pamb",
+    "Tamb",
+    "ambient_pressure",
+    "ambient_temperature",
+    "dP_inlet",
+    "dP_exhaust",
+)
 """Quantities that describe the surroundings, not the power setting."""
 
 SMALLEST_BAND = 0.005

@@ -59,9 +59,7 @@ def fit_table(result: IdentificationResult) -> list[str]:
     ]
     noise = dict(zip(result.problem.sensors, result.noise.rho1, strict=True))
     places = list(dict.fromkeys(place for table in found for place in table))
-    for sensor, regime in sorted(
-        places, key=lambda p: (result.problem.sensors.index(p[0]), p[1] != EVERYTHING)
-    ):
+    for sensor, regime in sorted(places, key=lambda p: (result.problem.sensors.index(p[0]), p[1] != EVERYTHING)):
         q = [table.get((sensor, regime)) for table in found]
         inside = q[0]
         rows.append(
@@ -106,9 +104,7 @@ def parameter_lines(estimates: Sequence[Estimate]) -> list[str]:
         lines.append(f"{len(bound)} at a bound, a sign that the model lacks something: {', '.join(bound)}")
     prior = [e.name for e in estimates if e.status == "at prior"]
     if prior:
-        lines.append(
-            f"{len(prior)} not found by these recordings, left at what was assumed: {', '.join(prior)}"
-        )
+        lines.append(f"{len(prior)} not found by these recordings, left at what was assumed: {', '.join(prior)}")
     return lines
 
 

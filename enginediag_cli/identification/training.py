@@ -30,9 +30,7 @@ def training_recordings(recording: Recording, label: str, *, engine: str = "") -
     for key in dict.fromkeys(keys):
         part = recording.select(np.array([k == key for k in keys], bool)) if len(set(keys)) > 1 else recording
         regimes = np.asarray(part.text["phase"]) if "phase" in part.text else None
-        name = " ".join(
-            [label, *(f"{what} {k}" for what, k in zip(("engine", "flight"), key, strict=False) if k)]
-        )
+        name = " ".join([label, *(f"{what} {k}" for what, k in zip(("engine", "flight"), key, strict=False) if k)])
         found.append(TrainingRecording(name, dict(part.columns), regimes))
     return found
 

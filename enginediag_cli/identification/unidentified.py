@@ -69,9 +69,7 @@ def unidentified_combinations(
     return tuple(sorted(found, key=lambda c: (c.from_data, c.parameters)))
 
 
-def _named(
-    direction: np.ndarray, covariance: np.ndarray, prior_sigma: np.ndarray, names: Sequence[str]
-) -> Combination:
+def _named(direction: np.ndarray, covariance: np.ndarray, prior_sigma: np.ndarray, names: Sequence[str]) -> Combination:
     size = np.abs(direction)
     order = [int(i) for i in np.argsort(-size, kind="stable") if size[i] >= NAMED * size.max()]
     w = np.zeros_like(direction)

@@ -90,9 +90,7 @@ def part(information: np.ndarray, own: np.ndarray, other: np.ndarray) -> np.ndar
     return np.asarray(information[np.ix_(own, own)] - half @ half.T)
 
 
-def _allowed_change(
-    score: Score, own: np.ndarray, other: np.ndarray, allowed: float
-) -> np.ndarray | None:
+def _allowed_change(score: Score, own: np.ndarray, other: np.ndarray, allowed: float) -> np.ndarray | None:
     """Of the changes (k,), in prior_sigma, of the set `own` that the data allow, the one `other` imitates best.
 
     Minimum of a quadratic form over an ellipsoid about the estimate, by its Lagrange multiplier. None when
@@ -179,9 +177,7 @@ def condition_options(monitor: Monitor, conditions: Mapping[str, np.ndarray]) ->
     ]
 
 
-def sensor_options(
-    monitor: Monitor, inputs: Mapping[str, np.ndarray], noises: Mapping[str, float]
-) -> list[Option]:
+def sensor_options(monitor: Monitor, inputs: Mapping[str, np.ndarray], noises: Mapping[str, float]) -> list[Option]:
     """One option per further sensor (model column -> noise sigma, in the column's unit), recorded together with
     the present sensors at operating conditions like those of `inputs`, column -> (N,); before them the present
     sensors alone, for comparison. Empty when the engine can compute none of these conditions."""
@@ -202,7 +198,5 @@ def sensor_options(
     added = whiten(np.zeros(full.shape[:2]), full, noise)[1]
     options = [Option("present sensors", {}, base)]
     for j, column in enumerate(columns):
-        options.append(
-            Option(column, {column: noises[column]}, base + added[:, j].T @ added[:, j] / ok.sum())
-        )
+        options.append(Option(column, {column: noises[column]}, base + added[:, j].T @ added[:, j] / ok.sum()))
     return options

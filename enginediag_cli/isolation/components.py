@@ -101,9 +101,7 @@ def isolate_components(
     statistics: those of which `score` was made, for the question whether the answer fits, as in `diagnose`.
     """
     options = options or IsolationOptions()
-    components, sets, probabilities = component_posterior(
-        score, options.prior, largest=options.largest
-    )
+    components, sets, probabilities = component_posterior(score, options.prior, largest=options.largest)
     adequacy = Adequacy()
     if statistics is not None:
         adequacy = dispersed(fit_after(score, statistics, score.parameters))
@@ -132,4 +130,3 @@ def _parameters(score: Score, components: tuple[str, ...], members: np.ndarray) 
     """All parameters of the components chosen by `members` (c,) bool."""
     chosen = {c for c, member in zip(components, members, strict=True) if member}
     return [name for name in score.parameters if component_of(name) in chosen]
-

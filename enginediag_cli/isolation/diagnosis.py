@@ -110,9 +110,7 @@ def _by_posterior(
         if model is None:
             notes.append("the records are no longer at hand for the full model")
         elif options.nonlinear == "always" or quadratic_error(model, score, posterior.masks[:CHECKED]) > NATS:
-            found = nonlinear_posterior(
-                model, score, prior, largest=isolation.largest, faults=isolation.faults
-            )
+            found = nonlinear_posterior(model, score, prior, largest=isolation.largest, faults=isolation.faults)
             score, posterior, prior, large = replace(found.score, doubt=score.doubt), found.posterior, found.prior, True
             if not found.converged:
                 notes.append("a fit of the full model did not converge")

@@ -23,7 +23,5 @@ def holm_minmax(score: Score, false_alarm: float = 0.01) -> tuple[tuple[str, ...
     steps = (len(order) - np.arange(len(order))) * p_values[order]
     adjusted = np.empty(len(order))
     adjusted[order] = np.minimum(np.maximum.accumulate(steps), 1.0)
-    named = tuple(
-        name for name, value in zip(score.parameters, adjusted, strict=True) if value <= false_alarm
-    )
+    named = tuple(name for name, value in zip(score.parameters, adjusted, strict=True) if value <= false_alarm)
     return named, adjusted

@@ -51,8 +51,7 @@ def posterior_result(score: Score, posterior: SetPosterior, options: IsolationOp
     isolated = posterior.names(0)
     count = posterior.credible(options.coverage)
     rivals = tuple(
-        Explanation(posterior.names(i), float(posterior.probabilities[i]))
-        for i in range(1, min(count, MAX_RIVALS + 1))
+        Explanation(posterior.names(i), float(posterior.probabilities[i])) for i in range(1, min(count, MAX_RIVALS + 1))
     )
     sensors = are_sensors(score.parameters)
     wrong = int(are_sensors(isolated).sum())
@@ -151,9 +150,7 @@ METHODS: dict[str, Callable[[Score, IsolationOptions], IsolationResult]] = {
 }
 
 
-def isolate(
-    score: Score, method: str = "posterior", options: IsolationOptions | None = None
-) -> IsolationResult:
+def isolate(score: Score, method: str = "posterior", options: IsolationOptions | None = None) -> IsolationResult:
     """Isolate changed parameters by the named method; ValueError lists the methods when it is unknown."""
     if method not in METHODS:
         raise ValueError(f"`method` must be one of {', '.join(METHODS)}, not {method!r}")

@@ -183,9 +183,7 @@ def _moments(
     )
 
 
-def _cut(
-    mean: np.ndarray, covariance: np.ndarray, cut: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _cut(mean: np.ndarray, covariance: np.ndarray, cut: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """P(w_cut > 0) (h,), and mean (h, k) and covariance (h, k, k) given that; the others follow linearly."""
     inner = covariance[:, cut][:, :, cut]
     positive, centre, spread = orthant_moments(mean[:, cut], inner)

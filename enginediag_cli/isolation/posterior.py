@@ -46,9 +46,7 @@ class SetPosterior:
 
     def credible(self, coverage: float = 0.95) -> int:
         """How many of the first sets are needed to hold probability `coverage`."""
-        return min(
-            int(np.searchsorted(np.cumsum(self.probabilities), coverage - 1e-12)) + 1, len(self.probabilities)
-        )
+        return min(int(np.searchsorted(np.cumsum(self.probabilities), coverage - 1e-12)) + 1, len(self.probabilities))
 
 
 def size_limit(
@@ -78,13 +76,9 @@ def set_posterior(
     """
     prior = prior or SetPrior()
     p, sensors = len(score.parameters), are_sensors(score.parameters)
-    limit = size_limit(
-        p, faults if faults is not None else largest, max_sets, int(sensors.sum()), prior.wrong_sensors
-    )
+    limit = size_limit(p, faults if faults is not None else largest, max_sets, int(sensors.sum()), prior.wrong_sensors)
     if faults is not None and limit < min(faults, p):
-        raise ValueError(
-            f"{faults} faults among {p} parameters are more sets than can be visited ({max_sets})"
-        )
+        raise ValueError(f"{faults} faults among {p} parameters are more sets than can be visited ({max_sets})")
     b, information = score.scaled()
     slabs = np.asarray(prior.slabs, float)
     A = np.eye(p) + slabs[:, None, None] ** 2 * information
@@ -101,8 +95,7 @@ def set_posterior(
     weights = np.exp(logs - logs[0])
     probabilities = weights / weights.sum()
     changed = masks.any(axis=1)
-    evidence = (
-        float(logs[0] + np.log(weights[changed].sum()) - empty) if weights[changed].sum() > 0 else -np.inf
+    evidence = float(logs[0] + np.log(weights[changed].sum()) - empty) if weights[changed].sum() > 0 else -np.inf
+    return SetPosterior(
+        score.parameters, masks, probabilities, probabilities @ masks, evidence, limit, prior.wrong_sensors
     )
-    return SetPosterior(score.parameters, masks, probabilities, probabilities @ masks, evidence, limit,
-                        prior.wrong_sensors)

@@ -76,9 +76,7 @@ def orthant_moments(
     return weight.mean(axis=1), centre, np.einsum("wn,wni,wnj->wij", share, away, away)
 
 
-def _separated(
-    mean: np.ndarray, covariance: np.ndarray, points: int
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _separated(mean: np.ndarray, covariance: np.ndarray, points: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Weights (w, n) of points x = mean + L y in the positive orthant, y (w, n, d), and L (w, d, d)."""
     from scipy.special import ndtr, ndtri
 
@@ -138,9 +136,7 @@ def one_sided_posterior(
     return reweighed(posterior, weights)
 
 
-def sign_factors(
-    score: Score, masks: np.ndarray, signs: np.ndarray, prior: SetPrior, doubt: float = 0.0
-) -> np.ndarray:
+def sign_factors(score: Score, masks: np.ndarray, signs: np.ndarray, prior: SetPrior, doubt: float = 0.0) -> np.ndarray:
     """Factor (w,) by which knowing the signs (p,) changes the marginal likelihood of each set (w, p)."""
     b, information = score.scaled()
     factors = np.ones(len(masks))

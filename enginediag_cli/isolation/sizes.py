@@ -34,9 +34,7 @@ class ParameterChange:
         return 100 * self.change / self.nominal if self.nominal else float("nan")
 
 
-def estimate_sizes(
-    score: Score, names: Sequence[str], confidence: float = 0.95
-) -> tuple[ParameterChange, ...]:
+def estimate_sizes(score: Score, names: Sequence[str], confidence: float = 0.95) -> tuple[ParameterChange, ...]:
     """Changes of `names` when nothing else changed, with two-sided intervals of level `confidence`."""
     from scipy.special import ndtri
 

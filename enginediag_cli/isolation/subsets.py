@@ -98,9 +98,7 @@ class _Search:
         P = np.linalg.inv(self.I)
         order = np.arange(p)
         self._offer(p, self.b @ P @ self.b, order)
-        stack = [
-            (order[None], P[None], (P @ self.b)[None], np.array([self.b @ P @ self.b]), np.zeros(1, int))
-        ]
+        stack = [(order[None], P[None], (P @ self.b)[None], np.array([self.b @ P @ self.b]), np.zeros(1, int))]
         while stack:
             variables, P, delta, value, fixed = stack.pop()
             self.nodes += len(value)
@@ -146,9 +144,7 @@ class _Search:
             smaller = P[k[:, None, None], kept[:, :, None], kept[:, None, :]]
             smaller = smaller - column[:, :, None] * column[:, None, :] / pivot[:, None, None]
             shifted = np.take_along_axis(delta[k], kept, 1) - column * (delta[k, d] / pivot)[:, None]
-            children.append(
-                (np.take_along_axis(variables[k], kept, 1), smaller, shifted, child_value[rows], d)
-            )
+            children.append((np.take_along_axis(variables[k], kept, 1), smaller, shifted, child_value[rows], d))
         return children[::-1]
 
     def _alive(self, value: np.ndarray, losses: np.ndarray, fixed: np.ndarray) -> np.ndarray:

@@ -142,8 +142,9 @@ def advise(base: Identified, first: Explanation, second: Explanation, most: int 
     conditions = []
     for values, X in _conditions(rivals, evidence, grid, sigma):
         conditions.append(_judged(rivals, now, CONDITION, "", values, X, offsets))
-    sensors = [_judged(rivals, now, SENSOR, column, {}, X, o)
-               for column, X, o in _sensors(rivals, rows, like_these, offsets)]
+    sensors = [
+        _judged(rivals, now, SENSOR, column, {}, X, o) for column, X, o in _sensors(rivals, rows, like_these, offsets)
+    ]
     for found in (conditions, sensors):
         judged += sorted(found, key=lambda s: (s.records, -s.gain))[:most]
     return Advice((first.label, second.label), min(now), tuple(sorted(judged, key=lambda s: (s.records, -s.gain))))
@@ -169,8 +170,9 @@ def _rivals(
     scale = np.concatenate([found.problem.prior_sigma, sigma])
     at = {n: j for j, n in enumerate(names)}
     values = {c.name: c.value for e in (first, second) for c in e.coefficients}
-    sizes = [np.array([(values[n] - model.parameters[n].nominal) / scale[at[n]] for n in part])
-             for part in (only, more)]
+    sizes = [
+        np.array([(values[n] - model.parameters[n].nominal) / scale[at[n]] for n in part]) for part in (only, more)
+    ]
     t, r = (np.array([at[n] for n in part], int) for part in (only, more))
     everything = Nuisance(along.sigma, along.discrepancies, {**along.curves, **ours.curves, **theirs.curves})
     return _Rivals(found, Projection(found), model, names, scale, t, r, (sizes[0], sizes[1]), everything)
@@ -197,7 +199,12 @@ def _extended(h: Hypothesis, evidence: Evidence, records: int) -> Hypothesis:
 
 
 def _judged(
-    rivals: _Rivals, now: tuple[float, float], kind: str, what: str, values: Mapping[str, float], X: np.ndarray,
+    rivals: _Rivals,
+    now: tuple[float, float],
+    kind: str,
+    what: str,
+    values: Mapping[str, float],
+    X: np.ndarray,
     offsets: np.ndarray,
 ) -> Suggestion:
     """X (k, m, z): rows of typical records; offsets (m, o): what a new recording's own offsets do to them."""
@@ -256,8 +263,9 @@ def _conditions(
     C = len(next(iter(grid.values())))
     inputs = {c: v[-C:] for c, v in inputs_of(evidence).items()}
     curves = {k: v[-C:] for k, v in rivals.along.curves.items()}
-    p = rivals.model.predict({**inputs, **curves}, rivals.found.theta, sensors=rivals.found.problem.sensors,
-                             wrt=tuple(rivals.names))
+    p = rivals.model.predict(
+        {**inputs, **curves}, rivals.found.theta, sensors=rivals.found.problem.sensors, wrt=tuple(rivals.names)
+    )
     X = (p.jacobian * rivals.scale / sigma[:, None])[:, :, rivals.free]
     return [({c: float(v[k]) for c, v in grid.items()}, X[k : k + 1]) for k in np.flatnonzero(p.status == 0)]
 

@@ -71,5 +71,5 @@ class Answer:
 
     @property
     def kind(self) -> str:
-        """"effect", "fault", "sensor fault", "effect + fault", … of the first explanation; "" without one."""
+        """ "effect", "fault", "sensor fault", "effect + fault", … of the first explanation; "" without one."""
         return " + ".join(sorted({o.kind for o in self.explanations[0].options})) if self.explanations else ""

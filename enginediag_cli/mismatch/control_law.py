@@ -133,8 +133,9 @@ def _divisions(values: np.ndarray) -> tuple[float, float]:
     between = np.full(i.shape, -np.inf)
     ok = i < j
     i, j = i[ok], j[ok]
-    between[ok] = (sums[i] ** 2 / n[i] + (sums[j] - sums[i]) ** 2 / (n[j] - n[i]) + (sums[-1] - sums[j]) ** 2
-                   / (GRID - n[j]))
+    between[ok] = (
+        sums[i] ** 2 / n[i] + (sums[j] - sums[i]) ** 2 / (n[j] - n[i]) + (sums[-1] - sums[j]) ** 2 / (GRID - n[j])
+    )
     k = np.unravel_index(int(np.argmax(between)), between.shape)
     low, high = k[0] + 1, k[1] + 2
     return 0.5 * float(v[low - 1] + v[low]), 0.5 * float(v[high - 1] + v[high])

@@ -72,8 +72,9 @@ def _fitted(base: Identified, objective: float, cell: Cell, along: Nuisance) -> 
     phi = columns[rows]
     nothing = np.full(len(rows), np.nan)
     if not fit.converged:
-        return Curve(place, driver, parameter.unit, 0.0, len(sought), driver.values[rows], nothing, nothing, False,
-                     fit.reason)
+        return Curve(
+            place, driver, parameter.unit, 0.0, len(sought), driver.values[rows], nothing, nothing, False, fit.reason
+        )
     projection = Projection(fit)
     j = [fit.problem.names.index(d.name) for d in sought]
     sigma = fit.problem.prior_sigma[j]
@@ -81,5 +82,15 @@ def _fitted(base: Identified, objective: float, cell: Cell, along: Nuisance) -> 
     c = np.array([fit.theta[d.name] for d in sought]) + projection.step[k] * sigma
     C = projection.covariance()[np.ix_(k, k)] * np.outer(sigma, sigma)
     error = np.sqrt(np.einsum("ij,jk,ik->i", phi, C, phi))
-    return Curve(place, driver, parameter.unit, objective - projection.objective, len(sought), driver.values[rows],
-                 phi @ c, error, True, "")
+    return Curve(
+        place,
+        driver,
+        parameter.unit,
+        objective - projection.objective,
+        len(sought),
+        driver.values[rows],
+        phi @ c,
+        error,
+        True,
+        "",
+    )

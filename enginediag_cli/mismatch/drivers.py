@@ -42,7 +42,9 @@ class Driver:
 
 
 def drivers(
-    engine: Engine, inputs: Mapping[str, np.ndarray], parameters: Mapping[str, float],
+    engine: Engine,
+    inputs: Mapping[str, np.ndarray],
+    parameters: Mapping[str, float],
     recorded: Mapping[str, np.ndarray] | None = None,
 ) -> list[Driver]:
     """Drivers of N records at these parameters, those that move; `recorded` are further columns (N,), such as
@@ -66,8 +68,12 @@ def drivers(
         Driver("inlet_temperature", "inlet_temperature", "K", T2),
         Driver("power", "power", "T4/T2", column[f"T{s4}_K"] / T2),
         Driver("reynolds_index", "reynolds_index", "ln RNI", np.log(value(reynolds_index_of(T2, P2)))),
-        Driver("reynolds_index", "turbine_reynolds_index", "ln RNI",
-               np.log(value(reynolds_index_of(column[f"T{s4}_K"], column[f"P{s4}_Pa"])))),
+        Driver(
+            "reynolds_index",
+            "turbine_reynolds_index",
+            "ln RNI",
+            np.log(value(reynolds_index_of(column[f"T{s4}_K"], column[f"P{s4}_Pa"]))),
+        ),
     ]
     if "mach" in inputs:
         found.insert(0, Driver("mach", "mach", "1", np.asarray(inputs["mach"], float)))

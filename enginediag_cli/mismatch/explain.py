@@ -82,7 +82,8 @@ class Search:
         if self.evidence.settings.noise == "estimate":
             self.detect, self.adequate = (
                 Gates(*(doubtful(g, self.base.projection) for g in (gates.effects, gates.faults, gates.cells)))
-                for gates in (self.detect, self.adequate))
+                for gates in (self.detect, self.adequate)
+            )
         if not rest.over(self.detect):
             hidden = self._unrecorded()
             if hidden:
@@ -118,8 +119,11 @@ class Search:
         if hidden and (named or evidence > 0.5 * recorded):
             return self._answer(HIDDEN, "", rest, named, hidden)
         return self._answer(
-            NONE, f"no listed effect or change in time, nor up to {LARGEST_SET} together, explains the mismatch", rest,
-            hidden=hidden)
+            NONE,
+            f"no listed effect or change in time, nor up to {LARGEST_SET} together, explains the mismatch",
+            rest,
+            hidden=hidden,
+        )
 
     def _named_set(self, pairs: Sequence[tuple[Option, ...]], best: Cell | None) -> list[Explanation]:
         """The alias set of pairs, or of the larger sets that grow from them; empty when none is adequate."""
@@ -156,9 +160,12 @@ class Search:
         top = max((s.score.statistic for s in scores if s.surprise > 0), default=0.0)
         chosen: list[OptionScore] = []
         for s in scores:
-            same = any(s.option.driver == c.option.driver == "time" and s.option.component == c.option.component
-                       and s.option.hypothesis.discrepancies[0].target == c.option.hypothesis.discrepancies[0].target
-                       for c in chosen)
+            same = any(
+                s.option.driver == c.option.driver == "time"
+                and s.option.component == c.option.component
+                and s.option.hypothesis.discrepancies[0].target == c.option.hypothesis.discrepancies[0].target
+                for c in chosen
+            )
             if s.surprise > 0 and s.score.statistic > 0.3 * top - 30.0 and not same:
                 chosen.append(s)
             if len(chosen) == SHORTLIST:
@@ -221,8 +228,10 @@ class Search:
         if not adequate:
             return []
         odds = np.exp([-0.5 * (t.objective - adequate[0][0].objective) for t, _, _ in adequate])
-        return [self._explanation(t, p, left, flights)
-                for (t, left, flights), p in zip(adequate, odds / (odds.sum() + elsewhere), strict=True)]
+        return [
+            self._explanation(t, p, left, flights)
+            for (t, left, flights), p in zip(adequate, odds / (odds.sum() + elsewhere), strict=True)
+        ]
 
     def _judge(self, trial: Trial) -> tuple[float, float, str]:
         """What is left, share of flights gained, and why the trial is no explanation ("" when it is one)."""
@@ -234,8 +243,11 @@ class Search:
         if self.evidence.settings.map_accuracy > 0.0 and all(o.driver != "time" for o in trial.options):
             flights = flights_gained(self.base, trial)
             if flights < MOST_FLIGHTS:
-                return left.surprise, flights, (
-                    f"predicts only {100 * flights:.0f} % of the flights better: not separable from map error")
+                return (
+                    left.surprise,
+                    flights,
+                    (f"predicts only {100 * flights:.0f} % of the flights better: not separable from map error"),
+                )
             return left.surprise, flights, ""
         return left.surprise, np.nan, ""
 
@@ -265,15 +277,30 @@ class Search:
     # around it
 
     def _answer(
-        self, status: str, reason: str, rest: Remainder, named: Sequence[Explanation] = (),
+        self,
+        status: str,
+        reason: str,
+        rest: Remainder,
+        named: Sequence[Explanation] = (),
         hidden: Sequence[Hidden] = (),
     ) -> Answer:
         unseen = tuple(s.option.label for s in rest.scores if s.score.absorbed and s.option.driver != "time")
         base = self.base
         return Answer(
-            status, reason, tuple(named), rest.cells, tuple(places(rest.cells, base.projection)), unseen, tuple(hidden),
-            (self.detect.effects, self.adequate.effects), rest.best(EFFECT), base.objective, base.projection.dof,
-            self.rejected, base.found.theta, base.found.number,
+            status,
+            reason,
+            tuple(named),
+            rest.cells,
+            tuple(places(rest.cells, base.projection)),
+            unseen,
+            tuple(hidden),
+            (self.detect.effects, self.adequate.effects),
+            rest.best(EFFECT),
+            base.objective,
+            base.projection.dof,
+            self.rejected,
+            base.found.theta,
+            base.found.number,
         )
 
 

@@ -65,14 +65,29 @@ def tell(evidence: Evidence, effects: Sequence[Effect] | None = None, *, advise:
         best = tuple(replace(e, switch="") for t in trials for e in t.hypothesis.effects)
         at = (best, *(tuple(e for e in effects_at(f.location, engine) if _listed(e, search.effects)) for f in told))
     base = search.base
-    curves = fitted_curves(base.found, base.objective, best_places(answer.cells), search.along) \
-        if answer.status == NONE else []
+    curves = (
+        fitted_curves(base.found, base.objective, best_places(answer.cells), search.along)
+        if answer.status == NONE
+        else []
+    )
     floor = floor_cost(base, search.library)
     only_exact = _only_exact(answer, floor)
-    advice = advice_between(base.found, [*answer.explanations, *_next_best(search, answer)]) \
-        if advise and answer.status == NAMED else []
-    return Story(search.evidence, answer, hidden, at, tuple(curves), tuple(floor), tuple(only_exact), tuple(advice),
-                 tuple(refitted[1]) if refitted else ())
+    advice = (
+        advice_between(base.found, [*answer.explanations, *_next_best(search, answer)])
+        if advise and answer.status == NAMED
+        else []
+    )
+    return Story(
+        search.evidence,
+        answer,
+        hidden,
+        at,
+        tuple(curves),
+        tuple(floor),
+        tuple(only_exact),
+        tuple(advice),
+        tuple(refitted[1]) if refitted else (),
+    )
 
 
 def _next_best(search: Search, answer: Answer) -> list[Explanation]:

@@ -89,8 +89,10 @@ class _Told:
     def beyond(self, scatter: float) -> tuple[np.ndarray, np.ndarray]:
         """s' (q,) and I' (q, q)."""
         inner = self._inner(scatter)
-        return (self.s - self.information @ np.linalg.solve(inner, self.s),
-                self.information - self.information @ np.linalg.solve(inner, self.information))
+        return (
+            self.s - self.information @ np.linalg.solve(inner, self.s),
+            self.information - self.information @ np.linalg.solve(inner, self.information),
+        )
 
 
 def _scatter(others: Sequence[_Told]) -> float:
@@ -164,8 +166,10 @@ def per_engine(projection: Projection, cell: Cell) -> PerEngine | None:
     wide = np.concatenate(own, axis=2)
     C, full = projection.projected(wide), lengths(projection.frame, wide)
     q = cell.curves.shape[1]
-    alone = {name: projection.score(C[:, k * q : (k + 1) * q], float(full[k * q])).statistic
-             for k, name in enumerate(engines)}
+    alone = {
+        name: projection.score(C[:, k * q : (k + 1) * q], float(full[k * q])).statistic
+        for k, name in enumerate(engines)
+    }
     together = projection.score(C, float(full.max()))
     between, dof = together.statistic - cell.score.statistic, together.dof - cell.score.dof
     return PerEngine(alone, between, float(stats.chi2.sf(max(between, 0.0), dof)) if dof > 0 else 1.0)

@@ -45,8 +45,13 @@ NEAR times the best less SLACK."""
 
 
 def hidden_amplitudes(
-    found: Identified, projection: Projection, *, level: float = 0.05, rng: np.random.Generator,
-    along: Nuisance | None = None, refitted: int = REFITTED,
+    found: Identified,
+    projection: Projection,
+    *,
+    level: float = 0.05,
+    rng: np.random.Generator,
+    along: Nuisance | None = None,
+    refitted: int = REFITTED,
 ) -> list[HiddenFinding]:
     """Every location's amplitude, the likeliest first, at a fit that carries no such effect; look at `significant`.
 
@@ -59,8 +64,7 @@ def hidden_amplitudes(
     draws = of.noise(draws_for(len(of.gap)), rng)
     both = likelihoods(of, directions, np.concatenate([of.left[:, :, None], draws], axis=2))
     gate = threshold(largest(both)[1:], level)
-    findings = [_finding(found, of, place, d, f, gate)
-                for place, d, f in zip(places, directions, both, strict=True)]
+    findings = [_finding(found, of, place, d, f, gate) for place, d, f in zip(places, directions, both, strict=True)]
     findings.sort(key=lambda f: -f.lr)
     if not findings or not findings[0].significant:
         return findings
@@ -70,7 +74,7 @@ def hidden_amplitudes(
     chosen = [f for f in findings if f.lr > enough][:refitted]
     again = [_with_states(f, found, of, known[f.location.name][0], along) for f in chosen]
     again.sort(key=lambda f: -f.worth)
-    findings = again + findings[len(chosen):]
+    findings = again + findings[len(chosen) :]
     return [replace(findings[0], rivals=_rivals(findings, of, known)), *findings[1:]]
 
 
@@ -122,9 +126,7 @@ def _geometry(found: Identified, projection: Projection) -> tuple[Basis, list[Lo
     return of, [places[k] for k in seen], [directions[k] for k in seen]
 
 
-def _finding(
-    found: Identified, of: Basis, place: Location, d: Direction, f: Likelihood, gate: float
-) -> HiddenFinding:
+def _finding(found: Identified, of: Basis, place: Location, d: Direction, f: Likelihood, gate: float) -> HiddenFinding:
     N = len(of.gap)
     a, error = np.zeros(N), np.zeros(N)
     if f.signal > 0.0:
@@ -133,8 +135,18 @@ def _finding(
     unit = (place.through.parameters()[0] if place.through else engine.parameters[place.parameter]).unit
     remark = "" if found.converged else f"the fit without the effect did not converge: {found.reason}"
     return HiddenFinding(
-        place, unit, f.kernel.name, float(f.best[0]), gate, found.number, a, error,
-        np.abs(a) * np.sqrt(d.diagonal), bounds_of(found, place)[1], converged=found.converged, remark=remark,
+        place,
+        unit,
+        f.kernel.name,
+        float(f.best[0]),
+        gate,
+        found.number,
+        a,
+        error,
+        np.abs(a) * np.sqrt(d.diagonal),
+        bounds_of(found, place)[1],
+        converged=found.converged,
+        remark=remark,
     )
 
 
@@ -164,9 +176,7 @@ def _rivals(
     return tuple(found)
 
 
-def _with_states(
-    f: HiddenFinding, found: Identified, of: Basis, d: Direction, along: Nuisance
-) -> HiddenFinding:
+def _with_states(f: HiddenFinding, found: Identified, of: Basis, d: Direction, along: Nuisance) -> HiddenFinding:
     """The finding with its two states, refitted."""
     bounds, sign = bounds_of(found, f.location)
     a = -f.amplitude if sign < 0 else f.amplitude
@@ -178,9 +188,14 @@ def _with_states(
     interval = max(bounds.lower, new.coefficient - half), min(bounds.upper, new.coefficient + half)
     gained = 0.5 * (of.objective - new.objective)  # what bending the rest of the fit has brought
     return replace(
-        f, states=new.states.on, is_switch=new.states.evidence > new.continuous,
-        switch_lr=gained + new.states.evidence, continuous_lr=gained + new.continuous, switches=_switches(new),
-        coefficient=new.coefficient, interval=interval,
+        f,
+        states=new.states.on,
+        is_switch=new.states.evidence > new.continuous,
+        switch_lr=gained + new.states.evidence,
+        continuous_lr=gained + new.continuous,
+        switches=_switches(new),
+        coefficient=new.coefficient,
+        interval=interval,
         remark=_remark(new),
     )
 

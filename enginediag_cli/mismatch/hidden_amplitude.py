@@ -116,9 +116,7 @@ def own_error(along: Direction) -> float:
     return float(np.median(along.diagonal[along.diagonal > 0]) ** -0.5)
 
 
-def likelihood(
-    along: Direction, gap: np.ndarray, g: np.ndarray, kernels: Sequence[Kernel] = KERNELS
-) -> Likelihood:
+def likelihood(along: Direction, gap: np.ndarray, g: np.ndarray, kernels: Sequence[Kernel] = KERNELS) -> Likelihood:
     """Largest LR over kernels and τ of residuals gathered at the location, g = CᵀPe (N, D)."""
     g = np.asfortranarray(g)
     best, first, top = np.zeros(g.shape[1]), [0.0], (kernels[0], 0.0)

@@ -60,8 +60,10 @@ def two_states(of: Basis, along: Direction, bounds: Bounds, starts: np.ndarray) 
     steps = transitions(of.gap, p)
     own = np.einsum("nm,nm->n", along.own, of.e)
     before = np.einsum("nm,nm->n", along.before, of.e)
-    lengths = [np.einsum("nm,nm->n", x, y) for x, y in
-               ((along.own, along.own), (along.before, along.before), (along.own, along.before))]
+    lengths = [
+        np.einsum("nm,nm->n", x, y)
+        for x, y in ((along.own, along.own), (along.before, along.before), (along.own, along.before))
+    ]
     g, B = along.gathered(of.left), along.B
     chain = Posterior(np.zeros(len(p)), on, _pairs(on), np.zeros_like(on))
     value, last, settled = np.full(len(p), -np.inf), chain.on, False
@@ -76,8 +78,12 @@ def two_states(of: Basis, along: Direction, bounds: Bounds, starts: np.ndarray) 
         emission = _emission(a[:, None], r_own, r_before, lengths)
         chain = forward_backward(steps + emission)
         spread = _full_square(along, chain) - ((chain.on @ B) ** 2).sum(axis=1)
-        value = (chain.log_evidence - 0.5 * a**2 * (Bs**2).sum(axis=1) - 0.5 * (a / bounds.sigma) ** 2
-                 - 0.5 * np.log1p(bounds.sigma**2 * np.maximum(spread, 0.0)))
+        value = (
+            chain.log_evidence
+            - 0.5 * a**2 * (Bs**2).sum(axis=1)
+            - 0.5 * (a / bounds.sigma) ** 2
+            - 0.5 * np.log1p(bounds.sigma**2 * np.maximum(spread, 0.0))
+        )
         settled = bool(np.abs(chain.on - last).max() < SETTLED)
         if settled:
             break

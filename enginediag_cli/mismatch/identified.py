@@ -131,8 +131,9 @@ def nuisance(evidence: Evidence) -> Nuisance:
     inputs = inputs_of(evidence)
     known = {n: v for n, v in s.prior_mean.items() if n in engine.parameters}
     discrepancies, curves = floor(engine, inputs, known, s.map_accuracy)
-    of_engine = np.concatenate([np.full(len(next(iter(f.columns.values()))), evidence.engines.index(f.engine))
-                                for f in evidence.flights])
+    of_engine = np.concatenate(
+        [np.full(len(next(iter(f.columns.values()))), evidence.engines.index(f.engine)) for f in evidence.flights]
+    )
     for k, name in enumerate(evidence.engines[1:], start=1):
         curves[f"engine {name}"] = (of_engine == k).astype(float)
         for n, sigma in s.nuisance.items():
@@ -179,10 +180,15 @@ def problem_with(
     names = [*along.sigma, *(d.name for d in discrepancies), *(a for e in hypothesis.effects for a in e.amplitudes)]
     recorded = [c for c in evidence.noise.sigma if c in evidence.engine.sensors]
     settings = IdentificationSettings(
-        parameters=tuple(names), prior_sigma=dict(along.sigma),
+        parameters=tuple(names),
+        prior_sigma=dict(along.sigma),
         prior_mean={n: v for n, v in s.prior_mean.items() if n in model.parameters},
-        noise_sigma={c: evidence.noise.sigma[c] for c in recorded}, noise="specified", loss=s.loss,
-        loss_scale=s.loss_scale, recording_bias_sigma=s.offsets, recording_scale_sigma=s.scale_offsets,
+        noise_sigma={c: evidence.noise.sigma[c] for c in recorded},
+        noise="specified",
+        loss=s.loss,
+        loss_scale=s.loss_scale,
+        recording_bias_sigma=s.offsets,
+        recording_scale_sigma=s.scale_offsets,
     )
     problem = build_problem(model, with_regimes(evidence.engine, _recordings(evidence, curves)), settings)
     rho = np.array([evidence.noise.rho.get(c, 0.0) for c in problem.sensors])

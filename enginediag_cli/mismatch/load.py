@@ -78,8 +78,14 @@ def load_case(case: Case, note: Note) -> Loaded:
     _known_drivers(case.drivers, list(dict.fromkeys(c for r, _, _ in parts for c in r.order)))
     flights = [f for recording, label, name in parts for f in _flights(recording, label, name)]
     evidence = build_evidence(
-        engine, flights, nominal=nominal, model_error=case.model_error, false_alarm=case.false_alarm,
-        drivers=case.drivers, noise=case.noise, seed=case.seed,
+        engine,
+        flights,
+        nominal=nominal,
+        model_error=case.model_error,
+        false_alarm=case.false_alarm,
+        drivers=case.drivers,
+        noise=case.noise,
+        seed=case.seed,
     )
     return Loaded(evidence, tuple(dict.fromkeys(line for r, _, _ in parts for line in r.provenance)))
 
@@ -122,7 +128,10 @@ def build_evidence(
     )
     held = {n: v for n, v in theta0.items() if n not in sigma}
     return Evidence(
-        engine.at(held), tuple(flights), _noise(engine, sensors, stated, nominal, block), settings,
+        engine.at(held),
+        tuple(flights),
+        _noise(engine, sensors, stated, nominal, block),
+        settings,
         _drivers(drivers, flights),
     )
 
@@ -252,23 +261,31 @@ def _check_limits(engine: Engine, limits: Mapping[str, float]) -> None:
     known = {e.parameter_name(c.name): c for e in (*engine.effects, *candidates(engine)) for c in e.term.COEFFICIENTS}
     for name, value in limits.items():
         if name not in known:
-            raise DataError(f"{engine.path}: `mismatch: limits` names an unknown coefficient '{name}' "
-                            f"({near(name, known)})")
+            raise DataError(
+                f"{engine.path}: `mismatch: limits` names an unknown coefficient '{name}' ({near(name, known)})"
+            )
         if value < known[name].absent:
-            raise DataError(f"{engine.path}: `mismatch: limits: {name}` is below {known[name].absent:g}, the value "
-                            "without the effect")
+            raise DataError(
+                f"{engine.path}: `mismatch: limits: {name}` is below {known[name].absent:g}, the value "
+                "without the effect"
+            )
 
 
 def _noise(
-    engine: Engine, sensors: Sequence[str], stated: IdentificationSettings, nominal: Nominal | None,
+    engine: Engine,
+    sensors: Sequence[str],
+    stated: IdentificationSettings,
+    nominal: Nominal | None,
     block: Mapping[str, Any],
 ) -> Noise:
     sigma = {s: stated.noise_sigma.get(s) or engine.sensors[s].noise_sigma for s in sensors}
     inputs, shares = dict(block.get("input_noise") or {}), dict(block.get("input_noise_share") or {})
     for name in (*inputs, *shares):
         if name not in engine.inputs:
-            raise DataError(f"{engine.path}: `mismatch:` states noise of '{name}', which is not an input "
-                            f"({near(name, engine.inputs)})")
+            raise DataError(
+                f"{engine.path}: `mismatch:` states noise of '{name}', which is not an input "
+                f"({near(name, engine.inputs)})"
+            )
     if nominal is None:
         return Noise(sigma, {}, inputs, shares)
     rho = {s: nominal.rho1.get(s, 0.0) for s in sensors}
@@ -278,7 +295,8 @@ def _noise(
 def _noise_choice(block: Mapping[str, Any], sensors: Sequence[str], nominal: Nominal | None) -> str:
     # what cross-validation leaves is the model's error where it has not seen the readings: large enough as it is
     fitted = nominal is not None and any(
-        n.sigma_from not in ("stated", "cross_validation") for n in nominal.noise if n.sensor in sensors)
+        n.sigma_from not in ("stated", "cross_validation") for n in nominal.noise if n.sensor in sensors
+    )
     return "estimate" if fitted else str(block["noise"])
 
 

@@ -80,8 +80,15 @@ def fault_options(found: Identified) -> list[Option]:
             sensor = parameters[n].family == "sensor"
             component = n.rpartition(".")[0] if sensor else n.partition(".")[0]
             d = Discrepancy(n, name, parameters[n].prior_sigma)
-            result.append(Option(SENSOR_FAULT if sensor else FAULT, f"{n} {name}", component, "time",
-                                 Hypothesis((), (d,), {name: curve})))
+            result.append(
+                Option(
+                    SENSOR_FAULT if sensor else FAULT,
+                    f"{n} {name}",
+                    component,
+                    "time",
+                    Hypothesis((), (d,), {name: curve}),
+                )
+            )
     return result
 
 
@@ -92,9 +99,12 @@ def _steps(found: Identified) -> dict[str, np.ndarray]:
     sizes = [len(next(iter(f.columns.values()))) for f in evidence.flights]
     starts = np.concatenate([[0], np.cumsum(sizes)])
     for name in evidence.engines:
-        own = [start + part * n // PARTS_OF_FLIGHT
-               for f, start, n in zip(evidence.flights, starts, sizes, strict=False) if f.engine == name
-               for part in range(PARTS_OF_FLIGHT)]
+        own = [
+            start + part * n // PARTS_OF_FLIGHT
+            for f, start, n in zip(evidence.flights, starts, sizes, strict=False)
+            if f.engine == name
+            for part in range(PARTS_OF_FLIGHT)
+        ]
         for onset in own[:: -(-len(own) // MOST_ONSETS)]:
             steps |= _step(evidence, int(onset))
     return steps
@@ -102,8 +112,9 @@ def _steps(found: Identified) -> dict[str, np.ndarray]:
 
 def _step(evidence: Evidence, onset: int) -> dict[str, np.ndarray]:
     """The curve that steps at a record, counted over the evidence, on that record's engine; none too near an end."""
-    flight = np.repeat(np.arange(len(evidence.flights)),
-                       [len(next(iter(f.columns.values()))) for f in evidence.flights])
+    flight = np.repeat(
+        np.arange(len(evidence.flights)), [len(next(iter(f.columns.values()))) for f in evidence.flights]
+    )
     engine = np.array([evidence.engines.index(f.engine) for f in evidence.flights])[flight]
     mine = engine == engine[onset]
     curve = (mine & (np.arange(len(mine)) >= onset)).astype(float)
@@ -131,8 +142,13 @@ def with_best_onset(found: Identified, projection: Projection, option: Option) -
     length = np.linalg.norm(C, axis=0)
     T = np.where(length > 0, (C.T @ projection.left) ** 2 / np.maximum(length, 1e-300) ** 2, 0.0)
     name = list(steps)[int(np.argmax(T))]
-    return Option(option.kind, f"{d.target} {name}", option.component, "time",
-                  Hypothesis((), (Discrepancy(d.target, name, d.sigma),), {name: steps[name]}))
+    return Option(
+        option.kind,
+        f"{d.target} {name}",
+        option.component,
+        "time",
+        Hypothesis((), (Discrepancy(d.target, name, d.sigma),), {name: steps[name]}),
+    )
 
 
 def effects_of(options: Sequence[Option]) -> list[Effect]:
@@ -157,8 +173,7 @@ def option_scores(
     stack, sizes = [], []
     for o in options:
         own = [J[a] for e in o.hypothesis.effects for a in e.amplitudes]
-        own += [J[d.target] * o.hypothesis.curves[d.curve][found.number][:, None]
-                for d in o.hypothesis.discrepancies]
+        own += [J[d.target] * o.hypothesis.curves[d.curve][found.number][:, None] for d in o.hypothesis.discrepancies]
         stack += own
         sizes.append(len(own))
     wide = np.stack(stack, axis=2)

@@ -90,7 +90,10 @@ class PerRecord:
 
 
 def fit_per_record(
-    evidence: Evidence, place: Location | None, along: Nuisance, hypothesis: Hypothesis = NO_HYPOTHESIS,
+    evidence: Evidence,
+    place: Location | None,
+    along: Nuisance,
+    hypothesis: Hypothesis = NO_HYPOTHESIS,
     starts: Sequence[PerRecord | None] = (None,),
 ) -> PerRecord:
     """The best of the fits from the starts (None: prior means): from one start only, a local optimum of the rivals
@@ -113,9 +116,7 @@ def scan(
     return sorted([none, *found], key=lambda f: f.objective)
 
 
-def amplitudes_at(
-    evidence: Evidence, trained: PerRecord, along: Nuisance, sensors: Sequence[str]
-) -> PerRecord:
+def amplitudes_at(evidence: Evidence, trained: PerRecord, along: Nuisance, sensors: Sequence[str]) -> PerRecord:
     """Amplitudes of other recordings at the trained θ, from some of the sensors alone; residuals are of all sensors,
     so those left out are predicted."""
     fit = _Fit(evidence, trained.location, along, trained.hypothesis)
@@ -168,8 +169,9 @@ class _Fit:
         for _ in range(ITERATIONS):
             dx, da = self._step(now, mu, used)
             # in a curved valley the amplitudes must follow before the step can be judged
-            trial = self._amplitudes(self._at(np.clip(now.x + dx, self.low, self.high), self._inside(now.a + da)),
-                                     used, FOLLOW)
+            trial = self._amplitudes(
+                self._at(np.clip(now.x + dx, self.low, self.high), self._inside(now.a + da)), used, FOLLOW
+            )
             ok = now.ok & trial.ok
             fall = now.cost(used, ok) - trial.cost(used, ok) + now.x @ now.x - trial.x @ trial.x
             if fall >= 0.0 and int((now.ok & ~trial.ok).sum()) <= 0.02 * self.N:
@@ -282,9 +284,23 @@ class _Fit:
         if self.place is not None:
             theta[self.place.parameter] = self.base
         return PerRecord(
-            self.place, self.hypothesis, theta, now.x, amplitude, error, now.e, now.J, now.c,
-            p.sensors, p.sigma, p.inputs[NUMBER].astype(int), p.recording, p.inputs,
-            tuple(n for n, b in zip(p.names, bound, strict=True) if b), int((~now.ok).sum()), converged,
+            self.place,
+            self.hypothesis,
+            theta,
+            now.x,
+            amplitude,
+            error,
+            now.e,
+            now.J,
+            now.c,
+            p.sensors,
+            p.sigma,
+            p.inputs[NUMBER].astype(int),
+            p.recording,
+            p.inputs,
+            tuple(n for n, b in zip(p.names, bound, strict=True) if b),
+            int((~now.ok).sum()),
+            converged,
         )
 
 
@@ -302,8 +318,11 @@ class _Point:
     def taking(self, other: _Point, rows: np.ndarray) -> _Point:
         """This point with the other's values in these rows; θ is the same."""
         return _Point(
-            self.x, np.where(rows, other.a, self.a), np.where(rows, other.ok, self.ok),
-            np.where(rows[:, None], other.e, self.e), np.where(rows[:, None, None], other.J, self.J),
+            self.x,
+            np.where(rows, other.a, self.a),
+            np.where(rows, other.ok, self.ok),
+            np.where(rows[:, None], other.e, self.e),
+            np.where(rows[:, None, None], other.J, self.J),
             np.where(rows[:, None], other.c, self.c),
         )
 

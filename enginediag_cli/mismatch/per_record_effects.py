@@ -70,9 +70,7 @@ class Rows:
         return np.asarray(c - self.Q @ (self.Q.T @ c))
 
 
-def effects_beside(
-    evidence: Evidence, fit: PerRecord, effects: Sequence[Effect], block: int = BLOCK
-) -> list[Beside]:
+def effects_beside(evidence: Evidence, fit: PerRecord, effects: Sequence[Effect], block: int = BLOCK) -> list[Beside]:
     """Scores of effects that the fit does not carry, those that can be ranked first, by z of blocks."""
     carried = {e.label for e in (*evidence.engine.effects, *fit.hypothesis.effects)}
     effects = [e for e in effects if e.label not in carried and e.amplitudes]
@@ -96,8 +94,7 @@ def effects_beside(
         step = push / length**2
         at = amplitude.nominal
         feasible = amplitude.lower <= at + step * 1e-6 <= amplitude.upper
-        found.append(Beside(e, (push / length) ** 2, z, step,
-                            length / float(full[j]), feasible))
+        found.append(Beside(e, (push / length) ** 2, z, step, length / float(full[j]), feasible))
     return sorted(found, key=lambda b: (not b.rankable, -abs(b.z_blocks)))
 
 
@@ -134,8 +131,11 @@ def inflation(fit: PerRecord) -> float:
     reading, (1 + ρ)/(1 − ρ), of the residuals' mean lag-1 correlation (fast and slow model error count as noise)."""
     e = fit.residual
     next_to = (fit.recording[1:] == fit.recording[:-1])[:, None] & np.isfinite(e[1:]) & np.isfinite(e[:-1])
-    rho = [float((a[k] * b[k]).sum() / np.nansum(c**2) * len(c) / k.sum())
-           for a, b, c, k in zip(e[1:].T, e[:-1].T, e.T, next_to.T, strict=True) if k.any()]
+    rho = [
+        float((a[k] * b[k]).sum() / np.nansum(c**2) * len(c) / k.sum())
+        for a, b, c, k in zip(e[1:].T, e[:-1].T, e.T, next_to.T, strict=True)
+        if k.any()
+    ]
     mean = min(max(float(np.mean(rho)), 0.0), 0.95) if rho else 0.0
     free = np.isfinite(e).sum() - np.isfinite(fit.amplitude).sum()
     return max(1.0, float(np.nansum(e**2)) / max(1, int(free))) * (1.0 + mean) / (1.0 - mean)

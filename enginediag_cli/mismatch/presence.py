@@ -98,9 +98,7 @@ def presence(
     return Presence(omnibus, order, directed, looks, evidence.settings.false_alarm)
 
 
-def order_test(
-    projection: Projection, along: Sequence[Driver], share: float, rng: np.random.Generator
-) -> Test | None:
+def order_test(projection: Projection, along: Sequence[Driver], share: float, rng: np.random.Generator) -> Test | None:
     """Von Neumann's ratio of each sensor's residuals along each driver; the smallest p, times the looks. None where
     no sensor has readings enough. `statistic` is the ratio, 2 for residuals without order."""
     found, frame = projection.found, projection.frame

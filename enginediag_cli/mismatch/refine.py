@@ -115,8 +115,17 @@ def refine(
         return Refinement(refused, fitted, errors, before, after, seen, gain)
     refined = engine.with_effects((*engine.effects, *fitted))
     return Refinement(
-        "", fitted, errors, before, after, seen, gain, alarms(engine, evidence, unseen, window),
-        alarms(refined, evidence, unseen, window), evidence.flights, still_missing(after),
+        "",
+        fitted,
+        errors,
+        before,
+        after,
+        seen,
+        gain,
+        alarms(engine, evidence, unseen, window),
+        alarms(refined, evidence, unseen, window),
+        evidence.flights,
+        still_missing(after),
     )
 
 
@@ -167,8 +176,10 @@ def _refusal(seen: Unseen, gain: Gain) -> str:
         return "no unseen record could be computed by both models"
     if gain.significant:
         return ""
-    return (f"the unseen flights are not predicted significantly better: log likelihood {gain.total:+.1f} "
-            f"(at least {LEAST_GAIN:.1f} is asked), {gain.gained} of {gain.units} ({gain.unit}) gain, p = {gain.p:.2g}")
+    return (
+        f"the unseen flights are not predicted significantly better: log likelihood {gain.total:+.1f} "
+        f"(at least {LEAST_GAIN:.1f} is asked), {gain.gained} of {gain.units} ({gain.unit}) gain, p = {gain.p:.2g}"
+    )
 
 
 def _fitted(effects: Sequence[Effect], trial: Trial) -> tuple[tuple[Effect, ...], dict[str, float]]:
@@ -193,8 +204,10 @@ def _check(evidence: Evidence, unseen: Sequence[int]) -> None:
     for k in unseen:
         name = evidence.flights[k].engine
         if name not in training:
-            raise ValueError(f"{evidence.flights[k].label}: engine {name!r} has no flight among those that are fitted, "
-                             "so its health is not known")
+            raise ValueError(
+                f"{evidence.flights[k].label}: engine {name!r} has no flight among those that are fitted, "
+                "so its health is not known"
+            )
 
 
 def last_flights(evidence: Evidence, count: int) -> list[int]:

@@ -66,7 +66,9 @@ def alarms(engine: Engine, evidence: Evidence, unseen: Sequence[int], window: in
             continue
         settings = settings_from_mapping(engine.declared.get("identification"))
         result = identify(
-            engine, [TrainingRecording(f.label, f.columns) for f in training], settings=settings,
+            engine,
+            [TrainingRecording(f.label, f.columns) for f in training],
+            settings=settings,
             cross_validation=settings.monitoring_noise == "cross_validation",
         )
         if not result.converged:

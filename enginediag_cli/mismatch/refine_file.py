@@ -44,8 +44,9 @@ def refined_text(path: str, effects: Sequence[Effect], errors: Mapping[str, floa
         return "\n".join([*lines, "", "physics:", *(line for e in entries for line in e)]) + "\n"
     start, end = _extent(root, "physics", len(lines))
     if "[" in lines[start].partition("#")[0]:
-        raise DataError(f"{path}:{start + 1}: write the list under `physics:` with a `- ` for each effect, and refine "
-                        "again")
+        raise DataError(
+            f"{path}:{start + 1}: write the list under `physics:` with a `- ` for each effect, and refine again"
+        )
     while end > start + 1 and (not lines[end - 1].strip() or lines[end - 1].startswith("#")):
         end -= 1  # what stands above the next key belongs to it
     indent = " " * (physics.value[0].mark.column - 1 - 2)

@@ -124,8 +124,15 @@ def compare_switched(
         densities.append((log_density(before, one[0], whole)[0], log_density(after, one[1], whole)[0] + i.evidence))
     a, b = (np.array(x) for x in zip(*densities, strict=True))
     name = "flight" if len(unseen) >= FEW_FLIGHTS and not _runs(evidence, unseen) else "run of records"
-    seen = replace(seen, flights_before=a, flights_after=b, units_before=a, units_after=b, unit=name,
-                   states=_by_state(there, unseen, before, after, along, column))
+    seen = replace(
+        seen,
+        flights_before=a,
+        flights_after=b,
+        units_before=a,
+        units_after=b,
+        unit=name,
+        states=_by_state(there, unseen, before, after, along, column),
+    )
     return seen, there
 
 
@@ -157,8 +164,16 @@ def _known(after: Trial, there: Identified) -> Basis:
     pull = Q[:n].T @ e
     rows, residual, left = (np.zeros((*frame.keep.shape, *tail)) for tail in ((q,), (), ()))
     rows[frame.keep], residual[frame.keep], left[frame.keep] = Q[:n], e, e - Q[:n] @ pull
-    return Basis(frame, rows, e=residual, left=left, objective=float(e @ e - pull @ pull), pull=pull,
-                 prior_rows=Q[n:], gap=gaps(there))
+    return Basis(
+        frame,
+        rows,
+        e=residual,
+        left=left,
+        objective=float(e @ e - pull @ pull),
+        pull=pull,
+        prior_rows=Q[n:],
+        gap=gaps(there),
+    )
 
 
 def _by_state(

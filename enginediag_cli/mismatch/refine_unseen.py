@@ -101,8 +101,18 @@ def compare(evidence: Evidence, unseen: Sequence[int], before: Trial, after: Tri
         quality.append(sensor_quality(p.problem.sensors, e, p.fit.equations.predicted, sigma, np.full(len(e), "all")))
         chi2.append(float(np.nanmean((e / sigma) ** 2)))
     return Unseen(
-        pair[0].problem.labels, density[0][0], density[1][0], density[0][1], density[1][1], name,
-        quality[0], quality[1], chi2[0], chi2[1], int(both.sum()), lost,
+        pair[0].problem.labels,
+        density[0][0],
+        density[1][0],
+        density[0][1],
+        density[1][1],
+        name,
+        quality[0],
+        quality[1],
+        chi2[0],
+        chi2[1],
+        int(both.sum()),
+        lost,
     )
 
 

@@ -57,7 +57,8 @@ def critical_surprise(
     largest = np.max([surprise(T, k) for k, T in top.items()], axis=0)
     anchor = float(np.quantile(largest, 1.0 - RESOLVED))
     return tuple(
-        float(np.quantile(largest, 1.0 - level)) if level >= RESOLVED
+        float(np.quantile(largest, 1.0 - level))
+        if level >= RESOLVED
         else anchor + float(np.log(np.log1p(-RESOLVED) / np.log1p(-level)))
         for level in levels
     )

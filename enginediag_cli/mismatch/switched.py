@@ -61,9 +61,7 @@ def switched_parameters(label: str, component: str, targets: Sequence[str], foun
     return Option("effect", label, component, "switch", Hypothesis((), tuple(own), {}))
 
 
-def switched_trials(
-    options: Sequence[Option], states: np.ndarray, found: Identified, along: Nuisance
-) -> list[Trial]:
+def switched_trials(options: Sequence[Option], states: np.ndarray, found: Identified, along: Nuisance) -> list[Trial]:
     """Each option refitted at the states (N,) over all records of the evidence, the lowest χ² first; those that did
     not converge last. Look at `converged` and `at_bound`."""
     start = replace(found, evidence=with_state_column(found.evidence, states))

@@ -114,8 +114,11 @@ class Remainder:
 
     def over(self, gates: Gates) -> bool:
         """Whether anything that is left is significant."""
-        return self.best(EFFECT) > gates.effects or self.best(*FAULTS) > gates.faults or (
-            max((c.surprise for c in self.cells), default=0.0) > gates.cells)
+        return (
+            self.best(EFFECT) > gates.effects
+            or self.best(*FAULTS) > gates.faults
+            or (max((c.surprise for c in self.cells), default=0.0) > gates.cells)
+        )
 
     def best(self, *kinds: str) -> float:
         """Largest −ln p of the options of these kinds."""
@@ -128,8 +131,10 @@ class Remainder:
             [s.columns for s in self.scores if s.option.kind != EFFECT and not s.score.absorbed],
             [c.columns for c in self.cells if not c.score.absorbed],
         )
-        found = [critical_surprise(blocks, [share * level for level in levels], rng)
-                 for blocks, share in zip(families, SHARES, strict=True)]
+        found = [
+            critical_surprise(blocks, [share * level for level in levels], rng)
+            for blocks, share in zip(families, SHARES, strict=True)
+        ]
         return tuple(Gates(*g) for g in zip(*found, strict=True))
 
     def blocks(self) -> list[np.ndarray]:

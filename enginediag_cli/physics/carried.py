@@ -21,12 +21,19 @@ EFFECT = Section(
     (
         Field("term", "text", "name of the effect"),
         Field("at", "text", "where it acts: a component, a shaft or a sensor"),
-        Field("coefficients", "number_map", "its coefficients; those left out are absent", {},
-              unit="the coefficient's"),
-        Field("standard_errors", "number_map", "of the coefficients, when they were fitted", {},
-              unit="the coefficient's"),
-        Field("switch", "text", "column of the recordings that is 1 where the effect is on and 0 where it is off or "
-              "not recorded; without it the effect is always on", ""),
+        Field(
+            "coefficients", "number_map", "its coefficients; those left out are absent", {}, unit="the coefficient's"
+        ),
+        Field(
+            "standard_errors", "number_map", "of the coefficients, when they were fitted", {}, unit="the coefficient's"
+        ),
+        Field(
+            "switch",
+            "text",
+            "column of the recordings that is 1 where the effect is on and 0 where it is off or "
+            "not recorded; without it the effect is always on",
+            "",
+        ),
         Field("source", "text", "where the coefficients come from: data and command", ""),
     ),
 )
@@ -41,14 +48,22 @@ def carried_effects(
     for k, block in enumerate(blocks):
         at = ("physics", k)
         if block["term"] not in term_names():
-            problems.append(Problem(checked.mark((*at, "term")), f"there is no physics term '{block['term']}'",
-                                    near(block["term"], term_names())))
+            problems.append(
+                Problem(
+                    checked.mark((*at, "term")),
+                    f"there is no physics term '{block['term']}'",
+                    near(block["term"], term_names()),
+                )
+            )
             continue
         found = term(block["term"])
         sites = {s.name: s for s in found.sites(network)}
         if block["at"] not in sites:
-            problems.append(Problem(checked.mark((*at, "at")), f"{found.NAME} cannot act at '{block['at']}'",
-                                    near(block["at"], sites)))
+            problems.append(
+                Problem(
+                    checked.mark((*at, "at")), f"{found.NAME} cannot act at '{block['at']}'", near(block["at"], sites)
+                )
+            )
             continue
         problems += _coefficient_problems(found.COEFFICIENTS, block, at, checked)
         effect = Effect(found, sites[block["at"]], dict(block["coefficients"]), block["switch"])
@@ -66,11 +81,21 @@ def _coefficient_problems(
     for key in ("coefficients", "standard_errors"):
         for name in block[key]:
             if name not in by_name:
-                problems.append(Problem(checked.mark((*at, key, name)),
-                                        f"{block['term']} has no coefficient '{name}'", near(name, by_name)))
+                problems.append(
+                    Problem(
+                        checked.mark((*at, key, name)),
+                        f"{block['term']} has no coefficient '{name}'",
+                        near(name, by_name),
+                    )
+                )
     for name, value in block["coefficients"].items():
         c = by_name.get(name)
         if c is not None and not c.lower <= value <= c.upper:
-            problems.append(Problem(checked.mark((*at, "coefficients", name)),
-                                    f"{name} is {value:g}, outside its physical bounds", f"{c.lower:g} to {c.upper:g}"))
+            problems.append(
+                Problem(
+                    checked.mark((*at, "coefficients", name)),
+                    f"{name} is {value:g}, outside its physical bounds",
+                    f"{c.lower:g} to {c.upper:g}",
+                )
+            )
     return problems

@@ -30,8 +30,11 @@ def term(name: str) -> Term:
     if name not in term_names():
         raise KeyError(name)
     module = import_module(f"{terms.__name__}.{name}")
-    found = [c for _, c in inspect.getmembers(module, inspect.isclass)
-             if issubclass(c, Term) and c.__module__ == module.__name__ and getattr(c, "NAME", None) == name]
+    found = [
+        c
+        for _, c in inspect.getmembers(module, inspect.isclass)
+        if issubclass(c, Term) and c.__module__ == module.__name__ and getattr(c, "NAME", None) == name
+    ]
     if len(found) != 1:
         raise TypeError(f"{module.__name__} must hold exactly one Term with NAME {name!r}")
     return found[0]()

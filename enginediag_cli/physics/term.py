@@ -118,8 +118,14 @@ class Effect:
     def parameters(self) -> tuple[Parameter, ...]:
         return tuple(
             Parameter(
-                self.parameter_name(c.name), "physics", self.values.get(c.name, c.absent), c.lower,
-                min(c.upper, self.limits.get(self.parameter_name(c.name), c.upper)), c.sigma, c.unit, c.description,
+                self.parameter_name(c.name),
+                "physics",
+                self.values.get(c.name, c.absent),
+                c.lower,
+                min(c.upper, self.limits.get(self.parameter_name(c.name), c.upper)),
+                c.sigma,
+                c.unit,
+                c.description,
             )
             for c in self.term.COEFFICIENTS
         )

@@ -17,8 +17,24 @@ if TYPE_CHECKING:
     from enginediag_cli.mismatch.freeform import Cell
     from enginediag_cli.mismatch.hidden import HiddenFinding
 
-COLUMNS = ("status", "rank", "kind", "name", "component", "driver", "probability", "coefficient", "value",
-           "standard_error", "low", "high", "unit", "gain", "flights_gained", "statement")
+COLUMNS = (
+    "status",
+    "rank",
+    "kind",
+    "name",
+    "component",
+    "driver",
+    "probability",
+    "coefficient",
+    "value",
+    "standard_error",
+    "low",
+    "high",
+    "unit",
+    "gain",
+    "flights_gained",
+    "statement",
+)
 CELLS = 10
 
 
@@ -31,9 +47,16 @@ def rows(story: Story) -> Iterator[dict[str, Any]]:
             yield from ({**empty, "rank": rank, **row} for row in _explanation_rows(x))
     elif a.status == "none of these" and story.curves:
         for rank, c in enumerate(story.curves, start=1):
-            yield {**empty, "rank": rank, "kind": "free form", "name": c.location.name,
-                   "component": c.location.component, "driver": c.driver.name, "gain": c.gain if c.converged else None,
-                   "statement": c.reason or "unlisted physics"}
+            yield {
+                **empty,
+                "rank": rank,
+                "kind": "free form",
+                "name": c.location.name,
+                "component": c.location.component,
+                "driver": c.driver.name,
+                "gain": c.gain if c.converged else None,
+                "statement": c.reason or "unlisted physics",
+            }
     elif a.status == "hidden":
         for rank, f in enumerate(story.hidden, start=1):
             yield {**empty, "rank": rank, **_hidden_row(f)}
@@ -53,11 +76,17 @@ def document(story: Story, provenance: tuple[str, ...]) -> dict[str, Any]:
         "rejected": dict(a.rejected),
         "places": [_place(c) for c in a.cells[:CELLS]],
         "curves": [_curve(c) for c in story.curves],
-        "hidden": [_hidden_row(f) | {
-            "effects": [e.label for e in effects],
-            "switches": [{"flight": s.flight, "record": s.record + 1, "on": s.on, "probability": s.probability}
-                         for s in f.switches],
-        } for f, effects in zip(story.hidden, story.hidden_effects, strict=True)],
+        "hidden": [
+            _hidden_row(f)
+            | {
+                "effects": [e.label for e in effects],
+                "switches": [
+                    {"flight": s.flight, "record": s.record + 1, "on": s.on, "probability": s.probability}
+                    for s in f.switches
+                ],
+            }
+            for f, effects in zip(story.hidden, story.hidden_effects, strict=True)
+        ],
         "unseen": list(a.unseen),
         "map_accuracy": story.evidence.settings.map_accuracy,
         "floor": [vars(c) for c in story.floor],
@@ -75,8 +104,15 @@ def curve_rows(curves: tuple[Curve, ...]) -> Iterator[dict[str, Any]]:
     for c in curves:
         if c.converged:
             for value, d, error in zip(c.values, c.change, c.standard_error, strict=True):
-                yield {"location": c.location.name, "driver": c.driver.name, "driver_unit": c.driver.unit,
-                       "driver_value": float(value), "change": float(d), "standard_error": float(error), "unit": c.unit}
+                yield {
+                    "location": c.location.name,
+                    "driver": c.driver.name,
+                    "driver_unit": c.driver.unit,
+                    "driver_value": float(value),
+                    "change": float(d),
+                    "standard_error": float(error),
+                    "unit": c.unit,
+                }
 
 
 def amplitude_rows(story: Story) -> Iterator[dict[str, Any]]:
@@ -92,9 +128,14 @@ def amplitude_rows(story: Story) -> Iterator[dict[str, Any]]:
         flight, record = flights[of[k]], int(number - first[of[k]])
         time = flight.columns.get("time_s")
         yield {
-            "engine": flight.engine, "flight": flight.label, "record": record + 1,
-            "time_s": None if time is None else float(time[record]), "location": f.location.name,
-            "amplitude": float(f.amplitude[k]), "standard_error": float(f.standard_error[k]), "unit": f.unit,
+            "engine": flight.engine,
+            "flight": flight.label,
+            "record": record + 1,
+            "time_s": None if time is None else float(time[record]),
+            "location": f.location.name,
+            "amplitude": float(f.amplitude[k]),
+            "standard_error": float(f.standard_error[k]),
+            "unit": f.unit,
             "probability_on": None if f.states is None else float(f.states[k]),
         }
 
@@ -105,40 +146,89 @@ def _explanation_rows(x: Explanation) -> Iterator[dict[str, Any]]:
         texts = [e.term.STATEMENT for e in o.hypothesis.effects]
         for name in o.hypothesis.names:
             c = by_name[name]
-            yield {"kind": o.kind, "name": o.label, "component": o.component, "driver": o.driver,
-                   "probability": x.probability, "coefficient": c.name, "value": c.value,
-                   "standard_error": c.standard_error, "low": c.low, "high": c.high, "unit": c.unit, "gain": x.gain,
-                   "flights_gained": x.flights, "statement": texts[0] if texts else headline(x)}
+            yield {
+                "kind": o.kind,
+                "name": o.label,
+                "component": o.component,
+                "driver": o.driver,
+                "probability": x.probability,
+                "coefficient": c.name,
+                "value": c.value,
+                "standard_error": c.standard_error,
+                "low": c.low,
+                "high": c.high,
+                "unit": c.unit,
+                "gain": x.gain,
+                "flights_gained": x.flights,
+                "statement": texts[0] if texts else headline(x),
+            }
 
 
 def _explanation(x: Explanation) -> dict[str, Any]:
     return {
-        "name": x.label, "in_words": headline(x), "kinds": [o.kind for o in x.options],
-        "components": [o.component for o in x.options], "drivers": [o.driver for o in x.options],
-        "probability": x.probability, "gain": x.gain, "chi2": x.objective, "flights_gained": x.flights,
-        "left": x.left, "coefficients": [vars(c) for c in x.coefficients],
+        "name": x.label,
+        "in_words": headline(x),
+        "kinds": [o.kind for o in x.options],
+        "components": [o.component for o in x.options],
+        "drivers": [o.driver for o in x.options],
+        "probability": x.probability,
+        "gain": x.gain,
+        "chi2": x.objective,
+        "flights_gained": x.flights,
+        "left": x.left,
+        "coefficients": [vars(c) for c in x.coefficients],
     }
 
 
 def _place(c: Cell) -> dict[str, Any]:
-    return {"location": c.location.name, "component": c.location.component, "driver": c.driver.name,
-            "surprise": c.surprise, "statistic": c.score.statistic, "dof": c.score.dof}
+    return {
+        "location": c.location.name,
+        "component": c.location.component,
+        "driver": c.driver.name,
+        "surprise": c.surprise,
+        "statistic": c.score.statistic,
+        "dof": c.score.dof,
+    }
 
 
 def _advice(x: Advice) -> dict[str, Any]:
-    return {"rivals": list(x.rivals), "separation": x.separation, "separates": x.separates,
-            "suggestions": [vars(s) | {"in_words": suggestion(s)} for s in x.suggestions]}
+    return {
+        "rivals": list(x.rivals),
+        "separation": x.separation,
+        "separates": x.separates,
+        "suggestions": [vars(s) | {"in_words": suggestion(s)} for s in x.suggestions],
+    }
 
 
 def _curve(c: Curve) -> dict[str, Any]:
-    return {"location": c.location.name, "component": c.location.component, "driver": c.driver.name,
-            "driver_unit": c.driver.unit, "unit": c.unit, "gain": c.gain, "dof": c.dof, "converged": c.converged,
-            "reason": c.reason, "values": c.values, "change": c.change, "standard_error": c.standard_error}
+    return {
+        "location": c.location.name,
+        "component": c.location.component,
+        "driver": c.driver.name,
+        "driver_unit": c.driver.unit,
+        "unit": c.unit,
+        "gain": c.gain,
+        "dof": c.dof,
+        "converged": c.converged,
+        "reason": c.reason,
+        "values": c.values,
+        "change": c.change,
+        "standard_error": c.standard_error,
+    }
 
 
 def _hidden_row(f: HiddenFinding) -> dict[str, Any]:
-    return {"kind": "switch" if f.is_switch else "unrecorded driver", "name": f.location.name,
-            "component": f.location.component, "driver": "not recorded", "value": f.coefficient, "low": f.interval[0],
-            "high": f.interval[1], "unit": f.unit, "gain": 2.0 * f.lr,
-            "statement": f"rivals: {', '.join(f.rivals)}" if f.rivals else "", "log_likelihood_ratio": f.lr,
-            "threshold": f.threshold}
+    return {
+        "kind": "switch" if f.is_switch else "unrecorded driver",
+        "name": f.location.name,
+        "component": f.location.component,
+        "driver": "not recorded",
+        "value": f.coefficient,
+        "low": f.interval[0],
+        "high": f.interval[1],
+        "unit": f.unit,
+        "gain": 2.0 * f.lr,
+        "statement": f"rivals: {', '.join(f.rivals)}" if f.rivals else "",
+        "log_likelihood_ratio": f.lr,
+        "threshold": f.threshold,
+    }

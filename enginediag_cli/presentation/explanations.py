@@ -33,8 +33,10 @@ def sentences(story: Story) -> Iterator[str]:
         yield f"no verdict: {a.reason}"
         return
     if a.status == "nothing":
-        yield (f"Nothing is missing that these flights can show: {a.reason} (the effect that stands out most: −ln p "
-               f"{rounded(a.surprise)}; chance alone reaches {rounded(a.gates[0])}).")
+        yield (
+            f"Nothing is missing that these flights can show: {a.reason} (the effect that stands out most: −ln p "
+            f"{rounded(a.surprise)}; chance alone reaches {rounded(a.gates[0])})."
+        )
     elif a.status == "named":
         yield from _named(story)
     elif a.status == "hidden":
@@ -87,8 +89,10 @@ def _named(story: Story) -> Iterator[str]:
     asked = x.flights == x.flights
     share = "every flight is" if x.flights >= 1.0 else f"{100 * x.flights:.0f} % of the flights are"
     told = f"; {share} predicted better from the others" if asked else ""
-    yield (f"  With it χ² falls from {_whole(x.objective + x.gain)} to {_whole(x.objective)} for {_whole(a.readings)} "
-           f"readings{told}.")
+    yield (
+        f"  With it χ² falls from {_whole(x.objective + x.gain)} to {_whole(x.objective)} for {_whole(a.readings)} "
+        f"readings{told}."
+    )
     if len(a.explanations) > 1:
         others = [f"{headline(other)} ({probability(other.probability)})" for other in a.explanations[1:]]
         yield f"These flights cannot tell it from {listed(others, 'or')}."
@@ -133,8 +137,10 @@ def curve_in_words(c: Curve) -> str:
     for k in (0, -1):
         size = with_unit(factor * c.change[k], unit, factor * 1.96 * c.standard_error[k])
         ends.append(f"{size} at {driver_in_words(c.driver.name)} {_driver_value(c, k)}")
-    return (f"{place(c)} goes from {ends[0]} to {ends[1]}, about its mean (χ² falls by {rounded(c.gain)} "
-            f"with {c.dof} coefficients).")
+    return (
+        f"{place(c)} goes from {ends[0]} to {ends[1]}, about its mean (χ² falls by {rounded(c.gain)} "
+        f"with {c.dof} coefficients)."
+    )
 
 
 def _driver_value(c: Curve, k: int) -> str:
@@ -151,23 +157,32 @@ def _hidden(story: Story, f: HiddenFinding, effects: tuple[Effect, ...]) -> Iter
     unit = "" if f.unit == "1" else f.unit
     if f.is_switch:
         half = 0.5 * (f.interval[1] - f.interval[0])
-        yield (f"An effect at {where}{rivals} switches between two states that no column records: "
-               f"{count(len(f.switches), 'change')} within flights, of size {with_unit(f.coefficient, unit, half)} "
-               f"({likelier}).")
+        yield (
+            f"An effect at {where}{rivals} switches between two states that no column records: "
+            f"{count(len(f.switches), 'change')} within flights, of size {with_unit(f.coefficient, unit, half)} "
+            f"({likelier})."
+        )
         times = [f"{'on' if s.on else 'off'} at record {s.record + 1} of {s.flight}" for s in f.switches]
         if times:
             more = f" and {len(times) - MOST_SWITCHES} more" if len(times) > MOST_SWITCHES else ""
             yield f"  Switched {', '.join(times[:MOST_SWITCHES])}{more}."
-        yield ("  Which state is on follows from the sign that physics gives." if f.sign else
-               "  The readings do not say which of the two states is on.")
+        yield (
+            "  Which state is on follows from the sign that physics gives."
+            if f.sign
+            else "  The readings do not say which of the two states is on."
+        )
     else:
-        yield (f"An effect at {where}{rivals} varies with something that no column records ({likelier}); two "
-               "states do not describe it better than a drifting amplitude.")
+        yield (
+            f"An effect at {where}{rivals} varies with something that no column records ({likelier}); two "
+            "states do not describe it better than a drifting amplitude."
+        )
     if story.switched:
         best = story.switched[0].objective
-        told = [f"{t.label} ({', '.join(with_unit(v, '', 1.96 * e) for v, e in t.coefficients.values())}"
-                + (f", χ² {rounded(t.objective - best)} worse)" if t is not story.switched[0] else ")")
-                for t in story.switched]
+        told = [
+            f"{t.label} ({', '.join(with_unit(v, '', 1.96 * e) for v, e in t.coefficients.values())}"
+            + (f", χ² {rounded(t.objective - best)} worse)" if t is not story.switched[0] else ")")
+            for t in story.switched
+        ]
         yield f"  Listed effects that act there, refitted with these states, best first: {listed(told, 'or')}."
     elif effects:
         yield f"  Listed effects that act there: {listed([e.label for e in effects], 'or')}."
@@ -186,22 +201,30 @@ def _rejected(story: Story) -> Iterator[str]:
 def _floor(story: Story) -> Iterator[str]:
     accuracy = story.evidence.settings.map_accuracy
     if accuracy <= 0.0:
-        yield ("The maps were taken as exact (--model-error 0): an error of theirs of a few tenths of a per cent looks "
-               "like missing physics.")
+        yield (
+            "The maps were taken as exact (--model-error 0): an error of theirs of a few tenths of a per cent looks "
+            "like missing physics."
+        )
         return
     named = {o.label for x in story.answer.explanations for o in x.options}
     for c in story.floor:
         if c.label in named:
-            yield (f"Tolerance of the maps {100 * accuracy:g} %: {c.label} would lower χ² by "
-                   f"{rounded(c.score_without)} were the maps exact, and by {rounded(c.score)} as they are; these "
-                   f"flights show it from a size of {_size(c.visible_without, c.unit)} and "
-                   f"{_size(c.visible, c.unit)}.")
+            yield (
+                f"Tolerance of the maps {100 * accuracy:g} %: {c.label} would lower χ² by "
+                f"{rounded(c.score_without)} were the maps exact, and by {rounded(c.score)} as they are; these "
+                f"flights show it from a size of {_size(c.visible_without, c.unit)} and "
+                f"{_size(c.visible, c.unit)}."
+            )
     if story.only_exact:
-        told = [f"{c.label} (χ² falls by {rounded(c.score_without)} with exact maps, {rounded(c.score)} with these)"
-                for c in sorted(story.only_exact, key=lambda c: -c.score_without)[:SHOWN]]
+        told = [
+            f"{c.label} (χ² falls by {rounded(c.score_without)} with exact maps, {rounded(c.score)} with these)"
+            for c in sorted(story.only_exact, key=lambda c: -c.score_without)[:SHOWN]
+        ]
         more = len(story.only_exact) - SHOWN
-        yield (f"Not separable from errors of the maps of {100 * accuracy:g} %: {'; '.join(told)}"
-               f"{f', and {more} more' if more > 0 else ''}.")
+        yield (
+            f"Not separable from errors of the maps of {100 * accuracy:g} %: {'; '.join(told)}"
+            f"{f', and {more} more' if more > 0 else ''}."
+        )
 
 
 def _size(value: float, unit: str) -> str:
@@ -210,8 +233,10 @@ def _size(value: float, unit: str) -> str:
 
 def _advice(advice: Advice) -> Iterator[str]:
     one, other = advice.rivals
-    yield (f"To tell {one} from {other} (expected difference of χ² now {rounded(advice.separation)}; at 11 the wrong "
-           "one leads once in twenty times):")
+    yield (
+        f"To tell {one} from {other} (expected difference of χ² now {rounded(advice.separation)}; at 11 the wrong "
+        "one leads once in twenty times):"
+    )
     if not advice.separates:
         yield "  none of the recordings that were tried would separate them."
         return

@@ -20,8 +20,20 @@ if TYPE_CHECKING:
     from enginediag_cli.presentation.pictures.mismatch_map import Scatter
 
 COLUMNS = (
-    "verdict", "rank", "driver", "along", "location", "component", "within", "statistic", "dof", "p_value", "share",
-    "stability", "driver_stability", "refit",
+    "verdict",
+    "rank",
+    "driver",
+    "along",
+    "location",
+    "component",
+    "within",
+    "statistic",
+    "dof",
+    "p_value",
+    "share",
+    "stability",
+    "driver_stability",
+    "refit",
 )
 
 TESTS = {
@@ -49,17 +61,34 @@ def located_rows(located: Located, kind: Kind, everything: bool) -> Iterator[dic
         for name in (hidden.location.name, *hidden.rivals):
             first = name == hidden.location.name
             rank, told = rank + 1, True
-            yield {**empty, "verdict": verdict, "rank": rank, "driver": "not recorded", "location": name,
-                   "component": hidden.location.component if first else None, "within": True,
-                   "statistic": 2.0 * hidden.lr if first else None}
+            yield {
+                **empty,
+                "verdict": verdict,
+                "rank": rank,
+                "driver": "not recorded",
+                "location": name,
+                "component": hidden.location.component if first else None,
+                "within": True,
+                "statistic": 2.0 * hidden.lr if first else None,
+            }
     leads = {lead.group: lead.stability for lead in located.leads}
     for p in located.places if everything else () if hidden is not None else located.within:
         rank, told = rank + 1, True
         yield {
-            "verdict": verdict, "rank": rank, "driver": p.group, "along": p.cell.driver.name, "location": p.location,
-            "component": p.component, "within": p.within and hidden is None, "statistic": p.statistic,
-            "dof": p.cell.score.dof, "p_value": p.p, "share": p.share, "stability": p.stability,
-            "driver_stability": leads[p.group], "refit": p.refit,
+            "verdict": verdict,
+            "rank": rank,
+            "driver": p.group,
+            "along": p.cell.driver.name,
+            "location": p.location,
+            "component": p.component,
+            "within": p.within and hidden is None,
+            "statistic": p.statistic,
+            "dof": p.cell.score.dof,
+            "p_value": p.p,
+            "share": p.share,
+            "stability": p.stability,
+            "driver_stability": leads[p.group],
+            "refit": p.refit,
         }
     if not told:
         yield {**empty, "verdict": verdict}
@@ -79,8 +108,10 @@ def sentences(located: Located, kind: Kind, engine: Engine) -> Iterator[str]:
     else:
         yield f"model and recordings differ ({tests})"
     if name == kinds.UNLOCATED:
-        yield ("nothing that was looked at explains it: the noise may be larger than stated or correlated in time "
-               "(--noise estimate)")
+        yield (
+            "nothing that was looked at explains it: the noise may be larger than stated or correlated in time "
+            "(--noise estimate)"
+        )
     if kind.hidden is not None:
         yield _hidden(kind)
     elif located.within:
@@ -88,8 +119,10 @@ def sentences(located: Located, kind: Kind, engine: Engine) -> Iterator[str]:
         yield _kind(located, kind)
     yield from (_worn(d, engine) for d in kind.worn)
     if len(located.found.evidence.engines) == 1:
-        yield ("one engine is recorded: what is constant on it is identified with its parameters and is no mismatch; "
-               "whether an effect is common to its type cannot be said")
+        yield (
+            "one engine is recorded: what is constant on it is identified with its parameters and is no mismatch; "
+            "whether an effect is common to its type cannot be said"
+        )
 
 
 def _test(test: Test) -> str:
@@ -100,7 +133,7 @@ def _test(test: Test) -> str:
 
 
 def _about(test: Test) -> str:
-    """"hpc.efficiency along mach" in words; where it is the order of residuals, of a sensor's column."""
+    """ "hpc.efficiency along mach" in words; where it is the order of residuals, of a sensor's column."""
     place, along, driver = test.about.partition(" along ")
     if not along:
         return test.about
@@ -115,8 +148,10 @@ def _where(located: Located) -> Iterator[str]:
     members = group_in_words(first.group)
     alike = " (which these recordings cannot tell apart)" if len(members) > 1 else ""
     rivals = f"; {listed(others, 'or')} cannot be excluded" if others else ""
-    yield (f"it varies with {listed(members, 'or')}{alike}: first in {100 * first.stability:.0f} % of resamples of "
-           f"{located.resampled}{rivals}")
+    yield (
+        f"it varies with {listed(members, 'or')}{alike}: first in {100 * first.stability:.0f} % of resamples of "
+        f"{located.resampled}{rivals}"
+    )
     place = located.within[0]
     names = list(dict.fromkeys(place_words(p) for p in located.within))
     share = f"{100 * place.share:.0f} % of the excess"
@@ -164,8 +199,10 @@ def _hidden(kind: Kind) -> str:
     where = listed([location_words(name) for name in (f.location.name, *f.rivals)], "or")
     likelier = f"log likelihood +{rounded(f.lr)}; chance alone reaches +{rounded(f.threshold)}"
     if f.is_switch:
-        return (f"it switches between two states that no column records, {len(f.switches)} times within flights, and "
-                f"acts at {where} ({likelier})")
+        return (
+            f"it switches between two states that no column records, {len(f.switches)} times within flights, and "
+            f"acts at {where} ({likelier})"
+        )
     return f"it varies with something that no column records and acts at {where} ({likelier})"
 
 
@@ -174,8 +211,10 @@ def _worn(d: Difference, engine: Engine) -> str:
     factor, shown = (100.0, "%") if unit in ("", "1") else (1.0, unit)
     size = with_unit(factor * abs(d.value), shown, factor * 1.96 * d.standard_error)
     way = "above" if d.value > 0 else "below"
-    return (f"engine {d.engine} stands out of the fleet: {in_words(d.parameter)} {size} {way} the others' "
-            f"(p {p_value(d.p)}); constant, so identified and no missing physics")
+    return (
+        f"engine {d.engine} stands out of the fleet: {in_words(d.parameter)} {size} {way} the others' "
+        f"(p {p_value(d.p)}); constant, so identified and no missing physics"
+    )
 
 
 def picture(located: Located, kind: Kind, title: str, notes: Sequence[str]) -> str:
@@ -186,8 +225,10 @@ def picture(located: Located, kind: Kind, title: str, notes: Sequence[str]) -> s
 
     assert located.presence is not None
     gate = math.log(located.presence.looks / (0.5 * located.presence.false_alarm))
-    told = [(location_words(p.location), _column(p.group), p.surprise, p.within and kind.hidden is None)
-            for p in located.places]
+    told = [
+        (location_words(p.location), _column(p.group), p.surprise, p.within and kind.hidden is None)
+        for p in located.places
+    ]
     heat = rows_of(told, [_column(lead.group) for lead in located.leads], gate)
     if kind.hidden is not None:
         return mismatch_picture(title, notes, heat, _amplitude(kind.hidden))

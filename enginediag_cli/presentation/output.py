@@ -75,8 +75,13 @@ class Output:
             iterator = chain([first], iterator)
         with self.open() as stream:
             return write_rows(
-                iterator, columns or (), format=self.chosen_format(), stream=stream, live=live,
-                provenance=provenance if self.header else (), color=self.color,
+                iterator,
+                columns or (),
+                format=self.chosen_format(),
+                stream=stream,
+                live=live,
+                provenance=provenance if self.header else (),
+                color=self.color,
             )
 
 

@@ -23,9 +23,14 @@ def per_record_rows(found: Sequence[PerRecord]) -> Iterator[dict[str, Any]]:
     """One row per place, best first; "nothing" is the model as it is."""
     for rank, f in enumerate(found, start=1):
         yield {
-            "rank": rank, "location": f.name, "component": f.location.component if f.location else None,
-            "chi2_per_record": f.per_record, "times_best": f.per_record / found[0].per_record,
-            "at_bound": len(f.at_bound), "failed": f.failed, "converged": f.converged,
+            "rank": rank,
+            "location": f.name,
+            "component": f.location.component if f.location else None,
+            "chi2_per_record": f.per_record,
+            "times_best": f.per_record / found[0].per_record,
+            "at_bound": len(f.at_bound),
+            "failed": f.failed,
+            "converged": f.converged,
         }
 
 
@@ -36,22 +41,30 @@ def per_record_sentences(
     best = found[0]
     none = next(f for f in found if f.location is None)
     if none.at_bound:
-        yield (f"Without an amplitude {len(none.at_bound)} identified parameters end at a physical bound "
-               f"({', '.join(none.at_bound)}): physics is missing.")
+        yield (
+            f"Without an amplitude {len(none.at_bound)} identified parameters end at a physical bound "
+            f"({', '.join(none.at_bound)}): physics is missing."
+        )
     rivals = [f for f in found[1:] if f.location is not None and f.per_record < SEPARATED * best.per_record]
-    yield (f"An amplitude in every record at {in_words(best.name)} leaves a χ² of {rounded(best.per_record)} per "
-           f"record, of {rounded(none.per_record)} without. " + (_rivals(rivals) if rivals else
-           f"The next place leaves {rounded(_next(found))}."))
+    yield (
+        f"An amplitude in every record at {in_words(best.name)} leaves a χ² of {rounded(best.per_record)} per "
+        f"record, of {rounded(none.per_record)} without. "
+        + (_rivals(rivals) if rivals else f"The next place leaves {rounded(_next(found))}.")
+    )
     end = "an upper" if stop.upper else "a lower"
     travel = stop.level - stop.beyond
     flat = max(b[3] for b in stop.bands) - min(b[3] for b in stop.bands)
-    yield (f"It lies against {end} end ({rounded(best.theta[_parameter(best)] + stop.level)}) in "
-           f"{100 * stop.at.mean():.0f} % of the records, and as far as {rounded(abs(travel))} from it; by ambient "
-           f"temperature that end moves by {rounded(flat)}.")
+    yield (
+        f"It lies against {end} end ({rounded(best.theta[_parameter(best)] + stop.level)}) in "
+        f"{100 * stop.at.mean():.0f} % of the records, and as far as {rounded(abs(travel))} from it; by ambient "
+        f"temperature that end moves by {rounded(flat)}."
+    )
     standing = [h for h in held if h.held]
     for h in standing[:1]:
-        yield (f"Away from it {h.sensor} stands at {rounded(h.value)} within {rounded(h.scatter)}, where it would "
-               f"scatter by {rounded(h.free_scatter)}: a control moves what acts there to hold it.")
+        yield (
+            f"Away from it {h.sensor} stands at {rounded(h.value)} within {rounded(h.scatter)}, where it would "
+            f"scatter by {rounded(h.free_scatter)}: a control moves what acts there to hold it."
+        )
     for h in standing[1:]:
         yield f"So does {h.sensor}, at {rounded(h.value)} within {rounded(h.scatter)}."
     if alike:

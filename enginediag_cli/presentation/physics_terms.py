@@ -92,20 +92,24 @@ def page(term: Term, driver: str, places: Mapping[str, Sequence[Site]], carried:
     example = next((s.name for sites in places.values() for s in sites), None)
     if example:
         values = ", ".join(f"{c.name}: {c.typical:g}" for c in term.amplitudes())
-        lines += ["", "in an engine file", "  physics:",
-                  f"    - {{term: {term.NAME}, at: {example}, coefficients: {{{values}}}}}"]
+        lines += [
+            "",
+            "in an engine file",
+            "  physics:",
+            f"    - {{term: {term.NAME}, at: {example}, coefficients: {{{values}}}}}",
+        ]
     return "\n".join(lines) + "\n"
 
 
 def _labelled(label: str, text: str) -> list[str]:
     # spaces inside an equation are its own: they are not a place to fold at unless it is too long
-    return textwrap.wrap(text, WIDTH, initial_indent=label.ljust(LABEL), subsequent_indent=" " * LABEL,
-                         break_on_hyphens=False)
+    return textwrap.wrap(
+        text, WIDTH, initial_indent=label.ljust(LABEL), subsequent_indent=" " * LABEL, break_on_hyphens=False
+    )
 
 
 def _indented(text: str, by: int) -> list[str]:
-    return textwrap.wrap(text, WIDTH, initial_indent=" " * by, subsequent_indent=" " * (by + 2),
-                         break_on_hyphens=False)
+    return textwrap.wrap(text, WIDTH, initial_indent=" " * by, subsequent_indent=" " * (by + 2), break_on_hyphens=False)
 
 
 def _facts(c: Coefficient) -> Iterator[str]:
@@ -127,7 +131,7 @@ def _sites(engine: str, sites: Sequence[Site], term: Term, carried: Carried) -> 
 
 
 def _site(site: Site, block: Mapping[str, Any] | None) -> str:
-    """"hpc (hpc.efficiency)", with the coefficients that the engine carries there."""
+    """ "hpc (hpc.efficiency)", with the coefficients that the engine carries there."""
     text = f"{site.name} ({' and '.join(site.acts_on)})"
     if block is None:
         return text

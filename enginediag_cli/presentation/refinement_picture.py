@@ -33,7 +33,7 @@ def picture(r: Refinement) -> str:
     shown = gains if len(gains) <= MOST_FLIGHTS else gains[: MOST_FLIGHTS - 1]
     top = 60.0 + 17 * len(lines)
     below = top + 92 + ROW * len(u.quality_before)
-    left_out = gains[len(shown):]
+    left_out = gains[len(shown) :]
     on = Drawing(WIDTH, below + 24 + ROW * (len(shown) + bool(left_out)), title)
     on.words(MARGIN, 28, title, size=17, bold=True)
     for number, line in enumerate(lines):
@@ -90,5 +90,9 @@ def _gains(on: Drawing, shown: list[tuple[str, float]], left_out: list[tuple[str
     if left_out:
         lost = sum(g <= 0 for _, g in left_out)
         total = f"{sum(g for _, g in left_out):+.1f}".replace("-", "−")
-        on.words(LEFT, top + ROW * (len(shown) + 0.5) + 4,
-                 f"{len(left_out)} further flights: {total} in all, {lost or 'none'} of them without gain", size=12)
+        on.words(
+            LEFT,
+            top + ROW * (len(shown) + 0.5) + 4,
+            f"{len(left_out)} further flights: {total} in all, {lost or 'none'} of them without gain",
+            size=12,
+        )

@@ -50,14 +50,18 @@ def sentences(r: Refinement) -> Iterator[str]:
         if r.unseen.lost:
             yield f"{count(r.unseen.lost, 'unseen record')} could not be computed by both models."
         if r.unseen.states:
-            told = [f"{name}: {before:.2f} before, {after:.2f} after"
-                    for name, (before, after, _) in r.unseen.states.items()]
+            told = [
+                f"{name}: {before:.2f} before, {after:.2f} after"
+                for name, (before, after, _) in r.unseen.states.items()
+            ]
             yield f"χ² per reading within the states inferred there: {'; '.join(told)}."
     if r.alarms_before is not None and r.alarms_after is not None:
         yield f"{alarms_in_words(r)}."
         before, after = r.alarms_before, r.alarms_after
-        yield (f"Windows that the model does not fit, at a level of 1 %: {before.misfits} of {before.judged} before, "
-               f"{after.misfits} of {after.judged} after.")
+        yield (
+            f"Windows that the model does not fit, at a level of 1 %: {before.misfits} of {before.judged} before, "
+            f"{after.misfits} of {after.judged} after."
+        )
     if r.still_missing:
         yield f"The fitted flights show more than that: {r.still_missing}."
     if r.refused:
@@ -65,7 +69,7 @@ def sentences(r: Refinement) -> Iterator[str]:
 
 
 def named_effect(e: Effect) -> str:
-    """"Reynolds number, compressor efficiency at HPC (reynolds_efficiency@hpc)"."""
+    """ "Reynolds number, compressor efficiency at HPC (reynolds_efficiency@hpc)"."""
     return f"{e.term.TITLE} at {in_words(e.site.name)} ({e.label})"
 
 
@@ -81,16 +85,19 @@ def unseen_in_words(r: Refinement) -> str:
     u, g = r.unseen, r.gain
     if u is None or g is None:
         return ""
-    return (f"Unseen flights: χ² per reading {u.chi2_before:.3f} before, {u.chi2_after:.3f} after; log likelihood "
-            f"{g.total:+.1f}; {g.gained} of {g.units} {_units(g.unit)} gain (signed-rank test, p {_equal(g.p)})")
+    return (
+        f"Unseen flights: χ² per reading {u.chi2_before:.3f} before, {u.chi2_after:.3f} after; log likelihood "
+        f"{g.total:+.1f}; {g.gained} of {g.units} {_units(g.unit)} gain (signed-rank test, p {_equal(g.p)})"
+    )
 
 
 def alarms_in_words(r: Refinement) -> str:
     """False alarms on the unseen flights, or nothing."""
     if r.alarms_before is None or r.alarms_after is None:
         return ""
-    return (f"False alarms of detect on them at nominal 1 %: {_rate(r.alarms_before)} before, "
-            f"{_rate(r.alarms_after)} after")
+    return (
+        f"False alarms of detect on them at nominal 1 %: {_rate(r.alarms_before)} before, {_rate(r.alarms_after)} after"
+    )
 
 
 def state_rows(r: Refinement) -> Iterator[dict[str, Any]]:
@@ -99,8 +106,13 @@ def state_rows(r: Refinement) -> Iterator[dict[str, Any]]:
     for f in r.flights if column else ():
         time = f.columns.get("time_s")
         for k, state in enumerate(f.columns[column].tolist()):
-            yield {"engine": f.engine, "flight": f.label, "record": k + 1,
-                   "time_s": None if time is None else float(time[k]), column: int(state)}
+            yield {
+                "engine": f.engine,
+                "flight": f.label,
+                "record": k + 1,
+                "time_s": None if time is None else float(time[k]),
+                column: int(state),
+            }
 
 
 def document(r: Refinement, provenance: tuple[str, ...]) -> dict[str, Any]:
@@ -113,13 +125,16 @@ def document(r: Refinement, provenance: tuple[str, ...]) -> dict[str, Any]:
         "effects": [{"term": e.term.NAME, "at": e.site.name, "coefficients": dict(e.values)} for e in r.effects],
         "standard_errors": r.standard_errors,
         "gain": None if g is None else {**vars(g), "significant": g.significant},
-        "flights": [] if u is None else [
+        "flights": []
+        if u is None
+        else [
             {"flight": label, "before": a, "after": b, "gain": b - a}
             for label, a, b in zip(u.labels, u.flights_before, u.flights_after, strict=True)
         ],
         "chi2_per_reading": None if u is None else {"before": u.chi2_before, "after": u.chi2_after, "of": u.readings},
-        "detect": None if r.alarms_before is None or r.alarms_after is None else {
-            "before": _alarms(r.alarms_before), "after": _alarms(r.alarms_after)},
+        "detect": None
+        if r.alarms_before is None or r.alarms_after is None
+        else {"before": _alarms(r.alarms_before), "after": _alarms(r.alarms_after)},
         "rows": list(rows(r)),
         "provenance": list(provenance),
     }
@@ -131,8 +146,17 @@ def _row(what: str, of: str, unit: str, before: float, after: float, n: int | No
 
 def _alarms(a: Alarms) -> dict[str, Any]:
     low, high = a.interval
-    return {"rate": a.rate, "count": a.alarms, "of": a.judged, "low": low, "high": high, "misfits": a.misfits,
-            "fit": a.fit, "without_verdict": a.without_verdict, "reason": a.reason}
+    return {
+        "rate": a.rate,
+        "count": a.alarms,
+        "of": a.judged,
+        "low": low,
+        "high": high,
+        "misfits": a.misfits,
+        "fit": a.fit,
+        "without_verdict": a.without_verdict,
+        "reason": a.reason,
+    }
 
 
 def _share(a: Alarms) -> float:

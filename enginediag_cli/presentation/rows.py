@@ -58,9 +58,7 @@ def write_csv(
     return count
 
 
-def write_json(
-    rows: Iterable[Mapping[str, Any]], columns: Sequence[str], stream: TextIO, *, live: bool = False
-) -> int:
+def write_json(rows: Iterable[Mapping[str, Any]], columns: Sequence[str], stream: TextIO, *, live: bool = False) -> int:
     """One JSON array of objects, written row by row; NaN and infinity, which JSON lacks, become null."""
     import json
 

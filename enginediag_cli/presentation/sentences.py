@@ -48,8 +48,10 @@ def ambiguous(explanations: Sequence[Sequence[str]], remedy: str = "") -> str:
 
 def does_not_fit(ratio: float) -> str:
     """Why an answer does not stand: readings are missed by far more than their noise, whatever it says."""
-    return (f"the model does not fit these records (chi2 per degree of freedom {ratio:.2g} after the best answer): "
-            "cannot tell")
+    return (
+        f"the model does not fit these records (chi2 per degree of freedom {ratio:.2g} after the best answer): "
+        "cannot tell"
+    )
 
 
 def not_believed(name: str, delta: float, *, unit: str = "") -> str:
@@ -116,9 +118,7 @@ def departed(
     return f"{_prefix(where)}departs from nominal{begins} {_evidence(statistic, threshold, freedom, p)}"
 
 
-def nominal(
-    statistic: float, threshold: float, freedom: int, p: float | None = None, *, where: str = ""
-) -> str:
+def nominal(statistic: float, threshold: float, freedom: int, p: float | None = None, *, where: str = "") -> str:
     """The verdict that nothing speaks against a nominal engine."""
     return f"{_prefix(where)}agrees with nominal {_evidence(statistic, threshold, freedom, p)}"
 
@@ -135,7 +135,7 @@ def smallest_detectable(name: str, delta: float, *, unit: str = "") -> str:
 
 
 def count(number: int, noun: str, plural: str = "") -> str:
-    """"1 record", "1,200 records"."""
+    """ "1 record", "1,200 records"."""
     return f"{number:,} {noun if number == 1 else plural or noun + 's'}"
 
 

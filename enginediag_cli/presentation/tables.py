@@ -96,7 +96,12 @@ def _write_rich(
     for texts in cells:
         table.add_row(*(Text(text) for text in texts))
     console = Console(
-        file=stream, width=sum(widths) + 2 * len(widths), markup=False, highlight=False, emoji=False,
-        no_color=not color, force_terminal=color,
+        file=stream,
+        width=sum(widths) + 2 * len(widths),
+        markup=False,
+        highlight=False,
+        emoji=False,
+        no_color=not color,
+        force_terminal=color,
     )
     console.print(table)

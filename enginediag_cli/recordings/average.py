@@ -27,9 +27,7 @@ class Averages:
     count: np.ndarray
 
 
-def average(
-    recording: Recording, window_s: float, failed: Mapping[str, np.ndarray]
-) -> tuple[Averages, GateReport]:
+def average(recording: Recording, window_s: float, failed: Mapping[str, np.ndarray]) -> tuple[Averages, GateReport]:
     """Means over windows of window_s seconds whose last record passes every condition in `failed`.
 
     Windows begin at whole multiples of window_s, so that the engines of one flight have the same

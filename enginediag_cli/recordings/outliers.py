@@ -15,9 +15,7 @@ OUTSIDE = 0.2
 """A value this share of the span (0.5th to 99.5th percentile) beyond it is not of the engine's doing."""
 
 
-def spikes(
-    values: np.ndarray, threshold: float = 8.0, isolation: float = 2.5
-) -> tuple[np.ndarray, np.ndarray]:
+def spikes(values: np.ndarray, threshold: float = 8.0, isolation: float = 2.5) -> tuple[np.ndarray, np.ndarray]:
     """Masks (N,), (N,) of the spikes by a Hampel filter, and of those that lie outside the usual span.
 
     Hampel (1974), Davies and Gather (1993, JASA 88): r_k = x_k − median of the 9 records around k. A spike

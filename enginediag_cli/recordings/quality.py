@@ -166,6 +166,4 @@ def _insist_on_something(
         else np.any([np.isfinite(recording[c]) for c in judged], axis=0)
     )
     if judged and not np.any(left):
-        raise DataError(
-            f"{recording.source}: no usable record is left: " + "; ".join(report.report_lines())
-        )
+        raise DataError(f"{recording.source}: no usable record is left: " + "; ".join(report.report_lines()))

@@ -156,9 +156,7 @@ def _check_header(order: list[str], required: Collection[str], name: str, line: 
     )
 
 
-def _rows(
-    reader: Any, width: int, name: str, head: int, chunk_records: int
-) -> tuple[list[list[str]], np.ndarray]:
+def _rows(reader: Any, width: int, name: str, head: int, chunk_records: int) -> tuple[list[list[str]], np.ndarray]:
     """Up to chunk_records rows with the physical line on which each begins; blank lines are passed over.
 
     `reader` is a csv.reader: its line_num counts the physical lines that it has taken.

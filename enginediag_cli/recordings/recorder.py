@@ -78,9 +78,11 @@ class Recorder:
     @property
     def source_columns(self) -> tuple[str, ...]:
         """Numeric columns that the file must have."""
-        return tuple(dict.fromkeys(
-            self._source(channel, engine) for engine in self.engines.values() for channel in self.channels
-        ))
+        return tuple(
+            dict.fromkeys(
+                self._source(channel, engine) for engine in self.engines.values() for channel in self.channels
+            )
+        )
 
     def read(self, source: Source) -> list[MappedRecording]:
         """Read and map a whole file (`-`: stdin), one result per engine. Raises DataError, NoVerdictError."""
@@ -98,8 +100,11 @@ class Recorder:
             limits = {c.target: c.limits for c in self.channels if c.limits is not None}
             masks = self.values["masks"]
             clean, report = mask_gross(
-                converted, limits, columns=[channel.target for channel in self.channels],
-                settings=QualitySettings(**masks), search=search,
+                converted,
+                limits,
+                columns=[channel.target for channel in self.channels],
+                settings=QualitySettings(**masks),
+                search=search,
             )
             full = self._derive(clean)
             self._check(full)
@@ -111,12 +116,11 @@ class Recorder:
         texts = {**self.values["text"], **{column: column for column in self.values["keep"]}}
         absent += sorted(column for column in texts.values() if column not in recording.order)
         if absent:
-            raise DataError(f"{recording.source}: the recorder {self.path} needs columns that are not there: "
-                            f"{', '.join(absent)}")
-        columns = {
-            channel.target: channel.read(
-                recording[sources[channel.target]], engine["full_scale"].get(channel.target)
+            raise DataError(
+                f"{recording.source}: the recorder {self.path} needs columns that are not there: {', '.join(absent)}"
             )
+        columns = {
+            channel.target: channel.read(recording[sources[channel.target]], engine["full_scale"].get(channel.target))
             for channel in self.channels
         }
         for column, value in {**self.values["constants"], **engine["constants"]}.items():
@@ -191,14 +195,20 @@ def _channel(checked: Checked, target: str, problems: list[Problem]) -> Channel 
     target_unit = split_column(target)[1] or "1"
     unit = spec["unit"] or split_column(spec["from"])[1] or ("1" if target_unit == "1" else "")
     if not unit:
-        problems.append(checked.problem((*here, "from"), f"the unit of {spec['from']} is not known",
-                                        "its name has no unit; add 'unit:'"))
+        problems.append(
+            checked.problem(
+                (*here, "from"), f"the unit of {spec['from']} is not known", "its name has no unit; add 'unit:'"
+            )
+        )
         return None
     try:
         known = find_unit(target_unit)
         if known.si != known.name and target_unit != "1":
-            problems.append(checked.problem(here, f"the target {target} is not in SI",
-                                            f"name it {split_column(target)[0]}_{known.si}"))
+            problems.append(
+                checked.problem(
+                    here, f"the target {target} is not in SI", f"name it {split_column(target)[0]}_{known.si}"
+                )
+            )
         if spec["full_scale"] is not None:
             to_si(1.0, unit, spec["full_scale"])
         elif not _full_scale_per_engine(checked.values, target):
@@ -207,8 +217,16 @@ def _channel(checked: Checked, target: str, problems: list[Problem]) -> Channel 
         problems.append(checked.problem((*here, "unit" if spec["unit"] else "from"), str(error)))
         return None
     limits = spec["limits"]
-    return Channel(target, spec["from"], unit, target_unit, spec["full_scale"], spec["scale"], spec["offset"],
-                   None if limits is None else (limits[0], limits[1]))
+    return Channel(
+        target,
+        spec["from"],
+        unit,
+        target_unit,
+        spec["full_scale"],
+        spec["scale"],
+        spec["offset"],
+        None if limits is None else (limits[0], limits[1]),
+    )
 
 
 def _full_scale_per_engine(values: Mapping[str, Any], target: str) -> bool:
@@ -229,10 +247,13 @@ def _unknown_columns(checked: Checked, steady: SteadySettings | None) -> list[Pr
     for settings in values["derived"]:
         for column in RULES[settings["rule"]].needs(settings):
             if column not in made:
-                problems.append(checked.problem(
-                    ("derived", settings["name"]), f"the column {column} is not made before this",
-                    near(column, made),
-                ))
+                problems.append(
+                    checked.problem(
+                        ("derived", settings["name"]),
+                        f"the column {column} is not made before this",
+                        near(column, made),
+                    )
+                )
         made.append(settings["name"])
     for check in values["checks"]:
         wanted += [(("checks", check["name"], key), check[key]) for key in ("of", "over")]
@@ -242,7 +263,8 @@ def _unknown_columns(checked: Checked, steady: SteadySettings | None) -> list[Pr
         wanted.append((("average_s",), "time_s"))
     problems += [
         checked.problem(place, f"no column {column} is made by this recorder", near(column, made))
-        for place, column in wanted if column not in made
+        for place, column in wanted
+        if column not in made
     ]
     return problems
 

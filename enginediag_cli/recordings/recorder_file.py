@@ -5,60 +5,93 @@ from __future__ import annotations
 from enginediag_cli.config.fields import Field, Section, Variants
 from enginediag_cli.recordings.derived import RULES
 
-_COLUMN = Section("column", "where a column comes from and how it is converted", (
-    Field("from", "text", "source column; {prefix} stands for the engine's prefix"),
-    Field("unit", "text", "unit of the source; default: the suffix of its name", None),
-    Field("full_scale", "number", "value of the target at 100 %, for sources in pct", None),
-    Field("scale", "number", "factor on the source's reading, in its own unit", 1.0),
-    Field("offset", "number", "added to the source's reading after the scale, in its own unit", 0.0),
-    Field("limits", "range", "what the sensor can truthfully read, in the target's unit", None),
-))
+_COLUMN = Section(
+    "column",
+    "where a column comes from and how it is converted",
+    (
+        Field("from", "text", "source column; {prefix} stands for the engine's prefix"),
+        Field("unit", "text", "unit of the source; default: the suffix of its name", None),
+        Field("full_scale", "number", "value of the target at 100 %, for sources in pct", None),
+        Field("scale", "number", "factor on the source's reading, in its own unit", 1.0),
+        Field("offset", "number", "added to the source's reading after the scale, in its own unit", 0.0),
+        Field("limits", "range", "what the sensor can truthfully read, in the target's unit", None),
+    ),
+)
 
-_ENGINE = Section("engine", "one engine of the file", (
-    Field("prefix", "text", "text that stands for {prefix}", ""),
-    Field("constants", "number_map", "columns with one value, for this engine", {}),
-    Field("full_scale", "number_map", "target column to its value at 100 %, for this engine", {}),
-))
+_ENGINE = Section(
+    "engine",
+    "one engine of the file",
+    (
+        Field("prefix", "text", "text that stands for {prefix}", ""),
+        Field("constants", "number_map", "columns with one value, for this engine", {}),
+        Field("full_scale", "number_map", "target column to its value at 100 %, for this engine", {}),
+    ),
+)
 
-_CHECK = Section("check", "a ratio of two columns that shows that the file is what it is taken for", (
-    Field("of", "text", "column above"),
-    Field("over", "text", "column below"),
-    Field("between", "range", "where the median of the ratio must lie"),
-    Field("otherwise", "text", "what to tell the user if it does not"),
-))
+_CHECK = Section(
+    "check",
+    "a ratio of two columns that shows that the file is what it is taken for",
+    (
+        Field("of", "text", "column above"),
+        Field("over", "text", "column below"),
+        Field("between", "range", "where the median of the ratio must lie"),
+        Field("otherwise", "text", "what to tell the user if it does not"),
+    ),
+)
 
-_MASKS = Section("masks", "how much it takes to mask a value; 0 turns a search off", (
-    Field("dropped_records", "integer", "missing values in a row: the sensor is dropped", 10, minimum=1),
-    Field("stuck_records", "integer", "identical readings in a row", 20, minimum=0),
-    Field("outlier_sigma", "number", "robust standard deviations of a gross outlier", 8.0, minimum=0.0),
-))
+_MASKS = Section(
+    "masks",
+    "how much it takes to mask a value; 0 turns a search off",
+    (
+        Field("dropped_records", "integer", "missing values in a row: the sensor is dropped", 10, minimum=1),
+        Field("stuck_records", "integer", "identical readings in a row", 20, minimum=0),
+        Field("outlier_sigma", "number", "robust standard deviations of a gross outlier", 8.0, minimum=0.0),
+    ),
+)
 
-_STEADY = Section("steady", "conditions for a record to be steady, in the units of the target columns", (
-    Field("window_s", "number", "time over which spread and slope are taken", 10.0, unit="s", minimum=0.0),
-    Field("gap_s", "number", "a longer step of time begins a new stretch", None, unit="s", minimum=0.0),
-    Field("spread", "number_map", "largest maximum minus minimum in the window", {}),
-    Field("slope", "number_map", "largest trend in the window, per second", {}),
-    Field("dwell_s", "number", "time since the last change (heat soak)", 0.0, unit="s", minimum=0.0),
-    Field("dwell", "number_map", "spread within dwell_s that counts as a change", {}),
-    Field("minimum", "number_map", "smallest value", {}),
-    Field("maximum", "number_map", "largest value", {}),
-    Field("neighbours", "number_map", "largest difference from the records before and after", {}),
-))
+_STEADY = Section(
+    "steady",
+    "conditions for a record to be steady, in the units of the target columns",
+    (
+        Field("window_s", "number", "time over which spread and slope are taken", 10.0, unit="s", minimum=0.0),
+        Field("gap_s", "number", "a longer step of time begins a new stretch", None, unit="s", minimum=0.0),
+        Field("spread", "number_map", "largest maximum minus minimum in the window", {}),
+        Field("slope", "number_map", "largest trend in the window, per second", {}),
+        Field("dwell_s", "number", "time since the last change (heat soak)", 0.0, unit="s", minimum=0.0),
+        Field("dwell", "number_map", "spread within dwell_s that counts as a change", {}),
+        Field("minimum", "number_map", "smallest value", {}),
+        Field("maximum", "number_map", "largest value", {}),
+        Field("neighbours", "number_map", "largest difference from the records before and after", {}),
+    ),
+)
 
-RECORDER_FILE = Section("recorder", "how the columns of a foreign recording become those of the program", (
-    Field("kind", "choice", "recorder", choices=("recorder",)),
-    Field("description", "text", "what recorder and which files"),
-    Field("sources", "texts", "where the facts come from", ()),
-    Field("columns", "section_map", "target column (with its SI unit) to its source", section=_COLUMN),
-    Field("engines", "section_map", "engines of the file by name; none: one engine", {}, section=_ENGINE),
-    Field("constants", "number_map", "columns with one value", {}),
-    Field("text", "text_map", "target text column to its source, untouched", {}),
-    Field("keep", "texts", "source columns to pass through untouched", ()),
-    Field("derived", "named_sections", "computed columns, in this order", (), section=Variants(
-        "rule", "how the column is computed", {name: rule.section for name, rule in RULES.items()}, "rule",
-    )),
-    Field("checks", "named_sections", "proofs that the file is what it is taken for", (), section=_CHECK),
-    Field("masks", "section", "search for bad values", {}, section=_MASKS),
-    Field("steady", "section", "the stability gate; none: every record is kept", None, section=_STEADY),
-    Field("average_s", "number", "windows to average over; 0: none", 0.0, unit="s", minimum=0.0),
-))
+RECORDER_FILE = Section(
+    "recorder",
+    "how the columns of a foreign recording become those of the program",
+    (
+        Field("kind", "choice", "recorder", choices=("recorder",)),
+        Field("description", "text", "what recorder and which files"),
+        Field("sources", "texts", "where the facts come from", ()),
+        Field("columns", "section_map", "target column (with its SI unit) to its source", section=_COLUMN),
+        Field("engines", "section_map", "engines of the file by name; none: one engine", {}, section=_ENGINE),
+        Field("constants", "number_map", "columns with one value", {}),
+        Field("text", "text_map", "target text column to its source, untouched", {}),
+        Field("keep", "texts", "source columns to pass through untouched", ()),
+        Field(
+            "derived",
+            "named_sections",
+            "computed columns, in this order",
+            (),
+            section=Variants(
+                "rule",
+                "how the column is computed",
+                {name: rule.section for name, rule in RULES.items()},
+                "rule",
+            ),
+        ),
+        Field("checks", "named_sections", "proofs that the file is what it is taken for", (), section=_CHECK),
+        Field("masks", "section", "search for bad values", {}, section=_MASKS),
+        Field("steady", "section", "the stability gate; none: every record is kept", None, section=_STEADY),
+        Field("average_s", "number", "windows to average over; 0: none", 0.0, unit="s", minimum=0.0),
+    ),
+)

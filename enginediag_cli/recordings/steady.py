@@ -95,9 +95,7 @@ def gate(recording: Recording, settings: SteadySettings) -> tuple[np.ndarray, Ga
     return keep, GateReport(int(keep.sum()), len(recording), reasons)
 
 
-def first_reasons(
-    failed: Mapping[str, np.ndarray], candidates: np.ndarray
-) -> tuple[np.ndarray, dict[str, int]]:
+def first_reasons(failed: Mapping[str, np.ndarray], candidates: np.ndarray) -> tuple[np.ndarray, dict[str, int]]:
     """Candidates (N,) that pass everything, and how many fail each condition first."""
     keep = candidates.copy()
     reasons: dict[str, int] = {}

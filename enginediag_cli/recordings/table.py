@@ -91,9 +91,7 @@ def concat(recordings: Sequence[Recording]) -> Recording:
     for other in recordings[1:]:
         if set(other.columns) != set(first.columns) or set(other.text) != set(first.text):
             odd = sorted(set(other.order) ^ set(first.order)) or ["(numbers in one, text in the other)"]
-            raise DataError(
-                f"{other.source}: its columns differ from those of {first.source}: {', '.join(odd)}"
-            )
+            raise DataError(f"{other.source}: its columns differ from those of {first.source}: {', '.join(odd)}")
     if len(recordings) == 1:
         return first
     return Recording(

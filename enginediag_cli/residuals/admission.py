@@ -21,9 +21,7 @@ def check_inputs(monitor: Monitor, recording: Recording) -> None:
 
         near = {c: get_close_matches(c, recording.order, n=1) for c in missing}
         words = [c + (f" (did you mean {near[c][0]!r}?)" if near[c] else "") for c in missing]
-        raise DataError(
-            f"{recording.source}: no column {', '.join(words)}, which {monitor.engine.name} needs"
-        )
+        raise DataError(f"{recording.source}: no column {', '.join(words)}, which {monitor.engine.name} needs")
     if not any(c in recording.columns for c in monitor.sensors):
         raise DataError(f"{recording.source}: none of the sensors {', '.join(monitor.sensors)}")
 

@@ -177,7 +177,10 @@ def _points(monitor: Monitor) -> np.ndarray:
 
 
 def _scaled(
-    inputs: Mapping[str, np.ndarray], names: tuple[str, ...], optional: Mapping[str, float], centre: np.ndarray,
+    inputs: Mapping[str, np.ndarray],
+    names: tuple[str, ...],
+    optional: Mapping[str, float],
+    centre: np.ndarray,
     scale: np.ndarray,
 ) -> np.ndarray:
     N = len(next(iter(inputs.values())))

@@ -42,9 +42,7 @@ class DarkCombination:
     information: float
 
     def __str__(self) -> str:
-        terms = [
-            f"{'-' if weight < 0 else '+'} {abs(weight):.2g} {name}" for name, weight in self.weights.items()
-        ]
+        terms = [f"{'-' if weight < 0 else '+'} {abs(weight):.2g} {name}" for name, weight in self.weights.items()]
         return " ".join(terms).removeprefix("+ ")
 
 

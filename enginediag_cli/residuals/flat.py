@@ -94,15 +94,22 @@ def read_flat(
         statistics = None
         if row.get("n", "").strip():
             theta0, sigma, s = (
-                np.array([cell.number(f"{what}:{a}") for a in names])
-                for what in ("theta0", "prior_sigma", "s")
+                np.array([cell.number(f"{what}:{a}") for a in names]) for what in ("theta0", "prior_sigma", "s")
             )
             F, V = (cell.matrix(what, names) for what in ("F", "V"))
             A1, A2, Q = (cell.number(c) if c in row else 0.0 for c in DOUBT)
             if not np.all(sigma > 0):
                 raise DataError(f"{source}:{line}:prior_sigma: must be positive")
             statistics = LocalStatistics(
-                names, theta0, sigma, s, F, V, int(cell.number("n")), cell.number("chi2"), cell.number("dof"),
+                names,
+                theta0,
+                sigma,
+                s,
+                F,
+                V,
+                int(cell.number("n")),
+                cell.number("chi2"),
+                cell.number("dof"),
                 doubt=(A1, A2, Q),
             )
         values: dict[str, Any] = {c: row.get(c, "") for c in TEXTS}

@@ -116,9 +116,7 @@ class Monitor:
         shared = np.broadcast_to(same, theta.shape[-1:])
         first = theta if theta.ndim == 1 else theta[0]
         values: dict[str, Any] = dict(self.base)
-        values.update(
-            {name: float(first[i]) if shared[i] else theta[:, i] for i, name in enumerate(self.names[:q])}
-        )
+        values.update({name: float(first[i]) if shared[i] else theta[:, i] for i, name in enumerate(self.names[:q])})
         wrt = self.names[:q] if nuisance else self.monitored
         known: dict[str, Any] = {} if start is None else {"start": start}
         prediction = self.engine.predict(inputs, values, sensors=self.sensors, wrt=wrt, **known)
@@ -150,9 +148,7 @@ def monitor_from_nominal(
     used = tuple(sensors) or nominal.sensors
     absent = [c for c in used if c not in nominal.sensors]
     if absent:
-        raise DataError(
-            f"no noise was identified for {', '.join(absent)}; nominal has {', '.join(nominal.sensors)}"
-        )
+        raise DataError(f"no noise was identified for {', '.join(absent)}; nominal has {', '.join(nominal.sensors)}")
     monitored = watched_parameters(engine, patterns)
     errors = {e.name: e.standard_error for e in nominal.estimates}
     uncertain = tuple(e.name for e in nominal.estimates if e.standard_error > 0 and e.name not in monitored)

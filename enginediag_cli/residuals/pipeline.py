@@ -249,9 +249,7 @@ def _at_nominal(condense: Condense, pieces: Sequence[_Piece]) -> WindowStatistic
     return _with_statistics(condense, _whole(pieces), reduce(add, blocks).statistics if blocks else None)
 
 
-def _at_estimate(
-    monitor: Monitor, batch: Sequence[Sequence[_Piece]], condense: Condense
-) -> Iterator[WindowStatistics]:
+def _at_estimate(monitor: Monitor, batch: Sequence[Sequence[_Piece]], condense: Condense) -> Iterator[WindowStatistics]:
     """Re-linearise all windows of a batch together."""
     sizes = [sum(len(piece.y) for piece in pieces) for pieces in batch]
     window = np.repeat(np.cumsum(np.array(sizes) > 0) - 1, sizes)

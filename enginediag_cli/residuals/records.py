@@ -27,9 +27,7 @@ def record_residuals(monitor: Monitor, recording: Recording) -> Iterator[dict[st
     e = np.full(y.shape, np.nan)
     state = np.where(incomplete, "incomplete", "").astype(object)
     if rows.size:
-        predicted, _, ok, prediction = monitor.predict(
-            {c: v[rows] for c, v in inputs.items()}, monitor.theta0
-        )
+        predicted, _, ok, prediction = monitor.predict({c: v[rows] for c, v in inputs.items()}, monitor.theta0)
         e[rows] = np.where(ok[:, None], y[rows] - predicted, np.nan)
         state[rows] = [STATES[code] for code in np.asarray(prediction.status)]
         for i in np.flatnonzero(~ok):

@@ -121,9 +121,7 @@ def relinearise(
         settled = length < tolerance  # so short a step changes nothing that is carried back: it is not taken
         decrement[chosen[settled]] = length[settled]
         active[chosen[settled]] = False
-        chosen, target, squared, promised, length = (
-            x[~settled] for x in (chosen, target, squared, promised, length)
-        )
+        chosen, target, squared, promised, length = (x[~settled] for x in (chosen, target, squared, promised, length))
         if not chosen.size:
             break
         rows = np.flatnonzero(active[window])

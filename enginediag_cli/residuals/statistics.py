@@ -77,9 +77,7 @@ class LocalStatistics:
             chi2=self.chi2 + other.chi2,
             dof=self.dof + other.dof,
             end=other.end or self.end,
-            by_sensor=None
-            if self.by_sensor is None or other.by_sensor is None
-            else self.by_sensor + other.by_sensor,
+            by_sensor=None if self.by_sensor is None or other.by_sensor is None else self.by_sensor + other.by_sensor,
             rows=rows,
             kurtosis=kurtosis,
             doubt=_doubt_of_both(self.doubt, other.doubt),
@@ -128,9 +126,7 @@ def _doubt_of_both(a: tuple[float, float, float], b: tuple[float, float, float])
     return common[0], common[1], (a[2] + b[2]) / 4
 
 
-def empty_statistics(
-    parameters: Sequence[str], theta0: np.ndarray, prior_sigma: np.ndarray
-) -> LocalStatistics:
+def empty_statistics(parameters: Sequence[str], theta0: np.ndarray, prior_sigma: np.ndarray) -> LocalStatistics:
     """Statistics of no records: the zero of `+`."""
     p = len(parameters)
     zero = np.zeros((p, p))

@@ -54,12 +54,16 @@ class EngineLike(Protocol):
     @property
     def envelope(self) -> Mapping[str, tuple[float, float]]: ...
     def power_from_fraction(
-        self, fraction: NDArray[np.float64], inputs: Mapping[str, NDArray[np.float64]],
+        self,
+        fraction: NDArray[np.float64],
+        inputs: Mapping[str, NDArray[np.float64]],
     ) -> NDArray[np.float64]: ...
     def predict(
-        self, inputs: Mapping[str, NDArray[np.float64]],
+        self,
+        inputs: Mapping[str, NDArray[np.float64]],
         parameters: Mapping[str, NDArray[np.float64]] | None = None,
-        *, sensors: Sequence[str] | None = None,
+        *,
+        sensors: Sequence[str] | None = None,
     ) -> PredictionLike: ...
 
 
@@ -90,8 +94,10 @@ def engine_inputs(engine: EngineLike, conditions: Conditions) -> dict[str, NDArr
     inputs = {}
     for column in engine.inputs:
         if column not in conditions.columns:
-            raise DataError(f"engine {engine.name!r} needs the column {column!r}, which the conditions lack "
-                            f"({near(column, conditions.columns)})")
+            raise DataError(
+                f"engine {engine.name!r} needs the column {column!r}, which the conditions lack "
+                f"({near(column, conditions.columns)})"
+            )
         inputs[column] = np.asarray(conditions.columns[column], dtype=float)
     for column in engine.optional_inputs:
         if column in conditions.columns:

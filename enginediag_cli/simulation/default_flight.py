@@ -19,12 +19,18 @@ def default_plan(engine: EngineLike) -> dict[str, Any]:
     """Values of a flight file: airliner flights within the engine's envelope, or days on the ground for an
     engine that knows no altitude."""
     flies = "altitude_m" in engine.inputs
-    mission = {"type": "airliner" if flies else "ground",
-               **_defaults(MISSIONS["airliner" if flies else "ground"].SECTION)}
+    mission = {
+        "type": "airliner" if flies else "ground",
+        **_defaults(MISSIONS["airliner" if flies else "ground"].SECTION),
+    }
     if flies:
         _keep_inside(mission, engine)
-    return {"flights": AIRLINER_FLIGHTS if flies else GROUND_DAYS, "mission": mission, "constants": {},
-            "noise": _defaults(NOISE)}
+    return {
+        "flights": AIRLINER_FLIGHTS if flies else GROUND_DAYS,
+        "mission": mission,
+        "constants": {},
+        "noise": _defaults(NOISE),
+    }
 
 
 def _keep_inside(mission: dict[str, Any], engine: EngineLike) -> None:
@@ -41,5 +47,7 @@ def _keep_inside(mission: dict[str, Any], engine: EngineLike) -> None:
 def _defaults(section: Section) -> dict[str, Any]:
     """Values of a section of which the file gives none; tuples become lists as a file would give them."""
     assert all(field.default is not REQUIRED for field in section.fields)
-    return {field.name: list(field.default) if isinstance(field.default, tuple) else field.default
-            for field in section.fields}
+    return {
+        field.name: list(field.default) if isinstance(field.default, tuple) else field.default
+        for field in section.fields
+    }

@@ -55,19 +55,27 @@ def check_faults(faults: FaultSet, engine: EngineLike) -> None:
     """Raises ConfigError with every parameter and column that the engine does not have, and a near match."""
     problems: list[Problem] = []
     for fault in faults.components:
-        problems += [Problem(fault.mark_of(name), f"engine {engine.name!r} has no parameter {name!r}",
-                             near(name, engine.parameters))
-                     for name in fault.changes if name not in engine.parameters]
+        problems += [
+            Problem(
+                fault.mark_of(name), f"engine {engine.name!r} has no parameter {name!r}", near(name, engine.parameters)
+            )
+            for name in fault.changes
+            if name not in engine.parameters
+        ]
     readable = (*engine.sensors, *engine.inputs, *engine.optional_inputs)
-    problems += [Problem(fault.mark, f"engine {engine.name!r} has no sensor {fault.column!r}",
-                         near(fault.column, readable))
-                 for fault in faults.sensors if fault.column not in readable]
+    problems += [
+        Problem(fault.mark, f"engine {engine.name!r} has no sensor {fault.column!r}", near(fault.column, readable))
+        for fault in faults.sensors
+        if fault.column not in readable
+    ]
     if problems:
         raise ConfigError(problems)
 
 
 def parameter_values(
-    faults: Iterable[ComponentFault], parameters: Mapping[str, Parameter], clocks: Clocks,
+    faults: Iterable[ComponentFault],
+    parameters: Mapping[str, Parameter],
+    clocks: Clocks,
 ) -> dict[str, NDArray[np.float64]]:
     """Value (N,) of every parameter that a fault changes.
 
@@ -92,8 +100,13 @@ def _check_bounds(fault: ComponentFault, parameter: Parameter, values: NDArray[n
     if beyond.any():
         k = int(np.argmax(beyond))
         bound = parameter.lower if below[k] else parameter.upper
-        raise ConfigError([Problem(
-            fault.mark_of(parameter.name),
-            f"fault {fault.name!r} takes {parameter.name} to {values[k]:g} at record {k + 1}, "
-            f"beyond its bound {bound:g}",
-            "lower the severity, or end the fault earlier")])
+        raise ConfigError(
+            [
+                Problem(
+                    fault.mark_of(parameter.name),
+                    f"fault {fault.name!r} takes {parameter.name} to {values[k]:g} at record {k + 1}, "
+                    f"beyond its bound {bound:g}",
+                    "lower the severity, or end the fault earlier",
+                )
+            ]
+        )

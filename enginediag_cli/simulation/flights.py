@@ -17,8 +17,12 @@ MAX_FLIGHTS_FOR_RECORDS = 100_000
 
 
 def generate_flights(
-    plan: Mapping[str, Any], engine: EngineLike, rng: np.random.Generator,
-    *, flights: int | None = None, records: int | None = None,
+    plan: Mapping[str, Any],
+    engine: EngineLike,
+    rng: np.random.Generator,
+    *,
+    flights: int | None = None,
+    records: int | None = None,
 ) -> Conditions:
     """Operating conditions of flights described by the values of a flight file.
 
@@ -39,25 +43,34 @@ def generate_flights(
 
 
 def with_power(
-    columns: Mapping[str, NDArray], engine: EngineLike, constants: Mapping[str, float],
+    columns: Mapping[str, NDArray],
+    engine: EngineLike,
+    constants: Mapping[str, float],
 ) -> Conditions:
     """The engine's columns from generated ones: power fraction → power setting, unknown columns dropped."""
     n = len(columns["time_s"])
     temperature, pressure = standard_atmosphere(columns["altitude_m"])
-    given = {"ambient_temperature_K": np.asarray(temperature) + columns["dT_isa_K"],
-             "ambient_pressure_Pa": np.asarray(pressure), **columns,
-             **{name: np.full(n, value) for name, value in constants.items()}}
+    given = {
+        "ambient_temperature_K": np.asarray(temperature) + columns["dT_isa_K"],
+        "ambient_pressure_Pa": np.asarray(pressure),
+        **columns,
+        **{name: np.full(n, value) for name, value in constants.items()},
+    }
     unknown = [name for name in constants if name not in (*engine.inputs, *engine.optional_inputs)]
     if unknown:
-        raise DataError(f"constants of the flight file that engine {engine.name!r} has no input for: "
-                        f"{', '.join(unknown)}; its inputs are {', '.join(engine.inputs)}")
+        raise DataError(
+            f"constants of the flight file that engine {engine.name!r} has no input for: "
+            f"{', '.join(unknown)}; its inputs are {', '.join(engine.inputs)}"
+        )
     known = {name: given[name] for name in (*engine.inputs, *engine.optional_inputs) if name in given}
     power = engine.power_from_fraction(columns["power_fraction"], known)
     given[engine.power_setting] = np.broadcast_to(np.asarray(power, dtype=float), (n,))
     missing = [name for name in engine.inputs if name not in given]
     if missing:
-        raise DataError(f"the flight file gives no {', '.join(missing)}, which engine {engine.name!r} needs; "
-                        "hold it under 'constants:' or simulate with --conditions")
+        raise DataError(
+            f"the flight file gives no {', '.join(missing)}, which engine {engine.name!r} needs; "
+            "hold it under 'constants:' or simulate with --conditions"
+        )
     wanted = (*engine.inputs, *(name for name in engine.optional_inputs if name in given))
     return Conditions({name: given[name] for name in (*LABELS, *wanted)})
 

@@ -22,28 +22,44 @@ CLOCKS = ("record", "flight", "hours")
 
 COMMON = (
     Field("clock", "choice", "what onset and durations count", "record", choices=CLOCKS),
-    Field("onset", "number", "clock reading from which the fault is there; from the start where absent",
-          None),
+    Field("onset", "number", "clock reading from which the fault is there; from the start where absent", None),
     Field("end", "number", "clock reading from which it is gone again (repair, wash)", None),
 )
 
 STEP: dict[str, Any] = {"type": "step", "clock": "record", "onset": None, "end": None}
 """Values of the law that is there from the first record on."""
 
-LAWS = Variants("law", "how the fault grows", {
-    "step": Section("step", "sudden and lasting", COMMON),
-    "ramp": Section("ramp", "grows linearly to full size", (*COMMON, Field(
-        "duration", "number", "time from onset to full size, in the clock's unit", minimum=1e-9))),
-    "drift": Section("drift", "grows without end", (*COMMON, Field(
-        "rate", "number", "share of the full size gained per unit of the clock", minimum=0.0))),
-    "saturating": Section("saturating", "grows fast, then ever slower towards full size", (*COMMON, Field(
-        "time_constant", "number", "time to 63 % of full size, in the clock's unit", minimum=1e-9))),
-    "intermittent": Section("intermittent", "comes and goes", (
-        *COMMON,
-        Field("period", "number", "from one appearance to the next, in the clock's unit", minimum=1e-9),
-        Field("present", "number", "share of the period in which it is there", 0.5, minimum=0.0,
-              maximum=1.0))),
-})
+LAWS = Variants(
+    "law",
+    "how the fault grows",
+    {
+        "step": Section("step", "sudden and lasting", COMMON),
+        "ramp": Section(
+            "ramp",
+            "grows linearly to full size",
+            (*COMMON, Field("duration", "number", "time from onset to full size, in the clock's unit", minimum=1e-9)),
+        ),
+        "drift": Section(
+            "drift",
+            "grows without end",
+            (*COMMON, Field("rate", "number", "share of the full size gained per unit of the clock", minimum=0.0)),
+        ),
+        "saturating": Section(
+            "saturating",
+            "grows fast, then ever slower towards full size",
+            (*COMMON, Field("time_constant", "number", "time to 63 % of full size, in the clock's unit", minimum=1e-9)),
+        ),
+        "intermittent": Section(
+            "intermittent",
+            "comes and goes",
+            (
+                *COMMON,
+                Field("period", "number", "from one appearance to the next, in the clock's unit", minimum=1e-9),
+                Field("present", "number", "share of the period in which it is there", 0.5, minimum=0.0, maximum=1.0),
+            ),
+        ),
+    },
+)
 
 Shape = Callable[[NDArray[np.float64], Mapping[str, Any]], NDArray[np.float64]]
 

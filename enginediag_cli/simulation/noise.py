@@ -37,8 +37,14 @@ class ColumnNoise:
 
 
 NONE: Mapping[str, Any] = {
-    "type": "none", "scale": 1.0, "range_fraction": 0.01, "quantum_sigmas": 0.0, "correlation": 0.0,
-    "outlier_probability": 0.0, "outlier_sigmas": 0.0, "columns": {},
+    "type": "none",
+    "scale": 1.0,
+    "range_fraction": 0.01,
+    "quantum_sigmas": 0.0,
+    "correlation": 0.0,
+    "outlier_probability": 0.0,
+    "outlier_sigmas": 0.0,
+    "columns": {},
 }
 """Values of a noise section without noise."""
 
@@ -54,7 +60,9 @@ KINDS: Mapping[str, Mapping[str, Any]] = {
 
 
 def column_noise(
-    values: Mapping[str, Any], engine: EngineLike, mark: Mark | None = None,
+    values: Mapping[str, Any],
+    engine: EngineLike,
+    mark: Mark | None = None,
 ) -> dict[str, ColumnNoise]:
     """Noise of every sensor of the engine, and of the inputs that the section names, by column.
 
@@ -63,22 +71,29 @@ def column_noise(
     """
     mark = mark or Mark("noise")
     readable = (*engine.sensors, *engine.inputs, *engine.optional_inputs)
-    problems = [Problem(mark, f"engine {engine.name!r} has no column {name!r}", near(name, readable))
-                for name in values["columns"] if name not in readable]
+    problems = [
+        Problem(mark, f"engine {engine.name!r} has no column {name!r}", near(name, readable))
+        for name in values["columns"]
+        if name not in readable
+    ]
     noise = {column: _of_sensor(values, sensor) for column, sensor in engine.sensors.items()}
     for column, own in values["columns"].items():
         noise[column] = _own(values, own, engine.sensors.get(column))
     for column, one in noise.items():
         if one.distribution == "uniform" and one.correlation:
-            problems.append(Problem(mark, f"{column}: noise cannot be both uniform and correlated",
-                                    "correlated noise is Gaussian"))
+            problems.append(
+                Problem(mark, f"{column}: noise cannot be both uniform and correlated", "correlated noise is Gaussian")
+            )
         size = {"gaussian": one.sigma, "uniform": one.width, "none": 0.0}[one.distribution]
         if not np.isfinite(size):
-            own, of_engine = (("sigma", "noise_sigma") if one.distribution == "gaussian" else
-                              ("width", "maximum"))
-            problems.append(Problem(
-                mark, f"{column}: the size of its noise is not known",
-                f"give '{own}:' under noise.columns.{column}, or '{of_engine}:' in the engine file"))
+            own, of_engine = ("sigma", "noise_sigma") if one.distribution == "gaussian" else ("width", "maximum")
+            problems.append(
+                Problem(
+                    mark,
+                    f"{column}: the size of its noise is not known",
+                    f"give '{own}:' under noise.columns.{column}, or '{of_engine}:' in the engine file",
+                )
+            )
     if problems:
         raise ConfigError(problems)
     return noise
@@ -87,10 +102,15 @@ def column_noise(
 def _of_sensor(values: Mapping[str, Any], sensor: Any) -> ColumnNoise:
     sigma = values["scale"] * _number(sensor, "noise_sigma")
     width = values["range_fraction"] * _number(sensor, "maximum")
-    return ColumnNoise(values["type"], sigma, width, values["correlation"],
-                       values["quantum_sigmas"] * sigma if values["quantum_sigmas"] else 0.0,
-                       values["outlier_probability"],
-                       _outlier(values["outlier_sigmas"], values["type"], sigma, width))
+    return ColumnNoise(
+        values["type"],
+        sigma,
+        width,
+        values["correlation"],
+        values["quantum_sigmas"] * sigma if values["quantum_sigmas"] else 0.0,
+        values["outlier_probability"],
+        _outlier(values["outlier_sigmas"], values["type"], sigma, width),
+    )
 
 
 def _own(values: Mapping[str, Any], own: Mapping[str, Any], sensor: Any) -> ColumnNoise:
@@ -98,8 +118,15 @@ def _own(values: Mapping[str, Any], own: Mapping[str, Any], sensor: Any) -> Colu
     width = own["width"]
     if width is None:
         width = values["range_fraction"] * _number(sensor, "maximum")
-    return ColumnNoise(own["type"], sigma, width, own["correlation"], own["quantum"],
-                       own["outlier_probability"], _outlier(own["outlier_sigmas"], own["type"], sigma, width))
+    return ColumnNoise(
+        own["type"],
+        sigma,
+        width,
+        own["correlation"],
+        own["quantum"],
+        own["outlier_probability"],
+        _outlier(own["outlier_sigmas"], own["type"], sigma, width),
+    )
 
 
 def _number(sensor: Any, attribute: str) -> float:

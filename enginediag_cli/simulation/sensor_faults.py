@@ -17,16 +17,28 @@ from enginediag_cli.config.fields import Field, Section, Variants
 from enginediag_cli.errors import Mark
 from enginediag_cli.simulation.laws import STEP, Clocks, activity
 
-EFFECTS = Variants("effect", "what the fault does to the reading", {
-    "bias": Section("bias", "adds to the reading; with law drift it grows without end", (
-        Field("size", "number", "what is added at full size, in the column's unit"),)),
-    "scale": Section("scale", "multiplies the reading", (
-        Field("change", "number", "relative change of the reading at full size"),)),
-    "stuck": Section("stuck", "repeats one reading", (
-        Field("value", "number", "the reading, in the column's unit; the last good one where absent",
-              None),)),
-    "dropped": Section("dropped", "gives no reading", ()),
-})
+EFFECTS = Variants(
+    "effect",
+    "what the fault does to the reading",
+    {
+        "bias": Section(
+            "bias",
+            "adds to the reading; with law drift it grows without end",
+            (Field("size", "number", "what is added at full size, in the column's unit"),),
+        ),
+        "scale": Section(
+            "scale",
+            "multiplies the reading",
+            (Field("change", "number", "relative change of the reading at full size"),),
+        ),
+        "stuck": Section(
+            "stuck",
+            "repeats one reading",
+            (Field("value", "number", "the reading, in the column's unit; the last good one where absent", None),),
+        ),
+        "dropped": Section("dropped", "gives no reading", ()),
+    },
+)
 
 BEFORE_NOISE = ("bias", "scale")
 """Effects on the transducer; the others act on the recorded number, noise and rounding included."""

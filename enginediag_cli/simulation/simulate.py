@@ -40,8 +40,13 @@ class Simulated:
 
 
 def simulate(
-    engine: EngineLike, conditions: Conditions, faults: FaultSet, noise: Mapping[str, ColumnNoise],
-    rng: np.random.Generator, *, chunk: int = CHUNK,
+    engine: EngineLike,
+    conditions: Conditions,
+    faults: FaultSet,
+    noise: Mapping[str, ColumnNoise],
+    rng: np.random.Generator,
+    *,
+    chunk: int = CHUNK,
 ) -> Simulated:
     """All records at once; see `simulate_in_chunks`."""
     parts = list(simulate_in_chunks(engine, conditions, faults, noise, rng, chunk=chunk))
@@ -51,12 +56,18 @@ def simulate(
     return Simulated(
         {name: np.concatenate([part.columns[name] for part in parts]) for name in parts[0].columns},
         {name: np.concatenate([part.truth[name] for part in parts]) for name in parts[0].truth},
-        dict(reasons))
+        dict(reasons),
+    )
 
 
 def simulate_in_chunks(
-    engine: EngineLike, conditions: Conditions, faults: FaultSet, noise: Mapping[str, ColumnNoise],
-    rng: np.random.Generator, *, chunk: int = CHUNK,
+    engine: EngineLike,
+    conditions: Conditions,
+    faults: FaultSet,
+    noise: Mapping[str, ColumnNoise],
+    rng: np.random.Generator,
+    *,
+    chunk: int = CHUNK,
 ) -> Iterator[Simulated]:
     """The recording in pieces of at most `chunk` records, one at least; the noise does not depend on `chunk`.
 
@@ -70,8 +81,11 @@ def simulate_in_chunks(
     instruments = Instruments(noise, faults, rng, {*engine.sensors, *conditions.columns})
     clocks = clocks_of(conditions.columns, len(conditions))
     values = parameter_values(faults.components, engine.parameters, clocks)
-    hidden = {**{name: conditions.columns[name] for name in LABELS if name in conditions.columns},
-              **values, **sensor_truth(faults.sensors, clocks)}
+    hidden = {
+        **{name: conditions.columns[name] for name in LABELS if name in conditions.columns},
+        **values,
+        **sensor_truth(faults.sensors, clocks),
+    }
     return _pieces(engine, conditions, inputs, values, hidden, clocks, instruments, chunk)
 
 
@@ -79,14 +93,16 @@ class Instruments:
     """What stands between the engine and the recording: sensor faults and noise, with their memories."""
 
     def __init__(
-        self, noise: Mapping[str, ColumnNoise], faults: FaultSet, rng: np.random.Generator,
+        self,
+        noise: Mapping[str, ColumnNoise],
+        faults: FaultSet,
+        rng: np.random.Generator,
         recorded: set[str],
     ) -> None:
         wanted = (*noise, *(fault.column for fault in faults.sensors))
         absent = sorted({column for column in wanted if column not in recorded})
         if absent:
-            raise DataError(f"noise or a fault is wanted on {', '.join(absent)}, "
-                            "which the recording does not have")
+            raise DataError(f"noise or a fault is wanted on {', '.join(absent)}, which the recording does not have")
         self._sources = noise_sources(noise, rng)
         states = [SensorFaultState(fault) for fault in faults.sensors]
         self._before = [state for state in states if state.fault.effect["type"] in BEFORE_NOISE]
@@ -114,16 +130,23 @@ def _floats(column: NDArray) -> NDArray[np.float64]:
 
 
 def _pieces(
-    engine: EngineLike, conditions: Conditions, inputs: Mapping[str, NDArray[np.float64]],
-    values: Mapping[str, NDArray[np.float64]], hidden: Mapping[str, NDArray], clocks: Clocks,
-    instruments: Instruments, chunk: int,
+    engine: EngineLike,
+    conditions: Conditions,
+    inputs: Mapping[str, NDArray[np.float64]],
+    values: Mapping[str, NDArray[np.float64]],
+    hidden: Mapping[str, NDArray],
+    clocks: Clocks,
+    instruments: Instruments,
+    chunk: int,
 ) -> Iterator[Simulated]:
     for start in range(0, max(len(conditions), 1), chunk):
         piece = slice(start, start + chunk)
         given = conditions.slice(start, start + chunk).columns
-        prediction = engine.predict({name: column[piece] for name, column in inputs.items()},
-                                    {name: value[piece] for name, value in values.items()},
-                                    sensors=tuple(engine.sensors))
+        prediction = engine.predict(
+            {name: column[piece] for name, column in inputs.items()},
+            {name: value[piece] for name, value in values.items()},
+            sensors=tuple(engine.sensors),
+        )
         outputs = dict(zip(prediction.columns, np.asarray(prediction.y).T, strict=True))
         recorded = instruments.read({**given, **outputs}, clocks.slice(start, start + chunk))
         status = np.asarray(prediction.status)

@@ -17,24 +17,54 @@ from enginediag_cli.residuals.monitor import Monitor
 
 SIGNS = {"both": (-1.0, 1.0), "fall": (-1.0,), "rise": (1.0,)}
 
-DRAW = Section("draw", "faults at random", (
-    Field("faults", "range", "least and largest number of changed parameters; from the prior of the posterior method "
-          "where absent", None, minimum=0),
-    Field("size", "range", "least and largest change: relative where nominal is not 0, else in the parameter's unit; "
-          "from the prior of the posterior method where absent", None, minimum=0.0),
-    Field("sigmas", "range", "least and largest change in the parameter's prior standard deviations, instead of size",
-          None, minimum=0.0),
-    Field("sign", "choice", "direction of changes whose size is given", "both", choices=tuple(SIGNS)),
-    Field("among", "texts", "parameters that may change, names or patterns; all that are monitored where absent", ()),
-))
+DRAW = Section(
+    "draw",
+    "faults at random",
+    (
+        Field(
+            "faults",
+            "range",
+            "least and largest number of changed parameters; from the prior of the posterior method where absent",
+            None,
+            minimum=0,
+        ),
+        Field(
+            "size",
+            "range",
+            "least and largest change: relative where nominal is not 0, else in the parameter's unit; "
+            "from the prior of the posterior method where absent",
+            None,
+            minimum=0.0,
+        ),
+        Field(
+            "sigmas",
+            "range",
+            "least and largest change in the parameter's prior standard deviations, instead of size",
+            None,
+            minimum=0.0,
+        ),
+        Field("sign", "choice", "direction of changes whose size is given", "both", choices=tuple(SIGNS)),
+        Field(
+            "among", "texts", "parameters that may change, names or patterns; all that are monitored where absent", ()
+        ),
+    ),
+)
 
-CASE = Section("case", "what is wrong with the engine; nothing where neither changes nor draw are given", (
-    Field("description", "text", "in words", ""),
-    Field("repetitions", "integer", "diagnoses of this case", minimum=1),
-    Field("changes", "number_map", "change of each parameter, relative where nominal is not 0, else in the "
-          "parameter's unit", {}),
-    Field("draw", "section", "faults drawn anew for every diagnosis, instead of changes", None, section=DRAW),
-))
+CASE = Section(
+    "case",
+    "what is wrong with the engine; nothing where neither changes nor draw are given",
+    (
+        Field("description", "text", "in words", ""),
+        Field("repetitions", "integer", "diagnoses of this case", minimum=1),
+        Field(
+            "changes",
+            "number_map",
+            "change of each parameter, relative where nominal is not 0, else in the parameter's unit",
+            {},
+        ),
+        Field("draw", "section", "faults drawn anew for every diagnosis, instead of changes", None, section=DRAW),
+    ),
+)
 
 
 @dataclass(frozen=True)
@@ -96,8 +126,11 @@ def build_case(values: Mapping[str, Any], monitor: Monitor) -> FaultCase:
     scale = np.where(monitor.theta0 != 0, monitor.theta0, 1.0)
     relative = np.array([values["changes"].get(name, 0.0) for name in monitor.names])
     changed = monitor.theta0 + relative * scale
-    beyond = [n for n, x, low, high in zip(monitor.names, changed, monitor.lower, monitor.upper, strict=True)
-              if not low <= x <= high]
+    beyond = [
+        n
+        for n, x, low, high in zip(monitor.names, changed, monitor.lower, monitor.upper, strict=True)
+        if not low <= x <= high
+    ]
     if beyond:
         raise DataError(f"the change of {beyond[0]} leaves its bounds")
     return FaultCase(values["name"], values["repetitions"], relative * scale, draw, candidates)

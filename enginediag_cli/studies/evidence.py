@@ -65,15 +65,27 @@ class Evidence:
             e, J, ok, converged = y - nominal.y, nominal.J, nominal.ok, np.ones(W, bool)
         else:
             found = relinearise(
-                self._predict, y, monitor.theta0, monitor.precision, monitor.noise, window=self._window,
-                nominal=(nominal.y, nominal.J, nominal.ok), bounds=(monitor.lower, monitor.upper),
+                self._predict,
+                y,
+                monitor.theta0,
+                monitor.precision,
+                monitor.noise,
+                window=self._window,
+                nominal=(nominal.y, nominal.J, nominal.ok),
+                bounds=(monitor.lower, monitor.upper),
             )
             e, J, ok, converged = found.e, found.J, found.ok, found.converged
         lags = np.ones(W * n)
         lags[::n] = np.inf  # windows are unrelated
         blocks = block_statistics(
-            np.where(ok[:, None], e, np.nan), J, monitor.noise, np.arange(W) * n, parameters=monitor.names,
-            theta0=monitor.theta0, prior_sigma=monitor.prior_sigma, lags=lags,
+            np.where(ok[:, None], e, np.nan),
+            J,
+            monitor.noise,
+            np.arange(W) * n,
+            parameters=monitor.names,
+            theta0=monitor.theta0,
+            prior_sigma=monitor.prior_sigma,
+            lags=lags,
         )
         return [fisher_score(block.statistics) for block in blocks], converged
 
@@ -98,11 +110,15 @@ class Evidence:
         same = np.all(theta == theta[:1], axis=0)
         values = {name: float(theta[0, i]) if same[i] else theta[:, i] for i, name in enumerate(names)}
         found = self.monitor.engine.predict(  # type: ignore[call-arg]
-            {c: v[rows] for c, v in self.windows.flat_inputs().items()}, values, sensors=self.monitor.sensors,
-            wrt=names, start=start,
+            {c: v[rows] for c, v in self.windows.flat_inputs().items()},
+            values,
+            sensors=self.monitor.sensors,
+            wrt=names,
+            start=start,
         )
-        return _Prediction(theta, np.asarray(found.y), np.asarray(found.jacobian), np.asarray(found.ok),
-                           np.asarray(found.x))
+        return _Prediction(
+            theta, np.asarray(found.y), np.asarray(found.jacobian), np.asarray(found.ok), np.asarray(found.x)
+        )
 
 
 @dataclass

@@ -47,8 +47,10 @@ class Journal:
         if head is None or "study" not in head:
             raise DataError(f"{self.path}: not the journal of a study; name another one with --journal")
         if head["study"] != self._key:
-            raise DataError(f"{self.path}: the journal of another study, or of this one before it was changed; "
-                            "remove it or name another one with --journal")
+            raise DataError(
+                f"{self.path}: the journal of another study, or of this one before it was changed; "
+                "remove it or name another one with --journal"
+            )
         if cut:
             rewrite(self.path, whole)
         finished: Finished = {}
@@ -65,6 +67,8 @@ class Journal:
         """Append one batch and see it on the disk."""
         new = not self.path.exists() or not self.path.stat().st_size
         head = [json.dumps({"study": self._key})] if new else []
-        entry = {"batch": [batch.case, batch.first, batch.count],
-                 "methods": {name: one.as_json() for name, one in tallies.items()}}
+        entry = {
+            "batch": [batch.case, batch.first, batch.count],
+            "methods": {name: one.as_json() for name, one in tallies.items()},
+        }
         append(self.path, *head, json.dumps(entry))

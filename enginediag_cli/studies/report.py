@@ -91,8 +91,16 @@ def reliability_rows(x: Tally) -> list[dict[str, Any]]:
     for low, high, (count, right, stated) in zip(EDGES[:-1], EDGES[1:], x.bins, strict=True):
         if count:
             realised = rate(int(right), int(count)) or {}
-            rows.append({"from": float(low), "to": min(float(high), 1.0), "answers": int(count),
-                         "stated": stated / count, "right": int(right), **realised})
+            rows.append(
+                {
+                    "from": float(low),
+                    "to": min(float(high), 1.0),
+                    "answers": int(count),
+                    "stated": stated / count,
+                    "right": int(right),
+                    **realised,
+                }
+            )
     return rows
 
 
@@ -128,8 +136,11 @@ def shortened(row: Mapping[str, Any]) -> dict[str, Any]:
         if name.endswith(("_low", "_high")):
             continue
         if f"{name}_low" in row:
-            value = f"{100 * value:.1f} ({100 * row[f'{name}_low']:.1f}–{100 * row[f'{name}_high']:.1f})" if (
-                value is not None) else ""
+            value = (
+                f"{100 * value:.1f} ({100 * row[f'{name}_low']:.1f}–{100 * row[f'{name}_high']:.1f})"
+                if (value is not None)
+                else ""
+            )
             name = f"{name}_%"
         elif isinstance(value, float):
             value = float(f"{value:.3g}")

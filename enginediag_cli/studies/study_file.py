@@ -19,26 +19,44 @@ if TYPE_CHECKING:
     from enginediag_cli.residuals.monitor import Monitor
     from enginediag_cli.simulation.noise import ColumnNoise
 
-STUDY_FILE = Section("study", "a Monte-Carlo study of diagnosis", (
-    Field("kind", "choice", "kind of file", "study", choices=("study",)),
-    Field("description", "text", "what the study is to show", ""),
-    Field("source", "text", "where cases and numbers come from", ""),
-    Field("engine", "text", "engine file, relative to this file; or one that comes with the program"),
-    Field("monitor", "texts", "parameters that may have changed, names or patterns such as 'sensor.*.bias'; those "
-          "that the engine file monitors where absent", ()),
-    Field("records", "integer", "records of one diagnosis", minimum=1),
-    Field("mission", "section", "operating conditions, drawn anew for every diagnosis",
-          section=Variants("mission", "kind of mission", {name: m.SECTION for name, m in MISSIONS.items()})),
-    Field("constants", "number_map", "further inputs of the engine, each held at one value", {}),
-    Field("noise", "section", "sensor noise; its size is known to the methods", {}, section=NOISE),
-    Field("cases", "named_sections", "what is wrong with the engine", section=CASE),
-    Field("methods", "named_sections", "who diagnoses",
-          section=Variants("method", "kind of method", SECTIONS)),
-    Field("false_alarm", "number", "false-alarm probability of detection, and level of rejection tests", 0.01,
-          minimum=1e-6, maximum=0.5),
-    Field("reliability", "boolean", "ask how often answers of a stated probability are right", False),
-    Field("seed", "integer", "seed of everything random", 0, minimum=0),
-))
+STUDY_FILE = Section(
+    "study",
+    "a Monte-Carlo study of diagnosis",
+    (
+        Field("kind", "choice", "kind of file", "study", choices=("study",)),
+        Field("description", "text", "what the study is to show", ""),
+        Field("source", "text", "where cases and numbers come from", ""),
+        Field("engine", "text", "engine file, relative to this file; or one that comes with the program"),
+        Field(
+            "monitor",
+            "texts",
+            "parameters that may have changed, names or patterns such as 'sensor.*.bias'; those "
+            "that the engine file monitors where absent",
+            (),
+        ),
+        Field("records", "integer", "records of one diagnosis", minimum=1),
+        Field(
+            "mission",
+            "section",
+            "operating conditions, drawn anew for every diagnosis",
+            section=Variants("mission", "kind of mission", {name: m.SECTION for name, m in MISSIONS.items()}),
+        ),
+        Field("constants", "number_map", "further inputs of the engine, each held at one value", {}),
+        Field("noise", "section", "sensor noise; its size is known to the methods", {}, section=NOISE),
+        Field("cases", "named_sections", "what is wrong with the engine", section=CASE),
+        Field("methods", "named_sections", "who diagnoses", section=Variants("method", "kind of method", SECTIONS)),
+        Field(
+            "false_alarm",
+            "number",
+            "false-alarm probability of detection, and level of rejection tests",
+            0.01,
+            minimum=1e-6,
+            maximum=0.5,
+        ),
+        Field("reliability", "boolean", "ask how often answers of a stated probability are right", False),
+        Field("seed", "integer", "seed of everything random", 0, minimum=0),
+    ),
+)
 
 
 @dataclass(frozen=True)
@@ -71,8 +89,9 @@ def load_study(path: str | Path) -> Study:
         monitor = known_nominal(engine, values["monitor"], noise)
     except DataError as error:
         raise ConfigError([Problem(checked.mark(("monitor",)), str(error))]) from None
-    problems = [checked.problem((key,), f"there are no {key}; one is needed") for key in ("cases", "methods")
-                if not values[key]]
+    problems = [
+        checked.problem((key,), f"there are no {key}; one is needed") for key in ("cases", "methods") if not values[key]
+    ]
     cases = []
     for k, case in enumerate(values["cases"]):
         try:
@@ -83,8 +102,18 @@ def load_study(path: str | Path) -> Study:
         raise ConfigError(problems)
     plan = {"flights": 1, "mission": values["mission"], "constants": values["constants"]}
     methods = {m["name"]: m for m in values["methods"]}
-    return Study(Path(path), monitor, values["records"], plan, noise, tuple(cases), methods, values["false_alarm"],
-                 values["reliability"], values["seed"])
+    return Study(
+        Path(path),
+        monitor,
+        values["records"],
+        plan,
+        noise,
+        tuple(cases),
+        methods,
+        values["false_alarm"],
+        values["reliability"],
+        values["seed"],
+    )
 
 
 def engine_path(study: Path, name: str, mark: Mark) -> Path:

@@ -49,8 +49,12 @@ class Tally:
 
     def as_json(self) -> dict[str, Any]:
         """Plain numbers and lists."""
-        return {f.name: getattr(self, f.name).tolist() if isinstance(getattr(self, f.name), np.ndarray)
-                else getattr(self, f.name) for f in fields(self)}
+        return {
+            f.name: getattr(self, f.name).tolist()
+            if isinstance(getattr(self, f.name), np.ndarray)
+            else getattr(self, f.name)
+            for f in fields(self)
+        }
 
     @classmethod
     def from_json(cls, values: Mapping[str, Any]) -> Tally:

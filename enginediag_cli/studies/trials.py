@@ -42,8 +42,11 @@ def make_trials(
     changes = case.changes_of(monitor, count, rng)
     changes = np.clip(monitor.theta0 + changes, monitor.lower, monitor.upper) - monitor.theta0
     inputs = _conditions(engine, count, records, plan, rng)
-    values = {name: np.repeat(monitor.theta0[i] + changes[:, i], records)
-              for i, name in enumerate(monitor.names) if np.any(changes[:, i])}
+    values = {
+        name: np.repeat(monitor.theta0[i] + changes[:, i], records)
+        for i, name in enumerate(monitor.names)
+        if np.any(changes[:, i])
+    }
     prediction = engine.predict(inputs, values, sensors=monitor.sensors)
     true = np.asarray(prediction.y).reshape(count, records, -1)
     readings = {column: true[:, :, j] for j, column in enumerate(monitor.sensors)}

@@ -84,9 +84,7 @@ def main() -> None:
         flights = options.flights if law != "none" else options.healthy
         delays, kinds, early, missed, covered = [], Counter(), 0, 0, 0
         for seed in range(flights):
-            recording, onset = flown(
-                monitor, options.seed + seed + (1000 if law == "none" else 0), law, name, size
-            )
+            recording, onset = flown(monitor, options.seed + seed + (1000 if law == "none" else 0), law, name, size)
             flight, hit, report = FlightMonitor(monitor, ("", "", ""), options.false_alarm), None, None
             for i in range(0, len(recording), BLOCK):
                 report = flight.add(recording.select(slice(i, i + BLOCK)))

@@ -124,9 +124,7 @@ def start_up() -> dict[str, float]:
     with tempfile.TemporaryDirectory() as scratch:
         nominal, tiny = f"{scratch}/nominal.yaml", f"{scratch}/tiny.csv"
         healthy = str(samples / "healthy_snapshots.csv")
-        subprocess.run(
-            [*tool, "identify", engine, healthy, "--no-cross-validation", "-q", "-o", nominal], check=True
-        )
+        subprocess.run([*tool, "identify", engine, healthy, "--no-cross-validation", "-q", "-o", nominal], check=True)
         lines = (samples / "fouling_snapshots.csv").read_text(encoding="utf-8").splitlines(keepends=True)
         Path(tiny).write_text("".join([line for line in lines if not line.startswith("#")][:3]), encoding="utf-8")
         return {

@@ -91,7 +91,14 @@ def stretches(flown: Flown, phase: str, window: int) -> list[np.ndarray]:
 
 
 def tested(
-    rng: np.random.Generator, flown: Flown, kind: str, rho: float, records: int | None, *, windows: int, length: int,
+    rng: np.random.Generator,
+    flown: Flown,
+    kind: str,
+    rho: float,
+    records: int | None,
+    *,
+    windows: int,
+    length: int,
     nominals: int = 0,
 ) -> dict[str, Tally]:
     """Alarms per phase; records None: nominal and noise are known. nominals 0: as many as NOMINALS says."""
@@ -128,7 +135,11 @@ def _alarms(
     """Alarms (3,) of `count` windows with sensitivities J; None where there is no verdict."""
     noise = watched.noise
     geometry = local_statistics(
-        np.zeros(J.shape[:2]), J, noise, parameters=flown.names, theta0=np.zeros(len(flown.names)),
+        np.zeros(J.shape[:2]),
+        J,
+        noise,
+        parameters=flown.names,
+        theta0=np.zeros(len(flown.names)),
         prior_sigma=flown.prior,
     )
     score = fisher_score(marginalise(geometry, flown.monitored, watched.covariance))  # all but the residuals
@@ -188,8 +199,9 @@ def table(options: argparse.Namespace) -> Iterator[str]:
         if options.only not in case:
             continue
         rng = np.random.default_rng([options.seed, *case.encode()])
-        tallies = tested(rng, flown, kind, rho, records, windows=options.windows, length=options.length,
-                         nominals=options.nominals)
+        tallies = tested(
+            rng, flown, kind, rho, records, windows=options.windows, length=options.length, nominals=options.nominals
+        )
         for phase, tally in tallies.items():
             yield row(f"{case}, {phase}", tally, records is not None)
     if options.commands and options.only in ("", "commands"):

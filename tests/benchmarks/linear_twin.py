@@ -52,7 +52,8 @@ def fly(engine_file: str | Path, seed: int = 1, flights: int = FLIGHTS) -> Flown
     engine = load_engine(engine_file)
     given = generate_flights(default_plan(engine), engine, np.random.default_rng(seed), flights=flights)
     rest = [
-        n for n, p in engine.parameters.items()
+        n
+        for n, p in engine.parameters.items()
         if n not in engine.monitored and p.prior_sigma > 0 and p.family != "physics"
     ]
     names = (*engine.monitored, *rest)
@@ -126,8 +127,12 @@ class LinearEngine:
         }
 
     def predict(
-        self, inputs: Mapping[str, Any], parameters: Mapping[str, Any] | None = None, *,
-        sensors: Sequence[str] | None = None, wrt: Sequence[str] = (),
+        self,
+        inputs: Mapping[str, Any],
+        parameters: Mapping[str, Any] | None = None,
+        *,
+        sensors: Sequence[str] | None = None,
+        wrt: Sequence[str] = (),
     ) -> Predicted:
         delta = np.array([(parameters or {}).get(name, 0.0) for name in self._columns], float)
         J = self._flown.J[np.asarray(inputs["record"]).astype(int)]

@@ -38,9 +38,20 @@ def main() -> None:
         file = four_cases(Path(scratch))
         before, begun = resource.getrusage(resource.RUSAGE_CHILDREN), time.perf_counter()
         done = subprocess.run(
-            [sys.executable, "-m", "enginediag_cli", "study", str(file), "--format", "json",
-             "--processes", str(processes)],
-            check=True, stdout=subprocess.PIPE, text=True,
+            [
+                sys.executable,
+                "-m",
+                "enginediag_cli",
+                "study",
+                str(file),
+                "--format",
+                "json",
+                "--processes",
+                str(processes),
+            ],
+            check=True,
+            stdout=subprocess.PIPE,
+            text=True,
         )
         wall, after = time.perf_counter() - begun, resource.getrusage(resource.RUSAGE_CHILDREN)
     result = json.loads(done.stdout)

@@ -34,7 +34,11 @@ def problem(rng: np.random.Generator, p: int, k: int, size: float, common: float
     change[true] = size * rng.choice([-1.0, 1.0], k) / np.sqrt(np.mean(np.sum(J**2, axis=(0, 1))))
     e = rng.standard_normal(J.shape[:2]) + J @ change
     statistics = local_statistics(
-        e, J, white_noise(np.ones(4)), parameters=[f"p{i}" for i in range(p)], theta0=np.ones(p),
+        e,
+        J,
+        white_noise(np.ones(4)),
+        parameters=[f"p{i}" for i in range(p)],
+        theta0=np.ones(p),
         prior_sigma=np.full(p, 0.02),
     )
     return fisher_score(statistics), set(true.tolist())
@@ -51,8 +55,16 @@ def timed(p: int, k: int, size: float, problems: int) -> dict[str, object]:
         exact += found.exact
         right += set(found.sets[-1]) == true
     middle, late, worst = (round(float(t), 4) for t in np.quantile(seconds, [0.5, 0.9, 1.0]))
-    return {"problems": problems, "seconds": middle, "seconds_90": late, "seconds_worst": worst,
-            "nodes": int(np.median(nodes)), "nodes_worst": max(nodes), "proved_best": exact, "true_set": right}
+    return {
+        "problems": problems,
+        "seconds": middle,
+        "seconds_90": late,
+        "seconds_worst": worst,
+        "nodes": int(np.median(nodes)),
+        "nodes_worst": max(nodes),
+        "proved_best": exact,
+        "true_set": right,
+    }
 
 
 def exhaustive(score: Score, size: int) -> tuple[float, tuple[int, ...]]:

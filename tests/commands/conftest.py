@@ -28,7 +28,12 @@ def shell():
     def run(*arguments: str, stdin: str = "", **options) -> Ended:
         done = subprocess.run(
             [sys.executable, "-m", "enginediag_cli", *map(str, arguments)],
-            input=stdin, capture_output=True, text=True, encoding="utf-8", timeout=120, **options,
+            input=stdin,
+            capture_output=True,
+            text=True,
+            encoding="utf-8",
+            timeout=120,
+            **options,
         )
         return Ended(done.returncode, done.stdout, done.stderr)
 

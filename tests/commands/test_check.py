@@ -39,8 +39,7 @@ def test_good_files_get_a_line_each_and_exit_0(run, files):
 
 def test_all_problems_of_all_files_are_said_with_their_lines_and_exit_2(run, files):
     broken = FAULTS.replace("changes", "chages").replace("description: fouling", "description: 3")
-    paths = files(a__yaml=broken, b__yaml="kind: fault\n", c__csv=FLIGHT.replace("701.5", "7o1"),
-                  d__yaml=FAULTS)
+    paths = files(a__yaml=broken, b__yaml="kind: fault\n", c__csv=FLIGHT.replace("701.5", "7o1"), d__yaml=FAULTS)
     ended = run("check", *paths)
     assert ended.exit_code == 2
     assert ended.stdout == f"{paths[3]}: ok, a file of kind faults\n"

@@ -72,14 +72,14 @@ def files(messages, recordings):
     click.echo(" ".join(recordings))
 '''
 
-START = '''
+START = """
 import sys
 from enginediag_cli.commands import main
 main.COMMANDS["probe"] = main.Entry("probe_commands", "probe", "")
 main.COMMANDS["files"] = main.Entry("probe_commands", "files", "")
 from enginediag_cli.__main__ import main as entry
 sys.exit(entry())
-'''
+"""
 
 
 @pytest.fixture(scope="module")

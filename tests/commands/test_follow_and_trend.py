@@ -55,8 +55,22 @@ def files(tmp_path_factory):
 
 
 def test_follow_gives_a_row_per_block_and_an_alarm_in_faulty_flights_only(files):
-    code, out = run("detect", "--follow", "--idle", "0", "--window", "50", "-q", "-n", files["nominal.yaml"],
-                    files["flown.csv"], "--no-header", "--format", "csv", "--exit-code")
+    code, out = run(
+        "detect",
+        "--follow",
+        "--idle",
+        "0",
+        "--window",
+        "50",
+        "-q",
+        "-n",
+        files["nominal.yaml"],
+        files["flown.csv"],
+        "--no-header",
+        "--format",
+        "csv",
+        "--exit-code",
+    )
     rows = list(csv.DictReader(io.StringIO(out)))
     alarms = {row["flight"]: row["alarm"] for row in rows}
     assert code == 1 and alarms == {"1": "false", "2": "false", "3": "true", "4": "true", "5": "true"}
@@ -65,8 +79,13 @@ def test_follow_gives_a_row_per_block_and_an_alarm_in_faulty_flights_only(files)
 
 def test_follow_refuses_what_it_cannot_do_and_says_why(files, capsys):
     follow = ["detect", "--follow", "-n", files["nominal.yaml"], files["flown.csv"]]
-    for options in (["--step", "5", "--window", "50"], ["--detectable"], ["--reference", "9"], ["--last", "9"],
-                    ["--model-error", "0.2"]):
+    for options in (
+        ["--step", "5", "--window", "50"],
+        ["--detectable"],
+        ["--reference", "9"],
+        ["--last", "9"],
+        ["--model-error", "0.2"],
+    ):
         assert run(*follow, *options)[0] == 2
         assert f"{options[0]} does not go with --follow: " in capsys.readouterr().err
     assert run("detect", "--follow", files["flown.csv"])[0] == 2
@@ -79,14 +98,36 @@ def test_a_foreign_recording_is_followed_as_its_recorder_maps_it(files, tmp_path
     shown = {name: f"x_{k}" for k, name in enumerate(names)}
     foreign, recorder = tmp_path / "foreign.csv", tmp_path / "recorder.yaml"
     foreign.write_text("\n".join([",".join(shown.values()), *lines[1:]]) + "\n", encoding="utf-8")
-    numbers = {name: {"from": shown[name], "unit": split_column(name)[1] or "1"}
-               for name in names if name not in ("flight", "phase", "status")}
-    recorder.write_text(yaml.safe_dump({
-        "kind": "recorder", "description": "other names", "columns": numbers, "text": {"flight": shown["flight"]},
-        "steady": {"window_s": 60, "minimum": {"mach": 0.2}, "spread": {"N1_rpm": 400}},
-    }), encoding="utf-8")
-    common = ["detect", "--follow", "--idle", "0", "--window", "50", "-n", files["nominal.yaml"], "--no-header",
-              "--format", "csv"]
+    numbers = {
+        name: {"from": shown[name], "unit": split_column(name)[1] or "1"}
+        for name in names
+        if name not in ("flight", "phase", "status")
+    }
+    recorder.write_text(
+        yaml.safe_dump(
+            {
+                "kind": "recorder",
+                "description": "other names",
+                "columns": numbers,
+                "text": {"flight": shown["flight"]},
+                "steady": {"window_s": 60, "minimum": {"mach": 0.2}, "spread": {"N1_rpm": 400}},
+            }
+        ),
+        encoding="utf-8",
+    )
+    common = [
+        "detect",
+        "--follow",
+        "--idle",
+        "0",
+        "--window",
+        "50",
+        "-n",
+        files["nominal.yaml"],
+        "--no-header",
+        "--format",
+        "csv",
+    ]
     code, out = run(*common, "-q", str(foreign), "--recorder", str(recorder))
     rows = list(csv.DictReader(io.StringIO(out)))
     alarms = {row["flight"]: row["alarm"] for row in rows}

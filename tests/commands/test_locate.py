@@ -26,8 +26,11 @@ def write(path, exponent, seed=3, first=None):
         out = csv.writer(stream)
         for k in range(COUNT):
             h = rng.uniform(2000, 11500, RECORDS)
-            u = {"altitude_m": h, "mach": 0.35 + 0.45 * h / 11500 + rng.normal(0, 0.02, RECORDS),
-                 "dT_isa_K": np.full(RECORDS, rng.normal(0, 8))}
+            u = {
+                "altitude_m": h,
+                "mach": 0.35 + 0.45 * h / 11500 + rng.normal(0, 0.02, RECORDS),
+                "dT_isa_K": np.full(RECORDS, rng.normal(0, 8)),
+            }
             u["Wf_kg_s"] = engine.power_from_fraction(rng.uniform(0.4, 0.95, RECORDS), u)
             p = truth.predict(u)
             if k == 0:
@@ -72,8 +75,18 @@ def test_no_mismatch_is_said_and_is_no_finding(folder, run):
 
 
 def test_all_writes_the_whole_map_also_when_there_is_nothing(folder, run):
-    ended = run("locate", ENGINE, folder / "nothing.csv", "--all", "--format", "json", "--model-error", "0",
-                "--driver", "valve_state")
+    ended = run(
+        "locate",
+        ENGINE,
+        folder / "nothing.csv",
+        "--all",
+        "--format",
+        "json",
+        "--model-error",
+        "0",
+        "--driver",
+        "valve_state",
+    )
     rows = json.loads(ended.stdout)
     assert len(rows) > 100 and not any(r["within"] for r in rows)
     assert "valve_state" in {r["driver"] for r in rows} and "time" in {r["driver"] for r in rows}
@@ -93,12 +106,15 @@ def test_a_fit_without_a_prediction_for_many_records_is_no_verdict(folder, run):
     assert not (folder / "none.svg").exists()
 
 
-@pytest.mark.parametrize(("options", "said"), [
-    (("--driver", "valve"), "valve_state"),
-    (("--engine-instance", "B"), "no record of engine 'B'"),
-    (("--model-error", "0.5"), "0.5 is not in the range"),
-    (("--picture", "nowhere/map.svg"), "not a file in a folder that exists"),
-])
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        (("--driver", "valve"), "valve_state"),
+        (("--engine-instance", "B"), "no record of engine 'B'"),
+        (("--model-error", "0.5"), "0.5 is not in the range"),
+        (("--picture", "nowhere/map.svg"), "not a file in a folder that exists"),
+    ],
+)
 def test_what_cannot_be_done_is_said_before_anything_is_written(folder, run, options, said):
     ended = run("locate", ENGINE, folder / "nothing.csv", *options)
     assert ended.exit_code == 2 and ended.stdout == ""

@@ -51,8 +51,12 @@ def test_no_command_shows_help_and_is_a_usage_error():
 
 
 def test_shell_completion_offers_the_commands(shell):
-    environment = {**os.environ, "_ENGINEDIAG_COMPLETE": "bash_complete", "COMP_WORDS": "enginediag de",
-                   "COMP_CWORD": "1"}
+    environment = {
+        **os.environ,
+        "_ENGINEDIAG_COMPLETE": "bash_complete",
+        "COMP_WORDS": "enginediag de",
+        "COMP_CWORD": "1",
+    }
     ended = shell(env=environment)
     assert ended.exit_code == 0
     assert "plain,detect" in ended.stdout.splitlines()

@@ -101,7 +101,8 @@ def test_an_engine_says_which_effects_it_carries(run, carrying):
     assert ended.stdout.splitlines()[2].startswith("# config: carrying.yaml sha256:")
     carried = [row for row in rows_of(ended.stdout) if row["carried"] == "true"]
     assert [(row["term"], row["at"], row["coefficients"]) for row in carried] == [
-        ("reynolds_efficiency", "hpc", "exponent=0.12")]
+        ("reynolds_efficiency", "hpc", "exponent=0.12")
+    ]
     assert carried[0]["source"] == "refined on five flights"
 
 

@@ -9,8 +9,21 @@ import pytest
 from enginediag_cli.__main__ import main
 from enginediag_cli.mismatch.prove.sheet import SCORES
 
-TARGETS = ("exact", "covered", "alias_set_size", "false_name", "none_right", "exact_pair", "interval", "held_out_gain",
-           "locate_driver", "locate_component", "hidden_location", "hidden_states", "no_verdict")
+TARGETS = (
+    "exact",
+    "covered",
+    "alias_set_size",
+    "false_name",
+    "none_right",
+    "exact_pair",
+    "interval",
+    "held_out_gain",
+    "locate_driver",
+    "locate_component",
+    "hidden_location",
+    "hidden_states",
+    "no_verdict",
+)
 
 
 def run(*arguments):
@@ -22,8 +35,23 @@ def finished(tmp_path_factory):
     """Two null trials of the turbofan, their sheet and their file of trials."""
     folder = tmp_path_factory.mktemp("prove")
     out, trials = folder / "sheet.json", folder / "trials.jsonl"
-    code = run("--trials", 2, "--seed", 4, "--kind", "null", "--truth", "same_model", "--jobs", 1, "--no-sizes",
-               "--trials-output", trials, "-o", out)
+    code = run(
+        "--trials",
+        2,
+        "--seed",
+        4,
+        "--kind",
+        "null",
+        "--truth",
+        "same_model",
+        "--jobs",
+        1,
+        "--no-sizes",
+        "--trials-output",
+        trials,
+        "-o",
+        out,
+    )
     assert code == 0
     return out, trials
 
@@ -51,16 +79,35 @@ def test_a_resumed_run_takes_finished_trials_as_they_are(finished, tmp_path):
     second = finished[1].read_text(encoding="utf-8").splitlines()[2]
     kept.write_text("\n".join([head, json.dumps(changed), second]) + "\n", encoding="utf-8")
     out = tmp_path / "sheet.json"
-    assert run("--trials", 2, "--seed", 4, "--kind", "null", "--truth", "same_model", "--no-sizes",
-               "--trials-output", kept, "--resume", "-o", out) == 0
+    assert (
+        run(
+            "--trials",
+            2,
+            "--seed",
+            4,
+            "--kind",
+            "null",
+            "--truth",
+            "same_model",
+            "--no-sizes",
+            "--trials-output",
+            kept,
+            "--resume",
+            "-o",
+            out,
+        )
+        == 0
+    )
     assert json.loads(out.read_text(encoding="utf-8"))["no_verdict"]["same_model"]["count"] == 1
 
 
 def test_trials_of_another_seed_are_not_gone_on_from(finished, tmp_path, capsys):
     kept = tmp_path / "trials.jsonl"
     kept.write_text(finished[1].read_text(encoding="utf-8"), encoding="utf-8")
-    assert run("--trials", 2, "--seed", 5, "--kind", "null", "--truth", "same_model", "--trials-output", kept,
-               "--resume") == 2
+    assert (
+        run("--trials", 2, "--seed", 5, "--kind", "null", "--truth", "same_model", "--trials-output", kept, "--resume")
+        == 2
+    )
     assert "another seed" in capsys.readouterr().err
 
 
@@ -74,8 +121,25 @@ def test_table_and_csv_tell_the_same_scores(finished, tmp_path, capsys):
     kept = tmp_path / "trials.jsonl"
     kept.write_text(finished[1].read_text(encoding="utf-8"), encoding="utf-8")
     for form in ("table", "csv"):
-        assert run("--trials", 2, "--seed", 4, "--kind", "null", "--truth", "same_model", "--no-sizes",
-                   "--trials-output", kept, "--resume", "--format", form) == 0
+        assert (
+            run(
+                "--trials",
+                2,
+                "--seed",
+                4,
+                "--kind",
+                "null",
+                "--truth",
+                "same_model",
+                "--no-sizes",
+                "--trials-output",
+                kept,
+                "--resume",
+                "--format",
+                form,
+            )
+            == 0
+        )
         told = capsys.readouterr().out
         assert "no_verdict" in told and "false_name" in told
 
@@ -93,6 +157,21 @@ def test_an_engine_that_does_not_fly_is_refused_before_any_trial(capsys):
 @pytest.mark.slow
 def test_the_same_seed_gives_the_same_bytes_on_any_number_of_jobs(tmp_path):
     for jobs in (1, 2):
-        assert run("--trials", 4, "--seed", 6, "--kind", "single", "--kind", "hidden_switch", "--jobs", jobs,
-                   "-o", tmp_path / f"{jobs}.json") == 0
+        assert (
+            run(
+                "--trials",
+                4,
+                "--seed",
+                6,
+                "--kind",
+                "single",
+                "--kind",
+                "hidden_switch",
+                "--jobs",
+                jobs,
+                "-o",
+                tmp_path / f"{jobs}.json",
+            )
+            == 0
+        )
     assert (tmp_path / "1.json").read_bytes() == (tmp_path / "2.json").read_bytes()

@@ -9,10 +9,21 @@ from refine_flights import ENGINE, flights, write_csv
 
 from enginediag_cli.__main__ import main
 
-LEFT_OUT = [f"--without={t}" for t in (
-    "active_clearance_control", "bearing_loss", "thermocouple_radiation", "nozzle_discharge", "cooling_flow_variation",
-    "reynolds_turbine_efficiency", "guide_vanes", "guide_vanes_load", "compressor_tip_clearance", "handling_bleed",
-)]
+LEFT_OUT = [
+    f"--without={t}"
+    for t in (
+        "active_clearance_control",
+        "bearing_loss",
+        "thermocouple_radiation",
+        "nozzle_discharge",
+        "cooling_flow_variation",
+        "reynolds_turbine_efficiency",
+        "guide_vanes",
+        "guide_vanes_load",
+        "compressor_tip_clearance",
+        "handling_bleed",
+    )
+]
 
 
 @pytest.fixture(scope="module")
@@ -20,9 +31,24 @@ def folder(tmp_path_factory):
     """A recording with a concealed effect, and the engine refined by it."""
     place = tmp_path_factory.mktemp("refine")
     write_csv(flights("reynolds_efficiency@hpc", {"exponent": 0.1}, seed=1)[0], place / "flights.csv")
-    code = main(["refine", str(ENGINE), str(place / "flights.csv"), "--term", "reynolds_efficiency@hpc",
-                 "--holdout-last", "2", "-q", "-o", str(place / "refined.yaml"), "--picture", str(place / "b.svg"),
-                 "--report", str(place / "report.json")])
+    code = main(
+        [
+            "refine",
+            str(ENGINE),
+            str(place / "flights.csv"),
+            "--term",
+            "reynolds_efficiency@hpc",
+            "--holdout-last",
+            "2",
+            "-q",
+            "-o",
+            str(place / "refined.yaml"),
+            "--picture",
+            str(place / "b.svg"),
+            "--report",
+            str(place / "report.json"),
+        ]
+    )
     assert int(code) == 0
     return place
 
@@ -52,8 +78,17 @@ def test_what_the_refined_engine_carries_is_not_searched_for_again(folder, run):
     told = json.loads(done.stdout)
     assert done.exit_code == 0 and told["status"] == "nothing"
     assert "reynolds_efficiency@hpc" not in {c["label"] for c in told["floor"]}
-    again = run("refine", folder / "refined.yaml", folder / "flights.csv", "--term", "reynolds_efficiency@hpc",
-                "--holdout-last", "2", "-o", folder / "again.yaml")
+    again = run(
+        "refine",
+        folder / "refined.yaml",
+        folder / "flights.csv",
+        "--term",
+        "reynolds_efficiency@hpc",
+        "--holdout-last",
+        "2",
+        "-o",
+        folder / "again.yaml",
+    )
     assert again.exit_code == 2 and "carries it already" in again.stderr
 
 
@@ -67,8 +102,17 @@ def test_explain_writes_rows_and_ends_with_1_on_request(folder, run):
 
 def test_a_refusal_writes_nothing_and_ends_with_3(folder, run):
     write_csv(flights("", {}, seed=3)[0], folder / "healthy.csv")
-    done = run("refine", ENGINE, folder / "healthy.csv", "--term", "power_offtake@hp", "--holdout-last", "2", "-o",
-               folder / "none.yaml")
+    done = run(
+        "refine",
+        ENGINE,
+        folder / "healthy.csv",
+        "--term",
+        "power_offtake@hp",
+        "--holdout-last",
+        "2",
+        "-o",
+        folder / "none.yaml",
+    )
     assert done.exit_code == 3 and "is not written" in done.stderr
     assert not (folder / "none.yaml").exists()
 
@@ -80,6 +124,15 @@ def test_refine_must_be_told_what_to_judge_by(folder, run):
 
 
 def test_an_unknown_term_is_refused_with_a_near_name(folder, run):
-    done = run("refine", ENGINE, folder / "flights.csv", "--term", "reynolds_eficiency@hpc", "--holdout-last", "1",
-               "-o", folder / "x.yaml")
+    done = run(
+        "refine",
+        ENGINE,
+        folder / "flights.csv",
+        "--term",
+        "reynolds_eficiency@hpc",
+        "--holdout-last",
+        "1",
+        "-o",
+        folder / "x.yaml",
+    )
     assert done.exit_code == 2 and "reynolds_efficiency@hpc" in done.stderr

@@ -19,10 +19,20 @@ def complaint(text: str) -> str:
     return str(raised.value)
 
 
-@pytest.mark.parametrize(("text", "number"), [
-    ("1e5", 1e5), ("1.0e-3", 1e-3), ("1e-3", 1e-3), ("1E5", 1e5), ("-1.5e+2", -150.0), (".5", 0.5),
-    ("5.", 5.0), ("+3.25", 3.25), ("-.5e1", -5.0),
-])
+@pytest.mark.parametrize(
+    ("text", "number"),
+    [
+        ("1e5", 1e5),
+        ("1.0e-3", 1e-3),
+        ("1e-3", 1e-3),
+        ("1E5", 1e5),
+        ("-1.5e+2", -150.0),
+        (".5", 0.5),
+        ("5.", 5.0),
+        ("+3.25", 3.25),
+        ("-.5e1", -5.0),
+    ],
+)
 def test_every_yaml_1_2_float_is_a_float(text: str, number: float) -> None:
     assert value(text) == number
     assert isinstance(value(text), float)
@@ -34,10 +44,33 @@ def test_a_leading_zero_does_not_make_a_number_octal(text: str, number: int) -> 
     assert isinstance(value(text), int)
 
 
-@pytest.mark.parametrize("text", [
-    "yes", "no", "on", "off", "Yes", "NO", "y", "n", "12:30:00", "1:30", "1_000", "2024-01-31", "0b101", "1e",
-    "e5", ".", "-", "+", "tRue", "=", "1.2.3", ".5.",
-])
+@pytest.mark.parametrize(
+    "text",
+    [
+        "yes",
+        "no",
+        "on",
+        "off",
+        "Yes",
+        "NO",
+        "y",
+        "n",
+        "12:30:00",
+        "1:30",
+        "1_000",
+        "2024-01-31",
+        "0b101",
+        "1e",
+        "e5",
+        ".",
+        "-",
+        "+",
+        "tRue",
+        "=",
+        "1.2.3",
+        ".5.",
+    ],
+)
 def test_what_yaml_1_1_alone_converts_stays_text(text: str) -> None:
     if text == "-":
         text = "'-'"
@@ -88,15 +121,21 @@ def test_nested_aliases_are_walked_in_linear_time() -> None:
     assert list(document_problems(parse_document("\n".join(lines), "f"))) == []
 
 
-@pytest.mark.parametrize(("text", "message"), [
-    ("a: &x [*x]", "f.yaml:1:4: error: this anchor contains an alias to itself"),
-    ("a: !engine 3", "f.yaml:1:4: error: '3' cannot be read with the tag '!engine'"),
-    ("a: !!int three", "f.yaml:1:4: error: 'three' cannot be read with the tag '!!int'"),
-    ("a: !!set {b}", "f.yaml:1:4: error: the tag '!!set' is not known here (leave it out)"),
-    ("? [1]\n: 2", "f.yaml:1:3: error: a key must be a text, not a list or a mapping"),
-    ("<<: {a: 1}", "f.yaml:1:1: error: merge keys '<<' are not part of YAML 1.2 "
-                   "(write the keys out, or use an alias for a whole value)"),
-])
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("a: &x [*x]", "f.yaml:1:4: error: this anchor contains an alias to itself"),
+        ("a: !engine 3", "f.yaml:1:4: error: '3' cannot be read with the tag '!engine'"),
+        ("a: !!int three", "f.yaml:1:4: error: 'three' cannot be read with the tag '!!int'"),
+        ("a: !!set {b}", "f.yaml:1:4: error: the tag '!!set' is not known here (leave it out)"),
+        ("? [1]\n: 2", "f.yaml:1:3: error: a key must be a text, not a list or a mapping"),
+        (
+            "<<: {a: 1}",
+            "f.yaml:1:1: error: merge keys '<<' are not part of YAML 1.2 "
+            "(write the keys out, or use an alias for a whole value)",
+        ),
+    ],
+)
 def test_what_is_not_plain_data_is_a_problem_of_the_document(text: str, message: str) -> None:
     assert [str(problem) for problem in document_problems(parse_document(text, "f.yaml"))] == [message]
 
@@ -104,23 +143,39 @@ def test_what_is_not_plain_data_is_a_problem_of_the_document(text: str, message:
 EMPTY = "f.yaml:1:1: error: the file is empty (it should open with 'kind: …', which says what it describes)"
 
 
-@pytest.mark.parametrize(("text", "message"), [
-    ("", EMPTY),
-    ("# only a comment\n", EMPTY),
-    ("a:\n\t- x", "f.yaml:2:1: error: a tab stands where YAML wants spaces (indent with spaces)"),
-    ("a: [1, 2\nb: 3", "f.yaml:2:2: error: not valid YAML: expected ',' or ']', but got ':' "
-                       "(a bracket is opened and not closed, or a comma is missing)"),
-    ("a: 'x\n", "f.yaml:2:1: error: not valid YAML: found unexpected end of stream "
-                "(a quote is opened and not closed)"),
-    ("a: 1\n---\nb: 2\n", "f.yaml:2:1: error: a second document begins here "
-                          "(one file holds one; remove the second '---')"),
-    ("a: *x", "f.yaml:1:4: error: not valid YAML: found undefined alias 'x' "
-              "(define it first with '&', or put a text that begins with '*' in quotes)"),
-    ("a: 1\nb: @x", "f.yaml:2:4: error: not valid YAML: found character '@' that cannot start any token "
-                    "(put a text that begins with this character in quotes)"),
-    ("a: 1\nb: x\x07", "f.yaml:2:5: error: the control character U+0007 is not allowed in YAML"),
-    ("[" * 5000, "f.yaml: error: brackets or indentation are nested too deeply"),
-])
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("", EMPTY),
+        ("# only a comment\n", EMPTY),
+        ("a:\n\t- x", "f.yaml:2:1: error: a tab stands where YAML wants spaces (indent with spaces)"),
+        (
+            "a: [1, 2\nb: 3",
+            "f.yaml:2:2: error: not valid YAML: expected ',' or ']', but got ':' "
+            "(a bracket is opened and not closed, or a comma is missing)",
+        ),
+        (
+            "a: 'x\n",
+            "f.yaml:2:1: error: not valid YAML: found unexpected end of stream (a quote is opened and not closed)",
+        ),
+        (
+            "a: 1\n---\nb: 2\n",
+            "f.yaml:2:1: error: a second document begins here (one file holds one; remove the second '---')",
+        ),
+        (
+            "a: *x",
+            "f.yaml:1:4: error: not valid YAML: found undefined alias 'x' "
+            "(define it first with '&', or put a text that begins with '*' in quotes)",
+        ),
+        (
+            "a: 1\nb: @x",
+            "f.yaml:2:4: error: not valid YAML: found character '@' that cannot start any token "
+            "(put a text that begins with this character in quotes)",
+        ),
+        ("a: 1\nb: x\x07", "f.yaml:2:5: error: the control character U+0007 is not allowed in YAML"),
+        ("[" * 5000, "f.yaml: error: brackets or indentation are nested too deeply"),
+    ],
+)
 def test_a_file_that_is_not_yaml_says_where_and_the_usual_cause(text: str, message: str) -> None:
     assert complaint(text) == message
 
@@ -130,8 +185,10 @@ def test_bytes_that_are_not_utf_8_are_named_with_their_place(tmp_path: Path) -> 
     file.write_bytes("a: 1\nb: é 5 °C\n".encode("latin-1"))
     with pytest.raises(ConfigError) as raised:
         load_document(file)
-    assert str(raised.value) == (f"{file}:2:4: error: the byte 0xe9 is not UTF-8 text "
-                                 "(save the file as UTF-8; as Latin-1 this byte would be 'é')")
+    assert str(raised.value) == (
+        f"{file}:2:4: error: the byte 0xe9 is not UTF-8 text "
+        "(save the file as UTF-8; as Latin-1 this byte would be 'é')"
+    )
     file.write_text("a: 1", encoding="utf-16")
     with pytest.raises(ConfigError, match="the file is UTF-16, not UTF-8"):
         load_document(file)

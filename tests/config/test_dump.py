@@ -7,8 +7,33 @@ import yaml
 from enginediag_cli.config.document import Node, parse_document
 from enginediag_cli.config.dump import dump
 
-TEXTS = ["1e5", "no", "0o14", "014", "12:30", "1_000", "", "~", "null", "x: y", "# x", "é°²", "-", ".5", "<<",
-         "a\nb", "2024-01-31", " padded ", "'", '"', "{", "@", "true", "0x1f", "1.0e+5"]
+TEXTS = [
+    "1e5",
+    "no",
+    "0o14",
+    "014",
+    "12:30",
+    "1_000",
+    "",
+    "~",
+    "null",
+    "x: y",
+    "# x",
+    "é°²",
+    "-",
+    ".5",
+    "<<",
+    "a\nb",
+    "2024-01-31",
+    " padded ",
+    "'",
+    '"',
+    "{",
+    "@",
+    "true",
+    "0x1f",
+    "1.0e+5",
+]
 
 
 def plain(node: Node) -> object:

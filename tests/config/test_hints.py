@@ -25,12 +25,19 @@ def test_a_near_name_is_suggested_and_otherwise_all_are_listed() -> None:
     assert near("zzz", [f"a{k}" for k in range(25)]).endswith("a18, a19, … (25 in all)")
 
 
-@pytest.mark.parametrize(("key", "meant"), [
-    ("area_in2", "area_m2"), ("area", "area_m2"), ("altitude_ft", "altitude_m"), ("altitude", "altitude_m"),
-    ("fuel_flow_lb_h", "fuel_flow_kg_s"), ("inlet_degC", "inlet_K"),
-    ("inlet_pressure_psi", "inlet_pressure_Pa"),
-    ("Altitude_FT", "altitude_m"),
-])
+@pytest.mark.parametrize(
+    ("key", "meant"),
+    [
+        ("area_in2", "area_m2"),
+        ("area", "area_m2"),
+        ("altitude_ft", "altitude_m"),
+        ("altitude", "altitude_m"),
+        ("fuel_flow_lb_h", "fuel_flow_kg_s"),
+        ("inlet_degC", "inlet_K"),
+        ("inlet_pressure_psi", "inlet_pressure_Pa"),
+        ("Altitude_FT", "altitude_m"),
+    ],
+)
 def test_a_key_with_another_unit_is_recognised(key: str, meant: str) -> None:
     field = same_quantity(key, FIELDS)
     assert field is not None
@@ -46,10 +53,10 @@ def test_another_quantity_is_not_taken_for_another_unit(key: str) -> None:
 
 
 def test_the_value_is_converted_where_both_units_are_known() -> None:
-    assert unknown_key("altitude_ft", 35000, FIELDS, NAMES)[0] == (
-        "did you mean 'altitude_m: 10668'? this key wants m")
+    assert unknown_key("altitude_ft", 35000, FIELDS, NAMES)[0] == ("did you mean 'altitude_m: 10668'? this key wants m")
     assert unknown_key("fuel_flow_lb_h", 7936.64, FIELDS, NAMES)[0] == (
-        "did you mean 'fuel_flow_kg_s: 1'? this key wants kg/s")
+        "did you mean 'fuel_flow_kg_s: 1'? this key wants kg/s"
+    )
 
 
 def test_a_temperature_is_not_converted_because_it_may_be_a_difference() -> None:

@@ -26,17 +26,39 @@ def plain(node: Node) -> Any:
 def is_type(value: Any, name: str) -> bool:
     number = isinstance(value, (int, float)) and not isinstance(value, bool)
     return {
-        "object": isinstance(value, dict), "array": isinstance(value, list), "string": isinstance(value, str),
-        "boolean": isinstance(value, bool), "null": value is None, "number": number,
+        "object": isinstance(value, dict),
+        "array": isinstance(value, list),
+        "string": isinstance(value, str),
+        "boolean": isinstance(value, bool),
+        "null": value is None,
+        "number": number,
         "integer": number and float(value).is_integer(),
     }[name]
 
 
 def accepts(schema: dict[str, Any], value: Any) -> bool:
     """The part of draft-07 that the schemas use; an unknown keyword is an error, not an acceptance."""
-    known = {"$schema", "title", "description", "default", "type", "enum", "const", "minimum", "maximum",
-             "minItems", "maxItems", "items", "required", "properties", "additionalProperties", "anyOf",
-             "allOf", "if", "then"}
+    known = {
+        "$schema",
+        "title",
+        "description",
+        "default",
+        "type",
+        "enum",
+        "const",
+        "minimum",
+        "maximum",
+        "minItems",
+        "maxItems",
+        "items",
+        "required",
+        "properties",
+        "additionalProperties",
+        "anyOf",
+        "allOf",
+        "if",
+        "then",
+    }
     assert set(schema) <= known, set(schema) - known
     types = schema.get("type", [])
     if types and not any(is_type(value, name) for name in ([types] if isinstance(types, str) else types)):
@@ -73,25 +95,56 @@ def accepts_mapping(schema: dict[str, Any], value: dict[str, Any]) -> bool:
 
 CHANGES = [  # (text of GOOD, what it becomes)
     ("", ""),
-    ("kind: engine", "kind: engines"), ("kind: engine\n", ""), ("kind: engine", "kind: 3"),
-    ("altitude_m: 1.0e4", "altitude_ft: 1.0e4"), ("altitude_m: 1.0e4", "altitude_m: 1e5"),
-    ("altitude_m: 1.0e4", "altitude_m:"), ("altitude_m: 1.0e4", "altitude_m: '3'"),
-    ("altitude_m: 1.0e4", "altitude_m: 12:30"), ("altitude_m: 1.0e4", "altitude_m: true"),
-    ("stages: 4", "stages: 4.0"), ("stages: 4", "stages: 4.5"), ("stages: 4", "stages: 0"),
-    ("cooled: true", "cooled: yes"), ("cooled: true", "cooled: 1"), ("cooled: true", "cooled: FALSE"),
-    ("[1e3, 2000, 3.5e+3]", "[]"), ("[1e3, 2000, 3.5e+3]", "[a]"), ("[1e3, 2000, 3.5e+3]", "5"),
-    ("[1e3, 2000, 3.5e+3]", "[-1]"), ("[220, 320.5]", "[220]"), ("[220, 320.5]", "null"),
-    ("[220, 320.5]", "[220, x]"), ("[report 1, report 2]", "[1]"), ("[report 1, report 2]", "[]"),
-    ('"a test"', "014"), ('"a test"', "no"), ('"a test"', ""),
-    ("0.9", "x"), ("EGT", "5"), ("d: }", "d: []}"), ("d: }", "d: 1e-3}"),
-    ("sigma: 2", "sigma: -2"), ("    sigma: 2\n", ""), ("sigma: 2", "sigma: 2\n    extra: 1"),
-    ("lp: {}", "lp:"), ("lp: {}", "lp: {inertia_kg_m2: }"), ("lp: {}", "lp: {mass: 1}"), ("lp: {}", "lp: []"),
-    ("name: hpc", "title: hpc"), ("name: hpc", "name: 3"), ("type: compressor", "type: nozzle"),
-    ("type: compressor", "type: fan"), ("    type: compressor\n", ""),
+    ("kind: engine", "kind: engines"),
+    ("kind: engine\n", ""),
+    ("kind: engine", "kind: 3"),
+    ("altitude_m: 1.0e4", "altitude_ft: 1.0e4"),
+    ("altitude_m: 1.0e4", "altitude_m: 1e5"),
+    ("altitude_m: 1.0e4", "altitude_m:"),
+    ("altitude_m: 1.0e4", "altitude_m: '3'"),
+    ("altitude_m: 1.0e4", "altitude_m: 12:30"),
+    ("altitude_m: 1.0e4", "altitude_m: true"),
+    ("stages: 4", "stages: 4.0"),
+    ("stages: 4", "stages: 4.5"),
+    ("stages: 4", "stages: 0"),
+    ("cooled: true", "cooled: yes"),
+    ("cooled: true", "cooled: 1"),
+    ("cooled: true", "cooled: FALSE"),
+    ("[1e3, 2000, 3.5e+3]", "[]"),
+    ("[1e3, 2000, 3.5e+3]", "[a]"),
+    ("[1e3, 2000, 3.5e+3]", "5"),
+    ("[1e3, 2000, 3.5e+3]", "[-1]"),
+    ("[220, 320.5]", "[220]"),
+    ("[220, 320.5]", "null"),
+    ("[220, 320.5]", "[220, x]"),
+    ("[report 1, report 2]", "[1]"),
+    ("[report 1, report 2]", "[]"),
+    ('"a test"', "014"),
+    ('"a test"', "no"),
+    ('"a test"', ""),
+    ("0.9", "x"),
+    ("EGT", "5"),
+    ("d: }", "d: []}"),
+    ("d: }", "d: 1e-3}"),
+    ("sigma: 2", "sigma: -2"),
+    ("    sigma: 2\n", ""),
+    ("sigma: 2", "sigma: 2\n    extra: 1"),
+    ("lp: {}", "lp:"),
+    ("lp: {}", "lp: {inertia_kg_m2: }"),
+    ("lp: {}", "lp: {mass: 1}"),
+    ("lp: {}", "lp: []"),
+    ("name: hpc", "title: hpc"),
+    ("name: hpc", "name: 3"),
+    ("type: compressor", "type: nozzle"),
+    ("type: compressor", "type: fan"),
+    ("    type: compressor\n", ""),
     ("pressure_ratio: 12", "pressure_ratio: 0"),
-    ("spool: hp", "spool: hp\n    map: {beta: 0.2}"), ("spool: hp", "spool: hp\n    map: {beta: 2}"),
-    ("spool: hp", "spool: hp\n    map: {bete: 0.2}"), ("spool: hp", "spool: hp\n    map: {table: }"),
-    ("type: nozzle, area_m2: .25", "type: nozzle"), ("sensors:\n", "sensors: 3\nx:\n"),
+    ("spool: hp", "spool: hp\n    map: {beta: 0.2}"),
+    ("spool: hp", "spool: hp\n    map: {beta: 2}"),
+    ("spool: hp", "spool: hp\n    map: {bete: 0.2}"),
+    ("spool: hp", "spool: hp\n    map: {table: }"),
+    ("type: nozzle, area_m2: .25", "type: nozzle"),
+    ("sensors:\n", "sensors: 3\nx:\n"),
 ]
 
 
@@ -128,7 +181,10 @@ def test_the_schema_is_json_and_names_its_dialect() -> None:
 
 def test_units_bounds_and_defaults_are_in_the_schema() -> None:
     assert SCHEMA["properties"]["altitude_m"] == {
-        "type": "number", "minimum": -500, "maximum": 20000, "default": 0.0,
+        "type": "number",
+        "minimum": -500,
+        "maximum": 20000,
+        "default": 0.0,
         "description": "design altitude [m]",
     }
 

@@ -56,7 +56,8 @@ def test_a_file_of_another_kind_says_so_and_nothing_else(tmp_path: Path) -> None
     file = written(tmp_path, "kind: faults\nfaults: []\n")
     assert complaint(kinds.load_checked, file, "engine") == (
         f"{file}:1:7: error: this is a file of kind 'faults', and one of kind 'engine' is wanted here "
-        f"(give {kinds.FILE_KINDS['engine'].help})")
+        f"(give {kinds.FILE_KINDS['engine'].help})"
+    )
 
 
 def test_check_finds_the_kind_and_builds_what_the_file_describes(tmp_path: Path) -> None:
@@ -75,15 +76,26 @@ def test_nothing_is_built_from_a_file_that_fails_its_declarations(tmp_path: Path
     assert built == []
 
 
-@pytest.mark.parametrize(("text", "message"), [
-    ("stages: 1", "1:1: error: the file does not say its kind (begin it with 'kind:' and one of "
-                  "engine, faults, recorder, nominal, study, flight)"),
-    ("kind: engin", "1:7: error: unknown kind of file, the text 'engin' (did you mean 'engine'?)"),
-    ("kind: 3", "1:7: error: unknown kind of file, the number 3 (one of: engine, faults, recorder, nominal, "
-                "study, flight)"),
-    ("- 3", "1:1: error: the file must be a mapping of keys, not a list of 1 (begin it with 'kind:' and one "
-            "of engine, faults, recorder, nominal, study, flight)"),
-])
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        (
+            "stages: 1",
+            "1:1: error: the file does not say its kind (begin it with 'kind:' and one of "
+            "engine, faults, recorder, nominal, study, flight)",
+        ),
+        ("kind: engin", "1:7: error: unknown kind of file, the text 'engin' (did you mean 'engine'?)"),
+        (
+            "kind: 3",
+            "1:7: error: unknown kind of file, the number 3 (one of: engine, faults, recorder, nominal, study, flight)",
+        ),
+        (
+            "- 3",
+            "1:1: error: the file must be a mapping of keys, not a list of 1 (begin it with 'kind:' and one "
+            "of engine, faults, recorder, nominal, study, flight)",
+        ),
+    ],
+)
 def test_a_file_without_a_known_kind_gets_the_list(tmp_path: Path, text: str, message: str) -> None:
     file = written(tmp_path, text)
     assert complaint(kinds.check_file, file) == f"{file}:{message}"
@@ -105,9 +117,12 @@ def sections_in(section: Section | Variants, path: str) -> Iterator[tuple[str, S
 
 
 def complete(field: Field) -> bool:
-    return (field.kind in KINDS and bool(field.help)
-            and (bool(field.choices) or field.kind != "choice")
-            and ("section" in field.kind) == (field.section is not None))
+    return (
+        field.kind in KINDS
+        and bool(field.help)
+        and (bool(field.choices) or field.kind != "choice")
+        and ("section" in field.kind) == (field.section is not None)
+    )
 
 
 @pytest.mark.parametrize("name", list(DECLARED))
@@ -126,13 +141,20 @@ class TestEveryDeclaration:
         assert section.fields[0].choices == (name,)
 
     def test_has_fields_that_are_complete(self, name: str, section: Section) -> None:
-        wrong = [f"{path}.{field.name}" for path, inner in sections_in(section, name)
-                 for field in inner.fields if not complete(field)]
+        wrong = [
+            f"{path}.{field.name}"
+            for path, inner in sections_in(section, name)
+            for field in inner.fields
+            if not complete(field)
+        ]
         assert wrong == []
 
     def test_has_no_key_twice(self, name: str, section: Section) -> None:
-        twice = [path for path, inner in sections_in(section, name)
-                 if len({field.name for field in inner.fields}) < len(inner.fields)]
+        twice = [
+            path
+            for path, inner in sections_in(section, name)
+            if len({field.name for field in inner.fields}) < len(inner.fields)
+        ]
         assert twice == []
 
     def test_has_defaults_that_would_be_accepted(self, name: str, section: Section) -> None:

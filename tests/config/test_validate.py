@@ -27,15 +27,27 @@ def one(key: str, text: str) -> list[str]:
 
 def test_values_are_plain_and_the_defaults_are_filled_in() -> None:
     assert checked(GOOD).values == {
-        "kind": "engine", "description": "a test", "sources": ["report 1", "report 2"], "altitude_m": 1e4,
-        "stages": 4, "cooled": True, "speeds_rpm": [1000.0, 2000.0, 3500.0], "envelope_K": [220.0, 320.5],
-        "bounds": {"hpc.efficiency": 0.9}, "columns": {"T3": "EGT"},
+        "kind": "engine",
+        "description": "a test",
+        "sources": ["report 1", "report 2"],
+        "altitude_m": 1e4,
+        "stages": 4,
+        "cooled": True,
+        "speeds_rpm": [1000.0, 2000.0, 3500.0],
+        "envelope_K": [220.0, 320.5],
+        "bounds": {"hpc.efficiency": 0.9},
+        "columns": {"T3": "EGT"},
         "constants": {"a": 1, "b": "text", "c": True, "d": None},
         "sensors": [{"column": "T3_K", "sigma": 2.0}],
         "shafts": {"lp": {"inertia_kg_m2": None}, "hp": {"inertia_kg_m2": 3.0}},
         "components": [
-            {"name": "hpc", "type": "compressor", "pressure_ratio": 12.0, "spool": "hp",
-             "map": {"beta": 0.5, "table": None}},
+            {
+                "name": "hpc",
+                "type": "compressor",
+                "pressure_ratio": 12.0,
+                "spool": "hp",
+                "map": {"beta": 0.5, "table": None},
+            },
             {"name": "nozzle", "type": "nozzle", "area_m2": 0.25},
         ],
     }
@@ -110,45 +122,56 @@ components:
     ]
 
 
-@pytest.mark.parametrize(("key", "text", "message"), [
-    ("altitude_m", "1,5", "must be a number, not the text '1,5' "
-                          "(write a decimal point instead of the comma)"),
-    ("altitude_m", "35000 ft", "must be a number, not the text '35000 ft' "
-                               "(write the number alone, in m; the key says the unit)"),
-    ("altitude_m", "5 %", "must be a number, not the text '5 %' (write it without '%', in m)"),
-    ("altitude_m", "10_000", "must be a number, not the text '10_000' (write the digits without separators)"),
-    ("altitude_m", "'1e4'", "must be a number, not the text '1e4' (remove the quotes)"),
-    ("altitude_m", "true", "must be a number, not true (a number in m: design altitude)"),
-    ("altitude_m", "[1]", "must be a number, not a list of 1 (a number in m: design altitude)"),
-    ("altitude_m", ".inf", "must be a finite number, not .inf (a number in m: design altitude)"),
-    ("altitude_m", "30e3", "must be between -500 and 20000 m, not 30e3 (design altitude)"),
-    ("stages", "0", "must be at least 1, not 0 (number of stages)"),
-    ("cooled", "off", "must be true or false, not the text 'off' (write false)"),
-    ("cooled", "1", "must be true or false, not the number 1 (write true)"),
-    ("description", "14", 'must be a text, not the number 14 (put it in quotes: "14")'),
-    ("sources", "a report", "must be a list of texts, not the text 'a report' (write [a report])"),
-    ("envelope_K", "[1, 2, 3]", "must be a range of two numbers, not a list of 3 (write [low, high] in K)"),
-    ("bounds", "[1]", "must be a mapping of names to numbers, not a list of 1 (bounds by parameter)"),
-    ("sensors", "{a: 1}", "must be a list, not a mapping with the keys a (begin each entry with '- ')"),
-    ("shafts", "[hp]", "must be a mapping of names, not a list of 1 (shafts by name)"),
-])
+@pytest.mark.parametrize(
+    ("key", "text", "message"),
+    [
+        ("altitude_m", "1,5", "must be a number, not the text '1,5' (write a decimal point instead of the comma)"),
+        (
+            "altitude_m",
+            "35000 ft",
+            "must be a number, not the text '35000 ft' (write the number alone, in m; the key says the unit)",
+        ),
+        ("altitude_m", "5 %", "must be a number, not the text '5 %' (write it without '%', in m)"),
+        ("altitude_m", "10_000", "must be a number, not the text '10_000' (write the digits without separators)"),
+        ("altitude_m", "'1e4'", "must be a number, not the text '1e4' (remove the quotes)"),
+        ("altitude_m", "true", "must be a number, not true (a number in m: design altitude)"),
+        ("altitude_m", "[1]", "must be a number, not a list of 1 (a number in m: design altitude)"),
+        ("altitude_m", ".inf", "must be a finite number, not .inf (a number in m: design altitude)"),
+        ("altitude_m", "30e3", "must be between -500 and 20000 m, not 30e3 (design altitude)"),
+        ("stages", "0", "must be at least 1, not 0 (number of stages)"),
+        ("cooled", "off", "must be true or false, not the text 'off' (write false)"),
+        ("cooled", "1", "must be true or false, not the number 1 (write true)"),
+        ("description", "14", 'must be a text, not the number 14 (put it in quotes: "14")'),
+        ("sources", "a report", "must be a list of texts, not the text 'a report' (write [a report])"),
+        ("envelope_K", "[1, 2, 3]", "must be a range of two numbers, not a list of 3 (write [low, high] in K)"),
+        ("bounds", "[1]", "must be a mapping of names to numbers, not a list of 1 (bounds by parameter)"),
+        ("sensors", "{a: 1}", "must be a list, not a mapping with the keys a (begin each entry with '- ')"),
+        ("shafts", "[hp]", "must be a mapping of names, not a list of 1 (shafts by name)"),
+    ],
+)
 def test_a_wrong_value_says_what_was_found_and_how_to_mend_it(key: str, text: str, message: str) -> None:
     assert one(key, text) == [f"2:{len(key) + 3}: error: {key} {message}"]
 
 
-@pytest.mark.parametrize(("text", "message"), [
-    ("bounds: {a: b}", "2:13: error: bounds.a must be a number, not the text 'b' (give a number)"),
-    ("columns: {a: 1}", '2:14: error: columns.a must be a text, not the number 1 (put it in quotes: "1")'),
-    ("constants: {a: [1]}", "2:16: error: constants.a must be a single value, not a list of 1 (constants)"),
-    ("shafts: {hp: 3}", "2:14: error: shafts.hp must be a mapping of keys, not the number 3 (a shaft)"),
-    ("altitude_m:", "2:1: error: altitude_m is empty (a number in m: design altitude)"),
-    ("components: [{name: a}]", "2:14: error: missing key 'type' in components.a "
-                                "(one of: compressor, nozzle)"),
-    ("components: [{name: a, type: [x]}]", "2:30: error: type in components.a must be a name, "
-                                           "not a list of 1 (one of: compressor, nozzle)"),
-    ("components: [a]", "2:14: error: components[0] must be a mapping of keys, not the text 'a' "
-                        "(a component of the gas path)"),
-])
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("bounds: {a: b}", "2:13: error: bounds.a must be a number, not the text 'b' (give a number)"),
+        ("columns: {a: 1}", '2:14: error: columns.a must be a text, not the number 1 (put it in quotes: "1")'),
+        ("constants: {a: [1]}", "2:16: error: constants.a must be a single value, not a list of 1 (constants)"),
+        ("shafts: {hp: 3}", "2:14: error: shafts.hp must be a mapping of keys, not the number 3 (a shaft)"),
+        ("altitude_m:", "2:1: error: altitude_m is empty (a number in m: design altitude)"),
+        ("components: [{name: a}]", "2:14: error: missing key 'type' in components.a (one of: compressor, nozzle)"),
+        (
+            "components: [{name: a, type: [x]}]",
+            "2:30: error: type in components.a must be a name, not a list of 1 (one of: compressor, nozzle)",
+        ),
+        (
+            "components: [a]",
+            "2:14: error: components[0] must be a mapping of keys, not the text 'a' (a component of the gas path)",
+        ),
+    ],
+)
 def test_a_problem_deep_inside_names_its_path(text: str, message: str) -> None:
     assert complaints(f"kind: engine\n{text}\n") == [message]
 
@@ -160,20 +183,21 @@ def test_an_unknown_key_with_no_near_match_gets_the_list_of_valid_keys() -> None
 
 def test_a_file_of_another_kind_is_refused_by_its_kind_key() -> None:
     assert complaints("kind: engin") == ["1:7: error: kind cannot be 'engin' (did you mean 'engine'?)"]
-    assert complaints("description: x") == [
-        "1:1: error: missing key 'kind' (write 'kind: engine': what this file is)"]
+    assert complaints("description: x") == ["1:1: error: missing key 'kind' (write 'kind: engine': what this file is)"]
 
 
 def test_a_file_that_is_no_mapping_says_what_it_is() -> None:
-    assert complaints("- 1\n- 2") == [
-        "1:1: error: the file must be a mapping of keys, not a list of 2 (an engine)"]
-    assert complaints("kind:engine") == ["1:1: error: the file must be a mapping of keys, not the text "
-                                         "'kind:engine' (a space is missing after ':')"]
+    assert complaints("- 1\n- 2") == ["1:1: error: the file must be a mapping of keys, not a list of 2 (an engine)"]
+    assert complaints("kind:engine") == [
+        "1:1: error: the file must be a mapping of keys, not the text 'kind:engine' (a space is missing after ':')"
+    ]
 
 
 def test_a_top_level_may_be_variants() -> None:
     assert validate(parse_document("type: nozzle\narea_m2: 1", "f"), COMPONENT).values == {
-        "type": "nozzle", "area_m2": 1.0}
+        "type": "nozzle",
+        "area_m2": 1.0,
+    }
 
 
 def test_marks_lead_back_into_the_file() -> None:
@@ -205,10 +229,12 @@ def test_a_problem_is_shown_with_its_line_and_a_caret(tmp_path: Path) -> None:
     with pytest.raises(ConfigError) as raised:
         validate(result, FILE)
     [problem] = raised.value.problems
-    assert render(problem) == "\n".join([
-        f"{file}:3:26: error: unknown key 'spol' in shafts.hp (the only one is inertia_kg_m2)",
-        "    3 |   hp: {inertia_kg_m2: 1, spol: 'α β'} # é",
-        "      |                          ^~~~",
-    ])
+    assert render(problem) == "\n".join(
+        [
+            f"{file}:3:26: error: unknown key 'spol' in shafts.hp (the only one is inertia_kg_m2)",
+            "    3 |   hp: {inertia_kg_m2: 1, spol: 'α β'} # é",
+            "      |                          ^~~~",
+        ]
+    )
     file.unlink()
     assert render(problem) == str(problem)

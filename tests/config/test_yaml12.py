@@ -29,11 +29,12 @@ last: {}
 
 
 @pytest.mark.skipif(yaml12.FastLoader is None, reason="PyYAML without libyaml")
-@pytest.mark.parametrize("text", [GOOD, ODD, *(file.read_text(encoding="utf-8") for file in CONFIGS)],
-                         ids=["good", "odd", *(file.stem for file in CONFIGS)])
-def test_both_parsers_give_the_same_nodes_at_the_same_places(
-    text: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
+@pytest.mark.parametrize(
+    "text",
+    [GOOD, ODD, *(file.read_text(encoding="utf-8") for file in CONFIGS)],
+    ids=["good", "odd", *(file.stem for file in CONFIGS)],
+)
+def test_both_parsers_give_the_same_nodes_at_the_same_places(text: str, monkeypatch: pytest.MonkeyPatch) -> None:
     fast = parse_document(text, "f")
     monkeypatch.setattr(yaml12, "FastLoader", None)
     assert parse_document(text, "f") == fast
@@ -45,8 +46,9 @@ def test_a_hundred_thousand_levels_are_an_error_and_not_a_crash(opener: str) -> 
         parse_document(opener * 100_000, "f")
 
 
-@pytest.mark.parametrize(("tag", "text"), [("int", "1.5"), ("float", "1e"), ("bool", "yes"), ("null", "none"),
-                                           ("timestamp", "2024-01-31")])
+@pytest.mark.parametrize(
+    ("tag", "text"), [("int", "1.5"), ("float", "1e"), ("bool", "yes"), ("null", "none"), ("timestamp", "2024-01-31")]
+)
 def test_a_text_that_does_not_fit_its_tag_is_a_value_error(tag: str, text: str) -> None:
     with pytest.raises(ValueError, match="cannot be read with the tag"):
         yaml12.scalar_value(yaml12.TAG + tag, text)

@@ -32,10 +32,12 @@ def found(**other):
         refined={
             "effects": [{"term": "reynolds_efficiency", "at": "hpc", "coefficients": {"exponent": 0.148}}],
             "standard_errors": {"reynolds_efficiency.hpc.exponent": 0.004},
-            "chi2_per_reading": {"before": 1.12, "after": 1.01, "of": 900}, "rows": rows,
+            "chi2_per_reading": {"before": 1.12, "after": 1.01, "of": 900},
+            "rows": rows,
         },
         before=[{"verdict": "fault"}, {"verdict": "healthy"}],
-        after=[{"verdict": "healthy"}, {"verdict": "no verdict"}], true=[{"verdict": "healthy"}],
+        after=[{"verdict": "healthy"}, {"verdict": "no verdict"}],
+        true=[{"verdict": "healthy"}],
     )
     return replace(right, **other)
 
@@ -83,8 +85,10 @@ def test_a_step_without_its_result_ends_the_demonstration(prepared):
 @pytest.mark.parametrize(
     ("explanations", "effects"),
     [
-        ([{"name": "humidity@ambient + customer_bleed@hpc", "kinds": ["effect", "effect"]}],
-         ["humidity@ambient", "customer_bleed@hpc"]),
+        (
+            [{"name": "humidity@ambient + customer_bleed@hpc", "kinds": ["effect", "effect"]}],
+            ["humidity@ambient", "customer_bleed@hpc"],
+        ),
         ([{"name": NAME, "kinds": ["effect"]}, {"name": "power_offtake@hp", "kinds": ["effect"]}], [NAME]),
         ([{"name": "hpc.efficiency since record 3", "kinds": ["fault"]}], []),
         ([], []),
@@ -110,19 +114,31 @@ def test_what_is_right_is_no_mistake_and_stands_beside_what_was_concealed():
 @pytest.mark.parametrize(
     ("wrong", "told"),
     [
-        ({"located": [{"component": "hpt", "location": "hpt.efficiency", "driver": "mach", "verdict": "effect"}]},
-         "another place first: hpt.efficiency"),
+        (
+            {"located": [{"component": "hpt", "location": "hpt.efficiency", "driver": "mach", "verdict": "effect"}]},
+            "another place first: hpt.efficiency",
+        ),
         ({"explained": {"explanations": [{"name": "power_offtake@hp"}]}}, "did not name what was concealed"),
-        ({"explained": {"explanations": [{"name": NAME}, {"name": "humidity@ambient"}]}},
-         "could not exclude humidity@ambient"),
-        ({"refined": refined(standard_errors={"reynolds_efficiency.hpc.exponent": 0.0005})},
-         "outside its 95 % interval"),
+        (
+            {"explained": {"explanations": [{"name": NAME}, {"name": "humidity@ambient"}]}},
+            "could not exclude humidity@ambient",
+        ),
+        (
+            {"refined": refined(standard_errors={"reynolds_efficiency.hpc.exponent": 0.0005})},
+            "outside its 95 % interval",
+        ),
         ({"refined": refined(chi2_per_reading={"before": 1.0, "after": 1.1, "of": 9})}, "do not fit better"),
-        ({"before": [{"verdict": "fault"}] * 5 + [{"verdict": "healthy"}] * 42,
-          "after": [{"verdict": "fault"}] * 4 + [{"verdict": "healthy"}] * 43},
-         "4 alarms in 47 windows, more than chance at nominal 1 %; the engine that flew, 0 in 1"),
-        ({"before": [{"verdict": "healthy"}] * 40, "after": [{"verdict": "fault"}] + [{"verdict": "healthy"}] * 39},
-         "raises more false alarms"),
+        (
+            {
+                "before": [{"verdict": "fault"}] * 5 + [{"verdict": "healthy"}] * 42,
+                "after": [{"verdict": "fault"}] * 4 + [{"verdict": "healthy"}] * 43,
+            },
+            "4 alarms in 47 windows, more than chance at nominal 1 %; the engine that flew, 0 in 1",
+        ),
+        (
+            {"before": [{"verdict": "healthy"}] * 40, "after": [{"verdict": "fault"}] + [{"verdict": "healthy"}] * 39},
+            "raises more false alarms",
+        ),
     ],
 )
 def test_everything_missed_or_wrong_is_told(wrong, told):

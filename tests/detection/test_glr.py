@@ -19,9 +19,7 @@ SIGMA = np.array([0.5, 1.0, 2.0, 10.0])
 def operating_points(rng):
     """Sensitivities that vary slowly along a flight."""
     u = np.cumsum(rng.standard_normal((N, 3)), axis=0) / np.sqrt(N)
-    return SIGMA[:, None] * (
-        rng.standard_normal((M, P)) + np.einsum("ku,ujp->kjp", u, rng.standard_normal((3, M, P)))
-    )
+    return SIGMA[:, None] * (rng.standard_normal((M, P)) + np.einsum("ku,ujp->kjp", u, rng.standard_normal((3, M, P))))
 
 
 def scores(rng, noise, change, trials=TRIALS):

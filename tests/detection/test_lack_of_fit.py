@@ -46,9 +46,7 @@ def test_a_change_of_parameters_is_no_lack_of_fit_and_missing_physics_is():
 def test_a_right_model_is_rejected_as_often_as_stated():
     rng = np.random.default_rng(3)
     J = rng.standard_normal((20, 3, 2))
-    rejected = sum(
-        lack_of_fit(statistics(rng.standard_normal((20, 3)), J)).p_value < 0.05 for _ in range(600)
-    )
+    rejected = sum(lack_of_fit(statistics(rng.standard_normal((20, 3)), J)).p_value < 0.05 for _ in range(600))
     low, high = binom.ppf([0.001, 0.999], 600, 0.05)
     assert low <= rejected <= high
 

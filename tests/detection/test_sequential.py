@@ -35,8 +35,10 @@ def test_the_weights_of_all_onsets_add_up_to_one():
 def test_likelihood_ratios_are_those_of_the_gaussian_densities():
     rng = np.random.default_rng(1)
     G, z = rng.standard_normal((20, 5)), rng.standard_normal(20)
-    past = [Segment(0, 1, 10, 0, 5, G[:10].T @ z[:10], G[:10].T @ G[:10]),
-            Segment(1, 2, 10, 10, 15, G[10:].T @ z[10:], G[10:].T @ G[10:])]
+    past = [
+        Segment(0, 1, 10, 0, 5, G[:10].T @ z[:10], G[:10].T @ G[:10]),
+        Segment(1, 2, 10, 10, 15, G[10:].T @ z[10:], G[10:].T @ G[10:]),
+    ]
     found = effect(tails(past), 2)
     W, late = G[:, :2], np.arange(20) >= 10
     base = np.eye(20) + W @ W.T
@@ -64,8 +66,9 @@ def test_innovations_of_correlated_noise_are_white_also_across_chunks_and_gaps()
     e = np.column_stack([lfilter([1], [1, -r], shocks[:, j]) for j, r in enumerate(rho)])[500:]
     e[::7, 0] = np.nan
     stream, J = Innovations(NoiseModel(np.ones(2), rho)), np.ones((len(e), 2, 1))
-    z = np.concatenate([stream.of(e[i : i + 11], J[i : i + 11], np.ones(len(e[i : i + 11])))[0]
-                        for i in range(0, len(e), 11)])
+    z = np.concatenate(
+        [stream.of(e[i : i + 11], J[i : i + 11], np.ones(len(e[i : i + 11])))[0] for i in range(0, len(e), 11)]
+    )
     for j in range(2):
         x = z[z[:, j] != 0, j]
         assert x.std() == pytest.approx(1.0, abs=0.02)

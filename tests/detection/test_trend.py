@@ -56,8 +56,11 @@ def test_intervals_of_the_rate_cover_as_often_as_stated():
 
 
 def test_healthy_flights_have_no_trend():
-    changed = sum(t.kind != "steady" for seed in range(20)
-                  for t in fit_trends(flights(np.random.default_rng(seed), np.zeros((12, 3)))).trends)
+    changed = sum(
+        t.kind != "steady"
+        for seed in range(20)
+        for t in fit_trends(flights(np.random.default_rng(seed), np.zeros((12, 3)))).trends
+    )
     assert changed <= 3
 
 

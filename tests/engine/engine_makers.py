@@ -69,8 +69,10 @@ def component(kind, **values):
         if not f.required:
             filled[f.name] = default_value(f)
         if f.name in ("map", "table") and values.get(f.name):
-            values[f.name] = {**{g.name: default_value(g) for g in f.section.fields if not g.required},
-                              **values[f.name]}
+            values[f.name] = {
+                **{g.name: default_value(g) for g in f.section.fields if not g.required},
+                **values[f.name],
+            }
     return COMPONENTS[kind]({**filled, "directory": ".", **values})
 
 
@@ -94,5 +96,18 @@ def shaft(rpm):
     return Shaft(np.atleast_1d(np.asarray(rpm, dtype=float)))
 
 
-__all__ = ["CONFIGS", "GAS", "TURBOFAN", "component", "evaluation", "flow",
-           "fourth_order", "gradient", "operating_points", "seeds", "shaft", "take", "turbofan"]
+__all__ = [
+    "CONFIGS",
+    "GAS",
+    "TURBOFAN",
+    "component",
+    "evaluation",
+    "flow",
+    "fourth_order",
+    "gradient",
+    "operating_points",
+    "seeds",
+    "shaft",
+    "take",
+    "turbofan",
+]

@@ -12,8 +12,13 @@ from enginediag_cli.engine import dual
 from enginediag_cli.engine.dual import Dual, chain, value
 
 A, B = np.array([0.7, 1.3, 2.9, 4.1]), np.array([1.9, 0.4, 2.2, 3.3])
-BINARY = {"add": operator.add, "subtract": operator.sub, "multiply": operator.mul, "divide": operator.truediv,
-          "power": dual.power}
+BINARY = {
+    "add": operator.add,
+    "subtract": operator.sub,
+    "multiply": operator.mul,
+    "divide": operator.truediv,
+    "power": dual.power,
+}
 UNARY = {"exp": dual.exp, "log": dual.log, "sqrt": dual.sqrt, "negative": operator.neg}
 
 

@@ -35,8 +35,11 @@ def design_inputs(engine):
     """Conditions of the design point (1,), given speeds included, the power setting left out."""
     design, shafts = engine.declared["design"], engine.network.shafts
     U = {c: np.array([design[c]]) for c in (*engine.inputs, *engine.optional_inputs) if c in design}
-    U |= {c: np.array([shafts[name]["design_speed_rpm"]]) for c, name in engine.network.speed_columns.items()
-          if shafts[name]["speed"] == "input"}
+    U |= {
+        c: np.array([shafts[name]["design_speed_rpm"]])
+        for c, name in engine.network.speed_columns.items()
+        if shafts[name]["speed"] == "input"
+    }
     return U
 
 
@@ -212,8 +215,6 @@ def test_humid_air_lowers_the_power_of_the_power_plant_little():
     assert 0.97 < power[1] / power[0] < 1.03
 
 
-
-
 def test_a_propeller_of_cube_law_lets_the_power_turbine_find_its_speed(tmp_path):
     text = next(p for p in CONFIGS if p.stem == "naval_gas_generator").read_text(encoding="utf-8")
     text = text.replace("law: surplus", "law: cube").replace(", speed: input", "")
@@ -226,8 +227,10 @@ def test_a_propeller_of_cube_law_lets_the_power_turbine_find_its_speed(tmp_path)
     assert y[:, 1] / y[2, 1] == pytest.approx((y[:, 0] / y[2, 0]) ** 3, rel=1e-9)
 
 
-@pytest.mark.parametrize("engine_file, flight", [("power_plant", "power_plant"), ("naval_gas_generator", "naval"),
-                                                 ("turbojet", "business_jet")])
+@pytest.mark.parametrize(
+    "engine_file, flight",
+    [("power_plant", "power_plant"), ("naval_gas_generator", "naval"), ("turbojet", "business_jet")],
+)
 def test_the_flights_that_come_with_the_project_fly_with_their_engines(engine_file, flight):
     from enginediag_cli.config.kinds import load_checked
     from enginediag_cli.simulation.flights import generate_flights

@@ -9,8 +9,17 @@ from mixed_flow import MIXED_FLOW
 
 from enginediag_cli.engine import load_engine
 
-WRT = ("fan.efficiency", "hpc.flow_capacity", "lpt.flow_capacity", "nozzle.area", "hpc.valve.fraction",
-       "bypass_duct.pressure_loss", "lp.mechanical_efficiency", "mach", "Wf_kg_s")
+WRT = (
+    "fan.efficiency",
+    "hpc.flow_capacity",
+    "lpt.flow_capacity",
+    "nozzle.area",
+    "hpc.valve.fraction",
+    "bypass_duct.pressure_loss",
+    "lp.mechanical_efficiency",
+    "mach",
+    "Wf_kg_s",
+)
 
 
 @pytest.fixture(scope="module")
@@ -26,8 +35,10 @@ def points(engine):
 
 
 def test_the_design_point_is_a_solution(engine):
-    fuel = engine.predict({"altitude_m": 0.0, "mach": 0.0, "dT_isa_K": 0.0, "Wf_kg_s": engine_fuel(engine)},
-                          sensors=("T4_K", "N1_rpm", "N2_rpm", "W2_kg_s", "BPR", "OPR"))
+    fuel = engine.predict(
+        {"altitude_m": 0.0, "mach": 0.0, "dT_isa_K": 0.0, "Wf_kg_s": engine_fuel(engine)},
+        sensors=("T4_K", "N1_rpm", "N2_rpm", "W2_kg_s", "BPR", "OPR"),
+    )
     assert fuel.status[0] == 0
     assert np.allclose(fuel.y[0], [1450.0, 9000.0, 15000.0, 80.0, 1.2, 20.0], rtol=1e-6)
 
@@ -50,8 +61,14 @@ def test_every_point_of_the_envelope_solves(engine, points):
 
 
 def test_the_unknowns_and_balances_come_from_the_network(engine):
-    assert [u.name for u in engine.unknowns] == ["inlet.corrected_flow", "splitter.bypass_ratio", "hpt.pressure_ratio",
-                                                 "lpt.pressure_ratio", "lp.corrected_speed", "hp.corrected_speed"]
+    assert [u.name for u in engine.unknowns] == [
+        "inlet.corrected_flow",
+        "splitter.bypass_ratio",
+        "hpt.pressure_ratio",
+        "lpt.pressure_ratio",
+        "lp.corrected_speed",
+        "hp.corrected_speed",
+    ]
 
 
 def test_mass_is_conserved_through_bleeds_splitter_and_mixer(engine, points):

@@ -109,8 +109,14 @@ def test_unequal_streams_lose_total_pressure():
 
 def test_the_mixer_has_exact_derivatives_of_balance_and_total_pressure():
     part, _ = mixer(flow(900.0, 1.65e5, 10.0), flow(400.0, 1.7e5, 20.0), core_mach=0.5)
-    start = {"Tc": np.array([880.0]), "Pc": np.array([1.64e5]), "Wc": np.array([9.9]), "Tb": np.array([410.0]),
-             "Pb": np.array([1.69e5]), "Wb": np.array([19.5])}
+    start = {
+        "Tc": np.array([880.0]),
+        "Pc": np.array([1.64e5]),
+        "Wc": np.array([9.9]),
+        "Tb": np.array([410.0]),
+        "Pb": np.array([1.69e5]),
+        "Wb": np.array([19.5]),
+    }
 
     def at(v):
         e = evaluation([part])

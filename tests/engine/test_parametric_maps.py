@@ -108,9 +108,7 @@ def test_turbine_capacity_rises_with_pressure_ratio_and_saturates():
 
 def test_turbine_capacity_is_that_of_stodolas_ellipse_for_exponent_two():
     ratio = np.array([1.2, 1.8, 3.0])
-    found = turbine_map.relative_capacity(
-        np.log(ratio), np.ones(3), np.log(4.0), {**TURBINE, "choking_exponent": 2.0}
-    )
+    found = turbine_map.relative_capacity(np.log(ratio), np.ones(3), np.log(4.0), {**TURBINE, "choking_exponent": 2.0})
     assert np.allclose(found, np.sqrt(1.0 - ratio**-2.0) / np.sqrt(1.0 - 4.0**-2.0))
 
 

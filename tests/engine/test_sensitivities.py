@@ -69,9 +69,7 @@ def check(engine, points, names, least_points=60):
 
         def moved(t, name=name):
             if name in engine.parameters:
-                return engine.predict(
-                    points, {name: engine.parameters[name].nominal + t}, sensors=COLUMNS, start=p.x
-                ).y
+                return engine.predict(points, {name: engine.parameters[name].nominal + t}, sensors=COLUMNS, start=p.x).y
             return engine.predict({**points, name: points.get(name, 0.0) + t}, sensors=COLUMNS, start=p.x).y
 
         h = STEP.get(name) or 1.5e-3 * (
@@ -118,9 +116,7 @@ def test_sensitivities_at_another_power_setting_match_differences(power_setting)
     engine = load_engine(TURBOFAN, power_setting)
     value = by_fuel.predict(U, sensors=(power_setting,)).y[:, 0]
     points = {**{c: U[c] for c in ("altitude_m", "mach", "dT_isa_K")}, power_setting: value}
-    check(
-        engine, points, ("fan.efficiency", "hpc.flow_capacity", "core_nozzle.area", "hpt.efficiency", power_setting)
-    )
+    check(engine, points, ("fan.efficiency", "hpc.flow_capacity", "core_nozzle.area", "hpt.efficiency", power_setting))
 
 
 def test_sensor_parameters_have_the_derivatives_of_a_straight_line():

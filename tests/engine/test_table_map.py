@@ -77,9 +77,7 @@ def test_the_quadratic_rule_follows_the_pair_and_the_next_value_up():
     )
     assert table.lookup(x, np.array([1.2]))[0][0][0] == pytest.approx(expected, rel=1e-12)
     x = np.array([1.07])  # last pair: the last three values
-    expected = sum(
-        v**3 * np.prod([(1.07 - u) / (v - u) for u in (0.85, 1.0, 1.1) if u != v]) for v in (0.85, 1.0, 1.1)
-    )
+    expected = sum(v**3 * np.prod([(1.07 - u) / (v - u) for u in (0.85, 1.0, 1.1) if u != v]) for v in (0.85, 1.0, 1.1))
     assert table.lookup(x, np.array([1.2]))[0][0][0] == pytest.approx(expected, rel=1e-12)
 
 

@@ -19,9 +19,7 @@ def prepared(part, W=21.0, T=1500.0, P=1.9e6, rpm=10000.0, wrt=(), demand=0.0, c
         **{"hp__mechanical_efficiency": 1.0, "hp__power_offtake_W": 0.0, **parameters},
     )
     e.flows["4"] = flow(T, P, W, far=np.full(np.size(W), 0.022))
-    e.bleeds["vanes"] = flow(
-        np.full(np.size(W), 780.0), np.full(np.size(W), 2.0e6), np.full(np.size(W), 1.2 + cooling)
-    )
+    e.bleeds["vanes"] = flow(np.full(np.size(W), 780.0), np.full(np.size(W), 2.0e6), np.full(np.size(W), 1.2 + cooling))
     e.bleeds["rear"] = flow(np.full(np.size(W), 780.0), np.full(np.size(W), 2.0e6), np.full(np.size(W), 0.8))
     e.shafts["hp"] = shaft(np.full(np.size(W), rpm))
     e.shafts["hp"].demand_W = demand

@@ -47,9 +47,7 @@ PARAMETERS = (
     Parameter("hpc.map.slope", "design", 0.0, -1.0, 1.0, 0.2),
     Parameter("sensor.T45.bias", "sensor", 0.0, -100.0, 100.0, 5.0, "K"),
 )
-SENSORS = {
-    s: ToySensor(s, sigma) for s, sigma in (("T3_K", 1.0), ("P3_Pa", 3e3), ("Wf_kg_s", 2e-3), ("T45_K", 2.0))
-}
+SENSORS = {s: ToySensor(s, sigma) for s, sigma in (("T3_K", 1.0), ("P3_Pa", 3e3), ("Wf_kg_s", 2e-3), ("T45_K", 2.0))}
 
 
 def outputs(u: Mapping[str, Any], p: Mapping[str, Any]) -> dict[str, Any]:
@@ -146,7 +144,6 @@ def fly(
     u = operating_points(n, rng)
     value = outputs(u, {p.name: p.nominal for p in PARAMETERS} | dict(truth))
     readings = {
-        c: value[c] + noise(n, s.noise_sigma, rho, rng) + (bias or {}).get(c, 0.0)
-        for c, s in engine.sensors.items()
+        c: value[c] + noise(n, s.noise_sigma, rho, rng) + (bias or {}).get(c, 0.0) for c, s in engine.sensors.items()
     }
     return TrainingRecording(label, u | readings)

@@ -35,9 +35,7 @@ def dense(problem, fit):
 
 
 def test_white_noise_gives_the_inverse_information_with_priors():
-    problem, fit = fitted(
-        recording_bias_sigma={"T3_K": 2.0, "T45_K": 4.0}, recording_scale_sigma={"T3_K": 0.01}
-    )
+    problem, fit = fitted(recording_bias_sigma={"T3_K": 2.0, "T45_K": 4.0}, recording_scale_sigma={"T3_K": 0.01})
     z = fit.equations.residual / problem.sigma
     b = np.mean(z**2, axis=0)
     D = dense(problem, fit)

@@ -86,8 +86,7 @@ def test_five_per_cent_of_gross_outliers_hardly_move_the_estimates():
     assert np.all((result.noise.outliers > 8) & (result.noise.outliers < 35))
     plain = run(engine, [TrainingRecording("dirty", columns)], loss="none")
     worst = max(
-        abs(e.value - TRUTH[e.name]) / r.standard_error
-        for e, r in zip(plain.estimates, result.estimates, strict=True)
+        abs(e.value - TRUTH[e.name]) / r.standard_error for e, r in zip(plain.estimates, result.estimates, strict=True)
     )
     assert worst > 10  # without the loss the same outliers do ruin it
 
@@ -214,9 +213,7 @@ def test_settings_choose_parameters_by_pattern_and_priors_by_name():
             "prior_mean": {"sensor.T45.bias": 3.0},
         }
     )
-    result = identify(
-        engine, [fly(engine, np.random.default_rng(1))], settings=settings, cross_validation=False
-    )
+    result = identify(engine, [fly(engine, np.random.default_rng(1))], settings=settings, cross_validation=False)
     assert [e.name for e in result.estimates] == ["hpc.efficiency", "sensor.T45.bias"]
     assert result.estimates[0].prior_sigma == 0.001
     assert result.estimates[1].prior_mean == 3.0

@@ -29,9 +29,7 @@ def test_flows_pressures_and_powers_are_judged_in_per_cent(column, unit):
 def test_rms_is_relative_to_the_prediction_and_missing_readings_do_not_count():
     e = np.array([[2.0, 3.0], [-2.0, np.nan], [2.0, -3.0]])
     y = np.array([[100.0, 900.0], [100.0, 900.0], [200.0, 900.0]])
-    table = sensor_quality(
-        ("Wf_kg_s", "T3_K"), e, y, np.array([1.0, 3.0]), np.array(["cruise", "climb", "cruise"])
-    )
+    table = sensor_quality(("Wf_kg_s", "T3_K"), e, y, np.array([1.0, 3.0]), np.array(["cruise", "climb", "cruise"]))
     found = {(q.sensor, q.regime): q for q in table}
     assert found["Wf_kg_s", "all"].rms == pytest.approx(np.sqrt((4 + 4 + 1) / 3))
     assert found["Wf_kg_s", "cruise"].rms == pytest.approx(np.sqrt((4 + 1) / 2))
@@ -44,9 +42,7 @@ def test_climb_cruise_and_descent_come_from_the_altitude_rate():
     altitude = np.interp(t, [0, 100, 1000, 2000, 2900, 3000], [0, 0, 9000, 9000, 0, 0])
     mach = np.where((t < 100) | (t > 2900), 0.02, 0.6)
     label = assign_regimes([{"time_s": t, "altitude_m": altitude, "mach": mach}], ())[0]
-    assert (
-        label[5] == "ground" and label[50] == "climb" and label[150] == "cruise" and label[250] == "descent"
-    )
+    assert label[5] == "ground" and label[50] == "climb" and label[150] == "cruise" and label[250] == "descent"
 
 
 def test_a_phase_column_is_taken_as_it_is():

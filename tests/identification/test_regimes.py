@@ -8,8 +8,11 @@ from enginediag_cli.identification.regimes import assign_regimes
 
 N = 90
 RNG = np.random.default_rng(5)
-WEATHER = {"ambient_pressure_Pa": RNG.uniform(98e3, 103e3, N), "ambient_temperature_K": RNG.uniform(275, 305, N),
-           "dP_inlet_Pa": RNG.uniform(300, 600, N)}
+WEATHER = {
+    "ambient_pressure_Pa": RNG.uniform(98e3, 103e3, N),
+    "ambient_temperature_K": RNG.uniform(275, 305, N),
+    "dP_inlet_Pa": RNG.uniform(300, 600, N),
+}
 INPUTS = (*WEATHER, "T4_K")
 
 

@@ -27,8 +27,11 @@ WINDOWS = {
     "large": {"lpt.flow_capacity": 0.9},
     "slight": {"hpc.efficiency": 0.998},
     "worn": {f"{part}.efficiency": 0.985 for part in ("fan", "booster", "hpc", "hpt", "lpt")},
-    "other_maps": {"fan.map.flow_speed_exponent": 3.5, "hpt.map.capacity_speed_slope": 0.4,
-                   "lpt.map.capacity_speed_slope": -0.4},
+    "other_maps": {
+        "fan.map.flow_speed_exponent": 3.5,
+        "hpt.map.capacity_speed_slope": 0.4,
+        "lpt.map.capacity_speed_slope": -0.4,
+    },
 }
 
 
@@ -48,8 +51,22 @@ def folder(tmp_path_factory):
         write_csv(folder / f"{name}.csv", [Recording({**columns, "time_s": 10.0 * np.arange(N), **readings})])
     noise = tuple(SensorNoise(c, s, 0.0, N, float(N), 0) for c, s in sigma.items())
     nominal = Nominal(
-        str(ENGINE), sha256_of(ENGINE), engine.inputs, (), np.zeros((0, 0)), noise, np.eye(len(sigma)),
-        (), {}, (), (), (), (), learn_envelope(columns), {}, {},
+        str(ENGINE),
+        sha256_of(ENGINE),
+        engine.inputs,
+        (),
+        np.zeros((0, 0)),
+        noise,
+        np.eye(len(sigma)),
+        (),
+        {},
+        (),
+        (),
+        (),
+        (),
+        learn_envelope(columns),
+        {},
+        {},
     )
     write_nominal(nominal, folder / "nominal.yaml")
     return folder
@@ -107,8 +124,11 @@ def test_a_bias_is_told_in_the_sensors_own_words(isolate):
 
 
 def test_fouling_is_named_with_its_severity_out_of_the_catalogue(isolate):
-    files = [word for name in ("hpc_fouling", "hpc_damage", "hpt_erosion", "fan_damage", "sensor_T3_bias")
-             for word in ("--catalogue", str(CONFIGS / "faults" / f"{name}.yaml"))]
+    files = [
+        word
+        for name in ("hpc_fouling", "hpc_damage", "hpt_erosion", "fan_damage", "sensor_T3_bias")
+        for word in ("--catalogue", str(CONFIGS / "faults" / f"{name}.yaml"))
+    ]
     _, rows, err = isolate("fouled", *files)
     assert rows[0]["named"] == ["hpc_fouling"] and rows[0]["named_probability"] > 0.5
     assert "HPC fouling, severity " in err

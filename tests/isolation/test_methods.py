@@ -46,10 +46,7 @@ def test_the_incremental_algorithm_takes_one_parameter_more_at_each_step_until_t
 def test_the_incremental_algorithm_stops_too_late_as_often_as_its_false_alarm_rate_says():
     rng = np.random.default_rng(4)
     J = sensitivities(rng)
-    sizes = [
-        len(incremental_diagnosis(linear_score(rng, J, CHANGE), false_alarm=0.05).isolated)
-        for _ in range(200)
-    ]
+    sizes = [len(incremental_diagnosis(linear_score(rng, J, CHANGE), false_alarm=0.05).isolated) for _ in range(200)]
     assert sum(size > 2 for size in sizes) <= 22  # P(more than 22 of 200 at 5 %) < 0.1 %
     assert min(sizes) == 2
 

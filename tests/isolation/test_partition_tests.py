@@ -76,12 +76,8 @@ def test_minmax_of_an_unchanged_parameter_is_chi2_though_others_changed():
 
 
 def test_single_statistics_are_the_tests_one_by_one(score):
-    np.testing.assert_allclose(
-        single_sensitivities(score), [sensitivity_test(score, [n])[0] for n in score.parameters]
-    )
-    np.testing.assert_allclose(
-        single_minmax(score)[0], [minmax_test(score, [n])[0] for n in score.parameters]
-    )
+    np.testing.assert_allclose(single_sensitivities(score), [sensitivity_test(score, [n])[0] for n in score.parameters])
+    np.testing.assert_allclose(single_minmax(score)[0], [minmax_test(score, [n])[0] for n in score.parameters])
 
 
 def test_holm_names_an_unchanged_parameter_no_more_often_than_stated():

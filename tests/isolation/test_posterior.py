@@ -95,9 +95,7 @@ def test_the_size_limit_keeps_the_number_of_sets_in_hand():
     assert size_limit(40) == 5
     assert size_limit(11, 3) == 3
     rng = np.random.default_rng(8)
-    assert (
-        len(set_posterior(linear_score(rng, sensitivities(rng), np.zeros(6)), largest=2).masks) == 1 + 6 + 15
-    )
+    assert len(set_posterior(linear_score(rng, sensitivities(rng), np.zeros(6)), largest=2).masks) == 1 + 6 + 15
 
 
 def test_a_healthy_engine_is_most_probably_unchanged():

@@ -65,8 +65,16 @@ def test_drawn_sensors_follow_the_prior():
 
 
 @pytest.mark.parametrize(
-    "wrong", [{"inclusion": 0.0}, {"inclusion": 1.0}, {"worn": -0.1}, {"slabs": ()}, {"slabs": (0.5, -1.0)},
-              {"sensor": 0.0}, {"wrong_sensors": -1}]
+    "wrong",
+    [
+        {"inclusion": 0.0},
+        {"inclusion": 1.0},
+        {"worn": -0.1},
+        {"slabs": ()},
+        {"slabs": (0.5, -1.0)},
+        {"sensor": 0.0},
+        {"wrong_sensors": -1},
+    ],
 )
 def test_an_impossible_prior_is_refused(wrong):
     with pytest.raises(ValueError, match="must"):

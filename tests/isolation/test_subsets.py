@@ -23,9 +23,7 @@ def exhaustive(score, size):
 @pytest.mark.parametrize("seed", range(3))
 def test_the_best_set_of_every_size_equals_exhaustive_search(seed, p):
     rng = np.random.default_rng(seed)
-    score = linear_score(
-        rng, sensitivities(rng, p=p), 0.02 * rng.standard_normal(p) * (rng.random(p) < 0.4)
-    )
+    score = linear_score(rng, sensitivities(rng, p=p), 0.02 * rng.standard_normal(p) * (rng.random(p) < 0.4))
     found = best_subsets(score, p)
     assert found.exact
     for size in range(1, p + 1):

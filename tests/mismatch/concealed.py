@@ -25,8 +25,13 @@ def carried(*wanted: tuple[str, str, Mapping[str, float]]) -> list[Effect]:
 
 
 def flights(
-    effects: Sequence[Effect], rng: np.random.Generator, *, count: int = 5, records: int = 60,
-    rho: float = 0.0, noise: float = 1.0,
+    effects: Sequence[Effect],
+    rng: np.random.Generator,
+    *,
+    count: int = 5,
+    records: int = 60,
+    rho: float = 0.0,
+    noise: float = 1.0,
 ) -> tuple[Flight, ...]:
     """Climbs and cruises with health N(1, 0.5 %) and scale errors N(1, 0.1 %), the same in all flights."""
     engine = turbofan()
@@ -35,10 +40,16 @@ def flights(
     theta |= {f"sensor.{s.quantity}.scale": 1 + 0.001 * rng.standard_normal() for s in engine.sensors.values()}
     found = []
     for k in range(count):
-        altitude = np.where(rng.uniform(size=records) < 0.4, rng.uniform(1500, 9000, records),
-                            rng.uniform(6500, 11500) + rng.normal(0, 200, records))
-        columns = {"altitude_m": altitude, "mach": 0.35 + 0.45 * altitude / 11500 + rng.normal(0, 0.02, records),
-                   "dT_isa_K": np.full(records, rng.normal(0, 8))}
+        altitude = np.where(
+            rng.uniform(size=records) < 0.4,
+            rng.uniform(1500, 9000, records),
+            rng.uniform(6500, 11500) + rng.normal(0, 200, records),
+        )
+        columns = {
+            "altitude_m": altitude,
+            "mach": 0.35 + 0.45 * altitude / 11500 + rng.normal(0, 0.02, records),
+            "dT_isa_K": np.full(records, rng.normal(0, 8)),
+        }
         columns["Wf_kg_s"] = engine.power_from_fraction(rng.uniform(0.35, 0.95, records), columns)
         p = truth.predict(columns, theta)
         assert p.ok.all()

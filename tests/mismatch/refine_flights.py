@@ -32,15 +32,19 @@ def flights(
     found, states = [], []
     for k in range(count):
         h = rng.uniform(0, 11500, records)
-        u = {"altitude_m": h, "mach": 0.25 + 0.5 * h / 12000 + rng.normal(0, 0.02, records),
-             "dT_isa_K": np.full(records, rng.normal(0, 8))}
+        u = {
+            "altitude_m": h,
+            "mach": 0.25 + 0.5 * h / 12000 + rng.normal(0, 0.02, records),
+            "dT_isa_K": np.full(records, rng.normal(0, 8)),
+        }
         u["Wf_kg_s"] = e.power_from_fraction(rng.uniform(0.5, 1.0, records), u)
         on = np.cumsum(rng.random(records) < switch) % 2 if switch else np.ones(records)
         coefficients = {f"{label.replace('@', '.')}.{n}": v * on for n, v in values.items()}
         y = truth.predict(u, {**worn, **coefficients})
         assert y.ok.all()
-        columns = {c: y.y[:, j] + e.sensors[c].noise_sigma * rng.standard_normal(records)
-                   for j, c in enumerate(y.columns)}
+        columns = {
+            c: y.y[:, j] + e.sensors[c].noise_sigma * rng.standard_normal(records) for j, c in enumerate(y.columns)
+        }
         found.append(Flight(f"flight {k + 1}", "", {**u, **columns}))
         states.append(on)
     return found, np.concatenate(states)

@@ -36,8 +36,11 @@ def test_two_concealed_effects_are_named_together():
 
 
 def test_an_effect_that_the_library_lacks_is_none_of_these():
-    a = _answer(("active_clearance_control", "hpt", {"closing": 0.6}), seed=3,
-                without=("active_clearance_control", "turbine_tip_clearance"))
+    a = _answer(
+        ("active_clearance_control", "hpt", {"closing": 0.6}),
+        seed=3,
+        without=("active_clearance_control", "turbine_tip_clearance"),
+    )
     assert a.status == NONE and not a.explanations
     assert {c.location.component for c in a.cells[:3]} & {"hpt"}
 

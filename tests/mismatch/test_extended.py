@@ -26,8 +26,9 @@ def test_a_discrepancy_of_coefficient_0_changes_no_digit():
 def test_a_discrepancy_is_the_parameter_varied_record_by_record():
     u = _points()
     d = Discrepancy("hpc.efficiency", "curve", 0.01)
-    varied = turbofan().predict({c: v for c, v in u.items() if c != "curve"},
-                                {"hpc.efficiency": 0.99 + 0.004 * u["curve"]})
+    varied = turbofan().predict(
+        {c: v for c, v in u.items() if c != "curve"}, {"hpc.efficiency": 0.99 + 0.004 * u["curve"]}
+    )
     found = ExtendedModel(turbofan(), [d]).predict(u, {"hpc.efficiency": 0.99, d.name: 0.004})
     np.testing.assert_allclose(found.y, varied.y, rtol=1e-9)
 

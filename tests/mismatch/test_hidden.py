@@ -73,8 +73,11 @@ def trial(seed, pattern=telegraph, bleed=0.0, flights=5, rho=0.0, map_accuracy=0
         t = np.linspace(0, 1, RECORDS)
         high = rng.uniform(8500, 11500, 2)
         altitude = np.interp(t, [0, 0.3, 0.7, 1], [3000, *high, 4000])
-        u = {"altitude_m": altitude, "mach": 0.3 + 0.5 * altitude / 12000 + rng.normal(0, 0.01, RECORDS),
-             "dT_isa_K": np.full(RECORDS, rng.normal(0, 8))}
+        u = {
+            "altitude_m": altitude,
+            "mach": 0.3 + 0.5 * altitude / 12000 + rng.normal(0, 0.01, RECORDS),
+            "dT_isa_K": np.full(RECORDS, rng.normal(0, 8)),
+        }
         power = np.interp(t, [0, 0.3, 0.7, 1], [1, 0.8, 0.75, 0.5]) + rng.normal(0, 0.05, RECORDS)
         u["Wf_kg_s"] = e.power_from_fraction(np.clip(power, 0.4, 1), u)
         amplitude = bleed * pattern(rng, RECORDS)

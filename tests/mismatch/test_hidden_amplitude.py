@@ -24,8 +24,13 @@ def geometry(rho):
     follows = np.zeros_like(keep)
     follows[1:] = keep[1:] & keep[:-1] & (GAP[1:] == 1)[:, None] & (rho != 0)
     sigma = np.array([0.5, 1.0, 2.0])
-    frame = SimpleNamespace(keep=keep, sigma=sigma, follows=follows, rho=np.full(M, rho),
-                            scaled=lambda v: np.where(keep[:, :, None], v, 0.0) / sigma[:, None])
+    frame = SimpleNamespace(
+        keep=keep,
+        sigma=sigma,
+        follows=follows,
+        rho=np.full(M, rho),
+        scaled=lambda v: np.where(keep[:, :, None], v, 0.0) / sigma[:, None],
+    )
     n, q = keep.sum(), 4
     A = np.concatenate([rng.normal(size=(n, q)), np.eye(q)])
     Q = np.linalg.qr(A)[0]

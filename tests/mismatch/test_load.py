@@ -44,15 +44,22 @@ def edited(engine, **blocks):
 
 def flight(engine, **columns) -> Flight:
     n = 4
-    base = {"altitude_m": np.full(n, 9000.0), "mach": np.full(n, 0.7), "dT_isa_K": np.zeros(n),
-            "Wf_kg_s": np.full(n, 0.9), "N1_rpm": np.full(n, 3300.0)}
+    base = {
+        "altitude_m": np.full(n, 9000.0),
+        "mach": np.full(n, 0.7),
+        "dT_isa_K": np.zeros(n),
+        "Wf_kg_s": np.full(n, 0.9),
+        "N1_rpm": np.full(n, 3300.0),
+    }
     return Flight("f", "", {**base, **columns})
 
 
 def test_engines_and_flights_of_a_file_are_flights_of_their_engine(fleet):
     evidence = load_case(Case(TURBOFAN, (fleet,)), print).evidence
     assert [(f.engine, f.label) for f in evidence.flights] == [
-        ("A", "fleet.csv engine A flight 1"), ("A", "fleet.csv engine A flight 2"), ("B", "fleet.csv engine B flight 1")
+        ("A", "fleet.csv engine A flight 1"),
+        ("A", "fleet.csv engine A flight 2"),
+        ("B", "fleet.csv engine B flight 1"),
     ]
     assert evidence.engines == ("A", "B")
 
@@ -68,8 +75,10 @@ def test_several_files_are_flights_of_one_engine(tmp_path):
     paths = []
     for name in ("a.csv", "b.csv"):
         path = tmp_path / name
-        path.write_text("\n".join([HEAD.removeprefix("engine,flight,"),
-                                   *(r.split(",", 2)[2] for r in rows("", ""))]) + "\n", encoding="utf-8")
+        path.write_text(
+            "\n".join([HEAD.removeprefix("engine,flight,"), *(r.split(",", 2)[2] for r in rows("", ""))]) + "\n",
+            encoding="utf-8",
+        )
         paths.append(str(path))
     evidence = load_case(Case(TURBOFAN, tuple(paths)), print).evidence
     assert [f.label for f in evidence.flights] == ["a.csv", "b.csv"]
@@ -87,11 +96,18 @@ def test_the_identification_block_decides_what_is_nuisance_and_how_loosely(engin
     from enginediag_cli.identification.settings import IDENTIFICATION
 
     block = {f.name: f.default for f in IDENTIFICATION.fields}
-    block |= {"parameters": ["hpc.*", "sensor.N1.*"], "fixed": ["hpc.map.*"], "prior_sigma": {"hpc.efficiency": 0.07},
-              "noise_sigma": {"N1_rpm": 12.0}, "recording_bias_sigma": {"N1_rpm": 4.0, "T3_K": 1.0}, "loss": "none"}
+    block |= {
+        "parameters": ["hpc.*", "sensor.N1.*"],
+        "fixed": ["hpc.map.*"],
+        "prior_sigma": {"hpc.efficiency": 0.07},
+        "noise_sigma": {"N1_rpm": 12.0},
+        "recording_bias_sigma": {"N1_rpm": 4.0, "T3_K": 1.0},
+        "loss": "none",
+    }
     evidence = build_evidence(edited(engine, identification=block), [flight(engine)])
     assert evidence.settings.nuisance == {
-        "hpc.efficiency": 0.07, "hpc.flow_capacity": engine.parameters["hpc.flow_capacity"].prior_sigma,
+        "hpc.efficiency": 0.07,
+        "hpc.flow_capacity": engine.parameters["hpc.flow_capacity"].prior_sigma,
         "sensor.N1.bias": engine.parameters["sensor.N1.bias"].prior_sigma,
         "sensor.N1.scale": engine.parameters["sensor.N1.scale"].prior_sigma,
     }
@@ -100,8 +116,12 @@ def test_the_identification_block_decides_what_is_nuisance_and_how_loosely(engin
 
 
 def test_the_mismatch_block_goes_before_identification(engine):
-    block = {"nuisance": ["lpt.*iency"], "prior_sigma": {"lpt.efficiency": 0.01}, "map_accuracy": 0.01,
-             "noise": "estimate"}
+    block = {
+        "nuisance": ["lpt.*iency"],
+        "prior_sigma": {"lpt.efficiency": 0.01},
+        "map_accuracy": 0.01,
+        "noise": "estimate",
+    }
     evidence = build_evidence(edited(engine, mismatch=block), [flight(engine)])
     assert evidence.settings.nuisance == {"lpt.efficiency": 0.01}
     assert evidence.settings.map_accuracy == 0.01
@@ -134,8 +154,10 @@ def test_a_nominal_state_is_where_priors_are_centred_and_what_is_not_nuisance_is
     u = {"altitude_m": rng.uniform(3000, 11000, n), "mach": rng.uniform(0.4, 0.8, n), "dT_isa_K": rng.normal(0, 8, n)}
     u["Wf_kg_s"] = engine.power_from_fraction(rng.uniform(0.5, 1, n), u)
     y = engine.predict(u, {"hpc.efficiency": 0.98, "sensor.T3.bias": 6.0})
-    columns = {**u, **{c: y.y[:, j] + engine.sensors[c].noise_sigma * rng.standard_normal(n)
-                       for j, c in enumerate(y.columns)}}
+    columns = {
+        **u,
+        **{c: y.y[:, j] + engine.sensors[c].noise_sigma * rng.standard_normal(n) for j, c in enumerate(y.columns)},
+    }
     nominal = identify(engine, [TrainingRecording("f", columns)], cross_validation=False).nominal("", "", {})
     evidence = build_evidence(engine, [Flight("f", "", columns)], nominal=nominal)
     theta0 = nominal.theta0

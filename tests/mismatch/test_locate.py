@@ -33,8 +33,10 @@ def recorded(*effects, seed=1, **shape):
 
 def changed(flights, column, factor):
     """Flights in which a column is multiplied by factor(columns, number of the flight)."""
-    return tuple(replace(f, columns={**f.columns, column: f.columns[column] * factor(f.columns, k)})
-                 for k, f in enumerate(flights))
+    return tuple(
+        replace(f, columns={**f.columns, column: f.columns[column] * factor(f.columns, k)})
+        for k, f in enumerate(flights)
+    )
 
 
 def flown(theta_of, seed=5, count=5, records=60):

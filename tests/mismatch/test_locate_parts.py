@@ -17,8 +17,9 @@ from enginediag_cli.mismatch.time_steps import LEAST_RECORDS, ONSETS, step_drive
 
 
 def blank(*lengths, engines=None):
-    recorded = tuple(Flight(f"f{k}", (engines or [""] * len(lengths))[k], {"x": np.zeros(n)})
-                     for k, n in enumerate(lengths))
+    recorded = tuple(
+        Flight(f"f{k}", (engines or [""] * len(lengths))[k], {"x": np.zeros(n)}) for k, n in enumerate(lengths)
+    )
     return Evidence(None, recorded, Noise({}), Settings({}))  # type: ignore[arg-type]
 
 
@@ -58,8 +59,9 @@ def test_a_recording_too_short_for_a_change_has_no_steps():
 
 @pytest.fixture(scope="module")
 def mapped():
-    recorded = flights(carried(("reynolds_efficiency", "hpc", {"exponent": 0.08})), np.random.default_rng(2), count=7,
-                       records=30)
+    recorded = flights(
+        carried(("reynolds_efficiency", "hpc", {"exponent": 0.08})), np.random.default_rng(2), count=7, records=30
+    )
     e = evidence(recorded)
     found = identify_with(e, NO_HYPOTHESIS, nuisance(e))
     projection = Projection(found)

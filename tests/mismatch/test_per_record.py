@@ -31,8 +31,12 @@ def simulated(seed: int, held: bool) -> tuple[Evidence, np.ndarray]:
     rng = np.random.default_rng(seed)
     engine = load_engine(POWER_PLANT)
     full = np.arange(N) % 3 == 0
-    u = {"ambient_temperature_K": rng.uniform(278, 303, N), "ambient_pressure_Pa": rng.normal(101300, 700, N),
-         "dP_inlet_Pa": rng.uniform(300, 550, N), "T4_K": np.where(full, 1373.0, rng.uniform(1330, 1360, N))}
+    u = {
+        "ambient_temperature_K": rng.uniform(278, 303, N),
+        "ambient_pressure_Pa": rng.normal(101300, 700, N),
+        "dP_inlet_Pa": rng.uniform(300, 550, N),
+        "T4_K": np.where(full, 1373.0, rng.uniform(1330, 1360, N)),
+    }
     a = np.where(full, STOP, rng.uniform(-0.2, 0.0, N))
     carried = WarmEngine(engine.with_effects([effect(engine, "computed_reading", "T4")]))
     theta = {"turbine.efficiency": 1.01, "compressor.efficiency": 0.99, "computed_reading.T4.ignored": 0.9}
@@ -151,7 +155,11 @@ def test_every_nth_record_is_taken(random_flow):
 def test_flow_cut_by_a_third_is_solved_from_a_cold_start():
     """Closed vanes: at the design point's flow the compressor would be beyond choking."""
     engine = load_engine(POWER_PLANT)
-    u = {"ambient_temperature_K": np.array([275.0, 288.0, 305.0]), "ambient_pressure_Pa": 101300.0,
-         "dP_inlet_Pa": 400.0, "T4_K": 1340.0}
+    u = {
+        "ambient_temperature_K": np.array([275.0, 288.0, 305.0]),
+        "ambient_pressure_Pa": 101300.0,
+        "dP_inlet_Pa": 400.0,
+        "T4_K": 1340.0,
+    }
     for factor in (1.0, 0.8, 0.67):
         assert engine.predict(u, {PLACE: factor}).ok.all()

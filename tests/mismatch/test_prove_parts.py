@@ -75,10 +75,18 @@ def test_an_engine_that_does_not_fly_is_refused():
         check_engine(str(CONFIGS / "power_plant.yaml"))
 
 
-@pytest.mark.parametrize(("kind", "effects", "steps"), [
-    (kinds.NULL, 0, 0), (kinds.SINGLE, 1, 0), (kinds.PAIR, 2, 0), (kinds.WITHHELD, 1, 0), (kinds.FAULT, 0, 1),
-    (kinds.EFFECT_AND_FAULT, 1, 1), (kinds.HIDDEN_SWITCH, 1, 0),
-])
+@pytest.mark.parametrize(
+    ("kind", "effects", "steps"),
+    [
+        (kinds.NULL, 0, 0),
+        (kinds.SINGLE, 1, 0),
+        (kinds.PAIR, 2, 0),
+        (kinds.WITHHELD, 1, 0),
+        (kinds.FAULT, 0, 1),
+        (kinds.EFFECT_AND_FAULT, 1, 1),
+        (kinds.HIDDEN_SWITCH, 1, 0),
+    ],
+)
 def test_every_kind_conceals_what_it_says(turbofan, kind, effects, steps):
     for k in range(5):
         s = drawn(turbofan, kind, k)
@@ -150,8 +158,7 @@ def test_noise_has_the_stated_size_and_correlation(turbofan):
 def test_the_true_model_fits_noise_free_recordings_without_residual(turbofan):
     s = drawn(turbofan, kinds.SINGLE)
     effect = next(e for e in drawable(turbofan) if e.label == "reynolds_efficiency@hpc")
-    s = replace(s, effects=(effect,), causes=(Cause(effect.label),),
-                values={"reynolds_efficiency.hpc.exponent": 0.08})
+    s = replace(s, effects=(effect,), causes=(Cause(effect.label),), values={"reynolds_efficiency.hpc.exponent": 0.08})
     evidence = evidence_of(turbofan, s, record(turbofan, s), clean=True)
     far = separability(evidence, s.causes, dict(s.health), ())
     assert far.ok and far.given == (far.total,)
@@ -180,9 +187,19 @@ def test_causes_become_something_to_fit_and_come_back_the_same(turbofan):
 
 
 def said(status, *names, coefficients=None):
-    raw = {"explanations": [{"causes": [{"name": n, "first": -1} for n in name], "kinds": ["effect"],
-                             "probability": 1.0 / len(names), "coefficients": coefficients or {}} for name in names],
-           "status": status, "hidden": []}
+    raw = {
+        "explanations": [
+            {
+                "causes": [{"name": n, "first": -1} for n in name],
+                "kinds": ["effect"],
+                "probability": 1.0 / len(names),
+                "coefficients": coefficients or {},
+            }
+            for name in names
+        ],
+        "status": status,
+        "hidden": [],
+    }
     return Said.of(raw)
 
 
@@ -261,8 +278,11 @@ def test_interval_asks_the_explanation_that_is_the_truth(turbofan, single):
 
 def test_states_of_a_hidden_switch_are_marked_where_the_records_show_it():
     states, snr = np.array([0.0, 1.0, 1.0, 0.0]), np.array([3.0, 3.0, 3.0, 0.5])
-    raw = {"status": HIDDEN, "explanations": [], "hidden": [{
-        "component": "hpc", "number": [0, 1, 2, 3], "states": [0.1, 0.9, 0.2, 0.9], "sign": 1}]}
+    raw = {
+        "status": HIDDEN,
+        "explanations": [],
+        "hidden": [{"component": "hpc", "number": [0, 1, 2, 3], "states": [0.1, 0.9, 0.2, 0.9], "sign": 1}],
+    }
     m = hidden_marks({"hpc"}, states, snr, Said.of(raw))
     assert m["hidden_location"] and m["hidden_states"] == [pytest.approx(2 / 3)]
     raw["hidden"][0] |= {"states": [0.9, 0.1, 0.1, 0.1], "sign": 0}
@@ -287,9 +307,15 @@ def test_a_rate_counts_marks_and_lists_of_them():
 
 
 def test_the_sheet_splits_by_truth_and_kind():
-    records = [{"truth": t, "kind": k, "marks": {"covered": c, "no_verdict": False}}
-               for t, k, c in [("same_model", "single", True), ("same_model", "single", False),
-                               ("map_error", "single", True), ("same_model", "pair", False)]]
+    records = [
+        {"truth": t, "kind": k, "marks": {"covered": c, "no_verdict": False}}
+        for t, k, c in [
+            ("same_model", "single", True),
+            ("same_model", "single", False),
+            ("map_error", "single", True),
+            ("same_model", "pair", False),
+        ]
+    ]
     found = sheet(records)
     assert found["covered"]["rate"] == pytest.approx(2 / 3)
     assert found["covered"]["same_model"]["rate"] == 0.5
@@ -297,10 +323,17 @@ def test_the_sheet_splits_by_truth_and_kind():
     assert found["no_verdict"]["of"] == 4
 
 
-@pytest.mark.parametrize(("value", "target", "verdict"), [
-    (0.98, ">= 0.97", "yes"), (0.96, ">= 0.97", "no"), (1.2, "<= 1.3", "yes"), (0.99, "0.92 to 0.98", "no"),
-    (None, ">= 0.97", ""), (0.5, "", ""),
-])
+@pytest.mark.parametrize(
+    ("value", "target", "verdict"),
+    [
+        (0.98, ">= 0.97", "yes"),
+        (0.96, ">= 0.97", "no"),
+        (1.2, "<= 1.3", "yes"),
+        (0.99, "0.92 to 0.98", "no"),
+        (None, ">= 0.97", ""),
+        (0.5, "", ""),
+    ],
+)
 def test_targets_are_judged_as_they_are_worded(value, target, verdict):
     assert met(value, target) == verdict
 
@@ -316,7 +349,9 @@ def test_a_journal_goes_on_after_a_line_cut_short(tmp_path):
     assert sorted(found) == [0, 1]
     journal.end(found.values())
     assert [line.split(",")[0] for line in journal.path.read_text(encoding="utf-8").splitlines()[1:]] == [
-        '{"trial": 0', '{"trial": 1']
+        '{"trial": 0',
+        '{"trial": 1',
+    ]
 
 
 def test_a_journal_of_other_trials_is_refused(tmp_path):

@@ -96,8 +96,12 @@ def test_a_switched_effect_is_absent_where_it_is_off():
     (bleed,) = library("customer_bleed@hpc")
     switched = e.with_effects([replace(bleed, values={"fraction": 0.02}, switch="valve")])
     always = e.with_effects([replace(bleed, values={"fraction": 0.02})])
-    u = {"altitude_m": np.array([0.0, 5000.0]), "mach": np.array([0.2, 0.5]), "dT_isa_K": np.zeros(2),
-         "Wf_kg_s": np.array([2.0, 1.4])}
+    u = {
+        "altitude_m": np.array([0.0, 5000.0]),
+        "mach": np.array([0.2, 0.5]),
+        "dT_isa_K": np.zeros(2),
+        "Wf_kg_s": np.array([2.0, 1.4]),
+    }
     off, on = (switched.predict({**u, "valve": np.full(2, x)}).y for x in (0.0, 1.0))
     # other starts of the solver change the last digits
     np.testing.assert_allclose(off, e.predict(u).y, rtol=1e-11)

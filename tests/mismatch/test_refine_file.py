@@ -32,8 +32,10 @@ def test_the_text_of_the_file_stays_as_it_is_and_the_effect_follows(tmp_path):
 def test_a_block_that_is_there_is_added_to_with_its_comments_and_what_follows_it(tmp_path):
     body = ENGINE.read_text(encoding="utf-8")
     head, envelope, tail = body.partition("envelope:")
-    block = ("physics:  # carried\n  # by judgement\n  - {term: humidity, at: ambient, coefficients: {}}\n\n"
-             "# largest ranges\n")
+    block = (
+        "physics:  # carried\n  # by judgement\n  - {term: humidity, at: ambient, coefficients: {}}\n\n"
+        "# largest ranges\n"
+    )
     (tmp_path / "old.yaml").write_text(head + block + envelope + tail, encoding="utf-8")
     effects = load_engine(tmp_path / "old.yaml").effects
     text = refined_text(str(tmp_path / "old.yaml"), thin_air(), ERRORS, "here", str(tmp_path / "new.yaml"))
@@ -51,7 +53,8 @@ def test_an_empty_block_is_filled(tmp_path):
 
 def test_a_map_table_is_found_from_the_new_folder(tmp_path):
     text = ENGINE.read_text(encoding="utf-8").replace(
-        "    map: {work_slope: 1.6", "    table: {file: maps/booster.csv}\n    map: {work_slope: 1.6")
+        "    map: {work_slope: 1.6", "    table: {file: maps/booster.csv}\n    map: {work_slope: 1.6"
+    )
     (tmp_path / "a").mkdir()
     (tmp_path / "b").mkdir()
     (tmp_path / "a" / "old.yaml").write_text(text, encoding="utf-8")

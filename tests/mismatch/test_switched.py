@@ -75,8 +75,10 @@ def test_states_stand_in_a_column_of_every_flight():
 
 def with_limits(values):
     engine = turbofan()
-    declared = {**engine.declared, "mismatch": {"nuisance": [], "prior_sigma": {}, "map_accuracy": 0.0,
-                                                "noise": "specified", "limits": values}}
+    declared = {
+        **engine.declared,
+        "mismatch": {"nuisance": [], "prior_sigma": {}, "map_accuracy": 0.0, "noise": "specified", "limits": values},
+    }
     return type(engine)(engine.network, declared, engine.path)
 
 
@@ -89,10 +91,13 @@ def test_a_limit_of_the_installation_is_the_upper_bound_of_the_coefficient():
     assert p.upper > 0.006
 
 
-@pytest.mark.parametrize(("values", "told"), [
-    ({"power_offtake.hp.fractoin": 0.006}, "power_offtake.hp.fraction"),
-    ({"power_offtake.hp.fraction": -0.1}, "below 0"),
-])
+@pytest.mark.parametrize(
+    ("values", "told"),
+    [
+        ({"power_offtake.hp.fractoin": 0.006}, "power_offtake.hp.fraction"),
+        ({"power_offtake.hp.fraction": -0.1}, "below 0"),
+    ],
+)
 def test_a_limit_that_makes_no_sense_is_refused(values, told):
     base, _, _, _ = case()
     with pytest.raises(DataError, match=told):

@@ -32,6 +32,7 @@ def flight(engine, altitude, mach, power=0.7):
 
 # inputs
 
+
 def test_a_position_error_leaves_total_pressure_and_temperature_as_they_are():
     """Pitot tube and temperature probe are right; errors of second order in k = 0.1 % remain."""
     engine = carrying("turbofan", "static_pressure_error@ambient")
@@ -74,11 +75,16 @@ def test_a_meter_error_acts_where_its_column_is_given_and_nowhere_else():
 
 # readings
 
+
 def test_a_turbine_inlet_temperature_computed_without_the_barometer_errs_by_300_kelvin_per_unit_of_its_logarithm():
     engine = carrying("power_plant", "computed_reading@T4")
     p0 = np.array([98000.0, 101600.0, 103000.0])
-    U = {"ambient_pressure_Pa": p0, "ambient_temperature_K": np.full(3, 288.0), "dP_inlet_Pa": np.full(3, 490.0),
-         "T4_K": np.full(3, 1370.0)}
+    U = {
+        "ambient_pressure_Pa": p0,
+        "ambient_temperature_K": np.full(3, 288.0),
+        "dP_inlet_Pa": np.full(3, 490.0),
+        "T4_K": np.full(3, 1370.0),
+    }
     true = engine.predict(U, {"computed_reading.T4.ignored": 1.0}, sensors=("T4_K",)).y[:, 0]
     assert true == pytest.approx(1370.0 - 301.0 * np.log(p0 / 101600.0), abs=0.5)
 
@@ -117,12 +123,17 @@ def test_a_reading_of_t4_itself_has_no_profile_error():
 
 # losses and nozzles
 
+
 def test_a_filter_that_loads_up_costs_more_with_the_hours():
     engine = carrying("naval_gas_generator", "inlet_filter_loss@inlet")
     n = 3
-    U = {"ambient_pressure_Pa": np.full(n, 101325.0), "ambient_temperature_K": np.full(n, 288.0),
-         "N2_rpm": np.full(n, 3000.0), "Wf_kg_s": np.full(n, 1.3),
-         "hours_since_filter_change_h": np.array([0.0, 1000.0, 2000.0])}
+    U = {
+        "ambient_pressure_Pa": np.full(n, 101325.0),
+        "ambient_temperature_K": np.full(n, 288.0),
+        "N2_rpm": np.full(n, 3000.0),
+        "Wf_kg_s": np.full(n, 1.3),
+        "hours_since_filter_change_h": np.array([0.0, 1000.0, 2000.0]),
+    }
     values = {"inlet_filter_loss.inlet.loss": 0.01, "inlet_filter_loss.inlet.growth": 0.5}
     y = engine.predict(U, values, sensors=("P2_Pa", "P1_Pa", "W2_kg_s", "T2_K")).y
     lost = 1.0 - y[:, 0] / y[:, 1]
@@ -150,8 +161,11 @@ def test_the_exhausts_back_pressure_is_the_stated_share_at_the_design_point():
 def test_a_stack_behind_the_nozzle_of_a_ground_engine_takes_the_flow_that_the_raised_pressure_leaves(tmp_path):
     """The turbojet on a test bed: the same power as against the ambient pressure plus the back pressure."""
     text = (CONFIGS / "turbojet.yaml").read_text()
-    declared = yaml.safe_load(text.replace('{type: ambient, name: ambient, to: "1"}',
-                                           '{type: ambient, name: ambient, to: "1", conditions: ground}'))
+    declared = yaml.safe_load(
+        text.replace(
+            '{type: ambient, name: ambient, to: "1"}', '{type: ambient, name: ambient, to: "1", conditions: ground}'
+        )
+    )
     declared["design"] = {"ambient_pressure_Pa": 101325, "ambient_temperature_K": 288.15}
     declared["envelope"] = {"ambient_pressure_Pa": {"low": 95000, "high": 104000}}
     path = tmp_path / "bed.yaml"
@@ -159,16 +173,20 @@ def test_a_stack_behind_the_nozzle_of_a_ground_engine_takes_the_flow_that_the_ra
     engine = load_engine(path)
     assert {s.name for s in term("inlet_ram_recovery").sites(engine.network)} == set()
     engine = engine.with_effects([effect(engine, "exhaust_back_pressure", "nozzle")])
-    U = {"ambient_pressure_Pa": np.full(2, 101325.0), "ambient_temperature_K": np.full(2, 288.15),
-         "Wf_kg_s": np.array([0.12, 0.2])}
+    U = {
+        "ambient_pressure_Pa": np.full(2, 101325.0),
+        "ambient_temperature_K": np.full(2, 288.15),
+        "Wf_kg_s": np.array([0.12, 0.2]),
+    }
     name = "exhaust_back_pressure.nozzle.rise"
     columns = ("P7_Pa", "W7_kg_s", "T7_K", "N1_rpm")
     p = engine.predict(U, {name: 0.03}, sensors=columns, wrt=(name,))
     free = engine.predict(U, sensors=columns)
     assert p.ok.all() and (p.y[:, 0] > free.y[:, 0]).all()
     h = 1e-4
-    numeric = (engine.predict(U, {name: 0.03 + h}, sensors=columns).y
-               - engine.predict(U, {name: 0.03 - h}, sensors=columns).y) / (2 * h)
+    numeric = (
+        engine.predict(U, {name: 0.03 + h}, sensors=columns).y - engine.predict(U, {name: 0.03 - h}, sensors=columns).y
+    ) / (2 * h)
     assert p.jacobian[:, :, 0] == pytest.approx(numeric, rel=1e-5)
 
 
@@ -186,14 +204,20 @@ def test_unburnt_fuel_grows_in_proportion_to_the_loading():
 
 
 def test_derivatives_along_input_columns_pass_through_what_corrects_them():
-    engine = carrying("turbofan", "static_pressure_error@ambient", "tat_probe_heating@ambient", "fuel_meter_scale@Wf",
-                      "inlet_filter_loss@inlet")
+    engine = carrying(
+        "turbofan",
+        "static_pressure_error@ambient",
+        "tat_probe_heating@ambient",
+        "fuel_meter_scale@Wf",
+        "inlet_filter_loss@inlet",
+    )
     typical = {e.parameter_name(c.name): c.typical for e in engine.effects for c in e.term.COEFFICIENTS}
     U = flight(engine, [2000.0, 9000.0, 12000.0], [0.3, 0.7, 0.8])
     U["hours_since_filter_change_h"] = np.array([0.0, 500.0, 900.0])
     steps = {"altitude_m": 20.0, "mach": 1e-3, "dT_isa_K": 0.5, "Wf_kg_s": 1e-3, "hours_since_filter_change_h": 20.0}
     base = engine.predict(U, typical, wrt=tuple(steps))
     for k, (column, h) in enumerate(steps.items()):
+
         def moved(t, column=column):
             return engine.predict({**U, column: U[column] + t}, typical, start=base.x).y
 

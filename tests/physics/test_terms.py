@@ -54,28 +54,37 @@ TERMS = {
     "power_offtake": Fact("a generator slows the core at given fuel", "turbofan", "hp", "N2_rpm", -1),
     "reynolds_efficiency": Fact("thin air costs HPC efficiency: T45 rises", "turbofan", "hpc", "T45_K", +1, CRUISE),
     # turbomachinery, bleeds and shafts
-    "reynolds_turbine_efficiency": Fact("thin gas costs HPT efficiency: T45 rises", "turbofan", "hpt", "T45_K", +1,
-                                        CRUISE),
-    "reynolds_flow_capacity": Fact("blocked passages make the core turn faster", "turbofan", "hpc", "N2_rpm", +1,
-                                   CRUISE),
+    "reynolds_turbine_efficiency": Fact(
+        "thin gas costs HPT efficiency: T45 rises", "turbofan", "hpt", "T45_K", +1, CRUISE
+    ),
+    "reynolds_flow_capacity": Fact(
+        "blocked passages make the core turn faster", "turbofan", "hpc", "N2_rpm", +1, CRUISE
+    ),
     "humidity": Fact("water's heat capacity cools the gas at given fuel", "turbofan", "ambient", "T45_K", -1),
     "anti_ice_bleed": Fact("bleed raises T45 at given fuel", "turbofan", "hpc", "T45_K", +1),
-    "handling_bleed": Fact("air let out behind the booster raises T45 at low power", "turbofan", "booster", "T45_K", +1,
-                           IDLE),
+    "handling_bleed": Fact(
+        "air let out behind the booster raises T45 at low power", "turbofan", "booster", "T45_K", +1, IDLE
+    ),
     "interstage_bleed": Fact("bleed raises T45 at given fuel", "turbofan", "hpc", "T45_K", +1),
     "guide_vanes": Fact("closed vanes make the core turn faster at low power", "turbofan", "hpc", "N2_rpm", +1, IDLE),
-    "guide_vanes_load": Fact("closed vanes lower the pressure at part load", "power_plant", "compressor", "P3_Pa", -1,
-                             {"power": 0.5}),
+    "guide_vanes_load": Fact(
+        "closed vanes lower the pressure at part load", "power_plant", "compressor", "P3_Pa", -1, {"power": 0.5}
+    ),
     "turbine_tip_clearance": Fact("wide gaps at low speed raise T45", "turbofan", "hpt", "T45_K", +1, IDLE),
     "compressor_tip_clearance": Fact("wide gaps at low speed raise T45", "turbofan", "hpc", "T45_K", +1, IDLE),
     "active_clearance_control": Fact("the tight HPT lowers T45 in cruise", "turbofan", "hpt", "T45_K", -1, CRUISE),
-    "cooling_flow_variation": Fact("less cooling air at altitude leaves more to the burner: T4 falls at given fuel",
-                                   "turbofan", "hpt", "T4_K", -1, CRUISE),
+    "cooling_flow_variation": Fact(
+        "less cooling air at altitude leaves more to the burner: T4 falls at given fuel",
+        "turbofan",
+        "hpt",
+        "T4_K",
+        -1,
+        CRUISE,
+    ),
     "fan_split": Fact("a worse fan root at high bypass ratio lowers P25", "turbofan", "fan", "P25_Pa", -1, IDLE),
     "windage_loss": Fact("windage slows the core", "turbofan", "hp", "N2_rpm", -1),
     "bearing_loss": Fact("friction slows the core", "turbofan", "hp", "N2_rpm", -1),
     "fouling": Fact("a dirty compressor runs hotter", "turbofan", "hpc", "T45_K", +1, {"hours_since_wash_h": 1000.0}),
-
     # inlet, nozzles, burner, sensors
     "inlet_ram_recovery": Fact("ram lost in the inlet raises T45", "turbofan", "inlet", "T45_K", +1, CRUISE),
     "inlet_filter_loss": Fact("a dirty filter raises T45", "naval_gas_generator", "inlet", "T45_K", +1),
@@ -151,6 +160,7 @@ def stencil(at, c, h):
 
 # (1) absent
 
+
 @pytest.mark.parametrize("name", ENGINES)
 def test_effects_that_are_absent_leave_the_model_unchanged_to_the_last_digit(name):
     engine = shipped(name)
@@ -163,6 +173,7 @@ def test_effects_that_are_absent_leave_the_model_unchanged_to_the_last_digit(nam
 
 
 # (2) derivatives
+
 
 @pytest.mark.parametrize("size", ["absent", "typical"])
 @pytest.mark.parametrize("name", term_names())
@@ -198,7 +209,8 @@ def derivatives_match(engine_name, effects, size):
             scale = np.maximum(np.abs(numeric).max(axis=0), 1e-4 * np.abs(base.y).max(axis=0) / abs(c.typical))
             worst = int(np.argmax(error / scale))
             assert (error <= 1e-6 * scale).all(), (
-                f"{engine_name}: {name_of} on {columns[worst]}: {(error / scale)[worst]:.1e}")
+                f"{engine_name}: {name_of} on {columns[worst]}: {(error / scale)[worst]:.1e}"
+            )
 
 
 def away_from_choking(engine, U, values, x):
@@ -211,6 +223,7 @@ def away_from_choking(engine, U, values, x):
 
 
 # (3) direction
+
 
 @pytest.mark.parametrize("name", term_names())
 def test_the_effect_has_the_direction_that_physics_gives_it(name):
@@ -236,11 +249,15 @@ def test_the_effect_has_the_direction_that_physics_gives_it(name):
 def drawn_extra(engine, own):
     """The inputs of `own` that this engine reads, and columns of its effects drawn beside them."""
     rng = np.random.default_rng(13)
-    return {c: own[c] if c in own else rng.uniform(*COLUMN_RANGES.get(c, (0.0, 0.0)), RECORDS)
-            for c in (*engine.inputs, *engine.optional_inputs) if c != engine.power_setting}
+    return {
+        c: own[c] if c in own else rng.uniform(*COLUMN_RANGES.get(c, (0.0, 0.0)), RECORDS)
+        for c in (*engine.inputs, *engine.optional_inputs)
+        if c != engine.power_setting
+    }
 
 
 # (4) solvable
+
 
 @pytest.mark.parametrize("engine_name", ENGINES)
 def test_effects_of_typical_size_solve_over_the_envelope(engine_name):
@@ -267,6 +284,7 @@ def test_effects_of_typical_size_solve_over_the_envelope(engine_name):
 
 # (5) words
 
+
 @pytest.mark.parametrize("name", term_names())
 def test_a_term_says_what_it_is(name):
     found = term(name)
@@ -292,8 +310,10 @@ def test_a_term_acts_where_it_says_it_does(name):
             sites += 1
             hooks = engine.network.with_effects([e]).hooks
             unknowns = {u.name for u in engine.unknowns}  # a term may seek one in another scale: no change of the model
-            acts_on = {*hooks.leaves} - unknowns | {*(f"station {s}" for s in hooks.stations),
-                       *(f"reading {c}" for c in hooks.readings)}
+            acts_on = {*hooks.leaves} - unknowns | {
+                *(f"station {s}" for s in hooks.stations),
+                *(f"reading {c}" for c in hooks.readings),
+            }
             assert acts_on == set(e.site.acts_on), e.label
             assert all(leaf in known_leaves(engine) for leaf in hooks.leaves), e.label
     assert sites, f"no shipped engine has a place for {name}"

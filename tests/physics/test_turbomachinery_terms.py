@@ -69,24 +69,46 @@ def test_compressor_flow_falls_with_the_logarithm_of_the_reynolds_index():
         return P / viscosity(T) / T**-0.5 / T
 
     reference = index(*design(engine, "T2_K", "P2_Pa"))
-    agrees(engine, "reynolds_flow_capacity", "compressor", {"slope": 0.02}, ("T2_K", "P2_Pa"),
-           lambda T, P, _: {"compressor.flow_capacity": 1.0 + 0.02 * np.log(index(T, P) / reference)})
+    agrees(
+        engine,
+        "reynolds_flow_capacity",
+        "compressor",
+        {"slope": 0.02},
+        ("T2_K", "P2_Pa"),
+        lambda T, P, _: {"compressor.flow_capacity": 1.0 + 0.02 * np.log(index(T, P) / reference)},
+    )
 
 
-@pytest.mark.parametrize(("name", "growth"), [("turbine_tip_clearance", {"hpt": (0.0175, 0.002)}),
-                                              ("compressor_tip_clearance", {"hpc": (0.015, 0.025)})])
+@pytest.mark.parametrize(
+    ("name", "growth"),
+    [("turbine_tip_clearance", {"hpt": (0.0175, 0.002)}), ("compressor_tip_clearance", {"hpc": (0.015, 0.025)})],
+)
 def test_clearance_opens_as_the_square_of_the_speed_falls(name, growth):
     engine = shipped("turbofan")
     ((part, (k, kw)),) = growth.items()
-    agrees(engine, name, part, {"growth": 1.5}, ("N2_rpm",), lambda N, _: {
-        f"{part}.efficiency": 1.0 - k * 1.5 * (1.0 - (N / 7900.0) ** 2),
-        f"{part}.flow_capacity": 1.0 - kw * 1.5 * (1.0 - (N / 7900.0) ** 2)})
+    agrees(
+        engine,
+        name,
+        part,
+        {"growth": 1.5},
+        ("N2_rpm",),
+        lambda N, _: {
+            f"{part}.efficiency": 1.0 - k * 1.5 * (1.0 - (N / 7900.0) ** 2),
+            f"{part}.flow_capacity": 1.0 - kw * 1.5 * (1.0 - (N / 7900.0) ** 2),
+        },
+    )
 
 
 def test_clearance_control_adds_efficiency_above_its_altitude_only():
     engine = shipped("turbofan")
-    agrees(engine, "active_clearance_control", "hpt", {"closing": 0.8}, (), lambda U: {
-        "hpt.efficiency": 1.0 + 0.8 * 0.0175 / (1.0 + np.exp((6000.0 - U["altitude_m"]) / 300.0))})
+    agrees(
+        engine,
+        "active_clearance_control",
+        "hpt",
+        {"closing": 0.8},
+        (),
+        lambda U: {"hpt.efficiency": 1.0 + 0.8 * 0.0175 / (1.0 + np.exp((6000.0 - U["altitude_m"]) / 300.0))},
+    )
 
 
 def test_vanes_closed_by_degrees_cost_flow_and_efficiency():
@@ -123,19 +145,40 @@ def test_vanes_of_a_constant_speed_machine_are_open_above_its_base_load():
 def test_cooling_shares_follow_the_pressure_at_their_source():
     engine = shipped("turbofan")
     (P,) = design(engine, "P3_Pa")
-    agrees(engine, "cooling_flow_variation", "hpt", {"exponent": 0.2}, ("P3_Pa",), lambda P3, _: {
-        "cooling.hpt_vanes.fraction": 0.055 * (P3 / P) ** 0.2, "cooling.hpt_exit.fraction": 0.035 * (P3 / P) ** 0.2})
+    agrees(
+        engine,
+        "cooling_flow_variation",
+        "hpt",
+        {"exponent": 0.2},
+        ("P3_Pa",),
+        lambda P3, _: {
+            "cooling.hpt_vanes.fraction": 0.055 * (P3 / P) ** 0.2,
+            "cooling.hpt_exit.fraction": 0.035 * (P3 / P) ** 0.2,
+        },
+    )
 
 
 def test_friction_and_windage_are_loads_on_the_shaft():
     engine = shipped("turbofan")
     N, P3, T3, power, hp = design(engine, "N2_rpm", "P3_Pa", "T3_K", "hpt_power_W", "hpc_power_W")
     assert power == pytest.approx(hp)
-    agrees(engine, "bearing_loss", "hp", {"fraction": 0.01}, ("N2_rpm",),
-           lambda n, _: {"hp.power_offtake_W": 0.01 * power * (n / N) ** 2})
-    agrees(engine, "windage_loss", "hp", {"fraction": 0.01}, ("N2_rpm", "P3_Pa", "T3_K"),
-           lambda n, p, T, _: {"hp.power_offtake_W": 0.01 * power * (p / T) / (P3 / T3) * (n / N) ** 3},
-           at={"humidity_kg_kg": 0.0})
+    agrees(
+        engine,
+        "bearing_loss",
+        "hp",
+        {"fraction": 0.01},
+        ("N2_rpm",),
+        lambda n, _: {"hp.power_offtake_W": 0.01 * power * (n / N) ** 2},
+    )
+    agrees(
+        engine,
+        "windage_loss",
+        "hp",
+        {"fraction": 0.01},
+        ("N2_rpm", "P3_Pa", "T3_K"),
+        lambda n, p, T, _: {"hp.power_offtake_W": 0.01 * power * (p / T) / (P3 / T3) * (n / N) ** 3},
+        at={"humidity_kg_kg": 0.0},
+    )
 
 
 def test_fouling_saturates_with_the_hours_since_the_wash():
@@ -157,9 +200,18 @@ def test_a_compressor_just_washed_is_clean():
 
 def test_relative_humidity_is_water_of_saturated_air():
     engine = shipped("naval_gas_generator")
-    agrees(engine, "humidity", "ambient", {"relative_humidity": 0.7}, (), lambda U: {}, at={"humidity_kg_kg": 0.0},
-           inputs=lambda U: {"humidity_kg_kg": 0.7 * saturated_water(U["ambient_temperature_K"],
-                                                                    U["ambient_pressure_Pa"])})
+    agrees(
+        engine,
+        "humidity",
+        "ambient",
+        {"relative_humidity": 0.7},
+        (),
+        lambda U: {},
+        at={"humidity_kg_kg": 0.0},
+        inputs=lambda U: {
+            "humidity_kg_kg": 0.7 * saturated_water(U["ambient_temperature_K"], U["ambient_pressure_Pa"])
+        },
+    )
 
 
 def test_saturated_air_holds_the_published_amounts_of_water():
@@ -185,7 +237,8 @@ def test_an_interstage_bleed_is_what_a_declared_port_does(tmp_path):
     U = drawn(engine, RECORDS, 9)
     by_port = engine.predict(U)
     bled = carrying(engine, "interstage_bleed", "hpc", fraction=0.03, work_fraction=0.5).predict(
-        U, {"hpc.cabin.fraction": 0.0})
+        U, {"hpc.cabin.fraction": 0.0}
+    )
     assert by_port.ok.all()
     assert np.allclose(bled.y, by_port.y, rtol=1e-8)
 
@@ -196,7 +249,8 @@ def test_anti_ice_air_is_a_larger_share_at_low_speed():
     for fraction, share in ((1.0, 0.02), (0.0, 0.02)):
         U = drawn(engine, 1, 4, {"power": fraction, "altitude_m": 0.0, "mach": 0.0, "dT_isa_K": 0.0})
         p = carrying(engine, "anti_ice_bleed", "compressor", fraction=share).predict(
-            U, sensors=("W2_kg_s", "W3_kg_s", "N1_rpm", "T2_K"))
+            U, sensors=("W2_kg_s", "W3_kg_s", "N1_rpm", "T2_K")
+        )
         W2, W3, N, T2 = p.y[0]
         (T,) = design(engine, "T2_K")
         relative = N / 16500.0 / np.sqrt(T2 / T)
@@ -219,19 +273,24 @@ def test_the_fan_root_has_the_efficiency_that_its_pressure_says():
     engine = shipped("turbofan")
     U = drawn(engine, RECORDS, 10)
     carried = carrying(engine, "fan_split", "fan", root_efficiency=-0.05)
-    T2, P2, T21, P21, P22, bpr = carried.predict(
-        U, sensors=("T2_K", "P2_Pa", "T21_K", "P21_Pa", "P22_Pa", "BPR")).y.T
+    T2, P2, T21, P21, P22, bpr = carried.predict(U, sensors=("T2_K", "P2_Pa", "T21_K", "P21_Pa", "P22_Pa", "BPR")).y.T
     k = 0.2857  # (γ − 1)/γ of cool air
     root, whole = ((T2 * ((P / P2) ** k - 1.0)) / (T21 - T2) for P in (P22, P21))
     assert np.allclose(root - whole, -0.05 * np.log(bpr / 5.1), atol=4e-3 * np.abs(np.log(bpr / 5.1)).max())
 
 
-@pytest.mark.parametrize(("name", "engine_name", "site"), [
-    ("reynolds_turbine_efficiency", "turbofan", "lpt"), ("reynolds_flow_capacity", "citation_jt15d", "hpc"),
-    ("guide_vanes", "turbofan", "hpc"),
-    ("turbine_tip_clearance", "turbofan", "hpt"), ("compressor_tip_clearance", "naval_gas_generator", "compressor"),
-    ("cooling_flow_variation", "turbofan", "hpt"), ("fan_split", "turbofan", "fan"),
-])
+@pytest.mark.parametrize(
+    ("name", "engine_name", "site"),
+    [
+        ("reynolds_turbine_efficiency", "turbofan", "lpt"),
+        ("reynolds_flow_capacity", "citation_jt15d", "hpc"),
+        ("guide_vanes", "turbofan", "hpc"),
+        ("turbine_tip_clearance", "turbofan", "hpt"),
+        ("compressor_tip_clearance", "naval_gas_generator", "compressor"),
+        ("cooling_flow_variation", "turbofan", "hpt"),
+        ("fan_split", "turbofan", "fan"),
+    ],
+)
 def test_effects_relative_to_design_vanish_at_the_design_point(name, engine_name, site):
     engine = shipped(engine_name)
     U = design_point(engine)

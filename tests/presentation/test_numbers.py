@@ -17,9 +17,7 @@ def test_a_value_has_the_decimals_that_its_uncertainty_supports(value, uncertain
     assert rounded(value, uncertainty) == text
 
 
-@pytest.mark.parametrize(
-    ("value", "text"), [(0.00123, "0.00123"), (250000.0, "250000"), (1e9, "1e+09"), (0.0, "0")]
-)
+@pytest.mark.parametrize(("value", "text"), [(0.00123, "0.00123"), (250000.0, "250000"), (1e9, "1e+09"), (0.0, "0")])
 def test_a_value_without_uncertainty_has_three_digits_and_rarely_an_exponent(value, text):
     assert rounded(value) == text
 

@@ -74,9 +74,14 @@ def test_a_device_is_written_and_not_replaced():
 
 @pytest.mark.parametrize(
     ("path", "asked", "chosen"),
-    [("-", "auto", "csv"), ("a.json", "auto", "json"), ("a.CSV", "auto", "csv"), ("a.dat", "auto", "csv"),
-     ("a.json.gz", "auto", "json"),
-     ("a.csv", "table", "table")],
+    [
+        ("-", "auto", "csv"),
+        ("a.json", "auto", "json"),
+        ("a.CSV", "auto", "csv"),
+        ("a.dat", "auto", "csv"),
+        ("a.json.gz", "auto", "json"),
+        ("a.csv", "table", "table"),
+    ],
 )
 def test_the_format_follows_the_option_then_the_suffix(path, asked, chosen, capsys):
     assert Output(path, asked).chosen_format() == chosen

@@ -41,8 +41,11 @@ def test_shades_run_from_light_to_dark():
 
 
 def test_the_map_shows_every_place_and_marks_those_that_are_told():
-    places = [("hpc.efficiency", "mach", 66.7, True), ("hpc.efficiency", "power", 2.0, False),
-              ("sensor.T3", "mach", 9.0, False)]
+    places = [
+        ("hpc.efficiency", "mach", 66.7, True),
+        ("hpc.efficiency", "power", 2.0, False),
+        ("sensor.T3", "mach", 9.0, False),
+    ]
     heat = rows_of(places, ["mach", "power"], 9.5)
     assert heat.rows == ["hpc.efficiency", "sensor.T3"] and heat.within == frozenset({(0, 0)})
     assert math.isnan(heat.surprise[1][1])

@@ -20,20 +20,35 @@ def quality(sensor, unit, rms, chi2):
 
 def refinement(gains):
     engine = load_engine(str(shipped("turbofan.yaml")))
-    alarms = [SimpleNamespace(judged=20, alarms=a, rate=a / 20, interval=(0.0, 0.2), misfits=0, fit=1.0, reason="",
-                              without_verdict=0) for a in (4, 0)]
+    alarms = [
+        SimpleNamespace(
+            judged=20, alarms=a, rate=a / 20, interval=(0.0, 0.2), misfits=0, fit=1.0, reason="", without_verdict=0
+        )
+        for a in (4, 0)
+    ]
     unseen = SimpleNamespace(
         quality_before=[quality("T3_K", "K", 1.72, 1.3), quality("P3_Pa", "%", 0.668, 1.1)],
         quality_after=[quality("T3_K", "K", 1.551, 1.0), quality("P3_Pa", "%", 0.6502, 0.98)],
-        labels=[f"unseen.csv flight {k + 1}" for k in range(len(gains))], flight_gains=np.array(gains),
-        flights_before=np.zeros(len(gains)), flights_after=np.array(gains), chi2_before=1.2, chi2_after=0.99,
-        readings=200, lost=0, states=None,
+        labels=[f"unseen.csv flight {k + 1}" for k in range(len(gains))],
+        flight_gains=np.array(gains),
+        flights_before=np.zeros(len(gains)),
+        flights_after=np.array(gains),
+        chi2_before=1.2,
+        chi2_after=0.99,
+        readings=200,
+        lost=0,
+        states=None,
     )
     gain = SimpleNamespace(total=sum(gains), p=0.001, units=len(gains), gained=sum(g > 0 for g in gains), unit="flight")
     return SimpleNamespace(
         effects=(effect(engine, "power_offtake", "hp", {"fraction": 0.0104}),),
-        standard_errors={"power_offtake.hp.fraction": 1e-3}, unseen=unseen, gain=gain, alarms_before=alarms[0],
-        alarms_after=alarms[1], still_missing="", refused="",
+        standard_errors={"power_offtake.hp.fraction": 1e-3},
+        unseen=unseen,
+        gain=gain,
+        alarms_before=alarms[0],
+        alarms_after=alarms[1],
+        still_missing="",
+        refused="",
     )
 
 

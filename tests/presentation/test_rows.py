@@ -37,9 +37,7 @@ def test_json_is_one_array_that_any_reader_loads():
     stream = io.StringIO()
     rows = [{"T3_K": np.float32(1.5), "set": ("a", "b")}, {"T3_K": np.nan, "set": np.array([1.0, np.inf])}]
     assert write_json(rows, ["T3_K", "set"], stream) == 2
-    assert json.loads(stream.getvalue()) == [
-        {"T3_K": 1.5, "set": ["a", "b"]}, {"T3_K": None, "set": [1.0, None]}
-    ]
+    assert json.loads(stream.getvalue()) == [{"T3_K": 1.5, "set": ["a", "b"]}, {"T3_K": None, "set": [1.0, None]}]
 
 
 def test_json_without_rows_is_an_empty_array():

@@ -172,12 +172,17 @@ def changes(found: Found, trial: Trial, flights: Path, half_s: int = 25) -> list
     recording = second[found.side]
     t = recording["time_s"]
     sensors, sigma = trial.found.problem.sensors, trial.found.problem.sigma
-    inputs = {c: recording[c] for c in (*found.evidence.engine.inputs, *found.evidence.engine.optional_inputs)
-              if c in recording.columns}
+    inputs = {
+        c: recording[c]
+        for c in (*found.evidence.engine.inputs, *found.evidence.engine.optional_inputs)
+        if c in recording.columns
+    }
     column = trial.options[0].hypothesis.effects[0].switch
     theta = {n: v for n, v in trial.found.theta.items() if "|" not in n}
-    off, on = (trial.found.model.engine.predict({**inputs, column: np.full(len(t), s)}, theta, sensors=sensors).y
-               for s in (0.0, 1.0))
+    off, on = (
+        trial.found.model.engine.predict({**inputs, column: np.full(len(t), s)}, theta, sensors=sensors).y
+        for s in (0.0, 1.0)
+    )
     measured = np.column_stack([recording[s] for s in sensors])
     e, c = (measured - off) / sigma, (on - off) / sigma
     rows = found.of(B22)
@@ -269,8 +274,10 @@ def cut(flight: Flight, at_s: float) -> tuple[Flight, Flight]:
     """A flight before and after a time."""
     early = np.asarray(flight.columns["time_s"]) < at_s
     one, other = ({c: v[rows] for c, v in flight.columns.items()} for rows in (early, ~early))
-    return (replace(flight, label=f"{flight.label} first part", columns=one),
-            replace(flight, label=f"{flight.label} second part", columns=other))
+    return (
+        replace(flight, label=f"{flight.label} first part", columns=one),
+        replace(flight, label=f"{flight.label} second part", columns=other),
+    )
 
 
 # the story
@@ -290,27 +297,37 @@ def story(flights: Path, folder: Path, say: Says) -> None:
     for side in SIDES:
         f = search(load(flights, (REF, B22), side, nominal(folder, flights, side)), side)
         found[side], trials[side] = f, refitted(f)
-        say(f"{side} engine: chi2 {Projection(f.base).objective:.0f} of {Projection(f.base).dof} readings without it; "
-            f"ln likelihood ratio of a hidden amplitude (gate {f.first.threshold:.0f}):")
+        say(
+            f"{side} engine: chi2 {Projection(f.base).objective:.0f} of {Projection(f.base).dof} readings without it; "
+            f"ln likelihood ratio of a hidden amplitude (gate {f.first.threshold:.0f}):"
+        )
         say("  " + ", ".join(f"{h.location.name} {h.lr:.0f}" for h in f.findings[:8]))
-        say(f"  {f.first.location.name}: ln evidence of two states {f.first.switch_lr:.0f}, of a continuous amplitude "
-            f"{f.first.continuous_lr:.0f}; on in flight_ref: {int(f.states[f.of(REF)].sum())} of {f.of(REF).sum()}")
+        say(
+            f"  {f.first.location.name}: ln evidence of two states {f.first.switch_lr:.0f}, of a continuous amplitude "
+            f"{f.first.continuous_lr:.0f}; on in flight_ref: {int(f.states[f.of(REF)].sum())} of {f.of(REF).sum()}"
+        )
         for label, t in trials[side].items():
             values = ", ".join(f"{n.split('|')[0]} {v:.4g} ± {s:.2g}" for n, (v, s) in t.coefficients.items())
-            say(f"  chi2 {t.objective:6.0f}  {label}: {values}" + ("  AT ITS BOUND" if t.at_bound else "")
-                + ("" if t.converged else "  did not converge"))
+            say(
+                f"  chi2 {t.objective:6.0f}  {label}: {values}"
+                + ("  AT ITS BOUND" if t.at_bound else "")
+                + ("" if t.converged else "  did not converge")
+            )
         bleed = trials[side]["@".join(BLEED)]
         for name, t in (("without", None), ("with", bleed)):
             for state, e in two_state_rms(t, f).items():
                 say("  " + told(f"b22 {state}, {name} the bleed", e))
-    left, right = (dict(zip(stacked(f.evidence, "time_s")[f.of(B22)], f.states[f.of(B22)], strict=True))
-                   for f in found.values())
+    left, right = (
+        dict(zip(stacked(f.evidence, "time_s")[f.of(B22)], f.states[f.of(B22)], strict=True)) for f in found.values()
+    )
     both = [t for t in left if t in right]
     say(f"left and right state agree in {sum(left[t] == right[t] for t in both)} of {len(both)} common records")
     for side in SIDES:
         for c in changes(found[side], trials[side]["@".join(BLEED)], flights):
-            say(f"  {side}: {'on ' if c.on else 'off'} at {c.time_s:.0f} s (T {c.statistic:.0f}), "
-                f"N1 {100 * c.N1:.0f} %, moving by {100 * c.N1_range:.1f} %")
+            say(
+                f"  {side}: {'on ' if c.on else 'off'} at {c.time_s:.0f} s (T {c.statistic:.0f}), "
+                f"N1 {100 * c.N1:.0f} %, moving by {100 * c.N1_range:.1f} %"
+            )
     for side, other in (SIDES, SIDES[::-1]):
         coefficient = trials[side]["@".join(BLEED)].coefficients[".".join((*BLEED, "fraction"))][0]
         known = load(flights, (REF,), other, nominal(folder, flights, other))
@@ -329,8 +346,13 @@ def story(flights: Path, folder: Path, say: Says) -> None:
 
 def _judged(say: Says, j: Judged) -> None:
     at = np.flatnonzero(np.diff(j.on.astype(int)) != 0)
-    say("  inferred: " + ("on" if j.on[0] else "off") + "".join(
-        f", {'on' if j.on[k + 1] else 'off'} between {j.time_s[k]:.0f} and {j.time_s[k + 1]:.0f} s" for k in at))
+    say(
+        "  inferred: "
+        + ("on" if j.on[0] else "off")
+        + "".join(
+            f", {'on' if j.on[k + 1] else 'off'} between {j.time_s[k]:.0f} and {j.time_s[k + 1]:.0f} s" for k in at
+        )
+    )
     for state in j.before:
         say("  " + told(f"{state}, without", j.before[state]) + "; " + told("with", j.after[state]))
     say("  " + told("instruments off by, mean of the off state", j.off_error))

@@ -34,8 +34,18 @@ def flights():
 
 def identify(flights, folder, side, *options):
     path = folder / f"{side}.yaml"
-    enginediag("identify", ENGINE, flights / "flight_ref.csv", "--recorder", RECORDER, "--engine-instance", side,
-               *options, "-o", path)
+    enginediag(
+        "identify",
+        ENGINE,
+        flights / "flight_ref.csv",
+        "--recorder",
+        RECORDER,
+        "--engine-instance",
+        side,
+        *options,
+        "-o",
+        path,
+    )
     return path
 
 
@@ -48,8 +58,18 @@ def identified(flights, tmp_path_factory):
 
 def verdicts(flights, nominal, side, flight):
     """Start of each 10 s record: its row of `detect`."""
-    out, _ = enginediag("detect", "-n", nominal, flights / flight, "--recorder", RECORDER,
-                        "--engine-instance", side, "--window", f"{RECORD_S:g}s")
+    out, _ = enginediag(
+        "detect",
+        "-n",
+        nominal,
+        flights / flight,
+        "--recorder",
+        RECORDER,
+        "--engine-instance",
+        side,
+        "--window",
+        f"{RECORD_S:g}s",
+    )
     return {float(row["start_s"]): row for row in table(out)}
 
 
@@ -93,7 +113,7 @@ def test_the_quarter_of_the_flight_held_out_is_predicted_within_half_a_per_cent_
 def test_the_reference_flight_raises_no_alarm_in_the_part_held_out_either(flights, identified, side):
     rows = verdicts(flights, identified[side], side, "flight_ref.csv")
     assert len(rows) > 290
-    held_out = list(rows.values())[-round(HELD_OUT * len(rows)):]
+    held_out = list(rows.values())[-round(HELD_OUT * len(rows)) :]
     assert sum(row["verdict"] == "healthy" for row in held_out) > 0.6 * len(held_out)
     assert not [t for t, row in rows.items() if row["verdict"] == "fault"]
 
@@ -109,11 +129,19 @@ def test_left_and_right_engine_give_the_same_verdict(watched):
 def test_every_interval_in_which_both_engines_depart_is_found(watched, side):
     """Judged records that lie wholly within a state, a soak of two records after its step left out."""
     off_1, on_2, off_2, on_3, off_3 = STEPS_S
-    intervals = (("fault", 0.0, off_1), ("healthy", off_1, on_2), ("fault", on_2, off_2), ("healthy", off_2, on_3),
-                 ("fault", on_3, off_3))
+    intervals = (
+        ("fault", 0.0, off_1),
+        ("healthy", off_1, on_2),
+        ("fault", on_2, off_2),
+        ("healthy", off_2, on_3),
+        ("fault", on_3, off_3),
+    )
     for state, begin, end in intervals:
-        inside = [row["verdict"] for t, row in watched[side].items()
-                  if begin + 2 * RECORD_S <= t < end - RECORD_S and row["verdict"] != "no verdict"]
+        inside = [
+            row["verdict"]
+            for t, row in watched[side].items()
+            if begin + 2 * RECORD_S <= t < end - RECORD_S and row["verdict"] != "no verdict"
+        ]
         assert len(inside) >= 8
         assert set(inside) == {state}, (state, begin)
 

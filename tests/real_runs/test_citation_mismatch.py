@@ -33,8 +33,12 @@ def folder(tmp_path_factory):
 @pytest.fixture(scope="module")
 def found(flights, folder):
     """Search over both flights, by engine."""
-    return {side: story.search(story.load(flights, (story.REF, story.B22), side, story.nominal(folder, flights, side)),
-                               side) for side in story.SIDES}
+    return {
+        side: story.search(
+            story.load(flights, (story.REF, story.B22), side, story.nominal(folder, flights, side)), side
+        )
+        for side in story.SIDES
+    }
 
 
 @pytest.fixture(scope="module")
@@ -65,8 +69,10 @@ def test_two_states_are_found_and_none_of_flight_ref_is_on(found, side):
 
 
 def test_the_engines_agree_on_every_record(found):
-    left, right = (dict(zip(stacked(f.evidence, "time_s")[f.of(story.B22)], f.states[f.of(story.B22)], strict=True))
-                   for f in found.values())
+    left, right = (
+        dict(zip(stacked(f.evidence, "time_s")[f.of(story.B22)], f.states[f.of(story.B22)], strict=True))
+        for f in found.values()
+    )
     both = [t for t in left if t in right]
     assert len(both) > 200
     assert sum(left[t] == right[t] for t in both) >= 0.99 * len(both)
@@ -99,8 +105,10 @@ def test_no_single_part_or_instrument_fits_as_well(trials, side):
 
 def test_it_takes_three_instruments_of_each_engine_at_once_to_fit_as_well(trials):
     """Fit alone does not exclude that: six instruments would have to step in the same second, five times."""
-    both = {name: sum(trials[side][name].objective for side in story.SIDES)
-            for name in (BLEED, "fuel meter and thermocouples at once", "fuel meter, thermocouples and N2 at once")}
+    both = {
+        name: sum(trials[side][name].objective for side in story.SIDES)
+        for name in (BLEED, "fuel meter and thermocouples at once", "fuel meter, thermocouples and N2 at once")
+    }
     assert both[BLEED] < both["fuel meter and thermocouples at once"]
     assert abs(both[BLEED] - both["fuel meter, thermocouples and N2 at once"]) < 30
 
@@ -124,8 +132,18 @@ def test_an_unseen_flight_of_the_other_engine_is_predicted_better(unseen, side):
 @pytest.mark.parametrize("side", story.SIDES)
 def test_explain_names_the_bleed(flights, folder, side):
     out, told = enginediag(
-        "explain", story.ENGINE, flights / story.REF, flights / story.B22, "--recorder", story.RECORDER,
-        "--engine-instance", side, "-n", story.nominal(folder, flights, side), "--no-advice")
+        "explain",
+        story.ENGINE,
+        flights / story.REF,
+        flights / story.B22,
+        "--recorder",
+        story.RECORDER,
+        "--engine-instance",
+        side,
+        "-n",
+        story.nominal(folder, flights, side),
+        "--no-advice",
+    )
     first = table(out)[0]
     assert (first["status"], first["kind"], first["name"]) == ("hidden", "switch", BLEED)
     assert 0.03 < float(first["low"]) < float(first["high"]) < 0.04

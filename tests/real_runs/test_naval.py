@@ -50,8 +50,19 @@ def answers(plant):
     """One answer per state: (compressor decay, turbine decay, verdict, set of components)."""
     with (plant / "high.csv").open(newline="", encoding="utf-8") as file:
         rows = list(csv.DictReader(file))
-    out, _ = enginediag("isolate", "-n", plant / "nominal.yaml", plant / "high.csv", "--recorder", RECORDER,
-                        "--window", "3", "--by", "component", "--no-sensors")
+    out, _ = enginediag(
+        "isolate",
+        "-n",
+        plant / "nominal.yaml",
+        plant / "high.csv",
+        "--recorder",
+        RECORDER,
+        "--window",
+        "3",
+        "--by",
+        "component",
+        "--no-sensors",
+    )
     states = [(decay(rows[int(r["first_line"]) - 2]), r) for r in table(out)]
     return [(*kappa, r["verdict"], frozenset(r["components"].split("; ")) - {""}) for kappa, r in states]
 
@@ -77,14 +88,14 @@ def test_healthy_states_are_called_healthy(answers):
 
 
 def test_a_decayed_compressor_is_isolated_to_the_compressor(answers):
-    right = share(answers, lambda c, t: c <= 0.97 and t >= 0.996,
-                  lambda a: a[2] == "fault" and a[3] == {"compressor"})
+    right = share(answers, lambda c, t: c <= 0.97 and t >= 0.996, lambda a: a[2] == "fault" and a[3] == {"compressor"})
     assert right >= 0.9
 
 
 def test_a_decayed_turbine_is_isolated_to_the_gas_generator_turbine(answers):
-    right = share(answers, lambda c, t: c >= 0.992 and t <= 0.985,
-                  lambda a: a[2] == "fault" and a[3] == {"gas_generator_turbine"})
+    right = share(
+        answers, lambda c, t: c >= 0.992 and t <= 0.985, lambda a: a[2] == "fault" and a[3] == {"gas_generator_turbine"}
+    )
     assert right >= 0.8
 
 
@@ -99,7 +110,8 @@ def test_of_the_most_decayed_compressor_with_sensors_as_suspects_the_answer_is_c
     """Two sensors and every component with absurd errors would fit: the 18 records of the largest decay."""
     with (plant / "high.csv").open(newline="", encoding="utf-8") as file:
         worst = [row for row in csv.DictReader(file) if decay(row)[0] <= 0.952 and decay(row)[1] >= 0.998]
-    out, err = enginediag("isolate", "-n", plant / "nominal.yaml", write(tmp_path / "worst.csv", worst),
-                          "--recorder", RECORDER)
+    out, err = enginediag(
+        "isolate", "-n", plant / "nominal.yaml", write(tmp_path / "worst.csv", worst), "--recorder", RECORDER
+    )
     assert {row["verdict"] for row in table(out)} == {"cannot tell"}
     assert "compressor isentropic efficiency rose" in err and "which is not believed: cannot tell" in err

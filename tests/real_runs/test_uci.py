@@ -33,8 +33,17 @@ def identified(uci, tmp_path_factory):
     """Nominal files of 2011: of base load, with 2012 held out, and of all hours."""
     folder = tmp_path_factory.mktemp("uci")
     year = uci / "gt_2011.csv"
-    enginediag("identify", ENGINE, year, uci / "gt_2012.csv", "--holdout-last", "--recorder", BASE_LOAD,
-               "-o", folder / "base.yaml")
+    enginediag(
+        "identify",
+        ENGINE,
+        year,
+        uci / "gt_2012.csv",
+        "--holdout-last",
+        "--recorder",
+        BASE_LOAD,
+        "-o",
+        folder / "base.yaml",
+    )
     enginediag("identify", ENGINE, year, "--recorder", ALL_HOURS, "--no-cross-validation", "-o", folder / "all.yaml")
     return {name: folder / f"{name}.yaml" for name in ("base", "all")}
 

@@ -16,14 +16,19 @@ TOLD = ("humidity@ambient", "reynolds_efficiency@compressor", "computed_reading@
 
 
 def located() -> None:
-    print(f"1. Where? One free amplitude per hour at each place in turn, every {SCAN_THIN}th hour of 2011, maps as "
-          "they are; χ² per hour:")
+    print(
+        f"1. Where? One free amplitude per hour at each place in turn, every {SCAN_THIN}th hour of 2011, maps as "
+        "they are; χ² per hour:"
+    )
     for label, regime, without in (
-        ("both regimes", "", ()), ("both regimes, without GTEP", "", ("dP_exhaust_Pa",)),
-        ("base load alone", "base load", ()), ("base load alone, without GTEP", "base load", ("dP_exhaust_Pa",)),
+        ("both regimes", "", ()),
+        ("both regimes, without GTEP", "", ("dP_exhaust_Pa",)),
+        ("base load alone", "base load", ()),
+        ("base load alone, without GTEP", "base load", ("dP_exhaust_Pa",)),
     ):
-        [year] = uci.load_years(2011, thin=SCAN_THIN // (2 if regime else 1), regime=regime, without=without,
-                                map_accuracy=0.0)
+        [year] = uci.load_years(
+            2011, thin=SCAN_THIN // (2 if regime else 1), regime=regime, without=without, map_accuracy=0.0
+        )
         found = uci.locate(year)
         best = [f"{f.name} {f.per_record:.1f}" for f in found if f.name != "nothing"][:4]
         none = next(f for f in found if f.name == "nothing")
@@ -31,33 +36,45 @@ def located() -> None:
 
 
 def told(errors: uci.Errors) -> str:
-    return "; ".join(f"{regime}: " + ", ".join(f"{s} {v:.2f} {'K' if s == 'TAT' else '%'}" for s, v in e.items())
-                     for regime, e in errors.items())
+    return "; ".join(
+        f"{regime}: " + ", ".join(f"{s} {v:.2f} {'K' if s == 'TAT' else '%'}" for s, v in e.items())
+        for regime, e in errors.items()
+    )
 
 
 def without_vanes() -> None:
     train, unseen = uci.load_years(2011, 2012, thin=FIT_THIN, map_accuracy=0.0)
     none = uci.plain(train)
-    print(f"2. The model as it is: {len(none.at_bound)} of {len(none.theta)} parameters end at a bound. In 2012:\n"
-          f"   {told(uci.predicted(none, unseen, ()))}")
+    print(
+        f"2. The model as it is: {len(none.at_bound)} of {len(none.theta)} parameters end at a bound. In 2012:\n"
+        f"   {told(uci.predicted(none, unseen, ()))}"
+    )
 
 
 def hidden(train: uci.Year, unseen: uci.Year) -> uci.PerRecord:
     fit = uci.vanes(train)
-    print(f"3. Compressor flow free in every hour, 2011; in 2012 taken from CDP alone:\n"
-          f"   {told(uci.predicted(fit, unseen, ('P3_Pa',)))}")
+    print(
+        f"3. Compressor flow free in every hour, 2011; in 2012 taken from CDP alone:\n"
+        f"   {told(uci.predicted(fit, unseen, ('P3_Pa',)))}"
+    )
     p = uci.position(train, fit)
     side = "an upper" if p.stop.upper else "a lower"
-    print(f"4. What it looks like: {side} stop at {1 + p.stop.level:.3f} of the map's flow in "
-          f"{100 * p.stop.at.mean():.0f} % of the hours, down to {1 + p.stop.beyond:.3f} away from it. By outside air:")
+    print(
+        f"4. What it looks like: {side} stop at {1 + p.stop.level:.3f} of the map's flow in "
+        f"{100 * p.stop.at.mean():.0f} % of the hours, down to {1 + p.stop.beyond:.3f} away from it. By outside air:"
+    )
     for low, high, count, level, scatter in p.stop.bands:
         print(f"   {low - 273.15:5.1f} to {high - 273.15:4.1f} °C: {1 + level:.3f} ± {scatter:.3f} ({count} hours)")
     for h in p.held:
         law = f": held at {h.value:.5g}" if h.held else ""
-        print(f"   off the stop {uci.SENSORS[h.sensor]} scatters by {h.scatter:.3g}, with the flow of the stop it "
-              f"would by {h.free_scatter:.3g}{law}")
-    print("   That law alone, no coefficient fitted to it, at part load: "
-          + ", ".join(f"{s} {v:.1f} %" for s, v in p.law.items()))
+        print(
+            f"   off the stop {uci.SENSORS[h.sensor]} scatters by {h.scatter:.3g}, with the flow of the stop it "
+            f"would by {h.free_scatter:.3g}{law}"
+        )
+    print(
+        "   That law alone, no coefficient fitted to it, at part load: "
+        + ", ".join(f"{s} {v:.1f} %" for s, v in p.law.items())
+    )
     return fit
 
 
@@ -73,8 +90,11 @@ def beside(train: uci.Year, unseen: uci.Year, fit: uci.PerRecord) -> None:
         gains = list(second.removed.values())
         if gains[0] < gains[1] + SEPARATED:
             print("   no name: the first two are not separated")
-        rest = [f"{b.effect.label} ({'wrong sign, ' * (not b.feasible)}{100 * b.share:.1f} % left)"
-                for b in second.scores if not b.rankable and b.effect.label in TOLD]
+        rest = [
+            f"{b.effect.label} ({'wrong sign, ' * (not b.feasible)}{100 * b.share:.1f} % left)"
+            for b in second.scores
+            if not b.rankable and b.effect.label in TOLD
+        ]
         print(f"   not ranked: {', '.join(rest)}")
         fit = second.fits[next(iter(second.removed))]
         if number == 5:
@@ -85,8 +105,10 @@ def beside(train: uci.Year, unseen: uci.Year, fit: uci.PerRecord) -> None:
 
 
 def humidity() -> None:
-    print("7. Humidity, withheld: coefficient of the column if it is given (1 if it were seen), correlation of the "
-          "hidden estimate with it, share absorbed")
+    print(
+        "7. Humidity, withheld: coefficient of the column if it is given (1 if it were seen), correlation of the "
+        "hidden estimate with it, share absorbed"
+    )
     for regime in ("", *uci.REGIMES):
         h = uci.humidity_check(regime, FIT_THIN)
         print(f"   {regime or 'all hours'}: {h.coefficient:.2f}, {h.correlation:+.2f}, {100 * h.absorbed:.1f} %")

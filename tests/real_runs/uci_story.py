@@ -55,7 +55,11 @@ class Year:
 
 
 def load_years(
-    *years: int, thin: int = 1, regime: str = "", without: Sequence[str] = (), humidity: float | None = None,
+    *years: int,
+    thin: int = 1,
+    regime: str = "",
+    without: Sequence[str] = (),
+    humidity: float | None = None,
     map_accuracy: float | None = None,
 ) -> list[Year]:
     """`regime`: only its hours; `without`: further columns left out; `humidity`: factor on the recorded humidity, which
@@ -126,8 +130,10 @@ def predicted(trained: PerRecord, year: Year, sensors: Sequence[str]) -> Errors:
 def _errors(found: PerRecord, year: Year, rows: np.ndarray) -> Mapping[str, float]:
     rms = np.sqrt(np.nanmean((found.residual[rows] * found.sigma) ** 2, axis=0))
     mean = {s: float(np.mean(year.columns[s][rows])) for s in found.sensors}
-    return {SENSORS[s]: float(r) if s == "T5_K" else float(100.0 * r / mean[s])
-            for s, r in zip(found.sensors, rms, strict=True)}
+    return {
+        SENSORS[s]: float(r) if s == "T5_K" else float(100.0 * r / mean[s])
+        for s, r in zip(found.sensors, rms, strict=True)
+    }
 
 
 @dataclass(frozen=True)

@@ -28,9 +28,9 @@ SETTINGS = {
     "gate": "steady: {window_s: 5, gap_s: 3, spread: {N1_rpm: 40}, slope: {N1_rpm: 12}, minimum: {N1_rpm: 100}}\n",
     "neighbours": "steady: {neighbours: {N1_rpm: 25}}\n",
     "averages": "steady: {window_s: 10, gap_s: 3, spread: {N1_rpm: 60}, dwell_s: 20, dwell: {N1_rpm: 300}}\n"
-                "average_s: 10\n",
+    "average_s: 10\n",
     "soak and averages": "derived:\n  - {name: N1_soak_rpm, rule: soak, column: N1_rpm, time_constant_s: 4}\n"
-                         "average_s: 5\n",
+    "average_s: 5\n",
 }
 
 

@@ -18,7 +18,10 @@ def flight(n: int = 20_000, seed: int = 1) -> dict[str, np.ndarray]:
     power = np.interp(np.arange(n), np.arange(0, n + 1, 400), rng.uniform(0.4, 1.0, n // 400 + 1))
     power[n // 2 :] = np.repeat(rng.uniform(0.4, 1.0, n // 200 + 1), 200)[: n - n // 2]
     gains = {
-        "N1_rpm": (8000, 15), "T3_K": (400, 1.0), "P3_Pa": (2e6, 4e3), "Wf_kg_s": (1.0, 0.004),
+        "N1_rpm": (8000, 15),
+        "T3_K": (400, 1.0),
+        "P3_Pa": (2e6, 4e3),
+        "Wf_kg_s": (1.0, 0.004),
         "ITT_K": (700, 2),
     }
     return {name: gain * (0.5 + power) + noise * rng.normal(size=n) for name, (gain, noise) in gains.items()}
@@ -92,7 +95,11 @@ def test_limits_missing_and_dropped_values_are_counted_by_reason():
     columns["T3_K"][91] = 690.5
     clean, report = mask_gross(Recording(columns), {"T3_K": (600.0, 690.0)})
     assert dict(report.counts["T3_K"]) == {
-        "missing": 2, "dropped": 20, "out of limits": 10, "stuck": 0, "outlier": 0,
+        "missing": 2,
+        "dropped": 20,
+        "out of limits": 10,
+        "stuck": 0,
+        "outlier": 0,
     }
     assert np.isnan(clean["T3_K"]).sum() == report.total == 32
     line = "T3_K: 32 of 100 values masked (missing 2, dropped 20, out of limits 10)"

@@ -63,15 +63,18 @@ def test_chunks_together_are_the_whole_file():
     assert [cell for p in parts for cell in p.text["e"]] == whole.text["e"]
 
 
-@pytest.mark.parametrize(("content", "message"), [
-    ("# a\nT3_K,e\n1,x\n1..2,x\n", r"<stream>:4:T3_K: not a number: '1\.\.2'"),
-    ("T3_K,e\n1,x\n\n1,x,y\n", r"<stream>:4: 3 fields where the header has 2: 1,x,y"),
-    ("T3_K,e\n1_000,x\n", r"<stream>:2:T3_K: not a number: '1_000'"),
-    ("T3_K,e,T3_K\n1,x,2\n", r"<stream>:1:T3_K: two columns have this name"),
-    ("T3_K,\n1,x\n", r"<stream>:1: column 2 has no name"),
-    ("# only a head\n", r"<stream>: no header line"),
-    ('T3_K,e\n1,"x\n', r"<stream>:2: unexpected end"),
-])
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        ("# a\nT3_K,e\n1,x\n1..2,x\n", r"<stream>:4:T3_K: not a number: '1\.\.2'"),
+        ("T3_K,e\n1,x\n\n1,x,y\n", r"<stream>:4: 3 fields where the header has 2: 1,x,y"),
+        ("T3_K,e\n1_000,x\n", r"<stream>:2:T3_K: not a number: '1_000'"),
+        ("T3_K,e,T3_K\n1,x,2\n", r"<stream>:1:T3_K: two columns have this name"),
+        ("T3_K,\n1,x\n", r"<stream>:1: column 2 has no name"),
+        ("# only a head\n", r"<stream>: no header line"),
+        ('T3_K,e\n1,"x\n', r"<stream>:2: unexpected end"),
+    ],
+)
 def test_an_error_names_file_physical_line_and_column(content, message):
     with pytest.raises(DataError, match=message):
         read_all(text(content))
@@ -104,10 +107,7 @@ def test_gzip_files_are_unpacked_and_damaged_or_foreign_ones_reported(tmp_path):
 
 
 def test_a_dash_reads_standard_input():
-    code = (
-        "from enginediag_cli.recordings.read import read_all\n"
-        "r = read_all('-'); print(r.source, r['T3_K'].sum())"
-    )
+    code = "from enginediag_cli.recordings.read import read_all\nr = read_all('-'); print(r.source, r['T3_K'].sum())"
     content = "T3_K,e\n1,x\n2,°\n".encode()
     done = subprocess.run([sys.executable, "-c", code], input=content, capture_output=True)
     assert done.stdout.decode().split() == ["<stdin>", "3.0"], done.stderr

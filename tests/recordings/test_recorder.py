@@ -49,7 +49,9 @@ def test_each_engine_becomes_its_own_recording_in_si_units(tmp_path):
     np.testing.assert_allclose(left.recording["Wf_kg_s"], 201 * 0.45359237 / 3600)
     np.testing.assert_allclose(right.recording["altitude_m"], 6.0)
     assert left.recording.text == {
-        "flight": ["007", "007"], "comment": ["a, b", "c"], "engine": ["left", "left"],
+        "flight": ["007", "007"],
+        "comment": ["a, b", "c"],
+        "engine": ["left", "left"],
     }
     assert left.recording.line.tolist() == [3, 4]
 
@@ -65,17 +67,20 @@ def test_a_file_without_a_column_that_the_recorder_needs_is_refused(tmp_path):
         recorder(tmp_path, TWO_ENGINES).read(io.StringIO(FILE.replace("R_n1", "R_np")))
 
 
-@pytest.mark.parametrize(("old", "new", "line", "message"), [
-    ("L_t3", "L_t3", 0, ""),
-    ('{prefix}_t3_degF"', '{prefix}_t3"', 5, "unit of {prefix}_t3 is not known"),
-    ("unit: pct, full_scale", "unit: pctt, full_scale", 6, "did you mean 'pct"),
-    ("Wf_kg_s:", "Wf_lb_h:", 7, "not in SI"),
-    ("Wf_kg_s:", "Wf_K:", 7, "lb_h is a mass flow and K is a temperature"),
-    ("keep: [comment]", "steady: {minimum: {N2_rpm: 1}}", 12, "no column N2_rpm .*N1_rpm"),
-    ("keep: [comment]", "derived:\n  - {name: dT_isa_K, rule: isa_deviation}", 13, "ambient_temperature_K"),
-    ("keep: [comment]", "derived:\n  - {name: x, rule: isa_deviatoin}", 13, "isa_deviation"),
-    ("keep:", "kept:", 12, "keep"),
-])
+@pytest.mark.parametrize(
+    ("old", "new", "line", "message"),
+    [
+        ("L_t3", "L_t3", 0, ""),
+        ('{prefix}_t3_degF"', '{prefix}_t3"', 5, "unit of {prefix}_t3 is not known"),
+        ("unit: pct, full_scale", "unit: pctt, full_scale", 6, "did you mean 'pct"),
+        ("Wf_kg_s:", "Wf_lb_h:", 7, "not in SI"),
+        ("Wf_kg_s:", "Wf_K:", 7, "lb_h is a mass flow and K is a temperature"),
+        ("keep: [comment]", "steady: {minimum: {N2_rpm: 1}}", 12, "no column N2_rpm .*N1_rpm"),
+        ("keep: [comment]", "derived:\n  - {name: dT_isa_K, rule: isa_deviation}", 13, "ambient_temperature_K"),
+        ("keep: [comment]", "derived:\n  - {name: x, rule: isa_deviatoin}", 13, "isa_deviation"),
+        ("keep:", "kept:", 12, "keep"),
+    ],
+)
 def test_a_wrong_recorder_file_names_the_line_and_a_near_match(tmp_path, old, new, line, message):
     content = TWO_ENGINES.replace(old, new)
     if not message:

@@ -43,9 +43,7 @@ def test_a_step_takes_out_the_records_until_the_dwell_is_over():
 def test_minimum_maximum_slope_and_missing_values_are_reasons():
     r = step_flight()
     r.columns["T3_K"][150] = np.nan
-    settings = SteadySettings(
-        window_s=5, slope={"T3_K": 0.5}, minimum={"N1_rpm": 10000}, maximum={"T3_K": 180}
-    )
+    settings = SteadySettings(window_s=5, slope={"T3_K": 0.5}, minimum={"N1_rpm": 10000}, maximum={"T3_K": 180})
     keep, report = gate(r, settings)
     assert not keep.any()
     assert report.reasons["missing T3_K"] == 1 and report.reasons["N1_rpm < 10000"] == 100

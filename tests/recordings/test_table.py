@@ -9,8 +9,11 @@ from enginediag_cli.recordings.table import Recording, concat
 
 def recording(n: int = 4, source: str = "a.csv") -> Recording:
     return Recording(
-        {"T3_K": np.arange(n, dtype=float)}, {"engine": [f"e{k}" for k in range(n)]},
-        ("engine", "T3_K"), np.arange(2, n + 2), source,
+        {"T3_K": np.arange(n, dtype=float)},
+        {"engine": [f"e{k}" for k in range(n)]},
+        ("engine", "T3_K"),
+        np.arange(2, n + 2),
+        source,
     )
 
 

@@ -83,9 +83,7 @@ def test_packed_files_of_the_same_data_are_the_same_bytes(tmp_path):
 def test_provenance_names_the_configuration_by_hash_and_parses_back(tmp_path):
     config = tmp_path / "engine.yaml"
     config.write_text("kind: engine\n")
-    lines = header_lines(
-        "simulate", seed=7, configs=[config], notes={"flight": "climb\nx"}, inherited=["seed: 3"]
-    )
+    lines = header_lines("simulate", seed=7, configs=[config], notes={"flight": "climb\nx"}, inherited=["seed: 3"])
     assert str(tmp_path) not in "\n".join(lines) and all("\n" not in line for line in lines)
     notes = parse_header(lines)
     assert notes["seed"] == "7" and notes["command"] == "simulate" and notes["flight"] == "climb x"

@@ -26,7 +26,11 @@ def noise_from(sigma_from, **values):
 
 def statistics(noise, rng):
     return local_statistics(
-        np.zeros((30, 1)), rng.standard_normal((30, 1, 2)), noise, parameters=("a", "b"), theta0=np.zeros(2),
+        np.zeros((30, 1)),
+        rng.standard_normal((30, 1, 2)),
+        noise,
+        parameters=("a", "b"),
+        theta0=np.zeros(2),
         prior_sigma=np.ones(2),
     )
 
@@ -72,7 +76,10 @@ def test_an_error_that_all_sensors_share_counts_for_more_than_errors_of_their_ow
 
     def doubt(own, common):
         noise = NoiseModel(
-            np.ones(6), np.full(6, RHO), readings=np.full(6, 1e9), rho_error=np.full(6, own),
+            np.ones(6),
+            np.full(6, RHO),
+            readings=np.full(6, 1e9),
+            rho_error=np.full(6, own),
             rho_common=np.full(6, common),
         )
         found = local_statistics(
@@ -100,8 +107,8 @@ def test_doubt_about_the_noise_survives_the_file_of_statistics():
     assert found.doubt[0] > 0 and found.doubt[2] < 0
     window = WindowStatistics("file", "", "", 1, 30, 0.0, 29.0, 30, 0, 0, 0, found)
     row = {k: repr(float(v)) if isinstance(v, float) else str(v) for k, v in flat_row(window, {}).items()}
-    (again, _), = read_flat([row], "file", [2])
+    ((again, _),) = read_flat([row], "file", [2])
     assert again.statistics.doubt == found.doubt
     old = {k: v for k, v in row.items() if not k.startswith("noise_")}
-    (again, _), = read_flat([old], "file", [2])
+    ((again, _),) = read_flat([old], "file", [2])
     assert again.statistics.doubt == (0.0, 0.0, 0.0)

@@ -34,9 +34,7 @@ def test_statistics_at_nominal_are_those_of_all_records_at_once():
     y, J, _, _ = monitor.predict({c: recording[c] for c in monitor.engine.inputs}, monitor.theta0)
     e = np.column_stack([recording[c] for c in SENSORS]) - y
     direct = fisher_score(
-        local_statistics(
-            e, J, monitor.noise, parameters=HEALTH, theta0=monitor.theta0, prior_sigma=monitor.prior_sigma
-        )
+        local_statistics(e, J, monitor.noise, parameters=HEALTH, theta0=monitor.theta0, prior_sigma=monitor.prior_sigma)
     )
     np.testing.assert_allclose(window.statistics.s, direct.b, rtol=1e-8)
     np.testing.assert_allclose(window.statistics.F, direct.information, rtol=1e-8)
@@ -76,9 +74,7 @@ def test_two_engines_in_one_file_are_told_apart():
     rng = np.random.default_rng(4)
     healthy, faulty = toy_recording(rng, 100), toy_recording(rng, 100, change={"hpc.efficiency": -0.03})
     columns = {c: np.ravel(np.column_stack([healthy[c], faulty[c]])) for c in healthy.columns}
-    both = replace(
-        healthy, columns=columns, text={"engine": ["left", "right"] * 100}, order=(), line=np.arange(200)
-    )
+    both = replace(healthy, columns=columns, text={"engine": ["left", "right"] * 100}, order=(), line=np.arange(200))
     verdicts = {w.engine: judge(w).verdict for w in found(toy_monitor(), both)}
     assert verdicts == {"left": "healthy", "right": "fault"}
 
@@ -87,9 +83,7 @@ def test_records_outside_the_envelope_or_incomplete_are_counted_and_not_judged()
     recording = toy_recording(np.random.default_rng(5), 100)
     altitude, fuel, T3 = recording["altitude_m"].copy(), recording["Wf_kg_s"].copy(), recording["T3_K"].copy()
     altitude[:7], fuel[10:13], T3[20:30] = 60e3, np.nan, np.nan
-    (window,) = found(
-        toy_monitor(), recording.with_columns({"altitude_m": altitude, "Wf_kg_s": fuel, "T3_K": T3})
-    )
+    (window,) = found(toy_monitor(), recording.with_columns({"altitude_m": altitude, "Wf_kg_s": fuel, "T3_K": T3}))
     assert (window.outside, window.incomplete, window.failed, window.statistics.n) == (7, 3, 0, 90)
     assert window.statistics.dof == 90 * 5 - 10
 
@@ -99,9 +93,7 @@ def test_records_that_the_engine_cannot_compute_are_counted():
     altitude = recording["altitude_m"].copy()
     altitude[:4] = 14e3
     for linearise in ("nominal", "estimate"):
-        (window,) = found(
-            toy_monitor(), recording.with_columns({"altitude_m": altitude}), linearise=linearise
-        )
+        (window,) = found(toy_monitor(), recording.with_columns({"altitude_m": altitude}), linearise=linearise)
         assert (window.failed, window.statistics.n) == (4, 96)
 
 
@@ -146,8 +138,7 @@ def test_a_parameter_that_identification_left_uncertain_raises_no_alarm():
 def test_healthy_windows_alarm_as_often_as_stated(linearise):
     recording = toy_recording(np.random.default_rng(11), 30, flights=300)
     alarms = sum(
-        judge(w, 0.05).verdict == "fault"
-        for w in found(toy_monitor(offset=2.0), recording, linearise=linearise)
+        judge(w, 0.05).verdict == "fault" for w in found(toy_monitor(offset=2.0), recording, linearise=linearise)
     )
     assert 4 <= alarms <= 28  # 0.1 % and 99.9 % points of the binomial law for 300 windows at 5 %
 

@@ -108,10 +108,7 @@ def test_the_lost_efficiency_is_isolated_with_its_size_and_told_in_words(run):
 
 @pytest.mark.parametrize("method", ["incremental", "sensitivity", "minmax"])
 def test_every_method_can_be_chosen(run, method):
-    assert (
-        "hpc.efficiency"
-        in run("isolate", "faulty.csv", "--method", method, "--faults", "1")[1][0]["isolated"]
-    )
+    assert "hpc.efficiency" in run("isolate", "faulty.csv", "--method", method, "--faults", "1")[1][0]["isolated"]
 
 
 def test_statistics_through_a_pipe_give_the_same_answers_without_the_nominal_file(run):

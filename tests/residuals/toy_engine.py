@@ -105,9 +105,7 @@ def toy_monitor(*, offset=0.0, uncertain=0.0, rho=0.0) -> Monitor:
     )
 
 
-def toy_recording(
-    rng, n=200, *, change=None, flights=1, shift=None, noise=1.0, source="toy.csv"
-) -> Recording:
+def toy_recording(rng, n=200, *, change=None, flights=1, shift=None, noise=1.0, source="toy.csv") -> Recording:
     """Flights of n records each of the toy engine with `change` of parameters and `shift` of sensors."""
     N = n * flights
     columns = {

@@ -9,8 +9,10 @@ from enginediag_cli.simulation.default_flight import default_plan
 from enginediag_cli.simulation.flights import generate_flights
 
 
-@pytest.mark.parametrize("envelope", [
-    {"altitude_m": (0.0, 12500.0), "mach": (0.0, 0.88)}, {"altitude_m": (0.0, 9500.0), "mach": (0.0, 0.62)}])
+@pytest.mark.parametrize(
+    "envelope",
+    [{"altitude_m": (0.0, 12500.0), "mach": (0.0, 0.88)}, {"altitude_m": (0.0, 9500.0), "mach": (0.0, 0.62)}],
+)
 def test_default_flights_stay_in_the_envelope_of_fast_and_slow_aircraft(envelope):
     engine = ToyEngine()
     engine.envelope = envelope

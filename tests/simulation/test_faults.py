@@ -43,7 +43,9 @@ def test_published_fouling_ratio_lies_between_one_and_three():
 def test_faults_on_one_scale_factor_multiply(engine):
     values = parameter_values(
         [ComponentFault("a", {"hpc.efficiency": -0.02}), ComponentFault("b", {"hpc.efficiency": -0.03})],
-        engine.parameters, CLOCKS)
+        engine.parameters,
+        CLOCKS,
+    )
     np.testing.assert_allclose(values["hpc.efficiency"], 0.98 * 0.97)
 
 

@@ -82,8 +82,7 @@ def test_fuel_flow_scales_with_the_ambient(flight_values, engine):
 
 def test_a_flight_is_the_same_however_many_follow(flight_values):
     one, five = (fly(flight_values("airliner"), flights=n) for n in (1, 5))
-    assert all(five.columns[c][:len(one)].tobytes() == one.columns[c].tobytes() for c in one.columns
-               if c != "phase")
+    assert all(five.columns[c][: len(one)].tobytes() == one.columns[c].tobytes() for c in one.columns if c != "phase")
 
 
 def test_flights_differ_from_one_another(flight_values):

@@ -54,8 +54,12 @@ def test_dropped_sensor_gives_no_reading():
 
 
 def test_truth_adds_biases_and_multiplies_factors_of_one_column():
-    effects = [{"type": "bias", "size": 2.0}, {"type": "bias", "size": 3.0},
-               {"type": "scale", "change": 0.1}, {"type": "scale", "change": 0.2}]
+    effects = [
+        {"type": "bias", "size": 2.0},
+        {"type": "bias", "size": 3.0},
+        {"type": "scale", "change": 0.1},
+        {"type": "scale", "change": 0.2},
+    ]
     hidden = sensor_truth([SensorFault(f"f{k}", "T3_K", e) for k, e in enumerate(effects)], CLOCKS)
     assert hidden["sensor.T3_K.bias"][0] == 5.0
     assert hidden["sensor.T3_K.scale"][0] == pytest.approx(1.1 * 1.2)

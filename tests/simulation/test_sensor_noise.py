@@ -43,10 +43,15 @@ def test_white_noise_has_no_autocorrelation():
     assert abs(np.mean(x[1:] * x[:-1])) < 4 / 200
 
 
-@pytest.mark.parametrize("noise", [
-    ColumnNoise(sigma=2.0), ColumnNoise("uniform", width=2.0), ColumnNoise(sigma=2.0, correlation=0.7),
-    ColumnNoise(sigma=1.0, outlier_probability=0.1, outlier_size=20.0, quantum=0.5),
-])
+@pytest.mark.parametrize(
+    "noise",
+    [
+        ColumnNoise(sigma=2.0),
+        ColumnNoise("uniform", width=2.0),
+        ColumnNoise(sigma=2.0, correlation=0.7),
+        ColumnNoise(sigma=1.0, outlier_probability=0.1, outlier_size=20.0, quantum=0.5),
+    ],
+)
 def test_same_seed_gives_same_bytes_however_the_recording_is_cut(noise):
     assert draw(noise, 5000).tobytes() == draw(noise, 5000, chunks=7).tobytes()
     assert draw(noise, 5000).tobytes() != draw(noise, 5000, seed=1).tobytes()
@@ -116,5 +121,13 @@ def test_an_input_needs_its_own_size_of_noise():
 
 
 def _own(**more):
-    return {"type": "gaussian", "sigma": None, "width": None, "quantum": 0.0, "correlation": 0.0,
-            "outlier_probability": 0.0, "outlier_sigmas": 20.0, **more}
+    return {
+        "type": "gaussian",
+        "sigma": None,
+        "width": None,
+        "quantum": 0.0,
+        "correlation": 0.0,
+        "outlier_probability": 0.0,
+        "outlier_sigmas": 20.0,
+        **more,
+    }

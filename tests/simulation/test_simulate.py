@@ -23,8 +23,7 @@ def conditions(engine, flight_values):
 
 
 def run(engine, conditions, faults=HEALTHY, noise="gaussian", seed=1, **how):
-    return simulate(engine, conditions, faults, column_noise(KINDS[noise], engine),
-                    np.random.default_rng(seed), **how)
+    return simulate(engine, conditions, faults, column_noise(KINDS[noise], engine), np.random.default_rng(seed), **how)
 
 
 def test_without_noise_and_faults_the_recording_is_the_engines_output(engine, conditions):
@@ -69,8 +68,12 @@ def test_the_truth_is_not_in_the_recording(engine, conditions):
 
 def test_points_that_do_not_converge_keep_their_row_with_a_reason(engine):
     n = 50
-    columns = {"altitude_m": np.linspace(0.0, 13500.0, n), "mach": np.full(n, 0.5), "dT_isa_K": np.zeros(n),
-               "Wf_kg_s": np.full(n, 0.8)}
+    columns = {
+        "altitude_m": np.linspace(0.0, 13500.0, n),
+        "mach": np.full(n, 0.5),
+        "dT_isa_K": np.zeros(n),
+        "Wf_kg_s": np.full(n, 0.8),
+    }
     record = run(engine, Conditions(columns))
     failed = columns["altitude_m"] > 13000.0
     assert failed.any() and len(record) == n
@@ -105,8 +108,9 @@ def test_a_missing_input_is_named_with_the_near_column(engine, conditions):
 
 def test_what_is_wrong_with_the_faults_is_said_before_the_first_record(engine, conditions):
     with pytest.raises(ConfigError, match=r"did you mean 'fan\.efficiency'"):
-        simulate_in_chunks(engine, conditions, FaultSet((ComponentFault("f", {"fan.efficency": -0.01}),)), {},
-                           np.random.default_rng(0))
+        simulate_in_chunks(
+            engine, conditions, FaultSet((ComponentFault("f", {"fan.efficency": -0.01}),)), {}, np.random.default_rng(0)
+        )
 
 
 def test_no_conditions_give_an_empty_recording(engine, conditions):

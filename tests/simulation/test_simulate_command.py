@@ -91,12 +91,15 @@ def test_json_holds_the_same_records(tmp_path):
     assert len(json.loads((tmp_path / "a.json").read_text())) == 3
 
 
-@pytest.mark.parametrize(("arguments", "said"), [
-    (["--flight", SNAPSHOTS, "--conditions", SNAPSHOTS], "exclude each other"),
-    (["--conditions", SNAPSHOTS, "--flights", "3"], "--conditions brings its own"),
-    (["--truth", "-"], "a file of its own"),
-    (["--fault", SNAPSHOTS], "this is a file of kind 'flight'"),
-])
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["--flight", SNAPSHOTS, "--conditions", SNAPSHOTS], "exclude each other"),
+        (["--conditions", SNAPSHOTS, "--flights", "3"], "--conditions brings its own"),
+        (["--truth", "-"], "a file of its own"),
+        (["--fault", SNAPSHOTS], "this is a file of kind 'flight'"),
+    ],
+)
 def test_wrong_usage_ends_with_2_and_writes_nothing(tmp_path, capfd, arguments, said):
     path = tmp_path / "out.csv"
     assert main(["simulate", ENGINE, *arguments, "-o", str(path)]) == 2

@@ -20,8 +20,16 @@ NOISE = column_noise(KINDS["uniform"], ENGINE)
 MONITOR = known_nominal(ENGINE, (), NOISE)
 PLAN = {
     "flights": 1,
-    "mission": {"type": "sweep", "altitude_m": [2000, 11000], "mach": [0.4, 0.8], "dT_isa_K": [-10, 10],
-                "power": [0.5, 1.0], "cas_kt": [200, 380], "records_per_flight": 100, "record_interval_s": 60.0},
+    "mission": {
+        "type": "sweep",
+        "altitude_m": [2000, 11000],
+        "mach": [0.4, 0.8],
+        "dT_isa_K": [-10, 10],
+        "power": [0.5, 1.0],
+        "cas_kt": [200, 380],
+        "records_per_flight": 100,
+        "record_interval_s": 60.0,
+    },
     "constants": {},
 }
 

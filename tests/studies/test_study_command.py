@@ -32,16 +32,22 @@ reliability: true
 seed: 11
 """
 # 103 repetitions of 100 records are two batches
-SMALL = HEAD + """
+SMALL = (
+    HEAD
+    + """
 cases:
   - {name: strong, repetitions: 103, changes: {hpc.efficiency: -0.01, hpt.flow_capacity: 0.01}}
   - {name: healthy, repetitions: 10}
 """
-OTHERS = HEAD + """
+)
+OTHERS = (
+    HEAD
+    + """
 cases:
   - {name: healthy, repetitions: 60}
   - {name: drawn, repetitions: 30, draw: {faults: [0, 2], size: [0.01, 0.015], sign: fall}}
 """
+)
 
 
 @pytest.fixture(scope="module")
@@ -167,7 +173,8 @@ def test_an_interrupted_study_keeps_its_journal_and_no_output(study_file, tmp_pa
     out, kept = tmp_path / "out.json", tmp_path / "out.json.journal"
     child = subprocess.Popen(
         [sys.executable, "-m", "enginediag_cli", "study", str(many), "-o", str(out), "--processes", "1"],
-        stderr=subprocess.PIPE, text=True,
+        stderr=subprocess.PIPE,
+        text=True,
     )
     patience = time.monotonic() + 60
     while time.monotonic() < patience and (not kept.exists() or kept.read_text().count("\n") < 2):

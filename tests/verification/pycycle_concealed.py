@@ -33,8 +33,20 @@ from enginediag_cli.mismatch.projection import Projection
 
 FOLDER = shared_data.DATA / "pycycle_hbtf"
 RECORDINGS = ("nominal", "fault_1", "fault_2", "concealed_1", "concealed_2", "concealed_3")
-NOISE = {"N2_rpm": 0.0005, "Wf_kg_s": 0.003, "T13_K": 0.001, "P13_Pa": 0.001, "T25_K": 0.001, "P25_Pa": 0.001,
-         "T3_K": 0.001, "P3_Pa": 0.001, "T45_K": 0.0015, "P45_Pa": 0.001, "T5_K": 0.0015, "P5_Pa": 0.001}
+NOISE = {
+    "N2_rpm": 0.0005,
+    "Wf_kg_s": 0.003,
+    "T13_K": 0.001,
+    "P13_Pa": 0.001,
+    "T25_K": 0.001,
+    "P25_Pa": 0.001,
+    "T3_K": 0.001,
+    "P3_Pa": 0.001,
+    "T45_K": 0.0015,
+    "P45_Pa": 0.001,
+    "T5_K": 0.0015,
+    "P5_Pa": 0.001,
+}
 """Standard deviation of one reading over its mean."""
 
 FLIGHTS = 4
@@ -64,8 +76,9 @@ def engine(scratch: Path) -> Engine:
     declared = pycycle_hbtf.engine_file(FOLDER, scratch)
     healthy = columns("nominal")
     declared["sensors"] = {c: {"noise_sigma": float(s * np.mean(healthy[c]))} for c, s in NOISE.items()}
-    declared["monitored"] = [f"{c}.{q}" for c in ("fan", "lpc", "hpc", "hpt", "lpt")
-                             for q in ("efficiency", "flow_capacity")]
+    declared["monitored"] = [
+        f"{c}.{q}" for c in ("fan", "lpc", "hpc", "hpt", "lpt") for q in ("efficiency", "flow_capacity")
+    ]
     path = scratch / "hbtf.yaml"
     path.write_text(yaml.safe_dump(declared, sort_keys=False))
     return load_engine(path)
@@ -76,8 +89,9 @@ def evidence(of: Engine, name: str, seed: int = 0) -> Evidence:
     recorded, rng = columns(name), np.random.default_rng(seed)
     for c in of.sensors:
         recorded[c] = recorded[c] + of.sensors[c].noise_sigma * rng.standard_normal(len(recorded[c]))
-    flights = tuple(Flight(f"{name} {k + 1}", "", {c: v[k::FLIGHTS] for c, v in recorded.items()})
-                    for k in range(FLIGHTS))
+    flights = tuple(
+        Flight(f"{name} {k + 1}", "", {c: v[k::FLIGHTS] for c, v in recorded.items()}) for k in range(FLIGHTS)
+    )
     nuisance = {n: 0.02 for n in of.monitored} | {f"sensor.{s.quantity}.scale": 0.002 for s in of.sensors.values()}
     return Evidence(of, flights, Noise({c: s.noise_sigma for c, s in of.sensors.items()}), Settings(nuisance))
 
@@ -109,8 +123,10 @@ def _sensors_left_out(given: Evidence, s: Search, place: str) -> tuple[float, fl
     theta = {k: v for k, v in base.theta.items() if k in model.parameters}
     at = theta.get(where.parameter, model.parameters[where.parameter].nominal)
     inputs = {c: u[c] for c in model.inputs}
-    y = [model.predict(inputs, theta | {where.parameter: at + a}, sensors=UNUSED).y
-         for a in (0.0, np.clip(first.amplitude, -at, None) if where.through is None else first.amplitude)]
+    y = [
+        model.predict(inputs, theta | {where.parameter: at + a}, sensors=UNUSED).y
+        for a in (0.0, np.clip(first.amplitude, -at, None) if where.through is None else first.amplitude)
+    ]
     measured = np.column_stack([np.concatenate([f.columns[c] for f in given.flights]) for c in UNUSED])
     sigma = np.array([given.noise.sigma[c] for c in UNUSED])
     chi2 = []

@@ -26,10 +26,13 @@ def test_nothing_is_missing_where_only_health_differs(engine, name):
     assert concealed.search(concealed.evidence(engine, name)).answer.status == NOTHING
 
 
-@pytest.mark.parametrize(("name", "place", "column"), [
-    ("concealed_1", "hpc.cust.fraction", "x_cust_frac"),
-    ("concealed_2", "power_offtake@hp", "x_HPX_hp"),
-])
+@pytest.mark.parametrize(
+    ("name", "place", "column"),
+    [
+        ("concealed_1", "hpc.cust.fraction", "x_cust_frac"),
+        ("concealed_2", "power_offtake@hp", "x_HPX_hp"),
+    ],
+)
 def test_an_amplitude_that_no_column_shows_is_located_and_followed(engine, name, place, column):
     found = concealed.search(concealed.evidence(engine, name))
     assert found.answer.status == HIDDEN

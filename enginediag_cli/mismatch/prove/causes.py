@@ -67,9 +67,7 @@ def hypothesis(engine: Engine, causes: Sequence[Cause], records: int) -> Hypothe
     effects = tuple(effect_of(engine, c) for c in causes if not c.is_step)
     steps = [c for c in causes if c.is_step]
     curves = {f"since record {c.first}": (np.arange(records) >= c.first).astype(float) for c in steps}
-    found = tuple(
-        Discrepancy(c.name, f"since record {c.first}", engine.parameters[c.name].prior_sigma) for c in steps
-    )
+    found = tuple(Discrepancy(c.name, f"since record {c.first}", engine.parameters[c.name].prior_sigma) for c in steps)
     return Hypothesis(effects, found, curves)
 
 

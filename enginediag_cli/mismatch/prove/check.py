@@ -14,7 +14,8 @@ def check_engine(path: str) -> None:
     check_flights(engine)
     silent = [c for c, s in engine.sensors.items() if not s.noise_sigma > 0]
     if silent:
-        raise DataError(f"{engine.name}: blind trials need the noise of every sensor; none is stated for "
-                        f"{', '.join(silent)}")
+        raise DataError(
+            f"{engine.name}: blind trials need the noise of every sensor; none is stated for {', '.join(silent)}"
+        )
     if not engine.monitored or not drawable(engine):
         raise DataError(f"{engine.name}: nothing to conceal: no monitored parameter, or no effect that can act")

@@ -26,8 +26,9 @@ def document(plan: Plan, records: Sequence[Mapping[str, Any]], sizes: bool) -> d
         "bins": bins(records),
         "held_out_misfit": {t: _held_out(records, t) for t in kinds.TRUTHS},
         "trials": len(records),
-        "trials_by_kind": {t: dict(sorted(Counter(r["kind"] for r in records if r["truth"] == t).items()))
-                           for t in kinds.TRUTHS},
+        "trials_by_kind": {
+            t: dict(sorted(Counter(r["kind"] for r in records if r["truth"] == t).items())) for t in kinds.TRUTHS
+        },
         "unscored": sum(not r["scorer_converged"] for r in records),
         "failed_records": sum(r["failed_records"] for r in records),
         "seed": plan.seed,
@@ -45,8 +46,13 @@ def document(plan: Plan, records: Sequence[Mapping[str, Any]], sizes: bool) -> d
 
 def _held_out(records: Sequence[Mapping[str, Any]], truth: str) -> dict[str, Any]:
     """Mean χ² per reading of the held-back flights of single trials: before, after, with the true effect."""
-    own = [r["held_out"] for r in records
-           if r["truth"] == truth and kinds.base(r["kind"]) == kinds.SINGLE and "held_out" in r]
-    values = {what: [x for h in own for x in h[what] if x is not None and np.isfinite(x)]
-              for what in ("before", "after", "true")}
+    own = [
+        r["held_out"]
+        for r in records
+        if r["truth"] == truth and kinds.base(r["kind"]) == kinds.SINGLE and "held_out" in r
+    ]
+    values = {
+        what: [x for h in own for x in h[what] if x is not None and np.isfinite(x)]
+        for what in ("before", "after", "true")
+    }
     return {what: float(np.mean(v)) if v else None for what, v in values.items()} | {"trials": len(own)}

@@ -36,8 +36,12 @@ def answer(question: Mapping[str, Any]) -> dict[str, Any]:
     """What the library without some terms says of the recordings, or where the map puts what is missing."""
     begun = process_time()
     case = Case(
-        question["engine"], tuple(question["recordings"]), model_error=question["model_error"],
-        false_alarm=question["false_alarm"], drivers=tuple(question["drivers"]), noise=question["noise"],
+        question["engine"],
+        tuple(question["recordings"]),
+        model_error=question["model_error"],
+        false_alarm=question["false_alarm"],
+        drivers=tuple(question["drivers"]),
+        noise=question["noise"],
         seed=question["seed"],
     )
     evidence = _with_known_noise(load_case(case, _silent).evidence, question)
@@ -83,16 +87,26 @@ def _explanation(x: Explanation) -> dict[str, Any]:
 
 
 def _cell(c: Cell) -> dict[str, Any]:
-    return {"location": c.location.name, "component": c.location.component, "driver": c.driver.name,
-            "surprise": float(c.surprise)}
+    return {
+        "location": c.location.name,
+        "component": c.location.component,
+        "driver": c.driver.name,
+        "surprise": float(c.surprise),
+    }
 
 
 def _finding(f: object) -> dict[str, Any]:
     assert isinstance(f, HiddenFinding)
     return {
-        "location": f.location.name, "component": f.location.component, "rivals": list(f.rivals), "lr": float(f.lr),
-        "is_switch": bool(f.is_switch), "sign": int(f.sign), "coefficient": float(f.coefficient),
-        "number": f.number.tolist(), "amplitude": [float(x) for x in f.amplitude],
+        "location": f.location.name,
+        "component": f.location.component,
+        "rivals": list(f.rivals),
+        "lr": float(f.lr),
+        "is_switch": bool(f.is_switch),
+        "sign": int(f.sign),
+        "coefficient": float(f.coefficient),
+        "number": f.number.tolist(),
+        "amplitude": [float(x) for x in f.amplitude],
         "states": None if f.states is None else [float(x) for x in f.states],
     }
 

@@ -49,8 +49,10 @@ def check_engine(engine: Engine) -> None:
     odd = [c for c in engine.inputs if c not in (*CONDITIONS, engine.power_setting)]
     lacking = [c for c in CONDITIONS[:2] if c not in engine.inputs]
     if odd or lacking:
-        raise DataError(f"{engine.name}: blind trials fly an engine by {', '.join(CONDITIONS)} and one power setting; "
-                        f"its inputs are {', '.join(engine.inputs)}")
+        raise DataError(
+            f"{engine.name}: blind trials fly an engine by {', '.join(CONDITIONS)} and one power setting; "
+            f"its inputs are {', '.join(engine.inputs)}"
+        )
     if engine.power_range is None:
         raise DataError(f"{engine.name}: blind trials need the engine file's `power_range:`")
 
@@ -70,17 +72,24 @@ def _flight(engine: Engine, n: int, rng: np.random.Generator) -> dict[str, np.nd
     up, down = int(0.3 * n), int(0.25 * n)
     cruise = n - up - down
     later = np.arange(cruise) >= rng.integers(cruise // 4, 3 * cruise // 4)
-    altitude = np.concatenate([
-        np.linspace(low, level, up, endpoint=False), level + step * later, np.linspace(level + step, low, down),
-    ])
+    altitude = np.concatenate(
+        [
+            np.linspace(low, level, up, endpoint=False),
+            level + step * later,
+            np.linspace(level + step, low, down),
+        ]
+    )
     slow, fast = fastest * rng.uniform(0.35, 0.5), fastest * rng.uniform(0.8, 0.93)
     mach = slow + (fast - slow) * (altitude / altitude.max()) ** 0.8 + MACH_SCATTER * rng.standard_normal(n)
     levels = rng.uniform(0.5, 0.85, 3)
     part = np.minimum(3 * np.arange(cruise) // max(cruise, 1), 2)
-    fraction = np.concatenate([
-        np.linspace(rng.uniform(0.9, 1.0), rng.uniform(0.8, 0.9), up), levels[part],
-        np.linspace(rng.uniform(0.3, 0.5), rng.uniform(0.25, 0.4), down),
-    ]) + 0.01 * rng.standard_normal(n)
+    fraction = np.concatenate(
+        [
+            np.linspace(rng.uniform(0.9, 1.0), rng.uniform(0.8, 0.9), up),
+            levels[part],
+            np.linspace(rng.uniform(0.3, 0.5), rng.uniform(0.25, 0.4), down),
+        ]
+    ) + 0.01 * rng.standard_normal(n)
     columns = {"altitude_m": altitude, "mach": np.clip(mach, 0.05, fastest)}
     dT = _limit(engine, "dT_isa_K", (-25.0, 25.0))
     columns["dT_isa_K"] = np.full(n, np.clip(DAY_SIGMA_K * rng.standard_normal(), 0.9 * dT[0], 0.9 * dT[1]))

@@ -26,13 +26,13 @@ class HeldBack:
     true: np.ndarray
 
 
-def held_back(
-    evidence: Evidence, held: Sequence[Flight], named: Sequence[Cause], truth: Sequence[Cause]
-) -> HeldBack:
+def held_back(evidence: Evidence, held: Sequence[Flight], named: Sequence[Cause], truth: Sequence[Cause]) -> HeldBack:
     """`evidence` are the training flights as the explainer had them, `held` the others."""
     sensors = list(evidence.noise.sigma)
-    blind = [replace(f, columns={c: np.full_like(v, np.nan) if c in sensors else v for c, v in f.columns.items()})
-             for f in held]
+    blind = [
+        replace(f, columns={c: np.full_like(v, np.nan) if c in sensors else v for c, v in f.columns.items()})
+        for f in held
+    ]
     both = replace(evidence, flights=(*evidence.flights, *blind))
     records = sum(len(f.columns["time_s"]) for f in both.flights)
     along = nuisance(both)
@@ -55,8 +55,9 @@ def _misfit(both: Evidence, fit: Identified, along: Nuisance, held: Sequence[Fli
     inputs |= {c: stacked(both, c, d) for c, d in fit.model.optional_inputs.items() if c not in curves}
     sizes = [len(f.columns["time_s"]) for f in held]
     last = sum(sizes)
-    p = fit.model.predict({c: v[-last:] for c, v in {**inputs, **curves}.items()}, fit.theta,
-                          sensors=fit.problem.sensors)
+    p = fit.model.predict(
+        {c: v[-last:] for c, v in {**inputs, **curves}.items()}, fit.theta, sensors=fit.problem.sensors
+    )
     y = np.where(p.ok[:, None], p.y, np.nan)
     result, start = [], 0
     for f, n in zip(held, sizes, strict=True):
@@ -65,4 +66,3 @@ def _misfit(both: Evidence, fit: Identified, along: Nuisance, held: Sequence[Fli
         result.append(float(np.nanmean(e**2)))
         start += n
     return np.array(result)
-

@@ -45,8 +45,10 @@ class Journal:
         if head is None or "plan" not in head:
             raise DataError(f"{self.path}: not a file of trials; name another one with --trials-output")
         if head["plan"] != self._key:
-            raise DataError(f"{self.path}: trials of another seed, choice or engine, or of this one before it was "
-                            "changed; remove the file or name another one with --trials-output")
+            raise DataError(
+                f"{self.path}: trials of another seed, choice or engine, or of this one before it was "
+                "changed; remove the file or name another one with --trials-output"
+            )
         if lines[-1]:
             rewrite(self.path, whole)
         finished = {}

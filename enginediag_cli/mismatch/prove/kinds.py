@@ -16,7 +16,13 @@ VARIANTS = (INPUT_NOISE, CORRELATED_NOISE, UNKNOWN_NOISE)
 which the explainer is not told the size."""
 
 WEIGHTS: Mapping[str, int] = {
-    NULL: 14, SINGLE: 26, PAIR: 11, WITHHELD: 11, HIDDEN_SWITCH: 8, FAULT: 6, EFFECT_AND_FAULT: 6,
+    NULL: 14,
+    SINGLE: 26,
+    PAIR: 11,
+    WITHHELD: 11,
+    HIDDEN_SWITCH: 8,
+    FAULT: 6,
+    EFFECT_AND_FAULT: 6,
     **{f"{kind}_{variant}": 3 for kind in (NULL, SINGLE) for variant in VARIANTS},
 }
 KINDS = tuple(WEIGHTS)

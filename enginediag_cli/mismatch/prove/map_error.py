@@ -53,8 +53,9 @@ def draw_map_errors(engine: Engine, rng: np.random.Generator) -> MapErrors:
         if isinstance(c, Compressor | Turbine):
             for quantity, size in (("flow_capacity", FLOW), ("efficiency", EFFICIENCY)):
                 found.append(_drawn(c.name, quantity, size, rng))
-    fractions = [n for n, p in engine.parameters.items() if p.family == "design" and n.endswith(".fraction")
-                 and p.nominal > 0]
+    fractions = [
+        n for n, p in engine.parameters.items() if p.family == "design" and n.endswith(".fraction") and p.nominal > 0
+    ]
     total = sum(engine.parameters[n].nominal for n in fractions)
     change = rng.uniform(-COOLING, COOLING)
     parameters = {n: engine.parameters[n].nominal * (1.0 + change / total) for n in fractions}
@@ -63,10 +64,17 @@ def draw_map_errors(engine: Engine, rng: np.random.Generator) -> MapErrors:
 
 def _drawn(component: str, quantity: str, size: float, rng: np.random.Generator) -> Effect:
     wave, kink, twist = size * rng.standard_normal(3) / np.sqrt(1.5)
-    term = MapError(quantity, Shape(
-        float(wave), float(rng.uniform(1.5, 4.0)), float(rng.uniform(0.0, 2.0 * np.pi)), float(kink),
-        float(rng.uniform(0.75, 1.0)), float(twist),
-    ))
+    term = MapError(
+        quantity,
+        Shape(
+            float(wave),
+            float(rng.uniform(1.5, 4.0)),
+            float(rng.uniform(0.0, 2.0 * np.pi)),
+            float(kink),
+            float(rng.uniform(0.75, 1.0)),
+            float(twist),
+        ),
+    )
     return Effect(term, Site(component, component, (f"{component}.{quantity}",)), {"present": 1.0})
 
 

@@ -40,11 +40,15 @@ def evidence_of(engine: Engine, sealed: Sealed, recorded: Recorded, *, clean: bo
     """The training flights as the explainer has them, or without noise, with the noise that they really have."""
     flights = (recorded.clean if clean else recorded.noisy)[: sealed.training]
     evidence = build_evidence(
-        engine, flights, model_error=kinds.MODEL_ERROR[sealed.truth], drivers=hour_columns(),
+        engine,
+        flights,
+        model_error=kinds.MODEL_ERROR[sealed.truth],
+        drivers=hour_columns(),
     )
     sigma = {c: s * sealed.noise.factor for c, s in evidence.noise.sigma.items()}
-    noise = Noise(sigma, dict.fromkeys(sigma, sealed.noise.rho), sealed.noise.inputs or {},
-                  sealed.noise.input_shares or {})
+    noise = Noise(
+        sigma, dict.fromkeys(sigma, sealed.noise.rho), sealed.noise.inputs or {}, sealed.noise.input_shares or {}
+    )
     return replace(evidence, noise=noise)
 
 
@@ -96,22 +100,32 @@ def _held_back(
 
 def _signal_to_noise(engine: Engine, sealed: Sealed) -> np.ndarray:
     """The switch's effect on the readings of each record (N,), over their noise."""
-    on, off = (readings(engine, replace(sealed, states=np.full_like(sealed.states, s)), exact_model=True)
-               for s in (1.0, 0.0))
+    on, off = (
+        readings(engine, replace(sealed, states=np.full_like(sealed.states, s)), exact_model=True) for s in (1.0, 0.0)
+    )
     sigma = np.array([s.noise_sigma for s in engine.sensors.values()]) * sealed.noise.factor
     return np.asarray(np.linalg.norm((on - off) / sigma, axis=1))
 
 
 def _record(
-    sealed: Sealed, recorded: Recorded, far: Separability | None, snr: float, said: Said, found: Marks,
+    sealed: Sealed,
+    recorded: Recorded,
+    far: Separability | None,
+    snr: float,
+    said: Said,
+    found: Marks,
     cells: Cells,
 ) -> dict[str, Any]:
     """What is kept of the trial; numbers rounded, so that a line is short and the same on every machine."""
     raw: Mapping[str, Any] = said.raw
     return {
-        "trial": sealed.trial, "truth": sealed.truth, "kind": sealed.kind,
-        "causes": [c.as_json() for c in sealed.causes], "values": {n: _short(v) for n, v in sealed.values.items()},
-        "change": _short(sealed.change), "records": int(sealed.records[: sealed.training].sum()),
+        "trial": sealed.trial,
+        "truth": sealed.truth,
+        "kind": sealed.kind,
+        "causes": [c.as_json() for c in sealed.causes],
+        "values": {n: _short(v) for n, v in sealed.values.items()},
+        "change": _short(sealed.change),
+        "records": int(sealed.records[: sealed.training].sum()),
         "failed_records": recorded.failed,
         "lambda": None if far is None else _short(far.total),
         "given": [] if far is None else [_short(g) for g in far.given],
@@ -120,7 +134,9 @@ def _record(
         "aliases": [] if far is None or far.total < VISIBLE else sorted(" + ".join(sorted(a)) for a in far.aliases),
         "scorer_converged": far is None or far.ok,
         "signal_to_noise": _short(snr),
-        "status": said.status, "reason": raw.get("reason", ""), "error": raw.get("error", ""),
+        "status": said.status,
+        "reason": raw.get("reason", ""),
+        "error": raw.get("error", ""),
         "named": [" + ".join(sorted(a)) for a in said.aliases],
         "probabilities": [_short(p) for p in said.probabilities],
         "coefficients": raw["explanations"][0]["coefficients"] if raw.get("explanations") else {},
@@ -128,8 +144,10 @@ def _record(
         "left": [_short(x["left"]) for x in raw.get("explanations", ())],
         "cells": [f"{c['location']} along {c['driver']}" for c in cells[:3]],
         "hidden": [f"{h['location']} lr {h['lr']:.1f}" for h in raw.get("hidden", ())[:3]],
-        "gates": [_short(g) for g in raw.get("gates", ())], "surprise": _short(raw.get("surprise", np.nan)),
-        "objective": _short(raw.get("objective", np.nan)), "readings": raw.get("readings", 0),
+        "gates": [_short(g) for g in raw.get("gates", ())],
+        "surprise": _short(raw.get("surprise", np.nan)),
+        "objective": _short(raw.get("objective", np.nan)),
+        "readings": raw.get("readings", 0),
         "rejected": raw.get("rejected", {}),
         "marks": found,
     }

@@ -35,8 +35,10 @@ def detectable_sizes(engine: Engine, seed: int) -> dict[str, dict[str, Any]]:
         without, with_floor = np.median(np.array(found[e.label] or [(np.inf, np.inf)]), axis=0)
         typical = abs(first.typical - first.absent)
         result[e.label] = {
-            "coefficient": first.name, "unit": first.unit,
-            "without_floor": _short(without), "with_floor": _short(with_floor),
+            "coefficient": first.name,
+            "unit": first.unit,
+            "without_floor": _short(without),
+            "with_floor": _short(with_floor),
             "without_floor_over_typical": _short(without / typical),
             "with_floor_over_typical": _short(with_floor / typical),
         }

@@ -94,9 +94,7 @@ def write_open(folder: Path, engine: Engine, recorded: Recorded, training: int) 
     return folder / given.name, paths
 
 
-def _flight(
-    engine: Engine, label: str, known: Mapping[str, np.ndarray], y: np.ndarray, good: np.ndarray
-) -> Flight:
+def _flight(engine: Engine, label: str, known: Mapping[str, np.ndarray], y: np.ndarray, good: np.ndarray) -> Flight:
     columns = {c: known[c][good] for c in ("time_s", *engine.inputs, *hour_columns())}
     return Flight(label, "", columns | {c: y[good, j] for j, c in enumerate(engine.sensors)})
 

@@ -19,8 +19,11 @@ def rows(sheet: Mapping[str, Any], bins: Mapping[str, Any]) -> list[dict[str, An
                 place = {"truth": truth, "kind": "", "bin": f"{what} {_span(b)}", "target": "", "met": ""}
                 if "rate" in b:  # reliability of stated probabilities: one rate a bin
                     found.append({"score": "stated", **place, **_numbers(b)})
-                found += [{"score": n, **place, **_numbers(x)} for n, x in b.items()
-                          if isinstance(x, Mapping) and "rate" in x and x["of"]]
+                found += [
+                    {"score": n, **place, **_numbers(x)}
+                    for n, x in b.items()
+                    if isinstance(x, Mapping) and "rate" in x and x["of"]
+                ]
     return found
 
 
@@ -29,8 +32,11 @@ def bin_rows(bins: Mapping[str, Any], what: str) -> list[dict[str, Any]]:
     found = []
     for truth, by in bins.items():
         for b in by[what]:
-            cells = {n: f"{x['rate']:.2f} of {x['of']}" if x["of"] else "" for n, x in b.items()
-                     if isinstance(x, Mapping) and "rate" in x}
+            cells = {
+                n: f"{x['rate']:.2f} of {x['of']}" if x["of"] else ""
+                for n, x in b.items()
+                if isinstance(x, Mapping) and "rate" in x
+            }
             found.append({"truth": truth, what: _span(b), "trials": b["trials"], **cells})
     return found
 
@@ -48,8 +54,15 @@ def _score_rows(name: str, entry: Mapping[str, Any]) -> Iterator[dict[str, Any]]
         own = entry[truth]
         target = own["target"] or ""
         if own["of"]:
-            yield {"score": name, "truth": truth, "kind": "", "bin": "", **_numbers(own), "target": target,
-                   "met": met(own["rate"], target)}
+            yield {
+                "score": name,
+                "truth": truth,
+                "kind": "",
+                "bin": "",
+                **_numbers(own),
+                "target": target,
+                "met": met(own["rate"], target),
+            }
         for kind, other in own["kinds"].items():
             yield {"score": name, "truth": truth, "kind": kind, "bin": "", **other, "target": "", "met": ""}
 
@@ -94,11 +107,20 @@ def _cell(entry: Mapping[str, Any]) -> str:
 
 def size_rows(sizes: Mapping[str, Mapping[str, Any]]) -> list[dict[str, Any]]:
     """Detectable sizes over typical ones, what the floor costs most first."""
+
     def cost(e: Mapping[str, Any]) -> float:
         without, with_floor = e["without_floor"], e["with_floor"]
         return float("inf") if with_floor is None and without else (with_floor or 1.0) / (without or 1.0)
 
     ordered = sorted(sizes.items(), key=lambda item: -cost(item[1]))
-    return [{"effect": label, "unit": e["unit"], "detectable without floor": e["without_floor"],
-             "with floor": e["with_floor"], "over typical": e["without_floor_over_typical"],
-             "with floor, over typical": e["with_floor_over_typical"]} for label, e in ordered]
+    return [
+        {
+            "effect": label,
+            "unit": e["unit"],
+            "detectable without floor": e["without_floor"],
+            "with floor": e["with_floor"],
+            "over typical": e["without_floor_over_typical"],
+            "with floor, over typical": e["with_floor_over_typical"],
+        }
+        for label, e in ordered
+    ]

@@ -93,9 +93,21 @@ def draw(engine: Engine, seed: int, trial: int, truths: Sequence[str], chosen: S
         states = np.concatenate([_telegraph(m, dwell, rng) for m in sizes])
     without = tuple(e.term.NAME for e in effects) if what == kinds.WITHHELD else ()
     return Sealed(
-        trial, truth, kind, health, tuple(causes), effects, values, change, states, flights, training, without,
+        trial,
+        truth,
+        kind,
+        health,
+        tuple(causes),
+        effects,
+        values,
+        change,
+        states,
+        flights,
+        training,
+        without,
         _noise(engine, kinds.variant(kind), rng),
-        draw_map_errors(engine, rng) if truth == kinds.MAP_ERROR else None, int(rng.integers(2**62)),
+        draw_map_errors(engine, rng) if truth == kinds.MAP_ERROR else None,
+        int(rng.integers(2**62)),
     )
 
 

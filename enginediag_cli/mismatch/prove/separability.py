@@ -88,8 +88,12 @@ def separability(
         judged.append((left, key(causes_of(options))))
     nearest, name = min(judged, key=lambda j: j[0], default=(total, frozenset({"nothing"})))
     return Separability(
-        total, tuple(given), float(nearest), " + ".join(sorted(name)),
-        frozenset(k for left, k in judged if left < ALIAS), bool(ok),
+        total,
+        tuple(given),
+        float(nearest),
+        " + ".join(sorted(name)),
+        frozenset(k for left, k in judged if left < ALIAS),
+        bool(ok),
     )
 
 

@@ -62,8 +62,17 @@ LAMBDA_BINS = (0.0, 5.0, 15.0, 25.0, 40.0, 150.0, 600.0, np.inf)
 SEPARATION_BINS = (0.0, 2.0, 5.0, 11.0, 22.0, 40.0, 100.0, np.inf)
 SIGNAL_BINS = (0.0, 0.5, 1.2, 2.0, 4.0, np.inf)
 PROBABILITY_BINS = (0.0, 0.35, 0.5, 0.65, 0.8, 0.9, 0.97, 1.0)
-BINNED = ("found", "exact", "covered", "alias_set_size", "false_name", "wrongly_none", "held_out_gain",
-          "locate_component", "locate_driver")
+BINNED = (
+    "found",
+    "exact",
+    "covered",
+    "alias_set_size",
+    "false_name",
+    "wrongly_none",
+    "held_out_gain",
+    "locate_component",
+    "locate_driver",
+)
 
 
 def sheet(records: Sequence[Record]) -> dict[str, Any]:
@@ -77,8 +86,10 @@ def _score(score: Score, records: Sequence[Record]) -> dict[str, Any]:
         own = [r for r in records if r["truth"] == truth]
         entry = _rate(score, [r for r in own if r["kind"] in score.headline])
         by_kind = {k: _rate(score, [r for r in own if r["kind"] == k]) for k in kinds.KINDS}
-        whole[truth] = entry | {"target": score.target[truth] or None,
-                                "kinds": {k: v for k, v in by_kind.items() if v["of"]}}
+        whole[truth] = entry | {
+            "target": score.target[truth] or None,
+            "kinds": {k: v for k, v in by_kind.items() if v["of"]},
+        }
     return whole | {"headline": list(score.headline)}
 
 
@@ -112,7 +123,9 @@ def _number(name: str) -> Callable[[Record], float]:
 
 
 def _binned(
-    records: Sequence[Record], edges: Sequence[float], of: Callable[[Record], float],
+    records: Sequence[Record],
+    edges: Sequence[float],
+    of: Callable[[Record], float],
     summary: Callable[[Sequence[Record]], dict[str, Any]],
 ) -> list[dict[str, Any]]:
     rows = []
@@ -149,6 +162,16 @@ def _reliability(own: Sequence[Record]) -> list[dict[str, Any]]:
         if len(inside):
             right, n = int(inside[:, 1].sum()), len(inside)
             least, most = wilson(right, n)
-            rows.append({"from": low, "to": high, "stated": float(inside[:, 0].mean()), "rate": right / n,
-                         "count": right, "of": n, "low": least, "high": most})
+            rows.append(
+                {
+                    "from": low,
+                    "to": high,
+                    "stated": float(inside[:, 0].mean()),
+                    "rate": right / n,
+                    "count": right,
+                    "of": n,
+                    "low": least,
+                    "high": most,
+                }
+            )
     return rows

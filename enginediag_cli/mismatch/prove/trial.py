@@ -60,9 +60,16 @@ def _question(plan: Plan, sealed: Sealed, engine: Path, files: Sequence[Path]) -
     """All that the explainer is told."""
     unknown = kinds.variant(sealed.kind) == kinds.UNKNOWN_NOISE
     return {
-        "task": EXPLAIN, "engine": str(engine), "recordings": [str(f) for f in files],
+        "task": EXPLAIN,
+        "engine": str(engine),
+        "recordings": [str(f) for f in files],
         "model_error": kinds.MODEL_ERROR[sealed.truth],
-        "without": list(sealed.without), "noise": "estimate" if unknown else "specified", "rho": sealed.noise.rho,
-        "input_noise": dict(sealed.noise.inputs or {}), "input_noise_share": dict(sealed.noise.input_shares or {}),
-        "false_alarm": plan.false_alarm, "drivers": list(hour_columns()), "seed": plan.seed,
+        "without": list(sealed.without),
+        "noise": "estimate" if unknown else "specified",
+        "rho": sealed.noise.rho,
+        "input_noise": dict(sealed.noise.inputs or {}),
+        "input_noise_share": dict(sealed.noise.input_shares or {}),
+        "false_alarm": plan.false_alarm,
+        "drivers": list(hour_columns()),
+        "seed": plan.seed,
     }

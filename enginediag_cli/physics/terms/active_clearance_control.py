@@ -20,18 +20,50 @@ class ActiveClearanceControl(Term):
 
     NAME = "active_clearance_control"
     TITLE = "Active clearance control"
-    STATEMENT = ("At cruise altitude fan air is blown on the turbine's casing, which shrinks onto the blades: the "
-                 "turbine is better there than near the ground.")
+    STATEMENT = (
+        "At cruise altitude fan air is blown on the turbine's casing, which shrinks onto the blades: the "
+        "turbine is better there than near the ground."
+    )
     EQUATION = "η = η_map (1 + k c/(1 + exp[(h_on − h)/Δh])),  h = pressure altitude"
     DRIVER = "ambient_pressure"
     COEFFICIENTS = (
         Coefficient("closing", "% of span", "c, clearance that it takes away", 0.0, 0.0, 1.5, 0.5, 0.6, assumed=True),
-        Coefficient("efficiency_gain", "1/% of span", "k, relative gain of efficiency per clearance", 0.0175, 0.003,
-                    0.03, 0.005, 0.0175, assumed=True, shape=True),
-        Coefficient("on_above_m", "m", "h_on, pressure altitude at which it is half on", 6000.0, 1500.0, 11000.0,
-                    1500.0, 6000.0, assumed=True, shape=True),
-        Coefficient("width_m", "m", "Δh, altitude over which it comes on", 300.0, 100.0, 2000.0, 200.0, 300.0,
-                    assumed=True, shape=True),
+        Coefficient(
+            "efficiency_gain",
+            "1/% of span",
+            "k, relative gain of efficiency per clearance",
+            0.0175,
+            0.003,
+            0.03,
+            0.005,
+            0.0175,
+            assumed=True,
+            shape=True,
+        ),
+        Coefficient(
+            "on_above_m",
+            "m",
+            "h_on, pressure altitude at which it is half on",
+            6000.0,
+            1500.0,
+            11000.0,
+            1500.0,
+            6000.0,
+            assumed=True,
+            shape=True,
+        ),
+        Coefficient(
+            "width_m",
+            "m",
+            "Δh, altitude over which it comes on",
+            300.0,
+            100.0,
+            2000.0,
+            200.0,
+            300.0,
+            assumed=True,
+            shape=True,
+        ),
     )
     REFERENCE = "Lattime & Steinetz, NASA TM-2002-211794; 0.3 to 1 % of span, on above about FL200, assumed"
     SWITCHES = True

@@ -19,8 +19,10 @@ class AmbientPressureScale(Term):
 
     NAME = "ambient_pressure_scale"
     TITLE = "Scale error of the ambient pressure"
-    STATEMENT = ("The barometer beside the machine reads a constant share too high or too low, for instance because it "
-                 "stands at another height than the inlet.")
+    STATEMENT = (
+        "The barometer beside the machine reads a constant share too high or too low, for instance because it "
+        "stands at another height than the inlet."
+    )
     EQUATION = "p_0 = p_0,recorded/(1 + s)"
     DRIVER = "constant"
     COEFFICIENTS = (

@@ -20,13 +20,24 @@ class AntiIceBleed(Term):
 
     NAME = "anti_ice_bleed"
     TITLE = "Anti-ice bleed"
-    STATEMENT = ("Hot air for wing and inlet is taken behind the compressor on command; it is a larger share of the "
-                 "flow at low speed.")
+    STATEMENT = (
+        "Hot air for wing and inlet is taken behind the compressor on command; it is a larger share of the "
+        "flow at low speed."
+    )
     EQUATION = "W = W_exit (1 − b N_c,design/N_c),  N_c = N/√T at the compressor's inlet"
     DRIVER = "switch"
     COEFFICIENTS = (
-        Coefficient("fraction", "1", "b, bleed over compressor exit flow at design corrected speed", 0.0, 0.0, 0.08,
-                    0.02, 0.02, assumed=True),
+        Coefficient(
+            "fraction",
+            "1",
+            "b, bleed over compressor exit flow at design corrected speed",
+            0.0,
+            0.0,
+            0.08,
+            0.02,
+            0.02,
+            assumed=True,
+        ),
     )
     REFERENCE = "SAE AIR1168; 1 to 5 % of core flow and the law of speed assumed"
     SWITCHES = True

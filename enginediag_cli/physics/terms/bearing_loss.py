@@ -20,13 +20,24 @@ class BearingLoss(Term):
 
     NAME = "bearing_loss"
     TITLE = "Bearing friction"
-    STATEMENT = ("Bearings and oil take shaft power with the square of speed; at altitude, where the engine makes less "
-                 "power at the same speed, that is a larger share.")
+    STATEMENT = (
+        "Bearings and oil take shaft power with the square of speed; at altitude, where the engine makes less "
+        "power at the same speed, that is a larger share."
+    )
     EQUATION = "P_loss = f P_turbine,design (N/N_design)²"
     DRIVER = "shaft_speed"
     COEFFICIENTS = (
-        Coefficient("fraction", "1", "f, loss over the shaft's turbine power at the design point", 0.0, 0.0, 0.02,
-                    0.004, 0.004, assumed=True),
+        Coefficient(
+            "fraction",
+            "1",
+            "f, loss over the shaft's turbine power at the design point",
+            0.0,
+            0.0,
+            0.02,
+            0.004,
+            0.004,
+            assumed=True,
+        ),
     )
     REFERENCE = "NASA AGTF30 (shaft efficiency 0.99); law μ(T_oil) N²; 0.2 to 1 % of shaft power assumed"
 

@@ -21,8 +21,10 @@ class BurnerHeatingLoss(Term):
 
     NAME = "burner_heating_loss"
     TITLE = "Burner pressure loss by heating"
-    STATEMENT = ("Heating the gas in the burner speeds it up and costs total pressure: the more, the higher the ratio "
-                 "of temperatures across it.")
+    STATEMENT = (
+        "Heating the gas in the burner speeds it up and costs total pressure: the more, the higher the ratio "
+        "of temperatures across it."
+    )
     EQUATION = "P_4 = P_4,cold {1 − k [(T_4/T_3 − 1) x² − (T_4/T_3 − 1)_design]},  x = (W√T/P)/(W√T/P)_design at 3"
     DRIVER = "power"
     COEFFICIENTS = (

@@ -20,15 +20,19 @@ class BurnerPressureLoss(Term):
 
     NAME = "burner_pressure_loss"
     TITLE = "Burner pressure loss with flow"
-    STATEMENT = ("The swirlers and holes of the burner take pressure with the square of the corrected flow, not the "
-                 "same share at every power.")
+    STATEMENT = (
+        "The swirlers and holes of the burner take pressure with the square of the corrected flow, not the "
+        "same share at every power."
+    )
     EQUATION = "ΔP/P = λ [1 + s (x² − 1)],  x = (W√T/P)/(W√T/P)_design at its inlet"
     DRIVER = "power"
     COEFFICIENTS = (
         Coefficient("share", "1", "share s of the loss that follows the flow", 0.0, 0.0, 1.5, 0.5, 0.9, assumed=True),
     )
-    REFERENCE = ("Walsh & Fletcher, Gas Turbine Performance, 2nd ed. 2004 (cold loss); NASA AGTF30 and T-MATS carry a "
-                 "constant 0.04")
+    REFERENCE = (
+        "Walsh & Fletcher, Gas Turbine Performance, 2nd ed. 2004 (cold loss); NASA AGTF30 and T-MATS carry a "
+        "constant 0.04"
+    )
 
     def sites(self, network: Network) -> Iterable[Site]:
         for c in network.components:

@@ -27,17 +27,30 @@ class CombustionEfficiency(Term):
 
     NAME = "combustion_efficiency"
     TITLE = "Combustion efficiency with burner loading"
-    STATEMENT = ("In thin cold air the flame has less time: at altitude and at idle a growing share of the fuel leaves "
-                 "the burner unburnt.")
+    STATEMENT = (
+        "In thin cold air the flame has less time: at altitude and at idle a growing share of the fuel leaves "
+        "the burner unburnt."
+    )
     EQUATION = "η = η_design − a [(Ω/Ω_design)^b − 1],  Ω = W_3/(P_3^1.8 10^(0.00145 (T_3 − 400 K)))"
     DRIVER = "ambient_pressure"
     COEFFICIENTS = (
-        Coefficient("unburnt", "1", "unburnt share a of the fuel at design loading", 0.0, 0.0, 0.003, 0.0007, 0.0007,
-                    assumed=True),
+        Coefficient(
+            "unburnt",
+            "1",
+            "unburnt share a of the fuel at design loading",
+            0.0,
+            0.0,
+            0.003,
+            0.0007,
+            0.0007,
+            assumed=True,
+        ),
         Coefficient("exponent", "1", "exponent b of the loading", 1.0, 0.3, 1.6, 0.3, 1.0, assumed=True, shape=True),
     )
-    REFERENCE = ("Loading as in Walsh & Fletcher, Gas Turbine Performance, 2nd ed. 2004, and Lefebvre, Gas Turbine "
-                 "Combustion; trend: NACA RM E50H31; 0.97 to 0.98 at idle")
+    REFERENCE = (
+        "Loading as in Walsh & Fletcher, Gas Turbine Performance, 2nd ed. 2004, and Lefebvre, Gas Turbine "
+        "Combustion; trend: NACA RM E50H31; 0.97 to 0.98 at idle"
+    )
 
     def sites(self, network: Network) -> Iterable[Site]:
         for c in network.components:

@@ -19,20 +19,53 @@ class CompressorTipClearance(Term):
 
     NAME = "compressor_tip_clearance"
     TITLE = "Compressor tip clearance with speed"
-    STATEMENT = ("At low speed the rotor is shorter and the gap over the compressor's blades wider: it loses flow and "
-                 "efficiency there.")
+    STATEMENT = (
+        "At low speed the rotor is shorter and the gap over the compressor's blades wider: it loses flow and "
+        "efficiency there."
+    )
     EQUATION = "η = η_map (1 − k Δc),  W_c = W_c,map (1 − k_w Δc),  Δc = g [1 − (N/N_design)²]"
     DRIVER = "shaft_speed"
     COEFFICIENTS = (
-        Coefficient("growth", "% of span", "g, growth of the rotor from standstill to design speed", 0.0, 0.0, 3.0, 0.8,
-                    1.0, assumed=True),
-        Coefficient("efficiency_loss", "1/% of span", "k, relative loss of efficiency per clearance", 0.015, 0.005,
-                    0.025, 0.004, 0.015, assumed=True, shape=True),
-        Coefficient("flow_loss", "1/% of span", "k_w, relative loss of corrected flow per clearance", 0.025, 0.01, 0.04,
-                    0.005, 0.025, assumed=True, shape=True),
+        Coefficient(
+            "growth",
+            "% of span",
+            "g, growth of the rotor from standstill to design speed",
+            0.0,
+            0.0,
+            3.0,
+            0.8,
+            1.0,
+            assumed=True,
+        ),
+        Coefficient(
+            "efficiency_loss",
+            "1/% of span",
+            "k, relative loss of efficiency per clearance",
+            0.015,
+            0.005,
+            0.025,
+            0.004,
+            0.015,
+            assumed=True,
+            shape=True,
+        ),
+        Coefficient(
+            "flow_loss",
+            "1/% of span",
+            "k_w, relative loss of corrected flow per clearance",
+            0.025,
+            0.01,
+            0.04,
+            0.005,
+            0.025,
+            assumed=True,
+            shape=True,
+        ),
     )
-    REFERENCE = ("Freeman 1985, VKI lecture series 1985-05; Walsh & Fletcher, 2nd ed.; 0.01 to 0.02 of efficiency and "
-                 "0.02 to 0.03 of flow per % of span assumed")
+    REFERENCE = (
+        "Freeman 1985, VKI lecture series 1985-05; Walsh & Fletcher, 2nd ed.; 0.01 to 0.02 of efficiency and "
+        "0.02 to 0.03 of flow per % of span assumed"
+    )
 
     def sites(self, network: Network) -> Iterable[Site]:
         for c in core_compressor(network):
@@ -47,7 +80,9 @@ class CompressorTipClearance(Term):
             n = speed(e)
             return at.c(e, "growth") * (1.0 - n * n)
 
-        at.on_leaf(f"{at.site.name}.efficiency",
-                   lambda e, factor: factor * (1.0 - at.c(e, "efficiency_loss") * opening(e)))
-        at.on_leaf(f"{at.site.name}.flow_capacity",
-                   lambda e, factor: factor * (1.0 - at.c(e, "flow_loss") * opening(e)))
+        at.on_leaf(
+            f"{at.site.name}.efficiency", lambda e, factor: factor * (1.0 - at.c(e, "efficiency_loss") * opening(e))
+        )
+        at.on_leaf(
+            f"{at.site.name}.flow_capacity", lambda e, factor: factor * (1.0 - at.c(e, "flow_loss") * opening(e))
+        )

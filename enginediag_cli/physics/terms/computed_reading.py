@@ -26,16 +26,29 @@ class ComputedReading(Term):
 
     NAME = "computed_reading"
     TITLE = "Reading computed without ambient pressure"
-    STATEMENT = ("The temperature is no measurement: the control computes it from exhaust temperature and compressor "
-                 "pressure and leaves ambient pressure out, so it is wrong when the barometer is high or low.")
+    STATEMENT = (
+        "The temperature is no measurement: the control computes it from exhaust temperature and compressor "
+        "pressure and leaves ambient pressure out, so it is wrong when the barometer is high or low."
+    )
     EQUATION = "reading = T (p_0/p_0,design)^(0.22 κ)"
     DRIVER = "ambient_pressure"
     COEFFICIENTS = (
-        Coefficient("ignored", "1", "share κ of the ambient pressure's effect that the computation leaves out", 0.0,
-                    0.0, 1.5, 0.5, 0.9, assumed=True),
+        Coefficient(
+            "ignored",
+            "1",
+            "share κ of the ambient pressure's effect that the computation leaves out",
+            0.0,
+            0.0,
+            1.5,
+            0.5,
+            0.9,
+            assumed=True,
+        ),
     )
-    REFERENCE = ("Found in the power-plant recordings of UCI repository no. 551: turbine inlet temperature low by "
-                 "300 K κ ln(p_0/1013 hPa), κ 0.9 to 1.1; polytropic expansion, n assumed")
+    REFERENCE = (
+        "Found in the power-plant recordings of UCI repository no. 551: turbine inlet temperature low by "
+        "300 K κ ln(p_0/1013 hPa), κ 0.9 to 1.1; polytropic expansion, n assumed"
+    )
 
     def sites(self, network: Network) -> Iterable[Site]:
         if flies(network):

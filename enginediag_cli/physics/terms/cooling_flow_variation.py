@@ -29,13 +29,16 @@ class CoolingFlowVariation(Term):
 
     NAME = "cooling_flow_variation"
     TITLE = "Turbine cooling flow with pressure level"
-    STATEMENT = ("The turbine's cooling air is not the same share of the core flow everywhere: seals and throttled "
-                 "cooling change it with the pressure that drives it.")
+    STATEMENT = (
+        "The turbine's cooling air is not the same share of the core flow everywhere: seals and throttled "
+        "cooling change it with the pressure that drives it."
+    )
     EQUATION = "f = f_model (P_s/P_s,design)^m,  P_s = total pressure at the bleed (a compressor port: at its inlet)"
     DRIVER = "compressor_pressure"
     COEFFICIENTS = (
-        Coefficient("exponent", "1", "m, growth of the cooling share with pressure", 0.0, -0.3, 0.5, 0.1, 0.1,
-                    assumed=True),
+        Coefficient(
+            "exponent", "1", "m, growth of the cooling share with pressure", 0.0, -0.3, 0.5, 0.1, 0.1, assumed=True
+        ),
     )
     REFERENCE = "NASA AGTF30 (cooling shares 0.0625 and 0.0693); variation of 10 % of the cooling flow assumed"
 
@@ -62,6 +65,10 @@ class CoolingFlowVariation(Term):
 def ports(network: Network, turbine: Turbine) -> list[tuple[str, str]]:
     """Station whose pressure drives it and leaf of the share, for every bleed that cools the turbine."""
     cools = (*turbine.values["cooling_before_rotor"], *turbine.values["cooling_after_rotor"])
-    return [(c.values["from"], f"{c.name}.{port['name']}.fraction")
-            for c in network.components if isinstance(c, (Bleed, Compressor))
-            for port in c.values["ports"] if port["name"] in cools]
+    return [
+        (c.values["from"], f"{c.name}.{port['name']}.fraction")
+        for c in network.components
+        if isinstance(c, (Bleed, Compressor))
+        for port in c.values["ports"]
+        if port["name"] in cools
+    ]

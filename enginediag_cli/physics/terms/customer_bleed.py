@@ -19,8 +19,10 @@ class CustomerBleed(Term):
 
     NAME = "customer_bleed"
     TITLE = "Customer bleed"
-    STATEMENT = ("Air for the cabin is taken behind the compressor: the turbines get less gas, and the burner must "
-                 "heat it more for the same power.")
+    STATEMENT = (
+        "Air for the cabin is taken behind the compressor: the turbines get less gas, and the burner must "
+        "heat it more for the same power."
+    )
     EQUATION = "W = W_exit (1 − b)"
     DRIVER = "switch"
     COEFFICIENTS = (

@@ -20,13 +20,12 @@ class DuctPressureLoss(Term):
 
     NAME = "duct_pressure_loss"
     TITLE = "Duct pressure loss with flow"
-    STATEMENT = ("Friction in a duct takes pressure with the square of the corrected flow, not the same share at every "
-                 "power.")
+    STATEMENT = (
+        "Friction in a duct takes pressure with the square of the corrected flow, not the same share at every power."
+    )
     EQUATION = "ΔP/P = λ [1 + s (x² − 1)],  x = (W√T/P)/(W√T/P)_design at its inlet"
     DRIVER = "corrected_speed"
-    COEFFICIENTS = (
-        Coefficient("share", "1", "share s of the loss that follows the flow", 0.0, 0.0, 1.5, 0.5, 0.9),
-    )
+    COEFFICIENTS = (Coefficient("share", "1", "share s of the loss that follows the flow", 0.0, 0.0, 1.5, 0.5, 0.9),)
     REFERENCE = "NASA AGTF30 (setup_Duct: loss ∝ M², 0.005 to 0.015 at design); pyCycle duct element (s_dPqP M^n)"
 
     def sites(self, network: Network) -> Iterable[Site]:

@@ -20,13 +20,16 @@ class EgtProfile(Term):
 
     NAME = "egt_profile"
     TITLE = "Temperature profile at the exhaust-gas probes"
-    STATEMENT = ("The probes of the exhaust-gas temperature do not stand at the mean of the gas: hot and cold streaks "
-                 "behind the burner shift the reading in proportion to its temperature rise.")
+    STATEMENT = (
+        "The probes of the exhaust-gas temperature do not stand at the mean of the gas: hot and cold streaks "
+        "behind the burner shift the reading in proportion to its temperature rise."
+    )
     EQUATION = "reading = T + k [(T_4 − T_3) − (T_4 − T_3)_design]"
     DRIVER = "power"
     COEFFICIENTS = (
-        Coefficient("factor", "1", "shift k over the burner's temperature rise", 0.0, -0.04, 0.04, 0.01, 0.01,
-                    assumed=True),
+        Coefficient(
+            "factor", "1", "shift k over the burner's temperature rise", 0.0, -0.04, 0.04, 0.01, 0.01, assumed=True
+        ),
     )
     REFERENCE = "Engineering judgement: ± 0.005 to 0.03 of T4 − T3, assumed"
 

@@ -23,13 +23,24 @@ class ExhaustBackPressure(Term):
 
     NAME = "exhaust_back_pressure"
     TITLE = "Exhaust back pressure"
-    STATEMENT = ("Stack, silencer or boiler behind the engine hold the exhaust gas back, with the square of its flow: "
-                 "the last turbine expands to a higher pressure and gives less power.")
+    STATEMENT = (
+        "Stack, silencer or boiler behind the engine hold the exhaust gas back, with the square of its flow: "
+        "the last turbine expands to a higher pressure and gives less power."
+    )
     EQUATION = "p_exit = p_0 + b p_0,design y,  y = (W²T/p_0)/(W²T/p_0)_design at the exit"
     DRIVER = "power"
     COEFFICIENTS = (
-        Coefficient("rise", "1", "back pressure over ambient pressure at the design point", 0.0, 0.0, 0.06, 0.02, 0.01,
-                    assumed=True),
+        Coefficient(
+            "rise",
+            "1",
+            "back pressure over ambient pressure at the design point",
+            0.0,
+            0.0,
+            0.06,
+            0.02,
+            0.01,
+            assumed=True,
+        ),
     )
     REFERENCE = "Walsh & Fletcher, Gas Turbine Performance, 2nd ed. 2004 (installation losses); 0 to 3 % assumed"
 

@@ -25,13 +25,24 @@ class FanSplit(Term):
 
     NAME = "fan_split"
     TITLE = "Fan root with bypass ratio"
-    STATEMENT = ("The inner part of the fan, which feeds the core, does not work as the whole fan does once the bypass "
-                 "ratio leaves its design value.")
+    STATEMENT = (
+        "The inner part of the fan, which feeds the core, does not work as the whole fan does once the bypass "
+        "ratio leaves its design value."
+    )
     EQUATION = "P_core = P_fan exp[a ln(BPR/BPR_design) Δh_fan/(R T_fan)]"
     DRIVER = "bypass_ratio"
     COEFFICIENTS = (
-        Coefficient("root_efficiency", "1", "a, change of the root's efficiency per unit of ln BPR", 0.0, -0.3, 0.3,
-                    0.05, -0.05, assumed=True),
+        Coefficient(
+            "root_efficiency",
+            "1",
+            "a, change of the root's efficiency per unit of ln BPR",
+            0.0,
+            -0.3,
+            0.3,
+            0.05,
+            -0.05,
+            assumed=True,
+        ),
     )
     REFERENCE = "GasTurb manual (fans with two maps); 0.5 to 2 points of efficiency over 20 % of bypass ratio assumed"
 
@@ -45,8 +56,7 @@ class FanSplit(Term):
     def install(self, at: Place) -> None:
         fan = at.component
         assert fan is not None
-        splitter = next(c for c in at.network.components
-                        if isinstance(c, Splitter) and fan_of(at.network, c) is fan)
+        splitter = next(c for c in at.network.components if isinstance(c, Splitter) and fan_of(at.network, c) is fan)
 
         def root(e: Evaluation, flow: Flow) -> Flow:
             before, behind = e.flows[fan.values["from"]], e.flows[fan.values["to"]]

@@ -22,19 +22,34 @@ class Fouling(Term):
 
     NAME = "fouling"
     TITLE = "Fouling since the last wash"
-    STATEMENT = ("Dirt settles on the compressor's blades after a wash, fast at first: it loses flow, and efficiency "
-                 "with it, until the next wash.")
+    STATEMENT = (
+        "Dirt settles on the compressor's blades after a wash, fast at first: it loses flow, and efficiency "
+        "with it, until the next wash."
+    )
     EQUATION = "W_c = W_c,map (1 − a s),  η = η_map (1 − r a s),  s = 1 − exp(−t/τ),  t = hours since the wash"
     DRIVER = "hours"
     COEFFICIENTS = (
         Coefficient("flow_loss", "1", "a, loss of corrected flow in the long run", 0.0, 0.0, 0.1, 0.02, 0.03),
-        Coefficient("efficiency_share", "1", "r, loss of efficiency over loss of flow", 0.5, 0.0, 1.5, 0.25, 0.5,
-                    shape=True),
-        Coefficient("hours", "h", "τ, time in which 63 % of it has settled", 500.0, 20.0, 5000.0, 300.0, 500.0,
-                    assumed=True, shape=True),
+        Coefficient(
+            "efficiency_share", "1", "r, loss of efficiency over loss of flow", 0.5, 0.0, 1.5, 0.25, 0.5, shape=True
+        ),
+        Coefficient(
+            "hours",
+            "h",
+            "τ, time in which 63 % of it has settled",
+            500.0,
+            20.0,
+            5000.0,
+            300.0,
+            500.0,
+            assumed=True,
+            shape=True,
+        ),
     )
-    REFERENCE = ("Aker & Saravanamuttoo 1989, J. Eng. Gas Turbines Power 111, 343; Mathioudakis 2024; flow to "
-                 "efficiency 3:1 to 1:1; time assumed")
+    REFERENCE = (
+        "Aker & Saravanamuttoo 1989, J. Eng. Gas Turbines Power 111, 343; Mathioudakis 2024; flow to "
+        "efficiency 3:1 to 1:1; time assumed"
+    )
     INPUTS: ClassVar[Mapping[str, float]] = {HOURS: 0.0}
 
     def sites(self, network: Network) -> Iterable[Site]:
@@ -47,5 +62,6 @@ class Fouling(Term):
             return at.c(e, "flow_loss") * (1.0 - exp(-1.0 * e[HOURS] / at.c(e, "hours")))
 
         at.on_leaf(f"{at.site.name}.flow_capacity", lambda e, factor: factor * (1.0 - settled(e)))
-        at.on_leaf(f"{at.site.name}.efficiency",
-                   lambda e, factor: factor * (1.0 - at.c(e, "efficiency_share") * settled(e)))
+        at.on_leaf(
+            f"{at.site.name}.efficiency", lambda e, factor: factor * (1.0 - at.c(e, "efficiency_share") * settled(e))
+        )

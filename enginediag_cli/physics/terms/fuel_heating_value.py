@@ -19,13 +19,13 @@ class FuelHeatingValue(Term):
 
     NAME = "fuel_heating_value"
     TITLE = "Heating value of the fuel"
-    STATEMENT = ("Another batch of fuel holds more or less heat per kilogram than assumed; within one recording this "
-                 "looks like a change of combustion efficiency or of the fuel meter.")
+    STATEMENT = (
+        "Another batch of fuel holds more or less heat per kilogram than assumed; within one recording this "
+        "looks like a change of combustion efficiency or of the fuel meter."
+    )
     EQUATION = "LHV = LHV_declared (1 + d)"
     DRIVER = "constant"
-    COEFFICIENTS = (
-        Coefficient("deviation", "1", "deviation d of the batch", 0.0, -0.02, 0.02, 0.005, 0.005),
-    )
+    COEFFICIENTS = (Coefficient("deviation", "1", "deviation d of the batch", 0.0, -0.02, 0.02, 0.005, 0.005),)
     REFERENCE = "Jet fuel 42.8 to 43.6 MJ/kg, ± 1 %; NASA AGTF30 reckons with 42.8 MJ/kg"
 
     def sites(self, network: Network) -> Iterable[Site]:

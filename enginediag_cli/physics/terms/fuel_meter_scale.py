@@ -18,8 +18,10 @@ class FuelMeterScale(Term):
 
     NAME = "fuel_meter_scale"
     TITLE = "Scale error of the fuel meter"
-    STATEMENT = ("The fuel meter shows a constant share more or less than flows; within one recording this looks like "
-                 "another heating value of the fuel.")
+    STATEMENT = (
+        "The fuel meter shows a constant share more or less than flows; within one recording this looks like "
+        "another heating value of the fuel."
+    )
     EQUATION = "W_f = W_f,recorded/(1 + s)"
     DRIVER = "constant"
     COEFFICIENTS = (

@@ -24,20 +24,53 @@ class GuideVanes(Term):
 
     NAME = "guide_vanes"
     TITLE = "Guide vane schedule"
-    STATEMENT = ("The compressor's guide vanes and stators close further at low speed than the model's map holds: it "
-                 "swallows less air there, and its incidence is off.")
+    STATEMENT = (
+        "The compressor's guide vanes and stators close further at low speed than the model's map holds: it "
+        "swallows less air there, and its incidence is off."
+    )
     EQUATION = "W_c = W_c,map exp(−a Δφ),  η = η_map/(1 + b Δφ²),  Δφ = s (1 − N_c/N_c,design)"
     DRIVER = "corrected_speed"
     COEFFICIENTS = (
-        Coefficient("slope_deg", "deg", "s, closing per unit of relative corrected speed below design", 0.0, -60.0,
-                    60.0, 15.0, 20.0, assumed=True),
-        Coefficient("flow_per_deg", "1/deg", "a, fall of corrected flow per degree of closing", 0.01, 0.005, 0.015,
-                    0.003, 0.01, assumed=True, shape=True),
-        Coefficient("loss_per_deg2", "1/deg2", "b, fall of efficiency per square degree", 3e-4, 0.0, 5e-4, 1e-4,
-                    3e-4, assumed=True, shape=True),
+        Coefficient(
+            "slope_deg",
+            "deg",
+            "s, closing per unit of relative corrected speed below design",
+            0.0,
+            -60.0,
+            60.0,
+            15.0,
+            20.0,
+            assumed=True,
+        ),
+        Coefficient(
+            "flow_per_deg",
+            "1/deg",
+            "a, fall of corrected flow per degree of closing",
+            0.01,
+            0.005,
+            0.015,
+            0.003,
+            0.01,
+            assumed=True,
+            shape=True,
+        ),
+        Coefficient(
+            "loss_per_deg2",
+            "1/deg2",
+            "b, fall of efficiency per square degree",
+            3e-4,
+            0.0,
+            5e-4,
+            1e-4,
+            3e-4,
+            assumed=True,
+            shape=True,
+        ),
     )
-    REFERENCE = ("NLR GSP and GasTurb variable-geometry inputs; a 0.5 to 1.5 %/deg, b 0.01 to 0.05 %/deg2 and errors "
-                 "of up to 5 deg assumed")
+    REFERENCE = (
+        "NLR GSP and GasTurb variable-geometry inputs; a 0.5 to 1.5 %/deg, b 0.01 to 0.05 %/deg2 and errors "
+        "of up to 5 deg assumed"
+    )
 
     def sites(self, network: Network) -> Iterable[Site]:
         for c in core_compressor(network):

@@ -34,24 +34,70 @@ class GuideVanesLoad(Term):
 
     NAME = "guide_vanes_load"
     TITLE = "Guide vanes closed with load"
-    STATEMENT = ("A machine of constant speed closes its guide vanes as its load falls, to hold the exhaust hot; the "
-                 "compressor swallows less air than the map says.")
-    EQUATION = ("W_c = W_c,map exp(−a Δφ),  η = η_map/(1 + b Δφ²),  Δφ = φ (1 − exp(−u/ε)),  "
-                "u = (ε/20) ln(1 + exp[20 (1 − x/x_design)/ε]),  x = power setting")
+    STATEMENT = (
+        "A machine of constant speed closes its guide vanes as its load falls, to hold the exhaust hot; the "
+        "compressor swallows less air than the map says."
+    )
+    EQUATION = (
+        "W_c = W_c,map exp(−a Δφ),  η = η_map/(1 + b Δφ²),  Δφ = φ (1 − exp(−u/ε)),  "
+        "u = (ε/20) ln(1 + exp[20 (1 − x/x_design)/ε]),  x = power setting"
+    )
     DRIVER = "power"
     COEFFICIENTS = (
         Coefficient("closing_deg", "deg", "φ, closing at low load", 0.0, 0.0, 60.0, 15.0, 20.0, assumed=True),
-        Coefficient("temperature_scale", "1", "ε_T, relative fall of T4 in which 63 % of it happens", 0.02, 0.005, 0.2,
-                    0.01, 0.02, assumed=True, shape=True),
-        Coefficient("load_scale", "1", "ε_L, the same as a fall of power or fuel", 0.3, 0.1, 1.0, 0.1, 0.3,
-                    assumed=True, shape=True),
-        Coefficient("flow_per_deg", "1/deg", "a, fall of corrected flow per degree of closing", 0.01, 0.005, 0.015,
-                    0.003, 0.01, assumed=True, shape=True),
-        Coefficient("loss_per_deg2", "1/deg2", "b, fall of efficiency per square degree", 5e-5, 0.0, 5e-4, 5e-5,
-                    5e-5, assumed=True, shape=True),
+        Coefficient(
+            "temperature_scale",
+            "1",
+            "ε_T, relative fall of T4 in which 63 % of it happens",
+            0.02,
+            0.005,
+            0.2,
+            0.01,
+            0.02,
+            assumed=True,
+            shape=True,
+        ),
+        Coefficient(
+            "load_scale",
+            "1",
+            "ε_L, the same as a fall of power or fuel",
+            0.3,
+            0.1,
+            1.0,
+            0.1,
+            0.3,
+            assumed=True,
+            shape=True,
+        ),
+        Coefficient(
+            "flow_per_deg",
+            "1/deg",
+            "a, fall of corrected flow per degree of closing",
+            0.01,
+            0.005,
+            0.015,
+            0.003,
+            0.01,
+            assumed=True,
+            shape=True,
+        ),
+        Coefficient(
+            "loss_per_deg2",
+            "1/deg2",
+            "b, fall of efficiency per square degree",
+            5e-5,
+            0.0,
+            5e-4,
+            5e-5,
+            5e-5,
+            assumed=True,
+            shape=True,
+        ),
     )
-    REFERENCE = ("Walsh & Fletcher, Gas Turbine Performance, 2nd ed. 2004 (part load with variable vanes); a 0.5 to "
-                 "1.5 %/deg, b and the scales assumed")
+    REFERENCE = (
+        "Walsh & Fletcher, Gas Turbine Performance, 2nd ed. 2004 (part load with variable vanes); a 0.5 to "
+        "1.5 %/deg, b and the scales assumed"
+    )
 
     def sites(self, network: Network) -> Iterable[Site]:
         for c in core_compressor(network):
@@ -73,8 +119,9 @@ class GuideVanesLoad(Term):
         # not find its way from an open compressor to one that is closed by a quarter
         for c in at.network.components:
             if isinstance(c, Inlet):
-                at.on_leaf(f"{c.name}.corrected_flow",
-                           lambda e, x: x * exp(-1.0 * (at.c(e, "flow_per_deg") * closing(e))))
+                at.on_leaf(
+                    f"{c.name}.corrected_flow", lambda e, x: x * exp(-1.0 * (at.c(e, "flow_per_deg") * closing(e)))
+                )
 
 
 def smooth_positive(x: Value, width: float) -> Value:

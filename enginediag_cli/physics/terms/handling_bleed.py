@@ -25,16 +25,38 @@ class HandlingBleed(Term):
 
     NAME = "handling_bleed"
     TITLE = "Handling bleed"
-    STATEMENT = ("Below a certain speed a valve lets compressed air out to keep the compressor from surge; what "
-                 "lies behind it gets less flow there.")
+    STATEMENT = (
+        "Below a certain speed a valve lets compressed air out to keep the compressor from surge; what "
+        "lies behind it gets less flow there."
+    )
     EQUATION = "W = W_exit (1 − b/(1 + exp[(N_c/N_c,design − n_open)/Δn]))"
     DRIVER = "corrected_speed"
     COEFFICIENTS = (
         Coefficient("fraction", "1", "b, bleed over flow with the valve open", 0.0, 0.0, 0.25, 0.05, 0.08),
-        Coefficient("open_below", "1", "n_open, relative corrected speed at which the valve is half open", 0.85, 0.4,
-                    1.1, 0.05, 0.85, assumed=True, shape=True),
-        Coefficient("width", "1", "Δn, relative corrected speed over which it moves", 0.03, 0.01, 0.2, 0.02, 0.03,
-                    assumed=True, shape=True),
+        Coefficient(
+            "open_below",
+            "1",
+            "n_open, relative corrected speed at which the valve is half open",
+            0.85,
+            0.4,
+            1.1,
+            0.05,
+            0.85,
+            assumed=True,
+            shape=True,
+        ),
+        Coefficient(
+            "width",
+            "1",
+            "Δn, relative corrected speed over which it moves",
+            0.03,
+            0.01,
+            0.2,
+            0.02,
+            0.03,
+            assumed=True,
+            shape=True,
+        ),
     )
     REFERENCE = "NASA AGTF30 variable bleed valve (0 to 15 % of booster flow); speed and width of opening assumed"
 

@@ -32,15 +32,19 @@ class Humidity(Term):
 
     NAME = "humidity"
     TITLE = "Humidity"
-    STATEMENT = ("Warm air carries water that was not recorded: the gas is lighter and of greater heat capacity, which "
-                 "changes speeds, flows and the fuel that is needed.")
+    STATEMENT = (
+        "Warm air carries water that was not recorded: the gas is lighter and of greater heat capacity, which "
+        "changes speeds, flows and the fuel that is needed."
+    )
     EQUATION = "w = w_recorded + φ w_sat(T_0, p_0),  w_sat = 0.622 e_s(T_0)/(p_0 − e_s)"
     DRIVER = "humidity"
     COEFFICIENTS = (
         Coefficient("relative_humidity", "1", "φ, relative humidity beyond what is recorded", 0.0, 0.0, 1.0, 0.4, 0.6),
     )
-    REFERENCE = ("Bird & Grabe, ASME 91-GT-329 (corrections of 0.1 to 0.8 %); saturation: Buck 1981, "
-                 "J. Appl. Meteorol. 20, 1527, constants of 1996")
+    REFERENCE = (
+        "Bird & Grabe, ASME 91-GT-329 (corrections of 0.1 to 0.8 %); saturation: Buck 1981, "
+        "J. Appl. Meteorol. 20, 1527, constants of 1996"
+    )
 
     def sites(self, network: Network) -> Iterable[Site]:
         if any(isinstance(c, Ambient) for c in network.components):

@@ -24,14 +24,26 @@ class InletFilterLoss(Term):
 
     NAME = "inlet_filter_loss"
     TITLE = "Inlet filter and duct loss"
-    STATEMENT = ("Filter, screens and inlet duct take pressure from the air with the square of its flow; dirt in the "
-                 "filter makes it more with the hours.")
+    STATEMENT = (
+        "Filter, screens and inlet duct take pressure from the air with the square of its flow; dirt in the "
+        "filter makes it more with the hours."
+    )
     EQUATION = "P_2 = r P_1 [1 − k (1 + g t/1000 h) x²],  x = (W√θ/δ)/(W√θ/δ)_design at station 2"
     DRIVER = "corrected_speed"
     COEFFICIENTS = (
         Coefficient("loss", "1", "ΔP/P at design flow with a clean filter", 0.0, 0.0, 0.05, 0.01, 0.01, assumed=True),
-        Coefficient("growth", "1/1000 h", "growth of the loss with the hours since the filter was changed", 0.0, 0.0,
-                    2.0, 0.3, 0.2, assumed=True, shape=True),
+        Coefficient(
+            "growth",
+            "1/1000 h",
+            "growth of the loss with the hours since the filter was changed",
+            0.0,
+            0.0,
+            2.0,
+            0.3,
+            0.2,
+            assumed=True,
+            shape=True,
+        ),
     )
     REFERENCE = "Walsh & Fletcher, Gas Turbine Performance, 2nd ed. 2004; 0 to 3 % (0 to 30 mbar) assumed"
     INPUTS: ClassVar[Mapping[str, float]] = {HOURS: 0.0}

@@ -21,15 +21,19 @@ class InletRamRecovery(Term):
 
     NAME = "inlet_ram_recovery"
     TITLE = "Inlet recovery with Mach number"
-    STATEMENT = ("The faster the aircraft flies, the more of the ram pressure the inlet loses at its lip and walls; "
-                 "a few inlets recover better in flight than standing.")
+    STATEMENT = (
+        "The faster the aircraft flies, the more of the ram pressure the inlet loses at its lip and walls; "
+        "a few inlets recover better in flight than standing."
+    )
     EQUATION = "P_2/P_1 = r [1 + k (M² − M_design²)]"
     DRIVER = "mach"
     COEFFICIENTS = (
         Coefficient("change", "1", "change k of the recovery per M²", 0.0, -0.08, 0.03, 0.01, -0.01, assumed=True),
     )
-    REFERENCE = ("Recovery tables: NASA AGTF30 (0.995 standing to 0.998 in flight); MIL-E-5007; S-ducts 0.95 to 0.99; "
-                 "the M² law is assumed")
+    REFERENCE = (
+        "Recovery tables: NASA AGTF30 (0.995 standing to 0.998 in flight); MIL-E-5007; S-ducts 0.95 to 0.99; "
+        "the M² law is assumed"
+    )
 
     def sites(self, network: Network) -> Iterable[Site]:
         for c in network.components:

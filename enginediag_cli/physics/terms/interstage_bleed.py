@@ -20,14 +20,25 @@ class InterstageBleed(Term):
 
     NAME = "interstage_bleed"
     TITLE = "Interstage bleed"
-    STATEMENT = ("Air is taken between the compressor's stages: the turbines get less gas, but only a part of the "
-                 "compressor's work is spent on the air that leaves.")
+    STATEMENT = (
+        "Air is taken between the compressor's stages: the turbines get less gas, but only a part of the "
+        "compressor's work is spent on the air that leaves."
+    )
     EQUATION = "W_exit = W_exit,0 − b W_in,  P_shaft = W_in Δh − b W_in (1 − w) Δh"
     DRIVER = "switch"
     COEFFICIENTS = (
         Coefficient("fraction", "1", "b, bleed over compressor inlet flow", 0.0, 0.0, 0.12, 0.03, 0.03, assumed=True),
-        Coefficient("work_fraction", "1", "w, share of the enthalpy rise done on the bleed", 0.5, 0.0, 1.0, 0.15, 0.5,
-                    shape=True),
+        Coefficient(
+            "work_fraction",
+            "1",
+            "w, share of the enthalpy rise done on the bleed",
+            0.5,
+            0.0,
+            1.0,
+            0.15,
+            0.5,
+            shape=True,
+        ),
     )
     REFERENCE = "NASA AGTF30 setup_HPC (interstage port: enthalpy fraction 0.50); SAE AIR1168; 0 to 8 % assumed"
     SWITCHES = True

@@ -21,16 +21,21 @@ class NozzleDischarge(Term):
 
     NAME = "nozzle_discharge"
     TITLE = "Nozzle discharge coefficient with pressure ratio"
-    STATEMENT = ("A nozzle that does not choke passes less than its area promises: its discharge coefficient falls "
-                 "with the pressure ratio, at idle and on the ground most.")
+    STATEMENT = (
+        "A nozzle that does not choke passes less than its area promises: its discharge coefficient falls "
+        "with the pressure ratio, at idle and on the ground most."
+    )
     EQUATION = "C_d = C_d,design {1 − k [g(NPR) − g(NPR_design)]},  g = exp(−(NPR − 1.2)/0.4)"
     DRIVER = "nozzle_pressure_ratio"
     COEFFICIENTS = (
-        Coefficient("fall", "1", "fall k of C_d at a pressure ratio of 1.2, against a choked nozzle", 0.0, 0.0, 0.1,
-                    0.03, 0.03),
+        Coefficient(
+            "fall", "1", "fall k of C_d at a pressure ratio of 1.2, against a choked nozzle", 0.0, 0.0, 0.1, 0.03, 0.03
+        ),
     )
-    REFERENCE = ("NASA T-MATS, nozzle tables CdTh(PR): 0.93 to 0.99, 0.02 to 0.06 lower at 1.2 than choked; "
-                 "the exponential is assumed")
+    REFERENCE = (
+        "NASA T-MATS, nozzle tables CdTh(PR): 0.93 to 0.99, 0.02 to 0.06 lower at 1.2 than choked; "
+        "the exponential is assumed"
+    )
 
     def sites(self, network: Network) -> Iterable[Site]:
         for c in network.components:

@@ -25,8 +25,16 @@ class NozzleThermalGrowth(Term):
     EQUATION = "A = A_design [1 + 2 a (T − T_design)]"
     DRIVER = "power"
     COEFFICIENTS = (
-        Coefficient("expansion_1_K", "1/K", "linear expansion a of the nozzle per kelvin of the gas", 0.0, 0.0, 3e-5,
-                    1e-5, 1.2e-5),
+        Coefficient(
+            "expansion_1_K",
+            "1/K",
+            "linear expansion a of the nozzle per kelvin of the gas",
+            0.0,
+            0.0,
+            3e-5,
+            1e-5,
+            1.2e-5,
+        ),
     )
     REFERENCE = "NASA T-MATS, nozzle block (Therm_growth); a up to 1.2e-5 per K, 0 to 1.5 % of area"
 

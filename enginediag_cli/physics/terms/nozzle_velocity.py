@@ -20,13 +20,24 @@ class NozzleVelocity(Term):
 
     NAME = "nozzle_velocity"
     TITLE = "Nozzle velocity coefficient with pressure ratio"
-    STATEMENT = ("At low pressure ratio friction costs the jet a larger share of its velocity: there is less thrust, "
-                 "and nothing else in the engine notices.")
+    STATEMENT = (
+        "At low pressure ratio friction costs the jet a larger share of its velocity: there is less thrust, "
+        "and nothing else in the engine notices."
+    )
     EQUATION = "C_v = C_v,design {1 − k [g(NPR) − g(NPR_design)]},  g = exp(−(NPR − 1.2)/0.4)"
     DRIVER = "nozzle_pressure_ratio"
     COEFFICIENTS = (
-        Coefficient("fall", "1", "fall k of C_v at a pressure ratio of 1.2, against a choked nozzle", 0.0, 0.0, 0.05,
-                    0.01, 0.01, assumed=True),
+        Coefficient(
+            "fall",
+            "1",
+            "fall k of C_v at a pressure ratio of 1.2, against a choked nozzle",
+            0.0,
+            0.0,
+            0.05,
+            0.01,
+            0.01,
+            assumed=True,
+        ),
     )
     REFERENCE = "NASA T-MATS and AGTF30, nozzle tables Cv and Cfg: 0.97 to 0.9999; the exponential is assumed"
 

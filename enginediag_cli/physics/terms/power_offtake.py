@@ -19,13 +19,24 @@ class PowerOfftake(Term):
 
     NAME = "power_offtake"
     TITLE = "Shaft power off-take"
-    STATEMENT = ("Generators and hydraulic pumps take shaft power, whatever the engine's power: at low power they are "
-                 "a larger share.")
+    STATEMENT = (
+        "Generators and hydraulic pumps take shaft power, whatever the engine's power: at low power they are "
+        "a larger share."
+    )
     EQUATION = "P_turbine η_m = P_compressor + f · P_turbine,design"
     DRIVER = "constant"
     COEFFICIENTS = (
-        Coefficient("fraction", "1", "load over the shaft's turbine power at the design point", 0.0, 0.0, 0.05, 0.01,
-                    0.005, assumed=True),
+        Coefficient(
+            "fraction",
+            "1",
+            "load over the shaft's turbine power at the design point",
+            0.0,
+            0.0,
+            0.05,
+            0.01,
+            0.005,
+            assumed=True,
+        ),
     )
     REFERENCE = "NLR GSP manual (PTO); Slingerland et al., AIAA 2007-7848; 0.3 to 1.5 % of HPT power on large engines"
     SWITCHES = True

@@ -19,14 +19,26 @@ class PressureProbeRecovery(Term):
 
     NAME = "pressure_probe_recovery"
     TITLE = "Recovery error of a pressure probe"
-    STATEMENT = ("A pressure probe at an angle to the flow or behind a wake catches only part of the dynamic pressure "
-                 "and reads low, the more the faster the gas passes it.")
+    STATEMENT = (
+        "A pressure probe at an angle to the flow or behind a wake catches only part of the dynamic pressure "
+        "and reads low, the more the faster the gas passes it."
+    )
     EQUATION = "reading = P (1 − k M²),  M = M_design (W√T/P)/(W√T/P)_design"
     DRIVER = "corrected_speed"
     COEFFICIENTS = (
         Coefficient("loss", "1", "loss k per M²", 0.0, 0.0, 0.1, 0.02, 0.02, assumed=True),
-        Coefficient("design_mach", "1", "Mach number at the probe at the design point", 0.35, 0.05, 0.8, 0.1, 0.35,
-                    assumed=True, shape=True),
+        Coefficient(
+            "design_mach",
+            "1",
+            "Mach number at the probe at the design point",
+            0.35,
+            0.05,
+            0.8,
+            0.1,
+            0.35,
+            assumed=True,
+            shape=True,
+        ),
     )
     REFERENCE = "Engineering judgement: k 0.005 to 0.03, assumed"
 

@@ -22,15 +22,17 @@ class ReynoldsEfficiency(Term):
 
     NAME = "reynolds_efficiency"
     TITLE = "Reynolds number, compressor efficiency"
-    STATEMENT = ("The thin air of altitude thickens the boundary layers on the blades: the compressor's losses grow "
-                 "as the Reynolds number falls.")
+    STATEMENT = (
+        "The thin air of altitude thickens the boundary layers on the blades: the compressor's losses grow "
+        "as the Reynolds number falls."
+    )
     EQUATION = "(1 − η) = (1 − η_design) (RNI/RNI_design)^(−n),  RNI = (P/P_ISA)(μ_ISA/μ)√(T_ISA/T) at its inlet"
     DRIVER = "reynolds_index"
-    COEFFICIENTS = (
-        Coefficient("exponent", "1", "exponent n of the losses", 0.0, 0.0, 0.3, 0.1, 0.1),
+    COEFFICIENTS = (Coefficient("exponent", "1", "exponent n of the losses", 0.0, 0.0, 0.3, 0.1, 0.1),)
+    REFERENCE = (
+        "NASA TN D-6640 (n 0.06 to 0.20 as Re falls, centrifugal); Wassell 1968, J. Eng. Power 90, 349; "
+        "form as in NLR GSP"
     )
-    REFERENCE = ("NASA TN D-6640 (n 0.06 to 0.20 as Re falls, centrifugal); Wassell 1968, J. Eng. Power 90, 349; "
-                 "form as in NLR GSP")
 
     def sites(self, network: Network) -> Iterable[Site]:
         for c in compressors(network):

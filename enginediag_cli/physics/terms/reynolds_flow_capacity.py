@@ -22,13 +22,16 @@ class ReynoldsFlowCapacity(Term):
 
     NAME = "reynolds_flow_capacity"
     TITLE = "Reynolds number, compressor flow"
-    STATEMENT = ("The thick boundary layers of thin air block the compressor's passages: it swallows less corrected "
-                 "flow at altitude.")
+    STATEMENT = (
+        "The thick boundary layers of thin air block the compressor's passages: it swallows less corrected "
+        "flow at altitude."
+    )
     EQUATION = "W_c = W_c,map [1 + k ln(RNI/RNI_design)],  RNI = (P/P_ISA)(μ_ISA/μ)√(T_ISA/T) at its inlet"
     DRIVER = "reynolds_index"
     COEFFICIENTS = (
-        Coefficient("slope", "1", "k, change of corrected flow per unit of ln RNI", 0.0, 0.0, 0.05, 0.012, 0.015,
-                    assumed=True),
+        Coefficient(
+            "slope", "1", "k, change of corrected flow per unit of ln RNI", 0.0, 0.0, 0.05, 0.012, 0.015, assumed=True
+        ),
     )
     REFERENCE = "NPSS S_Re socket (s_WcRe); Walsh & Fletcher, Gas Turbine Performance, 2nd ed.; k 0 to 0.03 assumed"
 

@@ -28,13 +28,13 @@ class ReynoldsTurbineEfficiency(Term):
 
     NAME = "reynolds_turbine_efficiency"
     TITLE = "Reynolds number, turbine efficiency"
-    STATEMENT = ("Less and thinner gas flows through the turbine at altitude and low power: its boundary layers "
-                 "thicken and its losses grow.")
+    STATEMENT = (
+        "Less and thinner gas flows through the turbine at altitude and low power: its boundary layers "
+        "thicken and its losses grow."
+    )
     EQUATION = "(1 − η) = (1 − η_design) (Re/Re_design)^(−n),  Re ∝ W/μ(T) of the entering gas"
     DRIVER = "reynolds_index"
-    COEFFICIENTS = (
-        Coefficient("exponent", "1", "exponent n of the losses", 0.0, 0.0, 0.35, 0.1, 0.15),
-    )
+    COEFFICIENTS = (Coefficient("exponent", "1", "exponent n of the losses", 0.0, 0.0, 0.35, 0.1, 0.15),)
     REFERENCE = "NASA TN D-5090 (n 0.13 to 0.20 static; 0.18 above and 0.30 below design Re, total)"
 
     def sites(self, network: Network) -> Iterable[Site]:

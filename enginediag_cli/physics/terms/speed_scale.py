@@ -18,8 +18,10 @@ class SpeedScale(Term):
 
     NAME = "speed_scale"
     TITLE = "Scale error of a speed reading"
-    STATEMENT = ("The speed that sets the model's power is recorded a constant share too high or too low, for instance "
-                 "by another 100 % speed than assumed.")
+    STATEMENT = (
+        "The speed that sets the model's power is recorded a constant share too high or too low, for instance "
+        "by another 100 % speed than assumed."
+    )
     EQUATION = "N = N_recorded/(1 + s)"
     DRIVER = "constant"
     COEFFICIENTS = (

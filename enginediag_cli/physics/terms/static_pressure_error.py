@@ -27,14 +27,19 @@ class StaticPressureError(Term):
 
     NAME = "static_pressure_error"
     TITLE = "Position error of the static pressure"
-    STATEMENT = ("The static ports feel the air that flows around the aircraft and read wrong with the square of Mach "
-                 "number: altitude, Mach number and air temperature are recorded wrong together.")
-    EQUATION = ("h = h_rec + k M² R T_ISA(h_rec)/g,  M = M_rec [1 + k (5 + M_rec²)/7],  "
-                "T_s = (T_ISA(h_rec) + ΔT_rec)(1 − 2 k M²/7)")
+    STATEMENT = (
+        "The static ports feel the air that flows around the aircraft and read wrong with the square of Mach "
+        "number: altitude, Mach number and air temperature are recorded wrong together."
+    )
+    EQUATION = (
+        "h = h_rec + k M² R T_ISA(h_rec)/g,  M = M_rec [1 + k (5 + M_rec²)/7],  "
+        "T_s = (T_ISA(h_rec) + ΔT_rec)(1 − 2 k M²/7)"
+    )
     DRIVER = "mach"
     COEFFICIENTS = (
-        Coefficient("error", "1", "error k of the recorded static pressure per M²", 0.0, -0.03, 0.03, 0.008, 0.008,
-                    assumed=True),
+        Coefficient(
+            "error", "1", "error k of the recorded static pressure per M²", 0.0, -0.03, 0.03, 0.008, 0.008, assumed=True
+        ),
     )
     REFERENCE = "Engineering judgement: 0 to 0.5 % of static pressure at cruise, assumed; isentropic relations, γ = 1.4"
 

@@ -21,14 +21,26 @@ class TatProbeHeating(Term):
 
     NAME = "tat_probe_heating"
     TITLE = "Heating of the air-temperature probe"
-    STATEMENT = ("The anti-ice heater warms the probe of the air temperature, most in slow and thin air: the engine "
-                 "breathes colder air than was recorded.")
+    STATEMENT = (
+        "The anti-ice heater warms the probe of the air temperature, most in slow and thin air: the engine "
+        "breathes colder air than was recorded."
+    )
     EQUATION = "ΔT_ISA = recorded − a (p_ISA/p) (M_s/√(M² + M_s²))/(1 + 0.2 M²)"
     DRIVER = "mach"
     COEFFICIENTS = (
         Coefficient("error_K", "K", "error a standing still at sea level", 0.0, 0.0, 6.0, 1.5, 1.5, assumed=True),
-        Coefficient("mach_scale", "1", "Mach number M_s below which ventilation keeps the error finite", 0.1, 0.02,
-                    0.4, 0.05, 0.1, assumed=True, shape=True),
+        Coefficient(
+            "mach_scale",
+            "1",
+            "Mach number M_s below which ventilation keeps the error finite",
+            0.1,
+            0.02,
+            0.4,
+            0.05,
+            0.1,
+            assumed=True,
+            shape=True,
+        ),
     )
     REFERENCE = "Engineering judgement: + k/(M p), 0 to 3 K on the ground, assumed"
     SWITCHES = True

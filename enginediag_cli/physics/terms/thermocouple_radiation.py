@@ -22,15 +22,17 @@ class ThermocoupleRadiation(Term):
 
     NAME = "thermocouple_radiation"
     TITLE = "Radiation error of a thermocouple"
-    STATEMENT = ("A thermocouple in hot gas radiates to the cooler walls and reads low: with the fourth power of "
-                 "temperature, and more where little gas flows past it.")
+    STATEMENT = (
+        "A thermocouple in hot gas radiates to the cooler walls and reads low: with the fourth power of "
+        "temperature, and more where little gas flows past it."
+    )
     EQUATION = "reading = T − a (T/T_design)^4 (W/W_design)^(−0.5),  from ε σ (T^4 − T_w^4)/h, T_w ∝ T, h ∝ W^0.5"
     DRIVER = "power"
-    COEFFICIENTS = (
-        Coefficient("error_K", "K", "error a at the design point", 0.0, 0.0, 30.0, 5.0, 5.0, assumed=True),
+    COEFFICIENTS = (Coefficient("error_K", "K", "error a at the design point", 0.0, 0.0, 30.0, 5.0, 5.0, assumed=True),)
+    REFERENCE = (
+        "SAE AIR46; 2 to 15 K at 900 to 1000 K computed for ε 0.3 to 0.8 and h 1000 to 2000 W/(m² K); "
+        "wall temperature assumed"
     )
-    REFERENCE = ("SAE AIR46; 2 to 15 K at 900 to 1000 K computed for ε 0.3 to 0.8 and h 1000 to 2000 W/(m² K); "
-                 "wall temperature assumed")
 
     def sites(self, network: Network) -> Iterable[Site]:
         return [r.site for r in hot_readings(network)]

@@ -19,15 +19,36 @@ class ThermocoupleRecovery(Term):
 
     NAME = "thermocouple_recovery"
     TITLE = "Recovery error of a temperature probe"
-    STATEMENT = ("A probe in fast gas does not bring it fully to rest and reads below the total temperature, by a "
-                 "share of the gas's dynamic temperature.")
+    STATEMENT = (
+        "A probe in fast gas does not bring it fully to rest and reads below the total temperature, by a "
+        "share of the gas's dynamic temperature."
+    )
     EQUATION = "reading = T − d T m/(1 + m),  m = (γ − 1)/2 M²,  M = M_design (W√T/P)/(W√T/P)_design"
     DRIVER = "power"
     COEFFICIENTS = (
-        Coefficient("deficit", "1", "d = 1 − r, share of the dynamic temperature that is lost", 0.0, 0.0, 0.25, 0.05,
-                    0.05, assumed=True),
-        Coefficient("design_mach", "1", "Mach number at the probe at the design point", 0.35, 0.05, 0.8, 0.1, 0.35,
-                    assumed=True, shape=True),
+        Coefficient(
+            "deficit",
+            "1",
+            "d = 1 − r, share of the dynamic temperature that is lost",
+            0.0,
+            0.0,
+            0.25,
+            0.05,
+            0.05,
+            assumed=True,
+        ),
+        Coefficient(
+            "design_mach",
+            "1",
+            "Mach number at the probe at the design point",
+            0.35,
+            0.05,
+            0.8,
+            0.1,
+            0.35,
+            assumed=True,
+            shape=True,
+        ),
     )
     REFERENCE = "SAE AIR46 (r 0.80 to 0.98); J. Eng. Power 75 (1) 7, ASME"
 

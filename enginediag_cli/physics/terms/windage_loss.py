@@ -26,13 +26,24 @@ class WindageLoss(Term):
 
     NAME = "windage_loss"
     TITLE = "Windage"
-    STATEMENT = ("Discs and drums stir the gas in which they turn: the shaft loses power with the gas's density and "
-                 "the cube of its speed.")
+    STATEMENT = (
+        "Discs and drums stir the gas in which they turn: the shaft loses power with the gas's density and "
+        "the cube of its speed."
+    )
     EQUATION = "P_loss = f P_turbine,design (ρ/ρ_design)(N/N_design)³"
     DRIVER = "shaft_speed"
     COEFFICIENTS = (
-        Coefficient("fraction", "1", "f, loss over the shaft's turbine power at the design point", 0.0, 0.0, 0.03,
-                    0.006, 0.005, assumed=True),
+        Coefficient(
+            "fraction",
+            "1",
+            "f, loss over the shaft's turbine power at the design point",
+            0.0,
+            0.0,
+            0.03,
+            0.006,
+            0.005,
+            assumed=True,
+        ),
     )
     REFERENCE = "NASA AGTF30 (shaft efficiency 0.99); law of discs ρ N³ D⁵; 0.2 to 1 % of shaft power assumed"
 

@@ -91,8 +91,14 @@ def _draw_map(on: Drawing, heat: HeatMap, rows: int, columns: int, top: float) -
             # square root: what matters begins a little above the gate, while the largest may be a hundred times that
             dark = math.sqrt(value / largest) if value > heat.gate else 0.25 * value / max(heat.gate, 1e-9)
             on.rectangle(x, y, COLUMN - 2, ROW - 2, shade(dark))
-            on.words(x + COLUMN / 2 - 1, y + 14, f"{value:.1f}" if value < 100 else f"{value:.0f}", size=11,
-                     anchor="middle", fill=PAPER if dark > 0.5 else INK)
+            on.words(
+                x + COLUMN / 2 - 1,
+                y + 14,
+                f"{value:.1f}" if value < 100 else f"{value:.0f}",
+                size=11,
+                anchor="middle",
+                fill=PAPER if dark > 0.5 else INK,
+            )
     for i, j in sorted(heat.within):  # last, so that no neighbour covers the frame
         if i < rows and j < columns:
             on.rectangle(left + COLUMN * j, top + ROW * i, COLUMN - 2, ROW - 2, "none", stroke=ORANGE, thick=2.5)
@@ -101,8 +107,11 @@ def _draw_map(on: Drawing, heat: HeatMap, rows: int, columns: int, top: float) -
     if any(not math.isfinite(value) for line in heat.surprise[:rows] for value in line[:columns]):
         told += "; grey: taken by identification"
     on.words(MARGIN, y, f"Numbers: −ln p of a correction there; chance alone reaches {heat.gate:.1f}{told}", size=12)
-    left_out = [count(have - shown, what) for have, shown, what in
-                ((len(heat.rows), rows, "place"), (len(heat.columns), columns, "driver")) if have > shown]
+    left_out = [
+        count(have - shown, what)
+        for have, shown, what in ((len(heat.rows), rows, "place"), (len(heat.columns), columns, "driver"))
+        if have > shown
+    ]
     if left_out:
         on.words(MARGIN, y + 17, f"Less surprising, not drawn: {' and '.join(left_out)}", size=12)
 
@@ -132,9 +141,7 @@ def _lines(name: str) -> list[str]:
     return [*lines, *([f"+ {len(parts) - MOST_NAMES} more"] if len(parts) > MOST_NAMES else [])]
 
 
-def rows_of(
-    places: Sequence[tuple[str, str, float, bool]], columns: Sequence[str], gate: float
-) -> HeatMap:
+def rows_of(places: Sequence[tuple[str, str, float, bool]], columns: Sequence[str], gate: float) -> HeatMap:
     """The map from (location, driver group, −ln p, told) of every place, the most surprising location first."""
     best: dict[str, float] = {}
     values: Mapping[tuple[str, str], float] = {(a, g): v for a, g, v, _ in places}

@@ -18,8 +18,16 @@ class Drawing:
         self._elements: list[str] = []
 
     def rectangle(
-        self, x: float, y: float, width: float, height: float, fill: str, *, stroke: str = "",
-        thick: float = 1.0, hint: str = "",
+        self,
+        x: float,
+        y: float,
+        width: float,
+        height: float,
+        fill: str,
+        *,
+        stroke: str = "",
+        thick: float = 1.0,
+        hint: str = "",
     ) -> None:
         edge = {"stroke": stroke, **({"stroke-width": thick} if thick != 1.0 else {})} if stroke else {}
         self._add("rect", {"x": x, "y": y, "width": width, "height": height, "fill": fill, **edge}, hint)
@@ -41,8 +49,16 @@ class Drawing:
         self._elements.append("</g>")
 
     def words(
-        self, x: float, y: float, text: str, *, size: float = 12.0, anchor: str = "start", fill: str = INK,
-        turned: float = 0.0, bold: bool = False,
+        self,
+        x: float,
+        y: float,
+        text: str,
+        *,
+        size: float = 12.0,
+        anchor: str = "start",
+        fill: str = INK,
+        turned: float = 0.0,
+        bold: bool = False,
     ) -> None:
         """Text whose base line starts ("start"), is centred ("middle") or ends ("end") at a point, turned clockwise by
         degrees."""

@@ -33,11 +33,15 @@ def _compute(columns: Columns, settings: Settings) -> np.ndarray:
 
 
 HUMIDITY_RATIO = Rule(
-    Section("humidity_ratio", "water per dry air from the relative humidity, in kg/kg", (
-        Field("relative", "text", "column of the relative humidity, 0 to 1", "relative_humidity"),
-        Field("temperature", "text", "column of the air temperature", "ambient_temperature_K"),
-        Field("pressure", "text", "column of the air pressure", "ambient_pressure_Pa"),
-    )),
+    Section(
+        "humidity_ratio",
+        "water per dry air from the relative humidity, in kg/kg",
+        (
+            Field("relative", "text", "column of the relative humidity, 0 to 1", "relative_humidity"),
+            Field("temperature", "text", "column of the air temperature", "ambient_temperature_K"),
+            Field("pressure", "text", "column of the air pressure", "ambient_pressure_Pa"),
+        ),
+    ),
     lambda settings: [settings[key] for key in ("relative", "temperature", "pressure")],
     _compute,
 )

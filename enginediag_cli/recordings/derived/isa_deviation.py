@@ -22,10 +22,14 @@ def _compute(columns: Columns, settings: Settings) -> np.ndarray:
 
 
 ISA_DEVIATION = Rule(
-    Section("isa_deviation", "static temperature minus that of the standard atmosphere, in K", (
-        Field("temperature", "text", "column of the static air temperature", "ambient_temperature_K"),
-        Field("altitude", "text", "column of the pressure altitude", "altitude_m"),
-    )),
+    Section(
+        "isa_deviation",
+        "static temperature minus that of the standard atmosphere, in K",
+        (
+            Field("temperature", "text", "column of the static air temperature", "ambient_temperature_K"),
+            Field("altitude", "text", "column of the pressure altitude", "altitude_m"),
+        ),
+    ),
     lambda settings: [settings["temperature"], settings["altitude"]],
     _compute,
 )

@@ -16,11 +16,15 @@ def _compute(columns: Columns, settings: Settings) -> np.ndarray:
 
 
 PRODUCT = Rule(
-    Section("product", "factor times the product of some columns over the product of others", (
-        Field("of", "texts", "columns to multiply"),
-        Field("over", "texts", "columns to divide by", ()),
-        Field("factor", "number", "constant factor", 1.0),
-    )),
+    Section(
+        "product",
+        "factor times the product of some columns over the product of others",
+        (
+            Field("of", "texts", "columns to multiply"),
+            Field("over", "texts", "columns to divide by", ()),
+            Field("factor", "number", "constant factor", 1.0),
+        ),
+    ),
     lambda settings: [*settings["of"], *settings["over"]],
     _compute,
 )

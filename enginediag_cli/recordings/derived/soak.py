@@ -40,11 +40,15 @@ def _compute(columns: Columns, settings: Settings) -> np.ndarray:
 
 
 SOAK = Rule(
-    Section("soak", "a column minus its own low-pass, computed at the rate of the file, before averaging", (
-        Field("column", "text", "column that drives the soak, e.g. N1_rpm"),
-        Field("time_constant_s", "number", "time constant of the low-pass", unit="s", minimum=1e-3),
-        Field("time", "text", "column of the time", "time_s"),
-    )),
+    Section(
+        "soak",
+        "a column minus its own low-pass, computed at the rate of the file, before averaging",
+        (
+            Field("column", "text", "column that drives the soak, e.g. N1_rpm"),
+            Field("time_constant_s", "number", "time constant of the low-pass", unit="s", minimum=1e-3),
+            Field("time", "text", "column of the time", "time_s"),
+        ),
+    ),
     lambda settings: [settings["column"], settings["time"]],
     _compute,
 )

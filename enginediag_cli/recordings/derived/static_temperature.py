@@ -21,11 +21,15 @@ def _compute(columns: Columns, settings: Settings) -> np.ndarray:
 
 
 STATIC_TEMPERATURE = Rule(
-    Section("static_temperature", "static from total air temperature, in K", (
-        Field("total", "text", "column of the total temperature", "T2_K"),
-        Field("mach", "text", "column of the Mach number", "mach"),
-        Field("recovery", "number", "recovery factor of the probe", 1.0, minimum=0.0, maximum=1.0),
-    )),
+    Section(
+        "static_temperature",
+        "static from total air temperature, in K",
+        (
+            Field("total", "text", "column of the total temperature", "T2_K"),
+            Field("mach", "text", "column of the Mach number", "mach"),
+            Field("recovery", "number", "recovery factor of the probe", 1.0, minimum=0.0, maximum=1.0),
+        ),
+    ),
     lambda settings: [settings["total"], settings["mach"]],
     _compute,
 )

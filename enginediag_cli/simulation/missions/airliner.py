@@ -19,47 +19,116 @@ from enginediag_cli.simulation.airspeed import FOOT_M, KNOT_M_S, mach_from_cas
 from enginediag_cli.simulation.missions import atmosphere
 from enginediag_cli.simulation.missions.profile import Profile
 
-SECTION = Section("airliner", "whole flights: ground, take-off, climb, cruise with step climbs, descent", (
-    Field("airfield_elevation_m", "range", "elevation of the airfields, [low, high] over flights",
-          (0.0, 600.0), unit="m", minimum=-100.0),
-    Field("cruise_levels_ft", "numbers", "flight levels of first cruise, one drawn per flight",
-          (31000.0, 33000.0, 35000.0), unit="ft", minimum=5000.0),
-    Field("cruise_mach", "range", "cruise Mach number, [low, high] over flights", (0.78, 0.82),
-          minimum=0.1, maximum=0.95),
-    Field("cruise_duration_min", "range", "time in cruise, [low, high] over flights", (40.0, 90.0),
-          unit="min", minimum=1.0),
-    Field("step_climb_ft", "number", "height of a step climb; 0 for none", 2000.0, unit="ft", minimum=0.0),
-    Field("step_interval_min", "number", "level flight before each step climb", 30.0, unit="min",
-          minimum=1.0),
-    Field("climb_cas_kt", "range", "calibrated airspeed in climb below and above 10,000 ft", (250.0, 290.0),
-          unit="kt", minimum=60.0),
-    Field("descent_cas_kt", "range", "calibrated airspeed in descent below and above 10,000 ft",
-          (250.0, 290.0), unit="kt", minimum=60.0),
-    Field("lift_off_cas_kt", "number", "calibrated airspeed at lift-off and touch-down", 155.0, unit="kt",
-          minimum=40.0),
-    Field("climb_rate_m_s", "range", "rate of climb [at 11 km, at sea level]", (3.0, 13.0), unit="m/s",
-          minimum=0.5),
-    Field("descent_rate_m_s", "number", "rate of descent above 3 km", 10.0, unit="m/s", minimum=0.5),
-    Field("taxi_min", "number", "taxi time before take-off; half of it after landing", 8.0, unit="min",
-          minimum=0.0),
-    Field("ground_idle", "number", "power on the ground, fraction of the rating", 0.05, minimum=0, maximum=1),
-    Field("take_off", "range", "take-off power, [low, high] over flights (derated take-offs)", (0.88, 1.0),
-          minimum=0.0, maximum=1.0),
-    Field("climb", "range", "climb power, [low, high] over flights", (0.82, 0.9), minimum=0.0, maximum=1.0),
-    Field("cruise", "range", "cruise power at the start of a level, [low, high] over flights", (0.66, 0.76),
-          minimum=0.0, maximum=1.0),
-    Field("descent", "range", "descent power, [low, high] over flights", (0.15, 0.25), minimum=0.0,
-          maximum=1.0),
-    Field("approach", "range", "approach power, [low, high] over flights", (0.3, 0.4), minimum=0.0,
-          maximum=1.0),
-    Field("cruise_fade_per_h", "number", "power given back per hour of level cruise as fuel burns off", 0.04,
-          unit="1/h", minimum=0.0),
-    Field("power_scatter", "number", "standard deviation of the slow power changes of the thrust control",
-          0.008, minimum=0.0, maximum=0.1),
-    Field("record_interval_s", "number", "time between records", 10.0, unit="s", minimum=0.1),
-    Field("turnaround_min", "number", "time on the ground between flights", 60.0, unit="min", minimum=0.0),
-    *atmosphere.FIELDS,
-))
+SECTION = Section(
+    "airliner",
+    "whole flights: ground, take-off, climb, cruise with step climbs, descent",
+    (
+        Field(
+            "airfield_elevation_m",
+            "range",
+            "elevation of the airfields, [low, high] over flights",
+            (0.0, 600.0),
+            unit="m",
+            minimum=-100.0,
+        ),
+        Field(
+            "cruise_levels_ft",
+            "numbers",
+            "flight levels of first cruise, one drawn per flight",
+            (31000.0, 33000.0, 35000.0),
+            unit="ft",
+            minimum=5000.0,
+        ),
+        Field(
+            "cruise_mach",
+            "range",
+            "cruise Mach number, [low, high] over flights",
+            (0.78, 0.82),
+            minimum=0.1,
+            maximum=0.95,
+        ),
+        Field(
+            "cruise_duration_min",
+            "range",
+            "time in cruise, [low, high] over flights",
+            (40.0, 90.0),
+            unit="min",
+            minimum=1.0,
+        ),
+        Field("step_climb_ft", "number", "height of a step climb; 0 for none", 2000.0, unit="ft", minimum=0.0),
+        Field("step_interval_min", "number", "level flight before each step climb", 30.0, unit="min", minimum=1.0),
+        Field(
+            "climb_cas_kt",
+            "range",
+            "calibrated airspeed in climb below and above 10,000 ft",
+            (250.0, 290.0),
+            unit="kt",
+            minimum=60.0,
+        ),
+        Field(
+            "descent_cas_kt",
+            "range",
+            "calibrated airspeed in descent below and above 10,000 ft",
+            (250.0, 290.0),
+            unit="kt",
+            minimum=60.0,
+        ),
+        Field(
+            "lift_off_cas_kt",
+            "number",
+            "calibrated airspeed at lift-off and touch-down",
+            155.0,
+            unit="kt",
+            minimum=40.0,
+        ),
+        Field(
+            "climb_rate_m_s", "range", "rate of climb [at 11 km, at sea level]", (3.0, 13.0), unit="m/s", minimum=0.5
+        ),
+        Field("descent_rate_m_s", "number", "rate of descent above 3 km", 10.0, unit="m/s", minimum=0.5),
+        Field(
+            "taxi_min", "number", "taxi time before take-off; half of it after landing", 8.0, unit="min", minimum=0.0
+        ),
+        Field("ground_idle", "number", "power on the ground, fraction of the rating", 0.05, minimum=0, maximum=1),
+        Field(
+            "take_off",
+            "range",
+            "take-off power, [low, high] over flights (derated take-offs)",
+            (0.88, 1.0),
+            minimum=0.0,
+            maximum=1.0,
+        ),
+        Field("climb", "range", "climb power, [low, high] over flights", (0.82, 0.9), minimum=0.0, maximum=1.0),
+        Field(
+            "cruise",
+            "range",
+            "cruise power at the start of a level, [low, high] over flights",
+            (0.66, 0.76),
+            minimum=0.0,
+            maximum=1.0,
+        ),
+        Field("descent", "range", "descent power, [low, high] over flights", (0.15, 0.25), minimum=0.0, maximum=1.0),
+        Field("approach", "range", "approach power, [low, high] over flights", (0.3, 0.4), minimum=0.0, maximum=1.0),
+        Field(
+            "cruise_fade_per_h",
+            "number",
+            "power given back per hour of level cruise as fuel burns off",
+            0.04,
+            unit="1/h",
+            minimum=0.0,
+        ),
+        Field(
+            "power_scatter",
+            "number",
+            "standard deviation of the slow power changes of the thrust control",
+            0.008,
+            minimum=0.0,
+            maximum=0.1,
+        ),
+        Field("record_interval_s", "number", "time between records", 10.0, unit="s", minimum=0.1),
+        Field("turnaround_min", "number", "time on the ground between flights", 60.0, unit="min", minimum=0.0),
+        *atmosphere.FIELDS,
+    ),
+)
 
 LOW_ALTITUDE_M = 10000.0 * FOOT_M
 TAKE_OFF_HEIGHT_M = 450.0
@@ -72,7 +141,10 @@ ISA_TOP_M = 11000.0
 
 
 def generate(
-    settings: Mapping[str, Any], count: int, engine: object, rng: np.random.Generator,
+    settings: Mapping[str, Any],
+    count: int,
+    engine: object,
+    rng: np.random.Generator,
 ) -> dict[str, NDArray]:
     """Columns of `count` flights one after the other, every flight drawn by a generator of its own."""
     entropy = rng.integers(0, 2**32, size=4)
@@ -163,8 +235,11 @@ def _level(profile: Profile, settings: Mapping[str, Any], duration: float, power
 
 
 def _mach(
-    settings: Mapping[str, Any], draw: _Draw, profile: Profile,
-    time: NDArray[np.float64], altitude: NDArray[np.float64],
+    settings: Mapping[str, Any],
+    draw: _Draw,
+    profile: Profile,
+    time: NDArray[np.float64],
+    altitude: NDArray[np.float64],
 ) -> NDArray[np.float64]:
     """Mach number, (N,): the airspeed schedule up to the cruise Mach number, and the ground rolls."""
     field_m = profile.altitudes[0]
@@ -184,7 +259,10 @@ def _mach(
 
 
 def _power(
-    settings: Mapping[str, Any], profile: Profile, time: NDArray[np.float64], phase: NDArray,
+    settings: Mapping[str, Any],
+    profile: Profile,
+    time: NDArray[np.float64],
+    phase: NDArray,
     rng: np.random.Generator,
 ) -> NDArray[np.float64]:
     """Fraction of the rating, (N,), with spool-up ramps at phase changes and slow scatter in flight."""

@@ -12,11 +12,9 @@ from enginediag_cli.config.fields import Field
 
 FIELDS = (
     Field("dT_isa_ground_K", "number", "deviation from ISA at the ground, mean over flights", 5.0, unit="K"),
-    Field("dT_isa_ground_sigma_K", "number", "its standard deviation over flights", 8.0, unit="K",
-          minimum=0.0),
+    Field("dT_isa_ground_sigma_K", "number", "its standard deviation over flights", 8.0, unit="K", minimum=0.0),
     Field("dT_isa_cruise_K", "number", "deviation from ISA at 11 km, mean over flights", 0.0, unit="K"),
-    Field("dT_isa_cruise_sigma_K", "number", "its standard deviation over flights", 5.0, unit="K",
-          minimum=0.0),
+    Field("dT_isa_cruise_sigma_K", "number", "its standard deviation over flights", 5.0, unit="K", minimum=0.0),
 )
 
 REFERENCE_ALTITUDE_M = 11000.0
@@ -24,7 +22,10 @@ DAY_LIMIT_SIGMA = 2.0
 
 
 def day(
-    settings: Mapping[str, Any], where: str, rng: np.random.Generator, count: int,
+    settings: Mapping[str, Any],
+    where: str,
+    rng: np.random.Generator,
+    count: int,
 ) -> NDArray[np.float64]:
     """Deviations from ISA, K, of `count` days at `where` (ground or cruise): normal, cut at two sigma."""
     mean, sigma = settings[f"dT_isa_{where}_K"], settings[f"dT_isa_{where}_sigma_K"]
@@ -32,8 +33,12 @@ def day(
 
 
 def along_flight(
-    time_s: NDArray[np.float64], altitude_m: NDArray[np.float64], ground_K: float, cruise_K: float,
-    rng: np.random.Generator, amplitude_K: float = 1.5,
+    time_s: NDArray[np.float64],
+    altitude_m: NDArray[np.float64],
+    ground_K: float,
+    cruise_K: float,
+    rng: np.random.Generator,
+    amplitude_K: float = 1.5,
 ) -> NDArray[np.float64]:
     """Deviation from ISA, K, (N,): linear in altitude between ground and 11 km, plus slow air-mass waves.
 

@@ -11,29 +11,73 @@ from numpy.typing import NDArray
 from enginediag_cli.config.fields import Field, Section
 from enginediag_cli.engine.atmosphere import P_ISA, standard_atmosphere
 
-SECTION = Section("ground", "a ground or ship turbine: ambient temperature by day and season, load by hour", (
-    Field("elevation_m", "number", "elevation of the site", 0.0, unit="m", minimum=-400.0, maximum=4500.0),
-    Field("pressure_swing_m", "number", "standard deviation of the pressure altitude with the weather",
-          60.0, unit="m", minimum=0.0),
-    Field("ambient_mean_K", "number", "mean ambient temperature over the year", 288.15, unit="K",
-          minimum=220.0, maximum=330.0),
-    Field("season_amplitude_K", "number", "half the difference between summer and winter means", 9.0,
-          unit="K", minimum=0.0),
-    Field("day_amplitude_K", "number", "half the difference between afternoon and night", 4.0, unit="K",
-          minimum=0.0),
-    Field("weather_K", "number", "standard deviation of the weather's temperature over days", 3.0, unit="K",
-          minimum=0.0),
-    Field("relative_humidity", "range", "relative humidity, [afternoon, night]; used by engines that take "
-          "humidity", (0.5, 0.9), minimum=0.0, maximum=1.0),
-    Field("first_day_of_year", "integer", "day of the year of the first record", 1, minimum=1, maximum=366),
-    Field("load_by_hour", "numbers", "power, fraction of the rating, at evenly spaced hours of the day from "
-          "midnight; linear between them", (1.0,), minimum=0.0, maximum=1.0),
-    Field("load_scatter", "number", "standard deviation of the load from hour to hour", 0.02, minimum=0.0,
-          maximum=0.3),
-    Field("base_load_above", "number", "load from which a record is called base load", 0.95, minimum=0.0,
-          maximum=1.0),
-    Field("record_interval_s", "number", "time between records", 3600.0, unit="s", minimum=1.0),
-))
+SECTION = Section(
+    "ground",
+    "a ground or ship turbine: ambient temperature by day and season, load by hour",
+    (
+        Field("elevation_m", "number", "elevation of the site", 0.0, unit="m", minimum=-400.0, maximum=4500.0),
+        Field(
+            "pressure_swing_m",
+            "number",
+            "standard deviation of the pressure altitude with the weather",
+            60.0,
+            unit="m",
+            minimum=0.0,
+        ),
+        Field(
+            "ambient_mean_K",
+            "number",
+            "mean ambient temperature over the year",
+            288.15,
+            unit="K",
+            minimum=220.0,
+            maximum=330.0,
+        ),
+        Field(
+            "season_amplitude_K",
+            "number",
+            "half the difference between summer and winter means",
+            9.0,
+            unit="K",
+            minimum=0.0,
+        ),
+        Field(
+            "day_amplitude_K", "number", "half the difference between afternoon and night", 4.0, unit="K", minimum=0.0
+        ),
+        Field(
+            "weather_K",
+            "number",
+            "standard deviation of the weather's temperature over days",
+            3.0,
+            unit="K",
+            minimum=0.0,
+        ),
+        Field(
+            "relative_humidity",
+            "range",
+            "relative humidity, [afternoon, night]; used by engines that take humidity",
+            (0.5, 0.9),
+            minimum=0.0,
+            maximum=1.0,
+        ),
+        Field("first_day_of_year", "integer", "day of the year of the first record", 1, minimum=1, maximum=366),
+        Field(
+            "load_by_hour",
+            "numbers",
+            "power, fraction of the rating, at evenly spaced hours of the day from midnight; linear between them",
+            (1.0,),
+            minimum=0.0,
+            maximum=1.0,
+        ),
+        Field(
+            "load_scatter", "number", "standard deviation of the load from hour to hour", 0.02, minimum=0.0, maximum=0.3
+        ),
+        Field(
+            "base_load_above", "number", "load from which a record is called base load", 0.95, minimum=0.0, maximum=1.0
+        ),
+        Field("record_interval_s", "number", "time between records", 3600.0, unit="s", minimum=1.0),
+    ),
+)
 
 DAY_S = 86400.0
 YEAR_DAYS = 365.25
@@ -43,19 +87,26 @@ WEATHER_TIME_S = 2.0 * DAY_S
 
 
 def generate(
-    settings: Mapping[str, Any], count: int, engine: object, rng: np.random.Generator,
+    settings: Mapping[str, Any],
+    count: int,
+    engine: object,
+    rng: np.random.Generator,
 ) -> dict[str, NDArray]:
     """Columns of `count` days; `flight` numbers the days."""
     interval = settings["record_interval_s"]
     time = interval * np.arange(int(np.ceil(count * DAY_S / interval)))
     day = settings["first_day_of_year"] + time / DAY_S
     hour = 24.0 * (time / DAY_S % 1.0)
-    weather, pressure, load = (wander(len(time), np.exp(-interval / tau), rng)
-                               for tau in (WEATHER_TIME_S, WEATHER_TIME_S, 3600.0))
+    weather, pressure, load = (
+        wander(len(time), np.exp(-interval / tau), rng) for tau in (WEATHER_TIME_S, WEATHER_TIME_S, 3600.0)
+    )
     afternoon = np.cos(2.0 * np.pi * (hour - WARMEST_HOUR) / 24.0)
-    ambient = (settings["ambient_mean_K"]
-               - settings["season_amplitude_K"] * np.cos(2.0 * np.pi * (day - COLDEST_DAY) / YEAR_DAYS)
-               + settings["day_amplitude_K"] * afternoon + settings["weather_K"] * weather)
+    ambient = (
+        settings["ambient_mean_K"]
+        - settings["season_amplitude_K"] * np.cos(2.0 * np.pi * (day - COLDEST_DAY) / YEAR_DAYS)
+        + settings["day_amplitude_K"] * afternoon
+        + settings["weather_K"] * weather
+    )
     altitude = settings["elevation_m"] + settings["pressure_swing_m"] * pressure
     profile = np.asarray(settings["load_by_hour"], dtype=float)
     hours = np.linspace(0.0, 24.0, len(profile) + 1)
@@ -85,7 +136,9 @@ def wander(n: int, rho: float, rng: np.random.Generator) -> NDArray[np.float64]:
 
 
 def humidity(
-    relative: NDArray[np.float64], temperature_K: NDArray[np.float64], pressure_Pa: float = P_ISA,
+    relative: NDArray[np.float64],
+    temperature_K: NDArray[np.float64],
+    pressure_Pa: float = P_ISA,
 ) -> NDArray[np.float64]:
     """Water per dry air, kg/kg, (N,), from relative humidity.
 

@@ -27,7 +27,12 @@ class Profile:
         return self.times[-1]
 
     def go(
-        self, phase: str, altitude_m: float, duration_s: float, power: float, power_end: float | None = None,
+        self,
+        phase: str,
+        altitude_m: float,
+        duration_s: float,
+        power: float,
+        power_end: float | None = None,
     ) -> None:
         """Add a leg that ends at `altitude_m` after `duration_s`; a leg without duration adds nothing."""
         if duration_s <= 0.0:

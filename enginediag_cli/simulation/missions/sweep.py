@@ -12,22 +12,35 @@ from enginediag_cli.config.fields import Field, Section
 from enginediag_cli.simulation.airspeed import KNOT_M_S, mach_from_cas
 from enginediag_cli.simulation.conditions import EngineLike
 
-SECTION = Section("sweep", "uniform random operating points over the engine's envelope", (
-    Field("altitude_m", "range", "altitude; the engine's envelope where absent", None, unit="m"),
-    Field("mach", "range", "Mach number; the engine's envelope where absent", None, minimum=0.0),
-    Field("dT_isa_K", "range", "deviation from ISA; the engine's envelope where absent", None, unit="K"),
-    Field("power", "range", "power, fraction of the rating", (0.3, 1.0), minimum=0.0, maximum=1.0),
-    Field("cas_kt", "range", "calibrated airspeeds that the aircraft can fly; the lower one counts from "
-          "1500 m upwards", (0.0, 400.0), unit="kt", minimum=0.0),
-    Field("records_per_flight", "integer", "how many points share a flight number", 100, minimum=1),
-    Field("record_interval_s", "number", "time between records", 60.0, unit="s", minimum=0.1),
-))
+SECTION = Section(
+    "sweep",
+    "uniform random operating points over the engine's envelope",
+    (
+        Field("altitude_m", "range", "altitude; the engine's envelope where absent", None, unit="m"),
+        Field("mach", "range", "Mach number; the engine's envelope where absent", None, minimum=0.0),
+        Field("dT_isa_K", "range", "deviation from ISA; the engine's envelope where absent", None, unit="K"),
+        Field("power", "range", "power, fraction of the rating", (0.3, 1.0), minimum=0.0, maximum=1.0),
+        Field(
+            "cas_kt",
+            "range",
+            "calibrated airspeeds that the aircraft can fly; the lower one counts from 1500 m upwards",
+            (0.0, 400.0),
+            unit="kt",
+            minimum=0.0,
+        ),
+        Field("records_per_flight", "integer", "how many points share a flight number", 100, minimum=1),
+        Field("record_interval_s", "number", "time between records", 60.0, unit="s", minimum=0.1),
+    ),
+)
 
 FREE_BELOW_M = 1500.0
 
 
 def generate(
-    settings: Mapping[str, Any], count: int, engine: EngineLike, rng: np.random.Generator,
+    settings: Mapping[str, Any],
+    count: int,
+    engine: EngineLike,
+    rng: np.random.Generator,
 ) -> dict[str, NDArray]:
     """Columns of `count` flights of `records_per_flight` independent points each.
 
@@ -45,8 +58,11 @@ def generate(
     floor = np.where(altitude > FREE_BELOW_M, mach_from_cas(cas_low, altitude), 0.0)
     ceiling = np.clip(mach_from_cas(cas_high, altitude), low, high)
     record = np.arange(n)
-    others = [c for c in (*engine.inputs, *engine.optional_inputs)
-              if c in engine.envelope and c not in (*uniform, engine.power_setting)]
+    others = [
+        c
+        for c in (*engine.inputs, *engine.optional_inputs)
+        if c in engine.envelope and c not in (*uniform, engine.power_setting)
+    ]
     return {
         **{column: _spread(rng.random(n), *engine.envelope[column]) for column in others},
         "time_s": settings["record_interval_s"] * record,
@@ -60,7 +76,9 @@ def generate(
 
 
 def _spread(
-    uniform: NDArray[np.float64], low: float | NDArray[np.float64], high: float | NDArray[np.float64],
+    uniform: NDArray[np.float64],
+    low: float | NDArray[np.float64],
+    high: float | NDArray[np.float64],
 ) -> NDArray[np.float64]:
     return low + (high - low) * uniform
 

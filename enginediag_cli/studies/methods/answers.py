@@ -13,10 +13,16 @@ from enginediag_cli.residuals.pipeline import LINEARISE
 from enginediag_cli.residuals.score import Score
 from enginediag_cli.studies.evidence import Evidence
 
-LINEARISE_FIELD = Field("linearise", "choice", "where the model is linearised: at the estimate of each window, or at "
-                        "nominal", "estimate", choices=LINEARISE)
-LEVEL_FIELD = Field("level", "number", "level of its tests; false_alarm of the study where absent", None,
-                    minimum=1e-6, maximum=0.5)
+LINEARISE_FIELD = Field(
+    "linearise",
+    "choice",
+    "where the model is linearised: at the estimate of each window, or at nominal",
+    "estimate",
+    choices=LINEARISE,
+)
+LEVEL_FIELD = Field(
+    "level", "number", "level of its tests; false_alarm of the study where absent", None, minimum=1e-6, maximum=0.5
+)
 
 
 @dataclass(frozen=True)

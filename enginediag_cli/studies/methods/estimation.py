@@ -15,8 +15,7 @@ from enginediag_cli.studies.evidence import Evidence
 
 from .answers import LEVEL_FIELD, LINEARISE_FIELD, Answers, by_score
 
-SECTION = Section("estimation", "re-estimation of all parameters, a Wald test of each",
-                  (LINEARISE_FIELD, LEVEL_FIELD))
+SECTION = Section("estimation", "re-estimation of all parameters, a Wald test of each", (LINEARISE_FIELD, LEVEL_FIELD))
 
 
 def answer(evidence: Evidence, options: Mapping[str, Any]) -> Answers:

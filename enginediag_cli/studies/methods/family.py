@@ -13,9 +13,11 @@ from enginediag_cli.studies.evidence import Evidence
 
 from .answers import Answers
 
-SECTION = Section("family", "a family of residuals, with its own detection and isolation", (
-    Field("family", "choice", "which", choices=tuple(FAMILIES)),
-))
+SECTION = Section(
+    "family",
+    "a family of residuals, with its own detection and isolation",
+    (Field("family", "choice", "which", choices=tuple(FAMILIES)),),
+)
 
 
 def answer(evidence: Evidence, options: Mapping[str, Any]) -> Answers:

@@ -12,8 +12,9 @@ from enginediag_cli.studies.evidence import Evidence
 
 from .answers import LEVEL_FIELD, LINEARISE_FIELD, Answers, by_score
 
-SECTION = Section("minmax", "min-max tests of single parameters, multiple comparison by Holm",
-                  (LINEARISE_FIELD, LEVEL_FIELD))
+SECTION = Section(
+    "minmax", "min-max tests of single parameters, multiple comparison by Holm", (LINEARISE_FIELD, LEVEL_FIELD)
+)
 
 
 def answer(evidence: Evidence, options: Mapping[str, Any]) -> Answers:

@@ -15,18 +15,45 @@ from .answers import LINEARISE_FIELD, Answers, by_score
 
 _DEFAULT = SetPrior()
 
-SECTION = Section("posterior", "posterior probability of every set of changes", (
-    LINEARISE_FIELD,
-    Field("inclusion", "number", "prior probability that a parameter changed", _DEFAULT.inclusion, minimum=1e-6,
-          maximum=0.999),
-    Field("worn", "number", "prior probability of an engine on which any number of changes is equally probable",
-          _DEFAULT.worn, minimum=0.0, maximum=1.0),
-    Field("sensor", "number", "prior probability that a sensor is wrong, where sensors are monitored", _DEFAULT.sensor,
-          minimum=1e-6, maximum=0.999),
-    Field("slabs", "numbers", "sizes of a change, each as probable, in prior standard deviations of the parameter",
-          _DEFAULT.slabs, minimum=1e-6),
-    Field("largest", "integer", "largest number of changes considered", None, minimum=1),
-))
+SECTION = Section(
+    "posterior",
+    "posterior probability of every set of changes",
+    (
+        LINEARISE_FIELD,
+        Field(
+            "inclusion",
+            "number",
+            "prior probability that a parameter changed",
+            _DEFAULT.inclusion,
+            minimum=1e-6,
+            maximum=0.999,
+        ),
+        Field(
+            "worn",
+            "number",
+            "prior probability of an engine on which any number of changes is equally probable",
+            _DEFAULT.worn,
+            minimum=0.0,
+            maximum=1.0,
+        ),
+        Field(
+            "sensor",
+            "number",
+            "prior probability that a sensor is wrong, where sensors are monitored",
+            _DEFAULT.sensor,
+            minimum=1e-6,
+            maximum=0.999,
+        ),
+        Field(
+            "slabs",
+            "numbers",
+            "sizes of a change, each as probable, in prior standard deviations of the parameter",
+            _DEFAULT.slabs,
+            minimum=1e-6,
+        ),
+        Field("largest", "integer", "largest number of changes considered", None, minimum=1),
+    ),
+)
 
 
 def answer(evidence: Evidence, options: Mapping[str, Any]) -> Answers:

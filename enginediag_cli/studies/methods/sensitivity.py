@@ -12,8 +12,9 @@ from enginediag_cli.studies.evidence import Evidence
 
 from .answers import LINEARISE_FIELD, Answers, by_score
 
-SECTION = Section("sensitivity", "the set of changes of the true size with the largest sensitivity statistic",
-                  (LINEARISE_FIELD,))
+SECTION = Section(
+    "sensitivity", "the set of changes of the true size with the largest sensitivity statistic", (LINEARISE_FIELD,)
+)
 
 
 def answer(evidence: Evidence, options: Mapping[str, Any]) -> Answers:
