@@ -20,7 +20,14 @@ import numpy as np
 from enginediag_cli.recordings.flights import FlightNumbers
 from enginediag_cli.recordings.frozen import FrozenWatch, frozen
 from enginediag_cli.recordings.outliers import outliers
-from enginediag_cli.recordings.quality import MaskReport, QualitySettings, in_runs, physical_limits, tally
+from enginediag_cli.recordings.quality import (
+    MaskReport,
+    QualitySettings,
+    in_runs,
+    physical_limits,
+    tally,
+    whole_record_lines,
+)
 from enginediag_cli.recordings.repeated import Repeats
 from enginediag_cli.recordings.stuck import stuck
 from enginediag_cli.recordings.table import Recording, concat
@@ -64,6 +71,15 @@ class MaskCounts:
     def total(self) -> int:
         """Single readings masked; those of frozen records are not among them."""
         return sum(sum(reasons.values()) for reasons in self.columns.values())
+
+    def report_lines(self) -> list[str]:
+        """One line per column that lost readings, and for whole records."""
+        lines = []
+        for column, reasons in self.columns.items():
+            lost, why = sum(reasons.values()), ", ".join(f"{reason} {n}" for reason, n in reasons.items() if n)
+            if lost:
+                lines.append(f"{column}: {lost} of {self.readings[column]} values masked ({why})")
+        return lines + whole_record_lines({"frozen": self.frozen, "repeated": self.repeated})
 
     def note(self, recording: Recording, counts: Mapping[str, Mapping[str, int]], frozen: int) -> None:
         """Add what was found in some records."""

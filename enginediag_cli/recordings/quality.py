@@ -74,10 +74,12 @@ class MaskReport:
                 of = len(self.masks[column])
                 why = ", ".join(f"{reason} {n}" for reason, n in reasons.items() if n)
                 lines.append(f"{column}: {lost} of {of} values masked ({why})")
-        for reason, n in self.records.items():
-            if n:
-                lines.append(f"{n} record{'' if n == 1 else 's'} {WHOLE_RECORDS[reason]} ({reason})")
-        return lines
+        return lines + whole_record_lines(self.records)
+
+
+def whole_record_lines(records: Mapping[str, int]) -> list[str]:
+    """What is told of whole records, by reason."""
+    return [f"{n} record{'' if n == 1 else 's'} {WHOLE_RECORDS[why]} ({why})" for why, n in records.items() if n]
 
 
 def mask_gross(
@@ -151,8 +153,9 @@ def tally(found: Mapping[str, np.ndarray]) -> tuple[np.ndarray, dict[str, int]]:
 
 
 def insist_on_something(
-    recording: Recording, report: MaskReport, judged: Collection[str], required: Collection[str]
+    recording: Recording, report: MaskReport, judged: Collection[str], required: Collection[str] = ()
 ) -> None:
+    """Raises DataError when no record has all `required` columns, or with none required, no `judged` value is left."""
     if len(recording) == 0:
         return
     left = (
