@@ -17,7 +17,7 @@ from typing import Any, TextIO
 import numpy as np
 
 from enginediag_cli.errors import DataError
-from enginediag_cli.recordings.dialect import OWN, Dialect
+from enginediag_cli.recordings.dialect import DELIMITERS, OWN, Dialect, separator_of
 from enginediag_cli.recordings.source import Source, opened, undecodable
 from enginediag_cli.recordings.table import Recording, concat
 from enginediag_cli.units import is_numeric_column
@@ -113,6 +113,8 @@ def _records(stream: TextIO, name: str, wanted: _Wanted, chunk_records: int) -> 
             next(reader, None)
     except csv.Error as error:
         raise DataError(f"{name}:{head + 1}: {error}") from error
+    if len(order) == 1:
+        _other_delimiter(first, separator, f"{name}:{head + 1}")
     required = wanted.required
     _check_header(order, required, name, head + 1)
     is_number = [wanted.is_number(cell) for cell in order]
@@ -139,6 +141,17 @@ def _records(stream: TextIO, name: str, wanted: _Wanted, chunk_records: int) -> 
             provenance=tuple(provenance),
         )
         empty = False
+
+
+def _other_delimiter(header: str, separator: str, place: str) -> None:
+    """Raises DataError for a header of one column that another delimiter would part."""
+    found = separator_of(header)
+    if found != separator and found in header:
+        word = next(word for word, mark in DELIMITERS.items() if mark == found)
+        raise DataError(
+            f"{place}: one column, {header.strip()[:60]!r}: cells seem to be parted by {found!r}; state it in a recorder, "
+            f"`file: {{delimiter: {word}}}`, which `enginediag recorder FILE` drafts"
+        )
 
 
 def _points(cells: Collection[str], decimal: str) -> Collection[str]:
