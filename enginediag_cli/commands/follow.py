@@ -79,7 +79,7 @@ def _mapped(intake: Intake, source: Any, block: int) -> Iterator[Recording]:
     name = str(getattr(source, "name", source))
     live = LiveRecorder(recorder, chosen_engine(recorder.engines, wanted, name))
     held: list[Recording] = []
-    chunks = chain(read(source, required=recorder.source_columns, by_suffix=False, chunk_records=block), [None])
+    chunks = chain(read(source, chunk_records=block, **recorder.reading), [None])
     last: Recording | None = None
     for chunk in chunks:
         if last is None:
