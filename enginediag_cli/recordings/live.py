@@ -146,9 +146,17 @@ class RecorderStream:
     `Recorder.read`, but that heat soak has forgotten its beginning after 12 time constants, where `read` has not.
     """
 
-    def __init__(self, recorder: Recorder, source: Source, chunk_records: int, inputs: Collection[str] = ()):
+    def __init__(
+        self,
+        recorder: Recorder,
+        source: Source,
+        chunk_records: int,
+        inputs: Collection[str] = (),
+        engines: Collection[str] | None = None,
+    ):
+        chosen = [name for name in recorder.engines if engines is None or name in engines]
         self._recorder, self._source, self._chunk = recorder, source, chunk_records
-        self.engines = {name: LiveRecorder(recorder, name, search=True, inputs=inputs) for name in recorder.engines}
+        self.engines = {name: LiveRecorder(recorder, name, search=True, inputs=inputs) for name in chosen}
 
     def __iter__(self) -> Iterator[tuple[str, Recording]]:
         """Raises DataError as `Recorder.read` does, and NoVerdictError at the end of an engine without any record."""

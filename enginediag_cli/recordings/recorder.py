@@ -91,11 +91,17 @@ class Recorder:
         """Read and map a whole file (`-`: stdin), one result per engine. Raises DataError, NoVerdictError."""
         return list(self.map(read_all(source, **self.reading), inputs=inputs))
 
-    def stream(self, source: Source, chunk_records: int = 3000, inputs: Collection[str] = ()) -> RecorderStream:
-        """As `read` in bounded memory: iterate for (engine, records) as they become final."""
+    def stream(
+        self,
+        source: Source,
+        chunk_records: int = 3000,
+        inputs: Collection[str] = (),
+        engines: Collection[str] | None = None,
+    ) -> RecorderStream:
+        """As `read` in bounded memory: iterate for (engine, records) as they become final; `engines`: only these."""
         from enginediag_cli.recordings.live import RecorderStream
 
-        return RecorderStream(self, source, chunk_records, inputs)
+        return RecorderStream(self, source, chunk_records, inputs, engines)
 
     @property
     def reading(self) -> dict[str, Any]:
