@@ -149,8 +149,8 @@ def _other_delimiter(header: str, separator: str, place: str) -> None:
     if found != separator and found in header:
         word = next(word for word, mark in DELIMITERS.items() if mark == found)
         raise DataError(
-            f"{place}: one column, {header.strip()[:60]!r}: cells seem to be parted by {found!r}; state it in a recorder, "
-            f"`file: {{delimiter: {word}}}`, which `enginediag recorder FILE` drafts"
+            f"{place}: one column, {header.strip()[:60]!r}: cells seem to be parted by {found!r}; state it in a "
+            f"recorder, `file: {{delimiter: {word}}}`, which `enginediag recorder FILE` drafts"
         )
 
 
