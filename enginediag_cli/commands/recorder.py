@@ -15,7 +15,7 @@ from enginediag_cli.presentation.messages import Messages
 @message_options
 @pass_messages
 def recorder(messages: Messages, file: str, engine: str | None, output: str) -> None:
-    """Draft from FILE, the recording of somebody else's logger, the recorder YAML that maps it to the program's columns.
+    """Draft from FILE, the recording of somebody else's logger, the recorder YAML that maps it to the program's own.
 
     \b
     enginediag recorder flight.csv -o recorder.yaml

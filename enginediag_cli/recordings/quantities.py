@@ -61,7 +61,7 @@ class Guess:
 
 
 def words_of(quantity: str) -> str:
-    """Small letters, words parted by single spaces, what stands in brackets left out: `Fuel_Flow (act)` → `fuel flow`."""
+    """Small letters, words parted by single spaces, brackets left out: `Fuel_Flow (act)` → `fuel flow`."""
     bare = re.sub(r"[\[(].*?[\])]", " ", quantity)
     bare = re.sub(r"(?<=[a-z])(?=[A-Z])", " ", bare)
     return " ".join(re.split(r"[^0-9a-zäöüß.]+", bare.casefold())).strip()
@@ -80,9 +80,26 @@ def target_of(quantity: str, targets: Collection[str] = ()) -> tuple[str, Sequen
     if known:
         found = known
     elif station:
-        kind, number = station.groups()
-        found = (f"T{number}_K", _TEMPERATURES) if kind == "t" else (f"{kind.capitalize()}{number}_Pa", _PRESSURES)
+        found = _at_station(*station.groups())
+    else:
+        found = _described(words)
     return found if found and (not targets or found[0] in {*targets, *HELPERS}) else None
+
+
+def _at_station(kind: str, number: str) -> tuple[str, Sequence[str]]:
+    return (f"T{number}_K", _TEMPERATURES) if kind == "t" else (f"{kind.capitalize()}{number}_Pa", _PRESSURES)
+
+
+def _described(words: str) -> tuple[str, Sequence[str]] | None:
+    """A name in many words: `Compressor Entry Temperature T3`, `Fuel Flow f`."""
+    if "amb" in words and "press" in words:
+        return "ambient_pressure_Pa", _PRESSURES
+    if re.match(r"fuel flow\b", words):
+        return "Wf_kg_s", _FLOWS
+    named = re.search(r"\b(p|t)(\d{1,2})\b", words)
+    if named and {"p": "press", "t": "temp"}[named[1]] in words:
+        return _at_station("ps" if named[1] == "p" and "static" in words else named[1], named[2])
+    return None
 
 
 HELPERS = ("time_s", "altitude_m", "mach", "cas_m_s", "tas_m_s", "ambient_temperature_K", "TAT_K")
@@ -95,10 +112,11 @@ def guess(target: str, usual: Sequence[str], unit: str, values: np.ndarray) -> G
     dimension = find_unit(own or "1").dimension
     stated = bool(unit)
     doubt = ""
-    if not unit:
+    if not unit and own:
         unit = _by_values(quantity, dimension, usual, values)
         doubt = "unit guessed from the values" if unit else "unit not known"
         unit = unit or usual[0]
+    unit = unit or "1"
     try:
         given = find_unit(unit).dimension
     except UnitError:

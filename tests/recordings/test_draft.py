@@ -30,21 +30,10 @@ def german_bench() -> bytes:
 
 def two_engines() -> bytes:
     """Tabs, units in brackets, ISO stamps, engines 1 and 2 at the end of the names."""
-    head = [
-        "UTC",
-        "Press Alt [ft]",
-        "IAS [kts]",
-        "OAT [degC]",
-        "N1_1 [%]",
-        "N1_2 [%]",
-        "EGT_1 [degC]",
-        "EGT_2 [degC]",
-        "x",
-    ]
-    rows = [
-        f"2024-03-04T10:00:{k:02d}Z\t{30000 + k}\t{250 + k}\t-44.5\t{88 + k / 10}\t{87 + k / 10}\t{550 + k}\t{560 + k}\t{k % 7}"
-        for k in K
-    ]
+    head = ["UTC", "Press Alt [ft]", "IAS [kts]", "OAT [degC]"]
+    head += ["N1_1 [%]", "N1_2 [%]", "EGT_1 [degC]", "EGT_2 [degC]", "x"]
+    cells = [(30000 + k, 250 + k, -44.5, 88 + k / 10, 87 + k / 10, 550 + k, 560 + k, k % 7) for k in K]
+    rows = ["\t".join([f"2024-03-04T10:00:{k:02d}Z", *map(str, c)]) for k, c in zip(K, cells, strict=True)]
     return lines(["\t".join(head), *rows]).encode()
 
 
