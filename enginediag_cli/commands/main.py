@@ -62,6 +62,7 @@ COMMANDS: dict[str, Entry] = {
         "enginediag_cli.commands.prove", "prove", "Prove on blind trials what the search for missing physics finds."
     ),
     "check": Entry("enginediag_cli.commands.check", "check", "Validate YAML and CSV files."),
+    "recorder": Entry("enginediag_cli.commands.recorder", "recorder", "Draft a recorder YAML from a foreign file."),
     "schema": Entry(
         "enginediag_cli.commands.schema", "schema", "Print the JSON schema of a kind of YAML file, for editors."
     ),

@@ -44,7 +44,7 @@ USUAL = {
     ),
     "pressure": (
         Range(r"(ambient_)?pressure|P0", 5e3, 1.1e5),
-        Range(r"P1\d*|P2", 1e4, 2.5e5),
+        Range(r"P1\d*|P2", 1.8e4, 2.5e5),
         Range(r"P21\d*|P25\d*", 1.5e4, 1e6),
         Range(r"Ps?3\d*|Ps?4", 5e4, 6e6),
         Range(r"P4\d|P5\d*|P6\d*", 1.5e4, 2e6),

@@ -44,7 +44,7 @@ def test_a_temperature_in_celsius_that_is_called_kelvin_is_doubted_and_the_unit_
     r["T3_K"][:] = r["T3_K"] - np.median(r["T3_K"]) + 310.0  # 583 K
     (doubt,) = accept(r, sensors=SENSORS).units
     assert doubt.column == "T3_K" and doubt.unit == "K" and "degC" in doubt.plausible and "K" not in doubt.plausible
-    assert unit_doubt("P3_psi", np.full(9, 1200.0)).plausible == ("kPa", "hPa", "mbar")
+    assert unit_doubt("P3_psi", np.full(9, 1200.0)).plausible[:2] == ("kPa", "hPa")
     assert unit_doubt("lh_N1_rpm", np.full(9, 98.0)) is not None and unit_doubt("x_rpm", np.full(9, 9.0)) is None
 
 
