@@ -271,11 +271,16 @@ class Engine:
         y = np.stack([np.broadcast_to(value(r), (n,)) for r in rows.values()], axis=1) if rows else np.empty((n, 0))
         J = np.empty((n, len(columns), len(wrt)))[e.rows]
         if wrt and columns:
-            leaves = names + tuple(self.network.leaf_of(w) for w in wrt)
-            F = solver.matrix(e.evaluation, e.evaluation.balances, leaves)[e.rows]
-            G = solver.matrix(e.evaluation, rows, leaves)[e.rows]
-            k = len(names)
-            J = G[:, :, k:] - G[:, :, :k] @ solver.linear_solve(F[:, :, :k], F[:, :, k:])
+            along = tuple(self.network.leaf_of(w) for w in wrt)
+            balances = e.evaluation.balances
+            F_x, G_x = (solver.matrix(e.evaluation, r, names)[e.rows] for r in (balances, rows))
+            # G_x F_x⁻¹ first: there are fewer outputs than parameters
+            weights = solver.linear_solve(F_x.transpose(0, 2, 1), G_x.transpose(0, 2, 1)).transpose(2, 1, 0)
+            F_theta, G_theta = (solver.directed(e.evaluation, r, along)[..., e.rows] for r in (balances, rows))
+            for row, out in zip(weights, G_theta, strict=True):
+                for weight, balance in zip(row, F_theta, strict=True):
+                    out -= weight * balance
+            J = np.ascontiguousarray(G_theta.transpose(2, 0, 1))
         flags = {name: mask[e.rows] for name, mask in _marked(e.evaluation).items()}
         return y[e.rows], J, {name: mask for name, mask in flags.items() if mask.any()}
 
