@@ -20,6 +20,7 @@ from enginediag_cli.engine.start import StartFit, coordinates
 
 from .curvature import Curvature, curvature
 from .monitor import Model, Monitor
+from .order_statistics import median
 
 DEGREE = 5
 NEGLIGIBLE = 5e-5
@@ -104,7 +105,7 @@ def compact(monitor: Monitor) -> Monitor:
     effect = effect @ leading
     # far corners in which the engine hardly runs would bend the fit everywhere
     size = np.sum((effect * weight[:, None]) ** 2, axis=(1, 2))
-    usual = size < 25 * np.quantile(size, 0.5)
+    usual = size < 25 * median(size)
     own = np.arange(len(points))[usual] < np.sum(ok[: len(monitor.envelope.points)])
     effect, points = effect[usual], points[usual]
     x = None if x is None else x[:, ok][:, usual][:, own]

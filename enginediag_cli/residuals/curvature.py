@@ -13,6 +13,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from .order_statistics import quantile
+
 if TYPE_CHECKING:
     from .monitor import Monitor
 
@@ -32,12 +34,10 @@ class Curvature:
     def left_out(self, step: np.ndarray, records: np.ndarray) -> np.ndarray:
         """Upper estimate (w,), in standard errors, of what steps (w, a) from nominal add to so many records (w,)."""
         bent = np.einsum("kjab,wa,wb->wkj", self.half, step, step, optimize=True)
-        return np.asarray(np.sqrt(records * np.quantile(np.sum(bent**2, axis=2), SHARE, axis=1)))
+        return np.asarray(np.sqrt(records * quantile(np.sum(bent**2, axis=2), SHARE)))
 
 
-def curvature(
-    monitor: Monitor, inputs: Mapping[str, np.ndarray], start: np.ndarray | None = None
-) -> Curvature | None:
+def curvature(monitor: Monitor, inputs: Mapping[str, np.ndarray], start: np.ndarray | None = None) -> Curvature | None:
     """Curvature in the monitored parameters at some of the operating points `inputs` (n,); None where the engine
     fails about too many of them. start: the engine's unknowns (nx, n) at nominal, to begin with."""
     a, n = len(monitor.monitored), len(next(iter(inputs.values())))
