@@ -87,6 +87,11 @@ class Engine:
         """Physical effects that the model carries."""
         return self.network.effects
 
+    @property
+    def switches(self) -> tuple[str, ...]:
+        """Input columns that switch an effect: 1 where it is on, 0 where it is off, and nothing between."""
+        return tuple(dict.fromkeys(e.switch for e in self.effects if e.switch))
+
     def with_effects(self, effects: Sequence[Effect]) -> Engine:
         """The same sized engine, carrying these effects and no others; the fitted start is shared."""
         if not effects and not self.effects:
@@ -135,8 +140,8 @@ class Engine:
         rest nominal; `sensors`: columns to return, default all sensors, or any model column ("T4_K");
         `wrt`: parameters or input columns; `start`: unknowns (nx, N) to begin with, e.g. an earlier `x`.
         Raises KeyError for unknown names, ValueError for unequal lengths and for a column asked for twice. A point
-        that fails is a flagged row, never an exception. `envelope` is not checked here: it is for those who
-        generate or judge operating points.
+        that fails is a flagged row, never an exception; so is one whose switch is neither 0 nor 1. `envelope` is not
+        checked here: it is for those who generate or judge operating points.
         """
         columns = tuple(self.sensors) if sensors is None else tuple(sensors)
         wrt = tuple(wrt)
@@ -209,6 +214,11 @@ class Engine:
             for k in np.flatnonzero(valid & ~good).tolist():
                 reasons[k] = f"{name} is {np.broadcast_to(v, (size,))[k]:g}"
             valid &= good
+        for column in self.switches:
+            v = np.broadcast_to(points[column], (size,))
+            between = valid & (v != 0.0) & (v != 1.0)
+            reasons |= {k: f"column {column} is a switch and holds {v[k]:g}" for k in np.flatnonzero(between).tolist()}
+            valid &= ~between
         return points, theta, size, valid, reasons
 
     def _known_column(self, column: str) -> None:

@@ -5,15 +5,14 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from enginediag_cli.config.hints import near
 from enginediag_cli.config.kinds import load_checked
+from enginediag_cli.engine.closure import missing_closure
 from enginediag_cli.engine.components import COMPONENTS, Component
 from enginediag_cli.engine.engine import Engine
-from enginediag_cli.engine.evaluation import Evaluation
 from enginediag_cli.engine.gas import gas_for
 from enginediag_cli.engine.network import Network
+from enginediag_cli.engine.sizing import size
 from enginediag_cli.engine.wiring import wiring_problems
 from enginediag_cli.errors import ConfigError, Problem
 from enginediag_cli.physics.carried import carried_effects
@@ -46,7 +45,7 @@ def load_engine(path: str | Path, power_setting: str | None = None) -> Engine:
         values["design"],
         values["start"],
     )
-    _size(network, values, checked)
+    size(network, values, checked)
     engine = Engine(network, values, str(path))
     effects, problems = carried_effects(values["physics"], network, checked)
     if problems:
@@ -56,20 +55,6 @@ def load_engine(path: str | Path, power_setting: str | None = None) -> Engine:
     if problems:
         raise ConfigError(problems)
     return engine
-
-
-def _size(network: Network, values: dict[str, Any], checked: Any) -> None:
-    """Runs the components through the design point."""
-    inputs = {c: np.array([values["design"].get(c, 0.0)]) for c in network.inputs()}
-    x: dict[str, Any] = {u.name: np.array([u.start]) for c in network.components for u in c.unknowns()}
-    x |= {f"{name}.corrected_speed": np.array([1.0]) for name in network.shafts}
-    leaves: dict[str, Any] = {**{p.name: p.nominal for p in network.parameters()}, **x, **inputs}
-    e = Evaluation(network.gas, 1, leaves)
-    try:
-        with np.errstate(all="ignore"):
-            network.size(e)
-    except ValueError as error:
-        raise ConfigError([Problem(checked.mark(("design",)), f"the design point cannot be met: {error}")]) from error
 
 
 def _references(engine: Engine, values: dict[str, Any], checked: Any) -> Any:
@@ -96,7 +81,7 @@ def _references(engine: Engine, values: dict[str, Any], checked: Any) -> Any:
         yield Problem(
             checked.mark(("components",)),
             f"{len(unknowns)} unknowns ({', '.join(unknowns)}) but {len(balances)} balances ({', '.join(balances)})",
-            "is a nozzle, mixer or load missing?",
+            missing_closure(engine.network, values),
         )
         return
     for column, sensor in engine.sensors.items():
