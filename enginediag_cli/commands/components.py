@@ -12,7 +12,7 @@ from enginediag_cli.presentation.output import Output
 if TYPE_CHECKING:
     from click.shell_completion import CompletionItem
 
-LIST_COLUMNS = ("component", "title", "unknowns", "balances")
+LIST_COLUMNS = ("component", "title", "unknowns")
 
 
 def _complete(context: click.Context, parameter: click.Parameter, incomplete: str) -> list[CompletionItem]:
