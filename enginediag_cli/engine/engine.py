@@ -114,6 +114,7 @@ class Engine:
         """Forgets the fitted start, as if the engine had just been loaded."""
         self._strategy.fit = None
 
+    @np.errstate(all="ignore")  # what a wild input gives is not finite, and flagged as such
     def power_from_fraction(self, fraction: float | Array, inputs: Mapping[str, Any]) -> Array:
         """Power setting (N,) at a fraction of the corrected power range, 0 idle to 1 rating.
 
@@ -125,6 +126,7 @@ class Engine:
         theta, delta = total_ratios(inputs)
         return (low + (high - low) * np.asarray(fraction)) * correction(self.power_setting, theta, delta)
 
+    @np.errstate(all="ignore")  # what a wild input gives is not finite, and flagged as such
     def predict(
         self,
         inputs: Mapping[str, Any],

@@ -51,7 +51,7 @@ class Strategy:
         anchors = np.array(sorted({*drawn.tolist(), *z.argmin(axis=1).tolist(), *z.argmax(axis=1).tolist()}))
         u = solver.take(points, at[anchors])
         solved = solver.newton(self.network, u, self.nominal, self._first(u, anchors.size))
-        good = solved.converged
+        good = solved.converged & np.isfinite(z[:, anchors]).all(axis=0)  # a wild input may have no coordinate
         if good.mean() >= 0.5:
             self.fit = StartFit.fit(names, z[:, anchors[good]], solved.x[:, good])
 
