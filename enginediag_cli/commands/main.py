@@ -69,6 +69,9 @@ COMMANDS: dict[str, Entry] = {
     "physics": Entry(
         "enginediag_cli.commands.physics", "physics", "Say which physical effects a model may carry or lack."
     ),
+    "components": Entry(
+        "enginediag_cli.commands.components", "components", "Say of which components an engine file is made."
+    ),
     "demo": Entry(
         "enginediag_cli.commands.demo", "demo", "Run the whole chain on simulated flights and explain it in words."
     ),

@@ -35,7 +35,7 @@ def recorder(messages: Messages, file: str, engine: str | None, output: str) -> 
         raise click.UsageError(f"-o {output} is the recording itself")
     targets: list[str] = []
     if engine is not None:
-        from enginediag_cli.engine import load_engine
+        from enginediag_cli.physics.engine_file import load_engine
 
         model = load_engine(engine)
         targets = [*model.inputs, *model.optional_inputs, *model.sensors]

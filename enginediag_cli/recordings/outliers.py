@@ -15,6 +15,7 @@ OUTSIDE = 0.2
 """A value this share of the span (0.5th to 99.5th percentile) beyond it is not of the engine's doing."""
 
 
+@np.errstate(all="ignore")  # readings near the largest number: their span is infinite, which is what it should be
 def spikes(values: np.ndarray, threshold: float = 8.0, isolation: float = 2.5) -> tuple[np.ndarray, np.ndarray]:
     """Masks (N,), (N,) of the spikes by a Hampel filter, and of those that lie outside the usual span.
 
