@@ -30,7 +30,7 @@ def check(messages: Messages, files: tuple[str, ...]) -> ExitCode:
         try:
             found = _check_yaml(file) if file.lower().endswith(YAML_SUFFIXES) else _check_recording(file)
         except ConfigError as error:
-            messages.problems(error.problems)
+            messages.problems(error)
             result = ExitCode.TROUBLE
         except EngineDiagError as error:
             messages.error(str(error))

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from enginediag_cli.commands.options import (
+    FiniteRange,
     exit_code_option,
     exit_codes,
     message_options,
@@ -29,6 +30,7 @@ from enginediag_cli.commands.windows import (
 )
 from enginediag_cli.presentation.messages import Messages
 from enginediag_cli.presentation.output import Output
+from enginediag_cli.presentation.summaries import DETECT, FOLLOW
 
 if TYPE_CHECKING:
     from enginediag_cli.detection.verdict import Verdict
@@ -53,7 +55,7 @@ if TYPE_CHECKING:
 @click.option(
     "--power",
     metavar="P",
-    type=click.FloatRange(0.5, 0.9999),
+    type=FiniteRange(0.5, 0.9999),
     default=0.9,
     show_default=True,
     help="Probability with which --detectable counts a change as shown.",
@@ -67,7 +69,7 @@ if TYPE_CHECKING:
 @click.option(
     "--idle",
     metavar="SECONDS",
-    type=click.FloatRange(min=0),
+    type=FiniteRange(min=0),
     default=60.0,
     show_default=True,
     help="With --follow, a file to which nothing is added for so long has ended.",
@@ -150,7 +152,8 @@ def detect(
         notes={"false_alarm": str(false_alarm), **origin.notes},
         inherited=intake.provenance,
     )
-    output.write_rows(chain([first] if first is not None else [], found), provenance=head, live=True)
+    rows_found = chain([first] if first is not None else [], found)
+    output.write_rows(rows_found, summary=DETECT, provenance=head, live=True)
     intake.report()
     messages.note(", ".join(f"{n} {what}" for what, n in sorted(tally.items())) or "no window")
     windows = sum(tally.values())
@@ -207,7 +210,8 @@ def _follow(
         notes={"follow": f"{block} records", "false_alarm": str(false_alarm), **origin.notes},
         inherited=intake.provenance,
     )
-    output.write_rows(chain([first] if first is not None else [], found), provenance=head, live=True)
+    rows_found = chain([first] if first is not None else [], found)
+    output.write_rows(rows_found, summary=FOLLOW, provenance=head, live=True)
     intake.report()
     messages.note(f"{sum(alarms.values())} of {len(alarms)} flights with an alarm")
     return ending(sum(alarms.values()), judged, len(alarms), exit_code)

@@ -8,8 +8,10 @@ import click
 
 from enginediag_cli.commands.options import (
     ConfigFile,
+    FiniteRange,
     exit_codes,
     message_options,
+    output_file_option,
     pass_messages,
     recordings_argument,
 )
@@ -22,15 +24,6 @@ if TYPE_CHECKING:
     from enginediag_cli.identification.problem import TrainingRecording
 
 YAML_FILE = ConfigFile()
-
-
-def _writable(context: click.Context, parameter: click.Parameter, value: str) -> str:
-    """Refuse an output that cannot be written before the work is done, not after."""
-    import os
-
-    if value != "-" and (os.path.isdir(value) or not os.path.isdir(os.path.dirname(value) or ".")):
-        raise click.BadParameter(f"{value}: not a file in a folder that exists", context, parameter)
-    return value
 
 
 @click.command(short_help="Fit the nominal engine and its sensor noise.", epilog=exit_codes())
@@ -46,21 +39,13 @@ def _writable(context: click.Context, parameter: click.Parameter, value: str) ->
 )
 @click.option(
     "--holdout",
-    type=click.FloatRange(0, 0.9, min_open=True),
+    type=FiniteRange(0, 0.9, min_open=True),
     metavar="SHARE",
     help="Keep the last SHARE of each recording out of the fit and judge the fit by it.",
 )
 @click.option("--holdout-last", is_flag=True, help="Keep the last recording out of the fit and judge by it.")
 @click.option("--no-cross-validation", is_flag=True, help="Skip the refits without a block of records.")
-@click.option(
-    "-o",
-    "--output",
-    "output_path",
-    default="-",
-    metavar="FILE",
-    callback=_writable,
-    help="Write the nominal file here, completely or not at all; - is standard output.",
-)
+@output_file_option("Write the nominal file here, completely or not at all; - is standard output.")
 @message_options
 @pass_messages
 def identify(

@@ -10,6 +10,7 @@ import click
 
 from enginediag_cli.commands.isolation_options import Further, KeepingIntake, further_options
 from enginediag_cli.commands.options import (
+    FiniteRange,
     exit_code_option,
     exit_codes,
     message_options,
@@ -27,6 +28,7 @@ from enginediag_cli.commands.windows import (
 )
 from enginediag_cli.presentation.messages import Messages
 from enginediag_cli.presentation.output import Output
+from enginediag_cli.presentation.summaries import COMPONENTS, ISOLATE
 
 if TYPE_CHECKING:
     from enginediag_cli.errors import ExitCode
@@ -57,7 +59,7 @@ SENTENCES = 10
 @click.option(
     "--inclusion",
     metavar="P",
-    type=click.FloatRange(0, 1, min_open=True, max_open=True),
+    type=FiniteRange(0, 1, min_open=True, max_open=True),
     default=0.1,
     show_default=True,
     help="Prior probability that a parameter of the engine changed (posterior).",
@@ -65,7 +67,7 @@ SENTENCES = 10
 @click.option(
     "--sensor-inclusion",
     metavar="P",
-    type=click.FloatRange(0, 1, min_open=True, max_open=True),
+    type=FiniteRange(0, 1, min_open=True, max_open=True),
     default=0.02,
     show_default=True,
     help="Prior probability that a sensor is wrong (posterior); no more than two are at once.",
@@ -73,7 +75,7 @@ SENTENCES = 10
 @click.option(
     "--coverage",
     metavar="P",
-    type=click.FloatRange(0, 1, min_open=True, max_open=True),
+    type=FiniteRange(0, 1, min_open=True, max_open=True),
     default=0.95,
     show_default=True,
     help="Probability that answer and rivals hold together, and level of intervals.",
@@ -202,6 +204,8 @@ def isolate(
         notes={**notes, **origin.notes, **further.notes},
         inherited=intake.provenance,
     )
-    output.write_rows(chain([first] if first is not None else [], found), provenance=head, live=True)
+    summary = COMPONENTS if by == "component" else ISOLATE
+    rows_found = chain([first] if first is not None else [], found)
+    output.write_rows(rows_found, summary=summary, provenance=head, live=True)
     intake.report()
     return ending(named, judged, windows, exit_code)

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from enginediag_cli.commands.options import FiniteRange
 from enginediag_cli.commands.windows import Intake, Window, load_monitor
 from enginediag_cli.presentation.messages import Messages
 
@@ -235,7 +236,7 @@ def further_options(function: Callable[..., Any]) -> Callable[..., Any]:
             "--extra-sensor",
             "extra_sensors",
             metavar="COLUMN SIGMA",
-            type=(str, click.FloatRange(min=0, min_open=True)),
+            type=(str, FiniteRange(min=0, min_open=True)),
             multiple=True,
             help="A sensor to consider with --advise: any column of the model, and its noise.",
         ),

@@ -8,9 +8,11 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from enginediag_cli.commands.options import ConfigFile, recordings_argument, seed_option
+from enginediag_cli.commands.options import ConfigFile, FiniteRange, recordings_argument, seed_option
 
 if TYPE_CHECKING:
+    from click.shell_completion import CompletionItem
+
     from enginediag_cli.mismatch.load import Case
 
 
@@ -65,14 +67,14 @@ def mismatch_options(function: Callable[..., Any]) -> Callable[..., Any]:
         click.option(
             "--model-error",
             metavar="SHARE",
-            type=click.FloatRange(0, 0.1),
+            type=FiniteRange(0, 0.1),
             help="Relative accuracy of the component maps, such as 0.003: what could be an error of theirs is not "
             "called missing. That of the engine file when not given; 0 trusts the maps.",
         ),
         click.option(
             "--false-alarm",
             metavar="P",
-            type=click.FloatRange(0, 1, min_open=True, max_open=True),
+            type=FiniteRange(0, 1, min_open=True, max_open=True),
             default=0.05,
             show_default=True,
             help="Probability of finding something where nothing is missing.",
@@ -106,8 +108,18 @@ def without_option(function: Callable[..., Any]) -> Callable[..., Any]:
         metavar="TERM",
         multiple=True,
         callback=_known_terms,
+        shell_complete=complete_terms,
         help="Leave this effect, or effect@site, out of the search. May be given several times.",
     )(function)
+
+
+def complete_terms(context: click.Context, parameter: click.Parameter, incomplete: str) -> list[CompletionItem]:
+    """Names of physics terms for the shell."""
+    from click.shell_completion import CompletionItem
+
+    from enginediag_cli.physics.registry import term_names
+
+    return [CompletionItem(name) for name in term_names() if name.startswith(incomplete)]
 
 
 def _known_terms(context: click.Context, parameter: click.Parameter, value: tuple[str, ...]) -> tuple[str, ...]:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from enginediag_cli.commands.options import ConfigFile
+from enginediag_cli.commands.options import ConfigFile, FiniteRange
 from enginediag_cli.errors import DataError
 from enginediag_cli.presentation.messages import Messages
 
@@ -129,7 +129,7 @@ def origin_options(function: Callable[..., Any]) -> Callable[..., Any]:
         click.option(
             "--model-error",
             metavar="SHARE",
-            type=click.FloatRange(0, 1),
+            type=FiniteRange(0, 1),
             default=0.0,
             show_default=True,
             help="Relative error that the model makes about a change, for an engine with generic maps: "

@@ -20,6 +20,7 @@ from enginediag_cli.commands.origin import Origin, origin_options
 from enginediag_cli.commands.windows import Intake, load_monitor, planned, window_options
 from enginediag_cli.presentation.messages import Messages
 from enginediag_cli.presentation.output import Output
+from enginediag_cli.presentation.summaries import STATISTICS
 
 
 @click.command(short_help="Condense recordings into local statistics.", epilog=exit_codes())
@@ -81,7 +82,9 @@ def residual(
         notes={**notes, **origin.notes},
         inherited=intake.provenance,
     )
-    output.write_rows(chain([first] if first is not None else [], rows), columns, provenance=head, live=True)
+    summary = STATISTICS if what == "statistics" else ()  # residuals go by the engine's own sensors, in their order
+    rows_found = chain([first] if first is not None else [], rows)
+    output.write_rows(rows_found, columns, summary=summary, provenance=head, live=True)
     intake.report()
 
 

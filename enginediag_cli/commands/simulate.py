@@ -13,14 +13,17 @@ import click
 
 from enginediag_cli.commands.options import (
     ConfigFile,
+    OutputFile,
     exit_codes,
     message_options,
     output_options,
     pass_messages,
     seed_option,
 )
+from enginediag_cli.commands.parameter_types import CSV_SUFFIXES
 from enginediag_cli.presentation.messages import Messages
 from enginediag_cli.presentation.output import Output
+from enginediag_cli.presentation.summaries import SIMULATE
 
 if TYPE_CHECKING:
     from enginediag_cli.simulation.conditions import Conditions, EngineLike
@@ -65,7 +68,12 @@ CONFIG_FILE = ConfigFile()
 )
 @click.option("--flights", metavar="N", type=click.IntRange(min=1), help="Number of flights, or of days on the ground.")
 @click.option("--records", metavar="N", type=click.IntRange(min=1), help="End after N records.")
-@click.option("--truth", metavar="FILE", help="Write what is really wrong, record by record, to FILE.")
+@click.option(
+    "--truth",
+    metavar="FILE",
+    type=OutputFile(CSV_SUFFIXES),
+    help="Write what is really wrong, record by record, to FILE.",
+)
 @seed_option
 @output_options
 @message_options
@@ -132,7 +140,7 @@ def _check_usage(
         raise click.UsageError("--flight and --conditions exclude each other")
     if flights and conditions:
         raise click.UsageError("--flights counts generated flights; --conditions brings its own")
-    if truth == "-" or (truth and truth == output.path):
+    if truth == "-":
         raise click.UsageError("--truth needs a file of its own")
 
 
@@ -196,14 +204,14 @@ def _write(
                     hidden.write(recording_of(piece.truth))
                 yield piece
 
-        if output.chosen_format() == "csv":
+        if output.chosen_format() == "csv" and not output.columns:
             stream = files.enter_context(output.open())
             writer = CsvWriter(stream, head)
             for piece in told():
                 writer.write(recording_of(piece.columns))
                 stream.flush()
         else:
-            output.write_rows(_rows(told()), tuple(first.columns), provenance=head)
+            output.write_rows(_rows(told()), tuple(first.columns), summary=(*SIMULATE, *first.columns), provenance=head)
     return reasons
 
 

@@ -18,6 +18,7 @@ from enginediag_cli.commands.origin import Origin, origin_options
 from enginediag_cli.commands.windows import Intake, ending, load_monitor, model_options, statistics_option
 from enginediag_cli.presentation.messages import Messages
 from enginediag_cli.presentation.output import Output
+from enginediag_cli.presentation.summaries import FLIGHTS, TREND
 
 if TYPE_CHECKING:
     from enginediag_cli.errors import ExitCode
@@ -76,7 +77,7 @@ def trend(
         notes=origin.notes,
         inherited=intake.provenance,
     )
-    output.write_rows(rows, provenance=head)
+    output.write_rows(rows, summary=TREND if what == "trend" else FLIGHTS, provenance=head)
     intake.report()
     if lost:
         messages.warning(f"{lost} windows without a verdict were left out")

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from enginediag_cli.commands.options import FiniteRange
 from enginediag_cli.commands.origin import Origin, of_engine
 from enginediag_cli.presentation.messages import Messages
 
@@ -91,7 +92,7 @@ def false_alarm_option(function: Callable[..., Any]) -> Callable[..., Any]:
     return click.option(
         "--false-alarm",
         metavar="P",
-        type=click.FloatRange(0, 1, min_open=True, max_open=True),
+        type=FiniteRange(0, 1, min_open=True, max_open=True),
         default=0.01,
         show_default=True,
         help="Probability that a test cries wolf.",

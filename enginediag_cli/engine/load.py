@@ -9,6 +9,7 @@ import numpy as np
 
 from enginediag_cli.config.hints import near
 from enginediag_cli.config.kinds import load_checked
+from enginediag_cli.config.reading import file_inside
 from enginediag_cli.engine.components import COMPONENTS, Component
 from enginediag_cli.engine.engine import Engine
 from enginediag_cli.engine.evaluation import Evaluation
@@ -32,6 +33,8 @@ def load_engine(path: str | Path, power_setting: str | None = None) -> Engine:
         raise ConfigError(problems)
     components: list[Component] = []
     for k, c in enumerate(values["components"]):
+        if c.get("table"):
+            file_inside(path, c["table"]["file"], checked.mark(("components", k, "table", "file")))
         try:
             components.append(COMPONENTS[c["type"]]({**c, "directory": str(Path(path).parent)}))
         except ConfigError:

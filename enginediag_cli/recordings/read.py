@@ -20,6 +20,7 @@ import numpy as np
 
 from enginediag_cli.errors import DataError
 from enginediag_cli.recordings.table import Recording, concat
+from enginediag_cli.safe_text import unguarded
 from enginediag_cli.units import is_numeric_column
 
 MISSING = frozenset({"", "na", "n/a", "nan", "null", "none"})
@@ -94,7 +95,7 @@ def _records(
     # the header goes through the csv reader too, so that a quoted name may hold a comma or a line end
     reader = csv.reader(_chain(first, stream), strict=True)
     try:
-        order = [cell.strip() for cell in next(reader)]
+        order = [unguarded(cell.strip()) for cell in next(reader)]
     except csv.Error as error:
         raise DataError(f"{name}:{head + 1}: {error}") from error
     _check_header(order, required, name, head + 1)
@@ -111,7 +112,7 @@ def _records(
         cells = list(zip(*rows, strict=True)) if rows else [()] * len(order)
         yield Recording(
             columns={c: _floats(cells[j], c, line, name) for j, c in enumerate(order) if is_number[j]},
-            text={c: list(cells[j]) for j, c in enumerate(order) if not is_number[j]},
+            text={c: [unguarded(cell) for cell in cells[j]] for j, c in enumerate(order) if not is_number[j]},
             order=tuple(order),
             line=line,
             source=name,
