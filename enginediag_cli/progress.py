@@ -7,16 +7,24 @@ Mathematics says it, and does not know who listens:
             ...
             step(number)
 
+    for fold in each(folds, "refits", len(folds)):
+        ...
+
+    @stage("looking for what switches")
+    def find_switch(...): ...
+
 Nobody listens unless the command line installs a `Listener`; then a call costs an attribute look-up. Stages may lie in
 each other, and a stage of a generator may end after one that was begun later: each is known by itself.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Protocol, TypeVar
+
+Item = TypeVar("Item")
 
 
 @dataclass
@@ -66,6 +74,19 @@ def stage(what: str, total: int | None = None) -> Iterator[Callable[[int], None]
         yield step
     finally:
         listener.ended(this)
+
+
+def each(
+    items: Iterable[Item], what: str, total: int | None = None, size: Callable[[Item], int] | None = None
+) -> Iterator[Item]:
+    """Pass `items` through as a stage whose steps are the items that the caller has finished, or what `size` counts in
+    each of them."""
+    done = 0
+    with stage(what, total) as step:
+        for item in items:
+            yield item
+            done += 1 if size is None else size(item)
+            step(done)
 
 
 def touched(action: str, path: object) -> None:

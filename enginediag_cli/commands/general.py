@@ -92,12 +92,12 @@ def print_config(command: click.Command, name: str, arguments: Sequence[str], pa
     given, _, _ = command.make_parser(context).parse_args(list(arguments))
     told: dict[str, Any] = {}
     for parameter in command.get_params(context):
-        if parameter.name in ("help", "print_config", None):
-            continue
         value, source = parameter.consume_value(context, given)
         value = parameter.type_cast_value(context, value if _is_given(value) else None)
         option = isinstance(parameter, click.Option)
         word = max(parameter.opts, key=len).lstrip("-") if option else (parameter.metavar or str(parameter.name))
+        if word in ("help", "print-config"):
+            continue
         told[word] = {"value": _plain(value), "from": words.get(source, "default") if _is_given(value) else "not given"}
         if option and source == ParameterSource.ENVIRONMENT:
             told[word]["variable"] = parameter.envvar
@@ -160,8 +160,6 @@ def check_outputs(context: click.Context) -> None:
         value = context.params.get(parameter.name or "")
         if not isinstance(parameter.type, OutputFile) or not isinstance(value, str):
             continue
-        if context.params.get("output_format", "auto") == "auto" or parameter.name != "output_path":
-            parameter.type.check_suffix(value, parameter, context)
         word = max(parameter.opts, key=len)
         for what, path in inputs:
             if _same(value, path, parameter):
@@ -170,6 +168,8 @@ def check_outputs(context: click.Context) -> None:
             if value != "-" and os.path.realpath(value) == os.path.realpath(path):
                 raise click.BadParameter(f"{value} is also the file of {what}", context, parameter)
         written.append((word, value))
+        if context.params.get("output_format", "auto") == "auto" or parameter.name != "output_path":
+            parameter.type.check_suffix(value, parameter, context)
 
 
 def _inputs(context: click.Context) -> Iterator[tuple[str, str]]:

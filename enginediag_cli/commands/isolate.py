@@ -29,6 +29,7 @@ from enginediag_cli.commands.windows import (
 from enginediag_cli.presentation.messages import Messages
 from enginediag_cli.presentation.output import Output
 from enginediag_cli.presentation.summaries import COMPONENTS, ISOLATE
+from enginediag_cli.progress import each
 
 if TYPE_CHECKING:
     from enginediag_cli.errors import ExitCode
@@ -168,7 +169,7 @@ def isolate(
 
     def rows() -> Iterator[dict[str, Any]]:
         nonlocal named, judged, windows
-        for found, units in intake.windows(recordings):
+        for found, units in each(intake.windows(recordings), "windows isolated"):
             windows += 1
             if windows == 1 and found.statistics is not None and nominal is None:
                 further.warn_of_sensors(messages, found.statistics.parameters)

@@ -57,7 +57,7 @@ class OutputFile(click.Path):
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
         path = os.fspath(value)
         if path == "-":
-            if sys.stdout is None:
+            if sys.stdout is None or not sys.stdout.writable():
                 self.fail("standard output is closed; name a file", param, ctx)
             return path
         folder = os.path.dirname(os.path.abspath(path))

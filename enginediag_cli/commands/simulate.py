@@ -24,6 +24,7 @@ from enginediag_cli.commands.parameter_types import CSV_SUFFIXES
 from enginediag_cli.presentation.messages import Messages
 from enginediag_cli.presentation.output import Output
 from enginediag_cli.presentation.summaries import SIMULATE
+from enginediag_cli.progress import each
 
 if TYPE_CHECKING:
     from enginediag_cli.simulation.conditions import Conditions, EngineLike
@@ -198,7 +199,7 @@ def _write(
         hidden = CsvWriter(files.enter_context(complete_file(truth)), head) if truth else None
 
         def told() -> Iterator[Simulated]:
-            for piece in chain([first], pieces):
+            for piece in each(chain([first], pieces), "records simulated", size=_length):
                 reasons.update(piece.reasons)
                 if hidden is not None:
                     hidden.write(recording_of(piece.truth))
@@ -213,6 +214,10 @@ def _write(
         else:
             output.write_rows(_rows(told()), tuple(first.columns), summary=(*SIMULATE, *first.columns), provenance=head)
     return reasons
+
+
+def _length(piece: Simulated) -> int:
+    return len(next(iter(piece.columns.values())))
 
 
 def _rows(pieces: Iterable[Simulated]) -> Iterator[dict[str, Any]]:

@@ -19,6 +19,7 @@ from enginediag_cli.commands.windows import Intake, ending, load_monitor, model_
 from enginediag_cli.presentation.messages import Messages
 from enginediag_cli.presentation.output import Output
 from enginediag_cli.presentation.summaries import FLIGHTS, TREND
+from enginediag_cli.progress import each
 
 if TYPE_CHECKING:
     from enginediag_cli.errors import ExitCode
@@ -91,7 +92,7 @@ def _sums(intake: Intake, files: tuple[str, ...]) -> tuple[dict[Flight, LocalSta
     flights: dict[Flight, LocalStatistics] = {}
     units: dict[str, str] = {}
     lost = 0
-    for window, its_units in intake.windows(files):
+    for window, its_units in each(intake.windows(files), "windows summed"):
         if window.statistics is None:
             lost += 1
             continue

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from enginediag_cli.errors import ConfigError, Mark, Problem
+from enginediag_cli.progress import touched
 
 MOST_YAML_BYTES = 20_000_000
 """The largest nominal files, of thousands of operating points, have a tenth of it."""
@@ -40,6 +41,7 @@ def read_regular(path: str | Path, most: int = MOST_YAML_BYTES) -> bytes:
     name = str(path)
     try:
         refuse_irregular(path, most)
+        touched("read:", name)
         return Path(path).read_bytes()
     except OSError as error:
         reason = (error.strerror or str(error)).lower()

@@ -29,6 +29,7 @@ from enginediag_cli.mismatch.identified import Identified, Nuisance, nuisance
 from enginediag_cli.mismatch.projection import Projection
 from enginediag_cli.physics.registry import effect, term, term_names
 from enginediag_cli.physics.term import Effect
+from enginediag_cli.progress import stage
 
 __all__ = ["HiddenFinding", "Switch", "effects_at", "hidden_amplitudes", "hidden_gate", "null_ratios"]
 
@@ -44,6 +45,7 @@ NEAR, SLACK = 0.6, 15.0
 NEAR times the best less SLACK."""
 
 
+@stage("looking for a driver that is not recorded")
 def hidden_amplitudes(
     found: Identified,
     projection: Projection,

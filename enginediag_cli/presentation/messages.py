@@ -8,7 +8,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, TextIO, TypeVar
 
-from enginediag_cli.progress import stage, wipe
+from enginediag_cli.progress import each, wipe
 from enginediag_cli.safe_text import visible
 
 if TYPE_CHECKING:
@@ -63,10 +63,7 @@ class Messages:
 
     def progress(self, items: Iterable[Item], label: str, total: int | None = None) -> Iterator[Item]:
         """Pass `items` through and tell whoever listens (`enginediag_cli.progress`) how many there were."""
-        with stage(label, total) as step:
-            for number, item in enumerate(items, start=1):
-                step(number)
-                yield item
+        return each(items, label, total)
 
     def listener(self) -> Told | ProgressLine | None:
         """Who shows how far the work is: on a terminal one line, with `verbose` stages and files, too; else nobody."""

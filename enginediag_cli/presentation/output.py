@@ -13,7 +13,7 @@ from typing import Any, TextIO
 from enginediag_cli.errors import DataError
 from enginediag_cli.presentation.messages import wants_color
 from enginediag_cli.presentation.rows import finite, json_text, plain, write_csv, write_json, write_ndjson
-from enginediag_cli.progress import touched, wipe
+from enginediag_cli.progress import wipe
 from enginediag_cli.safe_text import visible
 
 SUFFIX_FORMATS = {".csv": "csv", ".json": "json", ".ndjson": "ndjson", ".jsonl": "ndjson"}
@@ -65,7 +65,6 @@ class Output:
         with output(self.path) as stream:
             wipe()
             yield stream
-        touched("written", "standard output" if self.to_stdout else self.path)
 
     def write_text(self, text: str) -> None:
         """Write a document (YAML, JSON schema, prose) as it is; a terminal gets control characters as escapes."""

@@ -25,8 +25,9 @@ MINUTE_S, HOUR_S = 60.0, 3600.0
 
 
 class ProgressLine:
-    """Shows the stage begun last on one line of `stream`, a terminal, and wipes it when it ends. The time left is said
-    only once there is evidence for it, and supposes that the steps to come take as long as those done."""
+    """Shows the stage at work, and the outermost around it, on one line of `stream`, a terminal; wiped at the end. The
+    time left is said only once there is evidence for it, and supposes that the steps to come take as long as those
+    done."""
 
     def __init__(self, stream: TextIO, clock: Callable[[], float] = monotonic):
         self._stream, self._clock = stream, clock
@@ -62,10 +63,9 @@ class ProgressLine:
         if now - self._last < REFRESH_S:
             return
         self._last = now
-        begun = next((t for s, t in self._open if s is stage), now)
-        outer = [s.what for s, _ in self._open if s is not stage][:1]
-        text = told(stage, now - begun)
-        text = f"{outer[0]}: {text}" if outer else text
+        around = [entry for entry in self._open if entry[0] is not stage][:1]
+        mine = [entry for entry in self._open if entry[0] is stage]
+        text = "; ".join(told(one, now - begun) for one, begun in (*around, *mine))
         text = visible(text, breaks=True)[: _width() - 1]
         self._write("\r" + text.ljust(self._shown))
         self._shown = len(text)
@@ -115,7 +115,7 @@ class Told:
 
 
 def told(stage: Stage, elapsed: float) -> str:
-    """A stage in words: "re-estimating  12 of 40, about 30 s left"; of unknown length, "records  3000, 810 a second"."""
+    """A stage in words: "refits  12 of 40, about 30 s left"; of unknown length, "records  3000, 810 a second"."""
     if not stage.done:
         return f"{stage.what} …"
     if stage.total is None:

@@ -19,6 +19,7 @@ from typing import Any, TextIO
 import numpy as np
 
 from enginediag_cli.errors import DataError
+from enginediag_cli.progress import touched
 from enginediag_cli.recordings.table import Recording, concat
 from enginediag_cli.safe_text import unguarded
 from enginediag_cli.units import is_numeric_column
@@ -46,6 +47,7 @@ def read(
     Columns in `required` must be there. Raises DataError naming file, physical line and column.
     """
     with _opened(source) as (stream, name):
+        touched("read:", name)
         try:
             yield from _records(stream, name, {*declared, *required}, required, by_suffix, chunk_records)
         except UnicodeDecodeError as error:

@@ -21,6 +21,7 @@ from typing import TextIO
 import numpy as np
 
 from enginediag_cli.errors import DataError
+from enginediag_cli.progress import touched
 from enginediag_cli.recordings.table import Recording
 from enginediag_cli.safe_text import guarded, visible
 
@@ -95,6 +96,7 @@ def output(path: str | Path) -> Iterator[TextIO]:
                     yield stream
         os.chmod(temporary, _mode_for(final))
         os.replace(temporary, final)
+        touched("written:", path)
     except BaseException:
         with suppress(FileNotFoundError):
             os.unlink(temporary)

@@ -1,7 +1,8 @@
 """The explainer of blind trials: a process of its own that knows nothing but what it is asked.
 
-    python -m enginediag_cli.mismatch.prove.explainer
+    python -m enginediag_cli.mismatch.prove.explainer [PARENT]
 
+It ends with its standard input, and at once with the process PARENT, when a number is given.
 One JSON object a line on standard input: whether to explain or to locate, paths of an engine file and of recordings,
 the accuracy of the maps, the terms that its library lacks, and what is known of the noise. One JSON object a line on
 standard output: the answer.
@@ -28,6 +29,7 @@ from enginediag_cli.mismatch.locate import locate
 from enginediag_cli.mismatch.prove.causes import causes_of
 from enginediag_cli.mismatch.prove.correspondent import LOCATE
 from enginediag_cli.physics.registry import candidates
+from enginediag_cli.studies.parent import end_with_parent
 
 CELLS = 10
 
@@ -117,6 +119,8 @@ def _silent(text: str) -> None:
 
 def main() -> None:
     """Answer until standard input ends."""
+    if len(sys.argv) > 1:
+        end_with_parent(int(sys.argv[1]))
     for line in sys.stdin:
         try:
             told = answer(json.loads(line))
