@@ -14,7 +14,6 @@ from contextlib import suppress
 from typing import TYPE_CHECKING
 
 from enginediag_cli.errors import ConfigError, EngineDiagError, ExitCode
-from enginediag_cli.safe_text import visible
 
 if TYPE_CHECKING:
     from enginediag_cli.presentation.messages import Messages
@@ -84,6 +83,8 @@ def _report(error: BaseException, messages: Messages) -> int:
     if isinstance(error, SystemExit):
         return error.code if isinstance(error.code, int) else ExitCode.INTERNAL
     if isinstance(error, click.ClickException):
+        from enginediag_cli.safe_text import visible
+
         told = io.StringIO()
         error.show(file=told)
         with suppress(OSError):

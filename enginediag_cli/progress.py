@@ -21,19 +21,16 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
 from typing import Protocol, TypeVar
 
 Item = TypeVar("Item")
 
 
-@dataclass
 class Stage:
     """A piece of work: what is done, how many steps it has (None: not known), and how many are done."""
 
-    what: str
-    total: int | None = None
-    done: int = 0
+    def __init__(self, what: str, total: int | None = None, done: int = 0):
+        self.what, self.total, self.done = what, total, done
 
 
 class Listener(Protocol):

@@ -8,9 +8,6 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, TextIO, TypeVar
 
-from enginediag_cli.progress import each, wipe
-from enginediag_cli.safe_text import visible
-
 if TYPE_CHECKING:
     from enginediag_cli.errors import ConfigError
     from enginediag_cli.presentation.progress_line import ProgressLine, Told
@@ -63,6 +60,8 @@ class Messages:
 
     def progress(self, items: Iterable[Item], label: str, total: int | None = None) -> Iterator[Item]:
         """Pass `items` through and tell whoever listens (`enginediag_cli.progress`) how many there were."""
+        from enginediag_cli.progress import each
+
         return each(items, label, total)
 
     def listener(self) -> Told | ProgressLine | None:
@@ -81,6 +80,9 @@ class Messages:
         if sys.stderr is None:
             return
         import click
+
+        from enginediag_cli.progress import wipe
+        from enginediag_cli.safe_text import visible
 
         if prefix and wants_color(self.color, sys.stderr):
             prefix = click.style(prefix, fg=color, bold=True)

@@ -21,7 +21,7 @@ from typing import TextIO
 import numpy as np
 
 from enginediag_cli.errors import DataError
-from enginediag_cli.progress import touched
+from enginediag_cli.progress import touched, wipe
 from enginediag_cli.recordings.table import Recording
 from enginediag_cli.safe_text import guarded, visible
 
@@ -50,6 +50,8 @@ class CsvWriter:
         elif set(recording.order) != set(self._order):
             odd = ", ".join(sorted(set(recording.order) ^ set(self._order)))
             raise DataError(f"{recording.source}: its columns differ from those already written: {odd}")
+        if self._shown:
+            wipe()
         cells = [self._cells(recording, column) for column in self._order]
         self._csv.writerows(zip(*cells, strict=True))
 

@@ -170,3 +170,15 @@ def test_a_recordings_control_characters_and_formulas_are_harmless(run, tmp_path
 def test_a_spreadsheets_apostrophe_does_not_touch_numbers(run):
     lines = simulated(run, "-f", "csv").splitlines()
     assert not any("'" in line for line in lines)
+
+
+def test_check_gives_a_row_for_each_good_file_and_each_problem(run, tmp_path):
+    bad = tmp_path / "bad.yaml"
+    bad.write_text("kind: flight\nmision: {}\n")
+    ended = run("check", shipped("turbofan.yaml"), bad, "--format", "ndjson")
+    assert ended.exit_code == 2
+    rows = [json.loads(line) for line in ended.stdout.splitlines()]
+    assert rows[0]["ok"] is True
+    assert rows[0]["found"] == "a file of kind engine"
+    assert any(row["line"] == 2 and "unknown key 'mision'" in row["problem"] for row in rows[1:])
+    assert run("check", shipped("turbofan.yaml"), "--format", "csv").exit_code == 0

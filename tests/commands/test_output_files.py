@@ -44,6 +44,7 @@ def folder(tmp_path, monkeypatch) -> Path:
         "residual -n nom.yaml in.csv -o in.csv",
         "trend -n nom.yaml in.csv -o in.csv",
         "locate tf.yaml in.csv --picture tf.yaml",
+        "check in.csv -o in.csv",
         "explain tf.yaml in.csv --amplitudes in.csv",
         "explain tf.yaml in.csv --curves in.csv",
         "refine tf.yaml in.csv --holdout-last 1 -o tf.yaml",
