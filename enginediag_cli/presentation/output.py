@@ -142,7 +142,7 @@ class Output:
             summary=() if self.wide or self.columns else (summary or columns),
         )
         if result.left_out:
-            some = f"{result.left_out} of {len(columns)} columns have no room and are left out"
+            some = f"{result.left_out} of {len(columns)} columns are left out to fit the terminal"
             self.say(f"{some}; --wide shows all of them, --columns A,B those that you name")
         return result.rows
 

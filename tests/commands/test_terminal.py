@@ -111,7 +111,7 @@ def test_a_table_fits_the_terminal_and_says_what_it_left_out(folder):
     assert max(map(len, lines)) <= COLUMNS
     assert len(lines) == 1 + 5
     assert "verdict" in lines[0].split()
-    assert b"columns have no room and are left out; --wide shows all of them" in said
+    assert b"columns are left out to fit the terminal; --wide shows all of them" in said
 
 
 def test_wide_shows_every_column_below_each_other(folder):
