@@ -8,7 +8,9 @@ from __future__ import annotations
 import csv
 import difflib
 import gzip
+import os
 import re
+import stat
 import sys
 from collections.abc import Collection, Iterable, Iterator
 from contextlib import contextmanager
@@ -74,6 +76,8 @@ def _opened(source: Source) -> Iterator[tuple[TextIO, str]]:
             yield stream, "<stdin>"
     else:
         try:
+            if _endless(source):
+                raise DataError(f"{source}: a device; a recording is a file or a pipe")
             opened: TextIO = (
                 gzip.open(source, "rt", encoding="utf-8-sig", newline="")
                 if str(source).endswith(".gz")
@@ -83,6 +87,17 @@ def _opened(source: Source) -> Iterator[tuple[TextIO, str]]:
             raise DataError(f"{source}: {error.strerror or error}") from error
         with opened:
             yield opened, str(source)
+
+
+def _endless(path: str | Path) -> bool:
+    """Whether this is a device such as /dev/zero, whose first line never ends. Raises OSError."""
+    found = os.stat(path)
+    return stat.S_ISCHR(found.st_mode) and not os.path.samestat(found, os.stat(os.devnull)) and not _is_terminal(path)
+
+
+def _is_terminal(path: str | Path) -> bool:
+    with open(path, "rb", buffering=0) as opened:
+        return opened.isatty()
 
 
 def _records(
