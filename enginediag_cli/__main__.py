@@ -6,8 +6,11 @@ exception; here 1 means "a fault was found", so every ending is mapped in `_repo
 
 from __future__ import annotations
 
+import errno
+import io
 import sys
 from collections.abc import Sequence
+from contextlib import suppress
 from typing import TYPE_CHECKING
 
 from enginediag_cli.errors import ConfigError, EngineDiagError, ExitCode
@@ -20,6 +23,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run `enginediag` with `arguments` (default: those of the shell) and return the exit code."""
     if arguments is None:
         _leave_no_half_written_file_when_terminated()
+        _open_closed_streams()
         _write_utf_8()
         _use_one_thread()
         arguments = sys.argv[1:]
@@ -79,10 +83,15 @@ def _report(error: BaseException, messages: Messages) -> int:
     if isinstance(error, SystemExit):
         return error.code if isinstance(error.code, int) else ExitCode.INTERNAL
     if isinstance(error, click.ClickException):
-        error.show()
+        from enginediag_cli.safe_text import visible
+
+        told = io.StringIO()
+        error.show(file=told)
+        with suppress(OSError):
+            click.echo(visible(told.getvalue()), err=True, nl=False)
         return ExitCode.TROUBLE
     if isinstance(error, ConfigError):
-        messages.problems(error.problems)
+        messages.problems(error)
         return error.exit_code
     if isinstance(error, EngineDiagError):
         messages.error(str(error))
@@ -99,14 +108,15 @@ def _report(error: BaseException, messages: Messages) -> int:
 
 def _discard_unwritable_output() -> None:
     """Let Python's own flush at exit succeed: it would otherwise fail again and end with code 120."""
-    import os
+    from enginediag_cli.presentation.messages import silence
 
-    try:
-        sys.stdout.flush()
-    except OSError:
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-    except (AttributeError, ValueError):  # stdout is None or closed: nothing is left to flush
-        return
+    for stream in (sys.stdout, sys.stderr):
+        try:
+            stream.flush()
+        except OSError:
+            silence(stream)
+        except (AttributeError, ValueError):  # None or closed: nothing is left to flush
+            continue
 
 
 def _leave_no_half_written_file_when_terminated() -> None:
@@ -119,10 +129,31 @@ def _leave_no_half_written_file_when_terminated() -> None:
     signal.signal(signal.SIGTERM, stop)
 
 
+class _ClosedOutput(io.TextIOBase):
+    """Standard output that the shell has closed (`>&-`): whoever writes to it is told so."""
+
+    def write(self, text: str) -> int:
+        raise OSError(errno.EBADF, "standard output is closed")
+
+
+def _open_closed_streams() -> None:
+    """A closed standard stream leaves a number free that the next file would get, and with it what is meant for the
+    stream; and Python puts None in its place."""
+    import os
+
+    for number in (0, 1, 2):
+        try:
+            os.fstat(number)
+        except OSError:
+            os.open(os.devnull, os.O_RDWR)  # the lowest free number: this one
+    if sys.stdout is None:
+        sys.stdout = _ClosedOutput()
+    if sys.stderr is None:
+        sys.stderr = open(os.devnull, "w", encoding="utf-8")
+
+
 def _write_utf_8() -> None:
     """Files and pipes get UTF-8 whatever the locale; a terminal gets what it can show."""
-    import io
-
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             if stream.isatty():

@@ -52,12 +52,26 @@ class EngineDiagError(Exception):
     exit_code = ExitCode.TROUBLE
 
 
+MOST_PROBLEMS = 50
+"""Problems of a file that are told; more help nobody, and a hostile file could have a million."""
+
+
 class ConfigError(EngineDiagError, ValueError):
-    """All problems of one configuration file at once."""
+    """All problems of one configuration file at once; its text tells the first `MOST_PROBLEMS`."""
 
     def __init__(self, problems: Sequence[Problem]):
         self.problems = tuple(problems)
-        super().__init__("\n".join(str(p) for p in self.problems))
+        super().__init__("\n".join([*(str(p) for p in self.told), *([self.rest] if self.rest else [])]))
+
+    @property
+    def told(self) -> tuple[Problem, ...]:
+        return self.problems[:MOST_PROBLEMS]
+
+    @property
+    def rest(self) -> str:
+        """How many problems are not told, in words; empty when all are."""
+        more = len(self.problems) - MOST_PROBLEMS
+        return f"and {more} more problem{'s' if more > 1 else ''}" if more > 0 else ""
 
 
 class DataError(EngineDiagError, ValueError):

@@ -29,6 +29,7 @@ from enginediag_cli.commands.options import (
 )
 from enginediag_cli.presentation.messages import Messages
 from enginediag_cli.presentation.output import Output
+from enginediag_cli.presentation.summaries import DETECT
 
 if TYPE_CHECKING:
     from enginediag_cli.errors import ExitCode
@@ -126,7 +127,8 @@ def detect(
         notes={"false_alarm": str(false_alarm), **source.notes, **judging.notes},
         inherited=files.intake.provenance,
     )
-    output.write_rows(chain([first] if first is not None else [], found), provenance=head, live=True)
+    rows_found = chain([first] if first is not None else [], found)
+    output.write_rows(rows_found, summary=DETECT, provenance=head, live=True)
     tell_files(messages, files)
     messages.note(", ".join(f"{n} {what}" for what, n in sorted(tally.items())) or "no window")
     return ending(tally["fault"], sum(tally.values()) - tally["no verdict"], exit_code)

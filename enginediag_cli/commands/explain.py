@@ -7,10 +7,19 @@ from typing import TYPE_CHECKING
 import click
 
 from enginediag_cli.commands.mismatch_options import mismatch_options, provenance, without_option
-from enginediag_cli.commands.options import exit_code_option, exit_codes, message_options, output_options, pass_messages
+from enginediag_cli.commands.options import (
+    OutputFile,
+    exit_code_option,
+    exit_codes,
+    message_options,
+    output_options,
+    pass_messages,
+)
+from enginediag_cli.commands.parameter_types import CSV_SUFFIXES
 from enginediag_cli.errors import ExitCode
 from enginediag_cli.presentation.messages import Messages
 from enginediag_cli.presentation.output import Output
+from enginediag_cli.presentation.summaries import EXPLAIN
 
 if TYPE_CHECKING:
     from enginediag_cli.mismatch.explain.story import Story
@@ -25,13 +34,13 @@ if TYPE_CHECKING:
 @click.option(
     "--amplitudes",
     metavar="FILE",
-    type=click.Path(dir_okay=False, writable=True),
+    type=OutputFile(CSV_SUFFIXES),
     help="Write the amplitude of an effect whose driver is not recorded, record by record, as CSV.",
 )
 @click.option(
     "--curves",
     metavar="FILE",
-    type=click.Path(dir_okay=False, writable=True),
+    type=OutputFile(CSV_SUFFIXES),
     help="Write what no listed effect explains as curves along its driver, as CSV.",
 )
 @click.option("--no-advice", is_flag=True, help="Do not look for recordings that would separate rival explanations.")
@@ -89,12 +98,6 @@ def explain(
 def _present(output: Output, story: Story, head: tuple[str, ...]) -> None:
     from enginediag_cli.presentation.explanation_rows import COLUMNS, document, rows
 
-    if output.chosen_format() != "json":
-        output.write_rows(rows(story), COLUMNS, provenance=head)
-        return
-    import json
-
-    from enginediag_cli.presentation.rows import finite, plain
-
-    told = finite(plain(document(story, head if output.header else ())))
-    output.write_text(json.dumps(told, ensure_ascii=False, allow_nan=False, indent=1) + "\n")
+    output.write_document(
+        lambda: document(story, head if output.header else ()), rows(story), COLUMNS, summary=EXPLAIN, provenance=head
+    )

@@ -8,7 +8,14 @@ from typing import TYPE_CHECKING
 import click
 
 from enginediag_cli.commands.intake_options import source_options
-from enginediag_cli.commands.options import ConfigFile, FiniteRange, exit_codes, message_options, pass_messages
+from enginediag_cli.commands.options import (
+    ConfigFile,
+    FiniteRange,
+    exit_codes,
+    message_options,
+    output_file_option,
+    pass_messages,
+)
 from enginediag_cli.errors import ExitCode
 from enginediag_cli.presentation.messages import Messages
 
@@ -34,15 +41,6 @@ class Part:
         return told
 
 
-def _writable(context: click.Context, parameter: click.Parameter, value: str) -> str:
-    """Refuse an output that cannot be written before the work is done, not after."""
-    import os
-
-    if value != "-" and (os.path.isdir(value) or not os.path.isdir(os.path.dirname(value) or ".")):
-        raise click.BadParameter(f"{value}: not a file in a folder that exists", context, parameter)
-    return value
-
-
 @click.command(short_help="Fit the nominal engine and its sensor noise.", epilog=exit_codes())
 @click.argument("engine_path", metavar="ENGINE.yaml", type=ConfigFile())
 @source_options
@@ -60,15 +58,7 @@ def _writable(context: click.Context, parameter: click.Parameter, value: str) ->
 )
 @click.option("--holdout-last", is_flag=True, help="Keep the last recording out of the fit and judge by it.")
 @click.option("--no-cross-validation", is_flag=True, help="Skip the refits without a block of records.")
-@click.option(
-    "-o",
-    "--output",
-    "output_path",
-    default="-",
-    metavar="FILE",
-    callback=_writable,
-    help="Write the nominal file here, completely or not at all; - is standard output.",
-)
+@output_file_option("Write the nominal file here, completely or not at all; - is standard output.")
 @message_options
 @pass_messages
 def identify(

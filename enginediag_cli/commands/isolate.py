@@ -28,6 +28,8 @@ from enginediag_cli.commands.options import (
 )
 from enginediag_cli.presentation.messages import Messages
 from enginediag_cli.presentation.output import Output
+from enginediag_cli.presentation.summaries import COMPONENTS, ISOLATE
+from enginediag_cli.progress import each
 
 if TYPE_CHECKING:
     from enginediag_cli.errors import ExitCode
@@ -169,7 +171,7 @@ def isolate(
 
     def rows() -> Iterator[dict[str, Any]]:
         nonlocal named, judged, windows
-        for found in isolating.windows():
+        for found in each(isolating.windows(), "windows isolated"):
             windows += 1
             statistics = found.verdict.window.statistics
             if windows == 1 and statistics is not None and nominal is None:
@@ -189,6 +191,8 @@ def isolate(
         notes={**notes, **source.notes, **judging.notes, **further.notes},
         inherited=files.intake.provenance,
     )
-    output.write_rows(chain([first] if first is not None else [], found), provenance=head, live=True)
+    summary = COMPONENTS if by == "component" else ISOLATE
+    rows_found = chain([first] if first is not None else [], found)
+    output.write_rows(rows_found, summary=summary, provenance=head, live=True)
     tell_files(messages, files)
     return ending(named, judged, exit_code)

@@ -8,27 +8,21 @@ import click
 
 from enginediag_cli.commands.mismatch_options import mismatch_options, provenance
 from enginediag_cli.commands.options import (
+    OutputFile,
     exit_code_option,
     exit_codes,
     message_options,
     output_options,
     pass_messages,
 )
+from enginediag_cli.commands.parameter_types import PICTURE_SUFFIXES
 from enginediag_cli.errors import ExitCode
 from enginediag_cli.presentation.messages import Messages
 from enginediag_cli.presentation.output import Output
+from enginediag_cli.presentation.summaries import LOCATE, PER_RECORD
 
 if TYPE_CHECKING:
     from enginediag_cli.mismatch.fit.load import Case, Loaded
-
-
-def _writable(context: click.Context, parameter: click.Parameter, value: str | None) -> str | None:
-    """Refuse a picture that cannot be written before the work is done, not after."""
-    import os
-
-    if value is not None and (os.path.isdir(value) or not os.path.isdir(os.path.dirname(value) or ".")):
-        raise click.BadParameter(f"{value}: not a file in a folder that exists", context, parameter)
-    return value
 
 
 @click.command(
@@ -41,7 +35,7 @@ def _writable(context: click.Context, parameter: click.Parameter, value: str | N
     "--picture",
     "picture_path",
     metavar="FILE.svg",
-    callback=_writable,
+    type=OutputFile(PICTURE_SUFFIXES),
     help="Draw the map, and the residuals that show it best, into FILE.svg.",
 )
 @click.option(
@@ -100,6 +94,7 @@ def locate(
     output.write_rows(
         located_rows(located, kind, everything),
         COLUMNS,
+        summary=LOCATE,
         provenance=provenance("locate", case, loaded.intake.provenance, **notes),
     )
     for line in told:
@@ -130,6 +125,7 @@ def _per_record(messages: Messages, case: Case, loaded: Loaded, every: int, outp
     output.write_rows(
         per_record_rows(found),
         COLUMNS,
+        summary=PER_RECORD,
         provenance=provenance("locate", case, loaded.intake.provenance, **notes),
     )
     best = found[0]

@@ -72,6 +72,7 @@ COMMANDS: dict[str, Entry] = {
     "components": Entry(
         "enginediag_cli.commands.components", "components", "Say of which components an engine file is made."
     ),
+    "man": Entry("enginediag_cli.commands.man", "man", "Print the manual page of the program or of a command."),
     "demo": Entry(
         "enginediag_cli.commands.demo", "demo", "Run the whole chain on simulated flights and explain it in words."
     ),
@@ -88,8 +89,10 @@ class LazyGroup(click.Group):
         entry = COMMANDS.get(cmd_name)
         if entry is None:
             return None
+        from enginediag_cli.commands.general import equip
+
         command: click.Command = getattr(import_module(entry.module), entry.attribute)
-        return command
+        return equip(command, cmd_name)
 
     def resolve_command(
         self, ctx: click.Context, args: list[str]
@@ -101,7 +104,14 @@ class LazyGroup(click.Group):
             near = get_close_matches(name, COMMANDS)
             hint = f"; did you mean {' or '.join(map(repr, near))}?" if near else ""
             raise click.UsageError(f"no such command {name!r}{hint}", ctx)
-        return super().resolve_command(ctx, args)
+        found, command, rest = super().resolve_command(ctx, args)
+        if command is not None and found is not None:
+            from enginediag_cli.commands.general import asks_for_config, print_config
+
+            if asks_for_config(rest):
+                print_config(command, found, rest, ctx)
+                ctx.exit()
+        return found, command, rest
 
     def shell_complete(self, ctx: click.Context, incomplete: str) -> list[CompletionItem]:
         from click.shell_completion import CompletionItem
@@ -128,6 +138,12 @@ def enginediag() -> None:
     enginediag detect -n nominal.yaml flight.csv
 
     FILE may be - for standard input. Data go to standard output, everything else to standard error.
+
+    \b
+    Any option of a command has a default in the environment, ENGINEDIAG_<COMMAND>_<OPTION>:
+    export ENGINEDIAG_DETECT_FALSE_ALARM=0.001; --print-config says what holds and why.
+    Completion of commands, options, file kinds and effects; for zsh and fish alike:
+    eval "$(_ENGINEDIAG_COMPLETE=bash_source enginediag)"
 
     \b
     Exit codes: 0 done; 1 finding (only with --exit-code); 2 bad usage, configuration or data;

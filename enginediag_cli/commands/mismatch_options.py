@@ -12,6 +12,8 @@ from enginediag_cli.commands.intake_options import nominal_options, source_optio
 from enginediag_cli.commands.options import ConfigFile, FiniteRange, seed_option
 
 if TYPE_CHECKING:
+    from click.shell_completion import CompletionItem
+
     from enginediag_cli.intake.source import Source
     from enginediag_cli.mismatch.fit.load import Asked, Case
 
@@ -102,8 +104,18 @@ def without_option(function: Callable[..., Any]) -> Callable[..., Any]:
         metavar="TERM",
         multiple=True,
         callback=_known_terms,
+        shell_complete=complete_terms,
         help="Leave this effect, or effect@site, out of the search. May be given several times.",
     )(function)
+
+
+def complete_terms(context: click.Context, parameter: click.Parameter, incomplete: str) -> list[CompletionItem]:
+    """Names of physics terms for the shell."""
+    from click.shell_completion import CompletionItem
+
+    from enginediag_cli.physics.registry import term_names
+
+    return [CompletionItem(name) for name in term_names() if name.startswith(incomplete)]
 
 
 def _known_terms(context: click.Context, parameter: click.Parameter, value: tuple[str, ...]) -> tuple[str, ...]:

@@ -15,8 +15,6 @@ A command returns its `ExitCode`, or nothing for `DONE`.
 
 from __future__ import annotations
 
-import math
-import os
 import sys
 from collections.abc import Callable
 from functools import wraps
@@ -24,25 +22,17 @@ from typing import Any, TypeVar
 
 import click
 
+from enginediag_cli.commands.parameter_types import TABLE_SUFFIXES, ConfigFile, FiniteRange, OutputFile
 from enginediag_cli.presentation.messages import Messages
+
+__all__ = ["ConfigFile", "FiniteRange", "OutputFile"]
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 
 pass_messages = click.make_pass_decorator(Messages, ensure=True)
 """Gives the command the run's `Messages` (stderr) as its first argument."""
 
-
-class FiniteRange(click.FloatRange):
-    """A number in a range; `nan` and infinity, which compare with nothing, are no numbers here."""
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
-        number = super().convert(value, param, ctx)
-        if not math.isfinite(number):
-            self.fail(f"{value!r} is not a finite number", param, ctx)
-        return number
-
-
-FORMATS = ("auto", "csv", "json", "table")
+FORMATS = ("auto", "csv", "json", "ndjson", "table")
 
 
 def exit_codes(finding: str = "") -> str:
@@ -88,63 +78,70 @@ def _set_message_option(context: click.Context, parameter: click.Parameter, valu
         setattr(context.ensure_object(Messages), parameter.name, value)
 
 
-class ConfigFile(click.Path):
-    """A YAML file that exists. A name that is not in the working folder may be one that comes with the program,
-    such as turbofan.yaml or faults/hpc_fouling.yaml."""
-
-    def __init__(self) -> None:
-        super().__init__(exists=True, dir_okay=False, readable=True)
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
-        if isinstance(value, str) and not os.path.lexists(value) and not os.path.isabs(value):
-            from enginediag_cli.errors import DataError
-            from enginediag_cli.shipped import shipped
-
-            try:
-                value = str(shipped(value))
-            except DataError as error:
-                self.fail(f"there is no file {value!r} here, and {error}", param, ctx)
-        return super().convert(value, param, ctx)
-
-
 def output_options(function: Callable[..., Any]) -> Callable[..., Any]:
-    """`-o/--output`, `--format`, `--no-header`: given to the command as one `output: Output`."""
+    """`-o/--output`, `--format`, `--no-header`, `--wide`, `--columns`: given to the command as one `output: Output`."""
 
     @wraps(function)
-    def with_output(*args: Any, output_path: str, output_format: str, no_header: bool, **others: Any) -> Any:
+    def with_output(
+        *args: Any,
+        output_path: str,
+        output_format: str,
+        no_header: bool,
+        wide: bool,
+        columns: tuple[str, ...],
+        **others: Any,
+    ) -> Any:
         from enginediag_cli.presentation.output import Output
 
         messages = click.get_current_context().ensure_object(Messages)
-        output = Output(output_path, output_format, header=not no_header, color=messages.color)
+        output = Output(output_path, output_format, not no_header, messages.color, wide, columns, messages.note)
         return function(*args, output=output, **others)
 
-    path = click.option(
+    options = [
+        output_file_option("Write to FILE, completely or not at all; - is standard output.", TABLE_SUFFIXES),
+        click.option(
+            "-f",
+            "--format",
+            "output_format",
+            type=click.Choice(FORMATS),
+            default="auto",
+            help="auto: by the name of FILE, else table on a terminal and csv in a pipe; ndjson: one object a line.",
+        ),
+        click.option("--no-header", is_flag=True, help="Leave out the # provenance lines."),
+        click.option(
+            "--wide", is_flag=True, help="All columns on a terminal, too, below each other where they have no room."
+        ),
+        click.option(
+            "--columns",
+            metavar="A,B",
+            callback=_column_names,
+            help="Only these columns, in this order; as csv, json and ndjson, too.",
+        ),
+    ]
+    for option in reversed(options):
+        with_output = option(with_output)
+    return with_output
+
+
+def output_file_option(help: str, suffixes: tuple[str, ...] = (), *, required: bool = False) -> Callable[..., Any]:
+    """`-o/--output FILE` as `output_path: str`; standard output when not given, unless it is required."""
+    return click.option(
         "-o",
         "--output",
         "output_path",
-        default="-",
+        required=required,
+        default=None if required else "-",
         metavar="FILE",
-        callback=_writable_path,
-        help="Write to FILE, completely or not at all; - is standard output.",
+        type=OutputFile(suffixes),
+        help=help,
     )
-    form = click.option(
-        "--format",
-        "output_format",
-        type=click.Choice(FORMATS),
-        default="auto",
-        help="auto: by the name of FILE, else table on a terminal and csv in a pipe.",
-    )
-    header = click.option("--no-header", is_flag=True, help="Leave out the # provenance lines.")
-    return path(form(header(with_output)))
 
 
-def _writable_path(context: click.Context, parameter: click.Parameter, value: str) -> str:
-    """Refuse an output that cannot be written before the work is done, not after."""
-    folder = os.path.dirname(os.path.abspath(value))
-    if value != "-" and (os.path.isdir(value) or not os.path.isdir(folder)):
-        reason = "is a folder" if os.path.isdir(value) else f"there is no folder {folder}"
-        raise click.BadParameter(f"{value}: {reason}", context, parameter)
-    return value
+def _column_names(context: click.Context, parameter: click.Parameter, value: str | None) -> tuple[str, ...]:
+    names = tuple(dict.fromkeys(name.strip() for name in (value or "").split(",") if name.strip()))
+    if value is not None and not names:
+        raise click.BadParameter("name at least one column", context, parameter)
+    return names
 
 
 def recordings_argument(function: Function) -> Function:

@@ -7,29 +7,18 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from enginediag_cli.commands.mismatch_options import complete_terms
 from enginediag_cli.commands.options import ConfigFile, exit_codes, message_options, output_options
 from enginediag_cli.presentation.output import Output
+from enginediag_cli.presentation.summaries import SITES, TERMS
 
 if TYPE_CHECKING:
-    from click.shell_completion import CompletionItem
-
     from enginediag_cli.engine.engine import Engine
     from enginediag_cli.engine.term import Site, Term
 
-LIST_COLUMNS = ("term", "title", "varies_with")
-SITE_COLUMNS = ("term", "at", "acts_on", "carried", "coefficients")
-
-
-def _complete(context: click.Context, parameter: click.Parameter, incomplete: str) -> list[CompletionItem]:
-    from click.shell_completion import CompletionItem
-
-    from enginediag_cli.physics.registry import term_names
-
-    return [CompletionItem(name) for name in term_names() if name.startswith(incomplete)]
-
 
 @click.command(short_help="Say which physical effects a model may carry or lack.", epilog=exit_codes())
-@click.argument("name", required=False, shell_complete=_complete)
+@click.argument("name", required=False, shell_complete=complete_terms)
 @click.option(
     "--engine",
     "engine_path",
@@ -80,38 +69,36 @@ def _all(terms: Sequence[Term], engines: Mapping[str, Engine], head: Sequence[st
     from enginediag_cli.physics.drivers import DRIVERS
     from enginediag_cli.presentation.physics_terms import site_row, term_row
 
-    short = output.chosen_format() == "table"
     if not engines:
         rows = [term_row(t, DRIVERS[t.DRIVER]) for t in terms]
-        output.write_rows(rows, LIST_COLUMNS if short else None, provenance=head)
+        output.write_rows(rows, None if _all_columns(output) else TERMS, provenance=head)
         return
     [engine] = engines.values()
     carried = _carried(engine)
     rows = [site_row(t, site, carried) for t in terms for site in t.sites(engine.network)]
-    output.write_rows(rows, SITE_COLUMNS if short else None, provenance=head)
+    output.write_rows(rows, None if _all_columns(output) else SITES, provenance=head)
+
+
+def _all_columns(output: Output) -> bool:
+    """Whether all that is known of a term is written: sentences and equations have no room in a table."""
+    return output.chosen_format() != "table" or output.wide or bool(output.columns)
 
 
 def _one(shown: Term, engines: Mapping[str, Engine], of_one_engine: bool, head: Sequence[str], output: Output) -> None:
     """One term, as a page, as rows, or as one JSON object."""
-    import json
-
     from enginediag_cli.physics.drivers import DRIVERS
     from enginediag_cli.presentation.physics_terms import coefficient_rows, page, site_row, term_row
 
     places: dict[str, list[Site]] = {n: list(shown.sites(e.network)) for n, e in engines.items()}
     carried = {n: _carried(e) for n, e in engines.items()}
     sites = {n: [site_row(shown, s, carried[n]) for s in found] for n, found in places.items()}
-    form = output.chosen_format()
-    if form == "table":
+    if output.chosen_format() == "table" and not (output.wide or output.columns):
         output.write_text(page(shown, DRIVERS[shown.DRIVER], places, carried))
-    elif form == "json":
-        document: dict[str, Any] = term_row(shown, DRIVERS[shown.DRIVER])
-        document |= {"coefficients": list(coefficient_rows(shown)), "places": sites}
-        output.write_text(json.dumps(document, indent=1, ensure_ascii=False) + "\n")
-    elif of_one_engine:
-        output.write_rows([row for rows in sites.values() for row in rows], provenance=head)
-    else:
-        output.write_rows(coefficient_rows(shown), provenance=head)
+        return
+    document: dict[str, Any] = term_row(shown, DRIVERS[shown.DRIVER])
+    document |= {"coefficients": list(coefficient_rows(shown)), "places": sites}
+    rows = [row for rows in sites.values() for row in rows] if of_one_engine else list(coefficient_rows(shown))
+    output.write_document(document, rows, provenance=head)
 
 
 def _carried(engine: Engine) -> dict[str, Mapping[str, Any]]:

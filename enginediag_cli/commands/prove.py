@@ -10,6 +10,7 @@ import click
 
 from enginediag_cli.commands.options import (
     ConfigFile,
+    OutputFile,
     exit_codes,
     message_options,
     output_options,
@@ -60,7 +61,7 @@ if TYPE_CHECKING:
 @click.option(
     "--trials-output",
     metavar="FILE.jsonl",
-    type=click.Path(dir_okay=False, writable=True),
+    type=OutputFile(),
     help="Keep every trial, its sealed answer and its marks, one JSON line each.",
 )
 @click.option("--resume", is_flag=True, help="Go on from the trials that --trials-output holds.")
@@ -163,28 +164,17 @@ def _say(messages: Messages, records: list[dict[str, Any]]) -> None:
 
 
 def _write(plan: Plan, records: list[dict[str, Any]], sizes: bool, output: Output) -> None:
-    import json
 
-    from enginediag_cli.presentation.rows import finite, plain
     from enginediag_cli.presentation.score_sheet_document import document
     from enginediag_cli.presentation.score_sheet_rows import LONG, bin_rows, rows, size_rows, table
-    from enginediag_cli.presentation.tables import write_table
     from enginediag_cli.recordings.provenance import header_lines
 
     found = document(plan, records, sizes)
-    form = output.chosen_format()
-    if form == "json":
-        output.write_text(json.dumps(finite(plain(found)), indent=1, ensure_ascii=False) + "\n")
-        return
-    scores = {name: found[name] for name in found["scores"]}
     head = header_lines("prove", seed=plan.seed, configs=[plan.engine], notes={"trials": str(len(records))})
-    if form == "csv":
-        output.write_rows(rows(scores, found["bins"]), LONG, provenance=head)
+    scores = {name: found[name] for name in found["scores"]}
+    if output.chosen_format() != "table" or output.columns:
+        output.write_document(found, rows(scores, found["bins"]), LONG, provenance=head)
         return
-    with output.open() as stream:
-        binned = ("lambda", "lambda_sep", "signal_to_noise")
-        parts = [table(scores), *(bin_rows(found["bins"], what) for what in binned)]
-        parts += [size_rows(found["detectable_size"])] if sizes else []
-        for k, lines in enumerate(p for p in parts if p):
-            stream.write("\n" if k else "")
-            write_table(lines, tuple(lines[0]), stream)
+    binned = ("lambda", "lambda_sep", "signal_to_noise")
+    parts = [table(scores), *(bin_rows(found["bins"], what) for what in binned)]
+    output.write_tables([*parts, *([size_rows(found["detectable_size"])] if sizes else [])])

@@ -6,8 +6,9 @@ from typing import TYPE_CHECKING
 
 import click
 
-from enginediag_cli.commands.mismatch_options import mismatch_options, provenance, without_option
-from enginediag_cli.commands.options import exit_codes, message_options, pass_messages
+from enginediag_cli.commands.mismatch_options import complete_terms, mismatch_options, provenance, without_option
+from enginediag_cli.commands.options import OutputFile, exit_codes, message_options, output_file_option, pass_messages
+from enginediag_cli.commands.parameter_types import CSV_SUFFIXES, PICTURE_SUFFIXES
 from enginediag_cli.errors import ExitCode
 from enginediag_cli.presentation.messages import Messages
 
@@ -19,14 +20,6 @@ if TYPE_CHECKING:
     from enginediag_cli.mismatch.unrecorded.hidden import HiddenFinding
 
 
-def _writable(context: click.Context, parameter: click.Parameter, value: str | None) -> str | None:
-    import os
-
-    if value and value != "-" and (os.path.isdir(value) or not os.path.isdir(os.path.dirname(value) or ".")):
-        raise click.BadParameter(f"{value}: not a file in a folder that exists", context, parameter)
-    return value
-
-
 @click.command(short_help="Put a missing effect into the model, if unseen flights gain by it.", epilog=exit_codes())
 @mismatch_options
 @without_option
@@ -35,6 +28,7 @@ def _writable(context: click.Context, parameter: click.Parameter, value: str | N
     "terms",
     metavar="TERM@SITE",
     multiple=True,
+    shell_complete=complete_terms,
     help="Effect to put in, such as reynolds_efficiency@hpc; may be given several times. Without it, what "
     "explain names from the flights that are fitted.",
 )
@@ -44,7 +38,7 @@ def _writable(context: click.Context, parameter: click.Parameter, value: str | N
 @click.option(
     "--states",
     metavar="FILE",
-    callback=_writable,
+    type=OutputFile(CSV_SUFFIXES),
     help="Write the states of a switched effect, record by record, as CSV, with the column that the refined "
     "engine reads.",
 )
@@ -70,22 +64,16 @@ def _writable(context: click.Context, parameter: click.Parameter, value: str | N
     show_default=True,
     help="Length of the windows in which detect is tried before and after.",
 )
-@click.option(
-    "-o",
-    "--output",
-    "output_path",
-    required=True,
-    metavar="FILE",
-    callback=_writable,
-    help="Engine file that carries the effect, written completely or not at all; - is standard output.",
+@output_file_option(
+    "Engine file that carries the effect, written completely or not at all; - is standard output.", required=True
 )
 @click.option(
     "--report",
     metavar="FILE",
-    callback=_writable,
+    type=OutputFile(),
     help="Write before and after to FILE (.csv, .json or a table), beside standard error.",
 )
-@click.option("--picture", metavar="FILE", callback=_writable, help="Draw before and after as SVG.")
+@click.option("--picture", metavar="FILE", type=OutputFile(PICTURE_SUFFIXES), help="Draw before and after as SVG.")
 @message_options
 @pass_messages
 def refine(
@@ -218,7 +206,8 @@ def _present(
     messages: Messages, found: Refinement, report: str | None, picture: str | None, head: tuple[str, ...]
 ) -> None:
     from enginediag_cli.presentation import refinements
-    from enginediag_cli.presentation.output import Output
+    from enginediag_cli.presentation.output import SUFFIX_FORMATS, Output, table_suffix
+    from enginediag_cli.presentation.summaries import REFINE
     from enginediag_cli.presentation.tables import short_cell
 
     rows = list(refinements.rows(found))
@@ -233,16 +222,10 @@ def _present(
         if not line.startswith("refused"):
             messages.note(line)
     if report:
-        out = Output(report, "auto" if report.endswith((".csv", ".json", ".gz")) else "table")
-        if out.chosen_format() == "json":
-            import json
-
-            from enginediag_cli.presentation.rows import finite, plain
-
-            told = finite(plain(refinements.document(found, head)))
-            out.write_text(json.dumps(told, ensure_ascii=False, allow_nan=False, indent=1) + "\n")
-        else:
-            out.write_rows(rows, refinements.COLUMNS, provenance=head)
+        out = Output(report, "auto" if table_suffix(report) in SUFFIX_FORMATS else "table")
+        out.write_document(
+            lambda: refinements.document(found, head), rows, refinements.COLUMNS, summary=REFINE, provenance=head
+        )
     if picture and found.unseen is not None:
         from enginediag_cli.presentation.refinement_picture import picture as draw
 

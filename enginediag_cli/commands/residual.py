@@ -20,6 +20,7 @@ from enginediag_cli.commands.options import exit_codes, message_options, output_
 from enginediag_cli.errors import ExitCode
 from enginediag_cli.presentation.messages import Messages
 from enginediag_cli.presentation.output import Output
+from enginediag_cli.presentation.summaries import STATISTICS
 
 if TYPE_CHECKING:
     from enginediag_cli.intake.source import Source
@@ -84,7 +85,9 @@ def residual(
         notes={**notes, **source.notes, **judging.notes},
         inherited=files.intake.provenance,
     )
-    written = output.write_rows(chain([first] if first is not None else [], rows), columns, provenance=head, live=True)
+    summary = STATISTICS if what == "statistics" else ()  # residuals go by the engine's own sensors, in their order
+    rows_found = chain([first] if first is not None else [], rows)
+    written = output.write_rows(rows_found, columns, summary=summary, provenance=head, live=True)
     tell_files(messages, files)
     judged = files.counts["statistics"] if what == "statistics" else written
     return ending(0, judged, False)

@@ -2,13 +2,28 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import click
 
 from enginediag_cli.commands.options import exit_codes, message_options
 
+if TYPE_CHECKING:
+    from click.shell_completion import CompletionItem
+
+
+def _kinds(context: click.Context, parameter: click.Parameter, incomplete: str) -> list[CompletionItem]:
+    from click.shell_completion import CompletionItem
+
+    from enginediag_cli.config.kinds import FILE_KINDS
+
+    return [
+        CompletionItem(kind.name, help=kind.help) for kind in FILE_KINDS.values() if kind.name.startswith(incomplete)
+    ]
+
 
 @click.command(short_help="Print the JSON schema of a kind of YAML file, for editors.", epilog=exit_codes())
-@click.argument("kind", required=False)
+@click.argument("kind", required=False, shell_complete=_kinds)
 @message_options
 def schema(kind: str | None) -> None:
     """Print the JSON schema (draft-07) of a KIND of YAML file; without KIND, list the kinds.

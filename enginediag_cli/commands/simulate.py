@@ -13,14 +13,18 @@ import click
 
 from enginediag_cli.commands.options import (
     ConfigFile,
+    OutputFile,
     exit_codes,
     message_options,
     output_options,
     pass_messages,
     seed_option,
 )
+from enginediag_cli.commands.parameter_types import CSV_SUFFIXES
 from enginediag_cli.presentation.messages import Messages
 from enginediag_cli.presentation.output import Output
+from enginediag_cli.presentation.summaries import SIMULATE
+from enginediag_cli.progress import each
 
 if TYPE_CHECKING:
     from enginediag_cli.engine.model import EngineLike
@@ -66,7 +70,12 @@ CONFIG_FILE = ConfigFile()
 )
 @click.option("--flights", metavar="N", type=click.IntRange(min=1), help="Number of flights, or of days on the ground.")
 @click.option("--records", metavar="N", type=click.IntRange(min=1), help="End after N records.")
-@click.option("--truth", metavar="FILE", help="Write what is really wrong, record by record, to FILE.")
+@click.option(
+    "--truth",
+    metavar="FILE",
+    type=OutputFile(CSV_SUFFIXES),
+    help="Write what is really wrong, record by record, to FILE.",
+)
 @seed_option
 @output_options
 @message_options
@@ -133,7 +142,7 @@ def _check_usage(
         raise click.UsageError("--flight and --conditions exclude each other")
     if flights and conditions:
         raise click.UsageError("--flights counts generated flights; --conditions brings its own")
-    if truth == "-" or (truth and truth == output.path):
+    if truth == "-":
         raise click.UsageError("--truth needs a file of its own")
 
 
@@ -191,21 +200,25 @@ def _write(
         hidden = CsvWriter(files.enter_context(complete_file(truth)), head) if truth else None
 
         def told() -> Iterator[Simulated]:
-            for piece in chain([first], pieces):
+            for piece in each(chain([first], pieces), "records simulated", size=_length):
                 reasons.update(piece.reasons)
                 if hidden is not None:
                     hidden.write(recording_of(piece.truth))
                 yield piece
 
-        if output.chosen_format() == "csv":
+        if output.chosen_format() == "csv" and not output.columns:
             stream = files.enter_context(output.open())
             writer = CsvWriter(stream, head)
             for piece in told():
                 writer.write(recording_of(piece.columns))
                 stream.flush()
         else:
-            output.write_rows(_rows(told()), tuple(first.columns), provenance=head)
+            output.write_rows(_rows(told()), tuple(first.columns), summary=(*SIMULATE, *first.columns), provenance=head)
     return reasons
+
+
+def _length(piece: Simulated) -> int:
+    return len(next(iter(piece.columns.values())))
 
 
 def _rows(pieces: Iterable[Simulated]) -> Iterator[dict[str, Any]]:

@@ -10,6 +10,7 @@ import click
 
 from enginediag_cli.commands.options import (
     ConfigFile,
+    OutputFile,
     exit_codes,
     message_options,
     output_options,
@@ -17,6 +18,7 @@ from enginediag_cli.commands.options import (
 )
 from enginediag_cli.presentation.messages import Messages
 from enginediag_cli.presentation.output import Output
+from enginediag_cli.presentation.summaries import STUDY
 
 if TYPE_CHECKING:
     from enginediag_cli.presentation.study_report import Results
@@ -52,6 +54,7 @@ SHOW = ("rates", "counts", "reliability")
 @click.option(
     "--journal",
     metavar="FILE",
+    type=OutputFile(),
     help="Keep finished batches in FILE, and go on from what it holds. With "
     "-o, it lies beside the output while the study runs.",
 )
@@ -121,19 +124,13 @@ def _run(
 
 
 def _write(described: Study, results: Results, seed: int, show: str, output: Output, file: str) -> None:
-    import json
 
-    from enginediag_cli.presentation.rows import finite, plain
     from enginediag_cli.presentation.study_report import as_json, rows, shortened
     from enginediag_cli.recordings.provenance import header_lines
 
-    if output.chosen_format() == "json":
-        document = finite(plain(as_json(described, results, seed)))
-        output.write_text(json.dumps(document, indent=1, ensure_ascii=False) + "\n")
-        return
     found, columns = rows(described, results, show)
-    if output.chosen_format() == "table" and show == "rates":
+    head = header_lines("study", seed=seed, configs=[file])
+    if output.chosen_format() == "table" and show == "rates" and not (output.wide or output.columns):
         found = [shortened(row) for row in found]
         columns = tuple(found[0])
-    head = header_lines("study", seed=seed, configs=[file])
-    output.write_rows(found, columns, provenance=head)
+    output.write_document(lambda: as_json(described, results, seed), found, columns, summary=STUDY, provenance=head)

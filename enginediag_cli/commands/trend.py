@@ -11,6 +11,7 @@ from enginediag_cli.commands.judging import ending, open_intake, open_monitor, t
 from enginediag_cli.commands.options import exit_codes, message_options, output_options, pass_messages
 from enginediag_cli.presentation.messages import Messages
 from enginediag_cli.presentation.output import Output
+from enginediag_cli.presentation.summaries import FLIGHTS, TREND
 
 if TYPE_CHECKING:
     from enginediag_cli.errors import ExitCode
@@ -74,7 +75,7 @@ def trend(
         notes={**source.notes, **judging.notes},
         inherited=files.intake.provenance,
     )
-    output.write_rows(rows, provenance=head)
+    output.write_rows(rows, summary=TREND if what == "trend" else FLIGHTS, provenance=head)
     tell_files(messages, files)
     if sums.lost:
         messages.warning(f"{sums.lost} windows without a verdict were left out")

@@ -9,8 +9,13 @@ from typing import Any
 
 import yaml
 
+from enginediag_cli.config.reading import read_regular
 from enginediag_cli.config.yaml12 import TAG, compose, scalar_value
 from enginediag_cli.errors import ConfigError, Mark, Problem
+from enginediag_cli.safe_text import shortened
+
+SHOWN_KEYS = 20
+"""Keys of a mapping that are named in a message before the rest is only counted."""
 
 
 @dataclass(frozen=True)
@@ -42,25 +47,26 @@ class Node:
     def describe(self) -> str:
         """What stands here, in words: "the text 'abc'", "the number 3", "a list of 2"."""
         if self.is_mapping:
-            return "a mapping with the keys " + ", ".join(self.value) if self.value else "an empty mapping"
+            if not self.value:
+                return "an empty mapping"
+            rest = f", … ({len(self.value)} in all)" if len(self.value) > SHOWN_KEYS else ""
+            return (
+                "a mapping with the keys " + ", ".join(shortened(key) for key in list(self.value)[:SHOWN_KEYS]) + rest
+            )
         if self.is_list:
             return f"a list of {len(self.value)}" if self.value else "an empty list"
         if self.value is None:
             return "nothing"
         if isinstance(self.value, str):
-            return f"the text '{self.value}'"
-        return f"{'' if isinstance(self.value, bool) else 'the number '}{self.text}"
+            return f"the text '{shortened(self.value)}'"
+        return f"{'' if isinstance(self.value, bool) else 'the number '}{shortened(self.text)}"
 
 
 def load_document(path: str | Path) -> Node:
-    """The root node of a YAML file; raises ConfigError if the file cannot be read or is not YAML."""
+    """The root node of a YAML file; raises ConfigError if the file cannot be read, is no regular file, is larger than
+    `MOST_YAML_BYTES`, or is not YAML."""
     name = str(path)
-    try:
-        raw = Path(path).read_bytes()
-    except OSError as error:
-        reason = (error.strerror or str(error)).lower()
-        raise ConfigError([Problem(Mark(name), f"cannot read the file: {reason}")]) from error
-    return parse_document(_decode(raw, name), name)
+    return parse_document(_decode(read_regular(path), name), name)
 
 
 def parse_document(text: str, name: str) -> Node:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 
 from enginediag_cli.config.fields import Field
+from enginediag_cli.safe_text import SHORT
 
 SHOWN = 20
 """Names listed in a hint before the rest is only counted."""
@@ -30,6 +31,8 @@ def closest(word: str, names: Sequence[str]) -> str | None:
     """The known name nearest to a misspelt one, or None if nothing is near. Case does not count."""
     import difflib
 
+    if len(word) > SHORT:
+        return None
     folded = {name.casefold(): name for name in reversed(names)}
     match = difflib.get_close_matches(word.casefold(), list(folded), n=1, cutoff=0.6)
     return folded[match[0]] if match else None

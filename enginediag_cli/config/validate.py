@@ -15,7 +15,8 @@ from enginediag_cli.config.excerpt import render
 from enginediag_cli.config.fields import Field, Section, Variants
 from enginediag_cli.config.hints import near, unknown_key
 from enginediag_cli.config.leaves import LEAVES, expectation
-from enginediag_cli.errors import ConfigError, Mark, Problem
+from enginediag_cli.errors import MOST_PROBLEMS, ConfigError, Mark, Problem
+from enginediag_cli.safe_text import shortened
 
 __all__ = ["Checked", "near", "render", "validate"]
 
@@ -33,9 +34,15 @@ def validate(document: Node, section: Section | Variants) -> Checked:
     return Checked(values, document)
 
 
+HINTS = 4 * MOST_PROBLEMS
+"""Unknown keys for which a near name is sought; sections are not walked in the order of the file, hence more than are
+told."""
+
+
 @dataclass
 class _Walk:
     problems: list[Problem]
+    hints: int = HINTS
 
     def report(self, mark: Mark, message: str, hint: str = "") -> None:
         self.problems.append(Problem(mark, message, hint))
@@ -147,8 +154,11 @@ class _Walk:
         for key in node.value:
             if key in names:
                 continue
-            hint, meant = unknown_key(key, node.value[key].value, fields, free or names)
-            self.report(node.key_marks[key], f"unknown key '{key}'{_in(where)}", hint)
+            hint, meant = "", None
+            if self.hints:  # beyond what will be told, the search for near names would only cost time
+                self.hints -= 1
+                hint, meant = unknown_key(key, node.value[key].value, fields, free or names)
+            self.report(node.key_marks[key], f"unknown key '{shortened(key)}'{_in(where)}", hint)
             if meant is not None:
                 replaced.add(meant)
         return replaced

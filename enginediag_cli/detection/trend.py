@@ -16,6 +16,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from enginediag_cli.progress import stage
 from enginediag_cli.residuals.statistics import LocalStatistics
 
 INCLUSION = 0.2
@@ -95,6 +96,7 @@ class _Flights:
     F: np.ndarray
 
 
+@stage("fitting trends")
 def fit_trends(flights: Sequence[LocalStatistics]) -> TrendFit:
     """Trends over flights in order of time. Needs three flights at least; ValueError otherwise."""
     if len(flights) < 3:

@@ -9,6 +9,7 @@ from typing import Any
 from enginediag_cli.config.checked import Checked
 from enginediag_cli.config.hints import near
 from enginediag_cli.config.kinds import load_checked
+from enginediag_cli.config.reading import file_inside
 from enginediag_cli.engine.closure import missing_closure
 from enginediag_cli.engine.components import COMPONENTS, Component
 from enginediag_cli.engine.engine import Engine
@@ -37,6 +38,8 @@ def build_engine(path: str | Path, carried: Carried, power_setting: str | None =
         raise ConfigError(problems)
     components: list[Component] = []
     for k, c in enumerate(values["components"]):
+        if c.get("table"):
+            file_inside(path, c["table"]["file"], checked.mark(("components", k, "table", "file")))
         try:
             components.append(COMPONENTS[c["type"]]({**c, "directory": str(Path(path).parent)}))
         except ConfigError:

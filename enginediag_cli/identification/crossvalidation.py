@@ -13,6 +13,7 @@ import numpy as np
 from enginediag_cli.identification.gauss_newton import Fit, solve
 from enginediag_cli.identification.normal_equations import predict
 from enginediag_cli.identification.problem import Problem
+from enginediag_cli.progress import each
 
 FOLDS = 8
 MAX_ITERATIONS = 40
@@ -55,7 +56,7 @@ def cross_validate(problem: Problem, fit: Fit, block: int, max_iterations: int =
     failed = 0
     if len(folds) < 2:
         return CrossValidation(predicted, 0, 0)
-    for fold in folds:
+    for fold in each(folds, "cross-validation, refits", len(folds)):
         out = fold_of == fold
         part = solve(problem.select(~out), (fit.x, fit.z), max_iterations=max_iterations, tolerance=TOLERANCE)
         if part.converged:

@@ -26,6 +26,7 @@ from enginediag_cli.identification.normal_equations import (
     offset_step,
 )
 from enginediag_cli.identification.problem import Problem
+from enginediag_cli.progress import each
 
 LOST_FRACTION = 0.02
 """A step may lose this share of the converged records; one that loses more is rejected as too long."""
@@ -91,7 +92,7 @@ def solve(
     nothing = np.zeros(p, bool)
     if not now.ok.any():
         return Fit(x, z, now, nothing, False, "no record converged at the starting point", ())
-    for _ in range(max_iterations):
+    for _ in each(range(max_iterations), "iterations of the fit"):
         arrow = eliminate(now.H_xx, now.H_xz, now.H_zz, now.g_x, now.g_z, x, z)
         held = ((x <= low) & (arrow.g > 0)) | ((x >= high) & (arrow.g < 0))
         # z moves with x: what is left of its own gradient is part of the distance to the optimum

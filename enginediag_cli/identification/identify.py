@@ -29,6 +29,7 @@ from enginediag_cli.identification.resolution import quantisation_sigma
 from enginediag_cli.identification.settings import IdentificationSettings, settings_from_mapping
 from enginediag_cli.identification.unidentified import Combination, unidentified_combinations
 from enginediag_cli.identification.unseen import noise_on_unseen
+from enginediag_cli.progress import each
 
 NOISE_PASSES = 12
 NOISE_SETTLED = 0.03
@@ -219,7 +220,7 @@ def _fit_and_noise(
     noise = starting_noise(problem.measured - predict(problem, *zeros)[0], problem.recording, stated)
     problem = problem.with_noise(noise.sigma if estimated else stated, _tempering(noise))
     start = zeros
-    for number in range(1, NOISE_PASSES + 1):
+    for number in each(range(1, NOISE_PASSES + 1), "identifying, passes of fit and noise"):
         fit = solve(problem, start, max_iterations=settings.max_iterations, tolerance=PASS_TOLERANCE)
         found = uncertainty(problem, fit, noise.rho1, noise.used)
         noise = estimate_noise(fit.equations.residual, problem.recording, found.lost, floor)

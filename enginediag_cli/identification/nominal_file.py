@@ -13,7 +13,8 @@ from typing import Any
 import numpy as np
 
 from enginediag_cli.config.fields import Section
-from enginediag_cli.errors import ConfigError, DataError, Problem
+from enginediag_cli.config.reading import refuse_other_kind
+from enginediag_cli.errors import ConfigError, DataError, Mark, Problem
 from enginediag_cli.identification.envelope import Envelope
 from enginediag_cli.identification.nominal import Estimate, Nominal, SensorNoise
 from enginediag_cli.identification.nominal_sections import (
@@ -124,8 +125,13 @@ def write_nominal(nominal: Nominal, path: str | Path) -> None:
 
 
 def engine_file(nominal: Nominal, nominal_path: str | Path) -> Path:
-    """The engine file that a nominal file means, resolved against the nominal file's folder."""
-    return Path(nominal_path).parent / nominal.engine_path
+    """The engine file that a nominal file means, resolved against the nominal file's folder.
+
+    It may lie anywhere: a user named it to identify. Raises ConfigError when it is no file of kind engine.
+    """
+    path = Path(nominal_path).parent / nominal.engine_path
+    refuse_other_kind(path, "engine", Mark(str(nominal_path)))
+    return path
 
 
 def refuse_changed_engine(nominal: Nominal, engine_path: str | Path, *, accept: bool = False) -> None:

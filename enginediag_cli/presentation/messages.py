@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Callable, Iterable, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, TextIO, TypeVar
 
 if TYPE_CHECKING:
-    from enginediag_cli.errors import Problem
+    from enginediag_cli.errors import ConfigError
+    from enginediag_cli.presentation.progress_line import ProgressLine, Told
 
 Item = TypeVar("Item")
 
@@ -34,6 +34,7 @@ class Messages:
     """Writes to stderr; `quiet` leaves only errors. One per run, handed to every command."""
 
     quiet: bool = False
+    verbose: bool = False
     debug: bool = False
     color: str = "auto"
 
@@ -51,47 +52,54 @@ class Messages:
         """Why the run ends."""
         self._say(text, "error: ", "red")
 
-    def problems(self, problems: Iterable[Problem]) -> None:
-        """All problems of a configuration file, each with its place and its line of source."""
-        from enginediag_cli.config.excerpt import render
+    def problems(self, error: ConfigError) -> None:
+        """The problems of a configuration file, each with its place and its line of source; the first of very many."""
+        from enginediag_cli.config.excerpt import render_all
 
-        for problem in problems:
-            self._say(render(problem))
+        self._say(render_all(error))
 
     def progress(self, items: Iterable[Item], label: str, total: int | None = None) -> Iterator[Item]:
-        """Pass `items` through and count them on stderr: only on a terminal, and only with a known total."""
-        shown = not self.quiet and bool(total) and sys.stderr is not None and sys.stderr.isatty()
-        with _counter(label, total or 0, shown) as count:
-            for number, item in enumerate(items):
-                count(number)
-                yield item
+        """Pass `items` through and tell whoever listens (`enginediag_cli.progress`) how many there were."""
+        from enginediag_cli.progress import each
+
+        return each(items, label, total)
+
+    def listener(self) -> Told | ProgressLine | None:
+        """Who shows how far the work is: on a terminal one line, with `verbose` stages and files, too; else nobody."""
+        shown = not self.quiet and sys.stderr is not None and sys.stderr.isatty()
+        if not (shown or self.verbose):
+            return None
+        from enginediag_cli.presentation.progress_line import ProgressLine, Told
+
+        line = ProgressLine(sys.stderr) if shown else None
+        return Told(self._say, line) if self.verbose else line
 
     def _say(self, text: str, prefix: str = "", color: str = "") -> None:
+        """Write a line to stderr; control characters that came from a file are written as escapes. When nobody reads
+        stderr any more, the line is dropped: the work goes on and its result counts."""
         if sys.stderr is None:
             return
         import click
 
+        from enginediag_cli.progress import wipe
+        from enginediag_cli.safe_text import visible
+
         if prefix and wants_color(self.color, sys.stderr):
             prefix = click.style(prefix, fg=color, bold=True)
-        # click would strip colours from a pipe although the user said --color always
-        click.echo(prefix + text, err=True, color=True)
+        wipe()
+        try:
+            # click would strip colours from a pipe although the user said --color always
+            click.echo(prefix + visible(text), err=True, color=True)
+        except OSError:
+            silence(sys.stderr)
 
 
-@contextmanager
-def _counter(label: str, total: int, shown: bool) -> Iterator[Callable[[int], None]]:
-    """One line on stderr that is overwritten, and wiped at the end."""
-    percent = -1
-
-    def count(number: int) -> None:
-        nonlocal percent
-        if shown and (now := 100 * number // total) != percent:
-            percent = now
-            sys.stderr.write(f"\r{label} {percent:3d} %")
-            sys.stderr.flush()
-
+def silence(stream: TextIO) -> None:
+    """Send what is still written to a stream that nobody reads, or that has no room, to nowhere: Python's own flush at
+    exit would fail again and end the run with 120."""
     try:
-        yield count
-    finally:
-        if shown:
-            sys.stderr.write("\r" + " " * (len(label) + 6) + "\r")
-            sys.stderr.flush()
+        nowhere = os.open(os.devnull, os.O_WRONLY)
+        os.dup2(nowhere, stream.fileno())
+        os.close(nowhere)
+    except (OSError, ValueError, AttributeError):  # a stream of a test, or closed: nothing is left to flush
+        return

@@ -4,85 +4,163 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from itertools import chain
 from typing import Any, TextIO
 
+from enginediag_cli.errors import DataError
 from enginediag_cli.presentation.messages import wants_color
-from enginediag_cli.presentation.rows import write_csv, write_json
+from enginediag_cli.presentation.rows import finite, json_text, plain, write_csv, write_json, write_ndjson
+from enginediag_cli.progress import wipe
+from enginediag_cli.safe_text import visible
 
-SUFFIX_FORMATS = {".csv": "csv", ".json": "json"}
+SUFFIX_FORMATS = {".csv": "csv", ".json": "json", ".ndjson": "ndjson", ".jsonl": "ndjson"}
+
+NEUTRAL_SUFFIXES = ("", ".txt", ".dat")
+"""Names of a table that say nothing of its format; csv is written."""
+
+
+def _nobody(text: str) -> None:
+    """Nobody is told."""
 
 
 @dataclass(frozen=True)
 class Output:
-    """The user's choice of `-o`, `--format`, `--no-header`, `--color`; opens nothing before data exist."""
+    """The user's choice of `-o`, `--format`, `--no-header`, `--color`, `--wide` and `--columns`; opens nothing before
+    data exist. `say` is told what was left out of a table."""
 
     path: str = "-"
     format: str = "auto"
     header: bool = True
     color: str = "auto"
+    wide: bool = False
+    columns: tuple[str, ...] = ()
+    say: Callable[[str], None] = _nobody
 
     @property
     def to_stdout(self) -> bool:
         return self.path == "-"
 
     def chosen_format(self) -> str:
-        """csv, json or table; auto goes by the file's suffix, else table on a terminal and csv in a pipe."""
+        """csv, json, ndjson or table; auto goes by the file's suffix, else table on a terminal and csv in a pipe."""
         if self.format != "auto":
             return self.format
         if not self.to_stdout:
-            suffix = os.path.splitext(self.path.lower().removesuffix(".gz"))[1]
-            return SUFFIX_FORMATS.get(suffix, "csv")
-        return "table" if sys.stdout.isatty() else "csv"
+            return SUFFIX_FORMATS.get(table_suffix(self.path), "csv")
+        return "table" if self._on_terminal() else "csv"
+
+    def _on_terminal(self) -> bool:
+        return self.to_stdout and sys.stdout is not None and sys.stdout.isatty()
 
     @contextmanager
     def open(self) -> Iterator[TextIO]:
         """The stream to write to, packed for a name in `.gz`.
 
-        A file appears under its name only when the block ends without an error.
+        A file appears under its name only when the block ends without an error. Raises OSError.
         """
         from enginediag_cli.recordings.write import output
 
         with output(self.path) as stream:
+            wipe()
             yield stream
 
     def write_text(self, text: str) -> None:
-        """Write a document (YAML, JSON schema, prose) as it is."""
+        """Write a document (YAML, JSON schema, prose) as it is; a terminal gets control characters as escapes."""
         with self.open() as stream:
-            stream.write(text)
+            stream.write(visible(text) if stream.isatty() else text)
+
+    def write_document(
+        self,
+        document: Mapping[str, Any] | Callable[[], Mapping[str, Any]],
+        rows: Iterable[Mapping[str, Any]],
+        columns: Sequence[str] | None = None,
+        *,
+        summary: Sequence[str] = (),
+        provenance: Sequence[str] = (),
+    ) -> None:
+        """Write all of a result: as json one object, `document`, unless the user chose columns; else its `rows`."""
+        if self.chosen_format() != "json" or self.columns:
+            self.write_rows(rows, columns, summary=summary, provenance=provenance)
+            return
+        told = document() if callable(document) else document
+        self.write_text(json_text(finite(plain(told)), indent=1) + "\n")
 
     def write_rows(
         self,
         rows: Iterable[Mapping[str, Any]],
         columns: Sequence[str] | None = None,
         *,
+        summary: Sequence[str] = (),
         provenance: Sequence[str] = (),
         live: bool = False,
     ) -> int:
         """Write `rows` in the chosen format as they come and return how many there were.
 
-        `columns` defaults to the keys of the first row. `provenance` lines go above a CSV, each behind `# `,
-        unless the user gave --no-header. `live` hands every row on at once, for input that is still growing.
-        A table needs all rows to find its widths; csv and json hold one row at a time.
+        `columns` defaults to the keys of the first row; `summary` are those that matter most, for a terminal on which
+        not all have room. `provenance` lines go above a CSV, each behind `# `, unless the user gave --no-header.
+        `live` hands every row on at once, for input that is still growing. A table needs all rows to find its widths;
+        csv, json and ndjson hold one row at a time. Raises DataError when the user chose a column that is not there.
         """
         iterator = iter(rows)
         first = next(iterator, None)  # an error in the first row leaves no output behind, not even a header
         if first is not None:
             columns = tuple(columns or first)
             iterator = chain([first], iterator)
+        columns = self._chosen(columns)
+        form = self.chosen_format()
         with self.open() as stream:
+            if form == "table":
+                return self._write_table(iterator, columns, stream, summary)
             return write_rows(
-                iterator,
-                columns or (),
-                format=self.chosen_format(),
+                _shown_alone(iterator) if stream.isatty() else iterator,
+                columns,
+                format=form,
                 stream=stream,
                 live=live,
                 provenance=provenance if self.header else (),
-                color=self.color,
             )
+
+    def write_tables(self, parts: Iterable[Sequence[Mapping[str, Any]]], summary: Sequence[str] = ()) -> None:
+        """Write several tables for people below each other, an empty line between."""
+        with self.open() as stream:
+            for number, rows in enumerate(part for part in parts if part):
+                stream.write("\n" if number else "")
+                self._write_table(rows, self._chosen(tuple(rows[0])), stream, summary)
+
+    def _write_table(
+        self, rows: Iterable[Mapping[str, Any]], columns: Sequence[str], stream: TextIO, summary: Sequence[str]
+    ) -> int:
+        from enginediag_cli.presentation.tables import write_table
+
+        result = write_table(
+            rows,
+            columns,
+            stream,
+            color=wants_color(self.color, stream),
+            summary=() if self.wide or self.columns else (summary or columns),
+        )
+        if result.left_out:
+            some = f"{result.left_out} of {len(columns)} columns are left out to fit the terminal"
+            self.say(f"{some}; --wide shows all of them, --columns A,B those that you name")
+        return result.rows
+
+    def _chosen(self, columns: Sequence[str] | None) -> tuple[str, ...]:
+        """The columns that the user named, or all. Raises DataError for one that is not there."""
+        if not self.columns or not columns:  # of no rows with unknown columns, none can be wrong
+            return tuple(columns or ())
+        for name in self.columns:
+            if name not in columns:
+                from enginediag_cli.config.hints import near
+
+                raise DataError(f"--columns: there is no column {name!r} ({near(name, columns)})")
+        return self.columns
+
+
+def table_suffix(path: str) -> str:
+    """The ending that says the format of a table: ".json" of "a.json" and of "a.JSON.gz"."""
+    return os.path.splitext(path.lower().removesuffix(".gz"))[1]
 
 
 def write_rows(
@@ -93,13 +171,17 @@ def write_rows(
     stream: TextIO,
     provenance: Sequence[str] = (),
     live: bool = False,
-    color: str = "auto",
 ) -> int:
-    """Write `rows` to an open stream as "csv", "json" (one array) or "table"; returns the number of rows."""
+    """Write `rows` to an open stream as "csv", "json" (one array) or "ndjson" (a line each); returns their number."""
     if format == "csv":
         return write_csv(rows, columns, stream, provenance=provenance, live=live)
     if format == "json":
         return write_json(rows, columns, stream, live=live)
-    from enginediag_cli.presentation.tables import write_table
+    return write_ndjson(rows, columns, stream)
 
-    return write_table(rows, columns, stream, color=wants_color(color, stream))
+
+def _shown_alone(rows: Iterable[Mapping[str, Any]]) -> Iterator[Mapping[str, Any]]:
+    """Rows for a terminal, which may also show how far the work is: that is wiped before each of them."""
+    for row in rows:
+        wipe()
+        yield row

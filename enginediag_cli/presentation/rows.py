@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, TextIO
+
+from enginediag_cli.safe_text import guarded, visible
 
 
 def plain(value: Any) -> Any:
@@ -48,11 +51,21 @@ def write_csv(
     for line in provenance:
         stream.write(line.rstrip("\n") + "\n" if line.startswith("#") else f"# {line}\n")
     writer = csv.writer(stream, lineterminator="\n")
+    shown = stream.isatty()
+
+    def safe(value: Any) -> str:
+        """A cell that neither a spreadsheet nor a terminal obeys; numbers stay as they are."""
+        text = cell(value)
+        if isinstance(value, (float, int)):
+            return text
+        text = guarded(text) if _begins_with_text(value) else text
+        return visible(text) if shown else text
+
     if columns:
-        writer.writerow(columns)
+        writer.writerow([safe(column) for column in columns])
     count = 0
     for count, row in enumerate(rows, start=1):  # noqa: B007
-        writer.writerow([cell(row.get(column)) for column in columns])
+        writer.writerow([safe(row.get(column)) for column in columns])
         if live:
             stream.flush()
     return count
@@ -60,17 +73,41 @@ def write_csv(
 
 def write_json(rows: Iterable[Mapping[str, Any]], columns: Sequence[str], stream: TextIO, *, live: bool = False) -> int:
     """One JSON array of objects, written row by row; NaN and infinity, which JSON lacks, become null."""
-    import json
-
     count = 0
     for count, row in enumerate(rows, start=1):
         record = {column: finite(plain(row.get(column))) for column in columns}
         stream.write("[\n" if count == 1 else ",\n")
-        stream.write(json.dumps(record, ensure_ascii=False, allow_nan=False))
+        stream.write(json_text(record))
         if live:
             stream.flush()
     stream.write("\n]\n" if count else "[]\n")
     return count
+
+
+def write_ndjson(rows: Iterable[Mapping[str, Any]], columns: Sequence[str], stream: TextIO) -> int:
+    """One JSON object a line, each handed on at once; NaN and infinity become null."""
+    count = 0
+    for row in rows:
+        count += 1
+        stream.write(json_text({column: finite(plain(row.get(column))) for column in columns}) + "\n")
+        stream.flush()
+    return count
+
+
+def json_text(value: Any, indent: int | None = None) -> str:
+    """JSON of plain, finite values; letters as they are, control characters as escapes, those beyond ASCII too."""
+    import json
+
+    text = json.dumps(value, ensure_ascii=False, allow_nan=False, indent=indent)
+    return re.sub("[\x7f-\x9f\u202a-\u202e\u2066-\u2069]", lambda found: f"\\u{ord(found.group()):04x}", text)
+
+
+def _begins_with_text(value: Any) -> bool:
+    """Whether a cell begins with a text and not with a number: "=1" and ["-x", 2], but not -3.5 and [-1, 2]."""
+    value = plain(value)
+    while isinstance(value, list) and value:
+        value = value[0]
+    return isinstance(value, (str, dict))
 
 
 def finite(value: Any) -> Any:

@@ -17,9 +17,11 @@ from typing import Any, TextIO
 import numpy as np
 
 from enginediag_cli.errors import DataError
+from enginediag_cli.progress import touched
 from enginediag_cli.recordings.dialect import DELIMITERS, OWN, Dialect, separator_of
 from enginediag_cli.recordings.source import Source, opened, undecodable
 from enginediag_cli.recordings.table import Recording, concat
+from enginediag_cli.safe_text import unguarded
 from enginediag_cli.units import is_numeric_column
 
 MISSING = frozenset({"", "na", "n/a", "nan", "null", "none"})
@@ -45,6 +47,7 @@ def read(
     file, physical line and column.
     """
     with opened(source, dialect.codec) as (stream, name):
+        touched("read:", name)
         try:
             yield from _records(
                 stream, name, _Wanted({*declared, *required}, required, by_suffix, dialect), chunk_records
@@ -108,7 +111,7 @@ def _records(stream: TextIO, name: str, wanted: _Wanted, chunk_records: int) -> 
     # the header goes through the csv reader too, so that a quoted name may hold a comma or a line end
     reader = csv.reader(_chain(first, stream), strict=True, delimiter=separator)
     try:
-        order = [cell.strip() for cell in next(reader)]
+        order = [unguarded(cell.strip()) for cell in next(reader)]
         if dialect.unit_row:
             next(reader, None)
     except csv.Error as error:
@@ -134,7 +137,7 @@ def _records(stream: TextIO, name: str, wanted: _Wanted, chunk_records: int) -> 
                 for j, c in enumerate(order)
                 if is_number[j]
             },
-            text={c: list(cells[j]) for j, c in enumerate(order) if not is_number[j]},
+            text={c: [unguarded(cell) for cell in cells[j]] for j, c in enumerate(order) if not is_number[j]},
             order=tuple(order),
             line=line,
             source=name,

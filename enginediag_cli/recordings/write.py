@@ -21,7 +21,9 @@ from typing import TextIO
 import numpy as np
 
 from enginediag_cli.errors import DataError
+from enginediag_cli.progress import touched, wipe
 from enginediag_cli.recordings.table import Recording
+from enginediag_cli.safe_text import guarded, visible
 
 
 class CsvWriter:
@@ -34,6 +36,7 @@ class CsvWriter:
         self._csv = csv.writer(stream, lineterminator="\n")
         self._format = f"%.{digits}g"
         self._order: tuple[str, ...] | None = None
+        self._shown = stream.isatty()
 
     def write(self, recording: Recording) -> None:
         """Append the records (N,); the first call writes the head too.
@@ -42,17 +45,23 @@ class CsvWriter:
         """
         if self._order is None:
             self._stream.writelines(f"# {line}\n" for line in self._provenance)
-            self._csv.writerow(recording.order)
+            self._csv.writerow(map(self._safe, recording.order))
             self._order = recording.order
         elif set(recording.order) != set(self._order):
             odd = ", ".join(sorted(set(recording.order) ^ set(self._order)))
             raise DataError(f"{recording.source}: its columns differ from those already written: {odd}")
+        if self._shown:
+            wipe()
         cells = [self._cells(recording, column) for column in self._order]
         self._csv.writerows(zip(*cells, strict=True))
 
+    def _safe(self, text: str) -> str:
+        """A text that neither a spreadsheet nor a terminal obeys."""
+        return guarded(visible(text) if self._shown else text)
+
     def _cells(self, recording: Recording, column: str) -> Sequence[str]:
         if column in recording.text:
-            return recording.text[column]
+            return [self._safe(cell) for cell in recording.text[column]]
         values = recording.columns[column]
         cells = list(map(self._format.__mod__, values.tolist()))
         for k in np.flatnonzero(np.isnan(values)):
@@ -89,6 +98,7 @@ def output(path: str | Path) -> Iterator[TextIO]:
                     yield stream
         os.chmod(temporary, _mode_for(final))
         os.replace(temporary, final)
+        touched("written:", path)
     except BaseException:
         with suppress(FileNotFoundError):
             os.unlink(temporary)

@@ -15,6 +15,7 @@ from operator import add
 import numpy as np
 
 from enginediag_cli.errors import DataError
+from enginediag_cli.progress import each
 from enginediag_cli.recordings.table import Recording
 from enginediag_cli.residuals.admission import JudgedChunk, check_inputs, judged_chunk
 from enginediag_cli.residuals.blocks import Block
@@ -105,7 +106,7 @@ def window_statistics(
     timelines: dict[Key, Timeline] = {}
     source = None
     waiting: deque[list[_Piece]] = deque()
-    for recording in recordings:
+    for recording in each(recordings, "records judged", size=len):
         if recording.source != source:  # a new file: what was open in the old one is complete
             waiting.extend(window for assembler in assemblers.values() for window in assembler.flush())
             assemblers, timelines, source = {}, {}, recording.source

@@ -197,10 +197,12 @@ def test_an_output_in_a_missing_folder_is_refused_before_the_work(start, tmp_pat
     assert "there is no folder" in said
 
 
-def test_closed_standard_streams_do_not_crash(probe_folder):
-    command = f'exec "{sys.executable}" "{probe_folder}/start.py" probe no-verdict <&- >&- 2>&-'
+@pytest.mark.parametrize(("closed", "code"), [("<&- 2>&-", 3), ("<&- >&- 2>&-", 2)])
+def test_closed_standard_streams_do_not_crash(probe_folder, closed, code):
+    """Without standard output there is nowhere to write to, which is said before the work."""
+    command = f'exec "{sys.executable}" "{probe_folder}/start.py" probe no-verdict {closed}'
     done = subprocess.run(["bash", "-c", command], env=ENVIRONMENT, timeout=60)
-    assert done.returncode == 3
+    assert done.returncode == code
 
 
 def test_no_input_on_a_terminal_is_a_usage_error_and_does_not_hang(start):

@@ -103,7 +103,7 @@ def test_the_last_recording_can_judge_the_fit(folder):
     [
         (("--holdout", "0.3", "--holdout-last"), "exclude each other"),
         (("--holdout-last",), "at least two recordings"),
-        (("-o", "nowhere/n.yaml"), "folder that exists"),
+        (("-o", "nowhere/n.yaml"), "there is no folder"),
     ],
 )
 def test_wrong_usage_is_said_before_the_work(folder, arguments, words):

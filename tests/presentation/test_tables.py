@@ -6,7 +6,7 @@ import io
 
 import pytest
 
-from enginediag_cli.presentation.tables import write_table
+from enginediag_cli.presentation.tables import short_cell, write_table
 
 
 class Terminal(io.StringIO):
@@ -33,7 +33,7 @@ def test_thirteen_wide_columns_are_never_cut(stream):
     assert "…" not in text
     for column in WIDE:
         assert column in text
-    assert text.count("1005.12") == 2
+    assert text.count(" 1005") == 2
 
 
 def test_a_table_too_wide_for_the_terminal_becomes_blocks():
@@ -44,10 +44,43 @@ def test_a_table_too_wide_for_the_terminal_becomes_blocks():
     assert max(len(line) for line in lines) < 80
 
 
+def test_a_summary_shows_the_columns_that_matter_most_and_counts_the_others():
+    stream = Terminal()
+    rows = [{"source": "x" * 60, "verdict": "fault", "empty": None, "p_value": 0.00123456, "reason": "y" * 40}]
+    summary = ("empty", "verdict", "reason", "source", "p_value")
+    written = write_table(rows, list(rows[0]), stream, width=80, summary=summary)
+    assert written == (1, 2)
+    assert stream.getvalue().splitlines()[0].split() == ["verdict", "reason", "p_value"]
+    assert max(len(line.rstrip()) for line in stream.getvalue().splitlines()) <= 80
+    assert "0.001235" in stream.getvalue()
+
+
+def test_no_line_of_a_table_that_just_fits_is_longer_than_the_terminal():
+    stream = Terminal()
+    write_table([{"a": "x" * 39, "b": "y" * 39}], ["a", "b"], stream, width=80, summary=("a",))
+    assert [len(line) for line in stream.getvalue().splitlines()] == [80, 80]
+
+
+@pytest.mark.parametrize(
+    ("value", "shown"),
+    [(10668.0, "10668"), (0.00123456, "0.001235"), (1234567.0, "1.235e+06"), (-3.50001, "-3.5"), (3, "3")],
+)
+def test_numbers_have_four_digits_and_whole_parts_all_of_theirs(value, shown):
+    assert short_cell(value) == shown
+
+
+@pytest.mark.parametrize("stream", [io.StringIO(), Terminal()])
+def test_control_characters_of_a_file_are_shown_and_not_obeyed(stream):
+    row = {"fli\x1b[31mght": "a\x1b]0;title\x07b\x9b\u202ec\nd"}
+    write_table([row], list(row), stream, width=80)
+    assert r"fli\x1b[31mght" in stream.getvalue()
+    assert r"a\x1b]0;title\x07b\x9b\u202ec\nd" in stream.getvalue()
+
+
 def test_in_a_pipe_numbers_are_aligned_right_and_words_left():
     stream = io.StringIO()
     rows = [{"name": "hpc", "value": 1.5}, {"name": "fan", "value": 12.25}]
-    assert write_table(rows, ["name", "value"], stream) == 2
+    assert write_table(rows, ["name", "value"], stream).rows == 2
     assert stream.getvalue() == "name  value\nhpc     1.5\nfan   12.25\n"
 
 
@@ -61,5 +94,5 @@ def test_colour_is_written_only_when_asked_for():
 
 def test_no_rows_give_no_table():
     stream = io.StringIO()
-    assert write_table([], ["a"], stream) == 0
+    assert write_table([], ["a"], stream).rows == 0
     assert stream.getvalue() == ""

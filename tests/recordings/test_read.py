@@ -111,3 +111,8 @@ def test_a_dash_reads_standard_input():
     content = "T3_K,e\n1,x\n2,°\n".encode()
     done = subprocess.run([sys.executable, "-c", code], input=content, capture_output=True)
     assert done.stdout.decode().split() == ["<stdin>", "3.0"], done.stderr
+
+
+def test_a_device_is_no_recording():
+    with pytest.raises(DataError, match="a device"):
+        read_all("/dev/zero")

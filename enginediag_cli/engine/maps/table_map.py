@@ -122,10 +122,16 @@ def read_table(path: Path, x_column: str, y_column: str, quantities: tuple[str, 
         raise fail(f"cannot read the component map: {error.strerror}") from error
     except UnicodeDecodeError as error:
         raise fail("the component map is not UTF-8 text", 0, "save it as CSV in UTF-8") from error
+    except csv.Error as error:
+        raise fail(f"the component map is not CSV: {error}") from error
     header = lines[0][1] if lines else []
     missing = [c for c in (x_column, y_column, *quantities) if c not in header]
     if missing:
-        raise fail(f"map columns missing: {', '.join(missing)}", 1, f"found {', '.join(header) or 'nothing'}")
+        # of a file that is no map, nothing is repeated
+        found = [c for c in header if c in (x_column, y_column, *quantities)]
+        raise fail(
+            f"map columns missing: {', '.join(missing)}", 1, f"found {', '.join(found) or 'none of its columns'}"
+        )
     if len(lines) == 1:
         raise fail("the component map has no rows", lines[0][0])
     at = [header.index(c) for c in (x_column, y_column, *quantities)]

@@ -32,6 +32,7 @@ from enginediag_cli.mismatch.fit.identified import (
 )
 from enginediag_cli.mismatch.fit.options import together
 from enginediag_cli.mismatch.fit.projection import Projection, derivatives, nuisance_columns
+from enginediag_cli.progress import stage
 
 RECORDS = 100
 """Further records for which a gain is told."""
@@ -121,6 +122,7 @@ class _Rivals:
         return result[0], result[1]
 
 
+@stage("looking for recordings that separate rivals")
 def advise(base: Identified, first: Explanation, second: Explanation, most: int = 3) -> Advice | None:
     """What would separate two explanations fitted to the evidence of `base`: the best `most` of each kind; None when
     the fit with the first does not converge or the rivals do not differ."""

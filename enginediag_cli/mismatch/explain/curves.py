@@ -16,6 +16,7 @@ from enginediag_cli.mismatch.fit.extended import Discrepancy
 from enginediag_cli.mismatch.fit.freeform import DEGREE, Cell, Location
 from enginediag_cli.mismatch.fit.identified import Hypothesis, Identified, Nuisance, identify_with
 from enginediag_cli.mismatch.fit.projection import Projection
+from enginediag_cli.progress import stage
 
 REFITTED = 5
 POINTS = 25
@@ -52,6 +53,7 @@ def best_places(cells: Sequence[Cell]) -> list[Cell]:
     return list(found.values())
 
 
+@stage("fitting free-form curves")
 def fitted_curves(base: Identified, objective: float, cells: Sequence[Cell], along: Nuisance) -> list[Curve]:
     """The cells refitted, best first, those that did not converge last; `objective` is that of the fit `base`."""
     found = [_fitted(base, objective, c, along) for c in cells[:REFITTED]]

@@ -46,6 +46,7 @@ from enginediag_cli.mismatch.fit.scores import surprise
 from enginediag_cli.mismatch.fit.trial_fit import Gates, Remainder, Trial, attempt, remainder
 from enginediag_cli.mismatch.unrecorded.recorded_driver import Hidden, follows_a_driver
 from enginediag_cli.physics.registry import candidates
+from enginediag_cli.progress import each
 
 ALIAS = 6.0
 """Explanations whose χ² is within this of the best are told together."""
@@ -214,7 +215,7 @@ class Search:
     def _refit(self, sets: Sequence[tuple[Option, ...]]) -> list[Trial] | None:
         """Trials that converged, best first; None when there were some and none did."""
         trials = []
-        for options in sets:
+        for options in each(sets, "fitting candidates", len(sets)):
             trial = attempt(options, self.base.found, self.along)
             if trial.converged:
                 trials.append(trial)

@@ -19,6 +19,7 @@ from enginediag_cli.mismatch.fit.identified import NO_HYPOTHESIS, identify_with,
 from enginediag_cli.mismatch.fit.options import EFFECT, Option, option_scores
 from enginediag_cli.mismatch.fit.projection import Projection
 from enginediag_cli.mismatch.fit.trial_fit import Trial
+from enginediag_cli.progress import stage
 
 VISIBLE = 25.0
 """Non-centrality at which an effect is found nearly always."""
@@ -37,6 +38,7 @@ class FloorCost:
     visible_without: float
 
 
+@stage("weighing the accuracy of the maps")
 def floor_cost(base: Trial, library: Sequence[Option]) -> list[FloorCost]:
     """Of the library's effects at the fit that carries none, most expensive first; empty without a floor, or when the
     model cannot be fitted without it."""

@@ -18,6 +18,7 @@ from enginediag_cli.engine.term import Effect
 from enginediag_cli.mismatch.fit.identified import Identified
 from enginediag_cli.mismatch.fit.projection import Columns, Projection, Score, lengths
 from enginediag_cli.physics.registry import effect, term
+from enginediag_cli.progress import stage
 
 DEGREE = 2
 HEALTH_SCALE, RECOVERY_SCALE, PART = 0.02, 0.01, 0.3
@@ -91,6 +92,7 @@ class Cell:
         return 0.5 * float(np.sum((self.score.coefficients / self.location.scale) ** 2))
 
 
+@stage("scoring places and drivers")
 def free_form(
     found: Identified, projection: Projection, along: Sequence[Driver], columns: Columns | None = None
 ) -> list[Cell]:

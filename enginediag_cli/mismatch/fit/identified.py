@@ -16,6 +16,7 @@ from enginediag_cli.identification.settings import IdentificationSettings
 from enginediag_cli.mismatch.fit.evidence import Evidence
 from enginediag_cli.mismatch.fit.extended import NUMBER, Discrepancy, ExtendedModel
 from enginediag_cli.mismatch.fit.nuisance import constants, floor
+from enginediag_cli.progress import stage
 
 TOLERANCE = 0.03  # standard errors from the optimum: 0.001 of χ²
 ITERATIONS, ROUNDS = 25, 4
@@ -143,6 +144,7 @@ def nuisance(evidence: Evidence) -> Nuisance:
     return Nuisance({**s.nuisance, **constants(engine, s.map_accuracy, s.nuisance)}, tuple(discrepancies), curves)
 
 
+@stage("fitting the model")
 def identify_with(
     evidence: Evidence, hypothesis: Hypothesis, along: Nuisance, start: Identified | None = None
 ) -> Identified:

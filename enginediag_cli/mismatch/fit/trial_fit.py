@@ -24,6 +24,7 @@ from enginediag_cli.mismatch.fit.options import (
 )
 from enginediag_cli.mismatch.fit.projection import Columns, Projection
 from enginediag_cli.mismatch.fit.scores import critical_surprise
+from enginediag_cli.progress import stage
 
 SHARES = (0.5, 0.2, 0.3)
 """Of the probability of a false alarm: listed effects, changes in time, free form. What can be named is what is looked
@@ -149,6 +150,7 @@ def attempt(options: Sequence[Option], start: Identified, along: Nuisance) -> Tr
     return Trial(tuple(options), found, Projection(found))
 
 
+@stage("scoring effects")
 def remainder(
     trial: Trial, library: Sequence[Option], drivers: Sequence[Driver], enough: Gates | None = None
 ) -> Remainder:

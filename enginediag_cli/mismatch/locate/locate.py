@@ -37,6 +37,7 @@ from enginediag_cli.mismatch.locate.presence import HIDDEN_SHARE, Presence, pres
 from enginediag_cli.mismatch.locate.stability import resampled_surprise
 from enginediag_cli.mismatch.locate.time_steps import TIME, step_drivers
 from enginediag_cli.mismatch.unrecorded.hidden import HiddenFinding, hidden_amplitudes
+from enginediag_cli.progress import stage
 
 REACH, BENT = 4.6, 0.02
 """Cells within a factor of 100 of the best in p, and 2 % of its χ² for what linearisation may have got wrong."""
@@ -170,6 +171,7 @@ def _stable(places: Sequence[Place], drawn: np.ndarray) -> list[Place]:
     return [replace(p, stability=float(s)) for p, s in zip(places, first, strict=True)]
 
 
+@stage("fitting the leading places")
 def _refitted(places: Sequence[Place], found: Identified, along: Nuisance, base: Projection) -> list[Place]:
     """The first few with the fall of χ² of a fit with the full model instead of the score."""
     result: list[Place] = []

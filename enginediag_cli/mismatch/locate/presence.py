@@ -26,6 +26,7 @@ from enginediag_cli.drivers import Driver
 from enginediag_cli.mismatch.fit.freeform import Cell
 from enginediag_cli.mismatch.fit.projection import Projection
 from enginediag_cli.mismatch.fit.scores import critical_surprise
+from enginediag_cli.progress import stage
 
 DIRECTED_SHARE, HIDDEN_SHARE, REST = 0.5, 0.25, 0.25
 """Of the false-alarm probability."""
@@ -78,6 +79,7 @@ class Presence:
         return float(-np.expm1(-self.looks * np.exp(-surprise)))
 
 
+@stage("testing whether model and recordings differ")
 def presence(
     projection: Projection, cells: Sequence[Cell], along: Sequence[Driver], rng: np.random.Generator
 ) -> Presence:

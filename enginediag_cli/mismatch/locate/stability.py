@@ -14,6 +14,7 @@ from scipy import stats
 
 from enginediag_cli.mismatch.fit.freeform import Cell
 from enginediag_cli.mismatch.fit.projection import Projection
+from enginediag_cli.progress import stage
 
 RESAMPLES = 200
 LEAST_UNITS = 6
@@ -37,6 +38,7 @@ def units(projection: Projection) -> tuple[np.ndarray, int, str]:
     return of_record[frame.record], first, "parts of flights"
 
 
+@stage("resampling flights")
 def resampled_surprise(
     projection: Projection, cells: Sequence[Cell], rng: np.random.Generator
 ) -> tuple[np.ndarray, str]:

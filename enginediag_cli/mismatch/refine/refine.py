@@ -29,6 +29,7 @@ from enginediag_cli.mismatch.refine.switch import compare_switched, in_runs, joi
 from enginediag_cli.mismatch.refine.unseen import Unseen, compare, concealed
 from enginediag_cli.mismatch.unrecorded.hidden import HiddenFinding
 from enginediag_cli.physics.registry import candidates
+from enginediag_cli.progress import stage
 
 LEVEL = 0.05
 LEAST_GAIN = float(np.log(1.0 / LEVEL))
@@ -129,6 +130,7 @@ def refine(
     )
 
 
+@stage("fitting with and without the effect")
 def fit_both(hidden: Evidence, effects: Sequence[Effect], along: Nuisance) -> tuple[Trial, Trial]:
     """The model as it is and with the effects, fitted to the same flights."""
     found = identify_with(hidden, NO_HYPOTHESIS, along)

@@ -35,6 +35,7 @@ from enginediag_cli.mismatch.refine.unseen import (
 from enginediag_cli.mismatch.unrecorded.hidden import HiddenFinding, effects_at
 from enginediag_cli.mismatch.unrecorded.states import Bounds, first_guesses, two_states
 from enginediag_cli.mismatch.unrecorded.whitened_rows import Basis, direction, gaps
+from enginediag_cli.progress import stage
 
 NARROW = 1e-3
 """Prior standard deviation of a known amplitude over its size: its own term is then a constant, taken out again."""
@@ -67,6 +68,7 @@ def with_states(evidence: Evidence, training: Sequence[int], finding: HiddenFind
     return replace(evidence, flights=flights)
 
 
+@stage("looking for what switches")
 def find_switch(training: Evidence, effect: Effect) -> HiddenFinding | None:
     """The likeliest switch on these flights at a place where the effect acts; None when there is none."""
     along = nuisance(training)

@@ -29,6 +29,7 @@ from enginediag_cli.mismatch.unrecorded.refit import Refit, bounds_of, location_
 from enginediag_cli.mismatch.unrecorded.states import first_guesses, two_states
 from enginediag_cli.mismatch.unrecorded.whitened_rows import Basis, Direction, basis, direction
 from enginediag_cli.physics.registry import effect, term, term_names
+from enginediag_cli.progress import stage
 
 __all__ = ["HiddenFinding", "Switch", "effects_at", "hidden_amplitudes", "hidden_gate", "null_ratios"]
 
@@ -44,6 +45,7 @@ NEAR, SLACK = 0.6, 15.0
 NEAR times the best less SLACK."""
 
 
+@stage("looking for a driver that is not recorded")
 def hidden_amplitudes(
     found: Identified,
     projection: Projection,

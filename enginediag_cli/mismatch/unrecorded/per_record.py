@@ -27,6 +27,7 @@ from enginediag_cli.mismatch.fit.extended import NUMBER
 from enginediag_cli.mismatch.fit.freeform import Location
 from enginediag_cli.mismatch.fit.identified import NO_HYPOTHESIS, Hypothesis, Nuisance, inputs_of, problem_with
 from enginediag_cli.mismatch.unrecorded.refit import with_lever
+from enginediag_cli.progress import each
 
 ITERATIONS = 150
 TOLERANCE, SHARE = 1e-4, 1e-3
@@ -108,10 +109,13 @@ def scan(
     """Every place with a free amplitude per record, best first, the fit without any among them. Rivals of the winner
     are fitted again from its θ."""
     none = fit_per_record(evidence, None, along, hypothesis)
-    found = [fit_per_record(evidence, p, along, hypothesis) for p in places]
+    found = [fit_per_record(evidence, p, along, hypothesis) for p in each(places, "fitting places", len(places))]
     found.sort(key=lambda f: f.objective)
     best = found[0]
-    again = [fit_per_record(evidence, f.location, along, hypothesis, (best,)) for f in found[1:]]
+    again = [
+        fit_per_record(evidence, f.location, along, hypothesis, (best,))
+        for f in each(found[1:], "fitting places again", len(found) - 1)
+    ]
     found[1:] = [min((a, b), key=lambda f: f.objective) for a, b in zip(found[1:], again, strict=True)]
     return sorted([none, *found], key=lambda f: f.objective)
 

@@ -1,7 +1,8 @@
 """The explainer of blind trials: a process of its own that knows nothing but what it is asked.
 
-    python -m enginediag_cli.trials.blind.explainer
+    python -m enginediag_cli.trials.blind.explainer [PARENT]
 
+It ends with its standard input, and at once with the process PARENT, when a number is given.
 One JSON object a line on standard input: whether to explain or to locate, paths of an engine file and of recordings,
 the accuracy of the maps, the terms that its library lacks, and what is known of the noise. One JSON object a line on
 standard output: the answer.
@@ -29,6 +30,7 @@ from enginediag_cli.mismatch.unrecorded.finding import HiddenFinding
 from enginediag_cli.physics.registry import candidates
 from enginediag_cli.trials.blind.causes import causes_of
 from enginediag_cli.trials.blind.correspondent import LOCATE
+from enginediag_cli.trials.studies.parent import end_with_parent
 
 CELLS = 10
 
@@ -113,6 +115,8 @@ def _finding(f: object) -> dict[str, Any]:
 
 def main() -> None:
     """Answer until standard input ends."""
+    if len(sys.argv) > 1:
+        end_with_parent(int(sys.argv[1]))
     for line in sys.stdin:
         try:
             told = answer(json.loads(line))

@@ -10,7 +10,7 @@ from typing import Any
 
 from enginediag_cli.trials.blind.correspondent import Correspondent
 from enginediag_cli.trials.blind.trial import Plan, run_trial
-from enginediag_cli.trials.studies.pool import ignore_interrupt, single_threaded
+from enginediag_cli.trials.studies.pool import begin_worker, single_threaded
 
 
 def run_trials(plan: Plan, todo: Iterable[int], jobs: int) -> Generator[dict[str, Any], None, None]:
@@ -19,7 +19,7 @@ def run_trials(plan: Plan, todo: Iterable[int], jobs: int) -> Generator[dict[str
     if not todo:
         return
     workers = max(1, min(jobs, len(todo)))
-    with single_threaded(), ProcessPoolExecutor(workers, get_context("spawn"), initializer=ignore_interrupt) as pool:
+    with single_threaded(), ProcessPoolExecutor(workers, get_context("spawn"), initializer=begin_worker) as pool:
         waiting = [pool.submit(_run, plan, k) for k in todo]
         try:
             for future in as_completed(waiting):

@@ -7,10 +7,11 @@ import signal
 from collections.abc import Generator, Iterable, Iterator
 from concurrent.futures import Future, ProcessPoolExecutor, as_completed
 from contextlib import contextmanager
-from multiprocessing import get_context
+from multiprocessing import get_context, parent_process
 from pathlib import Path
 
 from enginediag_cli.trials.studies.batches import Batch, run_batch
+from enginediag_cli.trials.studies.parent import end_with_parent
 from enginediag_cli.trials.studies.tally import Tally
 
 THREADS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
@@ -24,7 +25,7 @@ def run_batches(
     if not todo:
         return
     workers = max(1, min(processes, len(todo)))
-    with single_threaded(), ProcessPoolExecutor(workers, get_context("spawn"), initializer=ignore_interrupt) as pool:
+    with single_threaded(), ProcessPoolExecutor(workers, get_context("spawn"), initializer=begin_worker) as pool:
         waiting: dict[Future[dict[str, Tally]], Batch] = {pool.submit(run_batch, path, seed, b): b for b in todo}
         try:
             for future in as_completed(waiting):
@@ -48,6 +49,10 @@ def single_threaded() -> Iterator[None]:
                 os.environ[name] = value
 
 
-def ignore_interrupt() -> None:
-    """Ctrl-C reaches every process of a terminal; only the first one acts on it."""
+def begin_worker() -> None:
+    """What a process of a pool does first. Ctrl-C reaches every process of a terminal, and only the first one acts on
+    it; a killed parent, which can end nobody any more, takes its workers with it."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    parent = parent_process()
+    if parent is not None and parent.pid is not None:
+        end_with_parent(parent.pid)

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from enginediag_cli.config.fields import Field, Section, Variants
 from enginediag_cli.config.kinds import load_checked
+from enginediag_cli.config.reading import file_inside
 from enginediag_cli.errors import ConfigError, DataError, Mark, Problem
 from enginediag_cli.methods.registry import SECTIONS
 from enginediag_cli.simulation.flight_file import MISSIONS
@@ -121,8 +122,8 @@ def engine_path(study: Path, name: str, mark: Mark) -> Path:
     from enginediag_cli.shipped import shipped
 
     beside = study.parent / name
-    if beside.is_file():
-        return beside
+    if beside.exists():
+        return file_inside(study, name, mark)
     try:
         return shipped(name)
     except DataError as error:

@@ -1,0 +1,112 @@
+"""What long work says of itself while it runs: which stage, how far, which files it touches.
+
+Mathematics says it, and does not know who listens:
+
+    with stage("re-estimating", total=len(windows)) as step:
+        for number, window in enumerate(windows, start=1):
+            ...
+            step(number)
+
+    for fold in each(folds, "refits", len(folds)):
+        ...
+
+    @stage("looking for what switches")
+    def find_switch(...): ...
+
+Nobody listens unless the command line installs a `Listener`; then a call costs an attribute look-up. Stages may lie in
+each other, and a stage of a generator may end after one that was begun later: each is known by itself.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
+from typing import Protocol, TypeVar
+
+Item = TypeVar("Item")
+
+
+class Stage:
+    """A piece of work: what is done, how many steps it has (None: not known), and how many are done."""
+
+    def __init__(self, what: str, total: int | None = None, done: int = 0):
+        self.what, self.total, self.done = what, total, done
+
+
+class Listener(Protocol):
+    """Who shows progress."""
+
+    def begun(self, stage: Stage) -> None: ...
+
+    def stepped(self, stage: Stage) -> None: ...
+
+    def ended(self, stage: Stage) -> None: ...
+
+    def touched(self, action: str, path: str) -> None: ...
+
+    def wipe(self) -> None: ...
+
+
+class _Current:
+    """The one listener of this process."""
+
+    listener: Listener | None = None
+
+
+@contextmanager
+def stage(what: str, total: int | None = None) -> Iterator[Callable[[int], None]]:
+    """A stage of work; what it gives is called with the number of steps done so far."""
+    listener = _Current.listener
+    if listener is None:
+        yield _nothing
+        return
+    this = Stage(what, total)
+
+    def step(done: int) -> None:
+        this.done = done
+        listener.stepped(this)
+
+    listener.begun(this)
+    try:
+        yield step
+    finally:
+        listener.ended(this)
+
+
+def each(
+    items: Iterable[Item], what: str, total: int | None = None, size: Callable[[Item], int] | None = None
+) -> Iterator[Item]:
+    """Pass `items` through as a stage whose steps are the items that the caller has finished, or what `size` counts in
+    each of them."""
+    done = 0
+    with stage(what, total) as step:
+        for item in items:
+            yield item
+            done += 1 if size is None else size(item)
+            step(done)
+
+
+def touched(action: str, path: object) -> None:
+    """Say that a file is "read" or "written"."""
+    if _Current.listener is not None:
+        _Current.listener.touched(action, str(path))
+
+
+def wipe() -> None:
+    """Clear what is shown on the terminal, because something else is about to be written to it."""
+    if _Current.listener is not None:
+        _Current.listener.wipe()
+
+
+@contextmanager
+def listening(listener: Listener | None) -> Iterator[None]:
+    """Have `listener` told of all stages inside; None: nobody."""
+    before, _Current.listener = _Current.listener, listener
+    try:
+        yield
+    finally:
+        _Current.listener = before
+
+
+def _nothing(done: int) -> None:
+    """Nobody listens."""
