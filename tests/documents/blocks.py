@@ -8,6 +8,8 @@ A figure stands under the command that prints it. In a document
     <!-- transcript: NAME -->                    the fenced block below holds `$ command` lines and what they print;
                                                  transcripts of one NAME run in one folder, in their order
 
+    <!-- made by (in NAME): COMMAND -->          as above, in the folder of the transcripts of that NAME
+
 Marks in brackets after `made by` or `transcript`, separated by `;`: `slow` (more than a few seconds; `long` says how
 long if it is minutes), `public data` (needs ../shared/data), `timings …` (when and on what machine: not compared).
 A line `[…]` stands for any lines left out. Commands run in a folder that looks like the top of the checkout, with
@@ -24,6 +26,7 @@ import sys
 import tempfile
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from difflib import SequenceMatcher
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -32,6 +35,7 @@ COMMENT = re.compile(
     r"^<!-- (?P<what>made by|transcript)(?: \((?P<marks>[^)]*)\))?(?:: (?P<text>.*?))? -->$",
 )
 NUMBER = re.compile(r"(?<![\w.])[-−+]?\d[\d,]*(?:\.\d+)?(?:e[-+]?\d+)?")
+ASSIGNMENTS = re.compile(r"""(?:\w+=(?:"[^"]*"|'[^']*'|[^\s"';|&]*)\s*(?:;\s*)?)+""")
 LEFT_OUT = "[…]"
 LINKED = ("configs", "tests", "sample_data", "README.md")
 """What of the checkout a command may read; what it writes stays in the scratch folder."""
@@ -63,6 +67,12 @@ class Block:
         return f"{self.document.relative_to(ROOT)}:{self.line}{kind}"
 
     @property
+    def group(self) -> str:
+        """What it runs together with."""
+        own = next((m.removeprefix("in ") for m in self.marks if m.startswith("in ")), "")
+        return self.session or own or f"line {self.line}"
+
+    @property
     def compared(self) -> bool:
         return not any(m.startswith("timings") for m in self.marks)
 
@@ -88,15 +98,16 @@ def documents() -> list[Path]:
     )
 
 
-def blocks(document: Path) -> list[Block]:
-    """Blocks of a document in their order; raises ValueError where a comment has nothing below it."""
+def blocks(document: Path, unfinished: bool = False) -> list[Block]:
+    """Blocks of a document in their order; raises ValueError where a comment has nothing below it, unless the document
+    is `unfinished`."""
     lines, found = document.read_text(encoding="utf-8").splitlines(), []
     for i, line in enumerate(lines):
         at = COMMENT.match(line)
         if not at:
             continue
         first, last = _extent(lines, i + 1)
-        if first == last:
+        if first == last and not unfinished:
             raise ValueError(f"{document}:{i + 1}: nothing below this comment")
         marks = tuple(m.strip() for m in (at["marks"] or "").split(";") if m.strip())
         told = at["text"] or ""
@@ -108,7 +119,8 @@ def blocks(document: Path) -> list[Block]:
 
 
 def _extent(lines: Sequence[str], i: int) -> tuple[int, int]:
-    while i < len(lines) and not lines[i].strip():
+    """First and past the last line of what stands right below line i - 1; one blank line may precede a fence or table."""
+    if i < len(lines) and not lines[i].strip() and i + 1 < len(lines) and lines[i + 1].startswith(("```", "|")):
         i += 1
     if i < len(lines) and lines[i].startswith("```"):
         end = next((j for j in range(i + 1, len(lines)) if lines[j].startswith("```")), i + 1)
@@ -145,6 +157,7 @@ class Workplace:
 
     def __init__(self, folder: Path):
         self.top = folder / "checkout"
+        self._given = ""
         shims = folder / "bin"
         for made in (self.top, shims):
             made.mkdir()
@@ -167,9 +180,12 @@ class Workplace:
         }
 
     def run(self, command: str) -> list[str]:
-        """Lines of standard output, then of standard error; no lines that are empty."""
+        """Lines of standard output, then of standard error; no lines that are empty. Variables that a line sets and
+        nothing else are set for the lines after it, too."""
+        if ASSIGNMENTS.fullmatch(command):
+            self._given += f"{command}\n"
         done = subprocess.run(
-            ["bash", "-c", command],
+            ["bash", "-c", self._given + command],
             cwd=self.top,
             env=self._environment,
             capture_output=True,
@@ -192,10 +208,10 @@ def made(block: Block, place: Workplace) -> list[str]:
 
 
 def sessions(found: Sequence[Block]) -> Iterator[list[Block]]:
-    """Blocks that have to run together: transcripts of one name, and every other block by itself."""
+    """Blocks that have to run together, in the folder of one name; every other block by itself."""
     own: dict[tuple[Path, str], list[Block]] = {}
     for b in found:
-        own.setdefault((b.document, b.session or f"line {b.line}"), []).append(b)
+        own.setdefault((b.document, b.group), []).append(b)
     yield from own.values()
 
 
@@ -258,7 +274,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     options = parser.parse_args(arguments)
     wrong = 0
     for document in [d.resolve() for d in options.documents] or documents():
-        found = [b for b in blocks(document) if b.compared or options.timings or options.list]
+        found = [
+            b for b in blocks(document, options.write or options.list) if b.compared or options.timings or options.list
+        ]
         for group in sessions(found):
             if not any(options.only in f"{b.name} {' '.join(b.commands)}" for b in group):
                 continue
@@ -267,6 +285,34 @@ def main(arguments: Sequence[str] | None = None) -> int:
             else:
                 wrong += _group(group, options.write)
     return 1 if wrong else 0
+
+
+def mended(text: Sequence[str], printed: Sequence[str]) -> list[str]:
+    """The block's lines with, for each, the printed line that is most like it; `[…]` stays where it is."""
+    found, j = [], 0
+    for line in text:
+        if line.strip() == LEFT_OUT:
+            found.append(line)
+            continue
+        alikeness = [SequenceMatcher(None, line, other).ratio() for other in printed[j:]]
+        if alikeness:
+            j += alikeness.index(max(alikeness)) + 1
+            found.append(printed[j - 1])
+    return found
+
+
+def _put(block: Block, printed: Sequence[str]) -> None:
+    """Writes what was printed into the document, which may have changed above the block since it was read."""
+    if any(line.strip() == LEFT_OUT for line in block.text):
+        printed = mended(block.text, printed)
+        print(f"{block.name}: lines are left out; see that the right ones were kept")
+    what = (block.marks, block.command, block.session, block.text)
+    now = next(x for x in blocks(block.document, unfinished=True) if (x.marks, x.command, x.session, x.text) == what)
+    if now.first == now.last and not all(line.startswith("|") for line in printed):
+        printed = ["```", *printed, "```"]
+    lines = block.document.read_text(encoding="utf-8").splitlines()
+    lines[now.first : now.last] = ["", *printed] if now.first == now.last else printed
+    block.document.write_text("\n".join(lines) + "\n", encoding="utf-8")
 
 
 def _group(group: Sequence[Block], write: bool) -> int:
@@ -281,14 +327,8 @@ def _group(group: Sequence[Block], write: bool) -> int:
             if told and write:
                 changed.append((b, printed))
             wrong += bool(told)
-    for b, printed in reversed(changed):
-        if any(line.strip() == LEFT_OUT for line in b.text):
-            print(f"{b.name}: lines are left out, mend it by hand:", *printed, sep="\n")
-            continue
-        lines = b.document.read_text(encoding="utf-8").splitlines()
-        now = next(x for x in blocks(b.document) if lines[x.line - 1] == lines[b.line - 1] and x.text == b.text)
-        lines[now.first : now.last] = printed
-        b.document.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    for b, printed in changed:
+        _put(b, printed)
     return wrong
 
 
