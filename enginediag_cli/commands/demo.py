@@ -79,8 +79,8 @@ def demo(messages: Messages, seed: int, keep: str | None, missing_physics: bool)
 
 def _play(messages: Messages, seed: int) -> None:
     from enginediag_cli.demonstration import script, story
-    from enginediag_cli.engine import load_engine
     from enginediag_cli.identification.nominal_file import read_nominal
+    from enginediag_cli.physics.engine_file import load_engine
 
     copy_shipped(script.INGREDIENTS)
     head(1, f"Record {script.HEALTHY_FLIGHTS} flights of an engine believed healthy")

@@ -13,8 +13,8 @@ from enginediag_cli.presentation.messages import Messages
 from enginediag_cli.presentation.output import Output
 
 if TYPE_CHECKING:
-    from enginediag_cli.mismatch.explain_story import Story
-    from enginediag_cli.mismatch.load import Case
+    from enginediag_cli.mismatch.explain.story import Story
+    from enginediag_cli.mismatch.fit.load import Case
 
 
 @click.command(
@@ -60,8 +60,8 @@ def explain(
     fault, which begins in time; an effect whose driver is not recorded; none of these, with where, along what and
     how. Sentences go to standard error, coefficients as rows (or all of it as one JSON object) to standard output.
     """
-    from enginediag_cli.mismatch.explain_story import tell
-    from enginediag_cli.mismatch.load import load_case
+    from enginediag_cli.mismatch.explain.story import tell
+    from enginediag_cli.mismatch.fit.load import load_case
     from enginediag_cli.physics.registry import candidates
     from enginediag_cli.presentation.explanation_rows import amplitude_rows, curve_rows
     from enginediag_cli.presentation.explanations import sentences

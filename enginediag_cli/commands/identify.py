@@ -87,11 +87,11 @@ def identify(
     """
     if holdout is not None and holdout_last:
         raise click.UsageError("--holdout and --holdout-last exclude each other")
-    from enginediag_cli.engine import load_engine
     from enginediag_cli.identification.identify import identify as run
     from enginediag_cli.identification.nominal_file import write_nominal
-    from enginediag_cli.identification.report import report_lines
     from enginediag_cli.identification.training import first_records, hold_out_end
+    from enginediag_cli.physics.engine_file import load_engine
+    from enginediag_cli.presentation.identification_report import report_lines
 
     engine = load_engine(engine_path)
     training = [part for path in recordings for part in _load(messages, engine, path, recorder_path, engine_instance)]

@@ -133,14 +133,14 @@ def isolate(
     model fits badly whatever is assumed, probabilities and intervals are widened; where it then convinces no longer, or
     fits only with changes that no engine shows, the verdict is `cannot tell` and `note` says why.
     """
-    from enginediag_cli.commands.component_rows import component_row, component_sentence
     from enginediag_cli.commands.isolation_options import advice_for
-    from enginediag_cli.commands.isolation_rows import isolation_rows, tell, where
     from enginediag_cli.detection.verdict import judge
     from enginediag_cli.isolation.components import isolate_components
     from enginediag_cli.isolation.diagnosis import diagnose
     from enginediag_cli.isolation.methods import IsolationOptions
     from enginediag_cli.isolation.prior import SetPrior
+    from enginediag_cli.presentation.component_rows import component_row, component_sentence
+    from enginediag_cli.presentation.isolation_rows import isolation_rows, tell, where
     from enginediag_cli.recordings.provenance import header_lines
     from enginediag_cli.residuals.kept_records import KeptRecords
 

@@ -72,9 +72,9 @@ class Further:
 
     def diagnosis_options(self, method: str, linearise: str, isolation: IsolationOptions) -> DiagnosisOptions:
         """Everything that the diagnosis of a window needs; reads the catalogue."""
+        from enginediag_cli.faults.component_faults import FaultSet
+        from enginediag_cli.faults.fault_file import load_faults
         from enginediag_cli.isolation.diagnosis import DiagnosisOptions
-        from enginediag_cli.simulation.fault_file import load_faults
-        from enginediag_cli.simulation.faults import FaultSet
 
         # a fault that several files hold is described best by the one that holds the fewest others
         parts = sorted((load_faults(file) for file in self.files()), key=lambda part: len(part.names))

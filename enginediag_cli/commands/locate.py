@@ -19,7 +19,7 @@ from enginediag_cli.presentation.messages import Messages
 from enginediag_cli.presentation.output import Output
 
 if TYPE_CHECKING:
-    from enginediag_cli.mismatch.load import Case, Loaded
+    from enginediag_cli.mismatch.fit.load import Case, Loaded
 
 
 def _writable(context: click.Context, parameter: click.Parameter, value: str | None) -> str | None:
@@ -80,9 +80,9 @@ def locate(
     whole flights in which the place comes first. The verdict tells a wrong sensor, a change in time (fault), an
     effect, one common to all engines of a fleet, and one that switches.
     """
-    from enginediag_cli.mismatch.load import load_case
-    from enginediag_cli.mismatch.locate import locate as run
-    from enginediag_cli.mismatch.verdict_kind import kind_of
+    from enginediag_cli.mismatch.fit.load import load_case
+    from enginediag_cli.mismatch.locate.locate import locate as run
+    from enginediag_cli.mismatch.locate.verdict_kind import kind_of
     from enginediag_cli.presentation.located import COLUMNS, located_rows, picture, sentences
 
     loaded = load_case(case, messages.note)
@@ -113,11 +113,11 @@ def locate(
 
 def _per_record(messages: Messages, case: Case, loaded: Loaded, every: int, output: Output) -> ExitCode:
     """The places with a free amplitude per record, best first."""
-    from enginediag_cli.mismatch.control_law import held_readings, stop_of
-    from enginediag_cli.mismatch.freeform import locations_of
-    from enginediag_cli.mismatch.identified import nuisance
-    from enginediag_cli.mismatch.per_record import inlet_temperature, scan, thinned
-    from enginediag_cli.mismatch.per_record_effects import alike
+    from enginediag_cli.mismatch.fit.freeform import locations_of
+    from enginediag_cli.mismatch.fit.identified import nuisance
+    from enginediag_cli.mismatch.unrecorded.control_law import held_readings, stop_of
+    from enginediag_cli.mismatch.unrecorded.per_record import inlet_temperature, scan, thinned
+    from enginediag_cli.mismatch.unrecorded.per_record_effects import alike
     from enginediag_cli.physics.registry import candidates
     from enginediag_cli.presentation.per_record import COLUMNS, per_record_rows, per_record_sentences
 

@@ -11,7 +11,7 @@ import click
 from enginediag_cli.commands.options import ConfigFile, recordings_argument, seed_option
 
 if TYPE_CHECKING:
-    from enginediag_cli.mismatch.load import Case
+    from enginediag_cli.mismatch.fit.load import Case
 
 
 def mismatch_options(function: Callable[..., Any]) -> Callable[..., Any]:
@@ -33,7 +33,7 @@ def mismatch_options(function: Callable[..., Any]) -> Callable[..., Any]:
         seed: int,
         **others: Any,
     ) -> Any:
-        from enginediag_cli.mismatch.load import Case
+        from enginediag_cli.mismatch.fit.load import Case
 
         case = Case(
             engine_path,

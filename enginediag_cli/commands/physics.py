@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from click.shell_completion import CompletionItem
 
     from enginediag_cli.engine.engine import Engine
-    from enginediag_cli.physics.term import Site, Term
+    from enginediag_cli.engine.term import Site, Term
 
 LIST_COLUMNS = ("term", "title", "varies_with")
 SITE_COLUMNS = ("term", "at", "acts_on", "carried", "coefficients")
@@ -67,7 +67,7 @@ def physics(name: str | None, engine_path: str | None, output: Output) -> None:
 
 def _engines(path: str | None) -> dict[str, Engine]:
     """By name, the engine of the file, or those that come with the program."""
-    from enginediag_cli.engine.load import load_engine
+    from enginediag_cli.physics.engine_file import load_engine
     from enginediag_cli.shipped import shipped_folder
 
     shipped = (p for p in sorted(shipped_folder().glob("*.yaml")) if "\nkind: engine" in p.read_text(encoding="utf-8"))

@@ -16,13 +16,13 @@ from enginediag_cli.commands.options import (
     pass_messages,
     seed_option,
 )
-from enginediag_cli.mismatch.prove.kinds import KINDS, TRUTHS
 from enginediag_cli.presentation.messages import Messages
 from enginediag_cli.presentation.output import Output
+from enginediag_cli.trials.blind.kinds import KINDS, TRUTHS
 
 if TYPE_CHECKING:
-    from enginediag_cli.mismatch.prove.journal import Journal
-    from enginediag_cli.mismatch.prove.trial import Plan
+    from enginediag_cli.trials.blind.journal import Journal
+    from enginediag_cli.trials.blind.trial import Plan
 
 
 @click.command(short_help="Prove on blind trials what the search for missing physics finds.", epilog=exit_codes())
@@ -97,9 +97,9 @@ def prove(
     The explainer is a process of its own that is given the recordings, the engine file, and what is known of noise and
     maps. ENGINE.yaml is turbofan.yaml when not given. The same seed gives the same sheet, whatever --jobs.
     """
-    from enginediag_cli.mismatch.prove.journal import Journal, plan_key
-    from enginediag_cli.mismatch.prove.trial import Plan
     from enginediag_cli.shipped import shipped
+    from enginediag_cli.trials.blind.journal import Journal, plan_key
+    from enginediag_cli.trials.blind.trial import Plan
 
     if resume and not trials_output:
         raise click.UsageError("--resume goes on from --trials-output FILE, which was not given")
@@ -115,8 +115,8 @@ def _run(
     messages: Messages, plan: Plan, trials: int, jobs: int, journal: Journal | None, resume: bool
 ) -> list[dict[str, Any]]:
     from enginediag_cli.errors import DataError
-    from enginediag_cli.mismatch.prove.check import check_engine
-    from enginediag_cli.mismatch.prove.pool import run_trials
+    from enginediag_cli.trials.blind.check import check_engine
+    from enginediag_cli.trials.blind.pool import run_trials
 
     check_engine(plan.engine)
     finished: dict[int, dict[str, Any]] = {}
@@ -165,9 +165,9 @@ def _say(messages: Messages, records: list[dict[str, Any]]) -> None:
 def _write(plan: Plan, records: list[dict[str, Any]], sizes: bool, output: Output) -> None:
     import json
 
-    from enginediag_cli.mismatch.prove.document import document
-    from enginediag_cli.mismatch.prove.rows import LONG, bin_rows, rows, size_rows, table
     from enginediag_cli.presentation.rows import finite, plain
+    from enginediag_cli.presentation.score_sheet_document import document
+    from enginediag_cli.presentation.score_sheet_rows import LONG, bin_rows, rows, size_rows, table
     from enginediag_cli.presentation.tables import write_table
     from enginediag_cli.recordings.provenance import header_lines
 

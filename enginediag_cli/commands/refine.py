@@ -12,11 +12,11 @@ from enginediag_cli.errors import ExitCode
 from enginediag_cli.presentation.messages import Messages
 
 if TYPE_CHECKING:
-    from enginediag_cli.mismatch.evidence import Evidence
-    from enginediag_cli.mismatch.hidden import HiddenFinding
-    from enginediag_cli.mismatch.load import Case
-    from enginediag_cli.mismatch.refine import Refinement
-    from enginediag_cli.physics.term import Effect
+    from enginediag_cli.engine.term import Effect
+    from enginediag_cli.mismatch.fit.evidence import Evidence
+    from enginediag_cli.mismatch.fit.load import Case
+    from enginediag_cli.mismatch.refine.refine import Refinement
+    from enginediag_cli.mismatch.unrecorded.hidden import HiddenFinding
 
 
 def _writable(context: click.Context, parameter: click.Parameter, value: str | None) -> str | None:
@@ -117,7 +117,7 @@ def refine(
         raise click.UsageError("name the flights to judge by: either --holdout-last K or --test FILE")
     if switched and len(terms) != 1:
         raise click.UsageError("--switched goes with one --term")
-    from enginediag_cli.mismatch.refine import refine as run
+    from enginediag_cli.mismatch.refine.refine import refine as run
 
     evidence, unseen, inherited = _evidence(messages, case, holdout_last, tests)
     training = evidence.only([k for k in range(len(evidence.flights)) if k not in unseen])
@@ -127,7 +127,7 @@ def refine(
     if terms:
         effects = _asked(evidence, terms)
         if switched:
-            from enginediag_cli.mismatch.refine_switch import find_switch
+            from enginediag_cli.mismatch.refine.switch import find_switch
 
             hidden = find_switch(training, effects[0])
             if hidden is None:
@@ -162,8 +162,8 @@ def _evidence(
     """All flights, the positions of those to judge by, and the recordings' heads."""
     from dataclasses import replace
 
-    from enginediag_cli.mismatch.load import load_case
-    from enginediag_cli.mismatch.refine import last_flights
+    from enginediag_cli.mismatch.fit.load import load_case
+    from enginediag_cli.mismatch.refine.refine import last_flights
 
     loaded = load_case(replace(case, recordings=(*case.recordings, *tests)), messages.note)
     evidence = loaded.evidence
@@ -198,7 +198,7 @@ def _explained(
 ) -> tuple[list[Effect], HiddenFinding | None]:
     """What `explain` names from the flights that are fitted, and its finding where that is a switch; none, with the
     reason told, when it names no effect."""
-    from enginediag_cli.mismatch.explain_story import named_effects, tell
+    from enginediag_cli.mismatch.explain.story import named_effects, tell
     from enginediag_cli.physics.registry import candidates
     from enginediag_cli.presentation.explanations import sentences
 
@@ -249,7 +249,7 @@ def _present(
 
 
 def _write(evidence: Evidence, found: Refinement, case: Case, unseen: list[int], place: str) -> None:
-    from enginediag_cli.mismatch.refine_file import refined_text, write_refined
+    from enginediag_cli.mismatch.refine.file import refined_text, write_refined
 
     engine = evidence.engine
     text = refined_text(case.engine, found.effects, found.standard_errors, _source(case, evidence, unseen), place)

@@ -23,7 +23,8 @@ from enginediag_cli.presentation.messages import Messages
 from enginediag_cli.presentation.output import Output
 
 if TYPE_CHECKING:
-    from enginediag_cli.simulation.conditions import Conditions, EngineLike
+    from enginediag_cli.engine.model import EngineLike
+    from enginediag_cli.simulation.conditions import Conditions
     from enginediag_cli.simulation.noise import ColumnNoise
     from enginediag_cli.simulation.simulate import Simulated
 
@@ -96,9 +97,9 @@ def simulate(
     """
     import numpy as np
 
-    from enginediag_cli.engine import load_engine
+    from enginediag_cli.faults.fault_file import load_faults
+    from enginediag_cli.physics.engine_file import load_engine
     from enginediag_cli.recordings.provenance import header_lines
-    from enginediag_cli.simulation.fault_file import load_faults
     from enginediag_cli.simulation.simulate import simulate_in_chunks
 
     _check_usage(flight, conditions, flights, truth, output)

@@ -19,9 +19,9 @@ from enginediag_cli.presentation.messages import Messages
 from enginediag_cli.presentation.output import Output
 
 if TYPE_CHECKING:
-    from enginediag_cli.studies.journal import Journal
-    from enginediag_cli.studies.report import Results
-    from enginediag_cli.studies.study_file import Study
+    from enginediag_cli.presentation.study_report import Results
+    from enginediag_cli.trials.studies.journal import Journal
+    from enginediag_cli.trials.studies.study_file import Study
 
 SHOW = ("rates", "counts", "reliability")
 
@@ -78,8 +78,8 @@ def study(
     Data come from the full nonlinear engine. The same seed gives the same counts, on any number of processes. A
     study that was interrupted goes on where it stopped when the same command is given again with -o or --journal.
     """
-    from enginediag_cli.studies.journal import Journal, study_key
-    from enginediag_cli.studies.study_file import load_study
+    from enginediag_cli.trials.studies.journal import Journal, study_key
+    from enginediag_cli.trials.studies.study_file import load_study
 
     described = load_study(file)
     seed = described.seed if seed is None else seed
@@ -94,9 +94,9 @@ def study(
 def _run(
     messages: Messages, described: Study, seed: int, repetitions: int | None, processes: int, notes: Journal | None
 ) -> Results:
-    from enginediag_cli.studies.batches import batches
-    from enginediag_cli.studies.pool import run_batches
-    from enginediag_cli.studies.report import totals
+    from enginediag_cli.presentation.study_report import totals
+    from enginediag_cli.trials.studies.batches import batches
+    from enginediag_cli.trials.studies.pool import run_batches
 
     every = batches(described, repetitions)
     finished = notes.read() if notes else {}
@@ -124,8 +124,8 @@ def _write(described: Study, results: Results, seed: int, show: str, output: Out
     import json
 
     from enginediag_cli.presentation.rows import finite, plain
+    from enginediag_cli.presentation.study_report import as_json, rows, shortened
     from enginediag_cli.recordings.provenance import header_lines
-    from enginediag_cli.studies.report import as_json, rows, shortened
 
     if output.chosen_format() == "json":
         document = finite(plain(as_json(described, results, seed)))

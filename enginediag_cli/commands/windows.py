@@ -120,8 +120,8 @@ def planned(window: str | None, step: str | None) -> WindowPlan:
 def load_monitor(messages: Messages, nominal_path: str, patterns: tuple[str, ...], *, sensors: bool = False) -> Monitor:
     """Engine and nominal state, to compare recordings with; sensors: the bias of every sensor in use may have changed,
     too. Warns when the engine file has changed."""
-    from enginediag_cli.engine import load_engine
     from enginediag_cli.identification.nominal_file import engine_change_warning, engine_file, read_nominal
+    from enginediag_cli.physics.engine_file import load_engine
     from enginediag_cli.residuals.monitor import monitor_from_nominal
 
     nominal = read_nominal(nominal_path)

@@ -45,13 +45,13 @@ FILE_KINDS: dict[str, FileKind] = {
             "engine",
             "an engine: its components, shafts, sensors and parameters",
             "enginediag_cli.engine.declaration:ENGINE_FILE",
-            "enginediag_cli.engine:load_engine",
+            "enginediag_cli.physics.engine_file:load_engine",
         ),
         FileKind(
             "faults",
             "faults: named directions in parameter space, their size and onset",
-            "enginediag_cli.simulation.fault_file:FAULT_FILE",
-            "enginediag_cli.simulation.fault_file:load_faults",
+            "enginediag_cli.faults.fault_file:FAULT_FILE",
+            "enginediag_cli.faults.fault_file:load_faults",
         ),
         FileKind(
             "recorder",
@@ -68,8 +68,8 @@ FILE_KINDS: dict[str, FileKind] = {
         FileKind(
             "study",
             "a Monte-Carlo study: fault cases, methods of diagnosis and repetitions",
-            "enginediag_cli.studies.study_file:STUDY_FILE",
-            "enginediag_cli.studies.study_file:load_study",
+            "enginediag_cli.trials.studies.study_file:STUDY_FILE",
+            "enginediag_cli.trials.studies.study_file:load_study",
         ),
         FileKind(
             "flight",

@@ -15,8 +15,8 @@ from itertools import combinations
 
 import numpy as np
 
-from .segments import LAWS, Coordinates, Segment, tails
-from .sequential import Effect, effect, log_full, log_mean_exp, log_single
+from enginediag_cli.detection.segments import LAWS, Coordinates, Segment, tails
+from enginediag_cli.detection.sequential import Effect, effect, log_full, log_mean_exp, log_single
 
 KINDS = {
     ("health", "step"): "sudden fault",

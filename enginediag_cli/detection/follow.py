@@ -6,15 +6,14 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from enginediag_cli.detection.change import Change, explain_change, posterior_change
+from enginediag_cli.detection.segments import Coordinates
+from enginediag_cli.detection.sequential import EProcess
 from enginediag_cli.recordings.table import Recording
 from enginediag_cli.residuals.admission import judged_inputs
 from enginediag_cli.residuals.groups import Key, Timeline
 from enginediag_cli.residuals.innovations import Innovations
 from enginediag_cli.residuals.monitor import Monitor
-
-from .change import Change, explain_change, posterior_change
-from .segments import Coordinates
-from .sequential import EProcess
 
 JUMP_SIGMAS = 5.0
 """Size of a plausible jump of a sensor, in its noise, where the engine file has no prior for its bias."""

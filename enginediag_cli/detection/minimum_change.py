@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from enginediag_cli.detection.glr import threshold
 from enginediag_cli.residuals.score import Score, separable_information
-
-from .glr import threshold
 
 TESTS = ("global", "directed", "minmax")
 """global: the test of all parameters; directed: the test of this one alone, the others unchanged; minmax:

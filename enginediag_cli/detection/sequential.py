@@ -21,7 +21,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from .segments import Coordinates, Segment, Tails, append, tails
+from enginediag_cli.detection.segments import Coordinates, Segment, Tails, append, tails
 
 FROM_THE_START = 0.5
 """Weight of a change that was there when the flight began; the rest is for those that begin on the way."""

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from enginediag_cli.detection.glr import GlrTest, glr_test
+from enginediag_cli.detection.lack_of_fit import LackOfFit, lack_of_fit
 from enginediag_cli.residuals.pipeline import WindowStatistics
 from enginediag_cli.residuals.score import Score, fisher_score
-
-from .glr import GlrTest, glr_test
-from .lack_of_fit import LackOfFit, lack_of_fit
 
 HEALTHY, FAULT, NO_VERDICT = "healthy", "fault", "no verdict"
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from enginediag_cli.config.fields import Field, Section, Variants
 from enginediag_cli.engine.components import COMPONENTS
-from enginediag_cli.identification.settings import IDENTIFICATION
-from enginediag_cli.mismatch.settings import MISMATCH
-from enginediag_cli.physics.carried import EFFECT
+from enginediag_cli.engine.identification_block import IDENTIFICATION
+from enginediag_cli.engine.mismatch_block import MISMATCH
+from enginediag_cli.engine.physics_block import EFFECT
 
 SHAFT = Section(
     "shaft",

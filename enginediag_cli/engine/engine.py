@@ -18,8 +18,8 @@ from enginediag_cli.engine.network import Network
 from enginediag_cli.engine.sensors import Sensor
 from enginediag_cli.engine.start import correction, total_ratios
 from enginediag_cli.engine.strategy import Strategy
+from enginediag_cli.engine.term import Effect
 from enginediag_cli.parameters import Parameter
-from enginediag_cli.physics.term import Effect
 
 OK, OUTSIDE_MAP, NOT_CONVERGED, INVALID_INPUT = range(4)
 STATUS = ("ok", "outside the maps", "did not converge", "invalid input")

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from enginediag_cli.config.checked import Checked
 from enginediag_cli.config.hints import near
 from enginediag_cli.config.kinds import load_checked
 from enginediag_cli.engine.components import COMPONENTS, Component
@@ -14,13 +16,17 @@ from enginediag_cli.engine.engine import Engine
 from enginediag_cli.engine.evaluation import Evaluation
 from enginediag_cli.engine.gas import gas_for
 from enginediag_cli.engine.network import Network
+from enginediag_cli.engine.term import Effect
 from enginediag_cli.engine.wiring import wiring_problems
 from enginediag_cli.errors import ConfigError, Problem
-from enginediag_cli.physics.carried import carried_effects
+
+Carried = Callable[[Sequence[Mapping[str, Any]], Network, Checked], tuple[list[Effect], list[Problem]]]
+"""Entries of a `physics:` block, the sized network and the file → the effects at their sites, and what is wrong."""
 
 
-def load_engine(path: str | Path, power_setting: str | None = None) -> Engine:
-    """Reads, checks and sizes an engine; `power_setting` replaces the file's. Raises ConfigError."""
+def build_engine(path: str | Path, carried: Carried, power_setting: str | None = None) -> Engine:
+    """Reads, checks and sizes an engine; `power_setting` replaces the file's, `carried` knows the effects that the
+    file may name. Raises ConfigError. `physics.engine_file.load_engine` is this with the library of effects."""
     checked = load_checked(str(path), "engine")
     values = dict(checked.values)
     if power_setting and power_setting != values["power_setting"]:
@@ -48,7 +54,7 @@ def load_engine(path: str | Path, power_setting: str | None = None) -> Engine:
     )
     _size(network, values, checked)
     engine = Engine(network, values, str(path))
-    effects, problems = carried_effects(values["physics"], network, checked)
+    effects, problems = carried(values["physics"], network, checked)
     if problems:
         raise ConfigError(problems)
     engine = engine.with_effects(effects)

@@ -18,8 +18,8 @@ from enginediag_cli.engine.flow import Flow
 from enginediag_cli.engine.gas import Gas
 from enginediag_cli.engine.hooks import Hooks
 from enginediag_cli.engine.start import correction, total_ratios
+from enginediag_cli.engine.term import Effect, Place
 from enginediag_cli.parameters import Parameter
-from enginediag_cli.physics.term import Effect, Place
 
 if TYPE_CHECKING:
     from enginediag_cli.engine.sensors import Sensor

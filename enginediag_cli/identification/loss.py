@@ -16,7 +16,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-LOSSES = ("soft_l1", "huber", "none")
+from enginediag_cli.engine.identification_block import LOSSES
 
 
 @dataclass(frozen=True)

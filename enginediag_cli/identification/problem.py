@@ -15,40 +15,18 @@ import fnmatch
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple, Protocol
+from typing import NamedTuple
 
 import numpy as np
 
 from enginediag_cli.config.hints import near
+from enginediag_cli.engine.model import Model
 from enginediag_cli.errors import DataError
 from enginediag_cli.identification.loss import Loss
 from enginediag_cli.identification.offset_prior import OffsetPrior
-from enginediag_cli.identification.settings import IDENTIFICATION, IdentificationSettings
+from enginediag_cli.identification.settings import IdentificationSettings
 from enginediag_cli.parameters import Parameter
 from enginediag_cli.units import split_column
-
-__all__ = ["IDENTIFICATION", "Model", "Problem", "TrainingRecording", "build_problem"]
-
-
-class Model(Protocol):
-    """What identification needs of an engine (`enginediag_cli.engine.Engine` has it)."""
-
-    @property
-    def inputs(self) -> tuple[str, ...]: ...
-    @property
-    def optional_inputs(self) -> Mapping[str, float]: ...
-    @property
-    def sensors(self) -> Mapping[str, Any]: ...
-    @property
-    def parameters(self) -> Mapping[str, Parameter]: ...
-    def predict(
-        self,
-        inputs: Mapping[str, Any],
-        parameters: Mapping[str, Any] | None = None,
-        *,
-        sensors: Sequence[str] | None = None,
-        wrt: Sequence[str] = (),
-    ) -> Any: ...
 
 
 class TrainingRecording(NamedTuple):

@@ -28,10 +28,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from enginediag_cli.detection.lack_of_fit import lack_of_fit
+from enginediag_cli.isolation.sizes import estimate_sizes
 from enginediag_cli.residuals.score import Score
 from enginediag_cli.residuals.statistics import LocalStatistics
-
-from .sizes import estimate_sizes
 
 CERTAIN = 1e-3
 """p value below which a lack of fit is certain."""

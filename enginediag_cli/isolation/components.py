@@ -17,15 +17,14 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from enginediag_cli.isolation.adequacy import Adequacy, dispersed, fit_after, judged, tempered
+from enginediag_cli.isolation.enumeration import plan
+from enginediag_cli.isolation.methods import IsolationOptions
+from enginediag_cli.isolation.posterior import size_limit
+from enginediag_cli.isolation.prior import SetPrior, are_sensors
+from enginediag_cli.isolation.result import Explanation
 from enginediag_cli.residuals.score import Score
 from enginediag_cli.residuals.statistics import LocalStatistics
-
-from .adequacy import Adequacy, dispersed, fit_after, judged, tempered
-from .enumeration import plan
-from .methods import IsolationOptions
-from .posterior import size_limit
-from .prior import SetPrior, are_sensors
-from .result import Explanation
 
 MAX_SETS = 5000
 """Enough for all sets of 12 components, or up to three of 30."""

@@ -12,20 +12,19 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from enginediag_cli.faults.component_faults import FaultSet
+from enginediag_cli.isolation.adequacy import Adequacy, dispersed, fit_after, judged, tempered
+from enginediag_cli.isolation.large_faults import CHECKED, NATS, nonlinear_posterior, quadratic_error
+from enginediag_cli.isolation.methods import IsolationOptions, isolate, posterior_result
+from enginediag_cli.isolation.named_faults import NamedIsolation, isolate_named
+from enginediag_cli.isolation.posterior import set_posterior
+from enginediag_cli.isolation.prior import are_sensors
+from enginediag_cli.isolation.result import IsolationResult
+from enginediag_cli.isolation.rivals import SensorRivalry, sensor_rivalry
+from enginediag_cli.isolation.signs import known_signs, one_sided_posterior
+from enginediag_cli.isolation.window_model import WindowModel
 from enginediag_cli.residuals.score import Score
 from enginediag_cli.residuals.statistics import LocalStatistics
-from enginediag_cli.simulation.faults import FaultSet
-
-from .adequacy import Adequacy, dispersed, fit_after, judged, tempered
-from .large_faults import CHECKED, NATS, nonlinear_posterior, quadratic_error
-from .methods import IsolationOptions, isolate, posterior_result
-from .named_faults import NamedIsolation, isolate_named
-from .posterior import set_posterior
-from .prior import are_sensors
-from .result import IsolationResult
-from .rivals import SensorRivalry, sensor_rivalry
-from .signs import known_signs, one_sided_posterior
-from .window_model import WindowModel
 
 NONLINEAR = ("auto", "always", "never")
 MANY = 12

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from enginediag_cli.simulation.faults import FaultSet
+from enginediag_cli.faults.component_faults import FaultSet
 
 
 @dataclass(frozen=True)

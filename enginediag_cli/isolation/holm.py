@@ -8,9 +8,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from enginediag_cli.isolation.minmax import single_minmax
 from enginediag_cli.residuals.score import Score
-
-from .minmax import single_minmax
 
 
 def holm_minmax(score: Score, false_alarm: float = 0.01) -> tuple[tuple[str, ...], np.ndarray]:

@@ -9,10 +9,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from enginediag_cli.detection.glr import threshold
+from enginediag_cli.isolation.minmax import rejection_test
+from enginediag_cli.isolation.subsets import ENUMERATED, best_subsets
 from enginediag_cli.residuals.score import Score
-
-from .minmax import rejection_test
-from .subsets import ENUMERATED, best_subsets
 
 
 @dataclass(frozen=True)

@@ -17,12 +17,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from enginediag_cli.isolation.posterior import SetPosterior, set_posterior
+from enginediag_cli.isolation.prior import SetPrior, are_sensors
+from enginediag_cli.isolation.signs import reweighed
+from enginediag_cli.isolation.window_model import Expansion, WindowModel
 from enginediag_cli.residuals.score import Score
-
-from .posterior import SetPosterior, set_posterior
-from .prior import SetPrior, are_sensors
-from .signs import reweighed
-from .window_model import Expansion, WindowModel
 
 LEADING = 20
 CHECKED = 5

@@ -8,16 +8,15 @@ from itertools import combinations
 from math import comb
 
 from enginediag_cli.detection.glr import threshold
+from enginediag_cli.isolation.holm import holm_minmax
+from enginediag_cli.isolation.incremental import incremental_diagnosis
+from enginediag_cli.isolation.minmax import rejection_test
+from enginediag_cli.isolation.posterior import SetPosterior, set_posterior
+from enginediag_cli.isolation.prior import SetPrior, are_sensors
+from enginediag_cli.isolation.result import Explanation, IsolationResult
+from enginediag_cli.isolation.sizes import estimate_sizes
+from enginediag_cli.isolation.subsets import best_subsets
 from enginediag_cli.residuals.score import Score
-
-from .holm import holm_minmax
-from .incremental import incremental_diagnosis
-from .minmax import rejection_test
-from .posterior import SetPosterior, set_posterior
-from .prior import SetPrior, are_sensors
-from .result import Explanation, IsolationResult
-from .sizes import estimate_sizes
-from .subsets import best_subsets
 
 MAX_RIVALS = 20
 MAX_RIVAL_TESTS = 5000

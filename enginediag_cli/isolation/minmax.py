@@ -11,10 +11,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from enginediag_cli.isolation.sensitivity import quadratic_form, sensitivity_test
 from enginediag_cli.residuals.excitation import RANK_TOLERANCE, range_space
 from enginediag_cli.residuals.score import Score
-
-from .sensitivity import quadratic_form, sensitivity_test
 
 
 def minmax_test(score: Score, names: Sequence[str]) -> tuple[float, int]:

@@ -21,14 +21,13 @@ from itertools import combinations
 import numpy as np
 
 from enginediag_cli.errors import DataError
+from enginediag_cli.faults.component_faults import FaultSet
+from enginediag_cli.isolation.directions import NamedFault, named_faults
+from enginediag_cli.isolation.posterior import set_posterior
+from enginediag_cli.isolation.prior import SetPrior, are_sensors
+from enginediag_cli.isolation.result import Explanation
+from enginediag_cli.isolation.signs import orthant_moments
 from enginediag_cli.residuals.score import Score
-from enginediag_cli.simulation.faults import FaultSet
-
-from .directions import NamedFault, named_faults
-from .posterior import set_posterior
-from .prior import SetPrior, are_sensors
-from .result import Explanation
-from .signs import orthant_moments
 
 FREE_LISTED = 50
 """Free sets named one by one among the rivals."""

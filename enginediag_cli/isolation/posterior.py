@@ -15,10 +15,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from enginediag_cli.isolation.enumeration import all_sets, number_of_sets
+from enginediag_cli.isolation.prior import SetPrior, are_sensors
 from enginediag_cli.residuals.score import Score
-
-from .enumeration import all_sets, number_of_sets
-from .prior import SetPrior, are_sensors
 
 MAX_SETS = 1_200_000
 """Enough for all sets of 20 parameters, or up to five of 40; about a second."""

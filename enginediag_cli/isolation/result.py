@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from .sizes import ParameterChange
+from enginediag_cli.isolation.sizes import ParameterChange
 
 
 @dataclass(frozen=True)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from .result import Explanation, IsolationResult
+from enginediag_cli.isolation.result import Explanation, IsolationResult
 
 LEAST = 0.05
 """A rival this much less probable than the other, or less, is no rival."""

@@ -18,13 +18,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from enginediag_cli.isolation.posterior import SetPosterior
+from enginediag_cli.isolation.prior import SetPrior
 from enginediag_cli.residuals.score import Score
 
-from .posterior import SetPosterior
-from .prior import SetPrior
-
 if TYPE_CHECKING:
-    from enginediag_cli.simulation.faults import ComponentFault
+    from enginediag_cli.faults.component_faults import ComponentFault
 
 POINTS = 256
 """Points of the orthant integral: error below 0.002 up to five dimensions."""

@@ -15,9 +15,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from enginediag_cli.isolation.enumeration import all_sets
 from enginediag_cli.residuals.score import Score
-
-from .enumeration import all_sets
 
 ENUMERATED = 12
 """Up to so many parameters all sets are visited: that takes 2 ms, for all sizes together."""

@@ -1,4 +1,4 @@
-"""The `physics:` block of an engine file: the effects that its model carries."""
+"""The `physics:` block of an engine file: its entries as effects at their sites."""
 
 from __future__ import annotations
 
@@ -6,37 +6,13 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from enginediag_cli.config.checked import Checked
-from enginediag_cli.config.fields import Field, Section
 from enginediag_cli.config.hints import near
+from enginediag_cli.engine.term import Effect
 from enginediag_cli.errors import Problem
 from enginediag_cli.physics.registry import term, term_names
-from enginediag_cli.physics.term import Effect
 
 if TYPE_CHECKING:
     from enginediag_cli.engine.network import Network
-
-EFFECT = Section(
-    "effect",
-    "a physical effect that the model carries; `enginediag physics` lists them",
-    (
-        Field("term", "text", "name of the effect"),
-        Field("at", "text", "where it acts: a component, a shaft or a sensor"),
-        Field(
-            "coefficients", "number_map", "its coefficients; those left out are absent", {}, unit="the coefficient's"
-        ),
-        Field(
-            "standard_errors", "number_map", "of the coefficients, when they were fitted", {}, unit="the coefficient's"
-        ),
-        Field(
-            "switch",
-            "text",
-            "column of the recordings that is 1 where the effect is on and 0 where it is off or "
-            "not recorded; without it the effect is always on",
-            "",
-        ),
-        Field("source", "text", "where the coefficients come from: data and command", ""),
-    ),
-)
 
 
 def carried_effects(

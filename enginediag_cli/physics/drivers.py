@@ -1,4 +1,4 @@
-"""The words for what an effect varies with; `enginediag_cli.mismatch.drivers` computes their values."""
+"""The words for what an effect varies with; `enginediag_cli.drivers` computes their values."""
 
 from __future__ import annotations
 

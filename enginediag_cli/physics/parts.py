@@ -16,7 +16,7 @@ from enginediag_cli.engine.evaluation import Evaluation
 
 if TYPE_CHECKING:
     from enginediag_cli.engine.network import Network
-    from enginediag_cli.physics.term import Place
+    from enginediag_cli.engine.term import Place
 
 Ratio = Callable[[Evaluation], Value]
 

@@ -12,8 +12,8 @@ from enginediag_cli.engine.components.burner import Burner
 from enginediag_cli.engine.dual import Value
 from enginediag_cli.engine.evaluation import Evaluation
 from enginediag_cli.engine.network import STATION_COLUMN
-from enginediag_cli.physics.states import corrected_flow
-from enginediag_cli.physics.term import Place, Site
+from enginediag_cli.engine.similarity import corrected_flow
+from enginediag_cli.engine.term import Place, Site
 
 if TYPE_CHECKING:
     from enginediag_cli.engine.network import Network

@@ -12,8 +12,8 @@ from functools import cache
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
+from enginediag_cli.engine.term import Effect, Term
 from enginediag_cli.physics import terms
-from enginediag_cli.physics.term import Effect, Term
 
 if TYPE_CHECKING:
     from enginediag_cli.engine.engine import Engine

@@ -10,12 +10,12 @@ import numpy as np
 from enginediag_cli.presentation.explanations import headline, sentences, suggestion
 
 if TYPE_CHECKING:
-    from enginediag_cli.mismatch.alias_advice import Advice
-    from enginediag_cli.mismatch.answer import Explanation
-    from enginediag_cli.mismatch.curves import Curve
-    from enginediag_cli.mismatch.explain_story import Story
-    from enginediag_cli.mismatch.freeform import Cell
-    from enginediag_cli.mismatch.hidden import HiddenFinding
+    from enginediag_cli.mismatch.explain.alias_advice import Advice
+    from enginediag_cli.mismatch.explain.answer import Explanation
+    from enginediag_cli.mismatch.explain.curves import Curve
+    from enginediag_cli.mismatch.explain.story import Story
+    from enginediag_cli.mismatch.fit.freeform import Cell
+    from enginediag_cli.mismatch.unrecorded.hidden import HiddenFinding
 
 COLUMNS = (
     "status",

@@ -14,13 +14,13 @@ from enginediag_cli.presentation.sentences import change, count
 from enginediag_cli.units import split_column
 
 if TYPE_CHECKING:
-    from enginediag_cli.mismatch.alias_advice import Advice, Suggestion
-    from enginediag_cli.mismatch.answer import Coefficient, Explanation
-    from enginediag_cli.mismatch.curves import Curve
-    from enginediag_cli.mismatch.explain_story import Story
-    from enginediag_cli.mismatch.hidden import HiddenFinding
-    from enginediag_cli.mismatch.options import Option
-    from enginediag_cli.physics.term import Effect
+    from enginediag_cli.engine.term import Effect
+    from enginediag_cli.mismatch.explain.alias_advice import Advice, Suggestion
+    from enginediag_cli.mismatch.explain.answer import Coefficient, Explanation
+    from enginediag_cli.mismatch.explain.curves import Curve
+    from enginediag_cli.mismatch.explain.story import Story
+    from enginediag_cli.mismatch.fit.options import Option
+    from enginediag_cli.mismatch.unrecorded.hidden import HiddenFinding
 
 SHOWN = 5
 MOST_SWITCHES = 12

@@ -12,11 +12,11 @@ from enginediag_cli.units import split_column
 
 if TYPE_CHECKING:
     from enginediag_cli.engine.engine import Engine
-    from enginediag_cli.mismatch.fleet import Difference
-    from enginediag_cli.mismatch.hidden import HiddenFinding
-    from enginediag_cli.mismatch.locate import Located, Place
-    from enginediag_cli.mismatch.presence import Test
-    from enginediag_cli.mismatch.verdict_kind import Kind
+    from enginediag_cli.mismatch.locate.fleet import Difference
+    from enginediag_cli.mismatch.locate.locate import Located, Place
+    from enginediag_cli.mismatch.locate.presence import Test
+    from enginediag_cli.mismatch.locate.verdict_kind import Kind
+    from enginediag_cli.mismatch.unrecorded.hidden import HiddenFinding
     from enginediag_cli.presentation.pictures.mismatch_map import Scatter
 
 COLUMNS = (
@@ -96,7 +96,7 @@ def located_rows(located: Located, kind: Kind, everything: bool) -> Iterator[dic
 
 def sentences(located: Located, kind: Kind, engine: Engine) -> Iterator[str]:
     """What was found, for stderr."""
-    from enginediag_cli.mismatch import verdict_kind as kinds
+    from enginediag_cli.mismatch.locate import verdict_kind as kinds
 
     if not located.converged or located.presence is None:
         yield f"no verdict: the model could not be fitted to these recordings: {located.reason}"
@@ -170,7 +170,7 @@ def place_words(place: Place) -> str:
 
 
 def _kind(located: Located, kind: Kind) -> str:
-    from enginediag_cli.mismatch import verdict_kind as kinds
+    from enginediag_cli.mismatch.locate import verdict_kind as kinds
 
     what = {
         kinds.SENSOR_ERROR: "one sensor is wrong: its own error beats every change of the engine",
@@ -243,7 +243,7 @@ def _residuals(located: Located) -> Scatter:
     """Residuals of the sensor that shows the first place most, against its driver."""
     import math
 
-    from enginediag_cli.mismatch.residual_curve import shown
+    from enginediag_cli.mismatch.locate.residual_curve import shown
     from enginediag_cli.presentation.pictures.mismatch_map import Scatter
 
     assert located.projection is not None

@@ -9,9 +9,9 @@ from enginediag_cli.presentation.names import in_words
 from enginediag_cli.presentation.numbers import rounded
 
 if TYPE_CHECKING:
-    from enginediag_cli.mismatch.control_law import Held, Stop
-    from enginediag_cli.mismatch.per_record import PerRecord
-    from enginediag_cli.mismatch.per_record_effects import Alike
+    from enginediag_cli.mismatch.unrecorded.control_law import Held, Stop
+    from enginediag_cli.mismatch.unrecorded.per_record import PerRecord
+    from enginediag_cli.mismatch.unrecorded.per_record_effects import Alike
 
 COLUMNS = ("rank", "location", "component", "chi2_per_record", "times_best", "at_bound", "failed", "converged")
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from enginediag_cli.presentation.numbers import with_unit
 
 if TYPE_CHECKING:
-    from enginediag_cli.physics.term import Coefficient, Site, Term
+    from enginediag_cli.engine.term import Coefficient, Site, Term
 
 WIDTH = 100
 LABEL = 14

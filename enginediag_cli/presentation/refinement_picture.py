@@ -12,7 +12,7 @@ from enginediag_cli.presentation.pictures.svg import BLUE, FAINT, INK, ORANGE, D
 from enginediag_cli.presentation.refinements import alarms_in_words, named_effect, unseen_in_words
 
 if TYPE_CHECKING:
-    from enginediag_cli.mismatch.refine import Refinement
+    from enginediag_cli.mismatch.refine.refine import Refinement
 
 WIDTH, MARGIN, LEFT, RIGHT = 844.0, 16.0, 180.0, 220.0
 ROW, BAR, LETTER = 22.0, 12.0, 6.6

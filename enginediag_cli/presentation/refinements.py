@@ -10,9 +10,9 @@ from enginediag_cli.presentation.numbers import p_value, with_unit
 from enginediag_cli.presentation.sentences import count
 
 if TYPE_CHECKING:
-    from enginediag_cli.mismatch.refine import Refinement
-    from enginediag_cli.mismatch.refine_alarms import Alarms
-    from enginediag_cli.physics.term import Coefficient, Effect
+    from enginediag_cli.engine.term import Coefficient, Effect
+    from enginediag_cli.mismatch.refine.alarms import Alarms
+    from enginediag_cli.mismatch.refine.refine import Refinement
 
 COLUMNS = ("what", "of", "unit", "before", "after", "n")
 

@@ -9,8 +9,7 @@ import numpy as np
 
 from enginediag_cli.errors import DataError
 from enginediag_cli.recordings.table import Recording
-
-from .monitor import Monitor
+from enginediag_cli.residuals.monitor import Monitor
 
 
 def check_inputs(monitor: Monitor, recording: Recording) -> None:

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from .statistics import LocalStatistics
+from enginediag_cli.residuals.statistics import LocalStatistics
 
 
 @dataclass(frozen=True)

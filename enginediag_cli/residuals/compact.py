@@ -16,10 +16,10 @@ from typing import Any
 
 import numpy as np
 
+from enginediag_cli.engine.model import MonitoredModel
 from enginediag_cli.engine.start import StartFit, coordinates
-
-from .curvature import Curvature, curvature
-from .monitor import Model, Monitor
+from enginediag_cli.residuals.curvature import Curvature, curvature
+from enginediag_cli.residuals.monitor import Monitor
 
 DEGREE = 5
 NEGLIGIBLE = 5e-5
@@ -146,7 +146,11 @@ def compact(monitor: Monitor) -> Monitor:
 
 
 def _fitted_start(
-    engine: Model, names: tuple[str, ...], inputs: Mapping[str, np.ndarray], x: np.ndarray | None, ok: np.ndarray
+    engine: MonitoredModel,
+    names: tuple[str, ...],
+    inputs: Mapping[str, np.ndarray],
+    x: np.ndarray | None,
+    ok: np.ndarray,
 ) -> StartFit | None:
     """Unknowns x (nx, n) as a polynomial of corrected coordinates; None for a model that shows none."""
     if x is None or not hasattr(engine, "power_setting"):
@@ -156,7 +160,7 @@ def _fitted_start(
 
 
 def _corrected(
-    engine: Model, names: tuple[str, ...], inputs: Mapping[str, np.ndarray]
+    engine: MonitoredModel, names: tuple[str, ...], inputs: Mapping[str, np.ndarray]
 ) -> tuple[tuple[str, ...], np.ndarray]:
     N = len(next(iter(inputs.values())))
     values = {c: np.broadcast_to(inputs.get(c, engine.optional_inputs.get(c, 0.0)), (N,)) for c in names}

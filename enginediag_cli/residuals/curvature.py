@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 if TYPE_CHECKING:
-    from .monitor import Monitor
+    from enginediag_cli.residuals.monitor import Monitor
 
 POINTS = 100
 STEP = 0.25

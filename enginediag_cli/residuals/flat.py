@@ -12,9 +12,8 @@ from typing import Any
 import numpy as np
 
 from enginediag_cli.errors import DataError
-
-from .pipeline import WindowStatistics
-from .statistics import LocalStatistics
+from enginediag_cli.residuals.pipeline import WindowStatistics
+from enginediag_cli.residuals.statistics import LocalStatistics
 
 TEXTS = ("source", "flight", "engine", "reason")
 COUNTS = ("first_line", "last_line", "records", "outside", "incomplete", "failed")

@@ -14,8 +14,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from .local import whiten
-from .noise import NoiseModel
+from enginediag_cli.residuals.local import whiten
+from enginediag_cli.residuals.noise import NoiseModel
 
 
 @dataclass

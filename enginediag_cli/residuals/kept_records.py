@@ -8,11 +8,10 @@ from collections.abc import Iterable, Iterator
 import numpy as np
 
 from enginediag_cli.recordings.table import Recording, concat
-
-from .admission import judged_inputs
-from .groups import group_rows
-from .monitor import Monitor
-from .pipeline import WindowStatistics
+from enginediag_cli.residuals.admission import judged_inputs
+from enginediag_cli.residuals.groups import group_rows
+from enginediag_cli.residuals.monitor import Monitor
+from enginediag_cli.residuals.pipeline import WindowStatistics
 
 
 class KeptRecords:

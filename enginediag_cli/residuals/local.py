@@ -11,10 +11,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from .blocks import Block
-from .correlated import independent_rows, lagged_sums
-from .noise import NoiseModel
-from .statistics import MAX_ROWS, LocalStatistics
+from enginediag_cli.residuals.blocks import Block
+from enginediag_cli.residuals.correlated import independent_rows, lagged_sums
+from enginediag_cli.residuals.noise import NoiseModel
+from enginediag_cli.residuals.statistics import MAX_ROWS, LocalStatistics
 
 
 def whiten(e: np.ndarray, J: np.ndarray, noise: NoiseModel) -> tuple[np.ndarray, np.ndarray]:

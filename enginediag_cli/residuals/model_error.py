@@ -15,8 +15,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from .monitor import Monitor, Offset
-from .statistics import LocalStatistics
+from enginediag_cli.residuals.monitor import Monitor, Offset
+from enginediag_cli.residuals.statistics import LocalStatistics
 
 PLAUSIBLE_SCALE = 0.01
 """Unit in which an added scale offset is measured; it only has to be of the right order."""

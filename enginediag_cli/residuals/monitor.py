@@ -10,14 +10,13 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from fnmatch import filter as matching
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from enginediag_cli.engine.model import MonitoredModel
 from enginediag_cli.errors import DataError
-from enginediag_cli.parameters import Parameter
-
-from .noise import NoiseModel
+from enginediag_cli.residuals.noise import NoiseModel
 
 if TYPE_CHECKING:
     from enginediag_cli.identification.nominal import Nominal
@@ -26,31 +25,6 @@ if TYPE_CHECKING:
 HELD = 0.5
 """Spread of a change in prior standard deviations, for the point of linearisation: the middle one of the sizes that
 isolation takes for plausible."""
-
-
-class Model(Protocol):
-    """What monitoring needs of an engine."""
-
-    @property
-    def name(self) -> str: ...
-    @property
-    def inputs(self) -> tuple[str, ...]: ...
-    @property
-    def optional_inputs(self) -> Mapping[str, float]: ...
-    @property
-    def sensors(self) -> Mapping[str, Any]: ...
-    @property
-    def parameters(self) -> Mapping[str, Parameter]: ...
-    @property
-    def monitored(self) -> tuple[str, ...]: ...
-    def predict(
-        self,
-        inputs: Mapping[str, Any],
-        parameters: Mapping[str, Any] | None = None,
-        *,
-        sensors: Sequence[str] | None = None,
-        wrt: Sequence[str] = (),
-    ) -> Any: ...
 
 
 @dataclass(frozen=True)
@@ -68,7 +42,7 @@ class Monitor:
     base: values of all identified parameters; theta0, prior_sigma, lower, upper (p,); uncertainty (p, p).
     """
 
-    engine: Model
+    engine: MonitoredModel
     sensors: tuple[str, ...]
     base: Mapping[str, float]
     names: tuple[str, ...]
@@ -137,7 +111,7 @@ class Monitor:
 
 
 def monitor_from_nominal(
-    engine: Model, nominal: Nominal, patterns: Sequence[str] = (), sensors: Sequence[str] = ()
+    engine: MonitoredModel, nominal: Nominal, patterns: Sequence[str] = (), sensors: Sequence[str] = ()
 ) -> Monitor:
     """Monitor of an identified engine.
 
@@ -207,7 +181,7 @@ def noise_of(nominal: Nominal, columns: Sequence[str]) -> NoiseModel:
     )
 
 
-def watched_parameters(engine: Model, patterns: Sequence[str]) -> tuple[str, ...]:
+def watched_parameters(engine: MonitoredModel, patterns: Sequence[str]) -> tuple[str, ...]:
     """Parameters that the patterns name, in the engine's order; DataError for a pattern that names none."""
     if not patterns:
         return tuple(engine.monitored)

@@ -16,17 +16,16 @@ import numpy as np
 
 from enginediag_cli.errors import DataError
 from enginediag_cli.recordings.table import Recording
-
-from .admission import JudgedChunk, check_inputs, judged_chunk
-from .blocks import Block
-from .compact import CompactMonitor
-from .groups import Key, Timeline, group_rows, runs
-from .local import block_statistics, local_statistics
-from .monitor import Monitor
-from .relinearise import relinearise
-from .score import marginalise
-from .statistics import LocalStatistics
-from .windows import WindowAssembler, WindowPlan
+from enginediag_cli.residuals.admission import JudgedChunk, check_inputs, judged_chunk
+from enginediag_cli.residuals.blocks import Block
+from enginediag_cli.residuals.compact import CompactMonitor
+from enginediag_cli.residuals.groups import Key, Timeline, group_rows, runs
+from enginediag_cli.residuals.local import block_statistics, local_statistics
+from enginediag_cli.residuals.monitor import Monitor
+from enginediag_cli.residuals.relinearise import relinearise
+from enginediag_cli.residuals.score import marginalise
+from enginediag_cli.residuals.statistics import LocalStatistics
+from enginediag_cli.residuals.windows import WindowAssembler, WindowPlan
 
 LINEARISE = ("estimate", "nominal")
 BATCH_RECORDS = 5_000

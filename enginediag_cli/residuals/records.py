@@ -8,10 +8,9 @@ from typing import Any
 import numpy as np
 
 from enginediag_cli.recordings.table import Recording
-
-from .admission import check_inputs, judged_inputs
-from .groups import KEYS
-from .monitor import Monitor
+from enginediag_cli.residuals.admission import check_inputs, judged_inputs
+from enginediag_cli.residuals.groups import KEYS
+from enginediag_cli.residuals.monitor import Monitor
 
 STATES = ("ok", "outside the maps", "did not converge", "invalid input")
 

@@ -15,14 +15,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from enginediag_cli.recordings.table import Recording, concat
-
-from .groups import Key, group_rows
-from .model_error import model_error_covariance, scale_offsets, with_scale_offsets
-from .monitor import Monitor
-from .pipeline import WindowStatistics, window_statistics
-from .score import marginalise
-from .statistics import LocalStatistics
-from .windows import WindowPlan
+from enginediag_cli.residuals.groups import Key, group_rows
+from enginediag_cli.residuals.model_error import model_error_covariance, scale_offsets, with_scale_offsets
+from enginediag_cli.residuals.monitor import Monitor
+from enginediag_cli.residuals.pipeline import WindowStatistics, window_statistics
+from enginediag_cli.residuals.score import marginalise
+from enginediag_cli.residuals.statistics import LocalStatistics
+from enginediag_cli.residuals.windows import WindowPlan
 
 OWN_SCALE = 0.01
 """By how much the readings of one engine plausibly differ from those of its type, where nominal does not say."""

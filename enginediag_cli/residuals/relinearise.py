@@ -17,8 +17,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .local import whiten
-from .noise import NoiseModel
+from enginediag_cli.residuals.local import whiten
+from enginediag_cli.residuals.noise import NoiseModel
 
 Predict = Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray, np.ndarray]]
 """predict(theta (n, p), rows (n,)) -> y (n, m), J (n, m, p), ok (n,): one parameter vector per record. Except

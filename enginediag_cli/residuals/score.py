@@ -14,8 +14,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from .excitation import RANK_TOLERANCE, RangeSpace, range_space
-from .statistics import LocalStatistics
+from enginediag_cli.residuals.excitation import RANK_TOLERANCE, RangeSpace, range_space
+from enginediag_cli.residuals.statistics import LocalStatistics
 
 
 @dataclass(frozen=True)

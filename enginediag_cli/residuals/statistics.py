@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from .excitation import DarkCombination, dark_combinations
+from enginediag_cli.residuals.excitation import DarkCombination, dark_combinations
 
 MAX_ROWS = 20_000
 """Terms of s beyond which the law of each does not matter: what it changes falls as 1/number."""

@@ -2,69 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from enginediag_cli.config.hints import near
+from enginediag_cli.engine.model import EngineLike
 from enginediag_cli.errors import DataError
-from enginediag_cli.parameters import Parameter
 
 LABELS = ("flight", "time_s", "phase")
 """Columns that place a record in a recording; never inputs of an engine."""
-
-
-class SensorLike(Protocol):
-    """What simulation needs of a sensor, in the unit of its column."""
-
-    @property
-    def noise_sigma(self) -> float: ...
-    @property
-    def maximum(self) -> float | None: ...
-
-
-class PredictionLike(Protocol):
-    @property
-    def y(self) -> NDArray[np.float64]: ...
-    @property
-    def status(self) -> NDArray[np.int8]: ...
-    @property
-    def columns(self) -> Sequence[str]: ...
-    def reason(self, k: int) -> str: ...
-
-
-class EngineLike(Protocol):
-    """What simulation needs of an engine; `enginediag_cli.engine.Engine` has it."""
-
-    @property
-    def name(self) -> str: ...
-    @property
-    def inputs(self) -> Sequence[str]: ...
-    @property
-    def optional_inputs(self) -> Mapping[str, float]: ...
-    @property
-    def sensors(self) -> Mapping[str, SensorLike]: ...
-    @property
-    def parameters(self) -> Mapping[str, Parameter]: ...
-    @property
-    def power_setting(self) -> str: ...
-    @property
-    def envelope(self) -> Mapping[str, tuple[float, float]]: ...
-    def power_from_fraction(
-        self,
-        fraction: NDArray[np.float64],
-        inputs: Mapping[str, NDArray[np.float64]],
-    ) -> NDArray[np.float64]: ...
-    def predict(
-        self,
-        inputs: Mapping[str, NDArray[np.float64]],
-        parameters: Mapping[str, NDArray[np.float64]] | None = None,
-        *,
-        sensors: Sequence[str] | None = None,
-    ) -> PredictionLike: ...
 
 
 @dataclass(frozen=True)

@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import Any
 
 from enginediag_cli.config.fields import REQUIRED, Section
+from enginediag_cli.engine.model import EngineLike
 from enginediag_cli.simulation.airspeed import FOOT_M
-from enginediag_cli.simulation.conditions import EngineLike
 from enginediag_cli.simulation.flight_file import MISSIONS
 from enginediag_cli.simulation.noise_section import NOISE
 

@@ -9,8 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from enginediag_cli.engine.atmosphere import standard_atmosphere
+from enginediag_cli.engine.model import EngineLike
 from enginediag_cli.errors import DataError
-from enginediag_cli.simulation.conditions import LABELS, Conditions, EngineLike
+from enginediag_cli.simulation.conditions import LABELS, Conditions
 from enginediag_cli.simulation.flight_file import MISSIONS
 
 MAX_FLIGHTS_FOR_RECORDS = 100_000

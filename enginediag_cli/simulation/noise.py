@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from enginediag_cli.config.hints import near
+from enginediag_cli.engine.model import EngineLike
 from enginediag_cli.errors import ConfigError, Mark, Problem
-from enginediag_cli.simulation.conditions import EngineLike
 
 
 @dataclass(frozen=True)

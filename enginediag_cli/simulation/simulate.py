@@ -9,12 +9,13 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from enginediag_cli.engine.model import EngineLike
 from enginediag_cli.errors import DataError
-from enginediag_cli.simulation.conditions import LABELS, Conditions, EngineLike, engine_inputs
-from enginediag_cli.simulation.faults import FaultSet, check_faults, parameter_values
-from enginediag_cli.simulation.laws import Clocks, clocks_of
+from enginediag_cli.faults.component_faults import FaultSet, check_faults, parameter_values
+from enginediag_cli.faults.laws import Clocks, clocks_of
+from enginediag_cli.faults.sensor_faults import BEFORE_NOISE, SensorFaultState, sensor_truth
+from enginediag_cli.simulation.conditions import LABELS, Conditions, engine_inputs
 from enginediag_cli.simulation.noise import ColumnNoise, noise_sources
-from enginediag_cli.simulation.sensor_faults import BEFORE_NOISE, SensorFaultState, sensor_truth
 
 CHUNK = 2000
 """Records solved together; small enough that the first rows come out at once, large enough for the solver."""

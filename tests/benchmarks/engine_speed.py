@@ -24,8 +24,8 @@ import jt9d_npss
 import numpy as np
 import shared_data
 
-from enginediag_cli.engine import load_engine
 from enginediag_cli.engine.engine import Engine
+from enginediag_cli.physics.engine_file import load_engine
 
 ROOT = Path(__file__).resolve().parents[2]
 OUTPUTS = (

@@ -11,7 +11,7 @@ from xml.dom import minidom
 import numpy as np
 import pytest
 
-from enginediag_cli.engine import load_engine
+from enginediag_cli.physics.engine_file import load_engine
 from enginediag_cli.physics.registry import effect
 
 ENGINE = Path(__file__).parents[2] / "configs" / "turbofan.yaml"

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from enginediag_cli.engine import load_engine
+from enginediag_cli.physics.engine_file import load_engine
 
 CONFIGS = Path(__file__).parents[2] / "configs"
 ENGINE, RECORDER = CONFIGS / "cmapss_turbofan.yaml", CONFIGS / "recorders" / "cmapss.yaml"

@@ -7,7 +7,7 @@ import json
 import pytest
 
 from enginediag_cli.__main__ import main
-from enginediag_cli.mismatch.prove.sheet import SCORES
+from enginediag_cli.trials.blind.sheet import SCORES
 
 TARGETS = (
     "exact",

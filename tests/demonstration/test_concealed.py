@@ -15,8 +15,8 @@ from enginediag_cli.__main__ import main
 from enginediag_cli.commands.demo_steps import copy_shipped, run
 from enginediag_cli.demonstration import concealed as script
 from enginediag_cli.demonstration.concealed_story import Found, closing, comparison, judged, mistakes
-from enginediag_cli.engine import load_engine
 from enginediag_cli.errors import NoVerdictError
+from enginediag_cli.physics.engine_file import load_engine
 from enginediag_cli.physics.registry import term
 from enginediag_cli.presentation.messages import Messages
 

@@ -8,8 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from enginediag_cli.engine import load_engine, solver
+from enginediag_cli.engine import solver
 from enginediag_cli.engine.dual import value
+from enginediag_cli.physics.engine_file import load_engine
 
 CONFIGS = sorted((Path(__file__).parents[2] / "configs").glob("*.yaml"))
 NAMES = [path.stem for path in CONFIGS]

@@ -10,8 +10,8 @@ import yaml
 from engine_makers import TURBOFAN
 from mixed_flow import MIXED_FLOW
 
-from enginediag_cli.engine import load_engine
 from enginediag_cli.errors import ConfigError
+from enginediag_cli.physics.engine_file import load_engine
 
 
 def problems(tmp_path, old, new, text=MIXED_FLOW):

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import numpy as np
 
-from enginediag_cli.engine import load_engine
 from enginediag_cli.engine.evaluation import Evaluation
+from enginediag_cli.physics.engine_file import load_engine
 
 ROOT = Path(__file__).resolve().parents[2]
 

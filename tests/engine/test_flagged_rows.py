@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from engine_makers import TURBOFAN, operating_points, take, turbofan
 
-from enginediag_cli.engine import load_engine
+from enginediag_cli.physics.engine_file import load_engine
 
 N = 60
 OK, OUTSIDE, NOT_CONVERGED, INVALID = range(4)

@@ -7,7 +7,7 @@ import pytest
 from engine_makers import operating_points
 from mixed_flow import MIXED_FLOW
 
-from enginediag_cli.engine import load_engine
+from enginediag_cli.physics.engine_file import load_engine
 
 WRT = (
     "fan.efficiency",

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from engine_makers import TURBOFAN, operating_points, turbofan
 
-from enginediag_cli.engine import load_engine, solver
+from enginediag_cli.engine import solver
+from enginediag_cli.physics.engine_file import load_engine
 
 N = 100
 COLUMNS = ("N1_rpm", "N2_rpm", "T25_K", "P25_Pa", "T3_K", "P3_Pa", "T45_K", "T5_K", "P5_Pa", "Fn_N", "T4_K", "BPR")

@@ -9,7 +9,6 @@ import pytest
 from click.testing import CliRunner
 from identification_toy import TRUTH, ToyEngine, fly
 
-import enginediag_cli.engine
 from enginediag_cli.commands.identify import identify
 from enginediag_cli.errors import ExitCode
 from enginediag_cli.identification.nominal_file import engine_change_warning, engine_file, read_nominal
@@ -33,7 +32,7 @@ def folder(tmp_path, monkeypatch):
     for name in ("day1.csv", "day2.csv"):
         write_csv(tmp_path / name, fly(ToyEngine(), rng, 150))
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(enginediag_cli.engine, "load_engine", lambda path: ToyEngine(), raising=False)
+    monkeypatch.setattr("enginediag_cli.physics.engine_file.load_engine", lambda path: ToyEngine())
     return tmp_path
 
 
@@ -76,7 +75,7 @@ def test_quiet_says_nothing(folder):
 
 def test_what_stayed_at_its_prior_is_named_but_not_quoted(folder, monkeypatch):
     sensors = {s: v for s, v in ToyEngine().sensors.items() if s in ("T3_K", "P3_Pa")}
-    monkeypatch.setattr(enginediag_cli.engine, "load_engine", lambda path: ToyEngine(sensors=sensors))
+    monkeypatch.setattr("enginediag_cli.physics.engine_file.load_engine", lambda path: ToyEngine(sensors=sensors))
     report = run("configs/toy.yaml", "day1.csv", "-o", "n.yaml", "--no-cross-validation").stderr
     assert "not found by these recordings, left at what was assumed: hpt.efficiency" in report
     assert not any(line.startswith("hpt.efficiency") for line in report.splitlines())
@@ -84,7 +83,7 @@ def test_what_stayed_at_its_prior_is_named_but_not_quoted(folder, monkeypatch):
 
 def test_no_convergence_is_exit_code_3_and_writes_nothing(folder, monkeypatch):
     broken = ToyEngine(fails=lambda u, p: u["N1_pct"] > 70)
-    monkeypatch.setattr(enginediag_cli.engine, "load_engine", lambda path: broken)
+    monkeypatch.setattr("enginediag_cli.physics.engine_file.load_engine", lambda path: broken)
     result = run("configs/toy.yaml", "day1.csv", "-o", "n.yaml")
     assert result.return_value == ExitCode.NO_VERDICT
     assert not (folder / "n.yaml").exists()

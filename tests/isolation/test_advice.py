@@ -15,7 +15,7 @@ from enginediag_cli.isolation.conditions_grid import conditions_grid
 sys.path.insert(0, str(Path(__file__).parents[1] / "residuals"))
 from toy_engine import toy_monitor, toy_recording
 
-from enginediag_cli.engine import load_engine
+from enginediag_cli.physics.engine_file import load_engine
 
 ENGINE = Path(__file__).parents[2] / "configs" / "turbofan.yaml"
 

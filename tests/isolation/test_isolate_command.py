@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from enginediag_cli.__main__ import main
-from enginediag_cli.engine import load_engine
 from enginediag_cli.identification.envelope import learn_envelope
 from enginediag_cli.identification.nominal import Nominal, SensorNoise
 from enginediag_cli.identification.nominal_file import write_nominal
+from enginediag_cli.physics.engine_file import load_engine
 from enginediag_cli.recordings.provenance import sha256_of
 from enginediag_cli.recordings.table import Recording
 from enginediag_cli.recordings.write import write_csv

@@ -7,6 +7,7 @@ import pytest
 from scipy.stats import multivariate_normal
 from score_makers import linear_score, sensitivities
 
+from enginediag_cli.faults.component_faults import ComponentFault
 from enginediag_cli.isolation.posterior import set_posterior
 from enginediag_cli.isolation.prior import SetPrior
 from enginediag_cli.isolation.signs import (
@@ -16,7 +17,6 @@ from enginediag_cli.isolation.signs import (
     orthant_probability,
     sign_factors,
 )
-from enginediag_cli.simulation.faults import ComponentFault
 
 
 def covariances(rng, w, d):

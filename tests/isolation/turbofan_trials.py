@@ -7,13 +7,13 @@ from pathlib import Path
 
 import numpy as np
 
-from enginediag_cli.engine import load_engine
+from enginediag_cli.physics.engine_file import load_engine
 from enginediag_cli.residuals.local import local_statistics
 from enginediag_cli.residuals.monitor import Monitor
 from enginediag_cli.residuals.relinearise import relinearise
 from enginediag_cli.residuals.score import Score, fisher_score
 from enginediag_cli.simulation.noise import ColumnNoise
-from enginediag_cli.studies.known import known_nominal
+from enginediag_cli.trials.studies.known import known_nominal
 
 ENGINE = Path(__file__).parents[2] / "configs" / "turbofan.yaml"
 

@@ -7,11 +7,11 @@ from functools import cache
 
 import numpy as np
 
-from enginediag_cli.engine import load_engine
 from enginediag_cli.engine.engine import Engine
-from enginediag_cli.mismatch.evidence import Evidence, Flight, Noise, Settings
+from enginediag_cli.engine.term import Effect
+from enginediag_cli.mismatch.fit.evidence import Evidence, Flight, Noise, Settings
+from enginediag_cli.physics.engine_file import load_engine
 from enginediag_cli.physics.registry import effect
-from enginediag_cli.physics.term import Effect
 from enginediag_cli.shipped import shipped
 
 

@@ -7,10 +7,10 @@ from pathlib import Path
 
 import numpy as np
 
-from enginediag_cli.engine import load_engine
 from enginediag_cli.engine.engine import Engine
-from enginediag_cli.mismatch.evidence import Evidence, Flight
-from enginediag_cli.mismatch.load import build_evidence
+from enginediag_cli.mismatch.fit.evidence import Evidence, Flight
+from enginediag_cli.mismatch.fit.load import build_evidence
+from enginediag_cli.physics.engine_file import load_engine
 from enginediag_cli.physics.registry import effect
 
 ENGINE = Path(__file__).parents[2] / "configs" / "turbofan.yaml"

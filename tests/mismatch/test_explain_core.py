@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from concealed import carried, evidence, flights, turbofan
 
-from enginediag_cli.mismatch.answer import FAILED, NAMED, NONE, NOTHING
-from enginediag_cli.mismatch.evidence import Flight
-from enginediag_cli.mismatch.explain import Search, explain
+from enginediag_cli.mismatch.explain.answer import FAILED, NAMED, NONE, NOTHING
+from enginediag_cli.mismatch.explain.explain import Search, explain
+from enginediag_cli.mismatch.fit.evidence import Flight
 from enginediag_cli.physics.registry import candidates
 
 

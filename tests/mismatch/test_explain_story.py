@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 from refine_flights import engine, evidence, flights, library
 
-from enginediag_cli.mismatch.alias_advice import SWITCH, advise
-from enginediag_cli.mismatch.answer import Coefficient, Explanation
-from enginediag_cli.mismatch.curves import best_places
-from enginediag_cli.mismatch.explain_story import named_effects, tell
-from enginediag_cli.mismatch.identified import NO_HYPOTHESIS, identify_with, nuisance
-from enginediag_cli.mismatch.options import effect_option
+from enginediag_cli.mismatch.explain.alias_advice import SWITCH, advise
+from enginediag_cli.mismatch.explain.answer import Coefficient, Explanation
+from enginediag_cli.mismatch.explain.curves import best_places
+from enginediag_cli.mismatch.explain.story import named_effects, tell
+from enginediag_cli.mismatch.fit.identified import NO_HYPOTHESIS, identify_with, nuisance
+from enginediag_cli.mismatch.fit.options import effect_option
 from enginediag_cli.presentation.explanation_rows import curve_rows, document, rows
 from enginediag_cli.presentation.explanations import sentences
 from enginediag_cli.presentation.rows import finite, plain

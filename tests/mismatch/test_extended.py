@@ -3,7 +3,7 @@
 import numpy as np
 from concealed import turbofan
 
-from enginediag_cli.mismatch.extended import Discrepancy, ExtendedModel
+from enginediag_cli.mismatch.fit.extended import Discrepancy, ExtendedModel
 
 N = 12
 

@@ -13,20 +13,20 @@ from functools import cache
 import numpy as np
 import pytest
 
-from enginediag_cli.engine import load_engine
-from enginediag_cli.mismatch.evidence import Evidence, Flight, Noise, Settings
-from enginediag_cli.mismatch.freeform import locations
-from enginediag_cli.mismatch.hidden import (
+from enginediag_cli.mismatch.fit.evidence import Evidence, Flight, Noise, Settings
+from enginediag_cli.mismatch.fit.freeform import locations
+from enginediag_cli.mismatch.fit.identified import Hypothesis, Identified, identify_with, nuisance
+from enginediag_cli.mismatch.fit.projection import Projection
+from enginediag_cli.mismatch.unrecorded.hidden import (
     HiddenFinding,
     effects_at,
     hidden_amplitudes,
     hidden_gate,
     null_ratios,
 )
-from enginediag_cli.mismatch.hidden_refit import location_columns
-from enginediag_cli.mismatch.hidden_rows import basis, direction
-from enginediag_cli.mismatch.identified import Hypothesis, Identified, identify_with, nuisance
-from enginediag_cli.mismatch.projection import Projection
+from enginediag_cli.mismatch.unrecorded.refit import location_columns
+from enginediag_cli.mismatch.unrecorded.whitened_rows import basis, direction
+from enginediag_cli.physics.engine_file import load_engine
 from enginediag_cli.physics.registry import effect
 
 BLEED = "customer_bleed@hpc"

@@ -7,9 +7,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from enginediag_cli.mismatch.hidden_amplitude import KERNELS, SIGNAL, Solver, likelihood, own_error
-from enginediag_cli.mismatch.hidden_gate import threshold
-from enginediag_cli.mismatch.hidden_rows import Basis, direction
+from enginediag_cli.mismatch.unrecorded.amplitude import KERNELS, SIGNAL, Solver, likelihood, own_error
+from enginediag_cli.mismatch.unrecorded.gate import threshold
+from enginediag_cli.mismatch.unrecorded.whitened_rows import Basis, direction
 
 N, M = 14, 3
 RECORDING = np.repeat([0, 1], 7)

@@ -6,7 +6,7 @@ from itertools import product
 
 import numpy as np
 
-from enginediag_cli.mismatch.hidden_chain import forward_backward, transitions
+from enginediag_cli.mismatch.unrecorded.chain import forward_backward, transitions
 
 GAP = np.array([0, 1, 1, 3, 0, 1, 1])
 

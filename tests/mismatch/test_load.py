@@ -7,12 +7,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from enginediag_cli.engine import load_engine
 from enginediag_cli.errors import DataError
 from enginediag_cli.identification.identify import identify
 from enginediag_cli.identification.problem import TrainingRecording
-from enginediag_cli.mismatch.evidence import Flight
-from enginediag_cli.mismatch.load import SCALE_SIGMA, Case, build_evidence, load_case
+from enginediag_cli.mismatch.fit.evidence import Flight
+from enginediag_cli.mismatch.fit.load import SCALE_SIGMA, Case, build_evidence, load_case
+from enginediag_cli.physics.engine_file import load_engine
 from enginediag_cli.shipped import shipped
 
 TURBOFAN = str(shipped("turbofan.yaml"))

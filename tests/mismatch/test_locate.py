@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from concealed import carried, evidence, flights, turbofan
 
-from enginediag_cli.mismatch.evidence import Flight
-from enginediag_cli.mismatch.locate import locate
-from enginediag_cli.mismatch.residual_curve import shown
-from enginediag_cli.mismatch.verdict_kind import (
+from enginediag_cli.mismatch.fit.evidence import Flight
+from enginediag_cli.mismatch.locate.locate import locate
+from enginediag_cli.mismatch.locate.residual_curve import shown
+from enginediag_cli.mismatch.locate.verdict_kind import (
     COMMON_EFFECT,
     EFFECT,
     FAULT,

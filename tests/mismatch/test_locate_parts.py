@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 from concealed import carried, evidence, flights
 
-from enginediag_cli.mismatch.drivers import drivers
-from enginediag_cli.mismatch.evidence import Evidence, Flight, Noise, Settings
-from enginediag_cli.mismatch.freeform import free_form
-from enginediag_cli.mismatch.identified import NO_HYPOTHESIS, identify_with, inputs_of, nuisance
-from enginediag_cli.mismatch.presence import von_neumann
-from enginediag_cli.mismatch.projection import Projection
-from enginediag_cli.mismatch.stability import resampled_surprise, units
-from enginediag_cli.mismatch.time_steps import LEAST_RECORDS, ONSETS, step_drivers
+from enginediag_cli.drivers import drivers
+from enginediag_cli.mismatch.fit.evidence import Evidence, Flight, Noise, Settings
+from enginediag_cli.mismatch.fit.freeform import free_form
+from enginediag_cli.mismatch.fit.identified import NO_HYPOTHESIS, identify_with, inputs_of, nuisance
+from enginediag_cli.mismatch.fit.projection import Projection
+from enginediag_cli.mismatch.locate.presence import von_neumann
+from enginediag_cli.mismatch.locate.stability import resampled_surprise, units
+from enginediag_cli.mismatch.locate.time_steps import LEAST_RECORDS, ONSETS, step_drivers
 
 
 def blank(*lengths, engines=None):

@@ -8,15 +8,21 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from enginediag_cli.engine import load_engine
 from enginediag_cli.engine.warm import WarmEngine
-from enginediag_cli.mismatch.control_law import held_readings, stop_of
-from enginediag_cli.mismatch.evidence import Evidence, Flight
-from enginediag_cli.mismatch.freeform import Location, locations_of
-from enginediag_cli.mismatch.identified import Hypothesis, nuisance
-from enginediag_cli.mismatch.load import build_evidence
-from enginediag_cli.mismatch.per_record import amplitudes_at, fit_per_record, inlet_temperature, scan, thinned
-from enginediag_cli.mismatch.per_record_effects import alike, effects_beside
+from enginediag_cli.mismatch.fit.evidence import Evidence, Flight
+from enginediag_cli.mismatch.fit.freeform import Location, locations_of
+from enginediag_cli.mismatch.fit.identified import Hypothesis, nuisance
+from enginediag_cli.mismatch.fit.load import build_evidence
+from enginediag_cli.mismatch.unrecorded.control_law import held_readings, stop_of
+from enginediag_cli.mismatch.unrecorded.per_record import (
+    amplitudes_at,
+    fit_per_record,
+    inlet_temperature,
+    scan,
+    thinned,
+)
+from enginediag_cli.mismatch.unrecorded.per_record_effects import alike, effects_beside
+from enginediag_cli.physics.engine_file import load_engine
 from enginediag_cli.physics.registry import candidates, effect
 from enginediag_cli.presentation.per_record import per_record_rows, per_record_sentences
 

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from refine_flights import engine, evidence, flights, library
 
-from enginediag_cli.mismatch.identified import nuisance
-from enginediag_cli.mismatch.refine import fit_both, last_flights, paired_gain, refine, still_missing
-from enginediag_cli.mismatch.refine_switch import find_switch
+from enginediag_cli.mismatch.fit.identified import nuisance
+from enginediag_cli.mismatch.refine.refine import fit_both, last_flights, paired_gain, refine, still_missing
+from enginediag_cli.mismatch.refine.switch import find_switch
 
 
 @pytest.fixture(scope="module")

@@ -7,9 +7,9 @@ from dataclasses import replace
 import pytest
 from refine_flights import ENGINE, engine, library
 
-from enginediag_cli.engine import load_engine
 from enginediag_cli.errors import DataError
-from enginediag_cli.mismatch.refine_file import refined_text, write_refined
+from enginediag_cli.mismatch.refine.file import refined_text, write_refined
+from enginediag_cli.physics.engine_file import load_engine
 
 ERRORS = {"reynolds_efficiency.hpc.exponent": 0.00312345}
 

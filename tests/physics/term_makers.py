@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from enginediag_cli.engine import load_engine
+from enginediag_cli.physics.engine_file import load_engine
 
 CONFIGS = Path(__file__).parents[2] / "configs"
 COLUMN_RANGES = {"hours_since_wash_h": (0.0, 2000.0), "humidity_kg_kg": (0.0, 0.012)}  # of columns without envelope

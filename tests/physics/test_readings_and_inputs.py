@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import yaml
 
-from enginediag_cli.engine import load_engine
+from enginediag_cli.physics.engine_file import load_engine
 from enginediag_cli.physics.registry import effect, term
 from enginediag_cli.physics.terms.static_pressure_error import _recorded
 

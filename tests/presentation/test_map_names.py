@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from enginediag_cli.engine import load_engine
-from enginediag_cli.mismatch.freeform import locations_of
+from enginediag_cli.mismatch.fit.freeform import locations_of
+from enginediag_cli.physics.engine_file import load_engine
 from enginediag_cli.presentation.map_names import driver_in_words, group_in_words, location_words
 from enginediag_cli.shipped import shipped
 

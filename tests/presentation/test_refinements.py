@@ -7,7 +7,7 @@ from xml.dom import minidom
 
 import numpy as np
 
-from enginediag_cli.engine import load_engine
+from enginediag_cli.physics.engine_file import load_engine
 from enginediag_cli.physics.registry import effect
 from enginediag_cli.presentation.refinement_picture import MOST_FLIGHTS, picture
 from enginediag_cli.presentation.refinements import sentences

@@ -18,23 +18,23 @@ from pathlib import Path
 import numpy as np
 from ground_recordings import CONFIGS, enginediag, public_data
 
-from enginediag_cli.mismatch.evidence import Evidence, Flight
-from enginediag_cli.mismatch.hidden import HiddenFinding, hidden_amplitudes
-from enginediag_cli.mismatch.identified import NO_HYPOTHESIS, Identified, Nuisance, identify_with, nuisance, stacked
-from enginediag_cli.mismatch.load import Case, load_case
-from enginediag_cli.mismatch.options import Option
-from enginediag_cli.mismatch.projection import Projection
-from enginediag_cli.mismatch.refine import fit_both
-from enginediag_cli.mismatch.refine_switch import inferred, switch_column
-from enginediag_cli.mismatch.refine_unseen import concealed, predicted
-from enginediag_cli.mismatch.switched import (
+from enginediag_cli.mismatch.fit.evidence import Evidence, Flight
+from enginediag_cli.mismatch.fit.identified import NO_HYPOTHESIS, Identified, Nuisance, identify_with, nuisance, stacked
+from enginediag_cli.mismatch.fit.load import Case, load_case
+from enginediag_cli.mismatch.fit.options import Option
+from enginediag_cli.mismatch.fit.projection import Projection
+from enginediag_cli.mismatch.fit.trial_fit import Trial
+from enginediag_cli.mismatch.refine.refine import fit_both
+from enginediag_cli.mismatch.refine.switch import inferred, switch_column
+from enginediag_cli.mismatch.refine.unseen import concealed, predicted
+from enginediag_cli.mismatch.unrecorded.hidden import HiddenFinding, hidden_amplitudes
+from enginediag_cli.mismatch.unrecorded.switched import (
     effects_that_switch,
     states_of,
     switched_effect,
     switched_parameters,
     switched_trials,
 )
-from enginediag_cli.mismatch.trial_fit import Trial
 from enginediag_cli.physics.registry import candidates, effect
 from enginediag_cli.recordings.read import read_all
 from enginediag_cli.recordings.recorder import load_recorder

@@ -31,9 +31,9 @@ from citation_mismatch import (
 )
 from ground_recordings import public_data
 
-from enginediag_cli.mismatch.identified import stacked
-from enginediag_cli.mismatch.projection import Projection
-from enginediag_cli.mismatch.trial_fit import Trial
+from enginediag_cli.mismatch.fit.identified import stacked
+from enginediag_cli.mismatch.fit.projection import Projection
+from enginediag_cli.mismatch.fit.trial_fit import Trial
 
 NAME = "@".join(BLEED)
 NO_GAIN = 0.98

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from ground_recordings import enginediag, public_data, table
 
-from enginediag_cli.mismatch.identified import stacked
+from enginediag_cli.mismatch.fit.identified import stacked
 
 pytestmark = [pytest.mark.shared_data, pytest.mark.slow]
 

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from ground_recordings import CONFIGS, enginediag, public_data, table
 
-from enginediag_cli.engine import load_engine
 from enginediag_cli.identification.nominal_file import read_nominal
+from enginediag_cli.physics.engine_file import load_engine
 from enginediag_cli.recordings.recorder import load_recorder
 
 ENGINE = CONFIGS / "power_plant.yaml"

@@ -11,14 +11,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 from ground_recordings import CONFIGS, public_data
 
-from enginediag_cli.engine import load_engine
-from enginediag_cli.mismatch.control_law import Held, Stop, by_law, held_readings, stop_of
-from enginediag_cli.mismatch.evidence import Evidence, Flight
-from enginediag_cli.mismatch.freeform import Location, locations_of
-from enginediag_cli.mismatch.identified import NO_HYPOTHESIS, Hypothesis, Nuisance, nuisance
-from enginediag_cli.mismatch.load import build_evidence
-from enginediag_cli.mismatch.per_record import PerRecord, amplitudes_at, fit_per_record, scan
-from enginediag_cli.mismatch.per_record_effects import BLOCK, Beside, Rows, effects_beside, inflation
+from enginediag_cli.mismatch.fit.evidence import Evidence, Flight
+from enginediag_cli.mismatch.fit.freeform import Location, locations_of
+from enginediag_cli.mismatch.fit.identified import NO_HYPOTHESIS, Hypothesis, Nuisance, nuisance
+from enginediag_cli.mismatch.fit.load import build_evidence
+from enginediag_cli.mismatch.unrecorded.control_law import Held, Stop, by_law, held_readings, stop_of
+from enginediag_cli.mismatch.unrecorded.per_record import PerRecord, amplitudes_at, fit_per_record, scan
+from enginediag_cli.mismatch.unrecorded.per_record_effects import BLOCK, Beside, Rows, effects_beside, inflation
+from enginediag_cli.physics.engine_file import load_engine
 from enginediag_cli.physics.registry import candidates, effect
 from enginediag_cli.recordings.recorder import load_recorder
 

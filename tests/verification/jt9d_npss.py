@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 import yaml
 
-from enginediag_cli.engine import load_engine
 from enginediag_cli.engine.engine import Engine
+from enginediag_cli.physics.engine_file import load_engine
 
 LB, PSI = 0.45359237, 6894.757293168
 TURBINE_FLOW = LB / (1.8**0.5 * PSI)  # lb/s √R / psi → kg/s √K / Pa

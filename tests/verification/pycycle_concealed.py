@@ -19,17 +19,17 @@ import pycycle_hbtf
 import shared_data
 import yaml
 
-from enginediag_cli.engine import load_engine
 from enginediag_cli.engine.engine import Engine
-from enginediag_cli.mismatch.answer import HIDDEN, NAMED, Answer
-from enginediag_cli.mismatch.evidence import Evidence, Flight, Noise, Settings
-from enginediag_cli.mismatch.explain import Search
-from enginediag_cli.mismatch.explain_story import hidden_search
-from enginediag_cli.mismatch.held_out import held_out_objectives
-from enginediag_cli.mismatch.hidden import hidden_amplitudes
-from enginediag_cli.mismatch.identified import NO_HYPOTHESIS, identify_with
-from enginediag_cli.mismatch.options import together
-from enginediag_cli.mismatch.projection import Projection
+from enginediag_cli.mismatch.explain.answer import HIDDEN, NAMED, Answer
+from enginediag_cli.mismatch.explain.explain import Search
+from enginediag_cli.mismatch.explain.story import hidden_search
+from enginediag_cli.mismatch.fit.evidence import Evidence, Flight, Noise, Settings
+from enginediag_cli.mismatch.fit.held_out import held_out_objectives
+from enginediag_cli.mismatch.fit.identified import NO_HYPOTHESIS, identify_with
+from enginediag_cli.mismatch.fit.options import together
+from enginediag_cli.mismatch.fit.projection import Projection
+from enginediag_cli.mismatch.unrecorded.hidden import hidden_amplitudes
+from enginediag_cli.physics.engine_file import load_engine
 
 FOLDER = shared_data.DATA / "pycycle_hbtf"
 RECORDINGS = ("nominal", "fault_1", "fault_2", "concealed_1", "concealed_2", "concealed_3")

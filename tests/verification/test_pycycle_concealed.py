@@ -7,7 +7,7 @@ import pycycle_concealed as concealed
 import pytest
 import shared_data
 
-from enginediag_cli.mismatch.answer import HIDDEN, NAMED, NOTHING
+from enginediag_cli.mismatch.explain.answer import HIDDEN, NAMED, NOTHING
 
 pytestmark = [
     pytest.mark.shared_data,

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 from enginediag_cli.engine.components.compressor import Compressor
 from enginediag_cli.engine.evaluation import Evaluation
 from enginediag_cli.engine.flow import Flow
+from enginediag_cli.engine.term import Coefficient, Place, Site, Term
 from enginediag_cli.physics.parts import core_compressor, relative_corrected_speed
-from enginediag_cli.physics.term import Coefficient, Place, Site, Term
 
 if TYPE_CHECKING:
     from enginediag_cli.engine.network import Network

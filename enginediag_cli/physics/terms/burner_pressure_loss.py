@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 from enginediag_cli.engine.components.burner import Burner
 from enginediag_cli.engine.dual import Value
 from enginediag_cli.engine.evaluation import Evaluation
+from enginediag_cli.engine.term import Coefficient, Place, Site, Term
 from enginediag_cli.physics.readings import relative_flow
-from enginediag_cli.physics.term import Coefficient, Place, Site, Term
 
 if TYPE_CHECKING:
     from enginediag_cli.engine.network import Network

@@ -11,8 +11,8 @@ from enginediag_cli.engine.components.nozzle import Nozzle, throat
 from enginediag_cli.engine.dual import Value, log
 from enginediag_cli.engine.evaluation import Evaluation
 from enginediag_cli.engine.flow import Flow
+from enginediag_cli.engine.term import Coefficient, Place, Site, Term
 from enginediag_cli.physics.readings import flies
-from enginediag_cli.physics.term import Coefficient, Place, Site, Term
 
 if TYPE_CHECKING:
     from enginediag_cli.engine.network import Network

@@ -11,8 +11,8 @@ from enginediag_cli.engine.components.base import scalar
 from enginediag_cli.engine.components.inlet import Inlet
 from enginediag_cli.engine.dual import Value, exp, log, select, value
 from enginediag_cli.engine.evaluation import Evaluation
+from enginediag_cli.engine.term import Coefficient, Place, Site, Term
 from enginediag_cli.physics.parts import core_compressor
-from enginediag_cli.physics.term import Coefficient, Place, Site, Term
 from enginediag_cli.physics.terms.guide_vanes import install_vanes
 
 if TYPE_CHECKING:

@@ -9,7 +9,7 @@ from enginediag_cli.engine.atmosphere import standard_atmosphere
 from enginediag_cli.engine.components.ambient import Ambient
 from enginediag_cli.engine.dual import Value, exp
 from enginediag_cli.engine.evaluation import Evaluation
-from enginediag_cli.physics.term import Coefficient, Place, Site, Term
+from enginediag_cli.engine.term import Coefficient, Place, Site, Term
 
 if TYPE_CHECKING:
     from enginediag_cli.engine.network import Network

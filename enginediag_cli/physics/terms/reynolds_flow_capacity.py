@@ -9,9 +9,9 @@ from enginediag_cli.engine.components.base import scalar
 from enginediag_cli.engine.components.compressor import Compressor
 from enginediag_cli.engine.dual import Value, log
 from enginediag_cli.engine.evaluation import Evaluation
+from enginediag_cli.engine.similarity import reynolds_index
+from enginediag_cli.engine.term import Coefficient, Place, Site, Term
 from enginediag_cli.physics.parts import compressors
-from enginediag_cli.physics.states import reynolds_index
-from enginediag_cli.physics.term import Coefficient, Place, Site, Term
 
 if TYPE_CHECKING:
     from enginediag_cli.engine.network import Network

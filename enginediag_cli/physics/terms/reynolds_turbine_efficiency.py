@@ -10,9 +10,9 @@ from enginediag_cli.engine.components.turbine import Turbine
 from enginediag_cli.engine.dual import Value, power
 from enginediag_cli.engine.evaluation import Evaluation
 from enginediag_cli.engine.flow import Flow
+from enginediag_cli.engine.similarity import viscosity_ratio
+from enginediag_cli.engine.term import Coefficient, Place, Site, Term
 from enginediag_cli.physics.parts import turbines
-from enginediag_cli.physics.states import viscosity_ratio
-from enginediag_cli.physics.term import Coefficient, Place, Site, Term
 
 if TYPE_CHECKING:
     from enginediag_cli.engine.network import Network

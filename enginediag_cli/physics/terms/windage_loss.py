@@ -9,8 +9,8 @@ from enginediag_cli.engine.components.base import scalar
 from enginediag_cli.engine.dual import Value
 from enginediag_cli.engine.evaluation import Evaluation
 from enginediag_cli.engine.flow import Flow
+from enginediag_cli.engine.term import Coefficient, Place, Site, Term
 from enginediag_cli.physics.parts import compressors, relative_speed, turbines
-from enginediag_cli.physics.term import Coefficient, Place, Site, Term
 
 if TYPE_CHECKING:
     from enginediag_cli.engine.network import Network

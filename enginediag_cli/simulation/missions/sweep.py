@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from enginediag_cli.config.fields import Field, Section
+from enginediag_cli.engine.model import EngineLike
 from enginediag_cli.simulation.airspeed import KNOT_M_S, mach_from_cas
-from enginediag_cli.simulation.conditions import EngineLike
 
 SECTION = Section(
     "sweep",

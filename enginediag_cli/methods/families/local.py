@@ -1,0 +1,78 @@
+"""The local approach behind the common interface: GLR detection, eq. (11), and any of the isolation methods."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import ClassVar
+
+import numpy as np
+
+from enginediag_cli.isolation.methods import METHODS, IsolationOptions, isolate
+from enginediag_cli.isolation.sensitivity import single_sensitivities
+from enginediag_cli.methods.families.base import FamilyResult, FittedFamily, ResidualFamily, Windows, chi_square_test
+from enginediag_cli.methods.families.reestimate import linearised
+from enginediag_cli.residuals.local import block_statistics
+from enginediag_cli.residuals.monitor import Monitor
+from enginediag_cli.residuals.score import Score, fisher_score
+
+
+@dataclass(frozen=True)
+class LocalApproach(ResidualFamily):
+    """`method` of isolation by name; `linearise` at the "estimate" of each window or at "nominal", as the paper."""
+
+    name: ClassVar[str] = "local"
+    method: str = "posterior"
+    linearise: str = "estimate"
+    options: IsolationOptions = field(default_factory=IsolationOptions)
+
+    def train(self, monitor: Monitor, healthy: Windows | None = None) -> _Fitted:
+        if self.method not in METHODS:
+            raise ValueError(f"`method` must be one of {', '.join(METHODS)}, not {self.method!r}")
+        return _Fitted(monitor, self)
+
+
+def window_scores(monitor: Monitor, windows: Windows, linearise: str) -> tuple[list[Score], np.ndarray]:
+    """Score of the monitored parameters of each window, and whether its re-estimate converged (W,)."""
+    found = linearised(monitor, windows, linearise, monitor.precision)
+    W, n, m = windows.y.shape
+    lags = np.ones(W * n)
+    lags[::n] = np.inf  # windows are unrelated
+    blocks = block_statistics(
+        found.e.reshape(-1, m),
+        found.J.reshape(W * n, m, -1),
+        monitor.noise,
+        np.arange(W) * n,
+        parameters=monitor.names,
+        theta0=monitor.theta0,
+        prior_sigma=monitor.prior_sigma,
+        lags=lags,
+    )
+    C = monitor.uncertainty
+    return [fisher_score(b.statistics, monitored=monitor.monitored, uncertainty=C) for b in blocks], found.converged
+
+
+@dataclass(frozen=True)
+class _Fitted(FittedFamily):
+    monitor: Monitor
+    family: LocalApproach
+
+    def diagnose(self, windows: Windows, false_alarm: float = 0.01) -> FamilyResult:
+        family, names = self.family, self.monitor.monitored
+        scores, converged = window_scores(self.monitor, windows, family.linearise)
+        glr, rank = np.array([s.glr for s in scores]), np.array([s.rank for s in scores], float)
+        test = chi_square_test("GLR", glr, rank, false_alarm)
+        isolated = np.zeros((windows.count, len(names)), bool)
+        for w in np.flatnonzero(test.alarm & converged):
+            found = isolate(scores[w], family.method, family.options).isolated
+            isolated[w] = [name in found for name in names]
+        evidence = np.array([single_sensitivities(s) for s in scores]).reshape(windows.count, len(names))
+        return FamilyResult(
+            "local",
+            (test,),
+            "parameters",
+            names,
+            "sensitivity statistic, chi-square with 1 degree of freedom if it alone may change",
+            evidence,
+            isolated,
+            converged,
+        )

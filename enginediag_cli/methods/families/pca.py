@@ -1,0 +1,216 @@
+"""Principal component analysis: a linear model of healthy data, learned, and two distances from it.
+
+Records x (inputs and outputs, or residuals of the model), centred and scaled, split by the loadings P_A of the A
+largest components of their correlation matrix (principal component subspace, PCS) and the rest (residual subspace, RS):
+
+    x̂ = C x,  C = P_A P_Aᵀ (paper, section 4.3)      T² = n t̄ᵀ Λ⁻¹ t̄,  t̄ = P_Aᵀ x̄      SPE = n |(1 − C) x̄|²
+
+of the mean x̄ of a window of n records (n = 1: of a record). Λ and the covariance of √n (1 − C) x̄ are those of the
+means of the healthy windows, which counts whatever correlation in time the data have; when there are too few of
+them, of pieces of them, which counts only what is shorter than a piece. Thresholds, w healthy windows:
+
+    T²   A (w² − 1)/(w (w − A)) F(A, w − A)                                    (Hotelling, for a new observation)
+    SPE  θ_1 [c √(2 θ_2 h²)/θ_1 + 1 + θ_2 h (h − 1)/θ_1²]^(1/h)                 (Jackson and Mudholkar)
+      or g χ²_h, g = θ_2/θ_1, h = θ_1²/θ_2                                      (Box)
+
+θ_i = Σ λ^i over the RS, h = 1 − 2 θ_1 θ_3/(3 θ_2²). Jackson, J. E. and Mudholkar, G. S. (1979) Technometrics 21,
+341–349; Box, G. E. P. (1954) Ann. Math. Statist. 25, 290–302; Kourti, T. and MacGregor, J. F. (1996) J. Quality
+Technology 28, 409–428 (contributions). The isolated one is the largest contribution to the statistic that exceeds
+its limit the most: it names a column of the data, a *sensor* or input, never a parameter of the engine.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from enginediag_cli.errors import DataError
+from enginediag_cli.methods.families.base import DetectionTest, FamilyResult, FittedFamily, ResidualFamily, Windows
+from enginediag_cli.methods.families.sums import nominal_residuals
+from enginediag_cli.residuals.monitor import Monitor
+
+DATA = ("raw", "corrected")
+LIMITS = ("jackson_mudholkar", "box")
+PIECES = 4
+"""Means wanted per column to estimate their covariance; fewer healthy windows than that are cut into pieces."""
+SHORTEST = 10
+"""Records that a piece holds at least."""
+
+
+@dataclass(frozen=True)
+class PrincipalComponents(ResidualFamily):
+    """data: "raw" inputs and outputs, or "corrected" for the operating condition by the model (residuals).
+
+    explained: share of variance that the principal components hold, unless `components` says how many;
+    spe_limit: "jackson_mudholkar" or "box".
+    """
+
+    name: ClassVar[str] = "pca"
+    learns: ClassVar[bool] = True
+    data: str = "raw"
+    explained: float = 0.9
+    components: int | None = None
+    spe_limit: str = "jackson_mudholkar"
+
+    def train(self, monitor: Monitor, healthy: Windows | None = None) -> FittedPca:
+        """Learn from healthy windows; DataError when there are too few of them, or records without a reading."""
+        if self.data not in DATA or self.spe_limit not in LIMITS:
+            raise ValueError(f"`data` must be one of {', '.join(DATA)}, `spe_limit` of {', '.join(LIMITS)}")
+        if not 0 < self.explained < 1:
+            raise ValueError("`explained` must lie between 0 and 1")
+        if healthy is None:
+            raise DataError("PCA learns from healthy windows, and none were given")
+        columns, x = data_matrix(monitor, healthy, self.data)
+        complete = np.all(np.isfinite(x), axis=2)
+        rows = x[complete]
+        d = len(columns)
+        if len(rows) <= 2 * d:
+            raise DataError(f"PCA of {d} columns needs more than {2 * d} complete healthy records, not {len(rows)}")
+        centre, scale = rows.mean(axis=0), rows.std(axis=0, ddof=1)
+        # a column that never changes has nothing to say: infinite scale makes it silent
+        scale = np.where(scale > 1e-12 * np.abs(centre), scale, np.inf)
+        _, singular, P_t = np.linalg.svd((rows - centre) / scale, full_matrices=False)
+        variance = singular**2 / (len(rows) - 1)
+        share, rank = np.cumsum(variance) / variance.sum(), int(np.sum(variance > 1e-9 * variance[0]))
+        A = self.components or min(int(np.searchsorted(share, self.explained)) + 1, rank - 1)
+        if not 0 < A < rank:
+            raise ValueError(
+                f"`components` must lie between 1 and {rank - 1}, not {A}: the data vary in {rank} directions"
+            )
+        loadings = P_t[:A].T
+        means, count = _means(_pieces(x, PIECES * d), centre, scale)
+        used = count > 0
+        v = (means * np.sqrt(count)[:, None])[used]
+        w = len(v)
+        if w <= d:
+            raise DataError(f"PCA of {d} columns needs more than {d} healthy windows, not {w}")
+        inner, outer = v @ loadings, v - v @ loadings @ loadings.T
+        # 1 + 1/w: a new mean differs from the centre, which is a mean of w
+        spectrum = np.linalg.eigvalsh(np.cov(outer, rowvar=False)) * (1 + 1 / w)
+        return FittedPca(
+            monitor,
+            self,
+            columns,
+            centre,
+            scale,
+            loadings,
+            variance,
+            np.linalg.inv(np.atleast_2d(np.cov(inner, rowvar=False))),
+            np.maximum(spectrum, 0.0),
+            w,
+        )
+
+
+@dataclass(frozen=True)
+class FittedPca(FittedFamily):
+    """The principal component model: columns (d,), centre and scale (d,), loadings P_A (d, A), `variance` of all
+    components (d,), inverse covariance (A, A) of √n t̄, eigenvalues of the RS part of √n x̄, healthy windows w."""
+
+    monitor: Monitor
+    family: PrincipalComponents
+    columns: tuple[str, ...]
+    centre: np.ndarray
+    scale: np.ndarray
+    loadings: np.ndarray
+    variance: np.ndarray
+    score_precision: np.ndarray
+    residual_spectrum: np.ndarray
+    windows: int
+
+    def diagnose(self, windows: Windows, false_alarm: float = 0.01) -> FamilyResult:
+        _, x = data_matrix(self.monitor, windows, self.family.data)
+        means, count = _means(x, self.centre, self.scale)
+        v = np.where(count[:, None] > 0, means * np.sqrt(count)[:, None], np.nan)
+        tests = self.tests(v, false_alarm / 2)
+        t_share, spe_share = self.contributions(v)
+        worst = np.argmax([test.statistic / test.threshold for test in tests], axis=0)
+        evidence = np.where(worst[:, None] == 0, t_share, spe_share)
+        alarm = np.any([test.alarm for test in tests], axis=0)
+        isolated = np.zeros(v.shape, bool)
+        isolated[alarm, np.argmax(evidence[alarm], axis=1)] = True
+        name = "pca_raw" if self.family.data == "raw" else "pca_corrected"
+        meaning = "contribution to the statistic that exceeds its limit most"
+        every = np.ones(windows.count, bool)
+        return FamilyResult(name, tests, "sensors", self.columns, meaning, evidence, isolated, every)
+
+    def tests(self, v: np.ndarray, false_alarm: float) -> tuple[DetectionTest, DetectionTest]:
+        """T² and SPE of scaled √n-fold means v (W, d), each at probability `false_alarm`."""
+        t_squared, spe = self.distances(v)
+        A, w = self.loadings.shape[1], self.windows
+        f_scale = A * (w**2 - 1) / (w * (w - A))
+        return (
+            _f_test(t_squared, A, w - A, f_scale, false_alarm),
+            _spe_test(spe, self.residual_spectrum, self.family.spe_limit, false_alarm),
+        )
+
+    def distances(self, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """T² (W,) in the PCS and SPE (W,) in the RS of v (W, d)."""
+        t = v @ self.loadings
+        rest = v - t @ self.loadings.T
+        return np.einsum("wa,ab,wb->w", t, self.score_precision, t), np.sum(rest**2, axis=1)
+
+    def contributions(self, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Parts of T² and of SPE (W, d) that each column brings; they sum to the statistics."""
+        t = v @ self.loadings
+        return v * (t @ self.score_precision @ self.loadings.T), (v - t @ self.loadings.T) ** 2
+
+
+def data_matrix(monitor: Monitor, windows: Windows, data: str) -> tuple[tuple[str, ...], np.ndarray]:
+    """Columns (d,) and x (W, n, d): the inputs and the readings, or the residuals in units of their noise."""
+    if data == "raw":
+        columns = tuple(windows.inputs)
+        x = np.stack([np.asarray(windows.inputs[c], float) for c in columns], axis=2)
+        return (*columns, *monitor.sensors), np.concatenate([x, windows.y], axis=2)
+    e, _ = nominal_residuals(monitor, windows)
+    return monitor.sensors, e / monitor.noise.sigma
+
+
+def _pieces(x: np.ndarray, wanted: int) -> np.ndarray:
+    """x (W, n, d) as it is, or cut into equal pieces (W k, n // k, d) when there are fewer windows than `wanted`."""
+    W, n, d = x.shape
+    k = min(-(-wanted // max(W, 1)), n // SHORTEST)
+    if k <= 1:
+        return x
+    return x[:, : k * (n // k)].reshape(W * k, n // k, d)
+
+
+def _means(x: np.ndarray, centre: np.ndarray, scale: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Scaled means (W, d) of the complete records of x (W, n, d), and their number (W,)."""
+    complete = np.all(np.isfinite(x), axis=2)
+    count = complete.sum(axis=1)
+    total = np.where(complete[:, :, None], (x - centre) / scale, 0.0).sum(axis=1)
+    return total / np.maximum(count, 1)[:, None], count
+
+
+def _f_test(t_squared: np.ndarray, A: int, left: int, scale: float, false_alarm: float) -> DetectionTest:
+    from scipy.stats import f
+
+    limit = scale * f.isf(false_alarm, A, left)
+    p_value = f.sf(t_squared / scale, A, left)
+    return _test("T2", t_squared, A, limit, p_value, false_alarm, "F, scaled")
+
+
+def _spe_test(spe: np.ndarray, spectrum: np.ndarray, kind: str, false_alarm: float) -> DetectionTest:
+    """SPE against Σ λ χ²_1 of the eigenvalues λ `spectrum`, by one of two approximations."""
+    from scipy.stats import chi2, norm
+
+    one, two, three = (float(np.sum(spectrum**i)) for i in (1, 2, 3))
+    if kind == "box":
+        g, h = two / one, one**2 / two
+        return _test("SPE", spe, h, g * chi2.isf(false_alarm, h), chi2.sf(spe / g, h), false_alarm, "g chi-square(h)")
+    h = 1 - 2 * one * three / (3 * two**2)
+    mean, deviation = 1 + two * h * (h - 1) / one**2, np.sqrt(2 * two * h**2) / one
+    if h <= 0:
+        raise DataError("the Jackson and Mudholkar limit does not exist for this residual subspace; use Box's")
+    limit = one * max(norm.isf(false_alarm) * deviation + mean, 0.0) ** (1 / h)
+    p_value = norm.sf(((spe / one) ** h - mean) / deviation)
+    return _test("SPE", spe, one**2 / two, limit, p_value, false_alarm, "Jackson-Mudholkar, normal power")
+
+
+def _test(
+    name: str, statistic: np.ndarray, dof: float, limit: float, p_value: np.ndarray, level: float, reference: str
+) -> DetectionTest:
+    every = np.ones_like(statistic)
+    return DetectionTest(name, statistic, dof * every, limit * every, p_value, level, reference)

@@ -1,0 +1,1 @@
+"""What is missing: listed effects, changes in time, curves, and what cannot be told."""

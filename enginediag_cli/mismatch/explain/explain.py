@@ -1,0 +1,337 @@
+"""Names what a model lacks, or says that it cannot.
+
+1. Fit everything that identification would absorb. Nothing left over the gate: *nothing*.
+2. Score every listed effect and every change in time; refit the best (score to shortlist, refit to decide).
+   An explanation must be *adequate*: fitted with it, no other option and no free-form block is significant.
+3. No single one is: an unrecorded driver; pairs and, step by step, larger sets of one driver, of which every member
+   must be needed, and which must beat the best single free-form block.
+4. Else *none of these*, with the places and the driver of the free-form map.
+
+With a model-error floor an explanation must also predict most flights better from the other flights.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from enginediag_cli.engine.term import Effect
+from enginediag_cli.mismatch.explain.answer import (
+    FAILED,
+    HIDDEN,
+    NAMED,
+    NONE,
+    NOTHING,
+    Answer,
+    Coefficient,
+    Explanation,
+)
+from enginediag_cli.mismatch.explain.pairs import best_pairs
+from enginediag_cli.mismatch.fit.evidence import Evidence
+from enginediag_cli.mismatch.fit.freeform import Cell, places
+from enginediag_cli.mismatch.fit.held_out import flights_gained
+from enginediag_cli.mismatch.fit.identified import NO_HYPOTHESIS, drivers_of, identify_with, nuisance
+from enginediag_cli.mismatch.fit.noise import doubtful, estimated_noise, with_noise
+from enginediag_cli.mismatch.fit.options import (
+    EFFECT,
+    Option,
+    OptionScore,
+    effect_option,
+    fault_options,
+    with_best_onset,
+)
+from enginediag_cli.mismatch.fit.projection import Projection
+from enginediag_cli.mismatch.fit.scores import surprise
+from enginediag_cli.mismatch.fit.trial_fit import Gates, Remainder, Trial, attempt, remainder
+from enginediag_cli.mismatch.unrecorded.recorded_driver import Hidden, follows_a_driver
+from enginediag_cli.physics.registry import candidates
+
+ALIAS = 6.0
+"""Explanations whose χ² is within this of the best are told together."""
+
+ADEQUATE = 0.01
+"""Level of the gate that an explanation must pass; 5 % would reject one right explanation in twenty."""
+
+SHORTLIST, PAIRS = 6, 4
+LARGEST_SET, EXTENDED = 4, 2
+MOST_FLIGHTS = 0.75
+NOISE_PASSES = 2
+
+NEARLY_ALL, PLAINLY = 0.8, 1.5
+"""An unrecorded driver that explains this share of the excess χ², and so many times what the best recorded one does,
+needs no comparison with sets of effects."""
+
+MAIN, UNRECORDED = 0.8, 0.2
+"""Shares of the probability of a false alarm, of the gate on recorded drivers and of that on unrecorded ones."""
+
+
+HiddenSearch = Callable[[Trial], Sequence[Hidden]]
+
+
+class Search:
+    """One search for what the evidence shows; `run` gives the answer."""
+
+    def __init__(self, evidence: Evidence, effects: Sequence[Effect] | None = None, hidden: HiddenSearch | None = None):
+        self.evidence = evidence
+        self.effects = list(candidates(evidence.engine)) if effects is None else list(effects)
+        self.hidden = hidden
+        self.along = nuisance(evidence)
+        self.rng = np.random.default_rng(evidence.settings.seed)
+        self.rejected: dict[str, str] = {}
+
+    def run(self) -> Answer:
+        found = identify_with(self.evidence, NO_HYPOTHESIS, self.along)
+        self.base = Trial((), found, Projection(found))
+        self.detect = self.adequate = Gates()
+        if not found.converged:
+            return self._answer(FAILED, f"the model as it is could not be fitted: {found.reason}", Remainder((), ()))
+        self.library = [*map(effect_option, self.effects), *fault_options(found)]
+        self.along_drivers = drivers_of(self.evidence, found.theta)
+        rest = remainder(self.base, self.library, self.along_drivers)
+        if self.evidence.settings.noise == "estimate":
+            rest = self._with_estimated_noise(rest)
+            if not self.base.converged:
+                return self._answer(FAILED, f"the model could not be fitted: {self.base.found.reason}", rest)
+        levels = (MAIN * self.evidence.settings.false_alarm, ADEQUATE)
+        self.detect, self.adequate = rest.gates(levels, self.rng)
+        if self.evidence.settings.noise == "estimate":
+            self.detect, self.adequate = (
+                Gates(*(doubtful(g, self.base.projection) for g in (gates.effects, gates.faults, gates.cells)))
+                for gates in (self.detect, self.adequate)
+            )
+        if not rest.over(self.detect):
+            hidden = self._unrecorded()
+            if hidden:
+                return self._answer(HIDDEN, "", rest, hidden=hidden)
+            return self._answer(NOTHING, "nothing stands out of noise and identified parameters", rest)
+        return self._decide(rest)
+
+    def _decide(self, rest: Remainder) -> Answer:
+        singles = self._refit([(self._timed(s.option),) for s in self._shortlist(rest.scores)])
+        if singles is None:
+            return self._answer(FAILED, "no explanation could be fitted", rest)
+        named = self._named(singles)
+        if named:
+            return self._answer(NAMED, "", rest, named)
+        best = rest.cells[0] if rest.cells else None
+        scores = [*(s.score for s in rest.scores), *(c.score for c in rest.cells)]
+        recorded = max((s.statistic - 2.0 * s.dof for s in scores), default=0.0)
+        hidden = self._unrecorded()
+        evidence = _evidence(hidden)
+        excess = self.base.objective - self.base.projection.dof
+        if evidence > NEARLY_ALL * 0.5 * excess and evidence > PLAINLY * 0.5 * recorded:
+            return self._answer(HIDDEN, "", rest, hidden=hidden)
+        pairs: list[tuple[Option, ...]] = []
+        for found in best_pairs(rest.scores, PAIRS):
+            _add(pairs, tuple(map(self._timed, found)))
+        for wider in self._forward(singles[:EXTENDED]):
+            _add(pairs, wider)
+        named = self._named_set(pairs, best)
+        # an amplitude of its own in every record follows any driver: it must be the better account of the two
+        if named and evidence < 0.5 * (named[0].gain - 2.0 * len(named[0].coefficients)):
+            return self._answer(NAMED, "", rest, named, hidden)
+        # that no column records the driver is only a finding where the best recorded one explains less
+        if hidden and (named or evidence > 0.5 * recorded):
+            return self._answer(HIDDEN, "", rest, named, hidden)
+        return self._answer(
+            NONE,
+            f"no listed effect or change in time, nor up to {LARGEST_SET} together, explains the mismatch",
+            rest,
+            hidden=hidden,
+        )
+
+    def _named_set(self, pairs: Sequence[tuple[Option, ...]], best: Cell | None) -> list[Explanation]:
+        """The alias set of pairs, or of the larger sets that grow from them; empty when none is adequate."""
+        sets = self._refit(pairs) or []
+        for size in range(2, LARGEST_SET + 1):
+            named = self._named([s for s in sets if self._counts(s, best)])
+            if named or size == LARGEST_SET:
+                return named
+            sets = self._refit(self._extended(sets[:EXTENDED])) or []
+        return []
+
+    def _with_estimated_noise(self, rest: Remainder) -> Remainder:
+        """What is left when the noise is what nothing explains; weights and noise in turn."""
+        for _ in range(NOISE_PASSES):
+            noise = estimated_noise(self.base.projection, rest.blocks())
+            self.evidence = with_noise(self.evidence, noise)
+            found = identify_with(self.evidence, NO_HYPOTHESIS, self.along, self.base.found)
+            self.base = Trial((), found, Projection(found))
+            rest = remainder(self.base, self.library, self.along_drivers)
+        return rest
+
+    # fitting
+
+    def _timed(self, option: Option) -> Option:
+        return with_best_onset(self.base.found, self.base.projection, option)
+
+    def _unrecorded(self) -> Sequence[Hidden]:
+        """Findings of a driver that no column shows: none where a recorded driver gives the same amplitude."""
+        found = self.hidden(self.base) if self.hidden else ()
+        return () if found and follows_a_driver(found[0], self.along_drivers) else found
+
+    def _shortlist(self, scores: Sequence[OptionScore]) -> list[OptionScore]:
+        """The best few: T > 0.3 T_max − 30. Of the onsets of one parameter only the best is worth a fit."""
+        top = max((s.score.statistic for s in scores if s.surprise > 0), default=0.0)
+        chosen: list[OptionScore] = []
+        for s in scores:
+            same = any(
+                s.option.driver == c.option.driver == "time"
+                and s.option.component == c.option.component
+                and s.option.hypothesis.discrepancies[0].target == c.option.hypothesis.discrepancies[0].target
+                for c in chosen
+            )
+            if s.surprise > 0 and s.score.statistic > 0.3 * top - 30.0 and not same:
+                chosen.append(s)
+            if len(chosen) == SHORTLIST:
+                break
+        return chosen
+
+    def _forward(self, singles: Sequence[Trial]) -> list[tuple[Option, ...]]:
+        """Each single option with the effect, and with the change in time, that says most about what it leaves."""
+        wider: list[tuple[Option, ...]] = []
+        for trial in singles:
+            left = remainder(trial, self.library, ())
+            for timed in (False, True):
+                best = next((s for s in left.scores if (s.option.driver == "time") == timed and s.surprise > 0.0), None)
+                if best is not None:
+                    _add(wider, (*trial.options, with_best_onset(trial.found, trial.projection, best.option)))
+        return wider
+
+    def _extended(self, sets: Sequence[Trial]) -> list[tuple[Option, ...]]:
+        """Each set with the effect of the same driver that has most to say about what the set leaves: more than two
+        things are one cause that acts at several places, or a fit to chance."""
+        wider: list[tuple[Option, ...]] = []
+        for trial in sets:
+            driver = {o.driver for o in trial.options}
+            if len(driver) == 1 and "time" not in driver:
+                left = remainder(trial, [o for o in self.library if o.driver in driver], ())
+                if left.scores and left.scores[0].surprise > self.adequate.effects:
+                    _add(wider, (*trial.options, left.scores[0].option))
+        return wider
+
+    def _refit(self, sets: Sequence[tuple[Option, ...]]) -> list[Trial] | None:
+        """Trials that converged, best first; None when there were some and none did."""
+        trials = []
+        for options in sets:
+            trial = attempt(options, self.base.found, self.along)
+            if trial.converged:
+                trials.append(trial)
+            else:
+                self.rejected[trial.label] = f"did not converge: {trial.found.reason}"
+        if sets and not trials:
+            return None
+        return sorted(trials, key=lambda t: t.objective)
+
+    # deciding
+
+    def _named(self, trials: Sequence[Trial]) -> list[Explanation]:
+        """The alias set of the best adequate trial, best first; empty when none is adequate."""
+        adequate: list[tuple[Trial, float, float]] = []
+        elsewhere = 0.0  # odds of what is too far behind to be told
+        for trial in trials:
+            behind = trial.objective - adequate[0][0].objective if adequate else 0.0
+            if behind > ALIAS:
+                self.rejected.setdefault(trial.label, f"χ² is {behind:.1f} worse")
+                elsewhere += float(np.exp(-0.5 * behind))
+                continue
+            left, flights, why = self._judge(trial)
+            if why:
+                self.rejected[trial.label] = why
+            else:
+                adequate.append((trial, left, flights))
+        if not adequate:
+            return []
+        odds = np.exp([-0.5 * (t.objective - adequate[0][0].objective) for t, _, _ in adequate])
+        return [
+            self._explanation(t, p, left, flights)
+            for (t, left, flights), p in zip(adequate, odds / (odds.sum() + elsewhere), strict=True)
+        ]
+
+    def _judge(self, trial: Trial) -> tuple[float, float, str]:
+        """What is left, share of flights gained, and why the trial is no explanation ("" when it is one)."""
+        if trial.at_bound:
+            return np.nan, np.nan, f"needs {', '.join(trial.at_bound)} beyond its physical bound"
+        left = remainder(trial, self.library, self.along_drivers, self.adequate)
+        if left.unranked or left.over(self.adequate):
+            return left.surprise, np.nan, f"leaves a misfit behind (−ln p = {left.surprise:.1f})"
+        if self.evidence.settings.map_accuracy > 0.0 and all(o.driver != "time" for o in trial.options):
+            flights = flights_gained(self.base, trial)
+            if flights < MOST_FLIGHTS:
+                return (
+                    left.surprise,
+                    flights,
+                    (f"predicts only {100 * flights:.0f} % of the flights better: not separable from map error"),
+                )
+            return left.surprise, flights, ""
+        return left.surprise, np.nan, ""
+
+    def _counts(self, trial: Trial, best: Cell | None) -> bool:
+        """Whether a set is worth judging: every member is needed beside the others, and
+        drop − 2·p > T − 2·dof of the best single free-form block, else one unlisted effect is the simpler story."""
+        for option in trial.options:
+            own = [trial.coefficients[n] for n in option.hypothesis.names]
+            z2 = max(((v / s) ** 2 for v, s in own if s > 0), default=0.0)
+            if surprise(z2, 1) < self.adequate.effects:
+                self.rejected[trial.label] = f"does not need {option.label}"
+                return False
+        drop = self.base.objective - trial.objective
+        if best is None or drop - 2.0 * len(trial.hypothesis.names) > best.score.statistic - 2.0 * best.score.dof:
+            return True
+        self.rejected[trial.label] = "one unlisted effect explains as much"
+        return False
+
+    def _explanation(self, t: Trial, probability: float, left: float, flights: float) -> Explanation:
+        parameters = t.found.model.parameters
+        found = tuple(
+            Coefficient(n, parameters[n].unit, v, s, v - 1.96 * s, v + 1.96 * s) for n, (v, s) in t.coefficients.items()
+        )
+        gain = self.base.objective - t.objective
+        return Explanation(t.options, found, t.objective, gain, float(probability), left, flights, t.at_bound)
+
+    # around it
+
+    def _answer(
+        self,
+        status: str,
+        reason: str,
+        rest: Remainder,
+        named: Sequence[Explanation] = (),
+        hidden: Sequence[Hidden] = (),
+    ) -> Answer:
+        unseen = tuple(s.option.label for s in rest.scores if s.score.absorbed and s.option.driver != "time")
+        base = self.base
+        return Answer(
+            status,
+            reason,
+            tuple(named),
+            rest.cells,
+            tuple(places(rest.cells, base.projection)),
+            unseen,
+            tuple(hidden),
+            (self.detect.effects, self.adequate.effects),
+            rest.best(EFFECT),
+            base.objective,
+            base.projection.dof,
+            self.rejected,
+            base.found.theta,
+            base.found.number,
+        )
+
+
+def _add(sets: list[tuple[Option, ...]], new: tuple[Option, ...]) -> None:
+    """Adds a set that is not there yet, in whatever order."""
+    if not any({o.label for o in new} == {o.label for o in other} for other in sets):
+        sets.append(new)
+
+
+def _evidence(hidden: Sequence[Hidden]) -> float:
+    """ln likelihood ratio of the best finding of an unrecorded driver; −∞ without one."""
+    return max(hidden[0].lr, hidden[0].gain) if hidden else -np.inf
+
+
+def explain(evidence: Evidence, effects: Sequence[Effect] | None = None, hidden: HiddenSearch | None = None) -> Answer:
+    """What the evidence shows that the engine's model lacks. `effects`: the library, default all that the model does
+    not carry; `hidden`: finds effects of an unrecorded driver at a trial."""
+    return Search(evidence, effects, hidden).run()

@@ -1,0 +1,143 @@
+"""The whole answer of `explain`: what is named, and all that a reader asks next.
+
+What the tolerance of the maps cost, the curve of what no listed effect explains, and which recording would separate
+explanations that these flights cannot.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.stats import chi2
+
+from enginediag_cli.engine.term import Effect
+from enginediag_cli.mismatch.explain.alias_advice import Advice, advice_between
+from enginediag_cli.mismatch.explain.answer import FAILED, NAMED, NONE, NOTHING, Answer, Coefficient, Explanation
+from enginediag_cli.mismatch.explain.curves import Curve, best_places, fitted_curves
+from enginediag_cli.mismatch.explain.explain import UNRECORDED, Search
+from enginediag_cli.mismatch.explain.floor_cost import FloorCost, floor_cost
+from enginediag_cli.mismatch.fit.evidence import Evidence
+from enginediag_cli.mismatch.fit.options import EFFECT
+from enginediag_cli.mismatch.fit.trial_fit import Trial, attempt
+from enginediag_cli.mismatch.unrecorded.hidden import HiddenFinding, effects_at, hidden_amplitudes
+from enginediag_cli.mismatch.unrecorded.switched import effects_that_switch
+
+SURELY_WORSE = 22.0
+"""Units of χ² by which the wrong one of two explanations is behind 99 times out of 100."""
+
+
+@dataclass(frozen=True)
+class Story:
+    """`answer`, and around it; `evidence` with the noise that the answer rests on. `only_exact`: effects that would
+    stand out if the maps were exact."""
+
+    evidence: Evidence
+    answer: Answer
+    hidden: tuple[HiddenFinding, ...]
+    hidden_effects: tuple[tuple[Effect, ...], ...]  # listed effects that may be each of `hidden`
+    curves: tuple[Curve, ...]
+    floor: tuple[FloorCost, ...]
+    only_exact: tuple[FloorCost, ...]
+    advice: tuple[Advice, ...]
+    switched: tuple[Trial, ...] = ()  # effects that may be the first of `hidden`, refitted at its states, best first
+
+
+def tell(evidence: Evidence, effects: Sequence[Effect] | None = None, *, advise: bool = True) -> Story:
+    """Search and everything around it. `effects`: the library, default all that the model does not carry."""
+    search = Search(evidence, effects, hidden_search(evidence))
+    answer = search.run()
+    # of a strong effect nearly every place is significant; those that can be told from the first are its shadows
+    found = [f for f in answer.hidden if isinstance(f, HiddenFinding)]
+    hidden = tuple(f for f in found if f is found[0] or f.location.name in found[0].rivals)
+    engine = search.evidence.engine
+    at = tuple(tuple(e for e in effects_at(f.location, engine) if _listed(e, search.effects)) for f in hidden)
+    if answer.status == FAILED:
+        return Story(search.evidence, answer, hidden, at, (), (), (), ())
+    refitted = effects_that_switch(found, search.effects, search.base, search.along)
+    if refitted is not None:
+        lead, trials = refitted
+        listed = {t.label for t in trials}
+        told = [f for f in hidden if f.location.name not in listed]
+        # places that fit as well, but where nothing that is listed can switch, stay among the rivals
+        hidden = (replace(lead, rivals=tuple(f.location.name for f in told)), *told)
+        best = tuple(replace(e, switch="") for t in trials for e in t.hypothesis.effects)
+        at = (best, *(tuple(e for e in effects_at(f.location, engine) if _listed(e, search.effects)) for f in told))
+    base = search.base
+    curves = (
+        fitted_curves(base.found, base.objective, best_places(answer.cells), search.along)
+        if answer.status == NONE
+        else []
+    )
+    floor = floor_cost(base, search.library)
+    only_exact = _only_exact(answer, floor)
+    advice = (
+        advice_between(base.found, [*answer.explanations, *_next_best(search, answer)])
+        if advise and answer.status == NAMED
+        else []
+    )
+    return Story(
+        search.evidence,
+        answer,
+        hidden,
+        at,
+        tuple(curves),
+        tuple(floor),
+        tuple(only_exact),
+        tuple(advice),
+        tuple(refitted[1]) if refitted else (),
+    )
+
+
+def _next_best(search: Search, answer: Answer) -> list[Explanation]:
+    """Where one explanation stands alone: the best of those that were fitted and fit worse, if another seed of the
+    noise might have put it first."""
+    if len(answer.explanations) > 1:
+        return []
+    label = next((label for label, why in answer.rejected.items() if why.startswith("χ² is")), "")
+    option = next((o for o in search.library if o.label == label), None)
+    if option is None:
+        return []
+    trial = attempt([option], search.base.found, search.along)
+    if not trial.converged or trial.objective - answer.explanations[0].objective > SURELY_WORSE:
+        return []
+    values = tuple(Coefficient(n, "", v, s, v - 1.96 * s, v + 1.96 * s) for n, (v, s) in trial.coefficients.items())
+    gain = search.base.objective - trial.objective
+    return [Explanation((option,), values, trial.objective, gain, 0.0, float("nan"), float("nan"))]
+
+
+def _only_exact(answer: Answer, floor: Sequence[FloorCost]) -> list[FloorCost]:
+    """Effects over the gate of detection without the floor alone; where something was found, scores of others are its
+    shadows."""
+    if answer.status != NOTHING:
+        return []
+    gate = float(chi2.isf(np.exp(-answer.gates[0]), 1))
+    return [c for c in floor if c.score <= gate < c.score_without]
+
+
+def hidden_search(evidence: Evidence) -> Callable[[Trial], Sequence[HiddenFinding]]:
+    """The search for effects whose driver no column shows: its significant findings at a trial."""
+    rng = np.random.default_rng((evidence.settings.seed, 1))
+
+    level = UNRECORDED * evidence.settings.false_alarm
+
+    def search(trial: Trial) -> Sequence[HiddenFinding]:
+        found = hidden_amplitudes(trial.found, trial.projection, level=level, rng=rng)
+        return [f for f in found if f.significant]
+
+    return search
+
+
+def named_effects(story: Story) -> tuple[Effect, ...]:
+    """Effects of the first explanation; empty when it is none or holds a change in time."""
+    if not story.answer.explanations:
+        return ()
+    options = story.answer.explanations[0].options
+    if any(o.kind != EFFECT for o in options):
+        return ()
+    return tuple(e for o in options for e in o.hypothesis.effects)
+
+
+def _listed(effect: Effect, library: Sequence[Effect]) -> bool:
+    return any(e.label == effect.label for e in library)

@@ -1,0 +1,1 @@
+"""Fits: evidence, everything that is identified together, and scores of what may be missing."""

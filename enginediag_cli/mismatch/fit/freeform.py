@@ -1,0 +1,150 @@
+"""The free-form map: at every location, "something that depends on this driver is missing here".
+
+A block is one parameter of the engine times a polynomial of second degree in one driver, orthonormal over the
+records; its score has as many degrees of freedom as curves that the nuisance leaves.
+"""
+
+from __future__ import annotations
+
+import fnmatch
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from enginediag_cli.drivers import Driver, polynomials
+from enginediag_cli.engine.engine import Engine
+from enginediag_cli.engine.term import Effect
+from enginediag_cli.mismatch.fit.identified import Identified
+from enginediag_cli.mismatch.fit.projection import Columns, Projection, Score, lengths
+from enginediag_cli.physics.registry import effect, term
+
+DEGREE = 2
+HEALTH_SCALE, RECOVERY_SCALE, PART = 0.02, 0.01, 0.3
+PARAMETERS = ("*.efficiency", "*.flow_capacity", "*.area", "*.pressure_loss", "*.pressure_recovery", "*.loss_factor")
+LEVERS = ("customer_bleed", "power_offtake", "tat_probe_heating", "humidity")
+"""Terms whose amplitude is a location of its own: air or power that leaves where the engine has no parameter, and
+air that is not what it is taken for."""
+
+
+@dataclass(frozen=True)
+class Location:
+    """A place where something may be missing: the parameter that stands for it, its component ("hpc",
+    "sensor.T45"), and the effect that brings the parameter in, where the engine itself has none. `scale`: how far the
+    parameter may plausibly vary along a driver (rms), in its unit."""
+
+    name: str
+    parameter: str
+    component: str
+    through: Effect | None = None
+    scale: float = HEALTH_SCALE
+
+
+def locations(found: Identified) -> list[Location]:
+    """Every health parameter, loss, nozzle area and cooling flow, every bleed and shaft load, every recorded sensor."""
+    return locations_of(found.evidence.engine, found.problem.sensors)
+
+
+def locations_of(engine: Engine, sensors: Sequence[str]) -> list[Location]:
+    """The same for an engine of which these sensor columns are recorded."""
+    result = []
+    for n, p in engine.parameters.items():
+        if p.family in ("health", "design") and any(fnmatch.fnmatch(n, x) for x in PARAMETERS):
+            # a loss or an area may vary by a part of itself
+            scale = HEALTH_SCALE if p.family == "health" else PART * abs(p.nominal or p.prior_sigma)
+            scale = RECOVERY_SCALE if n.endswith(".pressure_recovery") else scale
+            result.append(Location(n, n, n.partition(".")[0], scale=scale))
+    for c in engine.network.components:
+        for port in c.values.get("ports", ()):
+            name = f"{c.name}.{port['name']}.fraction"
+            result.append(Location(name, name, c.name, scale=PART * max(port["fraction"], 0.01)))
+    for lever in LEVERS:
+        for site in term(lever).sites(engine.network):
+            e = effect(engine, lever, site.name)
+            scale = abs(e.term.amplitudes()[0].typical)
+            result.append(Location(e.label, e.amplitudes[0], site.component, e, scale))
+    for column in sensors:
+        quantity = engine.sensors[column].quantity
+        result.append(Location(f"sensor.{quantity}", f"sensor.{quantity}.scale", f"sensor.{quantity}"))
+    return result
+
+
+@dataclass(frozen=True)
+class Cell:
+    """One location × driver of the map; `curves` (N, k) are the driver's polynomials over the fit's records."""
+
+    location: Location
+    driver: Driver
+    score: Score
+    curves: np.ndarray
+    columns: np.ndarray
+
+    @property
+    def surprise(self) -> float:
+        """−ln p, 0 where the nuisance absorbs the block."""
+        return 0.0 if self.score.absorbed else self.score.surprise
+
+    @property
+    def strain(self) -> float:
+        """½ Σ (c/scale)²: what it costs, in ln probability, that the parameter must vary by so much. Places that the
+        readings hardly tell apart differ in it: a duct that would have to lose many times its loss is not the place."""
+        return 0.5 * float(np.sum((self.score.coefficients / self.location.scale) ** 2))
+
+
+def free_form(
+    found: Identified, projection: Projection, along: Sequence[Driver], columns: Columns | None = None
+) -> list[Cell]:
+    """The map's cells, most surprising first; drivers' values are of all records of the evidence. A parameter that is
+    not identified may also be wrong by a constant. `columns`: of at least the `locations`, if known."""
+    where = locations(found)
+    J = columns or Columns(found, [p.parameter for p in where], [p.through for p in where if p.through is not None])
+    N = len(found.number)
+    known = set(found.problem.names)
+    constant = Driver("constant", "constant", "1", np.ones(len(along[0].values) if along else N))
+    curves = [polynomials(d.values[found.number], DEGREE) for d in along]
+    cells = []
+    for place in where:
+        blocks = list(zip(along, curves, strict=True))
+        if place.parameter not in known:
+            blocks.insert(0, (constant, np.ones((N, 1))))
+        if not blocks:
+            continue
+        blown = J[place.parameter][:, :, None] * np.concatenate([c for _, c in blocks], axis=1)[:, None, :]
+        C, full = projection.projected(blown), lengths(projection.frame, blown)
+        j = 0
+        for d, curve in blocks:
+            k = curve.shape[1]
+            if k:
+                block = C[:, j : j + k]
+                cells.append(Cell(place, d, projection.score(block, float(full[j])), curve, block))
+            j += k
+    return sorted(cells, key=lambda c: -c.surprise)
+
+
+@dataclass(frozen=True)
+class Place:
+    """One component × driver: the better of its cells and, for a turbomachine, of efficiency and flow capacity
+    together (an effect on both matches neither alone)."""
+
+    component: str
+    driver: Driver
+    surprise: float
+
+
+def places(cells: Sequence[Cell], projection: Projection) -> list[Place]:
+    """Components along drivers, most surprising first."""
+    found: dict[tuple[str, str], Place] = {}
+    machines: dict[tuple[str, str], list[Cell]] = {}
+    for c in cells:
+        key = (c.location.component, c.driver.name)
+        if key not in found or c.surprise > found[key].surprise:
+            found[key] = Place(c.location.component, c.driver, c.surprise)
+        if c.location.parameter.endswith((".efficiency", ".flow_capacity")) and not c.score.absorbed:
+            machines.setdefault(key, []).append(c)
+    for key, both in machines.items():
+        if len(both) == 2:
+            joint = np.concatenate([c.columns for c in both], axis=1)
+            score = projection.score(joint, float(np.linalg.norm(joint[:, 0])) / both[0].score.share)
+            if score.surprise > found[key].surprise:
+                found[key] = Place(key[0], both[0].driver, score.surprise)
+    return sorted(found.values(), key=lambda p: -p.surprise)

@@ -1,0 +1,219 @@
+"""Identification of everything that is sought, together, on all flights: the fit that a hypothesis is judged by."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from enginediag_cli.drivers import Driver, drivers
+from enginediag_cli.engine.term import Effect
+from enginediag_cli.identification.gauss_newton import Fit, solve
+from enginediag_cli.identification.identify import with_regimes
+from enginediag_cli.identification.problem import Problem, TrainingRecording, build_problem
+from enginediag_cli.identification.settings import IdentificationSettings
+from enginediag_cli.mismatch.fit.evidence import Evidence
+from enginediag_cli.mismatch.fit.extended import NUMBER, Discrepancy, ExtendedModel
+from enginediag_cli.mismatch.fit.nuisance import constants, floor
+
+TOLERANCE = 0.03  # standard errors from the optimum: 0.001 of χ²
+ITERATIONS, ROUNDS = 25, 4
+SETTLED, SETTLED_SHARE, STUCK_SHARE = 0.1, 1e-3, 0.02
+"""Maps read linearly have kinks, at which the search may zigzag: a fit has settled, too, when a fresh round of
+iterations lowers χ² by less than 0.1, or by less than a thousandth of what is unexplained, unless the Newton step
+promises a fiftieth of it: then it is stuck."""
+
+MAX_LOST = 0.1
+"""A fit that has no prediction for more than this share of the records is no verdict."""
+
+
+@dataclass(frozen=True)
+class Hypothesis:
+    """What is sought beside the nuisance: effects (their amplitudes) and discrepancies with their curves (N,) over
+    all records of the evidence in order."""
+
+    effects: tuple[Effect, ...] = ()
+    discrepancies: tuple[Discrepancy, ...] = ()
+    curves: Mapping[str, np.ndarray] = field(default_factory=dict)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Parameters that are sought."""
+        return (*(a for e in self.effects for a in e.amplitudes), *(d.name for d in self.discrepancies))
+
+    @property
+    def label(self) -> str:
+        return " + ".join((*(e.label for e in self.effects), *(d.name for d in self.discrepancies))) or "nothing"
+
+
+NO_HYPOTHESIS = Hypothesis()
+
+
+@dataclass(frozen=True)
+class Identified:
+    """A fit of the nuisance and a hypothesis to the evidence. Look at `converged` first.
+
+    `number` (N,): place of each record of the problem in the evidence; `nuisance` curves and discrepancies are those
+    of the floor and of the fleet.
+    """
+
+    evidence: Evidence
+    hypothesis: Hypothesis
+    model: ExtendedModel
+    problem: Problem
+    fit: Fit
+    settled: bool
+    rho: np.ndarray  # (m,)
+
+    @property
+    def converged(self) -> bool:
+        return self.settled and self.lost <= MAX_LOST
+
+    @property
+    def lost(self) -> float:
+        """Share of the records without a prediction."""
+        return float(self.fit.failed.mean())
+
+    @property
+    def reason(self) -> str:
+        if self.settled and not self.converged:
+            return f"{100 * self.lost:.0f} % of the records have no prediction at the fit"
+        return self.fit.reason
+
+    @property
+    def theta(self) -> dict[str, float]:
+        """Parameters of the engine and coefficients at the fit."""
+        return self.problem.physical(self.fit.x)
+
+    @property
+    def number(self) -> np.ndarray:
+        return self.problem.inputs[NUMBER].astype(int)
+
+
+def stacked(evidence: Evidence, column: str, default: float = np.nan) -> np.ndarray:
+    """A column over all flights, (N,); `default` where a flight has none."""
+    parts = []
+    for f in evidence.flights:
+        n = len(next(iter(f.columns.values())))
+        parts.append(np.asarray(f.columns.get(column, np.full(n, default)), float))
+    return np.concatenate(parts)
+
+
+def inputs_of(evidence: Evidence) -> dict[str, np.ndarray]:
+    """The engine's inputs over all flights, (N,) each."""
+    engine = evidence.engine
+    found = {c: stacked(evidence, c) for c in engine.inputs}
+    for c, default in engine.optional_inputs.items():
+        found[c] = stacked(evidence, c, default)
+    return found
+
+
+def drivers_of(evidence: Evidence, theta: Mapping[str, float]) -> list[Driver]:
+    """Drivers of all records of the evidence, with its further columns, at the engine's parameters among `theta`."""
+    engine = evidence.engine
+    at = {n: v for n, v in theta.items() if n in engine.parameters}
+    return drivers(engine, inputs_of(evidence), at, {c: stacked(evidence, c) for c in evidence.drivers})
+
+
+@dataclass(frozen=True)
+class Nuisance:
+    """Discrepancies and curves that every hypothesis carries along, and constants with their prior."""
+
+    sigma: Mapping[str, float]
+    discrepancies: tuple[Discrepancy, ...]
+    curves: Mapping[str, np.ndarray]
+
+
+def nuisance(evidence: Evidence) -> Nuisance:
+    """Floor and fleet of the evidence, at the prior mean of its parameters."""
+    s, engine = evidence.settings, evidence.engine
+    inputs = inputs_of(evidence)
+    known = {n: v for n, v in s.prior_mean.items() if n in engine.parameters}
+    discrepancies, curves = floor(engine, inputs, known, s.map_accuracy)
+    of_engine = np.concatenate(
+        [np.full(len(next(iter(f.columns.values()))), evidence.engines.index(f.engine)) for f in evidence.flights]
+    )
+    for k, name in enumerate(evidence.engines[1:], start=1):
+        curves[f"engine {name}"] = (of_engine == k).astype(float)
+        for n, sigma in s.nuisance.items():
+            # sensors and health belong to one engine, the design to all of them
+            if engine.parameters[n].family in ("health", "sensor"):
+                discrepancies.append(Discrepancy(n, f"engine {name}", 1.4 * sigma))
+    return Nuisance({**s.nuisance, **constants(engine, s.map_accuracy, s.nuisance)}, tuple(discrepancies), curves)
+
+
+def identify_with(
+    evidence: Evidence, hypothesis: Hypothesis, along: Nuisance, start: Identified | None = None
+) -> Identified:
+    """Fit nuisance and hypothesis together, from another fit where one is given."""
+    model, problem, rho = problem_with(evidence, hypothesis, along)
+    fit, settled = _fit(problem, _start(problem, start))
+    return Identified(evidence, hypothesis, model, problem, fit, settled, rho)
+
+
+def _fit(problem: Problem, start: tuple[np.ndarray, np.ndarray] | None) -> tuple[Fit, bool]:
+    """The fit, and whether it has converged or settled."""
+    fit = solve(problem, start, max_iterations=ITERATIONS, tolerance=TOLERANCE)
+    readings = int(np.isfinite(problem.measured).sum())
+    for _ in range(ROUNDS):
+        if fit.converged:
+            return fit, True
+        before = 2.0 * fit.iterations[-1].cost
+        fit = solve(problem, (fit.x, fit.z), max_iterations=ITERATIONS, tolerance=TOLERANCE)
+        fall = before - 2.0 * fit.iterations[-1].cost
+        near = fit.decrement**2 < STUCK_SHARE * max(before, readings)
+        if near and fall < max(SETTLED, SETTLED_SHARE * (before - readings)):
+            return fit, True
+    return fit, fit.converged
+
+
+def problem_with(
+    evidence: Evidence, hypothesis: Hypothesis, along: Nuisance
+) -> tuple[ExtendedModel, Problem, np.ndarray]:
+    """Model and problem of nuisance and hypothesis together, and each sensor's lag-1 correlation (m,)."""
+    s = evidence.settings
+    effects = (*evidence.engine.effects, *hypothesis.effects)
+    discrepancies = (*along.discrepancies, *hypothesis.discrepancies)
+    model = ExtendedModel(evidence.engine.with_effects(effects), discrepancies)
+    curves = {**along.curves, **hypothesis.curves}
+    names = [*along.sigma, *(d.name for d in discrepancies), *(a for e in hypothesis.effects for a in e.amplitudes)]
+    recorded = [c for c in evidence.noise.sigma if c in evidence.engine.sensors]
+    settings = IdentificationSettings(
+        parameters=tuple(names),
+        prior_sigma=dict(along.sigma),
+        prior_mean={n: v for n, v in s.prior_mean.items() if n in model.parameters},
+        noise_sigma={c: evidence.noise.sigma[c] for c in recorded},
+        noise="specified",
+        loss=s.loss,
+        loss_scale=s.loss_scale,
+        recording_bias_sigma=s.offsets,
+        recording_scale_sigma=s.scale_offsets,
+    )
+    problem = build_problem(model, with_regimes(evidence.engine, _recordings(evidence, curves)), settings)
+    rho = np.array([evidence.noise.rho.get(c, 0.0) for c in problem.sensors])
+    return model, problem.with_noise(problem.sigma, (1 + rho) / (1 - rho)), rho
+
+
+def _recordings(evidence: Evidence, curves: Mapping[str, np.ndarray]) -> list[TrainingRecording]:
+    found, first = [], 0
+    for f in evidence.flights:
+        n = len(next(iter(f.columns.values())))
+        rows = slice(first, first + n)
+        own = {k: v[rows] for k, v in curves.items()}
+        found.append(TrainingRecording(f.label, {**f.columns, NUMBER: np.arange(first, first + n, dtype=float), **own}))
+        first += n
+    return found
+
+
+def _start(problem: Problem, other: Identified | None) -> tuple[np.ndarray, np.ndarray] | None:
+    """The other fit's values for what both estimate."""
+    if other is None:
+        return None
+    theirs = other.theta
+    x = np.zeros(len(problem.parameters))
+    for j, p in enumerate(problem.parameters):
+        if p.name in theirs:
+            x[j] = (theirs[p.name] - problem.prior_mean[j]) / problem.prior_sigma[j]
+    shape = (len(problem.labels), len(problem.offsets))
+    return x, other.fit.z.copy() if other.fit.z.shape == shape else np.zeros(shape)

@@ -1,0 +1,312 @@
+"""Evidence out of files: an engine, recordings of one engine or of a fleet, and perhaps a nominal state.
+
+What is identified along with an effect (the nuisance), and how loosely, is decided here, in this order:
+
+- names: the `nuisance:` of the engine file's `mismatch:` block; else what `identification:` lists, less what it
+  fixes; else the monitored health parameters and the scale errors of the recorded sensors;
+- standard deviations of the priors: `mismatch: prior_sigma:`, then `identification: prior_sigma:`, then the
+  parameter's own, but 0.2 % for a sensor's scale error that was not asked for by name: one of 1 % would swallow
+  most of what is looked for;
+- where a nominal state is given, its parameters are where priors are centred, what is not nuisance is held there,
+  and noise is what it says, to be estimated anew where it is what that fit left, since that holds the mismatch too,
+  but not where it is what cross-validation left, which is the model's error on readings that it has not seen.
+"""
+
+from __future__ import annotations
+
+import fnmatch
+import os
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from enginediag_cli.config.hints import near
+from enginediag_cli.engine.engine import Engine
+from enginediag_cli.engine.mismatch_block import MISMATCH
+from enginediag_cli.errors import DataError
+from enginediag_cli.identification.nominal import Nominal
+from enginediag_cli.identification.settings import IdentificationSettings, settings_from_mapping
+from enginediag_cli.identification.training import training_recordings
+from enginediag_cli.mismatch.fit.evidence import Evidence, Flight, Noise, Settings
+from enginediag_cli.recordings.table import Recording
+
+SCALE_SIGMA = 0.002
+"""Prior standard deviation of a recorded sensor's scale error that nobody states."""
+
+Note = Callable[[str], None]
+
+
+@dataclass(frozen=True)
+class Case:
+    """What a user asks about. `model_error`: relative accuracy of the maps, None for the engine file's;
+    `drivers`: further recorded columns that may drive an effect; `noise`: "specified" or "estimate", None for the
+    engine file's choice; paths as given, "-" for standard input."""
+
+    engine: str
+    recordings: tuple[str, ...]
+    nominal: str | None = None
+    recorder: str | None = None
+    engine_instance: str = ""
+    model_error: float | None = None
+    false_alarm: float = 0.05
+    drivers: tuple[str, ...] = ()
+    noise: str | None = None
+    seed: int = 0
+
+
+@dataclass(frozen=True)
+class Loaded:
+    """The evidence, and the `#` lines at the heads of its recordings."""
+
+    evidence: Evidence
+    provenance: tuple[str, ...]
+
+
+def load_case(case: Case, note: Note) -> Loaded:
+    """Read everything that a case names; `note` is told what was masked or left out.
+
+    Raises ConfigError and DataError for files and names that do not fit.
+    """
+    from enginediag_cli.identification.nominal_file import read_nominal
+    from enginediag_cli.physics.engine_file import load_engine
+
+    nominal = read_nominal(case.nominal) if case.nominal else None
+    engine = _engine(load_engine, case, nominal, note)
+    parts = [p for path in case.recordings for p in _recordings(engine, path, case, note)]
+    _known_drivers(case.drivers, list(dict.fromkeys(c for r, _, _ in parts for c in r.order)))
+    flights = [f for recording, label, name in parts for f in _flights(recording, label, name)]
+    evidence = build_evidence(
+        engine,
+        flights,
+        nominal=nominal,
+        model_error=case.model_error,
+        false_alarm=case.false_alarm,
+        drivers=case.drivers,
+        noise=case.noise,
+        seed=case.seed,
+    )
+    return Loaded(evidence, tuple(dict.fromkeys(line for r, _, _ in parts for line in r.provenance)))
+
+
+def build_evidence(
+    engine: Engine,
+    flights: Sequence[Flight],
+    *,
+    nominal: Nominal | None = None,
+    model_error: float | None = None,
+    false_alarm: float = 0.05,
+    drivers: tuple[str, ...] = (),
+    noise: str | None = None,
+    seed: int = 0,
+) -> Evidence:
+    """Evidence from flights that are in memory; arguments as in `Case`.
+
+    Raises DataError for a name in the engine's settings, or a driver, that does not exist.
+    """
+    block: Mapping[str, Any] = engine.declared.get("mismatch") or {f.name: f.default for f in MISMATCH.fields}
+    stated = settings_from_mapping(engine.declared.get("identification"))
+    sensors = _sensors(engine, flights, stated)
+    sigma = _prior_sigma(engine, block, stated, sensors)
+    _check_limits(engine, block.get("limits") or {})
+    theta0 = nominal.theta0 if nominal else dict(stated.prior_mean)
+    theta0 = {n: v for n, v in theta0.items() if n in engine.parameters}
+    unused = set(engine.sensors) - set(sensors)
+    flights = [Flight(f.label, f.engine, {c: v for c, v in f.columns.items() if c not in unused}) for f in flights]
+    settings = Settings(
+        sigma,
+        prior_mean={n: v for n, v in theta0.items() if n in sigma},
+        map_accuracy=float(block["map_accuracy"]) if model_error is None else model_error,
+        false_alarm=false_alarm,
+        loss=stated.loss if engine.declared.get("identification") else "none",
+        loss_scale=stated.loss_scale,
+        offsets={c: v for c, v in stated.recording_bias_sigma.items() if c in sensors},
+        scale_offsets={c: v for c, v in stated.recording_scale_sigma.items() if c in sensors},
+        noise=noise or _noise_choice(block, sensors, nominal),
+        seed=seed,
+    )
+    held = {n: v for n, v in theta0.items() if n not in sigma}
+    return Evidence(
+        engine.at(held),
+        tuple(flights),
+        _noise(engine, sensors, stated, nominal, block),
+        settings,
+        _drivers(drivers, flights),
+    )
+
+
+def _engine(load_engine: Callable[..., Engine], case: Case, nominal: Nominal | None, note: Note) -> Engine:
+    """The engine with the power setting that the nominal state was identified with."""
+    from enginediag_cli.identification.nominal_file import engine_change_warning
+
+    engine = load_engine(case.engine)
+    if nominal is None:
+        return engine
+    warning = engine_change_warning(nominal, case.engine)
+    if warning:
+        note(warning)
+    other = [c for c in nominal.inputs if c not in engine.inputs]
+    return load_engine(case.engine, power_setting=other[0]) if len(other) == 1 else engine
+
+
+def _recordings(engine: Engine, path: str, case: Case, note: Note) -> Iterator[tuple[Recording, str, str]]:
+    """Recordings of a file with gross errors masked, with a label and the engine that the recorder names."""
+    alike = [os.path.basename(p) for p in case.recordings].count(os.path.basename(path))
+    label = "stdin" if path == "-" else os.path.basename(path) if alike == 1 else path
+    if case.recorder is None:
+        yield _own(engine, path, label, case, note), label, ""
+        return
+    from enginediag_cli.recordings.recorder import load_recorder
+
+    found = load_recorder(case.recorder).read(path)
+    names = [m.engine for m in found if m.engine]
+    wanted = case.engine_instance
+    for m in found:
+        if wanted in names and m.engine != wanted:
+            continue
+        for line in m.report_lines():
+            note(line)
+        recording = m.recording if wanted in ("", m.engine) else _instance(m.recording, wanted)
+        yield recording, label, m.engine
+
+
+def _own(engine: Engine, path: str, label: str, case: Case, note: Note) -> Recording:
+    from enginediag_cli.recordings.quality import mask_gross
+    from enginediag_cli.recordings.read import read_all
+
+    known = (*engine.inputs, *engine.optional_inputs, *engine.sensors, *case.drivers)
+    recording = read_all(path, declared=known, required=engine.inputs)
+    if case.engine_instance:
+        recording = _instance(recording, case.engine_instance)
+    # an input may well stand still for hours; only a sensor that does so is stuck
+    recording, inputs = mask_gross(recording, columns=engine.inputs, search=False)
+    lines = inputs.report_lines()
+    sensors = [s for s in engine.sensors if s in recording.columns]
+    if sensors:
+        recording, readings = mask_gross(recording, columns=sensors)
+        lines += readings.report_lines()
+    for line in lines:
+        note(f"{label}: {line}")
+    return recording
+
+
+def _instance(recording: Recording, wanted: str) -> Recording:
+    engines = np.asarray(recording.text.get("engine", [""] * len(recording)))
+    if wanted not in engines:
+        known = ", ".join(n for n in dict.fromkeys(engines.tolist()) if n) or "none is named"
+        raise DataError(f"{recording.source}: no record of engine {wanted!r} ({known})")
+    return recording.select(engines == wanted)
+
+
+def _flights(recording: Recording, label: str, engine: str) -> Iterator[Flight]:
+    """One flight per engine and flight of a recording; `engine` where no column names one."""
+    column = np.asarray(recording.text.get("engine", [""] * len(recording)))
+    for name in dict.fromkeys(column.tolist()):
+        for part in training_recordings(recording.select(column == name), label):
+            yield Flight(part.label, name or engine, part.columns)
+
+
+def _sensors(engine: Engine, flights: Sequence[Flight], stated: IdentificationSettings) -> list[str]:
+    """Sensors that are recorded and that identification uses."""
+    allowed = list(engine.sensors)
+    if stated.sensors:
+        allowed = [s for s in allowed if any(fnmatch.fnmatch(s, p) for p in stated.sensors)]
+    found = [s for s in allowed if any(s in f.columns and np.isfinite(f.columns[s]).any() for f in flights)]
+    if not found:
+        raise DataError(f"the recordings hold no reading of any sensor of the engine ({', '.join(allowed)})")
+    return found
+
+
+def _prior_sigma(
+    engine: Engine, block: Mapping[str, Any], stated: IdentificationSettings, sensors: Sequence[str]
+) -> dict[str, float]:
+    """Nuisance parameter → standard deviation of its prior, in the order of the engine's parameters."""
+    recorded = {engine.sensors[s].quantity for s in sensors}
+    names = [n for n, p in engine.parameters.items() if p.family != "sensor" or n.split(".")[1] in recorded]
+    scales = [f"sensor.{q}.scale" for q in recorded]
+    if block["nuisance"]:
+        wanted = _matched(engine, block["nuisance"], "mismatch: nuisance")
+    elif stated.parameters:
+        fixed = set(_matched(engine, stated.fixed, "identification: fixed"))
+        wanted = [n for n in _matched(engine, stated.parameters, "identification: parameters") if n not in fixed]
+    else:
+        fixed = set(_matched(engine, stated.fixed, "identification: fixed"))
+        wanted = [n for n in (*engine.monitored, *scales) if n not in fixed]
+    _matched(engine, [*block["prior_sigma"], *stated.prior_sigma], "prior_sigma")
+    own = {n: engine.parameters[n].prior_sigma for n in names}
+    if not stated.parameters:
+        own |= dict.fromkeys(scales, SCALE_SIGMA)
+    sigma = {**own, **stated.prior_sigma, **block["prior_sigma"]}
+    return {n: float(sigma[n]) for n in names if n in set(wanted)}
+
+
+def _matched(engine: Engine, patterns: Sequence[str], where: str) -> list[str]:
+    found: list[str] = []
+    for pattern in patterns:
+        hits = fnmatch.filter(engine.parameters, pattern)
+        if not hits:
+            raise DataError(
+                f"{engine.path}: `{where}` names an unknown parameter '{pattern}' ({near(pattern, engine.parameters)})"
+            )
+        found += hits
+    return list(dict.fromkeys(found))
+
+
+def _check_limits(engine: Engine, limits: Mapping[str, float]) -> None:
+    """Raises DataError for a limit of something that is no coefficient of an effect of this engine, or one that would
+    forbid the effect's absence."""
+    from enginediag_cli.physics.registry import candidates
+
+    known = {e.parameter_name(c.name): c for e in (*engine.effects, *candidates(engine)) for c in e.term.COEFFICIENTS}
+    for name, value in limits.items():
+        if name not in known:
+            raise DataError(
+                f"{engine.path}: `mismatch: limits` names an unknown coefficient '{name}' ({near(name, known)})"
+            )
+        if value < known[name].absent:
+            raise DataError(
+                f"{engine.path}: `mismatch: limits: {name}` is below {known[name].absent:g}, the value "
+                "without the effect"
+            )
+
+
+def _noise(
+    engine: Engine,
+    sensors: Sequence[str],
+    stated: IdentificationSettings,
+    nominal: Nominal | None,
+    block: Mapping[str, Any],
+) -> Noise:
+    sigma = {s: stated.noise_sigma.get(s) or engine.sensors[s].noise_sigma for s in sensors}
+    inputs, shares = dict(block.get("input_noise") or {}), dict(block.get("input_noise_share") or {})
+    for name in (*inputs, *shares):
+        if name not in engine.inputs:
+            raise DataError(
+                f"{engine.path}: `mismatch:` states noise of '{name}', which is not an input "
+                f"({near(name, engine.inputs)})"
+            )
+    if nominal is None:
+        return Noise(sigma, {}, inputs, shares)
+    rho = {s: nominal.rho1.get(s, 0.0) for s in sensors}
+    return Noise({s: nominal.sigma.get(s, v) for s, v in sigma.items()}, rho, inputs, shares)
+
+
+def _noise_choice(block: Mapping[str, Any], sensors: Sequence[str], nominal: Nominal | None) -> str:
+    # what cross-validation leaves is the model's error where it has not seen the readings: large enough as it is
+    fitted = nominal is not None and any(
+        n.sigma_from not in ("stated", "cross_validation") for n in nominal.noise if n.sensor in sensors
+    )
+    return "estimate" if fitted else str(block["noise"])
+
+
+def _drivers(names: Sequence[str], flights: Sequence[Flight]) -> tuple[str, ...]:
+    """The further drivers, each of which some flight must have as numbers."""
+    _known_drivers(names, list(dict.fromkeys(c for f in flights for c in f.columns)))
+    return tuple(names)
+
+
+def _known_drivers(names: Sequence[str], columns: Sequence[str]) -> None:
+    for name in names:
+        if name not in columns:
+            raise DataError(f"no recording has numbers in a column '{name}' ({near(name, columns)})")

@@ -1,0 +1,77 @@
+"""Noise estimated from what nothing explains: not the nuisance, not any listed effect, change in time or free form.
+
+The residual of a fit is projected off the space of all of them, so that what is missing does not count as noise:
+
+    σ_s² = Σ_{rows of s} e⊥² / Σ_{rows of s} (1 − h_ii)        ρ_s = Σ e⊥_k e⊥_{k−1} / Σ e⊥_k²
+
+with h the leverage in that space. The second is biased towards 0 by the projection, by about the share of rows that
+it takes; it is divided by that share.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from scipy import stats
+
+from enginediag_cli.mismatch.fit.evidence import Evidence, Noise
+from enginediag_cli.mismatch.fit.projection import Projection
+from enginediag_cli.mismatch.fit.scores import surprise
+
+LARGEST_SHARE = 0.4
+"""Of the rows that the space may take; beyond it only its strongest directions count."""
+
+LARGEST_RHO = 0.95
+LEAST_RHO, DEVIATIONS = 0.08, 3.0  # of a few hundred records nothing below is to be told from 0, of nine sensors
+
+
+def estimated_noise(projection: Projection, blocks: Sequence[np.ndarray]) -> Noise:
+    """Noise by sensor from a fit's projection and the projected columns of all that may be missing."""
+    found, frame = projection.found, projection.frame
+    n = len(frame.record)
+    space = _space([projection.Q[:n], *(b[:n] for b in blocks)], int(LARGEST_SHARE * n))
+    e = projection.left[:n]
+    left = e - space @ (space.T @ e)
+    free = 1.0 - np.einsum("ij,ij->i", space, space)
+    sigma, rho = {}, {}
+    for s, column in enumerate(found.problem.sensors):
+        rows = frame.sensor == s
+        if not rows.any():
+            continue
+        sigma[column] = float(found.problem.sigma[s] * np.sqrt(left[rows] @ left[rows] / free[rows].sum()))
+        rho[column] = _lag_one(left[rows], found.number[frame.record[rows]], float(free[rows].mean()))
+    return replace(found.evidence.noise, sigma={**found.evidence.noise.sigma, **sigma}, rho=rho)
+
+
+def doubtful(gate: float, projection: Projection) -> float:
+    """A gate on −ln p of scores that take estimated noise as exact: a score may rest on one sensor, whose σ² comes from
+    about ν = (1 − LARGEST_SHARE) n_s readings, so that T is F distributed with (1, ν) degrees of freedom."""
+    sensors = projection.frame.sensor
+    nu = (1.0 - LARGEST_SHARE) * float(np.bincount(sensors)[np.unique(sensors)].min())
+    return float(surprise(stats.f.isf(np.exp(-gate), 1, nu), 1)) if np.isfinite(gate) else gate
+
+
+def with_noise(evidence: Evidence, noise: Noise) -> Evidence:
+    return replace(evidence, noise=noise)
+
+
+def _space(columns: Sequence[np.ndarray], most: int) -> np.ndarray:
+    """Orthonormal basis (n, r ≤ most) of the columns, each scaled to unit length first."""
+    A = np.concatenate(columns, axis=1)
+    length = np.linalg.norm(A, axis=0)
+    A = A[:, length > 0] / length[length > 0]
+    # eigenvectors of A Aᵀ through the smaller Gram matrix
+    values, vectors = np.linalg.eigh(A.T @ A)
+    keep = np.flatnonzero(values > 1e-8 * values[-1])[::-1][:most]
+    return np.asarray(np.linalg.qr(A @ vectors[:, keep])[0])
+
+
+def _lag_one(e: np.ndarray, number: np.ndarray, free: float) -> float:
+    """Correlation of consecutive records, 0 where it is not told from it."""
+    next_to = np.diff(number) == 1
+    if next_to.sum() < 20:
+        return 0.0
+    r = float((e[1:] * e[:-1])[next_to].sum() / (e @ e) * len(e) / max(next_to.sum(), 1)) / free
+    return 0.0 if abs(r) < max(LEAST_RHO, DEVIATIONS / np.sqrt(next_to.sum())) else float(np.clip(r, -0.5, LARGEST_RHO))

@@ -1,0 +1,83 @@
+"""What is identified along with an effect, so that nothing is called missing that identification would absorb.
+
+Health of each engine, sensor errors, and the *model-error floor*: every base model is a little wrong, in the
+shapes of its maps above all, and that error repeats on every flight. Each turbomachine's efficiency and flow
+capacity may therefore vary as a polynomial of third degree in its corrected speed and of second in its position
+on the speed line, each curve of unit mean square with a prior standard deviation equal to the stated accuracy of
+the maps; losses, bleeds, areas and mechanical efficiency may be wrong by a constant of that size.
+"""
+
+from __future__ import annotations
+
+import fnmatch
+from collections.abc import Iterator, Mapping
+
+import numpy as np
+
+from enginediag_cli.drivers import polynomials
+from enginediag_cli.engine.components.compressor import Compressor
+from enginediag_cli.engine.components.turbine import Turbine
+from enginediag_cli.engine.engine import Engine
+from enginediag_cli.mismatch.fit.extended import Discrepancy
+
+SPEED_DEGREE, POSITION_DEGREE = 3, 2
+CONSTANTS = ("*.pressure_recovery", "*.pressure_loss", "*.fraction", "*.area", "*.mechanical_efficiency")
+
+
+def constants(engine: Engine, accuracy: float, known: Mapping[str, float]) -> dict[str, float]:
+    """Prior standard deviations of constants of the model that belong to the floor and are not identified anyway."""
+    if accuracy <= 0.0:
+        return {}
+    names = [n for n, p in engine.parameters.items() if p.family in ("design", "health")]
+    return {n: accuracy for n in names if n not in known and any(fnmatch.fnmatch(n, c) for c in CONSTANTS)}
+
+
+def map_curves(
+    engine: Engine, inputs: Mapping[str, np.ndarray], parameters: Mapping[str, float]
+) -> Iterator[tuple[str, np.ndarray]]:
+    """Per turbomachine, its name and its curves (N, k): polynomials in corrected speed, then in what the corrected
+    flow (compressor) or pressure ratio (turbine) has beyond them."""
+    net = engine.network
+    machines = [c for c in net.components if isinstance(c, Compressor | Turbine)]
+    label = {name: s["speed_label"] for name, s in net.shafts.items()}
+    stations = dict.fromkeys(s for c in machines for s in (c.values["from"], c.values["to"]))
+    wanted = [f"{q}{s}{u}" for s in stations for q, u in (("T", "_K"), ("P", "_Pa"), ("W", "_kg_s"))]
+    wanted += [f"{v}_rpm" for v in label.values()]
+    p = engine.predict(inputs, parameters, sensors=tuple(wanted))
+    y = dict(zip(wanted, np.where(p.ok[:, None], p.y, np.nan).T, strict=True))
+    for c in machines:
+        a, b = c.values["from"], c.values["to"]
+        root = np.sqrt(y[f"T{a}_K"])
+        speed = y[f"{label[c.values['shaft']]}_rpm"] / root
+        if isinstance(c, Compressor):
+            position = np.log(y[f"W{a}_kg_s"] * root / y[f"P{a}_Pa"])
+        else:
+            position = np.log(y[f"P{a}_Pa"] / y[f"P{b}_Pa"])
+        first = polynomials(speed, SPEED_DEGREE)
+        yield c.name, np.column_stack([first, polynomials(_beyond(position, first), POSITION_DEGREE)])
+
+
+def floor(
+    engine: Engine, inputs: Mapping[str, np.ndarray], parameters: Mapping[str, float], accuracy: float
+) -> tuple[list[Discrepancy], dict[str, np.ndarray]]:
+    """The floor's discrepancies and their curves by column; none for an accuracy of 0."""
+    found: list[Discrepancy] = []
+    curves: dict[str, np.ndarray] = {}
+    if accuracy <= 0.0:
+        return found, curves
+    for name, columns in map_curves(engine, inputs, parameters):
+        for j, curve in enumerate(columns.T):
+            key = f"map {name} {j + 1}"
+            curves[key] = curve
+            for quantity in ("efficiency", "flow_capacity"):
+                found.append(Discrepancy(f"{name}.{quantity}", key, accuracy))
+    return found, curves
+
+
+def _beyond(values: np.ndarray, curves: np.ndarray) -> np.ndarray:
+    """What is left of the values (N,) after regression on a constant and the curves (N, k)."""
+    good = np.isfinite(values)
+    A = np.column_stack([np.ones(good.sum()), curves[good]])
+    left = np.full(len(values), np.nan)
+    left[good] = values[good] - A @ np.linalg.lstsq(A, values[good], rcond=None)[0]
+    return left

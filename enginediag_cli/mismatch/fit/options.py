@@ -1,0 +1,200 @@
+"""What may explain a mismatch: a listed effect, or a change in time of one engine or of one sensor.
+
+A fault begins and stays; an effect repeats with its driver. Both are columns at the same fit, so they are rivals.
+Onsets are tried at the flights' beginnings and at the quarters of each flight, at most 24 of each engine.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from enginediag_cli.engine.term import Effect
+from enginediag_cli.mismatch.fit.evidence import Evidence
+from enginediag_cli.mismatch.fit.extended import Discrepancy
+from enginediag_cli.mismatch.fit.identified import Hypothesis, Identified
+from enginediag_cli.mismatch.fit.projection import Columns, Projection, Score, lengths
+
+EFFECT, FAULT, SENSOR_FAULT = "effect", "fault", "sensor fault"
+PARTS_OF_FLIGHT = 4
+LEAST_RECORDS = 8  # on either side of an onset
+MOST_ONSETS = 24
+
+
+@dataclass(frozen=True)
+class Option:
+    """One thing that may be added to the model. `component`: where an engineer would look; `driver`: one of the words
+    of `physics.drivers.DRIVERS`, or "time"."""
+
+    kind: str
+    label: str
+    component: str
+    driver: str
+    hypothesis: Hypothesis
+
+
+@dataclass(frozen=True)
+class OptionScore:
+    """Score of an option; `feasible`: its first one-step coefficient has a sign that physics allows. `columns` (n, k):
+    its projected whitened rows."""
+
+    option: Option
+    score: Score
+    feasible: bool
+    columns: np.ndarray
+    z: float  # of the first column alone
+
+    @property
+    def surprise(self) -> float:
+        """−ln p, 0 for what cannot be ranked: absorbed by the nuisance, or of an impossible sign."""
+        return 0.0 if self.score.absorbed or not self.feasible else self.score.surprise
+
+
+def effect_option(effect: Effect) -> Option:
+    return Option(EFFECT, effect.label, effect.site.component, effect.term.DRIVER, Hypothesis((effect,)))
+
+
+def together(*options: Option) -> Hypothesis:
+    """All of them at once."""
+    hypotheses = [o.hypothesis for o in options]
+    return Hypothesis(
+        tuple(e for h in hypotheses for e in h.effects),
+        tuple(d for h in hypotheses for d in h.discrepancies),
+        {k: v for h in hypotheses for k, v in h.curves.items()},
+    )
+
+
+def fault_options(found: Identified) -> list[Option]:
+    """A step in time of every health parameter, and of every sensor's scale, that is identified, on each engine."""
+    evidence = found.evidence
+    parameters = evidence.engine.parameters
+    watched = [n for n in found.problem.names if n in parameters and parameters[n].family in ("health", "sensor")]
+    watched = [n for n in watched if n in evidence.engine.monitored or n.endswith((".scale", ".bias"))]
+    # a sensor's scale and bias step alike within what a flight spans
+    watched = [n for n in watched if not (n.endswith(".bias") and n.removesuffix("bias") + "scale" in watched)]
+    result = []
+    for name, curve in _steps(found).items():
+        for n in watched:
+            sensor = parameters[n].family == "sensor"
+            component = n.rpartition(".")[0] if sensor else n.partition(".")[0]
+            d = Discrepancy(n, name, parameters[n].prior_sigma)
+            result.append(
+                Option(
+                    SENSOR_FAULT if sensor else FAULT,
+                    f"{n} {name}",
+                    component,
+                    "time",
+                    Hypothesis((), (d,), {name: curve}),
+                )
+            )
+    return result
+
+
+def _steps(found: Identified) -> dict[str, np.ndarray]:
+    """Curves (records of the evidence,) that step from 0 to 1, per engine, by a name that says when."""
+    steps: dict[str, np.ndarray] = {}
+    evidence = found.evidence
+    sizes = [len(next(iter(f.columns.values()))) for f in evidence.flights]
+    starts = np.concatenate([[0], np.cumsum(sizes)])
+    for name in evidence.engines:
+        own = [
+            start + part * n // PARTS_OF_FLIGHT
+            for f, start, n in zip(evidence.flights, starts, sizes, strict=False)
+            if f.engine == name
+            for part in range(PARTS_OF_FLIGHT)
+        ]
+        for onset in own[:: -(-len(own) // MOST_ONSETS)]:
+            steps |= _step(evidence, int(onset))
+    return steps
+
+
+def _step(evidence: Evidence, onset: int) -> dict[str, np.ndarray]:
+    """The curve that steps at a record, counted over the evidence, on that record's engine; none too near an end."""
+    flight = np.repeat(
+        np.arange(len(evidence.flights)), [len(next(iter(f.columns.values()))) for f in evidence.flights]
+    )
+    engine = np.array([evidence.engines.index(f.engine) for f in evidence.flights])[flight]
+    mine = engine == engine[onset]
+    curve = (mine & (np.arange(len(mine)) >= onset)).astype(float)
+    if min(curve.sum(), mine.sum() - curve.sum()) < LEAST_RECORDS:
+        return {}
+    first = int(np.flatnonzero(flight == flight[onset])[0])
+    return {f"since record {onset - first + 1} of {evidence.flights[flight[onset]].label}": curve}
+
+
+def with_best_onset(found: Identified, projection: Projection, option: Option) -> Option:
+    """A change in time with the onset, to the record, that scores best about its own; any other option as it is."""
+    if option.driver != "time":
+        return option
+    (d,) = option.hypothesis.discrepancies
+    evidence = found.evidence
+    onset = int(np.flatnonzero(option.hypothesis.curves[d.curve])[0])
+    total = len(option.hypothesis.curves[d.curve])
+    reach = max(2, -(-total // min(MOST_ONSETS, PARTS_OF_FLIGHT * len(evidence.flights))))
+    steps: dict[str, np.ndarray] = {}
+    for k in range(max(onset - reach, 0), min(onset + reach, total - 1) + 1):
+        steps |= _step(evidence, k)
+    column = Columns(found, [d.target], [])[d.target]
+    blown = column[:, :, None] * np.stack([c[found.number] for c in steps.values()], axis=1)[:, None, :]
+    C = projection.projected(blown)
+    length = np.linalg.norm(C, axis=0)
+    T = np.where(length > 0, (C.T @ projection.left) ** 2 / np.maximum(length, 1e-300) ** 2, 0.0)
+    name = list(steps)[int(np.argmax(T))]
+    return Option(
+        option.kind,
+        f"{d.target} {name}",
+        option.component,
+        "time",
+        Hypothesis((), (Discrepancy(d.target, name, d.sigma),), {name: steps[name]}),
+    )
+
+
+def effects_of(options: Sequence[Option]) -> list[Effect]:
+    return [e for o in options for e in o.hypothesis.effects]
+
+
+def parameters_of(options: Sequence[Option]) -> list[str]:
+    """Amplitudes of the options' effects and targets of their discrepancies."""
+    targets = (d.target for o in options for d in o.hypothesis.discrepancies)
+    return [*(a for e in effects_of(options) for a in e.amplitudes), *dict.fromkeys(targets)]
+
+
+def option_scores(
+    found: Identified, projection: Projection, options: Sequence[Option], columns: Columns | None = None
+) -> list[OptionScore]:
+    """Scores of options that the fit does not carry; `columns` of at least `parameters_of` them, if known."""
+    carried = set(found.hypothesis.names)
+    options = [o for o in options if not carried & set(o.hypothesis.names)]
+    if not options:
+        return []
+    J = columns or Columns(found, parameters_of(options), effects_of(options))
+    stack, sizes = [], []
+    for o in options:
+        own = [J[a] for e in o.hypothesis.effects for a in e.amplitudes]
+        own += [J[d.target] * o.hypothesis.curves[d.curve][found.number][:, None] for d in o.hypothesis.discrepancies]
+        stack += own
+        sizes.append(len(own))
+    wide = np.stack(stack, axis=2)
+    C, full = projection.projected(wide), lengths(projection.frame, wide)
+    result, j = [], 0
+    for o, k in zip(options, sizes, strict=True):
+        block = C[:, j : j + k]
+        score = projection.score(block, float(full[j]))
+        length = max(float(np.linalg.norm(block[:, 0])), 1e-300)
+        z = float(block[:, 0] @ projection.left) / length
+        result.append(OptionScore(o, score, _feasible(o, score), block, z))
+        j += k
+    return result
+
+
+def _feasible(option: Option, score: Score) -> bool:
+    """Whether the first coefficient of an effect moves to where physics lets it."""
+    if not score.dof:
+        return False
+    for effect in option.hypothesis.effects:
+        first = effect.term.amplitudes()[0]
+        at, to = first.absent, first.absent + score.coefficients[0]
+        return bool(not (first.lower >= at and to < at) and not (first.upper <= at and to > at))
+    return True

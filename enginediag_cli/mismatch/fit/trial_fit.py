@@ -1,0 +1,164 @@
+"""One hypothesis fitted and looked at: what it explains, and what it leaves to be explained."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from enginediag_cli.drivers import Driver
+from enginediag_cli.mismatch.fit.freeform import Cell, free_form, locations
+from enginediag_cli.mismatch.fit.identified import Hypothesis, Identified, Nuisance, identify_with
+from enginediag_cli.mismatch.fit.options import (
+    EFFECT,
+    FAULT,
+    SENSOR_FAULT,
+    Option,
+    OptionScore,
+    effects_of,
+    option_scores,
+    parameters_of,
+    together,
+)
+from enginediag_cli.mismatch.fit.projection import Columns, Projection
+from enginediag_cli.mismatch.fit.scores import critical_surprise
+
+SHARES = (0.5, 0.2, 0.3)
+"""Of the probability of a false alarm: listed effects, changes in time, free form. What can be named is what is looked
+for, and there are fewer of them."""
+
+FAULTS = (FAULT, SENSOR_FAULT)
+
+
+@dataclass(frozen=True)
+class Trial:
+    """A fit with some options. `objective` is its χ² of readings and priors."""
+
+    options: tuple[Option, ...]
+    found: Identified
+    projection: Projection
+
+    @property
+    def label(self) -> str:
+        return " + ".join(o.label for o in self.options) or "nothing"
+
+    @property
+    def converged(self) -> bool:
+        return self.found.converged
+
+    @property
+    def objective(self) -> float:
+        return self.projection.objective
+
+    @cached_property
+    def at_bound(self) -> tuple[str, ...]:
+        """Coefficients of the options that ended at a physical bound."""
+        held = dict(zip(self.found.problem.names, self.found.fit.at_bound, strict=True))
+        return tuple(n for n in self.hypothesis.names if held[n])
+
+    @property
+    def hypothesis(self) -> Hypothesis:
+        return self.found.hypothesis
+
+    @cached_property
+    def coefficients(self) -> dict[str, tuple[float, float]]:
+        """Value and standard error of each of the options' coefficients, in its unit. One whitened Newton step is
+        added where noise is correlated in time, since the fit itself only tempers it."""
+        problem, projection = self.found.problem, self.projection
+        index = {n: j for j, n in enumerate(problem.names)}
+        free = np.cumsum(projection.free) - 1
+        error = np.sqrt(np.diag(projection.covariance()))
+        result = {}
+        for n in self.hypothesis.names:
+            j = index[n]
+            scale = problem.prior_sigma[j]
+            value = self.found.theta[n]
+            if projection.free[j]:
+                value += float(projection.step[free[j]]) * scale
+                value = float(np.clip(value, problem.lower[j], problem.upper[j]))
+            result[n] = float(value), float(error[free[j]] * scale) if projection.free[j] else 0.0
+        return result
+
+
+@dataclass(frozen=True)
+class Gates:
+    """Thresholds on −ln p of the most surprising effect, change in time and free-form block, at one level together."""
+
+    effects: float = np.inf
+    faults: float = np.inf
+    cells: float = np.inf
+
+
+@dataclass(frozen=True)
+class Remainder:
+    """What a trial leaves: scores of the other options and the free-form map, most surprising first."""
+
+    scores: tuple[OptionScore, ...]
+    cells: tuple[Cell, ...]
+
+    @property
+    def surprise(self) -> float:
+        """−ln p of the most surprising thing that is left; infinite when nothing can be ranked (the model gave no
+        derivatives at the fit), which must not pass for nothing left."""
+        if self.unranked:
+            return np.inf
+        best = max((s.surprise for s in self.scores), default=0.0)
+        return max(best, max((c.surprise for c in self.cells), default=0.0))
+
+    @property
+    def unranked(self) -> bool:
+        """Whether nothing of what was looked for can be ranked."""
+        return bool(self.scores or self.cells) and not self.blocks()
+
+    def over(self, gates: Gates) -> bool:
+        """Whether anything that is left is significant."""
+        return (
+            self.best(EFFECT) > gates.effects
+            or self.best(*FAULTS) > gates.faults
+            or (max((c.surprise for c in self.cells), default=0.0) > gates.cells)
+        )
+
+    def best(self, *kinds: str) -> float:
+        """Largest −ln p of the options of these kinds."""
+        return max((s.surprise for s in self.scores if s.option.kind in kinds), default=0.0)
+
+    def gates(self, levels: Sequence[float], rng: np.random.Generator) -> tuple[Gates, ...]:
+        """Gates at each level, which the three families share by SHARES."""
+        families = (
+            [s.columns for s in self.scores if s.option.kind == EFFECT and not s.score.absorbed],
+            [s.columns for s in self.scores if s.option.kind != EFFECT and not s.score.absorbed],
+            [c.columns for c in self.cells if not c.score.absorbed],
+        )
+        found = [
+            critical_surprise(blocks, [share * level for level in levels], rng)
+            for blocks, share in zip(families, SHARES, strict=True)
+        ]
+        return tuple(Gates(*g) for g in zip(*found, strict=True))
+
+    def blocks(self) -> list[np.ndarray]:
+        """Projected columns of everything that can be ranked."""
+        scores = [s.columns for s in self.scores if not s.score.absorbed]
+        return scores + [c.columns for c in self.cells if not c.score.absorbed]
+
+
+def attempt(options: Sequence[Option], start: Identified, along: Nuisance) -> Trial:
+    """Fit nuisance and options together, from another fit."""
+    found = identify_with(start.evidence, together(*options), along, start)
+    return Trial(tuple(options), found, Projection(found))
+
+
+def remainder(
+    trial: Trial, library: Sequence[Option], drivers: Sequence[Driver], enough: Gates | None = None
+) -> Remainder:
+    """Scores of what the trial does not carry; drivers are over the records of the evidence. The map is left out where
+    an option is already over the gates `enough`."""
+    found, where = trial.found, locations(trial.found)
+    names = [*parameters_of(library), *(p.parameter for p in where)]
+    columns = Columns(found, names, [*effects_of(library), *(p.through for p in where if p.through is not None)])
+    scores = sorted(option_scores(found, trial.projection, library, columns), key=lambda s: -s.surprise)
+    left = Remainder(tuple(scores), ())
+    if enough is not None and left.over(enough):
+        return left
+    return Remainder(tuple(scores), tuple(free_form(found, trial.projection, drivers, columns)))

@@ -1,0 +1,1 @@
+"""Where model and recordings differ: location and driver."""

@@ -1,0 +1,89 @@
+"""What kind of mismatch a map shows: a sensor, a fault, an effect, a switch.
+
+- A *sensor error* touches one reading and no balance: the sensor's own cells beat all others.
+- A *fault* begins at some record and stays; an effect comes and goes with its driver.
+- An *effect* is common to the engines of a fleet when one coefficient serves them all.
+- What *switches*, or varies with something that no column records, has an amplitude in every record that is far
+  likelier than any curve along a recorded driver.
+A part of one engine that is worn is none of these: it is constant, and identification takes it up (`fleet`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from enginediag_cli.mismatch.locate.fleet import Difference, PerEngine, differences, per_engine
+from enginediag_cli.mismatch.locate.locate import Located, Place
+from enginediag_cli.mismatch.locate.time_steps import TIME
+from enginediag_cli.mismatch.unrecorded.hidden import HiddenFinding
+
+NOTHING = "nothing"
+UNLOCATED = "not located"
+SENSOR_ERROR = "sensor error"
+SENSOR_FAULT = "sensor fault"
+FAULT = "fault"
+EFFECT = "effect"
+COMMON_EFFECT = "effect common to all engines"
+ONE_ENGINE = "effect that differs between engines"
+SWITCH = "effect that switches"
+UNRECORDED = "effect of an unrecorded driver"
+NO_VERDICT = "did not converge"
+
+AGREE = 0.01
+"""Engines do not share a coefficient when the p of that is below this."""
+
+
+@dataclass(frozen=True)
+class Kind:
+    """`names`: the kinds that the places within reach are of, the first place's first; `engines`: the first place
+    fitted to each engine (None for one engine); `worn`: the engine that stands out of its fleet;
+    `hidden`: the finding that beats the map, if one does."""
+
+    names: tuple[str, ...]
+    engines: PerEngine | None = None
+    worn: tuple[Difference, ...] = ()
+    hidden: HiddenFinding | None = None
+
+    @property
+    def certain(self) -> bool:
+        return len(self.names) == 1
+
+
+def kind_of(located: Located) -> Kind:
+    """Judge a map."""
+    if not located.converged or located.projection is None or located.presence is None:
+        return Kind((NO_VERDICT,))
+    worn = tuple(d for d in differences(located.projection)[:1] if d.p <= located.presence.false_alarm)
+    if not located.mismatch:
+        return Kind((NOTHING,), worn=worn)
+    hidden = hidden_beats_map(located)
+    if hidden is not None:
+        return Kind((SWITCH if hidden.is_switch else UNRECORDED,), worn=worn, hidden=hidden)
+    within = located.within
+    if not within:
+        return Kind((UNLOCATED,), worn=worn)
+    engines = per_engine(located.projection, within[0].cell)
+    names = dict.fromkeys(_kind(p, engines) for p in within)
+    return Kind(tuple(names), engines, worn)
+
+
+def hidden_beats_map(located: Located) -> HiddenFinding | None:
+    """The likeliest amplitude without a driver, when its ln likelihood ratio exceeds that of the best curve, T/2."""
+    if not located.hidden:
+        return None
+    best = max((p.statistic for p in located.within), default=0.0)
+    first = located.hidden[0]
+    return first if first.lr > 0.5 * best else None
+
+
+def _kind(place: Place, engines: PerEngine | None) -> str:
+    sensor = place.location.startswith("sensor.")
+    if place.group == TIME:
+        return SENSOR_FAULT if sensor else FAULT
+    if sensor:
+        return SENSOR_ERROR
+    if place.cell.driver.word == "switch":
+        return SWITCH
+    if engines is None:
+        return EFFECT
+    return COMMON_EFFECT if engines.p >= AGREE else ONE_ENGINE

@@ -1,0 +1,218 @@
+"""Refinement: fit the effects that a model lacks on some flights, and see whether it predicts others better.
+
+A refinement is refused when a fit does not converge, when a coefficient ends at its physical bound, or when the
+unseen flights do not gain significantly. Gains are differences of log predictive density, paired flight by flight
+(or, with few flights, run by run of consecutive records). Both must hold:
+
+- Wilcoxon's signed-rank test of the gains, one-sided, p < 0.05 (F. Wilcoxon, Biometrics Bull. 1 (1945) 80–83);
+- the gains sum to more than ln 20: a model that is right gives away as much with a probability below 5 %, whatever
+  the rival (Markov's inequality for the likelihood ratio, whose mean under the right model is 1).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy import stats
+
+from enginediag_cli.engine.term import Effect
+from enginediag_cli.mismatch.fit.evidence import Evidence, Flight
+from enginediag_cli.mismatch.fit.identified import NO_HYPOTHESIS, Nuisance, drivers_of, identify_with, nuisance
+from enginediag_cli.mismatch.fit.noise import estimated_noise, with_noise
+from enginediag_cli.mismatch.fit.options import effect_option
+from enginediag_cli.mismatch.fit.projection import Projection
+from enginediag_cli.mismatch.fit.trial_fit import Trial, attempt, remainder
+from enginediag_cli.mismatch.refine.alarms import Alarms, alarms
+from enginediag_cli.mismatch.refine.switch import compare_switched, in_runs, joined, switch_column, with_states
+from enginediag_cli.mismatch.refine.unseen import Unseen, compare, concealed
+from enginediag_cli.mismatch.unrecorded.hidden import HiddenFinding
+from enginediag_cli.physics.registry import candidates
+
+LEVEL = 0.05
+LEAST_GAIN = float(np.log(1.0 / LEVEL))
+WINDOW = 30
+NOISE_PASSES = 2
+STANDS_OUT = 10.0
+"""−ln p that nothing reaches by chance, however many things are tried (about 1 in 200 searches)."""
+
+
+@dataclass(frozen=True)
+class Gain:
+    """`total` gain of log predictive density, `p` of the signed-rank test over `units`, and how many gained."""
+
+    total: float
+    p: float
+    units: int
+    gained: int
+    unit: str
+
+    @property
+    def significant(self) -> bool:
+        return self.p < LEVEL and self.total > LEAST_GAIN
+
+
+@dataclass(frozen=True)
+class Refinement:
+    """`refused`: why nothing may be written, or empty. `effects`: with fitted values; what could not be reached
+    after a refusal is None."""
+
+    refused: str
+    effects: tuple[Effect, ...]
+    standard_errors: dict[str, float]  # by parameter name
+    before: Trial
+    after: Trial | None = None
+    unseen: Unseen | None = None
+    gain: Gain | None = None
+    alarms_before: Alarms | None = None
+    alarms_after: Alarms | None = None
+    flights: tuple[Flight, ...] = ()  # with the inferred states of a hidden switch in their column
+    still_missing: str = ""  # what the fitted flights still show with the effects
+
+
+def refine(
+    evidence: Evidence,
+    unseen: Sequence[int],
+    effects: Sequence[Effect],
+    *,
+    hidden: HiddenFinding | None = None,
+    window: int = WINDOW,
+) -> Refinement:
+    """Fit the effects on all flights but the `unseen` (by position), and judge by those. `hidden`: the finding of
+    unrecorded states, on the flights that are fitted, by which the one effect switches.
+
+    Raises ValueError when no flight is left to train on, or an engine has unseen flights only.
+    """
+    _check(evidence, unseen)
+    if hidden is not None:
+        training = [k for k in range(len(evidence.flights)) if k not in unseen]
+        column = switch_column(effects[0])
+        evidence = with_states(evidence, training, hidden, column)
+        whole, asked = evidence, unseen
+        evidence, unseen = in_runs(evidence, unseen)
+        effects = [replace(effects[0], switch=column)]
+    along = nuisance(concealed(evidence, unseen))
+    if evidence.settings.noise == "estimate":
+        evidence = _with_estimated_noise(evidence, unseen, effects, along)
+    before, after = fit_both(concealed(evidence, unseen), effects, along)
+    if not before.converged:
+        return Refinement(f"the model as it is could not be fitted: {before.found.reason}", (), {}, before)
+    if not after.converged:
+        return Refinement(f"the fit with {after.label} did not converge: {after.found.reason}", (), {}, before)
+    fitted, errors = _fitted(effects, after)
+    if after.at_bound:
+        reason = f"{', '.join(after.at_bound)} ends at a physical bound"
+        return Refinement(reason, fitted, errors, before, after)
+    if hidden is None:
+        seen = compare(evidence, unseen, before, after, along)
+    else:
+        seen, evidence = compare_switched(evidence, unseen, before, after, along, effects[0])
+        evidence, unseen = joined(evidence, whole, column), asked
+    gain = paired_gain(seen.unit_gains, seen.unit)
+    refused, engine = _refusal(seen, gain), evidence.engine
+    if refused:
+        return Refinement(refused, fitted, errors, before, after, seen, gain)
+    refined = engine.with_effects((*engine.effects, *fitted))
+    return Refinement(
+        "",
+        fitted,
+        errors,
+        before,
+        after,
+        seen,
+        gain,
+        alarms(engine, evidence, unseen, window),
+        alarms(refined, evidence, unseen, window),
+        evidence.flights,
+        still_missing(after),
+    )
+
+
+def fit_both(hidden: Evidence, effects: Sequence[Effect], along: Nuisance) -> tuple[Trial, Trial]:
+    """The model as it is and with the effects, fitted to the same flights."""
+    found = identify_with(hidden, NO_HYPOTHESIS, along)
+    after = attempt([effect_option(e) for e in effects], found, along)
+    return Trial((), found, Projection(found)), after
+
+
+def _with_estimated_noise(
+    evidence: Evidence, unseen: Sequence[int], effects: Sequence[Effect], along: Nuisance
+) -> Evidence:
+    """The evidence with the noise that the fitted flights show where nothing explains the readings."""
+    for _ in range(NOISE_PASSES):
+        after = fit_both(concealed(evidence, unseen), effects, along)[1]
+        library = [effect_option(e) for e in candidates(evidence.engine)]
+        rest = remainder(after, library, drivers_of(after.found.evidence, after.found.theta))
+        evidence = with_noise(evidence, estimated_noise(after.projection, rest.blocks()))
+    return evidence
+
+
+def still_missing(after: Trial) -> str:
+    """The most surprising thing that the fitted flights show beyond the effects; empty when nothing stands out."""
+    engine = after.found.evidence.engine
+    carried = {e.label for e in after.hypothesis.effects}
+    library = [effect_option(e) for e in candidates(engine) if e.label not in carried]
+    rest = remainder(after, library, drivers_of(after.found.evidence, after.found.theta))
+    if rest.surprise <= STANDS_OUT:
+        return ""
+    if rest.scores and rest.scores[0].surprise >= rest.surprise:
+        return f"{rest.scores[0].option.label} (−ln p = {rest.scores[0].surprise:.1f})"
+    cell = rest.cells[0]
+    return f"something at {cell.location.name} that varies with {cell.driver.name} (−ln p = {cell.surprise:.1f})"
+
+
+def paired_gain(gains: np.ndarray, unit: str) -> Gain:
+    """Test of paired gains (U,) of log predictive density."""
+    gains = gains[np.isfinite(gains)]
+    p = 1.0
+    if len(gains) and np.any(gains != 0.0):
+        p = float(stats.wilcoxon(gains, alternative="greater").pvalue)
+    return Gain(float(gains.sum()), p, len(gains), int(np.sum(gains > 0)), unit)
+
+
+def _refusal(seen: Unseen, gain: Gain) -> str:
+    if not gain.units:
+        return "no unseen record could be computed by both models"
+    if gain.significant:
+        return ""
+    return (
+        f"the unseen flights are not predicted significantly better: log likelihood {gain.total:+.1f} "
+        f"(at least {LEAST_GAIN:.1f} is asked), {gain.gained} of {gain.units} ({gain.unit}) gain, p = {gain.p:.2g}"
+    )
+
+
+def _fitted(effects: Sequence[Effect], trial: Trial) -> tuple[tuple[Effect, ...], dict[str, float]]:
+    """The effects with the fit's coefficients, and the standard errors of these."""
+    found, errors = [], {}
+    for e in effects:
+        values = dict(e.values)
+        for c in e.term.amplitudes():
+            name = e.parameter_name(c.name)
+            value, errors[name] = trial.coefficients[name]
+            values[c.name] = float(np.clip(value, c.lower, c.upper))
+        found.append(replace(e, values=values))
+    return tuple(found), errors
+
+
+def _check(evidence: Evidence, unseen: Sequence[int]) -> None:
+    training = {f.engine for k, f in enumerate(evidence.flights) if k not in unseen}
+    if not training:
+        raise ValueError("no flight is left to fit the effects to")
+    if not unseen:
+        raise ValueError("no flight is left to judge by")
+    for k in unseen:
+        name = evidence.flights[k].engine
+        if name not in training:
+            raise ValueError(
+                f"{evidence.flights[k].label}: engine {name!r} has no flight among those that are fitted, "
+                "so its health is not known"
+            )
+
+
+def last_flights(evidence: Evidence, count: int) -> list[int]:
+    """Positions of the last `count` flights of every engine."""
+    result = []
+    for name in evidence.engines:
+        result += [k for k, f in enumerate(evidence.flights) if f.engine == name][-count:]
+    return sorted(result)

@@ -1,0 +1,87 @@
+"""What the search for effects without a recorded driver tells of one location."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from enginediag_cli.mismatch.fit.freeform import Location
+
+
+@dataclass(frozen=True)
+class Switch:
+    """A change of state: first record of the new state, counted in its flight from 0, and its probability."""
+
+    flight: str
+    record: int
+    on: bool
+    probability: float
+
+
+@dataclass(frozen=True)
+class HiddenFinding:
+    """An amplitude that no column records, at one location; N records of the fit, `number` (N,) their place in the
+    evidence.
+
+    `lr`: ln likelihood ratio against no such effect, `threshold` the gate of the search, `kernel` the correlation in
+    time that suits best; `amplitude`, `standard_error` (N,) in `unit`, about the mean that identification took;
+    `signal_to_noise` (N,): |a_k| over the standard error of record k alone. `rivals`: locations that the readings do
+    not tell from this one. Where it was refitted as two states: `states` (N,), the probability of "on",
+    `coefficient` of on against off with `interval` (95 %), `switch_lr` and `continuous_lr`, ln evidence of either
+    account at the refit against the fit without the effect, `is_switch`, the better one being two states. `sign`: +1
+    or −1 where physics knows which state is on, 0 where the name is a convention. `remark`: what did not converge.
+    """
+
+    location: Location
+    unit: str
+    kernel: str
+    lr: float
+    threshold: float
+    number: np.ndarray
+    amplitude: np.ndarray
+    standard_error: np.ndarray
+    signal_to_noise: np.ndarray
+    sign: int
+    rivals: tuple[str, ...] = ()
+    states: np.ndarray | None = None
+    is_switch: bool = False
+    switch_lr: float = np.nan
+    continuous_lr: float = np.nan
+    switches: tuple[Switch, ...] = ()
+    coefficient: float = np.nan
+    interval: tuple[float, float] = (np.nan, np.nan)
+    converged: bool = True
+    remark: str = ""
+
+    @property
+    def significant(self) -> bool:
+        return self.converged and self.lr > self.threshold
+
+    @property
+    def gain(self) -> float:
+        """ln evidence of the better account after the refit, −∞ where there was none."""
+        return -np.inf if self.states is None else max(self.switch_lr, self.continuous_lr)
+
+    @property
+    def worth(self) -> float:
+        """`gain` less what it costs that the parameter must vary by so much, ½ (size/scale)²: places that the readings
+        hardly tell apart differ in it."""
+        size = self.coefficient if self.is_switch else float(np.sqrt(np.mean(self.amplitude**2)))
+        return self.gain - 0.5 * (size / self.location.scale) ** 2
+
+    @property
+    def switch_records(self) -> np.ndarray:
+        """Places in the evidence of the first record of every new state."""
+        if self.states is None:
+            return np.zeros(0, int)
+        on = self.states > 0.5
+        return np.asarray(self.number[1:][on[1:] != on[:-1]])
+
+    @property
+    def orientation(self) -> str:
+        """How it is known which of the two states is "on": knowledge, never a finding of the readings."""
+        if self.sign:
+            word = "positive" if self.sign > 0 else "negative"
+            return f"the amplitude of {self.location.name} can only be {word}: on is where it acts"
+        return "which state is called on is a convention: the readings fit the other way round as well"

@@ -1,0 +1,219 @@
+"""Effects whose driver is not recorded: where they act, how strongly in every record, and when they switch.
+
+An effect still moves the readings along a known direction when no column shows what it varies with. At a fit without
+it, every location is given an amplitude of its own in every record and judged by its marginal likelihood ratio; the
+gate for the largest of all of them is drawn from the same geometry with nothing missing. The best locations are then
+refitted as two states, on and off, and the better of the two accounts is told: the score at a fit without the effect
+makes the shortlist, the refit decides, since a large effect has bent the fit without it.
+
+What the readings cannot say: which of two states is "on". Exchanging them and the sign of the amplitude fits equally
+once a constant has been identified; only the sign that physics gives (a bleed takes air) decides.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from enginediag_cli.engine.engine import Engine
+from enginediag_cli.engine.term import Effect
+from enginediag_cli.mismatch.fit.freeform import Location, locations
+from enginediag_cli.mismatch.fit.identified import Identified, Nuisance, nuisance
+from enginediag_cli.mismatch.fit.projection import Projection
+from enginediag_cli.mismatch.unrecorded.amplitude import Likelihood, Solver, own_error
+from enginediag_cli.mismatch.unrecorded.finding import HiddenFinding, Switch
+from enginediag_cli.mismatch.unrecorded.gate import draws_for, largest, likelihoods, threshold
+from enginediag_cli.mismatch.unrecorded.refit import Refit, bounds_of, location_columns, refit
+from enginediag_cli.mismatch.unrecorded.states import first_guesses, two_states
+from enginediag_cli.mismatch.unrecorded.whitened_rows import Basis, Direction, basis, direction
+from enginediag_cli.physics.registry import effect, term, term_names
+
+__all__ = ["HiddenFinding", "Switch", "effects_at", "hidden_amplitudes", "hidden_gate", "null_ratios"]
+
+WITHIN = 3.0
+"""LR within which two locations are rivals."""
+
+INSEPARABLE = 5.5
+"""Half of the 11 units of χ² from which the right of two places comes first 19 times out of 20."""
+
+REFITTED = 4
+NEAR, SLACK = 0.6, 15.0
+"""How many of the best locations are refitted as two states at most, and how near to the best they must be: LR above
+NEAR times the best less SLACK."""
+
+
+def hidden_amplitudes(
+    found: Identified,
+    projection: Projection,
+    *,
+    level: float = 0.05,
+    rng: np.random.Generator,
+    along: Nuisance | None = None,
+    refitted: int = REFITTED,
+) -> list[HiddenFinding]:
+    """Every location's amplitude, the likeliest first, at a fit that carries no such effect; look at `significant`.
+
+    `level`: probability that any location is significant when nothing is missing. Up to `refitted` locations not far
+    from the best are refitted as two states, with the nuisance `along` (default: the evidence's own), and stand
+    first, by their evidence after it and how far the place must vary; the others follow by their LR. A fit that has not
+    converged gives findings that are not significant and say so.
+    """
+    of, places, directions = _geometry(found, projection)
+    draws = of.noise(draws_for(len(of.gap)), rng)
+    both = likelihoods(of, directions, np.concatenate([of.left[:, :, None], draws], axis=2))
+    gate = threshold(largest(both)[1:], level)
+    findings = [_finding(found, of, place, d, f, gate) for place, d, f in zip(places, directions, both, strict=True)]
+    findings.sort(key=lambda f: -f.lr)
+    if not findings or not findings[0].significant:
+        return findings
+    along = nuisance(found.evidence) if along is None else along
+    known = {p.name: (d, f) for p, d, f in zip(places, directions, both, strict=True)}
+    enough = max(gate, NEAR * findings[0].lr - SLACK)
+    chosen = [f for f in findings if f.lr > enough][:refitted]
+    again = [_with_states(f, found, of, known[f.location.name][0], along) for f in chosen]
+    again.sort(key=lambda f: -f.worth)
+    findings = again + findings[len(chosen) :]
+    return [replace(findings[0], rivals=_rivals(findings, of, known)), *findings[1:]]
+
+
+def hidden_gate(found: Identified, projection: Projection, *, level: float, rng: np.random.Generator) -> float:
+    """LR that the likeliest of all locations exceeds with probability `level` when nothing is missing."""
+    return threshold(null_ratios(found, projection, draws_for(len(found.number)), rng), level)
+
+
+def null_ratios(found: Identified, projection: Projection, count: int, rng: np.random.Generator) -> np.ndarray:
+    """Largest LR over all locations of `count` draws with nothing missing, (count,)."""
+    of, _, directions = _geometry(found, projection)
+    return largest(likelihoods(of, directions, of.noise(count, rng)))
+
+
+def effects_at(location: Location, engine: Engine) -> list[Effect]:
+    """Listed effects that may be on or off without any column showing it and that act at the location: the location's
+    own first, then those that act on the same leaf, station or reading."""
+    own = location.through
+    reach = set(own.site.acts_on) if own is not None else {location.parameter}
+    if location.name.startswith("sensor."):
+        quantity = location.name.removeprefix("sensor.")
+        reach |= {f"reading {c}" for c, s in engine.sensors.items() if s.quantity == quantity}
+    found = []
+    for name in term_names():
+        if term(name).SWITCHES:
+            for site in term(name).sites(engine.network):
+                if reach & set(site.acts_on):
+                    found.append(effect(engine, name, site.name))
+    return sorted(found, key=lambda e: own is None or e.label != own.label)
+
+
+def finding_at(
+    effect: Effect, like: HiddenFinding, found: Identified, projection: Projection, along: Nuisance
+) -> HiddenFinding:
+    """The amplitude and two states of one effect at the same fit, judged by the threshold of another finding."""
+    place = Location(effect.label, effect.amplitudes[0], effect.site.component, effect)
+    of = basis(projection)
+    d = direction(of, location_columns(found, [place])[:, :, 0])
+    (f,) = likelihoods(of, [d], of.left[:, :, None])
+    return _with_states(_finding(found, of, place, d, f, like.threshold), found, of, d, along)
+
+
+def _geometry(found: Identified, projection: Projection) -> tuple[Basis, list[Location], list[Direction]]:
+    """Rows of the fit, and the locations that its readings answer to with their directions."""
+    of, places = basis(projection), locations(found)
+    columns = location_columns(found, places)
+    directions = [direction(of, columns[:, :, j]) for j in range(len(places))]
+    seen = [k for k, d in enumerate(directions) if d.diagonal.any()]
+    return of, [places[k] for k in seen], [directions[k] for k in seen]
+
+
+def _finding(found: Identified, of: Basis, place: Location, d: Direction, f: Likelihood, gate: float) -> HiddenFinding:
+    N = len(of.gap)
+    a, error = np.zeros(N), np.zeros(N)
+    if f.signal > 0.0:
+        a, error = Solver(d, d.B, f.kernel, of.gap, f.signal * own_error(d)).amplitude(d.gathered(of.left))
+    engine = found.evidence.engine
+    unit = (place.through.parameters()[0] if place.through else engine.parameters[place.parameter]).unit
+    remark = "" if found.converged else f"the fit without the effect did not converge: {found.reason}"
+    return HiddenFinding(
+        place,
+        unit,
+        f.kernel.name,
+        float(f.best[0]),
+        gate,
+        found.number,
+        a,
+        error,
+        np.abs(a) * np.sqrt(d.diagonal),
+        bounds_of(found, place)[1],
+        converged=found.converged,
+        remark=remark,
+    )
+
+
+def _rivals(
+    findings: Sequence[HiddenFinding], of: Basis, known: dict[str, tuple[Direction, Likelihood]]
+) -> tuple[str, ...]:
+    """Locations as likely as the first within WITHIN, after the refit where there was one, and those that could mimic
+    the first one's amplitude so well, at the same τ and correlation, that the readings' noise decides."""
+    first = findings[0]
+    d, best = known[first.location.name]
+    signal = d.applied(first.amplitude)
+    q = of.rows.shape[2]
+    left = signal - (of.rows.reshape(-1, q) @ (of.rows.reshape(-1, q).T @ signal.ravel())).reshape(signal.shape)
+
+    def explained(name: str) -> float:
+        d = known[name][0]
+        solver = Solver(d, d.B, best.kernel, of.gap, best.signal * own_error(d))
+        return 0.5 * float(solver.quadratic(d.gathered(left)[:, None])[0])
+
+    needed = explained(first.location.name) - INSEPARABLE
+    found = []
+    for f in findings[1:]:
+        refitted = np.isfinite(f.gain) and np.isfinite(first.gain)
+        behind = first.gain - f.gain if refitted else first.lr - f.lr
+        if f.significant and (behind < WITHIN or (behind < 2.0 * INSEPARABLE and explained(f.location.name) > needed)):
+            found.append(f.location.name)
+    return tuple(found)
+
+
+def _with_states(f: HiddenFinding, found: Identified, of: Basis, d: Direction, along: Nuisance) -> HiddenFinding:
+    """The finding with its two states, refitted."""
+    bounds, sign = bounds_of(found, f.location)
+    a = -f.amplitude if sign < 0 else f.amplitude
+    states = two_states(of, d, bounds, first_guesses(a, both_ways=sign == 0))
+    new = refit(found, along, f.location, bounds, states)
+    if not new.converged:
+        return replace(f, remark=f"the refit as two states did not converge: {new.found.reason}")
+    half = 1.96 * new.standard_error
+    interval = max(bounds.lower, new.coefficient - half), min(bounds.upper, new.coefficient + half)
+    gained = 0.5 * (of.objective - new.objective)  # what bending the rest of the fit has brought
+    return replace(
+        f,
+        states=new.states.on,
+        is_switch=new.states.evidence > new.continuous,
+        switch_lr=gained + new.states.evidence,
+        continuous_lr=gained + new.continuous,
+        switches=_switches(new),
+        coefficient=new.coefficient,
+        interval=interval,
+        remark=_remark(new),
+    )
+
+
+def _remark(new: Refit) -> str:
+    if new.standard_error == 0.0:
+        return "the amplitude is at its physical bound"
+    return "" if new.states.settled else "the states had not settled"
+
+
+def _switches(new: Refit) -> tuple[Switch, ...]:
+    """Changes of state within flights, in time order."""
+    on, changed = new.states.on > 0.5, new.states.changed
+    recording, number = new.found.problem.recording, new.found.number
+    flights = new.found.evidence.flights
+    first = np.cumsum([0, *(len(next(iter(f.columns.values()))) for f in flights)])
+    at = np.flatnonzero((on[1:] != on[:-1]) & (recording[1:] == recording[:-1])) + 1
+    return tuple(
+        Switch(flights[recording[k]].label, int(number[k] - first[recording[k]]), bool(on[k]), float(changed[k]))
+        for k in at
+    )

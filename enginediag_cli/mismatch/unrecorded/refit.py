@@ -1,0 +1,112 @@
+"""The two states refitted with everything that is identified: nuisance and amplitude at given states, states at the
+new point, in turn, within the physical bounds of the location.
+
+The states' means stand in for the states; that they were read from the same readings makes the amplitude too large
+unless their doubt V is counted, a = g·ŝ/(ŝᵀGŝ + V + σ_a⁻²): it is put into the amplitude's prior, σ⁻² = σ_a⁻² + V.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from enginediag_cli.mismatch.fit.evidence import Evidence
+from enginediag_cli.mismatch.fit.extended import Discrepancy, ExtendedModel
+from enginediag_cli.mismatch.fit.freeform import Location
+from enginediag_cli.mismatch.fit.identified import Hypothesis, Identified, Nuisance, identify_with
+from enginediag_cli.mismatch.fit.projection import Projection, derivatives
+from enginediag_cli.mismatch.unrecorded.amplitude import likelihood
+from enginediag_cli.mismatch.unrecorded.states import Bounds, States, standard_error, two_states
+from enginediag_cli.mismatch.unrecorded.whitened_rows import basis_without, direction
+
+CURVE = "hidden state"
+ROUNDS, SETTLED = 4, 0.02
+
+
+@dataclass(frozen=True)
+class Refit:
+    """`found`: the last fit, its states given; `coefficient`, `standard_error`: amplitude of on
+    against off, in the unit of the location's parameter; `continuous`: ln evidence of a continuous amplitude at the
+    same point, to compare with `states.evidence`; both are against `objective`, χ² without the effect there."""
+
+    found: Identified
+    states: States
+    coefficient: float
+    standard_error: float
+    continuous: float
+    objective: float
+
+    @property
+    def converged(self) -> bool:
+        return self.found.converged
+
+
+def with_lever(evidence: Evidence, place: Location) -> Evidence:
+    """The evidence with an engine that has the location's parameter."""
+    e = place.through
+    if e is None or e.label in {c.label for c in evidence.engine.effects}:
+        return evidence
+    return replace(evidence, engine=evidence.engine.with_effects((*evidence.engine.effects, e)))
+
+
+def bounds_of(found: Identified, place: Location) -> tuple[Bounds, int]:
+    """Bounds of the amplitude at the location, and the sign that physics gives it: +1, −1, or 0 for not known."""
+    engine = with_lever(found.evidence, place).engine
+    p = engine.parameters[place.parameter]
+    at = found.theta.get(place.parameter, p.nominal)
+    sign = 1 if p.lower >= at else -1 if p.upper <= at else 0
+    low = 0.0 if sign > 0 else p.lower - at
+    high = 0.0 if sign < 0 else p.upper - at
+    return Bounds(low, high, p.prior_sigma), sign
+
+
+def refit(found: Identified, along: Nuisance, place: Location, bounds: Bounds, states: States) -> Refit:
+    """Refits from a fit without the effect; look at `converged`."""
+    evidence = with_lever(found.evidence, place)
+    total = sum(len(next(iter(f.columns.values()))) for f in evidence.flights)
+    fit = found
+    for _ in range(ROUNDS):
+        sigma = (bounds.sigma**-2 + states.doubt) ** -0.5
+        own = Discrepancy(place.parameter, CURVE, sigma, bounds.lower, bounds.upper)
+        curve = np.zeros(total)
+        curve[found.number] = states.on
+        h = found.hypothesis
+        hypothesis = Hypothesis(h.effects, (*h.discrepancies, own), {**h.curves, CURVE: curve})
+        fit = identify_with(evidence, hypothesis, along, fit)
+        if not fit.converged:
+            return Refit(fit, states, np.nan, np.nan, -np.inf, np.nan)
+        projection = Projection(fit)
+        coefficient, error = _coefficient(fit, projection, own.name)
+        column = location_columns(fit, [place])[:, :, 0]
+        plain = direction(basis_without(projection, own.name, np.zeros(column.shape)), column)
+        of = basis_without(projection, own.name, plain.applied(fit.theta[own.name] * states.on))
+        new = two_states(of, plain, bounds, states.on[None])
+        moved = float(np.abs(new.on - states.on).max())
+        if moved < SETTLED:
+            break
+        states = new
+    g = plain.gathered(of.left)[:, None]
+    error = standard_error(of, plain, bounds, replace(new, amplitude=coefficient), error) if error > 0.0 else 0.0
+    states = replace(states, evidence=new.evidence, settled=new.settled and moved < SETTLED)
+    return Refit(fit, states, coefficient, error, likelihood(plain, of.gap, g).evidence, of.objective)
+
+
+def _coefficient(fit: Identified, projection: Projection, name: str) -> tuple[float, float]:
+    """Value and standard error, with the whitened Newton step that the fit has left."""
+    j = fit.problem.names.index(name)
+    if not projection.free[j]:
+        return fit.theta[name], 0.0
+    k, scale = int(np.cumsum(projection.free)[j]) - 1, float(fit.problem.prior_sigma[j])
+    error = float(np.linalg.norm(np.linalg.solve(projection.R, np.eye(len(projection.R)))[k]))
+    return fit.theta[name] + float(projection.step[k]) * scale, error * scale
+
+
+def location_columns(found: Identified, places: list[Location]) -> np.ndarray:
+    """∂y/∂θ (N, m, k) of the locations' parameters at the fit."""
+    engine, carried = found.evidence.engine, found.hypothesis.effects
+    there = {e.label for e in (*engine.effects, *carried)}
+    levers = {p.through.label: p.through for p in places if p.through is not None and p.through.label not in there}
+    effects = (*engine.effects, *carried, *levers.values())
+    model = ExtendedModel(engine.with_effects(effects), found.model.discrepancies)
+    return derivatives(found, [p.parameter for p in places], model)

@@ -1,0 +1,130 @@
+"""Whitened rows of a fit with the nuisance out of the way, and what a per-record amplitude does to them.
+
+An amplitude a_k at a location moves the readings of record k by a_k c_k, c_k the derivative of the readings with
+respect to the location's parameter. In whitened rows, where noise correlated in time has been differenced, it
+moves row k+1 as well:
+
+    row k:  own_k a_k + before_k a_{k−1}        own = c/(σ√(1−ρ²))     before_k = −ρ c_{k−1}/(σ√(1−ρ²))
+
+So CᵀC = T is tridiagonal (diagonal where ρ = 0), and with the nuisance Q projected out G = CᵀPC = T − BᵀB, B = QᵀC
+of as many rows as there are nuisance columns: nothing of size N × N is ever formed.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from enginediag_cli.mismatch.fit.identified import Identified
+from enginediag_cli.mismatch.fit.projection import Frame, Projection
+
+
+@dataclass(frozen=True)
+class Basis:
+    """Nuisance of N records of m sensors in `rows` (N, m, q), 0 where there is no reading.
+
+    `e` (N, m): whitened residual before projection, `left` (N, m) after it; `objective`: χ² of readings and priors
+    without any effect; `pull` (q,) = Qᵀe over readings and priors; `prior_rows` (q, q): Q's rows of the priors;
+    `gap` (N,): records since the last one of the same recording, 0 at the first of a recording.
+    """
+
+    frame: Frame
+    rows: np.ndarray
+    e: np.ndarray
+    left: np.ndarray
+    objective: float
+    pull: np.ndarray
+    prior_rows: np.ndarray
+    gap: np.ndarray
+
+    def noise(self, count: int, rng: np.random.Generator) -> np.ndarray:
+        """Projected residuals (N, m, count) of draws in which nothing is missing."""
+        readings = rng.standard_normal((*self.e.shape, count)) * self.frame.keep[:, :, None]
+        priors = rng.standard_normal((len(self.pull), count))
+        q = len(self.pull)
+        pull = self.rows.reshape(-1, q).T @ readings.reshape(-1, count) + self.prior_rows.T @ priors
+        return readings - (self.rows.reshape(-1, q) @ pull).reshape(readings.shape)
+
+
+def basis(projection: Projection) -> Basis:
+    """The projection's nuisance and residual."""
+    return _basis(projection, projection.Q, projection.e)
+
+
+def basis_without(projection: Projection, name: str, signal: np.ndarray) -> Basis:
+    """The same with one parameter no longer nuisance, and its part of the prediction, `signal` (N, m) in whitened
+    rows, given back to the residual."""
+    p = projection
+    j = p.names.index(name)
+    e = p.e.copy()
+    n = len(e) - p.Q.shape[1]
+    e[:n] += signal[p.frame.keep]
+    if not p.free[j]:
+        return _basis(p, p.Q, e)
+    column = int(np.cumsum(p.free)[j]) - 1
+    A = np.delete(np.delete(p.Q @ p.R, column, axis=1), n + column, axis=0)
+    return _basis(p, np.linalg.qr(A)[0], np.delete(e, n + column))
+
+
+def _basis(projection: Projection, Q: np.ndarray, e: np.ndarray) -> Basis:
+    keep = projection.frame.keep
+    n, q = len(e) - Q.shape[1], Q.shape[1]
+    rows, residual, left = np.zeros((*keep.shape, q)), np.zeros(keep.shape), np.zeros(keep.shape)
+    pull = Q.T @ e
+    rows[keep], residual[keep], left[keep] = Q[:n], e[:n], e[:n] - Q[:n] @ pull
+    objective = float(e @ e - pull @ pull)
+    return Basis(projection.frame, rows, residual, left, objective, pull, Q[n:], gaps(projection.found))
+
+
+def gaps(found: Identified) -> np.ndarray:
+    """Records since the last one of the same recording, (N,); 0 at the first of a recording."""
+    same = found.problem.recording[1:] == found.problem.recording[:-1]
+    return np.concatenate([[0], np.where(same, np.diff(found.number), 0)])
+
+
+@dataclass(frozen=True)
+class Direction:
+    """What an amplitude at a location does: `own` and `before` (N, m) as above, T by `diagonal` (N,) and `beside`
+    (N−1,), and `own_rows`, `before_rows` (N, q): the nuisance along them."""
+
+    own: np.ndarray
+    before: np.ndarray
+    diagonal: np.ndarray
+    beside: np.ndarray
+    own_rows: np.ndarray
+    before_rows: np.ndarray
+
+    @property
+    def B(self) -> np.ndarray:
+        """(N, q): QᵀC, transposed."""
+        found = self.own_rows.copy()
+        found[:-1] += self.before_rows[1:]
+        return found
+
+    def applied(self, amplitude: np.ndarray) -> np.ndarray:
+        """Whitened rows (N, m) that an amplitude (N,) makes."""
+        last = np.concatenate([[0.0], amplitude[:-1]])
+        return self.own * amplitude[:, None] + self.before * last[:, None]
+
+    def gathered(self, rows: np.ndarray) -> np.ndarray:
+        """Cᵀ rows: (N, …) of rows (N, m, …)."""
+        found = np.einsum("nm,nm...->n...", self.own, rows)
+        if self.before.any():
+            found[:-1] += np.einsum("nm,nm...->n...", self.before[1:], rows[1:])
+        return np.asarray(found)
+
+
+def direction(of: Basis, column: np.ndarray) -> Direction:
+    """Of a location whose derivative of the readings is `column` (N, m), in the readings' units."""
+    f = of.frame
+    scaled = f.scaled(column[:, :, None])[:, :, 0]
+    rho = np.where(f.follows, f.rho, 0.0)
+    root = np.sqrt(1.0 - rho**2)
+    before = np.zeros_like(scaled)
+    before[1:] = -rho[1:] * scaled[:-1] / root[1:]
+    own = scaled / root
+    diagonal, beside = (own**2).sum(axis=1), (before[1:] * own[1:]).sum(axis=1)
+    diagonal[:-1] += (before[1:] ** 2).sum(axis=1)
+    along = [np.matmul(v[:, None, :], of.rows)[:, 0] for v in (own, before)]
+    return Direction(own, before, diagonal, beside, along[0], along[1])

@@ -1,0 +1,63 @@
+"""The answer of `isolate --by component`: one row per window, and the same in words."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from enginediag_cli.detection.verdict import Verdict
+    from enginediag_cli.isolation.components import ComponentIsolation
+
+
+def component_row(verdict: Verdict, found: ComponentIsolation | None, units: dict[str, str]) -> dict[str, Any]:
+    """Row of one window; `inclusion` lists the components likeliest first, down to one in a hundred."""
+    from enginediag_cli.presentation.isolation_rows import fit_cell, reservation, told_verdict
+    from enginediag_cli.residuals.flat import window_row
+
+    adequacy = found.adequacy if found else None
+    row = window_row(verdict.window)
+    row.update(
+        verdict=told_verdict(verdict, adequacy),
+        p_value=verdict.test.p_value if verdict.test else None,
+        fit=fit_cell(adequacy),
+        components=None,
+        probability=None,
+        inclusion=None,
+        rivals=None,
+        note=verdict.reason,
+    )
+    if found is not None:
+        shown = sorted(found.inclusion.items(), key=lambda item: -item[1])
+        row.update(
+            components=list(found.components),
+            probability=found.probability,
+            inclusion=[f"{name} ({chance:.2g})" for name, chance in shown if chance >= 0.01],
+            rivals=[f"{' & '.join(r.parameters) or 'nothing'} ({r.probability:.2g})" for r in found.rivals],
+            note="; ".join(
+                filter(
+                    None,
+                    [
+                        reservation(found.adequacy, units),
+                        "" if found.complete else "larger sets of parameters were not considered",
+                    ],
+                )
+            ),
+        )
+    return row
+
+
+def component_sentence(found: ComponentIsolation, units: dict[str, str]) -> str:
+    """The answer for one window in words."""
+    from enginediag_cli.presentation.isolation_rows import reservation
+    from enginediag_cli.presentation.names import in_words, listed
+    from enginediag_cli.presentation.numbers import probability
+
+    def words(components: tuple[str, ...]) -> str:
+        return listed([in_words(c) for c in components]) or "no component"
+
+    told = f"{words(found.components)} changed (probability {probability(found.probability)})"
+    if found.rivals:
+        told += f"; next: {words(found.rivals[0].parameters)} ({probability(found.rivals[0].probability)})"
+    caution = reservation(found.adequacy, units)
+    leading = "" if found.adequacy.stands else "leading, but not to be relied on: "
+    return f"{caution}; {leading}{told}" if caution else told

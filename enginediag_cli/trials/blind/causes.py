@@ -1,0 +1,82 @@
+"""What is wrong in a trial, or is said to be: effects, and steps in time of a health parameter or of a sensor.
+
+The same words for the sealed truth and for an explainer's answer, so that the scorer compares like with like.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from enginediag_cli.engine.engine import Engine
+from enginediag_cli.engine.term import Effect
+from enginediag_cli.mismatch.fit.extended import Discrepancy
+from enginediag_cli.mismatch.fit.identified import Hypothesis
+from enginediag_cli.mismatch.fit.options import Option
+from enginediag_cli.physics.registry import effect
+
+
+@dataclass(frozen=True)
+class Cause:
+    """An effect, `name` = `term@site`, or a step, `name` = the parameter that steps at record `first` of all
+    records in order (−1: an effect)."""
+
+    name: str
+    first: int = -1
+
+    @property
+    def is_step(self) -> bool:
+        return self.first >= 0
+
+    def as_json(self) -> dict[str, Any]:
+        return {"name": self.name, "first": self.first}
+
+    @classmethod
+    def from_json(cls, values: Mapping[str, Any]) -> Cause:
+        return cls(str(values["name"]), int(values["first"]))
+
+
+Key = frozenset[str]
+"""A set of causes by name: when a step began is no part of its identity."""
+
+
+def key(causes: Sequence[Cause]) -> Key:
+    return frozenset(c.name for c in causes)
+
+
+def causes_of(options: Sequence[Option]) -> tuple[Cause, ...]:
+    """The causes that an explanation's options stand for."""
+    found = [Cause(e.label) for o in options for e in o.hypothesis.effects]
+    for o in options:
+        for d in o.hypothesis.discrepancies:
+            found.append(Cause(d.target, int(np.argmax(o.hypothesis.curves[d.curve] > 0))))
+    return tuple(found)
+
+
+def effect_of(engine: Engine, cause: Cause) -> Effect:
+    """The effect that a cause names."""
+    term, _, site = cause.name.partition("@")
+    return effect(engine, term, site)
+
+
+def hypothesis(engine: Engine, causes: Sequence[Cause], records: int) -> Hypothesis:
+    """The causes as something to fit to evidence of so many records of one engine."""
+    effects = tuple(effect_of(engine, c) for c in causes if not c.is_step)
+    steps = [c for c in causes if c.is_step]
+    curves = {f"since record {c.first}": (np.arange(records) >= c.first).astype(float) for c in steps}
+    found = tuple(Discrepancy(c.name, f"since record {c.first}", engine.parameters[c.name].prior_sigma) for c in steps)
+    return Hypothesis(effects, found, curves)
+
+
+def components(engine: Engine, cause: Cause) -> frozenset[str]:
+    """Where an engineer would look: the effect's component, and those whose parameters it acts through (a variation
+    of cooling flow is of the turbine and of the cooling bleed)."""
+    if cause.is_step:
+        sensor = engine.parameters[cause.name].family == "sensor"
+        return frozenset({cause.name.rpartition(".")[0] if sensor else cause.name.partition(".")[0]})
+    site = effect_of(engine, cause).site
+    leaves = {leaf.partition(".")[0] for leaf in site.acts_on if leaf in engine.parameters}
+    return frozenset({site.component} | leaves)

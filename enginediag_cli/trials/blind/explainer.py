@@ -1,0 +1,132 @@
+"""The explainer of blind trials: a process of its own that knows nothing but what it is asked.
+
+    python -m enginediag_cli.trials.blind.explainer
+
+One JSON object a line on standard input: whether to explain or to locate, paths of an engine file and of recordings,
+the accuracy of the maps, the terms that its library lacks, and what is known of the noise. One JSON object a line on
+standard output: the answer.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Mapping
+from dataclasses import replace
+from time import process_time
+from typing import Any
+
+from enginediag_cli.errors import EngineDiagError
+from enginediag_cli.mismatch.explain.answer import Answer, Explanation
+from enginediag_cli.mismatch.explain.explain import explain
+from enginediag_cli.mismatch.explain.story import hidden_search
+from enginediag_cli.mismatch.fit.evidence import Evidence, Noise
+from enginediag_cli.mismatch.fit.freeform import Cell
+from enginediag_cli.mismatch.fit.load import Case, load_case
+from enginediag_cli.mismatch.locate.locate import locate
+from enginediag_cli.mismatch.unrecorded.finding import HiddenFinding
+from enginediag_cli.physics.registry import candidates
+from enginediag_cli.trials.blind.causes import causes_of
+from enginediag_cli.trials.blind.correspondent import LOCATE
+
+CELLS = 10
+
+
+def answer(question: Mapping[str, Any]) -> dict[str, Any]:
+    """What the library without some terms says of the recordings, or where the map puts what is missing."""
+    begun = process_time()
+    case = Case(
+        question["engine"],
+        tuple(question["recordings"]),
+        model_error=question["model_error"],
+        false_alarm=question["false_alarm"],
+        drivers=tuple(question["drivers"]),
+        noise=question["noise"],
+        seed=question["seed"],
+    )
+    evidence = _with_known_noise(load_case(case, _silent).evidence, question)
+    if question["task"] == LOCATE:
+        found: dict[str, Any] = {"cells": [_cell(p.cell) for p in locate(evidence).places[:CELLS]]}
+    else:
+        effects = list(candidates(evidence.engine, question["without"]))
+        found = _as_json(explain(evidence, effects, hidden_search(evidence)))
+    return found | {"seconds": process_time() - begun}
+
+
+def _with_known_noise(evidence: Evidence, question: Mapping[str, Any]) -> Evidence:
+    """The evidence with what is known of the noise: lag-1 correlation of all sensors, noise of the inputs."""
+    rho = dict.fromkeys(evidence.noise.sigma, question["rho"]) if question["rho"] else {}
+    noise = Noise(evidence.noise.sigma, rho, question["input_noise"], question["input_noise_share"])
+    return replace(evidence, noise=noise)
+
+
+def _as_json(a: Answer) -> dict[str, Any]:
+    return {
+        "status": a.status,
+        "reason": a.reason,
+        "explanations": [_explanation(x) for x in a.explanations],
+        "hidden": [_finding(h) for h in a.hidden],
+        "gates": [float(g) for g in a.gates],
+        "surprise": float(a.surprise),
+        "objective": float(a.objective),
+        "readings": int(a.readings),
+        "rejected": dict(a.rejected),
+    }
+
+
+def _explanation(x: Explanation) -> dict[str, Any]:
+    return {
+        "causes": [c.as_json() for c in causes_of(x.options)],
+        "kinds": [o.kind for o in x.options],
+        "probability": float(x.probability),
+        "gain": float(x.gain),
+        "flights": float(x.flights),
+        "left": float(x.left),
+        "coefficients": {c.name: [float(c.value), float(c.low), float(c.high)] for c in x.coefficients},
+    }
+
+
+def _cell(c: Cell) -> dict[str, Any]:
+    return {
+        "location": c.location.name,
+        "component": c.location.component,
+        "driver": c.driver.name,
+        "surprise": float(c.surprise),
+    }
+
+
+def _finding(f: object) -> dict[str, Any]:
+    assert isinstance(f, HiddenFinding)
+    return {
+        "location": f.location.name,
+        "component": f.location.component,
+        "rivals": list(f.rivals),
+        "lr": float(f.lr),
+        "is_switch": bool(f.is_switch),
+        "sign": int(f.sign),
+        "coefficient": float(f.coefficient),
+        "number": f.number.tolist(),
+        "amplitude": [float(x) for x in f.amplitude],
+        "states": None if f.states is None else [float(x) for x in f.states],
+    }
+
+
+def _silent(text: str) -> None:
+    """What was masked is no part of an answer."""
+
+
+def main() -> None:
+    """Answer until standard input ends."""
+    for line in sys.stdin:
+        try:
+            told = answer(json.loads(line))
+        except EngineDiagError as error:
+            told = {"error": str(error)}
+        except Exception as error:  # the prover counts it, and goes on
+            told = {"error": f"{type(error).__name__}: {error}"}
+        sys.stdout.write(json.dumps(told) + "\n")
+        sys.stdout.flush()
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,157 @@
+"""A trial's sealed answer opened: what the explainer said, held against it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from enginediag_cli.engine.engine import Engine
+from enginediag_cli.mismatch.explain.answer import NAMED
+from enginediag_cli.mismatch.fit.evidence import Evidence, Noise
+from enginediag_cli.mismatch.fit.load import build_evidence
+from enginediag_cli.trials.blind import kinds
+from enginediag_cli.trials.blind.causes import Cause, components
+from enginediag_cli.trials.blind.flights import hour_columns
+from enginediag_cli.trials.blind.held_back import held_back
+from enginediag_cli.trials.blind.recorded import Recorded, readings
+from enginediag_cli.trials.blind.score import (
+    GAINING,
+    LOCATABLE,
+    VISIBLE,
+    Marks,
+    Said,
+    hidden_marks,
+    interval_marks,
+    located,
+    marks,
+)
+from enginediag_cli.trials.blind.sealed import Sealed
+from enginediag_cli.trials.blind.separability import Separability, separability
+from enginediag_cli.trials.blind.true_driver import driver_is_right
+
+Cells = Sequence[Mapping[str, Any]]
+"""Places of the map, best first, as the explainer gives them."""
+
+
+def evidence_of(engine: Engine, sealed: Sealed, recorded: Recorded, *, clean: bool) -> Evidence:
+    """The training flights as the explainer has them, or without noise, with the noise that they really have."""
+    flights = (recorded.clean if clean else recorded.noisy)[: sealed.training]
+    evidence = build_evidence(
+        engine,
+        flights,
+        model_error=kinds.MODEL_ERROR[sealed.truth],
+        drivers=hour_columns(),
+    )
+    sigma = {c: s * sealed.noise.factor for c, s in evidence.noise.sigma.items()}
+    noise = Noise(
+        sigma, dict.fromkeys(sigma, sealed.noise.rho), sealed.noise.inputs or {}, sealed.noise.input_shares or {}
+    )
+    return replace(evidence, noise=noise)
+
+
+def opened(
+    engine: Engine, sealed: Sealed, recorded: Recorded, said: Said, ask_cells: Callable[[], Cells]
+) -> dict[str, Any]:
+    """The trial's record: truth, answer, separability, marks. `ask_cells` asks for the map of `locate`, which only
+    trials that are strong enough are marked for."""
+    kind = kinds.base(sealed.kind)
+    truth = tuple(recorded.place(c) for c in sealed.causes)
+    far, snr = None, np.array([np.nan])
+    cells: Cells = ()
+    clean = evidence_of(engine, sealed, recorded, clean=True)
+    if kind == kinds.HIDDEN_SWITCH:
+        snr = _signal_to_noise(engine, sealed)
+    elif truth:
+        far = separability(clean, truth, dict(sealed.health), sealed.without)
+    found = marks(sealed, far, said)
+    held: dict[str, Any] = {}
+    if kind == kinds.HIDDEN_SWITCH and sealed.states is not None:
+        kept = recorded.kept[recorded.kept < int(sealed.records[: sealed.training].sum())]
+        snr = snr[kept]
+        found |= hidden_marks(components(engine, truth[0]), sealed.states[kept], snr, said)
+    elif far is not None and far.ok and min(far.given) >= VISIBLE:
+        found |= interval_marks(sealed, said)
+        if kind in (kinds.SINGLE, kinds.WITHHELD) and far.total >= LOCATABLE:
+            cells = ask_cells()
+            word, named = sealed.effects[0].term.DRIVER, cells[0]["driver"] if cells else ""
+            right = driver_is_right(clean, sealed.health, word, named)
+            found |= located(cells, components(engine, truth[0]), right)
+        if said.status == NAMED and kind != kinds.WITHHELD:
+            held = _held_back(engine, sealed, recorded, truth, said)
+            if far.total >= GAINING and np.all(np.isfinite([held["before"], held["after"]])):
+                gains = np.array(held["before"]) - np.array(held["after"])
+                found["held_out_gain"] = bool(gains.sum() > 0)
+                found["held_out_flights"] = [float(np.mean(gains > 0))]
+    kept_held = {"held_out": held} if held else {}
+    return _record(sealed, recorded, far, float(np.median(snr)), said, found, cells) | kept_held
+
+
+def _held_back(
+    engine: Engine, sealed: Sealed, recorded: Recorded, truth: Sequence[Cause], said: Said
+) -> dict[str, Any]:
+    named = [Cause.from_json(c) for c in said.raw["explanations"][0]["causes"]]
+    evidence = evidence_of(engine, sealed, recorded, clean=False)
+    h = held_back(evidence, recorded.noisy[sealed.training :], named, truth)
+    return {"before": h.before.tolist(), "after": h.after.tolist(), "true": h.true.tolist()}
+
+
+def _signal_to_noise(engine: Engine, sealed: Sealed) -> np.ndarray:
+    """The switch's effect on the readings of each record (N,), over their noise."""
+    on, off = (
+        readings(engine, replace(sealed, states=np.full_like(sealed.states, s)), exact_model=True) for s in (1.0, 0.0)
+    )
+    sigma = np.array([s.noise_sigma for s in engine.sensors.values()]) * sealed.noise.factor
+    return np.asarray(np.linalg.norm((on - off) / sigma, axis=1))
+
+
+def _record(
+    sealed: Sealed,
+    recorded: Recorded,
+    far: Separability | None,
+    snr: float,
+    said: Said,
+    found: Marks,
+    cells: Cells,
+) -> dict[str, Any]:
+    """What is kept of the trial; numbers rounded, so that a line is short and the same on every machine."""
+    raw: Mapping[str, Any] = said.raw
+    return {
+        "trial": sealed.trial,
+        "truth": sealed.truth,
+        "kind": sealed.kind,
+        "causes": [c.as_json() for c in sealed.causes],
+        "values": {n: _short(v) for n, v in sealed.values.items()},
+        "change": _short(sealed.change),
+        "records": int(sealed.records[: sealed.training].sum()),
+        "failed_records": recorded.failed,
+        "lambda": None if far is None else _short(far.total),
+        "given": [] if far is None else [_short(g) for g in far.given],
+        "lambda_sep": None if far is None else _short(far.nearest),
+        "rival": "" if far is None else far.rival,
+        "aliases": [] if far is None or far.total < VISIBLE else sorted(" + ".join(sorted(a)) for a in far.aliases),
+        "scorer_converged": far is None or far.ok,
+        "signal_to_noise": _short(snr),
+        "status": said.status,
+        "reason": raw.get("reason", ""),
+        "error": raw.get("error", ""),
+        "named": [" + ".join(sorted(a)) for a in said.aliases],
+        "probabilities": [_short(p) for p in said.probabilities],
+        "coefficients": raw["explanations"][0]["coefficients"] if raw.get("explanations") else {},
+        "gains": [_short(x["gain"]) for x in raw.get("explanations", ())],
+        "left": [_short(x["left"]) for x in raw.get("explanations", ())],
+        "cells": [f"{c['location']} along {c['driver']}" for c in cells[:3]],
+        "hidden": [f"{h['location']} lr {h['lr']:.1f}" for h in raw.get("hidden", ())[:3]],
+        "gates": [_short(g) for g in raw.get("gates", ())],
+        "surprise": _short(raw.get("surprise", np.nan)),
+        "objective": _short(raw.get("objective", np.nan)),
+        "readings": raw.get("readings", 0),
+        "rejected": raw.get("rejected", {}),
+        "marks": found,
+    }
+
+
+def _short(x: float) -> float | None:
+    return float(f"{x:.6g}") if np.isfinite(x) else None

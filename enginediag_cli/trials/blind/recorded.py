@@ -1,0 +1,118 @@
+"""A trial's recordings: what the truth engine's sensors read, and the files that the explainer is given."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from enginediag_cli.engine.engine import Engine
+from enginediag_cli.mismatch.fit.evidence import Flight
+from enginediag_cli.recordings.table import Recording
+from enginediag_cli.recordings.write import CsvWriter, output
+from enginediag_cli.trials.blind.causes import Cause
+from enginediag_cli.trials.blind.flights import hour_columns, stack
+from enginediag_cli.trials.blind.sealed import Sealed
+
+
+@dataclass(frozen=True)
+class Recorded:
+    """Flights with noise, and without, both of the same records; `kept` (N,): their place among those drawn; `failed`:
+    how many the truth engine could not compute."""
+
+    noisy: tuple[Flight, ...]
+    clean: tuple[Flight, ...]
+    kept: np.ndarray
+    failed: int
+
+    def place(self, cause: Cause) -> Cause:
+        """The cause with its step counted among the kept records."""
+        return cause if not cause.is_step else Cause(cause.name, int(np.searchsorted(self.kept, cause.first)))
+
+
+def readings(engine: Engine, sealed: Sealed, *, exact_model: bool) -> np.ndarray:
+    """What the sensors read without noise, (N, m), NaN where the truth engine has no solution. `exact_model`: the
+    truth without its map errors."""
+    u = stack(sealed.flights)
+    n = len(u["time_s"])
+    errors = None if exact_model else sealed.map_errors
+    truth = engine.with_effects((*engine.effects, *sealed.effects, *(errors.effects if errors else ())))
+    theta: dict[str, float | np.ndarray] = {**sealed.health, **sealed.values}
+    for cause in sealed.causes:
+        if cause.is_step:
+            theta[cause.name] = sealed.health[cause.name] + sealed.change * (np.arange(n) >= cause.first)
+    if sealed.states is not None:
+        for e in sealed.effects:
+            for c in e.term.amplitudes():
+                name = e.parameter_name(c.name)
+                theta[name] = c.absent + (sealed.values[name] - c.absent) * sealed.states
+    inputs = {c: u[c] for c in (*truth.inputs, *truth.optional_inputs) if c in u}
+    if errors:
+        theta.update(errors.parameters)
+        inputs["humidity_kg_kg"] = np.full(n, errors.water)
+    p = truth.predict(inputs, theta)
+    return np.asarray(np.where(p.ok[:, None], p.y, np.nan))
+
+
+def record(engine: Engine, sealed: Sealed) -> Recorded:
+    """Fly the trial and record it."""
+    rng = np.random.default_rng(sealed.noise_seed)
+    true = readings(engine, sealed, exact_model=False)
+    clean = true if sealed.map_errors is None else readings(engine, sealed, exact_model=True)
+    kept = np.isfinite(true).all(axis=1) & np.isfinite(clean).all(axis=1)
+    sigma = np.array([s.noise_sigma for s in engine.sensors.values()]) * sealed.noise.factor
+    noisy_flights, clean_flights, start = [], [], 0
+    for k, flight in enumerate(sealed.flights):
+        n = len(flight["time_s"])
+        rows = slice(start, start + n)
+        good = kept[rows]
+        noise = sigma * _remembering(rng.standard_normal((n, len(sigma))), sealed.noise.rho)
+        known = _with_input_noise(flight, sealed, rng)
+        label = f"flight_{k + 1}"
+        noisy_flights.append(_flight(engine, label, known, true[rows] + noise, good))
+        clean_flights.append(_flight(engine, label, flight, clean[rows], good))
+        start += n
+    return Recorded(tuple(noisy_flights), tuple(clean_flights), np.flatnonzero(kept), int((~kept).sum()))
+
+
+def write_open(folder: Path, engine: Engine, recorded: Recorded, training: int) -> tuple[Path, list[Path]]:
+    """The open folder: the engine file and its maps as they are, and the flights that are not held back."""
+    given = Path(engine.path)
+    tables = [c.values["table"]["file"] for c in engine.network.components if c.values.get("table")]
+    for name in dict.fromkeys((given.name, *tables)):
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
+        shutil.copyfile(given.parent / name, folder / name)
+    paths = []
+    for flight in recorded.noisy[:training]:
+        path = folder / f"{flight.label}.csv"
+        with output(path) as stream:
+            CsvWriter(stream).write(Recording(dict(flight.columns)))
+        paths.append(path)
+    return folder / given.name, paths
+
+
+def _flight(engine: Engine, label: str, known: Mapping[str, np.ndarray], y: np.ndarray, good: np.ndarray) -> Flight:
+    columns = {c: known[c][good] for c in ("time_s", *engine.inputs, *hour_columns())}
+    return Flight(label, "", columns | {c: y[good, j] for j, c in enumerate(engine.sensors)})
+
+
+def _remembering(white: np.ndarray, rho: float) -> np.ndarray:
+    """AR(1) of unit variance from white noise (n, m): e_k = ρ e_{k−1} + √(1 − ρ²) w_k."""
+    e = white.copy()
+    for k in range(1, len(e)):
+        e[k] = rho * e[k - 1] + np.sqrt(1.0 - rho**2) * white[k]
+    return e
+
+
+def _with_input_noise(
+    flight: Mapping[str, np.ndarray], sealed: Sealed, rng: np.random.Generator
+) -> dict[str, np.ndarray]:
+    found = dict(flight)
+    for c, s in (sealed.noise.inputs or {}).items():
+        found[c] = flight[c] + s * rng.standard_normal(len(flight[c]))
+    for c, s in (sealed.noise.input_shares or {}).items():
+        found[c] = flight[c] * (1.0 + s * rng.standard_normal(len(flight[c])))
+    return found

@@ -1,0 +1,172 @@
+"""What is concealed in a trial: drawn from the trial's own seed, never shown to the explainer."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from enginediag_cli.engine.engine import Engine
+from enginediag_cli.engine.term import Effect
+from enginediag_cli.trials.blind import kinds
+from enginediag_cli.trials.blind.causes import Cause
+from enginediag_cli.trials.blind.flights import draw_flights
+from enginediag_cli.trials.blind.map_error import MapErrors, draw_map_errors
+from enginediag_cli.trials.blind.visible import drawable, weights
+
+SIZE = (0.3, 1.5)  # of a typical size
+HEALTH, SENSOR_SCALE = 0.005, 0.001
+HEALTH_FAULT, SENSOR_FAULT = 0.01, 0.005  # typical steps, relative
+DWELL = (6.0, 20.0)  # records, mean of a random telegraph
+RHO = (0.3, 0.7)
+NOISE_FACTOR = (0.5, 2.0)
+INPUT_SIGMA: Mapping[str, float] = {"altitude_m": 8.0, "mach": 0.001}
+POWER_SIGMA = 0.002  # of a reading
+TRIAL_STREAM, SIZE_STREAM = 0, 1
+
+
+@dataclass(frozen=True)
+class Noise:
+    """`factor`: realised standard deviation over the engine file's; `rho`: lag-1 correlation, of every sensor;
+    `inputs` and `input_shares`: standard deviation by input column, in its unit or as a share of the reading."""
+
+    factor: float = 1.0
+    rho: float = 0.0
+    inputs: Mapping[str, float] | None = None
+    input_shares: Mapping[str, float] | None = None
+
+
+@dataclass(frozen=True)
+class Sealed:
+    """The answer of a trial. `values`: coefficients of the effects by parameter; `change`: size of the step, if one
+    of the causes is a step; `states` (N,), 0 or 1, of a hidden switch; `flights`: inputs of every flight, the last
+    ones held back; `without`: terms that the explainer's library lacks."""
+
+    trial: int
+    truth: str
+    kind: str
+    health: Mapping[str, float]
+    causes: tuple[Cause, ...]
+    effects: tuple[Effect, ...]
+    values: Mapping[str, float]
+    change: float
+    states: np.ndarray | None
+    flights: Sequence[Mapping[str, np.ndarray]]
+    training: int
+    without: tuple[str, ...]
+    noise: Noise
+    map_errors: MapErrors | None
+    noise_seed: int
+
+    @property
+    def records(self) -> np.ndarray:
+        """Number of records of every flight."""
+        return np.array([len(f["time_s"]) for f in self.flights])
+
+
+def stream(seed: int, trial: int, what: int = TRIAL_STREAM) -> np.random.Generator:
+    """A trial's own random numbers, whatever other trials there are."""
+    return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(what, trial)))
+
+
+def draw(engine: Engine, seed: int, trial: int, truths: Sequence[str], chosen: Sequence[str]) -> Sealed:
+    """Trial number `trial` of a seed, of one of these truths and kinds."""
+    rng = stream(seed, trial)
+    truth = str(rng.choice(list(truths)))
+    weights = np.array([kinds.WEIGHTS[k] for k in chosen], float)
+    kind = str(rng.choice(list(chosen), p=weights / weights.sum()))
+    health = _health(engine, rng)
+    flights, training = draw_flights(engine, rng)
+    sizes = [len(f["time_s"]) for f in flights]
+    n = sum(sizes[:training])
+    what = kinds.base(kind)
+    effects, values = _effects(engine, what, rng)
+    causes = [Cause(e.label) for e in effects]
+    change = 0.0
+    if what in (kinds.FAULT, kinds.EFFECT_AND_FAULT):
+        cause, change = _step(engine, n, rng)
+        causes.append(cause)
+    states = None
+    if what == kinds.HIDDEN_SWITCH:
+        dwell = rng.uniform(*DWELL)
+        states = np.concatenate([_telegraph(m, dwell, rng) for m in sizes])
+    without = tuple(e.term.NAME for e in effects) if what == kinds.WITHHELD else ()
+    return Sealed(
+        trial,
+        truth,
+        kind,
+        health,
+        tuple(causes),
+        effects,
+        values,
+        change,
+        states,
+        flights,
+        training,
+        without,
+        _noise(engine, kinds.variant(kind), rng),
+        draw_map_errors(engine, rng) if truth == kinds.MAP_ERROR else None,
+        int(rng.integers(2**62)),
+    )
+
+
+def _health(engine: Engine, rng: np.random.Generator) -> dict[str, float]:
+    """Monitored parameters and sensors' scale errors of this engine."""
+    drawn: dict[str, float] = {}
+    for names, sigma in ((engine.monitored, HEALTH), (_scales(engine), SENSOR_SCALE)):
+        for n in names:
+            p = engine.parameters[n]
+            value = p.nominal + sigma * (abs(p.nominal) or 1.0) * rng.standard_normal()
+            drawn[n] = float(np.clip(value, p.lower, p.upper))
+    return drawn
+
+
+def _scales(engine: Engine) -> list[str]:
+    return [f"sensor.{s.quantity}.scale" for s in engine.sensors.values()]
+
+
+def _effects(engine: Engine, what: str, rng: np.random.Generator) -> tuple[tuple[Effect, ...], dict[str, float]]:
+    count = {kinds.NULL: 0, kinds.FAULT: 0, kinds.PAIR: 2}.get(what, 1)
+    library = drawable(engine)
+    if what == kinds.HIDDEN_SWITCH:
+        library = [e for e in library if e.term.SWITCHES]
+    share = np.array([weights(engine.path, SIZE[1])[e.label] for e in library])
+    chosen = rng.choice(len(library), count, replace=False, p=share / share.sum())
+    effects = tuple(library[k] for k in chosen)
+    values = {}
+    for e in effects:
+        for c in e.term.amplitudes():
+            value = c.absent + rng.uniform(*SIZE) * (c.typical - c.absent)
+            values[e.parameter_name(c.name)] = float(np.clip(value, c.lower, c.upper))
+    return effects, values
+
+
+def _step(engine: Engine, n: int, rng: np.random.Generator) -> tuple[Cause, float]:
+    """A health parameter, or a sensor's scale, that changes at some record of the middle half and stays."""
+    first = int(rng.integers(n // 4, 3 * n // 4))
+    size, sign = rng.uniform(*SIZE), rng.choice((-1.0, 1.0))
+    if rng.random() < 0.5:
+        name = str(rng.choice(_scales(engine)))
+        return Cause(name, first), float(sign * size * SENSOR_FAULT)
+    name = str(rng.choice(list(engine.monitored)))
+    if name.endswith(".efficiency"):
+        sign = -1.0  # no fault makes a part better
+    return Cause(name, first), float(sign * size * HEALTH_FAULT * (abs(engine.parameters[name].nominal) or 1.0))
+
+
+def _telegraph(n: int, dwell: float, rng: np.random.Generator) -> np.ndarray:
+    """States (n,) that change with probability 1/dwell from one record to the next."""
+    switched = rng.random(n) < 1.0 / dwell
+    return np.asarray((rng.integers(0, 2) + np.cumsum(switched)) % 2, float)
+
+
+def _noise(engine: Engine, variant: str, rng: np.random.Generator) -> Noise:
+    if variant == kinds.CORRELATED_NOISE:
+        return Noise(rho=float(rng.uniform(*RHO)))
+    if variant == kinds.UNKNOWN_NOISE:
+        return Noise(factor=float(np.exp(rng.uniform(*np.log(NOISE_FACTOR)))))
+    if variant == kinds.INPUT_NOISE:
+        known = {c: INPUT_SIGMA[c] for c in engine.inputs if c in INPUT_SIGMA}
+        return Noise(inputs=known, input_shares={engine.power_setting: POWER_SIGMA})
+    return Noise()

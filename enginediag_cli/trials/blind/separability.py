@@ -1,0 +1,155 @@
+"""How far the truth is from everything else that the explainer could say, on the same flights without noise.
+
+Priors are centred on the true state, so that the true model fits without residual and what is left with another
+model is its non-centrality after everything identified has been re-identified:
+
+    λ(t) = χ² of the model without t        λ_sep(t, r) = χ² with r in place of t        aliases C(t): λ_sep < 11
+
+All rivals of the same or smaller size are judged by projection at the fit without t; the nearest few are refitted.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from itertools import combinations
+
+import numpy as np
+
+from enginediag_cli.mismatch.fit.evidence import Evidence
+from enginediag_cli.mismatch.fit.identified import (
+    NO_HYPOTHESIS,
+    Hypothesis,
+    Identified,
+    Nuisance,
+    identify_with,
+    nuisance,
+)
+from enginediag_cli.mismatch.fit.options import (
+    Option,
+    OptionScore,
+    effect_option,
+    fault_options,
+    option_scores,
+    together,
+)
+from enginediag_cli.mismatch.fit.projection import Projection
+from enginediag_cli.physics.registry import candidates
+from enginediag_cli.trials.blind.causes import Cause, Key, causes_of, hypothesis, key
+
+ALIAS = 11.0
+"""λ_sep below which the right of two explanations wins less than 19 times out of 20."""
+
+REFITTED = 3
+NEAR = 30.0
+"""λ_sep by projection, beyond 5 % of λ, from which a rival is not worth a refit."""
+
+MOST_IN_PAIRS = 60
+SLACK = 0.05  # of the range of a coefficient, which projection knows only roughly
+
+
+@dataclass(frozen=True)
+class Separability:
+    """`total`: λ of everything that is concealed; `given`: per cause, λ of it when the others are in the model;
+    `nearest`: smallest λ_sep of all rivals, `rival` its name; `aliases`: rivals with λ_sep < 11; `ok`: all fits
+    converged."""
+
+    total: float
+    given: tuple[float, ...]
+    nearest: float
+    rival: str
+    aliases: frozenset[Key]
+    ok: bool
+
+
+def separability(
+    evidence: Evidence, truth: Sequence[Cause], health: dict[str, float], without: Sequence[str]
+) -> Separability:
+    """Of the truth on noise-free evidence; `health`: true values of what is identified."""
+    known = {n: health[n] for n in evidence.settings.nuisance if n in health}
+    evidence = replace(evidence, settings=replace(evidence.settings, prior_mean=known))
+    along = nuisance(evidence)
+    base = identify_with(evidence, NO_HYPOTHESIS, along)
+    projection = Projection(base)
+    total, n = projection.objective, sum(len(f.columns["time_s"]) for f in evidence.flights)
+    ok = base.converged
+    given = []
+    for k in range(len(truth)):
+        others = [c for j, c in enumerate(truth) if j != k]
+        if not others:
+            given.append(total)
+            continue
+        left, good = _left(evidence, hypothesis(evidence.engine, others, n), along, base)
+        given.append(left)
+        ok &= good
+    if not truth or not base.converged:
+        return Separability(total, tuple(given), np.nan, "", frozenset(), ok)
+    effects = [effect_option(e) for e in candidates(evidence.engine, without)]
+    scores = option_scores(base, projection, [*effects, *fault_options(base)])
+    rivals = sorted(_rivals(scores, total, len(truth), key(truth)), key=lambda r: r[0])
+    judged: list[tuple[float, Key]] = []
+    for k, (left, options) in enumerate(rivals):
+        if k < REFITTED and left < NEAR + 0.05 * total:
+            left, good = _left(evidence, together(*options), along, base)
+            ok &= good
+        judged.append((left, key(causes_of(options))))
+    nearest, name = min(judged, key=lambda j: j[0], default=(total, frozenset({"nothing"})))
+    return Separability(
+        total,
+        tuple(given),
+        float(nearest),
+        " + ".join(sorted(name)),
+        frozenset(k for left, k in judged if left < ALIAS),
+        bool(ok),
+    )
+
+
+def _left(evidence: Evidence, other: Hypothesis, along: Nuisance, base: Identified) -> tuple[float, bool]:
+    """χ² with another hypothesis, and whether that fit converged."""
+    found = identify_with(evidence, other, along, base)
+    return Projection(found).objective, found.converged
+
+
+def _rivals(
+    scores: Sequence[OptionScore], total: float, size: int, truth: Key
+) -> Iterator[tuple[float, tuple[Option, ...]]]:
+    """λ_sep by projection of all rivals of at most this size, the best onset of every step only."""
+    # what identification takes nearly all of may still be large: only physical bounds rule a rival out
+    usable = [s for s in scores if s.score.dof]
+    best: dict[Key, OptionScore] = {}
+    for s in usable:
+        name = key(causes_of((s.option,)))
+        if name not in best or s.score.statistic > best[name].score.statistic:
+            best[name] = s
+    for name, s in best.items():
+        if name != truth and _possible(s, s.z):
+            yield total - s.score.statistic, (s.option,)
+    if size < 2:
+        return
+    names = sorted(best, key=lambda k: -best[k].score.statistic)[:MOST_IN_PAIRS]
+    # the truth's own parts may be small alone
+    names += [k for k in best if k <= truth and k not in names]
+    for a, b in combinations(names, 2):
+        if a | b != truth:
+            T = _joint(best[a], best[b])
+            if np.isfinite(T):
+                yield total - T, (best[a].option, best[b].option)
+
+
+def _joint(a: OptionScore, b: OptionScore) -> float:
+    """Statistic of the first columns of two options together; −∞ where an effect would need an impossible sign."""
+    u, v = (s.columns[:, 0] / max(float(np.linalg.norm(s.columns[:, 0])), 1e-300) for s in (a, b))
+    r = float(np.clip(u @ v, -0.999999, 0.999999))
+    first, second = (a.z - r * b.z) / (1 - r * r), (b.z - r * a.z) / (1 - r * r)
+    if not (_possible(a, first) and _possible(b, second)):
+        return -np.inf
+    return float((a.z**2 - 2 * r * a.z * b.z + b.z**2) / (1 - r * r))
+
+
+def _possible(s: OptionScore, z: float) -> bool:
+    """Whether an effect's first coefficient, in units of its own length, would be within its physical bounds."""
+    for e in s.option.hypothesis.effects:
+        c = e.term.amplitudes()[0]
+        value = c.absent + z / max(s.score.length, 1e-300)
+        return c.lower - SLACK * (c.upper - c.lower) <= value <= c.upper + SLACK * (c.upper - c.lower)
+    return True

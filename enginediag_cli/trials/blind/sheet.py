@@ -1,0 +1,177 @@
+"""The score sheet of many trials: every score with its interval, split by truth, by kind, and in bins."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+
+from enginediag_cli.trials.blind import kinds
+from enginediag_cli.trials.blind.rates import mean, rate, wilson
+
+Record = Mapping[str, Any]
+
+
+class Score:
+    """One line of the sheet: the mark that it counts, the kinds of trials of its headline, and its target for
+    either truth ("" for none; what it means is in words, as the targets are). Sizes are means, not rates."""
+
+    def __init__(
+        self, mark: str, headline: tuple[str, ...], same_model: str = "", map_error: str = "", size: bool = False
+    ):
+        self.mark, self.headline, self.size = mark, headline, size
+        self.target = {kinds.SAME_MODEL: same_model, kinds.MAP_ERROR: map_error}
+
+
+_SINGLE, _NULL, _ALL = (kinds.SINGLE,), (kinds.NULL,), kinds.KINDS
+_NAMED = tuple(k for k in kinds.KINDS if kinds.base(k) not in (kinds.NULL, kinds.WITHHELD, kinds.HIDDEN_SWITCH))
+
+SCORES: Mapping[str, Score] = {
+    "exact": Score("exact", _SINGLE, ">= 0.97", ">= 0.90"),
+    "exact_no_alias": Score("exact_no_alias", _SINGLE),
+    "covered": Score("covered", _SINGLE, ">= 0.97", ">= 0.90"),
+    "alias_set_size": Score("alias_set_size", _SINGLE, "<= 1.3", "<= 2", size=True),
+    "tight": Score("tight", _SINGLE),
+    "set_score": Score("set_score", _SINGLE, size=True),
+    "found": Score("found", _SINGLE),
+    "false_name": Score("false_name", _NULL, "<= 0.05", "<= 0.05"),
+    "false_name_without_floor": Score("false_name_without_floor", _NULL),
+    "false_finding": Score("false_finding", _NULL),
+    "none_right": Score("none_right", (kinds.WITHHELD,), ">= 0.95", ">= 0.80"),
+    "wrongly_none": Score("wrongly_none", _SINGLE),
+    "exact_pair": Score("exact_no_alias", (kinds.PAIR,), ">= 0.95"),
+    "interval": Score("interval", _NAMED, "0.92 to 0.98", ">= 0.85"),
+    "held_out_gain": Score("held_out_gain", _SINGLE, ">= 0.98", ">= 0.95"),
+    "held_out_flights": Score("held_out_flights", _SINGLE),
+    "log_score": Score("log_score", _SINGLE, size=True),
+    "locate_driver": Score("locate_driver", _SINGLE, ">= 0.90"),
+    "locate_component": Score("locate_component", _SINGLE, ">= 0.90"),
+    "fault_called_fault": Score("fault_called_fault", (kinds.FAULT,)),
+    "effect_called_fault": Score("effect_called_fault", _SINGLE),
+    "exact_fault": Score("exact_no_alias", (kinds.FAULT,)),
+    "exact_effect_and_fault": Score("exact_no_alias", (kinds.EFFECT_AND_FAULT,)),
+    "hidden_found": Score("hidden_found", (kinds.HIDDEN_SWITCH,)),
+    "hidden_location": Score("hidden_location", (kinds.HIDDEN_SWITCH,), ">= 0.95"),
+    "hidden_states": Score("hidden_states", (kinds.HIDDEN_SWITCH,), ">= 0.95", size=True),
+    "no_verdict": Score("no_verdict", _ALL, "<= 0.01", "<= 0.02"),
+}
+
+LAMBDA_BINS = (0.0, 5.0, 15.0, 25.0, 40.0, 150.0, 600.0, np.inf)
+SEPARATION_BINS = (0.0, 2.0, 5.0, 11.0, 22.0, 40.0, 100.0, np.inf)
+SIGNAL_BINS = (0.0, 0.5, 1.2, 2.0, 4.0, np.inf)
+PROBABILITY_BINS = (0.0, 0.35, 0.5, 0.65, 0.8, 0.9, 0.97, 1.0)
+BINNED = (
+    "found",
+    "exact",
+    "covered",
+    "alias_set_size",
+    "false_name",
+    "wrongly_none",
+    "held_out_gain",
+    "locate_component",
+    "locate_driver",
+)
+
+
+def sheet(records: Sequence[Record]) -> dict[str, Any]:
+    """Every score: the headline over both truths, then per truth, with all kinds of trials that it has."""
+    return {name: _score(score, records) for name, score in SCORES.items()}
+
+
+def _score(score: Score, records: Sequence[Record]) -> dict[str, Any]:
+    whole = _rate(score, [r for r in records if r["kind"] in score.headline])
+    for truth in kinds.TRUTHS:
+        own = [r for r in records if r["truth"] == truth]
+        entry = _rate(score, [r for r in own if r["kind"] in score.headline])
+        by_kind = {k: _rate(score, [r for r in own if r["kind"] == k]) for k in kinds.KINDS}
+        whole[truth] = entry | {
+            "target": score.target[truth] or None,
+            "kinds": {k: v for k, v in by_kind.items() if v["of"]},
+        }
+    return whole | {"headline": list(score.headline)}
+
+
+def _rate(score: Score, records: Sequence[Record]) -> dict[str, Any]:
+    found = [r["marks"][score.mark] for r in records if score.mark in r["marks"]]
+    return mean([float(np.mean(x)) for x in found]) if score.size and found else rate(found)
+
+
+def bins(records: Sequence[Record]) -> dict[str, Any]:
+    """Scores of single trials by λ and by λ_sep, withheld ones by λ_out, hidden switches by signal to noise, and the
+    reliability of stated probabilities; each per truth."""
+    found: dict[str, Any] = {}
+    for truth in kinds.TRUTHS:
+        own = [r for r in records if r["truth"] == truth]
+        single = [r for r in own if kinds.base(r["kind"]) == kinds.SINGLE]
+        withheld = [r for r in own if r["kind"] == kinds.WITHHELD]
+        hidden = [r for r in own if r["kind"] == kinds.HIDDEN_SWITCH]
+        visible = [r for r in single if "covered" in r["marks"]]
+        found[truth] = {
+            "lambda": _binned(single, LAMBDA_BINS, _number("lambda"), _marks(BINNED)),
+            "lambda_sep": _binned(visible, SEPARATION_BINS, _number("lambda_sep"), _marks(BINNED)),
+            "lambda_out": _binned(withheld, LAMBDA_BINS, _number("lambda_sep"), _statuses),
+            "signal_to_noise": _binned(hidden, SIGNAL_BINS, _number("signal_to_noise"), _hidden),
+            "probability": _reliability(own),
+        }
+    return found
+
+
+def _number(name: str) -> Callable[[Record], float]:
+    return lambda r: np.nan if r[name] is None else float(r[name])
+
+
+def _binned(
+    records: Sequence[Record],
+    edges: Sequence[float],
+    of: Callable[[Record], float],
+    summary: Callable[[Sequence[Record]], dict[str, Any]],
+) -> list[dict[str, Any]]:
+    rows = []
+    for low, high in pairwise(edges):
+        own = [r for r in records if low <= of(r) < high]
+        if own:
+            rows.append({"from": low, "to": high if np.isfinite(high) else None, "trials": len(own), **summary(own)})
+    return rows
+
+
+def _marks(names: Sequence[str]) -> Callable[[Sequence[Record]], dict[str, Any]]:
+    return lambda own: {n: _rate(SCORES[n], own) for n in names}
+
+
+def _statuses(own: Sequence[Record]) -> dict[str, Any]:
+    return {"status": {s: sum(r["status"] == s for r in own) for s in sorted({r["status"] for r in own})}}
+
+
+def _hidden(own: Sequence[Record]) -> dict[str, Any]:
+    result = {}
+    for name in ("hidden_found", "hidden_location", "hidden_states"):
+        marks = [r["marks"].get(name, r["marks"].get(f"{name}_weak")) for r in own]
+        marks = [m for m in marks if m is not None]
+        result[name] = mean([m[0] for m in marks]) if marks and isinstance(marks[0], list) else rate(marks)
+    return result
+
+
+def _reliability(own: Sequence[Record]) -> list[dict[str, Any]]:
+    """Stated probability of the first name, against how often it is the truth or an unavoidable alias of it."""
+    stated = np.array([r["marks"]["stated"] for r in own if "stated" in r["marks"]], float).reshape(-1, 2)
+    rows = []
+    for low, high in pairwise(PROBABILITY_BINS):
+        inside = stated[(stated[:, 0] > low) & (stated[:, 0] <= high)]
+        if len(inside):
+            right, n = int(inside[:, 1].sum()), len(inside)
+            least, most = wilson(right, n)
+            rows.append(
+                {
+                    "from": low,
+                    "to": high,
+                    "stated": float(inside[:, 0].mean()),
+                    "rate": right / n,
+                    "count": right,
+                    "of": n,
+                    "low": least,
+                    "high": most,
+                }
+            )
+    return rows

@@ -1,0 +1,75 @@
+"""One blind trial from its seed to its marks."""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from time import process_time
+from typing import Any
+
+from enginediag_cli.mismatch.explain.answer import HIDDEN, NAMED
+from enginediag_cli.physics.engine_file import load_engine
+from enginediag_cli.trials.blind import kinds
+from enginediag_cli.trials.blind.correspondent import EXPLAIN, LOCATE, Correspondent
+from enginediag_cli.trials.blind.flights import hour_columns
+from enginediag_cli.trials.blind.opened import opened
+from enginediag_cli.trials.blind.recorded import record, write_open
+from enginediag_cli.trials.blind.score import Said
+from enginediag_cli.trials.blind.sealed import Sealed, draw
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What is asked for: trials of these truths and kinds on one engine; the explainer's nominal false-alarm rate."""
+
+    engine: str
+    seed: int
+    truths: tuple[str, ...]
+    kinds: tuple[str, ...]
+    false_alarm: float = 0.05
+
+
+def run_trial(plan: Plan, trial: int, explainer: Correspondent) -> dict[str, Any]:
+    """Draw, record, ask, open the answer and mark it."""
+    begun = process_time()
+    engine = load_engine(plan.engine)
+    sealed = draw(engine, plan.seed, trial, plan.truths, plan.kinds)
+    recorded = record(engine, sealed)
+    with tempfile.TemporaryDirectory(prefix="enginediag_") as folder:
+        path, files = write_open(Path(folder), engine, recorded, sealed.training)
+        question = _question(plan, sealed, path, files)
+        told = [explainer.ask(question)]
+
+        def cells() -> Sequence[Mapping[str, Any]]:
+            told.append(explainer.ask(question | {"task": LOCATE}))
+            return tuple(told[-1].get("cells", ()))
+
+        # what a trial finds must not depend on what was done before it
+        scored = opened(load_engine(plan.engine), sealed, recorded, Said.of(told[0]), cells)
+        if kinds.base(sealed.kind) == kinds.NULL and sealed.truth == kinds.MAP_ERROR:
+            told.append(explainer.ask(question | {"model_error": 0.0}))
+            if "error" not in told[-1]:
+                scored["marks"]["false_name_without_floor"] = told[-1]["status"] in (NAMED, HIDDEN)
+    explaining = sum(t.get("seconds", 0.0) for t in told)
+    return scored | {"seconds": round(process_time() - begun, 3), "explainer_seconds": round(explaining, 3)}
+
+
+def _question(plan: Plan, sealed: Sealed, engine: Path, files: Sequence[Path]) -> dict[str, Any]:
+    """All that the explainer is told."""
+    unknown = kinds.variant(sealed.kind) == kinds.UNKNOWN_NOISE
+    return {
+        "task": EXPLAIN,
+        "engine": str(engine),
+        "recordings": [str(f) for f in files],
+        "model_error": kinds.MODEL_ERROR[sealed.truth],
+        "without": list(sealed.without),
+        "noise": "estimate" if unknown else "specified",
+        "rho": sealed.noise.rho,
+        "input_noise": dict(sealed.noise.inputs or {}),
+        "input_noise_share": dict(sealed.noise.input_shares or {}),
+        "false_alarm": plan.false_alarm,
+        "drivers": list(hour_columns()),
+        "seed": plan.seed,
+    }

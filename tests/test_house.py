@@ -1,0 +1,157 @@
+"""The plan of the house: rooms in one order, no circle between them, none too large, no function too wide.
+
+Read from the source as text, function-level imports included; nothing is imported.
+"""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Iterator
+from functools import cache
+from pathlib import Path
+
+import pytest
+
+PACKAGE = Path(__file__).resolve().parents[1] / "enginediag_cli"
+
+ORDER = (
+    "__init__",
+    "errors",
+    "units",
+    "progress",
+    "config",
+    "shipped",
+    "parameters",
+    "recordings",
+    "engine",
+    "drivers",
+    "physics",
+    "faults",
+    "simulation",
+    "identification",
+    "intake",
+    "residuals",
+    "detection",
+    "isolation",
+    "mismatch",
+    "methods",
+    "trials",
+    "presentation",
+    "demonstration",
+    "commands",
+    "__main__",
+)
+"""Each room may import those before it, never those after it."""
+
+MISMATCH_ORDER = ("fit", "unrecorded", "locate", "explain", "refine")
+"""The rooms of the search for missing physics, in the same way."""
+
+LARGEST_FILE = 400
+"""Lines of a file."""
+MOST_PARAMETERS = 7
+"""Parameters of a function, `self` not counted; those of a command are its options."""
+
+
+@cache
+def tree(file: Path) -> ast.Module:
+    return ast.parse(file.read_text(encoding="utf-8"))
+
+
+def files() -> list[Path]:
+    return sorted(PACKAGE.rglob("*.py"))
+
+
+def name_of(file: Path) -> str:
+    return str(file.relative_to(PACKAGE))
+
+
+def imported(file: Path) -> Iterator[tuple[int, tuple[str, ...]]]:
+    """Line, and dotted path within the package, of everything that a file imports from it."""
+    for node in ast.walk(tree(file)):
+        if isinstance(node, ast.Import):
+            names = [alias.name for alias in node.names]
+        elif isinstance(node, ast.ImportFrom) and node.level:
+            raise AssertionError(f"{name_of(file)}:{node.lineno}: imports are absolute here")
+        elif isinstance(node, ast.ImportFrom):
+            names = [f"{node.module}.{alias.name}" for alias in node.names]
+        else:
+            continue
+        for name in names:
+            parts = name.split(".")
+            if parts[0] == PACKAGE.name:
+                yield node.lineno, tuple(parts[1:])
+
+
+def room(parts: tuple[str, ...]) -> str:
+    """The room that an imported path leads to; `__version__` stands in the package itself."""
+    return "__init__" if not parts or parts[0].startswith("__version") else parts[0]
+
+
+def wrong_arrows(order: tuple[str, ...], within: str = "") -> list[str]:
+    found = []
+    folder = PACKAGE / within if within else PACKAGE
+    for file in sorted(folder.rglob("*.py")):
+        own = file.relative_to(folder).parts[0].removesuffix(".py")
+        for line, parts in imported(file):
+            if within:
+                if parts[:1] != (within,) or len(parts) < 2:
+                    continue
+                parts = parts[1:]
+            other = room(parts)
+            if own == "__init__" and within:
+                continue
+            if other not in order or own not in order:
+                found.append(f"{name_of(file)}:{line}: the room {other if other not in order else own} has no place")
+            elif order.index(other) > order.index(own):
+                found.append(f"{name_of(file)}:{line}: {own} imports {other}, which stands above it")
+    return found
+
+
+def test_every_room_imports_only_rooms_below_it() -> None:
+    assert wrong_arrows(ORDER) == []
+
+
+def test_the_rooms_of_the_search_for_missing_physics_stand_on_each_other_in_order() -> None:
+    assert wrong_arrows(MISMATCH_ORDER, "mismatch") == []
+
+
+def test_every_room_has_a_place_in_the_order() -> None:
+    rooms = {p.name.removesuffix(".py") for p in PACKAGE.iterdir() if p.suffix == ".py" or (p / "__init__.py").exists()}
+    assert rooms <= set(ORDER)
+
+
+def test_no_file_is_larger_than_a_room_should_be() -> None:
+    large = {name_of(f): n for f in files() if (n := f.read_text(encoding="utf-8").count("\n")) > LARGEST_FILE}
+    assert large == {}
+
+
+def functions() -> Iterator[tuple[Path, ast.FunctionDef]]:
+    for file in files():
+        for node in ast.walk(tree(file)):
+            if isinstance(node, ast.FunctionDef):
+                yield file, node
+
+
+def is_command(node: ast.FunctionDef) -> bool:
+    """Whether its parameters are what a user types."""
+    return any("command" in ast.dump(d) or "option" in ast.dump(d) for d in node.decorator_list)
+
+
+def width(node: ast.FunctionDef) -> int:
+    a = node.args
+    every = [*a.posonlyargs, *a.args, *a.kwonlyargs]
+    return len(every) - bool(every and every[0].arg in ("self", "cls"))
+
+
+def test_no_function_is_wider_than_seven_parameters() -> None:
+    wide = [
+        f"{name_of(f)}:{n.lineno} {n.name} ({width(n)})"
+        for f, n in functions()
+        if width(n) > MOST_PARAMETERS and not is_command(n)
+    ]
+    assert wide == []
+
+
+@pytest.mark.parametrize("word", ["utils", "helpers", "misc", "common"])
+def test_no_room_is_a_drawer(word: str) -> None:
+    assert [name_of(f) for f in files() if f.stem == word or word in f.parts] == []
