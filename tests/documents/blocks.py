@@ -119,7 +119,7 @@ def blocks(document: Path, unfinished: bool = False) -> list[Block]:
 
 
 def _extent(lines: Sequence[str], i: int) -> tuple[int, int]:
-    """First and past the last line of what stands right below line i - 1; one blank line may precede a fence or table."""
+    """First and past the last line of what stands right below line i - 1; a blank line may precede fence or table."""
     if i < len(lines) and not lines[i].strip() and i + 1 < len(lines) and lines[i + 1].startswith(("```", "|")):
         i += 1
     if i < len(lines) and lines[i].startswith("```"):

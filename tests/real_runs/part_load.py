@@ -11,8 +11,8 @@ import sys
 import numpy as np
 from ground_recordings import CONFIGS
 
-from enginediag_cli.engine import load_engine
 from enginediag_cli.identification.nominal_file import read_nominal
+from enginediag_cli.physics.engine_file import load_engine
 from enginediag_cli.recordings.recorder import load_recorder
 
 PART_BELOW_K = 1370.15

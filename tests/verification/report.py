@@ -19,7 +19,7 @@ import numpy as np
 import pycycle_hbtf
 import shared_data
 
-from enginediag_cli.engine import load_engine
+from enginediag_cli.physics.engine_file import load_engine
 
 SECTIONS = ("agreement", "columns", "convergence")
 ROWS = {
