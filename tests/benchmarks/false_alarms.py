@@ -215,13 +215,19 @@ class Summary:
         for i, digits in enumerate(DIGITS):
             own = [100 * found[i][0] for found in rates]
             cells.append(f"{min(own):.{digits}f}–{max(own):.{digits}f}" if own else "")
+        told = f"| {case} | " + " | ".join(cells) + " |"
         unsettled = max(t.unsettled for t in tallies.values())
         n = unsettled + max(len(t.judged) for t in tallies.values())
-        cruise = tallies["cruise"]
-        each = [100 * a[0] / j for a, j in zip(cruise.alarms, cruise.judged, strict=True) if j]
-        scatter = f"{np.std(each, ddof=1):.1f}" if shared and len(each) > 1 else "–"
-        lost = f"{unsettled} of {n}" if shared else "–"
-        return f"| {case} | " + " | ".join(cells) + f" | {scatter} | {lost} |"
+        return told + (f"\n| … identifications that did not settle | {unsettled} of {n} | | |" if unsettled else "")
+
+
+def scatter(case: str, tallies: Mapping[str, Tally]) -> str:
+    """A line: how far the rates of single nominals at RATES[0] lie apart, standard deviation in points, by phase."""
+    cells = []
+    for tally in tallies.values():
+        each = [100 * a[0] / n for a, n in zip(tally.alarms, tally.judged, strict=True) if n]
+        cells.append(f"{np.std(each, ddof=1):.1f}" if len(each) > 1 else "–")
+    return f"| {case} | " + " | ".join(cells) + " |"
 
 
 CASES = [
@@ -242,11 +248,10 @@ def table(options: argparse.Namespace) -> Iterator[str]:
     """Lines of the table, as soon as they are known."""
     flown = fly(options.engine)
     summaries = {told: Summary() for told in TOLD}
-    if options.summary:
-        yield (
-            "| noise, nominal | at 5 % | at 1 % | at 0.1 % | scatter between nominals at 5 %, cruise, points "
-            "| not identified |\n|---|---|---|---|---|---|"
-        )
+    if options.scatter:
+        yield f"| points of {100 * RATES[0]:g} % | " + " | ".join((*PHASES, MISSING)) + " |\n" + "|---" * 6 + "|"
+    elif options.summary:
+        yield "| noise, nominal | at 5 % | at 1 % | at 0.1 % |\n|---|---|---|---|"
     else:
         yield "| noise, nominal, phase | windows | at 5 % | at 1 % | at 0.1 % |\n|---|---|---|---|---|"
     for kind, rho, records in CASES:
@@ -258,6 +263,9 @@ def table(options: argparse.Namespace) -> Iterator[str]:
         tallies = tested(
             rng, flown, kind, rho, records, windows=options.windows, length=options.length, nominals=options.nominals
         )
+        if options.scatter:
+            yield scatter(case, tallies)
+            continue
         if options.summary:
             yield summaries[_told(rho, records)].line(case, tallies, records is not None)
             continue
@@ -267,9 +275,9 @@ def table(options: argparse.Namespace) -> Iterator[str]:
         for told, x in summaries.items():
             n = x.inside + x.below + x.above
             rates = f"{x.inside} of {n} | {x.below} lower | {x.above} higher"
-            yield f"| {told}: rates within their 95 % interval | {rates} | | |"
+            yield f"| {told}: rates within their 95 % interval | {rates} |"
         return
-    if options.commands and options.only in ("", "commands"):
+    if options.commands and not options.scatter and options.only in ("", "commands"):
         for name, (alarms, judged) in end_to_end(options.seed, options.commands, RATES):
             yield row(name, Tally(list(alarms), list(judged)), True)
 
@@ -283,6 +291,7 @@ def main(arguments: list[str] | None = None) -> None:
     parser.add_argument("--engine", default=str(ROOT / "configs" / "turbofan.yaml"))
     parser.add_argument("--seed", type=int, default=2611)
     parser.add_argument("--summary", action="store_true", help="one line per noise and nominal, without the commands")
+    parser.add_argument("--scatter", action="store_true", help="how far single nominals lie apart")
     parser.add_argument("--only", default="", help="cases whose name contains this text; `commands` for the last rows")
     for line in table(parser.parse_args(arguments)):
         print(line, flush=True)
