@@ -13,7 +13,7 @@ from blocks import ROOT, SHARED, Workplace, alike, blocks, difference, documents
 from enginediag_cli.commands.main import enginediag
 
 MOST_LINES, WIDEST = 200, 120
-LINK = re.compile(r"\[[^\]]*\]\(([^)\s]+)\)")
+LINK = re.compile(r"\[[^\]]*\]\(([^)\s]+)\)|^\[[^\]]+\]: (\S+)$", re.M)
 SPAN = re.compile(r"`(enginediag [^`]+)`")
 DOCUMENTS = documents()
 FOUND = [group for document in DOCUMENTS for group in sessions(blocks(document))]
@@ -60,7 +60,7 @@ def prose(document: Path) -> str:
 
 @pytest.mark.parametrize("document", DOCUMENTS, ids=lambda d: str(d.relative_to(ROOT)))
 def test_every_relative_link_leads_somewhere(document):
-    for target in LINK.findall(prose(document)):
+    for target in (a or b for a, b in LINK.findall(prose(document))):
         if re.match(r"[a-z]+:", target):
             continue
         path, _, part = target.partition("#")
