@@ -16,7 +16,7 @@ MOST_LINES, WIDEST = 200, 120
 LINK = re.compile(r"\[[^\]]*\]\(([^)\s]+)\)|^\[[^\]]+\]: (\S+)$", re.M)
 SPAN = re.compile(r"`(enginediag [^`]+)`")
 DOCUMENTS = documents()
-FOUND = [group for document in DOCUMENTS for group in sessions(blocks(document))]
+FOUND = [group for document in DOCUMENTS for group in sessions(blocks(document, unfinished=True))]
 
 
 def marked(group):
@@ -46,6 +46,11 @@ def test_timings_name_when_and_where_and_a_script_with_these_options(group):
             script = next(w for w in words if w.endswith(".py"))
             text = (ROOT / script).read_text(encoding="utf-8")
             assert all(w.split("=")[0] in text for w in words if w.startswith("--"))
+
+
+@pytest.mark.parametrize("document", DOCUMENTS, ids=lambda d: str(d.relative_to(ROOT)))
+def test_no_figure_is_announced_and_missing(document):
+    blocks(document)
 
 
 def slug(heading: str) -> str:

@@ -78,7 +78,7 @@ class Block:
 
     @property
     def slow(self) -> bool:
-        return any(m.split()[0] in ("slow", "long") for m in self.marks)
+        return any(re.match(r"(slow|long)\b", m) for m in self.marks)
 
     @property
     def needs_data(self) -> bool:
