@@ -19,6 +19,8 @@ _LB = 0.45359237
 _LBF = _LB * 9.80665
 _PSI = _LBF / 0.0254**2
 _FT = 0.3048
+_GAL = 231 * 0.0254**3
+"""US liquid gallon: 231 cubic inches (SP 811)."""
 
 
 @dataclass(frozen=True)
@@ -63,8 +65,21 @@ _TABLE: dict[tuple[str, str], dict[str, float]] = {
         "kg_h": 1 / 3600,
         "lb_s": _LB,
         "lb_h": _LB / 3600,
+        "lb_min": _LB / 60,
+        "kg_min": 1 / 60,
+        "g_s": 1e-3,
         "t_h": 1 / 3.6,
     },
+    ("volume flow", "m3_s"): {
+        "m3_s": 1.0,
+        "m3_h": 1 / 3600,
+        "l_s": 1e-3,
+        "l_min": 1e-3 / 60,
+        "l_h": 1e-3 / 3600,
+        "gal_min": _GAL / 60,
+        "gal_h": _GAL / 3600,
+    },
+    ("density", "kg_m3"): {"kg_m3": 1.0, "kg_l": 1e3, "lb_gal": _LB / _GAL},
     ("rotational speed", "rpm"): {"rpm": 1.0, "rad_s": 30 / math.pi, "Hz": 60.0},
     ("power", "W"): {"W": 1.0, "kW": 1e3, "MW": 1e6, "hp": 550 * _FT * _LBF},
     ("torque", "Nm"): {"Nm": 1.0, "kNm": 1e3, "lbf_ft": _LBF * _FT},
@@ -92,6 +107,48 @@ UNITS: dict[str, Unit] = {unit.name: unit for unit in _TEMPERATURES} | {
 
 ALIASES: dict[str, str] = {
     "psia": "psi",
+    "PSI": "psi",
+    "PSIA": "psi",
+    "kPaA": "kPa",
+    "kPa_a": "kPa",
+    "bara": "bar",
+    "in_Hg": "inHg",
+    "shp": "hp",
+    "SHP": "hp",
+    "HP": "hp",
+    "PPH": "lb_h",
+    "l/min": "l_min",
+    "L/min": "l_min",
+    "l/h": "l_h",
+    "L/h": "l_h",
+    "l/s": "l_s",
+    "gal/h": "gal_h",
+    "gph": "gal_h",
+    "GPH": "gal_h",
+    "gal/min": "gal_min",
+    "m3/h": "m3_h",
+    "m3/s": "m3_s",
+    "kg/min": "kg_min",
+    "lb/min": "lb_min",
+    "g/s": "g_s",
+    "kg/m3": "kg_m3",
+    "kg/l": "kg_l",
+    "lb/gal": "lb_gal",
+    "deg C": "degC",
+    "deg F": "degF",
+    "deg_C": "degC",
+    "deg_F": "degF",
+    "KT": "kt",
+    "KTS": "kt",
+    "FT": "ft",
+    "feet": "ft",
+    "RPM": "rpm",
+    "1/min": "rpm",
+    "PCT": "pct",
+    "N m": "Nm",
+    "lbf ft": "lbf_ft",
+    "ft lbf": "lbf_ft",
+    "lb ft": "lbf_ft",
     "pph": "lb_h",
     "lbm_s": "lb_s",
     "lbm_h": "lb_h",
@@ -163,6 +220,28 @@ def split_column(column: str) -> tuple[str, str]:
         if suffix not in _NOT_SUFFIXES and (suffix in UNITS or suffix in ALIASES) and parts[0]:
             return "_".join(parts[:start]), suffix
     return column, ""
+
+
+def split_header(header: str) -> tuple[str, str]:
+    """As `split_column` for headers of foreign files: also `P3 [kPa]`, `P3 (kPa)`, `P3 kPa`, `P3/kPa` and `P3, kPa`.
+
+    The unit is given as written; empty where none is known.
+    """
+    bare = header.strip()
+    for opening, closing in (("[", "]"), ("(", ")"), ("{", "}")):
+        if bare.endswith(closing) and opening in bare:
+            quantity, unit = bare[:-1].rsplit(opening, 1)
+            if _known(unit.strip()) and quantity.strip():
+                return quantity.strip(" _-"), unit.strip()
+    for separator in (", ", " ", "/"):
+        quantity, _, unit = bare.partition(separator) if separator == "/" else bare.rpartition(separator)
+        if quantity.strip() and _known(unit.strip()) and unit.strip() not in _NOT_SUFFIXES:
+            return quantity.strip(" _-,"), unit.strip()
+    return split_column(bare)
+
+
+def _known(unit: str) -> bool:
+    return unit in UNITS or unit in ALIASES
 
 
 def is_numeric_column(column: str) -> bool:

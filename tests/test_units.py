@@ -17,6 +17,7 @@ from enginediag_cli.units import (
     from_si,
     is_numeric_column,
     split_column,
+    split_header,
     to_si,
 )
 
@@ -38,6 +39,23 @@ from enginediag_cli.units import (
 )
 def test_a_column_splits_into_quantity_and_the_longest_known_unit(column, expected):
     assert split_column(column) == expected
+
+
+@pytest.mark.parametrize(
+    ("header", "expected"),
+    [
+        ("P3 [kPa]", ("P3", "kPa")),
+        ("Exit T5 (abs) [K]", ("Exit T5 (abs)", "K")),
+        ("P3 (psia)", ("P3", "psia")),
+        ("P3 kPa", ("P3", "kPa")),
+        ("Fuel, l/h", ("Fuel", "l/h")),
+        ("P3_kPa", ("P3", "kPa")),
+        ("Class C", ("Class C", "")),
+        ("note (late)", ("note (late)", "")),
+    ],
+)
+def test_a_foreign_header_splits_into_quantity_and_unit_as_written(header, expected):
+    assert split_header(header) == expected
 
 
 @pytest.mark.parametrize(
@@ -66,6 +84,11 @@ def test_a_column_splits_into_quantity_and_the_longest_known_unit(column, expect
         (180.0, "deg", math.pi),
         (50.0, "%", 0.5),
         (2.0, "h", 7200.0),
+        (1.0, "shp", 745.69987158227),
+        (60.0, "kg/min", 1.0),
+        (60.0, "l/min", 1e-3),
+        (1.0, "gal/h", 3.785411784e-3 / 3600),
+        (6.7, "lb/gal", 802.837063),
         (134.0, "MWh_h", 134e6),
     ],
 )

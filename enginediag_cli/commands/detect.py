@@ -9,40 +9,42 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from enginediag_cli.commands.detect_follow import Follow, check_follow, follow_options, run_follow
+from enginediag_cli.commands.intake_options import (
+    judging_options,
+    monitor_option,
+    nominal_options,
+    source_options,
+    window_options,
+)
+from enginediag_cli.commands.judging import ending, open_intake, open_monitor, tell_files
 from enginediag_cli.commands.options import (
+    FiniteRange,
     exit_code_option,
     exit_codes,
+    false_alarm_option,
     message_options,
     output_options,
     pass_messages,
-    recordings_argument,
-)
-from enginediag_cli.commands.origin import Origin, origin_options
-from enginediag_cli.commands.windows import (
-    Intake,
-    ending,
-    false_alarm_option,
-    load_monitor,
-    planned,
-    statistics_option,
-    window_options,
 )
 from enginediag_cli.presentation.messages import Messages
 from enginediag_cli.presentation.output import Output
 
 if TYPE_CHECKING:
-    from enginediag_cli.detection.verdict import Verdict
     from enginediag_cli.errors import ExitCode
+    from enginediag_cli.intake.source import Source
+    from enginediag_cli.residuals.files import Judging
 
 
 @click.command(
     short_help="Say when an engine departs from nominal.",
     epilog=exit_codes("a fault was found and --exit-code given"),
 )
-@recordings_argument
-@statistics_option
+@source_options
+@nominal_options(help="Nominal engine, as written by identify; not needed for what residual has written.")
+@judging_options
 @window_options
-@origin_options
+@monitor_option
 @false_alarm_option
 @click.option(
     "--detectable",
@@ -53,43 +55,27 @@ if TYPE_CHECKING:
 @click.option(
     "--power",
     metavar="P",
-    type=click.FloatRange(0.5, 0.9999),
+    type=FiniteRange(0.5, 0.9999),
     default=0.9,
     show_default=True,
     help="Probability with which --detectable counts a change as shown.",
 )
-@click.option(
-    "--follow",
-    is_flag=True,
-    help="Judge records as they come, from standard input or a growing file: one row per --window records (20), "
-    "with one probability of a false alarm (--false-alarm) for the whole of each flight.",
-)
-@click.option(
-    "--idle",
-    metavar="SECONDS",
-    type=click.FloatRange(min=0),
-    default=60.0,
-    show_default=True,
-    help="With --follow, a file to which nothing is added for so long has ended.",
-)
+@follow_options
 @exit_code_option
 @output_options
 @message_options
 @pass_messages
 def detect(
     messages: Messages,
-    recordings: tuple[str, ...],
+    source: Source,
     nominal: str | None,
-    window: str | None,
-    step: str | None,
-    linearise: str,
+    accept_changed_engine: bool,
+    judging: Judging,
     patterns: tuple[str, ...],
-    origin: Origin,
     false_alarm: float,
     detectable: bool,
     power: float,
-    follow: bool,
-    idle: float,
+    follow: Follow,
     exit_code: bool,
     output: Output,
 ) -> ExitCode:
@@ -110,131 +96,37 @@ def detect(
     says sudden fault, gradual deterioration, sensor jump, sensor drift, present from the start, or cannot tell,
     and onset_s since when, with its 95 % interval.
     """
-    if follow:
-        return _follow(
-            messages,
-            recordings,
-            nominal,
-            window,
-            step,
-            patterns,
-            origin,
-            false_alarm,
-            detectable,
-            idle,
-            exit_code,
-            output,
-        )
+    if follow.wanted:
+        check_follow(follow, judging, detectable)
     from enginediag_cli.detection.verdict import judge
+    from enginediag_cli.presentation.detection_rows import detection_row
     from enginediag_cli.recordings.provenance import header_lines
     from enginediag_cli.residuals.compact import compact
+    from enginediag_cli.residuals.files import JudgedFiles
 
     if detectable and power <= false_alarm:
         raise click.UsageError("--power must be larger than --false-alarm")
-    plan = planned(window, step)
-    monitor = compact(load_monitor(messages, nominal, patterns)) if nominal else None
-    intake = Intake(messages, monitor, plan, linearise, origin)
+    monitor = open_monitor(nominal, patterns, accept_changed_engine) if nominal else None
+    if follow.wanted and monitor is not None:
+        return run_follow(messages, follow, source, monitor, false_alarm, exit_code, output)
+    files = JudgedFiles(open_intake(source, monitor), compact(monitor) if monitor else None, judging)
     tally: Counter[str] = Counter()
 
     def rows() -> Iterator[dict[str, Any]]:
-        for found, _ in intake.windows(recordings):
+        for found, _ in files.windows():
             verdict = judge(found, false_alarm)
             tally[verdict.verdict] += 1
-            yield _row(verdict, detectable, false_alarm, power)
+            yield detection_row(verdict, power if detectable else None, false_alarm)
 
     found = rows()
     first = next(found, None)
     head = header_lines(
         "detect",
-        configs=[*([nominal] if nominal else []), *origin.configs],
-        notes={"false_alarm": str(false_alarm), **origin.notes},
-        inherited=intake.provenance,
+        configs=[*([nominal] if nominal else []), *source.configs],
+        notes={"false_alarm": str(false_alarm), **source.notes, **judging.notes},
+        inherited=files.intake.provenance,
     )
     output.write_rows(chain([first] if first is not None else [], found), provenance=head, live=True)
-    intake.report()
+    tell_files(messages, files)
     messages.note(", ".join(f"{n} {what}" for what, n in sorted(tally.items())) or "no window")
-    windows = sum(tally.values())
-    return ending(tally["fault"], windows - tally["no verdict"], windows, exit_code)
-
-
-def _follow(
-    messages: Messages,
-    recordings: tuple[str, ...],
-    nominal: str | None,
-    window: str | None,
-    step: str | None,
-    patterns: tuple[str, ...],
-    origin: Origin,
-    false_alarm: float,
-    detectable: bool,
-    idle: float,
-    exit_code: bool,
-    output: Output,
-) -> ExitCode:
-    from enginediag_cli.commands.follow import block_length, followed, report_row
-    from enginediag_cli.recordings.provenance import header_lines
-    from enginediag_cli.residuals.windows import WindowPlan
-
-    if nominal is None:
-        raise click.UsageError("--follow needs --nominal")
-    refused = {
-        "--step": (step, "blocks do not overlap, or their evidence would count twice"),
-        "--detectable": (detectable, "the smallest change depends on how long it has lasted"),
-        "--reference": (origin.reference, "a flight is judged from its first record on"),
-        "--last": (origin.last, "the last records of a flight that goes on are not known"),
-        "--model-error": (origin.model_error, "its bound on false alarms holds for an engine model that is right"),
-    }
-    reasons = [f"{option} does not go with --follow: {why}" for option, (given, why) in refused.items() if given]
-    if reasons:
-        raise click.UsageError("; ".join(reasons))
-    block = block_length(window)
-    intake = Intake(messages, load_monitor(messages, nominal, patterns), WindowPlan(), "nominal", origin)
-    alarms: dict[tuple[str, str, str], bool] = {}
-    judged = 0
-
-    def rows() -> Iterator[dict[str, Any]]:
-        nonlocal judged
-        for report in followed(intake, recordings, false_alarm, block, idle):
-            alarms[report.key] = report.alarm
-            judged += report.judged
-            yield report_row(report)
-
-    found = rows()
-    first = next(found, None)
-    head = header_lines(
-        "detect",
-        configs=[nominal, *origin.configs],
-        notes={"follow": f"{block} records", "false_alarm": str(false_alarm), **origin.notes},
-        inherited=intake.provenance,
-    )
-    output.write_rows(chain([first] if first is not None else [], found), provenance=head, live=True)
-    intake.report()
-    messages.note(f"{sum(alarms.values())} of {len(alarms)} flights with an alarm")
-    return ending(sum(alarms.values()), judged, len(alarms), exit_code)
-
-
-def _row(verdict: Verdict, detectable: bool, false_alarm: float, power: float) -> dict[str, Any]:
-    from enginediag_cli.residuals.flat import window_row
-
-    test, fit, statistics = verdict.test, verdict.fit, verdict.window.statistics
-    row = window_row(verdict.window)
-    row.update(
-        judged=statistics.n if statistics else 0,
-        statistic=test.statistic if test else None,
-        dof=test.dof if test else None,
-        threshold=test.threshold if test else None,
-        p_value=test.p_value if test else None,
-        alarm=test.alarm if test else None,
-        fit=fit.ratio if fit else None,
-        verdict=verdict.verdict,
-        reason=verdict.reason,
-    )
-    if detectable:
-        row["not_excited"] = None
-        if verdict.score is not None and statistics is not None:
-            from enginediag_cli.detection.minimum_change import minimum_change
-
-            row["not_excited"] = [str(combination) for combination in statistics.unexcited()]
-            sizes = minimum_change(verdict.score, false_alarm=false_alarm, power=power)
-            row.update({f"detectable:{a}": x for a, x in zip(verdict.score.parameters, sizes, strict=True)})
-    return row
+    return ending(tally["fault"], sum(tally.values()) - tally["no verdict"], exit_code)

@@ -65,11 +65,13 @@ def explain(
     from enginediag_cli.physics.registry import candidates
     from enginediag_cli.presentation.explanation_rows import amplitude_rows, curve_rows
     from enginediag_cli.presentation.explanations import sentences
+    from enginediag_cli.presentation.left_out import tell_left_out
 
-    loaded = load_case(case, messages.note)
+    loaded = load_case(case)
+    tell_left_out(messages, loaded.intake.left_out)
     effects = list(candidates(loaded.evidence.engine, without))
     story = tell(loaded.evidence, effects, advise=not no_advice)
-    head = provenance("explain", case, loaded.provenance, **({"without": ", ".join(without)} if without else {}))
+    head = provenance("explain", case, loaded.intake.provenance, **({"without": ", ".join(without)} if without else {}))
     for line in sentences(story):
         messages.note(line)
     _present(output, story, head)

@@ -2,26 +2,36 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import click
 
-from enginediag_cli.commands.options import (
-    ConfigFile,
-    exit_codes,
-    message_options,
-    pass_messages,
-    recordings_argument,
-)
-from enginediag_cli.commands.origin import read_mapped
+from enginediag_cli.commands.intake_options import source_options
+from enginediag_cli.commands.options import ConfigFile, FiniteRange, exit_codes, message_options, pass_messages
 from enginediag_cli.errors import ExitCode
 from enginediag_cli.presentation.messages import Messages
 
 if TYPE_CHECKING:
-    from enginediag_cli.engine import Engine
     from enginediag_cli.identification.problem import TrainingRecording
+    from enginediag_cli.intake.source import Source
 
-YAML_FILE = ConfigFile()
+
+@dataclass(frozen=True)
+class Part:
+    """Which records are fitted: the first so many of each recording, and which are held out to judge the fit by."""
+
+    first: int | None
+    holdout: float | None
+    holdout_last: bool
+
+    @property
+    def notes(self) -> dict[str, str]:
+        """Choices that the result depends on, for its provenance."""
+        told = {} if self.first is None else {"first records": str(self.first)}
+        if self.holdout is not None or self.holdout_last:
+            told["held out"] = "the last recording" if self.holdout_last else f"last {self.holdout:g} of each recording"
+        return told
 
 
 def _writable(context: click.Context, parameter: click.Parameter, value: str) -> str:
@@ -34,10 +44,8 @@ def _writable(context: click.Context, parameter: click.Parameter, value: str) ->
 
 
 @click.command(short_help="Fit the nominal engine and its sensor noise.", epilog=exit_codes())
-@click.argument("engine_path", metavar="ENGINE.yaml", type=YAML_FILE)
-@recordings_argument
-@click.option("--recorder", "recorder_path", type=YAML_FILE, metavar="FILE", help="Recorder of foreign recordings.")
-@click.option("--engine-instance", default="", metavar="NAME", help="Use only this engine of the recordings.")
+@click.argument("engine_path", metavar="ENGINE.yaml", type=ConfigFile())
+@source_options
 @click.option(
     "--first",
     type=click.IntRange(min=1),
@@ -46,7 +54,7 @@ def _writable(context: click.Context, parameter: click.Parameter, value: str) ->
 )
 @click.option(
     "--holdout",
-    type=click.FloatRange(0, 0.9, min_open=True),
+    type=FiniteRange(0, 0.9, min_open=True),
     metavar="SHARE",
     help="Keep the last SHARE of each recording out of the fit and judge the fit by it.",
 )
@@ -66,9 +74,7 @@ def _writable(context: click.Context, parameter: click.Parameter, value: str) ->
 def identify(
     messages: Messages,
     engine_path: str,
-    recordings: tuple[str, ...],
-    recorder_path: str | None,
-    engine_instance: str,
+    source: Source,
     first: int | None,
     holdout: float | None,
     holdout_last: bool,
@@ -89,21 +95,19 @@ def identify(
         raise click.UsageError("--holdout and --holdout-last exclude each other")
     from enginediag_cli.identification.identify import identify as run
     from enginediag_cli.identification.nominal_file import write_nominal
-    from enginediag_cli.identification.training import first_records, hold_out_end
+    from enginediag_cli.intake.flights import whole_flights
+    from enginediag_cli.intake.intake import Intake
+    from enginediag_cli.intake.wanted import columns_of
     from enginediag_cli.physics.engine_file import load_engine
     from enginediag_cli.presentation.identification_report import report_lines
+    from enginediag_cli.presentation.left_out import tell_left_out
 
     engine = load_engine(engine_path)
-    training = [part for path in recordings for part in _load(messages, engine, path, recorder_path, engine_instance)]
-    if first is not None:
-        training = first_records(training, first)
-    held_out: list[TrainingRecording] = []
-    if holdout is not None:
-        training, held_out = hold_out_end(training, holdout)
-    elif holdout_last:
-        if len(training) < 2:
-            raise click.UsageError("--holdout-last needs at least two recordings")
-        training, held_out = training[:-1], training[-1:]
+    intake = Intake(source, columns_of(engine))
+    training = [flight.recording for flight in whole_flights(intake)]
+    tell_left_out(messages, intake.left_out)
+    part = Part(first, holdout, holdout_last)
+    training, held_out = _divided(training, part)
     result = run(engine, training, held_out=held_out, cross_validation=not no_cross_validation)
     for line in report_lines(result):
         messages.note(line)
@@ -111,43 +115,23 @@ def identify(
         messages.error(f"no nominal state: {result.reason}; nothing is written")
         return ExitCode.NO_VERDICT
     path, digest = _engine_reference(engine_path, output_path)
-    write_nominal(
-        result.nominal(
-            path,
-            digest,
-            _provenance(recordings, recorder_path, engine_instance, first, holdout, holdout_last),
-        ),
-        output_path,
-    )
+    write_nominal(result.nominal(path, digest, _provenance(source, part)), output_path)
     return ExitCode.DONE
 
 
-def _load(
-    messages: Messages, engine: Engine, path: str, recorder_path: str | None, instance: str
-) -> list[TrainingRecording]:
-    """Read, map and mask one file; what was masked or left out goes to standard error."""
-    import os
+def _divided(training: list[TrainingRecording], part: Part) -> tuple[list[TrainingRecording], list[TrainingRecording]]:
+    """What is fitted, and what is held out."""
+    from enginediag_cli.identification.training import first_records, hold_out_end
 
-    from enginediag_cli.identification.training import training_recordings
-
-    label = "stdin" if path == "-" else os.path.basename(path)
-    if recorder_path is None:
-        from enginediag_cli.recordings.quality import mask_gross
-        from enginediag_cli.recordings.read import read_all
-
-        recording = read_all(
-            path, declared=(*engine.inputs, *engine.optional_inputs, *engine.sensors), required=engine.inputs
-        )
-        # an input may well stand still for hours; only a sensor that does so is stuck
-        recording, inputs = mask_gross(recording, columns=engine.inputs, search=False)
-        sensors = [s for s in engine.sensors if s in recording.columns]
-        if sensors:
-            recording, readings = mask_gross(recording, columns=sensors)
-        for line in [*inputs.report_lines(), *(readings.report_lines() if sensors else [])]:
-            messages.note(f"{label}: {line}")
-        return training_recordings(recording, label, engine=instance)
-    mapped = read_mapped(messages, recorder_path, path, instance)
-    return [part for m in mapped for part in training_recordings(m.recording, label, engine=instance)]
+    if part.first is not None:
+        training = first_records(training, part.first)
+    if part.holdout is not None:
+        return hold_out_end(training, part.holdout)
+    if part.holdout_last:
+        if len(training) < 2:
+            raise click.UsageError("--holdout-last needs at least two recordings")
+        return training[:-1], training[-1:]
+    return training, []
 
 
 def _engine_reference(engine_path: str, output_path: str) -> tuple[str, str]:
@@ -161,14 +145,7 @@ def _engine_reference(engine_path: str, output_path: str) -> tuple[str, str]:
     return Path(os.path.relpath(engine_path, folder)).as_posix(), sha256_of(engine_path)
 
 
-def _provenance(
-    recordings: tuple[str, ...],
-    recorder_path: str | None,
-    instance: str,
-    first: int | None,
-    holdout: float | None,
-    holdout_last: bool,
-) -> dict[str, str]:
+def _provenance(source: Source, part: Part) -> dict[str, str]:
     """What made the nominal file: the version and every choice, files by name and hash but not by folder."""
     import os
 
@@ -176,16 +153,10 @@ def _provenance(
     from enginediag_cli.recordings.provenance import sha256_of
 
     made = {"enginediag": __version__}
-    for number, path in enumerate(recordings, start=1):
+    for number, path in enumerate(source.files, start=1):
         made[f"recording {number}"] = (
-            "stdin" if path == "-" else (f"{os.path.basename(path)} sha256:{sha256_of(path)[:16]}")
+            "stdin" if path == "-" else f"{os.path.basename(path)} sha256:{sha256_of(path)[:16]}"
         )
-    if recorder_path:
-        made["recorder"] = f"{os.path.basename(recorder_path)} sha256:{sha256_of(recorder_path)[:16]}"
-    if instance:
-        made["engine instance"] = instance
-    if first is not None:
-        made["first records"] = str(first)
-    if holdout is not None or holdout_last:
-        made["held out"] = "the last recording" if holdout_last else f"last {holdout:g} of each recording"
-    return made
+    if source.recorder:
+        made["recorder"] = f"{os.path.basename(source.recorder)} sha256:{sha256_of(source.recorder)[:16]}"
+    return {**made, **source.notes, **part.notes}

@@ -8,28 +8,31 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from enginediag_cli.commands.isolation_options import Further, KeepingIntake, further_options
+from enginediag_cli.commands.intake_options import (
+    judging_options,
+    monitor_option,
+    nominal_options,
+    source_options,
+    window_options,
+)
+from enginediag_cli.commands.isolation_options import Further, further_options
+from enginediag_cli.commands.judging import ending, open_intake, open_monitor, tell_files
 from enginediag_cli.commands.options import (
+    FiniteRange,
     exit_code_option,
     exit_codes,
+    false_alarm_option,
     message_options,
     output_options,
     pass_messages,
-    recordings_argument,
-)
-from enginediag_cli.commands.origin import Origin, origin_options
-from enginediag_cli.commands.windows import (
-    ending,
-    false_alarm_option,
-    planned,
-    statistics_option,
-    window_options,
 )
 from enginediag_cli.presentation.messages import Messages
 from enginediag_cli.presentation.output import Output
 
 if TYPE_CHECKING:
     from enginediag_cli.errors import ExitCode
+    from enginediag_cli.intake.source import Source
+    from enginediag_cli.residuals.files import Judging
 
 METHODS = ("posterior", "incremental", "sensitivity", "minmax")
 SENTENCES = 10
@@ -40,10 +43,11 @@ SENTENCES = 10
     short_help="Say which parameters changed.",
     epilog=exit_codes("something was isolated and --exit-code given"),
 )
-@recordings_argument
-@statistics_option
+@source_options
+@nominal_options(help="Nominal engine, as written by identify; not needed for what residual has written.")
+@judging_options
 @window_options
-@origin_options
+@monitor_option
 @click.option(
     "--method",
     type=click.Choice(METHODS),
@@ -57,7 +61,7 @@ SENTENCES = 10
 @click.option(
     "--inclusion",
     metavar="P",
-    type=click.FloatRange(0, 1, min_open=True, max_open=True),
+    type=FiniteRange(0, 1, min_open=True, max_open=True),
     default=0.1,
     show_default=True,
     help="Prior probability that a parameter of the engine changed (posterior).",
@@ -65,7 +69,7 @@ SENTENCES = 10
 @click.option(
     "--sensor-inclusion",
     metavar="P",
-    type=click.FloatRange(0, 1, min_open=True, max_open=True),
+    type=FiniteRange(0, 1, min_open=True, max_open=True),
     default=0.02,
     show_default=True,
     help="Prior probability that a sensor is wrong (posterior); no more than two are at once.",
@@ -73,7 +77,7 @@ SENTENCES = 10
 @click.option(
     "--coverage",
     metavar="P",
-    type=click.FloatRange(0, 1, min_open=True, max_open=True),
+    type=FiniteRange(0, 1, min_open=True, max_open=True),
     default=0.95,
     show_default=True,
     help="Probability that answer and rivals hold together, and level of intervals.",
@@ -98,13 +102,11 @@ SENTENCES = 10
 @pass_messages
 def isolate(
     messages: Messages,
-    recordings: tuple[str, ...],
+    source: Source,
     nominal: str | None,
-    window: str | None,
-    step: str | None,
-    linearise: str,
+    accept_changed_engine: bool,
+    judging: Judging,
     patterns: tuple[str, ...],
-    origin: Origin,
     method: str,
     faults: int | None,
     false_alarm: float,
@@ -133,26 +135,25 @@ def isolate(
     model fits badly whatever is assumed, probabilities and intervals are widened; where it then convinces no longer, or
     fits only with changes that no engine shows, the verdict is `cannot tell` and `note` says why.
     """
-    from enginediag_cli.commands.isolation_options import advice_for
-    from enginediag_cli.detection.verdict import judge
-    from enginediag_cli.isolation.components import isolate_components
-    from enginediag_cli.isolation.diagnosis import diagnose
     from enginediag_cli.isolation.methods import IsolationOptions
+    from enginediag_cli.isolation.of_windows import Isolating
     from enginediag_cli.isolation.prior import SetPrior
-    from enginediag_cli.presentation.component_rows import component_row, component_sentence
-    from enginediag_cli.presentation.isolation_rows import isolation_rows, tell, where
+    from enginediag_cli.presentation.isolation_rows import isolated_rows, tell_isolated
     from enginediag_cli.recordings.provenance import header_lines
+    from enginediag_cli.residuals.files import JudgedFiles
     from enginediag_cli.residuals.kept_records import KeptRecords
 
     if by == "component" and (method != "posterior" or faults):
         raise click.UsageError("--by component goes with --method posterior and without --faults")
-    further.check(method, by, nominal, bool(origin.reference or origin.model_error))
-    plan = planned(window, step)
-    monitor = further.monitor(messages, nominal, patterns, method) if nominal else None
-    intake = KeepingIntake(messages, monitor, plan, linearise, origin)
-    plain = not (origin.reference or origin.model_error)  # otherwise the score knows more than the records tell
-    if monitor is not None and plain and by == "parameter" and further.keeps(method, linearise):
-        intake.kept = KeptRecords(monitor, short_windows=window is not None)
+    plain = not (judging.reference or judging.model_error)  # otherwise the score knows more than the records tell
+    further.check(method, by, nominal, not plain)
+    monitor = None
+    if nominal:
+        sensors = further.sensors_watched(method, patterns)
+        monitor = open_monitor(nominal, patterns, accept_changed_engine, sensors=sensors)
+    kept = None
+    if monitor is not None and plain and by == "parameter" and further.keeps(method, judging.linearise):
+        kept = KeptRecords(monitor, short_windows=not judging.plan.whole)
     options = IsolationOptions(
         faults=faults,
         false_alarm=false_alarm,
@@ -161,47 +162,33 @@ def isolate(
         confidence=coverage,
         largest=largest,
     )
-    asked = further.diagnosis_options(method, linearise, options)
+    files = JudgedFiles(open_intake(source, monitor), monitor, judging)
+    asked = further.diagnosis_options(method, judging.linearise, options)
+    isolating = Isolating(files, asked, false_alarm, by == "component", kept, further.advise, further.extra)
     named = judged = windows = 0
 
     def rows() -> Iterator[dict[str, Any]]:
         nonlocal named, judged, windows
-        for found, units in intake.windows(recordings):
+        for found in isolating.windows():
             windows += 1
-            if windows == 1 and found.statistics is not None and nominal is None:
-                further.warn_of_sensors(messages, found.statistics.parameters)
-            verdict = judge(found, false_alarm)
-            if by == "component":
-                component = (
-                    isolate_components(verdict.score, options, found.statistics) if verdict.score is not None else None
-                )
-                judged += component is not None
-                named += bool(component and component.components and component.adequacy.stands)
-                if windows <= SENTENCES and component is not None:
-                    messages.note(f"{where(verdict)}: {component_sentence(component, units)}")
-                yield component_row(verdict, component, units)
-                continue
-            diagnosis = advice = None
-            if verdict.score is not None:
-                model = intake.model(found)
-                diagnosis = diagnose(verdict.score, asked, model, found.statistics)
-                if further.advise and monitor is not None:
-                    advice = advice_for(further, monitor, diagnosis, model() if model else None)
-                judged += 1
-                named += bool(diagnosis.result.isolated and diagnosis.adequacy.stands)
+            statistics = found.verdict.window.statistics
+            if windows == 1 and statistics is not None and nominal is None:
+                further.warn_of_sensors(messages, statistics.parameters)
+            judged += found.judged
+            named += found.named
             if windows <= SENTENCES:
-                tell(messages, verdict, diagnosis, units, advice or ())
-            yield from isolation_rows(verdict, diagnosis, units, asked.catalogue is not None, advice)
+                tell_isolated(messages, found)
+            yield from isolated_rows(found, asked.catalogue is not None, advice=further.advise)
 
     found = rows()
     first = next(found, None)
     notes = {"method": method, "false_alarm": str(false_alarm)}
     head = header_lines(
         "isolate",
-        configs=[*([nominal] if nominal else []), *origin.configs, *further.files()],
-        notes={**notes, **origin.notes, **further.notes},
-        inherited=intake.provenance,
+        configs=[*([nominal] if nominal else []), *source.configs, *further.files()],
+        notes={**notes, **source.notes, **judging.notes, **further.notes},
+        inherited=files.intake.provenance,
     )
     output.write_rows(chain([first] if first is not None else [], found), provenance=head, live=True)
-    intake.report()
-    return ending(named, judged, windows, exit_code)
+    tell_files(messages, files)
+    return ending(named, judged, exit_code)

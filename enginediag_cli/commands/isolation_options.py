@@ -2,29 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import wraps
 from typing import TYPE_CHECKING, Any
 
 import click
 
-from enginediag_cli.commands.windows import Intake, Window, load_monitor
+from enginediag_cli.commands.options import FiniteRange
 from enginediag_cli.presentation.messages import Messages
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
-
-    from enginediag_cli.isolation.diagnosis import Diagnosis, DiagnosisOptions
+    from enginediag_cli.isolation.diagnosis import DiagnosisOptions
     from enginediag_cli.isolation.methods import IsolationOptions
-    from enginediag_cli.isolation.window_model import WindowModel
-    from enginediag_cli.recordings.table import Recording
-    from enginediag_cli.residuals.kept_records import KeptRecords
-    from enginediag_cli.residuals.monitor import Monitor
-    from enginediag_cli.residuals.pipeline import WindowStatistics
-
-ADVISED = 3
-"""Operating conditions advised."""
 
 
 @dataclass(frozen=True)
@@ -98,13 +88,10 @@ class Further:
         if self.extra and not self.advise:
             raise click.UsageError("--extra-sensor goes with --advise")
 
-    def monitor(self, messages: Messages, nominal: str, patterns: tuple[str, ...], method: str) -> Monitor:
-        """The engine with what is watched: also the bias of every sensor in use, unless --monitor says what, or the
-        method is one of the tests of the local approach, or --no-sensors was given."""
-        wanted = (method == "posterior" and not patterns) if self.sensors is None else self.sensors
-        monitor = load_monitor(messages, nominal, patterns, sensors=wanted)
-        self._check_extra(monitor)
-        return monitor
+    def sensors_watched(self, method: str, patterns: tuple[str, ...]) -> bool:
+        """Whether the bias of every sensor in use may have changed, too: unless --monitor says what may, or the method
+        is one of the tests of the local approach, or --no-sensors was given."""
+        return (method == "posterior" and not patterns) if self.sensors is None else self.sensors
 
     def warn_of_sensors(self, messages: Messages, parameters: tuple[str, ...]) -> None:
         """Statistics that hold no error of a sensor put a wrong sensor down to the engine."""
@@ -113,72 +100,6 @@ class Further:
                 "these statistics hold no errors of sensors: a wrong sensor would be taken for a change of the engine; "
                 "`residual --sensors` writes statistics that hold them"
             )
-
-    def _check_extra(self, monitor: Monitor) -> None:
-        from enginediag_cli.config.hints import near
-        from enginediag_cli.errors import DataError
-
-        engine: Any = monitor.engine
-        if not self.extra:
-            return
-        columns = (*engine.sensors, *engine.model_columns)
-        for column in self.extra:
-            if column not in columns:
-                raise DataError(f"--extra-sensor: {engine.name} has no column {column!r}; {near(column, columns)}")
-
-
-@dataclass
-class KeepingIntake(Intake):
-    """An intake that keeps the records of the windows being judged."""
-
-    kept: KeptRecords | None = None
-
-    def _condensed(self, chunks: Iterable[Recording]) -> Iterator[Window]:
-        yield from super()._condensed(self.kept.passing(chunks) if self.kept is not None else chunks)
-
-    def model(self, window: WindowStatistics) -> Callable[[], WindowModel | None] | None:
-        """The records of a window with the full model, when asked for; None where that has no meaning."""
-        if self.kept is None or self.monitor is None:
-            return None
-        kept, monitor = self.kept, self.monitor
-        kept.let_go(window)
-
-        def records() -> WindowModel | None:
-            from enginediag_cli.isolation.window_model import WindowModel
-
-            found = kept.of(window)
-            return None if found is None else WindowModel(monitor, *found)
-
-        return records
-
-
-def advice_for(further: Further, monitor: Monitor, diagnosis: Diagnosis, model: WindowModel | None) -> list[str]:
-    """What would best separate the answer from its leading rival, in words; empty when it has none."""
-    from enginediag_cli.isolation.advice import advise, condition_options, sensor_options
-    from enginediag_cli.isolation.conditions_grid import conditions_grid
-    from enginediag_cli.presentation.names import in_words, listed
-    from enginediag_cli.presentation.sentences import further_records
-
-    result = diagnosis.result
-    if not result.rivals:
-        return []
-    rivals = (result.isolated, result.rivals[0].parameters)
-    words = [listed([in_words(name) for name in names]) or "no change" for names in rivals]
-    told = [f"to tell {words[0]} from {words[1]}:"]
-    grid = conditions_grid(monitor.engine)
-    options = condition_options(monitor, grid) if grid else []
-    found = advise(diagnosis.score, rivals, options, monitor.uncertainty)
-    for one in found[:ADVISED]:
-        where = ", ".join(f"{column} {value:.4g}" for column, value in one.values.items())
-        unseen = "" if one.known else " (beyond the operating points identified)"
-        told.append(f"{further_records(f'at {where}', one.records, one.odds, one.noncentrality)}{unseen}")
-    if model is not None:
-        for one in advise(
-            diagnosis.score, rivals, sensor_options(monitor, model.inputs, further.extra), monitor.uncertainty
-        ):
-            where = f"with {one.label}" if one.values else "like these"
-            told.append(further_records(where, one.records, one.odds, one.noncentrality))
-    return told
 
 
 def further_options(function: Callable[..., Any]) -> Callable[..., Any]:
@@ -235,7 +156,7 @@ def further_options(function: Callable[..., Any]) -> Callable[..., Any]:
             "--extra-sensor",
             "extra_sensors",
             metavar="COLUMN SIGMA",
-            type=(str, click.FloatRange(min=0, min_open=True)),
+            type=(str, FiniteRange(min=0, min_open=True)),
             multiple=True,
             help="A sensor to consider with --advise: any column of the model, and its noise.",
         ),

@@ -83,9 +83,11 @@ def locate(
     from enginediag_cli.mismatch.fit.load import load_case
     from enginediag_cli.mismatch.locate.locate import locate as run
     from enginediag_cli.mismatch.locate.verdict_kind import kind_of
+    from enginediag_cli.presentation.left_out import tell_left_out
     from enginediag_cli.presentation.located import COLUMNS, located_rows, picture, sentences
 
-    loaded = load_case(case, messages.note)
+    loaded = load_case(case)
+    tell_left_out(messages, loaded.intake.left_out)
     if every is not None:
         return _per_record(messages, case, loaded, every, output)
     located = run(loaded.evidence)
@@ -98,7 +100,7 @@ def locate(
     output.write_rows(
         located_rows(located, kind, everything),
         COLUMNS,
-        provenance=provenance("locate", case, loaded.provenance, **notes),
+        provenance=provenance("locate", case, loaded.intake.provenance, **notes),
     )
     for line in told:
         messages.note(line)
@@ -128,7 +130,7 @@ def _per_record(messages: Messages, case: Case, loaded: Loaded, every: int, outp
     output.write_rows(
         per_record_rows(found),
         COLUMNS,
-        provenance=provenance("locate", case, loaded.provenance, **notes),
+        provenance=provenance("locate", case, loaded.intake.provenance, **notes),
     )
     best = found[0]
     if best.location is None or not best.converged:

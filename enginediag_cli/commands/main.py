@@ -62,11 +62,15 @@ COMMANDS: dict[str, Entry] = {
         "enginediag_cli.commands.prove", "prove", "Prove on blind trials what the search for missing physics finds."
     ),
     "check": Entry("enginediag_cli.commands.check", "check", "Validate YAML and CSV files."),
+    "recorder": Entry("enginediag_cli.commands.recorder", "recorder", "Draft a recorder YAML from a foreign file."),
     "schema": Entry(
         "enginediag_cli.commands.schema", "schema", "Print the JSON schema of a kind of YAML file, for editors."
     ),
     "physics": Entry(
         "enginediag_cli.commands.physics", "physics", "Say which physical effects a model may carry or lack."
+    ),
+    "components": Entry(
+        "enginediag_cli.commands.components", "components", "Say of which components an engine file is made."
     ),
     "demo": Entry(
         "enginediag_cli.commands.demo", "demo", "Run the whole chain on simulated flights and explain it in words."

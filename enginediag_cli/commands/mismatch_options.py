@@ -2,77 +2,73 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import wraps
 from typing import TYPE_CHECKING, Any
 
 import click
 
-from enginediag_cli.commands.options import ConfigFile, recordings_argument, seed_option
+from enginediag_cli.commands.intake_options import nominal_options, source_options
+from enginediag_cli.commands.options import ConfigFile, FiniteRange, seed_option
 
 if TYPE_CHECKING:
-    from enginediag_cli.mismatch.fit.load import Case
+    from enginediag_cli.intake.source import Source
+    from enginediag_cli.mismatch.fit.load import Asked, Case
 
 
 def mismatch_options(function: Callable[..., Any]) -> Callable[..., Any]:
-    """`ENGINE.yaml [FILE]...`, `-n`, `--recorder`, `--engine-instance`, `--model-error`, `--false-alarm`, `--driver`,
-    `--noise` and `--seed` as one `case: Case`."""
+    """`ENGINE.yaml [FILE]...`, the options of recordings and nominal, and those of the search: as one `case: Case`."""
 
     @wraps(function)
     def with_case(
         *args: Any,
         engine_path: str,
-        recordings: tuple[str, ...],
+        source: Source,
         nominal: str | None,
-        recorder: str | None,
-        engine_instance: str,
+        accept_changed_engine: bool,
+        asked: Asked,
+        **others: Any,
+    ) -> Any:
+        from enginediag_cli.mismatch.fit.load import Case
+
+        return function(*args, case=Case(engine_path, source, nominal, accept_changed_engine, asked), **others)
+
+    nominal = nominal_options(
+        help="Nominal engine, as written by identify, to start from, and its noise. Without it, the sensors' own noise."
+    )
+    engine = click.argument("engine_path", metavar="ENGINE.yaml", type=ConfigFile())
+    return engine(source_options(nominal(_search_options(with_case))))
+
+
+def _search_options(function: Callable[..., Any]) -> Callable[..., Any]:
+    """`--model-error`, `--false-finding`, `--driver`, `--noise` and `--seed` as one `asked: Asked`."""
+
+    @wraps(function)
+    def with_asked(
+        *args: Any,
         model_error: float | None,
-        false_alarm: float,
+        false_finding: float,
         drivers: tuple[str, ...],
         noise: str | None,
         seed: int,
         **others: Any,
     ) -> Any:
-        from enginediag_cli.mismatch.fit.load import Case
+        from enginediag_cli.mismatch.fit.load import Asked
 
-        case = Case(
-            engine_path,
-            recordings,
-            nominal,
-            recorder,
-            engine_instance,
-            model_error,
-            false_alarm,
-            drivers,
-            noise,
-            seed,
-        )
-        return function(*args, case=case, **others)
+        return function(*args, asked=Asked(model_error, false_finding, drivers, noise, seed), **others)
 
     options = [
-        click.argument("engine_path", metavar="ENGINE.yaml", type=ConfigFile()),
-        recordings_argument,
-        click.option(
-            "-n",
-            "--nominal",
-            metavar="FILE",
-            type=click.Path(exists=True, dir_okay=False, readable=True),
-            help="Nominal engine, as written by identify, to start from, and its noise. Without it, the sensors' own "
-            "noise.",
-        ),
-        click.option("--recorder", metavar="FILE", type=ConfigFile(), help="Recorder of foreign recordings."),
-        click.option("--engine-instance", default="", metavar="NAME", help="Use only this engine of the recordings."),
         click.option(
             "--model-error",
             metavar="SHARE",
-            type=click.FloatRange(0, 0.1),
+            type=FiniteRange(0, 0.1),
             help="Relative accuracy of the component maps, such as 0.003: what could be an error of theirs is not "
             "called missing. That of the engine file when not given; 0 trusts the maps.",
         ),
         click.option(
-            "--false-alarm",
+            "--false-finding",
             metavar="P",
-            type=click.FloatRange(0, 1, min_open=True, max_open=True),
+            type=FiniteRange(0, 1, min_open=True, max_open=True),
             default=0.05,
             show_default=True,
             help="Probability of finding something where nothing is missing.",
@@ -95,8 +91,8 @@ def mismatch_options(function: Callable[..., Any]) -> Callable[..., Any]:
         seed_option,
     ]
     for option in reversed(options):
-        with_case = option(with_case)
-    return with_case
+        with_asked = option(with_asked)
+    return with_asked
 
 
 def without_option(function: Callable[..., Any]) -> Callable[..., Any]:
@@ -122,22 +118,23 @@ def _known_terms(context: click.Context, parameter: click.Parameter, value: tupl
     return value
 
 
-def provenance(command: str, case: Case, inherited: tuple[str, ...], **notes: str) -> tuple[str, ...]:
+def provenance(command: str, case: Case, inherited: Sequence[str], **notes: str) -> tuple[str, ...]:
     """The `#` lines of a result: files, choices that differ from the default, and the recordings' own head."""
     from enginediag_cli.recordings.provenance import header_lines
 
+    asked = case.asked
     told = {
-        "engine instance": case.engine_instance,
-        "model_error": "" if case.model_error is None else f"{case.model_error:g}",
-        "false_alarm": f"{case.false_alarm:g}",
-        "drivers": ", ".join(case.drivers),
-        "noise": case.noise or "",
+        **case.source.notes,
+        "model_error": "" if asked.model_error is None else f"{asked.model_error:g}",
+        "false_finding": f"{asked.false_alarm:g}",
+        "drivers": ", ".join(asked.drivers),
+        "noise": asked.noise or "",
         **notes,
     }
     return header_lines(
         command,
-        seed=case.seed,
-        configs=[p for p in (case.engine, case.nominal, case.recorder) if p],
+        seed=asked.seed,
+        configs=[p for p in (case.engine, case.nominal, *case.source.configs) if p],
         notes={name: text for name, text in told.items() if text},
-        inherited=inherited,
+        inherited=tuple(inherited),
     )

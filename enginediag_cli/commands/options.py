@@ -1,20 +1,21 @@
 """Options that several commands share, so that they are spelt and behave alike everywhere.
 
     @click.command(epilog=exit_codes(finding="a change was found and --exit-code given"))
-    @nominal_option
-    @recordings_argument
+    @source_options
+    @nominal_options()
     @seed_option
     @exit_code_option
     @output_options
     @message_options
     @pass_messages
-    def detect(messages, nominal, recordings, seed, exit_code, output): ...
+    def detect(messages, source, nominal, seed, exit_code, output): ...
 
 A command returns its `ExitCode`, or nothing for `DONE`.
 """
 
 from __future__ import annotations
 
+import math
 import os
 import sys
 from collections.abc import Callable
@@ -29,6 +30,17 @@ Function = TypeVar("Function", bound=Callable[..., Any])
 
 pass_messages = click.make_pass_decorator(Messages, ensure=True)
 """Gives the command the run's `Messages` (stderr) as its first argument."""
+
+
+class FiniteRange(click.FloatRange):
+    """A number in a range; `nan` and infinity, which compare with nothing, are no numbers here."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        number = super().convert(value, param, ctx)
+        if not math.isfinite(number):
+            self.fail(f"{value!r} is not a finite number", param, ctx)
+        return number
+
 
 FORMATS = ("auto", "csv", "json", "table")
 
@@ -159,15 +171,15 @@ def _nothing_is_piped() -> bool:
     return sys.stdin is None or sys.stdin.closed or sys.stdin.isatty()
 
 
-def nominal_option(function: Function) -> Function:
-    """`-n/--nominal FILE` as `nominal: str`: what `identify` wrote."""
+def false_alarm_option(function: Function) -> Function:
+    """`--false-alarm P`, the probability of an alarm in a window without change."""
     return click.option(
-        "-n",
-        "--nominal",
-        required=True,
-        metavar="FILE",
-        type=click.Path(exists=True, dir_okay=False, readable=True),
-        help="Nominal engine, as written by identify.",
+        "--false-alarm",
+        metavar="P",
+        type=FiniteRange(0, 1, min_open=True, max_open=True),
+        default=0.01,
+        show_default=True,
+        help="Probability that a test cries wolf.",
     )(function)
 
 

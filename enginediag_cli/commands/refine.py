@@ -164,14 +164,15 @@ def _evidence(
 
     from enginediag_cli.mismatch.fit.load import load_case
     from enginediag_cli.mismatch.refine.refine import last_flights
+    from enginediag_cli.presentation.left_out import tell_left_out
 
-    loaded = load_case(replace(case, recordings=(*case.recordings, *tests)), messages.note)
-    evidence = loaded.evidence
+    source = replace(case.source, files=(*case.source.files, *tests))
+    loaded = load_case(replace(case, source=source))
+    tell_left_out(messages, loaded.intake.left_out)
+    evidence, inherited = loaded.evidence, tuple(loaded.intake.provenance)
     if last is not None:
-        return evidence, last_flights(evidence, last), loaded.provenance
-    count = len(load_case(replace(case, recordings=tests), lambda _: None).evidence.flights)
-    total = len(evidence.flights)
-    return evidence, list(range(total - count, total)), loaded.provenance
+        return evidence, last_flights(evidence, last), inherited
+    return evidence, [k for k, flight in enumerate(evidence.flights) if flight.file in tests], inherited
 
 
 def _asked(evidence: Evidence, terms: tuple[str, ...]) -> list[Effect]:
@@ -265,7 +266,7 @@ def _source(case: Case, evidence: Evidence, unseen: list[int]) -> str:
     from enginediag_cli.recordings.provenance import sha256_of
 
     data = ", ".join(
-        "standard input" if p == "-" else f"{os.path.basename(p)} sha256:{sha256_of(p)[:16]}" for p in case.recordings
+        "standard input" if p == "-" else f"{os.path.basename(p)} sha256:{sha256_of(p)[:16]}" for p in case.source.files
     )
     command = " ".join(os.path.basename(a) if os.sep in a else a for a in sys.argv[1:])
     return (

@@ -4,29 +4,34 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from itertools import chain
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
-from enginediag_cli.commands.options import (
-    exit_codes,
-    message_options,
-    nominal_option,
-    output_options,
-    pass_messages,
-    recordings_argument,
+from enginediag_cli.commands.intake_options import (
+    judging_options,
+    monitor_option,
+    nominal_options,
+    source_options,
+    window_options,
 )
-from enginediag_cli.commands.origin import Origin, origin_options
-from enginediag_cli.commands.windows import Intake, load_monitor, planned, window_options
+from enginediag_cli.commands.judging import ending, open_intake, open_monitor, tell_files
+from enginediag_cli.commands.options import exit_codes, message_options, output_options, pass_messages
+from enginediag_cli.errors import ExitCode
 from enginediag_cli.presentation.messages import Messages
 from enginediag_cli.presentation.output import Output
 
+if TYPE_CHECKING:
+    from enginediag_cli.intake.source import Source
+    from enginediag_cli.residuals.files import JudgedFiles, Judging
+
 
 @click.command(short_help="Condense recordings into local statistics.", epilog=exit_codes())
-@recordings_argument
-@nominal_option
+@source_options
+@nominal_options(required=True)
+@judging_options
 @window_options
-@origin_options
+@monitor_option
 @click.option("--sensors", is_flag=True, help="Statistics of a bias of every sensor, too, for isolate.")
 @click.option(
     "--what",
@@ -40,17 +45,15 @@ from enginediag_cli.presentation.output import Output
 @pass_messages
 def residual(
     messages: Messages,
-    recordings: tuple[str, ...],
+    source: Source,
     nominal: str,
-    window: str | None,
-    step: str | None,
-    linearise: str,
+    accept_changed_engine: bool,
+    judging: Judging,
     patterns: tuple[str, ...],
-    origin: Origin,
     sensors: bool,
     what: str,
     output: Output,
-) -> None:
+) -> ExitCode:
     """Compare recordings with the nominal engine.
 
     \b
@@ -62,32 +65,34 @@ def residual(
     nominal engine and about sensor offsets is counted in s, F and V.
     """
     from enginediag_cli.recordings.provenance import header_lines
+    from enginediag_cli.residuals.files import JudgedFiles
     from enginediag_cli.residuals.flat import flat_columns, flat_row
 
-    plan = planned(window, step)
-    intake = Intake(messages, load_monitor(messages, nominal, patterns, sensors=sensors), plan, linearise, origin)
-    assert intake.monitor is not None
+    monitor = open_monitor(nominal, patterns, accept_changed_engine, sensors=sensors)
+    files = JudgedFiles(open_intake(source, monitor), monitor, judging)
     columns: tuple[str, ...] | None
     if what == "records":
-        rows, columns = _records(intake, recordings), None
+        rows, columns = _records(files), None
     else:
-        rows = (flat_row(found, units) for found, units in intake.windows(recordings))
-        columns = flat_columns(intake.monitor.monitored)
+        rows = (flat_row(found, units) for found, units in files.windows())
+        columns = flat_columns(monitor.monitored)
     first = next(rows, None)  # reads the head of the first file, which the provenance quotes
-    notes = {"linearised": "at nominal" if linearise == "nominal" or what == "records" else "at each estimate"}
+    notes = {"linearised": "at nominal" if judging.linearise == "nominal" or what == "records" else "at each estimate"}
     head = header_lines(
         "residual",
-        configs=[nominal, *origin.configs],
-        notes={**notes, **origin.notes},
-        inherited=intake.provenance,
+        configs=[nominal, *source.configs],
+        notes={**notes, **source.notes, **judging.notes},
+        inherited=files.intake.provenance,
     )
-    output.write_rows(chain([first] if first is not None else [], rows), columns, provenance=head, live=True)
-    intake.report()
+    written = output.write_rows(chain([first] if first is not None else [], rows), columns, provenance=head, live=True)
+    tell_files(messages, files)
+    judged = files.counts["statistics"] if what == "statistics" else written
+    return ending(0, judged, False)
 
 
-def _records(intake: Intake, files: tuple[str, ...]) -> Iterator[dict[str, Any]]:
+def _records(files: JudgedFiles) -> Iterator[dict[str, Any]]:
     from enginediag_cli.residuals.records import record_residuals
 
-    assert intake.monitor is not None
-    for chunk in intake.recordings(files):
-        yield from record_residuals(intake.monitor, chunk)
+    assert files.monitor is not None
+    for chunk in files.intake.chunks():
+        yield from record_residuals(files.monitor, chunk)

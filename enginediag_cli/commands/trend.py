@@ -2,36 +2,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 
-from enginediag_cli.commands.options import (
-    exit_codes,
-    message_options,
-    output_options,
-    pass_messages,
-    recordings_argument,
-)
-from enginediag_cli.commands.origin import Origin, origin_options
-from enginediag_cli.commands.windows import Intake, ending, load_monitor, model_options, statistics_option
+from enginediag_cli.commands.intake_options import judging_options, monitor_option, nominal_options, source_options
+from enginediag_cli.commands.judging import ending, open_intake, open_monitor, tell_files
+from enginediag_cli.commands.options import exit_codes, message_options, output_options, pass_messages
 from enginediag_cli.presentation.messages import Messages
 from enginediag_cli.presentation.output import Output
 
 if TYPE_CHECKING:
     from enginediag_cli.errors import ExitCode
-    from enginediag_cli.residuals.statistics import LocalStatistics
-
-Flight = tuple[str, str, str]
-"""Engine, file, flight."""
+    from enginediag_cli.intake.source import Source
+    from enginediag_cli.residuals.files import Judging
 
 
 @click.command(short_help="Follow health over flights: level, onset and rate of deterioration.", epilog=exit_codes())
-@recordings_argument
-@statistics_option
-@model_options
-@origin_options
+@source_options
+@nominal_options(help="Nominal engine, as written by identify; not needed for what residual has written.")
+@judging_options
+@monitor_option
 @click.option(
     "--what",
     type=click.Choice(["trend", "flights"]),
@@ -44,11 +35,11 @@ Flight = tuple[str, str, str]
 @pass_messages
 def trend(
     messages: Messages,
-    recordings: tuple[str, ...],
+    source: Source,
     nominal: str | None,
-    linearise: str,
+    accept_changed_engine: bool,
+    judging: Judging,
     patterns: tuple[str, ...],
-    origin: Origin,
     what: str,
     output: Output,
 ) -> ExitCode:
@@ -63,108 +54,28 @@ def trend(
     `kind` is steady, step or deterioration, and `probability` is that the parameter has changed at all. Flights
     are counted from 1. Windows of one flight are added up.
     """
+    from enginediag_cli.detection.trend_of_files import engine_trends, flight_sums
+    from enginediag_cli.presentation.trend_rows import flight_rows, tell_trends, trend_rows
     from enginediag_cli.recordings.provenance import header_lines
-    from enginediag_cli.residuals.windows import WindowPlan
+    from enginediag_cli.residuals.files import JudgedFiles
 
-    monitor = load_monitor(messages, nominal, patterns) if nominal else None
-    intake = Intake(messages, monitor, WindowPlan(), linearise, origin)
-    flights, units, lost = _sums(intake, recordings)
-    rows = list(_trends(messages, flights, units) if what == "trend" else _flights(flights, units))
+    monitor = open_monitor(nominal, patterns, accept_changed_engine) if nominal else None
+    files = JudgedFiles(open_intake(source, monitor), monitor, judging)
+    sums = flight_sums(files)
+    if what == "flights":
+        rows = list(flight_rows(sums))
+    else:
+        trends = engine_trends(sums)
+        tell_trends(messages, trends)
+        rows = list(trend_rows(trends, sums))
     head = header_lines(
         "trend",
-        configs=[*([nominal] if nominal else []), *origin.configs],
-        notes=origin.notes,
-        inherited=intake.provenance,
+        configs=[*([nominal] if nominal else []), *source.configs],
+        notes={**source.notes, **judging.notes},
+        inherited=files.intake.provenance,
     )
     output.write_rows(rows, provenance=head)
-    intake.report()
-    if lost:
-        messages.warning(f"{lost} windows without a verdict were left out")
-    return ending(0, len(rows), len(flights) + lost, False)
-
-
-def _sums(intake: Intake, files: tuple[str, ...]) -> tuple[dict[Flight, LocalStatistics], dict[str, str], int]:
-    """Statistics of each flight, units of the parameters, and how many windows had none."""
-    from enginediag_cli.errors import DataError
-
-    flights: dict[Flight, LocalStatistics] = {}
-    units: dict[str, str] = {}
-    lost = 0
-    for window, its_units in intake.windows(files):
-        if window.statistics is None:
-            lost += 1
-            continue
-        units.update(its_units)
-        key = (window.engine, window.source, window.flight)
-        try:
-            flights[key] = flights[key] + window.statistics if key in flights else window.statistics
-        except ValueError as error:
-            raise DataError(f"{window.source}: flight {window.flight}: {error}") from None
-    return flights, units, lost
-
-
-def _flights(flights: dict[Flight, LocalStatistics], units: dict[str, str]) -> Iterator[dict[str, Any]]:
-    from enginediag_cli.detection.trend import Z95, flight_change
-
-    counts: dict[str, int] = {}
-    for (engine, source, flight), statistics in flights.items():
-        counts[engine] = counts.get(engine, 0) + 1
-        found = flight_change(statistics)
-        for a, change, error in zip(found.parameters, found.change, found.standard_error, strict=True):
-            yield {
-                "engine": engine,
-                "source": source,
-                "flight": flight,
-                "number": counts[engine],
-                "records": found.records,
-                "parameter": a,
-                "change": change,
-                "low": change - Z95 * error,
-                "high": change + Z95 * error,
-                "unit": units.get(a, ""),
-            }
-
-
-def _trends(
-    messages: Messages, flights: dict[Flight, LocalStatistics], units: dict[str, str]
-) -> Iterator[dict[str, Any]]:
-    from enginediag_cli.detection.trend import Z95, fit_trends
-
-    for engine in dict.fromkeys(key[0] for key in flights):
-        mine = [statistics for key, statistics in flights.items() if key[0] == engine]
-        name = f"engine {engine}: " if engine else ""
-        if len(mine) < 3:
-            messages.warning(f"{name}{len(mine)} flights are too few for a trend, which needs three")
-            continue
-        if any(x.parameters != mine[0].parameters for x in mine):
-            from enginediag_cli.errors import DataError
-
-            raise DataError(f"{name}flights with statistics of different parameters have no common trend")
-        fit = fit_trends(mine)
-        if not fit.converged:
-            messages.warning(f"{name}the search for onsets did not settle")
-        for t in fit.trends:
-            changed = t.kind != "steady"
-            row: dict[str, Any] = {
-                "engine": engine,
-                "flights": len(mine),
-                "parameter": t.parameter,
-                "kind": t.kind,
-                "probability": t.probability,
-            }
-            values: dict[str, float | None] = {
-                "onset": t.onset,
-                "onset_low": t.onset_low,
-                "onset_high": t.onset_high,
-                "change": t.change,
-                "change_low": t.change - Z95 * t.change_error,
-                "change_high": t.change + Z95 * t.change_error,
-                "rate_per_flight": t.rate,
-                "rate_low": t.rate - Z95 * t.rate_error,
-                "rate_high": t.rate + Z95 * t.rate_error,
-            }
-            if t.kind == "step":
-                values.update(rate_per_flight=None, rate_low=None, rate_high=None)
-            row.update({k: v if changed else None for k, v in values.items()})
-            row["unit"] = units.get(t.parameter, "")
-            yield row
+    tell_files(messages, files)
+    if sums.lost:
+        messages.warning(f"{sums.lost} windows without a verdict were left out")
+    return ending(0, len(rows), False)

@@ -94,7 +94,7 @@ ENGINE_FILE = Section(
             "power_setting",
             "text",
             "column that sets the power: Wf_kg_s, a shaft speed such as N1_rpm, T4_K, Fn_N or "
-            "power_W; given as input, the rest are outputs",
+            "power_W (of all loads together); given as input, the rest are outputs",
         ),
         Field("components", "named_sections", "in the order of the gas path", section=COMPONENT),
         Field("shafts", "named_sections", "the shafts", section=SHAFT),

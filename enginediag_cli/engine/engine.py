@@ -87,6 +87,11 @@ class Engine:
         """Physical effects that the model carries."""
         return self.network.effects
 
+    @property
+    def switches(self) -> tuple[str, ...]:
+        """Input columns that switch an effect: 1 where it is on, 0 where it is off, and nothing between."""
+        return tuple(dict.fromkeys(e.switch for e in self.effects if e.switch))
+
     def with_effects(self, effects: Sequence[Effect]) -> Engine:
         """The same sized engine, carrying these effects and no others; the fitted start is shared."""
         if not effects and not self.effects:
@@ -109,6 +114,7 @@ class Engine:
         """Forgets the fitted start, as if the engine had just been loaded."""
         self._strategy.fit = None
 
+    @np.errstate(all="ignore")  # what a wild input gives is not finite, and flagged as such
     def power_from_fraction(self, fraction: float | Array, inputs: Mapping[str, Any]) -> Array:
         """Power setting (N,) at a fraction of the corrected power range, 0 idle to 1 rating.
 
@@ -120,6 +126,7 @@ class Engine:
         theta, delta = total_ratios(inputs)
         return (low + (high - low) * np.asarray(fraction)) * correction(self.power_setting, theta, delta)
 
+    @np.errstate(all="ignore")  # what a wild input gives is not finite, and flagged as such
     def predict(
         self,
         inputs: Mapping[str, Any],
@@ -135,8 +142,8 @@ class Engine:
         rest nominal; `sensors`: columns to return, default all sensors, or any model column ("T4_K");
         `wrt`: parameters or input columns; `start`: unknowns (nx, N) to begin with, e.g. an earlier `x`.
         Raises KeyError for unknown names, ValueError for unequal lengths and for a column asked for twice. A point
-        that fails is a flagged row, never an exception. `envelope` is not checked here: it is for those who
-        generate or judge operating points.
+        that fails is a flagged row, never an exception; so is one whose switch is neither 0 nor 1. `envelope` is not
+        checked here: it is for those who generate or judge operating points.
         """
         columns = tuple(self.sensors) if sensors is None else tuple(sensors)
         wrt = tuple(wrt)
@@ -209,6 +216,11 @@ class Engine:
             for k in np.flatnonzero(valid & ~good).tolist():
                 reasons[k] = f"{name} is {np.broadcast_to(v, (size,))[k]:g}"
             valid &= good
+        for column in self.switches:
+            v = np.broadcast_to(points[column], (size,))
+            between = valid & (v != 0.0) & (v != 1.0)
+            reasons |= {k: f"column {column} is a switch and holds {v[k]:g}" for k in np.flatnonzero(between).tolist()}
+            valid &= ~between
         return points, theta, size, valid, reasons
 
     def _known_column(self, column: str) -> None:
@@ -271,11 +283,16 @@ class Engine:
         y = np.stack([np.broadcast_to(value(r), (n,)) for r in rows.values()], axis=1) if rows else np.empty((n, 0))
         J = np.empty((n, len(columns), len(wrt)))[e.rows]
         if wrt and columns:
-            leaves = names + tuple(self.network.leaf_of(w) for w in wrt)
-            F = solver.matrix(e.evaluation, e.evaluation.balances, leaves)[e.rows]
-            G = solver.matrix(e.evaluation, rows, leaves)[e.rows]
-            k = len(names)
-            J = G[:, :, k:] - G[:, :, :k] @ solver.linear_solve(F[:, :, :k], F[:, :, k:])
+            along = tuple(self.network.leaf_of(w) for w in wrt)
+            balances = e.evaluation.balances
+            F_x, G_x = (solver.matrix(e.evaluation, r, names)[e.rows] for r in (balances, rows))
+            # G_x F_x⁻¹ first: there are fewer outputs than parameters
+            weights = solver.linear_solve(F_x.transpose(0, 2, 1), G_x.transpose(0, 2, 1)).transpose(2, 1, 0)
+            F_theta, G_theta = (solver.directed(e.evaluation, r, along)[..., e.rows] for r in (balances, rows))
+            for row, out in zip(weights, G_theta, strict=True):
+                for weight, balance in zip(row, F_theta, strict=True):
+                    out -= weight * balance
+            J = np.ascontiguousarray(G_theta.transpose(2, 0, 1))
         flags = {name: mask[e.rows] for name, mask in _marked(e.evaluation).items()}
         return y[e.rows], J, {name: mask for name, mask in flags.items() if mask.any()}
 

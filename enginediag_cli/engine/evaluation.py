@@ -77,7 +77,7 @@ class Evaluation:
         return name in self.leaves
 
     def add_output(self, name: str, x: Value) -> None:
-        """Adds to an output that several components contribute to (thrust)."""
+        """Adds to an output that several components contribute to (thrust, power)."""
         self.outputs[name] = self.outputs[name] + x if name in self.outputs else x
 
     def mark_outside(self, component: str, mask: Array) -> None:

@@ -6,16 +6,15 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from enginediag_cli.config.checked import Checked
 from enginediag_cli.config.hints import near
 from enginediag_cli.config.kinds import load_checked
+from enginediag_cli.engine.closure import missing_closure
 from enginediag_cli.engine.components import COMPONENTS, Component
 from enginediag_cli.engine.engine import Engine
-from enginediag_cli.engine.evaluation import Evaluation
 from enginediag_cli.engine.gas import gas_for
 from enginediag_cli.engine.network import Network
+from enginediag_cli.engine.sizing import size
 from enginediag_cli.engine.term import Effect
 from enginediag_cli.engine.wiring import wiring_problems
 from enginediag_cli.errors import ConfigError, Problem
@@ -52,7 +51,7 @@ def build_engine(path: str | Path, carried: Carried, power_setting: str | None =
         values["design"],
         values["start"],
     )
-    _size(network, values, checked)
+    size(network, values, checked)
     engine = Engine(network, values, str(path))
     effects, problems = carried(values["physics"], network, checked)
     if problems:
@@ -62,20 +61,6 @@ def build_engine(path: str | Path, carried: Carried, power_setting: str | None =
     if problems:
         raise ConfigError(problems)
     return engine
-
-
-def _size(network: Network, values: dict[str, Any], checked: Any) -> None:
-    """Runs the components through the design point."""
-    inputs = {c: np.array([values["design"].get(c, 0.0)]) for c in network.inputs()}
-    x: dict[str, Any] = {u.name: np.array([u.start]) for c in network.components for u in c.unknowns()}
-    x |= {f"{name}.corrected_speed": np.array([1.0]) for name in network.shafts}
-    leaves: dict[str, Any] = {**{p.name: p.nominal for p in network.parameters()}, **x, **inputs}
-    e = Evaluation(network.gas, 1, leaves)
-    try:
-        with np.errstate(all="ignore"):
-            network.size(e)
-    except ValueError as error:
-        raise ConfigError([Problem(checked.mark(("design",)), f"the design point cannot be met: {error}")]) from error
 
 
 def _references(engine: Engine, values: dict[str, Any], checked: Any) -> Any:
@@ -102,7 +87,7 @@ def _references(engine: Engine, values: dict[str, Any], checked: Any) -> Any:
         yield Problem(
             checked.mark(("components",)),
             f"{len(unknowns)} unknowns ({', '.join(unknowns)}) but {len(balances)} balances ({', '.join(balances)})",
-            "is a nozzle, mixer or load missing?",
+            missing_closure(engine.network, values),
         )
         return
     for column, sensor in engine.sensors.items():

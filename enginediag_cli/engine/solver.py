@@ -59,13 +59,18 @@ def evaluate(
 
 def matrix(e: Evaluation, rows: Mapping[str, Value], names: tuple[str, ...]) -> Array:
     """Derivatives of `rows` with respect to leaves `names`, shape (N, rows, names)."""
+    return np.ascontiguousarray(directed(e, rows, names).transpose(2, 0, 1))
+
+
+def directed(e: Evaluation, rows: Mapping[str, Value], names: tuple[str, ...]) -> Array:
+    """Derivatives of `rows` with respect to leaves `names`, shape (rows, names, N)."""
     out = np.zeros((len(rows), len(names), e.size))
     source = np.array([e.directions.get(name, -1) for name in names])
     for row, y in enumerate(rows.values()):
         if isinstance(y, Dual):
             use = (source >= 0) & (source < len(y.d))
             out[row, use] = y.d[source[use]]
-    return np.ascontiguousarray(out.transpose(2, 0, 1))
+    return out
 
 
 def newton(

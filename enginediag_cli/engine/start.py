@@ -35,6 +35,7 @@ def correction(column: str, theta: Array, delta: Array) -> Array:
     return delta**a * theta ** (0.5 * b)
 
 
+@np.errstate(all="ignore")  # wild inputs are flagged where they are used
 def total_ratios(inputs: Mapping[str, Any]) -> tuple[Array, Array]:
     """θ₂ and δ₂ with constant γ = 1.4: close enough for a start and for corrected power settings."""
     if "altitude_m" in inputs:
@@ -45,6 +46,7 @@ def total_ratios(inputs: Mapping[str, Any]) -> tuple[Array, Array]:
     return theta, np.asarray(inputs["ambient_pressure_Pa"], dtype=float) / P_ISA
 
 
+@np.errstate(all="ignore")  # wild inputs are flagged where they are used
 def coordinates(power_setting: str, inputs: Mapping[str, Any], size: int) -> tuple[tuple[str, ...], Array]:
     """Names and values (k, N) of the corrected coordinates; inputs of their own keep their column's name."""
     theta, delta = total_ratios(inputs)
@@ -112,6 +114,7 @@ class StartFit:
         margin = 0.02 * (self.high - self.low) + 1e-9
         return ((z >= (self.low - margin)[:, None]) & (z <= (self.high + margin)[:, None])).all(axis=0)
 
+    @np.errstate(all="ignore")
     def predict(self, z: Array) -> Array:
         """Starting unknowns (nx, N)."""
         return np.exp(self.coefficients @ _features(self.kinds, self.degree, self.low, self.high, z))

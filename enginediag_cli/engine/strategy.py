@@ -48,10 +48,10 @@ class Strategy:
         if at.size < FIT_FROM or (self.fit is not None and self.fit.covers(names, z).mean() > 0.98):
             return
         drawn = np.random.default_rng(0).choice(at.size, min(ANCHORS, at.size), replace=False)
-        anchors = np.unique(np.concatenate([drawn, z.argmin(axis=1), z.argmax(axis=1)]))
+        anchors = np.array(sorted({*drawn.tolist(), *z.argmin(axis=1).tolist(), *z.argmax(axis=1).tolist()}))
         u = solver.take(points, at[anchors])
         solved = solver.newton(self.network, u, self.nominal, self._first(u, anchors.size))
-        good = solved.converged
+        good = solved.converged & np.isfinite(z[:, anchors]).all(axis=0)  # a wild input may have no coordinate
         if good.mean() >= 0.5:
             self.fit = StartFit.fit(names, z[:, anchors[good]], solved.x[:, good])
 

@@ -17,14 +17,15 @@ def wiring_problems(values: Mapping[str, Any], checked: Checked) -> list[Problem
     return [*_stations(values, checked), *_bleeds(values, checked), *_shafts(values, checked), *_whole(values, checked)]
 
 
-def _inlets(component: Mapping[str, Any]) -> list[str]:
+def inlets(component: Mapping[str, Any]) -> list[str]:
     """Keys that name the stations at which a component begins."""
     if component["type"] == "mixer":
         return ["core", "bypass"]
     return ["from"] if "from" in component else []
 
 
-def _outlets(component: Mapping[str, Any]) -> list[str]:
+def outlets(component: Mapping[str, Any]) -> list[str]:
+    """Stations that a component delivers."""
     keys = ["core", "bypass"] if component["type"] == "splitter" else ["to"]
     return [str(component[k]) for k in keys if k in component]
 
@@ -34,7 +35,7 @@ def _stations(values: Mapping[str, Any], checked: Checked) -> Iterator[Problem]:
     delivered: list[str] = []
     taken: dict[str, str] = {}
     for k, c in enumerate(values["components"]):
-        for key in _inlets(c):
+        for key in inlets(c):
             place, station = checked.mark(("components", k, key)), c[key]
             if station not in delivered:
                 yield Problem(
@@ -47,7 +48,7 @@ def _stations(values: Mapping[str, Any], checked: Checked) -> Iterator[Problem]:
                     "use a splitter or a bleed to divide a flow",
                 )
             taken[station] = c["name"]
-        for station in _outlets(c):
+        for station in outlets(c):
             if station in delivered:
                 yield Problem(checked.mark(("components", k)), f"{c['name']}: station '{station}' is delivered already")
             delivered.append(station)
@@ -78,6 +79,7 @@ def _shafts(values: Mapping[str, Any], checked: Checked) -> Iterator[Problem]:
     """Components name shafts that exist; a shaft has a turbine, and its load comes behind its turbines."""
     shafts = [s["name"] for s in values["shafts"]]
     driven: set[str] = set()
+    loads: dict[str, str] = {}
     for k, c in enumerate(values["components"]):
         if "shaft" not in c:
             continue
@@ -86,6 +88,14 @@ def _shafts(values: Mapping[str, Any], checked: Checked) -> Iterator[Problem]:
             yield Problem(place, f"{c['name']}: there is no shaft '{c['shaft']}'", near(c["shaft"], shafts))
         elif c["type"] == "load" and c["shaft"] not in driven:
             yield Problem(place, f"{c['name']}: a load comes behind the turbine that drives its shaft")
+        if c["type"] == "load" and c["shaft"] in loads:
+            yield Problem(
+                place,
+                f"{c['name']}: shaft '{c['shaft']}' drives {loads[c['shaft']]} already, which takes what it has",
+                "state what the smaller one takes as the shaft's power_offtake_W",
+            )
+        if c["type"] == "load":
+            loads[c["shaft"]] = c["name"]
         if c["type"] == "turbine":
             driven.add(c["shaft"])
     for name in shafts:
@@ -103,7 +113,7 @@ def _whole(values: Mapping[str, Any], checked: Checked) -> Iterator[Problem]:
                 f"an engine needs exactly one {needed}, this one has {types.count(needed)}",
             )
     known = ["Wf_kg_s", *(f"{s['speed_label']}_rpm" for s in values["shafts"] if s["speed"] == "balance")]
-    known += ["T4_K"] if any("4" in _outlets(c) for c in values["components"]) else []
+    known += ["T4_K"] if any("4" in outlets(c) for c in values["components"]) else []
     known += ["Fn_N"] if "nozzle" in types else []
     known += ["power_W"] if "load" in types else []
     if values["power_setting"] not in known:

@@ -17,6 +17,8 @@ import numpy as np
 MAX_POINTS = 150
 MARGIN_RANGE = (0.25, 1.0)
 STRETCHES = 10
+BLOCK = 2000
+"""Operating points whose distances are computed at once: with a full cover, 2 MB."""
 MINIMUM_SPREAD = {
     "mach": 0.05,
     "altitude_m": 2000.0,
@@ -50,7 +52,7 @@ class Envelope:
     def outside(self, inputs: Mapping[str, np.ndarray]) -> np.ndarray:
         """True for operating points that training did not cover, (N,); a missing input counts as outside."""
         u = self._scaled(inputs)
-        return ~(_nearest(u, self.points / self.scale, self.threshold)[0] <= self.threshold)
+        return ~(_nearest(u, self.points / self.scale)[0] <= self.threshold)
 
     def reason(self, inputs: Mapping[str, np.ndarray], k: int) -> str:
         """Why record k is outside, in words; '' when it is not."""
@@ -113,14 +115,19 @@ def _own_distance(v: np.ndarray) -> float:
     return float(np.quantile(np.concatenate(nearest), 0.95))
 
 
-def _nearest(v: np.ndarray, points: np.ndarray, limit: float = np.inf) -> tuple[np.ndarray, np.ndarray]:
+def _nearest(v: np.ndarray, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Distance to and index of the nearest of `points` (n, d) for each row of v (N, d); NaN for NaN.
 
-    Where none is nearer than `limit`, which saves time, the distance is inf.
+    All distances are computed: a cover is small, and importing a search tree takes longer than a flight's distances.
     """
-    from scipy.spatial import cKDTree
-
     distance, index = np.full(len(v), np.nan), np.zeros(len(v), int)
-    there = np.isfinite(v).all(axis=1)
-    distance[there], index[there] = cKDTree(points).query(v[there], distance_upper_bound=np.nextafter(limit, np.inf))
+    for first in range(0, len(v), BLOCK):
+        rows = slice(first, first + BLOCK)
+        squared = np.zeros((len(v[rows]), len(points)))
+        for mine, theirs in zip(v[rows].T, points.T, strict=True):
+            apart = np.subtract.outer(mine, theirs)
+            squared += np.square(apart, out=apart)
+        index[rows] = squared.argmin(axis=1)
+        distance[rows] = np.sqrt(squared[np.arange(len(squared)), index[rows]])
+    distance[~np.isfinite(v).all(axis=1)] = np.nan
     return distance, index

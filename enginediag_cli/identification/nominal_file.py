@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from enginediag_cli.config.fields import Section
-from enginediag_cli.errors import ConfigError, Problem
+from enginediag_cli.errors import ConfigError, DataError, Problem
 from enginediag_cli.identification.envelope import Envelope
 from enginediag_cli.identification.nominal import Estimate, Nominal, SensorNoise
 from enginediag_cli.identification.nominal_sections import (
@@ -30,10 +30,10 @@ from enginediag_cli.identification.unidentified import Combination
 
 __all__ = [
     "NOMINAL_FILE",
-    "engine_change_warning",
     "engine_file",
     "format_nominal",
     "read_nominal",
+    "refuse_changed_engine",
     "write_nominal",
 ]
 
@@ -128,13 +128,15 @@ def engine_file(nominal: Nominal, nominal_path: str | Path) -> Path:
     return Path(nominal_path).parent / nominal.engine_path
 
 
-def engine_change_warning(nominal: Nominal, engine_path: str | Path) -> str:
-    """A sentence when the engine file is not the one that was identified; '' when it is. Raises OSError."""
+def refuse_changed_engine(nominal: Nominal, engine_path: str | Path, *, accept: bool = False) -> None:
+    """Raises DataError when the engine file is not the one that was identified, unless that is accepted."""
     from enginediag_cli.recordings.provenance import sha256_of
 
-    if sha256_of(engine_path) == nominal.engine_sha256:
-        return ""
-    return f"{engine_path} has changed since its nominal state was identified; run identify again"
+    if not accept and sha256_of(engine_path) != nominal.engine_sha256:
+        raise DataError(
+            f"{engine_path} has changed since its nominal state was identified; run identify again, or give "
+            "--accept-changed-engine to go on"
+        )
 
 
 def _as_values(n: Nominal) -> dict[str, Any]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -9,7 +10,7 @@ if TYPE_CHECKING:
     from enginediag_cli.isolation.components import ComponentIsolation
 
 
-def component_row(verdict: Verdict, found: ComponentIsolation | None, units: dict[str, str]) -> dict[str, Any]:
+def component_row(verdict: Verdict, found: ComponentIsolation | None, units: Mapping[str, str]) -> dict[str, Any]:
     """Row of one window; `inclusion` lists the components likeliest first, down to one in a hundred."""
     from enginediag_cli.presentation.isolation_rows import fit_cell, reservation, told_verdict
     from enginediag_cli.residuals.flat import window_row
@@ -46,7 +47,7 @@ def component_row(verdict: Verdict, found: ComponentIsolation | None, units: dic
     return row
 
 
-def component_sentence(found: ComponentIsolation, units: dict[str, str]) -> str:
+def component_sentence(found: ComponentIsolation, units: Mapping[str, str]) -> str:
     """The answer for one window in words."""
     from enginediag_cli.presentation.isolation_rows import reservation
     from enginediag_cli.presentation.names import in_words, listed

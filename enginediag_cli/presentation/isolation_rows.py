@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from enginediag_cli.presentation.messages import Messages
@@ -12,6 +12,7 @@ if TYPE_CHECKING:
     from enginediag_cli.isolation.adequacy import Adequacy
     from enginediag_cli.isolation.diagnosis import Diagnosis
     from enginediag_cli.isolation.named_faults import NamedIsolation
+    from enginediag_cli.isolation.of_windows import IsolatedWindow
 
 
 CANNOT_TELL = "cannot tell"
@@ -23,7 +24,7 @@ def told_verdict(verdict: Verdict, adequacy: Adequacy | None) -> str:
     return verdict.verdict if adequacy is None or adequacy.stands else CANNOT_TELL
 
 
-def reservation(adequacy: Adequacy, units: dict[str, str]) -> str:
+def reservation(adequacy: Adequacy, units: Mapping[str, str]) -> str:
     """Why the answer does not stand, or what a bad fit did to it; empty where the model fits."""
     from enginediag_cli.presentation.sentences import does_not_fit, evidence_reduced, not_believed
 
@@ -38,7 +39,7 @@ def reservation(adequacy: Adequacy, units: dict[str, str]) -> str:
 def isolation_rows(
     verdict: Verdict,
     diagnosis: Diagnosis | None,
-    units: dict[str, str],
+    units: Mapping[str, str],
     catalogue: bool = False,
     advice: Sequence[str] | None = None,
 ) -> Iterator[dict[str, Any]]:
@@ -98,6 +99,29 @@ def isolation_rows(
         }
 
 
+def isolated_rows(found: IsolatedWindow, catalogue: bool, *, advice: bool) -> Iterator[dict[str, Any]]:
+    """Rows of one window, by parameter or by component as it was isolated; columns as in `isolation_rows`."""
+    from enginediag_cli.presentation.component_rows import component_row
+    from enginediag_cli.presentation.next_recording import next_recording
+
+    if found.by_component:
+        yield component_row(found.verdict, found.components, found.units)
+        return
+    told = next_recording(found.advice) if advice and found.diagnosis is not None else None
+    yield from isolation_rows(found.verdict, found.diagnosis, found.units, catalogue, told)
+
+
+def tell_isolated(messages: Messages, found: IsolatedWindow) -> None:
+    """The answer for one window in words."""
+    from enginediag_cli.presentation.component_rows import component_sentence
+    from enginediag_cli.presentation.next_recording import next_recording
+
+    if found.components is not None:
+        messages.note(f"{where(found.verdict)}: {component_sentence(found.components, found.units)}")
+    elif not found.by_component:
+        tell(messages, found.verdict, found.diagnosis, found.units, next_recording(found.advice))
+
+
 def fit_cell(adequacy: Adequacy | None) -> float | None:
     """χ² per degree of freedom after the answer; None where nothing is left to test it by."""
     from math import isfinite
@@ -125,7 +149,7 @@ def tell(
     messages: Messages,
     verdict: Verdict,
     diagnosis: Diagnosis | None,
-    units: dict[str, str],
+    units: Mapping[str, str],
     advice: Sequence[str] = (),
 ) -> None:
     """The answer for one window in words."""

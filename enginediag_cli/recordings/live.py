@@ -2,19 +2,26 @@
 
 The gate, averages and heat soak look back in time, so the last records are kept and mapped again together with the
 new ones. Nothing is handed over twice, and nothing before it is final: an average when its window has ended, a record
-whose neighbours count when the next one is there. Stuck sensors and spikes, which only a longer stretch shows, are not
-searched for.
+whose neighbours count when the next one is there. With `search`, for a file that is complete, masks are those of the
+whole file and records wait for what they are compared with; without, for one that is still being written, only what
+needs no look ahead is masked.
 """
 
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Collection, Iterator
 from dataclasses import dataclass, field
 
 import numpy as np
 
+from enginediag_cli.errors import NoVerdictError
 from enginediag_cli.recordings.average import average
-from enginediag_cli.recordings.recorder import MappedRecording, Recorder
+from enginediag_cli.recordings.conversion import Conversion
+from enginediag_cli.recordings.masking import LiveMasker, MaskCounts, Masker
+from enginediag_cli.recordings.read import read
+from enginediag_cli.recordings.recorder import Recorder
+from enginediag_cli.recordings.source import Source
 from enginediag_cli.recordings.steady import failures, first_reasons
 from enginediag_cli.recordings.table import Recording, concat
 
@@ -32,25 +39,52 @@ class LiveRecorder:
 
     recorder: Recorder
     engine: str = ""
+    search: bool = False
+    inputs: Collection[str] = ()
     records: int = 0
     kept: int = 0
     reasons: Counter[str] = field(default_factory=Counter)
-    masked: Counter[str] = field(default_factory=Counter)
     _held: Recording | None = None
     _done: int = 0
 
+    def __post_init__(self) -> None:
+        judged = self.recorder.judged(self.inputs)
+        self._masker = Masker(judged) if self.search else LiveMasker(judged)
+        self._conversion = Conversion(self.recorder, self.engine)
+
+    @property
+    def counts(self) -> MaskCounts:
+        """What was masked, as data."""
+        return self._masker.counts
+
+    @property
+    def masked(self) -> Counter[str]:
+        """Readings that were not used, by column."""
+        return Counter({column: sum(reasons.values()) for column, reasons in self.counts.columns.items()})
+
     def add(self, raw: Recording, *, end: bool = False) -> Recording:
         """What has become final by these records of the file; `end`: no more will come. Raises DataError."""
-        every = concat([self._held, raw]) if self._held is not None else raw
-        mapped = next(m for m in self.recorder.map(every, steady=False, search=False) if m.engine == self.engine)
-        full = mapped.recording
         self.records += len(raw)
+        pieces = self._masker.add(self._conversion.add(raw, end=end))
+        if end:
+            pieces += self._masker.end()
+        found = [self._map(piece) for piece in pieces]
+        if end or not found:
+            # what waited for the next record, or an empty recording with the right columns
+            rest = pieces[-1] if pieces else self._conversion.add(raw.select(slice(0, 0)))
+            found.append(self._map(rest.select(slice(0, 0)), end=end))
+        return concat(found)
+
+    def _map(self, clean: Recording, *, end: bool = False) -> Recording:
+        """What of masked records and of those held has become final."""
+        every = concat([self._held, clean]) if self._held is not None else clean
+        full = self.recorder.derive(every)
+        if len(clean):
+            self.recorder.check(full)
         final = np.ones(len(full), bool) if end else self._final(full)
         new = final & (full.line > self._done)
-        settled = self._settled(mapped, new)
+        settled = self._settled(full, new)
         self.kept += len(settled)
-        for column, mask in mapped.masks.masks.items():
-            self.masked[column] += int(np.sum(mask & new))
         self._done = int(full.line[new][-1]) if new.any() else self._done
         self._held = every.select(np.arange(len(full)) >= self._first_needed(full))
         return settled
@@ -60,7 +94,7 @@ class LiveRecorder:
         start = name + (f", engine {self.engine}" if self.engine else "")
         what = f"windows of {self.recorder.average_s:g} s out of" if self.recorder.average_s > 0.0 else "of"
         why = ", ".join(f"{reason} {n}" for reason, n in self.reasons.items() if n)
-        lines = [f"{start}: {column}: {n} values missing or out of limits" for column, n in self.masked.items() if n]
+        lines = [f"{start}: {line}" for line in self.counts.report_lines()]
         if self.recorder.steady or self.recorder.average_s > 0.0:
             kept = f"{start}: kept {self.kept} {what} {self.records} records"
             lines.append(kept + (f" (left out: {why})" if why else ""))
@@ -76,8 +110,8 @@ class LiveRecorder:
             return np.asarray(rows <= (ended[-1] if ended.size else -1))
         return np.asarray(rows < len(full) - 1) if steady and steady.neighbours else np.ones(len(full), bool)
 
-    def _settled(self, mapped: MappedRecording, new: np.ndarray) -> Recording:
-        full, steady, length = mapped.recording, self.recorder.steady, self.recorder.average_s
+    def _settled(self, full: Recording, new: np.ndarray) -> Recording:
+        steady, length = self.recorder.steady, self.recorder.average_s
         failed = failures(full, steady) if steady else {}
         if length > 0.0:
             averages = average(full, length, failed)[0].recording
@@ -103,3 +137,42 @@ class LiveRecorder:
         soak = [SOAK_MEMORY * s["time_constant_s"] for s in values["derived"] if s["rule"] == "soak"]
         gate = [2 * steady.window_s, 2 * steady.dwell_s] if steady else []
         return float(max([0.0, 2 * self.recorder.average_s, *gate, *soak]))
+
+
+class RecorderStream:
+    """A foreign file mapped in bounded memory; iterate once for (engine, records), every piece with some records.
+
+    engines: engine → its LiveRecorder, whose counts and report lines are complete at the end. Rows are those of
+    `Recorder.read`, but that heat soak has forgotten its beginning after 12 time constants, where `read` has not.
+    """
+
+    def __init__(
+        self,
+        recorder: Recorder,
+        source: Source,
+        chunk_records: int,
+        inputs: Collection[str] = (),
+        engines: Collection[str] | None = None,
+    ):
+        chosen = [name for name in recorder.engines if engines is None or name in engines]
+        self._recorder, self._source, self._chunk = recorder, source, chunk_records
+        self.engines = {name: LiveRecorder(recorder, name, search=True, inputs=inputs) for name in chosen}
+
+    def __iter__(self) -> Iterator[tuple[str, Recording]]:
+        """Raises DataError as `Recorder.read` does, and NoVerdictError at the end of an engine without any record."""
+        last: Recording | None = None
+        for chunk in read(self._source, chunk_records=self._chunk, **self._recorder.reading):
+            if last is not None:
+                yield from self._add(last, end=False)
+            last = chunk
+        assert last is not None  # a file without records yields one empty recording
+        yield from self._add(last, end=True)
+        for live in self.engines.values():
+            if not live.kept and (self._recorder.steady or self._recorder.average_s > 0.0):
+                raise NoVerdictError(f"no steady record is left: {live.report_lines(str(self._source))[-1]}")
+
+    def _add(self, chunk: Recording, end: bool) -> Iterator[tuple[str, Recording]]:
+        for name, live in self.engines.items():
+            found = live.add(chunk, end=end)
+            if len(found):
+                yield name, found

@@ -15,6 +15,7 @@ OUTSIDE = 0.2
 """A value this share of the span (0.5th to 99.5th percentile) beyond it is not of the engine's doing."""
 
 
+@np.errstate(all="ignore")  # readings near the largest number: their span is infinite, which is what it should be
 def spikes(values: np.ndarray, threshold: float = 8.0, isolation: float = 2.5) -> tuple[np.ndarray, np.ndarray]:
     """Masks (N,), (N,) of the spikes by a Hampel filter, and of those that lie outside the usual span.
 
@@ -31,15 +32,19 @@ def spikes(values: np.ndarray, threshold: float = 8.0, isolation: float = 2.5) -
         return spike, outside
     x = values[finite]
     windows = np.lib.stride_tricks.sliding_window_view(np.pad(x, WINDOW // 2, mode="reflect"), WINDOW)
-    centre = np.median(windows, axis=1)
+    centre = np.partition(windows, WINDOW // 2, axis=1)[:, WINDOW // 2]
     residual = np.abs(x - centre)
-    deviations = np.sort(np.abs(windows - centre[:, None]), axis=1)
     scale = 1.4826 * np.median(residual)
+    lowest, low, high, highest = np.percentile(x, [0.5, 5.0, 95.0, 99.5])
+    least = max(threshold * scale, GROSS * (high - low))
+    suspects = np.flatnonzero(residual > least)
+    if not suspects.size:
+        return spike, outside
     levels = np.unique(x)
     quantum = np.diff(levels).min() if len(levels) > 1 else 0.0
-    lowest, low, high, highest = np.percentile(x, [0.5, 5.0, 95.0, 99.5])
-    least = max(threshold * scale, 4.0 * quantum, GROSS * (high - low))
-    spike[finite] = (residual > least) & (residual > isolation * deviations[:, -TOLERATED])
+    deviations = np.sort(np.abs(windows[suspects] - centre[suspects, None]), axis=1)[:, -TOLERATED]
+    grave = (residual[suspects] > 4.0 * quantum) & (residual[suspects] > isolation * deviations)
+    spike[finite[suspects[grave]]] = True
     margin = OUTSIDE * (highest - lowest)
     outside[finite] = spike[finite] & ((x < lowest - margin) | (x > highest + margin))
     return spike, outside

@@ -7,18 +7,21 @@ from __future__ import annotations
 
 import re
 from collections.abc import Collection, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from enginediag_cli.errors import DataError
-from enginediag_cli.recordings.outliers import outliers
-from enginediag_cli.recordings.stuck import stuck
 from enginediag_cli.recordings.table import Recording
 from enginediag_cli.units import find_unit, split_column
 
 REASONS = ("missing", "dropped", "out of limits", "stuck", "outlier")
 
+WHOLE_RECORDS = {
+    "frozen": "in which every reading stands still, not used",
+    "repeated": "that were there already, left out",
+}
+"""Reasons that concern whole records, and what is told of them."""
 
 _PHYSICAL = (
     (r"([a-z]+_)?(T\d*|ITT|itt|EGT|TGT|TIT|TAT|SAT|tat|sat|temperature)", "temperature", 100.0, 3500.0),
@@ -40,17 +43,23 @@ class QualitySettings:
     """Missing values in a row that count as a dropped sensor, not as single missing values."""
     stuck_records: int = 20
     outlier_sigma: float = 8.0
+    frozen_records: int = 20
+    """Records in a row with every judged reading the same, to the last digit: the recorder stands still. As many as
+    for one stuck sensor; several together repeat far more rarely than one, and a recorder that writes 10 to 16 times
+    for each reading of its sensors stays below."""
 
 
 @dataclass(frozen=True)
 class MaskReport:
     """masks: column → (N,) bool, true where the value is not to be used; counts: column → reason → number.
 
-    Each masked value is counted once, under the first of REASONS that holds.
+    Each masked value is counted once, under the first of REASONS that holds. records: whole records by reason, "frozen"
+    (their sensor readings are masked but in no column's counts) and "repeated" (left out of the recording).
     """
 
     masks: Mapping[str, np.ndarray]
     counts: Mapping[str, Mapping[str, int]]
+    records: Mapping[str, int] = field(default_factory=dict)
 
     @property
     def total(self) -> int:
@@ -65,7 +74,12 @@ class MaskReport:
                 of = len(self.masks[column])
                 why = ", ".join(f"{reason} {n}" for reason, n in reasons.items() if n)
                 lines.append(f"{column}: {lost} of {of} values masked ({why})")
-        return lines
+        return lines + whole_record_lines(self.records)
+
+
+def whole_record_lines(records: Mapping[str, int]) -> list[str]:
+    """What is told of whole records, by reason."""
+    return [f"{n} record{'' if n == 1 else 's'} {WHOLE_RECORDS[why]} ({why})" for why, n in records.items() if n]
 
 
 def mask_gross(
@@ -82,39 +96,22 @@ def mask_gross(
     limits: column → (lowest, highest) value that the sensor can truthfully give, in the column's unit (where
     none is given: `physical_limits`);
     columns: which to judge (default: all numbers but `time_s`); search: also look for stuck sensors and
-    outliers, which compares records with their neighbours in file order (pass False for chunks of a stream).
+    outliers, which compares records with their neighbours in file order (see masking.py, also for streams).
     Raises DataError when no record has all `required` columns left, or with none required, no value is left.
     """
-    limits, settings = limits or {}, settings or QualitySettings()
-    judged = [c for c in (recording.columns if columns is None else columns) if c != "time_s"]
-    masks: dict[str, np.ndarray] = {}
-    counts: dict[str, dict[str, int]] = {}
-    for column in judged:
-        values = recording[column]
-        low, high = limits.get(column) or physical_limits(column)
-        absent = ~np.isfinite(values)
-        dropped = _in_runs(absent, settings.dropped_records)
-        found = {
-            "missing": absent & ~dropped,
-            "dropped": dropped,
-            "out of limits": ~absent & ((values < low) | (values > high)),
-        }
-        masks[column], counts[column] = _tally(found)
-    usable = {c: np.where(masks[c], np.nan, recording[c]) for c in judged}
-    if search:
-        nothing = np.zeros(len(recording), dtype=bool)
-        spiked = outliers(usable, settings.outlier_sigma) if settings.outlier_sigma > 0.0 else {}
-        for column in judged:
-            rest = {c: v for c, v in usable.items() if c != column}
-            k = settings.stuck_records
-            frozen = stuck(usable[column], rest, k) if k > 0 else nothing
-            more, count = _tally({"stuck": frozen, "outlier": spiked.get(column, nothing)})
-            masks[column] = masks[column] | more
-            counts[column].update(count)
-        usable = {c: np.where(masks[c], np.nan, recording[c]) for c in judged}
-    clean = recording.with_columns(usable)
-    report = MaskReport(masks, counts)
-    _insist_on_something(clean, report, judged, required)
+    from enginediag_cli.recordings.masking import Judged, mask_recording
+
+    names = tuple(c for c in (recording.columns if columns is None else columns) if c != "time_s")
+    judged = Judged(
+        sensors=names if search else (),
+        inputs=() if search else names,
+        limits=limits or {},
+        settings=settings or QualitySettings(),
+        frozen=False,
+        repeated=False,
+    )
+    clean, report = mask_recording(recording, judged)
+    insist_on_something(clean, report, names, required)
     return clean, report
 
 
@@ -132,7 +129,7 @@ def physical_limits(column: str) -> tuple[float, float]:
     return (-0.1, 10.0) if column == "mach" else (-np.inf, np.inf)
 
 
-def _in_runs(mask: np.ndarray, shortest: int) -> np.ndarray:
+def in_runs(mask: np.ndarray, shortest: int) -> np.ndarray:
     """The part of a mask (N,) that lies in runs of at least `shortest` records."""
     edges = np.flatnonzero(np.diff(np.r_[False, mask, False].astype(np.int8)))
     starts, ends = edges[::2], edges[1::2]
@@ -143,7 +140,7 @@ def _in_runs(mask: np.ndarray, shortest: int) -> np.ndarray:
     return np.cumsum(change[:-1]) > 0
 
 
-def _tally(found: Mapping[str, np.ndarray]) -> tuple[np.ndarray, dict[str, int]]:
+def tally(found: Mapping[str, np.ndarray]) -> tuple[np.ndarray, dict[str, int]]:
     """Union of the masks, and how many values each adds to those before it."""
     union: np.ndarray | None = None
     counts: dict[str, int] = {}
@@ -155,9 +152,10 @@ def _tally(found: Mapping[str, np.ndarray]) -> tuple[np.ndarray, dict[str, int]]
     return union, counts
 
 
-def _insist_on_something(
-    recording: Recording, report: MaskReport, judged: Collection[str], required: Collection[str]
+def insist_on_something(
+    recording: Recording, report: MaskReport, judged: Collection[str], required: Collection[str] = ()
 ) -> None:
+    """Raises DataError when no record has all `required` columns, or with none required, no `judged` value is left."""
     if len(recording) == 0:
         return
     left = (

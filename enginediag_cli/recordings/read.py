@@ -9,16 +9,16 @@ import csv
 import difflib
 import gzip
 import re
-import sys
 from collections.abc import Collection, Iterable, Iterator
-from contextlib import contextmanager
+from dataclasses import dataclass
 from itertools import islice
-from pathlib import Path
 from typing import Any, TextIO
 
 import numpy as np
 
 from enginediag_cli.errors import DataError
+from enginediag_cli.recordings.dialect import DELIMITERS, OWN, Dialect, separator_of
+from enginediag_cli.recordings.source import Source, opened, undecodable
 from enginediag_cli.recordings.table import Recording, concat
 from enginediag_cli.units import is_numeric_column
 
@@ -26,8 +26,6 @@ MISSING = frozenset({"", "na", "n/a", "nan", "null", "none"})
 """Cells of a declared column that stand for a missing value, in any case."""
 
 _LINE_END = re.compile(r"\r\n|\r|\n")
-
-Source = str | Path | TextIO
 
 
 def read(
@@ -37,68 +35,89 @@ def read(
     required: Collection[str] = (),
     by_suffix: bool = True,
     chunk_records: int = 20_000,
+    dialect: Dialect = OWN,
 ) -> Iterator[Recording]:
     """Yield the records of a CSV file in chunks; a file without records yields one empty recording.
 
     source: path (`-` is stdin, `.gz` is unpacked) or an open text stream. Numbers are the columns named in
     `declared` and `required` and, with `by_suffix`, those whose name carries a unit; the rest is text.
-    Columns in `required` must be there. Raises DataError naming file, physical line and column.
+    Columns in `required` must be there; `dialect`: how the file is written. Raises DataError naming
+    file, physical line and column.
     """
-    with _opened(source) as (stream, name):
+    with opened(source, dialect.codec) as (stream, name):
         try:
-            yield from _records(stream, name, {*declared, *required}, required, by_suffix, chunk_records)
+            yield from _records(
+                stream, name, _Wanted({*declared, *required}, required, by_suffix, dialect), chunk_records
+            )
         except UnicodeDecodeError as error:
-            raise DataError(f"{name}: not UTF-8 text ({error.reason})") from error
+            raise undecodable(source, name, error) from error
         except (gzip.BadGzipFile, EOFError) as error:
             raise DataError(f"{name}: damaged gzip file ({error})") from error
 
 
 def read_all(
-    source: Source, *, declared: Collection[str] = (), required: Collection[str] = (), by_suffix: bool = True
+    source: Source,
+    *,
+    declared: Collection[str] = (),
+    required: Collection[str] = (),
+    by_suffix: bool = True,
+    dialect: Dialect = OWN,
 ) -> Recording:
     """As `read`, the whole file as one recording."""
-    return concat(list(read(source, declared=declared, required=required, by_suffix=by_suffix)))
+    return concat(list(read(source, declared=declared, required=required, by_suffix=by_suffix, dialect=dialect)))
 
 
-@contextmanager
-def _opened(source: Source) -> Iterator[tuple[TextIO, str]]:
-    if not isinstance(source, (str, Path)):
-        yield source, getattr(source, "name", "<stream>")
-    elif str(source) == "-":
-        # stdin's own text layer may use another encoding and would translate line ends inside quotes
-        stream = open(sys.stdin.fileno(), encoding="utf-8-sig", newline="", closefd=False)
-        with stream:
-            yield stream, "<stdin>"
-    else:
-        try:
-            opened: TextIO = (
-                gzip.open(source, "rt", encoding="utf-8-sig", newline="")
-                if str(source).endswith(".gz")
-                else open(source, encoding="utf-8-sig", newline="")
-            )
-        except OSError as error:
-            raise DataError(f"{source}: {error.strerror or error}") from error
-        with opened:
-            yield opened, str(source)
+@dataclass(frozen=True)
+class Absent:
+    """A column that a file lacks, and the column of the file that may be it, misspelt ("" where none is near)."""
+
+    column: str
+    near: str = ""
 
 
-def _records(
-    stream: TextIO,
-    name: str,
-    numbers: set[str],
-    required: Collection[str],
-    by_suffix: bool,
-    chunk_records: int,
-) -> Iterator[Recording]:
-    head, provenance, first = _head(stream, name)
+def absent_columns(wanted: Iterable[str], order: Collection[str]) -> tuple[Absent, ...]:
+    """Those of the wanted columns that are not in the file's header, each with a near match that is not wanted, too."""
+    names = list(wanted)
+    others = [column for column in order if column not in names]
+    folded = {column.casefold(): column for column in reversed(others)}
+    found = []
+    for column in names:
+        if column not in order:
+            near = difflib.get_close_matches(column.casefold(), list(folded), n=1, cutoff=0.75)
+            found.append(Absent(column, folded[near[0]] if near else ""))
+    return tuple(found)
+
+
+@dataclass(frozen=True)
+class _Wanted:
+    """What `read` was asked for."""
+
+    numbers: Collection[str]
+    required: Collection[str]
+    by_suffix: bool
+    dialect: Dialect
+
+    def is_number(self, column: str) -> bool:
+        return column in self.numbers or (self.by_suffix and is_numeric_column(column))
+
+
+def _records(stream: TextIO, name: str, wanted: _Wanted, chunk_records: int) -> Iterator[Recording]:
+    dialect = wanted.dialect
+    head, provenance, first = _head(stream, name, dialect.header_line)
+    separator = dialect.separator(first, f"{name}:{head + 1}")
     # the header goes through the csv reader too, so that a quoted name may hold a comma or a line end
-    reader = csv.reader(_chain(first, stream), strict=True)
+    reader = csv.reader(_chain(first, stream), strict=True, delimiter=separator)
     try:
         order = [cell.strip() for cell in next(reader)]
+        if dialect.unit_row:
+            next(reader, None)
     except csv.Error as error:
         raise DataError(f"{name}:{head + 1}: {error}") from error
+    if len(order) == 1:
+        _other_delimiter(first, separator, f"{name}:{head + 1}")
+    required = wanted.required
     _check_header(order, required, name, head + 1)
-    is_number = [cell in numbers or (by_suffix and is_numeric_column(cell)) for cell in order]
+    is_number = [wanted.is_number(cell) for cell in order]
     empty = True
     while True:
         before = reader.line_num
@@ -110,7 +129,11 @@ def _records(
             continue
         cells = list(zip(*rows, strict=True)) if rows else [()] * len(order)
         yield Recording(
-            columns={c: _floats(cells[j], c, line, name) for j, c in enumerate(order) if is_number[j]},
+            columns={
+                c: _floats(_points(cells[j], dialect.decimal), c, line, name)
+                for j, c in enumerate(order)
+                if is_number[j]
+            },
             text={c: list(cells[j]) for j, c in enumerate(order) if not is_number[j]},
             order=tuple(order),
             line=line,
@@ -120,15 +143,39 @@ def _records(
         empty = False
 
 
-def _head(stream: TextIO, name: str) -> tuple[int, list[str], str]:
+def _other_delimiter(header: str, separator: str, place: str) -> None:
+    """Raises DataError for a header of one column that another delimiter would part."""
+    found = separator_of(header)
+    if found != separator and found in header:
+        word = next(word for word, mark in DELIMITERS.items() if mark == found)
+        raise DataError(
+            f"{place}: one column, {header.strip()[:60]!r}: cells seem to be parted by {found!r}; state it in a "
+            f"recorder, `file: {{delimiter: {word}}}`, which `enginediag recorder FILE` drafts"
+        )
+
+
+def _points(cells: Collection[str], decimal: str) -> Collection[str]:
+    """The cells with decimal points; a point in a file with decimal commas is left for `_floats` to refuse."""
+    if decimal == ".":
+        return cells
+    return [cell.replace(".", "\u00b7").replace(",", ".") for cell in cells]
+
+
+def _head(stream: TextIO, name: str, header_line: int) -> tuple[int, list[str], str]:
     """Number of lines before the header, the provenance lines among them, and the header's first line."""
     provenance: list[str] = []
     for number, text in enumerate(stream):
+        if header_line:
+            if number + 1 == header_line:
+                return number, provenance, text.lstrip("\ufeff")
+            continue
         bare = text.lstrip("\ufeff").rstrip("\r\n")
         if bare.startswith("#"):
             provenance.append(bare[1:].strip())
         elif bare.strip():
             return number, provenance, text.lstrip("\ufeff")
+    if header_line:
+        raise DataError(f"{name}: no header line: the file has fewer than {header_line} lines")
     raise DataError(f"{name}: no header line: the file is empty")
 
 

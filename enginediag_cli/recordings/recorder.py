@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -13,34 +13,20 @@ from enginediag_cli.config.checked import Checked
 from enginediag_cli.config.kinds import load_checked
 from enginediag_cli.errors import ConfigError, DataError, NoVerdictError, Problem
 from enginediag_cli.recordings.average import average
+from enginediag_cli.recordings.channel import Channel, load_channel
+from enginediag_cli.recordings.conversion import Conversion
 from enginediag_cli.recordings.derived import RULES
-from enginediag_cli.recordings.quality import MaskReport, QualitySettings, mask_gross
-from enginediag_cli.recordings.read import Source, read_all
+from enginediag_cli.recordings.dialect import DELIMITERS, Dialect, known_encoding
+from enginediag_cli.recordings.masking import Judged, mask_recording
+from enginediag_cli.recordings.quality import MaskReport, QualitySettings, insist_on_something
+from enginediag_cli.recordings.read import read_all
+from enginediag_cli.recordings.source import Source
+from enginediag_cli.recordings.stamps import check_forward, zone_of
 from enginediag_cli.recordings.steady import GateReport, SteadySettings, failures, gate
 from enginediag_cli.recordings.table import Recording
-from enginediag_cli.units import UnitError, convert, find_unit, split_column, to_si
 
-
-@dataclass(frozen=True)
-class Channel:
-    """target = convert(scale · source + offset, unit → unit of the target), or full_scale · source / 100."""
-
-    target: str
-    source: str
-    unit: str
-    target_unit: str
-    full_scale: float | None
-    scale: float
-    offset: float
-    limits: tuple[float, float] | None
-
-    def read(self, values: np.ndarray, full_scale: float | None = None) -> np.ndarray:
-        """Target (N,) from the source's values (N,); full_scale replaces the channel's own."""
-        reading = self.scale * values + self.offset
-        full = self.full_scale if full_scale is None else full_scale
-        if full is not None:
-            return to_si(reading, self.unit, full)
-        return convert(reading, self.unit, self.target_unit)
+if TYPE_CHECKING:
+    from enginediag_cli.recordings.live import RecorderStream
 
 
 @dataclass(frozen=True)
@@ -78,66 +64,79 @@ class Recorder:
     @property
     def source_columns(self) -> tuple[str, ...]:
         """Numeric columns that the file must have."""
-        return tuple(
-            dict.fromkeys(
-                self._source(channel, engine) for engine in self.engines.values() for channel in self.channels
-            )
+        return tuple(dict.fromkeys(c.source_of(engine) for engine in self.engines.values() for c in self.channels))
+
+    @property
+    def dialect(self) -> Dialect:
+        """How its files are written."""
+        file = self.values["file"]
+        return Dialect(
+            DELIMITERS.get(file["delimiter"], "auto"),
+            "," if file["decimal"] == "comma" else ".",
+            file["encoding"],
+            file["header_line"],
+            file["unit_row"],
         )
 
-    def read(self, source: Source) -> list[MappedRecording]:
-        """Read and map a whole file (`-`: stdin), one result per engine. Raises DataError, NoVerdictError."""
-        return list(self.map(read_all(source, required=self.source_columns, by_suffix=False)))
+    def judged(self, inputs: Collection[str] = ()) -> Judged:
+        """What is masked of an engine's recording; `inputs`: columns that may stand still (see masking.py)."""
+        return Judged(
+            sensors=tuple(c.target for c in self.channels if c.target not in inputs),
+            inputs=tuple(c.target for c in self.channels if c.target in inputs),
+            limits={c.target: c.limits for c in self.channels if c.limits is not None},
+            settings=QualitySettings(**self.values["masks"]),
+        )
 
-    def map(self, recording: Recording, *, steady: bool = True, search: bool = True) -> Iterator[MappedRecording]:
-        """One result per engine: units, masks, derived columns, checks; with `steady` gate and averages; with `search`
-        stuck sensors and spikes are looked for.
+    def read(self, source: Source, inputs: Collection[str] = ()) -> list[MappedRecording]:
+        """Read and map a whole file (`-`: stdin), one result per engine. Raises DataError, NoVerdictError."""
+        return list(self.map(read_all(source, **self.reading), inputs=inputs))
+
+    def stream(
+        self,
+        source: Source,
+        chunk_records: int = 3000,
+        inputs: Collection[str] = (),
+        engines: Collection[str] | None = None,
+    ) -> RecorderStream:
+        """As `read` in bounded memory: iterate for (engine, records) as they become final; `engines`: only these."""
+        from enginediag_cli.recordings.live import RecorderStream
+
+        return RecorderStream(self, source, chunk_records, inputs, engines)
+
+    @property
+    def reading(self) -> dict[str, Any]:
+        """Arguments with which `recordings.read.read` reads a file of this recorder."""
+        return {"required": self.source_columns, "by_suffix": False, "dialect": self.dialect}
+
+    def map(
+        self, recording: Recording, *, steady: bool = True, inputs: Collection[str] = ()
+    ) -> Iterator[MappedRecording]:
+        """One result per engine of a whole file: units, masks, derived columns, checks; with `steady` gate and
+        averages. inputs: columns that may stand still.
 
         Raises DataError when columns are missing, a check fails or no value is left, NoVerdictError when no
         record passes the gate.
         """
-        for name, engine in self.engines.items():
-            converted = self._convert(recording, name, engine)
-            limits = {c.target: c.limits for c in self.channels if c.limits is not None}
-            masks = self.values["masks"]
-            clean, report = mask_gross(
-                converted,
-                limits,
-                columns=[channel.target for channel in self.channels],
-                settings=QualitySettings(**masks),
-                search=search,
-            )
-            full = self._derive(clean)
-            self._check(full)
+        for name in self.engines:
+            converted = Conversion(self, name).add(recording, end=True)
+            clean, report = mask_recording(converted, self.judged(inputs))
+            if not report.records["frozen"]:
+                insist_on_something(clean, report, [c.target for c in self.channels if c.target != "time_s"])
+            full = self.derive(clean)
+            self.check(full)
             yield self._settle(name, full, report) if steady else MappedRecording(name, full, report, None)
 
-    def _convert(self, recording: Recording, name: str, engine: Mapping[str, Any]) -> Recording:
-        sources = {channel.target: self._source(channel, engine) for channel in self.channels}
-        absent = sorted(set(sources.values()) - set(recording.columns))
-        texts = {**self.values["text"], **{column: column for column in self.values["keep"]}}
-        absent += sorted(column for column in texts.values() if column not in recording.order)
-        if absent:
-            raise DataError(
-                f"{recording.source}: the recorder {self.path} needs columns that are not there: {', '.join(absent)}"
-            )
-        columns = {
-            channel.target: channel.read(recording[sources[channel.target]], engine["full_scale"].get(channel.target))
-            for channel in self.channels
-        }
-        for column, value in {**self.values["constants"], **engine["constants"]}.items():
-            columns[column] = np.full(len(recording), float(value))
-        text = {target: _cells(recording, source) for target, source in texts.items()}
-        if name:
-            text["engine"] = [name] * len(recording)
-        order = (*text, *columns)
-        return Recording(columns, text, order, recording.line, recording.source, recording.provenance)
-
-    def _derive(self, recording: Recording) -> Recording:
+    def derive(self, recording: Recording) -> Recording:
+        """The recording with the derived columns. Raises DataError where time stamps go backwards."""
+        if self.values["time"]:
+            check_forward(recording)
         for settings in self.values["derived"]:
             values = RULES[settings["rule"]].compute(recording.columns, settings)
             recording = recording.with_columns({settings["name"]: values})
         return recording
 
-    def _check(self, recording: Recording) -> None:
+    def check(self, recording: Recording) -> None:
+        """Raises DataError when the file is not what it is taken for."""
         for check in self.values["checks"]:
             ratio = recording[check["of"]] / recording[check["over"]]
             low, high = check["between"]
@@ -164,22 +163,19 @@ class Recorder:
             raise NoVerdictError(f"{recording.source}: no steady record is left: {report.report_line()}")
         return MappedRecording(name, kept, masks, report, errors)
 
-    @staticmethod
-    def _source(channel: Channel, engine: Mapping[str, Any]) -> str:
-        return channel.source.replace("{prefix}", engine["prefix"])
-
 
 def load_recorder(path: str | Path) -> Recorder:
     """The recorder that a YAML file describes. Raises ConfigError with every problem found."""
     checked = load_checked(path, "recorder")
     values = checked.values
     problems: list[Problem] = []
-    channels = tuple(_channel(checked, target, problems) for target in values["columns"])
+    channels = tuple(load_channel(checked, target, problems) for target in values["columns"])
     settings = values["steady"]
     steady = None
     if settings is not None:
         gap = settings["gap_s"]
         steady = SteadySettings(**{**settings, "gap_s": np.inf if gap is None else gap})
+    problems += _file_problems(checked)
     problems += _unknown_columns(checked, steady)
     if problems:
         raise ConfigError(problems)
@@ -189,49 +185,26 @@ def load_recorder(path: str | Path) -> Recorder:
     )
 
 
-def _channel(checked: Checked, target: str, problems: list[Problem]) -> Channel | None:
-    spec = checked.values["columns"][target]
-    here = ("columns", target)
-    target_unit = split_column(target)[1] or "1"
-    unit = spec["unit"] or split_column(spec["from"])[1] or ("1" if target_unit == "1" else "")
-    if not unit:
-        problems.append(
-            checked.problem(
-                (*here, "from"), f"the unit of {spec['from']} is not known", "its name has no unit; add 'unit:'"
-            )
-        )
-        return None
+def _file_problems(checked: Checked) -> list[Problem]:
+    """Problems of the sections `file` and `time` that only their values together show."""
+    values, problems = checked.values, []
+    file, time = values["file"], values["time"]
+    if not known_encoding(file["encoding"]):
+        hint = "such as utf-8, latin-1 or cp1252"
+        problems.append(checked.problem(("file", "encoding"), f"no encoding {file['encoding']!r}", hint))
+    if file["delimiter"] == "comma" and file["decimal"] == "comma":
+        problems.append(checked.problem(("file", "decimal"), "the decimal mark and the delimiter are both commas"))
+    if time is None:
+        return problems
+    if "time_s" in values["columns"]:
+        problems.append(checked.problem(("time",), "time_s is made twice", "leave it out of 'columns'"))
+    if not time["from"]:
+        problems.append(checked.problem(("time", "from"), "no column of the time stamp"))
     try:
-        known = find_unit(target_unit)
-        if known.si != known.name and target_unit != "1":
-            problems.append(
-                checked.problem(
-                    here, f"the target {target} is not in SI", f"name it {split_column(target)[0]}_{known.si}"
-                )
-            )
-        if spec["full_scale"] is not None:
-            to_si(1.0, unit, spec["full_scale"])
-        elif not _full_scale_per_engine(checked.values, target):
-            convert(1.0, unit, target_unit)
-    except UnitError as error:
-        problems.append(checked.problem((*here, "unit" if spec["unit"] else "from"), str(error)))
-        return None
-    limits = spec["limits"]
-    return Channel(
-        target,
-        spec["from"],
-        unit,
-        target_unit,
-        spec["full_scale"],
-        spec["scale"],
-        spec["offset"],
-        None if limits is None else (limits[0], limits[1]),
-    )
-
-
-def _full_scale_per_engine(values: Mapping[str, Any], target: str) -> bool:
-    engines = values["engines"].values()
-    return bool(engines) and all(target in engine["full_scale"] for engine in engines)
+        zone_of(time["zone"])
+    except ValueError:
+        problems.append(checked.problem(("time", "zone"), f"no time zone {time['zone']!r}", "such as +02:00 or UTC"))
+    return problems
 
 
 def _unknown_columns(checked: Checked, steady: SteadySettings | None) -> list[Problem]:
@@ -239,7 +212,7 @@ def _unknown_columns(checked: Checked, steady: SteadySettings | None) -> list[Pr
     from enginediag_cli.config.hints import near
 
     values = checked.values
-    made = [*values["columns"], *values["constants"]]
+    made = [*values["columns"], *values["constants"], *(["time_s"] if values["time"] else [])]
     for engine in values["engines"].values():
         made += engine["constants"]
     wanted: list[tuple[tuple[str | int, ...], str]] = []
@@ -267,9 +240,3 @@ def _unknown_columns(checked: Checked, steady: SteadySettings | None) -> list[Pr
         if column not in made
     ]
     return problems
-
-
-def _cells(recording: Recording, column: str) -> list[str]:
-    if column in recording.text:
-        return list(recording.text[column])
-    return [f"{value:.10g}" for value in recording[column]]

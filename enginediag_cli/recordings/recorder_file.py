@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from enginediag_cli.config.fields import Field, Section, Variants
 from enginediag_cli.recordings.derived import RULES
+from enginediag_cli.recordings.dialect import DELIMITERS
 
 _COLUMN = Section(
     "column",
@@ -15,6 +16,9 @@ _COLUMN = Section(
         Field("scale", "number", "factor on the source's reading, in its own unit", 1.0),
         Field("offset", "number", "added to the source's reading after the scale, in its own unit", 0.0),
         Field("limits", "range", "what the sensor can truthfully read, in the target's unit", None),
+        Field("density_kg_m3", "number", "of the fuel, for a volume flow that becomes a mass flow", None, minimum=1.0),
+        Field("fill", "choice", "cells left empty between readings", "none", choices=("none", "hold", "interpolate")),
+        Field("fill_records", "integer", "most records that a reading is held, or two lie apart", 0, minimum=0),
     ),
 )
 
@@ -46,6 +50,7 @@ _MASKS = Section(
         Field("dropped_records", "integer", "missing values in a row: the sensor is dropped", 10, minimum=1),
         Field("stuck_records", "integer", "identical readings in a row", 20, minimum=0),
         Field("outlier_sigma", "number", "robust standard deviations of a gross outlier", 8.0, minimum=0.0),
+        Field("frozen_records", "integer", "records in a row in which every column repeats", 20, minimum=0),
     ),
 )
 
@@ -65,6 +70,35 @@ _STEADY = Section(
     ),
 )
 
+_FILE = Section(
+    "file",
+    "how the file is written",
+    (
+        Field("delimiter", "choice", "between cells", "auto", choices=("auto", *DELIMITERS)),
+        Field("decimal", "choice", "decimal mark", "point", choices=("point", "comma")),
+        Field("encoding", "text", "of the text, as Python names it: utf-8, latin-1, cp1252", "utf-8"),
+        Field("header_line", "integer", "line of the header; 0: the first that is not blank or #", 0, minimum=0),
+        Field("unit_row", "boolean", "whether a row of units follows the header", False),
+    ),
+)
+
+_TIME = Section(
+    "time",
+    "time stamps that become time_s, in seconds",
+    (
+        Field("from", "texts", "column of the stamp, or of date and of time"),
+        Field("format", "text", "iso (ISO 8601), or as in strptime: '%d.%m.%Y %H:%M:%S'", "iso"),
+        Field("zone", "text", "time zone of stamps that do not say: +02:00; UTC if not given", ""),
+        Field(
+            "since",
+            "choice",
+            "where time_s is 0: the first record of the file, or 1970-01-01 UTC",
+            "first_record",
+            choices=("first_record", "epoch"),
+        ),
+    ),
+)
+
 RECORDER_FILE = Section(
     "recorder",
     "how the columns of a foreign recording become those of the program",
@@ -72,6 +106,8 @@ RECORDER_FILE = Section(
         Field("kind", "choice", "recorder", choices=("recorder",)),
         Field("description", "text", "what recorder and which files"),
         Field("sources", "texts", "where the facts come from", ()),
+        Field("file", "section", "how the file is written", {}, section=_FILE),
+        Field("time", "section", "time stamps; none: time is a number, or not recorded", None, section=_TIME),
         Field("columns", "section_map", "target column (with its SI unit) to its source", section=_COLUMN),
         Field("engines", "section_map", "engines of the file by name; none: one engine", {}, section=_ENGINE),
         Field("constants", "number_map", "columns with one value", {}),

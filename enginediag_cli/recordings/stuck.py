@@ -12,7 +12,12 @@ END_OF_SCALE = 1e-3
 """Readings this close to their smallest or largest, as a share of the span, are saturated or off scale."""
 
 
-def stuck(values: np.ndarray, others: Mapping[str, np.ndarray], records: int = 20) -> np.ndarray:
+def stuck(
+    values: np.ndarray,
+    others: Mapping[str, np.ndarray],
+    records: int = 20,
+    seen: tuple[float, float] = (np.inf, -np.inf),
+) -> np.ndarray:
     """Mask (N,) of the runs of `records` or more identical readings that are not natural.
 
     A sensor with a fine resolution never repeats itself while anything else changes: any long run is stuck.
@@ -20,6 +25,7 @@ def stuck(values: np.ndarray, others: Mapping[str, np.ndarray], records: int = 2
     than any other and the other columns, by a linear regression outside the run, say that it should have
     moved by more than 6 residual standard deviations. A reading at the end of its scale (an air-speed
     indicator on the ground) and a column that never changes give no evidence: neither is called stuck.
+    seen: smallest and largest reading of the file before these records, which belong to the scale, too.
     """
     mask = np.zeros(len(values), dtype=bool)
     finite = np.flatnonzero(np.isfinite(values))
@@ -28,10 +34,11 @@ def stuck(values: np.ndarray, others: Mapping[str, np.ndarray], records: int = 2
     x = values[finite]
     starts = np.flatnonzero(np.r_[True, x[1:] != x[:-1]])
     lengths = np.diff(np.r_[starts, len(x)])
-    margin = END_OF_SCALE * np.ptp(x)
-    within = (x[starts] > x.min() + margin) & (x[starts] < x.max() - margin)
+    lowest, highest = min(x.min(), seen[0]), max(x.max(), seen[1])
+    margin = END_OF_SCALE * (highest - lowest)
+    within = (x[starts] > lowest + margin) & (x[starts] < highest - margin)
     suspects = np.flatnonzero((lengths >= records) & within)
-    if len(suspects) == 0:
+    if len(suspects) == 0 or len(lengths) == 1:
         return mask
     predictors = _standardised(others, finite)
     for k in suspects:

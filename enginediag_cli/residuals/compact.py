@@ -20,6 +20,7 @@ from enginediag_cli.engine.model import MonitoredModel
 from enginediag_cli.engine.start import StartFit, coordinates
 from enginediag_cli.residuals.curvature import Curvature, curvature
 from enginediag_cli.residuals.monitor import Monitor
+from enginediag_cli.residuals.order_statistics import median
 
 DEGREE = 5
 NEGLIGIBLE = 5e-5
@@ -88,7 +89,8 @@ def compact(monitor: Monitor) -> Monitor:
     names = tuple(monitor.envelope.inputs)
     inputs = {c: points[:, i] for i, c in enumerate(names)}
     _, J, ok, found = monitor.predict(inputs, monitor.theta0)
-    start = _fitted_start(monitor.engine, names, inputs, getattr(found, "x", None), ok)
+    x = getattr(found, "x", None)
+    start = _fitted_start(monitor.engine, names, inputs, x, ok)
     J, points = J[ok, :, :q], points[ok]
     if len(points) < LEAST_POINTS:
         return monitor
@@ -103,9 +105,10 @@ def compact(monitor: Monitor) -> Monitor:
     effect = effect @ leading
     # far corners in which the engine hardly runs would bend the fit everywhere
     size = np.sum((effect * weight[:, None]) ** 2, axis=(1, 2))
-    usual = size < 25 * np.median(size)
+    usual = size < 25 * median(size)
     own = np.arange(len(points))[usual] < np.sum(ok[: len(monitor.envelope.points)])
     effect, points = effect[usual], points[usual]
+    x = None if x is None else x[:, ok][:, usual][:, own]
     r = effect.shape[2]
     centre, spread = points.mean(axis=0), np.maximum(points.std(axis=0), 1e-9)
     powers = tuple(p for d in range(DEGREE + 1) for p in combinations_with_replacement(range(points.shape[1]), d))
@@ -141,7 +144,7 @@ def compact(monitor: Monitor) -> Monitor:
         monitor.envelope,
         Fit(names, centre, spread, powers, coefficients),
         start,
-        curvature(monitor, {c: points[own, i] for i, c in enumerate(names)}),
+        curvature(monitor, {c: points[own, i] for i, c in enumerate(names)}, x),
     )
 
 

@@ -13,6 +13,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from enginediag_cli.residuals.order_statistics import quantile
+
 if TYPE_CHECKING:
     from enginediag_cli.residuals.monitor import Monitor
 
@@ -32,21 +34,24 @@ class Curvature:
     def left_out(self, step: np.ndarray, records: np.ndarray) -> np.ndarray:
         """Upper estimate (w,), in standard errors, of what steps (w, a) from nominal add to so many records (w,)."""
         bent = np.einsum("kjab,wa,wb->wkj", self.half, step, step, optimize=True)
-        return np.asarray(np.sqrt(records * np.quantile(np.sum(bent**2, axis=2), SHARE, axis=1)))
+        return np.asarray(np.sqrt(records * quantile(np.sum(bent**2, axis=2), SHARE)))
 
 
-def curvature(monitor: Monitor, inputs: Mapping[str, np.ndarray]) -> Curvature | None:
+def curvature(monitor: Monitor, inputs: Mapping[str, np.ndarray], start: np.ndarray | None = None) -> Curvature | None:
     """Curvature in the monitored parameters at some of the operating points `inputs` (n,); None where the engine
-    fails about too many of them."""
+    fails about too many of them. start: the engine's unknowns (nx, n) at nominal, to begin with."""
     a, n = len(monitor.monitored), len(next(iter(inputs.values())))
-    at = np.unique(np.linspace(0, n - 1, POINTS).astype(int))
+    at = np.array(sorted(set(np.linspace(0, n - 1, POINTS).astype(int).tolist())))
     steps = STEP * monitor.prior_sigma[:a]
     theta = np.tile(monitor.theta0, (2 * a, len(at), 1))
     for i, h in enumerate(steps):
         theta[2 * i, :, i] += h
         theta[2 * i + 1, :, i] -= h
     _, J, ok, _ = monitor.predict(
-        {c: np.tile(v[at], 2 * a) for c, v in inputs.items()}, theta.reshape(-1, theta.shape[2]), nuisance=False
+        {c: np.tile(v[at], 2 * a) for c, v in inputs.items()},
+        theta.reshape(-1, theta.shape[2]),
+        nuisance=False,
+        **({} if start is None else {"start": np.tile(start[:, at], 2 * a)}),
     )
     J, good = J.reshape(a, 2, len(at), -1, a), ok.reshape(2 * a, len(at)).all(axis=0)
     if good.sum() < POINTS // 2:

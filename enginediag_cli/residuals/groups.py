@@ -8,6 +8,7 @@ from itertools import pairwise
 import numpy as np
 
 from enginediag_cli.recordings.table import Recording
+from enginediag_cli.residuals.order_statistics import median
 
 KEYS = ("flight", "engine")
 Key = tuple[str, str, str]
@@ -61,7 +62,7 @@ class Timeline:
         steps = np.diff(np.concatenate([[self.last_time], time]))
         if not np.isfinite(self.interval):
             forward = steps[np.isfinite(steps) & (steps > 0)]
-            self.interval = float(np.median(forward)) if forward.size else float("nan")
+            self.interval = median(forward) if forward.size else float("nan")
         if np.isfinite(self.interval):
             lags = np.maximum(np.round(steps / self.interval), 1.0)
         lags = np.where(np.isnan(steps) | (steps < 0), np.inf, lags)

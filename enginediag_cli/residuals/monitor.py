@@ -20,6 +20,7 @@ from enginediag_cli.residuals.noise import NoiseModel
 
 if TYPE_CHECKING:
     from enginediag_cli.identification.nominal import Nominal
+    from enginediag_cli.intake.baseline import Baseline
 
 
 HELD = 0.5
@@ -207,3 +208,15 @@ def _uncertainty(nominal: Nominal, names: Sequence[str], spread: Sequence[float]
     C[np.ix_(here, here)] = nominal.covariance[np.ix_(there, there)]
     C[range(len(names), len(C)), range(len(names), len(C))] = np.square(spread)
     return C
+
+
+def monitor_of(baseline: Baseline, patterns: Sequence[str] = (), *, sensors: bool = False) -> Monitor:
+    """Monitor of a baseline; patterns as in `monitor_from_nominal`; sensors: the bias of every sensor in use may have
+    changed, too. Raises DataError for a pattern that names nothing."""
+    engine, nominal = baseline.engine, baseline.nominal
+    monitor = monitor_from_nominal(engine, nominal, patterns)
+    if not sensors:
+        return monitor
+    known = [p for column in monitor.sensors for p in engine.sensors[column].parameters()]
+    biases = [p.name for p in known if p.name.endswith(".bias") and p.name not in monitor.monitored]
+    return monitor_from_nominal(engine, nominal, (*monitor.monitored, *biases))

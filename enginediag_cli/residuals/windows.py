@@ -29,6 +29,11 @@ class WindowPlan:
     in_time: bool = False
 
     @property
+    def whole(self) -> bool:
+        """Whether each flight is one window."""
+        return self.length == inf
+
+    @property
     def grid(self) -> float:
         """Length of a block: the largest that divides both length and step (1 ms is the finest time)."""
         if self.length == inf:

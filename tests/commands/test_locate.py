@@ -110,7 +110,7 @@ def test_a_fit_without_a_prediction_for_many_records_is_no_verdict(folder, run):
     ("options", "said"),
     [
         (("--driver", "valve"), "valve_state"),
-        (("--engine-instance", "B"), "no record of engine 'B'"),
+        (("--engine-instance", "B"), "no column `engine`, in which records would name 'B'"),
         (("--model-error", "0.5"), "0.5 is not in the range"),
         (("--picture", "nowhere/map.svg"), "not a file in a folder that exists"),
     ],

@@ -1,4 +1,4 @@
-"""Tabulated maps: exact at the grid, exact for the polynomials of their rule, linear outside."""
+"""Tabulated maps: exact at the grid, exact for the polynomials of their rule, a straight line outside."""
 
 from __future__ import annotations
 
@@ -98,11 +98,51 @@ def test_beyond_the_grid_the_value_continues_linearly_and_is_marked(rule):
         assert np.allclose(np.diff(v), v[1] - v[0], rtol=1e-10)
 
 
-def test_the_continuation_keeps_the_slope_of_the_edge():
-    table = make_table(X, Y, tables(wavy), "quadratic", "quadratic")
-    x, y = seeds(np.array([X[-1] - 1e-9, X[-1] + 1e-9]), np.array([1.7, 1.7]))
-    (v,), _ = table.lookup(x, y)
-    assert v.d[0, 0] == pytest.approx(v.d[0, 1], rel=1e-6)
+def _chord(edge, before, at, values):
+    """The straight line through the values at the last two grid values, at `at`."""
+    return values[edge] + (values[edge] - values[before]) / (edge - before) * (at - edge)
+
+
+@pytest.mark.parametrize("rule", ["linear", "quadratic"])
+@pytest.mark.parametrize(("edge", "before", "at"), [(X[0], X[1], 0.1), (X[-1], X[-2], 1.4)], ids=["below", "above"])
+def test_beyond_the_last_speed_line_the_line_through_the_last_two_is_followed(rule, edge, before, at):
+    table = make_table(X, Y, tables(wavy), rule, rule)
+    for y in (*Y, 1.7):  # on a grid value, and between
+        (on_lines,), _ = table.lookup(np.array([edge, before]), np.full(2, y))
+        (v,), outside = table.lookup(*seeds(np.array([at]), np.array([y])))
+        assert outside.all()
+        assert v.v[0] == pytest.approx(_chord(edge, before, at, {edge: on_lines[0], before: on_lines[1]}), rel=1e-12)
+        assert gradient(v, 2)[0, 0] == pytest.approx((on_lines[0] - on_lines[1]) / (edge - before), rel=1e-12)
+
+
+@pytest.mark.parametrize("rule", ["linear", "quadratic"])
+@pytest.mark.parametrize(("edge", "before", "at"), [(Y[0], Y[1], 0.5), (Y[-1], Y[-2], 3.9)], ids=["below", "above"])
+def test_beyond_the_last_r_line_the_line_through_the_last_two_is_followed(rule, edge, before, at):
+    table = make_table(X, Y, tables(wavy), rule, rule)
+    for x in (*X, 0.7):
+        (on_lines,), _ = table.lookup(np.full(2, x), np.array([edge, before]))
+        (v,), outside = table.lookup(*seeds(np.array([x]), np.array([at])))
+        assert outside.all()
+        assert v.v[0] == pytest.approx(_chord(edge, before, at, {edge: on_lines[0], before: on_lines[1]}), rel=1e-12)
+        assert gradient(v, 2)[1, 0] == pytest.approx((on_lines[0] - on_lines[1]) / (edge - before), rel=1e-12)
+
+
+@pytest.mark.parametrize("rule", ["linear", "quadratic"])
+def test_beyond_a_corner_the_four_corner_values_are_continued_bilinearly(rule):
+    table = make_table(X, Y, tables(wavy), rule, rule)
+    x, y = 1.3, 3.5
+    a, b = (x - X[-1]) / (X[-1] - X[-2]), (y - Y[-1]) / (Y[-1] - Y[-2])
+    f = {(i, j): wavy(X[-i], Y[-j]) for i in (1, 2) for j in (1, 2)}
+    low = f[1, 1] + a * (f[1, 1] - f[2, 1])
+    high = f[1, 2] + a * (f[1, 2] - f[2, 2])
+    assert table.lookup(np.array([x]), np.array([y]))[0][0][0] == pytest.approx(low + b * (low - high), rel=1e-12)
+
+
+def test_inside_the_grid_a_parabola_is_untouched_by_the_continuation():
+    table = make_table(X, Y, tables(parabola), "quadratic", "quadratic")
+    x, y = np.array([X[0], X[-1]]), np.array([Y[0], Y[-1]])
+    assert np.allclose(table.lookup(x, y)[0][0], parabola(x, y), rtol=1e-13)
+    assert not table.lookup(x, y)[1].any()
 
 
 @pytest.mark.parametrize("rule", ["linear", "quadratic"])

@@ -11,7 +11,7 @@ from identification_toy import TRUTH, ToyEngine, fly
 
 from enginediag_cli.commands.identify import identify
 from enginediag_cli.errors import ExitCode
-from enginediag_cli.identification.nominal_file import engine_change_warning, engine_file, read_nominal
+from enginediag_cli.identification.nominal_file import engine_file, read_nominal, refuse_changed_engine
 
 
 def write_csv(path, recording):
@@ -48,7 +48,7 @@ def test_the_nominal_file_holds_the_engine_and_finds_its_file_again(folder):
     for e in nominal.estimates:
         assert abs(e.value - TRUTH[e.name]) < 4 * e.standard_error, e
     assert nominal.engine_path == "configs/toy.yaml"
-    assert engine_change_warning(nominal, engine_file(nominal, "nominal.yaml")) == ""
+    refuse_changed_engine(nominal, engine_file(nominal, "nominal.yaml"))
     assert nominal.records["used"] == 300
     assert nominal.provenance["recording 2"].startswith("day2.csv sha256:")
 

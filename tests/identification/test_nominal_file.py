@@ -7,13 +7,13 @@ import pytest
 import yaml
 from identification_toy import ToyEngine, fly
 
-from enginediag_cli.errors import ConfigError
+from enginediag_cli.errors import ConfigError, DataError
 from enginediag_cli.identification.identify import identify
 from enginediag_cli.identification.nominal_file import (
-    engine_change_warning,
     engine_file,
     format_nominal,
     read_nominal,
+    refuse_changed_engine,
     write_nominal,
 )
 from enginediag_cli.identification.settings import IdentificationSettings
@@ -103,9 +103,11 @@ def test_a_changed_engine_file_is_noticed(nominal, tmp_path):
     path = tmp_path / "nominal.yaml"
     now = replace(nominal, engine_sha256=sha256_of(engine))
     assert engine_file(now, path) == engine
-    assert engine_change_warning(now, engine) == ""
+    refuse_changed_engine(now, engine)
     engine.write_text("kind: engine\nname: other\n", encoding="utf-8")
-    assert "has changed" in engine_change_warning(now, engine)
+    with pytest.raises(DataError, match="has changed since its nominal state was identified"):
+        refuse_changed_engine(now, engine)
+    refuse_changed_engine(now, engine, accept=True)
 
 
 def test_a_failed_write_leaves_the_old_file_and_nothing_else(nominal, tmp_path, monkeypatch):

@@ -9,7 +9,7 @@ import numpy as np
 
 from enginediag_cli.engine.engine import Engine
 from enginediag_cli.mismatch.fit.evidence import Evidence, Flight
-from enginediag_cli.mismatch.fit.load import build_evidence
+from enginediag_cli.mismatch.fit.load import Asked, build_evidence
 from enginediag_cli.physics.engine_file import load_engine
 from enginediag_cli.physics.registry import effect
 
@@ -51,7 +51,7 @@ def flights(
 
 
 def evidence(found: list[Flight], model_error: float = 0.003) -> Evidence:
-    return build_evidence(engine(), found, model_error=model_error)
+    return build_evidence(engine(), found, Asked(model_error=model_error))
 
 
 def library(*labels: str) -> list:

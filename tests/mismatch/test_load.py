@@ -10,8 +10,9 @@ import pytest
 from enginediag_cli.errors import DataError
 from enginediag_cli.identification.identify import identify
 from enginediag_cli.identification.problem import TrainingRecording
+from enginediag_cli.intake.source import Source
 from enginediag_cli.mismatch.fit.evidence import Flight
-from enginediag_cli.mismatch.fit.load import SCALE_SIGMA, Case, build_evidence, load_case
+from enginediag_cli.mismatch.fit.load import SCALE_SIGMA, Asked, Case, build_evidence, load_case
 from enginediag_cli.physics.engine_file import load_engine
 from enginediag_cli.shipped import shipped
 
@@ -55,7 +56,7 @@ def flight(engine, **columns) -> Flight:
 
 
 def test_engines_and_flights_of_a_file_are_flights_of_their_engine(fleet):
-    evidence = load_case(Case(TURBOFAN, (fleet,)), print).evidence
+    evidence = load_case(Case(TURBOFAN, Source((fleet,)))).evidence
     assert [(f.engine, f.label) for f in evidence.flights] == [
         ("A", "fleet.csv engine A flight 1"),
         ("A", "fleet.csv engine A flight 2"),
@@ -65,28 +66,29 @@ def test_engines_and_flights_of_a_file_are_flights_of_their_engine(fleet):
 
 
 def test_one_engine_can_be_chosen_and_one_that_is_not_there_is_refused(fleet):
-    evidence = load_case(Case(TURBOFAN, (fleet,), engine_instance="B"), print).evidence
+    evidence = load_case(Case(TURBOFAN, Source((fleet,), engine_instance="B"))).evidence
     assert evidence.engines == ("B",)
     with pytest.raises(DataError, match=r"no record of engine 'C' \(A, B\)"):
-        load_case(Case(TURBOFAN, (fleet,), engine_instance="C"), print)
+        load_case(Case(TURBOFAN, Source((fleet,), engine_instance="C")))
 
 
 def test_several_files_are_flights_of_one_engine(tmp_path):
     paths = []
-    for name in ("a.csv", "b.csv"):
+    for name, T3 in (("a.csv", "700.0"), ("b.csv", "701.0")):
         path = tmp_path / name
+        records = (r.split(",", 2)[2] for r in rows("", "", T3=T3))
         path.write_text(
-            "\n".join([HEAD.removeprefix("engine,flight,"), *(r.split(",", 2)[2] for r in rows("", ""))]) + "\n",
+            "\n".join([HEAD.removeprefix("engine,flight,"), *records]) + "\n",
             encoding="utf-8",
         )
         paths.append(str(path))
-    evidence = load_case(Case(TURBOFAN, tuple(paths)), print).evidence
+    evidence = load_case(Case(TURBOFAN, Source(tuple(paths)))).evidence
     assert [f.label for f in evidence.flights] == ["a.csv", "b.csv"]
     assert evidence.engines == ("",)
 
 
 def test_default_nuisance_is_monitored_health_and_scale_errors_of_what_is_recorded(engine, fleet):
-    sigma = load_case(Case(TURBOFAN, (fleet,)), print).evidence.settings.nuisance
+    sigma = load_case(Case(TURBOFAN, Source((fleet,)))).evidence.settings.nuisance
     assert set(sigma) == {*engine.monitored, "sensor.N1.scale", "sensor.T3.scale"}
     assert sigma["sensor.T3.scale"] == SCALE_SIGMA
     assert sigma["hpc.efficiency"] == engine.parameters["hpc.efficiency"].prior_sigma
@@ -126,7 +128,7 @@ def test_the_mismatch_block_goes_before_identification(engine):
     assert evidence.settings.nuisance == {"lpt.efficiency": 0.01}
     assert evidence.settings.map_accuracy == 0.01
     assert evidence.settings.noise == "estimate"
-    trusted = build_evidence(edited(engine, mismatch=block), [flight(engine)], model_error=0.0)
+    trusted = build_evidence(edited(engine, mismatch=block), [flight(engine)], Asked(model_error=0.0))
     assert trusted.settings.map_accuracy == 0.0
 
 
@@ -179,24 +181,24 @@ def test_noise_as_stated_is_taken_at_its_word(engine):
     evidence = build_evidence(engine, [flight(engine)])
     assert evidence.settings.noise == "specified"
     assert evidence.noise.sigma == {"N1_rpm": engine.sensors["N1_rpm"].noise_sigma}
-    assert build_evidence(engine, [flight(engine)], noise="estimate").settings.noise == "estimate"
+    assert build_evidence(engine, [flight(engine)], Asked(noise="estimate")).settings.noise == "estimate"
 
 
 def test_further_drivers_must_be_recorded(fleet):
-    evidence = load_case(Case(TURBOFAN, (fleet,), drivers=("valve",)), print).evidence
+    evidence = load_case(Case(TURBOFAN, Source((fleet,)), asked=Asked(drivers=("valve",)))).evidence
     assert evidence.drivers == ("valve",)
     assert evidence.flights[0].columns["valve"].tolist() == [0.0, 1.0, 0.0]
     with pytest.raises(DataError, match=r"no recording has numbers in a column 'valvee' \(did you mean 'valve'"):
-        load_case(Case(TURBOFAN, (fleet,), drivers=("valvee",)), print)
+        load_case(Case(TURBOFAN, Source((fleet,)), asked=Asked(drivers=("valvee",))))
 
 
 def test_gross_errors_are_masked_and_told(tmp_path):
     path = tmp_path / "f.csv"
     path.write_text("\n".join([HEAD, *rows("A", "1"), *rows("A", "1", T3="-9999")]) + "\n", encoding="utf-8")
-    told: list[str] = []
-    evidence = load_case(Case(TURBOFAN, (str(path),)), told.append).evidence
-    assert np.isnan(evidence.flights[0].columns["T3_K"]).sum() == 3
-    assert any("T3_K: 3 of 6 values masked" in line for line in told)
+    loaded = load_case(Case(TURBOFAN, Source((str(path),))))
+    assert np.isnan(loaded.evidence.flights[0].columns["T3_K"]).sum() == 3
+    (left,) = loaded.intake.left_out
+    assert left.columns["T3_K"] == {"out of limits": 3} and left.readings["T3_K"] == 6
 
 
 def test_a_recording_without_any_sensor_is_refused(engine):

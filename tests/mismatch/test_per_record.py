@@ -12,7 +12,7 @@ from enginediag_cli.engine.warm import WarmEngine
 from enginediag_cli.mismatch.fit.evidence import Evidence, Flight
 from enginediag_cli.mismatch.fit.freeform import Location, locations_of
 from enginediag_cli.mismatch.fit.identified import Hypothesis, nuisance
-from enginediag_cli.mismatch.fit.load import build_evidence
+from enginediag_cli.mismatch.fit.load import Asked, build_evidence
 from enginediag_cli.mismatch.unrecorded.control_law import held_readings, stop_of
 from enginediag_cli.mismatch.unrecorded.per_record import (
     amplitudes_at,
@@ -59,7 +59,7 @@ def simulated(seed: int, held: bool) -> tuple[Evidence, np.ndarray]:
     sigma = np.array([engine.sensors[s].noise_sigma for s in y.columns])
     measured = y.y + sigma * rng.standard_normal(y.y.shape)
     columns = {**u, **dict(zip(y.columns, measured.T, strict=True))}
-    return build_evidence(engine, [Flight("hours", "", columns)], model_error=0.0), a
+    return build_evidence(engine, [Flight("hours", "", columns)], Asked(model_error=0.0)), a
 
 
 def place(evidence: Evidence, name: str = PLACE) -> Location:

@@ -18,6 +18,7 @@ from pathlib import Path
 import numpy as np
 from ground_recordings import CONFIGS, enginediag, public_data
 
+from enginediag_cli.intake.source import Source
 from enginediag_cli.mismatch.fit.evidence import Evidence, Flight
 from enginediag_cli.mismatch.fit.identified import NO_HYPOTHESIS, Identified, Nuisance, identify_with, nuisance, stacked
 from enginediag_cli.mismatch.fit.load import Case, load_case
@@ -101,8 +102,8 @@ def nominal(folder: Path, flights: Path, side: str) -> Path:
 
 
 def load(flights: Path, names: Sequence[str], side: str, nominal_path: Path) -> Evidence:
-    case = Case(str(ENGINE), tuple(str(flights / n) for n in names), str(nominal_path), str(RECORDER), side)
-    return load_case(case, lambda _: None).evidence
+    source = Source(tuple(str(flights / n) for n in names), str(RECORDER), side)
+    return load_case(Case(str(ENGINE), source, str(nominal_path))).evidence
 
 
 def search(evidence: Evidence, side: str) -> Found:

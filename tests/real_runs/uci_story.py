@@ -14,7 +14,7 @@ from ground_recordings import CONFIGS, public_data
 from enginediag_cli.mismatch.fit.evidence import Evidence, Flight
 from enginediag_cli.mismatch.fit.freeform import Location, locations_of
 from enginediag_cli.mismatch.fit.identified import NO_HYPOTHESIS, Hypothesis, Nuisance, nuisance
-from enginediag_cli.mismatch.fit.load import build_evidence
+from enginediag_cli.mismatch.fit.load import Asked, build_evidence
 from enginediag_cli.mismatch.unrecorded.control_law import Held, Stop, by_law, held_readings, stop_of
 from enginediag_cli.mismatch.unrecorded.per_record import PerRecord, amplitudes_at, fit_per_record, scan
 from enginediag_cli.mismatch.unrecorded.per_record_effects import BLOCK, Beside, Rows, effects_beside, inflation
@@ -77,7 +77,7 @@ def load_years(
         if humidity is not None:
             given["humidity_kg_kg"] = humidity * moist[-1]
         flights.append(Flight(str(year), "", given))
-    evidence = build_evidence(load_engine(ENGINE), flights, model_error=map_accuracy)
+    evidence = build_evidence(load_engine(ENGINE), flights, Asked(model_error=map_accuracy))
     along, found, first = nuisance(evidence), [], 0
     for k, w in enumerate(moist):
         own = {name: curve[first : first + len(w)] for name, curve in along.curves.items()}

@@ -2,11 +2,15 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from shared_recordings import shared_data
 
 from enginediag_cli.recordings.derived.humidity_ratio import humidity_ratio, saturation_pressure
 from enginediag_cli.recordings.derived.isa_deviation import isa_temperature
+from enginediag_cli.recordings.derived.mach_from_cas import isa_pressure, mach_from_cas
+from enginediag_cli.recordings.derived.mach_from_tas import mach_from_tas
 from enginediag_cli.recordings.derived.soak import lowpass
 from enginediag_cli.recordings.derived.static_temperature import static_temperature
+from enginediag_cli.recordings.read import read_all
 
 
 def test_the_standard_atmosphere_has_its_published_temperatures():
@@ -47,3 +51,31 @@ def test_the_low_pass_holds_over_missing_values_and_starts_afresh_where_time_run
     x = np.array([np.nan, 4.0, np.nan, 4.0, 9.0, 9.0])
     np.testing.assert_allclose(lowpass(x, time, 5.0), [4.0, 4.0, 4.0, 4.0, 9.0, 9.0])
     assert np.isnan(lowpass(np.full(3, np.nan), time[:3], 5.0)).all()
+
+
+def test_mach_from_calibrated_airspeed_agrees_with_tables_of_the_standard_atmosphere():
+    kt, ft = 1852 / 3600, 0.3048
+    # 661.47 kt at sea level is Mach 1; 250 kt at 10,000 ft is Mach 0.452; Mach 0.8 at 35,000 ft is 271.9 kt
+    cas, altitude = np.array([661.4788, 250.0, 271.9]) * kt, np.array([0.0, 10_000.0, 35_000.0]) * ft
+    np.testing.assert_allclose(mach_from_cas(cas, altitude), [1.0, 0.452, 0.8], atol=6e-4)
+    np.testing.assert_allclose(isa_pressure(np.array([0.0, 11_000.0, 15_000.0])), [101325, 22632, 12045], rtol=1e-4)
+
+
+def test_mach_from_true_airspeed_takes_a_static_or_a_total_temperature():
+    mach = np.array([0.0, 0.4, 0.8])
+    static = np.array([288.15, 250.0, 216.65])
+    tas = mach * np.sqrt(1.4 * 287.05287 * static)
+    np.testing.assert_allclose(mach_from_tas(tas, static), mach)
+    for recovery in (0.9, 1.0):
+        np.testing.assert_allclose(mach_from_tas(tas, static * (1 + 0.2 * recovery * mach**2), recovery), mach)
+    assert np.isnan(mach_from_tas(np.array([900.0]), np.array([300.0]), 1.0)).all()
+
+
+@pytest.mark.shared_data
+def test_mach_from_airspeeds_is_what_an_air_data_computer_recorded():
+    r = read_all(shared_data("c550_jt15d/flight_ref.csv"))
+    flying = r["mach"] > 0.25
+    from_cas = mach_from_cas(r["cas_kt"] * 1852 / 3600, r["altitude_ft"] * 0.3048)
+    from_tas = mach_from_tas(r["tas_kt"] * 1852 / 3600, r["sat_degC"] + 273.15)
+    assert np.abs(from_cas - r["mach"])[flying].max() < 0.0015
+    assert np.abs(from_tas - r["mach"])[flying].max() < 0.0006

@@ -4,27 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from shared_recordings import flight
 
 from enginediag_cli.errors import DataError
 from enginediag_cli.recordings.outliers import outliers
 from enginediag_cli.recordings.quality import QualitySettings, mask_gross, physical_limits
 from enginediag_cli.recordings.stuck import stuck
 from enginediag_cli.recordings.table import Recording
-
-
-def flight(n: int = 20_000, seed: int = 1) -> dict[str, np.ndarray]:
-    """Five sensors that follow power, which holds, steps and ramps; white Gaussian noise."""
-    rng = np.random.default_rng(seed)
-    power = np.interp(np.arange(n), np.arange(0, n + 1, 400), rng.uniform(0.4, 1.0, n // 400 + 1))
-    power[n // 2 :] = np.repeat(rng.uniform(0.4, 1.0, n // 200 + 1), 200)[: n - n // 2]
-    gains = {
-        "N1_rpm": (8000, 15),
-        "T3_K": (400, 1.0),
-        "P3_Pa": (2e6, 4e3),
-        "Wf_kg_s": (1.0, 0.004),
-        "ITT_K": (700, 2),
-    }
-    return {name: gain * (0.5 + power) + noise * rng.normal(size=n) for name, (gain, noise) in gains.items()}
 
 
 def test_clean_flights_lose_no_more_than_one_value_in_ten_thousand():

@@ -57,7 +57,8 @@ class Exhaust(Component):
         self.design_loss = 1.0 - scalar(ambient / flow.P)
         if self.design_loss < 0.0:
             raise ValueError(
-                f"{self.name}: total pressure {scalar(flow.P):.0f} Pa is below the exhaust's "
-                "back pressure at design; lower the turbine's pressure_ratio"
+                f"{self.name}: total pressure {scalar(flow.P):.0f} Pa is below the exhaust's back pressure "
+                f"{scalar(ambient):.0f} Pa at design; the pressure_ratio of the turbine before it must be at most "
+                f"{scalar(flow.P / ambient):.3f} times what it is"
             )
         self.evaluate(e)

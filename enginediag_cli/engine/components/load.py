@@ -12,7 +12,7 @@ class Load(Component):
     """Law `surplus`: takes what the shaft has to spare, at a speed that is given; the power is an output.
 
     Law `cube`: absorbs P_design (N/N_design)³ (propeller or water brake), and the balance of power
-    determines the speed.
+    determines the speed. Delivered power η P is the output <name>_power_W; power_W is the sum over all loads.
     """
 
     TYPE = "load"
@@ -50,7 +50,9 @@ class Load(Component):
             absorbed = n * n * n * self.design_power_W
             e.balances[f"{name} power"] = (surplus - absorbed) / shaft.supply_W
             surplus = absorbed
-        e.outputs["power_W"] = surplus * e[f"{self.name}.efficiency"]
+        delivered = surplus * e[f"{self.name}.efficiency"]
+        e.outputs[f"{self.name}_power_W"] = delivered
+        e.add_output("power_W", delivered)
 
     def size(self, e: Evaluation) -> None:
         shaft = e.shaft(self.values["shaft"])

@@ -12,6 +12,14 @@ from enginediag_cli.engine.flow import Flow, mix, static_pressure
 from enginediag_cli.engine.gas import Mixture
 
 
+class PressureMismatchError(ValueError):
+    """The two flows of a mixer cannot join at design; `ratio` is the bypass's total pressure over the core's."""
+
+    def __init__(self, message: str, mixer: str, ratio: float):
+        super().__init__(message)
+        self.mixer, self.ratio = mixer, ratio
+
+
 class Mixer(Component):
     """Balance p_s,core = p_s,bypass; constant-area mixing with mass, energy and momentum conserved.
 
@@ -35,6 +43,7 @@ class Mixer(Component):
     )
 
     core_area = bypass_area = 1.0  # m²
+    design_ratio = 1.0  # of the bypass's total pressure to the core's
 
     def evaluate(self, e: Evaluation) -> None:
         core, bypass = e.flows[self.values["core"]], e.flows[self.values["bypass"]]
@@ -52,15 +61,23 @@ class Mixer(Component):
         T_s = core.T / (1.0 + 0.5 * (gamma - 1.0) * M * M)
         h_s, phi_s = core.gas.enthalpy_and_entropy(T_s, core.mixture)
         p = core.P * exp((phi_s - core.phi) / R)
+        self.design_ratio = scalar(bypass.P / core.P)
+        pressures = f"{scalar(bypass.P):.0f} Pa against {scalar(core.P):.0f} Pa"
         V = sqrt(2.0 * (core.h - h_s))
         self.core_area = self.values["core_area_m2"] or scalar(core.W * R * T_s / (p * V))
         log_ratio = log(bypass.P / p)
         if not scalar(log_ratio) > 0.0:
-            raise ValueError(f"{self.name}: the bypass total pressure is below the core's static pressure at design")
+            raise PressureMismatchError(
+                f"{self.name}: the bypass total pressure is below the core's static pressure at design (total "
+                f"pressures {pressures})",
+                self.name,
+                self.design_ratio,
+            )
         if scalar(log_ratio) > scalar(bypass.gas.critical_log_pressure_ratio(bypass.T, bypass.mixture)):
-            raise ValueError(
-                f"{self.name}: the bypass flow would be supersonic at design; raise the core's pressure "
-                "or lower the bypass's"
+            raise PressureMismatchError(
+                f"{self.name}: the bypass flow would be supersonic at design (total pressures {pressures})",
+                self.name,
+                self.design_ratio,
             )
         T_s, h_s = bypass.gas.at_entropy(bypass.phi - bypass.R * log_ratio, bypass.mixture)
         V = sqrt(2.0 * (bypass.h - h_s))

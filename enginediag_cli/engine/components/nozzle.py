@@ -58,7 +58,12 @@ class Nozzle(Component):
         flow = e.flows[self.values["from"]]
         log_ratio = log(flow.P / e.outputs["P0_Pa"])
         if not scalar(log_ratio) > 0.0:
-            raise ValueError(f"{self.name}: total pressure {scalar(flow.P):.0f} Pa is below ambient at design")
+            ambient = scalar(e.outputs["P0_Pa"])
+            raise ValueError(
+                f"{self.name}: total pressure {scalar(flow.P):.0f} Pa is below ambient at design ({ambient:.0f} Pa): "
+                f"{ambient / scalar(flow.P):.3f} times as much is the least; compressors give more at a higher "
+                "pressure_ratio, and turbines take less from gas of a higher exit_temperature_K"
+            )
         flux, _, _ = throat(flow, log_ratio, e.outputs["P0_Pa"])
         needed = scalar(flow.W / flux) / self.values["discharge_coefficient"]
         self.reference_area_m2 = self.values["area_m2"] or needed

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from enginediag_cli.config.fields import Field, Section
+from enginediag_cli.engine.atmosphere import P_ISA
 from enginediag_cli.engine.components.base import FROM, NAME, TO, Component, Unknown, scalar
 from enginediag_cli.engine.dual import Value, log, sqrt, value
 from enginediag_cli.engine.evaluation import Evaluation
@@ -34,6 +35,10 @@ TABLE = Section(
     ),
 )
 LARGEST_LOG_RATIO = 3.5  # of a design point
+NO_DEMAND = 1e-9
+"""Share of the gas's enthalpy flow below which what a shaft needs is nothing."""
+EXHAUST_SHARE = 0.97
+"""Of the pressure ratio down to ambient, in a hint: what a nozzle or a stack behind the turbine must be left with."""
 SHAPE = Section("map", "coefficients of the parametric map", turbine_map.FIELDS)
 
 
@@ -184,8 +189,10 @@ class Turbine(Component):
             ideal = sum(scalar(f.W * (f.h - f.expanded_enthalpy(log_ratio))) for f in streams)
             return self.values["isentropic_efficiency"] * ideal / wanted - 1.0
 
-        if not wanted > 0.0 or surplus(LARGEST_LOG_RATIO) < 0.0:
-            raise ValueError(f"{self.name}: the gas cannot give the {wanted / 1e6:.2f} MW that its shaft needs")
+        if not wanted > NO_DEMAND * scalar(inlet.W * inlet.h):
+            raise ValueError(self._no_demand(e, inlet, scalar(self._to_ambient(e, inlet))))
+        if surplus(LARGEST_LOG_RATIO) < 0.0:
+            raise ValueError(self._too_little(inlet, scalar(self._to_ambient(e, inlet)), wanted, surplus))
         x0, x1 = 0.8, 1.2
         f0, f1 = surplus(x0), surplus(x1)
         while abs(f1) > 1e-13 and x1 != x0:
@@ -194,3 +201,39 @@ class Turbine(Component):
             if abs(f1) >= abs(f0) and abs(f1) < 1e-11:
                 break
         return float(np.exp(x1))
+
+    def _to_ambient(self, e: Evaluation, inlet: Flow) -> Value:
+        """ln PR of an expansion down to ambient pressure, less what the exhaust behind the turbine needs."""
+        return log(inlet.P / e.outputs.get("P0_Pa", P_ISA) * EXHAUST_SHARE)
+
+    def _no_demand(self, e: Evaluation, inlet: Flow, log_ratio: float) -> str:
+        """Nothing before this turbine asks its shaft for power (a free turbine), so no balance gives its ratio."""
+        shaft = self.values["shaft"]
+        told = (
+            f"{self.name}: nothing before it takes power from shaft '{shaft}', so that its pressure_ratio must be given"
+        )
+        if not log_ratio > 0.0:
+            return told
+        ideal = sum(
+            scalar(f.W * (f.h - f.expanded_enthalpy(log_ratio)))
+            for f in (inlet, *(e.bleeds[name] for name in self.values["cooling_before_rotor"]))
+        )
+        power = self.values["isentropic_efficiency"] * ideal
+        return f"{told}; {np.exp(log_ratio):.3f} expands the gas to about ambient pressure and gives {_power(power)}"
+
+    def _too_little(self, inlet: Flow, log_ratio: float, wanted: float, surplus: Callable[[float], float]) -> str:
+        """The shaft's compressors need more than the gas has."""
+        told = f"{self.name}: the gas cannot give the {_power(wanted)} that its shaft needs"
+        if not log_ratio > 0.0:
+            return told
+        available = (1.0 + surplus(log_ratio)) * wanted
+        hotter = scalar(inlet.T) * wanted / available
+        return (
+            f"{told}: down to ambient pressure it gives {_power(available)}; an exit_temperature_K with which it "
+            f"enters at {hotter:.0f} K instead of {scalar(inlet.T):.0f} K, or compressors of "
+            f"{available / wanted:.2f} times the work, would do"
+        )
+
+
+def _power(watt: float) -> str:
+    return f"{watt / 1e6:.2f} MW" if abs(watt) >= 1e5 else f"{watt / 1e3:.2f} kW"

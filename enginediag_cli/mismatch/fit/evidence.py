@@ -12,11 +12,17 @@ from enginediag_cli.engine.engine import Engine
 
 @dataclass(frozen=True)
 class Flight:
-    """One recording of one engine: columns (N,) by name. `engine` is "" where the recording names none."""
+    """One recording of one engine: columns (N,) by name. `engine` is "" where the recording names none; `file`: which
+    one it is of, "" where it is of none."""
 
     label: str
     engine: str
     columns: Mapping[str, np.ndarray]
+    file: str = ""
+
+    def __len__(self) -> int:
+        """N."""
+        return len(next(iter(self.columns.values()), ()))
 
 
 @dataclass(frozen=True)

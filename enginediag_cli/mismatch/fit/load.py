@@ -15,9 +15,8 @@ What is identified along with an effect (the nuisance), and how loosely, is deci
 from __future__ import annotations
 
 import fnmatch
-import os
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -28,27 +27,23 @@ from enginediag_cli.engine.mismatch_block import MISMATCH
 from enginediag_cli.errors import DataError
 from enginediag_cli.identification.nominal import Nominal
 from enginediag_cli.identification.settings import IdentificationSettings, settings_from_mapping
-from enginediag_cli.identification.training import training_recordings
+from enginediag_cli.intake.baseline import open_engine
+from enginediag_cli.intake.flights import whole_flights
+from enginediag_cli.intake.intake import Intake
+from enginediag_cli.intake.source import Source
+from enginediag_cli.intake.wanted import columns_of
 from enginediag_cli.mismatch.fit.evidence import Evidence, Flight, Noise, Settings
-from enginediag_cli.recordings.table import Recording
 
 SCALE_SIGMA = 0.002
 """Prior standard deviation of a recorded sensor's scale error that nobody states."""
 
-Note = Callable[[str], None]
-
 
 @dataclass(frozen=True)
-class Case:
-    """What a user asks about. `model_error`: relative accuracy of the maps, None for the engine file's;
-    `drivers`: further recorded columns that may drive an effect; `noise`: "specified" or "estimate", None for the
-    engine file's choice; paths as given, "-" for standard input."""
+class Asked:
+    """Choices of the user. `model_error`: relative accuracy of the maps, None for the engine file's; `drivers`:
+    further recorded columns that may drive an effect; `noise`: "specified" or "estimate", None for the engine file's
+    choice."""
 
-    engine: str
-    recordings: tuple[str, ...]
-    nominal: str | None = None
-    recorder: str | None = None
-    engine_instance: str = ""
     model_error: float | None = None
     false_alarm: float = 0.05
     drivers: tuple[str, ...] = ()
@@ -57,54 +52,46 @@ class Case:
 
 
 @dataclass(frozen=True)
+class Case:
+    """What a user asks about: an engine file, recordings, perhaps a nominal file; `accept_changed_engine`: go on
+    although the engine file is not the one that was identified."""
+
+    engine: str
+    source: Source
+    nominal: str | None = None
+    accept_changed_engine: bool = False
+    asked: Asked = field(default_factory=Asked)
+
+
+@dataclass(frozen=True)
 class Loaded:
-    """The evidence, and the `#` lines at the heads of its recordings."""
+    """The evidence, and the intake that it came through, which knows what was left out."""
 
     evidence: Evidence
-    provenance: tuple[str, ...]
+    intake: Intake
 
 
-def load_case(case: Case, note: Note) -> Loaded:
-    """Read everything that a case names; `note` is told what was masked or left out.
-
-    Raises ConfigError and DataError for files and names that do not fit.
-    """
+def load_case(case: Case) -> Loaded:
+    """Read everything that a case names. Raises ConfigError and DataError for files and names that do not fit."""
     from enginediag_cli.identification.nominal_file import read_nominal
-    from enginediag_cli.physics.engine_file import load_engine
 
     nominal = read_nominal(case.nominal) if case.nominal else None
-    engine = _engine(load_engine, case, nominal, note)
-    parts = [p for path in case.recordings for p in _recordings(engine, path, case, note)]
-    _known_drivers(case.drivers, list(dict.fromkeys(c for r, _, _ in parts for c in r.order)))
-    flights = [f for recording, label, name in parts for f in _flights(recording, label, name)]
-    evidence = build_evidence(
-        engine,
-        flights,
-        nominal=nominal,
-        model_error=case.model_error,
-        false_alarm=case.false_alarm,
-        drivers=case.drivers,
-        noise=case.noise,
-        seed=case.seed,
-    )
-    return Loaded(evidence, tuple(dict.fromkeys(line for r, _, _ in parts for line in r.provenance)))
+    engine = open_engine(case.engine, nominal, accept_changed_engine=case.accept_changed_engine)
+    intake = Intake(case.source, columns_of(engine, others=case.asked.drivers), fleet=True)
+    whole = whole_flights(intake)
+    _known_drivers(case.asked.drivers, intake.columns)
+    flights = [Flight(f.recording.label, f.engine, f.recording.columns, f.file) for f in whole]
+    return Loaded(build_evidence(engine, flights, case.asked, nominal=nominal), intake)
 
 
 def build_evidence(
-    engine: Engine,
-    flights: Sequence[Flight],
-    *,
-    nominal: Nominal | None = None,
-    model_error: float | None = None,
-    false_alarm: float = 0.05,
-    drivers: tuple[str, ...] = (),
-    noise: str | None = None,
-    seed: int = 0,
+    engine: Engine, flights: Sequence[Flight], asked: Asked | None = None, *, nominal: Nominal | None = None
 ) -> Evidence:
-    """Evidence from flights that are in memory; arguments as in `Case`.
+    """Evidence from flights that are in memory.
 
     Raises DataError for a name in the engine's settings, or a driver, that does not exist.
     """
+    asked = asked or Asked()
     block: Mapping[str, Any] = engine.declared.get("mismatch") or {f.name: f.default for f in MISMATCH.fields}
     stated = settings_from_mapping(engine.declared.get("identification"))
     sensors = _sensors(engine, flights, stated)
@@ -113,18 +100,20 @@ def build_evidence(
     theta0 = nominal.theta0 if nominal else dict(stated.prior_mean)
     theta0 = {n: v for n, v in theta0.items() if n in engine.parameters}
     unused = set(engine.sensors) - set(sensors)
-    flights = [Flight(f.label, f.engine, {c: v for c, v in f.columns.items() if c not in unused}) for f in flights]
+    flights = [
+        Flight(f.label, f.engine, {c: v for c, v in f.columns.items() if c not in unused}, f.file) for f in flights
+    ]
     settings = Settings(
         sigma,
         prior_mean={n: v for n, v in theta0.items() if n in sigma},
-        map_accuracy=float(block["map_accuracy"]) if model_error is None else model_error,
-        false_alarm=false_alarm,
+        map_accuracy=float(block["map_accuracy"]) if asked.model_error is None else asked.model_error,
+        false_alarm=asked.false_alarm,
         loss=stated.loss if engine.declared.get("identification") else "none",
         loss_scale=stated.loss_scale,
         offsets={c: v for c, v in stated.recording_bias_sigma.items() if c in sensors},
         scale_offsets={c: v for c, v in stated.recording_scale_sigma.items() if c in sensors},
-        noise=noise or _noise_choice(block, sensors, nominal),
-        seed=seed,
+        noise=asked.noise or _noise_choice(block, sensors, nominal),
+        seed=asked.seed,
     )
     held = {n: v for n, v in theta0.items() if n not in sigma}
     return Evidence(
@@ -132,79 +121,8 @@ def build_evidence(
         tuple(flights),
         _noise(engine, sensors, stated, nominal, block),
         settings,
-        _drivers(drivers, flights),
+        _drivers(asked.drivers, flights),
     )
-
-
-def _engine(load_engine: Callable[..., Engine], case: Case, nominal: Nominal | None, note: Note) -> Engine:
-    """The engine with the power setting that the nominal state was identified with."""
-    from enginediag_cli.identification.nominal_file import engine_change_warning
-
-    engine = load_engine(case.engine)
-    if nominal is None:
-        return engine
-    warning = engine_change_warning(nominal, case.engine)
-    if warning:
-        note(warning)
-    other = [c for c in nominal.inputs if c not in engine.inputs]
-    return load_engine(case.engine, power_setting=other[0]) if len(other) == 1 else engine
-
-
-def _recordings(engine: Engine, path: str, case: Case, note: Note) -> Iterator[tuple[Recording, str, str]]:
-    """Recordings of a file with gross errors masked, with a label and the engine that the recorder names."""
-    alike = [os.path.basename(p) for p in case.recordings].count(os.path.basename(path))
-    label = "stdin" if path == "-" else os.path.basename(path) if alike == 1 else path
-    if case.recorder is None:
-        yield _own(engine, path, label, case, note), label, ""
-        return
-    from enginediag_cli.recordings.recorder import load_recorder
-
-    found = load_recorder(case.recorder).read(path)
-    names = [m.engine for m in found if m.engine]
-    wanted = case.engine_instance
-    for m in found:
-        if wanted in names and m.engine != wanted:
-            continue
-        for line in m.report_lines():
-            note(line)
-        recording = m.recording if wanted in ("", m.engine) else _instance(m.recording, wanted)
-        yield recording, label, m.engine
-
-
-def _own(engine: Engine, path: str, label: str, case: Case, note: Note) -> Recording:
-    from enginediag_cli.recordings.quality import mask_gross
-    from enginediag_cli.recordings.read import read_all
-
-    known = (*engine.inputs, *engine.optional_inputs, *engine.sensors, *case.drivers)
-    recording = read_all(path, declared=known, required=engine.inputs)
-    if case.engine_instance:
-        recording = _instance(recording, case.engine_instance)
-    # an input may well stand still for hours; only a sensor that does so is stuck
-    recording, inputs = mask_gross(recording, columns=engine.inputs, search=False)
-    lines = inputs.report_lines()
-    sensors = [s for s in engine.sensors if s in recording.columns]
-    if sensors:
-        recording, readings = mask_gross(recording, columns=sensors)
-        lines += readings.report_lines()
-    for line in lines:
-        note(f"{label}: {line}")
-    return recording
-
-
-def _instance(recording: Recording, wanted: str) -> Recording:
-    engines = np.asarray(recording.text.get("engine", [""] * len(recording)))
-    if wanted not in engines:
-        known = ", ".join(n for n in dict.fromkeys(engines.tolist()) if n) or "none is named"
-        raise DataError(f"{recording.source}: no record of engine {wanted!r} ({known})")
-    return recording.select(engines == wanted)
-
-
-def _flights(recording: Recording, label: str, engine: str) -> Iterator[Flight]:
-    """One flight per engine and flight of a recording; `engine` where no column names one."""
-    column = np.asarray(recording.text.get("engine", [""] * len(recording)))
-    for name in dict.fromkeys(column.tolist()):
-        for part in training_recordings(recording.select(column == name), label):
-            yield Flight(part.label, name or engine, part.columns)
 
 
 def _sensors(engine: Engine, flights: Sequence[Flight], stated: IdentificationSettings) -> list[str]:

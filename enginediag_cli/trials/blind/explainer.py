@@ -17,12 +17,13 @@ from time import process_time
 from typing import Any
 
 from enginediag_cli.errors import EngineDiagError
+from enginediag_cli.intake.source import Source
 from enginediag_cli.mismatch.explain.answer import Answer, Explanation
 from enginediag_cli.mismatch.explain.explain import explain
 from enginediag_cli.mismatch.explain.story import hidden_search
 from enginediag_cli.mismatch.fit.evidence import Evidence, Noise
 from enginediag_cli.mismatch.fit.freeform import Cell
-from enginediag_cli.mismatch.fit.load import Case, load_case
+from enginediag_cli.mismatch.fit.load import Asked, Case, load_case
 from enginediag_cli.mismatch.locate.locate import locate
 from enginediag_cli.mismatch.unrecorded.finding import HiddenFinding
 from enginediag_cli.physics.registry import candidates
@@ -35,16 +36,15 @@ CELLS = 10
 def answer(question: Mapping[str, Any]) -> dict[str, Any]:
     """What the library without some terms says of the recordings, or where the map puts what is missing."""
     begun = process_time()
-    case = Case(
-        question["engine"],
-        tuple(question["recordings"]),
+    asked = Asked(
         model_error=question["model_error"],
         false_alarm=question["false_alarm"],
         drivers=tuple(question["drivers"]),
         noise=question["noise"],
         seed=question["seed"],
     )
-    evidence = _with_known_noise(load_case(case, _silent).evidence, question)
+    case = Case(question["engine"], Source(tuple(question["recordings"])), asked=asked)
+    evidence = _with_known_noise(load_case(case).evidence, question)
     if question["task"] == LOCATE:
         found: dict[str, Any] = {"cells": [_cell(p.cell) for p in locate(evidence).places[:CELLS]]}
     else:
@@ -109,10 +109,6 @@ def _finding(f: object) -> dict[str, Any]:
         "amplitude": [float(x) for x in f.amplitude],
         "states": None if f.states is None else [float(x) for x in f.states],
     }
-
-
-def _silent(text: str) -> None:
-    """What was masked is no part of an answer."""
 
 
 def main() -> None:

@@ -11,7 +11,7 @@ import numpy as np
 from enginediag_cli.engine.engine import Engine
 from enginediag_cli.mismatch.explain.answer import NAMED
 from enginediag_cli.mismatch.fit.evidence import Evidence, Noise
-from enginediag_cli.mismatch.fit.load import build_evidence
+from enginediag_cli.mismatch.fit.load import Asked, build_evidence
 from enginediag_cli.trials.blind import kinds
 from enginediag_cli.trials.blind.causes import Cause, components
 from enginediag_cli.trials.blind.flights import hour_columns
@@ -42,8 +42,7 @@ def evidence_of(engine: Engine, sealed: Sealed, recorded: Recorded, *, clean: bo
     evidence = build_evidence(
         engine,
         flights,
-        model_error=kinds.MODEL_ERROR[sealed.truth],
-        drivers=hour_columns(),
+        Asked(model_error=kinds.MODEL_ERROR[sealed.truth], drivers=hour_columns()),
     )
     sigma = {c: s * sealed.noise.factor for c, s in evidence.noise.sigma.items()}
     noise = Noise(

@@ -10,7 +10,7 @@ from enginediag_cli.engine.engine import Engine
 from enginediag_cli.engine.term import Effect
 from enginediag_cli.mismatch.fit.evidence import Flight
 from enginediag_cli.mismatch.fit.identified import NO_HYPOTHESIS, Identified, identify_with, nuisance
-from enginediag_cli.mismatch.fit.load import build_evidence
+from enginediag_cli.mismatch.fit.load import Asked, build_evidence
 from enginediag_cli.mismatch.fit.options import effect_option, option_scores
 from enginediag_cli.mismatch.fit.projection import Projection
 from enginediag_cli.physics.engine_file import load_engine
@@ -51,5 +51,5 @@ def noise_free_fit(engine: Engine, flights: list[dict[str, np.ndarray]], model_e
         p = engine.predict({c: f[c] for c in engine.inputs})
         y = np.where(p.ok[:, None], p.y, np.nan)
         recorded.append(Flight(f"flight_{j + 1}", "", {**f, **dict(zip(p.columns, y.T, strict=True))}))
-    evidence = build_evidence(engine, recorded, model_error=model_error, drivers=hour_columns())
+    evidence = build_evidence(engine, recorded, Asked(model_error=model_error, drivers=hour_columns()))
     return identify_with(evidence, NO_HYPOTHESIS, nuisance(evidence))

@@ -1,0 +1,167 @@
+"""The options by which recordings, recorder and nominal state come in: declared here, once, for every command."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from functools import wraps
+from typing import TYPE_CHECKING, Any, TypeVar
+
+import click
+
+from enginediag_cli.commands.options import ConfigFile, FiniteRange, recordings_argument
+
+if TYPE_CHECKING:
+    from enginediag_cli.residuals.windows import WindowPlan
+
+Function = TypeVar("Function", bound=Callable[..., Any])
+
+LENGTH = re.compile(r"\s*\d+(\.\d+)?\s*(s|min|h|)\s*")
+"""A number of records, or a time."""
+
+
+def source_options(function: Callable[..., Any]) -> Callable[..., Any]:
+    """`[FILE]...`, `--recorder`, `--engine-instance`: given to the command as one `source: Source`."""
+
+    @wraps(function)
+    def with_source(
+        *args: Any, recordings: tuple[str, ...], recorder: str | None, engine_instance: str, **others: Any
+    ) -> Any:
+        from enginediag_cli.intake.source import Source
+
+        return function(*args, source=Source(recordings, recorder, engine_instance), **others)
+
+    options = [
+        recordings_argument,
+        click.option("--recorder", metavar="FILE", type=ConfigFile(), help="Recorder of foreign recordings."),
+        click.option("--engine-instance", default="", metavar="NAME", help="Use only this engine of the recordings."),
+    ]
+    for option in reversed(options):
+        with_source = option(with_source)
+    return with_source
+
+
+def nominal_options(*, required: bool = False, help: str = "") -> Callable[[Function], Function]:
+    """`-n/--nominal FILE` as `nominal: str | None`, and `--accept-changed-engine` as `accept_changed_engine: bool`."""
+
+    def decorate(function: Function) -> Function:
+        accept = click.option(
+            "--accept-changed-engine",
+            is_flag=True,
+            help="Go on although the engine file is no longer the one whose nominal state was identified.",
+        )
+        nominal = click.option(
+            "-n",
+            "--nominal",
+            required=required,
+            metavar="FILE",
+            type=click.Path(exists=True, dir_okay=False, readable=True),
+            help=help or "Nominal engine, as written by identify.",
+        )
+        return nominal(accept(function))
+
+    return decorate
+
+
+def window_options(function: Callable[..., Any]) -> Callable[..., Any]:
+    """`--window`, `--step`, for commands that judge window by window; beside `judging_options`."""
+    window = click.option(
+        "--window",
+        metavar="LENGTH",
+        callback=_check_length,
+        help="Length of a window: records (60) or time (300s, 10min, 1h). Without it, each flight is one window.",
+    )
+    step = click.option(
+        "--step",
+        metavar="LENGTH",
+        callback=_check_length,
+        help="From the start of a window to that of the next; as long as the window when not given.",
+    )
+    return window(step(function))
+
+
+def judging_options(function: Callable[..., Any]) -> Callable[..., Any]:
+    """`--linearise`, `--reference`, `--last`, `--model-error`, with `--window` and `--step` of `window_options` if the
+    command has them: given to it as one `judging: Judging`."""
+
+    @wraps(function)
+    def with_judging(
+        *args: Any,
+        linearise: str,
+        reference: int,
+        last: int,
+        model_error: float,
+        window: str | None = None,
+        step: str | None = None,
+        **others: Any,
+    ) -> Any:
+        from enginediag_cli.residuals.files import Judging
+
+        judging = Judging(_planned(window, step), linearise, reference, last, model_error)
+        return function(*args, judging=judging, **others)
+
+    options = [
+        click.option(
+            "--linearise",
+            type=click.Choice(["estimate", "nominal"]),
+            default="estimate",
+            show_default=True,
+            help="Where the model is linearised: at the estimate for each window, or at nominal, which holds for "
+            "small changes only.",
+        ),
+        click.option(
+            "--reference",
+            metavar="N",
+            type=click.IntRange(min=0),
+            default=0,
+            help="Judge each flight and engine against its own first N records, believed healthy, instead "
+            "of against the nominal engine alone.",
+        ),
+        click.option(
+            "--last",
+            metavar="N",
+            type=click.IntRange(min=0),
+            default=0,
+            help="Judge only the last N records of each flight and engine.",
+        ),
+        click.option(
+            "--model-error",
+            metavar="SHARE",
+            type=FiniteRange(0, 1),
+            default=0.0,
+            show_default=True,
+            help="Relative error that the model makes about a change, for an engine with generic maps: "
+            "0.2 allows each reading an error of 20 % of the rms relative deviation.",
+        ),
+    ]
+    for option in reversed(options):
+        with_judging = option(with_judging)
+    return with_judging
+
+
+def monitor_option(function: Function) -> Function:
+    """`--monitor PATTERN` as `patterns: tuple[str, ...]`."""
+    return click.option(
+        "--monitor",
+        "patterns",
+        metavar="PATTERN",
+        multiple=True,
+        help="Parameters that may have changed, such as 'hpc.*' or sensor.T3.bias; those that the engine file "
+        "monitors when not given. May be given several times.",
+    )(function)
+
+
+def _check_length(context: click.Context, parameter: click.Parameter, value: str | None) -> str | None:
+    if value is not None and not LENGTH.fullmatch(value):
+        raise click.BadParameter(f"{value!r} is not a number of records (60) or a time (300s, 10min, 1h)")
+    return value
+
+
+def _planned(window: str | None, step: str | None) -> WindowPlan:
+    """The plan of windows, with click's own message when the options do not fit together."""
+    from enginediag_cli.residuals.windows import plan_windows
+
+    try:
+        return plan_windows(window, step)
+    except ValueError as error:
+        raise click.UsageError(f"--window, --step: {error}") from None

@@ -1,0 +1,60 @@
+"""Why an engine has more unknowns than balances, or fewer: from what is there, not from a list of what may be."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+from enginediag_cli.engine.network import Network
+from enginediag_cli.engine.wiring import inlets, outlets
+
+
+def missing_closure(network: Network, values: Mapping[str, Any]) -> str:
+    """What to change, in words."""
+    found = [*_loads(network, values), *_shafts(network, values), *_ends(values)]
+    return "; ".join(found) or "every flow must end in a nozzle, exhaust or mixer, every shaft have one power balance"
+
+
+def _given(network: Network, shaft: Mapping[str, Any]) -> bool:
+    """Whether the speed of a shaft is known from outside."""
+    return shaft["speed"] != "balance" or network.power_setting == f"{shaft['speed_label']}_rpm"
+
+
+def _loads(network: Network, values: Mapping[str, Any]) -> Iterator[str]:
+    """A load takes what is left at a speed that is given, or a given law at a speed that follows."""
+    shafts = {s["name"]: s for s in values["shafts"]}
+    for c in values["components"]:
+        if c["type"] != "load":
+            continue
+        given = _given(network, shafts[c["shaft"]])
+        if c["law"] == "surplus" and not given:
+            yield (
+                f"{c['name']} takes what shaft '{c['shaft']}' has to spare, which leaves its speed open: give "
+                f"the shaft 'speed: constant' (a generator on the grid) or 'speed: input' (a recorded column), or the "
+                "load 'law: cube'"
+            )
+        elif c["law"] == "cube" and given:
+            yield (
+                f"{c['name']} takes power by a law, from which the speed of shaft '{c['shaft']}' follows, but that is "
+                "given: take 'law: surplus', or 'speed: balance'"
+            )
+
+
+def _shafts(network: Network, values: Mapping[str, Any]) -> Iterator[str]:
+    for name, shaft in network.shafts.items():
+        if name not in network.loaded_shafts and shaft["speed"] != "balance":
+            yield (
+                f"the speed of shaft '{name}' is given, but nothing takes what its turbine has to spare: give it a "
+                "load, or 'speed: balance'"
+            )
+
+
+def _ends(values: Mapping[str, Any]) -> Iterator[str]:
+    taken = {c[key] for c in values["components"] for key in inlets(c)}
+    for c in values["components"]:
+        for station in outlets(c):
+            if station not in taken:
+                yield (
+                    f"the flow at station '{station}' behind {c['name']} goes nowhere: a nozzle, exhaust or mixer must "
+                    "take it"
+                )

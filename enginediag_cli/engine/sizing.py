@@ -1,0 +1,104 @@
+"""Sizing at the design point, and what would cure a design point that cannot be met."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import numpy as np
+
+from enginediag_cli.config.checked import Checked
+from enginediag_cli.engine.components import Component
+from enginediag_cli.engine.components.compressor import Compressor
+from enginediag_cli.engine.components.mixer import Mixer, PressureMismatchError
+from enginediag_cli.engine.components.splitter import Splitter
+from enginediag_cli.engine.evaluation import Evaluation
+from enginediag_cli.engine.network import Network
+from enginediag_cli.errors import ConfigError, Problem
+
+FAN_RATIOS = (1.05, 12.0)
+BYPASS_RATIOS = (0.02, 20.0)
+"""Where a value that lets two flows mix is looked for."""
+HALVINGS = 40
+"""Of that range: far more than the digits that are told."""
+
+
+def size(network: Network, values: Mapping[str, Any], checked: Checked) -> None:
+    """Runs the components through the design point. Raises ConfigError, with the value that would do where there is
+    one."""
+    try:
+        _run(network, values)
+    except PressureMismatchError as error:
+        problem = Problem(
+            checked.mark(("design",)),
+            f"the design point cannot be met: {error}",
+            _equal_pressures(network, values, error),
+        )
+        raise ConfigError([problem]) from error
+    except ValueError as error:
+        raise ConfigError([Problem(checked.mark(("design",)), f"the design point cannot be met: {error}")]) from error
+
+
+def _run(network: Network, values: Mapping[str, Any]) -> None:
+    inputs = {c: np.array([values["design"].get(c, 0.0)]) for c in network.inputs()}
+    x: dict[str, Any] = {u.name: np.array([u.start]) for c in network.components for u in c.unknowns()}
+    x |= {f"{name}.corrected_speed": np.array([1.0]) for name in network.shafts}
+    leaves: dict[str, Any] = {**{p.name: p.nominal for p in network.parameters()}, **x, **inputs}
+    e = Evaluation(network.gas, 1, leaves)
+    with np.errstate(all="ignore"):
+        network.size(e)
+
+
+def _equal_pressures(network: Network, values: Mapping[str, Any], error: PressureMismatchError) -> str:
+    """The fan pressure ratio or the bypass ratio with which both flows reach the mixer at one total pressure."""
+    mixer = next(c for c in network.components if isinstance(c, Mixer) and c.name == error.mixer)
+    splitter = next((c for c in network.components if isinstance(c, Splitter)), None)
+    if splitter is None:
+        return ""
+    fan = _feeding(network, splitter)
+    found = []
+    searched: list[tuple[Component, str, tuple[float, float]]] = [(fan, "pressure_ratio", FAN_RATIOS)] if fan else []
+    searched.append((splitter, "bypass_ratio", BYPASS_RATIOS))
+    for component, key, within in searched:
+
+        def surplus(x: float, component: Component = component, key: str = key) -> float:
+            return _ratio_at(network, values, mixer, component, key, x) - 1.0
+
+        value = _bisected(surplus, *within)
+        if value is not None:
+            found.append(f"{component.name}: {key}: {value:.3f}")
+    return f"both flows have one total pressure with {' or with '.join(found)}" if found else ""
+
+
+def _feeding(network: Network, splitter: Splitter) -> Compressor | None:
+    """The compressor nearest before the splitter."""
+    before = network.components[: network.components.index(splitter)]
+    return next((c for c in reversed(before) if isinstance(c, Compressor)), None)
+
+
+def _ratio_at(
+    network: Network, values: Mapping[str, Any], mixer: Mixer, component: Component, key: str, x: float
+) -> float:
+    """Bypass over core total pressure at the mixer with another value of one key; NaN where nothing can be sized."""
+    kept = component.values[key]
+    component.values[key] = x
+    try:
+        _run(network, values)
+        return mixer.design_ratio
+    except PressureMismatchError as error:
+        return error.ratio
+    except ValueError as error:
+        # the core has nothing left: its pressure is too low for any mixer behind it
+        return np.inf if mixer.name not in str(error) else np.nan
+    finally:
+        component.values[key] = kept
+
+
+def _bisected(surplus: Callable[[float], float], low: float, high: float) -> float | None:
+    """Where a rising function is zero; None where its ends have one sign."""
+    if not (surplus(low) < 0.0 < surplus(high)):
+        return None
+    for _ in range(HALVINGS):
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if surplus(middle) < 0.0 else (low, middle)
+    return 0.5 * (low + high)

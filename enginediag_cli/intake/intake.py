@@ -1,0 +1,174 @@
+"""Recordings as every command reads them: mapped, of the engine wanted, masked, in chunks of constant memory."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator
+from dataclasses import dataclass, field
+from itertools import chain
+
+import numpy as np
+
+from enginediag_cli.errors import DataError
+from enginediag_cli.intake.left_out import LeftOut
+from enginediag_cli.intake.source import Source, refuse_repeated
+from enginediag_cli.intake.wanted import Wanted
+from enginediag_cli.recordings.masking import Judged, Masker
+from enginediag_cli.recordings.read import read
+from enginediag_cli.recordings.recorder import Recorder, load_recorder
+from enginediag_cli.recordings.table import Recording
+
+CHUNK = 3000
+"""Records read at once: rows appear while a long recording is being read, engine calls stay few."""
+
+
+@dataclass
+class Intake:
+    """The recordings of a `source` for an engine that reads the columns `wanted` (None: for statistics alone).
+
+    fleet: a recording of several engines may be read whole; otherwise one of them has to be wanted by name.
+    left_out, provenance, columns: what was left out, by file and engine, the `#` lines of the files' heads, and the
+    names of all their columns, as far as they have been read.
+    """
+
+    source: Source
+    wanted: Wanted | None
+    fleet: bool = False
+    left_out: list[LeftOut] = field(default_factory=list)
+    provenance: list[str] = field(default_factory=list)
+    columns: list[str] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        refuse_repeated(self.source.files)
+        self._recorder = load_recorder(self.source.recorder) if self.source.recorder else None
+
+    def files(self) -> Iterator[File]:
+        """The files in turn; each has to be read, or let go, before the next is asked for. Raises DataError."""
+        for name in self.source.files:
+            yield File(self, name)
+
+    def chunks(self) -> Iterator[Recording]:
+        """Masked chunks of all files in turn. Raises DataError, NoVerdictError."""
+        for file in self.files():
+            yield from file.masked()
+
+    def remember(self, recording: Recording) -> None:
+        """Keep what the head of a file says: where it comes from, and its columns."""
+        self.provenance += [line for line in recording.provenance if line not in self.provenance]
+        self.columns += [column for column in recording.order if column not in self.columns]
+
+    @property
+    def recorder(self) -> Recorder | None:
+        return self._recorder
+
+
+class File:
+    """One file of an intake. `columns`: those of its header, none where a recorder maps it."""
+
+    def __init__(self, intake: Intake, name: str):
+        self._intake, self.name = intake, name
+        self.columns: tuple[str, ...] = ()
+        self._chunks: Iterator[Recording] = iter(())
+        if intake.recorder is None:
+            declared = intake.wanted.declared if intake.wanted else ()
+            chunks = read(name, declared=declared, chunk_records=CHUNK)
+            first = next(chunks)
+            intake.remember(first)
+            self.columns, self._chunks = first.order, chain([first], chunks)
+
+    def raw(self) -> Iterator[Recording]:
+        """Its chunks as they stand in the file."""
+        return self._chunks
+
+    def masked(self) -> Iterator[Recording]:
+        """Its chunks as they are judged; what was left out goes to the intake's `left_out`."""
+        intake = self._intake
+        assert intake.wanted is not None
+        if intake.recorder is not None:
+            yield from self._mapped(intake.recorder)
+            return
+        left = LeftOut(self.name)
+        intake.left_out.append(left)
+        wanted = intake.wanted
+        judged: Judged | None = None
+        masker: Masker | None = None
+        for chunk in of_engine(self._chunks, intake.source.engine_instance):
+            if judged is None:
+                left.absent = wanted.absent(chunk)
+                judged = judged_columns(wanted, chunk)
+                masker = Masker(judged)
+            assert masker is not None
+            left.records += len(chunk)
+            yield from self._counted(masker.add(chunk), masker, left)
+        if masker is not None:
+            yield from self._counted(masker.end(), masker, left)
+
+    @staticmethod
+    def _counted(chunks: list[Recording], masker: Masker, left: LeftOut) -> Iterator[Recording]:
+        left.masked(masker.counts)
+        yield from chunks
+
+    def _mapped(self, recorder: Recorder) -> Iterator[Recording]:
+        """What the recorder keeps of the file, in chunks that each are of one engine."""
+        intake, wanted = self._intake, self._intake.source.engine_instance
+        assert intake.wanted is not None
+        chosen = engines_wanted(recorder.engines, wanted, self.name, fleet=intake.fleet)
+        stream = recorder.stream(self.name, CHUNK, intake.wanted.given, chosen)
+        left_out = {name: LeftOut(self.name, name) for name in stream.engines}
+        intake.left_out += left_out.values()
+        named = dict.fromkeys(stream.engines, False)
+        for name, recording in stream:
+            if not left_out[name].records:
+                intake.remember(recording)
+                left_out[name].absent = intake.wanted.absent(recording)
+            left_out[name].mapped(stream.engines[name])
+            part = recording
+            if wanted and name != wanted:
+                part = recording.select(named_rows(recording, wanted))
+                named[name] |= bool(len(part))
+            yield part
+        for name, live in stream.engines.items():
+            left_out[name].mapped(live)
+            if wanted and name != wanted and not named[name]:
+                raise DataError(f"{self.name}: no record of engine {wanted!r}")
+
+
+def judged_columns(wanted: Wanted, recording: Recording) -> Judged:
+    """What is searched for gross errors in a recording of these columns."""
+    inputs = [c for c in (*wanted.inputs, *wanted.optional) if c in recording.columns]
+    return Judged([c for c in wanted.sensors if c in recording.columns], inputs)
+
+
+def engines_wanted(names: Collection[str], wanted: str, file: str, *, fleet: bool) -> tuple[str, ...]:
+    """Which of the engines that a recorder tells apart are meant; all where it tells none apart. Raises DataError."""
+    known = [name for name in names if name]
+    if wanted in known:
+        return (wanted,)
+    if len(known) > 1 and (wanted or not fleet):
+        what = f"no engine {wanted!r}" if wanted else "several engines"
+        raise DataError(f"{file}: {what} in this recording; choose with --engine-instance one of {', '.join(known)}")
+    return tuple(names)
+
+
+def of_engine(chunks: Iterator[Recording], wanted: str) -> Iterator[Recording]:
+    """The records that name this engine in their column `engine`; all records for "". Raises DataError when there is
+    no such column, or no such record when the file has ended."""
+    if not wanted:
+        yield from chunks
+        return
+    met: dict[str, None] = {}
+    source = ""
+    for chunk in chunks:
+        rows = named_rows(chunk, wanted)
+        met |= dict.fromkeys(chunk.text["engine"])
+        source = chunk.source
+        yield chunk.select(rows)
+    if wanted not in met:
+        there = ", ".join(name for name in met if name) or "none is named"
+        raise DataError(f"{source}: no record of engine {wanted!r} ({there})")
+
+
+def named_rows(chunk: Recording, wanted: str) -> np.ndarray:
+    """Mask (N,) of the records that name this engine. Raises DataError when there is no column `engine`."""
+    if "engine" not in chunk.text:
+        raise DataError(f"{chunk.source}: no column `engine`, in which records would name {wanted!r}")
+    return np.array(chunk.text["engine"], dtype=str) == wanted

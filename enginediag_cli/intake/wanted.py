@@ -1,0 +1,59 @@
+"""The columns that an engine reads of a recording, and those of them that a recording lacks."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from enginediag_cli.errors import DataError
+from enginediag_cli.recordings.read import Absent, absent_columns
+
+if TYPE_CHECKING:
+    from enginediag_cli.engine.model import Model
+    from enginediag_cli.recordings.table import Recording
+
+
+@dataclass(frozen=True)
+class Wanted:
+    """Columns by what they are to the engine: `inputs` must be there; `optional` inputs have a value that stands for
+    "not recorded"; of the `sensors` one must be there; `others` are further columns asked for by name."""
+
+    inputs: tuple[str, ...]
+    sensors: tuple[str, ...]
+    optional: tuple[str, ...] = ()
+    others: tuple[str, ...] = ()
+    engine: str = "the engine"
+
+    @property
+    def declared(self) -> tuple[str, ...]:
+        """All columns that hold numbers, whatever their names say."""
+        return tuple(dict.fromkeys((*self.inputs, *self.optional, *self.sensors, *self.others, "time_s")))
+
+    @property
+    def given(self) -> tuple[str, ...]:
+        """Columns of what the engine is told, which may well stand still; not what it is judged by."""
+        return (*self.inputs, *self.optional)
+
+    def absent(self, recording: Recording) -> tuple[Absent, ...]:
+        """The sensors that the recording has no column of. Raises DataError, with near matches, when an input or every
+        sensor is missing."""
+        missing = {a.column: a for a in absent_columns(self.declared, recording.order)}
+        needed = [_with_hint(missing[c]) for c in self.inputs if c in missing]
+        if needed:
+            raise DataError(f"{recording.source}: no column {', '.join(needed)}, which {self.engine} needs")
+        sensors = tuple(missing[c] for c in self.sensors if c in missing)
+        if self.sensors and len(sensors) == len(self.sensors):
+            raise DataError(f"{recording.source}: none of the sensors {', '.join(map(_with_hint, sensors))}")
+        return sensors
+
+
+def columns_of(engine: Model, sensors: Iterable[str] | None = None, others: Sequence[str] = ()) -> Wanted:
+    """What this engine reads; `sensors`: only these of its own."""
+    name = str(getattr(engine, "name", "the engine"))
+    chosen = tuple(engine.sensors) if sensors is None else tuple(sensors)
+    return Wanted(tuple(engine.inputs), chosen, tuple(engine.optional_inputs), tuple(others), name)
+
+
+def _with_hint(absent: Absent) -> str:
+    return absent.column + (f" (did you mean {absent.near!r}?)" if absent.near else "")

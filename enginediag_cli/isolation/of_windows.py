@@ -1,0 +1,127 @@
+"""Windows of files isolated one after the other: verdict, what changed, and what to record next."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+from enginediag_cli.config.hints import near
+from enginediag_cli.detection.verdict import Verdict, judge
+from enginediag_cli.errors import DataError
+from enginediag_cli.isolation.advice import Advice, advise, condition_options, sensor_options
+from enginediag_cli.isolation.components import ComponentIsolation, isolate_components
+from enginediag_cli.isolation.conditions_grid import conditions_grid
+from enginediag_cli.isolation.diagnosis import Diagnosis, DiagnosisOptions, diagnose
+from enginediag_cli.isolation.window_model import WindowModel
+from enginediag_cli.residuals.files import JudgedFiles
+from enginediag_cli.residuals.kept_records import KeptRecords
+from enginediag_cli.residuals.monitor import Monitor
+from enginediag_cli.residuals.pipeline import WindowStatistics
+
+ADVISED = 3
+"""Operating conditions advised: the best few say which way to fly, a longer list only repeats it."""
+
+
+@dataclass(frozen=True)
+class NextRecording:
+    """What would tell the answer from its leading rival: both, as sets of parameters; operating `conditions`; and
+    further `sensors` at the conditions of the window, None where its records are not held."""
+
+    rivals: tuple[tuple[str, ...], tuple[str, ...]]
+    conditions: Sequence[Advice]
+    sensors: Sequence[Advice] | None
+
+
+@dataclass(frozen=True)
+class IsolatedWindow:
+    """`diagnosis`, or `components` where components are asked for; both None where there is no verdict."""
+
+    verdict: Verdict
+    units: Mapping[str, str]
+    diagnosis: Diagnosis | None = None
+    components: ComponentIsolation | None = None
+    advice: NextRecording | None = None
+    by_component: bool = False
+
+    @property
+    def judged(self) -> bool:
+        return self.diagnosis is not None or self.components is not None
+
+    @property
+    def named(self) -> bool:
+        """Whether something was isolated, and stands."""
+        if self.components is not None:
+            return bool(self.components.components) and self.components.adequacy.stands
+        return self.diagnosis is not None and bool(self.diagnosis.result.isolated and self.diagnosis.adequacy.stands)
+
+
+@dataclass
+class Isolating:
+    """The windows of `files` by these options. kept: the records of windows, where they are needed; advise: look for
+    the next recording; extra: model column → noise of a further sensor to consider, in the column's unit."""
+
+    files: JudgedFiles
+    options: DiagnosisOptions
+    false_alarm: float
+    by_component: bool = False
+    kept: KeptRecords | None = None
+    advise: bool = False
+    extra: Mapping[str, float] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        monitor = self.files.monitor
+        if monitor is not None and self.extra:
+            engine: Any = monitor.engine
+            columns = (*engine.sensors, *engine.model_columns)
+            for column in self.extra:
+                if column not in columns:
+                    raise DataError(f"{engine.name} has no column {column!r} for a sensor; {near(column, columns)}")
+        if self.kept is not None:
+            self.files.passing = self.kept.passing
+
+    def windows(self) -> Iterator[IsolatedWindow]:
+        """All windows in turn. Raises DataError, NoVerdictError."""
+        for window, units in self.files.windows():
+            yield self._isolated(window, units)
+
+    def _isolated(self, window: WindowStatistics, units: Mapping[str, str]) -> IsolatedWindow:
+        verdict = judge(window, self.false_alarm)
+        if verdict.score is None:
+            return IsolatedWindow(verdict, units, by_component=self.by_component)
+        if self.by_component:
+            components = isolate_components(verdict.score, self.options.isolation, window.statistics)
+            return IsolatedWindow(verdict, units, components=components, by_component=True)
+        records = _Records(self.files.monitor, self.kept, window) if self.kept is not None else None
+        diagnosis = diagnose(verdict.score, self.options, records, window.statistics)
+        advice = None
+        if self.advise and self.files.monitor is not None:
+            advice = self._advice(self.files.monitor, diagnosis, records() if records else None)
+        return IsolatedWindow(verdict, units, diagnosis, advice=advice)
+
+    def _advice(self, monitor: Monitor, diagnosis: Diagnosis, model: WindowModel | None) -> NextRecording | None:
+        result = diagnosis.result
+        if not result.rivals:
+            return None
+        rivals = (tuple(result.isolated), tuple(result.rivals[0].parameters))
+        grid = conditions_grid(monitor.engine)
+        options = condition_options(monitor, grid) if grid else []
+        conditions = advise(diagnosis.score, rivals, options, monitor.uncertainty)[:ADVISED]
+        sensors = None
+        if model is not None:
+            sensors = advise(
+                diagnosis.score, rivals, sensor_options(monitor, model.inputs, self.extra), monitor.uncertainty
+            )
+        return NextRecording(rivals, conditions, sensors)
+
+
+class _Records:
+    """The records of a window with the full model, when they are asked for; None where they are no longer held."""
+
+    def __init__(self, monitor: Monitor | None, kept: KeptRecords, window: WindowStatistics):
+        self._monitor, self._kept, self._window = monitor, kept, window
+        kept.let_go(window)
+
+    def __call__(self) -> WindowModel | None:
+        found = self._kept.of(self._window)
+        return None if found is None or self._monitor is None else WindowModel(self._monitor, *found)

@@ -1,0 +1,69 @@
+"""The answer of `detect` as rows: one per window, or per block of a flight that is followed."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from enginediag_cli.detection.follow import BlockReport
+    from enginediag_cli.detection.verdict import Verdict
+
+
+def detection_row(verdict: Verdict, power: float | None, false_alarm: float) -> dict[str, Any]:
+    """Row of one window; power: with the smallest changes that this window would have shown with that probability,
+    in the parameter's unit, and what it does not excite."""
+    from enginediag_cli.residuals.flat import window_row
+
+    test, fit, statistics = verdict.test, verdict.fit, verdict.window.statistics
+    row = window_row(verdict.window)
+    row.update(
+        judged=statistics.n if statistics else 0,
+        statistic=test.statistic if test else None,
+        dof=test.dof if test else None,
+        threshold=test.threshold if test else None,
+        p_value=test.p_value if test else None,
+        alarm=test.alarm if test else None,
+        fit=fit.ratio if fit else None,
+        verdict=verdict.verdict,
+        reason=verdict.reason,
+    )
+    if power is not None:
+        row["not_excited"] = None
+        if verdict.score is not None and statistics is not None:
+            from enginediag_cli.detection.minimum_change import minimum_change
+
+            row["not_excited"] = [str(combination) for combination in statistics.unexcited()]
+            sizes = minimum_change(verdict.score, false_alarm=false_alarm, power=power)
+            row.update({f"detectable:{a}": x for a, x in zip(verdict.score.parameters, sizes, strict=True)})
+    return row
+
+
+def block_row(report: BlockReport) -> dict[str, Any]:
+    """A block as a row; what is said of the change is empty without an alarm."""
+    change = report.change
+    row: dict[str, Any] = dict(zip(("source", "flight", "engine"), report.key, strict=True))
+    for name in (
+        "block",
+        "first_line",
+        "last_line",
+        "start_s",
+        "end_s",
+        "records",
+        "outside",
+        "incomplete",
+        "failed",
+        "judged",
+        "log10_e",
+        "alarm",
+    ):
+        row[name] = getattr(report, name)
+    row.update(
+        kind=change.kind if change else None,
+        leading=change.leading if change else None,
+        probability=change.probability if change else None,
+        likely=change.parameter if change else None,
+        onset_s=change.onset_s if change else None,
+        onset_low_s=change.low_s if change else None,
+        onset_high_s=change.high_s if change else None,
+    )
+    return row

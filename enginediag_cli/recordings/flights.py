@@ -1,0 +1,35 @@
+"""Which flight and engine each record of a file belongs to: records of different ones are different recordings."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from enginediag_cli.recordings.table import Recording
+
+KEYS = ("flight", "engine")
+"""Columns that tell recordings of one file apart, where the file has them."""
+
+
+@dataclass
+class FlightNumbers:
+    """Numbers the (flight, engine) pairs of a file in order of first appearance, over all its chunks."""
+
+    known: dict[tuple[str, ...], int] = field(default_factory=dict)
+
+    def of(self, recording: Recording) -> np.ndarray:
+        """(N,) int64: the number of each record's flight and engine."""
+        labels = []
+        for column in KEYS:
+            if column in recording.text:
+                labels.append(list(recording.text[column]))
+            elif column in recording.columns:
+                labels.append([f"{value:g}" for value in recording.columns[column]])
+        n = len(recording)
+        if not n or all(cells.count(cells[0]) == n for cells in labels):
+            key = tuple(cells[0] for cells in labels) if n else ()
+            number = self.known.setdefault(key, len(self.known)) if n else 0
+            return np.full(n, number, dtype=np.int64)
+        known = self.known
+        return np.array([known.setdefault(key, len(known)) for key in zip(*labels, strict=True)], dtype=np.int64)

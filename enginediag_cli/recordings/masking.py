@@ -1,0 +1,269 @@
+"""Gross errors masked in a stream: the same records and counts whatever the chunks, in bounded memory.
+
+A file is judged in blocks that begin at whole multiples of their length, counted in records from its start, each with
+a halo of records on either side that its readings are compared with; the last block takes what is left, and so a
+file of up to 3,000 records is judged as one. Beyond the halo only this is carried forward: the span that a sensor has
+been seen to read, whether it was stuck when the last block ended, and what the search for repeated rows remembers.
+
+One rule for every caller: an input (a command, the air outside) may well stand still for hours, so only limits are
+asked of it; a sensor that does so while others move is stuck. Inputs are witnesses in that search.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from enginediag_cli.recordings.flights import FlightNumbers
+from enginediag_cli.recordings.frozen import FrozenWatch, frozen
+from enginediag_cli.recordings.outliers import outliers
+from enginediag_cli.recordings.quality import (
+    MaskReport,
+    QualitySettings,
+    in_runs,
+    physical_limits,
+    tally,
+    whole_record_lines,
+)
+from enginediag_cli.recordings.repeated import Repeats
+from enginediag_cli.recordings.stuck import stuck
+from enginediag_cli.recordings.table import Recording, concat
+
+HALO = 1000
+"""Records on either side of a block; a run must show its least length within them, so they are at least twice that.
+A block is two halos long: a third of the work is done twice, and a record waits for at most 3,000 others."""
+
+
+@dataclass(frozen=True)
+class Judged:
+    """What a masker judges: `inputs` by their limits, `sensors` also by their behaviour; `limits`: column → (lowest,
+    highest) value that it can truthfully give, `physical_limits` where none is stated; frozen, repeated: whether whole
+    records are judged as well."""
+
+    sensors: Sequence[str]
+    inputs: Sequence[str] = ()
+    limits: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    settings: QualitySettings = field(default_factory=QualitySettings)
+    frozen: bool = True
+    repeated: bool = True
+
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """All judged columns, inputs first; never `time_s`."""
+        return tuple(c for c in dict.fromkeys((*self.inputs, *self.sensors)) if c != "time_s")
+
+
+@dataclass
+class MaskCounts:
+    """columns: column → reason → readings masked, each once; readings: column → readings there were;
+    frozen, repeated: whole records, counted once and in no column; records: handed out, those frozen included."""
+
+    columns: dict[str, Counter[str]] = field(default_factory=dict)
+    readings: Counter[str] = field(default_factory=Counter)
+    frozen: int = 0
+    repeated: int = 0
+    records: int = 0
+
+    @property
+    def total(self) -> int:
+        """Single readings masked; those of frozen records are not among them."""
+        return sum(sum(reasons.values()) for reasons in self.columns.values())
+
+    def report_lines(self) -> list[str]:
+        """One line per column that lost readings, and for whole records."""
+        lines = []
+        for column, reasons in self.columns.items():
+            lost, why = sum(reasons.values()), ", ".join(f"{reason} {n}" for reason, n in reasons.items() if n)
+            if lost:
+                lines.append(f"{column}: {lost} of {self.readings[column]} values masked ({why})")
+        return lines + whole_record_lines({"frozen": self.frozen, "repeated": self.repeated})
+
+    def note(self, recording: Recording, counts: Mapping[str, Mapping[str, int]], frozen: int) -> None:
+        """Add what was found in some records."""
+        self.records += len(recording)
+        self.frozen += frozen
+        for column, reasons in counts.items():
+            self.readings[column] += len(recording)
+            self.columns.setdefault(column, Counter()).update(reasons)
+
+
+class Masker:
+    """Masks the records of ONE file. `add` and `end` hand out what has become final, in order; `counts` says what was
+    masked in what was handed out. `keep_masks`: also collect them, for a file that is in memory anyway."""
+
+    def __init__(self, judged: Judged, *, keep_masks: bool = False):
+        self.judged = judged
+        self.counts = MaskCounts()
+        s = judged.settings
+        self.halo = max(HALO, 2 * max(s.dropped_records, s.stuck_records, s.frozen_records))
+        self.block = 2 * self.halo
+        self._keep_masks = keep_masks
+        self._kept: list[dict[str, np.ndarray]] = []
+        self._flights = FlightNumbers()
+        self._repeats = Repeats()
+        self._waiting: list[Recording] = []
+        self._before = self._after = 0
+        self._span: dict[str, tuple[float, float]] = {}
+        self._stuck_at: dict[str, float] = {}
+
+    def add(self, chunk: Recording) -> list[Recording]:
+        """Blocks that have become final by these further records (N,), in file order."""
+        if self.judged.repeated and len(chunk):
+            again = self._repeats.add(chunk, self._flights.of(chunk))
+            if again.any():
+                self.counts.repeated += int(again.sum())
+                chunk = chunk.select(~again)
+        if len(chunk) or not self._waiting:
+            self._waiting.append(chunk)
+            self._after += len(chunk)
+        done = []
+        while self._after > self.block + self.halo:
+            done.append(self._judge(self.block))
+        return done
+
+    def end(self) -> list[Recording]:
+        """The last block; empty before the first `add`."""
+        return [self._judge(self._after)] if self._waiting else []
+
+    def report(self) -> MaskReport:
+        """Masks (N,) and counts of everything handed out; needs `keep_masks`."""
+        names = self.judged.columns
+        masks = {
+            c: np.concatenate([kept[c] for kept in self._kept]) if self._kept else np.zeros(0, bool) for c in names
+        }
+        counts = {c: dict(self.counts.columns.get(c, {})) for c in names}
+        return MaskReport(masks, counts, {"frozen": self.counts.frozen, "repeated": self.counts.repeated})
+
+    def _judge(self, size: int) -> Recording:
+        """Judge the next `size` records; `_before` records of halo stand before them in what waits."""
+        held = concat(self._waiting)
+        context = held.select(slice(0, min(len(held), self._before + size + self.halo)))
+        block = slice(self._before, self._before + size)
+        clean = self._clean(context, block)
+        first = max(0, block.stop - self.halo)
+        self._waiting = [held.select(slice(first, None))]
+        self._before, self._after = block.stop - first, self._after - size
+        return clean
+
+    def _clean(self, context: Recording, block: slice) -> Recording:
+        judged, settings = self.judged, self.judged.settings
+        own = context.select(block)
+        found = {c: local_reasons(context[c], self._limits(c), settings) for c in judged.columns}
+        usable = {c: np.where(np.any(list(f.values()), axis=0), np.nan, context[c]) for c, f in found.items()}
+        sensors = [c for c in judged.columns if c not in judged.inputs]
+        still = np.zeros(len(context), dtype=bool)
+        if judged.frozen:
+            inputs = [c for c in judged.columns if c in judged.inputs]
+            still = frozen(context, self._flights.of(context), sensors, inputs, settings.frozen_records)
+            if still.any():
+                usable |= {c: np.where(still, np.nan, usable[c]) for c in sensors}
+        self._search(usable, sensors, block, found)
+        counts, masks = {}, {}
+        for column, reasons in found.items():
+            masks[column], counts[column] = tally({why: mask[block] for why, mask in reasons.items()})
+            if column not in judged.inputs:
+                masks[column] = masks[column] | still[block]
+        self.counts.note(own, counts, int(np.count_nonzero(still[block])))
+        if self._keep_masks:
+            self._kept.append(masks)
+        return own.with_columns({c: np.where(masks[c], np.nan, own[c]) if masks[c].any() else own[c] for c in masks})
+
+    def _search(
+        self,
+        usable: Mapping[str, np.ndarray],
+        sensors: Sequence[str],
+        block: slice,
+        found: dict[str, dict[str, np.ndarray]],
+    ) -> None:
+        settings = self.judged.settings
+        spiked = outliers(usable, settings.outlier_sigma) if settings.outlier_sigma > 0.0 and sensors else {}
+        for column in sensors:
+            x = usable[column]
+            mask = np.zeros(len(x), dtype=bool)
+            if settings.stuck_records > 0:
+                rest = {c: v for c, v in usable.items() if c != column}
+                mask = stuck(x, rest, settings.stuck_records, self._span.get(column, (np.inf, -np.inf)))
+                self._go_on(column, x, mask, block)
+            found[column]["stuck"] = mask
+            found[column]["outlier"] = spiked.get(column, np.zeros(len(x), dtype=bool))
+
+    def _go_on(self, column: str, x: np.ndarray, mask: np.ndarray, block: slice) -> None:
+        """A sensor that was stuck when the last block ended is so until it moves; remember how this one ends."""
+        known = block.start + np.flatnonzero(np.isfinite(x[block]))
+        if known.size:
+            value = self._stuck_at.get(column)
+            if value is not None:
+                moved = np.flatnonzero(x[known] != value)
+                mask[known[: moved[0] if moved.size else known.size]] = True
+            if mask[known[-1]]:
+                self._stuck_at[column] = float(x[known[-1]])
+            else:
+                self._stuck_at.pop(column, None)
+            low, high = self._span.get(column, (np.inf, -np.inf))
+            self._span[column] = (min(low, float(x[known].min())), max(high, float(x[known].max())))
+
+    def _limits(self, column: str) -> tuple[float, float]:
+        return self.judged.limits.get(column) or physical_limits(column)
+
+
+class LiveMasker:
+    """For a file that is still being written, where nobody can wait for a halo: limits, missing values, repeated rows
+    and a recorder that has stood still for long enough by now. What takes a look ahead is not searched for."""
+
+    def __init__(self, judged: Judged):
+        self.judged = judged
+        self.counts = MaskCounts()
+        self._flights = FlightNumbers()
+        self._repeats = Repeats()
+        sensors = [c for c in judged.columns if c not in judged.inputs]
+        inputs = [c for c in judged.columns if c in judged.inputs]
+        self.watch = FrozenWatch(sensors, inputs, judged.settings.frozen_records if judged.frozen else 0)
+
+    def add(self, chunk: Recording) -> list[Recording]:
+        """The records (N,) with unusable values set to NaN, without those that were there already."""
+        if self.judged.repeated and len(chunk):
+            again = self._repeats.add(chunk, self._flights.of(chunk))
+            self.counts.repeated += int(again.sum())
+            chunk = chunk.select(~again) if again.any() else chunk
+        still = self.watch.add(chunk)
+        columns, counts = {}, {}
+        whole = QualitySettings(dropped_records=0)  # how long a gap lasts depends on what comes
+        for column in self.judged.columns:
+            limits = self.judged.limits.get(column) or physical_limits(column)
+            mask, counts[column] = tally(local_reasons(chunk[column], limits, whole))
+            mask = mask if column in self.judged.inputs else mask | still
+            columns[column] = np.where(mask, np.nan, chunk[column])
+        self.counts.note(chunk, counts, int(np.count_nonzero(still)))
+        return [chunk.with_columns(columns)]
+
+    def end(self) -> list[Recording]:
+        """Nothing: all has been handed out."""
+        return []
+
+
+def local_reasons(values: np.ndarray, limits: tuple[float, float], settings: QualitySettings) -> dict[str, np.ndarray]:
+    """Reason → mask (N,) of what a column's own values (N,) show: missing, dropped, out of limits."""
+    absent = ~np.isfinite(values)
+    dropped = in_runs(absent, settings.dropped_records) if settings.dropped_records else np.zeros(len(values), bool)
+    return {
+        "missing": absent & ~dropped,
+        "dropped": dropped,
+        "out of limits": ~absent & ((values < limits[0]) | (values > limits[1])),
+    }
+
+
+def mask_chunks(chunks: Iterable[Recording], masker: Masker | LiveMasker) -> Iterator[Recording]:
+    """The records of one file's chunks, masked; `masker.counts` is complete when the iterator ends."""
+    for chunk in chunks:
+        yield from masker.add(chunk)
+    yield from masker.end()
+
+
+def mask_recording(recording: Recording, judged: Judged) -> tuple[Recording, MaskReport]:
+    """A whole file (N records) masked as its stream would be. The result lacks repeated rows; masks are (M,) of it."""
+    masker = Masker(judged, keep_masks=True)
+    clean = concat(list(mask_chunks([recording], masker)))
+    return clean, masker.report()
