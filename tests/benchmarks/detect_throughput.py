@@ -14,7 +14,9 @@ import subprocess
 import sys
 import tempfile
 import time
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 ENGINE = Path(__file__).resolve().parents[2] / "configs" / "turbofan.yaml"
 TOOL = [sys.executable, "-m", "enginediag_cli"]
@@ -38,10 +40,22 @@ def measured(command: list[str]) -> tuple[float, float, float]:
     return float(told[1]), time.perf_counter() - start, float(told[2])
 
 
+def table(report: Mapping[str, Any]) -> None:
+    """Markdown table of what was measured."""
+    print("| `detect` | records per CPU second | per second of wall clock | peak memory |\n|---|---|---|---|")
+    for name, found in report.items():
+        if isinstance(found, Mapping):
+            print(
+                f"| {name} | {found['records_per_cpu_second']:,} | {found['records_per_second']:,} "
+                f"| {found['peak_memory_MB']} MB |"
+            )
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--records", type=int, default=1_000_000)
     parser.add_argument("--quick", action="store_true", help="100,000 records")
+    parser.add_argument("--table", action="store_true", help="a Markdown table instead of JSON")
     options = parser.parse_args()
     records = 100_000 if options.quick else options.records
     report: dict[str, object] = {"records": records}
@@ -67,7 +81,10 @@ def main() -> None:
             }
     report["machine_load"] = os.getloadavg()[0]
     report["children_cpu_s"] = round(resource.getrusage(resource.RUSAGE_CHILDREN).ru_utime, 1)
-    print(json.dumps(report, indent=2))
+    if options.table:
+        table(report)
+    else:
+        print(json.dumps(report, indent=2))
 
 
 if __name__ == "__main__":

@@ -17,11 +17,10 @@ from pathlib import Path
 
 import numpy as np
 
-from enginediag_cli.commands.windows import load_monitor
 from enginediag_cli.detection.follow import FlightMonitor
-from enginediag_cli.presentation.messages import Messages
+from enginediag_cli.intake.baseline import open_baseline
 from enginediag_cli.recordings.table import Recording
-from enginediag_cli.residuals.monitor import Monitor
+from enginediag_cli.residuals.monitor import Monitor, monitor_of
 from enginediag_cli.simulation.conditions import engine_inputs
 from enginediag_cli.simulation.default_flight import default_plan
 from enginediag_cli.simulation.flights import generate_flights
@@ -45,7 +44,7 @@ def nominal_monitor() -> Monitor:
         subprocess.run([*tool, *simulate], check=True)
         identify = ["identify", str(ENGINE), healthy, "--no-cross-validation", "-q", "-o", nominal]
         subprocess.run([*tool, *identify], check=True)
-        return load_monitor(Messages(), nominal, ())
+        return monitor_of(open_baseline(nominal))
 
 
 def flown(monitor: Monitor, seed: int, law: str, name: str, size: float) -> tuple[Recording, int]:

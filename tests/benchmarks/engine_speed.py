@@ -1,4 +1,4 @@
-"""Speed of the engine model as JSON on stdout: python tests/benchmarks/engine_speed.py
+"""Speed of the engine model as JSON on stdout: python tests/benchmarks/engine_speed.py [--table | --start-up]
 
 CPU time of one process on one core (set OPENBLAS_NUM_THREADS=1), best of five, start-up fit included;
 10,000 random operating points over the envelope at 30–100 % of the corrected power range, every balance
@@ -15,7 +15,9 @@ import subprocess
 import sys
 import tempfile
 import time
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "verification"))
@@ -138,7 +140,33 @@ def start_up() -> dict[str, float]:
         }
 
 
+ROWS = (
+    ("solve, per point", "solve_us_per_point", "µs"),
+    ("solve and ∂Φ/∂θ (12 outputs × 11 parameters), per point", "solve_and_sensitivities_us_per_point", "µs"),
+    ("one cold point, no fitted start", "one_cold_point_ms", "ms"),
+)
+
+
+def table(report: Mapping[str, Any]) -> None:
+    """Markdown table of the speeds."""
+    maps = [m for m in ("parametric_maps", "table_maps") if m in report]
+    print("| CPU time | " + " | ".join(m.replace("_", " ") for m in maps) + " |\n" + "|---" * (1 + len(maps)) + "|")
+    for title, key, unit in ROWS:
+        print(f"| {title} | " + " | ".join(f"{report[m][key]:.3g} {unit}" for m in maps) + " |")
+    memory = report["peak_memory_MB_100000_points_with_sensitivities"]
+    print(f"| peak memory, 100,000 points with sensitivities | {memory:.0f} MB |" + " |" * (len(maps) - 1))
+
+
+def start_table(ratios: Mapping[str, float]) -> None:
+    """Markdown table of the start-up ratios."""
+    print("| start-up, ratio of CPU times | |\n|---|---|")
+    for key, ratio in ratios.items():
+        print(f"| {key.replace('_', ' ')} | {ratio:.2f} |")
+
+
 def main() -> None:
+    if "--start-up" in sys.argv:
+        return start_table(start_up())
     engine = load_engine(ROOT / "configs" / "turbofan.yaml")
     report: dict[str, object] = {"parametric_maps": measure(engine, ROOT / "configs" / "turbofan.yaml")}
     if shared_data.available("jt9d"):
@@ -152,6 +180,8 @@ def main() -> None:
         "pyCycle_4.4_tabular_over_ours": PYCYCLE_S / cold_s,
         "GSPy_over_ours": GSPY_S / cold_s,
     }
+    if "--table" in sys.argv:
+        return table(report)
     report["start_up"] = start_up()
     print(json.dumps(report, indent=2))
 

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -40,6 +40,12 @@ GEOMETRIES = 2
 
 NOMINALS = {100: 200, 300: 120, 1000: 60}
 """How many nominals are identified from so many records: their rates scatter the more the fewer records they have."""
+
+DIGITS = (1, 2, 3)
+"""Decimals of a rate in per cent at each of RATES."""
+
+NORMAL_95 = 1.96
+"""Two-sided 95 % point of the normal law."""
 
 UNIFORM = -1.2
 """Excess kurtosis of the uniform law."""
@@ -163,23 +169,65 @@ def _alarms(
     return alarms
 
 
-def row(name: str, tally: Tally, shared: bool) -> str:
-    """A line of the table; shared: the windows of one nominal share its error."""
+def realised(tally: Tally, shared: bool) -> list[tuple[float, float, float]]:
+    """Rate at each of RATES with its 95 % interval; shared: the windows of one nominal share its error."""
     judged = np.array(tally.judged)
-    used = judged > 0
-    total, cells = int(judged.sum()), []
-    if not total:
-        return f"| {name} | {tally.refused} without verdict |  |  |  |"
-    for hits in np.array(tally.alarms).T:
+    used, total = judged > 0, int(judged.sum())
+    found = []
+    for hits in np.array(tally.alarms).T if total else ():
         k = int(hits.sum())
         low, high = beta.ppf(0.025, k, total - k + 1) if k else 0.0, beta.ppf(0.975, k + 1, total - k)
         if shared and used.sum() > 1:
-            error = 1.96 * np.std(hits[used] / judged[used], ddof=1) / np.sqrt(used.sum())
+            error = NORMAL_95 * np.std(hits[used] / judged[used], ddof=1) / np.sqrt(used.sum())
             low, high = min(low, max(k / total - error, 0.0)), max(high, k / total + error)
-        cells.append(f"{100 * k / total:.3f} ({100 * low:.3f}–{100 * high:.3f})")
+        found.append((k / total, float(low), float(high)))
+    return found
+
+
+def row(name: str, tally: Tally, shared: bool) -> str:
+    """A line of the table."""
+    total = int(np.sum(tally.judged))
+    if not total:
+        return f"| {name} | {tally.refused} without verdict |  |  |  |"
+    cells = [f"{100 * k:.3f} ({100 * low:.3f}–{100 * high:.3f})" for k, low, high in realised(tally, shared)]
     refused = f" and {tally.refused} without verdict" if tally.refused else ""
-    refused += f", {tally.unsettled} of {len(judged) + tally.unsettled} not identified" if tally.unsettled else ""
+    refused += f", {tally.unsettled} of {len(tally.judged) + tally.unsettled} not identified" if tally.unsettled else ""
     return f"| {name} | {total}{refused} | " + " | ".join(cells) + " |"
+
+
+@dataclass
+class Summary:
+    """Of a case, the lowest and highest rate over its phases; over all cases, how many rates lie within their 95 %
+    intervals, and on which side the others do."""
+
+    inside: int = 0
+    below: int = 0
+    above: int = 0
+
+    def line(self, case: str, tallies: Mapping[str, Tally], shared: bool) -> str:
+        rates = [found for t in tallies.values() if (found := realised(t, shared))]
+        for found in rates:
+            for rate, (_, low, high) in zip(RATES, found, strict=True):
+                self.inside += low <= rate <= high
+                self.below += high < rate
+                self.above += rate < low
+        cells = []
+        for i, digits in enumerate(DIGITS):
+            own = [100 * found[i][0] for found in rates]
+            cells.append(f"{min(own):.{digits}f}–{max(own):.{digits}f}" if own else "")
+        told = f"| {case} | " + " | ".join(cells) + " |"
+        unsettled = max(t.unsettled for t in tallies.values())
+        n = unsettled + max(len(t.judged) for t in tallies.values())
+        return told + (f"\n| … identifications that did not settle | {unsettled} of {n} | | |" if unsettled else "")
+
+
+def scatter(case: str, tallies: Mapping[str, Tally]) -> str:
+    """A line: how far the rates of single nominals at RATES[0] lie apart, standard deviation in points, by phase."""
+    cells = []
+    for tally in tallies.values():
+        each = [100 * a[0] / n for a, n in zip(tally.alarms, tally.judged, strict=True) if n]
+        cells.append(f"{np.std(each, ddof=1):.1f}" if len(each) > 1 else "–")
+    return f"| {case} | " + " | ".join(cells) + " |"
 
 
 CASES = [
@@ -189,10 +237,23 @@ CASES = [
 ]
 
 
+TOLD = ("nominal known", "identified, white or ρ = 0.5", "identified, ρ = 0.9")
+
+
+def _told(rho: float, records: int | None) -> str:
+    return TOLD[0] if records is None else TOLD[1] if rho < 0.9 else TOLD[2]
+
+
 def table(options: argparse.Namespace) -> Iterator[str]:
     """Lines of the table, as soon as they are known."""
     flown = fly(options.engine)
-    yield "| noise, nominal, phase | windows | at 5 % | at 1 % | at 0.1 % |\n|---|---|---|---|---|"
+    summaries = {told: Summary() for told in TOLD}
+    if options.scatter:
+        yield f"| points of {100 * RATES[0]:g} % | " + " | ".join((*PHASES, MISSING)) + " |\n" + "|---" * 6 + "|"
+    elif options.summary:
+        yield "| noise, nominal | at 5 % | at 1 % | at 0.1 % |\n|---|---|---|---|"
+    else:
+        yield "| noise, nominal, phase | windows | at 5 % | at 1 % | at 0.1 % |\n|---|---|---|---|---|"
     for kind, rho, records in CASES:
         noise = kind if not rho else f"AR(1) ρ = {rho:g}"
         case = f"{noise}, " + ("known" if records is None else f"identified from {records} records")
@@ -202,9 +263,21 @@ def table(options: argparse.Namespace) -> Iterator[str]:
         tallies = tested(
             rng, flown, kind, rho, records, windows=options.windows, length=options.length, nominals=options.nominals
         )
+        if options.scatter:
+            yield scatter(case, tallies)
+            continue
+        if options.summary:
+            yield summaries[_told(rho, records)].line(case, tallies, records is not None)
+            continue
         for phase, tally in tallies.items():
             yield row(f"{case}, {phase}", tally, records is not None)
-    if options.commands and options.only in ("", "commands"):
+    if options.summary:
+        for told, x in summaries.items():
+            n = x.inside + x.below + x.above
+            rates = f"{x.inside} of {n} | {x.below} lower | {x.above} higher"
+            yield f"| {told}: rates within their 95 % interval | {rates} |"
+        return
+    if options.commands and not options.scatter and options.only in ("", "commands"):
         for name, (alarms, judged) in end_to_end(options.seed, options.commands, RATES):
             yield row(name, Tally(list(alarms), list(judged)), True)
 
@@ -217,6 +290,8 @@ def main(arguments: list[str] | None = None) -> None:
     parser.add_argument("--commands", type=int, default=3000, help="windows per row through the commands")
     parser.add_argument("--engine", default=str(ROOT / "configs" / "turbofan.yaml"))
     parser.add_argument("--seed", type=int, default=2611)
+    parser.add_argument("--summary", action="store_true", help="one line per noise and nominal, without the commands")
+    parser.add_argument("--scatter", action="store_true", help="how far single nominals lie apart")
     parser.add_argument("--only", default="", help="cases whose name contains this text; `commands` for the last rows")
     for line in table(parser.parse_args(arguments)):
         print(line, flush=True)

@@ -1,4 +1,4 @@
-"""Speed of Monte-Carlo studies as JSON on stdout: python tests/benchmarks/study_speed.py [PROCESSES]
+"""Speed of Monte-Carlo studies as JSON on stdout: python tests/benchmarks/study_speed.py [--table] [PROCESSES]
 
 The paper's four cases, 2928 diagnoses on data of the full nonlinear engine, re-linearised, with the methods of
 configs/studies/paper.yaml (its healthy case left out), through the command line.
@@ -33,7 +33,8 @@ def four_cases(folder: Path) -> Path:
 
 
 def main() -> None:
-    processes = int(sys.argv[1]) if len(sys.argv) > 1 else 2
+    given = [a for a in sys.argv[1:] if a != "--table"]
+    processes = int(given[0]) if given else 2
     with tempfile.TemporaryDirectory() as scratch:
         file = four_cases(Path(scratch))
         before, begun = resource.getrusage(resource.RUSAGE_CHILDREN), time.perf_counter()
@@ -70,7 +71,12 @@ def main() -> None:
             f"{entry['case']} {entry['method']}": entry["seconds_per_diagnosis"] for entry in result["cases"]
         },
     }
-    print(json.dumps(report, indent=2))
+    if "--table" in sys.argv:
+        print("| diagnoses | methods | processes | wall clock | CPU time, start-up included |\n|---|---|---|---|---|")
+        methods = len({entry["method"] for entry in result["cases"]})
+        print(f"| {DIAGNOSES} | {methods} | {processes} | {wall:.0f} s | {used:.0f} s |")
+    else:
+        print(json.dumps(report, indent=2))
 
 
 if __name__ == "__main__":

@@ -1,9 +1,9 @@
 """What the search makes of effects concealed in recordings of a simulator that is not ours (pyCycle 4.4).
 
 `python tests/verification/pycycle_concealed.py` prints, for each recording: what is missing and where, the fit before
-and after, on readings that were not used, and only then the answer. The search sees the recordings and the engine
-file; the answers are opened by `opened` afterwards. Sensor noise of 0.05 to 0.3 % is added here; the stated map
-accuracy is the default, since this engine model is not that simulator (0.26 % apart at most).
+and after, on readings that were not used, and only then the answer; `--table` the same as a Markdown table. The search
+sees the recordings and the engine file; the answers are opened by `opened` afterwards. Sensor noise of 0.05 to 0.3 % is
+added here; the stated map accuracy is the default, since this engine model is not that simulator (0.26 % apart).
 """
 
 from __future__ import annotations
@@ -146,12 +146,53 @@ def opened(name: str) -> dict[str, np.ndarray]:
     return columns(name, FOLDER / "answers")
 
 
+def row(name: str, found: Found) -> str:
+    """The recording's row of the Markdown table."""
+    a, truth, healthy = found.answer, opened(name), opened("nominal")
+    changed = {k: v for k, v in truth.items() if np.abs(v - healthy[k][0]).max() > 0}
+    answer = "nothing is missing"
+    if a.status == NAMED:
+        answer = "; ".join(
+            ", ".join(f"{c.name} {c.value:.3f} ± {c.standard_error:.3f}" for c in x.coefficients)
+            for x in a.explanations
+        )
+    elif a.status == HIDDEN:
+        first, second = a.hidden[:2]
+        answer = (
+            f"an unrecorded driver at {first.location.name} (ln likelihood ratio {first.gain:.0f}; next "
+            f"{second.location.name}, {second.gain:.0f})"
+        )
+    r = [
+        np.corrcoef(found.amplitude[good], v[good])[0, 1]
+        for v in changed.values()
+        if found.amplitude is not None and np.ptp(v) > 0
+        for good in [np.isfinite(found.amplitude)]
+    ]
+    told = ", ".join(
+        f"{k} {v[0]:g}" if np.ptp(v) == 0 else f"{k} {v.min():.3g} to {v.max():.3g}" for k, v in changed.items()
+    )
+    misfit = f"{found.before:.2f} → {found.after:.2f}" if a.status in (NAMED, HIDDEN) else "–"
+    return f"| `{name}` | {answer} | {told or 'nothing'} | {misfit} | {f'{r[0]:.3f}' if r else '–'} |"
+
+
+def table(names: list[str], of: Engine) -> None:
+    print(
+        "| recording | answer of the search | what was concealed | χ² per reading not used, before → after "
+        "| correlation with the truth |\n|---|---|---|---|---|"
+    )
+    for name in names:
+        print(row(name, search(evidence(of, name))), flush=True)
+
+
 def main() -> None:
     if not shared_data.available("pycycle_hbtf"):
         sys.exit(shared_data.reason("pycycle_hbtf"))
     with tempfile.TemporaryDirectory() as scratch:
         of = engine(Path(scratch))
-        for name in sys.argv[1:] or RECORDINGS:
+        names = [a for a in sys.argv[1:] if not a.startswith("-")] or list(RECORDINGS)
+        if "--table" in sys.argv:
+            return table(names, of)
+        for name in names:
             found = search(evidence(of, name))
             a, truth = found.answer, opened(name)
             print(f"{name}: {a.status}. {a.reason}")
