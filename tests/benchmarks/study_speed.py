@@ -67,7 +67,7 @@ def main() -> None:
         "cpu_s_per_process": used / processes,
         "cpu_ms_per_diagnosis_all_methods": 1e3 * used / DIAGNOSES,
         "seconds_per_diagnosis": {
-            f"{entry['case']} {entry['method']}": entry["seconds_per_diagnosis"] for entry in result["cases"]
+            f"{entry['case']} {entry['method']}": entry["seconds_per_diagnosis"] for entry in result["timings"]
         },
     }
     print(json.dumps(report, indent=2))
