@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from enginediag_cli.commands.method_options import Rival, detect_by_method, method_options
 from enginediag_cli.commands.options import (
     exit_code_option,
     exit_codes,
@@ -44,6 +45,7 @@ if TYPE_CHECKING:
 @window_options
 @origin_options
 @false_alarm_option
+@method_options
 @click.option(
     "--detectable",
     is_flag=True,
@@ -86,6 +88,7 @@ def detect(
     patterns: tuple[str, ...],
     origin: Origin,
     false_alarm: float,
+    rival: Rival,
     detectable: bool,
     power: float,
     follow: bool,
@@ -109,7 +112,15 @@ def detect(
     ten; the alarm comes when it reaches 1/P of --false-alarm, at any time of the flight, and stays. Then `kind`
     says sudden fault, gradual deterioration, sensor jump, sensor drift, present from the start, or cannot tell,
     and onset_s since when, with its 95 % interval.
+
+    With --method, another method judges each window: rows hold the statistic, threshold and p value of each of its
+    tests, and what it names in `isolated`, which `isolated_kind` says are parameters of the engine or sensors.
     """
+    if rival:
+        rival.check(rival.chosen(linearise), nominal, recordings)
+        assert nominal is not None
+        judged = Intake(messages, load_monitor(messages, nominal, patterns), planned(window, step), linearise, origin)
+        return detect_by_method(rival, judged, nominal, recordings, false_alarm, exit_code, output)
     if follow:
         return _follow(
             messages,

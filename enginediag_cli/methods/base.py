@@ -10,6 +10,7 @@ class that says
     OPTIONS  its choices, as fields of a YAML section; each is a field of the dataclass with the same default
     learns   whether it needs windows believed healthy to train
     name     under which it is asked for
+    tests    names of its tests
     train    ties it to an engine; the fitted method's `diagnose` judges windows
 
 one line in `registry.py`, and one row of the contract test. What holds for every method (that test asks it of each):
@@ -54,6 +55,11 @@ class Method(ABC):
     @abstractmethod
     def name(self) -> str:
         """Under which it is asked for."""
+
+    @property
+    @abstractmethod
+    def tests(self) -> tuple[str, ...]:
+        """Names of the tests of its verdicts, in their order."""
 
     @abstractmethod
     def train(self, monitor: Monitor, healthy: Windows | None = None) -> FittedMethod:

@@ -42,6 +42,10 @@ class ByScore(Method):
     OPTIONS: ClassVar[tuple[Field, ...]] = (LINEARISE_FIELD,)
     linearise: str = "estimate"
 
+    @property
+    def tests(self) -> tuple[str, ...]:
+        return ("GLR",)
+
     def train(self, monitor: Monitor, healthy: Windows | None = None) -> FittedMethod:
         return _Fitted(monitor, self)
 

@@ -66,8 +66,11 @@ class Journal(Generic[Key, Value]):
             self._rewrite(whole)
         finished = {}
         for number, line in enumerate(whole[1:], start=2):
+            found = _parsed(line)
             try:
-                key, value = form.entry(_parsed(line) or {})
+                if found is None:
+                    raise ValueError("not an object")
+                key, value = form.entry(found)
             except (KeyError, TypeError, ValueError, AttributeError):
                 raise DataError(f"{self.path}:{number}: not a line of {form.what}") from None
             finished[key] = value

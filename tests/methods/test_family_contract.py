@@ -33,6 +33,7 @@ def test_a_change_is_seen_and_nothing_is_named_without_an_alarm(name, healthy):
         {c: np.concatenate([mixed.inputs[c], calm.inputs[c]]) for c in calm.inputs}, np.concatenate([mixed.y, calm.y])
     )
     result = METHODS[name].train(toy_monitor(), healthy).diagnose(windows, 0.01)
+    assert tuple(test.name for test in result.tests) == METHODS[name].tests
     assert result.method == name and result.kind in (PARAMETERS, SENSORS, NOTHING)
     assert result.alarm[:20].all() and result.alarm[20:].mean() < 0.2
     assert result.evidence.shape == (40, len(result.names))

@@ -56,6 +56,10 @@ class ParameterEstimation(Method):
     def name(self) -> str:
         return "reestimation"
 
+    @property
+    def tests(self) -> tuple[str, ...]:
+        return ("joint",)
+
     def train(self, monitor: Monitor, healthy: Windows | None = None) -> _Fitted:
         if not self.width > 0:
             raise ValueError("`width` must be positive")

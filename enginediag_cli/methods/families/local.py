@@ -37,6 +37,10 @@ class LocalApproach(Method):
     def name(self) -> str:
         return "local"
 
+    @property
+    def tests(self) -> tuple[str, ...]:
+        return ("GLR",)
+
     def train(self, monitor: Monitor, healthy: Windows | None = None) -> _Fitted:
         if self.method not in METHODS:
             raise ValueError(f"`method` must be one of {', '.join(METHODS)}, not {self.method!r}")

@@ -59,6 +59,10 @@ class PredictionError(Method):
     def name(self) -> str:
         return "parity" if self.reduction == "mean" else f"parity_{self.reduction}"
 
+    @property
+    def tests(self) -> tuple[str, ...]:
+        return (self.reduction,)
+
     def train(self, monitor: Monitor, healthy: Windows | None = None) -> _Fitted:
         return _Fitted(monitor, self)
 

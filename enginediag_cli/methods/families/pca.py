@@ -70,6 +70,10 @@ class PrincipalComponents(Method):
     def name(self) -> str:
         return f"pca_{self.data}"
 
+    @property
+    def tests(self) -> tuple[str, ...]:
+        return ("T2", "SPE")
+
     def train(self, monitor: Monitor, healthy: Windows | None = None) -> FittedPca:
         """Learn from healthy windows; DataError when there are too few of them, or records without a reading."""
         if self.data not in DATA or self.spe_limit not in LIMITS:
@@ -92,9 +96,8 @@ class PrincipalComponents(Method):
         share, rank = np.cumsum(variance) / variance.sum(), int(np.sum(variance > NULL_VARIANCE * variance[0]))
         A = self.components or min(int(np.searchsorted(share, self.explained)) + 1, rank - 1)
         if not 0 < A < rank:
-            raise ValueError(
-                f"`components` must lie between 1 and {rank - 1}, not {A}: the data vary in {rank} directions"
-            )
+            unfit = ValueError if self.components else DataError
+            raise unfit(f"`components` must lie between 1 and {rank - 1}, not {A}: the data vary in {rank} directions")
         loadings = P_t[:A].T
         means, count = _means(_pieces(x, PIECES * d), centre, scale)
         used = count > 0

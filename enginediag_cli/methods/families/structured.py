@@ -45,6 +45,10 @@ class StructuredParity(Method):
     def name(self) -> str:
         return "parity_filtered"
 
+    @property
+    def tests(self) -> tuple[str, ...]:
+        return (self.reduction,)
+
     def train(self, monitor: Monitor, healthy: Windows | None = None) -> _Fitted:
         return _Fitted(monitor, self.reduction, self.largest)
 
