@@ -18,6 +18,7 @@ from enginediag_cli.commands.intake_options import (
     window_options,
 )
 from enginediag_cli.commands.judging import ending, open_intake, open_monitor, tell_files
+from enginediag_cli.commands.method_options import Rival, detect_by_method, method_options
 from enginediag_cli.commands.options import (
     FiniteRange,
     exit_code_option,
@@ -47,6 +48,7 @@ if TYPE_CHECKING:
 @window_options
 @monitor_option
 @false_alarm_option
+@method_options
 @click.option(
     "--detectable",
     is_flag=True,
@@ -74,6 +76,7 @@ def detect(
     judging: Judging,
     patterns: tuple[str, ...],
     false_alarm: float,
+    rival: Rival,
     detectable: bool,
     power: float,
     follow: Follow,
@@ -96,21 +99,29 @@ def detect(
     ten; the alarm comes when it reaches 1/P of --false-alarm, at any time of the flight, and stays. Then `kind`
     says sudden fault, gradual deterioration, sensor jump, sensor drift, present from the start, or cannot tell,
     and onset_s since when, with its 95 % interval.
+
+    With --method, another method judges each window: rows hold the statistic, threshold and p value of each of its
+    tests, and what it names in `isolated`, which `isolated_kind` says are parameters of the engine or sensors.
     """
+    if rival:
+        rival.check(rival.chosen(judging.linearise), nominal, source.files)
     if follow.wanted:
         check_follow(follow, judging, detectable)
+    if detectable and power <= false_alarm:
+        raise click.UsageError("--power must be larger than --false-alarm")
     from enginediag_cli.detection.verdict import judge
     from enginediag_cli.presentation.detection_rows import detection_row
     from enginediag_cli.recordings.provenance import header_lines
     from enginediag_cli.residuals.compact import compact
     from enginediag_cli.residuals.files import JudgedFiles
 
-    if detectable and power <= false_alarm:
-        raise click.UsageError("--power must be larger than --false-alarm")
     monitor = open_monitor(nominal, patterns, accept_changed_engine) if nominal else None
     if follow.wanted and monitor is not None:
         return run_follow(messages, follow, source, monitor, false_alarm, exit_code, output)
-    files = JudgedFiles(open_intake(source, monitor), compact(monitor) if monitor else None, judging)
+    files = JudgedFiles(open_intake(source, monitor), monitor, judging)
+    if rival:
+        return detect_by_method(messages, rival, files, false_alarm, exit_code, output)
+    files.monitor = compact(monitor) if monitor else None
     tally: Counter[str] = Counter()
 
     def rows() -> Iterator[dict[str, Any]]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 
@@ -22,8 +22,9 @@ from enginediag_cli.presentation.output import Output
 from enginediag_cli.trials.blind.kinds import KINDS, TRUTHS
 
 if TYPE_CHECKING:
-    from enginediag_cli.trials.blind.journal import Journal
+    from enginediag_cli.trials.blind.journal import Record
     from enginediag_cli.trials.blind.trial import Plan
+    from enginediag_cli.trials.journal import Journal
 
 
 @click.command(short_help="Prove on blind trials what the search for missing physics finds.", epilog=exit_codes())
@@ -99,44 +100,45 @@ def prove(
     maps. ENGINE.yaml is turbofan.yaml when not given. The same seed gives the same sheet, whatever --jobs.
     """
     from enginediag_cli.shipped import shipped
-    from enginediag_cli.trials.blind.journal import Journal, plan_key
+    from enginediag_cli.trials.blind.journal import plan_key, trials_journal
     from enginediag_cli.trials.blind.trial import Plan
 
     if resume and not trials_output:
         raise click.UsageError("--resume goes on from --trials-output FILE, which was not given")
     path = engine or str(shipped("turbofan.yaml"))
     plan = Plan(path, seed, TRUTHS if truth == "both" else (truth,), chosen or KINDS)
-    journal = Journal(Path(trials_output), plan_key(plan)) if trials_output else None
+    journal = trials_journal(Path(trials_output), plan_key(plan)) if trials_output else None
     records = _run(messages, plan, trials, jobs or os.cpu_count() or 1, journal, resume)
     _say(messages, records)
     _write(plan, records, sizes, output)
 
 
 def _run(
-    messages: Messages, plan: Plan, trials: int, jobs: int, journal: Journal | None, resume: bool
-) -> list[dict[str, Any]]:
+    messages: Messages, plan: Plan, trials: int, jobs: int, journal: Journal[int, Record] | None, resume: bool
+) -> list[Record]:
     from enginediag_cli.errors import DataError
     from enginediag_cli.trials.blind.check import check_engine
     from enginediag_cli.trials.blind.pool import run_trials
+    from enginediag_cli.trials.pool import WorkerDiedError
 
     check_engine(plan.engine)
-    finished: dict[int, dict[str, Any]] = {}
+    finished: dict[int, Record] = {}
     if journal:
         finished = journal.read() if resume else {}
         if not finished:
-            if not resume and journal.path.exists() and journal.path.stat().st_size:
+            if not resume and journal.begun:
                 raise DataError(f"{journal.path} holds trials already: go on with --resume, or remove it")
-            journal.begin()
+            journal.write({})
     todo = [k for k in range(trials) if k not in finished]
     if finished:
         messages.note(f"{trials - len(todo)} of {trials} trials are in {journal.path if journal else ''}")
     running = run_trials(plan, todo, jobs)
     try:
-        for record in messages.progress(running, "prove", len(todo)):
-            finished[record["trial"]] = record
+        for number, record in messages.progress(running, "prove", len(todo)):
+            finished[number] = record
             if journal:
-                journal.add(record)
-    except KeyboardInterrupt:
+                journal.add(number, record)
+    except (KeyboardInterrupt, WorkerDiedError):
         if journal:
             messages.note(
                 f"{len(finished)} of {trials} trials are kept in {journal.path}; "
@@ -146,11 +148,11 @@ def _run(
     finally:
         running.close()
     if journal:
-        journal.end(finished.values())
+        journal.write(dict(sorted(finished.items())))
     return [finished[k] for k in range(trials)]
 
 
-def _say(messages: Messages, records: list[dict[str, Any]]) -> None:
+def _say(messages: Messages, records: list[Record]) -> None:
     """Facts about the run that are no part of the sheet."""
     seconds = sum(r["seconds"] for r in records) / len(records)
     explaining = sum(r["explainer_seconds"] for r in records) / len(records)
@@ -163,7 +165,7 @@ def _say(messages: Messages, records: list[dict[str, Any]]) -> None:
         messages.warning(f"trial {r['trial']}: the explainer failed: {r['error']}")
 
 
-def _write(plan: Plan, records: list[dict[str, Any]], sizes: bool, output: Output) -> None:
+def _write(plan: Plan, records: list[Record], sizes: bool, output: Output) -> None:
 
     from enginediag_cli.presentation.score_sheet_document import document
     from enginediag_cli.presentation.score_sheet_rows import LONG, bin_rows, rows, size_rows, table

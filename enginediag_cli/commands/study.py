@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -22,7 +23,9 @@ from enginediag_cli.presentation.summaries import STUDY
 
 if TYPE_CHECKING:
     from enginediag_cli.presentation.study_report import Results
-    from enginediag_cli.trials.studies.journal import Journal
+    from enginediag_cli.trials.journal import Journal
+    from enginediag_cli.trials.studies.batches import Batch
+    from enginediag_cli.trials.studies.journal import Tallies
     from enginediag_cli.trials.studies.study_file import Study
 
 SHOW = ("rates", "counts", "reliability")
@@ -81,13 +84,13 @@ def study(
     Data come from the full nonlinear engine. The same seed gives the same counts, on any number of processes. A
     study that was interrupted goes on where it stopped when the same command is given again with -o or --journal.
     """
-    from enginediag_cli.trials.studies.journal import Journal, study_key
+    from enginediag_cli.trials.studies.journal import study_journal, study_key
     from enginediag_cli.trials.studies.study_file import load_study
 
     described = load_study(file)
     seed = described.seed if seed is None else seed
     kept = Path(journal) if journal else None if output.to_stdout else Path(output.path + ".journal")
-    notes = Journal(kept, study_key(described, seed, repetitions)) if kept else None
+    notes = study_journal(kept, study_key(described, seed, repetitions)) if kept else None
     results = _run(messages, described, seed, repetitions, processes or os.cpu_count() or 1, notes)
     _write(described, results, seed, show, output, file)
     if notes and not journal:
@@ -95,24 +98,29 @@ def study(
 
 
 def _run(
-    messages: Messages, described: Study, seed: int, repetitions: int | None, processes: int, notes: Journal | None
+    messages: Messages,
+    described: Study,
+    seed: int,
+    repetitions: int | None,
+    processes: int,
+    notes: Journal[Batch, Tallies] | None,
 ) -> Results:
     from enginediag_cli.presentation.study_report import totals
-    from enginediag_cli.trials.studies.batches import batches
-    from enginediag_cli.trials.studies.pool import run_batches
+    from enginediag_cli.trials.pool import WorkerDiedError, run_pieces
+    from enginediag_cli.trials.studies.batches import batches, run_batch
 
     every = batches(described, repetitions)
     finished = notes.read() if notes else {}
     todo = [batch for batch in every if batch not in finished]
     if finished:
         messages.note(f"{len(every) - len(todo)} of {len(every)} batches are in {notes.path if notes else ''}")
-    running = run_batches(described.path, seed, todo, processes)
+    running = run_pieces(partial(run_batch, described.path, seed), todo, processes)
     try:
         for batch, tallies in messages.progress(running, described.path.stem, len(todo)):
             finished[batch] = tallies
             if notes:
                 notes.add(batch, tallies)
-    except KeyboardInterrupt:
+    except (KeyboardInterrupt, WorkerDiedError):
         if notes:
             messages.note(
                 f"{len(finished)} of {len(every)} batches are kept in {notes.path}; the same command goes on from there"

@@ -10,6 +10,8 @@ from enginediag_cli.residuals.pipeline import WindowStatistics
 from enginediag_cli.residuals.score import Score, fisher_score
 
 HEALTHY, FAULT, NO_VERDICT = "healthy", "fault", "no verdict"
+NOISE_UNKNOWN = "the noise was identified from too few independent records"
+"""Why a window has no verdict where no threshold keeps its false-alarm rate."""
 
 
 HARDLY_KNOWN = 0.5
@@ -42,5 +44,5 @@ def judge(window: WindowStatistics, false_alarm: float = 0.01) -> Verdict:
     if test.alarm is None:
         return Verdict(window, NO_VERDICT, "these operating points excite none of the monitored parameters")
     if unknown_noise(score):
-        return Verdict(window, NO_VERDICT, "the noise was identified from too few independent records")
+        return Verdict(window, NO_VERDICT, NOISE_UNKNOWN)
     return Verdict(window, FAULT if test.alarm else HEALTHY, "", test, lack_of_fit(window.statistics), score)

@@ -1,4 +1,7 @@
-"""The isolation methods by name, all from a `Score` to an `IsolationResult`."""
+"""The isolation methods by name: what each names of a `Score`, and the whole `IsolationResult` with rivals and sizes.
+
+What a method names is a function of its own, so that what judges thousands of windows need not look for rivals.
+"""
 
 from __future__ import annotations
 
@@ -19,7 +22,12 @@ from enginediag_cli.isolation.subsets import best_subsets
 from enginediag_cli.residuals.score import Score
 
 MAX_RIVALS = 20
+"""Rivals that are told; more are counted. Nobody reads further."""
 MAX_RIVAL_TESTS = 5000
+"""Sets that are tested for being rivals: about a second of work."""
+
+Named = tuple[tuple[str, ...], float]
+"""The parameters that changed, and the probability that it is exactly these: NaN from a method that states none."""
 
 
 @dataclass(frozen=True)
@@ -37,6 +45,34 @@ class IsolationOptions:
     coverage: float = 0.95
     confidence: float = 0.95
     largest: int | None = None
+
+
+def most_probable(score: Score, options: IsolationOptions) -> Named:
+    """The most probable set among all sets."""
+    posterior = set_posterior(score, options.prior, largest=options.largest, faults=options.faults)
+    return posterior.names(0), float(posterior.probabilities[0])
+
+
+def grown(score: Score, options: IsolationOptions) -> Named:
+    """The set that the paper's incremental algorithm ends with."""
+    found = incremental_diagnosis(
+        score, false_alarm=options.false_alarm, faults=options.faults, largest=options.largest
+    )
+    return found.isolated, float("nan")
+
+
+def best_of_size(score: Score, options: IsolationOptions) -> Named:
+    """The set of `faults` parameters (default one) with the largest sensitivity statistic, eq. (13)."""
+    return _best_of_size(score, options)[0], float("nan")
+
+
+def inimitable(score: Score, options: IsolationOptions) -> Named:
+    """Parameters whose change no other can imitate, by Holm; with `faults` = q, the q with the largest statistics."""
+    named, adjusted = holm_minmax(score, options.false_alarm)
+    if options.faults is not None:
+        order = sorted(range(len(adjusted)), key=lambda i: (adjusted[i], i))
+        named = tuple(score.parameters[i] for i in sorted(order[: options.faults]))
+    return named, float("nan")
 
 
 def by_posterior(score: Score, options: IsolationOptions) -> IsolationResult:
@@ -96,11 +132,10 @@ def by_incremental(score: Score, options: IsolationOptions) -> IsolationResult:
 
 
 def by_sensitivity(score: Score, options: IsolationOptions) -> IsolationResult:
-    """The set of `faults` parameters (default one) with the largest sensitivity statistic, eq. (13)."""
-    best = best_subsets(score, options.faults or 1)
-    isolated = tuple(score.parameters[i] for i in best.sets[-1]) if best.sets else ()
+    """The answer of `best_of_size`; rivals as those of the incremental algorithm."""
+    isolated, exact = _best_of_size(score, options)
     rivals, left_out, searched = _accepted_rivals(score, isolated, options.false_alarm)
-    notes = [] if best.exact else ["the search for the best set stopped at its limit"]
+    notes = [] if exact else ["the search for the best set stopped at its limit"]
     notes += [] if searched else ["rival sets were too many to test"]
     return IsolationResult(
         "sensitivity",
@@ -111,20 +146,14 @@ def by_sensitivity(score: Score, options: IsolationOptions) -> IsolationResult:
         1 - options.false_alarm,
         {},
         estimate_sizes(score, isolated, options.confidence),
-        best.exact,
+        exact,
         "; ".join(notes),
     )
 
 
 def by_minmax(score: Score, options: IsolationOptions) -> IsolationResult:
-    """Parameters whose change no other parameter can imitate, by Holm's step-down on min-max statistics.
-
-    With `faults` = q, the q parameters with the largest min-max statistics that can be tested.
-    """
-    named, adjusted = holm_minmax(score, options.false_alarm)
-    if options.faults is not None:
-        order = sorted(range(len(adjusted)), key=lambda i: (adjusted[i], i))
-        named = tuple(score.parameters[i] for i in sorted(order[: options.faults]))
+    """The answer of `inimitable`, which may name nothing although something changed."""
+    named, _ = inimitable(score, options)
     changed = score.rank > 0 and score.glr > threshold(score.rank, options.false_alarm)
     note = "a change is seen but no single parameter is sure to have changed" if changed and not named else ""
     return IsolationResult(
@@ -141,6 +170,14 @@ def by_minmax(score: Score, options: IsolationOptions) -> IsolationResult:
     )
 
 
+NAMING: dict[str, Callable[[Score, IsolationOptions], Named]] = {
+    "posterior": most_probable,
+    "incremental": grown,
+    "sensitivity": best_of_size,
+    "minmax": inimitable,
+}
+"""What each of METHODS names, without rivals and sizes."""
+
 METHODS: dict[str, Callable[[Score, IsolationOptions], IsolationResult]] = {
     "posterior": by_posterior,
     "incremental": by_incremental,
@@ -154,6 +191,15 @@ def isolate(score: Score, method: str = "posterior", options: IsolationOptions |
     if method not in METHODS:
         raise ValueError(f"`method` must be one of {', '.join(METHODS)}, not {method!r}")
     return METHODS[method](score, options or IsolationOptions())
+
+
+def _best_of_size(score: Score, options: IsolationOptions) -> tuple[tuple[str, ...], bool]:
+    """The best set of `faults` parameters, one where None, and whether the search for it came to its end."""
+    size = 1 if options.faults is None else options.faults
+    if not size:
+        return (), True
+    best = best_subsets(score, size)
+    return tuple(score.parameters[i] for i in best.sets[-1]) if best.sets else (), best.exact
 
 
 def _accepted_rivals(

@@ -1,1 +1,1 @@
-"""The methods that a study compares, one per file."""
+"""Methods of diagnosis behind one interface, one per file: what a study compares and `detect --method` offers."""

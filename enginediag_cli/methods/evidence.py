@@ -1,14 +1,13 @@
-"""What the methods of a study read: the windows of a batch, and their scores, computed once for all methods."""
+"""Windows with their scores, computed once for all methods that ask for them."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
 from time import process_time
 
 import numpy as np
 
-from enginediag_cli.methods.families.base import FittedFamily, Windows
+from enginediag_cli.methods.windows import Windows
 from enginediag_cli.residuals.local import block_statistics
 from enginediag_cli.residuals.monitor import Monitor
 from enginediag_cli.residuals.relinearise import relinearise
@@ -19,48 +18,44 @@ SMALL_STEP = 0.02
 health parameters the second order is below 1e-6, the noise of a mean of thousands of records above 1e-5."""
 
 
-@dataclass
-class Evidence:
-    """Windows with the number of changes `faults` (W,) in each, which only methods that are told it may read.
+@dataclass(frozen=True, eq=False)
+class Evidence(Windows):
+    """Windows of a monitor, and the scores of its monitored parameters.
 
-    trained(name): a family of residuals that knows the engine; `cost`: CPU seconds spent on shared scores; `used`:
-    what the method at work has asked for.
+    faults (W,): number of changes in each, which only methods that are told it may read; None where nobody knows.
+    cost: CPU seconds spent on what methods share; used: what the method at work has asked for.
     """
 
     monitor: Monitor
-    windows: Windows
-    faults: np.ndarray
-    false_alarm: float
-    trained: Callable[[str], FittedFamily]
+    faults: np.ndarray | None = None
     cost: dict[str, float] = field(default_factory=dict)
     used: set[str] = field(default_factory=set)
-    _nominal: _Prediction | None = None
-    _last: _Prediction | None = None
-    _scores: dict[str, tuple[list[Score], np.ndarray]] = field(default_factory=dict)
+    _shared: _Shared = field(default_factory=lambda: _Shared())
 
     def scores(self, linearise: str) -> tuple[list[Score], np.ndarray]:
         """Score of each window at its own "estimate" or at "nominal", and which converged (W,)."""
-        self.used |= {"predictions", linearise}
-        if self._last is None:
+        self.used.update({"predictions", linearise})
+        shared = self._shared
+        if shared.last is None:
             begun = process_time()
-            self._last = self._predicted(np.tile(self.monitor.theta0, (len(self._window), 1)))
-            self._nominal = self._last.copy()
+            shared.last = self._predicted(np.tile(self.monitor.theta0, (len(self._window), 1)))
+            shared.nominal = shared.last.copy()
             self.cost["predictions"] = process_time() - begun
-        if linearise not in self._scores:
+        if linearise not in shared.scores:
             begun = process_time()
-            self._scores[linearise] = self._linearised(linearise)
+            shared.scores[linearise] = self._linearised(linearise)
             self.cost[linearise] = process_time() - begun
-        return self._scores[linearise]
+        return shared.scores[linearise]
 
     @property
     def _window(self) -> np.ndarray:
-        return np.repeat(np.arange(self.windows.count), self.windows.length)
+        return np.repeat(np.arange(self.count), self.length)
 
     def _linearised(self, linearise: str) -> tuple[list[Score], np.ndarray]:
-        monitor, nominal = self.monitor, self._nominal
+        monitor, nominal = self.monitor, self._shared.nominal
         assert nominal is not None
-        W, n, m = self.windows.y.shape
-        y = self.windows.y.reshape(-1, m)
+        W, n, m = self.y.shape
+        y = self.y.reshape(-1, m)
         if linearise == "nominal":
             e, J, ok, converged = y - nominal.y, nominal.J, nominal.ok, np.ones(W, bool)
         else:
@@ -71,6 +66,7 @@ class Evidence:
                 monitor.precision,
                 monitor.noise,
                 window=self._window,
+                moving=len(monitor.monitored),
                 nominal=(nominal.y, nominal.J, nominal.ok),
                 bounds=(monitor.lower, monitor.upper),
             )
@@ -87,54 +83,73 @@ class Evidence:
             prior_sigma=monitor.prior_sigma,
             lags=lags,
         )
-        return [fisher_score(block.statistics) for block in blocks], converged
+        C = monitor.uncertainty
+        scores = [fisher_score(b.statistics, monitored=monitor.monitored, uncertainty=C) for b in blocks]
+        return scores, converged
 
     def _predict(self, theta: np.ndarray, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Model and sensitivities, evaluated anew where θ has moved by more than SMALL_STEP since the last time."""
-        last = self._last
+        """Model and sensitivities to what is monitored, evaluated anew where θ has moved by more than SMALL_STEP since
+        the last time."""
+        last = self._shared.last
         assert last is not None
         step = theta - last.theta[rows]
         far = np.any(np.abs(step) > SMALL_STEP * self.monitor.prior_sigma, axis=1)
         if far.any():
             at = rows[far]
-            last.put(at, self._predicted(theta[far], at, last.x[:, at]))
+            start = None if last.x is None else last.x[:, at]
+            last.put(at, self._predicted(theta[far], at, start, nuisance=False))
         beyond = np.where(far[:, None], 0.0, step)
         y = last.y[rows] + np.einsum("kjp,kp->kj", last.J[rows], beyond)
-        return y, last.J[rows], last.ok[rows]
+        return y, last.J[rows, :, : len(self.monitor.monitored)], last.ok[rows]
 
     def _predicted(
-        self, theta: np.ndarray, rows: np.ndarray | slice = slice(None), start: np.ndarray | None = None
+        self,
+        theta: np.ndarray,
+        rows: np.ndarray | slice = slice(None),
+        start: np.ndarray | None = None,
+        nuisance: bool = True,
     ) -> _Prediction:
         """One call of the engine for records `rows` at theta (n, p), from the unknowns `start` (nx, n)."""
-        names = self.monitor.names
-        same = np.all(theta == theta[:1], axis=0)
-        values = {name: float(theta[0, i]) if same[i] else theta[:, i] for i, name in enumerate(names)}
-        found = self.monitor.engine.predict(  # type: ignore[call-arg]
-            {c: v[rows] for c, v in self.windows.flat_inputs().items()},
-            values,
-            sensors=self.monitor.sensors,
-            wrt=names,
-            start=start,
-        )
-        return _Prediction(
-            theta, np.asarray(found.y), np.asarray(found.jacobian), np.asarray(found.ok), np.asarray(found.x)
-        )
+        inputs = {c: v[rows] for c, v in self.flat_inputs().items()}
+        y, J, ok, found = self.monitor.predict(inputs, theta, nuisance=nuisance, start=start)
+        x = getattr(found, "x", None)
+        return _Prediction(theta, y, J, ok, None if x is None else np.asarray(x))
+
+
+def evidence_of(monitor: Monitor, windows: Windows) -> Evidence:
+    """The windows as evidence for this monitor: themselves, if they are that already."""
+    if isinstance(windows, Evidence) and windows.monitor is monitor:
+        return windows
+    return Evidence(windows.inputs, windows.y, monitor)
+
+
+@dataclass
+class _Shared:
+    """What was computed so far."""
+
+    nominal: _Prediction | None = None
+    last: _Prediction | None = None
+    scores: dict[str, tuple[list[Score], np.ndarray]] = field(default_factory=dict)
 
 
 @dataclass
 class _Prediction:
-    """theta (n, p), y (n, m), J (n, m, p), ok (n,), unknowns x (nx, n) of n records."""
+    """theta (n, p), y (n, m), J (n, m, p), ok (n,), unknowns x (nx, n) of n records, None from a model that shows
+    none."""
 
     theta: np.ndarray
     y: np.ndarray
     J: np.ndarray
     ok: np.ndarray
-    x: np.ndarray
+    x: np.ndarray | None
 
     def copy(self) -> _Prediction:
-        return _Prediction(*(np.array(getattr(self, f.name)) for f in fields(self)))
+        x = None if self.x is None else self.x.copy()
+        return _Prediction(self.theta.copy(), self.y.copy(), self.J.copy(), self.ok.copy(), x)
 
     def put(self, rows: np.ndarray, new: _Prediction) -> None:
-        """Replace the records `rows`."""
-        self.theta[rows], self.y[rows], self.J[rows], self.ok[rows] = new.theta, new.y, new.J, new.ok
-        self.x[:, rows] = new.x
+        """Replace the records `rows`, with the sensitivities that the new prediction has."""
+        self.theta[rows], self.y[rows], self.ok[rows] = new.theta, new.y, new.ok
+        self.J[rows, :, : new.J.shape[2]] = new.J
+        if self.x is not None and new.x is not None:
+            self.x[:, rows] = new.x

@@ -2,22 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any
+from dataclasses import dataclass
+from typing import ClassVar
 
-from enginediag_cli.config.fields import Section
-from enginediag_cli.isolation.incremental import incremental_diagnosis
-from enginediag_cli.methods.answers import LEVEL_FIELD, LINEARISE_FIELD, Answers, by_score
-from enginediag_cli.methods.evidence import Evidence
+from enginediag_cli.config.fields import Field
+from enginediag_cli.isolation.methods import IsolationOptions, grown
+from enginediag_cli.methods.by_score import LEVEL_FIELD, LINEARISE_FIELD, ByScore
 from enginediag_cli.residuals.score import Score
 
-SECTION = Section("incremental", "the paper's incremental diagnosis", (LINEARISE_FIELD, LEVEL_FIELD))
 
+@dataclass(frozen=True)
+class Incremental(ByScore):
+    """`level` of its rejection tests; that of the detection test where None."""
 
-def answer(evidence: Evidence, options: Mapping[str, Any]) -> Answers:
-    level = options["level"] or evidence.false_alarm
+    HELP: ClassVar[str] = "the paper's incremental diagnosis"
+    OPTIONS: ClassVar[tuple[Field, ...]] = (LINEARISE_FIELD, LEVEL_FIELD)
+    level: float | None = None
 
-    def isolate(window: int, score: Score) -> tuple[tuple[str, ...], float]:
-        return incremental_diagnosis(score, false_alarm=level).isolated, float("nan")
+    @property
+    def name(self) -> str:
+        return "incremental"
 
-    return by_score(evidence, options["linearise"], isolate)
+    def named(self, score: Score, false_alarm: float, number: int | None) -> tuple[tuple[str, ...], float]:
+        return grown(score, IsolationOptions(false_alarm=self.level or false_alarm))

@@ -2,24 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any
+from dataclasses import dataclass
+from typing import ClassVar
 
-from enginediag_cli.config.fields import Section
-from enginediag_cli.isolation.holm import holm_minmax
-from enginediag_cli.methods.answers import LEVEL_FIELD, LINEARISE_FIELD, Answers, by_score
-from enginediag_cli.methods.evidence import Evidence
+from enginediag_cli.config.fields import Field
+from enginediag_cli.isolation.methods import IsolationOptions, inimitable
+from enginediag_cli.methods.by_score import LEVEL_FIELD, LINEARISE_FIELD, ByScore
 from enginediag_cli.residuals.score import Score
 
-SECTION = Section(
-    "minmax", "min-max tests of single parameters, multiple comparison by Holm", (LINEARISE_FIELD, LEVEL_FIELD)
-)
 
+@dataclass(frozen=True)
+class MinMax(ByScore):
+    """`level` of the comparison; that of the detection test where None."""
 
-def answer(evidence: Evidence, options: Mapping[str, Any]) -> Answers:
-    level = options["level"] or evidence.false_alarm
+    HELP: ClassVar[str] = "min-max tests of single parameters, multiple comparison by Holm"
+    OPTIONS: ClassVar[tuple[Field, ...]] = (LINEARISE_FIELD, LEVEL_FIELD)
+    level: float | None = None
 
-    def isolate(window: int, score: Score) -> tuple[tuple[str, ...], float]:
-        return holm_minmax(score, level)[0], float("nan")
+    @property
+    def name(self) -> str:
+        return "minmax"
 
-    return by_score(evidence, options["linearise"], isolate)
+    def named(self, score: Score, false_alarm: float, number: int | None) -> tuple[tuple[str, ...], float]:
+        return inimitable(score, IsolationOptions(false_alarm=self.level or false_alarm))

@@ -2,22 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any
+from dataclasses import dataclass
+from typing import ClassVar
 
-from enginediag_cli.config.fields import Field, Section
-from enginediag_cli.isolation.posterior import set_posterior
+from enginediag_cli.config.fields import Field
+from enginediag_cli.isolation.methods import IsolationOptions, most_probable
 from enginediag_cli.isolation.prior import SetPrior
-from enginediag_cli.methods.answers import LINEARISE_FIELD, Answers, by_score
-from enginediag_cli.methods.evidence import Evidence
+from enginediag_cli.methods.by_score import LINEARISE_FIELD, ByScore
 from enginediag_cli.residuals.score import Score
 
 _DEFAULT = SetPrior()
 
-SECTION = Section(
-    "posterior",
-    "posterior probability of every set of changes",
-    (
+
+@dataclass(frozen=True)
+class Posterior(ByScore):
+    """Choices of the prior, see `SetPrior`; `largest` number of changes considered."""
+
+    HELP: ClassVar[str] = "posterior probability of every set of changes"
+    OPTIONS: ClassVar[tuple[Field, ...]] = (
         LINEARISE_FIELD,
         Field(
             "inclusion",
@@ -51,15 +53,17 @@ SECTION = Section(
             minimum=1e-6,
         ),
         Field("largest", "integer", "largest number of changes considered", None, minimum=1),
-    ),
-)
+    )
+    inclusion: float = _DEFAULT.inclusion
+    worn: float = _DEFAULT.worn
+    sensor: float = _DEFAULT.sensor
+    slabs: tuple[float, ...] = _DEFAULT.slabs
+    largest: int | None = None
 
+    @property
+    def name(self) -> str:
+        return "posterior"
 
-def answer(evidence: Evidence, options: Mapping[str, Any]) -> Answers:
-    prior = SetPrior(options["inclusion"], options["worn"], tuple(options["slabs"]), options["sensor"])
-
-    def isolate(window: int, score: Score) -> tuple[tuple[str, ...], float]:
-        found = set_posterior(score, prior, largest=options["largest"])
-        return found.names(0), float(found.probabilities[0])
-
-    return by_score(evidence, options["linearise"], isolate)
+    def named(self, score: Score, false_alarm: float, number: int | None) -> tuple[tuple[str, ...], float]:
+        prior = SetPrior(self.inclusion, self.worn, self.slabs, self.sensor)
+        return most_probable(score, IsolationOptions(prior=prior, largest=self.largest))

@@ -2,24 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any
+from dataclasses import dataclass
+from typing import ClassVar
 
-from enginediag_cli.config.fields import Section
-from enginediag_cli.isolation.subsets import best_subsets
-from enginediag_cli.methods.answers import LINEARISE_FIELD, Answers, by_score
-from enginediag_cli.methods.evidence import Evidence
+from enginediag_cli.isolation.methods import IsolationOptions, best_of_size
+from enginediag_cli.methods.by_score import ByScore
 from enginediag_cli.residuals.score import Score
 
-SECTION = Section(
-    "sensitivity", "the set of changes of the true size with the largest sensitivity statistic", (LINEARISE_FIELD,)
-)
 
+@dataclass(frozen=True)
+class Sensitivity(ByScore):
+    """In a study it is told how many parameters changed; elsewhere it names one."""
 
-def answer(evidence: Evidence, options: Mapping[str, Any]) -> Answers:
-    def isolate(window: int, score: Score) -> tuple[tuple[str, ...], float]:
-        size = int(evidence.faults[window])
-        sets = best_subsets(score, size).sets if size else ()
-        return tuple(score.parameters[i] for i in sets[-1]) if sets else (), float("nan")
+    HELP: ClassVar[str] = "the set of changes of the true size with the largest sensitivity statistic"
 
-    return by_score(evidence, options["linearise"], isolate)
+    @property
+    def name(self) -> str:
+        return "sensitivity"
+
+    def named(self, score: Score, false_alarm: float, number: int | None) -> tuple[tuple[str, ...], float]:
+        return best_of_size(score, IsolationOptions(faults=number))

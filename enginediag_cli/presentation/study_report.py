@@ -5,12 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from enginediag_cli.trials.rates import counted
 from enginediag_cli.trials.studies.journal import Finished
 from enginediag_cli.trials.studies.study_file import Study
 from enginediag_cli.trials.studies.tally import EDGES, Tally
-
-CONFIDENCE = 0.95
-SHOW = ("rates", "counts", "reliability")
 
 Results = Mapping[tuple[str, str], Tally]
 
@@ -25,26 +23,8 @@ def totals(study: Study, finished: Finished) -> dict[tuple[str, str], Tally]:
     return found
 
 
-def binomial_interval(hits: int, n: int, confidence: float = CONFIDENCE) -> tuple[float, float]:
-    """Exact interval of a rate: Clopper, C. J. and Pearson, E. S. (1934) Biometrika 26, 404–413."""
-    from scipy.stats import beta
-
-    tail = (1 - confidence) / 2
-    low = float(beta.ppf(tail, hits, n - hits + 1)) if hits > 0 else 0.0
-    high = float(beta.ppf(1 - tail, hits + 1, n - hits)) if hits < n else 1.0
-    return low, high
-
-
-def rate(hits: int, n: int) -> dict[str, float] | None:
-    """Rate with its interval; None where there is nothing to count."""
-    if not n:
-        return None
-    low, high = binomial_interval(hits, n)
-    return {"rate": hits / n, "low": low, "high": high}
-
-
 def as_json(study: Study, results: Results, seed: int) -> dict[str, Any]:
-    """Everything, with counts that a script can check."""
+    """Everything, with counts that a script can check; `timings` alone differ from one run to the next."""
     names = study.monitor.names
     return {
         "cases": [_entry(case, method, one, names, study.reliability) for (case, method), one in results.items()],
@@ -53,7 +33,16 @@ def as_json(study: Study, results: Results, seed: int) -> dict[str, Any]:
         "records": study.records,
         "seed": seed,
         "parameters": list(names),
+        "timings": [
+            {"case": case, "method": method, "seconds_per_diagnosis": _seconds(one)}
+            for (case, method), one in results.items()
+        ],
     }
+
+
+def _seconds(x: Tally) -> float:
+    """CPU time of one diagnosis."""
+    return x.seconds / x.repetitions
 
 
 def _entry(case: str, method: str, x: Tally, names: tuple[str, ...], reliability: bool) -> dict[str, Any]:
@@ -71,13 +60,12 @@ def _entry(case: str, method: str, x: Tally, names: tuple[str, ...], reliability
         "mean_size": x.isolated / x.judged if named and x.judged else None,
         "parameter_counts": dict(zip(names, map(int, x.counts), strict=True)) if named else None,
         "parameter_counts_contained": dict(zip(names, map(int, x.counts_contained), strict=True)) if named else None,
-        "seconds_per_diagnosis": x.seconds / x.repetitions,
         "unchanged": x.unchanged,
         "false_alarms": x.false_alarms,
-        "false_alarm_rate": rate(x.false_alarms, x.unchanged),
-        "detected_rate": rate(x.detected - x.false_alarms, changed),
-        "exact_rate": rate(x.exact, x.repetitions) if named else None,
-        "contained_rate": rate(x.contained, x.repetitions) if named else None,
+        "false_alarm_rate": counted(x.false_alarms, x.unchanged),
+        "detected_rate": counted(x.detected - x.false_alarms, changed),
+        "exact_rate": counted(x.exact, x.repetitions) if named else None,
+        "contained_rate": counted(x.contained, x.repetitions) if named else None,
         "failed_records": x.failed_records,
     }
     if reliability and x.bins[:, 0].any():
@@ -90,7 +78,7 @@ def reliability_rows(x: Tally) -> list[dict[str, Any]]:
     rows = []
     for low, high, (count, right, stated) in zip(EDGES[:-1], EDGES[1:], x.bins, strict=True):
         if count:
-            realised = rate(int(right), int(count)) or {}
+            realised = counted(int(right), int(count)) or {}
             rows.append(
                 {
                     "from": float(low),
@@ -111,7 +99,7 @@ def rows(study: Study, results: Results, show: str) -> tuple[list[dict[str, Any]
         entry = _entry(case, method, x, study.monitor.names, False)
         place = {"case": case, "method": method}
         if show == "rates":
-            found.append(place | _rates(entry))
+            found.append(place | _rates(entry) | {"seconds_per_diagnosis": _seconds(x)})
         elif show == "counts":
             found.append(place | {"repetitions": x.repetitions} | (entry["parameter_counts"] or {}))
         else:
@@ -126,7 +114,7 @@ def _rates(entry: Mapping[str, Any]) -> dict[str, Any]:
         found = entry[f"{what}_rate"]
         row[what] = found["rate"] if found else None
         row[f"{what}_low"], row[f"{what}_high"] = (found["low"], found["high"]) if found else (None, None)
-    return row | {"mean_size": entry["mean_size"], "seconds_per_diagnosis": entry["seconds_per_diagnosis"]}
+    return row | {"mean_size": entry["mean_size"]}
 
 
 def shortened(row: Mapping[str, Any]) -> dict[str, Any]:

@@ -9,24 +9,24 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import reduce
+from functools import partial, reduce
 from operator import add
 
 import numpy as np
 
-from enginediag_cli.errors import DataError
 from enginediag_cli.progress import each
 from enginediag_cli.recordings.table import Recording
-from enginediag_cli.residuals.admission import JudgedChunk, check_inputs, judged_chunk
+from enginediag_cli.residuals.admission import JudgedChunk
 from enginediag_cli.residuals.blocks import Block
 from enginediag_cli.residuals.compact import CompactMonitor
-from enginediag_cli.residuals.groups import Key, Timeline, group_rows, runs
+from enginediag_cli.residuals.cut import cut
+from enginediag_cli.residuals.groups import Key, runs
 from enginediag_cli.residuals.local import block_statistics, local_statistics
 from enginediag_cli.residuals.monitor import Monitor
 from enginediag_cli.residuals.relinearise import relinearise
 from enginediag_cli.residuals.score import marginalise
 from enginediag_cli.residuals.statistics import LocalStatistics
-from enginediag_cli.residuals.windows import WindowAssembler, WindowPlan
+from enginediag_cli.residuals.windows import WindowPlan
 
 LINEARISE = ("estimate", "nominal")
 BATCH_RECORDS = 5_000
@@ -102,47 +102,19 @@ def window_statistics(
     if linearise not in LINEARISE:
         raise ValueError(f"`linearise` must be one of {', '.join(LINEARISE)}, not {linearise!r}")
     condense = condense or monitored_only(monitor)
-    assemblers: dict[Key, WindowAssembler[_Piece]] = {}
-    timelines: dict[Key, Timeline] = {}
-    source = None
     waiting: deque[list[_Piece]] = deque()
-    for recording in each(recordings, "records judged", size=len):
-        if recording.source != source:  # a new file: what was open in the old one is complete
-            waiting.extend(window for assembler in assemblers.values() for window in assembler.flush())
-            assemblers, timelines, source = {}, {}, recording.source
-        check_inputs(monitor, recording)
-        groups = group_rows(recording)
-        chunk = judged_chunk(monitor, recording, at_nominal=linearise == "nominal")
-        # a flight of which a whole chunk tells nothing has ended: memory holds the flights of one chunk
-        for ended in [key for key in assemblers if key not in dict(groups)]:
-            waiting.extend(assemblers.pop(ended).flush())
-            del timelines[ended]
-        for key, rows in groups:
-            assembler = assemblers.setdefault(key, WindowAssembler(plan))
-            part = recording.select(rows)
-            time = part.columns.get("time_s")
-            timeline = timelines.setdefault(key, Timeline())
-            if plan.in_time and (time is None or not np.all(np.isfinite(time))):
-                raise DataError(f"{recording.source}: windows in time need a column time_s without gaps")
-            position, lags = timeline.advance(len(part), time, plan.in_time)
-            if plan.in_time and timeline.breaks:
-                raise DataError(
-                    f"{recording.source}: time_s runs backwards; windows in time need one stretch of "
-                    "time per flight (a column `flight` tells flights apart)"
-                )
-            for number, piece in _pieces(monitor, part, chunk.of(rows), key, plan.blocks(position), lags):
-                waiting.extend(assembler.push(number, piece))
+    counted = each(recordings, "records judged", size=len)
+    for complete in cut(monitor, counted, plan, partial(_pieces, monitor), at_nominal=linearise == "nominal"):
+        waiting.extend(complete)
         yield from _finished(monitor, waiting, linearise, condense)
-    waiting.extend(window for assembler in assemblers.values() for window in assembler.flush())
-    yield from _finished(monitor, waiting, linearise, condense)
 
 
 def _pieces(
     monitor: Monitor, part: Recording, chunk: JudgedChunk, key: Key, blocks: np.ndarray, lags: np.ndarray
 ) -> Iterator[tuple[int, _Piece]]:
     """One piece per block number of the records of one group in one chunk."""
-    inputs, y, incomplete, outside, failed = chunk.inputs, chunk.y, chunk.incomplete, chunk.outside, chunk.failed
-    judged = ~incomplete & ~outside
+    inputs, y = chunk.inputs, chunk.y
+    judged = ~chunk.incomplete & ~chunk.outside
     # skipped records lengthen the lag of the next one that is judged
     elapsed = np.cumsum(np.where(np.isfinite(lags), lags, 1e9))
     kept = np.flatnonzero(judged)
@@ -161,30 +133,33 @@ def _pieces(
             lags=lags,
         )
         sums = dict(zip(blocks[kept][starts].tolist(), found, strict=True))
-    time = part.columns.get("time_s", np.full(len(part), np.nan))
     for i, k in runs(blocks):
         number = int(blocks[i])
-        source, flight, engine = key
-        window = WindowStatistics(
-            source,
-            flight,
-            engine,
-            int(part.line[i]),
-            int(part.line[k - 1]),
-            float(time[i]),
-            float(time[k - 1]),
-            k - i,
-            int(outside[i:k].sum()),
-            int(incomplete[i:k].sum()),
-            int(failed[i:k].sum()),
-            None,
-        )
+        window = place(part, chunk, key, slice(i, k))
         mine = slice(*np.searchsorted(kept, [i, k]))
         rows = kept[mine]
         yield (
             number,
             _Piece(window, sums.get(number), {c: v[rows] for c, v in inputs.items()}, y[rows], lags[mine]),
         )
+
+
+def place(part: Recording, chunk: JudgedChunk, key: Key, rows: slice) -> WindowStatistics:
+    """Bookkeeping of consecutive records of one group, without statistics."""
+    time = part.columns.get("time_s", np.full(len(part), np.nan))
+    first, last = rows.start, rows.stop - 1
+    return WindowStatistics(
+        *key,
+        int(part.line[first]),
+        int(part.line[last]),
+        float(time[first]),
+        float(time[last]),
+        last + 1 - first,
+        int(chunk.outside[rows].sum()),
+        int(chunk.incomplete[rows].sum()),
+        int(chunk.failed[rows].sum()),
+        None,
+    )
 
 
 def _finished(
@@ -204,11 +179,15 @@ def _finished(
 
 
 def _whole(pieces: Sequence[_Piece]) -> WindowStatistics:
-    """Bookkeeping of a window from that of its pieces."""
-    first, last = pieces[0].window, pieces[-1].window
+    return joined([piece.window for piece in pieces])
+
+
+def joined(parts: Sequence[WindowStatistics]) -> WindowStatistics:
+    """Bookkeeping of a window from that of its pieces, in order."""
+    first, last = parts[0], parts[-1]
 
     def total(name: str) -> int:
-        return sum(getattr(piece.window, name) for piece in pieces)
+        return sum(getattr(part, name) for part in parts)
 
     return replace(
         first,
@@ -226,7 +205,7 @@ def _with_statistics(
 ) -> WindowStatistics:
     """The window with its condensed statistics, or with the reason why it has none."""
     if statistics is None or statistics.n == 0:
-        return replace(window, reason=reason or _nothing_judged(window))
+        return replace(window, reason=reason or nothing_judged(window))
     if reason:
         return replace(window, reason=reason)
     labelled = replace(
@@ -235,7 +214,8 @@ def _with_statistics(
     return condense(window, labelled)
 
 
-def _nothing_judged(window: WindowStatistics) -> str:
+def nothing_judged(window: WindowStatistics) -> str:
+    """Why a window has no verdict, where none of its records could be judged."""
     counts = [
         (window.outside, "outside the operating points identified"),
         (window.incomplete, "incomplete"),

@@ -68,7 +68,7 @@ def main() -> None:
         "cpu_s_per_process": used / processes,
         "cpu_ms_per_diagnosis_all_methods": 1e3 * used / DIAGNOSES,
         "seconds_per_diagnosis": {
-            f"{entry['case']} {entry['method']}": entry["seconds_per_diagnosis"] for entry in result["cases"]
+            f"{entry['case']} {entry['method']}": entry["seconds_per_diagnosis"] for entry in result["timings"]
         },
     }
     if "--table" in sys.argv:

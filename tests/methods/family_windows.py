@@ -8,7 +8,7 @@ from types import SimpleNamespace
 import numpy as np
 from toy_engine import SIGMA, toy_monitor
 
-from enginediag_cli.methods.families.base import Windows
+from enginediag_cli.methods.windows import Windows
 from enginediag_cli.parameters import Parameter
 from enginediag_cli.residuals.monitor import Monitor
 from enginediag_cli.residuals.noise import NoiseModel

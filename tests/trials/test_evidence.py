@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from enginediag_cli.methods.evidence import Evidence
+from enginediag_cli.methods.evidence import evidence_of
 from enginediag_cli.methods.families.local import window_scores
 from enginediag_cli.physics.engine_file import load_engine
 from enginediag_cli.simulation.noise import KINDS, column_noise
@@ -40,10 +40,6 @@ def case_of(changes=None, draw=None, repetitions=4):
     return build_case({"name": "x", "repetitions": repetitions, "changes": changes or {}, "draw": draw}, MONITOR)
 
 
-def untrained(name):
-    pytest.fail("no family of residuals is asked for")
-
-
 @pytest.fixture(scope="module")
 def trials():
     case = case_of({"hpc.efficiency": -0.02, "fan.flow_capacity": -0.01})
@@ -52,7 +48,7 @@ def trials():
 
 @pytest.mark.parametrize("linearise", ["estimate", "nominal"])
 def test_scores_are_those_of_the_local_approach(trials, linearise):
-    evidence = Evidence(MONITOR, trials.windows, np.full(4, 2), 0.01, untrained)
+    evidence = evidence_of(MONITOR, trials.windows)
     found, converged = evidence.scores(linearise)
     expected, also = window_scores(MONITOR, trials.windows, linearise)
     assert converged.all() and also.all()
@@ -64,7 +60,7 @@ def test_scores_are_those_of_the_local_approach(trials, linearise):
 
 
 def test_shared_scores_are_computed_once_and_their_cost_is_known(trials):
-    evidence = Evidence(MONITOR, trials.windows, np.full(4, 2), 0.01, untrained)
+    evidence = evidence_of(MONITOR, trials.windows)
     first = evidence.scores("estimate")
     assert evidence.scores("estimate") is first
     assert evidence.used == {"predictions", "estimate"} == set(evidence.cost)

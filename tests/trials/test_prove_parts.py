@@ -17,16 +17,16 @@ from enginediag_cli.trials.blind import kinds
 from enginediag_cli.trials.blind.causes import Cause, hypothesis, key
 from enginediag_cli.trials.blind.check import check_engine
 from enginediag_cli.trials.blind.flights import draw_flights, stack
-from enginediag_cli.trials.blind.journal import Journal
+from enginediag_cli.trials.blind.journal import trials_journal
 from enginediag_cli.trials.blind.map_error import draw_map_errors
 from enginediag_cli.trials.blind.opened import evidence_of
-from enginediag_cli.trials.blind.rates import rate, wilson
 from enginediag_cli.trials.blind.recorded import readings, record, write_open
 from enginediag_cli.trials.blind.score import Said, hidden_marks, interval_marks, marks
 from enginediag_cli.trials.blind.sealed import draw
 from enginediag_cli.trials.blind.separability import Separability, separability
 from enginediag_cli.trials.blind.sheet import sheet
 from enginediag_cli.trials.blind.visible import SELDOM, drawable, weights
+from enginediag_cli.trials.rates import rate, wilson
 
 CONFIGS = Path(__file__).parents[2] / "configs"
 
@@ -339,15 +339,14 @@ def test_targets_are_judged_as_they_are_worded(value, target, verdict):
 
 
 def test_a_journal_goes_on_after_a_line_cut_short(tmp_path):
-    journal = Journal(tmp_path / "t.jsonl", "key")
-    journal.begin()
-    journal.add({"trial": 1, "marks": {}})
-    journal.add({"trial": 0, "marks": {}})
+    journal = trials_journal(tmp_path / "t.jsonl", "key")
+    journal.add(1, {"trial": 1, "marks": {}})
+    journal.add(0, {"trial": 0, "marks": {}})
     with open(journal.path, "a", encoding="utf-8") as stream:
         stream.write('{"trial": 2, "ma')
     found = journal.read()
     assert sorted(found) == [0, 1]
-    journal.end(found.values())
+    journal.write(dict(sorted(found.items())))
     assert [line.split(",")[0] for line in journal.path.read_text(encoding="utf-8").splitlines()[1:]] == [
         '{"trial": 0',
         '{"trial": 1',
@@ -355,9 +354,9 @@ def test_a_journal_goes_on_after_a_line_cut_short(tmp_path):
 
 
 def test_a_journal_of_other_trials_is_refused(tmp_path):
-    Journal(tmp_path / "t.jsonl", "key").begin()
+    trials_journal(tmp_path / "t.jsonl", "key").write({})
     with pytest.raises(DataError, match="another seed, choice or engine"):
-        Journal(tmp_path / "t.jsonl", "other").read()
+        trials_journal(tmp_path / "t.jsonl", "other").read()
     (tmp_path / "x.jsonl").write_text("hello\n", encoding="utf-8")
     with pytest.raises(DataError, match="not a file of trials"):
-        Journal(tmp_path / "x.jsonl", "key").read()
+        trials_journal(tmp_path / "x.jsonl", "key").read()

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from scipy.stats import binom
 
-from enginediag_cli.methods.answers import Answers
-from enginediag_cli.presentation.study_report import binomial_interval
+from enginediag_cli.trials.rates import clopper_pearson
+from enginediag_cli.trials.studies.answers import Answers
 from enginediag_cli.trials.studies.tally import EDGES, Tally, tally
 
 CHANGES = np.array([[0.0, -0.01, 0.0], [0.0, 0.0, 0.0], [0.02, 0.0, 0.01], [0.01, 0.0, 0.0]])
@@ -52,11 +52,11 @@ def test_a_method_that_names_no_parameters_is_not_called_exact():
 
 @pytest.mark.parametrize("hits, n", [(3, 40), (39, 40), (20, 40)])
 def test_the_interval_is_where_the_binomial_tails_are_one_fortieth(hits, n):
-    low, high = binomial_interval(hits, n)
+    low, high = clopper_pearson(hits, n)
     assert binom.sf(hits - 1, n, low) == pytest.approx(0.025)
     assert binom.cdf(hits, n, high) == pytest.approx(0.025)
 
 
 def test_the_interval_of_none_and_of_all_is_one_sided():
-    assert binomial_interval(0, 100) == (0.0, pytest.approx(1 - 0.025**0.01))
-    assert binomial_interval(100, 100) == (pytest.approx(0.025**0.01), 1.0)
+    assert clopper_pearson(0, 100) == (0.0, pytest.approx(1 - 0.025**0.01))
+    assert clopper_pearson(100, 100) == (pytest.approx(0.025**0.01), 1.0)

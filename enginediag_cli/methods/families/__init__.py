@@ -1,1 +1,1 @@
-"""Five families of residuals behind one interface, to be compared on the same windows."""
+"""Methods that make residuals of their own: parity, observers, principal components, estimation, the local approach."""

@@ -19,14 +19,21 @@ from typing import ClassVar
 
 import numpy as np
 
-from enginediag_cli.methods.families.base import FamilyResult, FittedFamily, ResidualFamily, Windows, chi_square_test
+from enginediag_cli.config.fields import Field
+from enginediag_cli.methods.base import FittedMethod, Method
+from enginediag_cli.methods.by_score import LINEARISE_FIELD
 from enginediag_cli.methods.families.reestimate import linearised
 from enginediag_cli.methods.families.sums import holm, wald_statistics, window_sums
+from enginediag_cli.methods.verdicts import PARAMETERS, Verdicts, chi_square_test
+from enginediag_cli.methods.windows import Windows
 from enginediag_cli.residuals.monitor import Monitor
+
+CERTAIN = 1e-10
+"""Variance, in prior variances, of what nominal says for certain: small, and still invertible."""
 
 
 @dataclass(frozen=True)
-class EstimationResult(FamilyResult):
+class EstimationResult(Verdicts):
     """Adds the estimated changes (W, p) and their standard errors (W, p), infinite where undetermined."""
 
     change: np.ndarray
@@ -34,12 +41,24 @@ class EstimationResult(FamilyResult):
 
 
 @dataclass(frozen=True)
-class ParameterEstimation(ResidualFamily):
+class ParameterEstimation(Method):
     """Re-estimation held by a prior of `width` prior standard deviations; `linearise` as in the pipeline."""
 
-    name: ClassVar[str] = "estimation"
+    HELP: ClassVar[str] = "loose re-estimation of all parameters, a likelihood-ratio test and Wald tests of each"
+    OPTIONS: ClassVar[tuple[Field, ...]] = (
+        Field("width", "number", "how loosely changes are held, in prior standard deviations", 10.0, minimum=1e-3),
+        LINEARISE_FIELD,
+    )
     width: float = 10.0
     linearise: str = "estimate"
+
+    @property
+    def name(self) -> str:
+        return "reestimation"
+
+    @property
+    def tests(self) -> tuple[str, ...]:
+        return ("joint",)
 
     def train(self, monitor: Monitor, healthy: Windows | None = None) -> _Fitted:
         if not self.width > 0:
@@ -54,11 +73,11 @@ def loose_precision(monitor: Monitor, width: float) -> np.ndarray:
     change[:a] = width * monitor.prior_sigma[:a]
     scale = monitor.prior_sigma
     covariance = (monitor.uncertainty + np.diag(change**2)) / scale / scale[:, None]
-    return np.asarray(np.linalg.inv(covariance + 1e-10 * np.eye(len(scale))) / scale / scale[:, None])
+    return np.asarray(np.linalg.inv(covariance + CERTAIN * np.eye(len(scale))) / scale / scale[:, None])
 
 
 @dataclass(frozen=True)
-class _Fitted(FittedFamily):
+class _Fitted(FittedMethod):
     monitor: Monitor
     width: float
     linearise: str
@@ -83,9 +102,9 @@ class _Fitted(FittedFamily):
         test = chi_square_test("joint", joint, wald.rank, false_alarm)
         rejected = holm(chi2.sf(wald.wald, 1), false_alarm)
         return EstimationResult(
-            "estimation",
+            "reestimation",
             (test,),
-            "parameters",
+            PARAMETERS,
             monitor.monitored,
             "Wald statistic, chi-square with 1 degree of freedom",
             wald.wald,

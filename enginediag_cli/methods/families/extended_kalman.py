@@ -14,7 +14,11 @@ from enginediag_cli.methods.families.observer import Earlier, Linearisation, Obs
 class ExtendedKalman(Observer):
     """Observer with exact sensitivities of the engine. On a linear engine it is recursive least squares."""
 
-    name: ClassVar[str] = "extended_kalman"
+    HELP: ClassVar[str] = "Kalman filter with the parameters as states, linearised by the engine's sensitivities"
+
+    @property
+    def name(self) -> str:
+        return "extended_kalman"
 
     def linearise(self, model: ScaledModel, x: np.ndarray, P: np.ndarray, k: int, earlier: Earlier) -> Linearisation:
         y, H, ok = model(x, k)

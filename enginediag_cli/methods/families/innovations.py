@@ -17,8 +17,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from enginediag_cli.methods.families.base import DetectionTest, chi_square_test
+from enginediag_cli.methods.verdicts import DetectionTest, chi_square_test
 from enginediag_cli.residuals.excitation import RANK_TOLERANCE
+
+NO_VARIANCE = 1e-300
+"""Least variance that is divided by: of a state that is known for certain, which then counts as unmoved."""
 
 
 @dataclass(frozen=True)
@@ -52,6 +55,19 @@ class Healthy:
         return np.asarray(self.E + self.A + np.swapaxes(self.A, 1, 2) + self.C)
 
 
+@dataclass(frozen=True)
+class Innovation:
+    """Of one record of every window: ν (W, m) of covariance S (W, m, m), sensitivities H (W, m, p), noise R (W, m, m),
+    gain K (W, p, m), and which sensors are there (W, m)."""
+
+    nu: np.ndarray
+    S: np.ndarray
+    H: np.ndarray
+    R: np.ndarray
+    K: np.ndarray
+    present: np.ndarray
+
+
 @dataclass
 class InnovationRecord:
     """Per record: nis (W, n) = νᵀS⁻¹ν with mean and variance on a healthy engine; per lag and sensor the sum of
@@ -71,18 +87,9 @@ class InnovationRecord:
         shapes = [(W, n)] * 3 + [(W, lags, m)] * 2 + [(W, m)] * 2
         return cls(*(np.zeros(shape) for shape in shapes))
 
-    def add(
-        self,
-        k: int,
-        nu: np.ndarray,
-        S: np.ndarray,
-        H: np.ndarray,
-        R: np.ndarray,
-        K: np.ndarray,
-        present: np.ndarray,
-        healthy: Healthy,
-    ) -> Healthy:
+    def add(self, k: int, new: Innovation, healthy: Healthy) -> Healthy:
         """Take in the innovation of record k and move the healthy error on."""
+        nu, S, H, R, K, present = new.nu, new.S, new.H, new.R, new.K, new.present
         EH = healthy.E @ np.swapaxes(H, 1, 2)
         expected = R + H @ EH  # S⁰
         M = np.linalg.solve(S, expected)
@@ -131,7 +138,7 @@ def innovation_tests(record: InnovationRecord, lags: int, false_alarm: float) ->
 
 def final_state_test(x: np.ndarray, covariance: np.ndarray, false_alarm: float) -> DetectionTest:
     """Joint Wald test of the final state x (W, p) against nominal: xᵀ cov⁺ x ~ χ²(rank)."""
-    size = np.sqrt(np.maximum(np.einsum("wii->wi", covariance), 1e-300))
+    size = np.sqrt(np.maximum(np.einsum("wii->wi", covariance), NO_VARIANCE))
     eigenvalues, U = np.linalg.eigh(covariance / size[:, :, None] / size[:, None, :])
     kept = eigenvalues > RANK_TOLERANCE * np.maximum(eigenvalues[:, -1:], 0.0)
     v = np.einsum("wpi,wp->wi", U, x / size)

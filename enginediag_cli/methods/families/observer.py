@@ -23,12 +23,28 @@ from typing import ClassVar
 
 import numpy as np
 
-from enginediag_cli.methods.families.base import FamilyResult, FittedFamily, ResidualFamily, Windows
-from enginediag_cli.methods.families.innovations import Healthy, InnovationRecord, final_state_test, innovation_tests
+from enginediag_cli.config.fields import Field
+from enginediag_cli.methods.base import FittedMethod, Method
+from enginediag_cli.methods.families.innovations import (
+    NO_VARIANCE,
+    Healthy,
+    Innovation,
+    InnovationRecord,
+    final_state_test,
+    innovation_tests,
+)
 from enginediag_cli.methods.families.sums import holm
+from enginediag_cli.methods.verdicts import PARAMETERS, Verdicts
+from enginediag_cli.methods.windows import Windows
 from enginediag_cli.residuals.monitor import Monitor
 
 TESTS = ("nis", "whiteness", "state")
+OBSERVER_OPTIONS = (
+    Field("walk", "number", "how far parameters may wander in a window, in prior deviations", 0.1, minimum=0.0),
+    Field("initial", "number", "how far they may be off at its start, in prior deviations", 0.0, minimum=0.0),
+    Field("lags", "integer", "lags of the whiteness test", 3, minimum=1),
+    Field("tests", "texts", "which tests may raise the alarm: nis, whiteness, state", TESTS),
+)
 
 
 @dataclass(frozen=True)
@@ -65,7 +81,7 @@ class Earlier:
 
 
 @dataclass(frozen=True)
-class ObserverResult(FamilyResult):
+class ObserverResult(Verdicts):
     """Adds the trajectories of the monitored parameters (W, n, p) with their standard deviations, in their units,
     and the normalised innovations squared of every record (W, n)."""
 
@@ -75,19 +91,19 @@ class ObserverResult(FamilyResult):
 
 
 @dataclass(frozen=True)
-class Observer(ResidualFamily, ABC):
+class Observer(Method, ABC):
     """Common to the filters. walk, initial: tuning in prior standard deviations; lags of the whiteness test.
 
     tests: which of "nis", "whiteness" and "state" may raise the alarm; they share its false-alarm probability.
     """
 
-    name: ClassVar[str]
+    OPTIONS: ClassVar[tuple[Field, ...]] = OBSERVER_OPTIONS
     walk: float = 0.1
     initial: float = 0.0
     lags: int = 3
     tests: tuple[str, ...] = TESTS
 
-    def train(self, monitor: Monitor, healthy: Windows | None = None) -> FittedFamily:
+    def train(self, monitor: Monitor, healthy: Windows | None = None) -> FittedMethod:
         if not (self.walk >= 0 and self.initial >= 0 and self.walk + self.initial > 0):
             raise ValueError("`walk` and `initial` must not be negative, and one of them must be positive")
         if not self.tests or set(self.tests) - set(TESTS):
@@ -130,7 +146,7 @@ class ScaledModel:
 
 
 @dataclass(frozen=True)
-class _Fitted(FittedFamily):
+class _Fitted(FittedMethod):
     monitor: Monitor
     family: Observer
 
@@ -143,13 +159,13 @@ class _Fitted(FittedFamily):
         level = false_alarm / len(family.tests)
         tests = {test.name: test for test in innovation_tests(record, family.lags, level)}
         tests["state"] = final_state_test(x[:, :a], healthy.state_covariance()[:, :a, :a], level)
-        wald = x[:, :a] ** 2 / np.maximum(np.einsum("wii->wi", P)[:, :a], 1e-300)
+        wald = x[:, :a] ** 2 / np.maximum(np.einsum("wii->wi", P)[:, :a], NO_VARIANCE)
         chosen = tuple(tests[name] for name in family.tests)
         alarm = np.asarray(np.any([test.alarm for test in chosen], axis=0))
         return ObserverResult(
             family.name,
             chosen,
-            "parameters",
+            PARAMETERS,
             monitor.monitored,
             "Wald statistic of the final state, chi-square with 1 degree of freedom",
             wald,
@@ -169,17 +185,19 @@ class _Fitted(FittedFamily):
         a, p, scale = len(monitor.monitored), len(monitor.names), monitor.prior_sigma
         C = monitor.uncertainty / scale / scale[:, None]
         own = np.arange(p) < a
-        Q = np.diag(np.where(own, family.walk**2 / max(n, 1), 0.0))
+        ends = windows.ends
+        Q = np.where(own, family.walk**2, 0.0) / np.maximum(ends, 1)[:, None]
         x, P = np.zeros((W, p)), np.tile(C + np.diag(np.where(own, family.initial**2, 0.0)), (W, 1, 1))
         healthy = Healthy.start(C, W, family.lags)
         model, readings = ScaledModel(monitor, windows.inputs), windows.y / monitor.noise.sigma
         correlation = _between_sensors(monitor)
         record = InnovationRecord.empty(W, n, m, family.lags)
-        path, spread = np.zeros((W, n, a)), np.zeros((W, n, a))
+        path, spread, diagonal = np.zeros((W, n, a)), np.zeros((W, n, a)), np.arange(p)
         earlier = Earlier(x, np.zeros((W, m)), np.zeros((W, m, p)), np.zeros((W, m)))
         before, earlier_reading = np.zeros((W, m), bool), np.zeros((W, m))
         for k in range(n):
-            P = P + Q
+            # what fills a window up is no time in which anything could have wandered
+            P[:, diagonal, diagonal] += np.where((k < ends)[:, None], Q, 0.0)
             present = np.isfinite(readings[:, k])
             c = np.where(present & before, monitor.noise.rho, 0.0)
             earlier = Earlier(earlier.x, earlier.y, earlier.H, c)
@@ -193,7 +211,7 @@ class _Fitted(FittedFamily):
             R = R - np.einsum("wi,ij->wij", c**2 * present, np.eye(m))
             S = np.where(both, seen.spread, 0.0) + R
             K = np.swapaxes(np.linalg.solve(S, np.swapaxes(np.where(present[:, None], seen.cross, 0.0), 1, 2)), 1, 2)
-            healthy = record.add(k, nu, S, H, R, K, present, healthy)
+            healthy = record.add(k, Innovation(nu, S, H, R, K, present), healthy)
             # the record itself, without the share of the one before, is what the next one looks back to
             own_H = seen.H + c[:, :, None] * earlier.H
             own_y = seen.mean + earlier.share(x[:, None])[:, 0]

@@ -16,9 +16,11 @@ from typing import ClassVar
 
 import numpy as np
 
-from enginediag_cli.methods.families.base import FamilyResult, FittedFamily, ResidualFamily, Windows, chi_square_test
+from enginediag_cli.methods.base import FittedMethod, Method
 from enginediag_cli.methods.families.sums import WindowSums, nominal_residuals, window_sums
 from enginediag_cli.methods.families.whitening import white_residuals
+from enginediag_cli.methods.verdicts import NOTHING, Verdicts, chi_square_test
+from enginediag_cli.methods.windows import Windows
 from enginediag_cli.residuals.monitor import Monitor
 
 REDUCTIONS = ("mean", "records")
@@ -47,28 +49,36 @@ def reduced_sums(monitor: Monitor, windows: Windows, reduction: str) -> WindowSu
 
 
 @dataclass(frozen=True)
-class PredictionError(ResidualFamily):
+class PredictionError(Method):
     """The prediction error as residual; `reduction`: test its mean over the window, or all records."""
 
-    name: ClassVar[str] = "parity"
+    HELP: ClassVar[str] = "the prediction error at nominal, as parity equations: its mean, or all records"
     reduction: str = "mean"
 
+    @property
+    def name(self) -> str:
+        return "parity" if self.reduction == "mean" else f"parity_{self.reduction}"
+
+    @property
+    def tests(self) -> tuple[str, ...]:
+        return (self.reduction,)
+
     def train(self, monitor: Monitor, healthy: Windows | None = None) -> _Fitted:
-        return _Fitted(monitor, self.reduction)
+        return _Fitted(monitor, self)
 
 
 @dataclass(frozen=True)
-class _Fitted(FittedFamily):
+class _Fitted(FittedMethod):
     monitor: Monitor
-    reduction: str
+    method: PredictionError
 
-    def diagnose(self, windows: Windows, false_alarm: float = 0.01) -> FamilyResult:
-        sums = reduced_sums(self.monitor, windows, self.reduction)
-        test = chi_square_test(f"prediction error, {self.reduction}", sums.zz, sums.dof, false_alarm)
-        return FamilyResult(
-            "parity" if self.reduction == "mean" else "parity_records",
+    def diagnose(self, windows: Windows, false_alarm: float = 0.01) -> Verdicts:
+        sums = reduced_sums(self.monitor, windows, self.method.reduction)
+        test = chi_square_test(self.method.reduction, sums.zz, sums.dof, false_alarm)
+        return Verdicts(
+            self.method.name,
             (test,),
-            "none",
+            NOTHING,
             (),
             "",
             np.zeros((windows.count, 0)),

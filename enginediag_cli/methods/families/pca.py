@@ -26,9 +26,12 @@ from typing import ClassVar
 
 import numpy as np
 
+from enginediag_cli.config.fields import Field
 from enginediag_cli.errors import DataError
-from enginediag_cli.methods.families.base import DetectionTest, FamilyResult, FittedFamily, ResidualFamily, Windows
+from enginediag_cli.methods.base import FittedMethod, Method
 from enginediag_cli.methods.families.sums import nominal_residuals
+from enginediag_cli.methods.verdicts import SENSORS, DetectionTest, Verdicts
+from enginediag_cli.methods.windows import Windows
 from enginediag_cli.residuals.monitor import Monitor
 
 DATA = ("raw", "corrected")
@@ -37,22 +40,39 @@ PIECES = 4
 """Means wanted per column to estimate their covariance; fewer healthy windows than that are cut into pieces."""
 SHORTEST = 10
 """Records that a piece holds at least."""
+STILL = 1e-12
+"""Scatter of a column, relative to its mean, that is rounding: the column never changes."""
+NULL_VARIANCE = 1e-9
+"""Variance of a component, relative to the largest, that is rounding: the data do not vary in that direction."""
 
 
 @dataclass(frozen=True)
-class PrincipalComponents(ResidualFamily):
+class PrincipalComponents(Method):
     """data: "raw" inputs and outputs, or "corrected" for the operating condition by the model (residuals).
 
     explained: share of variance that the principal components hold, unless `components` says how many;
     spe_limit: "jackson_mudholkar" or "box".
     """
 
-    name: ClassVar[str] = "pca"
+    HELP: ClassVar[str] = "principal components of healthy data, T² and SPE: raw, or corrected by the model"
+    OPTIONS: ClassVar[tuple[Field, ...]] = (
+        Field("explained", "number", "share of variance in the components", 0.9, minimum=1e-3, maximum=0.999),
+        Field("components", "integer", "number of components, instead of a share", None, minimum=1),
+        Field("spe_limit", "choice", "limit of SPE", "jackson_mudholkar", choices=LIMITS),
+    )
     learns: ClassVar[bool] = True
     data: str = "raw"
     explained: float = 0.9
     components: int | None = None
     spe_limit: str = "jackson_mudholkar"
+
+    @property
+    def name(self) -> str:
+        return f"pca_{self.data}"
+
+    @property
+    def tests(self) -> tuple[str, ...]:
+        return ("T2", "SPE")
 
     def train(self, monitor: Monitor, healthy: Windows | None = None) -> FittedPca:
         """Learn from healthy windows; DataError when there are too few of them, or records without a reading."""
@@ -70,15 +90,14 @@ class PrincipalComponents(ResidualFamily):
             raise DataError(f"PCA of {d} columns needs more than {2 * d} complete healthy records, not {len(rows)}")
         centre, scale = rows.mean(axis=0), rows.std(axis=0, ddof=1)
         # a column that never changes has nothing to say: infinite scale makes it silent
-        scale = np.where(scale > 1e-12 * np.abs(centre), scale, np.inf)
+        scale = np.where(scale > STILL * np.abs(centre), scale, np.inf)
         _, singular, P_t = np.linalg.svd((rows - centre) / scale, full_matrices=False)
         variance = singular**2 / (len(rows) - 1)
-        share, rank = np.cumsum(variance) / variance.sum(), int(np.sum(variance > 1e-9 * variance[0]))
+        share, rank = np.cumsum(variance) / variance.sum(), int(np.sum(variance > NULL_VARIANCE * variance[0]))
         A = self.components or min(int(np.searchsorted(share, self.explained)) + 1, rank - 1)
         if not 0 < A < rank:
-            raise ValueError(
-                f"`components` must lie between 1 and {rank - 1}, not {A}: the data vary in {rank} directions"
-            )
+            unfit = ValueError if self.components else DataError
+            raise unfit(f"`components` must lie between 1 and {rank - 1}, not {A}: the data vary in {rank} directions")
         loadings = P_t[:A].T
         means, count = _means(_pieces(x, PIECES * d), centre, scale)
         used = count > 0
@@ -104,7 +123,7 @@ class PrincipalComponents(ResidualFamily):
 
 
 @dataclass(frozen=True)
-class FittedPca(FittedFamily):
+class FittedPca(FittedMethod):
     """The principal component model: columns (d,), centre and scale (d,), loadings P_A (d, A), `variance` of all
     components (d,), inverse covariance (A, A) of √n t̄, eigenvalues of the RS part of √n x̄, healthy windows w."""
 
@@ -119,7 +138,7 @@ class FittedPca(FittedFamily):
     residual_spectrum: np.ndarray
     windows: int
 
-    def diagnose(self, windows: Windows, false_alarm: float = 0.01) -> FamilyResult:
+    def diagnose(self, windows: Windows, false_alarm: float = 0.01) -> Verdicts:
         _, x = data_matrix(self.monitor, windows, self.family.data)
         means, count = _means(x, self.centre, self.scale)
         v = np.where(count[:, None] > 0, means * np.sqrt(count)[:, None], np.nan)
@@ -130,10 +149,9 @@ class FittedPca(FittedFamily):
         alarm = np.any([test.alarm for test in tests], axis=0)
         isolated = np.zeros(v.shape, bool)
         isolated[alarm, np.argmax(evidence[alarm], axis=1)] = True
-        name = "pca_raw" if self.family.data == "raw" else "pca_corrected"
         meaning = "contribution to the statistic that exceeds its limit most"
         every = np.ones(windows.count, bool)
-        return FamilyResult(name, tests, "sensors", self.columns, meaning, evidence, isolated, every)
+        return Verdicts(self.family.name, tests, SENSORS, self.columns, meaning, evidence, isolated, every)
 
     def tests(self, v: np.ndarray, false_alarm: float) -> tuple[DetectionTest, DetectionTest]:
         """T² and SPE of scaled √n-fold means v (W, d), each at probability `false_alarm`."""

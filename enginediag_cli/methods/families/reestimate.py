@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from enginediag_cli.methods.families.base import Windows
 from enginediag_cli.methods.families.sums import nominal_residuals
+from enginediag_cli.methods.windows import Windows
 from enginediag_cli.residuals.monitor import Monitor
 from enginediag_cli.residuals.pipeline import LINEARISE
 from enginediag_cli.residuals.relinearise import relinearise

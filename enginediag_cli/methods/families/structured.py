@@ -19,20 +19,35 @@ from typing import ClassVar
 
 import numpy as np
 
-from enginediag_cli.methods.families.base import FamilyResult, FittedFamily, ResidualFamily, Windows, chi_square_test
-from enginediag_cli.methods.families.parity import reduced_sums
+from enginediag_cli.config.fields import Field
+from enginediag_cli.methods.base import FittedMethod, Method
+from enginediag_cli.methods.families.parity import REDUCTIONS, reduced_sums
 from enginediag_cli.methods.families.sums import WindowSums
+from enginediag_cli.methods.verdicts import PARAMETERS, Verdicts, chi_square_test
+from enginediag_cli.methods.windows import Windows
 from enginediag_cli.residuals.excitation import RANK_TOLERANCE
 from enginediag_cli.residuals.monitor import Monitor
 
 
 @dataclass(frozen=True)
-class StructuredParity(ResidualFamily):
+class StructuredParity(Method):
     """Structured residuals; `largest`: how many parameters a set may hold; `reduction` as in `PredictionError`."""
 
-    name: ClassVar[str] = "parity_filtered"
+    HELP: ClassVar[str] = "filtered parity equations: residuals made blind to some parameters name them"
+    OPTIONS: ClassVar[tuple[Field, ...]] = (
+        Field("reduction", "choice", "test the mean of each sensor, or all records", "mean", choices=REDUCTIONS),
+        Field("largest", "integer", "largest number of parameters that it names", 4, minimum=1),
+    )
     reduction: str = "mean"
     largest: int = 4
+
+    @property
+    def name(self) -> str:
+        return "parity_filtered"
+
+    @property
+    def tests(self) -> tuple[str, ...]:
+        return (self.reduction,)
 
     def train(self, monitor: Monitor, healthy: Windows | None = None) -> _Fitted:
         return _Fitted(monitor, self.reduction, self.largest)
@@ -51,16 +66,16 @@ def decoupled(sums: WindowSums, chosen: Sequence[int], scale: np.ndarray) -> tup
 
 
 @dataclass(frozen=True)
-class _Fitted(FittedFamily):
+class _Fitted(FittedMethod):
     monitor: Monitor
     reduction: str
     largest: int
 
-    def diagnose(self, windows: Windows, false_alarm: float = 0.01) -> FamilyResult:
+    def diagnose(self, windows: Windows, false_alarm: float = 0.01) -> Verdicts:
         sums = reduced_sums(self.monitor, windows, self.reduction)
         p = len(self.monitor.monitored)
         scale = self.monitor.prior_sigma[:p]
-        test = chi_square_test(f"prediction error, {self.reduction}", sums.zz, sums.dof, false_alarm)
+        test = chi_square_test(self.reduction, sums.zz, sums.dof, false_alarm)
         evidence = np.full((windows.count, p), np.nan)
         isolated = np.zeros((windows.count, p), bool)
         open_windows = test.alarm
@@ -77,10 +92,10 @@ class _Fitted(FittedFamily):
             open_windows[rows[found]] = False
             if not open_windows.any():
                 break
-        return FamilyResult(
+        return Verdicts(
             "parity_filtered",
             (test,),
-            "parameters",
+            PARAMETERS,
             self.monitor.monitored,
             "p value of the residual that is blind to this parameter: large where it alone explains all",
             evidence,

@@ -10,10 +10,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from enginediag_cli.methods.families.base import Windows
 from enginediag_cli.methods.families.whitening import white_residuals
+from enginediag_cli.methods.windows import Windows
 from enginediag_cli.residuals.excitation import RANK_TOLERANCE
 from enginediag_cli.residuals.monitor import Monitor
+
+BLIND = 1e-6
+"""Share of a parameter's direction in what the window does not excite, beyond which the window does not determine it:
+well above rounding, well below any share that matters."""
 
 
 @dataclass(frozen=True)
@@ -83,7 +87,7 @@ def wald_statistics(s: np.ndarray, F: np.ndarray, scale: np.ndarray) -> WaldStat
     v = np.einsum("wpi,wp->wi", U, scale * s)
     estimate = np.einsum("wpi,wi->wp", U, inverse * v)
     variance = np.einsum("wpi,wi->wp", U**2, inverse)
-    blind = np.einsum("wpi,wi->wp", U**2, (~kept).astype(float)) > 1e-6
+    blind = np.einsum("wpi,wi->wp", U**2, (~kept).astype(float)) > BLIND
     variance = np.where(blind, np.inf, variance)
     wald = np.where(blind | (variance == 0), 0.0, estimate**2 / np.where(variance > 0, variance, 1.0))
     return WaldStatistics(estimate * scale, variance * scale**2, wald, np.sum(inverse * v**2, axis=1), kept.sum(axis=1))

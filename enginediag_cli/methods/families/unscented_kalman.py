@@ -15,7 +15,8 @@ from typing import ClassVar
 
 import numpy as np
 
-from enginediag_cli.methods.families.observer import Earlier, Linearisation, Observer, ScaledModel
+from enginediag_cli.config.fields import Field
+from enginediag_cli.methods.families.observer import OBSERVER_OPTIONS, Earlier, Linearisation, Observer, ScaledModel
 
 JITTER = 1e-12
 """Added to the diagonal of P (in prior variances) for its square root, where a constant state is certain."""
@@ -29,10 +30,20 @@ class UnscentedKalman(Observer):
     solver's tolerance.
     """
 
-    name: ClassVar[str] = "unscented_kalman"
+    HELP: ClassVar[str] = "Kalman filter with the parameters as states, by sigma points of the engine"
+    OPTIONS: ClassVar[tuple[Field, ...]] = (
+        *OBSERVER_OPTIONS,
+        Field("alpha", "number", "reach of the sigma points", 1.0, minimum=1e-3),
+        Field("beta", "number", "weight of the centre in covariances", 2.0),
+        Field("kappa", "number", "further reach of the sigma points", 0.0),
+    )
     alpha: float = 1.0
     beta: float = 2.0
     kappa: float = 0.0
+
+    @property
+    def name(self) -> str:
+        return "unscented_kalman"
 
     def linearise(self, model: ScaledModel, x: np.ndarray, P: np.ndarray, k: int, earlier: Earlier) -> Linearisation:
         p = x.shape[1]

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from enginediag_cli.trials.blind import kinds
-from enginediag_cli.trials.blind.rates import mean, rate, wilson
+from enginediag_cli.trials.rates import mean, rate, wilson
 
 Record = Mapping[str, Any]
 

@@ -9,9 +9,10 @@ from time import process_time
 
 import numpy as np
 
+from enginediag_cli.methods.base import FittedMethod
 from enginediag_cli.methods.evidence import Evidence
-from enginediag_cli.methods.families.base import FittedFamily, Windows
-from enginediag_cli.methods.registry import METHODS
+from enginediag_cli.methods.windows import Windows
+from enginediag_cli.trials.studies.answers import answers_of
 from enginediag_cli.trials.studies.flown import make_trials
 from enginediag_cli.trials.studies.study_file import Study, load_study
 from enginediag_cli.trials.studies.tally import Tally, tally
@@ -19,7 +20,7 @@ from enginediag_cli.trials.studies.tally import Tally, tally
 BATCH_RECORDS = 10_000
 """Records of a batch: one call of the engine for all of them hides the overhead of calls."""
 TRAINING_RECORDS = 6_000
-"""Healthy records that families of residuals learn from."""
+"""Healthy records that methods learn from."""
 TRAINING_KEY = 2**31
 """Key of the random stream of these records, apart from those of all cases."""
 
@@ -44,41 +45,39 @@ def batches(study: Study, repetitions: int | None = None) -> tuple[Batch, ...]:
 
 
 class Laboratory:
-    """A study with its engine, and the families of residuals trained so far."""
+    """A study with its engine, and its methods once they are trained."""
 
     def __init__(self, study: Study, seed: int):
         self.study, self._seed = study, seed
-        self._trained: dict[str, FittedFamily] = {}
+        self._trained: dict[str, FittedMethod] = {}
 
     def run(self, batch: Batch) -> dict[str, Tally]:
         """Tally of every method, by its name."""
         study, case = self.study, self.study.cases[batch.case]
+        trained = self.trained()  # learning is not part of a diagnosis
         self._forget()
         rng = np.random.default_rng(np.random.SeedSequence(self._seed, spawn_key=(batch.case, batch.first)))
         trials = make_trials(study.monitor, case, batch.count, study.records, study.plan, study.noise, rng)
         faults = np.count_nonzero(trials.changes, axis=1)
-        evidence = Evidence(study.monitor, trials.windows, faults, study.false_alarm, self.trained)
+        evidence = Evidence(trials.windows.inputs, trials.windows.y, study.monitor, faults)
         result = {}
-        for name, options in study.methods.items():
-            if options["type"] == "family":
-                self.trained(options["family"])  # learning is not part of a diagnosis
+        for name, method in trained.items():
             evidence.used.clear()
             before, begun = sum(evidence.cost.values()), process_time()
-            answers = METHODS[options["type"]](evidence, options)
+            verdicts = method.diagnose(evidence, study.false_alarm)
             own = process_time() - begun - (sum(evidence.cost.values()) - before)
             seconds = own + sum(evidence.cost[what] for what in evidence.used)
+            answers = answers_of(verdicts, study.monitor.names)
             result[name] = tally(trials.changes, answers, seconds, trials.failed)
         return result
 
-    def trained(self, family: str) -> FittedFamily:
-        """The family of this name, trained once on healthy windows of the study."""
-        if family not in self._trained:
-            from enginediag_cli.methods.families.registry import FAMILIES
-
-            choice = FAMILIES[family]()
-            self._trained[family] = choice.train(self.study.monitor, self._healthy() if choice.learns else None)
-            self._forget()
-        return self._trained[family]
+    def trained(self) -> dict[str, FittedMethod]:
+        """Every method by its name in the study, trained once on healthy windows of the study."""
+        if not self._trained:
+            methods = self.study.methods
+            healthy = self._healthy() if any(method.learns for method in methods.values()) else None
+            self._trained = {name: method.train(self.study.monitor, healthy) for name, method in methods.items()}
+        return self._trained
 
     def _healthy(self) -> Windows:
         from enginediag_cli.trials.studies.cases import healthy_case

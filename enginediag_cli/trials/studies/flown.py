@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from enginediag_cli.methods.families.base import Windows
+from enginediag_cli.methods.windows import Windows
 from enginediag_cli.simulation.conditions import engine_inputs
 from enginediag_cli.simulation.flights import generate_flights
 from enginediag_cli.simulation.noise import ColumnNoise, noise_sources

@@ -1,23 +1,21 @@
-"""The journal of a study: finished batches, one JSON line each, from which an interrupted study goes on.
-
-The first line says which study it is: a journal of another one, or of one that was changed since, is refused.
-"""
+"""The journal of a study: its finished batches."""
 
 from __future__ import annotations
 
 import hashlib
-import json
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 from enginediag_cli import __version__
-from enginediag_cli.errors import DataError
-from enginediag_cli.trials.json_lines import append, parsed, rewrite
+from enginediag_cli.trials.journal import Form, Journal
 from enginediag_cli.trials.studies.batches import Batch
 from enginediag_cli.trials.studies.study_file import Study
 from enginediag_cli.trials.studies.tally import Tally
 
-Finished = dict[Batch, dict[str, Tally]]
+Tallies = dict[str, Tally]
+"""Tally of every method, by its name."""
+Finished = dict[Batch, Tallies]
 
 
 def study_key(study: Study, seed: int, repetitions: int | None) -> str:
@@ -28,47 +26,27 @@ def study_key(study: Study, seed: int, repetitions: int | None) -> str:
     return digest.hexdigest()
 
 
-class Journal:
-    """A file to which finished batches are added, each at once and to stay."""
+def study_journal(path: Path, key: str) -> Journal[Batch, Tallies]:
+    """The journal at `path` of the study with this key."""
+    return Journal(path, key, _FORM)
 
-    def __init__(self, path: Path, key: str):
-        self.path, self._key = path, key
 
-    def read(self) -> Finished:
-        """Batches finished before; none when there is no file. A last line cut short is dropped.
+def _line(batch: Batch, tallies: Tallies) -> Mapping[str, Any]:
+    return {
+        "batch": [batch.case, batch.first, batch.count],
+        "methods": {name: one.as_json() for name, one in tallies.items()},
+    }
 
-        Raises DataError when the file is the journal of another study, or no journal.
-        """
-        if not self.path.exists() or not self.path.stat().st_size:
-            return {}
-        lines = self.path.read_text(encoding="utf-8").split("\n")
-        whole, cut = lines[:-1], lines[-1]
-        head = parsed(whole[0]) if whole else None
-        if head is None or "study" not in head:
-            raise DataError(f"{self.path}: not the journal of a study; name another one with --journal")
-        if head["study"] != self._key:
-            raise DataError(
-                f"{self.path}: the journal of another study, or of this one before it was changed; "
-                "remove it or name another one with --journal"
-            )
-        if cut:
-            rewrite(self.path, whole)
-        finished: Finished = {}
-        for number, line in enumerate(whole[1:], start=2):
-            entry = parsed(line)
-            try:
-                assert entry is not None
-                finished[Batch(*entry["batch"])] = {n: Tally.from_json(v) for n, v in entry["methods"].items()}
-            except (AssertionError, KeyError, TypeError, AttributeError):
-                raise DataError(f"{self.path}:{number}: not a line of a journal") from None
-        return finished
 
-    def add(self, batch: Batch, tallies: Mapping[str, Tally]) -> None:
-        """Append one batch and see it on the disk."""
-        new = not self.path.exists() or not self.path.stat().st_size
-        head = [json.dumps({"study": self._key})] if new else []
-        entry = {
-            "batch": [batch.case, batch.first, batch.count],
-            "methods": {name: one.as_json() for name, one in tallies.items()},
-        }
-        append(self.path, *head, json.dumps(entry))
+def _entry(line: Mapping[str, Any]) -> tuple[Batch, Tallies]:
+    return Batch(*line["batch"]), {name: Tally.from_json(one) for name, one in line["methods"].items()}
+
+
+_FORM = Form(
+    "study",
+    "the journal of a study",
+    "the journal of another study, or of this one before it was changed",
+    "--journal",
+    _line,
+    _entry,
+)

@@ -11,12 +11,13 @@ from enginediag_cli.config.fields import Field, Section, Variants
 from enginediag_cli.config.kinds import load_checked
 from enginediag_cli.config.reading import file_inside
 from enginediag_cli.errors import ConfigError, DataError, Mark, Problem
-from enginediag_cli.methods.registry import SECTIONS
+from enginediag_cli.methods.registry import SECTIONS, chosen_method
 from enginediag_cli.simulation.flight_file import MISSIONS
 from enginediag_cli.simulation.noise_section import NOISE
 from enginediag_cli.trials.studies.cases import CASE, FaultCase, build_case
 
 if TYPE_CHECKING:
+    from enginediag_cli.methods.base import Method
     from enginediag_cli.residuals.monitor import Monitor
     from enginediag_cli.simulation.noise import ColumnNoise
 
@@ -62,7 +63,7 @@ STUDY_FILE = Section(
 
 @dataclass(frozen=True)
 class Study:
-    """A study ready to run. `missions` are the values of the section; `methods` name -> values of its section."""
+    """A study ready to run. `missions` are the values of the section; `methods` by the names that the study gives."""
 
     path: Path
     monitor: Monitor
@@ -70,7 +71,7 @@ class Study:
     plan: Mapping[str, Any]
     noise: Mapping[str, ColumnNoise]
     cases: tuple[FaultCase, ...]
-    methods: Mapping[str, Mapping[str, Any]]
+    methods: Mapping[str, Method]
     false_alarm: float
     reliability: bool
     seed: int
@@ -102,7 +103,7 @@ def load_study(path: str | Path) -> Study:
     if problems:
         raise ConfigError(problems)
     plan = {"flights": 1, "mission": values["mission"], "constants": values["constants"]}
-    methods = {m["name"]: m for m in values["methods"]}
+    methods = {m["name"]: chosen_method(m) for m in values["methods"]}
     return Study(
         Path(path),
         monitor,

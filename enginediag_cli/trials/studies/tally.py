@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from enginediag_cli.methods.answers import Answers
+from enginediag_cli.trials.studies.answers import Answers
 
 EDGES = np.array([0.0, 0.15, 0.25, 0.35, 0.45, 0.55, 0.65, 0.75, 0.85, 0.95, 1.0 + 1e-9])
 """Bins of stated probability, centred at 0.2, 0.3 … 0.9, with one below and one above."""

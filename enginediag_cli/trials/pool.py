@@ -1,35 +1,49 @@
-"""Batches over processes: every process loads the study itself, so any way of starting processes will do."""
+"""Pieces of work over processes: every process loads what it needs itself, so any way of starting one will do."""
 
 from __future__ import annotations
 
 import os
 import signal
-from collections.abc import Generator, Iterable, Iterator
+from collections.abc import Callable, Generator, Iterable, Iterator
 from concurrent.futures import Future, ProcessPoolExecutor, as_completed
+from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from multiprocessing import get_context, parent_process
-from pathlib import Path
+from typing import TypeVar
 
-from enginediag_cli.trials.studies.batches import Batch, run_batch
-from enginediag_cli.trials.studies.parent import end_with_parent
-from enginediag_cli.trials.studies.tally import Tally
+from enginediag_cli.errors import EngineDiagError
+from enginediag_cli.trials.parent import end_with_parent
+
+Piece = TypeVar("Piece")
+Result = TypeVar("Result")
 
 THREADS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
 
 
-def run_batches(
-    path: Path, seed: int, todo: Iterable[Batch], processes: int
-) -> Generator[tuple[Batch, dict[str, Tally]], None, None]:
-    """Batches as they are finished, in any order. When the caller stops, those at work are waited for, not begun."""
+class WorkerDiedError(EngineDiagError):
+    """A process was ended from outside, as by the system when memory runs out."""
+
+
+def run_pieces(
+    work: Callable[[Piece], Result], todo: Iterable[Piece], processes: int, *, in_order: bool = False
+) -> Generator[tuple[Piece, Result], None, None]:
+    """Each piece with its result as it is finished, or in the order of `todo`. `work` and the pieces must be picklable.
+
+    When the caller stops, those at work are waited for, not begun. Raises WorkerDiedError, and what `work` raises.
+    """
     todo = tuple(todo)
     if not todo:
         return
     workers = max(1, min(processes, len(todo)))
     with single_threaded(), ProcessPoolExecutor(workers, get_context("spawn"), initializer=begin_worker) as pool:
-        waiting: dict[Future[dict[str, Tally]], Batch] = {pool.submit(run_batch, path, seed, b): b for b in todo}
+        waiting: dict[Future[Result], Piece] = {pool.submit(work, piece): piece for piece in todo}
         try:
-            for future in as_completed(waiting):
+            for future in waiting if in_order else as_completed(waiting):
                 yield waiting[future], future.result()
+        except BrokenProcessPool:
+            raise WorkerDiedError(
+                "a worker process was ended from outside, perhaps because memory ran out; use fewer processes"
+            ) from None
         finally:
             pool.shutdown(wait=True, cancel_futures=True)
 
