@@ -173,6 +173,7 @@ def _provenance(
     import os
 
     from enginediag_cli import __version__
+    from enginediag_cli.identification.nominal import ENGINE_INSTANCE
     from enginediag_cli.recordings.provenance import sha256_of
 
     made = {"enginediag": __version__}
@@ -183,7 +184,7 @@ def _provenance(
     if recorder_path:
         made["recorder"] = f"{os.path.basename(recorder_path)} sha256:{sha256_of(recorder_path)[:16]}"
     if instance:
-        made["engine instance"] = instance
+        made[ENGINE_INSTANCE] = instance
     if first is not None:
         made["first records"] = str(first)
     if holdout is not None or holdout_last:

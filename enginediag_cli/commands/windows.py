@@ -120,6 +120,7 @@ def planned(window: str | None, step: str | None) -> WindowPlan:
 def load_monitor(messages: Messages, nominal_path: str, patterns: tuple[str, ...], *, sensors: bool = False) -> Monitor:
     """Engine and nominal state, to compare recordings with; sensors: the bias of every sensor in use may have changed,
     too. Warns when the engine file has changed."""
+    from enginediag_cli.identification.nominal_checks import check_nominal_fits
     from enginediag_cli.identification.nominal_file import engine_change_warning, engine_file, read_nominal
     from enginediag_cli.physics.engine_file import load_engine
     from enginediag_cli.residuals.monitor import monitor_from_nominal
@@ -133,6 +134,9 @@ def load_monitor(messages: Messages, nominal_path: str, patterns: tuple[str, ...
     warning = engine_change_warning(nominal, path)
     if warning:
         messages.warning(warning)
+    if not nominal.sealed:
+        messages.warning(f"{nominal_path} has no checksum: nothing shows that it is as identify wrote it")
+    check_nominal_fits(nominal, engine, nominal_path)
     monitor = monitor_from_nominal(engine, nominal, patterns)
     if not sensors:
         return monitor
