@@ -89,12 +89,16 @@ def identify(
         raise click.UsageError("--holdout and --holdout-last exclude each other")
     from enginediag_cli.identification.identify import identify as run
     from enginediag_cli.identification.nominal_file import write_nominal
+    from enginediag_cli.identification.repeats import without_repeats
     from enginediag_cli.identification.training import first_records, hold_out_end
     from enginediag_cli.physics.engine_file import load_engine
-    from enginediag_cli.presentation.identification_report import report_lines
+    from enginediag_cli.presentation.identification_report import repeat_lines, report_lines
 
     engine = load_engine(engine_path)
     training = [part for path in recordings for part in _load(messages, engine, path, recorder_path, engine_instance)]
+    training, repeats = without_repeats(training, (*engine.inputs, *engine.sensors))
+    for line in repeat_lines(repeats):
+        messages.warning(line)
     if first is not None:
         training = first_records(training, first)
     held_out: list[TrainingRecording] = []
