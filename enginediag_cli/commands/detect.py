@@ -153,8 +153,7 @@ def detect(
     output.write_rows(chain([first] if first is not None else [], found), provenance=head, live=True)
     intake.report()
     messages.note(", ".join(f"{n} {what}" for what, n in sorted(tally.items())) or "no window")
-    windows = sum(tally.values())
-    return ending(tally["fault"], windows - tally["no verdict"], windows, exit_code)
+    return ending(tally["fault"], sum(tally.values()) - tally["no verdict"], exit_code)
 
 
 def _follow(
@@ -210,7 +209,7 @@ def _follow(
     output.write_rows(chain([first] if first is not None else [], found), provenance=head, live=True)
     intake.report()
     messages.note(f"{sum(alarms.values())} of {len(alarms)} flights with an alarm")
-    return ending(sum(alarms.values()), judged, len(alarms), exit_code)
+    return ending(sum(alarms.values()), judged, exit_code)
 
 
 def _row(verdict: Verdict, detectable: bool, false_alarm: float, power: float) -> dict[str, Any]:

@@ -173,7 +173,9 @@ def isolate(
             verdict = judge(found, false_alarm)
             if by == "component":
                 component = (
-                    isolate_components(verdict.score, options, found.statistics) if verdict.score is not None else None
+                    isolate_components(verdict.score, options, verdict.window.statistics)
+                    if verdict.score is not None
+                    else None
                 )
                 judged += component is not None
                 named += bool(component and component.components and component.adequacy.stands)
@@ -184,9 +186,9 @@ def isolate(
             diagnosis = advice = None
             if verdict.score is not None:
                 model = intake.model(found)
-                diagnosis = diagnose(verdict.score, asked, model, found.statistics)
+                diagnosis = diagnose(verdict.score, asked, model, verdict.window.statistics)
                 if further.advise and monitor is not None:
-                    advice = advice_for(further, monitor, diagnosis, model() if model else None)
+                    advice = advice_for(further, monitor.without(found.silent), diagnosis, model() if model else None)
                 judged += 1
                 named += bool(diagnosis.result.isolated and diagnosis.adequacy.stands)
             if windows <= SENTENCES:
@@ -204,4 +206,4 @@ def isolate(
     )
     output.write_rows(chain([first] if first is not None else [], found), provenance=head, live=True)
     intake.report()
-    return ending(named, judged, windows, exit_code)
+    return ending(named, judged, exit_code)

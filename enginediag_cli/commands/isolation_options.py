@@ -147,7 +147,7 @@ class KeepingIntake(Intake):
             from enginediag_cli.isolation.window_model import WindowModel
 
             found = kept.of(window)
-            return None if found is None else WindowModel(monitor, *found)
+            return None if found is None else WindowModel(monitor.without(window.silent), *found)
 
         return records
 

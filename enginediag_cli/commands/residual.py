@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterator
 from itertools import chain
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -17,9 +18,13 @@ from enginediag_cli.commands.options import (
     recordings_argument,
 )
 from enginediag_cli.commands.origin import Origin, origin_options
-from enginediag_cli.commands.windows import Intake, load_monitor, planned, window_options
+from enginediag_cli.commands.windows import Intake, ending, load_monitor, planned, window_options
 from enginediag_cli.presentation.messages import Messages
 from enginediag_cli.presentation.output import Output
+
+if TYPE_CHECKING:
+    from enginediag_cli.errors import ExitCode
+    from enginediag_cli.residuals.seal import MadeWith
 
 
 @click.command(short_help="Condense recordings into local statistics.", epilog=exit_codes())
@@ -50,7 +55,7 @@ def residual(
     sensors: bool,
     what: str,
     output: Output,
-) -> None:
+) -> ExitCode:
     """Compare recordings with the nominal engine.
 
     \b
@@ -61,18 +66,31 @@ def residual(
     change and names of the parameters: detect and isolate need nothing else. What is uncertain about the
     nominal engine and about sensor offsets is counted in s, F and V.
     """
-    from enginediag_cli.recordings.provenance import header_lines
-    from enginediag_cli.residuals.flat import flat_columns, flat_row
+    from enginediag_cli.recordings.provenance import header_lines, sha256_of
+    from enginediag_cli.residuals.flat import flat_columns
+    from enginediag_cli.residuals.seal import CHECKSUM, DIGITS, MADE_COLUMNS, MadeWith, plan_cells
 
+    judged: Counter[str] = Counter()
     plan = planned(window, step)
     intake = Intake(messages, load_monitor(messages, nominal, patterns, sensors=sensors), plan, linearise, origin)
     assert intake.monitor is not None
     columns: tuple[str, ...] | None
     if what == "records":
-        rows, columns = _records(intake, recordings), None
+        rows, columns = _records(intake, recordings, judged), None
     else:
-        rows = (flat_row(found, units) for found, units in intake.windows(recordings))
-        columns = flat_columns(intake.monitor.monitored)
+        made = MadeWith(
+            intake.monitor.nominal,
+            **plan_cells(plan),
+            linearise=linearise,
+            monitor=" ".join(intake.monitor.monitored),
+            reference=str(origin.reference),
+            last=str(origin.last),
+            model_error=str(origin.model_error),
+            recorder=sha256_of(origin.recorder)[:DIGITS] if origin.recorder else "",
+            engine_instance=origin.engine_instance,
+        )
+        rows = _statistics(intake, recordings, made, judged)
+        columns = (*flat_columns(intake.monitor.monitored), *MADE_COLUMNS, CHECKSUM)
     first = next(rows, None)  # reads the head of the first file, which the provenance quotes
     notes = {"linearised": "at nominal" if linearise == "nominal" or what == "records" else "at each estimate"}
     head = header_lines(
@@ -83,11 +101,25 @@ def residual(
     )
     output.write_rows(chain([first] if first is not None else [], rows), columns, provenance=head, live=True)
     intake.report()
+    return ending(0, judged["judged"], False)
 
 
-def _records(intake: Intake, files: tuple[str, ...]) -> Iterator[dict[str, Any]]:
+def _statistics(
+    intake: Intake, files: tuple[str, ...], made: MadeWith, judged: Counter[str]
+) -> Iterator[dict[str, Any]]:
+    from enginediag_cli.residuals.flat import flat_row
+    from enginediag_cli.residuals.seal import sealed
+
+    for found, units in intake.windows(files):
+        judged["judged"] += found.statistics is not None
+        yield sealed(flat_row(found, units), made)
+
+
+def _records(intake: Intake, files: tuple[str, ...], judged: Counter[str]) -> Iterator[dict[str, Any]]:
     from enginediag_cli.residuals.records import record_residuals
 
     assert intake.monitor is not None
     for chunk in intake.recordings(files):
-        yield from record_residuals(intake.monitor, chunk)
+        for row in record_residuals(intake.monitor, chunk):
+            judged["judged"] += any(value == value for c, value in row.items() if c.endswith(":residual"))
+            yield row

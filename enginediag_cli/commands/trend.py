@@ -67,7 +67,7 @@ def trend(
     from enginediag_cli.residuals.windows import WindowPlan
 
     monitor = load_monitor(messages, nominal, patterns) if nominal else None
-    intake = Intake(messages, monitor, WindowPlan(), linearise, origin)
+    intake = Intake(messages, monitor, WindowPlan(), linearise, origin, summed=True)
     flights, units, lost = _sums(intake, recordings)
     rows = list(_trends(messages, flights, units) if what == "trend" else _flights(flights, units))
     head = header_lines(
@@ -80,7 +80,7 @@ def trend(
     intake.report()
     if lost:
         messages.warning(f"{lost} windows without a verdict were left out")
-    return ending(0, len(rows), len(flights) + lost, False)
+    return ending(0, len(rows), False)
 
 
 def _sums(intake: Intake, files: tuple[str, ...]) -> tuple[dict[Flight, LocalStatistics], dict[str, str], int]:

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from enginediag_cli.recordings.table import Recording
     from enginediag_cli.residuals.monitor import Monitor
     from enginediag_cli.residuals.pipeline import WindowStatistics
+    from enginediag_cli.residuals.statistics_file import Ledger, Peeked
     from enginediag_cli.residuals.windows import WindowPlan
 
 Window = tuple["WindowStatistics", "dict[str, str]"]
@@ -157,11 +158,13 @@ class Intake:
     provenance: list[str] = field(default_factory=list)
     masked: dict[str, Counter[str]] = field(default_factory=dict)
     counts: Counter[str] = field(default_factory=Counter)
+    summed: bool = False
+    ledger: Ledger | None = None
 
     def windows(self, files: Iterable[str]) -> Iterator[Window]:
         """Windows of all files in turn: recordings are condensed, statistics of `residual` are read back."""
-        from enginediag_cli.recordings.read import read
-        from enginediag_cli.residuals.flat import is_flat
+        from enginediag_cli.recordings.read import opened, read
+        from enginediag_cli.residuals.statistics_file import Peeked
 
         for file in files:
             if self.origin.recorder:
@@ -169,14 +172,18 @@ class Intake:
                     self._count(window)
                     yield window, units
                 continue
-            chunks = read(file, declared=self.declared(), chunk_records=CHUNK)
-            first = next(chunks)
-            self.remember(first)
-            every = chain([first], chunks)
-            found = self._flat(every) if is_flat(first.order) else self._condensed(map(self.clean, every))
-            for window, units in found:
-                self._count(window)
-                yield window, units
+            with opened(file) as (stream, name):
+                peeked = Peeked(stream, name)
+                if peeked.holds_statistics:
+                    found = self._flat(peeked)
+                else:
+                    chunks = read(peeked, declared=self.declared(), chunk_records=CHUNK)
+                    first = next(chunks)
+                    self.remember(first)
+                    found = self._condensed(map(self.clean, chain([first], chunks)))
+                for window, units in found:
+                    self._count(window)
+                    yield window, units
 
     def recordings(self, files: Iterable[str]) -> Iterator[Recording]:
         """Chunks of the files with gross errors masked and counted."""
@@ -204,6 +211,10 @@ class Intake:
         ):
             if number:
                 self.messages.note(f"{count(number, 'record')} {what}")
+        if self.ledger is not None and self.ledger.repeated:
+            self.messages.warning(f"{count(self.ledger.repeated, 'row')} of statistics given twice, and counted once")
+        if self.ledger is not None and self.ledger.overlapping:
+            self.messages.warning(f"{count(self.ledger.overlapping, 'window')} with records that another has, too")
 
     def declared(self) -> tuple[str, ...]:
         if self.monitor is None:
@@ -238,14 +249,14 @@ class Intake:
         ):
             yield window, units
 
-    def _flat(self, chunks: Iterable[Recording]) -> Iterator[Window]:
-        from enginediag_cli.residuals.flat import read_flat
+    def _flat(self, peeked: Peeked) -> Iterator[Window]:
+        from enginediag_cli.residuals.statistics_file import Ledger, read_statistics, refuse_ignored_options
 
-        for chunk in chunks:
-            numbers = {c: [repr(x) for x in values.tolist()] for c, values in chunk.columns.items()}
-            cells = {**chunk.text, **{c: ["" if x == "nan" else x for x in v] for c, v in numbers.items()}}
-            rows = (dict(zip(cells, row, strict=True)) for row in zip(*cells.values(), strict=True))
-            yield from read_flat(rows, chunk.source, chunk.line.tolist())
+        refuse_ignored_options(_made_by_user(), peeked.name)
+        self.provenance += [line for line in peeked.provenance if line not in self.provenance]
+        if self.ledger is None:
+            self.ledger = Ledger(self.monitor.nominal if self.monitor else "", summed=self.summed)
+        yield from read_statistics(peeked, peeked.name, self.ledger)
 
     def clean(self, chunk: Recording, *, search: bool = True) -> Recording:
         from enginediag_cli.recordings.quality import mask_gross
@@ -274,10 +285,18 @@ class Intake:
         )
 
 
-def ending(found: int, judged: int, windows: int, exit_code: bool) -> ExitCode:
-    """Exit code: a finding only on request; no verdict when not one window could be judged."""
+def _made_by_user() -> dict[str, bool]:
+    """Which choices the user made on the command line, by the names of `statistics_file.IGNORED`."""
+    context = click.get_current_context()
+    given = {name: context.get_parameter_source(name) for name in context.params}
+    chosen = {name: source is not None and source.name != "DEFAULT" for name, source in given.items()}
+    return {**chosen, "monitor": chosen.get("patterns", False)}
+
+
+def ending(found: int, judged: int, exit_code: bool) -> ExitCode:
+    """Exit code: a finding only on request; no verdict when not one window could be judged, or when there was none."""
     from enginediag_cli.errors import ExitCode
 
     if found and exit_code:
         return ExitCode.FINDING
-    return ExitCode.DONE if judged or not windows else ExitCode.NO_VERDICT
+    return ExitCode.DONE if judged else ExitCode.NO_VERDICT

@@ -171,24 +171,6 @@ def _absent(engine: MonitoredModel, what: str, name: str) -> str:
     return f"the engine {engine.name} has no {what} {name!r}: this nominal is of another engine, or of this one before"
 
 
-def check_engine_unchanged(
-    nominal: Nominal, nominal_path: str | Path, engine_path: str | Path, accept: bool = False
-) -> str:
-    """A sentence to be told when the engine file is not the one that was identified and the user accepts that; '' when
-    it is. Raises ConfigError when it is not and nobody accepts it, and OSError."""
-    from enginediag_cli.recordings.provenance import sha256_of
-
-    if sha256_of(engine_path) == nominal.engine_sha256:
-        return ""
-    what = f"{engine_path} has changed since its nominal state was identified"
-    if accept:
-        return f"{what}; what follows is judged with the engine as it is now"
-    from enginediag_cli.config.document import load_document
-
-    mark = Checked({}, load_document(nominal_path)).mark(("engine_sha256",))
-    raise ConfigError([Problem(mark, what, "run identify again, or go on with --accept-changed-engine")])
-
-
 def other_instance(nominal: Nominal, instance: str) -> tuple[str, str] | None:
     """(instance identified, instance of the recordings) when both are named and differ: engines of one type differ
     before anything goes wrong, so what is then found may be the difference between them. None otherwise."""

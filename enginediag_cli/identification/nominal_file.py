@@ -12,8 +12,9 @@ from typing import Any
 
 import numpy as np
 
+from enginediag_cli.config.checked import Checked
 from enginediag_cli.config.fields import Section
-from enginediag_cli.errors import ConfigError
+from enginediag_cli.errors import ConfigError, Mark, Problem
 from enginediag_cli.identification.envelope import Envelope
 from enginediag_cli.identification.nominal import Estimate, Nominal, SensorNoise
 from enginediag_cli.identification.nominal_checks import (
@@ -42,6 +43,7 @@ __all__ = [
     "fingerprint",
     "format_nominal",
     "read_nominal",
+    "refuse_changed_engine",
     "write_nominal",
 ]
 
@@ -53,7 +55,7 @@ HEADER = """\
 
 
 def read_nominal(path: str | Path) -> Nominal:
-    """Read a nominal file. Raises ConfigError with every problem in it: a key that is wrong, a value that cannot be, and
+    """Read a nominal file. Raises ConfigError with every problem in it: a key that is wrong, a value that cannot be,
     any edit since `identify` wrote it. A file without a checksum is read, and its nominal is not `sealed`."""
     from enginediag_cli.config.kinds import load_checked
 
@@ -136,6 +138,24 @@ def engine_change_warning(nominal: Nominal, engine_path: str | Path) -> str:
     if sha256_of(engine_path) == nominal.engine_sha256:
         return ""
     return f"{engine_path} has changed since its nominal state was identified; run identify again"
+
+
+def refuse_changed_engine(
+    nominal: Nominal, engine_path: str | Path, *, accept: bool = False, nominal_path: str | Path | None = None
+) -> str:
+    """A sentence to be told when the engine file is not the one that was identified and that is accepted; '' when it
+    is. Raises ConfigError, at its line of the nominal file where that is given, when nobody accepts it, and OSError."""
+    if not engine_change_warning(nominal, engine_path):
+        return ""
+    what = f"{engine_path} has changed since its nominal state was identified"
+    if accept:
+        return f"{what}; what follows is judged with the engine as it is now"
+    mark = Mark(str(engine_path))
+    if nominal_path is not None:
+        from enginediag_cli.config.document import load_document
+
+        mark = Checked({}, load_document(nominal_path)).mark(("engine_sha256",))
+    raise ConfigError([Problem(mark, what, "run identify again, or go on with --accept-changed-engine")])
 
 
 def fingerprint(nominal: Nominal) -> str:

@@ -14,9 +14,9 @@ import numpy as np
 from enginediag_cli.identification.problem import TrainingRecording
 
 FEWEST = 5
-"""Records that must be repeated before it is more than chance: coarse readings at a standstill do agree now and then."""
+"""Records that must be repeated before it is more than chance: coarse readings at a standstill agree now and then."""
 SHARE = 0.5
-"""Share of the different records of the shorter of two recordings that must stand in both: flights do not share half."""
+"""Share of the records of the shorter of two recordings that must stand in both: flights do not share half."""
 
 
 @dataclass(frozen=True)

@@ -27,7 +27,7 @@ MISSING = frozenset({"", "na", "n/a", "nan", "null", "none"})
 
 _LINE_END = re.compile(r"\r\n|\r|\n")
 
-Source = str | Path | TextIO
+Source = str | Path | Iterable[str]
 
 
 def read(
@@ -44,7 +44,7 @@ def read(
     `declared` and `required` and, with `by_suffix`, those whose name carries a unit; the rest is text.
     Columns in `required` must be there. Raises DataError naming file, physical line and column.
     """
-    with _opened(source) as (stream, name):
+    with opened(source) as (stream, name):
         try:
             yield from _records(stream, name, {*declared, *required}, required, by_suffix, chunk_records)
         except UnicodeDecodeError as error:
@@ -61,7 +61,8 @@ def read_all(
 
 
 @contextmanager
-def _opened(source: Source) -> Iterator[tuple[TextIO, str]]:
+def opened(source: Source) -> Iterator[tuple[Iterable[str], str]]:
+    """The lines of a file and what it is called in messages. Raises DataError when it cannot be opened."""
     if not isinstance(source, (str, Path)):
         yield source, getattr(source, "name", "<stream>")
     elif str(source) == "-":
@@ -71,19 +72,19 @@ def _opened(source: Source) -> Iterator[tuple[TextIO, str]]:
             yield stream, "<stdin>"
     else:
         try:
-            opened: TextIO = (
+            file: TextIO = (
                 gzip.open(source, "rt", encoding="utf-8-sig", newline="")
                 if str(source).endswith(".gz")
                 else open(source, encoding="utf-8-sig", newline="")
             )
         except OSError as error:
             raise DataError(f"{source}: {error.strerror or error}") from error
-        with opened:
-            yield opened, str(source)
+        with file:
+            yield file, str(source)
 
 
 def _records(
-    stream: TextIO,
+    stream: Iterable[str],
     name: str,
     numbers: set[str],
     required: Collection[str],
@@ -120,7 +121,7 @@ def _records(
         empty = False
 
 
-def _head(stream: TextIO, name: str) -> tuple[int, list[str], str]:
+def _head(stream: Iterable[str], name: str) -> tuple[int, list[str], str]:
     """Number of lines before the header, the provenance lines among them, and the header's first line."""
     provenance: list[str] = []
     for number, text in enumerate(stream):

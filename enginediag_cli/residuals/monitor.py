@@ -7,8 +7,8 @@ error, and *offsets* of sensors differ from one recording to the next; both are 
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, replace
 from fnmatch import filter as matching
 from typing import TYPE_CHECKING, Any
 
@@ -39,7 +39,8 @@ class Offset:
 class Monitor:
     """Engine with p parameters of interest (monitored, then uncertain, then offsets) and m sensors.
 
-    base: values of all identified parameters; theta0, prior_sigma, lower, upper (p,); uncertainty (p, p).
+    base: values of all identified parameters; theta0, prior_sigma, lower, upper (p,); uncertainty (p, p). nominal: the
+    fingerprint of the nominal state, to which statistics are bound.
     """
 
     engine: MonitoredModel
@@ -56,6 +57,7 @@ class Monitor:
     uncertainty: np.ndarray
     noise: NoiseModel
     envelope: Any = None
+    nominal: str = ""
 
     @property
     def precision(self) -> np.ndarray:
@@ -70,6 +72,22 @@ class Monitor:
         scale = self.prior_sigma
         scaled = covariance / scale / scale[:, None] + 1e-10 * np.eye(len(scale))
         return np.asarray(np.linalg.inv(scaled) / scale / scale[:, None])
+
+    def without(self, names: Collection[str]) -> Monitor:
+        """The same with `names`, of the monitored parameters, taken for certain."""
+        if not names:
+            return self
+        kept = np.array([i for i, name in enumerate(self.names) if name not in names], dtype=int)
+        return replace(
+            self,
+            names=tuple(self.names[i] for i in kept),
+            monitored=tuple(name for name in self.monitored if name not in names),
+            theta0=self.theta0[kept],
+            prior_sigma=self.prior_sigma[kept],
+            lower=self.lower[kept],
+            upper=self.upper[kept],
+            uncertainty=self.uncertainty[np.ix_(kept, kept)],
+        )
 
     def predict(
         self,
@@ -119,6 +137,8 @@ def monitor_from_nominal(
     monitors); sensors: columns to use (default: those identified). Raises DataError for names that do not
     exist.
     """
+    from enginediag_cli.identification.nominal_file import fingerprint
+
     used = tuple(sensors) or nominal.sensors
     absent = [c for c in used if c not in nominal.sensors]
     if absent:
@@ -154,6 +174,7 @@ def monitor_from_nominal(
         _uncertainty(nominal, inner, spread),
         noise_of(nominal, used),
         nominal.envelope,
+        fingerprint(nominal),
     )
 
 

@@ -40,7 +40,9 @@ class WindowStatistics:
     """Statistics of the monitored parameters over one window; `statistics` is None where there is no verdict.
 
     records: in the window; outside: beyond the operating points seen; incomplete: without an input or without
-    any reading; failed: not computed by the engine; reason: why there is no verdict, or empty.
+    any reading; failed: not computed by the engine; reason: why there is no verdict, or empty. sensors: how many of the
+    `sensors_of` that the nominal has gave a reading in a record that was judged (0 of 0: not known); silent: the
+    monitored errors of those that gave none, of which nothing can be said and which are no suspects.
     """
 
     source: str
@@ -57,6 +59,9 @@ class WindowStatistics:
     statistics: LocalStatistics | None
     reason: str = ""
     notes: tuple[str, ...] = ()
+    sensors: int = 0
+    sensors_of: int = 0
+    silent: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -197,7 +202,7 @@ def _finished(
             batch.append(waiting.popleft())
             size += sum(len(piece.y) for piece in batch[-1])
         if linearise == "nominal":
-            yield from (_at_nominal(condense, pieces) for pieces in batch)
+            yield from (_at_nominal(monitor, condense, pieces) for pieces in batch)
         else:
             yield from _at_estimate(monitor, batch, condense)
 
@@ -205,6 +210,7 @@ def _finished(
 def _whole(pieces: Sequence[_Piece]) -> WindowStatistics:
     """Bookkeeping of a window from that of its pieces."""
     first, last = pieces[0].window, pieces[-1].window
+    read = np.any([np.isfinite(piece.y).any(axis=0) for piece in pieces], axis=0)
 
     def total(name: str) -> int:
         return sum(getattr(piece.window, name) for piece in pieces)
@@ -217,11 +223,17 @@ def _whole(pieces: Sequence[_Piece]) -> WindowStatistics:
         outside=total("outside"),
         incomplete=total("incomplete"),
         failed=total("failed"),
+        sensors=int(read.sum()),
+        sensors_of=len(read),
     )
 
 
 def _with_statistics(
-    condense: Condense, window: WindowStatistics, statistics: LocalStatistics | None, reason: str = ""
+    monitor: Monitor,
+    condense: Condense,
+    window: WindowStatistics,
+    statistics: LocalStatistics | None,
+    reason: str = "",
 ) -> WindowStatistics:
     """The window with its condensed statistics, or with the reason why it has none."""
     if statistics is None or statistics.n == 0:
@@ -231,7 +243,14 @@ def _with_statistics(
     labelled = replace(
         statistics, start=f"{window.source}:{window.first_line}", end=f"{window.source}:{window.last_line}"
     )
-    return condense(window, labelled)
+    silent = (name for name in monitor.monitored if _is_silent(monitor, name, statistics))
+    return condense(replace(window, silent=tuple(silent)), labelled)
+
+
+def _is_silent(monitor: Monitor, name: str, statistics: LocalStatistics) -> bool:
+    """Whether it is the error of a sensor that gave no reading: its sensitivities are zero, not merely small."""
+    i = monitor.names.index(name)
+    return monitor.engine.parameters[name].of_sensor and not statistics.F[i, i]
 
 
 def _nothing_judged(window: WindowStatistics) -> str:
@@ -243,9 +262,9 @@ def _nothing_judged(window: WindowStatistics) -> str:
     return "no record could be judged: " + ", ".join(f"{n} {what}" for n, what in counts if n)
 
 
-def _at_nominal(condense: Condense, pieces: Sequence[_Piece]) -> WindowStatistics:
+def _at_nominal(monitor: Monitor, condense: Condense, pieces: Sequence[_Piece]) -> WindowStatistics:
     blocks = [piece.block for piece in pieces if piece.block is not None]
-    return _with_statistics(condense, _whole(pieces), reduce(add, blocks).statistics if blocks else None)
+    return _with_statistics(monitor, condense, _whole(pieces), reduce(add, blocks).statistics if blocks else None)
 
 
 def _at_estimate(monitor: Monitor, batch: Sequence[Sequence[_Piece]], condense: Condense) -> Iterator[WindowStatistics]:
@@ -287,7 +306,7 @@ def _at_estimate(monitor: Monitor, batch: Sequence[Sequence[_Piece]], condense: 
         rows = slice(first, first + size)
         first += size
         if found is None or size == 0:
-            yield _with_statistics(condense, _whole(pieces), None)
+            yield _with_statistics(monitor, condense, _whole(pieces), None)
             continue
         failed = int(np.sum(~found.ok[rows]))
         whole = replace(_whole(pieces), failed=failed)
@@ -306,4 +325,4 @@ def _at_estimate(monitor: Monitor, batch: Sequence[Sequence[_Piece]], condense: 
             if found.converged[w] or statistics.n == 0
             else (f"the re-estimate did not converge (last step {found.decrement[w]:.2g} standard errors)")
         )
-        yield _with_statistics(condense, whole, statistics, reason)
+        yield _with_statistics(monitor, condense, whole, statistics, reason)

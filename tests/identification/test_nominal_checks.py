@@ -12,8 +12,14 @@ from identification_toy import ToyEngine, fly
 
 from enginediag_cli.errors import ConfigError
 from enginediag_cli.identification.identify import identify
-from enginediag_cli.identification.nominal_checks import check_engine_unchanged, check_nominal_fits, other_instance
-from enginediag_cli.identification.nominal_file import fingerprint, format_nominal, read_nominal, write_nominal
+from enginediag_cli.identification.nominal_checks import check_nominal_fits, other_instance
+from enginediag_cli.identification.nominal_file import (
+    fingerprint,
+    format_nominal,
+    read_nominal,
+    refuse_changed_engine,
+    write_nominal,
+)
 from enginediag_cli.recordings.provenance import sha256_of
 
 
@@ -160,11 +166,11 @@ def test_a_changed_engine_file_is_refused_unless_it_is_accepted(nominal, tmp_pat
     engine.write_text("kind: engine\n", encoding="utf-8")
     same = replace(nominal, engine_sha256=sha256_of(engine))
     write_nominal(same, path)
-    assert check_engine_unchanged(same, path, engine) == ""
+    assert refuse_changed_engine(same, engine, nominal_path=path) == ""
     engine.write_text("kind: engine\nname: other\n", encoding="utf-8")
     with pytest.raises(ConfigError, match=r"nominal\.yaml:\d+:\d+.*has changed.*--accept-changed-engine"):
-        check_engine_unchanged(same, path, engine)
-    assert "has changed" in check_engine_unchanged(same, path, engine, accept=True)
+        refuse_changed_engine(same, engine, nominal_path=path)
+    assert "has changed" in refuse_changed_engine(same, engine, accept=True)
 
 
 def test_the_other_engine_of_the_aircraft_is_told_from_the_one_identified(nominal):
