@@ -6,7 +6,9 @@ Several files may have been put together with `cat`: their `#` lines and repeate
 from __future__ import annotations
 
 import csv
+import gzip
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 
 from enginediag_cli.errors import DataError
@@ -42,17 +44,22 @@ class Peeked:
         self.columns: tuple[str, ...] = ()
         self._stream = iter(stream)
         self._head: list[str] = []
+        self._broken: Exception | None = None
+        try:
+            self._peek()
+        except (UnicodeDecodeError, OSError, EOFError) as error:  # whoever reads on meets it, and says what it means
+            self._broken = error
+
+    def _peek(self) -> None:
         for text in self._stream:
             self._head.append(text)
             bare = text.lstrip("\ufeff").strip()
             if bare.startswith("#"):
                 self.provenance.append(bare[1:].strip())
             elif bare:
-                try:
+                with suppress(csv.Error):
                     self.columns = tuple(cell.strip() for cell in next(csv.reader([bare]), []))
-                except csv.Error:  # whoever reads on will say what is wrong with it
-                    self.columns = ()
-                break
+                return
 
     @property
     def holds_statistics(self) -> bool:
@@ -62,7 +69,11 @@ class Peeked:
         return self
 
     def __next__(self) -> str:
-        return self._head.pop(0) if self._head else next(self._stream)
+        if self._head:
+            return self._head.pop(0)
+        if self._broken is not None:
+            raise self._broken
+        return next(self._stream)
 
 
 @dataclass
@@ -213,6 +224,8 @@ def _rows(lines: Iterable[str], source: str) -> Iterator[tuple[dict[str, str], i
         raise DataError(f"{source}:{bare.number}: {error}") from error
     except UnicodeDecodeError as error:
         raise DataError(f"{source}: not UTF-8 text ({error.reason})") from error
+    except (gzip.BadGzipFile, EOFError) as error:
+        raise DataError(f"{source}: damaged gzip file ({error})") from error
 
 
 def _checked_header(cells: Sequence[str], source: str, line: int) -> list[str]:
