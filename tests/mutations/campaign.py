@@ -118,14 +118,12 @@ def case_of(seed: int, files: Files) -> Case:
         if kind == "recording"
         else ("statistics.csv", "series.csv")
     )
-    nominal = ("-n", "nominal.yaml")
+    nominal, mapped = ("-n", "nominal.yaml"), ("--recorder", "recorder.yaml") if file == "foreign.csv" else ()
     command = {
         "engine": (("check", file), ("simulate", file, "--records", "4"), ("detect", *nominal, "flight.csv")),
         "recorder": (("detect", *nominal, "--recorder", file, "foreign.csv"), ("check", file)),
         "nominal": (("check", file), *((*words, *nominal, "flight.csv") for words in JUDGING[:6])),
-        "recording": tuple(
-            (*words, *nominal, *(("--recorder", "recorder.yaml") if file == "foreign.csv" else ()), file) for words in JUDGING
-        ),
+        "recording": tuple((*words, *nominal, *mapped, file) for words in JUDGING),
         "statistics": tuple((*words, file) for words in FROM_STATISTICS),
     }[kind]  # fmt: skip
     text, damages = files.texts[file], YAML if file.endswith(".yaml") else TABLE
@@ -196,7 +194,7 @@ def run(case: Case, files: Files) -> Outcome:
             code = int(main(words))
     except Hanging:
         wrong = f"did not end within {LONGEST_S} s"
-    except Exception as error:  # noqa: BLE001: whatever gets out of main is a finding
+    except Exception as error:  # whatever gets out of main is a finding
         wrong = f"{type(error).__name__} got out of main: {error}"
     finally:
         signal.alarm(0)
@@ -214,9 +212,9 @@ def _hang(number: int, frame: object) -> None:
 def _wrong(case: Case, code: int, stderr: str, result: Path) -> str:
     if code not in (0, 1, 2, 3):
         return f"exit code {code}"
-    for word in ("Traceback", "internal error", "Warning"):
-        if word in stderr and f"{word}:" in stderr + ":":
-            return f"{word} on stderr"
+    for trace in ("Traceback (most recent", "internal error:", "Warning:"):
+        if trace in stderr:
+            return f"{trace} on stderr"
     if code == 2 and not stderr.strip():
         return "exit code 2 without a word"
     if code == 2 and result.exists():
@@ -259,7 +257,8 @@ def campaign(first: int, cases: int, folder: Path) -> Iterator[Outcome]:
 def told(outcome: Outcome) -> str:
     """A case in words, with what reproduces it."""
     c = outcome.case
-    return f"seed {c.seed}: {c.file} with {c.damage}: {' '.join(c.command)}: {outcome.wrong}\n  {outcome.stderr[-600:].strip()}"
+    what = f"seed {c.seed}: {c.file} with {c.damage}: {' '.join(c.command)}: {outcome.wrong}"
+    return f"{what}\n  {outcome.stderr[-600:].strip()}"
 
 
 if __name__ == "__main__":
