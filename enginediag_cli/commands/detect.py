@@ -10,14 +10,8 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from enginediag_cli.commands.detect_follow import Follow, check_follow, follow_options, run_follow
-from enginediag_cli.commands.intake_options import (
-    judging_options,
-    monitor_option,
-    nominal_options,
-    source_options,
-    window_options,
-)
-from enginediag_cli.commands.judging import ending, open_intake, open_monitor, tell_files
+from enginediag_cli.commands.intake_options import compared_options, judging_options, source_options, window_options
+from enginediag_cli.commands.judging import Compared, ending, judged_files, tell_files
 from enginediag_cli.commands.method_options import Rival, detect_by_method, method_options
 from enginediag_cli.commands.options import (
     FiniteRange,
@@ -43,10 +37,9 @@ if TYPE_CHECKING:
     epilog=exit_codes("a fault was found and --exit-code given"),
 )
 @source_options
-@nominal_options(help="Nominal engine, as written by identify; not needed for what residual has written.")
+@compared_options(help="Nominal engine, as written by identify; not needed for what residual has written.")
 @judging_options
 @window_options
-@monitor_option
 @false_alarm_option
 @method_options
 @click.option(
@@ -71,10 +64,8 @@ if TYPE_CHECKING:
 def detect(
     messages: Messages,
     source: Source,
-    nominal: str | None,
-    accept_changed_engine: bool,
+    compared: Compared,
     judging: Judging,
-    patterns: tuple[str, ...],
     false_alarm: float,
     rival: Rival,
     detectable: bool,
@@ -104,7 +95,7 @@ def detect(
     tests, and what it names in `isolated`, which `isolated_kind` says are parameters of the engine or sensors.
     """
     if rival:
-        rival.check(rival.chosen(judging.linearise), nominal, source.files)
+        rival.check(rival.chosen(judging.linearise), compared.nominal, source.files)
     if follow.wanted:
         check_follow(follow, judging, detectable)
     if detectable and power <= false_alarm:
@@ -113,12 +104,11 @@ def detect(
     from enginediag_cli.presentation.detection_rows import detection_row
     from enginediag_cli.recordings.provenance import header_lines
     from enginediag_cli.residuals.compact import compact
-    from enginediag_cli.residuals.files import JudgedFiles
 
-    monitor = open_monitor(nominal, patterns, accept_changed_engine) if nominal else None
+    monitor = compared.open(messages, source)
     if follow.wanted and monitor is not None:
         return run_follow(messages, follow, source, monitor, false_alarm, exit_code, output)
-    files = JudgedFiles(open_intake(source, monitor), monitor, judging)
+    files = judged_files(source, monitor, judging)
     if rival:
         return detect_by_method(messages, rival, files, false_alarm, exit_code, output)
     files.monitor = compact(monitor) if monitor else None
@@ -134,7 +124,7 @@ def detect(
     first = next(found, None)
     head = header_lines(
         "detect",
-        configs=[*([nominal] if nominal else []), *source.configs],
+        configs=[*compared.configs, *source.configs],
         notes={"false_alarm": str(false_alarm), **source.notes, **judging.notes},
         inherited=files.intake.provenance,
     )

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from enginediag_cli.commands.mismatch_options import mismatch_options, provenance, without_option
+from enginediag_cli.commands.mismatch_options import mismatch_options, provenance, tell_case, without_option
 from enginediag_cli.commands.options import (
     OutputFile,
     exit_code_option,
@@ -74,10 +74,9 @@ def explain(
     from enginediag_cli.physics.registry import candidates
     from enginediag_cli.presentation.explanation_rows import amplitude_rows, curve_rows
     from enginediag_cli.presentation.explanations import sentences
-    from enginediag_cli.presentation.left_out import tell_left_out
 
     loaded = load_case(case)
-    tell_left_out(messages, loaded.intake.left_out)
+    tell_case(messages, case, loaded)
     effects = list(candidates(loaded.evidence.engine, without))
     story = tell(loaded.evidence, effects, advise=not no_advice)
     head = provenance("explain", case, loaded.intake.provenance, **({"without": ", ".join(without)} if without else {}))

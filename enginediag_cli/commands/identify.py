@@ -85,17 +85,21 @@ def identify(
         raise click.UsageError("--holdout and --holdout-last exclude each other")
     from enginediag_cli.identification.identify import identify as run
     from enginediag_cli.identification.nominal_file import write_nominal
+    from enginediag_cli.identification.repeats import without_repeats
     from enginediag_cli.intake.flights import whole_flights
     from enginediag_cli.intake.intake import Intake
     from enginediag_cli.intake.wanted import columns_of
     from enginediag_cli.physics.engine_file import load_engine
-    from enginediag_cli.presentation.identification_report import report_lines
+    from enginediag_cli.presentation.identification_report import repeat_lines, report_lines
     from enginediag_cli.presentation.left_out import tell_left_out
 
     engine = load_engine(engine_path)
     intake = Intake(source, columns_of(engine))
     training = [flight.recording for flight in whole_flights(intake)]
     tell_left_out(messages, intake.left_out)
+    training, repeats = without_repeats(training, (*engine.inputs, *engine.sensors))
+    for line in repeat_lines(repeats):
+        messages.warning(line)
     part = Part(first, holdout, holdout_last)
     training, held_out = _divided(training, part)
     result = run(engine, training, held_out=held_out, cross_validation=not no_cross_validation)

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
 
+from enginediag_cli.commands.judging import Compared
 from enginediag_cli.commands.options import ConfigFile, FiniteRange, recordings_argument
 
 if TYPE_CHECKING:
@@ -165,3 +166,18 @@ def _planned(window: str | None, step: str | None) -> WindowPlan:
         return plan_windows(window, step)
     except ValueError as error:
         raise click.UsageError(f"--window, --step: {error}") from None
+
+
+def compared_options(*, required: bool = False, help: str = "") -> Callable[[Function], Callable[..., Any]]:
+    """`-n/--nominal`, `--accept-changed-engine` and `--monitor` as one `compared: Compared`."""
+
+    def decorate(function: Function) -> Callable[..., Any]:
+        @wraps(function)
+        def with_compared(
+            *args: Any, nominal: str | None, accept_changed_engine: bool, patterns: tuple[str, ...], **others: Any
+        ) -> Any:
+            return function(*args, compared=Compared(nominal, patterns, accept_changed_engine), **others)
+
+        return nominal_options(required=required, help=help)(monitor_option(with_compared))
+
+    return decorate

@@ -8,15 +8,9 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from enginediag_cli.commands.intake_options import (
-    judging_options,
-    monitor_option,
-    nominal_options,
-    source_options,
-    window_options,
-)
+from enginediag_cli.commands.intake_options import compared_options, judging_options, source_options, window_options
 from enginediag_cli.commands.isolation_options import Further, further_options
-from enginediag_cli.commands.judging import ending, open_intake, open_monitor, tell_files
+from enginediag_cli.commands.judging import Compared, ending, judged_files, tell_files
 from enginediag_cli.commands.options import (
     FiniteRange,
     exit_code_option,
@@ -46,10 +40,9 @@ SENTENCES = 10
     epilog=exit_codes("something was isolated and --exit-code given"),
 )
 @source_options
-@nominal_options(help="Nominal engine, as written by identify; not needed for what residual has written.")
+@compared_options(help="Nominal engine, as written by identify; not needed for what residual has written.")
 @judging_options
 @window_options
-@monitor_option
 @click.option(
     "--method",
     type=click.Choice(METHODS),
@@ -105,10 +98,8 @@ SENTENCES = 10
 def isolate(
     messages: Messages,
     source: Source,
-    nominal: str | None,
-    accept_changed_engine: bool,
+    compared: Compared,
     judging: Judging,
-    patterns: tuple[str, ...],
     method: str,
     faults: int | None,
     false_alarm: float,
@@ -142,17 +133,13 @@ def isolate(
     from enginediag_cli.isolation.prior import SetPrior
     from enginediag_cli.presentation.isolation_rows import isolated_rows, tell_isolated
     from enginediag_cli.recordings.provenance import header_lines
-    from enginediag_cli.residuals.files import JudgedFiles
     from enginediag_cli.residuals.kept_records import KeptRecords
 
     if by == "component" and (method != "posterior" or faults):
         raise click.UsageError("--by component goes with --method posterior and without --faults")
     plain = not (judging.reference or judging.model_error)  # otherwise the score knows more than the records tell
-    further.check(method, by, nominal, not plain)
-    monitor = None
-    if nominal:
-        sensors = further.sensors_watched(method, patterns)
-        monitor = open_monitor(nominal, patterns, accept_changed_engine, sensors=sensors)
+    further.check(method, by, compared.nominal, not plain)
+    monitor = compared.open(messages, source, sensors=further.sensors_watched(method, compared.patterns))
     kept = None
     if monitor is not None and plain and by == "parameter" and further.keeps(method, judging.linearise):
         kept = KeptRecords(monitor, short_windows=not judging.plan.whole)
@@ -164,7 +151,7 @@ def isolate(
         confidence=coverage,
         largest=largest,
     )
-    files = JudgedFiles(open_intake(source, monitor), monitor, judging)
+    files = judged_files(source, monitor, judging)
     asked = further.diagnosis_options(method, judging.linearise, options)
     isolating = Isolating(files, asked, false_alarm, by == "component", kept, further.advise, further.extra)
     named = judged = windows = 0
@@ -174,7 +161,7 @@ def isolate(
         for found in each(isolating.windows(), "windows isolated"):
             windows += 1
             statistics = found.verdict.window.statistics
-            if windows == 1 and statistics is not None and nominal is None:
+            if windows == 1 and statistics is not None and monitor is None:
                 further.warn_of_sensors(messages, statistics.parameters)
             judged += found.judged
             named += found.named
@@ -187,7 +174,7 @@ def isolate(
     notes = {"method": method, "false_alarm": str(false_alarm)}
     head = header_lines(
         "isolate",
-        configs=[*([nominal] if nominal else []), *source.configs, *further.files()],
+        configs=[*compared.configs, *source.configs, *further.files()],
         notes={**notes, **source.notes, **judging.notes, **further.notes},
         inherited=files.intake.provenance,
     )

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import click
+from click.core import ParameterSource
 
 from enginediag_cli.presentation.messages import Messages
 
@@ -12,19 +14,51 @@ if TYPE_CHECKING:
     from enginediag_cli.errors import ExitCode
     from enginediag_cli.intake.intake import Intake
     from enginediag_cli.intake.source import Source
-    from enginediag_cli.residuals.files import JudgedFiles
+    from enginediag_cli.residuals.files import JudgedFiles, Judging
     from enginediag_cli.residuals.monitor import Monitor
 
 
-def open_monitor(
-    nominal: str, patterns: tuple[str, ...], accept_changed_engine: bool, *, sensors: bool = False
-) -> Monitor:
-    """What recordings are compared with; sensors: the bias of every sensor in use may have changed, too."""
-    from enginediag_cli.intake.baseline import open_baseline
-    from enginediag_cli.residuals.monitor import monitor_of
+@dataclass(frozen=True)
+class Compared:
+    """What recordings are compared with, as the options of a command name it; `nominal` is None where only statistics
+    are read."""
 
-    baseline = open_baseline(nominal, accept_changed_engine=accept_changed_engine)
-    return monitor_of(baseline, patterns, sensors=sensors)
+    nominal: str | None
+    patterns: tuple[str, ...]
+    accept_changed_engine: bool
+
+    def open(self, messages: Messages, source: Source, *, sensors: bool = False) -> Monitor | None:
+        """The monitor, with what should be known of it on stderr; sensors: the bias of every sensor in use may have
+        changed, too."""
+        if self.nominal is None:
+            return None
+        from enginediag_cli.intake.baseline import open_baseline
+        from enginediag_cli.presentation.baseline_doubts import tell_baseline
+        from enginediag_cli.residuals.monitor import monitor_of
+
+        baseline = open_baseline(self.nominal, accept_changed_engine=self.accept_changed_engine)
+        tell_baseline(messages, baseline, source.engine_instance)
+        return monitor_of(baseline, self.patterns, sensors=sensors)
+
+    @property
+    def configs(self) -> list[str]:
+        """Files that a result depends on, for its provenance."""
+        return [self.nominal] if self.nominal else []
+
+
+def judged_files(source: Source, monitor: Monitor | None, judging: Judging, *, summed: bool = False) -> JudgedFiles:
+    """The files as windows; summed: windows of a flight are added up."""
+    from enginediag_cli.residuals.files import JudgedFiles
+
+    return JudgedFiles(open_intake(source, monitor), monitor, judging, summed=summed, given=_given())
+
+
+def _given() -> dict[str, bool]:
+    """Which choices the user made, by the names of `residuals.statistics_file.IGNORED`."""
+    context = click.get_current_context()
+    chosen = {name: context.get_parameter_source(name) for name in context.params}
+    given = {name: source is not None and source is not ParameterSource.DEFAULT for name, source in chosen.items()}
+    return {**given, "monitor": given.get("patterns", False)}
 
 
 def open_intake(source: Source, monitor: Monitor | None) -> Intake:
@@ -38,8 +72,13 @@ def open_intake(source: Source, monitor: Monitor | None) -> Intake:
 def tell_files(messages: Messages, files: JudgedFiles) -> None:
     """What was left out of the files, on stderr."""
     from enginediag_cli.presentation.left_out import tell_left_out
+    from enginediag_cli.presentation.sentences import count
 
     tell_left_out(messages, files.intake.left_out, files.counts)
+    if files.ledger.repeated:
+        messages.warning(f"{count(files.ledger.repeated, 'row')} of statistics given twice, and counted once")
+    if files.ledger.overlapping:
+        messages.warning(f"{count(files.ledger.overlapping, 'window')} with records that another has, too")
 
 
 def ending(found: int, judged: int, exit_code: bool) -> ExitCode:

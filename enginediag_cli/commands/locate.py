@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from enginediag_cli.commands.mismatch_options import mismatch_options, provenance
+from enginediag_cli.commands.mismatch_options import mismatch_options, provenance, tell_case
 from enginediag_cli.commands.options import (
     OutputFile,
     exit_code_option,
@@ -77,11 +77,10 @@ def locate(
     from enginediag_cli.mismatch.fit.load import load_case
     from enginediag_cli.mismatch.locate.locate import locate as run
     from enginediag_cli.mismatch.locate.verdict_kind import kind_of
-    from enginediag_cli.presentation.left_out import tell_left_out
     from enginediag_cli.presentation.located import COLUMNS, located_rows, picture, sentences
 
     loaded = load_case(case)
-    tell_left_out(messages, loaded.intake.left_out)
+    tell_case(messages, case, loaded)
     if every is not None:
         return _per_record(messages, case, loaded, every, output)
     located = run(loaded.evidence)

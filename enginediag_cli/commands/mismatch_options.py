@@ -10,12 +10,13 @@ import click
 
 from enginediag_cli.commands.intake_options import nominal_options, source_options
 from enginediag_cli.commands.options import ConfigFile, FiniteRange, seed_option
+from enginediag_cli.presentation.messages import Messages
 
 if TYPE_CHECKING:
     from click.shell_completion import CompletionItem
 
     from enginediag_cli.intake.source import Source
-    from enginediag_cli.mismatch.fit.load import Asked, Case
+    from enginediag_cli.mismatch.fit.load import Asked, Case, Loaded
 
 
 def mismatch_options(function: Callable[..., Any]) -> Callable[..., Any]:
@@ -150,3 +151,13 @@ def provenance(command: str, case: Case, inherited: Sequence[str], **notes: str)
         notes={name: text for name, text in told.items() if text},
         inherited=tuple(inherited),
     )
+
+
+def tell_case(messages: Messages, case: Case, loaded: Loaded) -> None:
+    """What should be known of the nominal state, and what was left out of the recordings, on stderr."""
+    from enginediag_cli.presentation.baseline_doubts import tell_baseline
+    from enginediag_cli.presentation.left_out import tell_left_out
+
+    if loaded.baseline is not None:
+        tell_baseline(messages, loaded.baseline, case.source.engine_instance)
+    tell_left_out(messages, loaded.intake.left_out)

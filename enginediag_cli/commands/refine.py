@@ -6,7 +6,13 @@ from typing import TYPE_CHECKING
 
 import click
 
-from enginediag_cli.commands.mismatch_options import complete_terms, mismatch_options, provenance, without_option
+from enginediag_cli.commands.mismatch_options import (
+    complete_terms,
+    mismatch_options,
+    provenance,
+    tell_case,
+    without_option,
+)
 from enginediag_cli.commands.options import OutputFile, exit_codes, message_options, output_file_option, pass_messages
 from enginediag_cli.commands.parameter_types import CSV_SUFFIXES, PICTURE_SUFFIXES
 from enginediag_cli.errors import ExitCode
@@ -152,11 +158,10 @@ def _evidence(
 
     from enginediag_cli.mismatch.fit.load import load_case
     from enginediag_cli.mismatch.refine.refine import last_flights
-    from enginediag_cli.presentation.left_out import tell_left_out
 
     source = replace(case.source, files=(*case.source.files, *tests))
     loaded = load_case(replace(case, source=source))
-    tell_left_out(messages, loaded.intake.left_out)
+    tell_case(messages, case, loaded)
     evidence, inherited = loaded.evidence, tuple(loaded.intake.provenance)
     if last is not None:
         return evidence, last_flights(evidence, last), inherited

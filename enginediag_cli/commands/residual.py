@@ -8,14 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from enginediag_cli.commands.intake_options import (
-    judging_options,
-    monitor_option,
-    nominal_options,
-    source_options,
-    window_options,
-)
-from enginediag_cli.commands.judging import ending, open_intake, open_monitor, tell_files
+from enginediag_cli.commands.intake_options import compared_options, judging_options, source_options, window_options
+from enginediag_cli.commands.judging import Compared, ending, judged_files, tell_files
 from enginediag_cli.commands.options import exit_codes, message_options, output_options, pass_messages
 from enginediag_cli.errors import ExitCode
 from enginediag_cli.presentation.messages import Messages
@@ -25,14 +19,17 @@ from enginediag_cli.presentation.summaries import STATISTICS
 if TYPE_CHECKING:
     from enginediag_cli.intake.source import Source
     from enginediag_cli.residuals.files import JudgedFiles, Judging
+    from enginediag_cli.residuals.monitor import Monitor
+
+if TYPE_CHECKING:
+    from enginediag_cli.errors import ExitCode
 
 
 @click.command(short_help="Condense recordings into local statistics.", epilog=exit_codes())
 @source_options
-@nominal_options(required=True)
+@compared_options(required=True)
 @judging_options
 @window_options
-@monitor_option
 @click.option("--sensors", is_flag=True, help="Statistics of a bias of every sensor, too, for isolate.")
 @click.option(
     "--what",
@@ -47,10 +44,8 @@ if TYPE_CHECKING:
 def residual(
     messages: Messages,
     source: Source,
-    nominal: str,
-    accept_changed_engine: bool,
+    compared: Compared,
     judging: Judging,
-    patterns: tuple[str, ...],
     sensors: bool,
     what: str,
     output: Output,
@@ -66,31 +61,41 @@ def residual(
     nominal engine and about sensor offsets is counted in s, F and V.
     """
     from enginediag_cli.recordings.provenance import header_lines
-    from enginediag_cli.residuals.files import JudgedFiles
-    from enginediag_cli.residuals.flat import flat_columns, flat_row
+    from enginediag_cli.residuals.flat import flat_columns
+    from enginediag_cli.residuals.seal import CHECKSUM, MADE_COLUMNS
 
-    monitor = open_monitor(nominal, patterns, accept_changed_engine, sensors=sensors)
-    files = JudgedFiles(open_intake(source, monitor), monitor, judging)
+    monitor = compared.open(messages, source, sensors=sensors)
+    assert monitor is not None
+    files = judged_files(source, monitor, judging)
     columns: tuple[str, ...] | None
     if what == "records":
         rows, columns = _records(files), None
     else:
-        rows = (flat_row(found, units) for found, units in files.windows())
-        columns = flat_columns(monitor.monitored)
+        rows = _statistics(files, monitor)
+        columns = (*flat_columns(monitor.monitored), *MADE_COLUMNS, CHECKSUM)
     first = next(rows, None)  # reads the head of the first file, which the provenance quotes
     notes = {"linearised": "at nominal" if judging.linearise == "nominal" or what == "records" else "at each estimate"}
     head = header_lines(
         "residual",
-        configs=[nominal, *source.configs],
+        configs=[*compared.configs, *source.configs],
         notes={**notes, **source.notes, **judging.notes},
         inherited=files.intake.provenance,
     )
     summary = STATISTICS if what == "statistics" else ()  # residuals go by the engine's own sensors, in their order
     rows_found = chain([first] if first is not None else [], rows)
-    written = output.write_rows(rows_found, columns, summary=summary, provenance=head, live=True)
+    output.write_rows(rows_found, columns, summary=summary, provenance=head, live=True)
     tell_files(messages, files)
-    judged = files.counts["statistics"] if what == "statistics" else written
-    return ending(0, judged, False)
+    return ending(0, files.counts["statistics"], False)
+
+
+def _statistics(files: JudgedFiles, monitor: Monitor) -> Iterator[dict[str, Any]]:
+    from enginediag_cli.residuals.files import made_with
+    from enginediag_cli.residuals.flat import flat_row
+    from enginediag_cli.residuals.seal import sealed
+
+    made = made_with(files, monitor)
+    for found, units in files.windows():
+        yield sealed(flat_row(found, units), made)
 
 
 def _records(files: JudgedFiles) -> Iterator[dict[str, Any]]:
@@ -98,4 +103,6 @@ def _records(files: JudgedFiles) -> Iterator[dict[str, Any]]:
 
     assert files.monitor is not None
     for chunk in files.intake.chunks():
-        yield from record_residuals(files.monitor, chunk)
+        for row in record_residuals(files.monitor, chunk):
+            files.counts["statistics"] += any(value == value for c, value in row.items() if c.endswith(":residual"))
+            yield row

@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING
 
 import click
 
-from enginediag_cli.commands.intake_options import judging_options, monitor_option, nominal_options, source_options
-from enginediag_cli.commands.judging import ending, open_intake, open_monitor, tell_files
+from enginediag_cli.commands.intake_options import compared_options, judging_options, source_options
+from enginediag_cli.commands.judging import Compared, ending, judged_files, tell_files
 from enginediag_cli.commands.options import exit_codes, message_options, output_options, pass_messages
 from enginediag_cli.presentation.messages import Messages
 from enginediag_cli.presentation.output import Output
@@ -21,9 +21,8 @@ if TYPE_CHECKING:
 
 @click.command(short_help="Follow health over flights: level, onset and rate of deterioration.", epilog=exit_codes())
 @source_options
-@nominal_options(help="Nominal engine, as written by identify; not needed for what residual has written.")
+@compared_options(help="Nominal engine, as written by identify; not needed for what residual has written.")
 @judging_options
-@monitor_option
 @click.option(
     "--what",
     type=click.Choice(["trend", "flights"]),
@@ -37,10 +36,8 @@ if TYPE_CHECKING:
 def trend(
     messages: Messages,
     source: Source,
-    nominal: str | None,
-    accept_changed_engine: bool,
+    compared: Compared,
     judging: Judging,
-    patterns: tuple[str, ...],
     what: str,
     output: Output,
 ) -> ExitCode:
@@ -58,10 +55,9 @@ def trend(
     from enginediag_cli.detection.trend_of_files import engine_trends, flight_sums
     from enginediag_cli.presentation.trend_rows import flight_rows, tell_trends, trend_rows
     from enginediag_cli.recordings.provenance import header_lines
-    from enginediag_cli.residuals.files import JudgedFiles
 
-    monitor = open_monitor(nominal, patterns, accept_changed_engine) if nominal else None
-    files = JudgedFiles(open_intake(source, monitor), monitor, judging)
+    monitor = compared.open(messages, source)
+    files = judged_files(source, monitor, judging, summed=True)
     sums = flight_sums(files)
     if what == "flights":
         rows = list(flight_rows(sums))
@@ -71,7 +67,7 @@ def trend(
         rows = list(trend_rows(trends, sums))
     head = header_lines(
         "trend",
-        configs=[*([nominal] if nominal else []), *source.configs],
+        configs=[*compared.configs, *source.configs],
         notes={**source.notes, **judging.notes},
         inherited=files.intake.provenance,
     )

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
+from enginediag_cli.detection.distributions import chdtrc
 from enginediag_cli.detection.glr import GlrTest, glr_test
 from enginediag_cli.detection.lack_of_fit import LackOfFit, lack_of_fit
 from enginediag_cli.residuals.pipeline import WindowStatistics
@@ -13,9 +14,16 @@ HEALTHY, FAULT, NO_VERDICT = "healthy", "fault", "no verdict"
 NOISE_UNKNOWN = "the noise was identified from too few independent records"
 """Why a window has no verdict where no threshold keeps its false-alarm rate."""
 
-
 HARDLY_KNOWN = 0.5
 """A₂/rank beyond which no threshold can be had for noise that was estimated: about four degrees of freedom."""
+LEAST_SENSORS = 2
+"""Sensors without which nothing is told: with one alone, whatever happens is as well an error of that one, and nothing
+shows that it works at all."""
+LEAST_FIT = 1e-4
+"""χ² per degree of freedom below which readings do not scatter as readings do: the noise would be a hundredth of what
+was identified. Noise that was taken too large, for errors of the model were counted in it, is so by a factor of ten."""
+LEAST_FIT_CHANCE = 1e-9
+"""And it must be no accident: of few readings one is as small by chance now and then."""
 
 
 @dataclass(frozen=True)
@@ -36,13 +44,35 @@ def unknown_noise(score: Score) -> bool:
 
 
 def judge(window: WindowStatistics, false_alarm: float = 0.01) -> Verdict:
-    """Test one window at the given false-alarm probability."""
-    if window.statistics is None:
+    """Test one window at the given false-alarm probability.
+
+    Errors of sensors that gave no reading are left out of the statistics of the verdict's window: they are no suspects.
+    """
+    statistics = window.statistics
+    if statistics is None:
         return Verdict(window, NO_VERDICT, window.reason)
-    score = fisher_score(window.statistics)
+    if window.silent:
+        statistics = statistics.without(window.silent)
+        window = replace(window, statistics=statistics)
+    if window.sensors_of and window.sensors < LEAST_SENSORS:
+        few = f"{window.sensors} of {window.sensors_of} sensors gave readings, and {LEAST_SENSORS} are the least"
+        return Verdict(window, NO_VERDICT, few)
+    score = fisher_score(statistics)
     test = glr_test(score, false_alarm)
-    if test.alarm is None:
+    if test.alarm is None or statistics.dof <= 0:
         return Verdict(window, NO_VERDICT, "these operating points excite none of the monitored parameters")
     if unknown_noise(score):
         return Verdict(window, NO_VERDICT, NOISE_UNKNOWN)
-    return Verdict(window, FAULT if test.alarm else HEALTHY, "", test, lack_of_fit(window.statistics), score)
+    fit = lack_of_fit(statistics)
+    if lifeless(fit):
+        return Verdict(
+            window,
+            NO_VERDICT,
+            f"the readings scatter impossibly little (fit {fit.ratio:.1g}): they repeat, or were not measured",
+        )
+    return Verdict(window, FAULT if test.alarm else HEALTHY, "", test, fit, score)
+
+
+def lifeless(fit: LackOfFit) -> bool:
+    """Whether the readings scatter less than any that were measured can: a recorder that repeats itself."""
+    return fit.dof > 0 and fit.ratio < LEAST_FIT and 1.0 - chdtrc(fit.dof, fit.statistic) < LEAST_FIT_CHANCE

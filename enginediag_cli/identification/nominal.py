@@ -12,6 +12,8 @@ from enginediag_cli.identification.offset_prior import OffsetPrior
 from enginediag_cli.identification.quality import SensorQuality
 from enginediag_cli.identification.unidentified import Combination
 
+ENGINE_INSTANCE = "engine instance"
+"""Key of `provenance` that names the engine, of those that a recording tells apart, which was identified."""
 STATUSES = ("identified", "weak", "at prior", "at bound")
 IDENTIFIED, WEAK = 0.75, 0.1
 """Shares of the prior variance that the data removed: half the prior's sigma is left, or 95 % of it."""
@@ -64,6 +66,7 @@ class Nominal:
 
     `covariance` (p, p) is that of the estimates, in their units and order. `noise_correlation` (m, m) is
     between sensors in one record. `recording_offsets`: recording → "column bias" or "column scale" → value.
+    `sealed`: false when it was read from a file without a checksum, which may have been edited by anyone.
     """
 
     engine_path: str
@@ -82,6 +85,12 @@ class Nominal:
     envelope: Envelope
     records: Mapping[str, int]
     provenance: Mapping[str, str]
+    sealed: bool = True
+
+    @property
+    def engine_instance(self) -> str:
+        """The engine whose recordings were used, where one was chosen by name; '' otherwise."""
+        return self.provenance.get(ENGINE_INSTANCE, "")
 
     @property
     def theta0(self) -> dict[str, float]:

@@ -12,11 +12,19 @@ from typing import Any
 
 import numpy as np
 
+from enginediag_cli.config.checked import Checked
 from enginediag_cli.config.fields import Section
 from enginediag_cli.config.reading import refuse_other_kind
-from enginediag_cli.errors import ConfigError, DataError, Mark, Problem
+from enginediag_cli.errors import ConfigError, Mark, Problem
 from enginediag_cli.identification.envelope import Envelope
 from enginediag_cli.identification.nominal import Estimate, Nominal, SensorNoise
+from enginediag_cli.identification.nominal_checks import (
+    CHECKSUM,
+    checksum_of,
+    checksum_problems,
+    symmetric,
+    value_problems,
+)
 from enginediag_cli.identification.nominal_sections import (
     COMBINATION,
     ESTIMATE,
@@ -32,6 +40,7 @@ from enginediag_cli.identification.unidentified import Combination
 __all__ = [
     "NOMINAL_FILE",
     "engine_file",
+    "fingerprint",
     "format_nominal",
     "read_nominal",
     "refuse_changed_engine",
@@ -46,23 +55,15 @@ HEADER = """\
 
 
 def read_nominal(path: str | Path) -> Nominal:
-    """Read a nominal file. Raises ConfigError with every problem in it."""
+    """Read a nominal file. Raises ConfigError with every problem in it: a key that is wrong, a value that cannot be,
+    any edit since `identify` wrote it. A file without a checksum is read, and its nominal is not `sealed`."""
     from enginediag_cli.config.kinds import load_checked
 
     checked = load_checked(path, "nominal")
     v = checked.values
     p, m = len(v["estimates"]), len(v["noise"])
-    problems = [
-        Problem(
-            checked.mark((key,)),
-            f"{key} has {len(v[key])} numbers, and {n * (n + 1) // 2} are needed for {n} {of}",
-        )
-        for key, n, of in (("covariance", p, "estimates"), ("noise_correlation", m, "sensors"))
-        if len(v[key]) != n * (n + 1) // 2
-    ]
-    axes = v["envelope"]["inputs"]
-    if len({len(a["points"]) for a in axes.values()}) != 1:
-        problems.append(Problem(checked.mark(("envelope",)), "the inputs of the envelope differ in number of points"))
+    text = Path(path).read_text(encoding="utf-8-sig")
+    problems = [*checksum_problems(checked, text), *value_problems(checked)]
     if problems:
         raise ConfigError(problems)
     return Nominal(
@@ -70,9 +71,9 @@ def read_nominal(path: str | Path) -> Nominal:
         v["engine_sha256"],
         tuple(v["inputs"]),
         tuple(Estimate(name, **e) for name, e in v["estimates"].items()),
-        _symmetric(v["covariance"], p),
+        symmetric(v["covariance"], p),
         tuple(SensorNoise(name, **e) for name, e in v["noise"].items()),
-        _symmetric(v["noise_correlation"], m),
+        symmetric(v["noise_correlation"], m),
         tuple(OffsetPrior(**o) for o in v["offsets"]),
         {r["label"]: dict(r["values"]) for r in v["recording_offsets"]},
         tuple(SensorQuality(**q) for q in v["in_sample"]),
@@ -82,6 +83,7 @@ def read_nominal(path: str | Path) -> Nominal:
         _envelope(v["envelope"]),
         {k: int(n) for k, n in v["records"].items()},
         dict(v["provenance"]),
+        sealed=bool(v[CHECKSUM]),
     )
 
 
@@ -112,7 +114,7 @@ def format_nominal(nominal: Nominal) -> str:
         width=110,
         default_flow_style=None,
     )
-    return HEADER + str(body)
+    return f"{HEADER}{body}{CHECKSUM}: {checksum_of(body)}\n"
 
 
 def write_nominal(nominal: Nominal, path: str | Path) -> None:
@@ -134,15 +136,35 @@ def engine_file(nominal: Nominal, nominal_path: str | Path) -> Path:
     return path
 
 
-def refuse_changed_engine(nominal: Nominal, engine_path: str | Path, *, accept: bool = False) -> None:
-    """Raises DataError when the engine file is not the one that was identified, unless that is accepted."""
+def refuse_changed_engine(
+    nominal: Nominal, engine_path: str | Path, *, accept: bool = False, nominal_path: str | Path | None = None
+) -> str:
+    """SHA-256 of an engine file that is not the one that was identified, when that is accepted; '' when it is the one.
+
+    Raises ConfigError, at its line of the nominal file where that is given, when it is not accepted, and OSError.
+    """
     from enginediag_cli.recordings.provenance import sha256_of
 
-    if not accept and sha256_of(engine_path) != nominal.engine_sha256:
-        raise DataError(
-            f"{engine_path} has changed since its nominal state was identified; run identify again, or give "
-            "--accept-changed-engine to go on"
-        )
+    digest = sha256_of(engine_path)
+    if digest == nominal.engine_sha256:
+        return ""
+    if accept:
+        return digest
+    mark = Mark(str(engine_path))
+    if nominal_path is not None:
+        from enginediag_cli.config.document import load_document
+
+        mark = Checked({}, load_document(nominal_path)).mark(("engine_sha256",))
+    what = f"{engine_path} has changed since its nominal state was identified"
+    raise ConfigError([Problem(mark, what, "run identify again, or go on with --accept-changed-engine")])
+
+
+def fingerprint(nominal: Nominal) -> str:
+    """SHA-256 (16 digits) of everything that the nominal says, to bind to it what is made with it."""
+    import hashlib
+    import json
+
+    return hashlib.sha256(json.dumps(_as_values(nominal)).encode()).hexdigest()[:16]
 
 
 def _as_values(n: Nominal) -> dict[str, Any]:
@@ -193,9 +215,3 @@ def _plain(value: Any) -> Any:
 
 def _triangle(matrix: np.ndarray) -> list[float]:
     return [float(x) for x in matrix[np.tril_indices(len(matrix))]]
-
-
-def _symmetric(triangle: Sequence[float], n: int) -> np.ndarray:
-    matrix = np.zeros((n, n))
-    matrix[np.tril_indices(n)] = triangle
-    return np.asarray(matrix + np.tril(matrix, -1).T)

@@ -145,5 +145,6 @@ NOMINAL_FILE = Section(
         Field("envelope", "section", "operating points seen", section=ENVELOPE),
         Field("records", "any_map", "records used, and left out by reason", default={}),
         Field("provenance", "text_map", "version, command, files", default={}),
+        Field("checksum", "text", "checksum of all other lines but comments, as identify wrote them", default=""),
     ),
 )

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterable, Iterator
 from dataclasses import dataclass, field
-from itertools import chain
 
 import numpy as np
 
@@ -13,8 +12,10 @@ from enginediag_cli.intake.left_out import LeftOut
 from enginediag_cli.intake.source import Source, refuse_repeated
 from enginediag_cli.intake.wanted import Wanted
 from enginediag_cli.recordings.masking import Judged, Masker
+from enginediag_cli.recordings.peeked import Peeked
 from enginediag_cli.recordings.read import read
 from enginediag_cli.recordings.recorder import Recorder, load_recorder
+from enginediag_cli.recordings.source import opened
 from enginediag_cli.recordings.table import Recording
 
 CHUNK = 3000
@@ -42,9 +43,13 @@ class Intake:
         self._recorder = load_recorder(self.source.recorder) if self.source.recorder else None
 
     def files(self) -> Iterator[File]:
-        """The files in turn; each has to be read, or let go, before the next is asked for. Raises DataError."""
+        """The files in turn; each has to be read before the next is asked for. Raises DataError."""
         for name in self.source.files:
-            yield File(self, name)
+            if self.recorder is not None:
+                yield File(self, name, None)
+                continue
+            with opened(name) as (stream, label):
+                yield File(self, name, Peeked(stream, label))
 
     def chunks(self) -> Iterator[Recording]:
         """Masked chunks of all files in turn. Raises DataError, NoVerdictError."""
@@ -52,9 +57,13 @@ class Intake:
             yield from file.masked()
 
     def remember(self, recording: Recording) -> None:
-        """Keep what the head of a file says: where it comes from, and its columns."""
-        self.provenance += [line for line in recording.provenance if line not in self.provenance]
+        """Keep what the head of a recording says: where it comes from, and its columns."""
+        self.inherit(recording.provenance)
         self.columns += [column for column in recording.order if column not in self.columns]
+
+    def inherit(self, provenance: Iterable[str]) -> None:
+        """Keep the `#` lines of a file's head."""
+        self.provenance += [line for line in provenance if line not in self.provenance]
 
     @property
     def recorder(self) -> Recorder | None:
@@ -62,22 +71,10 @@ class Intake:
 
 
 class File:
-    """One file of an intake. `columns`: those of its header, none where a recorder maps it."""
+    """One file of an intake. `lines`: its text, with the columns of its header; None where a recorder maps it."""
 
-    def __init__(self, intake: Intake, name: str):
-        self._intake, self.name = intake, name
-        self.columns: tuple[str, ...] = ()
-        self._chunks: Iterator[Recording] = iter(())
-        if intake.recorder is None:
-            declared = intake.wanted.declared if intake.wanted else ()
-            chunks = read(name, declared=declared, chunk_records=CHUNK)
-            first = next(chunks)
-            intake.remember(first)
-            self.columns, self._chunks = first.order, chain([first], chunks)
-
-    def raw(self) -> Iterator[Recording]:
-        """Its chunks as they stand in the file."""
-        return self._chunks
+    def __init__(self, intake: Intake, name: str, lines: Peeked | None):
+        self._intake, self.name, self.lines = intake, name, lines
 
     def masked(self) -> Iterator[Recording]:
         """Its chunks as they are judged; what was left out goes to the intake's `left_out`."""
@@ -86,13 +83,16 @@ class File:
         if intake.recorder is not None:
             yield from self._mapped(intake.recorder)
             return
+        assert self.lines is not None
         left = LeftOut(self.name)
         intake.left_out.append(left)
         wanted = intake.wanted
         judged: Judged | None = None
         masker: Masker | None = None
-        for chunk in of_engine(self._chunks, intake.source.engine_instance):
+        chunks = read(self.lines, declared=wanted.declared, chunk_records=CHUNK)
+        for chunk in of_engine(chunks, intake.source.engine_instance):
             if judged is None:
+                intake.remember(chunk)
                 left.absent = wanted.absent(chunk)
                 judged = judged_columns(wanted, chunk)
                 masker = Masker(judged)

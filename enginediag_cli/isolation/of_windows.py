@@ -90,13 +90,13 @@ class Isolating:
         if verdict.score is None:
             return IsolatedWindow(verdict, units, by_component=self.by_component)
         if self.by_component:
-            components = isolate_components(verdict.score, self.options.isolation, window.statistics)
+            components = isolate_components(verdict.score, self.options.isolation, verdict.window.statistics)
             return IsolatedWindow(verdict, units, components=components, by_component=True)
         records = _Records(self.files.monitor, self.kept, window) if self.kept is not None else None
-        diagnosis = diagnose(verdict.score, self.options, records, window.statistics)
+        diagnosis = diagnose(verdict.score, self.options, records, verdict.window.statistics)
         advice = None
         if self.advise and self.files.monitor is not None:
-            advice = self._advice(self.files.monitor, diagnosis, records() if records else None)
+            advice = self._advice(self.files.monitor.without(window.silent), diagnosis, records() if records else None)
         return IsolatedWindow(verdict, units, diagnosis, advice=advice)
 
     def _advice(self, monitor: Monitor, diagnosis: Diagnosis, model: WindowModel | None) -> NextRecording | None:
@@ -124,4 +124,8 @@ class _Records:
 
     def __call__(self) -> WindowModel | None:
         found = self._kept.of(self._window)
-        return None if found is None or self._monitor is None else WindowModel(self._monitor, *found)
+        return (
+            None
+            if found is None or self._monitor is None
+            else WindowModel(self._monitor.without(self._window.silent), *found)
+        )

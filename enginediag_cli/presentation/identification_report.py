@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 
 from enginediag_cli.identification.identify import OUTSIDE_MAPS, IdentificationResult
 from enginediag_cli.identification.nominal import Estimate
 from enginediag_cli.identification.quality import EVERYTHING, SensorQuality
+from enginediag_cli.identification.repeats import Repeat
 from enginediag_cli.presentation.numbers import rounded
 
 SHOWN_COMBINATIONS = 12
@@ -37,6 +38,13 @@ def _records_line(result: IdentificationResult) -> str:
     used += f" ({outside:,} of them outside the maps)" if outside else ""
     left = [f"{n:,} {why}" for why, n in result.records.items() if why not in ("used", OUTSIDE_MAPS) and n]
     return used + (f"; left out: {', '.join(left)}" if left else "; none left out")
+
+
+def repeat_lines(repeats: Iterable[Repeat]) -> Iterator[str]:
+    """What was given twice and is counted once."""
+    for r in repeats:
+        what = f"all {r.records:,} records" if r.whole else f"{r.records:,} records"
+        yield f"{r.label}: {what} stand in {r.of}, too, and are counted once"
 
 
 def noise_lines(result: IdentificationResult) -> Iterator[str]:

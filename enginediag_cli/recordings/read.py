@@ -12,7 +12,7 @@ import re
 from collections.abc import Collection, Iterable, Iterator
 from dataclasses import dataclass
 from itertools import islice
-from typing import Any, TextIO
+from typing import Any
 
 import numpy as np
 
@@ -104,7 +104,7 @@ class _Wanted:
         return column in self.numbers or (self.by_suffix and is_numeric_column(column))
 
 
-def _records(stream: TextIO, name: str, wanted: _Wanted, chunk_records: int) -> Iterator[Recording]:
+def _records(stream: Iterable[str], name: str, wanted: _Wanted, chunk_records: int) -> Iterator[Recording]:
     dialect = wanted.dialect
     head, provenance, first = _head(stream, name, dialect.header_line)
     separator = dialect.separator(first, f"{name}:{head + 1}")
@@ -164,7 +164,7 @@ def _points(cells: Collection[str], decimal: str) -> Collection[str]:
     return [cell.replace(".", "\u00b7").replace(",", ".") for cell in cells]
 
 
-def _head(stream: TextIO, name: str, header_line: int) -> tuple[int, list[str], str]:
+def _head(stream: Iterable[str], name: str, header_line: int) -> tuple[int, list[str], str]:
     """Number of lines before the header, the provenance lines among them, and the header's first line."""
     provenance: list[str] = []
     for number, text in enumerate(stream):

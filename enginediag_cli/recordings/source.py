@@ -6,14 +6,14 @@ import gzip
 import os
 import stat
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TextIO
 
 from enginediag_cli.errors import DataError
 
-Source = str | Path | TextIO
+Source = str | Path | Iterable[str]
 
 SHOWN_BYTES = 1 << 20
 """Bytes of a file read at once when the place of a wrong one is looked for."""
@@ -46,7 +46,7 @@ def _terminal(path: str | Path) -> bool:
 
 
 @contextmanager
-def opened(source: Source, codec: str = "utf-8-sig") -> Iterator[tuple[TextIO, str]]:
+def opened(source: Source, codec: str = "utf-8-sig") -> Iterator[tuple[Iterable[str], str]]:
     """The open text stream and its name; `-` is standard input, `.gz` is unpacked. Raises DataError."""
     if not isinstance(source, (str, Path)):
         yield source, getattr(source, "name", "<stream>")

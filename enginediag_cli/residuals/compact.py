@@ -142,6 +142,7 @@ def compact(monitor: Monitor) -> Monitor:
         uncertainty,
         monitor.noise,
         monitor.envelope,
+        monitor.nominal,
         Fit(names, centre, spread, powers, coefficients),
         start,
         curvature(monitor, {c: points[own, i] for i, c in enumerate(names)}, x),

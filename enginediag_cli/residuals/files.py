@@ -9,10 +9,12 @@ from dataclasses import dataclass, field
 from enginediag_cli.errors import DataError
 from enginediag_cli.intake.intake import File, Intake
 from enginediag_cli.recordings.table import Recording
-from enginediag_cli.residuals.flat import is_flat, read_flat
+from enginediag_cli.residuals.flat import is_flat
 from enginediag_cli.residuals.monitor import Monitor
 from enginediag_cli.residuals.pipeline import WindowStatistics
 from enginediag_cli.residuals.reference import windows_against_reference
+from enginediag_cli.residuals.seal import DIGITS, MadeWith, plan_cells
+from enginediag_cli.residuals.statistics_file import Ledger, read_statistics, refuse_ignored_options
 from enginediag_cli.residuals.windows import WindowPlan
 
 Window = tuple[WindowStatistics, Mapping[str, str]]
@@ -47,18 +49,25 @@ class JudgedFiles:
     """Windows of the files of an intake; monitor: None where all files hold statistics. `counts`: of records by what
     became of them (`records`, `outside`, `incomplete`, `failed`), of `windows` and of those with `statistics`, as far
     as they have been read.
-    passing: sees the chunks of recordings on their way."""
+    passing: sees the chunks of recordings on their way. summed: windows of a flight are added up. given: names of the
+    choices that the user made, which statistics would ignore. `ledger`: what was read of statistics."""
 
     intake: Intake
     monitor: Monitor | None
     judging: Judging
     passing: Callable[[Iterable[Recording]], Iterable[Recording]] = iter
+    summed: bool = False
+    given: Mapping[str, object] = field(default_factory=dict)
     counts: Counter[str] = field(default_factory=Counter)
+
+    def __post_init__(self) -> None:
+        self.ledger = Ledger(self.monitor.nominal if self.monitor else "", summed=self.summed)
 
     def windows(self) -> Iterator[Window]:
         """All windows in turn. Raises DataError, NoVerdictError."""
         for file in self.intake.files():
-            for window, units in self._flat(file) if is_flat(file.columns) else self._condensed(file):
+            statistics = file.lines is not None and is_flat(file.lines.columns)
+            for window, units in self._flat(file) if statistics else self._condensed(file):
                 self._count(window)
                 yield window, units
 
@@ -77,13 +86,11 @@ class JudgedFiles:
         ):
             yield window, monitor.units
 
-    @staticmethod
-    def _flat(file: File) -> Iterator[Window]:
-        for chunk in file.raw():
-            numbers = {c: [repr(x) for x in values.tolist()] for c, values in chunk.columns.items()}
-            cells = {**chunk.text, **{c: ["" if x == "nan" else x for x in v] for c, v in numbers.items()}}
-            rows = (dict(zip(cells, row, strict=True)) for row in zip(*cells.values(), strict=True))
-            yield from read_flat(rows, chunk.source, chunk.line.tolist())
+    def _flat(self, file: File) -> Iterator[Window]:
+        assert file.lines is not None
+        refuse_ignored_options(self.given, file.lines.name)
+        self.intake.inherit(file.lines.provenance)
+        yield from read_statistics(file.lines, file.lines.name, self.ledger)
 
     def _count(self, window: WindowStatistics) -> None:
         self.counts.update(
@@ -94,3 +101,21 @@ class JudgedFiles:
             incomplete=window.incomplete,
             failed=window.failed,
         )
+
+
+def made_with(files: JudgedFiles, monitor: Monitor) -> MadeWith:
+    """How the statistics of these files are made."""
+    from enginediag_cli.recordings.provenance import sha256_of
+
+    judging, source = files.judging, files.intake.source
+    return MadeWith(
+        monitor.nominal,
+        **plan_cells(judging.plan),
+        linearise=judging.linearise,
+        monitor=" ".join(monitor.monitored),
+        reference=str(judging.reference),
+        last=str(judging.last),
+        model_error=str(judging.model_error),
+        recorder=sha256_of(source.recorder)[:DIGITS] if source.recorder else "",
+        engine_instance=source.engine_instance,
+    )

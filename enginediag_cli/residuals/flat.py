@@ -12,11 +12,23 @@ from typing import Any
 import numpy as np
 
 from enginediag_cli.errors import DataError
+from enginediag_cli.residuals.excitation import range_space
 from enginediag_cli.residuals.pipeline import WindowStatistics
 from enginediag_cli.residuals.statistics import LocalStatistics
 
 TEXTS = ("source", "flight", "engine", "reason")
-COUNTS = ("first_line", "last_line", "records", "outside", "incomplete", "failed")
+COUNTS = ("first_line", "last_line", "records", "outside", "incomplete", "failed", "sensors", "sensors_of")
+SILENT = "silent"
+"""Column that lists the monitored errors of sensors that gave no reading."""
+MOST = 2**53
+"""Counts are whole numbers up to this: beyond it a number no longer tells neighbours apart."""
+LARGEST_VARIANCE = 1e9
+"""Between this and its inverse lies the variance of s in units of its information F: noise that is correlated from
+record to record multiplies it by hundreds, and the uncertainty of nominal has been put into F by then."""
+LARGEST_INFORMATION = 1e30
+"""In prior standard deviations, squared: a million records of readings a million times finer than a change."""
+NEGLIGIBLE = 1e-6
+"""Share of the largest eigenvalue by which rounding may make a covariance negative; rank is judged far more finely."""
 TIMES = ("start_s", "end_s")
 DOUBT = ("noise_A1", "noise_A2", "noise_Q")
 """How uncertain estimated noise makes the metric and how far it is from Gaussian, see `Score`; a file without these
@@ -33,6 +45,8 @@ WINDOW_COLUMNS = (
     "outside",
     "incomplete",
     "failed",
+    "sensors",
+    "sensors_of",
     "reason",
 )
 
@@ -47,6 +61,7 @@ def flat_columns(parameters: Sequence[str]) -> tuple[str, ...]:
     pairs = [(a, b) for i, a in enumerate(parameters) for b in parameters[i:]]
     return (
         *WINDOW_COLUMNS,
+        SILENT,
         "n",
         "chi2",
         "dof",
@@ -62,6 +77,7 @@ def flat_row(window: WindowStatistics, units: Mapping[str, str]) -> dict[str, An
     x = window.statistics
     if x is None:
         return row
+    row[SILENT] = list(window.silent)
     row.update(n=x.n, chi2=x.chi2, dof=x.dof, **dict(zip(DOUBT, x.doubt, strict=True)))
     for i, a in enumerate(x.parameters):
         row.update(
@@ -98,7 +114,10 @@ def read_flat(
             F, V = (cell.matrix(what, names) for what in ("F", "V"))
             A1, A2, Q = (cell.number(c) if c in row else 0.0 for c in DOUBT)
             if not np.all(sigma > 0):
-                raise DataError(f"{source}:{line}:prior_sigma: must be positive")
+                a = names[int(np.argmax(~(sigma > 0)))]
+                raise DataError(f"{source}:{line}:prior_sigma:{a}: must be positive")
+            if not names:
+                raise DataError(f"{source}:{line}: statistics of no parameter")
             statistics = LocalStatistics(
                 names,
                 theta0,
@@ -106,18 +125,66 @@ def read_flat(
                 s,
                 F,
                 V,
-                int(cell.number("n")),
+                cell.count("n", least=1),
                 cell.number("chi2"),
-                cell.number("dof"),
+                cell.number("dof", positive=True),
                 doubt=(A1, A2, Q),
             )
+            _check_physical(statistics, f"{source}:{line}")
         values: dict[str, Any] = {c: row.get(c, "") for c in TEXTS}
-        values.update({c: int(cell.number(c)) for c in COUNTS})
+        values.update({c: cell.count(c) for c in COUNTS})
+        _check_counts(values, statistics, f"{source}:{line}")
+        values[SILENT] = tuple(name for name in row.get(SILENT, "").split("; ") if name)
         values.update({c: cell.number(c) if row.get(c, "").strip() else float("nan") for c in TIMES})
         if statistics is None and not values["reason"]:
             values["reason"] = "the file of statistics gives none for this window"
         units = {a: row.get(f"unit:{a}", "") for a in names}
         yield WindowStatistics(**values, statistics=statistics), units
+
+
+def _check_counts(values: Mapping[str, Any], statistics: LocalStatistics | None, place: str) -> None:
+    """DataError for counts that contradict each other."""
+    judged = statistics.n if statistics is not None else 0
+    if judged + values["outside"] + values["incomplete"] > values["records"]:
+        raise DataError(f"{place}:records: fewer than were judged, outside and incomplete together")
+    if values["sensors"] > values["sensors_of"]:
+        raise DataError(f"{place}:sensors: more than the {values['sensors_of']} that there are")
+
+
+def _check_physical(x: LocalStatistics, place: str) -> None:
+    """DataError for matrices that no records give: information F that is negative somewhere, a covariance V of s that
+    is not one or has nothing to do with F, and statistics that F cannot have."""
+    D = x.prior_sigma
+    with np.errstate(over="ignore", invalid="ignore"):
+        scaled = {"F": D[:, None] * x.F * D, "V": D[:, None] * x.V * D}
+        sizes = {"s": D * x.s, **scaled}
+    for what, values in sizes.items():
+        if not np.all(np.abs(values) < LARGEST_INFORMATION):
+            i = int(np.argmax(~(np.abs(values) < LARGEST_INFORMATION)))
+            raise DataError(f"{place}:{_named(what, x.parameters, i)}: too large to be that of any records")
+    for what, matrix in scaled.items():
+        if np.any(np.diag(matrix) < 0):
+            i = int(np.argmax(np.diag(matrix) < 0))
+            raise DataError(f"{place}:{what}:{x.parameters[i]}|{x.parameters[i]}: must not be negative")
+        eigenvalues = np.linalg.eigvalsh(matrix)
+        if eigenvalues[0] < -NEGLIGIBLE * max(eigenvalues[-1], 0.0):
+            raise DataError(f"{place}:{what}: not positive semi-definite, and so not that of any records")
+    space = range_space(x.F, D)
+    half = (space.basis / np.sqrt(space.eigenvalues)).T
+    variance = np.linalg.eigvalsh(half @ scaled["V"] @ half.T) if space.rank else np.ones(1)
+    if not (variance[0] > 1 / LARGEST_VARIANCE and variance[-1] < LARGEST_VARIANCE):
+        raise DataError(f"{place}:V: not the covariance of statistics whose information is F")
+    if x.chi2 < -NEGLIGIBLE * x.dof or x.doubt[0] < 0 or x.doubt[1] < 0:
+        column = "chi2" if x.chi2 < 0 else DOUBT[0] if x.doubt[0] < 0 else DOUBT[1]
+        raise DataError(f"{place}:{column}: must not be negative")
+
+
+def _named(what: str, parameters: Sequence[str], i: int) -> str:
+    """The column of the i-th entry of a vector or matrix."""
+    if what == "s":
+        return f"s:{parameters[i]}"
+    a, b = sorted(divmod(i, len(parameters)))
+    return f"{what}:{parameters[a]}|{parameters[b]}"
 
 
 class _Cells:
@@ -126,7 +193,13 @@ class _Cells:
     def __init__(self, row: Mapping[str, str], place: str):
         self._row, self._place = row, place
 
-    def number(self, column: str) -> float:
+    def count(self, column: str, least: int = 0) -> int:
+        value = self.number(column)
+        if not (least <= value <= MOST and value == int(value)):
+            raise DataError(f"{self._place}:{column}: not a whole number from {least} on: {self._row[column]!r}")
+        return int(value)
+
+    def number(self, column: str, *, positive: bool = False) -> float:
         text = self._row.get(column)
         if text is None:
             raise DataError(f"{self._place}: missing column {column}")
@@ -136,6 +209,8 @@ class _Cells:
             raise DataError(f"{self._place}:{column}: not a number: {text!r}") from None
         if not np.isfinite(value):
             raise DataError(f"{self._place}:{column}: not a finite number: {text!r}")
+        if positive and not value > 0:
+            raise DataError(f"{self._place}:{column}: must be positive: {text!r}")
         return value
 
     def matrix(self, what: str, names: Sequence[str]) -> np.ndarray:

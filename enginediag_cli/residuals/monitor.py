@@ -7,8 +7,8 @@ error, and *offsets* of sensors differ from one recording to the next; both are 
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, replace
 from fnmatch import filter as matching
 from typing import TYPE_CHECKING, Any
 
@@ -23,6 +23,8 @@ if TYPE_CHECKING:
     from enginediag_cli.intake.baseline import Baseline
 
 
+DIGITS = 16
+"""Hexadecimal digits of a hash that tells one file from another: an accident in 10¹⁹ passes."""
 HELD = 0.5
 """Spread of a change in prior standard deviations, for the point of linearisation: the middle one of the sizes that
 isolation takes for plausible."""
@@ -40,7 +42,8 @@ class Offset:
 class Monitor:
     """Engine with p parameters of interest (monitored, then uncertain, then offsets) and m sensors.
 
-    base: values of all identified parameters; theta0, prior_sigma, lower, upper (p,); uncertainty (p, p).
+    base: values of all identified parameters; theta0, prior_sigma, lower, upper (p,); uncertainty (p, p). nominal: the
+    fingerprint of the nominal state, to which statistics are bound.
     """
 
     engine: MonitoredModel
@@ -57,6 +60,7 @@ class Monitor:
     uncertainty: np.ndarray
     noise: NoiseModel
     envelope: Any = None
+    nominal: str = ""
 
     @property
     def precision(self) -> np.ndarray:
@@ -71,6 +75,22 @@ class Monitor:
         scale = self.prior_sigma
         scaled = covariance / scale / scale[:, None] + 1e-10 * np.eye(len(scale))
         return np.asarray(np.linalg.inv(scaled) / scale / scale[:, None])
+
+    def without(self, names: Collection[str]) -> Monitor:
+        """The same with `names`, of the monitored parameters, taken for certain."""
+        if not names:
+            return self
+        kept = np.array([i for i, name in enumerate(self.names) if name not in names], dtype=int)
+        return replace(
+            self,
+            names=tuple(self.names[i] for i in kept),
+            monitored=tuple(name for name in self.monitored if name not in names),
+            theta0=self.theta0[kept],
+            prior_sigma=self.prior_sigma[kept],
+            lower=self.lower[kept],
+            upper=self.upper[kept],
+            uncertainty=self.uncertainty[np.ix_(kept, kept)],
+        )
 
     def predict(
         self,
@@ -120,6 +140,8 @@ def monitor_from_nominal(
     monitors); sensors: columns to use (default: those identified). Raises DataError for names that do not
     exist.
     """
+    from enginediag_cli.identification.nominal_file import fingerprint
+
     used = tuple(sensors) or nominal.sensors
     absent = [c for c in used if c not in nominal.sensors]
     if absent:
@@ -155,6 +177,7 @@ def monitor_from_nominal(
         _uncertainty(nominal, inner, spread),
         noise_of(nominal, used),
         nominal.envelope,
+        fingerprint(nominal),
     )
 
 
@@ -215,8 +238,10 @@ def monitor_of(baseline: Baseline, patterns: Sequence[str] = (), *, sensors: boo
     changed, too. Raises DataError for a pattern that names nothing."""
     engine, nominal = baseline.engine, baseline.nominal
     monitor = monitor_from_nominal(engine, nominal, patterns)
-    if not sensors:
-        return monitor
-    known = [p for column in monitor.sensors for p in engine.sensors[column].parameters()]
-    biases = [p.name for p in known if p.name.endswith(".bias") and p.name not in monitor.monitored]
-    return monitor_from_nominal(engine, nominal, (*monitor.monitored, *biases))
+    if sensors:
+        known = [p for column in monitor.sensors for p in engine.sensors[column].parameters()]
+        biases = [p.name for p in known if p.name.endswith(".bias") and p.name not in monitor.monitored]
+        monitor = monitor_from_nominal(engine, nominal, (*monitor.monitored, *biases))
+    # statistics are bound to the engine that made them, too, where it is not the one identified
+    changed = baseline.changed_engine and f" engine {baseline.changed_engine[:DIGITS]}"
+    return replace(monitor, nominal=monitor.nominal + changed)

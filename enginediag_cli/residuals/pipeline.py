@@ -41,7 +41,9 @@ class WindowStatistics:
     """Statistics of the monitored parameters over one window; `statistics` is None where there is no verdict.
 
     records: in the window; outside: beyond the operating points seen; incomplete: without an input or without
-    any reading; failed: not computed by the engine; reason: why there is no verdict, or empty.
+    any reading; failed: not computed by the engine; reason: why there is no verdict, or empty. sensors: how many of the
+    `sensors_of` that the nominal has gave a reading in a record that was judged (0 of 0: not known); silent: the
+    monitored errors of those that gave none, of which nothing can be said and which are no suspects.
     """
 
     source: str
@@ -58,6 +60,9 @@ class WindowStatistics:
     statistics: LocalStatistics | None
     reason: str = ""
     notes: tuple[str, ...] = ()
+    sensors: int = 0
+    sensors_of: int = 0
+    silent: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -173,13 +178,15 @@ def _finished(
             batch.append(waiting.popleft())
             size += sum(len(piece.y) for piece in batch[-1])
         if linearise == "nominal":
-            yield from (_at_nominal(condense, pieces) for pieces in batch)
+            yield from (_at_nominal(monitor, condense, pieces) for pieces in batch)
         else:
             yield from _at_estimate(monitor, batch, condense)
 
 
 def _whole(pieces: Sequence[_Piece]) -> WindowStatistics:
-    return joined([piece.window for piece in pieces])
+    """Bookkeeping of a window, with the sensors that gave a reading in a record that was judged."""
+    read = np.any([np.isfinite(piece.y).any(axis=0) for piece in pieces], axis=0)
+    return replace(joined([piece.window for piece in pieces]), sensors=int(read.sum()), sensors_of=len(read))
 
 
 def joined(parts: Sequence[WindowStatistics]) -> WindowStatistics:
@@ -201,7 +208,11 @@ def joined(parts: Sequence[WindowStatistics]) -> WindowStatistics:
 
 
 def _with_statistics(
-    condense: Condense, window: WindowStatistics, statistics: LocalStatistics | None, reason: str = ""
+    monitor: Monitor,
+    condense: Condense,
+    window: WindowStatistics,
+    statistics: LocalStatistics | None,
+    reason: str = "",
 ) -> WindowStatistics:
     """The window with its condensed statistics, or with the reason why it has none."""
     if statistics is None or statistics.n == 0:
@@ -211,7 +222,14 @@ def _with_statistics(
     labelled = replace(
         statistics, start=f"{window.source}:{window.first_line}", end=f"{window.source}:{window.last_line}"
     )
-    return condense(window, labelled)
+    silent = (name for name in monitor.monitored if _is_silent(monitor, name, statistics))
+    return condense(replace(window, silent=tuple(silent)), labelled)
+
+
+def _is_silent(monitor: Monitor, name: str, statistics: LocalStatistics) -> bool:
+    """Whether it is the error of a sensor that gave no reading: its sensitivities are zero, not merely small."""
+    i = monitor.names.index(name)
+    return monitor.engine.parameters[name].of_sensor and not statistics.F[i, i]
 
 
 def nothing_judged(window: WindowStatistics) -> str:
@@ -224,9 +242,9 @@ def nothing_judged(window: WindowStatistics) -> str:
     return "no record could be judged: " + ", ".join(f"{n} {what}" for n, what in counts if n)
 
 
-def _at_nominal(condense: Condense, pieces: Sequence[_Piece]) -> WindowStatistics:
+def _at_nominal(monitor: Monitor, condense: Condense, pieces: Sequence[_Piece]) -> WindowStatistics:
     blocks = [piece.block for piece in pieces if piece.block is not None]
-    return _with_statistics(condense, _whole(pieces), reduce(add, blocks).statistics if blocks else None)
+    return _with_statistics(monitor, condense, _whole(pieces), reduce(add, blocks).statistics if blocks else None)
 
 
 def _at_estimate(monitor: Monitor, batch: Sequence[Sequence[_Piece]], condense: Condense) -> Iterator[WindowStatistics]:
@@ -268,7 +286,7 @@ def _at_estimate(monitor: Monitor, batch: Sequence[Sequence[_Piece]], condense: 
         rows = slice(first, first + size)
         first += size
         if found is None or size == 0:
-            yield _with_statistics(condense, _whole(pieces), None)
+            yield _with_statistics(monitor, condense, _whole(pieces), None)
             continue
         failed = int(np.sum(~found.ok[rows]))
         whole = replace(_whole(pieces), failed=failed)
@@ -287,4 +305,4 @@ def _at_estimate(monitor: Monitor, batch: Sequence[Sequence[_Piece]], condense: 
             if found.converged[w] or statistics.n == 0
             else (f"the re-estimate did not converge (last step {found.decrement[w]:.2g} standard errors)")
         )
-        yield _with_statistics(condense, whole, statistics, reason)
+        yield _with_statistics(monitor, condense, whole, statistics, reason)

@@ -7,7 +7,7 @@ They add: the statistics of two windows, flights or machines are the sum of thei
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -101,6 +101,24 @@ class LocalStatistics:
     def unexcited(self, least_information: float = 1.0) -> tuple[DarkCombination, ...]:
         """Combinations of parameters that these operating points tell less about than the prior does."""
         return dark_combinations(self.parameters, self.F, self.prior_sigma, least_information)
+
+    def without(self, names: Collection[str]) -> LocalStatistics:
+        """The same of all parameters but `names`, which are taken not to have changed."""
+        kept = np.array([i for i, a in enumerate(self.parameters) if a not in names], dtype=int)
+        if len(kept) == len(self.parameters):
+            return self
+        square = np.ix_(kept, kept)
+        return replace(
+            self,
+            parameters=tuple(self.parameters[i] for i in kept),
+            theta0=self.theta0[kept],
+            prior_sigma=self.prior_sigma[kept],
+            s=self.s[kept],
+            F=self.F[square],
+            V=self.V[square],
+            by_sensor=None if self.by_sensor is None else self.by_sensor[:, kept[:, None], kept],
+            rows=None if self.rows is None else self.rows[:, kept],
+        )
 
     def indices(self, names: Sequence[str]) -> np.ndarray:
         """Positions of `names`; KeyError names the parameter that these statistics do not monitor."""

@@ -100,7 +100,8 @@ def test_noise_known_from_too_few_records_gives_no_verdict():
     rng = np.random.default_rng(7)
     G = rng.standard_normal((20, 1, 2))
     for readings, verdict in ((2.0, NO_VERDICT), (200.0, HEALTHY)):
-        found = statistics_of(np.zeros((20, 1)), G, NoiseModel(np.ones(1), np.zeros(1), readings=np.array([readings])))
+        noise = NoiseModel(np.ones(1), np.zeros(1), readings=np.array([readings]))
+        found = statistics_of(0.5 * rng.standard_normal((20, 1)), G, noise)
         assert unknown_noise(fisher_score(found)) == (verdict == NO_VERDICT)
         judged = judge(replace(WINDOW, statistics=found))
         assert judged.verdict == verdict

@@ -119,3 +119,10 @@ def test_masked_readings_are_counted(folder):
     write_csv("gaps.csv", recording)
     report = run("configs/toy.yaml", "gaps.csv", "--no-cross-validation", "-o", "n.yaml").stderr
     assert "gaps.csv: T3_K: 2 of 150 values masked (missing 2)" in report
+
+
+def test_the_same_flight_given_twice_counts_once_and_is_told(folder):
+    once = run("configs/toy.yaml", "day1.csv", "--no-cross-validation", "-o", "once.yaml")
+    twice = run("configs/toy.yaml", "day1.csv", "day1.csv", "--no-cross-validation", "-o", "twice.yaml")
+    assert "counted once" in twice.stderr and "counted once" not in once.stderr
+    assert read_nominal("twice.yaml").estimates == read_nominal("once.yaml").estimates

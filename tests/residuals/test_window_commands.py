@@ -187,3 +187,79 @@ def test_options_that_make_no_sense_are_usage_errors(run, arguments):
 def test_json_holds_lists_and_numbers(run):
     (row,) = run("isolate", "faulty.csv", "--format", "json")[1]
     assert row["isolated"] == ["hpc.efficiency"] and isinstance(row["change"], float)
+
+
+def test_a_file_without_records_is_no_verdict_and_exit_3_in_every_command(run, files):
+    header = (files / "healthy.csv").read_text().splitlines()[0] + "\n"
+    for words in (("detect",), ("detect", "--exit-code"), ("isolate",), ("trend",), ("residual",)):
+        assert run(*words, "-", stdin=header)[0] == 3, words
+    statistics = run("residual", "faulty.csv")[3].split("\n")
+    head = "\n".join(line for line in statistics[:10] if line.startswith(("#", "source")))
+    assert run("detect", "-", nominal=False, stdin=head + "\n")[0] == 3
+
+
+def test_a_recorder_that_stands_still_is_no_verdict_and_never_a_fault(run, files):
+    lines = (files / "healthy.csv").read_text().splitlines()
+    still = "\n".join([lines[0], *[lines[40]] * 60]) + "\n"
+    code, rows, _, _ = run("detect", "-", "--exit-code", stdin=still)
+    assert (code, rows[0]["verdict"]) == (3, "no verdict") and "impossibly little" in rows[0]["reason"]
+
+
+def without_columns(text, *columns):
+    cells = [line.split(",") for line in text.splitlines()]
+    kept = [k for k, name in enumerate(cells[0]) if name not in columns]
+    return "\n".join(",".join(row[k] for k in kept) for row in cells) + "\n"
+
+
+def test_rows_say_how_many_sensors_were_judged_and_one_alone_is_no_verdict(run, files):
+    text = (files / "healthy.csv").read_text()
+    sensors = [
+        c for c in text.split("\n")[0].split(",") if c not in ("altitude_m", "mach", "dT_isa_K", "Wf_kg_s", "time_s")
+    ]
+    m = str(len(sensors))
+    for lost in (0, 1, len(sensors) - 1):
+        row = run("detect", "-", stdin=without_columns(text, *sensors[:lost]))[1][0]
+        assert (row["sensors"], row["sensors_of"]) == (str(len(sensors) - lost), m)
+        assert (row["verdict"] == "no verdict") == (lost == len(sensors) - 1)
+
+
+def test_a_sensor_without_a_column_is_no_rival_of_what_is_isolated(run, files):
+    text = (files / "faulty.csv").read_text()
+    assert any("sensor.T3.bias" in str(row) for row in run("isolate", "-", "--coverage", "0.9999", stdin=text)[1])
+    found = run("isolate", "-", "--coverage", "0.9999", "--nonlinear", "always", stdin=without_columns(text, "T3_K"))
+    assert found[0] == 0 and not any("sensor.T3" in str(row) for row in found[1])
+
+
+def test_statistics_put_together_are_read_and_given_twice_are_told(run):
+    first, second = (run("residual", f"{name}.csv")[3] for name in ("healthy", "faulty"))
+    rows = run("detect", "-", nominal=False, stdin=first + second)[1]
+    assert [row["verdict"] for row in rows] == ["healthy", "fault"]
+    code, rows, err, _ = run("detect", "-", nominal=False, stdin=second * 3)
+    assert code == 0 and len(rows) == 1 and "2 rows of statistics given twice" in err
+
+
+@pytest.mark.parametrize(
+    "option",
+    [("--window", "10"), ("--linearise", "nominal"), ("--monitor", "hpc.*"), ("--reference", "5"), ("--last", "5")],
+)
+def test_an_option_that_statistics_would_ignore_is_refused(run, option):
+    statistics = run("residual", "faulty.csv")[3]
+    code, _, err, out = run("detect", "-", *option, nominal=False, stdin=statistics)
+    assert code == 2 and out == "" and f"{option[0]} would do nothing" in err
+
+
+def test_a_nominal_beside_statistics_must_be_theirs(run, files, tmp_path):
+    statistics = run("residual", "faulty.csv")[3]
+    assert run("detect", "-", stdin=statistics)[1][0]["verdict"] == "fault"
+    other = tmp_path / "nominal.yaml"
+    text = (files / "nominal.yaml").read_text().replace("rho1: 0.0", "rho1: 0.1")
+    other.write_text("".join(line for line in text.splitlines(True) if not line.startswith("checksum")))
+    code, _, err, _ = run("detect", "-n", other, "-", nominal=False, stdin=statistics)
+    assert code == 2 and "another nominal" in err
+
+
+def test_an_edited_nominal_is_trouble_and_names_its_place(run, files, tmp_path):
+    edited = tmp_path / "nominal.yaml"
+    edited.write_text((files / "nominal.yaml").read_text().replace("rho1: 0.0", "rho1: 0.1", 1))
+    code, _, err, _ = run("detect", "-n", edited, "healthy.csv", nominal=False)
+    assert code == 2 and "edited after identify wrote it" in err and "nominal.yaml:" in err

@@ -27,7 +27,7 @@ from enginediag_cli.engine.mismatch_block import MISMATCH
 from enginediag_cli.errors import DataError
 from enginediag_cli.identification.nominal import Nominal
 from enginediag_cli.identification.settings import IdentificationSettings, settings_from_mapping
-from enginediag_cli.intake.baseline import open_engine
+from enginediag_cli.intake.baseline import Baseline, open_baseline
 from enginediag_cli.intake.flights import whole_flights
 from enginediag_cli.intake.intake import Intake
 from enginediag_cli.intake.source import Source
@@ -65,23 +65,27 @@ class Case:
 
 @dataclass(frozen=True)
 class Loaded:
-    """The evidence, and the intake that it came through, which knows what was left out."""
+    """The evidence, the intake that it came through, which knows what was left out, and the nominal state, if any."""
 
     evidence: Evidence
     intake: Intake
+    baseline: Baseline | None = None
 
 
 def load_case(case: Case) -> Loaded:
     """Read everything that a case names. Raises ConfigError and DataError for files and names that do not fit."""
-    from enginediag_cli.identification.nominal_file import read_nominal
+    from enginediag_cli.physics.engine_file import load_engine
 
-    nominal = read_nominal(case.nominal) if case.nominal else None
-    engine = open_engine(case.engine, nominal, accept_changed_engine=case.accept_changed_engine)
+    baseline = None
+    if case.nominal:
+        baseline = open_baseline(case.nominal, case.engine, accept_changed_engine=case.accept_changed_engine)
+    engine = baseline.engine if baseline else load_engine(case.engine)
     intake = Intake(case.source, columns_of(engine, others=case.asked.drivers), fleet=True)
     whole = whole_flights(intake)
     _known_drivers(case.asked.drivers, intake.columns)
     flights = [Flight(f.recording.label, f.engine, f.recording.columns, f.file) for f in whole]
-    return Loaded(build_evidence(engine, flights, case.asked, nominal=nominal), intake)
+    nominal = baseline.nominal if baseline else None
+    return Loaded(build_evidence(engine, flights, case.asked, nominal=nominal), intake, baseline)
 
 
 def build_evidence(

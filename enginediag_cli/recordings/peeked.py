@@ -1,0 +1,45 @@
+"""A text file whose head has been read, to see what it holds before it is read as that."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Iterable, Iterator
+from contextlib import suppress
+
+
+class Peeked:
+    """An open text file whose head has been read: `provenance`, the `#` lines before the header; `columns`, the cells
+    of the header; iterating gives all lines from the first."""
+
+    def __init__(self, stream: Iterable[str], name: str):
+        self.name = name
+        self.provenance: list[str] = []
+        self.columns: tuple[str, ...] = ()
+        self._stream = iter(stream)
+        self._head: list[str] = []
+        self._broken: Exception | None = None
+        try:
+            self._peek()
+        except (UnicodeDecodeError, OSError, EOFError) as error:  # whoever reads on meets it, and says what it means
+            self._broken = error
+
+    def _peek(self) -> None:
+        for text in self._stream:
+            self._head.append(text)
+            bare = text.lstrip("\ufeff").strip()
+            if bare.startswith("#"):
+                self.provenance.append(bare[1:].strip())
+            elif bare:
+                with suppress(csv.Error):
+                    self.columns = tuple(cell.strip() for cell in next(csv.reader([bare]), []))
+                return
+
+    def __iter__(self) -> Iterator[str]:
+        return self
+
+    def __next__(self) -> str:
+        if self._head:
+            return self._head.pop(0)
+        if self._broken is not None:
+            raise self._broken
+        return next(self._stream)

@@ -1,0 +1,202 @@
+"""Files of statistics read back: whole, unedited, of one making, each window once.
+
+Several files may have been put together with `cat`: their `#` lines and repeated headers are passed over.
+"""
+
+from __future__ import annotations
+
+import csv
+import gzip
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+
+from enginediag_cli.errors import DataError
+from enginediag_cli.residuals.flat import is_flat, read_flat
+from enginediag_cli.residuals.pipeline import WindowStatistics
+from enginediag_cli.residuals.seal import CHECKSUM, MadeWith, checksum, made_with
+
+MAKE_ANEW = "make them anew with `enginediag residual` from the recordings"
+IGNORED = {
+    "window": "--window",
+    "step": "--step",
+    "linearise": "--linearise",
+    "monitor": "--monitor",
+    "recorder": "--recorder",
+    "engine_instance": "--engine-instance",
+    "reference": "--reference",
+    "last": "--last",
+    "model_error": "--model-error",
+}
+"""Choices that were made when the statistics were, and the options that make them."""
+
+Span = tuple[int, int]
+Place = tuple[str, str, str]
+
+
+@dataclass
+class Ledger:
+    """What one run has read of statistics. nominal: fingerprint of the nominal given beside them, "" for none;
+    summed: windows of one flight are added up, so that no record may stand in two of them.
+
+    repeated: rows left out, for they had been there before; overlapping: windows that share records with another,
+    though none were asked for that do (two recordings of one name, or one made twice).
+    """
+
+    nominal: str = ""
+    summed: bool = False
+    repeated: int = 0
+    overlapping: int = 0
+    _made: tuple[MadeWith, str] | None = None
+    _rows: set[str] = field(default_factory=set)
+    _spans: dict[Place, list[Span]] = field(default_factory=dict)
+
+    def admit(self, row: Mapping[str, str], place: str) -> bool:
+        """Whether a row may count, and not only repeats an earlier one. DataError names the place of one that is
+        edited, old, or made otherwise than the rest."""
+        made = made_with(row)
+        if made is None or not row.get(CHECKSUM):
+            raise DataError(f"{place}: the row does not say how it was made, nor its checksum: {MAKE_ANEW}")
+        if checksum(row) != row[CHECKSUM]:
+            what = "the row's checksum does not fit: it was edited after residual wrote it"
+            raise DataError(f"{place}:{CHECKSUM}: {what}; {MAKE_ANEW}")
+        if self.nominal and made.nominal != self.nominal:
+            raise DataError(f"{place}: made with another nominal than the one given; {MAKE_ANEW}")
+        first, where = self._made or (made, place)
+        self._made = first, where
+        if differ := made.differences(first):
+            what = "; ".join(f"{IGNORED.get(n, n)} {a or 'none'}, there {b or 'none'}" for n, a, b in differ)
+            raise DataError(f"{place}: made otherwise than {where}: {what}; {MAKE_ANEW}, all alike")
+        # the same records under another file's name give the same numbers; without statistics nothing shows it
+        content = checksum(row, without=("source",) if row.get("n", "").strip() else ())
+        if content in self._rows:
+            self.repeated += 1
+            return False
+        self._rows.add(content)
+        return True
+
+    def place(self, window: WindowStatistics, place: str) -> None:
+        """Note the records of a window. DataError when windows are added up and this one shares some with another."""
+        if window.statistics is None or self._made is None:
+            return
+        if self._made[0].overlapping and not self.summed:
+            return
+        spans = self._spans.setdefault((window.source, window.flight, window.engine), [])
+        span = (window.first_line, window.last_line)
+        latest = spans[0][1] if spans else 0
+        shared = span[0] <= latest and any(first <= span[1] and span[0] <= last for first, last in spans[1:])
+        spans[:1] = [
+            (0, max(latest, span[1]))
+        ]  # the first entry holds the last line of all: most windows come in order
+        spans.append(span)
+        if shared and self.summed:
+            raise DataError(
+                f"{place}: lines {span[0]} to {span[1]} of {window.source} stand in another window, too, and would "
+                "count twice: windows that overlap, or two recordings of one name, cannot be added up"
+            )
+        self.overlapping += shared
+
+
+def read_statistics(
+    lines: Iterable[str], source: str, ledger: Ledger
+) -> Iterator[tuple[WindowStatistics, dict[str, str]]]:
+    """Windows, and the units of their parameters, of an open file of statistics, each once.
+
+    Raises DataError naming file and line.
+    """
+    for row, line in _rows(lines, source):
+        place = f"{source}:{line}"
+        if ledger.admit(row, place):
+            for window, units in read_flat([row], source, [line]):
+                ledger.place(window, place)
+                yield window, units
+
+
+def ignored_options(given: Mapping[str, object]) -> tuple[str, ...]:
+    """The options, as they are written, of those choices in `given` that statistics would ignore.
+
+    given: name of a choice as in `IGNORED` → whether the user made it.
+    """
+    return tuple(option for name, option in IGNORED.items() if given.get(name))
+
+
+def refuse_ignored_options(given: Mapping[str, object], source: str) -> None:
+    """DataError when options are given that statistics, which are made already, would ignore."""
+    options = ignored_options(given)
+    if options:
+        raise DataError(
+            f"{source} holds statistics, for which {', '.join(options)} would do nothing: give the option to "
+            "`enginediag residual`, which makes them"
+        )
+
+
+class _Uncommented:
+    """Lines of a CSV file without the `#` lines outside quotes; `number` is that of the line read last."""
+
+    def __init__(self, lines: Iterable[str]):
+        self._lines = iter(lines)
+        self._quoted = False
+        self.number = 0
+
+    def __iter__(self) -> Iterator[str]:
+        return self
+
+    def __next__(self) -> str:
+        for text in self._lines:
+            self.number += 1
+            text = text.lstrip("\ufeff") if not self._quoted else text
+            if not self._quoted and text.startswith("#"):
+                continue
+            self._quoted ^= text.count('"') % 2 == 1
+            return text
+        raise StopIteration
+
+
+def _rows(lines: Iterable[str], source: str) -> Iterator[tuple[dict[str, str], int]]:
+    """Rows by column, and the line on which each begins."""
+    bare = _Uncommented(lines)
+    reader = csv.reader(bare, strict=True)
+    header: list[str] | None = None
+    try:
+        while True:
+            before = bare.number
+            row = next(reader, None)
+            if row is None:
+                return
+            line = min(before + 1, bare.number) if any("\n" in cell for cell in row) else bare.number
+            cells = [cell.strip() for cell in row]
+            if not any(cells):
+                continue
+            if header is None or cells == header:
+                header = _checked_header(cells, source, line)
+            elif is_flat(cells):
+                raise DataError(
+                    f"{source}:{line}: another header in the middle of the file ({_odd(header, cells)}): the rows "
+                    f"below it hold other statistics than those above; {MAKE_ANEW}, all alike"
+                )
+            elif len(row) != len(header):
+                raise DataError(f"{source}:{line}: {len(row)} fields where the header has {len(header)}")
+            else:
+                yield dict(zip(header, row, strict=True)), line
+    except csv.Error as error:
+        raise DataError(f"{source}:{bare.number}: {error}") from error
+    except UnicodeDecodeError as error:
+        raise DataError(f"{source}: not UTF-8 text ({error.reason})") from error
+    except (gzip.BadGzipFile, EOFError) as error:
+        raise DataError(f"{source}: damaged gzip file ({error})") from error
+
+
+def _checked_header(cells: Sequence[str], source: str, line: int) -> list[str]:
+    for position, cell in enumerate(cells):
+        if not cell:
+            raise DataError(f"{source}:{line}: column {position + 1} has no name")
+        if cells.index(cell) != position:
+            raise DataError(f"{source}:{line}:{cell}: two columns have this name")
+    return list(cells)
+
+
+def _odd(header: Sequence[str], cells: Sequence[str]) -> str:
+    more = [c for c in cells if c not in header]
+    fewer = [c for c in header if c not in cells]
+    if not more and not fewer:
+        return "its columns stand in another order"
+    return "; ".join(f"{what} {', '.join(names[:3])}" for what, names in (("new", more), ("gone", fewer)) if names)
