@@ -166,10 +166,10 @@ def isolate(
 
     def rows() -> Iterator[dict[str, Any]]:
         nonlocal named, judged, windows
-        for found, units in intake.windows(recordings):
+        for found, known in intake.windows(recordings):
             windows += 1
             if windows == 1 and found.statistics is not None and nominal is None:
-                further.warn_of_sensors(messages, found.statistics.parameters)
+                further.warn_of_sensors(messages, known.values())
             verdict = judge(found, false_alarm)
             if by == "component":
                 component = (
@@ -178,8 +178,8 @@ def isolate(
                 judged += component is not None
                 named += bool(component and component.components and component.adequacy.stands)
                 if windows <= SENTENCES and component is not None:
-                    messages.note(f"{where(verdict)}: {component_sentence(component, units)}")
-                yield component_row(verdict, component, units)
+                    messages.note(f"{where(verdict)}: {component_sentence(component, known)}")
+                yield component_row(verdict, component, known)
                 continue
             diagnosis = advice = None
             if verdict.score is not None:
@@ -190,8 +190,8 @@ def isolate(
                 judged += 1
                 named += bool(diagnosis.result.isolated and diagnosis.adequacy.stands)
             if windows <= SENTENCES:
-                tell(messages, verdict, diagnosis, units, advice or ())
-            yield from isolation_rows(verdict, diagnosis, units, asked.catalogue is not None, advice)
+                tell(messages, verdict, diagnosis, known, advice or ())
+            yield from isolation_rows(verdict, diagnosis, known, asked.catalogue is not None, advice)
 
     found = rows()
     first = next(found, None)

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from enginediag_cli.isolation.diagnosis import Diagnosis, DiagnosisOptions
     from enginediag_cli.isolation.methods import IsolationOptions
     from enginediag_cli.isolation.window_model import WindowModel
+    from enginediag_cli.parameters import Parameter
     from enginediag_cli.recordings.table import Recording
     from enginediag_cli.residuals.kept_records import KeptRecords
     from enginediag_cli.residuals.monitor import Monitor
@@ -106,9 +107,9 @@ class Further:
         self._check_extra(monitor)
         return monitor
 
-    def warn_of_sensors(self, messages: Messages, parameters: tuple[str, ...]) -> None:
+    def warn_of_sensors(self, messages: Messages, parameters: Iterable[Parameter]) -> None:
         """Statistics that hold no error of a sensor put a wrong sensor down to the engine."""
-        if self.sensors is None and not any(name.startswith("sensor.") for name in parameters):
+        if self.sensors is None and not any(p.of_sensor for p in parameters):
             messages.warning(
                 "these statistics hold no errors of sensors: a wrong sensor would be taken for a change of the engine; "
                 "`residual --sensors` writes statistics that hold them"
@@ -156,14 +157,15 @@ def advice_for(further: Further, monitor: Monitor, diagnosis: Diagnosis, model: 
     """What would best separate the answer from its leading rival, in words; empty when it has none."""
     from enginediag_cli.isolation.advice import advise, condition_options, sensor_options
     from enginediag_cli.isolation.conditions_grid import conditions_grid
-    from enginediag_cli.presentation.names import in_words, listed
+    from enginediag_cli.presentation.names import listed
+    from enginediag_cli.presentation.names import told as in_words
     from enginediag_cli.presentation.sentences import further_records
 
     result = diagnosis.result
     if not result.rivals:
         return []
     rivals = (result.isolated, result.rivals[0].parameters)
-    words = [listed([in_words(name) for name in names]) or "no change" for names in rivals]
+    words = [listed(in_words(monitor.meaning, names)) or "no change" for names in rivals]
     told = [f"to tell {words[0]} from {words[1]}:"]
     grid = conditions_grid(monitor.engine)
     options = condition_options(monitor, grid) if grid else []

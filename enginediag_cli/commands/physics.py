@@ -77,12 +77,11 @@ def _engines(path: str | None) -> dict[str, Engine]:
 
 def _all(terms: Sequence[Term], engines: Mapping[str, Engine], head: Sequence[str], output: Output) -> None:
     """Every term; or, with an engine, every place where one can act on it."""
-    from enginediag_cli.physics.drivers import DRIVERS
     from enginediag_cli.presentation.physics_terms import site_row, term_row
 
     short = output.chosen_format() == "table"
     if not engines:
-        rows = [term_row(t, DRIVERS[t.DRIVER]) for t in terms]
+        rows = [term_row(t, t.DRIVER.words) for t in terms]
         output.write_rows(rows, LIST_COLUMNS if short else None, provenance=head)
         return
     [engine] = engines.values()
@@ -95,7 +94,6 @@ def _one(shown: Term, engines: Mapping[str, Engine], of_one_engine: bool, head: 
     """One term, as a page, as rows, or as one JSON object."""
     import json
 
-    from enginediag_cli.physics.drivers import DRIVERS
     from enginediag_cli.presentation.physics_terms import coefficient_rows, page, site_row, term_row
 
     places: dict[str, list[Site]] = {n: list(shown.sites(e.network)) for n, e in engines.items()}
@@ -103,9 +101,9 @@ def _one(shown: Term, engines: Mapping[str, Engine], of_one_engine: bool, head: 
     sites = {n: [site_row(shown, s, carried[n]) for s in found] for n, found in places.items()}
     form = output.chosen_format()
     if form == "table":
-        output.write_text(page(shown, DRIVERS[shown.DRIVER], places, carried))
+        output.write_text(page(shown, shown.DRIVER.words, places, carried))
     elif form == "json":
-        document: dict[str, Any] = term_row(shown, DRIVERS[shown.DRIVER])
+        document: dict[str, Any] = term_row(shown, shown.DRIVER.words)
         document |= {"coefficients": list(coefficient_rows(shown)), "places": sites}
         output.write_text(json.dumps(document, indent=1, ensure_ascii=False) + "\n")
     elif of_one_engine:

@@ -71,7 +71,7 @@ def residual(
     if what == "records":
         rows, columns = _records(intake, recordings), None
     else:
-        rows = (flat_row(found, units) for found, units in intake.windows(recordings))
+        rows = (flat_row(found) for found, _ in intake.windows(recordings))
         columns = flat_columns(intake.monitor.monitored)
     first = next(rows, None)  # reads the head of the first file, which the provenance quotes
     notes = {"linearised": "at nominal" if linearise == "nominal" or what == "records" else "at each estimate"}

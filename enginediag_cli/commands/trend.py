@@ -21,6 +21,7 @@ from enginediag_cli.presentation.output import Output
 
 if TYPE_CHECKING:
     from enginediag_cli.errors import ExitCode
+    from enginediag_cli.parameters import Parameter
     from enginediag_cli.residuals.statistics import LocalStatistics
 
 Flight = tuple[str, str, str]
@@ -68,8 +69,8 @@ def trend(
 
     monitor = load_monitor(messages, nominal, patterns) if nominal else None
     intake = Intake(messages, monitor, WindowPlan(), linearise, origin)
-    flights, units, lost = _sums(intake, recordings)
-    rows = list(_trends(messages, flights, units) if what == "trend" else _flights(flights, units))
+    flights, known, lost = _sums(intake, recordings)
+    rows = list(_trends(messages, flights, known) if what == "trend" else _flights(flights, known))
     head = header_lines(
         "trend",
         configs=[*([nominal] if nominal else []), *origin.configs],
@@ -83,27 +84,27 @@ def trend(
     return ending(0, len(rows), len(flights) + lost, False)
 
 
-def _sums(intake: Intake, files: tuple[str, ...]) -> tuple[dict[Flight, LocalStatistics], dict[str, str], int]:
-    """Statistics of each flight, units of the parameters, and how many windows had none."""
+def _sums(intake: Intake, files: tuple[str, ...]) -> tuple[dict[Flight, LocalStatistics], dict[str, Parameter], int]:
+    """Statistics of each flight, what the parameters are, and how many windows had none."""
     from enginediag_cli.errors import DataError
 
     flights: dict[Flight, LocalStatistics] = {}
-    units: dict[str, str] = {}
+    known: dict[str, Parameter] = {}
     lost = 0
-    for window, its_units in intake.windows(files):
+    for window, its_own in intake.windows(files):
         if window.statistics is None:
             lost += 1
             continue
-        units.update(its_units)
+        known.update(its_own)
         key = (window.engine, window.source, window.flight)
         try:
             flights[key] = flights[key] + window.statistics if key in flights else window.statistics
         except ValueError as error:
             raise DataError(f"{window.source}: flight {window.flight}: {error}") from None
-    return flights, units, lost
+    return flights, known, lost
 
 
-def _flights(flights: dict[Flight, LocalStatistics], units: dict[str, str]) -> Iterator[dict[str, Any]]:
+def _flights(flights: dict[Flight, LocalStatistics], known: dict[str, Parameter]) -> Iterator[dict[str, Any]]:
     from enginediag_cli.detection.trend import Z95, flight_change
 
     counts: dict[str, int] = {}
@@ -121,12 +122,12 @@ def _flights(flights: dict[Flight, LocalStatistics], units: dict[str, str]) -> I
                 "change": change,
                 "low": change - Z95 * error,
                 "high": change + Z95 * error,
-                "unit": units.get(a, ""),
+                "unit": known[a].unit,
             }
 
 
 def _trends(
-    messages: Messages, flights: dict[Flight, LocalStatistics], units: dict[str, str]
+    messages: Messages, flights: dict[Flight, LocalStatistics], known: dict[str, Parameter]
 ) -> Iterator[dict[str, Any]]:
     from enginediag_cli.detection.trend import Z95, fit_trends
 
@@ -166,5 +167,5 @@ def _trends(
             if t.kind == "step":
                 values.update(rate_per_flight=None, rate_low=None, rate_high=None)
             row.update({k: v if changed else None for k, v in values.items()})
-            row["unit"] = units.get(t.parameter, "")
+            row["unit"] = known[t.parameter].unit
             yield row

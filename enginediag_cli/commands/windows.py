@@ -15,13 +15,14 @@ from enginediag_cli.presentation.messages import Messages
 
 if TYPE_CHECKING:
     from enginediag_cli.errors import ExitCode
+    from enginediag_cli.parameters import Parameter
     from enginediag_cli.recordings.table import Recording
     from enginediag_cli.residuals.monitor import Monitor
     from enginediag_cli.residuals.pipeline import WindowStatistics
     from enginediag_cli.residuals.windows import WindowPlan
 
-Window = tuple["WindowStatistics", "dict[str, str]"]
-"""Statistics of a window, and the unit of each parameter."""
+Window = tuple["WindowStatistics", "dict[str, Parameter]"]
+"""Statistics of a window, and what its parameters are, by name."""
 
 
 CHUNK = 3000
@@ -136,8 +137,8 @@ def load_monitor(messages: Messages, nominal_path: str, patterns: tuple[str, ...
     monitor = monitor_from_nominal(engine, nominal, patterns)
     if not sensors:
         return monitor
-    known = [p.name for column in monitor.sensors for p in engine.sensors[column].parameters()]
-    biases = [name for name in known if name.endswith(".bias") and name not in monitor.monitored]
+    known = [p for column in monitor.sensors for p in engine.sensors[column].parameters()]
+    biases = [p.name for p in known if p.quantity == "bias" and p.name not in monitor.monitored]
     return monitor_from_nominal(engine, nominal, (*monitor.monitored, *biases))
 
 
@@ -161,18 +162,18 @@ class Intake:
 
         for file in files:
             if self.origin.recorder:
-                for window, units in self._condensed(self._mapped(file)):
+                for window, known in self._condensed(self._mapped(file)):
                     self._count(window)
-                    yield window, units
+                    yield window, known
                 continue
             chunks = read(file, declared=self.declared(), chunk_records=CHUNK)
             first = next(chunks)
             self.remember(first)
             every = chain([first], chunks)
             found = self._flat(every) if is_flat(first.order) else self._condensed(map(self.clean, every))
-            for window, units in found:
+            for window, known in found:
                 self._count(window)
-                yield window, units
+                yield window, known
 
     def recordings(self, files: Iterable[str]) -> Iterator[Recording]:
         """Chunks of the files with gross errors masked and counted."""
@@ -221,7 +222,7 @@ class Intake:
 
         if self.monitor is None:
             raise click.UsageError("a recording needs --nominal; only what residual has written does without")
-        units = dict(self.monitor.units)
+        known = dict(self.monitor.meaning)
         origin = self.origin
         for window in windows_against_reference(
             self.monitor,
@@ -232,7 +233,7 @@ class Intake:
             linearise=self.linearise,
             model_error=origin.model_error,
         ):
-            yield window, units
+            yield window, known
 
     def _flat(self, chunks: Iterable[Recording]) -> Iterator[Window]:
         from enginediag_cli.residuals.flat import read_flat

@@ -85,6 +85,7 @@ class Evidence:
             parameters=monitor.names,
             theta0=monitor.theta0,
             prior_sigma=monitor.prior_sigma,
+            meaning=monitor.meaning,
             lags=lags,
         )
         return [fisher_score(block.statistics) for block in blocks], converged

@@ -16,6 +16,7 @@ import numpy as np
 
 from enginediag_cli.engine.model import MonitoredModel
 from enginediag_cli.errors import DataError
+from enginediag_cli.parameters import Parameter
 from enginediag_cli.residuals.noise import NoiseModel
 
 if TYPE_CHECKING:
@@ -39,7 +40,8 @@ class Offset:
 class Monitor:
     """Engine with p parameters of interest (monitored, then uncertain, then offsets) and m sensors.
 
-    base: values of all identified parameters; theta0, prior_sigma, lower, upper (p,); uncertainty (p, p).
+    base: values of all identified parameters; meaning: what the monitored are, by name; theta0, prior_sigma, lower,
+    upper (p,); uncertainty (p, p).
     """
 
     engine: MonitoredModel
@@ -47,7 +49,7 @@ class Monitor:
     base: Mapping[str, float]
     names: tuple[str, ...]
     monitored: tuple[str, ...]
-    units: Mapping[str, str]
+    meaning: Mapping[str, Parameter]
     offsets: tuple[Offset, ...]
     theta0: np.ndarray
     prior_sigma: np.ndarray
@@ -138,7 +140,7 @@ def monitor_from_nominal(
         nominal.theta0,
         names,
         monitored,
-        {name: engine.parameters[name].unit for name in monitored},
+        {name: engine.parameters[name] for name in monitored},
         offsets,
         np.array([*(known[name] for name in inner), *np.zeros(len(offsets))], float),
         np.array(
