@@ -16,8 +16,8 @@ from enginediag_cli.identification.problem import Problem, TrainingRecording, bu
 from enginediag_cli.identification.settings import IdentificationSettings
 from enginediag_cli.mismatch.fit.evidence import Evidence
 from enginediag_cli.mismatch.fit.extended import NUMBER, Discrepancy, ExtendedModel
-from enginediag_cli.physics.registry import own_drivers
 from enginediag_cli.mismatch.fit.nuisance import constants, floor
+from enginediag_cli.physics.registry import own_drivers
 
 TOLERANCE = 0.03  # standard errors from the optimum: 0.001 of χ²
 ITERATIONS, ROUNDS = 25, 4
