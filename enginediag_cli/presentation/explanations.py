@@ -106,7 +106,7 @@ def coefficient(c: Coefficient, effect: Effect) -> str:
     what = declared.description if declared else c.name
     size = f"{rounded(c.value, c.standard_error)}{f' {unit}' if unit else ''}"
     interval = f"{rounded(c.low, c.standard_error)} to {rounded(c.high, c.standard_error)}"
-    return f"{c.name.rpartition('.')[2]} = {size}, 95 % interval {interval}: {what}."
+    return f"{declared.name if declared else c.name} = {size}, 95 % interval {interval}: {what}."
 
 
 def _whole(value: float) -> str:

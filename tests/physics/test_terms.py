@@ -10,9 +10,9 @@ from functools import cache
 
 import numpy as np
 import pytest
-from enginediag_cli.physics.drivers import DRIVERS
 from term_makers import COLUMN_RANGES, drawn, own_inputs, shipped
 
+from enginediag_cli.drivers import DRIVERS
 from enginediag_cli.engine import solver
 from enginediag_cli.engine.term import Effect
 from enginediag_cli.physics.registry import candidates, effect, term, term_names
