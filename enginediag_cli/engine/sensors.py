@@ -66,7 +66,7 @@ class Sensor:
                 -big,
                 big,
                 self.bias_sigma,
-                self.unit,
+                self.unit or "1",
                 f"{self.quantity} sensor bias",
                 q,
                 "bias",

@@ -21,7 +21,9 @@ def change(parameter: Parameter, delta: float, half_width: float | None = None, 
     parameter changed at all.
     """
     unit = parameter.shown_unit
-    shown = (delta, half_width, unit) if unit else (100 * delta, _times(100, half_width), "%")
+    # an error that is added to a ratio is a ratio, no share of what is read
+    added = bool(unit) or (parameter.of_sensor and parameter.quantity == "bias")
+    shown = (delta, half_width, unit) if added else (100 * delta, _times(100, half_width), "%")
     size = with_unit(abs(shown[0]), shown[2], shown[1])
     behind = f" (probability {probability(chance)})" if chance is not None else ""
     if parameter.of_sensor and parameter.quantity in READ_WRONG:

@@ -18,6 +18,10 @@ def test_a_sensor_bias_is_told_in_the_sensors_unit():
     assert sentences.change(described("sensor.T3.bias", "K"), 4.12, 0.8) == "T3 sensor reads 4.1 K ± 0.8 K too high"
 
 
+def test_a_bias_of_a_ratio_is_a_ratio_and_no_share():
+    assert sentences.change(described("sensor.BPR.bias", "1"), 0.06) == "BPR sensor reads 0.06 too high"
+
+
 def test_a_sensor_scale_below_nominal_reads_too_low():
     assert sentences.change(described("sensor.Wf.scale", "1"), -0.015) == "Wf sensor reads 1.5 % too low"
 
