@@ -1,44 +1,256 @@
-"""What a discrepancy may vary with: the value of every driver in every record, and curves along them.
+"""The drivers: what an effect or a discrepancy may vary with, each one object, and curves along them.
 
 Drivers come from the inputs and from the model's own prediction, never from the readings that are judged.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping, Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from enginediag_cli.engine.atmosphere import P_ISA, T_ISA
+from enginediag_cli.engine.atmosphere import P_ISA, T_ISA, saturated_water, standard_atmosphere
+from enginediag_cli.engine.components.ambient import Ambient
 from enginediag_cli.engine.components.burner import Burner
 from enginediag_cli.engine.components.compressor import Compressor
 from enginediag_cli.engine.components.inlet import Inlet
+from enginediag_cli.engine.components.nozzle import Nozzle
+from enginediag_cli.engine.driver import Conditions, Driver, DriverValues
 from enginediag_cli.engine.dual import value
-from enginediag_cli.engine.engine import Engine
 from enginediag_cli.engine.similarity import reynolds_index_of
+from enginediag_cli.parameters import spelled
+from enginediag_cli.units import find_unit, split_column
+
+if TYPE_CHECKING:
+    from enginediag_cli.engine.engine import Engine
 
 SAME = 0.95
 """Correlation from which two drivers are one: these recordings cannot tell them apart."""
 
-STILL = 1e-6
-"""Relative spread below which a driver has not moved."""
+LOG_REYNOLDS, IN_STANDARD_AIR = "ln RNI", "1 in standard air at sea level"
+LEAST_PIVOT = 1e-6
+"""Of the largest: a curve that adds less to those before it is not carried by the values."""
 
 
-@dataclass(frozen=True)
-class Driver:
-    """`word` of `physics.drivers.DRIVERS`, `name` (the word, with a shaft or nozzle where there are several), and
-    the value in every record (N,) in `unit`."""
+def _inlet(engine: Engine) -> str:
+    """Station behind the inlet."""
+    return str(next(c.values["to"] for c in engine.network.components if isinstance(c, Inlet)))
 
-    word: str
-    name: str
-    unit: str
-    values: np.ndarray
 
-    @property
-    def moves(self) -> bool:
-        spread = np.nanstd(self.values)
-        return bool(spread > STILL * max(1e-300, float(np.nanmean(np.abs(self.values)))))
+def _hot(engine: Engine) -> str:
+    """Station behind the burner."""
+    return str(next(c.values["to"] for c in engine.network.components if isinstance(c, Burner)))
+
+
+def _last_compressor(engine: Engine) -> str:
+    """Column of the pressure behind the last compressor; empty without one."""
+    found = (c.values["to"] for c in reversed(engine.network.components) if isinstance(c, Compressor))
+    station = next(found, None)
+    return f"P{station}_Pa" if station is not None else ""
+
+
+def _nozzles(engine: Engine) -> dict[str, str]:
+    """Column of the pressure ratio → name of the nozzle."""
+    return {f"{c.name}_pressure_ratio": c.name for c in engine.network.components if isinstance(c, Nozzle)}
+
+
+def _mach(at: Conditions) -> Iterable[DriverValues]:
+    if "mach" in at.inputs:
+        yield DriverValues(MACH, "mach", np.asarray(at.inputs["mach"], float), "Mach number")
+
+
+def _ambient_pressure(at: Conditions) -> Iterable[DriverValues]:
+    x = np.log(at.column["P0_Pa"] / P_ISA)
+    yield DriverValues(AMBIENT_PRESSURE, "ambient_pressure", x, "ambient pressure")
+
+
+def _inlet_temperature(at: Conditions) -> Iterable[DriverValues]:
+    x = at.column[f"T{_inlet(at.engine)}_K"]
+    yield DriverValues(INLET_TEMPERATURE, "inlet_temperature", x, "inlet temperature")
+
+
+def _power(at: Conditions) -> Iterable[DriverValues]:
+    x = at.column[f"T{_hot(at.engine)}_K"] / at.column[f"T{_inlet(at.engine)}_K"]
+    yield DriverValues(POWER, "power", x, "power T4/T2")
+
+
+def _reynolds_index(at: Conditions) -> Iterable[DriverValues]:
+    named = (("reynolds_index", _inlet, "inlet"), ("turbine_reynolds_index", _hot, "turbine"))
+    for name, station, where in named:
+        s = station(at.engine)
+        x = np.log(value(reynolds_index_of(at.column[f"T{s}_K"], at.column[f"P{s}_Pa"])))
+        yield DriverValues(REYNOLDS_INDEX, name, x, f"{where} Reynolds index")
+
+
+def _labels(engine: Engine) -> list[tuple[str, str]]:
+    """Column and label of every shaft's speed."""
+    return [(column, split_column(column)[0]) for column in engine.network.speed_columns]
+
+
+def _corrected_speed(at: Conditions) -> Iterable[DriverValues]:
+    root = np.sqrt(at.column[f"T{_inlet(at.engine)}_K"] / T_ISA)
+    for column, label in _labels(at.engine):
+        yield DriverValues(CORRECTED_SPEED, f"corrected_{label}", at.column[column] / root, f"corrected {label}")
+
+
+def _shaft_speed(at: Conditions) -> Iterable[DriverValues]:
+    for column, label in _labels(at.engine):
+        yield DriverValues(SHAFT_SPEED, label, at.column[column], label)
+
+
+def _nozzle_pressure_ratio(at: Conditions) -> Iterable[DriverValues]:
+    for column, name in _nozzles(at.engine).items():
+        yield DriverValues(NOZZLE_PRESSURE_RATIO, name, at.column[column], f"{spelled(name)} pressure ratio")
+
+
+def _bypass_ratio(at: Conditions) -> Iterable[DriverValues]:
+    if "BPR" in at.column:
+        yield DriverValues(BYPASS_RATIO, "bypass_ratio", at.column["BPR"], "bypass ratio")
+
+
+def _compressor_pressure(at: Conditions) -> Iterable[DriverValues]:
+    column = _last_compressor(at.engine)
+    if column:
+        x = at.column[column]
+        yield DriverValues(COMPRESSOR_PRESSURE, "compressor_pressure", x, "compressor exit pressure")
+
+
+def _humidity(at: Conditions) -> Iterable[DriverValues]:
+    if "humidity_kg_kg" in at.inputs:
+        yield DriverValues(HUMIDITY, "humidity", np.asarray(at.inputs["humidity_kg_kg"], float), "humidity")
+
+
+def _saturation(at: Conditions) -> Iterable[DriverValues]:
+    """Water that the air of the altitude can hold, which follows humidity where that is not recorded."""
+    if "altitude_m" in at.inputs and any(isinstance(c, Ambient) for c in at.engine.network.components):
+        T, p = standard_atmosphere(at.inputs["altitude_m"])
+        x = np.asarray(saturated_water(T + at.inputs["dT_isa_K"], p), float)
+        yield DriverValues(HUMIDITY, "humidity", x, "humidity")
+
+
+def _inlet_state(engine: Engine) -> tuple[str, ...]:
+    return f"T{_inlet(engine)}_K", f"P{_inlet(engine)}_Pa"
+
+
+def _hot_state(engine: Engine) -> tuple[str, ...]:
+    return f"T{_hot(engine)}_K", f"P{_hot(engine)}_Pa"
+
+
+CONSTANT = Driver("constant", "nothing: the same in every record")
+MACH = Driver("mach", "flight Mach number", values=_mach)
+AMBIENT_PRESSURE = Driver(
+    "ambient_pressure",
+    "ambient pressure (altitude)",
+    "ln(p0/p_ISA)",
+    "1 at sea level",
+    lambda engine: ("P0_Pa",),
+    _ambient_pressure,
+)
+INLET_TEMPERATURE = Driver(
+    "inlet_temperature",
+    "total temperature at the engine's inlet",
+    "K",
+    columns=_inlet_state,
+    values=_inlet_temperature,
+)
+CORRECTED_SPEED = Driver(
+    "corrected_speed",
+    "corrected shaft speed",
+    "rpm",
+    columns=lambda engine: (*_inlet_state(engine), *engine.network.speed_columns),
+    values=_corrected_speed,
+)
+SHAFT_SPEED = Driver(
+    "shaft_speed",
+    "mechanical shaft speed",
+    "rpm",
+    columns=lambda engine: tuple(engine.network.speed_columns),
+    values=_shaft_speed,
+)
+POWER = Driver(
+    "power",
+    "corrected power: burner temperature ratio T4/T2",
+    "T4/T2",
+    columns=lambda engine: (*_inlet_state(engine), *_hot_state(engine)),
+    values=_power,
+)
+REYNOLDS_INDEX = Driver(
+    "reynolds_index",
+    "Reynolds number index, at the inlet or the turbines",
+    LOG_REYNOLDS,
+    IN_STANDARD_AIR,
+    lambda engine: (*_inlet_state(engine), *_hot_state(engine)),
+    _reynolds_index,
+)
+HUMIDITY = Driver("humidity", "water in the air", "kg/kg", values=_humidity, true_values=_saturation)
+HOURS = Driver("hours", "time in service", "h")
+SWITCH = Driver("switch", "a commanded state that may be on or off")
+NOZZLE_PRESSURE_RATIO = Driver(
+    "nozzle_pressure_ratio",
+    "pressure ratio of a nozzle",
+    columns=lambda engine: tuple(_nozzles(engine)),
+    values=_nozzle_pressure_ratio,
+)
+BYPASS_RATIO = Driver(
+    "bypass_ratio",
+    "bypass ratio",
+    columns=lambda engine: ("BPR",) if "BPR" in engine.model_columns else (),
+    values=_bypass_ratio,
+)
+COMPRESSOR_PRESSURE = Driver(
+    "compressor_pressure",
+    "pressure behind the last compressor",
+    "Pa",
+    columns=lambda engine: tuple(filter(None, [_last_compressor(engine)])),
+    values=_compressor_pressure,
+)
+TIME = Driver("time", "time: a change that began at some record and stays", "step")
+
+DRIVERS = (
+    CONSTANT,
+    MACH,
+    AMBIENT_PRESSURE,
+    INLET_TEMPERATURE,
+    CORRECTED_SPEED,
+    SHAFT_SPEED,
+    POWER,
+    REYNOLDS_INDEX,
+    HUMIDITY,
+    HOURS,
+    SWITCH,
+    NOZZLE_PRESSURE_RATIO,
+    BYPASS_RATIO,
+    COMPRESSOR_PRESSURE,
+)
+"""Those that terms name, as they are told."""
+
+SEARCHED = (
+    (MACH,),
+    (AMBIENT_PRESSURE,),
+    (INLET_TEMPERATURE,),
+    (POWER,),
+    (REYNOLDS_INDEX,),
+    (CORRECTED_SPEED, SHAFT_SPEED),
+    (NOZZLE_PRESSURE_RATIO,),
+    (BYPASS_RATIO,),
+    (COMPRESSOR_PRESSURE,),
+    (HUMIDITY,),
+)
+"""The order in which a map tries them, which of two that cannot be told apart is named first; together: shaft by
+shaft."""
+
+
+def recorded_driver(column: str, values: np.ndarray) -> Driver:
+    """What a recorded column (N,) is as a driver: hours by its unit, a switch if it holds nothing but 0, 1 and gaps,
+    else the quantity that it is, in its unit."""
+    unit = split_column(column)[1]
+    if unit and find_unit(unit).name == "h":
+        return HOURS
+    known = values[np.isfinite(values)]
+    if known.size and np.isin(known, (0.0, 1.0)).all():
+        return SWITCH
+    return Driver("recorded", column, unit or "1")
 
 
 def drivers(
@@ -46,62 +258,53 @@ def drivers(
     inputs: Mapping[str, np.ndarray],
     parameters: Mapping[str, float],
     recorded: Mapping[str, np.ndarray] | None = None,
-) -> list[Driver]:
-    """Drivers of N records at these parameters, those that move; `recorded` are further columns (N,), such as
-    hours or switches, that may drive an effect. Values are NaN where the engine has no prediction."""
-    net = engine.network
-    s2 = next(c.values["to"] for c in net.components if isinstance(c, Inlet))
-    s4 = next(c.values["to"] for c in net.components if isinstance(c, Burner))
-    speeds = list(net.speed_columns)
-    nozzles = [c for c in engine.model_columns if c.endswith("nozzle_pressure_ratio")]
-    s3 = next((c.values["to"] for c in reversed(net.components) if isinstance(c, Compressor)), None)
-    others = {"BPR": ("bypass_ratio", "1")} if "BPR" in engine.model_columns else {}
-    if s3 is not None:
-        others[f"P{s3}_Pa"] = ("compressor_pressure", "Pa")
-    inlet, hot = (f"T{s2}_K", f"P{s2}_Pa"), (f"T{s4}_K", f"P{s4}_Pa")
-    wanted = tuple(dict.fromkeys((*inlet, *hot, "P0_Pa", *speeds, *nozzles, *others)))
-    p = engine.predict(inputs, parameters, sensors=wanted)
-    column = dict(zip(wanted, np.where(p.ok[:, None], p.y, np.nan).T, strict=True))
-    T2, P2 = column[f"T{s2}_K"], column[f"P{s2}_Pa"]
-    found = [
-        Driver("ambient_pressure", "ambient_pressure", "ln(p0/p_ISA)", np.log(column["P0_Pa"] / P_ISA)),
-        Driver("inlet_temperature", "inlet_temperature", "K", T2),
-        Driver("power", "power", "T4/T2", column[f"T{s4}_K"] / T2),
-        Driver("reynolds_index", "reynolds_index", "ln RNI", np.log(value(reynolds_index_of(T2, P2)))),
-        Driver(
-            "reynolds_index",
-            "turbine_reynolds_index",
-            "ln RNI",
-            np.log(value(reynolds_index_of(column[f"T{s4}_K"], column[f"P{s4}_Pa"]))),
-        ),
-    ]
-    if "mach" in inputs:
-        found.insert(0, Driver("mach", "mach", "1", np.asarray(inputs["mach"], float)))
-    for c in speeds:
-        label = c.removesuffix("_rpm")
-        found.append(Driver("corrected_speed", f"corrected_{label}", "rpm", column[c] / np.sqrt(T2 / T_ISA)))
-        found.append(Driver("shaft_speed", label, "rpm", column[c]))
-    for c in nozzles:
-        found.append(Driver("nozzle_pressure_ratio", c.removesuffix("_pressure_ratio"), "1", column[c]))
-    for c, (word, unit) in others.items():
-        found.append(Driver(word, word, unit, column[c]))
-    if "humidity_kg_kg" in inputs:
-        found.append(Driver("humidity", "humidity", "kg/kg", np.asarray(inputs["humidity_kg_kg"], float)))
-    for name, values in (recorded or {}).items():
-        word = "hours" if name.endswith("_h") else "switch"
-        found.append(Driver(word, name, "recorded", np.asarray(values, float)))
+    own: Sequence[Driver] = (),
+) -> list[DriverValues]:
+    """Drivers of N records at these parameters, those that move; NaN where the engine has no prediction.
+
+    `recorded`: further columns (N,), such as hours or switches, that may drive an effect; `own`: drivers that terms
+    bring.
+    """
+    every = [*(d for together in SEARCHED for d in together), *own]
+    at = conditions(engine, inputs, parameters, every)
+    found: list[DriverValues] = []
+    for together in (*SEARCHED, *((d,) for d in own)):
+        for alike in zip(*(d.values(at) for d in together), strict=True):
+            found += alike
+    for name, x in (recorded or {}).items():
+        values = np.asarray(x, float)
+        found.append(DriverValues(recorded_driver(name, values), name, values, name))
     return [d for d in found if d.moves]
 
 
-def groups(found: Sequence[Driver]) -> list[list[str]]:
-    """Names of drivers that these records cannot tell apart, |correlation| > SAME, in the order of the drivers."""
+def true_drivers(
+    engine: Engine, inputs: Mapping[str, np.ndarray], parameters: Mapping[str, float], driver: Driver
+) -> list[DriverValues]:
+    """What a driver truly is in N records, whether or not what it needs was recorded and whether or not it moves."""
+    at = conditions(engine, inputs, parameters, [driver])
+    return list(driver.values(at)) or list(driver.true_values(at))
+
+
+def conditions(
+    engine: Engine, inputs: Mapping[str, np.ndarray], parameters: Mapping[str, float], along: Sequence[Driver]
+) -> Conditions:
+    """The records as these drivers read them."""
+    wanted = tuple(dict.fromkeys(c for d in along for c in d.columns(engine)))
+    if not wanted:
+        return Conditions(engine, inputs, {})
+    p = engine.predict(inputs, parameters, sensors=wanted)
+    return Conditions(engine, inputs, dict(zip(wanted, np.where(p.ok[:, None], p.y, np.nan).T, strict=True)))
+
+
+def groups(found: Sequence[DriverValues]) -> list[list[DriverValues]]:
+    """Drivers that these records cannot tell apart, |correlation| > SAME, in the order of the drivers."""
     values = np.array([np.nan_to_num(d.values, nan=float(np.nanmean(d.values))) for d in found])
     r = np.abs(np.atleast_2d(np.corrcoef(values))) if len(found) > 1 else np.ones((1, 1))
     left, result = list(range(len(found))), []
     while left:
         first = left[0]
         same = [k for k in left if r[first, k] > SAME]
-        result.append([found[k].name for k in same])
+        result.append([found[k] for k in same])
         left = [k for k in left if k not in same]
     return result
 
@@ -114,7 +317,7 @@ def polynomials(values: np.ndarray, degree: int) -> np.ndarray:
     x = x / max(float(np.abs(x).max(initial=0.0)), 1e-300)
     V = np.vander(x, degree + 1, increasing=True)
     q, r = np.linalg.qr(V)
-    keep = np.abs(np.diag(r)) > 1e-6 * np.abs(r[0, 0])
+    keep = np.abs(np.diag(r)) > LEAST_PIVOT * np.abs(r[0, 0])
     curves = np.zeros((len(values), int(keep[1:].sum())))
     signs = np.sign(np.diag(r))[1:][keep[1:]]
     curves[good] = q[:, 1:][:, keep[1:]] * signs * np.sqrt(good.sum())

@@ -10,9 +10,19 @@ What a parameter means stands in its fields. Its name is how files and commands 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, fields, replace
+from typing import Any
 
-FAMILIES = ("health", "sensor", "design", "physics")
+FAMILIES = ("health", "sensor", "design", "physics", "discrepancy")
+
+ABBREVIATIONS = frozenset(
+    {"lpc", "ipc", "hpc", "lpt", "ipt", "hpt", "lp", "ip", "hp", "itt", "egt", "n1", "n2", "igv", "vsv"}
+)
+"""Component and shaft names that people write in capitals."""
+
+MEANING = ("name", "family", "component", "quantity", "words", "part", "unit", "wear")
+"""What travels with statistics, so that they are understood where the engine is not at hand."""
 
 
 @dataclass(frozen=True)
@@ -22,10 +32,11 @@ class Parameter:
     `prior_sigma` says how far the value plausibly lies from nominal, in the parameter's own unit. `component`: the
     part of the engine that an engineer would look at ("hpc", the shaft "hp", the instrument "sensor.T45");
     `quantity`: what of it the number is ("efficiency", "flow_capacity", "bias"); `words`: both as an engineer says
-    them, without article ("HPC isentropic efficiency"). `wear`: −1 where wear and damage can only lower the value
-    (an efficiency), +1 where they can only raise it, 0 where both occur. `roams`: how far the value may plausibly
-    vary along a driver (rms, in its unit) when a place is sought where physics is missing; None where such a search
-    has no business.
+    them, without article ("HPC isentropic efficiency"), `part` the component alone ("HPC", "T45 sensor"). `wear`: −1
+    where wear and damage can only lower the value (an efficiency), +1 where they can only raise it, 0 where both
+    occur. `roams`: how far the value may plausibly vary along a driver (rms, in its unit) when a place is sought where
+    physics is missing; None where such a search has no business; `proportional`: that range is a part of the nominal
+    value and moves with it.
     """
 
     name: str
@@ -39,10 +50,65 @@ class Parameter:
     component: str = ""
     quantity: str = ""
     words: str = ""
+    part: str = ""
     wear: int = 0
     roams: float | None = None
+    proportional: bool = False
 
     @property
     def of_sensor(self) -> bool:
         """Whether it is an error of an instrument, which touches one reading and no balance of the engine."""
         return self.family == "sensor"
+
+    def moved(self, nominal: float) -> Parameter:
+        """The same parameter with another nominal value, as identified."""
+        roams = self.roams
+        if roams is not None and self.proportional:
+            roams *= abs(nominal or self.prior_sigma) / abs(self.nominal or self.prior_sigma)
+        return replace(self, nominal=nominal, roams=roams)
+
+    @property
+    def shown_unit(self) -> str:
+        """The unit as a reader sees it: a scale factor, of unit "1", has none."""
+        return "" if self.unit == "1" else self.unit
+
+    def as_mapping(self) -> dict[str, Any]:
+        """Its meaning (MEANING) as plain values; nominal, bounds and spread stay with the engine."""
+        return {name: getattr(self, name) for name in MEANING}
+
+    @staticmethod
+    def from_mapping(values: Mapping[str, Any]) -> Parameter:
+        """A parameter of this meaning, without bounds. ValueError says which entry is missing, unknown or wrong."""
+        types = {f.name: int if f.name == "wear" else str for f in fields(Parameter) if f.name in MEANING}
+        for name, kind in types.items():
+            if name not in values:
+                raise ValueError(f"{name!r} is missing")
+            if not isinstance(values[name], kind) or isinstance(values[name], bool):
+                raise ValueError(f"{name!r} is not {'a whole number' if kind is int else 'a text'}: {values[name]!r}")
+        if unknown := [name for name in values if name not in types]:
+            raise ValueError(f"unknown entry {unknown[0]!r}")
+        if values["family"] not in FAMILIES:
+            raise ValueError(f"'family' is none of {', '.join(FAMILIES)}: {values['family']!r}")
+        if values["wear"] not in (-1, 0, 1):
+            raise ValueError(f"'wear' is none of -1, 0, 1: {values['wear']!r}")
+        if not values["name"] or not values["component"]:
+            raise ValueError("'name' and 'component' must not be empty")
+        infinity = float("inf")
+        return Parameter(nominal=0.0, lower=-infinity, upper=infinity, prior_sigma=infinity, **values)
+
+
+def unspecified(name: str, unit: str = "") -> Parameter:
+    """A parameter of which only the name is known: a part of its own, that may change either way."""
+    infinity = float("inf")
+    return Parameter(name, "health", 0.0, -infinity, infinity, infinity, unit, component=name, words=name, part=name)
+
+
+def meanings(parameters: Mapping[str, Parameter], names: Iterable[str]) -> dict[str, Parameter]:
+    """The parameters of these names; one that is not described is `unspecified`."""
+    return {name: parameters[name] if name in parameters else unspecified(name) for name in names}
+
+
+def spelled(name: str) -> str:
+    """A name with spaces for its dots and underscores and the usual capitals: "hpc" is the "HPC"."""
+    parts = name.replace(".", " ").replace("_", " ").split(" ")
+    return " ".join(part.upper() if part in ABBREVIATIONS else part for part in parts)

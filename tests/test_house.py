@@ -6,6 +6,7 @@ Read from the source as text, function-level imports included; nothing is import
 from __future__ import annotations
 
 import ast
+import re
 from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
@@ -155,3 +156,32 @@ def test_no_function_is_wider_than_seven_parameters() -> None:
 @pytest.mark.parametrize("word", ["utils", "helpers", "misc", "common"])
 def test_no_room_is_a_drawer(word: str) -> None:
     assert [name_of(f) for f in files() if f.stem == word or word in f.parts] == []
+
+
+READS_MEANING = re.compile(
+    r"""startswith\((f?["']sensor|["']χ²|["']refused)|(?:end|start)swith\([^)]*["']\.|endswith\(\(?["']_"""
+    r"""|partition\(["']\.["']\)|\.split\(["']\.["']\)|fnmatch"""
+)
+"""What reads meaning back out of a name or a sentence: a parameter, a driver and a reason say what they are."""
+
+MATCHED_PATTERNS = (
+    "identification/problem.py",
+    "mismatch/fit/load.py",
+    "residuals/monitor.py",
+    "trials/studies/cases.py",
+)
+"""Files that match the patterns which a user gives against names."""
+
+FILE_ENDINGS = re.compile(r"""endswith\(\(?["']\.(gz|csv|json|yaml|yml)["']""")
+
+
+def test_nothing_is_read_back_out_of_names_or_sentences() -> None:
+    found = [
+        f"{name_of(file)}:{number}: {line.strip()}"
+        for file in files()
+        for number, line in enumerate(file.read_text(encoding="utf-8").splitlines(), start=1)
+        if READS_MEANING.search(line)
+        and not FILE_ENDINGS.search(line)
+        and not ("fnmatch" in line and name_of(file) in MATCHED_PATTERNS)
+    ]
+    assert found == []

@@ -103,15 +103,17 @@ def _fly(messages: Messages, case: Case, seed: int) -> list[Flight]:
     """Simulate the flights of a case and judge them; a case with a fault is also isolated."""
     from enginediag_cli.demonstration import script, story
     from enginediag_cli.demonstration.flights import read_flights
+    from enginediag_cli.physics.engine_file import load_engine
 
     truth, detected, isolated = Path(case.truth), Path(case.detected), Path(case.isolated)
     run(messages, script.fly(case, seed))
     run(messages, script.detect(case))
-    flights = read_flights(truth, detected)
+    engine = load_engine(script.ENGINE)
+    flights = read_flights(engine, truth, detected)
     tell(map(story.verdict, flights))
     if not case.fault:
         return flights
     run(messages, script.isolate(case))
-    flights = read_flights(truth, detected, isolated)
+    flights = read_flights(engine, truth, detected, isolated)
     tell(map(story.isolated, flights))
     return flights

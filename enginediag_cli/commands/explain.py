@@ -69,6 +69,7 @@ def explain(
     fault, which begins in time; an effect whose driver is not recorded; none of these, with where, along what and
     how. Sentences go to standard error, coefficients as rows (or all of it as one JSON object) to standard output.
     """
+    from enginediag_cli.mismatch.explain.answer import FAILED, NOTHING
     from enginediag_cli.mismatch.explain.story import tell
     from enginediag_cli.mismatch.fit.load import load_case
     from enginediag_cli.physics.registry import candidates
@@ -89,9 +90,9 @@ def explain(
     ):
         if path and not Output(path, "csv").write_rows(rows, provenance=head):
             messages.note(f"{path}: no {what} was found, the file has no rows")
-    if story.answer.status == "did not converge":
+    if story.answer.status == FAILED:
         return ExitCode.NO_VERDICT
-    return ExitCode.FINDING if exit_code and story.answer.status != "nothing" else ExitCode.DONE
+    return ExitCode.FINDING if exit_code and story.answer.status != NOTHING else ExitCode.DONE
 
 
 def _present(output: Output, story: Story, head: tuple[str, ...]) -> None:

@@ -162,7 +162,7 @@ def isolate(
             windows += 1
             statistics = found.verdict.window.statistics
             if windows == 1 and statistics is not None and monitor is None:
-                further.warn_of_sensors(messages, statistics.parameters)
+                further.warn_of_sensors(messages, found.known.values())
             judged += found.judged
             named += found.named
             if windows <= SENTENCES:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from functools import wraps
 from typing import TYPE_CHECKING, Any
@@ -15,6 +15,7 @@ from enginediag_cli.presentation.messages import Messages
 if TYPE_CHECKING:
     from enginediag_cli.isolation.diagnosis import DiagnosisOptions
     from enginediag_cli.isolation.methods import IsolationOptions
+    from enginediag_cli.parameters import Parameter
 
 
 @dataclass(frozen=True)
@@ -93,9 +94,9 @@ class Further:
         is one of the tests of the local approach, or --no-sensors was given."""
         return (method == "posterior" and not patterns) if self.sensors is None else self.sensors
 
-    def warn_of_sensors(self, messages: Messages, parameters: tuple[str, ...]) -> None:
+    def warn_of_sensors(self, messages: Messages, parameters: Iterable[Parameter]) -> None:
         """Statistics that hold no error of a sensor put a wrong sensor down to the engine."""
-        if self.sensors is None and not any(name.startswith("sensor.") for name in parameters):
+        if self.sensors is None and not any(p.of_sensor for p in parameters):
             messages.warning(
                 "these statistics hold no errors of sensors: a wrong sensor would be taken for a change of the engine; "
                 "`residual --sensors` writes statistics that hold them"

@@ -66,11 +66,10 @@ def _engines(path: str | None) -> dict[str, Engine]:
 
 def _all(terms: Sequence[Term], engines: Mapping[str, Engine], head: Sequence[str], output: Output) -> None:
     """Every term; or, with an engine, every place where one can act on it."""
-    from enginediag_cli.physics.drivers import DRIVERS
     from enginediag_cli.presentation.physics_terms import site_row, term_row
 
     if not engines:
-        rows = [term_row(t, DRIVERS[t.DRIVER]) for t in terms]
+        rows = [term_row(t, t.DRIVER.words) for t in terms]
         output.write_rows(rows, None if _all_columns(output) else TERMS, provenance=head)
         return
     [engine] = engines.values()
@@ -86,16 +85,16 @@ def _all_columns(output: Output) -> bool:
 
 def _one(shown: Term, engines: Mapping[str, Engine], of_one_engine: bool, head: Sequence[str], output: Output) -> None:
     """One term, as a page, as rows, or as one JSON object."""
-    from enginediag_cli.physics.drivers import DRIVERS
+
     from enginediag_cli.presentation.physics_terms import coefficient_rows, page, site_row, term_row
 
     places: dict[str, list[Site]] = {n: list(shown.sites(e.network)) for n, e in engines.items()}
     carried = {n: _carried(e) for n, e in engines.items()}
     sites = {n: [site_row(shown, s, carried[n]) for s in found] for n, found in places.items()}
     if output.chosen_format() == "table" and not (output.wide or output.columns):
-        output.write_text(page(shown, DRIVERS[shown.DRIVER], places, carried))
+        output.write_text(page(shown, shown.DRIVER.words, places, carried))
         return
-    document: dict[str, Any] = term_row(shown, DRIVERS[shown.DRIVER])
+    document: dict[str, Any] = term_row(shown, shown.DRIVER.words)
     document |= {"coefficients": list(coefficient_rows(shown)), "places": sites}
     rows = [row for rows in sites.values() for row in rows] if of_one_engine else list(coefficient_rows(shown))
     output.write_document(document, rows, provenance=head)

@@ -192,6 +192,7 @@ def _explained(
 ) -> tuple[list[Effect], HiddenFinding | None]:
     """What `explain` names from the flights that are fitted, and its finding where that is a switch; none, with the
     reason told, when it names no effect."""
+    from enginediag_cli.mismatch.explain.answer import HIDDEN
     from enginediag_cli.mismatch.explain.story import named_effects, tell
     from enginediag_cli.physics.registry import candidates
     from enginediag_cli.presentation.explanations import sentences
@@ -199,7 +200,7 @@ def _explained(
     story = tell(training, list(candidates(training.engine, without)), advise=False)
     for line in sentences(story):
         messages.note(line)
-    if story.answer.status == "hidden" and story.hidden[0].is_switch and story.hidden_effects[0]:
+    if story.answer.status == HIDDEN and story.hidden[0].is_switch and story.hidden_effects[0]:
         return list(story.hidden_effects[0][:1]), story.hidden[0]
     effects = list(named_effects(story))
     if not effects:
@@ -224,8 +225,7 @@ def _present(
             what = f"{r['what']}, {r['of']}"
             messages.note(f"{what:{width}}  {short_cell(r['before']):>10}  {short_cell(r['after']):>10}{unit}")
     for line in refinements.sentences(found):
-        if not line.startswith("refused"):
-            messages.note(line)
+        messages.note(line)
     if report:
         out = Output(report, "auto" if table_suffix(report) in SUFFIX_FORMATS else "table")
         out.write_document(

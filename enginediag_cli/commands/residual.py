@@ -94,8 +94,8 @@ def _statistics(files: JudgedFiles, monitor: Monitor) -> Iterator[dict[str, Any]
     from enginediag_cli.residuals.seal import sealed
 
     made = made_with(files, monitor)
-    for found, units in files.windows():
-        yield sealed(flat_row(found, units), made)
+    for found, _ in files.windows():
+        yield sealed(flat_row(found), made)
 
 
 def _records(files: JudgedFiles) -> Iterator[dict[str, Any]]:

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from enginediag_cli.demonstration.flights import Flight, Size
 from enginediag_cli.demonstration.script import Case
 from enginediag_cli.identification.nominal import Nominal
-from enginediag_cli.presentation.names import in_words, listed
+from enginediag_cli.presentation.names import listed
 from enginediag_cli.presentation.sentences import change, departed, no_verdict, nominal
 from enginediag_cli.units import split_column
 
@@ -40,13 +40,13 @@ def isolated(flight: Flight) -> str:
     """What `isolate` named in one flight, and what it could not exclude."""
     if flight.isolated is None:
         return no_verdict(flight.reason or "nothing could be isolated", where=f"flight {flight.name}")
-    told = [_change(name, size) for name, size in flight.isolated.items()]
+    told = [_change(size) for size in flight.isolated.values()]
     rival = f" [next best: {flight.rivals[0]}]" if flight.rivals else ""
     return f"flight {flight.name}: {'; '.join(told) or 'no parameter stands out'}{rival}"
 
 
-def _change(name: str, size: Size) -> str:
-    return change(name, size.change, (size.upper - size.lower) / 2, unit=size.unit, chance=size.inclusion)
+def _change(size: Size) -> str:
+    return change(size.parameter, size.change, (size.upper - size.lower) / 2, chance=size.inclusion)
 
 
 def comparison(case: Case, flights: Sequence[Flight]) -> Iterator[str]:
@@ -91,14 +91,14 @@ def mistakes(flight: Flight) -> Iterator[str]:
         yield f"{where}: the fault was not detected"
     if flight.isolated is None:
         return
-    for name in flight.put_in:
+    for name, true in flight.put_in.items():
         if name not in flight.isolated:
-            yield f"{where}: {in_words(name)} was not named"
+            yield f"{where}: {true.parameter.words} was not named"
     for name, size in flight.isolated.items():
         if name not in flight.put_in:
-            yield f"{where}: {in_words(name)} was named although nothing is wrong with it"
+            yield f"{where}: {size.parameter.words} was named although nothing is wrong with it"
         elif not size.lower <= flight.put_in[name].change <= size.upper:
-            yield f"{where}: the true change of {in_words(name)} lies outside its 95 % interval"
+            yield f"{where}: the true change of {size.parameter.words} lies outside its 95 % interval"
 
 
 def _last(flight: Flight) -> Iterator[str]:
@@ -106,8 +106,8 @@ def _last(flight: Flight) -> Iterator[str]:
     where = f"flight {flight.name}"
     for name, true in flight.put_in.items():
         size = (flight.isolated or {}).get(name)
-        yield f"  {where}  put in: {change(name, true.change, unit=true.unit)}"
-        yield f"  {' ' * len(where)}  found:  {_change(name, size) if size else 'nothing of the kind'}"
+        yield f"  {where}  put in: {change(true.parameter, true.change)}"
+        yield f"  {' ' * len(where)}  found:  {_change(size) if size else 'nothing of the kind'}"
 
 
 def _named(flights: Sequence[Flight]) -> str:

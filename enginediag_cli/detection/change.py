@@ -24,6 +24,7 @@ KINDS = {
     ("sensor", "step"): "sensor jump",
     ("sensor", "ramp"): "sensor drift",
 }
+FAMILY = {kind: family for (family, _), kind in KINDS.items()}
 FROM_START = "present from the start"
 CANNOT_TELL = "cannot tell"
 SURE = 0.9
@@ -90,7 +91,7 @@ def explain_change(past: list[Segment], coordinates: Coordinates) -> Change:
     probabilities[FROM_START] = float(weights[:, 0].sum())
     leading = max(probabilities, key=lambda kind: probabilities[kind])
     likely = leading if leading in singles else kinds[int(np.argmax(weights[:, 0]))]
-    names = coordinates.sensors if likely.startswith("sensor") else coordinates.health
+    names = coordinates.sensors if FAMILY[likely] == "sensor" else coordinates.health
     parameter = names[int(np.argmax(singles[likely][onset]))]
     kind = leading if probabilities[leading] >= SURE else CANNOT_TELL
     begin = [piece.begin for piece in past]

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 from enginediag_cli.detection.trend import TrendFit, fit_trends
 from enginediag_cli.errors import DataError
+from enginediag_cli.parameters import Parameter
 from enginediag_cli.residuals.files import JudgedFiles
 from enginediag_cli.residuals.statistics import LocalStatistics
 
@@ -19,10 +20,10 @@ FEWEST = 3
 
 @dataclass(frozen=True)
 class FlightSums:
-    """Statistics of each flight in order, units of the parameters, and `lost`: windows that had no statistics."""
+    """Statistics of each flight in order, what the parameters are, and `lost`: windows that had no statistics."""
 
     flights: Mapping[FlightKey, LocalStatistics]
-    units: Mapping[str, str]
+    known: Mapping[str, Parameter]
     lost: int
 
     @property
@@ -45,19 +46,19 @@ class EngineTrend:
 def flight_sums(files: JudgedFiles) -> FlightSums:
     """Raises DataError when windows of a flight have different parameters."""
     flights: dict[FlightKey, LocalStatistics] = {}
-    units: dict[str, str] = {}
+    known: dict[str, Parameter] = {}
     lost = 0
-    for window, its_units in files.windows():
+    for window, its_own in files.windows():
         if window.statistics is None:
             lost += 1
             continue
-        units.update(its_units)
+        known.update(its_own)
         key = (window.engine, window.source, window.flight)
         try:
             flights[key] = flights[key] + window.statistics if key in flights else window.statistics
         except ValueError as error:
             raise DataError(f"{window.source}: flight {window.flight}: {error}") from None
-    return FlightSums(flights, units, lost)
+    return FlightSums(flights, known, lost)
 
 
 def engine_trends(sums: FlightSums) -> list[EngineTrend]:

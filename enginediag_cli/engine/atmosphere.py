@@ -12,6 +12,8 @@ GRAVITY, R_AIR = 9.80665, 287.05287  # m/s², J/(kg K)
 H_TROPOPAUSE = 11000.0  # m
 T_TROPOPAUSE = T_ISA - LAPSE * H_TROPOPAUSE
 P_TROPOPAUSE = P_ISA * (T_TROPOPAUSE / T_ISA) ** (GRAVITY / (R_AIR * LAPSE))
+WATER_OVER_AIR = 0.62198  # molar masses
+ICE_POINT = 273.15  # K
 
 
 def standard_atmosphere(altitude_m: Value) -> tuple[Value, Value]:
@@ -26,3 +28,12 @@ def standard_atmosphere(altitude_m: Value) -> tuple[Value, Value]:
         return T_low, P_low
     P_high = P_TROPOPAUSE * exp((H_TROPOPAUSE - altitude_m) * (GRAVITY / (R_AIR * T_TROPOPAUSE)))
     return select(below, T_low, T_TROPOPAUSE + 0.0 * T_low), select(below, P_low, P_high)
+
+
+def saturated_water(T_K: Value, p_Pa: Value) -> Value:
+    """Water of saturated air [kg per kg of dry air]: 0.622 e/(p − e), e(T) over liquid water by Buck's formula,
+    e = 611.21 Pa · exp[(18.678 − t/234.5) t/(257.14 + t)], t in °C (Buck 1981, J. Appl. Meteorol. 20, 1527, with
+    the constants of 1996)."""
+    t = T_K - ICE_POINT
+    vapour = 611.21 * exp((18.678 - t * (1.0 / 234.5)) * t / (257.14 + t))
+    return WATER_OVER_AIR * vapour / (p_Pa - vapour)

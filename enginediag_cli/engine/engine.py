@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from copy import copy
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
@@ -71,7 +71,7 @@ class Engine:
         parameters = [*network.parameters(), *(p for s in self.sensors.values() for p in s.parameters())]
         self.parameters: dict[str, Parameter] = {p.name: p for p in parameters}
         self.monitored: tuple[str, ...] = tuple(declared["monitored"]) or tuple(
-            p.name for p in parameters if p.family == "health" and p.name.partition(".")[0] not in network.burners
+            p.name for p in parameters if p.family == "health" and p.component not in network.burners
         )
         self.envelope: dict[str, tuple[float, float]] = {
             c: (v["low"], v["high"]) for c, v in declared["envelope"].items()
@@ -106,7 +106,7 @@ class Engine:
             return self
         other = copy(self)
         other._moved = {**self._moved, **values}
-        other.parameters = {**self.parameters, **{n: replace(self.parameters[n], nominal=v) for n, v in values.items()}}
+        other.parameters = {**self.parameters, **{n: self.parameters[n].moved(v) for n, v in values.items()}}
         other._nominal = {**self._nominal, **values}
         return other
 

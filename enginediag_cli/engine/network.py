@@ -5,6 +5,7 @@ from __future__ import annotations
 import copy
 import re
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from enginediag_cli.engine.components import Component, Unknown
@@ -19,7 +20,7 @@ from enginediag_cli.engine.gas import Gas
 from enginediag_cli.engine.hooks import Hooks
 from enginediag_cli.engine.start import correction, total_ratios
 from enginediag_cli.engine.term import Effect, Place
-from enginediag_cli.parameters import Parameter
+from enginediag_cli.parameters import Parameter, spelled
 
 if TYPE_CHECKING:
     from enginediag_cli.engine.sensors import Sensor
@@ -101,7 +102,7 @@ class Network:
         for name, s in self.shafts.items():
             if s["speed"] == "balance" and given != f"{name}.speed_rpm":
                 found.append(Unknown(f"{name}.corrected_speed", lower=0.05, upper=2.0))
-        return tuple(Unknown(u.name, self._start.get(u.name, u.start), u.lower, u.upper) for u in found)
+        return tuple(replace(u, start=self._start.get(u.name, u.start)) for u in found)
 
     def parameters(self) -> tuple[Parameter, ...]:
         found = [p for c in self.components for p in c.parameters()]
@@ -116,6 +117,10 @@ class Network:
                     0.005,
                     "1",
                     "share of turbine power that reaches the shaft",
+                    name,
+                    "mechanical_efficiency",
+                    f"{spelled(name)} mechanical efficiency",
+                    spelled(name),
                 )
             )
             found.append(
@@ -128,6 +133,10 @@ class Network:
                     5e4,
                     "W",
                     "power taken from the shaft",
+                    name,
+                    "power_offtake_W",
+                    f"{spelled(name)} power offtake",
+                    spelled(name),
                 )
             )
         return (*found, *(p for effect in self.effects for p in effect.parameters()))

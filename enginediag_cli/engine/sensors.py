@@ -5,6 +5,7 @@ reading = scale · (Σ weights · model columns [/ model column]) + bias + soak 
 
 from __future__ import annotations
 
+import operator
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -14,6 +15,9 @@ from enginediag_cli.engine.evaluation import Evaluation
 from enginediag_cli.engine.network import Network
 from enginediag_cli.parameters import Parameter
 from enginediag_cli.units import split_column
+
+READING_ROAMS = 0.02
+"""How far (rms) a sensor's scale may plausibly vary along a driver, where physics of the reading is missing."""
 
 
 @dataclass(frozen=True)
@@ -52,12 +56,38 @@ class Sensor:
 
     def parameters(self) -> tuple[Parameter, ...]:
         q = f"sensor.{self.quantity}"
+        part = f"{self.quantity} sensor"
         big = 1e3 * max(self.bias_sigma, self.noise_sigma, 1e-12)
         found = [
             Parameter(
-                f"{q}.bias", "sensor", 0.0, -big, big, self.bias_sigma, self.unit, f"{self.quantity} sensor bias"
+                f"{q}.bias",
+                "sensor",
+                0.0,
+                -big,
+                big,
+                self.bias_sigma,
+                self.unit or "1",
+                f"{self.quantity} sensor bias",
+                q,
+                "bias",
+                f"{self.quantity} sensor bias",
+                part,
             ),
-            Parameter(f"{q}.scale", "sensor", 1.0, 0.5, 1.5, self.scale_sigma, "1", f"{self.quantity} sensor scale"),
+            Parameter(
+                f"{q}.scale",
+                "sensor",
+                1.0,
+                0.5,
+                1.5,
+                self.scale_sigma,
+                "1",
+                f"{self.quantity} sensor scale",
+                q,
+                "scale",
+                f"{self.quantity} sensor scale factor",
+                part,
+                roams=READING_ROAMS,
+            ),
         ]
         if self.soak:
             found.append(
@@ -70,6 +100,10 @@ class Sensor:
                     self.soak_sigma,
                     f"{self.unit} per {self.soak}",
                     f"heat soak of the {self.quantity} reading",
+                    q,
+                    "soak",
+                    f"{self.quantity} soak",
+                    part,
                 )
             )
         return tuple(found)
@@ -85,9 +119,9 @@ class Sensor:
         if e.hooks is not None:
             total = e.hooks.reading(e, self.column, total)
         q = f"sensor.{self.quantity}"
-        for name, apply in ((f"{q}.scale", lambda t, p: t * p), (f"{q}.bias", lambda t, p: t + p)):
+        for name, nothing, apply in ((f"{q}.scale", 1.0, operator.mul), (f"{q}.bias", 0.0, operator.add)):
             p = e[name]
-            if not (isinstance(p, float) and p == (1.0 if name.endswith("scale") else 0.0)):
+            if not (isinstance(p, float) and p == nothing):
                 total = apply(total, p)
         if self.soak and self.soak in e.leaves:
             total = total + e[f"{q}.soak"] * e[self.soak]

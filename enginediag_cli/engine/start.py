@@ -17,6 +17,7 @@ import numpy as np
 
 from enginediag_cli.engine.atmosphere import P_ISA, T_ISA, standard_atmosphere
 from enginediag_cli.engine.dual import Array, value
+from enginediag_cli.units import split_column
 
 DEGREE = 8.0
 WEIGHTS = {"power": 1.0, "mach": 1.3, "theta": 3.0, "delta": 5.0, "other": 3.0, "fixed": 1e9}
@@ -28,10 +29,13 @@ POWER_EXPONENTS = {  # of (δ, √θ) in the corrected power setting
     "power_W": (1, 1),
 }
 
+POWER_UNITS = {"rpm": "rpm", "K": "T4_K"}
+"""Units that say which of these a column is corrected like: any speed, any temperature."""
+
 
 def correction(column: str, theta: Array, delta: Array) -> Array:
     """What a power setting is divided by to correct it to ISA sea level."""
-    a, b = POWER_EXPONENTS["rpm" if column.endswith("_rpm") else "T4_K" if column.endswith("_K") else column]
+    a, b = POWER_EXPONENTS[POWER_UNITS.get(split_column(column)[1], column)]
     return delta**a * theta ** (0.5 * b)
 
 
@@ -69,7 +73,7 @@ def coordinates(power_setting: str, inputs: Mapping[str, Any], size: int) -> tup
             "ambient_pressure_Pa",
         ):
             kinds.append(column)
-            rows.append(x / np.sqrt(theta) if column.endswith("_rpm") else np.asarray(x, dtype=float))
+            rows.append(x / np.sqrt(theta) if split_column(column)[1] == "rpm" else np.asarray(x, dtype=float))
     return tuple(kinds), np.stack([np.broadcast_to(r, (size,)) for r in rows])
 
 

@@ -101,7 +101,7 @@ class Strategy:
         x = self._design(size)
         setting = self.network.power_setting
         if setting in self.network.speed_columns:
-            flow = next(k for k, u in enumerate(self.network.unknowns()) if u.name.endswith(".corrected_flow"))
+            flow = next(k for k, u in enumerate(self.network.unknowns()) if u.is_flow)
             with np.errstate(all="ignore"):
                 ratio = points[setting] / (self.network.design_setting * correction(setting, *total_ratios(points)))
             x[flow] *= np.nan_to_num(np.clip(ratio, 0.1, 1.2), nan=1.0) ** FLOW_EXPONENT
@@ -114,7 +114,7 @@ class Strategy:
         with np.errstate(all="ignore"):
             origin = self.network.design_setting * correction(setting, *total_ratios(points))
             ratio = np.nan_to_num(np.log(target / origin), nan=0.0, posinf=0.0, neginf=0.0)
-        largest = WALK_STEP["rpm" if setting.endswith("_rpm") else "other"]
+        largest = WALK_STEP["rpm" if setting in self.network.speed_columns else "other"]
         steps = int(np.clip(np.ceil(np.max(np.abs(ratio)) / largest), 1, MAX_WALK_STEPS))
         x = self._design(size)
         for k in range(steps):
@@ -149,7 +149,7 @@ class Strategy:
         self, points: Mapping[str, Any], theta: Mapping[str, Any], solved: solver.Solution, failed: Array
     ) -> Array:
         u, t = solver.take(points, failed), solver.take(theta, failed)
-        flow = [k for k, x in enumerate(self.network.unknowns()) if x.name.endswith(".corrected_flow")]
+        flow = [k for k, x in enumerate(self.network.unknowns()) if x.is_flow]
         best, left = self._plain(u, failed.size), np.full(failed.size, np.inf)
         for factor in LESS_FLOW:
             x = self._plain(u, failed.size)

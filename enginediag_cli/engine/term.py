@@ -14,10 +14,11 @@ from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
+from enginediag_cli.engine.driver import Driver
 from enginediag_cli.engine.dual import Value
 from enginediag_cli.engine.evaluation import Evaluation
 from enginediag_cli.engine.hooks import FlowHook, Hooks, ValueHook
-from enginediag_cli.parameters import Parameter
+from enginediag_cli.parameters import Parameter, spelled
 
 if TYPE_CHECKING:
     from enginediag_cli.engine.components.base import Component
@@ -51,17 +52,19 @@ class Coefficient:
 class Site:
     """Where a term can act: `name` (hpc, hp, T45, …) completes its parameters' names; `component` is the part of
     the engine that an engineer would look at ("hpc", "hp", "sensor.T45", "ambient"); `acts_on` are the leaves
-    ("hpc.efficiency"), stations ("station 3") or readings ("reading T45_K") that it changes."""
+    ("hpc.efficiency"), stations ("station 3") or readings ("reading T45_K") that it changes. `everywhere`: it
+    is the air around the engine, which needs no naming."""
 
     name: str
     component: str
     acts_on: tuple[str, ...]
+    everywhere: bool = False
 
 
 class Term(ABC):
     """One effect. Subclasses fill in the words and implement `sites` and `install`.
 
-    `DRIVER` is one of the words of `enginediag_cli.physics.drivers.DRIVERS`: what the effect varies with.
+    `DRIVER` is what the effect varies with: one of `enginediag_cli.drivers`, or one that the term brings.
     `INPUTS` are columns that it reads beside the engine's own, with the value that stands for "not recorded".
     `SWITCHES`: commanded, so it may be on or off without any column showing it.
     """
@@ -70,11 +73,22 @@ class Term(ABC):
     TITLE: ClassVar[str]
     STATEMENT: ClassVar[str]
     EQUATION: ClassVar[str]
-    DRIVER: ClassVar[str]
+    DRIVER: ClassVar[Driver]
     COEFFICIENTS: ClassVar[tuple[Coefficient, ...]]
     REFERENCE: ClassVar[str]
     INPUTS: ClassVar[Mapping[str, float]] = {}
     SWITCHES: ClassVar[bool] = False
+
+    def __init_subclass__(cls, **given: object) -> None:
+        """Raises TypeError for a term whose driver is none: words would be missing where it is told."""
+        super().__init_subclass__(**given)
+        driver = getattr(cls, "DRIVER", None)
+        if "NAME" in cls.__dict__ and not isinstance(driver, Driver):
+            raise TypeError(
+                f"{cls.__module__}.{cls.__name__}: DRIVER is {driver!r}, no Driver: name one of enginediag_cli.drivers "
+                "(MACH, POWER, …) or bring one: Driver(word, words, unit, columns=…, values=…) of "
+                "enginediag_cli.engine.driver"
+            )
 
     @classmethod
     def amplitudes(cls) -> tuple[Coefficient, ...]:
@@ -126,6 +140,10 @@ class Effect:
                 c.sigma,
                 c.unit,
                 c.description,
+                self.site.component,
+                f"{self.term.NAME}.{c.name}",
+                f"{spelled(self.term.NAME)} {spelled(self.site.name)} {spelled(c.name)}",
+                spelled(self.site.name),
             )
             for c in self.term.COEFFICIENTS
         )

@@ -148,11 +148,11 @@ def _chosen_parameters(
     else:
         # an effect that the engine file carries has its own coefficient; it is identified only when asked for
         # and a sensor that is not recorded has nothing to say about its own errors
-        recorded = {split_column(s)[0] for s in sensors}
+        recorded = {f"sensor.{split_column(s)[0]}" for s in sensors}
         chosen = [
             n
             for n, p in model.parameters.items()
-            if p.family != "physics" and (p.family != "sensor" or n.split(".")[1] in recorded)
+            if p.family != "physics" and (not p.of_sensor or p.component in recorded)
         ]
     fixed = set(match_names(settings.fixed, known, "parameter"))
     chosen = [n for n in chosen if n not in fixed]

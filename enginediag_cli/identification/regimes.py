@@ -6,6 +6,8 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from enginediag_cli.units import split_column
+
 CLIMB_RATE_M_S = 2.5
 """About 500 ft/min: beyond it an aircraft is climbing or descending."""
 
@@ -47,7 +49,7 @@ def assign_regimes(recordings: Sequence[Mapping[str, np.ndarray]], inputs: Seque
 
 
 def _is_ambient(name: str) -> bool:
-    return any(name == a or name.startswith(a + "_") for a in AMBIENT)
+    return split_column(name)[0] in AMBIENT
 
 
 def _by_flight(columns: Mapping[str, np.ndarray]) -> np.ndarray | None:

@@ -121,17 +121,18 @@ def _not_believed(score: Score, names: Sequence[str]) -> tuple[str, float] | Non
     """The change of the engine that makes the answer incredible, with its size, if there is one."""
     from scipy.special import chdtrc
 
-    engine = np.array([not name.startswith("sensor.") for name in names])
+    a = score.indices(names)
+    parameters = [score.described[i] for i in a]
+    engine = np.array([not p.of_sensor for p in parameters])
     if not engine.any():
         return None
-    a = score.indices(names)
     b, information = score.scaled()
     held = np.linalg.solve(information[np.ix_(a, a)] + np.eye(len(a)) / WIDEST**2, b[a]) / WIDEST
     sizes = estimate_sizes(score, names)
     scale = WIDEST * score.prior_sigma[a]
     determined = np.array([size.standard_error for size in sizes]) < DETERMINED * scale
     change = np.where(determined, np.array([size.change for size in sizes]) / scale, held)
-    rise = np.where([name.endswith(".efficiency") for name in names], change, 0.0)
+    rise = np.where([p.wear < 0 for p in parameters], change, 0.0)
     k = int(np.argmax(rise))
     if rise[k] <= 1:
         if chdtrc(int(engine.sum()), float(np.sum(held[engine] ** 2))) >= CERTAIN:

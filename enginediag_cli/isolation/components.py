@@ -48,12 +48,6 @@ class ComponentIsolation:
     adequacy: Adequacy = field(default_factory=Adequacy)
 
 
-def component_of(parameter: str) -> str:
-    """`hpc.efficiency` and `hpc.map.work_slope` → hpc; `sensor.T3.bias` → sensor.T3."""
-    parts = parameter.split(".")
-    return ".".join(parts[:2]) if parts[0] == "sensor" else parts[0]
-
-
 def component_posterior(
     score: Score, prior: SetPrior | None = None, *, largest: int | None = None
 ) -> tuple[tuple[str, ...], np.ndarray, np.ndarray]:
@@ -62,7 +56,7 @@ def component_posterior(
     All sets of up to `largest` components are visited (default: as many as MAX_SETS allows).
     """
     prior = prior or SetPrior()
-    owner = [component_of(name) for name in score.parameters]
+    owner = [p.component for p in score.described]
     components = tuple(dict.fromkeys(owner))
     members = [[i for i, o in enumerate(owner) if o == c] for c in components]
     b, information = score.scaled()
@@ -72,7 +66,8 @@ def component_posterior(
     beta[:p], I[:p, :p] = b, information
     padded = np.array([m + [p] * (width - len(m)) for m in members], dtype=int).reshape(len(members), width)
     variance = np.square(prior.slabs)[:, None]
-    c, sensors, few = len(components), are_sensors([f"{name}." for name in components]), prior.wrong_sensors
+    wrong = are_sensors(score.described)
+    c, sensors, few = len(components), np.array([bool(wrong[m].all()) for m in members], bool), prior.wrong_sensors
     every, _ = plan(c, size_limit(c, largest, MAX_SETS, int(sensors.sum()), few), tuple(sensors.tolist()), few)
     log_prior, sizes = prior.log_of(every, sensors), every.sum(axis=1)
     masks, logs = [every[:1]], [log_prior[:1]]
@@ -128,4 +123,4 @@ def isolate_components(
 def _parameters(score: Score, components: tuple[str, ...], members: np.ndarray) -> list[str]:
     """All parameters of the components chosen by `members` (c,) bool."""
     chosen = {c for c, member in zip(components, members, strict=True) if member}
-    return [name for name in score.parameters if component_of(name) in chosen]
+    return [p.name for p in score.described if p.component in chosen]

@@ -72,7 +72,7 @@ def diagnose(
     be told by the score's parameters.
     """
     isolation = options.isolation
-    health = int(np.sum(~are_sensors(score.parameters)))
+    health = int(np.sum(~are_sensors(score.described)))
     many = health > MANY and isolation.largest is None and isolation.faults is None
     if many:
         isolation = replace(isolation, largest=LARGEST_OF_MANY)
@@ -91,7 +91,7 @@ def diagnose(
             confidence=isolation.confidence,
             largest=isolation.largest,
         )
-    return Diagnosis(result, score, named, sensor_rivalry(result), large, adequacy)
+    return Diagnosis(result, score, named, sensor_rivalry(result, score), large, adequacy)
 
 
 def _by_posterior(
@@ -121,7 +121,7 @@ def _by_posterior(
             posterior = set_posterior(score, prior, largest=isolation.largest, faults=isolation.faults)
     if options.one_sided:
         faults = options.catalogue.components if options.catalogue is not None else ()
-        signs = known_signs(score.parameters, faults)
+        signs = known_signs(score.described, faults)
         posterior = one_sided_posterior(score, posterior, signs, prior)
     result = posterior_result(score, posterior, isolation)
     if statistics is not None:

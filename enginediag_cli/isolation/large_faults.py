@@ -139,7 +139,7 @@ def nonlinear_posterior(
     prior = replace(prior, slabs=(*prior.slabs, *((WIDE_SLAB,) if max(prior.slabs) < WIDE_SLAB else ())))
     fits: dict[bytes, SetFit] = {}
     logs: dict[bytes, float] = {}
-    sensors = are_sensors(score.parameters)
+    sensors = are_sensors(score.described)
     error, about, offset, centre = 0.0, score, 0.0, b""
     for turn in range(ROUNDS):
         posterior = set_posterior(about, prior, largest=largest, faults=faults)
@@ -195,7 +195,7 @@ def _combined(
     """Weights (M,) of all sets of `posterior`: those fitted by their fits, the others by the score `about`."""
     final = set_posterior(about, prior, largest=largest, faults=faults)
     anchor = final.masks[0]
-    log_prior = float(prior.log_of(anchor[None], are_sensors(about.parameters))[0])
+    log_prior = float(prior.log_of(anchor[None], are_sensors(about.described))[0])
     level = offset + _log_slabs(about, anchor, prior) + log_prior
     with np.errstate(divide="ignore"):
         known = level + np.log(final.probabilities) - np.log(final.probabilities[0])

@@ -88,8 +88,8 @@ def posterior_result(score: Score, posterior: SetPosterior, options: IsolationOp
     rivals = tuple(
         Explanation(posterior.names(i), float(posterior.probabilities[i])) for i in range(1, min(count, MAX_RIVALS + 1))
     )
-    sensors = are_sensors(score.parameters)
-    wrong = int(are_sensors(isolated).sum())
+    sensors = are_sensors(score.described)
+    wrong = int(sensors[score.indices(isolated)].sum())
     cut = options.faults is None and len(isolated) == posterior.largest < len(score.parameters)
     notes = [f"sets of more than {posterior.largest} parameters were not considered"] if cut else []
     if wrong and wrong == posterior.wrong_sensors < sensors.sum():

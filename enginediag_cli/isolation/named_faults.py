@@ -100,7 +100,7 @@ def isolate_named(
     sets = set_posterior(score, prior, largest=largest)
     # all free sets with a change have together the share `unlisted` of the prior of a change
     nothing = np.zeros((1, len(score.parameters)), bool)
-    changed = float(-np.expm1(prior.log_of(nothing, are_sensors(score.parameters))[0]))
+    changed = float(-np.expm1(prior.log_of(nothing, are_sensors(score.described))[0]))
     evidence = sets.log_evidence - np.log(changed) + float(np.log1p(-changed))
     log_free = np.log(unlisted / (1 - unlisted)) + np.log(-np.expm1(n * np.log1p(-presence))) + evidence
     logs = np.array([log for _, log in answers] + [log_free])

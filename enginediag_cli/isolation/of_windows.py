@@ -14,6 +14,7 @@ from enginediag_cli.isolation.components import ComponentIsolation, isolate_comp
 from enginediag_cli.isolation.conditions_grid import conditions_grid
 from enginediag_cli.isolation.diagnosis import Diagnosis, DiagnosisOptions, diagnose
 from enginediag_cli.isolation.window_model import WindowModel
+from enginediag_cli.parameters import Parameter
 from enginediag_cli.residuals.files import JudgedFiles
 from enginediag_cli.residuals.kept_records import KeptRecords
 from enginediag_cli.residuals.monitor import Monitor
@@ -25,10 +26,11 @@ ADVISED = 3
 
 @dataclass(frozen=True)
 class NextRecording:
-    """What would tell the answer from its leading rival: both, as sets of parameters; operating `conditions`; and
-    further `sensors` at the conditions of the window, None where its records are not held."""
+    """What would tell the answer from its leading rival: both, as sets of parameters, and what those are; operating
+    `conditions`; further `sensors` at the conditions of the window, None where its records are not held."""
 
     rivals: tuple[tuple[str, ...], tuple[str, ...]]
+    known: Mapping[str, Parameter]
     conditions: Sequence[Advice]
     sensors: Sequence[Advice] | None
 
@@ -38,7 +40,7 @@ class IsolatedWindow:
     """`diagnosis`, or `components` where components are asked for; both None where there is no verdict."""
 
     verdict: Verdict
-    units: Mapping[str, str]
+    known: Mapping[str, Parameter]
     diagnosis: Diagnosis | None = None
     components: ComponentIsolation | None = None
     advice: NextRecording | None = None
@@ -82,22 +84,22 @@ class Isolating:
 
     def windows(self) -> Iterator[IsolatedWindow]:
         """All windows in turn. Raises DataError, NoVerdictError."""
-        for window, units in self.files.windows():
-            yield self._isolated(window, units)
+        for window, known in self.files.windows():
+            yield self._isolated(window, known)
 
-    def _isolated(self, window: WindowStatistics, units: Mapping[str, str]) -> IsolatedWindow:
+    def _isolated(self, window: WindowStatistics, known: Mapping[str, Parameter]) -> IsolatedWindow:
         verdict = judge(window, self.false_alarm)
         if verdict.score is None:
-            return IsolatedWindow(verdict, units, by_component=self.by_component)
+            return IsolatedWindow(verdict, known, by_component=self.by_component)
         if self.by_component:
             components = isolate_components(verdict.score, self.options.isolation, verdict.window.statistics)
-            return IsolatedWindow(verdict, units, components=components, by_component=True)
+            return IsolatedWindow(verdict, known, components=components, by_component=True)
         records = _Records(self.files.monitor, self.kept, window) if self.kept is not None else None
         diagnosis = diagnose(verdict.score, self.options, records, verdict.window.statistics)
         advice = None
         if self.advise and self.files.monitor is not None:
             advice = self._advice(self.files.monitor.without(window.silent), diagnosis, records() if records else None)
-        return IsolatedWindow(verdict, units, diagnosis, advice=advice)
+        return IsolatedWindow(verdict, known, diagnosis, advice=advice)
 
     def _advice(self, monitor: Monitor, diagnosis: Diagnosis, model: WindowModel | None) -> NextRecording | None:
         result = diagnosis.result
@@ -112,7 +114,7 @@ class Isolating:
             sensors = advise(
                 diagnosis.score, rivals, sensor_options(monitor, model.inputs, self.extra), monitor.uncertainty
             )
-        return NextRecording(rivals, conditions, sensors)
+        return NextRecording(rivals, monitor.meaning, conditions, sensors)
 
 
 class _Records:

@@ -74,7 +74,7 @@ def set_posterior(
     prior: of sets and sizes of changes. ValueError when `faults` leaves more than `max_sets` sets to visit.
     """
     prior = prior or SetPrior()
-    p, sensors = len(score.parameters), are_sensors(score.parameters)
+    p, sensors = len(score.parameters), are_sensors(score.described)
     limit = size_limit(p, faults if faults is not None else largest, max_sets, int(sensors.sum()), prior.wrong_sensors)
     if faults is not None and limit < min(faults, p):
         raise ValueError(f"{faults} faults among {p} parameters are more sets than can be visited ({max_sets})")

@@ -26,10 +26,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from enginediag_cli.parameters import Parameter
 
-def are_sensors(parameters: Sequence[str]) -> np.ndarray:
+
+def are_sensors(parameters: Sequence[Parameter]) -> np.ndarray:
     """Which parameters (p,) are errors of sensors."""
-    return np.array([name.startswith("sensor.") for name in parameters], bool)
+    return np.array([p.of_sensor for p in parameters], bool)
 
 
 @dataclass(frozen=True)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from enginediag_cli.isolation.result import Explanation, IsolationResult
+from enginediag_cli.residuals.score import Score
 
 LEAST = 0.05
 """A rival this much less probable than the other, or less, is no rival."""
@@ -24,19 +25,20 @@ class SensorRivalry:
     of_components: float
 
 
-def sensor_rivalry(result: IsolationResult) -> SensorRivalry | None:
+def sensor_rivalry(result: IsolationResult, score: Score) -> SensorRivalry | None:
     """The most probable pair of explanations, one of them the answer, in which a sensor stands against a
-    component; None when there is no such pair or one of the two is improbable."""
-    answer = set(result.isolated)
+    component; None when there is no such pair or one of the two is improbable. `score`: of which the result was made,
+    which knows what is a sensor's error."""
+    answer, sensors = set(result.isolated), {p.name for p in score.described if p.of_sensor}
     for rival in result.rivals:
         if rival.probability < LEAST * result.probability:
             continue
         only_answer, only_rival = answer - set(rival.parameters), set(rival.parameters) - answer
         if not only_answer or not only_rival:
             continue
-        if _sensors(only_answer) and not any(map(_is_sensor, only_rival)):
+        if only_answer <= sensors and not only_rival & sensors:
             return _rivalry(only_answer, only_rival, answer, result.probability, rival)
-        if _sensors(only_rival) and not any(map(_is_sensor, only_answer)):
+        if only_rival <= sensors and not only_answer & sensors:
             return _rivalry(only_rival, only_answer, answer, rival.probability, rival, result.probability)
     return None
 
@@ -56,11 +58,3 @@ def _rivalry(
         of_sensors,
         rival.probability if of_components is None else of_components,
     )
-
-
-def _is_sensor(name: str) -> bool:
-    return name.startswith("sensor.")
-
-
-def _sensors(names: set[str]) -> bool:
-    return bool(names) and all(map(_is_sensor, names))

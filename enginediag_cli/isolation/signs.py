@@ -20,6 +20,7 @@ import numpy as np
 
 from enginediag_cli.isolation.posterior import SetPosterior
 from enginediag_cli.isolation.prior import SetPrior
+from enginediag_cli.parameters import Parameter
 from enginediag_cli.residuals.score import Score
 
 if TYPE_CHECKING:
@@ -33,21 +34,21 @@ NEGLIGIBLE = 1e-4
 MAX_WEIGHED = 3000
 
 
-def known_signs(parameters: Sequence[str], faults: Iterable[ComponentFault] = ()) -> np.ndarray:
+def known_signs(parameters: Sequence[Parameter], faults: Iterable[ComponentFault] = ()) -> np.ndarray:
     """Sign of a change of each parameter (p,): −1, +1, or 0 where it is not known.
 
-    Efficiencies fall. Of other parameters the sign is that of the catalogue's `faults`, where those agree.
+    Wear says which way: efficiencies fall. Of others the sign is that of the catalogue's `faults`, where those agree.
     """
     seen: dict[str, set[float]] = {}
     for fault in faults:
         for name, change in fault.changes.items():
             seen.setdefault(name, set()).add(float(np.sign(change * fault.severity)))
     signs = np.zeros(len(parameters))
-    for i, name in enumerate(parameters):
-        if name.endswith(".efficiency"):
-            signs[i] = -1.0
-        elif len(seen.get(name, ())) == 1:
-            signs[i] = next(iter(seen[name]))
+    for i, p in enumerate(parameters):
+        if p.wear:
+            signs[i] = p.wear
+        elif len(seen.get(p.name, ())) == 1:
+            signs[i] = next(iter(seen[p.name]))
     return signs
 
 

@@ -42,7 +42,8 @@ class Expansion:
         eigenvalues, vectors = np.linalg.eigh(scaled)
         kept = eigenvalues > 1e-9 * max(float(eigenvalues[-1]), 1e-300)
         glr = float(np.sum((rhs @ vectors[:, kept]) ** 2 / eigenvalues[kept]))
-        local = Score(template.parameters, template.theta0, d, b, self.information, glr, int(np.count_nonzero(kept)))
+        rank = int(np.count_nonzero(kept))
+        local = Score(template.parameters, template.theta0, d, b, self.information, glr, rank, meaning=template.meaning)
         return local, offset
 
 

@@ -81,6 +81,7 @@ class Evidence(Windows):
             parameters=monitor.names,
             theta0=monitor.theta0,
             prior_sigma=monitor.prior_sigma,
+            meaning=monitor.meaning,
             lags=lags,
         )
         C = monitor.uncertainty

@@ -12,6 +12,8 @@ from functools import cache
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
+from enginediag_cli.drivers import DRIVERS
+from enginediag_cli.engine.driver import Driver
 from enginediag_cli.engine.term import Effect, Term
 from enginediag_cli.physics import terms
 
@@ -38,6 +40,12 @@ def term(name: str) -> Term:
     if len(found) != 1:
         raise TypeError(f"{module.__name__} must hold exactly one Term with NAME {name!r}")
     return found[0]()
+
+
+def own_drivers() -> tuple[Driver, ...]:
+    """Drivers that terms bring beside those that are listed."""
+    named = (term(name).DRIVER for name in term_names())
+    return tuple(dict.fromkeys(d for d in named if d not in DRIVERS))
 
 
 def effect(engine: Engine, name: str, site: str, values: Mapping[str, float] | None = None) -> Effect:

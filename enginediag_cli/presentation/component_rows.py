@@ -8,9 +8,10 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from enginediag_cli.detection.verdict import Verdict
     from enginediag_cli.isolation.components import ComponentIsolation
+    from enginediag_cli.parameters import Parameter
 
 
-def component_row(verdict: Verdict, found: ComponentIsolation | None, units: Mapping[str, str]) -> dict[str, Any]:
+def component_row(verdict: Verdict, found: ComponentIsolation | None, known: Mapping[str, Parameter]) -> dict[str, Any]:
     """Row of one window; `inclusion` lists the components likeliest first, down to one in a hundred."""
     from enginediag_cli.presentation.isolation_rows import fit_cell, reservation, told_verdict
     from enginediag_cli.residuals.flat import window_row
@@ -38,7 +39,7 @@ def component_row(verdict: Verdict, found: ComponentIsolation | None, units: Map
                 filter(
                     None,
                     [
-                        reservation(found.adequacy, units),
+                        reservation(found.adequacy, known),
                         "" if found.complete else "larger sets of parameters were not considered",
                     ],
                 )
@@ -47,18 +48,18 @@ def component_row(verdict: Verdict, found: ComponentIsolation | None, units: Map
     return row
 
 
-def component_sentence(found: ComponentIsolation, units: Mapping[str, str]) -> str:
+def component_sentence(found: ComponentIsolation, known: Mapping[str, Parameter]) -> str:
     """The answer for one window in words."""
     from enginediag_cli.presentation.isolation_rows import reservation
-    from enginediag_cli.presentation.names import in_words, listed
+    from enginediag_cli.presentation.names import listed, spelled
     from enginediag_cli.presentation.numbers import probability
 
     def words(components: tuple[str, ...]) -> str:
-        return listed([in_words(c) for c in components]) or "no component"
+        return listed([spelled(c) for c in components]) or "no component"
 
     told = f"{words(found.components)} changed (probability {probability(found.probability)})"
     if found.rivals:
         told += f"; next: {words(found.rivals[0].parameters)} ({probability(found.rivals[0].probability)})"
-    caution = reservation(found.adequacy, units)
+    caution = reservation(found.adequacy, known)
     leading = "" if found.adequacy.stands else "leading, but not to be relied on: "
     return f"{caution}; {leading}{told}" if caution else told

@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from enginediag_cli.presentation.explanations import headline, sentences, suggestion
+from enginediag_cli.mismatch.explain.answer import HIDDEN, NONE
+from enginediag_cli.presentation.explanations import headline, sentences, suggestion, why_rejected
 
 if TYPE_CHECKING:
     from enginediag_cli.mismatch.explain.alias_advice import Advice
@@ -45,7 +46,7 @@ def rows(story: Story) -> Iterator[dict[str, Any]]:
     if a.explanations:
         for rank, x in enumerate(a.explanations, start=1):
             yield from ({**empty, "rank": rank, **row} for row in _explanation_rows(x))
-    elif a.status == "none of these" and story.curves:
+    elif a.status == NONE and story.curves:
         for rank, c in enumerate(story.curves, start=1):
             yield {
                 **empty,
@@ -57,7 +58,7 @@ def rows(story: Story) -> Iterator[dict[str, Any]]:
                 "gain": c.gain if c.converged else None,
                 "statement": c.reason or "unlisted physics",
             }
-    elif a.status == "hidden":
+    elif a.status == HIDDEN:
         for rank, f in enumerate(story.hidden, start=1):
             yield {**empty, "rank": rank, **_hidden_row(f)}
     else:
@@ -73,7 +74,7 @@ def document(story: Story, provenance: tuple[str, ...]) -> dict[str, Any]:
         "kind": a.kind,
         "sentences": list(sentences(story)),
         "explanations": [_explanation(x) for x in a.explanations],
-        "rejected": dict(a.rejected),
+        "rejected": {label: why_rejected(r) for label, r in a.rejected.items()},
         "places": [_place(c) for c in a.cells[:CELLS]],
         "curves": [_curve(c) for c in story.curves],
         "hidden": [
@@ -150,7 +151,7 @@ def _explanation_rows(x: Explanation) -> Iterator[dict[str, Any]]:
                 "kind": o.kind,
                 "name": o.label,
                 "component": o.component,
-                "driver": o.driver,
+                "driver": o.driver.word,
                 "probability": x.probability,
                 "coefficient": c.name,
                 "value": c.value,
@@ -170,7 +171,7 @@ def _explanation(x: Explanation) -> dict[str, Any]:
         "in_words": headline(x),
         "kinds": [o.kind for o in x.options],
         "components": [o.component for o in x.options],
-        "drivers": [o.driver for o in x.options],
+        "drivers": [o.driver.word for o in x.options],
         "probability": x.probability,
         "gain": x.gain,
         "chi2": x.objective,
@@ -228,7 +229,7 @@ def _hidden_row(f: HiddenFinding) -> dict[str, Any]:
         "high": f.interval[1],
         "unit": f.unit,
         "gain": 2.0 * f.lr,
-        "statement": f"rivals: {', '.join(f.rivals)}" if f.rivals else "",
+        "statement": f"rivals: {', '.join(r.name for r in f.rivals)}" if f.rivals else "",
         "log_likelihood_ratio": f.lr,
         "threshold": f.threshold,
     }

@@ -6,9 +6,9 @@ import math
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
-from enginediag_cli.physics.drivers import DRIVERS
-from enginediag_cli.presentation.map_names import LOGARITHMS, driver_in_words, location_words
-from enginediag_cli.presentation.names import in_words, listed
+from enginediag_cli.mismatch.explain.answer import FAILED, HIDDEN, NAMED, NOTHING
+from enginediag_cli.mismatch.explain.rejected import Reason
+from enginediag_cli.presentation.names import listed, spelled
 from enginediag_cli.presentation.numbers import probability, rounded, with_unit
 from enginediag_cli.presentation.sentences import change, count
 from enginediag_cli.units import split_column
@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from enginediag_cli.mismatch.explain.alias_advice import Advice, Suggestion
     from enginediag_cli.mismatch.explain.answer import Coefficient, Explanation
     from enginediag_cli.mismatch.explain.curves import Curve
+    from enginediag_cli.mismatch.explain.rejected import Rejected
     from enginediag_cli.mismatch.explain.story import Story
     from enginediag_cli.mismatch.fit.options import Option
     from enginediag_cli.mismatch.unrecorded.hidden import HiddenFinding
@@ -29,17 +30,17 @@ MOST_SWITCHES = 12
 def sentences(story: Story) -> Iterator[str]:
     """The story, a paragraph at a time."""
     a = story.answer
-    if a.status == "did not converge":
+    if a.status == FAILED:
         yield f"no verdict: {a.reason}"
         return
-    if a.status == "nothing":
+    if a.status == NOTHING:
         yield (
             f"Nothing is missing that these flights can show: {a.reason} (the effect that stands out most: −ln p "
             f"{rounded(a.surprise)}; chance alone reaches {rounded(a.gates[0])})."
         )
-    elif a.status == "named":
+    elif a.status == NAMED:
         yield from _named(story)
-    elif a.status == "hidden":
+    elif a.status == HIDDEN:
         for finding, effects in zip(story.hidden[:1], story.hidden_effects, strict=False):
             yield from _hidden(story, finding, effects)
     else:
@@ -48,7 +49,7 @@ def sentences(story: Story) -> Iterator[str]:
     yield from _floor(story)
     for advice in story.advice:
         yield from _advice(advice)
-    switching = {e.label for effects in story.hidden_effects[:1] for e in effects if a.status == "hidden"}
+    switching = {e.label for effects in story.hidden_effects[:1] for e in effects if a.status == HIDDEN}
     unseen = [label for label in a.unseen if label not in switching]
     if unseen:
         yield f"Cannot be seen in these flights, whatever their size: {', '.join(unseen)}."
@@ -62,11 +63,11 @@ def headline(x: Explanation) -> str:
 def _phrase(o: Option, x: Explanation) -> str:
     if o.hypothesis.effects:
         e = o.hypothesis.effects[0]
-        return f"{e.term.TITLE} at {in_words(e.site.name)} ({o.label})"
+        return f"{e.term.TITLE} at {spelled(e.site.name)} ({o.label})"
     d = o.hypothesis.discrepancies[0]
     c = next(c for c in x.coefficients if c.name == d.name)
-    unit = c.unit if c.unit != "1" else ""
-    return f"a fault, {change(d.target, c.value, 1.96 * c.standard_error, unit=unit)} {d.curve}"
+    assert o.target is not None
+    return f"a fault, {change(o.target, c.value, 1.96 * c.standard_error)} {d.curve}"
 
 
 def _named(story: Story) -> Iterator[str]:
@@ -80,7 +81,7 @@ def _named(story: Story) -> Iterator[str]:
     yield f"{kind}: {headline(x)} (probability {probability(x.probability)})."
     for o in x.options:
         for e in o.hypothesis.effects:
-            yield f"  {e.term.STATEMENT} It varies with {DRIVERS[o.driver]}."
+            yield f"  {e.term.STATEMENT} It varies with {o.driver.words}."
             for c in x.coefficients:
                 if c.name in e.amplitudes:
                     yield f"  {coefficient(c, e)}"
@@ -105,7 +106,7 @@ def coefficient(c: Coefficient, effect: Effect) -> str:
     what = declared.description if declared else c.name
     size = f"{rounded(c.value, c.standard_error)}{f' {unit}' if unit else ''}"
     interval = f"{rounded(c.low, c.standard_error)} to {rounded(c.high, c.standard_error)}"
-    return f"{c.name.rpartition('.')[2]} = {size}, 95 % interval {interval}: {what}."
+    return f"{declared.name if declared else c.name} = {size}, 95 % interval {interval}: {what}."
 
 
 def _whole(value: float) -> str:
@@ -119,14 +120,14 @@ def _none(story: Story) -> Iterator[str]:
         yield "  No free-form curve could be fitted either."
         return
     places = listed(list(dict.fromkeys(place(c) for c in good)), "or")
-    words = list(dict.fromkeys(DRIVERS.get(c.driver.word, c.driver.name) for c in good))
+    words = list(dict.fromkeys(c.driver.driver.words for c in good))
     yield f"  Unlisted physics at {places}, varying with {listed(words, 'or')}."
     yield f"  {curve_in_words(good[0])}"
 
 
 def place(c: Curve) -> str:
     """Where a curve acts, in words."""
-    return location_words(c.location.name)
+    return c.location.words
 
 
 def curve_in_words(c: Curve) -> str:
@@ -136,7 +137,7 @@ def curve_in_words(c: Curve) -> str:
     ends = []
     for k in (0, -1):
         size = with_unit(factor * c.change[k], unit, factor * 1.96 * c.standard_error[k])
-        ends.append(f"{size} at {driver_in_words(c.driver.name)} {_driver_value(c, k)}")
+        ends.append(f"{size} at {c.driver.short} {_driver_value(c, k)}")
     return (
         f"{place(c)} goes from {ends[0]} to {ends[1]}, about its mean (χ² falls by {rounded(c.gain)} "
         f"with {c.dof} coefficients)."
@@ -144,15 +145,15 @@ def curve_in_words(c: Curve) -> str:
 
 
 def _driver_value(c: Curve, k: int) -> str:
-    value, unit = float(c.values[k]), c.driver.unit
-    if unit in LOGARITHMS:
+    value, driver = float(c.values[k]), c.driver.driver
+    if driver.counted_in:
         return rounded(math.exp(value))
-    return rounded(value) if unit in ("1", "recorded") else with_unit(value, unit)
+    return rounded(value) if driver.unit == "1" else with_unit(value, driver.unit)
 
 
 def _hidden(story: Story, f: HiddenFinding, effects: tuple[Effect, ...]) -> Iterator[str]:
-    where = location_words(f.location.name)
-    rivals = f" (or {listed([location_words(name) for name in f.rivals], 'or')})" if f.rivals else ""
+    where = f.location.words
+    rivals = f" (or {listed([r.words for r in f.rivals], 'or')})" if f.rivals else ""
     likelier = f"log likelihood +{rounded(f.lr)}; chance alone reaches +{rounded(f.threshold)}"
     unit = "" if f.unit == "1" else f.unit
     if f.is_switch:
@@ -193,9 +194,24 @@ def _hidden(story: Story, f: HiddenFinding, effects: tuple[Effect, ...]) -> Iter
 def _rejected(story: Story) -> Iterator[str]:
     rejected = story.answer.rejected
     if rejected:
-        told = [f"{label} ({why})" for label, why in list(rejected.items())[:SHOWN]]
+        told = [f"{label} ({why_rejected(r)})" for label, r in list(rejected.items())[:SHOWN]]
         more = f", and {len(rejected) - SHOWN} more" if len(rejected) > SHOWN else ""
         yield f"Fitted and rejected: {'; '.join(told)}{more}."
+
+
+def why_rejected(r: Rejected) -> str:
+    """Why something that was fitted is no explanation."""
+    return {
+        Reason.NOT_CONVERGED: lambda: f"did not converge: {r.what}",
+        Reason.WORSE: lambda: f"χ² is {r.figure:.1f} worse",
+        Reason.AT_BOUND: lambda: f"needs {r.what} beyond its physical bound",
+        Reason.LEAVES_MISFIT: lambda: f"leaves a misfit behind (−ln p = {r.figure:.1f})",
+        Reason.FEW_FLIGHTS: lambda: (
+            f"predicts only {100 * r.figure:.0f} % of the flights better: not separable from map error"
+        ),
+        Reason.NOT_NEEDED: lambda: f"does not need {r.what}",
+        Reason.ONE_UNLISTED: lambda: "one unlisted effect explains as much",
+    }[r.reason]()
 
 
 def _floor(story: Story) -> Iterator[str]:

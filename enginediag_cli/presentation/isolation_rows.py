@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from enginediag_cli.isolation.diagnosis import Diagnosis
     from enginediag_cli.isolation.named_faults import NamedIsolation
     from enginediag_cli.isolation.of_windows import IsolatedWindow
+    from enginediag_cli.parameters import Parameter
 
 
 CANNOT_TELL = "cannot tell"
@@ -24,7 +25,7 @@ def told_verdict(verdict: Verdict, adequacy: Adequacy | None) -> str:
     return verdict.verdict if adequacy is None or adequacy.stands else CANNOT_TELL
 
 
-def reservation(adequacy: Adequacy, units: Mapping[str, str]) -> str:
+def reservation(adequacy: Adequacy, known: Mapping[str, Parameter]) -> str:
     """Why the answer does not stand, or what a bad fit did to it; empty where the model fits."""
     from enginediag_cli.presentation.sentences import does_not_fit, evidence_reduced, not_believed
 
@@ -32,14 +33,14 @@ def reservation(adequacy: Adequacy, units: Mapping[str, str]) -> str:
         return does_not_fit(adequacy.fit)
     if adequacy.beyond is not None:
         name, change = adequacy.beyond
-        return not_believed(name, change, unit=units.get(name, "").removeprefix("1"))
+        return not_believed(known[name], change)
     return evidence_reduced(adequacy.dispersion) if adequacy.dispersion > 1 else ""
 
 
 def isolation_rows(
     verdict: Verdict,
     diagnosis: Diagnosis | None,
-    units: Mapping[str, str],
+    known: Mapping[str, Parameter],
     catalogue: bool = False,
     advice: Sequence[str] | None = None,
 ) -> Iterator[dict[str, Any]]:
@@ -82,7 +83,7 @@ def isolation_rows(
         probability=result.probability,
         rivals=[f"{' & '.join(r.parameters) or 'nothing'} ({r.probability:.2g})" for r in result.rivals],
         rivals_left_out=result.rivals_left_out,
-        note="; ".join(filter(None, [reservation(diagnosis.adequacy, units), result.note])),
+        note="; ".join(filter(None, [reservation(diagnosis.adequacy, known), result.note])),
     )
     if not result.sizes:
         yield row
@@ -94,7 +95,7 @@ def isolation_rows(
             "change": size.change,
             "lower": size.lower,
             "upper": size.upper,
-            "unit": units.get(size.parameter, ""),
+            "unit": known[size.parameter].unit,
             "percent": size.percent,
         }
 
@@ -105,10 +106,10 @@ def isolated_rows(found: IsolatedWindow, catalogue: bool, *, advice: bool) -> It
     from enginediag_cli.presentation.next_recording import next_recording
 
     if found.by_component:
-        yield component_row(found.verdict, found.components, found.units)
+        yield component_row(found.verdict, found.components, found.known)
         return
     told = next_recording(found.advice) if advice and found.diagnosis is not None else None
-    yield from isolation_rows(found.verdict, found.diagnosis, found.units, catalogue, told)
+    yield from isolation_rows(found.verdict, found.diagnosis, found.known, catalogue, told)
 
 
 def tell_isolated(messages: Messages, found: IsolatedWindow) -> None:
@@ -117,9 +118,9 @@ def tell_isolated(messages: Messages, found: IsolatedWindow) -> None:
     from enginediag_cli.presentation.next_recording import next_recording
 
     if found.components is not None:
-        messages.note(f"{where(found.verdict)}: {component_sentence(found.components, found.units)}")
+        messages.note(f"{where(found.verdict)}: {component_sentence(found.components, found.known)}")
     elif not found.by_component:
-        tell(messages, found.verdict, found.diagnosis, found.units, next_recording(found.advice))
+        tell(messages, found.verdict, found.diagnosis, found.known, next_recording(found.advice))
 
 
 def fit_cell(adequacy: Adequacy | None) -> float | None:
@@ -149,10 +150,11 @@ def tell(
     messages: Messages,
     verdict: Verdict,
     diagnosis: Diagnosis | None,
-    units: Mapping[str, str],
+    known: Mapping[str, Parameter],
     advice: Sequence[str] = (),
 ) -> None:
     """The answer for one window in words."""
+    from enginediag_cli.presentation.names import told as in_words
     from enginediag_cli.presentation.numbers import probability
     from enginediag_cli.presentation.sentences import change, no_verdict, sensor_or_component
 
@@ -163,16 +165,15 @@ def tell(
     result = diagnosis.result
     told = [
         change(
-            size.parameter,
+            known[size.parameter],
             size.change,
             size.upper - size.change,
-            unit=units.get(size.parameter, "").removeprefix("1"),
             chance=result.inclusion.get(size.parameter),
         )
         for size in result.sizes
     ]
     exactly = f"; exactly this: probability {probability(result.probability)}" if result.inclusion else ""
-    caution = reservation(diagnosis.adequacy, units)
+    caution = reservation(diagnosis.adequacy, known)
     if caution:
         messages.note(f"{here}: {caution}")
     leading = "" if diagnosis.adequacy.stands else "leading, but not to be relied on: "
@@ -181,7 +182,8 @@ def tell(
         messages.note(f"{here}: a large change, judged with the full model")
     if diagnosis.rivalry is not None:
         r = diagnosis.rivalry
-        told_rivalry = sensor_or_component(r.sensors, r.components, r.of_sensors, r.of_components, r.shared)
+        sensors, components, shared = (in_words(known, each) for each in (r.sensors, r.components, r.shared))
+        told_rivalry = sensor_or_component(sensors, components, r.of_sensors, r.of_components, shared)
         messages.note(f"{here}: {told_rivalry}")
     if result.rivals:
         rivals = [" & ".join(r.parameters) or "no change" for r in result.rivals[:3]]
@@ -190,14 +192,14 @@ def tell(
         share = f" (with the answer, {100 * result.coverage:.3g} % in all)" if result.inclusion else ""
         messages.note(f"{here}: not excluded either: {'; '.join(rivals)}{behind}{share}")
     if diagnosis.named is not None:
-        messages.note(f"{here}: {_named_sentence(diagnosis.named)}")
+        messages.note(f"{here}: {_named_sentence(diagnosis.named, known)}")
     for sentence in advice:
         messages.note(f"{here}: {sentence}")
 
 
-def _named_sentence(named: NamedIsolation) -> str:
+def _named_sentence(named: NamedIsolation, known: Mapping[str, Parameter]) -> str:
     """The named answer and its leading rival."""
-    from enginediag_cli.presentation.names import in_words, listed
+    from enginediag_cli.presentation.names import listed, spelled
     from enginediag_cli.presentation.numbers import probability
     from enginediag_cli.presentation.sentences import named_fault
 
@@ -209,6 +211,6 @@ def _named_sentence(named: NamedIsolation) -> str:
         told = f"no fault of the catalogue (probability {probability(named.probability)})"
     if named.rivals:
         rival = named.rivals[0]
-        name = listed([in_words(n) for n in rival.parameters]) or "no fault"
+        name = listed([known[n].words if n in known else spelled(n) for n in rival.parameters]) or "no fault"
         told += f"; next: {name} ({probability(rival.probability)})"
     return told

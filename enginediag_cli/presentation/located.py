@@ -5,10 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from typing import TYPE_CHECKING, Any
 
-from enginediag_cli.presentation.map_names import LOGARITHMS, driver_in_words, group_in_words, location_words
-from enginediag_cli.presentation.names import in_words, listed
+from enginediag_cli.drivers import TIME
+from enginediag_cli.presentation.names import listed
 from enginediag_cli.presentation.numbers import p_value, rounded, with_unit
-from enginediag_cli.units import split_column
 
 if TYPE_CHECKING:
     from enginediag_cli.engine.engine import Engine
@@ -58,15 +57,15 @@ def located_rows(located: Located, kind: Kind, everything: bool) -> Iterator[dic
     told, rank = False, 0
     hidden = kind.hidden
     if hidden is not None:
-        for name in (hidden.location.name, *hidden.rivals):
-            first = name == hidden.location.name
+        for place in (hidden.location, *hidden.rivals):
+            first = place == hidden.location
             rank, told = rank + 1, True
             yield {
                 **empty,
                 "verdict": verdict,
                 "rank": rank,
                 "driver": "not recorded",
-                "location": name,
+                "location": place.name,
                 "component": hidden.location.component if first else None,
                 "within": True,
                 "statistic": 2.0 * hidden.lr if first else None,
@@ -134,18 +133,13 @@ def _test(test: Test) -> str:
 
 def _about(test: Test) -> str:
     """ "hpc.efficiency along mach" in words; where it is the order of residuals, of a sensor's column."""
-    place, along, driver = test.about.partition(" along ")
-    if not along:
-        return test.about
-    what = split_column(place)[0] if test.name == "order" else location_words(place)
-    return f"{what} along {driver_in_words(driver)}"
+    return f"{test.where} along {test.along}" if test.along else test.about
 
 
 def _where(located: Located) -> Iterator[str]:
     first = next(lead for lead in located.leads if lead.within)
-    near = [lead.group for lead in located.leads if lead.within and lead is not first]
-    others = [name for group in near for name in group_in_words(group)]
-    members = group_in_words(first.group)
+    others = [name for lead in located.leads if lead.within and lead is not first for name in lead.words]
+    members = list(first.words)
     alike = " (which these recordings cannot tell apart)" if len(members) > 1 else ""
     rivals = f"; {listed(others, 'or')} cannot be excluded" if others else ""
     yield (
@@ -165,8 +159,8 @@ def _where(located: Located) -> Iterator[str]:
 
 def place_words(place: Place) -> str:
     """A location as an engineer says it."""
-    sensor = place.location.startswith("sensor.")
-    return f"the {location_words(place.location)}" if sensor else location_words(place.location)
+    at = place.cell.location
+    return f"the {at.words}" if at.of_sensor else at.words
 
 
 def _kind(located: Located, kind: Kind) -> str:
@@ -188,7 +182,7 @@ def _kind(located: Located, kind: Kind) -> str:
         own = ", ".join(f"{name} {rounded(T)}" for name, T in kind.engines.statistics.items())
         told += f" (χ² by engine: {own}; p of one coefficient for all {p_value(kind.engines.p)})"
     if kinds.FAULT in kind.names or kinds.SENSOR_FAULT in kind.names:
-        since = next(p.cell.driver.name for p in located.within if p.group == "time")
+        since = next(p.cell.driver.name for p in located.within if p.cell.driver.driver == TIME)
         told += f"; best onset: {since}"
     return told
 
@@ -196,7 +190,7 @@ def _kind(located: Located, kind: Kind) -> str:
 def _hidden(kind: Kind) -> str:
     f = kind.hidden
     assert f is not None
-    where = listed([location_words(name) for name in (f.location.name, *f.rivals)], "or")
+    where = listed([at.words for at in (f.location, *f.rivals)], "or")
     likelier = f"log likelihood +{rounded(f.lr)}; chance alone reaches +{rounded(f.threshold)}"
     if f.is_switch:
         return (
@@ -207,12 +201,12 @@ def _hidden(kind: Kind) -> str:
 
 
 def _worn(d: Difference, engine: Engine) -> str:
-    unit = engine.parameters[d.parameter].unit
-    factor, shown = (100.0, "%") if unit in ("", "1") else (1.0, unit)
+    parameter = engine.parameters[d.parameter]
+    factor, shown = (1.0, parameter.shown_unit) if parameter.shown_unit else (100.0, "%")
     size = with_unit(factor * abs(d.value), shown, factor * 1.96 * d.standard_error)
     way = "above" if d.value > 0 else "below"
     return (
-        f"engine {d.engine} stands out of the fleet: {in_words(d.parameter)} {size} {way} the others' "
+        f"engine {d.engine} stands out of the fleet: {parameter.words} {size} {way} the others' "
         f"(p {p_value(d.p)}); constant, so identified and no missing physics"
     )
 
@@ -226,17 +220,16 @@ def picture(located: Located, kind: Kind, title: str, notes: Sequence[str]) -> s
     assert located.presence is not None
     gate = math.log(located.presence.looks / (0.5 * located.presence.false_alarm))
     told = [
-        (location_words(p.location), _column(p.group), p.surprise, p.within and kind.hidden is None)
-        for p in located.places
+        (p.cell.location.words, _column(p.words), p.surprise, p.within and kind.hidden is None) for p in located.places
     ]
-    heat = rows_of(told, [_column(lead.group) for lead in located.leads], gate)
+    heat = rows_of(told, [_column(lead.words) for lead in located.leads], gate)
     if kind.hidden is not None:
         return mismatch_picture(title, notes, heat, _amplitude(kind.hidden))
     return mismatch_picture(title, notes, heat, _residuals(located) if located.within else None)
 
 
-def _column(group: str) -> str:
-    return " = ".join(group_in_words(group))
+def _column(members: Sequence[str]) -> str:
+    return " = ".join(members)
 
 
 def _residuals(located: Located) -> Scatter:
@@ -249,16 +242,16 @@ def _residuals(located: Located) -> Scatter:
     assert located.projection is not None
     cell = located.within[0].cell
     s = shown(located.projection, cell)
-    label = f"{driver_in_words(cell.driver.name)} [{cell.driver.unit}]"
+    driver = cell.driver.driver
+    label = cell.driver.short + ("" if driver.unit == "1" else f" [{driver.unit}]")
     scale: Callable[[float], float] = float
-    if cell.driver.unit in LOGARITHMS:  # people read the quantity, not its logarithm
-        label, scale = f"{driver_in_words(cell.driver.name)} ({LOGARITHMS[cell.driver.unit]})", math.exp
-    label = label.removesuffix(" [1]").removesuffix(" [recorded]")
+    if driver.counted_in:  # people read the quantity, not its logarithm
+        label, scale = f"{cell.driver.short} ({driver.counted_in})", math.exp
     return Scatter(
         label,
         f"{s.sensor.rsplit('_', 1)[0]}: measured − model [{s.unit}]",
         f"What shows it most: {s.sensor.rsplit('_', 1)[0]}. Dots: readings; black: their means with 95 % intervals; "
-        f"orange: what a free curve of {location_words(cell.location.name)} makes of it",
+        f"orange: what a free curve of {cell.location.words} makes of it",
         [scale(x) for x in s.x.tolist()],
         s.residual.tolist(),
         [(scale(x), mean, error) for x, mean, error, _ in s.bins],
@@ -279,5 +272,5 @@ def _amplitude(f: HiddenFinding) -> Scatter:
             line += [(k - 0.5, y), (k + 0.5, y)]
     caption = "Dots: amplitude of each record, about its mean" + ("; orange: its two states" if line else "")
     unit = f" [{f.unit}]" if f.unit not in ("", "1") else ""
-    label = f"{location_words(f.location.name)}{unit}"
+    label = f"{f.location.words}{unit}"
     return Scatter("record", label, caption, number, f.amplitude.tolist(), [], line)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from enginediag_cli.isolation.of_windows import NextRecording
-from enginediag_cli.presentation.names import in_words, listed
+from enginediag_cli.presentation.names import listed, told
 from enginediag_cli.presentation.sentences import further_records
 
 
@@ -12,13 +12,13 @@ def next_recording(found: NextRecording | None) -> list[str]:
     the answer has no rival."""
     if found is None:
         return []
-    words = [listed([in_words(name) for name in names]) or "no change" for names in found.rivals]
-    told = [f"to tell {words[0]} from {words[1]}:"]
+    words = [listed(told(found.known, names)) or "no change" for names in found.rivals]
+    lines = [f"to tell {words[0]} from {words[1]}:"]
     for one in found.conditions:
         where = ", ".join(f"{column} {value:.4g}" for column, value in one.values.items())
         unseen = "" if one.known else " (beyond the operating points identified)"
-        told.append(f"{further_records(f'at {where}', one.records, one.odds, one.noncentrality)}{unseen}")
+        lines.append(f"{further_records(f'at {where}', one.records, one.odds, one.noncentrality)}{unseen}")
     for one in found.sensors or ():
         where = f"with {one.label}" if one.values else "like these"
-        told.append(further_records(where, one.records, one.odds, one.noncentrality))
-    return told
+        lines.append(further_records(where, one.records, one.odds, one.noncentrality))
+    return lines

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING, Any
 
-from enginediag_cli.presentation.names import in_words
 from enginediag_cli.presentation.numbers import rounded
 
 if TYPE_CHECKING:
@@ -47,7 +46,7 @@ def per_record_sentences(
         )
     rivals = [f for f in found[1:] if f.location is not None and f.per_record < SEPARATED * best.per_record]
     yield (
-        f"An amplitude in every record at {in_words(best.name)} leaves a χ² of {rounded(best.per_record)} per "
+        f"An amplitude in every record at {best.words} leaves a χ² of {rounded(best.per_record)} per "
         f"record, of {rounded(none.per_record)} without. "
         + (_rivals(rivals) if rivals else f"The next place leaves {rounded(_next(found))}.")
     )
@@ -73,7 +72,7 @@ def per_record_sentences(
 
 
 def _rivals(rivals: Sequence[PerRecord]) -> str:
-    return "Not told from it: " + ", ".join(f"{in_words(f.name)} ({rounded(f.per_record)})" for f in rivals) + "."
+    return "Not told from it: " + ", ".join(f"{f.words} ({rounded(f.per_record)})" for f in rivals) + "."
 
 
 def _next(found: Sequence[PerRecord]) -> float:

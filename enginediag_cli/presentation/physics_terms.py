@@ -25,7 +25,7 @@ def term_row(term: Term, driver: str) -> dict[str, Any]:
     return {
         "term": term.NAME,
         "title": term.TITLE,
-        "driver": term.DRIVER,
+        "driver": term.DRIVER.word,
         "varies_with": driver,
         "coefficients": [c.name for c in term.COEFFICIENTS],
         "assumed": [c.name for c in term.COEFFICIENTS if c.assumed],
@@ -63,7 +63,7 @@ def site_row(term: Term, site: Site, carried: Carried) -> dict[str, Any]:
         "at": site.name,
         "component": site.component,
         "acts_on": list(site.acts_on),
-        "driver": term.DRIVER,
+        "driver": term.DRIVER.word,
         "carried": block is not None,
         "coefficients": dict(block["coefficients"]) if block else {},
         "standard_errors": dict(block["standard_errors"]) if block else {},

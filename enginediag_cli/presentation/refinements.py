@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any
 
-from enginediag_cli.presentation.names import in_words
+from enginediag_cli.presentation.names import spelled
 from enginediag_cli.presentation.numbers import p_value, with_unit
 from enginediag_cli.presentation.sentences import count
 
@@ -64,13 +64,11 @@ def sentences(r: Refinement) -> Iterator[str]:
         )
     if r.still_missing:
         yield f"The fitted flights show more than that: {r.still_missing}."
-    if r.refused:
-        yield f"refused: {r.refused}"
 
 
 def named_effect(e: Effect) -> str:
     """ "Reynolds number, compressor efficiency at HPC (reynolds_efficiency@hpc)"."""
-    return f"{e.term.TITLE} at {in_words(e.site.name)} ({e.label})"
+    return f"{e.term.TITLE} at {spelled(e.site.name)} ({e.label})"
 
 
 def _coefficient(declared: Coefficient, value: float, error: float | None) -> str:

@@ -4,18 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from enginediag_cli.presentation.names import in_words, listed
+from enginediag_cli.parameters import Parameter
+from enginediag_cli.presentation.names import listed, spelled
 from enginediag_cli.presentation.numbers import p_value, probability, rounded, with_unit
 
+READ_WRONG = frozenset({"bias", "scale"})
+"""Errors of a sensor by which it reads too high or too low."""
 
-def change(
-    name: str,
-    delta: float,
-    half_width: float | None = None,
-    *,
-    unit: str = "",
-    chance: float | None = None,
-) -> str:
+
+def change(parameter: Parameter, delta: float, half_width: float | None = None, *, chance: float | None = None) -> str:
     """The change of one parameter from nominal, for instance
     "HPC isentropic efficiency fell by 2.0 % ± 0.3 % (probability 0.97)".
 
@@ -23,27 +20,19 @@ def change(
     factor and is told in per cent. `half_width` is half the interval, `chance` the probability that the
     parameter changed at all.
     """
-    shown = (delta, half_width, unit) if unit else (100 * delta, _times(100, half_width), "%")
+    unit = parameter.shown_unit
+    # an error that is added to a ratio is a ratio, no share of what is read
+    added = bool(unit) or (parameter.of_sensor and parameter.quantity == "bias")
+    shown = (delta, half_width, unit) if added else (100 * delta, _times(100, half_width), "%")
     size = with_unit(abs(shown[0]), shown[2], shown[1])
     behind = f" (probability {probability(chance)})" if chance is not None else ""
-    if name.startswith("sensor.") and name.endswith((".bias", ".scale")):
-        sensor = name.split(".")[1]
-        return f"{sensor} sensor reads {size} too {'high' if delta > 0 else 'low'}{behind}"
-    return f"{in_words(name)} {'rose' if delta > 0 else 'fell'} by {size}{behind}"
+    if parameter.of_sensor and parameter.quantity in READ_WRONG:
+        return f"{parameter.part} reads {size} too {'high' if delta > 0 else 'low'}{behind}"
+    return f"{parameter.words} {'rose' if delta > 0 else 'fell'} by {size}{behind}"
 
 
 def _times(factor: float, value: float | None) -> float | None:
     return None if value is None else factor * value
-
-
-def ambiguous(explanations: Sequence[Sequence[str]], remedy: str = "") -> str:
-    """What the data cannot separate; each explanation is a set of parameters that change together.
-
-    "cannot tell: HPC isentropic efficiency or T3 sensor bias would explain these records equally well"
-    """
-    rivals = [listed([in_words(name) for name in sorted(names)], "together with") for names in explanations]
-    text = f"cannot tell: {listed(rivals, 'or')} would explain these records equally well"
-    return f"{text}; {remedy}" if remedy else text
 
 
 def does_not_fit(ratio: float) -> str:
@@ -54,9 +43,9 @@ def does_not_fit(ratio: float) -> str:
     )
 
 
-def not_believed(name: str, delta: float, *, unit: str = "") -> str:
+def not_believed(parameter: Parameter, delta: float) -> str:
     """Why an answer does not stand: it fits, but only with a change that no engine shows."""
-    return f"the model fits these records only if {change(name, delta, unit=unit)}, which is not believed: cannot tell"
+    return f"the model fits these records only if {change(parameter, delta)}, which is not believed: cannot tell"
 
 
 def evidence_reduced(dispersion: float) -> str:
@@ -71,22 +60,22 @@ def sensor_or_component(
     of_components: float,
     shared: Sequence[str] = (),
 ) -> str:
-    """An instrument and the engine as rivals, the likelier first, for instance
+    """An instrument and the engine as rivals, each in words, the likelier first, for instance
     "cannot tell T3 sensor bias from HPC isentropic efficiency: 0.55 against 0.41".
 
     `shared`: what has changed in both explanations.
     """
     rivals = ((sensors, of_sensors), (components, of_components))
     (names, p), (others, q) = sorted(rivals, key=lambda item: -item[1])
-    one, other = (listed([in_words(n) for n in each]) for each in (names, others))
-    beside = f" (beside {listed([in_words(n) for n in shared])})" if shared else ""
+    one, other = (listed(list(each)) for each in (names, others))
+    beside = f" (beside {listed(list(shared))})" if shared else ""
     return f"cannot tell {one} from {other}{beside}: {probability(p)} against {probability(q)}"
 
 
 def named_fault(severities: Sequence[tuple[str, float, float]], chance: float) -> str:
     """Faults of a catalogue by name with severity and half its interval, for instance
     "HPC fouling, severity 0.9 ± 0.1 (probability 0.93)"."""
-    told = [f"{in_words(name)}, severity {with_unit(value, '', half)}" for name, value, half in severities]
+    told = [f"{spelled(name)}, severity {with_unit(value, '', half)}" for name, value, half in severities]
     return f"{listed(told, 'and')} (probability {probability(chance)})"
 
 
@@ -126,12 +115,6 @@ def nominal(statistic: float, threshold: float, freedom: int, p: float | None = 
 def no_verdict(reason: str, *, where: str = "") -> str:
     """Neither healthy nor faulty, and why."""
     return f"{_prefix(where)}no verdict: {reason}"
-
-
-def smallest_detectable(name: str, delta: float, *, unit: str = "") -> str:
-    """The smallest change that these data would reveal, for instance "HPC flow capacity: 0.4 %"."""
-    size = with_unit(delta, unit, digits=2) if unit else with_unit(100 * delta, "%", digits=2)
-    return f"{in_words(name)}: {size}"
 
 
 def count(number: int, noun: str, plural: str = "") -> str:

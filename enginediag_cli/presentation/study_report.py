@@ -120,8 +120,9 @@ def _rates(entry: Mapping[str, Any]) -> dict[str, Any]:
 def shortened(row: Mapping[str, Any]) -> dict[str, Any]:
     """A row of rates for people: rate and interval in one cell, in per cent."""
     short: dict[str, Any] = {}
+    ends = {f"{name}_{end}" for name in row for end in ("low", "high")}
     for name, value in row.items():
-        if name.endswith(("_low", "_high")):
+        if name in ends:
             continue
         if f"{name}_low" in row:
             value = (

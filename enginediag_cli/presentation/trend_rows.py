@@ -31,7 +31,7 @@ def flight_rows(sums: FlightSums) -> Iterator[dict[str, Any]]:
                 "change": change,
                 "low": change - Z95 * error,
                 "high": change + Z95 * error,
-                "unit": sums.units.get(a, ""),
+                "unit": sums.known[a].unit,
             }
 
 
@@ -63,7 +63,7 @@ def trend_rows(trends: Iterable[EngineTrend], sums: FlightSums) -> Iterator[dict
             if t.kind == "step":
                 values.update(rate_per_flight=None, rate_low=None, rate_high=None)
             row.update({k: v if changed else None for k, v in values.items()})
-            row["unit"] = sums.units.get(t.parameter, "")
+            row["unit"] = sums.known[t.parameter].unit
             yield row
 
 

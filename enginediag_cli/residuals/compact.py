@@ -133,7 +133,7 @@ def compact(monitor: Monitor) -> Monitor:
         monitor.base,
         (*monitor.monitored, *(f"nominal.{i + 1}" for i in range(r)), *monitor.names[q:]),
         monitor.monitored,
-        monitor.units,
+        monitor.meaning,
         monitor.offsets,
         joined(monitor.theta0, 0.0),
         joined(monitor.prior_sigma, 1.0),

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 
 from enginediag_cli.errors import DataError
 from enginediag_cli.intake.intake import File, Intake
+from enginediag_cli.parameters import Parameter
 from enginediag_cli.recordings.table import Recording
 from enginediag_cli.residuals.flat import is_flat
 from enginediag_cli.residuals.monitor import Monitor
@@ -17,8 +18,8 @@ from enginediag_cli.residuals.seal import DIGITS, MadeWith, plan_cells
 from enginediag_cli.residuals.statistics_file import Ledger, read_statistics, refuse_ignored_options
 from enginediag_cli.residuals.windows import WindowPlan
 
-Window = tuple[WindowStatistics, Mapping[str, str]]
-"""Statistics of a window, and the unit of each parameter."""
+Window = tuple[WindowStatistics, Mapping[str, Parameter]]
+"""Statistics of a window, and what its parameters are, by name."""
 
 
 @dataclass(frozen=True)
@@ -67,9 +68,9 @@ class JudgedFiles:
         """All windows in turn. Raises DataError, NoVerdictError."""
         for file in self.intake.files():
             statistics = file.lines is not None and is_flat(file.lines.columns)
-            for window, units in self._flat(file) if statistics else self._condensed(file):
+            for window, known in self._flat(file) if statistics else self._condensed(file):
                 self._count(window)
-                yield window, units
+                yield window, known
 
     def _condensed(self, file: File) -> Iterator[Window]:
         monitor, judging = self.monitor, self.judging
@@ -84,7 +85,7 @@ class JudgedFiles:
             linearise=judging.linearise,
             model_error=judging.model_error,
         ):
-            yield window, monitor.units
+            yield window, monitor.meaning
 
     def _flat(self, file: File) -> Iterator[Window]:
         assert file.lines is not None

@@ -7,10 +7,11 @@ errors is thereby trusted less, and V ≈ F however correlated the noise.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from enginediag_cli.parameters import Parameter
 from enginediag_cli.residuals.blocks import Block
 from enginediag_cli.residuals.correlated import independent_rows, lagged_sums
 from enginediag_cli.residuals.noise import NoiseModel
@@ -60,12 +61,14 @@ def block_statistics(
     prior_sigma: np.ndarray,
     lags: np.ndarray | None = None,
     labels: Sequence[tuple[str, str]] | None = None,
+    meaning: Mapping[str, Parameter] | None = None,
 ) -> list[Block]:
     """Statistics of consecutive blocks of records, ready to be added up to windows.
 
     e (N, m), J (N, m, p): residuals and sensitivities at θ0; starts (B,): first record of each block,
     ascending from 0. lags (N,): steps of time since the record before (inf: unrelated, a new recording);
     1 when not given. V is exact for AR(1) noise, inside blocks and, when blocks are added, between them.
+    meaning: what the parameters are, by name.
     """
     N, _, p = J.shape
     z, G = whiten(e, J, noise)
@@ -113,6 +116,7 @@ def block_statistics(
             parts,
             terms,
             kurtosis,
+            meaning=meaning or {},
         )
         blocks.append(Block(statistics, lagged.head[b], lagged.tail[b], lagged.decay[b], share))
     return blocks
@@ -134,6 +138,7 @@ def local_statistics(
     prior_sigma: np.ndarray,
     lags: np.ndarray | None = None,
     label: tuple[str, str] = ("", ""),
+    meaning: Mapping[str, Parameter] | None = None,
 ) -> LocalStatistics:
     """Statistics of all records together; arguments as in `block_statistics`."""
     return block_statistics(
@@ -146,4 +151,5 @@ def local_statistics(
         prior_sigma=prior_sigma,
         lags=lags,
         labels=[label],
+        meaning=meaning,
     )[0].statistics

@@ -16,6 +16,7 @@ import numpy as np
 
 from enginediag_cli.engine.model import MonitoredModel
 from enginediag_cli.errors import DataError
+from enginediag_cli.parameters import Parameter
 from enginediag_cli.residuals.noise import NoiseModel
 
 if TYPE_CHECKING:
@@ -42,8 +43,8 @@ class Offset:
 class Monitor:
     """Engine with p parameters of interest (monitored, then uncertain, then offsets) and m sensors.
 
-    base: values of all identified parameters; theta0, prior_sigma, lower, upper (p,); uncertainty (p, p). nominal: the
-    fingerprint of the nominal state, to which statistics are bound.
+    base: values of all identified parameters; meaning: what the monitored are, by name; theta0, prior_sigma, lower,
+    upper (p,); uncertainty (p, p). nominal: the fingerprint of the nominal state, to which statistics are bound.
     """
 
     engine: MonitoredModel
@@ -51,7 +52,7 @@ class Monitor:
     base: Mapping[str, float]
     names: tuple[str, ...]
     monitored: tuple[str, ...]
-    units: Mapping[str, str]
+    meaning: Mapping[str, Parameter]
     offsets: tuple[Offset, ...]
     theta0: np.ndarray
     prior_sigma: np.ndarray
@@ -161,7 +162,7 @@ def monitor_from_nominal(
         nominal.theta0,
         names,
         monitored,
-        {name: engine.parameters[name].unit for name in monitored},
+        {name: engine.parameters[name] for name in monitored},
         offsets,
         np.array([*(known[name] for name in inner), *np.zeros(len(offsets))], float),
         np.array(
@@ -240,7 +241,7 @@ def monitor_of(baseline: Baseline, patterns: Sequence[str] = (), *, sensors: boo
     monitor = monitor_from_nominal(engine, nominal, patterns)
     if sensors:
         known = [p for column in monitor.sensors for p in engine.sensors[column].parameters()]
-        biases = [p.name for p in known if p.name.endswith(".bias") and p.name not in monitor.monitored]
+        biases = [p.name for p in known if p.quantity == "bias" and p.name not in monitor.monitored]
         monitor = monitor_from_nominal(engine, nominal, (*monitor.monitored, *biases))
     # statistics are bound to the engine that made them, too, where it is not the one identified
     changed = baseline.changed_engine and f" engine {baseline.changed_engine[:DIGITS]}"

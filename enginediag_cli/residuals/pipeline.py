@@ -135,6 +135,7 @@ def _pieces(
             parameters=monitor.names,
             theta0=monitor.theta0,
             prior_sigma=monitor.prior_sigma,
+            meaning=monitor.meaning,
             lags=lags,
         )
         sums = dict(zip(blocks[kept][starts].tolist(), found, strict=True))
@@ -297,6 +298,7 @@ def _at_estimate(monitor: Monitor, batch: Sequence[Sequence[_Piece]], condense: 
             parameters=monitor.names,
             theta0=monitor.theta0,
             prior_sigma=monitor.prior_sigma,
+            meaning=monitor.meaning,
             lags=lags[rows],
         )
         w = int(window[rows.start])

@@ -9,11 +9,12 @@ so that b ~ N(I Δθ_a, I). For white noise and a certain nominal, b = s and I =
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from enginediag_cli.parameters import Parameter, meanings
 from enginediag_cli.residuals.excitation import RANK_TOLERANCE, RangeSpace, range_space
 from enginediag_cli.residuals.statistics import LocalStatistics
 
@@ -23,7 +24,7 @@ class Score:
     """Score b (p,) and information (p, p) of `parameters`, with `glr` = bᵀ I⁺ b, eq. (11), and its `rank`.
 
     `doubt`: A₁, A₂ and Q of `_doubt`, how uncertain estimated noise makes the metric of the test and how far its law is
-    from that of Gaussian noise; 0 for known, Gaussian noise.
+    from that of Gaussian noise; 0 for known, Gaussian noise. `meaning`: what each parameter is, by name.
     """
 
     parameters: tuple[str, ...]
@@ -34,6 +35,12 @@ class Score:
     glr: float
     rank: int
     doubt: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    meaning: Mapping[str, Parameter] = field(default_factory=dict)
+
+    @property
+    def described(self) -> tuple[Parameter, ...]:
+        """What each parameter is (p,): `unspecified` where `meaning` does not say."""
+        return tuple(meanings(self.meaning, self.parameters).values())
 
     def scaled(self) -> tuple[np.ndarray, np.ndarray]:
         """D b (p,) and D I D (p, p) with D = diag(prior_sigma): parameters in prior standard deviations."""
@@ -73,6 +80,7 @@ def fisher_score(
         float(np.sum(v**2 / reduced.eigenvalues)),
         reduced.rank,
         _doubt(statistics, B, D[a], reduced),
+        statistics.meaning,
     )
 
 

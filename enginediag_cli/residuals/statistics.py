@@ -7,11 +7,12 @@ They add: the statistics of two windows, flights or machines are the sum of thei
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from enginediag_cli.parameters import Parameter
 from enginediag_cli.residuals.excitation import DarkCombination, dark_combinations
 
 MAX_ROWS = 20_000
@@ -28,7 +29,7 @@ class LocalStatistics:
     `by_sensor` (q, p, p), where noise was estimated: by how much one standard deviation of each independent error
     of it changes V (mostly a sensor's part of V times the error of the logarithm of its variance). `rows` (k, p),
     where noise is not Gaussian: s = Σ rows_i ε_i with independent ε_i of variance 1 and excess kurtosis `kurtosis`
-    (k,). `doubt`: what `fisher_score` made of these.
+    (k,). `doubt`: what `fisher_score` made of these. `meaning`: what each parameter is, by name.
     """
 
     parameters: tuple[str, ...]
@@ -46,6 +47,7 @@ class LocalStatistics:
     rows: np.ndarray | None = None
     kurtosis: np.ndarray | None = None
     doubt: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    meaning: Mapping[str, Parameter] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         p = len(self.parameters)

@@ -11,6 +11,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 
 from enginediag_cli.errors import DataError
+from enginediag_cli.parameters import Parameter
 from enginediag_cli.residuals.flat import is_flat, read_flat
 from enginediag_cli.residuals.pipeline import WindowStatistics
 from enginediag_cli.residuals.seal import CHECKSUM, MadeWith, checksum, made_with
@@ -98,17 +99,17 @@ class Ledger:
 
 def read_statistics(
     lines: Iterable[str], source: str, ledger: Ledger
-) -> Iterator[tuple[WindowStatistics, dict[str, str]]]:
-    """Windows, and the units of their parameters, of an open file of statistics, each once.
+) -> Iterator[tuple[WindowStatistics, dict[str, Parameter]]]:
+    """Windows, and what their parameters are, of an open file of statistics, each once.
 
     Raises DataError naming file and line.
     """
     for row, line in _rows(lines, source):
         place = f"{source}:{line}"
         if ledger.admit(row, place):
-            for window, units in read_flat([row], source, [line]):
+            for window, known in read_flat([row], source, [line]):
                 ledger.place(window, place)
-                yield window, units
+                yield window, known
 
 
 def ignored_options(given: Mapping[str, object]) -> tuple[str, ...]:

@@ -45,7 +45,7 @@ PARAMETERS = (
     health("hpt.efficiency"),
     health("hpc.flow_capacity"),
     Parameter("hpc.map.slope", "design", 0.0, -1.0, 1.0, 0.2),
-    Parameter("sensor.T45.bias", "sensor", 0.0, -100.0, 100.0, 5.0, "K"),
+    Parameter("sensor.T45.bias", "sensor", 0.0, -100.0, 100.0, 5.0, "K", component="sensor.T45", quantity="bias"),
 )
 SENSORS = {s: ToySensor(s, sigma) for s, sigma in (("T3_K", 1.0), ("P3_Pa", 3e3), ("Wf_kg_s", 2e-3), ("T45_K", 2.0))}
 

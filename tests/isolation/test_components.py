@@ -6,10 +6,11 @@ from itertools import combinations
 
 import numpy as np
 import pytest
+from parameter_makers import described, meaning_of
 from scipy.stats import multivariate_normal
 from score_makers import sensitivities
 
-from enginediag_cli.isolation.components import component_of, component_posterior, isolate_components
+from enginediag_cli.isolation.components import component_posterior, isolate_components
 from enginediag_cli.isolation.methods import IsolationOptions
 from enginediag_cli.isolation.posterior import set_posterior
 from enginediag_cli.isolation.prior import SetPrior
@@ -25,23 +26,15 @@ def score_of(rng, J, change, names=NAMES, sigma=0.02):
     p = len(names)
     return fisher_score(
         local_statistics(
-            e, J, white_noise(np.ones(J.shape[1])), parameters=names, theta0=np.ones(p), prior_sigma=np.full(p, sigma)
+            e,
+            J,
+            white_noise(np.ones(J.shape[1])),
+            parameters=names,
+            theta0=np.ones(p),
+            prior_sigma=np.full(p, sigma),
+            meaning=meaning_of(names),
         )
     ), e
-
-
-@pytest.mark.parametrize(
-    "parameter, component",
-    [
-        ("hpc.efficiency", "hpc"),
-        ("hpc.map.work_slope", "hpc"),
-        ("core_nozzle.area", "core_nozzle"),
-        ("sensor.T3.bias", "sensor.T3"),
-        ("sensor.T3.scale", "sensor.T3"),
-    ],
-)
-def test_a_parameter_belongs_to_the_component_that_its_name_begins_with(parameter, component):
-    assert component_of(parameter) == component
 
 
 def test_the_posterior_is_that_of_the_marginal_likelihoods_of_the_readings():
@@ -55,7 +48,7 @@ def test_the_posterior_is_that_of_the_marginal_likelihoods_of_the_readings():
     logs = {}
     for k in range(5):
         for chosen in combinations(components, k):
-            own = [i for i, n in enumerate(NAMES) if component_of(n) in chosen]
+            own = [i for i, n in enumerate(NAMES) if described(n).component in chosen]
             covariance = np.eye(15) + (1.5 * 0.02) ** 2 * wide[:, own] @ wide[:, own].T
             logs[chosen] = multivariate_normal.logpdf(e.ravel(), np.zeros(15), covariance)
             mask = np.array([[c in chosen for c in components]])

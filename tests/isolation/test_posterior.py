@@ -7,6 +7,7 @@ from itertools import combinations
 
 import numpy as np
 import pytest
+from parameter_makers import meaning_of
 from scipy.stats import multivariate_normal
 from score_makers import linear_score, sensitivities
 
@@ -109,8 +110,8 @@ def test_of_sensors_no_more_than_the_prior_allows_are_taken_together():
     rng = np.random.default_rng(9)
     score = linear_score(rng, sensitivities(rng, p=7), [0.05, 0, 0, 0, 0.05, 0.05, 0])
     names = ("a.x", "b.x", "c.x", "d.x", "sensor.p.bias", "sensor.q.bias", "sensor.r.bias")
-    found = set_posterior(replace(score, parameters=names), SetPrior(0.2))
+    found = set_posterior(replace(score, parameters=names, meaning=meaning_of(names)), SetPrior(0.2))
     assert len(found.masks) == 16 * 7 and (found.masks[:, 4:].sum(axis=1) <= 2).all()
     assert found.names(0) == ("a.x", "sensor.p.bias", "sensor.q.bias")
-    note = isolate(replace(score, parameters=names)).note
+    note = isolate(replace(score, parameters=names, meaning=meaning_of(names))).note
     assert note == "more than 2 wrong sensors were not considered"

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
+from parameter_makers import described
 from turbofan_trials import faulty_window, turbofan_monitor, window_score
 
 from enginediag_cli.isolation.diagnosis import DiagnosisOptions, diagnose
@@ -38,24 +41,26 @@ def test_a_fault_of_engine_and_sensor_together_is_isolated_to_both(seed):
     assert set(found.result.isolated) == {"hpc.efficiency", "sensor.T3.bias"}
 
 
-def of(answer, probability, *rivals):
-    return IsolationResult("posterior", answer, probability, rivals, 0, 0.95, {}, ())
+def rivalry_of(answer, probability, *rivals):
+    names = ("fan.efficiency", "hpc.efficiency", "sensor.T3.bias")
+    score = SimpleNamespace(described=tuple(map(described, names)))
+    return sensor_rivalry(IsolationResult("posterior", answer, probability, rivals, 0, 0.95, {}, ()), score)
 
 
 def test_a_sensor_against_a_component_is_a_rivalry_and_told_with_both_probabilities():
-    found = sensor_rivalry(of(("sensor.T3.bias",), 0.55, Explanation(("hpc.efficiency",), 0.41)))
+    found = rivalry_of(("sensor.T3.bias",), 0.55, Explanation(("hpc.efficiency",), 0.41))
     assert (found.sensors, found.components) == (("sensor.T3.bias",), ("hpc.efficiency",))
     assert (
-        sensor_or_component(found.sensors, found.components, found.of_sensors, found.of_components)
+        sensor_or_component(["T3 sensor bias"], ["HPC isentropic efficiency"], found.of_sensors, found.of_components)
         == "cannot tell T3 sensor bias from HPC isentropic efficiency: 0.55 against 0.41"
     )
-    turned = sensor_rivalry(of(("hpc.efficiency",), 0.55, Explanation(("sensor.T3.bias",), 0.41)))
+    turned = rivalry_of(("hpc.efficiency",), 0.55, Explanation(("sensor.T3.bias",), 0.41))
     assert (turned.of_sensors, turned.of_components) == (0.41, 0.55)
 
 
 def test_what_both_explanations_share_is_no_part_of_the_rivalry():
     answer = ("fan.efficiency", "sensor.T3.bias")
-    found = sensor_rivalry(of(answer, 0.5, Explanation(("fan.efficiency", "hpc.efficiency"), 0.3)))
+    found = rivalry_of(answer, 0.5, Explanation(("fan.efficiency", "hpc.efficiency"), 0.3))
     assert found.shared == ("fan.efficiency",) and found.components == ("hpc.efficiency",)
 
 
@@ -65,4 +70,4 @@ def test_two_components_an_addition_or_an_improbable_sensor_are_no_rivalry():
         Explanation(("hpc.efficiency", "sensor.T3.bias"), 0.4),
         Explanation(("sensor.T3.bias",), 0.001),
     ):
-        assert sensor_rivalry(of(("hpc.efficiency",), 0.5, rival)) is None
+        assert rivalry_of(("hpc.efficiency",), 0.5, rival) is None

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from parameter_makers import described
 from scipy.stats import multivariate_normal
 from score_makers import linear_score, sensitivities
 
@@ -98,7 +99,12 @@ def test_a_clear_change_against_its_sign_is_still_isolated():
 
 
 def test_efficiencies_fall_and_capacities_follow_the_catalogue_where_it_agrees_with_itself():
-    names = ("hpc.efficiency", "hpc.flow_capacity", "hpt.flow_capacity", "core_nozzle.area", "sensor.T3.bias")
+    names = tuple(
+        map(
+            described,
+            ("hpc.efficiency", "hpc.flow_capacity", "hpt.flow_capacity", "core_nozzle.area", "sensor.T3.bias"),
+        )
+    )
     faults = [
         ComponentFault("fouling", {"hpc.flow_capacity": -0.03, "hpc.efficiency": -0.01}),
         ComponentFault("erosion", {"hpt.flow_capacity": 0.02}),

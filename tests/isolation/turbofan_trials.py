@@ -63,5 +63,6 @@ def window_score(monitor, inputs, y) -> Score:
             parameters=monitor.names,
             theta0=monitor.theta0,
             prior_sigma=monitor.prior_sigma,
+            meaning=monitor.meaning,
         )
     )

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from types import SimpleNamespace
 
 import numpy as np
+from parameter_makers import meaning_of
 from toy_engine import SIGMA, toy_monitor
 
 from enginediag_cli.methods.windows import Windows
@@ -50,9 +51,9 @@ def linear_monitor(*, rho=0.0, uncertain=0.0) -> Monitor:
     C = uncertain**2 * np.eye(3)
     ones = np.ones(3)
     noise = NoiseModel(NOISE, np.full(4, rho))
-    units = dict.fromkeys(NAMES, "")
+    meaning = meaning_of(NAMES)
     return Monitor(
-        LinearEngine(), SENSORS, {}, NAMES, NAMES, units, (), 0 * ones, ones, -100 * ones, 100 * ones, C, noise
+        LinearEngine(), SENSORS, {}, NAMES, NAMES, meaning, (), 0 * ones, ones, -100 * ones, 100 * ones, C, noise
     )
 
 

@@ -123,9 +123,9 @@ def turbofan():
     )
     full = np.array([0.01 * sensor.maximum for sensor in engine.sensors.values()])
     names = engine.monitored
-    units, noise = dict.fromkeys(names, ""), white_noise(full / np.sqrt(12))
+    meaning, noise = {p.name: p for p in parameters}, white_noise(full / np.sqrt(12))
     monitor = Monitor(
-        engine, sensors, {}, names, names, units, (), theta0, sigma, lower, upper, np.zeros((p, p)), noise
+        engine, sensors, {}, names, names, meaning, (), theta0, sigma, lower, upper, np.zeros((p, p)), noise
     )
     rng = np.random.default_rng(5)
 

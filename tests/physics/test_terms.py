@@ -12,9 +12,9 @@ import numpy as np
 import pytest
 from term_makers import COLUMN_RANGES, drawn, own_inputs, shipped
 
+from enginediag_cli.drivers import DRIVERS
 from enginediag_cli.engine import solver
 from enginediag_cli.engine.term import Effect
-from enginediag_cli.physics.drivers import DRIVERS
 from enginediag_cli.physics.registry import candidates, effect, term, term_names
 
 ENGINES = ("turbofan", "citation_jt15d", "turbojet", "naval_gas_generator", "power_plant", "cmapss_turbofan")

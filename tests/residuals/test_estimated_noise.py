@@ -106,7 +106,7 @@ def test_doubt_about_the_noise_survives_the_file_of_statistics():
     found = marginalise(statistics(noise_from("fit"), np.random.default_rng(5)), ("a", "b"), np.zeros((2, 2)))
     assert found.doubt[0] > 0 and found.doubt[2] < 0
     window = WindowStatistics("file", "", "", 1, 30, 0.0, 29.0, 30, 0, 0, 0, found)
-    row = {k: repr(float(v)) if isinstance(v, float) else str(v) for k, v in flat_row(window, {}).items()}
+    row = {k: repr(float(v)) if isinstance(v, float) else str(v) for k, v in flat_row(window).items()}
     ((again, _),) = read_flat([row], "file", [2])
     assert again.statistics.doubt == found.doubt
     old = {k: v for k, v in row.items() if not k.startswith("noise_")}

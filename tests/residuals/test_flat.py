@@ -20,7 +20,7 @@ def rows():
     far = recording.with_columns({"altitude_m": np.where(np.arange(40) < 20, recording["altitude_m"], 6e4)})
     windows = list(window_statistics(monitor, [far], plan_windows("20")))
     columns = flat_columns(monitor.monitored)
-    flat = [flat_row(w, monitor.units) for w in windows]
+    flat = [flat_row(w) for w in windows]
     assert set().union(*flat) <= set(columns)
     return windows, [{c: cell(row.get(c)) for c in columns} for row in flat]
 
@@ -28,7 +28,7 @@ def rows():
 def test_statistics_survive_the_way_through_text_unchanged(rows):
     windows, texts = rows
     assert is_flat(texts[0])
-    for before, (after, units) in zip(windows, read_flat(texts, "x.csv", [2, 3]), strict=True):
+    for before, (after, known) in zip(windows, read_flat(texts, "x.csv", [2, 3]), strict=True):
         assert (after.first_line, after.records, after.outside, after.reason) == (
             before.first_line,
             before.records,
@@ -38,7 +38,8 @@ def test_statistics_survive_the_way_through_text_unchanged(rows):
         if before.statistics is None:
             assert after.statistics is None
             continue
-        assert units["hpc.efficiency"] == "1"
+        assert known["hpc.efficiency"].as_mapping() == before.statistics.meaning["hpc.efficiency"].as_mapping()
+        assert known["hpc.efficiency"].words == "HPC isentropic efficiency"
         for name in ("theta0", "prior_sigma", "s", "F", "V"):
             np.testing.assert_array_equal(getattr(after.statistics, name), getattr(before.statistics, name))
         assert (after.statistics.chi2, after.statistics.dof) == (
@@ -63,3 +64,26 @@ def test_a_missing_column_is_named(rows):
 
 def test_a_recording_is_not_mistaken_for_statistics():
     assert not is_flat(("altitude_m", "mach", "T3_K", "time_s"))
+
+
+def test_statistics_that_do_not_say_what_a_parameter_is_are_refused(rows):
+    texts = rows[1]
+    del texts[0]["parameters"]
+    with pytest.raises(DataError, match=r"x\.csv:2: missing column parameters"):
+        list(read_flat(texts, "x.csv", [2, 3]))
+
+
+@pytest.mark.parametrize(
+    ("text", "reason"),
+    [
+        ("{", "not JSON"),
+        ("3", "not a list of parameters"),
+        ("[]", "does not say what"),
+        ('[{"name": "a"}]', "'family' is missing"),
+    ],
+)
+def test_a_spoilt_description_of_parameters_is_told_with_its_place(rows, text, reason):
+    texts = rows[1]
+    texts[0]["parameters"] = text
+    with pytest.raises(DataError, match=rf"x\.csv:2:parameters: .*{reason}"):
+        list(read_flat(texts, "x.csv", [2, 3]))

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from types import SimpleNamespace
 
 import numpy as np
+from parameter_makers import meaning_of
 
 from enginediag_cli.identification.envelope import Envelope
 from enginediag_cli.parameters import Parameter
@@ -93,7 +94,7 @@ def toy_monitor(*, offset=0.0, uncertain=0.0, rho=0.0) -> Monitor:
         {},
         tuple(names),
         HEALTH,
-        dict.fromkeys(HEALTH, "1"),
+        meaning_of(HEALTH),
         (Offset(2, "bias"),) if offset else (),
         theta0,
         np.array(sigma),

@@ -5,28 +5,54 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
 from enginediag_cli.config.fields import Field, Section
 from enginediag_cli.engine.dual import Value, value
 from enginediag_cli.engine.evaluation import Evaluation
-from enginediag_cli.parameters import Parameter
+from enginediag_cli.parameters import Parameter, spelled
 
 NAME = Field("name", "text", "name of the component, the first part of its parameters' names")
 FROM = Field("from", "text", "station at its inlet")
 TO = Field("to", "text", "station at its outlet")
 
+HEALTH_ROAMS = 0.02
+"""How far (rms) a scale factor may plausibly vary along a driver: physics that a model lacks makes per cents."""
+PART_ROAMS = 0.3
+"""The same of a loss, an area or a bleed, as a part of itself."""
+LEAST_BLEED = 0.01
+"""A bleed that is smaller, or closed, may still vary like one of this share of the flow."""
+RECOVERY_ROAMS = 0.01
+"""The same of a pressure recovery, which is near 1 whatever happens."""
+
+
+class Design(NamedTuple):
+    """Nominal value of a design number, the standard deviation of its prior, and its bounds.
+
+    `roams`: how far it may vary along a driver where physics is missing; `part`: by PART_ROAMS of itself. With neither
+    no search looks there.
+    """
+
+    nominal: float
+    sigma: float
+    lower: float
+    upper: float
+    roams: float | None = None
+    part: bool = False
+
 
 @dataclass(frozen=True)
 class Unknown:
-    """A number that the balances determine; solved for as a ratio to design of order one."""
+    """A number that the balances determine; solved for as a ratio to design of order one. `is_flow`: it is the air
+    flow of the engine, which grows with power."""
 
     name: str
     start: float = 1.0
     lower: float = 1e-3
     upper: float = 1e3
+    is_flow: bool = False
 
 
 class Component(ABC):
@@ -39,15 +65,67 @@ class Component(ABC):
         self.values = dict(values)
         self.name: str = self.values["name"]
 
-    def health(self, quantity: str, description: str, prior_sigma: float = 0.02) -> Parameter:
-        """A scale factor of nominal 1 on what the component should do."""
-        return Parameter(f"{self.name}.{quantity}", "health", 1.0, 0.5, 1.5, prior_sigma, "1", description)
+    def health(
+        self, quantity: str, description: str, prior_sigma: float = 0.02, *, words: str = "", wear: int = 0
+    ) -> Parameter:
+        """A scale factor of nominal 1 on what the component should do; a search may move it by HEALTH_ROAMS.
+
+        words: the quantity as an engineer says it ("isentropic efficiency"), default its name with spaces; wear:
+        the sign of `Parameter`.
+        """
+        name, told = f"{self.name}.{quantity}", self._told(quantity, words)
+        return Parameter(
+            name,
+            "health",
+            1.0,
+            0.5,
+            1.5,
+            prior_sigma,
+            "1",
+            description,
+            self.name,
+            quantity,
+            told,
+            spelled(self.name),
+            wear,
+            HEALTH_ROAMS,
+        )
 
     def design(
-        self, quantity: str, nominal: float, sigma: float, lower: float, upper: float, unit: str, description: str
+        self,
+        quantity: str,
+        number: Design,
+        unit: str,
+        description: str,
+        *,
+        words: str = "",
+        wear: int = 0,
+        of: str = "",
     ) -> Parameter:
-        """A number of the engine type, identified rather than monitored."""
-        return Parameter(f"{self.name}.{quantity}", "design", nominal, lower, upper, sigma, unit, description)
+        """A number of the engine type, identified rather than monitored; `words` and `wear` as for `health`; `of`: the
+        part of the component that it belongs to, such as a bleed port."""
+        whole = f"{of}.{quantity}" if of else quantity
+        nominal, sigma, lower, upper, roams, part = number
+        return Parameter(
+            f"{self.name}.{whole}",
+            "design",
+            nominal,
+            lower,
+            upper,
+            sigma,
+            unit,
+            description,
+            self.name,
+            quantity,
+            self._told(whole, words),
+            spelled(self.name),
+            wear,
+            PART_ROAMS * abs(nominal or sigma) if part else roams,
+            part,
+        )
+
+    def _told(self, quantity: str, words: str) -> str:
+        return f"{spelled(self.name)} {words or spelled(quantity)}"
 
     def inputs(self) -> dict[str, float | None]:
         """Input columns that it reads, with the default of those that may be left out."""

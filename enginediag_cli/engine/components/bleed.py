@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from enginediag_cli.config.fields import Field, Section
-from enginediag_cli.engine.components.base import FROM, NAME, TO, Component
+from enginediag_cli.engine.components.base import FROM, LEAST_BLEED, NAME, PART_ROAMS, TO, Component, Design
 from enginediag_cli.engine.evaluation import Evaluation
 from enginediag_cli.parameters import Parameter
 
@@ -35,7 +35,11 @@ class Bleed(Component):
     def parameters(self) -> tuple[Parameter, ...]:
         return tuple(
             self.design(
-                f"{port['name']}.fraction", port["fraction"], 0.01, 0.0, 0.6, "1", "bleed flow over station flow"
+                "fraction",
+                Design(port["fraction"], 0.01, 0.0, 0.6, roams=PART_ROAMS * max(port["fraction"], LEAST_BLEED)),
+                "1",
+                "bleed flow over station flow",
+                of=port["name"],
             )
             for port in self.values["ports"]
         )

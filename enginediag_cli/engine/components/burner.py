@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from enginediag_cli.config.fields import Field, Section
-from enginediag_cli.engine.components.base import FROM, NAME, TO, Component, Unknown, scalar
+from enginediag_cli.engine.components.base import FROM, NAME, TO, Component, Design, Unknown, scalar
 from enginediag_cli.engine.dual import sqrt
 from enginediag_cli.engine.evaluation import Evaluation
 from enginediag_cli.engine.flow import Flow
@@ -53,16 +53,19 @@ class Burner(Component):
     def parameters(self) -> tuple[Parameter, ...]:
         v = self.values
         return (
-            self.health("efficiency", "combustion efficiency, factor", 0.01),
-            self.design("pressure_loss", v["pressure_loss"], 0.01, 0.0, 0.3, "1", "ΔP/P"),
+            self.health("efficiency", "combustion efficiency, factor", 0.01, words="combustion efficiency", wear=-1),
+            self.design(
+                "pressure_loss",
+                Design(v["pressure_loss"], 0.01, 0.0, 0.3, part=True),
+                "1",
+                "ΔP/P",
+            ),
             self.design(
                 "lower_heating_value_J_kg",
-                v["lower_heating_value_J_kg"],
-                0.3e6,
-                1e6,
-                150e6,
+                Design(v["lower_heating_value_J_kg"], 0.3e6, 1e6, 150e6),
                 "J/kg",
                 "lower heating value of the fuel",
+                words="lower heating value",
             ),
         )
 

@@ -8,7 +8,17 @@ from typing import Any
 
 from enginediag_cli.config.fields import Field, Section
 from enginediag_cli.engine.atmosphere import P_ISA, T_ISA
-from enginediag_cli.engine.components.base import FROM, NAME, TO, Component, Unknown, scalar
+from enginediag_cli.engine.components.base import (
+    FROM,
+    LEAST_BLEED,
+    NAME,
+    PART_ROAMS,
+    TO,
+    Component,
+    Design,
+    Unknown,
+    scalar,
+)
 from enginediag_cli.engine.dual import Value, exp, locally, log, sqrt, value
 from enginediag_cli.engine.evaluation import Evaluation
 from enginediag_cli.engine.flow import Flow
@@ -82,26 +92,30 @@ class Compressor(Component):
         self.work_scale = self.design_loss = 1.0
 
     def parameters(self) -> tuple[Parameter, ...]:
-        found = [self.health("efficiency", "isentropic efficiency"), self.health("flow_capacity", "corrected flow")]
+        found = [
+            self.health("efficiency", "isentropic efficiency", words="isentropic efficiency", wear=-1),
+            self.health("flow_capacity", "corrected flow"),
+        ]
         if self.table is None:
             for f in compressor_map.FIELDS:
                 nominal = self.values["map"][f.name]
                 sigma = max(0.25 * abs(nominal), 0.2)
                 found.append(
                     self.design(
-                        f"map.{f.name}", nominal, sigma, float(f.minimum or 0.0), float(f.maximum or 0.0), "1", f.help
+                        f"map.{f.name}",
+                        Design(nominal, sigma, float(f.minimum or 0.0), float(f.maximum or 0.0)),
+                        "1",
+                        f.help,
                     )
                 )
         for port in self.values["ports"]:
             found.append(
                 self.design(
-                    f"{port['name']}.fraction",
-                    port["fraction"],
-                    0.01,
-                    0.0,
-                    0.5,
+                    "fraction",
+                    Design(port["fraction"], 0.01, 0.0, 0.5, roams=PART_ROAMS * max(port["fraction"], LEAST_BLEED)),
                     "1",
                     "bleed flow over compressor inlet flow",
+                    of=port["name"],
                 )
             )
         return tuple(found)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from enginediag_cli.config.fields import Field, Section
-from enginediag_cli.engine.components.base import FROM, NAME, TO, Component, scalar
+from enginediag_cli.engine.components.base import FROM, NAME, TO, Component, Design, scalar
 from enginediag_cli.engine.dual import sqrt
 from enginediag_cli.engine.evaluation import Evaluation
 from enginediag_cli.engine.flow import mix
@@ -29,7 +29,14 @@ class Duct(Component):
     flow_parameter = 1.0
 
     def parameters(self) -> tuple[Parameter, ...]:
-        return (self.design("pressure_loss", self.values["pressure_loss"], 0.005, 0.0, 0.5, "1", "ΔP/P at design"),)
+        return (
+            self.design(
+                "pressure_loss",
+                Design(self.values["pressure_loss"], 0.005, 0.0, 0.5, part=True),
+                "1",
+                "ΔP/P at design",
+            ),
+        )
 
     def evaluate(self, e: Evaluation) -> None:
         inlet = mix(e.flows[self.values["from"]], *(e.bleeds.pop(b) for b in self.values["receives"]))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from enginediag_cli.config.fields import Field, Section
-from enginediag_cli.engine.components.base import FROM, NAME, Component, scalar
+from enginediag_cli.engine.components.base import FROM, NAME, Component, Design, scalar
 from enginediag_cli.engine.dual import sqrt, value
 from enginediag_cli.engine.evaluation import Evaluation
 from enginediag_cli.parameters import Parameter
@@ -37,7 +37,14 @@ class Exhaust(Component):
         return {"dP_exhaust_Pa": None} if self.values["measured_back_pressure"] else {}
 
     def parameters(self) -> tuple[Parameter, ...]:
-        return (self.design("loss_factor", 1.0, 0.3, 0.0, 5.0, "1", "pressure loss, factor on the design point's"),)
+        return (
+            self.design(
+                "loss_factor",
+                Design(1.0, 0.3, 0.0, 5.0, part=True),
+                "1",
+                "pressure loss, factor on the design point's",
+            ),
+        )
 
     def evaluate(self, e: Evaluation) -> None:
         flow = e.flows[self.values["from"]]

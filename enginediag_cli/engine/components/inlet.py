@@ -9,7 +9,7 @@ import numpy as np
 
 from enginediag_cli.config.fields import Field, Section
 from enginediag_cli.engine.atmosphere import P_ISA, T_ISA
-from enginediag_cli.engine.components.base import FROM, NAME, TO, Component, Unknown
+from enginediag_cli.engine.components.base import FROM, NAME, RECOVERY_ROAMS, TO, Component, Design, Unknown
 from enginediag_cli.engine.dual import Value, chain, sqrt, value
 from enginediag_cli.engine.evaluation import Evaluation
 from enginediag_cli.parameters import Parameter
@@ -55,17 +55,14 @@ class Inlet(Component):
         return (
             self.design(
                 "pressure_recovery",
-                self.values["pressure_recovery"],
-                0.005,
-                0.8,
-                1.02,
+                Design(self.values["pressure_recovery"], 0.005, 0.8, 1.02, roams=RECOVERY_ROAMS),
                 "1",
                 "inlet total pressure recovery",
             ),
         )
 
     def unknowns(self) -> tuple[Unknown, ...]:
-        return (Unknown(f"{self.name}.corrected_flow", lower=0.02, upper=3.0),)
+        return (Unknown(f"{self.name}.corrected_flow", lower=0.02, upper=3.0, is_flow=True),)
 
     def evaluate(self, e: Evaluation) -> None:
         upstream = e.flows[self.values["from"]]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from enginediag_cli.config.fields import Field, Section
-from enginediag_cli.engine.components.base import NAME, Component, scalar
+from enginediag_cli.engine.components.base import NAME, Component, Design, scalar
 from enginediag_cli.engine.evaluation import Evaluation
 from enginediag_cli.parameters import Parameter
 
@@ -38,7 +38,13 @@ class Load(Component):
 
     def parameters(self) -> tuple[Parameter, ...]:
         return (
-            self.design("efficiency", self.values["efficiency"], 0.01, 0.3, 1.05, "1", "delivered over shaft power"),
+            self.design(
+                "efficiency",
+                Design(self.values["efficiency"], 0.01, 0.3, 1.05, part=True),
+                "1",
+                "delivered over shaft power",
+                wear=-1,
+            ),
         )
 
     def evaluate(self, e: Evaluation) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from enginediag_cli.config.fields import Field, Section
-from enginediag_cli.engine.components.base import FROM, NAME, Component, scalar
+from enginediag_cli.engine.components.base import FROM, NAME, Component, Design, scalar
 from enginediag_cli.engine.dual import Value, exp, log, maximum, select, sqrt, value
 from enginediag_cli.engine.evaluation import Evaluation
 from enginediag_cli.engine.flow import Flow
@@ -40,7 +40,9 @@ class Nozzle(Component):
     def parameters(self) -> tuple[Parameter, ...]:
         return (
             self.health("area", "throat area, factor", 0.02),
-            self.design("velocity_coefficient", self.values["velocity_coefficient"], 0.005, 0.5, 1.05, "1", "C_v"),
+            self.design(
+                "velocity_coefficient", Design(self.values["velocity_coefficient"], 0.005, 0.5, 1.05), "1", "C_v"
+            ),
         )
 
     def evaluate(self, e: Evaluation) -> None:

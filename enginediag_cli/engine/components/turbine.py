@@ -10,7 +10,7 @@ import numpy as np
 
 from enginediag_cli.config.fields import Field, Section
 from enginediag_cli.engine.atmosphere import P_ISA
-from enginediag_cli.engine.components.base import FROM, NAME, TO, Component, Unknown, scalar
+from enginediag_cli.engine.components.base import FROM, NAME, TO, Component, Design, Unknown, scalar
 from enginediag_cli.engine.dual import Value, log, sqrt, value
 from enginediag_cli.engine.evaluation import Evaluation
 from enginediag_cli.engine.flow import Flow, mix
@@ -91,7 +91,7 @@ class Turbine(Component):
 
     def parameters(self) -> tuple[Parameter, ...]:
         found = [
-            self.health("efficiency", "isentropic efficiency"),
+            self.health("efficiency", "isentropic efficiency", words="isentropic efficiency", wear=-1),
             self.health("flow_capacity", "flow capacity W√T/P"),
         ]
         if self.table is None:
@@ -100,10 +100,9 @@ class Turbine(Component):
                 found.append(
                     self.design(
                         f"map.{f.name}",
-                        nominal,
-                        max(0.25 * abs(nominal), 0.1),
-                        float(f.minimum or 0.0),
-                        float(f.maximum or 0.0),
+                        Design(
+                            nominal, max(0.25 * abs(nominal), 0.1), float(f.minimum or 0.0), float(f.maximum or 0.0)
+                        ),
                         "1",
                         f.help,
                     )

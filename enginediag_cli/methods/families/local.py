@@ -61,6 +61,7 @@ def window_scores(monitor: Monitor, windows: Windows, linearise: str) -> tuple[l
         parameters=monitor.names,
         theta0=monitor.theta0,
         prior_sigma=monitor.prior_sigma,
+        meaning=monitor.meaning,
         lags=lags,
     )
     C = monitor.uncertainty

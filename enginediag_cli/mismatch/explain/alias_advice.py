@@ -165,8 +165,8 @@ def _rivals(
     effects = {e.label: e for e in (*evidence.engine.effects, *ours.effects, *theirs.effects)}
     discrepancies = (*found.model.discrepancies, *(d for d in theirs.discrepancies if d.name in more))
     model = ExtendedModel(evidence.engine.with_effects(tuple(effects.values())), discrepancies)
-    for key, curve in theirs.curves.items():
-        found.problem.inputs.setdefault(key, curve[found.number])  # type: ignore[attr-defined]
+    curves = {key: curve[found.number] for key, curve in theirs.curves.items()}
+    found = replace(found, problem=replace(found.problem, inputs={**curves, **found.problem.inputs}))
     names = [*found.problem.names, *more]
     sigma = [model.parameters[n].prior_sigma for n in more]
     scale = np.concatenate([found.problem.prior_sigma, sigma])

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from enginediag_cli.mismatch.explain.rejected import Rejected
 from enginediag_cli.mismatch.fit.freeform import Cell, Place
 from enginediag_cli.mismatch.fit.options import Option
 
@@ -65,7 +66,7 @@ class Answer:
     surprise: float
     objective: float
     readings: int
-    rejected: Mapping[str, str]
+    rejected: Mapping[str, Rejected]
     theta: Mapping[str, float]
     number: np.ndarray
 

@@ -11,7 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from enginediag_cli.drivers import Driver, polynomials
+from enginediag_cli.drivers import TIME, polynomials
+from enginediag_cli.engine.driver import DriverValues
 from enginediag_cli.mismatch.fit.extended import Discrepancy
 from enginediag_cli.mismatch.fit.freeform import DEGREE, Cell, Location
 from enginediag_cli.mismatch.fit.identified import Hypothesis, Identified, Nuisance, identify_with
@@ -30,7 +31,7 @@ class Curve:
     `gain` the fall of χ² with `dof` coefficients. Constants belong to what is identified: the changes are about 0."""
 
     location: Location
-    driver: Driver
+    driver: DriverValues
     unit: str
     gain: float
     dof: int
@@ -48,7 +49,7 @@ def best_places(cells: Sequence[Cell]) -> list[Cell]:
     reach = WITHIN + OF_LARGEST * max(c.score.statistic for c in cells if c.surprise)
     found: dict[str, Cell] = {}
     for c in cells:
-        if c.surprise >= cells[0].surprise - reach and c.driver.word != "time":
+        if c.surprise >= cells[0].surprise - reach and c.driver.driver != TIME:
             found.setdefault(c.location.name, c)
     return list(found.values())
 

@@ -16,6 +16,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
+from enginediag_cli.drivers import TIME
 from enginediag_cli.engine.term import Effect
 from enginediag_cli.mismatch.explain.answer import (
     FAILED,
@@ -28,6 +29,7 @@ from enginediag_cli.mismatch.explain.answer import (
     Explanation,
 )
 from enginediag_cli.mismatch.explain.pairs import best_pairs
+from enginediag_cli.mismatch.explain.rejected import Reason, Rejected
 from enginediag_cli.mismatch.fit.evidence import Evidence
 from enginediag_cli.mismatch.fit.freeform import Cell, places
 from enginediag_cli.mismatch.fit.held_out import flights_gained
@@ -79,7 +81,7 @@ class Search:
         self.hidden = hidden
         self.along = nuisance(evidence)
         self.rng = np.random.default_rng(evidence.settings.seed)
-        self.rejected: dict[str, str] = {}
+        self.rejected: dict[str, Rejected] = {}
 
     def run(self) -> Answer:
         found = identify_with(self.evidence, NO_HYPOTHESIS, self.along)
@@ -178,7 +180,7 @@ class Search:
         chosen: list[OptionScore] = []
         for s in scores:
             same = any(
-                s.option.driver == c.option.driver == "time"
+                s.option.driver == c.option.driver == TIME
                 and s.option.component == c.option.component
                 and s.option.hypothesis.discrepancies[0].target == c.option.hypothesis.discrepancies[0].target
                 for c in chosen
@@ -195,7 +197,7 @@ class Search:
         for trial in singles:
             left = remainder(trial, self.library, ())
             for timed in (False, True):
-                best = next((s for s in left.scores if (s.option.driver == "time") == timed and s.surprise > 0.0), None)
+                best = next((s for s in left.scores if (s.option.driver == TIME) == timed and s.surprise > 0.0), None)
                 if best is not None:
                     _add(wider, (*trial.options, with_best_onset(trial.found, trial.projection, best.option)))
         return wider
@@ -206,7 +208,7 @@ class Search:
         wider: list[tuple[Option, ...]] = []
         for trial in sets:
             driver = {o.driver for o in trial.options}
-            if len(driver) == 1 and "time" not in driver:
+            if len(driver) == 1 and TIME not in driver:
                 left = remainder(trial, [o for o in self.library if o.driver in driver], ())
                 if left.scores and left.scores[0].surprise > self.adequate.effects:
                     _add(wider, (*trial.options, left.scores[0].option))
@@ -220,7 +222,7 @@ class Search:
             if trial.converged:
                 trials.append(trial)
             else:
-                self.rejected[trial.label] = f"did not converge: {trial.found.reason}"
+                self.rejected[trial.label] = Rejected(Reason.NOT_CONVERGED, what=trial.found.reason)
         if sets and not trials:
             return None
         return sorted(trials, key=lambda t: t.objective)
@@ -234,7 +236,7 @@ class Search:
         for trial in trials:
             behind = trial.objective - adequate[0][0].objective if adequate else 0.0
             if behind > ALIAS:
-                self.rejected.setdefault(trial.label, f"χ² is {behind:.1f} worse")
+                self.rejected.setdefault(trial.label, Rejected(Reason.WORSE, behind))
                 elsewhere += float(np.exp(-0.5 * behind))
                 continue
             left, flights, why = self._judge(trial)
@@ -250,23 +252,19 @@ class Search:
             for (t, left, flights), p in zip(adequate, odds / (odds.sum() + elsewhere), strict=True)
         ]
 
-    def _judge(self, trial: Trial) -> tuple[float, float, str]:
-        """What is left, share of flights gained, and why the trial is no explanation ("" when it is one)."""
+    def _judge(self, trial: Trial) -> tuple[float, float, Rejected | None]:
+        """What is left, share of flights gained, and why the trial is no explanation (None when it is one)."""
         if trial.at_bound:
-            return np.nan, np.nan, f"needs {', '.join(trial.at_bound)} beyond its physical bound"
+            return np.nan, np.nan, Rejected(Reason.AT_BOUND, what=", ".join(trial.at_bound))
         left = remainder(trial, self.library, self.along_drivers, self.adequate)
         if left.unranked or left.over(self.adequate):
-            return left.surprise, np.nan, f"leaves a misfit behind (−ln p = {left.surprise:.1f})"
-        if self.evidence.settings.map_accuracy > 0.0 and all(o.driver != "time" for o in trial.options):
+            return left.surprise, np.nan, Rejected(Reason.LEAVES_MISFIT, left.surprise)
+        if self.evidence.settings.map_accuracy > 0.0 and all(o.driver != TIME for o in trial.options):
             flights = flights_gained(self.base, trial)
             if flights < MOST_FLIGHTS:
-                return (
-                    left.surprise,
-                    flights,
-                    (f"predicts only {100 * flights:.0f} % of the flights better: not separable from map error"),
-                )
-            return left.surprise, flights, ""
-        return left.surprise, np.nan, ""
+                return left.surprise, flights, Rejected(Reason.FEW_FLIGHTS, flights)
+            return left.surprise, flights, None
+        return left.surprise, np.nan, None
 
     def _counts(self, trial: Trial, best: Cell | None) -> bool:
         """Whether a set is worth judging: every member is needed beside the others, and
@@ -275,12 +273,12 @@ class Search:
             own = [trial.coefficients[n] for n in option.hypothesis.names]
             z2 = max(((v / s) ** 2 for v, s in own if s > 0), default=0.0)
             if surprise(z2, 1) < self.adequate.effects:
-                self.rejected[trial.label] = f"does not need {option.label}"
+                self.rejected[trial.label] = Rejected(Reason.NOT_NEEDED, what=option.label)
                 return False
         drop = self.base.objective - trial.objective
         if best is None or drop - 2.0 * len(trial.hypothesis.names) > best.score.statistic - 2.0 * best.score.dof:
             return True
-        self.rejected[trial.label] = "one unlisted effect explains as much"
+        self.rejected[trial.label] = Rejected(Reason.ONE_UNLISTED)
         return False
 
     def _explanation(self, t: Trial, probability: float, left: float, flights: float) -> Explanation:
@@ -301,7 +299,7 @@ class Search:
         named: Sequence[Explanation] = (),
         hidden: Sequence[Hidden] = (),
     ) -> Answer:
-        unseen = tuple(s.option.label for s in rest.scores if s.score.absorbed and s.option.driver != "time")
+        unseen = tuple(s.option.label for s in rest.scores if s.score.absorbed and s.option.driver != TIME)
         base = self.base
         return Answer(
             status,

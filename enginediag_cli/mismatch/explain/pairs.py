@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from enginediag_cli.drivers import TIME
 from enginediag_cli.mismatch.fit.options import Option, OptionScore
 
 MOST = 60
@@ -25,7 +26,7 @@ def best_pairs(scores: Sequence[OptionScore], most: int) -> list[tuple[Option, O
         for j, b in enumerate(ranked[:i]):
             if set(a.option.hypothesis.names) & set(b.option.hypothesis.names):
                 allowed[j, i] = False
-            if a.option.driver == b.option.driver == "time" and a.option.component == b.option.component:
+            if a.option.driver == b.option.driver == TIME and a.option.component == b.option.component:
                 allowed[j, i] = False
     order = np.argsort(np.where(allowed, -T, np.inf), axis=None)
     for flat in order[: 4 * most]:

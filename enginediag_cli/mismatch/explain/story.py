@@ -18,6 +18,7 @@ from enginediag_cli.mismatch.explain.answer import FAILED, NAMED, NONE, NOTHING,
 from enginediag_cli.mismatch.explain.curves import Curve, best_places, fitted_curves
 from enginediag_cli.mismatch.explain.explain import UNRECORDED, Search
 from enginediag_cli.mismatch.explain.floor_cost import FloorCost, floor_cost
+from enginediag_cli.mismatch.explain.rejected import Reason
 from enginediag_cli.mismatch.fit.evidence import Evidence
 from enginediag_cli.mismatch.fit.options import EFFECT
 from enginediag_cli.mismatch.fit.trial_fit import Trial, attempt
@@ -50,7 +51,7 @@ def tell(evidence: Evidence, effects: Sequence[Effect] | None = None, *, advise:
     answer = search.run()
     # of a strong effect nearly every place is significant; those that can be told from the first are its shadows
     found = [f for f in answer.hidden if isinstance(f, HiddenFinding)]
-    hidden = tuple(f for f in found if f is found[0] or f.location.name in found[0].rivals)
+    hidden = tuple(f for f in found if f is found[0] or f.location in found[0].rivals)
     engine = search.evidence.engine
     at = tuple(tuple(e for e in effects_at(f.location, engine) if _listed(e, search.effects)) for f in hidden)
     if answer.status == FAILED:
@@ -61,7 +62,7 @@ def tell(evidence: Evidence, effects: Sequence[Effect] | None = None, *, advise:
         listed = {t.label for t in trials}
         told = [f for f in hidden if f.location.name not in listed]
         # places that fit as well, but where nothing that is listed can switch, stay among the rivals
-        hidden = (replace(lead, rivals=tuple(f.location.name for f in told)), *told)
+        hidden = (replace(lead, rivals=tuple(f.location for f in told)), *told)
         best = tuple(replace(e, switch="") for t in trials for e in t.hypothesis.effects)
         at = (best, *(tuple(e for e in effects_at(f.location, engine) if _listed(e, search.effects)) for f in told))
     base = search.base
@@ -95,7 +96,7 @@ def _next_best(search: Search, answer: Answer) -> list[Explanation]:
     noise might have put it first."""
     if len(answer.explanations) > 1:
         return []
-    label = next((label for label, why in answer.rejected.items() if why.startswith("χ² is")), "")
+    label = next((label for label, r in answer.rejected.items() if r.reason is Reason.WORSE), "")
     option = next((o for o in search.library if o.label == label), None)
     if option is None:
         return []

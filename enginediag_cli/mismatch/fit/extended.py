@@ -64,8 +64,11 @@ class ExtendedModel:
         }
 
     def _parameter(self, d: Discrepancy) -> Parameter:
-        unit = self.engine.parameters[d.target].unit
-        return Parameter(d.name, "discrepancy", 0.0, d.lower, d.upper, d.sigma, unit, f"{d.target} along {d.curve}")
+        p = self.engine.parameters[d.target]
+        told, words = f"{d.target} along {d.curve}", f"{p.words} along {d.curve}"
+        return Parameter(
+            d.name, "discrepancy", 0.0, d.lower, d.upper, d.sigma, p.unit, told, p.component, p.quantity, words, p.part
+        )
 
     def predict(
         self,

@@ -6,39 +6,46 @@ records; its score has as many degrees of freedom as curves that the nuisance le
 
 from __future__ import annotations
 
-import fnmatch
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from enginediag_cli.drivers import Driver, polynomials
+from enginediag_cli.drivers import CONSTANT, polynomials
+from enginediag_cli.engine.components.base import HEALTH_ROAMS
+from enginediag_cli.engine.driver import DriverValues
 from enginediag_cli.engine.engine import Engine
 from enginediag_cli.engine.term import Effect
 from enginediag_cli.mismatch.fit.identified import Identified
 from enginediag_cli.mismatch.fit.projection import Columns, Projection, Score, lengths
+from enginediag_cli.parameters import Parameter, spelled
 from enginediag_cli.physics.registry import effect, term
 from enginediag_cli.progress import stage
 
 DEGREE = 2
-HEALTH_SCALE, RECOVERY_SCALE, PART = 0.02, 0.01, 0.3
-PARAMETERS = ("*.efficiency", "*.flow_capacity", "*.area", "*.pressure_loss", "*.pressure_recovery", "*.loss_factor")
 LEVERS = ("customer_bleed", "power_offtake", "tat_probe_heating", "humidity")
 """Terms whose amplitude is a location of its own: air or power that leaves where the engine has no parameter, and
 air that is not what it is taken for."""
+
+MACHINE = ("efficiency", "flow_capacity")
+"""Quantities of a turbomachine that one effect may move together."""
 
 
 @dataclass(frozen=True)
 class Location:
     """A place where something may be missing: the parameter that stands for it, its component ("hpc",
     "sensor.T45"), and the effect that brings the parameter in, where the engine itself has none. `scale`: how far the
-    parameter may plausibly vary along a driver (rms), in its unit."""
+    parameter may plausibly vary along a driver (rms), in its unit. `words`: the place as an engineer says it;
+    `quantity` of the parameter; `of_sensor`: it is an instrument."""
 
     name: str
     parameter: str
     component: str
     through: Effect | None = None
-    scale: float = HEALTH_SCALE
+    scale: float = HEALTH_ROAMS
+    words: str = ""
+    quantity: str = ""
+    of_sensor: bool = False
 
 
 def locations(found: Identified) -> list[Location]:
@@ -47,27 +54,30 @@ def locations(found: Identified) -> list[Location]:
 
 
 def locations_of(engine: Engine, sensors: Sequence[str]) -> list[Location]:
-    """The same for an engine of which these sensor columns are recorded."""
-    result = []
-    for n, p in engine.parameters.items():
-        if p.family in ("health", "design") and any(fnmatch.fnmatch(n, x) for x in PARAMETERS):
-            # a loss or an area may vary by a part of itself
-            scale = HEALTH_SCALE if p.family == "health" else PART * abs(p.nominal or p.prior_sigma)
-            scale = RECOVERY_SCALE if n.endswith(".pressure_recovery") else scale
-            result.append(Location(n, n, n.partition(".")[0], scale=scale))
-    for c in engine.network.components:
-        for port in c.values.get("ports", ()):
-            name = f"{c.name}.{port['name']}.fraction"
-            result.append(Location(name, name, c.name, scale=PART * max(port["fraction"], 0.01)))
+    """The same for an engine of which these sensor columns are recorded: the parameters that say how far they roam,
+    and the effects of LEVERS."""
+    known = [p for p in engine.parameters.values() if p.roams is not None]
+    result = [_of_parameter(p, p.name) for p in known if not p.of_sensor]
     for lever in LEVERS:
         for site in term(lever).sites(engine.network):
             e = effect(engine, lever, site.name)
-            scale = abs(e.term.amplitudes()[0].typical)
-            result.append(Location(e.label, e.amplitudes[0], site.component, e, scale))
+            result.append(of_effect(e, abs(e.term.amplitudes()[0].typical)))
     for column in sensors:
-        quantity = engine.sensors[column].quantity
-        result.append(Location(f"sensor.{quantity}", f"sensor.{quantity}.scale", f"sensor.{quantity}"))
+        own = {p.name for p in engine.sensors[column].parameters()}
+        result += [_of_parameter(p, p.component) for p in known if p.name in own]
     return result
+
+
+def _of_parameter(p: Parameter, name: str) -> Location:
+    words = p.part if p.of_sensor else p.words
+    return Location(name, p.name, p.component, None, p.roams or 0.0, words, p.quantity, p.of_sensor)
+
+
+def of_effect(e: Effect, scale: float = HEALTH_ROAMS) -> Location:
+    """The place where a term acts, by its first amplitude."""
+    title = e.term.TITLE[0].lower() + e.term.TITLE[1:]
+    words = title if e.site.everywhere else f"{title} at {spelled(e.site.name)}"
+    return Location(e.label, e.amplitudes[0], e.site.component, e, scale, words)
 
 
 @dataclass(frozen=True)
@@ -75,7 +85,7 @@ class Cell:
     """One location × driver of the map; `curves` (N, k) are the driver's polynomials over the fit's records."""
 
     location: Location
-    driver: Driver
+    driver: DriverValues
     score: Score
     curves: np.ndarray
     columns: np.ndarray
@@ -94,7 +104,7 @@ class Cell:
 
 @stage("scoring places and drivers")
 def free_form(
-    found: Identified, projection: Projection, along: Sequence[Driver], columns: Columns | None = None
+    found: Identified, projection: Projection, along: Sequence[DriverValues], columns: Columns | None = None
 ) -> list[Cell]:
     """The map's cells, most surprising first; drivers' values are of all records of the evidence. A parameter that is
     not identified may also be wrong by a constant. `columns`: of at least the `locations`, if known."""
@@ -102,7 +112,8 @@ def free_form(
     J = columns or Columns(found, [p.parameter for p in where], [p.through for p in where if p.through is not None])
     N = len(found.number)
     known = set(found.problem.names)
-    constant = Driver("constant", "constant", "1", np.ones(len(along[0].values) if along else N))
+    ones = np.ones(len(along[0].values) if along else N)
+    constant = DriverValues(CONSTANT, CONSTANT.word, ones, "no driver (constant)")
     curves = [polynomials(d.values[found.number], DEGREE) for d in along]
     cells = []
     for place in where:
@@ -129,7 +140,7 @@ class Place:
     together (an effect on both matches neither alone)."""
 
     component: str
-    driver: Driver
+    driver: DriverValues
     surprise: float
 
 
@@ -141,7 +152,7 @@ def places(cells: Sequence[Cell], projection: Projection) -> list[Place]:
         key = (c.location.component, c.driver.name)
         if key not in found or c.surprise > found[key].surprise:
             found[key] = Place(c.location.component, c.driver, c.surprise)
-        if c.location.parameter.endswith((".efficiency", ".flow_capacity")) and not c.score.absorbed:
+        if c.location.quantity in MACHINE and not c.score.absorbed:
             machines.setdefault(key, []).append(c)
     for key, both in machines.items():
         if len(both) == 2:

@@ -7,7 +7,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from enginediag_cli.drivers import Driver, drivers
+from enginediag_cli.drivers import drivers
+from enginediag_cli.engine.driver import DriverValues
 from enginediag_cli.engine.term import Effect
 from enginediag_cli.identification.gauss_newton import Fit, solve
 from enginediag_cli.identification.identify import with_regimes
@@ -16,6 +17,7 @@ from enginediag_cli.identification.settings import IdentificationSettings
 from enginediag_cli.mismatch.fit.evidence import Evidence
 from enginediag_cli.mismatch.fit.extended import NUMBER, Discrepancy, ExtendedModel
 from enginediag_cli.mismatch.fit.nuisance import constants, floor
+from enginediag_cli.physics.registry import own_drivers
 from enginediag_cli.progress import stage
 
 TOLERANCE = 0.03  # standard errors from the optimum: 0.001 of χ²
@@ -110,11 +112,12 @@ def inputs_of(evidence: Evidence) -> dict[str, np.ndarray]:
     return found
 
 
-def drivers_of(evidence: Evidence, theta: Mapping[str, float]) -> list[Driver]:
+def drivers_of(evidence: Evidence, theta: Mapping[str, float]) -> list[DriverValues]:
     """Drivers of all records of the evidence, with its further columns, at the engine's parameters among `theta`."""
     engine = evidence.engine
     at = {n: v for n, v in theta.items() if n in engine.parameters}
-    return drivers(engine, inputs_of(evidence), at, {c: stacked(evidence, c) for c in evidence.drivers})
+    recorded = {c: stacked(evidence, c) for c in evidence.drivers}
+    return drivers(engine, inputs_of(evidence), at, recorded, own_drivers())
 
 
 @dataclass(frozen=True)

@@ -144,9 +144,9 @@ def _prior_sigma(
     engine: Engine, block: Mapping[str, Any], stated: IdentificationSettings, sensors: Sequence[str]
 ) -> dict[str, float]:
     """Nuisance parameter → standard deviation of its prior, in the order of the engine's parameters."""
-    recorded = {engine.sensors[s].quantity for s in sensors}
-    names = [n for n, p in engine.parameters.items() if p.family != "sensor" or n.split(".")[1] in recorded]
-    scales = [f"sensor.{q}.scale" for q in recorded]
+    errors = {p.name: p for s in sensors for p in engine.sensors[s].parameters()}
+    names = [n for n, p in engine.parameters.items() if not p.of_sensor or n in errors]
+    scales = [n for n, p in errors.items() if p.quantity == "scale"]
     if block["nuisance"]:
         wanted = _matched(engine, block["nuisance"], "mismatch: nuisance")
     elif stated.parameters:

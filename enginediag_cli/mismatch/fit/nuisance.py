@@ -9,7 +9,6 @@ the maps; losses, bleeds, areas and mechanical efficiency may be wrong by a cons
 
 from __future__ import annotations
 
-import fnmatch
 from collections.abc import Iterator, Mapping
 
 import numpy as np
@@ -21,15 +20,16 @@ from enginediag_cli.engine.engine import Engine
 from enginediag_cli.mismatch.fit.extended import Discrepancy
 
 SPEED_DEGREE, POSITION_DEGREE = 3, 2
-CONSTANTS = ("*.pressure_recovery", "*.pressure_loss", "*.fraction", "*.area", "*.mechanical_efficiency")
+CONSTANTS = ("pressure_recovery", "pressure_loss", "fraction", "area", "mechanical_efficiency")
+"""Quantities of components that may be wrong by a constant as large as the stated error of the maps."""
 
 
 def constants(engine: Engine, accuracy: float, known: Mapping[str, float]) -> dict[str, float]:
     """Prior standard deviations of constants of the model that belong to the floor and are not identified anyway."""
     if accuracy <= 0.0:
         return {}
-    names = [n for n, p in engine.parameters.items() if p.family in ("design", "health")]
-    return {n: accuracy for n in names if n not in known and any(fnmatch.fnmatch(n, c) for c in CONSTANTS)}
+    own = [p for p in engine.parameters.values() if p.family in ("design", "health")]
+    return {p.name: accuracy for p in own if p.name not in known and p.quantity in CONSTANTS}
 
 
 def map_curves(

@@ -11,28 +11,35 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from enginediag_cli.drivers import TIME
+from enginediag_cli.engine.driver import Driver
 from enginediag_cli.engine.term import Effect
 from enginediag_cli.mismatch.fit.evidence import Evidence
 from enginediag_cli.mismatch.fit.extended import Discrepancy
 from enginediag_cli.mismatch.fit.identified import Hypothesis, Identified
 from enginediag_cli.mismatch.fit.projection import Columns, Projection, Score, lengths
+from enginediag_cli.parameters import Parameter
 
 EFFECT, FAULT, SENSOR_FAULT = "effect", "fault", "sensor fault"
 PARTS_OF_FLIGHT = 4
+READ_WRONG = ("bias", "scale")
+"""Errors of a sensor that may step in time."""
 LEAST_RECORDS = 8  # on either side of an onset
 MOST_ONSETS = 24
 
 
 @dataclass(frozen=True)
 class Option:
-    """One thing that may be added to the model. `component`: where an engineer would look; `driver`: one of the words
-    of `physics.drivers.DRIVERS`, or "time"."""
+    """One thing that may be added to the model. `component`: where an engineer would look; `driver`: what the effect
+    varies with, or TIME; `target`: the parameter
+    that a fault changes."""
 
     kind: str
     label: str
     component: str
-    driver: str
+    driver: Driver
     hypothesis: Hypothesis
+    target: Parameter | None = None
 
 
 @dataclass(frozen=True)
@@ -71,22 +78,24 @@ def fault_options(found: Identified) -> list[Option]:
     evidence = found.evidence
     parameters = evidence.engine.parameters
     watched = [n for n in found.problem.names if n in parameters and parameters[n].family in ("health", "sensor")]
-    watched = [n for n in watched if n in evidence.engine.monitored or n.endswith((".scale", ".bias"))]
+    reads = [n for n in watched if parameters[n].of_sensor and parameters[n].quantity in READ_WRONG]
+    watched = [n for n in watched if n in evidence.engine.monitored or n in reads]
     # a sensor's scale and bias step alike within what a flight spans
-    watched = [n for n in watched if not (n.endswith(".bias") and n.removesuffix("bias") + "scale" in watched)]
+    scaled = {parameters[n].component for n in watched if parameters[n].quantity == "scale"}
+    watched = [n for n in watched if not (parameters[n].quantity == "bias" and parameters[n].component in scaled)]
     result = []
     for name, curve in _steps(found).items():
         for n in watched:
-            sensor = parameters[n].family == "sensor"
-            component = n.rpartition(".")[0] if sensor else n.partition(".")[0]
+            sensor, component = parameters[n].of_sensor, parameters[n].component
             d = Discrepancy(n, name, parameters[n].prior_sigma)
             result.append(
                 Option(
                     SENSOR_FAULT if sensor else FAULT,
                     f"{n} {name}",
                     component,
-                    "time",
+                    TIME,
                     Hypothesis((), (d,), {name: curve}),
+                    parameters[n],
                 )
             )
     return result
@@ -126,7 +135,7 @@ def _step(evidence: Evidence, onset: int) -> dict[str, np.ndarray]:
 
 def with_best_onset(found: Identified, projection: Projection, option: Option) -> Option:
     """A change in time with the onset, to the record, that scores best about its own; any other option as it is."""
-    if option.driver != "time":
+    if option.driver != TIME:
         return option
     (d,) = option.hypothesis.discrepancies
     evidence = found.evidence
@@ -146,8 +155,9 @@ def with_best_onset(found: Identified, projection: Projection, option: Option) -
         option.kind,
         f"{d.target} {name}",
         option.component,
-        "time",
+        TIME,
         Hypothesis((), (Discrepancy(d.target, name, d.sigma),), {name: steps[name]}),
+        option.target,
     )
 
 

@@ -8,7 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from enginediag_cli.drivers import Driver
+from enginediag_cli.engine.driver import DriverValues
 from enginediag_cli.mismatch.fit.freeform import Cell, free_form, locations
 from enginediag_cli.mismatch.fit.identified import Hypothesis, Identified, Nuisance, identify_with
 from enginediag_cli.mismatch.fit.options import (
@@ -152,7 +152,7 @@ def attempt(options: Sequence[Option], start: Identified, along: Nuisance) -> Tr
 
 @stage("scoring effects")
 def remainder(
-    trial: Trial, library: Sequence[Option], drivers: Sequence[Driver], enough: Gates | None = None
+    trial: Trial, library: Sequence[Option], drivers: Sequence[DriverValues], enough: Gates | None = None
 ) -> Remainder:
     """Scores of what the trial does not carry; drivers are over the records of the evidence. The map is left out where
     an option is already over the gates `enough`."""

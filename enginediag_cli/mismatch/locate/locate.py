@@ -17,7 +17,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from enginediag_cli.drivers import Driver, groups
+from enginediag_cli.drivers import TIME, groups
+from enginediag_cli.engine.driver import DriverValues
 from enginediag_cli.mismatch.fit.evidence import Evidence
 from enginediag_cli.mismatch.fit.extended import Discrepancy
 from enginediag_cli.mismatch.fit.freeform import Cell, free_form
@@ -35,7 +36,7 @@ from enginediag_cli.mismatch.fit.projection import Projection
 from enginediag_cli.mismatch.fit.scores import surprise
 from enginediag_cli.mismatch.locate.presence import HIDDEN_SHARE, Presence, presence
 from enginediag_cli.mismatch.locate.stability import resampled_surprise
-from enginediag_cli.mismatch.locate.time_steps import TIME, step_drivers
+from enginediag_cli.mismatch.locate.time_steps import step_drivers
 from enginediag_cli.mismatch.unrecorded.hidden import HiddenFinding, hidden_amplitudes
 from enginediag_cli.progress import stage
 
@@ -52,12 +53,14 @@ WIDE = 10.0
 
 @dataclass(frozen=True)
 class Place:
-    """One location × group of drivers. `cell` is the best driver's of the group; `surprise` −ln p, after a refit with
+    """One location × group of drivers. `cell` is the best driver's of the group, whose
+    members are told in `words`; `surprise` −ln p, after a refit with
     the full model where `refit` is "converged"; `p` adjusted for all that was looked at; `share` of the excess χ² that
     it explains; `stability`: share of resamples in which it is the first of all; `within` reach of the best."""
 
     cell: Cell
     group: str
+    words: tuple[str, ...]
     statistic: float
     surprise: float
     p: float
@@ -85,6 +88,7 @@ class Lead:
     """A group of drivers by its best place; `stability`: share of resamples that it leads."""
 
     group: str
+    words: tuple[str, ...]
     surprise: float
     p: float
     stability: float
@@ -148,19 +152,23 @@ def locate(evidence: Evidence) -> Located:
     return Located(True, "", found, projection, judged, tuple(places), tuple(_leads(places)), what, hidden)
 
 
-def group_names(conditions: Sequence[Driver]) -> dict[str, str]:
-    """Driver → name of its group, the names of all its members, first the one that the drivers' order puts first."""
-    return {name: " = ".join(members) for members in groups(conditions) for name in members}
+def grouped_drivers(conditions: Sequence[DriverValues]) -> dict[str, tuple[DriverValues, ...]]:
+    """Driver, by name → the members of its group, first the one that the drivers' order puts first."""
+    return {d.name: tuple(members) for members in groups(conditions) for d in members}
 
 
-def _grouped(cells: Sequence[Cell], conditions: Sequence[Driver]) -> list[Place]:
+def _grouped(cells: Sequence[Cell], conditions: Sequence[DriverValues]) -> list[Place]:
     """The best cell of every location and group, most surprising first, as it is scored."""
-    names = group_names(conditions) if conditions else {}
+    alike = grouped_drivers(conditions) if conditions else {}
     best: dict[tuple[str, str], Place] = {}
     for c in sorted(cells, key=lambda c: c.strain - c.surprise):
-        group = TIME if c.driver.word == TIME else names.get(c.driver.name, c.driver.name)
+        in_time = c.driver.driver == TIME
+        members = alike.get(c.driver.name, (c.driver,))
+        group = TIME.word if in_time else " = ".join(d.name for d in members)
+        words = (TIME.word,) if in_time else tuple(d.short for d in members)
         if not c.score.absorbed:
-            best.setdefault((c.location.name, group), Place(c, group, c.score.statistic, c.surprise, 1.0, 0.0, 0.0))
+            place = Place(c, group, words, c.score.statistic, c.surprise, 1.0, 0.0, 0.0)
+            best.setdefault((c.location.name, group), place)
     return sorted(best.values(), key=lambda p: -p.worth)
 
 
@@ -240,4 +248,4 @@ def _leads(places: Sequence[Place]) -> list[Lead]:
     for p in places:
         best.setdefault(p.group, p)
     within = {p.group for p in places if p.within}
-    return [Lead(g, p.surprise, p.p, min(1.0, share[g]), g in within) for g, p in best.items()]
+    return [Lead(g, p.words, p.surprise, p.p, min(1.0, share[g]), g in within) for g, p in best.items()]

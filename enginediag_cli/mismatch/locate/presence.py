@@ -22,7 +22,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import stats
 
-from enginediag_cli.drivers import Driver
+from enginediag_cli.engine.driver import DriverValues
 from enginediag_cli.mismatch.fit.freeform import Cell
 from enginediag_cli.mismatch.fit.projection import Projection
 from enginediag_cli.mismatch.fit.scores import critical_surprise
@@ -38,13 +38,15 @@ CALIBRATION_LEVEL = 0.05
 
 @dataclass(frozen=True)
 class Test:
-    """`p` is adjusted for the looks of this test; `about` says what stood out."""
+    """`p` is adjusted for the looks of this test; `about` says what stood out, `where` and `along` tell it in words."""
 
     name: str
     statistic: float
     p: float
     share: float  # of the false-alarm probability
     about: str = ""
+    where: str = ""
+    along: str = ""
 
     def rejects(self, false_alarm: float) -> bool:
         return self.p <= self.share * false_alarm
@@ -81,7 +83,7 @@ class Presence:
 
 @stage("testing whether model and recordings differ")
 def presence(
-    projection: Projection, cells: Sequence[Cell], along: Sequence[Driver], rng: np.random.Generator
+    projection: Projection, cells: Sequence[Cell], along: Sequence[DriverValues], rng: np.random.Generator
 ) -> Presence:
     """Judge a fit: `cells` are its map, drivers' values are of all records of the evidence."""
     evidence = projection.found.evidence
@@ -91,7 +93,8 @@ def presence(
     best = max(cells, key=lambda c: c.surprise, default=None)
     surprise = best.surprise if best else 0.0
     about = f"{best.location.name} along {best.driver.name}" if best else ""
-    directed = Test("directed", surprise, float(-np.expm1(-looks * np.exp(-surprise))), DIRECTED_SHARE, about)
+    words = (best.location.words, best.driver.short) if best else ("", "")
+    directed = Test("directed", surprise, float(-np.expm1(-looks * np.exp(-surprise))), DIRECTED_SHARE, about, *words)
     omnibus = None
     if evidence.settings.noise == "specified":
         p = float(stats.chi2.sf(projection.objective, projection.dof))
@@ -100,12 +103,15 @@ def presence(
     return Presence(omnibus, order, directed, looks, evidence.settings.false_alarm)
 
 
-def order_test(projection: Projection, along: Sequence[Driver], share: float, rng: np.random.Generator) -> Test | None:
+def order_test(
+    projection: Projection, along: Sequence[DriverValues], share: float, rng: np.random.Generator
+) -> Test | None:
     """Von Neumann's ratio of each sensor's residuals along each driver; the smallest p, times the looks. None where
     no sensor has readings enough. `statistic` is the ratio, 2 for residuals without order."""
     found, frame = projection.found, projection.frame
     e = projection.left[: len(frame.record)]
-    looks, best = 0, (1.0, 2.0, "")
+    quantities = {c: s.quantity for c, s in found.evidence.engine.sensors.items()}
+    looks, best = 0, (1.0, 2.0, "", "", "")
     for s, column in enumerate(found.problem.sensors):
         rows = np.flatnonzero(frame.sensor == s)
         for d in along:
@@ -117,10 +123,10 @@ def order_test(projection: Projection, along: Sequence[Driver], share: float, rn
             # equal values of the driver come in no order of their own
             order = np.lexsort((rng.permutation(int(good.sum())), x[good]))
             ratio, p = von_neumann(e[rows[good]][order])
-            best = min(best, (p, ratio, f"{column} along {d.name}"))
+            best = min(best, (p, ratio, f"{column} along {d.name}", quantities[column], d.short))
     if not looks:
         return None
-    return Test("order", best[1], min(1.0, looks * best[0]), share, best[2])
+    return Test("order", best[1], min(1.0, looks * best[0]), share, *best[2:])
 
 
 def von_neumann(e: np.ndarray) -> tuple[float, float]:

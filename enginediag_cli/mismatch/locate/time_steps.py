@@ -4,11 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from enginediag_cli.drivers import Driver
+from enginediag_cli.drivers import TIME
+from enginediag_cli.engine.driver import DriverValues
 from enginediag_cli.mismatch.fit.evidence import Evidence
-
-TIME = "time"
-"""Word and group of these drivers."""
 
 ONSETS = 11
 """Onsets that are tried on one engine, evenly over its records: a change is seen from 1/12 of them on."""
@@ -16,7 +14,7 @@ ONSETS = 11
 LEAST_RECORDS = 8  # on either side of an onset
 
 
-def step_drivers(evidence: Evidence) -> list[Driver]:
+def step_drivers(evidence: Evidence) -> list[DriverValues]:
     """One driver per engine and onset, over all records of the evidence: 0 before, 1 from then on, 0 for the other
     engines. Onsets at the beginning of a flight are preferred to those within it."""
     sizes = [len(next(iter(f.columns.values()))) for f in evidence.flights]
@@ -32,7 +30,8 @@ def step_drivers(evidence: Evidence) -> list[Driver]:
             values[mine[mine >= at]] = 1.0
             j = int(flight_of[at])
             since = f"record {at - starts[j] + 1} of " if at > starts[j] else ""
-            found.append(Driver(TIME, f"since {since}{evidence.flights[j].label}", "step", values))
+            onset = f"since {since}{evidence.flights[j].label}"
+            found.append(DriverValues(TIME, onset, values, onset))
     return found
 
 

@@ -12,9 +12,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from enginediag_cli.drivers import SWITCH as RECORDED_SWITCH
+from enginediag_cli.drivers import TIME
 from enginediag_cli.mismatch.locate.fleet import Difference, PerEngine, differences, per_engine
 from enginediag_cli.mismatch.locate.locate import Located, Place
-from enginediag_cli.mismatch.locate.time_steps import TIME
 from enginediag_cli.mismatch.unrecorded.hidden import HiddenFinding
 
 NOTHING = "nothing"
@@ -77,12 +78,12 @@ def hidden_beats_map(located: Located) -> HiddenFinding | None:
 
 
 def _kind(place: Place, engines: PerEngine | None) -> str:
-    sensor = place.location.startswith("sensor.")
-    if place.group == TIME:
+    sensor = place.cell.location.of_sensor
+    if place.cell.driver.driver == TIME:
         return SENSOR_FAULT if sensor else FAULT
     if sensor:
         return SENSOR_ERROR
-    if place.cell.driver.word == "switch":
+    if place.cell.driver.driver == RECORDED_SWITCH:
         return SWITCH
     if engines is None:
         return EFFECT

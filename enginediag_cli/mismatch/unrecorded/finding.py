@@ -43,7 +43,7 @@ class HiddenFinding:
     standard_error: np.ndarray
     signal_to_noise: np.ndarray
     sign: int
-    rivals: tuple[str, ...] = ()
+    rivals: tuple[Location, ...] = ()
     states: np.ndarray | None = None
     is_switch: bool = False
     switch_lr: float = np.nan

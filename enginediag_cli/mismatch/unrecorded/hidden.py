@@ -19,7 +19,7 @@ import numpy as np
 
 from enginediag_cli.engine.engine import Engine
 from enginediag_cli.engine.term import Effect
-from enginediag_cli.mismatch.fit.freeform import Location, locations
+from enginediag_cli.mismatch.fit.freeform import Location, locations, of_effect
 from enginediag_cli.mismatch.fit.identified import Identified, Nuisance, nuisance
 from enginediag_cli.mismatch.fit.projection import Projection
 from enginediag_cli.mismatch.unrecorded.amplitude import Likelihood, Solver, own_error
@@ -96,9 +96,12 @@ def effects_at(location: Location, engine: Engine) -> list[Effect]:
     own first, then those that act on the same leaf, station or reading."""
     own = location.through
     reach = set(own.site.acts_on) if own is not None else {location.parameter}
-    if location.name.startswith("sensor."):
-        quantity = location.name.removeprefix("sensor.")
-        reach |= {f"reading {c}" for c, s in engine.sensors.items() if s.quantity == quantity}
+    if location.of_sensor:
+        reach |= {
+            f"reading {c}"
+            for c, s in engine.sensors.items()
+            if any(p.component == location.component for p in s.parameters())
+        }
     found = []
     for name in term_names():
         if term(name).SWITCHES:
@@ -112,7 +115,7 @@ def finding_at(
     effect: Effect, like: HiddenFinding, found: Identified, projection: Projection, along: Nuisance
 ) -> HiddenFinding:
     """The amplitude and two states of one effect at the same fit, judged by the threshold of another finding."""
-    place = Location(effect.label, effect.amplitudes[0], effect.site.component, effect)
+    place = of_effect(effect)
     of = basis(projection)
     d = direction(of, location_columns(found, [place])[:, :, 0])
     (f,) = likelihoods(of, [d], of.left[:, :, None])
@@ -154,7 +157,7 @@ def _finding(found: Identified, of: Basis, place: Location, d: Direction, f: Lik
 
 def _rivals(
     findings: Sequence[HiddenFinding], of: Basis, known: dict[str, tuple[Direction, Likelihood]]
-) -> tuple[str, ...]:
+) -> tuple[Location, ...]:
     """Locations as likely as the first within WITHIN, after the refit where there was one, and those that could mimic
     the first one's amplitude so well, at the same τ and correlation, that the readings' noise decides."""
     first = findings[0]
@@ -174,7 +177,7 @@ def _rivals(
         refitted = np.isfinite(f.gain) and np.isfinite(first.gain)
         behind = first.gain - f.gain if refitted else first.lr - f.lr
         if f.significant and (behind < WITHIN or (behind < 2.0 * INSEPARABLE and explained(f.location.name) > needed)):
-            found.append(f.location.name)
+            found.append(f.location)
     return tuple(found)
 
 

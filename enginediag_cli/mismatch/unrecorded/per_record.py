@@ -21,7 +21,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from enginediag_cli.drivers import drivers
+from enginediag_cli.drivers import INLET_TEMPERATURE, drivers
 from enginediag_cli.mismatch.fit.evidence import Evidence
 from enginediag_cli.mismatch.fit.extended import NUMBER
 from enginediag_cli.mismatch.fit.freeform import Location
@@ -77,6 +77,10 @@ class PerRecord:
     @property
     def name(self) -> str:
         return "nothing" if self.location is None else self.location.name
+
+    @property
+    def words(self) -> str:
+        return "nothing" if self.location is None else self.location.words
 
     @property
     def objective(self) -> float:
@@ -136,7 +140,7 @@ def thinned(evidence: Evidence, every: int) -> Evidence:
 def inlet_temperature(evidence: Evidence, fit: PerRecord) -> np.ndarray:
     """Of each record of the fit, (N,); their order in time where it does not move."""
     found = drivers(evidence.engine, inputs_of(evidence), {})
-    values = next((d.values[fit.number] for d in found if d.word == "inlet_temperature"), None)
+    values = next((d.values[fit.number] for d in found if d.driver == INLET_TEMPERATURE), None)
     return fit.number.astype(float) if values is None or not np.isfinite(values).all() else values
 
 

@@ -13,7 +13,8 @@ from typing import Protocol
 import numpy as np
 from scipy import stats
 
-from enginediag_cli.drivers import Driver, polynomials
+from enginediag_cli.drivers import polynomials
+from enginediag_cli.engine.driver import DriverValues
 
 DEGREE = 4
 SHARE = 0.6
@@ -42,7 +43,7 @@ class Hidden(Protocol):
     def number(self) -> np.ndarray: ...
 
 
-def follows_a_driver(found: Hidden, drivers: Sequence[Driver]) -> bool:
+def follows_a_driver(found: Hidden, drivers: Sequence[DriverValues]) -> bool:
     """Whether some recorded driver, of all records of the evidence, gives the amplitude or the states back."""
     for d in drivers:
         values = d.values[found.number]

@@ -11,6 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from enginediag_cli.drivers import SWITCH
 from enginediag_cli.engine.term import Effect
 from enginediag_cli.mismatch.fit.evidence import Evidence
 from enginediag_cli.mismatch.fit.extended import Discrepancy
@@ -58,7 +59,7 @@ def switched_parameters(label: str, component: str, targets: Sequence[str], foun
         p = parameters[t]
         at = found.theta.get(t, p.nominal)
         own.append(Discrepancy(t, STATE, 10.0 * p.prior_sigma, p.lower - at, p.upper - at))
-    return Option("effect", label, component, "switch", Hypothesis((), tuple(own), {}))
+    return Option("effect", label, component, SWITCH, Hypothesis((), tuple(own), {}))
 
 
 def switched_trials(options: Sequence[Option], states: np.ndarray, found: Identified, along: Nuisance) -> list[Trial]:

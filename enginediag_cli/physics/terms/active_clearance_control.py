@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
+from enginediag_cli.drivers import AMBIENT_PRESSURE
 from enginediag_cli.engine.components.splitter import Splitter
 from enginediag_cli.engine.dual import Value, exp
 from enginediag_cli.engine.evaluation import Evaluation
@@ -25,7 +26,7 @@ class ActiveClearanceControl(Term):
         "turbine is better there than near the ground."
     )
     EQUATION = "η = η_map (1 + k c/(1 + exp[(h_on − h)/Δh])),  h = pressure altitude"
-    DRIVER = "ambient_pressure"
+    DRIVER = AMBIENT_PRESSURE
     COEFFICIENTS = (
         Coefficient("closing", "% of span", "c, clearance that it takes away", 0.0, 0.0, 1.5, 0.5, 0.6, assumed=True),
         Coefficient(

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
+from enginediag_cli.drivers import CONSTANT
 from enginediag_cli.engine.dual import Value
 from enginediag_cli.engine.evaluation import Evaluation
 from enginediag_cli.engine.term import Coefficient, Place, Site, Term
@@ -24,7 +25,7 @@ class AmbientPressureScale(Term):
         "stands at another height than the inlet."
     )
     EQUATION = "p_0 = p_0,recorded/(1 + s)"
-    DRIVER = "constant"
+    DRIVER = CONSTANT
     COEFFICIENTS = (
         Coefficient("error", "1", "scale error s of the reading", 0.0, -0.02, 0.02, 0.005, 0.005, assumed=True),
     )
@@ -32,7 +33,7 @@ class AmbientPressureScale(Term):
 
     def sites(self, network: Network) -> Iterable[Site]:
         if not flies(network):
-            yield Site("ambient", "ambient", ("ambient_pressure_Pa",))
+            yield Site("ambient", "ambient", ("ambient_pressure_Pa",), everywhere=True)
 
     def install(self, at: Place) -> None:
         def pressure(e: Evaluation, recorded: Value) -> Value:

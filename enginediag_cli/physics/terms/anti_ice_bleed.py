@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
+from enginediag_cli.drivers import SWITCH
 from enginediag_cli.engine.components.compressor import Compressor
 from enginediag_cli.engine.evaluation import Evaluation
 from enginediag_cli.engine.flow import Flow
@@ -25,7 +26,7 @@ class AntiIceBleed(Term):
         "flow at low speed."
     )
     EQUATION = "W = W_exit (1 − b N_c,design/N_c),  N_c = N/√T at the compressor's inlet"
-    DRIVER = "switch"
+    DRIVER = SWITCH
     COEFFICIENTS = (
         Coefficient(
             "fraction",

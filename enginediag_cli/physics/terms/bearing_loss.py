@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
+from enginediag_cli.drivers import SHAFT_SPEED
 from enginediag_cli.engine.components.base import scalar
 from enginediag_cli.engine.dual import Value
 from enginediag_cli.engine.evaluation import Evaluation
@@ -25,7 +26,7 @@ class BearingLoss(Term):
         "power at the same speed, that is a larger share."
     )
     EQUATION = "P_loss = f P_turbine,design (N/N_design)²"
-    DRIVER = "shaft_speed"
+    DRIVER = SHAFT_SPEED
     COEFFICIENTS = (
         Coefficient(
             "fraction",

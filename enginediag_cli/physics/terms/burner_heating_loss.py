@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
+from enginediag_cli.drivers import POWER
 from enginediag_cli.engine.components.base import scalar
 from enginediag_cli.engine.components.burner import Burner
 from enginediag_cli.engine.evaluation import Evaluation
@@ -26,7 +27,7 @@ class BurnerHeatingLoss(Term):
         "of temperatures across it."
     )
     EQUATION = "P_4 = P_4,cold {1 − k [(T_4/T_3 − 1) x² − (T_4/T_3 − 1)_design]},  x = (W√T/P)/(W√T/P)_design at 3"
-    DRIVER = "power"
+    DRIVER = POWER
     COEFFICIENTS = (
         Coefficient("loss", "1", "ΔP/P for T4/T3 = 2 at design flow", 0.0, 0.0, 0.01, 0.002, 0.002, assumed=True),
     )

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
+from enginediag_cli.drivers import POWER
 from enginediag_cli.engine.components.burner import Burner
 from enginediag_cli.engine.dual import Value
 from enginediag_cli.engine.evaluation import Evaluation
@@ -25,7 +26,7 @@ class BurnerPressureLoss(Term):
         "same share at every power."
     )
     EQUATION = "ΔP/P = λ [1 + s (x² − 1)],  x = (W√T/P)/(W√T/P)_design at its inlet"
-    DRIVER = "power"
+    DRIVER = POWER
     COEFFICIENTS = (
         Coefficient("share", "1", "share s of the loss that follows the flow", 0.0, 0.0, 1.5, 0.5, 0.9, assumed=True),
     )

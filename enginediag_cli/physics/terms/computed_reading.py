@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
+from enginediag_cli.drivers import AMBIENT_PRESSURE
 from enginediag_cli.engine.components.base import scalar
 from enginediag_cli.engine.dual import Value, exp, log
 from enginediag_cli.engine.evaluation import Evaluation
@@ -31,7 +32,7 @@ class ComputedReading(Term):
         "pressure and leaves ambient pressure out, so it is wrong when the barometer is high or low."
     )
     EQUATION = "reading = T (p_0/p_0,design)^(0.22 κ)"
-    DRIVER = "ambient_pressure"
+    DRIVER = AMBIENT_PRESSURE
     COEFFICIENTS = (
         Coefficient(
             "ignored",

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
+from enginediag_cli.drivers import COMPRESSOR_PRESSURE
 from enginediag_cli.engine.components.base import scalar
 from enginediag_cli.engine.components.bleed import Bleed
 from enginediag_cli.engine.components.compressor import Compressor
@@ -34,7 +35,7 @@ class CoolingFlowVariation(Term):
         "cooling change it with the pressure that drives it."
     )
     EQUATION = "f = f_model (P_s/P_s,design)^m,  P_s = total pressure at the bleed (a compressor port: at its inlet)"
-    DRIVER = "compressor_pressure"
+    DRIVER = COMPRESSOR_PRESSURE
     COEFFICIENTS = (
         Coefficient(
             "exponent", "1", "m, growth of the cooling share with pressure", 0.0, -0.3, 0.5, 0.1, 0.1, assumed=True

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
+from enginediag_cli.drivers import SWITCH
 from enginediag_cli.engine.evaluation import Evaluation
 from enginediag_cli.engine.flow import Flow
 from enginediag_cli.engine.term import Coefficient, Place, Site, Term
@@ -24,7 +25,7 @@ class CustomerBleed(Term):
         "heat it more for the same power."
     )
     EQUATION = "W = W_exit (1 − b)"
-    DRIVER = "switch"
+    DRIVER = SWITCH
     COEFFICIENTS = (
         Coefficient("fraction", "1", "bleed over compressor exit flow", 0.0, 0.0, 0.12, 0.03, 0.03, assumed=True),
     )

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
+from enginediag_cli.drivers import CORRECTED_SPEED
 from enginediag_cli.engine.components.duct import Duct
 from enginediag_cli.engine.dual import Value
 from enginediag_cli.engine.evaluation import Evaluation
@@ -24,7 +25,7 @@ class DuctPressureLoss(Term):
         "Friction in a duct takes pressure with the square of the corrected flow, not the same share at every power."
     )
     EQUATION = "ΔP/P = λ [1 + s (x² − 1)],  x = (W√T/P)/(W√T/P)_design at its inlet"
-    DRIVER = "corrected_speed"
+    DRIVER = CORRECTED_SPEED
     COEFFICIENTS = (Coefficient("share", "1", "share s of the loss that follows the flow", 0.0, 0.0, 1.5, 0.5, 0.9),)
     REFERENCE = "NASA AGTF30 (setup_Duct: loss ∝ M², 0.005 to 0.015 at design); pyCycle duct element (s_dPqP M^n)"
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
+from enginediag_cli.drivers import POWER
 from enginediag_cli.engine.components.base import scalar
 from enginediag_cli.engine.components.exhaust import Exhaust
 from enginediag_cli.engine.components.nozzle import Nozzle, throat
@@ -28,7 +29,7 @@ class ExhaustBackPressure(Term):
         "the last turbine expands to a higher pressure and gives less power."
     )
     EQUATION = "p_exit = p_0 + b p_0,design y,  y = (W²T/p_0)/(W²T/p_0)_design at the exit"
-    DRIVER = "power"
+    DRIVER = POWER
     COEFFICIENTS = (
         Coefficient(
             "rise",

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
+from enginediag_cli.drivers import BYPASS_RATIO
 from enginediag_cli.engine.components.splitter import Splitter
 from enginediag_cli.engine.dual import exp, log
 from enginediag_cli.engine.evaluation import Evaluation
@@ -30,7 +31,7 @@ class FanSplit(Term):
         "ratio leaves its design value."
     )
     EQUATION = "P_core = P_fan exp[a ln(BPR/BPR_design) Δh_fan/(R T_fan)]"
-    DRIVER = "bypass_ratio"
+    DRIVER = BYPASS_RATIO
     COEFFICIENTS = (
         Coefficient(
             "root_efficiency",

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING, ClassVar
 
+from enginediag_cli.drivers import HOURS
 from enginediag_cli.engine.dual import Value, exp
 from enginediag_cli.engine.evaluation import Evaluation
 from enginediag_cli.engine.term import Coefficient, Place, Site, Term
@@ -13,7 +14,7 @@ from enginediag_cli.physics.parts import compressors, fans
 if TYPE_CHECKING:
     from enginediag_cli.engine.network import Network
 
-HOURS = "hours_since_wash_h"
+SINCE_WASH = "hours_since_wash_h"
 
 
 class Fouling(Term):
@@ -27,7 +28,7 @@ class Fouling(Term):
         "with it, until the next wash."
     )
     EQUATION = "W_c = W_c,map (1 − a s),  η = η_map (1 − r a s),  s = 1 − exp(−t/τ),  t = hours since the wash"
-    DRIVER = "hours"
+    DRIVER = HOURS
     COEFFICIENTS = (
         Coefficient("flow_loss", "1", "a, loss of corrected flow in the long run", 0.0, 0.0, 0.1, 0.02, 0.03),
         Coefficient(
@@ -50,7 +51,7 @@ class Fouling(Term):
         "Aker & Saravanamuttoo 1989, J. Eng. Gas Turbines Power 111, 343; Mathioudakis 2024; flow to "
         "efficiency 3:1 to 1:1; time assumed"
     )
-    INPUTS: ClassVar[Mapping[str, float]] = {HOURS: 0.0}
+    INPUTS: ClassVar[Mapping[str, float]] = {SINCE_WASH: 0.0}
 
     def sites(self, network: Network) -> Iterable[Site]:
         for c in compressors(network):
@@ -59,7 +60,7 @@ class Fouling(Term):
 
     def install(self, at: Place) -> None:
         def settled(e: Evaluation) -> Value:
-            return at.c(e, "flow_loss") * (1.0 - exp(-1.0 * e[HOURS] / at.c(e, "hours")))
+            return at.c(e, "flow_loss") * (1.0 - exp(-1.0 * e[SINCE_WASH] / at.c(e, "hours")))
 
         at.on_leaf(f"{at.site.name}.flow_capacity", lambda e, factor: factor * (1.0 - settled(e)))
         at.on_leaf(

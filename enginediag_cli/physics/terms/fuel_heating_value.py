@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
+from enginediag_cli.drivers import CONSTANT
 from enginediag_cli.engine.components.burner import Burner
 from enginediag_cli.engine.dual import Value
 from enginediag_cli.engine.evaluation import Evaluation
@@ -24,7 +25,7 @@ class FuelHeatingValue(Term):
         "looks like a change of combustion efficiency or of the fuel meter."
     )
     EQUATION = "LHV = LHV_declared (1 + d)"
-    DRIVER = "constant"
+    DRIVER = CONSTANT
     COEFFICIENTS = (Coefficient("deviation", "1", "deviation d of the batch", 0.0, -0.02, 0.02, 0.005, 0.005),)
     REFERENCE = "Jet fuel 42.8 to 43.6 MJ/kg, ± 1 %; NASA AGTF30 reckons with 42.8 MJ/kg"
 

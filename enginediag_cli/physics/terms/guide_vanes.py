@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
+from enginediag_cli.drivers import CORRECTED_SPEED
 from enginediag_cli.engine.components.compressor import Compressor
 from enginediag_cli.engine.dual import Value, exp
 from enginediag_cli.engine.evaluation import Evaluation
@@ -29,7 +30,7 @@ class GuideVanes(Term):
         "swallows less air there, and its incidence is off."
     )
     EQUATION = "W_c = W_c,map exp(−a Δφ),  η = η_map/(1 + b Δφ²),  Δφ = s (1 − N_c/N_c,design)"
-    DRIVER = "corrected_speed"
+    DRIVER = CORRECTED_SPEED
     COEFFICIENTS = (
         Coefficient(
             "slope_deg",

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from enginediag_cli.drivers import POWER
 from enginediag_cli.engine.components.base import scalar
 from enginediag_cli.engine.components.inlet import Inlet
 from enginediag_cli.engine.dual import Value, exp, log, select, value
@@ -14,6 +15,7 @@ from enginediag_cli.engine.evaluation import Evaluation
 from enginediag_cli.engine.term import Coefficient, Place, Site, Term
 from enginediag_cli.physics.parts import core_compressor
 from enginediag_cli.physics.terms.guide_vanes import install_vanes
+from enginediag_cli.units import split_column
 
 if TYPE_CHECKING:
     from enginediag_cli.engine.network import Network
@@ -42,7 +44,7 @@ class GuideVanesLoad(Term):
         "W_c = W_c,map exp(−a Δφ),  η = η_map/(1 + b Δφ²),  Δφ = φ (1 − exp(−u/ε)),  "
         "u = (ε/20) ln(1 + exp[20 (1 − x/x_design)/ε]),  x = power setting"
     )
-    DRIVER = "power"
+    DRIVER = POWER
     COEFFICIENTS = (
         Coefficient("closing_deg", "deg", "φ, closing at low load", 0.0, 0.0, 60.0, 15.0, 20.0, assumed=True),
         Coefficient(
@@ -107,7 +109,7 @@ class GuideVanesLoad(Term):
     def install(self, at: Place) -> None:
         column = at.network.power_setting
         leaf = at.network.leaf_of(column)
-        scale = "temperature_scale" if column.endswith("_K") else "load_scale"
+        scale = "temperature_scale" if split_column(column)[1] == "K" else "load_scale"
         base = scalar(at.network.read(at.design, column))
 
         def closing(e: Evaluation) -> Value:

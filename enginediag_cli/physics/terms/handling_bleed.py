@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
+from enginediag_cli.drivers import CORRECTED_SPEED
 from enginediag_cli.engine.components.compressor import Compressor
 from enginediag_cli.engine.dual import exp
 from enginediag_cli.engine.evaluation import Evaluation
@@ -30,7 +31,7 @@ class HandlingBleed(Term):
         "lies behind it gets less flow there."
     )
     EQUATION = "W = W_exit (1 − b/(1 + exp[(N_c/N_c,design − n_open)/Δn]))"
-    DRIVER = "corrected_speed"
+    DRIVER = CORRECTED_SPEED
     COEFFICIENTS = (
         Coefficient("fraction", "1", "b, bleed over flow with the valve open", 0.0, 0.0, 0.25, 0.05, 0.08),
         Coefficient(

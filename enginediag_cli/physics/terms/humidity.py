@@ -5,26 +5,15 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
-from enginediag_cli.engine.atmosphere import standard_atmosphere
+from enginediag_cli.drivers import HUMIDITY
+from enginediag_cli.engine.atmosphere import saturated_water, standard_atmosphere
 from enginediag_cli.engine.components.ambient import Ambient
-from enginediag_cli.engine.dual import Value, exp
+from enginediag_cli.engine.dual import Value
 from enginediag_cli.engine.evaluation import Evaluation
 from enginediag_cli.engine.term import Coefficient, Place, Site, Term
 
 if TYPE_CHECKING:
     from enginediag_cli.engine.network import Network
-
-WATER_OVER_AIR = 0.62198  # molar masses
-ICE_POINT = 273.15  # K
-
-
-def saturated_water(T_K: Value, p_Pa: Value) -> Value:
-    """Water of saturated air [kg per kg of dry air]: 0.622 e/(p − e), e(T) over liquid water by Buck's formula,
-    e = 611.21 Pa · exp[(18.678 − t/234.5) t/(257.14 + t)], t in °C (Buck 1981, J. Appl. Meteorol. 20, 1527, with
-    the constants of 1996)."""
-    t = T_K - ICE_POINT
-    vapour = 611.21 * exp((18.678 - t * (1.0 / 234.5)) * t / (257.14 + t))
-    return WATER_OVER_AIR * vapour / (p_Pa - vapour)
 
 
 class Humidity(Term):
@@ -37,7 +26,7 @@ class Humidity(Term):
         "changes speeds, flows and the fuel that is needed."
     )
     EQUATION = "w = w_recorded + φ w_sat(T_0, p_0),  w_sat = 0.622 e_s(T_0)/(p_0 − e_s)"
-    DRIVER = "humidity"
+    DRIVER = HUMIDITY
     COEFFICIENTS = (
         Coefficient("relative_humidity", "1", "φ, relative humidity beyond what is recorded", 0.0, 0.0, 1.0, 0.4, 0.6),
     )
@@ -48,7 +37,7 @@ class Humidity(Term):
 
     def sites(self, network: Network) -> Iterable[Site]:
         if any(isinstance(c, Ambient) for c in network.components):
-            yield Site("ambient", "ambient", ("humidity_kg_kg",))
+            yield Site("ambient", "ambient", ("humidity_kg_kg",), everywhere=True)
 
     def install(self, at: Place) -> None:
         air = next(c for c in at.network.components if isinstance(c, Ambient))

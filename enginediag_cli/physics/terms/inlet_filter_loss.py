@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING, ClassVar
 
+from enginediag_cli.drivers import CORRECTED_SPEED
 from enginediag_cli.engine.components.inlet import Inlet
 from enginediag_cli.engine.dual import Value
 from enginediag_cli.engine.evaluation import Evaluation
@@ -29,7 +30,7 @@ class InletFilterLoss(Term):
         "filter makes it more with the hours."
     )
     EQUATION = "P_2 = r P_1 [1 − k (1 + g t/1000 h) x²],  x = (W√θ/δ)/(W√θ/δ)_design at station 2"
-    DRIVER = "corrected_speed"
+    DRIVER = CORRECTED_SPEED
     COEFFICIENTS = (
         Coefficient("loss", "1", "ΔP/P at design flow with a clean filter", 0.0, 0.0, 0.05, 0.01, 0.01, assumed=True),
         Coefficient(

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
+from enginediag_cli.drivers import MACH
 from enginediag_cli.engine.components.base import scalar
 from enginediag_cli.engine.components.inlet import Inlet
 from enginediag_cli.engine.dual import Value
@@ -26,7 +27,7 @@ class InletRamRecovery(Term):
         "a few inlets recover better in flight than standing."
     )
     EQUATION = "P_2/P_1 = r [1 + k (M² − M_design²)]"
-    DRIVER = "mach"
+    DRIVER = MACH
     COEFFICIENTS = (
         Coefficient("change", "1", "change k of the recovery per M²", 0.0, -0.08, 0.03, 0.01, -0.01, assumed=True),
     )

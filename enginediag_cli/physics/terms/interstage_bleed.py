@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
+from enginediag_cli.drivers import SWITCH
 from enginediag_cli.engine.components.compressor import Compressor
 from enginediag_cli.engine.evaluation import Evaluation
 from enginediag_cli.engine.flow import Flow
@@ -25,7 +26,7 @@ class InterstageBleed(Term):
         "compressor's work is spent on the air that leaves."
     )
     EQUATION = "W_exit = W_exit,0 − b W_in,  P_shaft = W_in Δh − b W_in (1 − w) Δh"
-    DRIVER = "switch"
+    DRIVER = SWITCH
     COEFFICIENTS = (
         Coefficient("fraction", "1", "b, bleed over compressor inlet flow", 0.0, 0.0, 0.12, 0.03, 0.03, assumed=True),
         Coefficient(

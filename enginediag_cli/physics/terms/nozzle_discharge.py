@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
+from enginediag_cli.drivers import NOZZLE_PRESSURE_RATIO
 from enginediag_cli.engine.components.nozzle import Nozzle
 from enginediag_cli.engine.dual import Value
 from enginediag_cli.engine.evaluation import Evaluation
@@ -26,7 +27,7 @@ class NozzleDischarge(Term):
         "with the pressure ratio, at idle and on the ground most."
     )
     EQUATION = "C_d = C_d,design {1 − k [g(NPR) − g(NPR_design)]},  g = exp(−(NPR − 1.2)/0.4)"
-    DRIVER = "nozzle_pressure_ratio"
+    DRIVER = NOZZLE_PRESSURE_RATIO
     COEFFICIENTS = (
         Coefficient(
             "fall", "1", "fall k of C_d at a pressure ratio of 1.2, against a choked nozzle", 0.0, 0.0, 0.1, 0.03, 0.03

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
+from enginediag_cli.drivers import NOZZLE_PRESSURE_RATIO
 from enginediag_cli.engine.components.nozzle import Nozzle
 from enginediag_cli.engine.dual import Value
 from enginediag_cli.engine.evaluation import Evaluation
@@ -25,7 +26,7 @@ class NozzleVelocity(Term):
         "and nothing else in the engine notices."
     )
     EQUATION = "C_v = C_v,design {1 − k [g(NPR) − g(NPR_design)]},  g = exp(−(NPR − 1.2)/0.4)"
-    DRIVER = "nozzle_pressure_ratio"
+    DRIVER = NOZZLE_PRESSURE_RATIO
     COEFFICIENTS = (
         Coefficient(
             "fall",

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
+from enginediag_cli.drivers import CONSTANT
 from enginediag_cli.engine.components.base import scalar
 from enginediag_cli.engine.dual import Value
 from enginediag_cli.engine.evaluation import Evaluation
@@ -24,7 +25,7 @@ class PowerOfftake(Term):
         "a larger share."
     )
     EQUATION = "P_turbine η_m = P_compressor + f · P_turbine,design"
-    DRIVER = "constant"
+    DRIVER = CONSTANT
     COEFFICIENTS = (
         Coefficient(
             "fraction",

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
+from enginediag_cli.drivers import CORRECTED_SPEED
 from enginediag_cli.engine.dual import Value
 from enginediag_cli.engine.evaluation import Evaluation
 from enginediag_cli.engine.term import Coefficient, Place, Site, Term
@@ -24,7 +25,7 @@ class PressureProbeRecovery(Term):
         "and reads low, the more the faster the gas passes it."
     )
     EQUATION = "reading = P (1 − k M²),  M = M_design (W√T/P)/(W√T/P)_design"
-    DRIVER = "corrected_speed"
+    DRIVER = CORRECTED_SPEED
     COEFFICIENTS = (
         Coefficient("loss", "1", "loss k per M²", 0.0, 0.0, 0.1, 0.02, 0.02, assumed=True),
         Coefficient(

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
+from enginediag_cli.drivers import REYNOLDS_INDEX
 from enginediag_cli.engine.components.base import scalar
 from enginediag_cli.engine.components.compressor import Compressor
 from enginediag_cli.engine.dual import Value, power
@@ -27,7 +28,7 @@ class ReynoldsEfficiency(Term):
         "as the Reynolds number falls."
     )
     EQUATION = "(1 − η) = (1 − η_design) (RNI/RNI_design)^(−n),  RNI = (P/P_ISA)(μ_ISA/μ)√(T_ISA/T) at its inlet"
-    DRIVER = "reynolds_index"
+    DRIVER = REYNOLDS_INDEX
     COEFFICIENTS = (Coefficient("exponent", "1", "exponent n of the losses", 0.0, 0.0, 0.3, 0.1, 0.1),)
     REFERENCE = (
         "NASA TN D-6640 (n 0.06 to 0.20 as Re falls, centrifugal); Wassell 1968, J. Eng. Power 90, 349; "

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
+from enginediag_cli.drivers import REYNOLDS_INDEX
 from enginediag_cli.engine.components.base import scalar
 from enginediag_cli.engine.components.compressor import Compressor
 from enginediag_cli.engine.dual import Value, log
@@ -27,7 +28,7 @@ class ReynoldsFlowCapacity(Term):
         "flow at altitude."
     )
     EQUATION = "W_c = W_c,map [1 + k ln(RNI/RNI_design)],  RNI = (P/P_ISA)(μ_ISA/μ)√(T_ISA/T) at its inlet"
-    DRIVER = "reynolds_index"
+    DRIVER = REYNOLDS_INDEX
     COEFFICIENTS = (
         Coefficient(
             "slope", "1", "k, change of corrected flow per unit of ln RNI", 0.0, 0.0, 0.05, 0.012, 0.015, assumed=True

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
+from enginediag_cli.drivers import REYNOLDS_INDEX
 from enginediag_cli.engine.components.base import scalar
 from enginediag_cli.engine.components.turbine import Turbine
 from enginediag_cli.engine.dual import Value, power
@@ -33,7 +34,7 @@ class ReynoldsTurbineEfficiency(Term):
         "thicken and its losses grow."
     )
     EQUATION = "(1 − η) = (1 − η_design) (Re/Re_design)^(−n),  Re ∝ W/μ(T) of the entering gas"
-    DRIVER = "reynolds_index"
+    DRIVER = REYNOLDS_INDEX
     COEFFICIENTS = (Coefficient("exponent", "1", "exponent n of the losses", 0.0, 0.0, 0.35, 0.1, 0.15),)
     REFERENCE = "NASA TN D-5090 (n 0.13 to 0.20 static; 0.18 above and 0.30 below design Re, total)"
 

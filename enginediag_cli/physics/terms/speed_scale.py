@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
+from enginediag_cli.drivers import CONSTANT
 from enginediag_cli.engine.dual import Value
 from enginediag_cli.engine.evaluation import Evaluation
 from enginediag_cli.engine.term import Coefficient, Place, Site, Term
@@ -23,7 +24,7 @@ class SpeedScale(Term):
         "by another 100 % speed than assumed."
     )
     EQUATION = "N = N_recorded/(1 + s)"
-    DRIVER = "constant"
+    DRIVER = CONSTANT
     COEFFICIENTS = (
         Coefficient("error", "1", "scale error s of the reading", 0.0, -0.02, 0.02, 0.005, 0.005, assumed=True),
     )

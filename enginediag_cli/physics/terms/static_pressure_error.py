@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
+from enginediag_cli.drivers import MACH
 from enginediag_cli.engine import atmosphere
 from enginediag_cli.engine.atmosphere import GRAVITY, R_AIR, standard_atmosphere
 from enginediag_cli.engine.dual import Value, select, value
@@ -35,7 +36,7 @@ class StaticPressureError(Term):
         "h = h_rec + k M² R T_ISA(h_rec)/g,  M = M_rec [1 + k (5 + M_rec²)/7],  "
         "T_s = (T_ISA(h_rec) + ΔT_rec)(1 − 2 k M²/7)"
     )
-    DRIVER = "mach"
+    DRIVER = MACH
     COEFFICIENTS = (
         Coefficient(
             "error", "1", "error k of the recorded static pressure per M²", 0.0, -0.03, 0.03, 0.008, 0.008, assumed=True
@@ -45,7 +46,7 @@ class StaticPressureError(Term):
 
     def sites(self, network: Network) -> Iterable[Site]:
         if flies(network):
-            yield Site("ambient", "ambient", ("altitude_m", "dT_isa_K", "mach"))
+            yield Site("ambient", "ambient", ("altitude_m", "dT_isa_K", "mach"), everywhere=True)
 
     def install(self, at: Place) -> None:
         def error(e: Evaluation) -> Value:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
+from enginediag_cli.drivers import MACH
 from enginediag_cli.engine.atmosphere import P_ISA, standard_atmosphere
 from enginediag_cli.engine.dual import Value, sqrt
 from enginediag_cli.engine.evaluation import Evaluation
@@ -26,7 +27,7 @@ class TatProbeHeating(Term):
         "breathes colder air than was recorded."
     )
     EQUATION = "ΔT_ISA = recorded − a (p_ISA/p) (M_s/√(M² + M_s²))/(1 + 0.2 M²)"
-    DRIVER = "mach"
+    DRIVER = MACH
     COEFFICIENTS = (
         Coefficient("error_K", "K", "error a standing still at sea level", 0.0, 0.0, 6.0, 1.5, 1.5, assumed=True),
         Coefficient(
@@ -47,7 +48,7 @@ class TatProbeHeating(Term):
 
     def sites(self, network: Network) -> Iterable[Site]:
         if flies(network):
-            yield Site("ambient", "ambient", ("dT_isa_K",))
+            yield Site("ambient", "ambient", ("dT_isa_K",), everywhere=True)
 
     def install(self, at: Place) -> None:
         def deviation(e: Evaluation, recorded: Value) -> Value:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
+from enginediag_cli.drivers import POWER
 from enginediag_cli.engine.dual import Value
 from enginediag_cli.engine.evaluation import Evaluation
 from enginediag_cli.engine.term import Coefficient, Place, Site, Term
@@ -24,7 +25,7 @@ class ThermocoupleRecovery(Term):
         "share of the gas's dynamic temperature."
     )
     EQUATION = "reading = T − d T m/(1 + m),  m = (γ − 1)/2 M²,  M = M_design (W√T/P)/(W√T/P)_design"
-    DRIVER = "power"
+    DRIVER = POWER
     COEFFICIENTS = (
         Coefficient(
             "deficit",

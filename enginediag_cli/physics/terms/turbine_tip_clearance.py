@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
+from enginediag_cli.drivers import SHAFT_SPEED
 from enginediag_cli.engine.dual import Value
 from enginediag_cli.engine.evaluation import Evaluation
 from enginediag_cli.engine.term import Coefficient, Place, Site, Term
@@ -27,7 +28,7 @@ class TurbineTipClearance(Term):
         "wider, and it leaks."
     )
     EQUATION = "η = η_map (1 − k Δc),  W_c = W_c,map (1 − k_w Δc),  Δc = g [1 − (N/N_design)²]"
-    DRIVER = "shaft_speed"
+    DRIVER = SHAFT_SPEED
     COEFFICIENTS = (
         Coefficient(
             "growth",

@@ -75,8 +75,7 @@ def components(engine: Engine, cause: Cause) -> frozenset[str]:
     """Where an engineer would look: the effect's component, and those whose parameters it acts through (a variation
     of cooling flow is of the turbine and of the cooling bleed)."""
     if cause.is_step:
-        sensor = engine.parameters[cause.name].family == "sensor"
-        return frozenset({cause.name.rpartition(".")[0] if sensor else cause.name.partition(".")[0]})
+        return frozenset({engine.parameters[cause.name].component})
     site = effect_of(engine, cause).site
-    leaves = {leaf.partition(".")[0] for leaf in site.acts_on if leaf in engine.parameters}
+    leaves = {engine.parameters[leaf].component for leaf in site.acts_on if leaf in engine.parameters}
     return frozenset({site.component} | leaves)

@@ -72,7 +72,7 @@ def _as_json(a: Answer) -> dict[str, Any]:
         "surprise": float(a.surprise),
         "objective": float(a.objective),
         "readings": int(a.readings),
-        "rejected": dict(a.rejected),
+        "rejected": {label: r.reason.value for label, r in a.rejected.items()},
     }
 
 
@@ -102,7 +102,7 @@ def _finding(f: object) -> dict[str, Any]:
     return {
         "location": f.location.name,
         "component": f.location.component,
-        "rivals": list(f.rivals),
+        "rivals": [r.name for r in f.rivals],
         "lr": float(f.lr),
         "is_switch": bool(f.is_switch),
         "sign": int(f.sign),

@@ -9,6 +9,7 @@ import numpy as np
 from enginediag_cli.engine.engine import Engine
 from enginediag_cli.errors import DataError
 from enginediag_cli.physics.registry import term, term_names
+from enginediag_cli.units import split_column
 
 CONDITIONS = ("altitude_m", "mach", "dT_isa_K")
 STEP_S = 30.0
@@ -59,7 +60,7 @@ def check_engine(engine: Engine) -> None:
 
 def hour_columns() -> tuple[str, ...]:
     """Columns of hours that terms of the library read."""
-    return tuple(dict.fromkeys(c for n in term_names() for c in term(n).INPUTS if c.endswith("_h")))
+    return tuple(dict.fromkeys(c for n in term_names() for c in term(n).INPUTS if split_column(c)[1] == "h"))
 
 
 def _flight(engine: Engine, n: int, rng: np.random.Generator) -> dict[str, np.ndarray]:

@@ -20,6 +20,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from enginediag_cli.drivers import CORRECTED_SPEED
 from enginediag_cli.engine.components.base import scalar
 from enginediag_cli.engine.components.compressor import Compressor
 from enginediag_cli.engine.components.turbine import Turbine
@@ -54,7 +55,7 @@ def draw_map_errors(engine: Engine, rng: np.random.Generator) -> MapErrors:
             for quantity, size in (("flow_capacity", FLOW), ("efficiency", EFFICIENCY)):
                 found.append(_drawn(c.name, quantity, size, rng))
     fractions = [
-        n for n, p in engine.parameters.items() if p.family == "design" and n.endswith(".fraction") and p.nominal > 0
+        n for n, p in engine.parameters.items() if p.family == "design" and p.quantity == "fraction" and p.nominal > 0
     ]
     total = sum(engine.parameters[n].nominal for n in fractions)
     change = rng.uniform(-COOLING, COOLING)
@@ -105,7 +106,7 @@ class MapError(Term):
     TITLE = "Map error"
     STATEMENT = "The component's map is a little different from the model's."
     EQUATION = "factor = 1 + error(n, w)"
-    DRIVER = "corrected_speed"
+    DRIVER = CORRECTED_SPEED
     COEFFICIENTS = (Coefficient("present", "1", "1 where the error is there", 0.0, 0.0, 1.0, 1.0, 1.0),)
     REFERENCE = "none: drawn"
 

@@ -75,8 +75,8 @@ def opened(
         found |= interval_marks(sealed, said)
         if kind in (kinds.SINGLE, kinds.WITHHELD) and far.total >= LOCATABLE:
             cells = ask_cells()
-            word, named = sealed.effects[0].term.DRIVER, cells[0]["driver"] if cells else ""
-            right = driver_is_right(clean, sealed.health, word, named)
+            driver, named = sealed.effects[0].term.DRIVER, cells[0]["driver"] if cells else ""
+            right = driver_is_right(clean, sealed.health, driver, named)
             found |= located(cells, components(engine, truth[0]), right)
         if said.status == NAMED and kind != kinds.WITHHELD:
             held = _held_back(engine, sealed, recorded, truth, said)

@@ -150,7 +150,7 @@ def _step(engine: Engine, n: int, rng: np.random.Generator) -> tuple[Cause, floa
         name = str(rng.choice(_scales(engine)))
         return Cause(name, first), float(sign * size * SENSOR_FAULT)
     name = str(rng.choice(list(engine.monitored)))
-    if name.endswith(".efficiency"):
+    if engine.parameters[name].wear < 0:
         sign = -1.0  # no fault makes a part better
     return Cause(name, first), float(sign * size * HEALTH_FAULT * (abs(engine.parameters[name].nominal) or 1.0))
 

@@ -13,6 +13,7 @@ from enginediag_cli.config.fields import Field, Section
 from enginediag_cli.config.hints import near
 from enginediag_cli.errors import DataError
 from enginediag_cli.isolation.prior import SetPrior, are_sensors
+from enginediag_cli.parameters import meanings
 from enginediag_cli.residuals.monitor import Monitor
 
 SIGNS = {"both": (-1.0, 1.0), "fall": (-1.0,), "rise": (1.0,)}
@@ -83,7 +84,8 @@ class FaultCase:
             return np.tile(self.changes, (count, 1))
         among = np.flatnonzero(self.candidates)
         prior, sigma = SetPrior(), monitor.prior_sigma[among]
-        changed, size = prior.draw(rng, count, len(among), are_sensors([monitor.names[i] for i in among]))
+        monitored = list(meanings(monitor.meaning, [monitor.names[i] for i in among]).values())
+        changed, size = prior.draw(rng, count, len(among), are_sensors(monitored))
         if self.draw["faults"] is not None:
             low, high = self.draw["faults"]
             number = rng.integers(int(low), int(high) + 1, size=count)

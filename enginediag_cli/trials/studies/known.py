@@ -27,7 +27,7 @@ def known_nominal(engine: Any, patterns: Sequence[str], noise: Mapping[str, Colu
         {},
         names,
         names,
-        {p.name: p.unit for p in parameters},
+        {p.name: p for p in parameters},
         (),
         np.array([p.nominal for p in parameters], float),
         np.array([p.prior_sigma for p in parameters], float),
