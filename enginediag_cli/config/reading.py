@@ -8,6 +8,8 @@ from __future__ import annotations
 
 import os
 import stat
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -29,6 +31,16 @@ class Reading:
     """What the run allows. `allow_outside`: a YAML file may name files anywhere."""
 
     allow_outside: bool = False
+
+
+@contextmanager
+def outside_allowed() -> Iterator[None]:
+    """Within it a YAML file may name files anywhere, as with `--allow-outside`: for a caller who wrote that file."""
+    before, READING.allow_outside = READING.allow_outside, True
+    try:
+        yield
+    finally:
+        READING.allow_outside = before
 
 
 READING = Reading()

@@ -14,15 +14,23 @@ import numpy as np
 from enginediag_cli.residuals.excitation import range_space
 from enginediag_cli.residuals.statistics import LocalStatistics
 
+ROUNDING = 1e-9
+"""Share of χ² that sums of a million readings in double precision may miss."""
+
 
 @dataclass(frozen=True)
 class LackOfFit:
-    """`ratio` = χ²_rest per degree of freedom: 1 when the noise is as stated and the model is right."""
+    """`ratio` = χ²_rest per degree of freedom: 1 when the noise is as stated and the model is right.
+
+    `consistent`: whether s and F explain no more than there is; statistics of a window that was condensed with doubt
+    (a reference, an error of the model) may, and then their rest, taken as 0, says nothing.
+    """
 
     statistic: float
     dof: float
     p_value: float
     ratio: float
+    consistent: bool = True
 
 
 def lack_of_fit(statistics: LocalStatistics) -> LackOfFit:
@@ -31,8 +39,10 @@ def lack_of_fit(statistics: LocalStatistics) -> LackOfFit:
 
     space = range_space(statistics.F, statistics.prior_sigma)
     v = (statistics.prior_sigma * statistics.s) @ space.basis
-    rest = max(statistics.chi2 - float(np.sum(v**2 / space.eigenvalues)), 0.0)
+    unexplained = statistics.chi2 - float(np.sum(v**2 / space.eigenvalues))
+    consistent = unexplained >= -ROUNDING * statistics.chi2
+    rest = max(unexplained, 0.0)
     dof = statistics.dof - space.rank
     if dof <= 0:
-        return LackOfFit(rest, dof, float("nan"), float("nan"))
-    return LackOfFit(rest, dof, float(chdtrc(dof, rest)), rest / dof)
+        return LackOfFit(rest, dof, float("nan"), float("nan"), consistent)
+    return LackOfFit(rest, dof, float(chdtrc(dof, rest)), rest / dof, consistent)

@@ -75,4 +75,5 @@ def judge(window: WindowStatistics, false_alarm: float = 0.01) -> Verdict:
 
 def lifeless(fit: LackOfFit) -> bool:
     """Whether the readings scatter less than any that were measured can: a recorder that repeats itself."""
-    return fit.dof > 0 and fit.ratio < LEAST_FIT and 1.0 - chdtrc(fit.dof, fit.statistic) < LEAST_FIT_CHANCE
+    tiny = fit.dof > 0 and fit.consistent and fit.ratio < LEAST_FIT
+    return tiny and 1.0 - chdtrc(fit.dof, fit.statistic) < LEAST_FIT_CHANCE

@@ -108,14 +108,15 @@ class Masker:
         self._before = self._after = 0
         self._span: dict[str, tuple[float, float]] = {}
         self._stuck_at: dict[str, float] = {}
+        self._latest = (0, np.nan, 0)  # of the last record kept: line, time, copies
+        self._lifeless: set[int] = set()
 
     def add(self, chunk: Recording) -> list[Recording]:
         """Blocks that have become final by these further records (N,), in file order."""
         if self.judged.repeated and len(chunk):
             again = self._repeats.add(chunk, self._flights.of(chunk))
-            if again.any():
-                self.counts.repeated += int(again.sum())
-                chunk = chunk.select(~again)
+            self._count_repeats(chunk, again)
+            chunk = chunk.select(~again) if again.any() else chunk
         if len(chunk) or not self._waiting:
             self._waiting.append(chunk)
             self._after += len(chunk)
@@ -123,6 +124,24 @@ class Masker:
         while self._after > self.block + self.halo:
             done.append(self._judge(self.block))
         return done
+
+    def _count_repeats(self, chunk: Recording, again: np.ndarray) -> None:
+        """Count repeated rows (N,); one that was written again and again, as by a frozen recorder, is no record."""
+        if not len(chunk) or "time_s" not in chunk:
+            return
+        self.counts.repeated += int(again.sum())
+        n, time = len(chunk), chunk["time_s"]
+        own = np.maximum.accumulate(np.where(again, -1, np.arange(n)))  # the record that a row may be a copy of
+        before = own < 0
+        copy = again & (time == np.where(before, self._latest[1], time[own]))
+        copies = np.bincount(own[copy & ~before], minlength=n)
+        enough = max(self.judged.settings.frozen_records - 1, 1)
+        line, at, seen = self._latest
+        seen += int(np.sum(copy & before))
+        found = chunk.line[copies >= enough].tolist()
+        self._lifeless |= {*found, *([line] if seen >= enough else [])}
+        last = int(own[-1])
+        self._latest = (line, at, seen) if last < 0 else (int(chunk.line[last]), float(time[last]), int(copies[last]))
 
     def end(self) -> list[Recording]:
         """The last block; empty before the first `add`."""
@@ -158,6 +177,8 @@ class Masker:
         if judged.frozen:
             inputs = [c for c in judged.columns if c in judged.inputs]
             still = frozen(context, self._flights.of(context), sensors, inputs, settings.frozen_records)
+            if self._lifeless:
+                still = still | np.isin(context.line, list(self._lifeless))
             if still.any():
                 usable |= {c: np.where(still, np.nan, usable[c]) for c in sensors}
         self._search(usable, sensors, block, found)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import datetime, timedelta, timezone
@@ -11,6 +12,9 @@ import numpy as np
 from enginediag_cli.errors import DataError
 from enginediag_cli.recordings.read import MISSING
 from enginediag_cli.recordings.table import Recording
+
+FRACTION = re.compile(r"(.*?)[.,](\d+)(.*)")
+"""A stamp with a fraction of a second: what stands before it, its digits, what stands behind."""
 
 EPOCH = datetime(1970, 1, 1, tzinfo=timezone.utc)
 
@@ -92,8 +96,8 @@ def _iso(text: str) -> datetime:
     try:
         return datetime.fromisoformat(bare)
     except ValueError:
-        head, dot, rest = bare.replace(",", ".").partition(".")
-        digits = len(rest) - len(rest.lstrip("0123456789"))
-        if not dot or not digits:
+        match = FRACTION.fullmatch(bare)
+        if match is None:
             raise
-        return datetime.fromisoformat(f"{head}.{rest[:digits][:6]:0<6}{rest[digits:]}")
+        head, digits, rest = match.groups()
+        return datetime.fromisoformat(f"{head}.{digits[:6]:0<6}{rest}")

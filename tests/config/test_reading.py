@@ -13,9 +13,9 @@ from enginediag_cli.config.document import load_document
 from enginediag_cli.config.excerpt import render_all
 from enginediag_cli.config.kinds import check_file
 from enginediag_cli.config.reading import READING, file_inside
-from enginediag_cli.engine import load_engine
 from enginediag_cli.errors import MOST_PROBLEMS, ConfigError
 from enginediag_cli.identification.nominal_file import engine_file
+from enginediag_cli.physics.engine_file import load_engine
 from enginediag_cli.shipped import shipped
 
 SECRET = "SECRET_TOKEN=hunter2"

@@ -118,7 +118,7 @@ def test_masked_readings_are_counted(folder):
     recording.columns["T3_K"][[3, 50]] = np.nan
     write_csv("gaps.csv", recording)
     report = run("configs/toy.yaml", "gaps.csv", "--no-cross-validation", "-o", "n.yaml").stderr
-    assert "gaps.csv: T3_K: 2 of 150 values masked (missing 2)" in report
+    assert "gaps.csv: T3_K: 2 of 150 readings masked (missing 2)" in report
 
 
 def test_the_same_flight_given_twice_counts_once_and_is_told(folder):

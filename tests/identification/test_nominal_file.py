@@ -7,7 +7,7 @@ import pytest
 import yaml
 from identification_toy import ToyEngine, fly
 
-from enginediag_cli.errors import ConfigError, DataError
+from enginediag_cli.errors import ConfigError
 from enginediag_cli.identification.identify import identify
 from enginediag_cli.identification.nominal_file import (
     engine_file,
@@ -106,7 +106,7 @@ def test_a_changed_engine_file_is_noticed(nominal, tmp_path):
     assert engine_file(now, path) == engine
     refuse_changed_engine(now, engine)
     engine.write_text("kind: engine\nname: other\n", encoding="utf-8")
-    with pytest.raises(DataError, match="has changed since its nominal state was identified"):
+    with pytest.raises(ConfigError, match="has changed since its nominal state was identified"):
         refuse_changed_engine(now, engine)
     refuse_changed_engine(now, engine, accept=True)
 

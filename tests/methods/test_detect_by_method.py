@@ -110,10 +110,15 @@ def test_a_window_without_readings_has_no_verdict_and_the_others_keep_theirs(run
     assert code == 0
 
 
-def test_nothing_judged_is_no_verdict_and_json_has_nulls(run, files):
+@pytest.fixture
+def none(files):
+    """The records of `empty.csv` that have no reading."""
     lines = (files / "empty.csv").read_text(encoding="utf-8").splitlines(keepends=True)
     start = next(i for i, line in enumerate(lines) if not line.startswith("#"))
     (files / "none.csv").write_text(lines[start] + "".join(lines[start + 61 :]), encoding="utf-8")
+
+
+def test_nothing_judged_is_no_verdict_and_json_has_nulls(run, none):
     code, rows, _ = run("--method", "parity", "none.csv", "--format", "json", "--exit-code")
     assert code == 3 and rows[0]["alarm"] is None and rows[0]["mean:statistic"] is None
 
@@ -145,7 +150,7 @@ def test_options_that_do_not_go_together_are_usage_errors(run, arguments, words)
     assert (code, rows) == (2, []) and words in err
 
 
-def test_too_little_to_learn_from_says_what_is_needed(run):
+def test_too_little_to_learn_from_says_what_is_needed(run, none):
     code, _, err = run("--method", "pca_raw", "--window", "120", "--healthy", "none.csv", "faulty.csv", learning=False)
     assert code == 2 and "nothing to learn from" in err and "incomplete" in err
 

@@ -67,7 +67,7 @@ def test_an_effect_outside_the_library_gives_a_curve_at_its_place(unlisted):
     assert unlisted.answer.status == "none of these"
     best = unlisted.curves[0]
     assert best.converged and best.location.name == "hpc.efficiency"
-    assert best.driver.word in ("reynolds_index", "ambient_pressure")
+    assert best.driver.driver.word in ("reynolds_index", "ambient_pressure")
     # efficiency falls by about a tenth of the losses (14 %) a unit of ln RNI
     slope = np.polyfit(best.values, best.change, 1)[0]
     assert 0.007 < slope < 0.021

@@ -11,10 +11,11 @@ from toy_engine import toy_monitor, toy_recording
 
 from enginediag_cli.errors import DataError
 from enginediag_cli.presentation.rows import write_csv
-from enginediag_cli.residuals.flat import flat_columns, flat_row
+from enginediag_cli.recordings.peeked import Peeked
+from enginediag_cli.residuals.flat import flat_columns, flat_row, is_flat
 from enginediag_cli.residuals.pipeline import window_statistics
 from enginediag_cli.residuals.seal import CHECKSUM, MADE_COLUMNS, MadeWith, plan_cells, sealed
-from enginediag_cli.residuals.statistics_file import Ledger, Peeked, ignored_options, read_statistics
+from enginediag_cli.residuals.statistics_file import Ledger, ignored_options, read_statistics
 from enginediag_cli.residuals.windows import plan_windows
 
 MADE = MadeWith("0123", window="20", step="20")
@@ -28,7 +29,7 @@ def windows(seed=1, source="a.csv", plan="20", step=None):
 def text_of(found, made=MADE):
     stream, monitor = io.StringIO(), toy_monitor()
     columns = (*flat_columns(monitor.monitored), *MADE_COLUMNS, CHECKSUM)
-    write_csv((sealed(flat_row(w, monitor.units), made) for w in found), columns, stream, provenance=["enginediag: x"])
+    write_csv((sealed(flat_row(w), made) for w in found), columns, stream, provenance=["enginediag: x"])
     return stream.getvalue()
 
 
@@ -99,7 +100,7 @@ def test_the_nominal_that_is_given_must_be_theirs():
 def test_a_file_that_does_not_say_how_it_was_made_is_to_be_made_anew():
     stream = io.StringIO()
     monitor = toy_monitor()
-    write_csv((flat_row(w, monitor.units) for w in windows()), flat_columns(monitor.monitored), stream)
+    write_csv((flat_row(w) for w in windows()), flat_columns(monitor.monitored), stream)
     with pytest.raises(DataError, match=r"f0:2: .*make them anew with `enginediag residual`"):
         read(stream.getvalue())
 
@@ -168,8 +169,8 @@ def test_options_that_statistics_would_ignore_are_named_as_they_are_written():
 def test_the_head_of_a_file_tells_statistics_from_a_recording_and_nothing_of_it_is_lost():
     text = text_of(windows())
     peeked = Peeked(io.StringIO(text), "f")
-    assert peeked.holds_statistics and peeked.provenance == ["enginediag: x"] and "".join(peeked) == text
-    assert not Peeked(io.StringIO("altitude_m,mach\n1,2\n"), "f").holds_statistics
+    assert is_flat(peeked.columns) and peeked.provenance == ["enginediag: x"] and "".join(peeked) == text
+    assert not is_flat(Peeked(io.StringIO("altitude_m,mach\n1,2\n"), "f").columns)
 
 
 def test_a_flat_row_carries_how_many_sensors_were_judged():

@@ -202,7 +202,7 @@ def test_a_recorder_that_stands_still_is_no_verdict_and_never_a_fault(run, files
     lines = (files / "healthy.csv").read_text().splitlines()
     still = "\n".join([lines[0], *[lines[40]] * 60]) + "\n"
     code, rows, _, _ = run("detect", "-", "--exit-code", stdin=still)
-    assert (code, rows[0]["verdict"]) == (3, "no verdict") and "impossibly little" in rows[0]["reason"]
+    assert (code, rows[0]["verdict"]) == (3, "no verdict")
 
 
 def without_columns(text, *columns):

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 import yaml
 
+from enginediag_cli.config.reading import outside_allowed
 from enginediag_cli.engine.engine import Engine
 from enginediag_cli.physics.engine_file import load_engine
 
@@ -175,7 +176,8 @@ def engine_file(folder: Path, power_setting: str = "Wf_kg_s") -> dict[str, Any]:
 def load(folder: Path, scratch: Path, power_setting: str = "Wf_kg_s") -> Engine:
     path = scratch / f"jt9d_{power_setting}.yaml"
     path.write_text(yaml.safe_dump(engine_file(folder, power_setting), sort_keys=False))
-    return load_engine(path)
+    with outside_allowed():  # its maps lie beside the public cases
+        return load_engine(path)
 
 
 def compare(folder: Path, scratch: Path, power_setting: str = "Wf_kg_s") -> dict[str, np.ndarray]:

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 import yaml
 
+from enginediag_cli.config.reading import outside_allowed
 from enginediag_cli.engine.engine import Engine
 from enginediag_cli.physics.engine_file import load_engine
 
@@ -193,7 +194,8 @@ def engine_file(folder: Path, scratch: Path) -> dict[str, Any]:
 def load(folder: Path, scratch: Path) -> Engine:
     path = scratch / "hbtf.yaml"
     path.write_text(yaml.safe_dump(engine_file(folder, scratch), sort_keys=False))
-    return load_engine(path)
+    with outside_allowed():  # its maps lie beside the public cases
+        return load_engine(path)
 
 
 def compare(folder: Path, scratch: Path) -> dict[str, np.ndarray]:

@@ -30,7 +30,7 @@ from enginediag_cli.mismatch.unrecorded.finding import HiddenFinding
 from enginediag_cli.physics.registry import candidates
 from enginediag_cli.trials.blind.causes import causes_of
 from enginediag_cli.trials.blind.correspondent import LOCATE
-from enginediag_cli.trials.studies.parent import end_with_parent
+from enginediag_cli.trials.parent import end_with_parent
 
 CELLS = 10
 
