@@ -16,8 +16,7 @@ class LeftOut:
 
     records: read from it, those of other engines not counted; columns: column → reason → readings masked, `readings`
     of that column in all; frozen, repeated: whole records not used, because nothing in them moved or because they
-    were there before; gate: what the recorder's stability gate kept of the records,
-    as averages of `average_s` seconds where that is not 0; absent: sensors without a column.
+    were there before; gate: what the recorder's stability gate kept; absent: sensors without a column.
     Counts are complete when the recording has been read to its end.
     """
 
@@ -29,7 +28,6 @@ class LeftOut:
     frozen: int = 0
     repeated: int = 0
     gate: GateReport | None = None
-    average_s: float = 0.0
     absent: tuple[Absent, ...] = ()
 
     def masked(self, counts: MaskCounts) -> None:
@@ -42,6 +40,6 @@ class LeftOut:
     def mapped(self, live: LiveRecorder) -> None:
         """Take over what a recorder has counted so far."""
         self.masked(live.counts)
-        self.records, self.average_s = live.records, live.recorder.average_s
-        if live.recorder.steady or self.average_s > 0.0:
-            self.gate = GateReport(live.kept, live.records, dict(live.reasons))
+        self.records = live.records
+        if live.recorder.steady or live.recorder.average_s > 0.0:
+            self.gate = live.gate

@@ -39,10 +39,7 @@ def left_out_lines(left: LeftOut) -> Iterator[str]:
     if left.repeated:
         yield f"{place}: {count(left.repeated, 'record')} that repeat an earlier one, not used again"
     if left.gate is not None:
-        why = ", ".join(f"{reason} {n}" for reason, n in left.gate.reasons.items() if n)
-        what = f"windows of {left.average_s:g} s out of" if left.average_s > 0.0 else "of"
-        kept = f"{place}: kept {left.gate.kept} {what} {left.gate.total} records"
-        yield kept + (f" (left out: {why})" if why else "")
+        yield f"{place}: {left.gate.report_line()}"
 
 
 def not_judged_lines(records: Mapping[str, int]) -> Iterator[str]:

@@ -27,8 +27,12 @@ class Averages:
     count: np.ndarray
 
 
-def average(recording: Recording, window_s: float, failed: Mapping[str, np.ndarray]) -> tuple[Averages, GateReport]:
+def average(
+    recording: Recording, window_s: float, failed: Mapping[str, np.ndarray], new: np.ndarray | None = None
+) -> tuple[Averages, GateReport]:
     """Means over windows of window_s seconds whose last record passes every condition in `failed`.
+
+    new: (N,) bool, only the windows that end with one of these records; None for all.
 
     Windows begin at whole multiples of window_s, so that the engines of one flight have the same
     ones. A condition on the last window_s before a record is a condition on the window. Missing
@@ -44,8 +48,9 @@ def average(recording: Recording, window_s: float, failed: Mapping[str, np.ndarr
     expected = window_s / float(np.median(forward)) if len(forward) else 1.0
     complete = (size >= COMPLETE * expected) & np.isfinite(time[first])
     conditions = {"incomplete window": ~complete} | {why: mask[last] for why, mask in failed.items()}
-    keep, reasons = first_reasons(conditions, np.ones(len(first), dtype=bool))
-    report = GateReport(int(keep.sum()), len(first), reasons, unit=f"windows of {window_s:g} s")
+    asked = np.ones(len(first), dtype=bool) if new is None else np.asarray(new)[last]
+    keep, reasons = first_reasons(conditions, asked)
+    report = GateReport(int(keep.sum()), int(asked.sum()), reasons, unit=f"windows of {window_s:g} s")
     return _means(recording, first[keep], size[keep]), report
 
 

@@ -22,7 +22,7 @@ from enginediag_cli.recordings.masking import LiveMasker, MaskCounts, Masker
 from enginediag_cli.recordings.read import read
 from enginediag_cli.recordings.recorder import Recorder
 from enginediag_cli.recordings.source import Source
-from enginediag_cli.recordings.steady import failures, first_reasons
+from enginediag_cli.recordings.steady import GateReport, failures, first_reasons
 from enginediag_cli.recordings.table import Recording, concat
 
 SOAK_MEMORY = 12.0
@@ -33,8 +33,8 @@ SOAK_MEMORY = 12.0
 class LiveRecorder:
     """`recorder` for one `engine` of the file ("" where it has only one); `add` takes the records as they come.
 
-    records, kept: records read and handed over (averages, where the recorder averages); reasons: why the others
-    went, for recorders that do not average; masked: readings that were not used, by column.
+    records, kept: records read and handed over (averages, where the recorder averages, out of so many `windows`);
+    reasons: why the others went; masked: readings that were not used, by column.
     """
 
     recorder: Recorder
@@ -43,6 +43,7 @@ class LiveRecorder:
     inputs: Collection[str] = ()
     records: int = 0
     kept: int = 0
+    windows: int = 0
     reasons: Counter[str] = field(default_factory=Counter)
     _held: Recording | None = None
     _done: int = 0
@@ -61,6 +62,13 @@ class LiveRecorder:
     def masked(self) -> Counter[str]:
         """Readings that were not used, by column."""
         return Counter({column: sum(reasons.values()) for column, reasons in self.counts.columns.items()})
+
+    @property
+    def gate(self) -> GateReport:
+        """What the gate, or the averaging, kept."""
+        if self.recorder.average_s > 0.0:
+            return GateReport(self.kept, self.windows, self.reasons, f"windows of {self.recorder.average_s:g} s")
+        return GateReport(self.kept, self.records, self.reasons)
 
     def add(self, raw: Recording, *, end: bool = False) -> Recording:
         """What has become final by these records of the file; `end`: no more will come. Raises DataError."""
@@ -92,12 +100,9 @@ class LiveRecorder:
     def report_lines(self, name: str) -> list[str]:
         """What was masked and left out, for stderr."""
         start = name + (f", engine {self.engine}" if self.engine else "")
-        what = f"windows of {self.recorder.average_s:g} s out of" if self.recorder.average_s > 0.0 else "of"
-        why = ", ".join(f"{reason} {n}" for reason, n in self.reasons.items() if n)
         lines = [f"{start}: {line}" for line in self.counts.report_lines()]
         if self.recorder.steady or self.recorder.average_s > 0.0:
-            kept = f"{start}: kept {self.kept} {what} {self.records} records"
-            lines.append(kept + (f" (left out: {why})" if why else ""))
+            lines.append(f"{start}: {self.gate.report_line()}")
         return lines
 
     def _final(self, full: Recording) -> np.ndarray:
@@ -114,8 +119,10 @@ class LiveRecorder:
         steady, length = self.recorder.steady, self.recorder.average_s
         failed = failures(full, steady) if steady else {}
         if length > 0.0:
-            averages = average(full, length, failed)[0].recording
-            return averages.select(np.isin(averages.line, full.line[new]))
+            averages, report = average(full, length, failed, new)
+            self.reasons.update(report.reasons)
+            self.windows += report.total
+            return averages.recording
         keep, reasons = first_reasons(failed, new)
         self.reasons.update(reasons)
         return full.select(keep)
