@@ -55,7 +55,7 @@ class JudgedFiles:
 
     intake: Intake
     monitor: Monitor | None
-    judging: Judging
+    judging: Judging = field(default_factory=Judging)
     passing: Callable[[Iterable[Recording]], Iterable[Recording]] = iter
     summed: bool = False
     given: Mapping[str, object] = field(default_factory=dict)
