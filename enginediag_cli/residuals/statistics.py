@@ -151,13 +151,13 @@ def empty_statistics(parameters: Sequence[str], theta0: np.ndarray, prior_sigma:
     p = len(parameters)
     zero = np.zeros((p, p))
     return LocalStatistics(
-        tuple(parameters),
-        np.asarray(theta0, float),
-        np.asarray(prior_sigma, float),
-        np.zeros(p),
-        zero,
-        zero,
-        0,
-        0.0,
-        0.0,
+        parameters=tuple(parameters),
+        theta0=np.asarray(theta0, float),
+        prior_sigma=np.asarray(prior_sigma, float),
+        s=np.zeros(p),
+        F=zero,
+        V=zero,
+        n=0,
+        chi2=0.0,
+        dof=0.0,
     )

@@ -18,7 +18,11 @@ def flights(rng, changes):
         A = rng.standard_normal((30, 3)) * 200
         F = A.T @ A
         s = F @ change + A.T @ rng.standard_normal(30)
-        found.append(LocalStatistics(NAMES, np.ones(3), SIGMA, s, F, F, 30, 30.0, 30.0))
+        found.append(
+            LocalStatistics(
+                parameters=NAMES, theta0=np.ones(3), prior_sigma=SIGMA, s=s, F=F, V=F, n=30, chi2=30.0, dof=30.0
+            )
+        )
     return found
 
 
