@@ -19,6 +19,7 @@ ORDER = (
     "__init__",
     "errors",
     "units",
+    "intervals",
     "progress",
     "config",
     "shipped",

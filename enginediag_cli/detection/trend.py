@@ -21,7 +21,6 @@ from enginediag_cli.residuals.statistics import LocalStatistics
 
 INCLUSION = 0.2
 """Probability beforehand that a parameter changes at all during the flights."""
-Z95 = 1.959964
 MAX_SWEEPS = 50
 STEADY, STEP, RAMP = "steady", "step", "deterioration"
 

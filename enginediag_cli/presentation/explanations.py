@@ -6,6 +6,7 @@ import math
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
+from enginediag_cli.intervals import NORMAL_95
 from enginediag_cli.mismatch.explain.answer import FAILED, HIDDEN, NAMED, NOTHING
 from enginediag_cli.mismatch.explain.rejected import Reason
 from enginediag_cli.presentation.names import listed, spelled
@@ -67,7 +68,7 @@ def _phrase(o: Option, x: Explanation) -> str:
     d = o.hypothesis.discrepancies[0]
     c = next(c for c in x.coefficients if c.name == d.name)
     assert o.target is not None
-    return f"a fault, {change(o.target, c.value, 1.96 * c.standard_error)} {d.curve}"
+    return f"a fault, {change(o.target, c.value, NORMAL_95 * c.standard_error)} {d.curve}"
 
 
 def _named(story: Story) -> Iterator[str]:
@@ -136,7 +137,7 @@ def curve_in_words(c: Curve) -> str:
     factor, unit = (100.0, "%") if percent else (1.0, c.unit)
     ends = []
     for k in (0, -1):
-        size = with_unit(factor * c.change[k], unit, factor * 1.96 * c.standard_error[k])
+        size = with_unit(factor * c.change[k], unit, factor * NORMAL_95 * c.standard_error[k])
         ends.append(f"{size} at {c.driver.short} {_driver_value(c, k)}")
     return (
         f"{place(c)} goes from {ends[0]} to {ends[1]}, about its mean (χ² falls by {rounded(c.gain)} "
@@ -180,7 +181,7 @@ def _hidden(story: Story, f: HiddenFinding, effects: tuple[Effect, ...]) -> Iter
     if story.switched:
         best = story.switched[0].objective
         told = [
-            f"{t.label} ({', '.join(with_unit(v, '', 1.96 * e) for v, e in t.coefficients.values())}"
+            f"{t.label} ({', '.join(with_unit(v, '', NORMAL_95 * e) for v, e in t.coefficients.values())}"
             + (f", χ² {rounded(t.objective - best)} worse)" if t is not story.switched[0] else ")")
             for t in story.switched
         ]

@@ -19,6 +19,7 @@ import numpy as np
 
 from enginediag_cli.engine.engine import Engine
 from enginediag_cli.engine.term import Effect
+from enginediag_cli.intervals import NORMAL_95
 from enginediag_cli.mismatch.fit.freeform import Location, locations, of_effect
 from enginediag_cli.mismatch.fit.identified import Identified, Nuisance, nuisance
 from enginediag_cli.mismatch.fit.projection import Projection
@@ -189,7 +190,7 @@ def _with_states(f: HiddenFinding, found: Identified, of: Basis, d: Direction, a
     new = refit(found, along, f.location, bounds, states)
     if not new.converged:
         return replace(f, remark=f"the refit as two states did not converge: {new.found.reason}")
-    half = 1.96 * new.standard_error
+    half = NORMAL_95 * new.standard_error
     interval = max(bounds.lower, new.coefficient - half), min(bounds.upper, new.coefficient + half)
     gained = 0.5 * (of.objective - new.objective)  # what bending the rest of the fit has brought
     return replace(

@@ -8,6 +8,7 @@ import textwrap
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
+from enginediag_cli.intervals import NORMAL_95
 from enginediag_cli.presentation.pictures.axes import Panel, padded
 from enginediag_cli.presentation.pictures.svg import (
     BLUE,
@@ -137,7 +138,7 @@ def _draw_scatter(on: Drawing, given: Scatter, top: float, width: float) -> None
     points = list(zip(given.x, given.y, strict=True))[::every]
     on.dots([panel.at(x, y) for x, y in points], BLUE, radius=1.6, opacity=0.35)
     for x, mean, error in given.means:
-        (u, low), (_, high) = panel.at(x, mean - 1.96 * error), panel.at(x, mean + 1.96 * error)
+        (u, low), (_, high) = panel.at(x, mean - NORMAL_95 * error), panel.at(x, mean + NORMAL_95 * error)
         on.line(u, low, u, high, INK, width=1.5)
     on.dots([panel.at(x, mean) for x, mean, _ in given.means], INK, radius=3.2)
     on.path([panel.at(x, y) for x, y in given.line], ORANGE, width=2.0)
