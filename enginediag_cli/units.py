@@ -264,22 +264,10 @@ def to_si(value: Value, unit: str, full_scale: float | None = None) -> Value:
     return value * known.factor + known.offset
 
 
-def from_si(value: Value, unit: str) -> Value:
-    """Inverse of `to_si` without a full scale."""
-    known = find_unit(unit)
-    return (value - known.offset) / known.factor
-
-
 def convert(value: Value, unit: str, to: str) -> Value:
     """Value in another unit of its dimension; temperatures are points on the scale (0 degC is 273.15 K)."""
     source, target = _same_dimension(unit, to)
     return (value * source.factor + source.offset - target.offset) / target.factor
-
-
-def convert_difference(value: Value, unit: str, to: str) -> Value:
-    """As `convert` for differences, standard deviations and biases (1 degC → 1 K)."""
-    source, target = _same_dimension(unit, to)
-    return value * (source.factor / target.factor)
 
 
 def _same_dimension(unit: str, to: str) -> tuple[Unit, Unit]:

@@ -44,12 +44,6 @@ def whiten(e: np.ndarray, J: np.ndarray, noise: NoiseModel) -> tuple[np.ndarray,
     return z, G
 
 
-def primary_residuals(e: np.ndarray, J: np.ndarray, noise: NoiseModel) -> np.ndarray:
-    """K_k = J_kᵀ R⁻¹ e_k (N, p), eq. (7)."""
-    z, G = whiten(e, J, noise)
-    return np.einsum("kjp,kj->kp", G, z)
-
-
 def block_statistics(
     e: np.ndarray,
     J: np.ndarray,

@@ -28,13 +28,5 @@ def mach_from_cas(cas_m_s: ArrayLike, altitude_m: ArrayLike) -> NDArray[np.float
     return np.sqrt(5.0 * ((impact_pressure / _pressure(altitude_m) + 1.0) ** (1.0 / 3.5) - 1.0))
 
 
-def cas_from_mach(mach: ArrayLike, altitude_m: ArrayLike) -> NDArray[np.float64]:
-    """Calibrated airspeed, m/s, of a Mach number at a pressure altitude, m: inverse of `mach_from_cas`."""
-    number = np.asarray(mach, dtype=float)
-    impact_pressure = _pressure(altitude_m) * ((1.0 + 0.2 * number**2) ** 3.5 - 1.0)
-    root = (impact_pressure / P_ISA + 1.0) ** (1.0 / 3.5)
-    return SOUND_SPEED_ISA_M_S * np.sqrt(5.0 * (root - 1.0))
-
-
 def _pressure(altitude_m: ArrayLike) -> NDArray[np.float64]:
     return np.asarray(standard_atmosphere(np.asarray(altitude_m, dtype=float))[1])

@@ -63,7 +63,7 @@ def make(folder: Path) -> Files:
         read[name] = Recording({**columns, "time_s": 10.0 * np.arange(RECORDS), **readings})
         write_csv(folder / f"{name}.csv", [read[name]])
     flights = np.repeat(["1", "2", "3"], RECORDS // 3).tolist()
-    write_csv(folder / "flights.csv", [read["flight"].with_text({"flight": flights})])
+    write_csv(folder / "flights.csv", [Recording(read["flight"].columns, {"flight": flights})])
     foreign = {
         "ALT": columns["altitude_m"] / 0.3048,
         "MN": columns["mach"],

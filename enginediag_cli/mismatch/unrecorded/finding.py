@@ -69,19 +69,3 @@ class HiddenFinding:
         hardly tell apart differ in it."""
         size = self.coefficient if self.is_switch else float(np.sqrt(np.mean(self.amplitude**2)))
         return self.gain - 0.5 * (size / self.location.scale) ** 2
-
-    @property
-    def switch_records(self) -> np.ndarray:
-        """Places in the evidence of the first record of every new state."""
-        if self.states is None:
-            return np.zeros(0, int)
-        on = self.states > 0.5
-        return np.asarray(self.number[1:][on[1:] != on[:-1]])
-
-    @property
-    def orientation(self) -> str:
-        """How it is known which of the two states is "on": knowledge, never a finding of the readings."""
-        if self.sign:
-            word = "positive" if self.sign > 0 else "negative"
-            return f"the amplitude of {self.location.name} can only be {word}: on is where it acts"
-        return "which state is called on is a convention: the readings fit the other way round as well"
