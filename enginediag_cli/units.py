@@ -16,9 +16,13 @@ import numpy as np
 Value = TypeVar("Value", float, np.ndarray)
 
 _LB = 0.45359237
+"""International avoirdupois pound, exact (NIST SP 811)."""
 _LBF = _LB * 9.80665
+"""Pound-force: one pound at standard gravity, 9.80665 m/s² (NIST SP 811)."""
 _PSI = _LBF / 0.0254**2
+"""Pound-force per square inch of 0.0254 m (NIST SP 811)."""
 _FT = 0.3048
+"""International foot, exact (NIST SP 811)."""
 _GAL = 231 * 0.0254**3
 """US liquid gallon: 231 cubic inches (SP 811)."""
 

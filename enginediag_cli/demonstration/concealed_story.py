@@ -15,6 +15,7 @@ from enginediag_cli.presentation.numbers import rounded
 from enginediag_cli.units import split_column
 
 SENSORS_TOLD = 3
+"""Those whose residual fell most; the others are in the file."""
 NOMINAL, SURPRISING = 0.01, 0.01
 """Rate of false alarms that detect states, and the probability below which more of them are told as wrong."""
 

@@ -22,6 +22,8 @@ from enginediag_cli.residuals.statistics import LocalStatistics
 INCLUSION = 0.2
 """Probability beforehand that a parameter changes at all during the flights."""
 MAX_SWEEPS = 50
+"""Changes of law that the search makes at most. Each gains, so that it ends by itself after a few a parameter; a stop
+for what should not happen."""
 STEADY, STEP, RAMP = "steady", "step", "deterioration"
 
 

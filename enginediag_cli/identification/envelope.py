@@ -15,8 +15,12 @@ from dataclasses import dataclass
 import numpy as np
 
 MAX_POINTS = 150
+"""Points of the cover: what a nominal file may hold; the threshold widens where more would be needed."""
 MARGIN_RANGE = (0.25, 1.0)
+"""Least and largest distance, in spreads of the inputs, up to which a point counts as seen. Judgement: less would
+refuse the next flight on the same route, more would admit another regime."""
 STRETCHES = 10
+"""Parts of a recording, each of which is asked how far it is from the others."""
 BLOCK = 2000
 """Operating points whose distances are computed at once: with a full cover, 2 MB."""
 MINIMUM_SPREAD = {
@@ -29,6 +33,8 @@ MINIMUM_SPREAD = {
     "dP_inlet_Pa": 100.0,
     "T4_K": 5.0,
 }
+"""Least spread of an input, in its unit: where training held it constant, so much more is still the same operation.
+Judgement by what the model's error changes with."""
 RELATIVE_SPREAD = 0.03
 """Least spread, as a share of the largest value seen, of an input that is not in the table above."""
 

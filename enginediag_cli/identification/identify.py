@@ -32,6 +32,7 @@ from enginediag_cli.identification.unseen import noise_on_unseen
 from enginediag_cli.progress import each
 
 NOISE_PASSES = 12
+"""Passes of fit and noise at most. Judgement: damped as they are from UNDAMPED_PASSES on, more would change nothing."""
 NOISE_SETTLED = 0.03
 """Largest relative change of the effective noise σ√κ from one pass to the next that ends the passes."""
 
@@ -39,6 +40,7 @@ SIGMA_FLOOR = 0.2
 """Estimated noise is never below this share of what the sensor states."""
 
 UNDAMPED_PASSES = 3
+"""Passes before the changes of the noise are damped: first it may move freely, then it must not swing."""
 MAX_TEMPERING = 4.0
 """Largest κ by which the fit weakens the data (ρ = 0.6). Correlation beyond it is mostly error of the model
 that follows the operating point, and the cure for that is a better fit: on recorded flights of two engines

@@ -25,7 +25,9 @@ if TYPE_CHECKING:
     from enginediag_cli.mismatch.unrecorded.hidden import HiddenFinding
 
 SHOWN = 5
+"""Rejected explanations that are told one by one; the rest are counted."""
 MOST_SWITCHES = 12
+"""Switching times in a sentence that can still be read."""
 
 
 def sentences(story: Story) -> Iterator[str]:

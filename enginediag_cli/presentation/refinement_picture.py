@@ -15,9 +15,12 @@ if TYPE_CHECKING:
     from enginediag_cli.mismatch.refine.refine import Refinement
 
 WIDTH, MARGIN, LEFT, RIGHT = 844.0, 16.0, 180.0, 220.0
+"""Pixels of the whole, of its margin, and of the names and numbers on either side of the bars."""
 ROW, BAR, LETTER = 22.0, 12.0, 6.6
+"""Pixels of a row, of the bar in it, and of a letter of the notes, generously."""
 SPAN = WIDTH - LEFT - RIGHT
 MOST_FLIGHTS, MOST_LETTERS = 15, 25
+"""What fits on a page: flights, and letters of a flight's name."""
 
 
 def picture(r: Refinement) -> str:

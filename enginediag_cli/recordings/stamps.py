@@ -13,6 +13,7 @@ from enginediag_cli.recordings.read import MISSING
 from enginediag_cli.recordings.table import Recording
 
 EPOCH = datetime(1970, 1, 1, tzinfo=timezone.utc)
+"""Where the seconds of a time stamp begin, as in POSIX."""
 
 
 @dataclass

@@ -23,12 +23,15 @@ from enginediag_cli.residuals.monitor import Monitor
 from enginediag_cli.residuals.order_statistics import median
 
 DEGREE = 5
+"""Of the polynomial of operating points; whether it suffices is tried on points held back (TOLERANCE)."""
 NEGLIGIBLE = 5e-5
 """Information per record of a direction below which it is left out: a tenth in two thousand records."""
 TOLERANCE = 2e-4
 """Information per record that the fit may leave out; beyond it the engine is asked."""
 LEAST_POINTS = 300
+"""Fewer computed points would not hold a fit and its trial."""
 POINTS = 1500
+"""Drawn around the operating points seen: some times the terms of the fit."""
 START_DEGREE = 12.0
 """Of the fitted start: from there the engine's own iteration needs one pass less than from its usual start."""
 

@@ -12,9 +12,12 @@ from numpy.typing import ArrayLike, NDArray
 from enginediag_cli.engine.atmosphere import P_ISA, R_AIR, T_ISA, standard_atmosphere
 
 GAMMA = 1.4
+"""Ratio of heat capacities of air that airspeed indicators are calibrated with."""
 SOUND_SPEED_ISA_M_S = float(np.sqrt(GAMMA * R_AIR * T_ISA))
 KNOT_M_S = 1852.0 / 3600.0
+"""International nautical mile of 1852 m an hour."""
 FOOT_M = 0.3048
+"""International foot of 1959."""
 
 
 def mach_from_cas(cas_m_s: ArrayLike, altitude_m: ArrayLike) -> NDArray[np.float64]:

@@ -41,6 +41,7 @@ INSEPARABLE = 5.5
 """Half of the 11 units of χ² from which the right of two places comes first 19 times out of 20."""
 
 REFITTED = 4
+"""How many of the best locations are refitted as two states at most: seconds each."""
 NEAR, SLACK = 0.6, 15.0
 """How many of the best locations are refitted as two states at most, and how near to the best they must be: LR above
 NEAR times the best less SLACK."""

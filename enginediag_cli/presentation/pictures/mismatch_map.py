@@ -25,12 +25,18 @@ from enginediag_cli.presentation.pictures.svg import (
 from enginediag_cli.presentation.sentences import count
 
 ROW, COLUMN = 21.0, 76.0
+"""Pixels of a cell: a line of text high, a number and a short driver wide."""
 LABELS, MARGIN = 236.0, 16.0
+"""Pixels of the names of places, and around everything."""
 LETTER = 6.6  # width of a letter of the notes, generously
 PANEL_LEFT, PANEL_HEIGHT, LEAST_WIDTH = 86.0, 250.0, 720.0
+"""Pixels of the curve below the map: its axis, its height; and of the whole at least, for a title."""
 MOST_ROWS, MOST_COLUMNS, MOST_NAMES, COLUMN_LETTERS = 14, 8, 2, 12
+"""What fits on a page: places, drivers, names a driver goes by, letters of one."""
 LABEL_LETTERS = 37
+"""Letters of a place's name that LABELS has room for."""
 MOST_DOTS = 3000
+"""More cannot be seen, and the file stays small."""
 
 
 @dataclass(frozen=True)

@@ -29,8 +29,8 @@ class Letters:
 
 
 PLAIN = Letters()
-TITLE, HEADING = Letters(17.0, bold=True), Letters(13.0, bold=True)
-LABEL, SMALL = Letters(13.0), Letters(11.0)
+TITLE, HEADING, LABEL, SMALL = Letters(17.0, bold=True), Letters(13.0, bold=True), Letters(13.0), Letters(11.0)
+"""Sizes that can be told apart and read beside text of 12 pixels."""
 
 
 class Drawing:
