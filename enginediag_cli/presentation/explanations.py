@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING
 
 from enginediag_cli.intervals import NORMAL_95
 from enginediag_cli.mismatch.explain.answer import FAILED, HIDDEN, NAMED, NOTHING
 from enginediag_cli.mismatch.explain.rejected import Reason
+from enginediag_cli.mismatch.unrecorded.finding import Limit
 from enginediag_cli.presentation.names import listed, spelled
 from enginediag_cli.presentation.numbers import probability, rounded, with_unit
 from enginediag_cli.presentation.sentences import change, count
@@ -154,6 +155,16 @@ def _driver_value(c: Curve, k: int) -> str:
     return rounded(value) if driver.unit == "1" else with_unit(value, driver.unit)
 
 
+_LIMITS: dict[Limit, Callable[[str], str]] = {
+    Limit.BASE_FIT: lambda what: f"The fit without this effect did not converge: {what}.",
+    Limit.REFIT: lambda what: f"The fit of this effect as two states did not converge: {what}.",
+    Limit.AT_BOUND: lambda _: "The size of this effect is at its physical bound, so that its interval says little.",
+    Limit.UNSETTLED: lambda _: (
+        "Which records are on still changed when the fit of this effect ended: its switching times are approximate."
+    ),
+}
+
+
 def _hidden(story: Story, f: HiddenFinding, effects: tuple[Effect, ...]) -> Iterator[str]:
     where = f.location.words
     rivals = f" (or {listed([r.words for r in f.rivals], 'or')})" if f.rivals else ""
@@ -191,7 +202,7 @@ def _hidden(story: Story, f: HiddenFinding, effects: tuple[Effect, ...]) -> Iter
     elif effects:
         yield f"  Listed effects that act there: {listed([e.label for e in effects], 'or')}."
     if f.remark:
-        yield f"  {f.remark}."
+        yield f"  {_LIMITS[f.remark.limit](f.remark.what)}"
 
 
 def _rejected(story: Story) -> Iterator[str]:
