@@ -60,6 +60,7 @@ class Envelope:
         u = self._scaled(inputs)
         return ~(_nearest(u, self.points / self.scale)[0] <= self.threshold)
 
+    @np.errstate(over="ignore")
     def reason(self, inputs: Mapping[str, np.ndarray], k: int) -> str:
         """Why record k is outside, in words; '' when it is not."""
         point = {c: np.atleast_1d(np.asarray(inputs[c], float))[k : k + 1] for c in self.inputs}
@@ -80,6 +81,7 @@ class Envelope:
             f"{self.points[index, j]:.4g} instead of {value[j]:.4g}"
         )
 
+    @np.errstate(over="ignore")  # an input near the largest number is infinitely far
     def _scaled(self, inputs: Mapping[str, np.ndarray]) -> np.ndarray:
         columns = [np.atleast_1d(np.asarray(inputs[c], float)) for c in self.inputs]
         return np.column_stack(np.broadcast_arrays(*columns)) / self.scale
@@ -121,6 +123,7 @@ def _own_distance(v: np.ndarray) -> float:
     return float(np.quantile(np.concatenate(nearest), 0.95))
 
 
+@np.errstate(over="ignore", invalid="ignore")
 def _nearest(v: np.ndarray, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Distance to and index of the nearest of `points` (n, d) for each row of v (N, d); NaN for NaN.
 
