@@ -16,9 +16,13 @@ import numpy as np
 Value = TypeVar("Value", float, np.ndarray)
 
 _LB = 0.45359237
+"""International avoirdupois pound, exact (NIST SP 811)."""
 _LBF = _LB * 9.80665
+"""Pound-force: one pound at standard gravity, 9.80665 m/s² (NIST SP 811)."""
 _PSI = _LBF / 0.0254**2
+"""Pound-force per square inch of 0.0254 m (NIST SP 811)."""
 _FT = 0.3048
+"""International foot, exact (NIST SP 811)."""
 _GAL = 231 * 0.0254**3
 """US liquid gallon: 231 cubic inches (SP 811)."""
 
@@ -264,22 +268,10 @@ def to_si(value: Value, unit: str, full_scale: float | None = None) -> Value:
     return value * known.factor + known.offset
 
 
-def from_si(value: Value, unit: str) -> Value:
-    """Inverse of `to_si` without a full scale."""
-    known = find_unit(unit)
-    return (value - known.offset) / known.factor
-
-
 def convert(value: Value, unit: str, to: str) -> Value:
     """Value in another unit of its dimension; temperatures are points on the scale (0 degC is 273.15 K)."""
     source, target = _same_dimension(unit, to)
     return (value * source.factor + source.offset - target.offset) / target.factor
-
-
-def convert_difference(value: Value, unit: str, to: str) -> Value:
-    """As `convert` for differences, standard deviations and biases (1 degC → 1 K)."""
-    source, target = _same_dimension(unit, to)
-    return value * (source.factor / target.factor)
 
 
 def _same_dimension(unit: str, to: str) -> tuple[Unit, Unit]:

@@ -19,6 +19,7 @@ ORDER = (
     "__init__",
     "errors",
     "units",
+    "intervals",
     "progress",
     "safe_text",
     "shipped",
@@ -152,6 +153,61 @@ def test_no_function_is_wider_than_seven_parameters() -> None:
         if width(n) > MOST_PARAMETERS and not is_command(n)
     ]
     assert wide == []
+
+
+CONSTANT = re.compile(r"_?[A-Z][A-Z0-9_]*")
+
+
+def of_numbers(node: ast.expr | None) -> bool:
+    """Whether a value is written as a number, or as a group, a table or a formula of numbers."""
+    match node:
+        case ast.Constant(value=value):
+            return type(value) in (int, float)
+        case ast.UnaryOp(operand=inside):
+            return of_numbers(inside)
+        case ast.BinOp(left=left, right=right):
+            return of_numbers(left) or of_numbers(right)
+        case ast.Tuple(elts=parts) | ast.List(elts=parts) | ast.Set(elts=parts) | ast.Dict(values=parts):
+            return bool(parts) and all(of_numbers(part) for part in parts)
+        case ast.Call(args=parts):
+            return bool(parts) and all(of_numbers(part) for part in parts)
+    return False
+
+
+def constants(file: Path) -> Iterator[tuple[ast.stmt, list[str], bool]]:
+    """Constants of numbers at the head of a file: the assignment, its names, and whether a reason stands with it (a
+    string below it, or a comment on its lines or directly above)."""
+    body, lines = tree(file).body, file.read_text(encoding="utf-8").splitlines()
+    for node, below in zip(body, [*body[1:], ast.Pass()], strict=False):
+        if not isinstance(node, ast.Assign | ast.AnnAssign) or not of_numbers(node.value):
+            continue
+        targets = node.targets if isinstance(node, ast.Assign) else [node.target]
+        names = [n.id for target in targets for n in ast.walk(target) if isinstance(n, ast.Name)]
+        if all(CONSTANT.fullmatch(name) for name in names):
+            told = isinstance(below, ast.Expr) and isinstance(below.value, ast.Constant)
+            own = lines[node.lineno - 1 : node.end_lineno]
+            above = lines[node.lineno - 2].startswith("#") if node.lineno > 1 else False
+            yield node, names, told or above or any("  # " in line for line in own)
+
+
+def test_every_constant_of_numbers_says_why() -> None:
+    bare = [
+        f"{name_of(file)}:{node.lineno}: {', '.join(names)}"
+        for file in files()
+        for node, names, reason in constants(file)
+        if not reason
+    ]
+    assert bare == []
+
+
+def test_the_reach_of_a_95_percent_interval_is_written_once() -> None:
+    found = [
+        name_of(file)
+        for file in files()
+        for node in ast.walk(tree(file))
+        if isinstance(node, ast.Constant) and isinstance(node.value, float) and abs(node.value - 1.96) < 1e-3
+    ]
+    assert found == ["intervals.py"]
 
 
 @pytest.mark.parametrize("word", ["utils", "helpers", "misc", "common"])

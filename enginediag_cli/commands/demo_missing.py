@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from enginediag_cli.demonstration.concealed_story import Found
 
 COLUMNS = 110
+"""Letters of a line of the story: what a terminal of usual width shows without breaking it."""
 
 
 @dataclass

@@ -34,6 +34,7 @@ if TYPE_CHECKING:
 
 NOISE_KINDS = ("none", "gaussian", "uniform", "correlated", "quantised")
 REASONS_SHOWN = 5
+"""Reasons that are told one by one; there are rarely more kinds, the rest are counted."""
 
 CONFIG_FILE = ConfigFile()
 

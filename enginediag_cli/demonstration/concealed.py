@@ -19,7 +19,9 @@ LOCATED, MAP = "located.json", "locate.svg"
 EXPLAINED = "explained.json"
 REFINED, REPORT, BEFORE_AFTER = "refined.yaml", "refined.json", "refine.svg"
 FITTED_FLIGHTS, UNSEEN_FLIGHTS = 5, 10
+"""Few enough that the story takes a minute; the unseen ones suffice to be compared flight by flight (five at least)."""
 WINDOW = 30
+"""Records of a window for `detect` and `refine`: the usual length of a steady stretch, judgement."""
 
 EVERY_10_S, EVERY_MINUTE = "record_interval_s: 10", "record_interval_s: 60"
 CARRIED = f"physics:\n  - {{term: {TERM}, at: {SITE}, coefficients: {{{COEFFICIENT}: {SIZE:g}}}}}\n"

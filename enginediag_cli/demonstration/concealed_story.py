@@ -10,10 +10,12 @@ from pathlib import Path
 from typing import Any
 
 from enginediag_cli.demonstration import concealed as script
+from enginediag_cli.intervals import NORMAL_95
 from enginediag_cli.presentation.numbers import rounded
 from enginediag_cli.units import split_column
 
 SENSORS_TOLD = 3
+"""Those whose residual fell most; the others are in the file."""
 NOMINAL, SURPRISING = 0.01, 0.01
 """Rate of false alarms that detect states, and the probability below which more of them are told as wrong."""
 
@@ -146,7 +148,7 @@ def _coefficients(found: Found) -> Iterator[tuple[str, str, float, float, float]
         label = f"{e['term']}@{e['at']}"
         for name, value in e["coefficients"].items():
             error = found.refined["standard_errors"].get(f"{e['term']}.{e['at']}.{name}", float("nan"))
-            yield name, label, value, value - 1.96 * error, value + 1.96 * error
+            yield name, label, value, value - NORMAL_95 * error, value + NORMAL_95 * error
 
 
 def _fitted(found: Found) -> Iterator[str]:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 ENGINE = "turbofan.yaml"
 HEALTHY, NOMINAL = "healthy.csv", "nominal.yaml"
 HEALTHY_FLIGHTS = 3
+"""Enough to identify noise and its correlation, few enough that the story takes less than a minute."""
 
 
 @dataclass(frozen=True)

@@ -21,8 +21,9 @@ from enginediag_cli.residuals.statistics import LocalStatistics
 
 INCLUSION = 0.2
 """Probability beforehand that a parameter changes at all during the flights."""
-Z95 = 1.959964
 MAX_SWEEPS = 50
+"""Changes of law that the search makes at most. Each gains, so that it ends by itself after a few a parameter; a stop
+for what should not happen."""
 STEADY, STEP, RAMP = "steady", "step", "deterioration"
 
 

@@ -22,6 +22,7 @@ from enginediag_cli.engine.term import Effect
 from enginediag_cli.parameters import Parameter
 
 OK, OUTSIDE_MAP, NOT_CONVERGED, INVALID_INPUT = range(4)
+"""Status of a point, the better the smaller: up to OUTSIDE_MAP it has values."""
 STATUS = ("ok", "outside the maps", "did not converge", "invalid input")
 CHUNK = 10000  # points per pass: large enough to hide the overhead of calls, small enough for memory
 

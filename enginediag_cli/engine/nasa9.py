@@ -55,6 +55,7 @@ LOW = {
         -1.336933246e-12,
     ),
 }
+"""a1 … a7 on 200–1000 K, from the report above."""
 HIGH = {
     "N2": (
         5.877124060e5,
@@ -102,6 +103,7 @@ HIGH = {
         -4.822380530e-15,
     ),
 }
+"""a1 … a7 on 1000–6000 K, from the report above."""
 
 
 def molar_heat_capacity(species: str, temperature_K: np.ndarray) -> np.ndarray:

@@ -17,6 +17,7 @@ from enginediag_cli.engine.network import Network
 from enginediag_cli.errors import ConfigError, Problem
 
 FAN_RATIOS = (1.05, 12.0)
+"""Pressure ratios between which that of a fan is sought: from hardly any compression to more than any fan gives."""
 BYPASS_RATIOS = (0.02, 20.0)
 """Where a value that lets two flows mix is looked for."""
 HALVINGS = 40

@@ -19,11 +19,18 @@ from enginediag_cli.engine.network import Network
 
 TOLERANCE = 1e-10  # on every balance, all of order one
 MAX_ITERATIONS = 60
+"""Passes at most: a good start needs a few; what has not converged by then does not. Judgement."""
 LARGEST_STEP = 0.4
+"""Largest change of an unknown in one step, as a share of itself: beyond it the linear model says little about maps.
+Judgement."""
 SMALL = 0.05  # unknowns are of order one; smaller ones may move by this much of LARGEST_STEP
 MAX_HALVINGS = 6
+"""A step a sixty-fourth as long that still gains nothing is taken, since it may lead out of a fold. Judgement."""
 CONFIRM_BELOW = 3e-5
+"""Residual below which the next Newton step, which squares it, leaves about TOLERANCE, so that one pass confirms all
+points."""
 FEW_POINTS = 40
+"""Points up to which the overhead of choosing among them costs more than computing them all."""
 
 
 @dataclass

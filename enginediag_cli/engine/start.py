@@ -20,7 +20,10 @@ from enginediag_cli.engine.dual import Array, value
 from enginediag_cli.units import split_column
 
 DEGREE = 8.0
+"""Weighted degree of the fitted start. Judgement between a start near enough and the number of terms."""
 WEIGHTS = {"power": 1.0, "mach": 1.3, "theta": 3.0, "delta": 5.0, "other": 3.0, "fixed": 1e9}
+"""What a power of each coordinate costs of the degree: the engine bends most with power and Mach, hardly with what is
+left of θ and δ after correction, not at all with what does not vary. Judgement."""
 POWER_EXPONENTS = {  # of (δ, √θ) in the corrected power setting
     "Wf_kg_s": (1, 1),
     "rpm": (0, 1),

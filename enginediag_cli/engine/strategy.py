@@ -21,12 +21,19 @@ from enginediag_cli.engine.start import StartFit, coordinates, correction, total
 
 FIT_FROM = 500  # points from which a fitted start pays
 ANCHORS = 200
+"""Points that are solved first for a fitted start to be learnt from: some times its terms."""
 WALK_STEP = {"rpm": 0.12, "other": 0.6}  # largest change of ln(corrected power setting) in one step of a walk
 MAX_WALK_STEPS = 12
+"""Steps of a walk from the design point at most; further points take longer steps."""
 WALK_ITERATIONS = 6
+"""Iterations on the way, where a point is only a start of the next one and need not converge."""
 RETRY_ITERATIONS = 30
+"""Iterations of a second try from another start: half of the usual number, since most of these points have no solution.
+Judgement."""
 FLOW_EXPONENT = 1.2
+"""Air flow rises a little faster than speed, as on the working line of most compressors. A first guess, no result."""
 LARGEST_NEIGHBOUR_TABLE = 2_000_000
+"""Distances between failed and solved points that are computed at once: 16 MB."""
 LESS_FLOW = (0.9, 0.8, 0.7, 0.6, 0.5)  # of the design point's
 
 

@@ -16,7 +16,10 @@ from enginediag_cli.identification.problem import Problem
 from enginediag_cli.progress import each
 
 FOLDS = 8
+"""Each fold is one more fit; with eight a fit has seen seven eighths of the records and is nearly the one that is
+judged."""
 MAX_ITERATIONS = 40
+"""A fold begins at the full fit and needs a few; one that needs so many has failed."""
 TOLERANCE = 0.2
 """Standard errors; a fold starts at the full fit and need not be found more exactly than it is known."""
 

@@ -15,8 +15,12 @@ from dataclasses import dataclass
 import numpy as np
 
 MAX_POINTS = 150
+"""Points of the cover: what a nominal file may hold; the threshold widens where more would be needed."""
 MARGIN_RANGE = (0.25, 1.0)
+"""Least and largest distance, in spreads of the inputs, up to which a point counts as seen. Judgement: less would
+refuse the next flight on the same route, more would admit another regime."""
 STRETCHES = 10
+"""Parts of a recording, each of which is asked how far it is from the others."""
 BLOCK = 2000
 """Operating points whose distances are computed at once: with a full cover, 2 MB."""
 MINIMUM_SPREAD = {
@@ -29,6 +33,8 @@ MINIMUM_SPREAD = {
     "dP_inlet_Pa": 100.0,
     "T4_K": 5.0,
 }
+"""Least spread of an input, in its unit: where training held it constant, so much more is still the same operation.
+Judgement by what the model's error changes with."""
 RELATIVE_SPREAD = 0.03
 """Least spread, as a share of the largest value seen, of an input that is not in the table above."""
 
@@ -54,6 +60,7 @@ class Envelope:
         u = self._scaled(inputs)
         return ~(_nearest(u, self.points / self.scale)[0] <= self.threshold)
 
+    @np.errstate(over="ignore")
     def reason(self, inputs: Mapping[str, np.ndarray], k: int) -> str:
         """Why record k is outside, in words; '' when it is not."""
         point = {c: np.atleast_1d(np.asarray(inputs[c], float))[k : k + 1] for c in self.inputs}
@@ -74,6 +81,7 @@ class Envelope:
             f"{self.points[index, j]:.4g} instead of {value[j]:.4g}"
         )
 
+    @np.errstate(over="ignore")  # an input near the largest number is infinitely far
     def _scaled(self, inputs: Mapping[str, np.ndarray]) -> np.ndarray:
         columns = [np.atleast_1d(np.asarray(inputs[c], float)) for c in self.inputs]
         return np.column_stack(np.broadcast_arrays(*columns)) / self.scale
@@ -115,6 +123,7 @@ def _own_distance(v: np.ndarray) -> float:
     return float(np.quantile(np.concatenate(nearest), 0.95))
 
 
+@np.errstate(over="ignore", invalid="ignore")
 def _nearest(v: np.ndarray, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Distance to and index of the nearest of `points` (n, d) for each row of v (N, d); NaN for NaN.
 

@@ -32,6 +32,7 @@ LOST_FRACTION = 0.02
 """A step may lose this share of the converged records; one that loses more is rejected as too long."""
 
 MAX_REJECTED = 12
+"""Rejected steps in a row after which the damping is so large that nothing moves any more."""
 NEGLIGIBLE = 1e-9  # relative change of cost that is the solver's own rounding
 
 

@@ -32,6 +32,7 @@ from enginediag_cli.identification.unseen import noise_on_unseen
 from enginediag_cli.progress import each
 
 NOISE_PASSES = 12
+"""Passes of fit and noise at most. Judgement: damped as they are from UNDAMPED_PASSES on, more would change nothing."""
 NOISE_SETTLED = 0.03
 """Largest relative change of the effective noise σ√κ from one pass to the next that ends the passes."""
 
@@ -39,6 +40,7 @@ SIGMA_FLOOR = 0.2
 """Estimated noise is never below this share of what the sensor states."""
 
 UNDAMPED_PASSES = 3
+"""Passes before the changes of the noise are damped: first it may move freely, then it must not swing."""
 MAX_TEMPERING = 4.0
 """Largest κ by which the fit weakens the data (ρ = 0.6). Correlation beyond it is mostly error of the model
 that follows the operating point, and the cure for that is a better fit: on recorded flights of two engines
@@ -91,38 +93,38 @@ class IdentificationResult:
         later = self.monitoring_noise
         noise = tuple(
             SensorNoise(
-                s,
-                float(later.sigma[i]),
-                float(later.rho1[i]),
-                int(later.n[i]),
-                float(later.n_effective[i]),
-                int(later.outliers[i]),
-                later.sigma_from,
-                float(later.degrees[i]),
-                float(later.rho1_error[i]),
-                float(later.rho1_common[i]),
-                float(later.kurtosis[i]),
+                sensor=s,
+                sigma=float(later.sigma[i]),
+                rho1=float(later.rho1[i]),
+                n=int(later.n[i]),
+                n_effective=float(later.n_effective[i]),
+                outliers=int(later.outliers[i]),
+                sigma_from=later.sigma_from,
+                degrees=float(later.degrees[i]),
+                rho1_error=float(later.rho1_error[i]),
+                rho1_common=float(later.rho1_common[i]),
+                kurtosis=float(later.kurtosis[i]),
             )
             for i, s in enumerate(p.sensors)
         )
         covariance = self.uncertainty.covariance * np.outer(p.prior_sigma, p.prior_sigma)
         return Nominal(
-            engine_path,
-            engine_sha256,
-            p.model.inputs,
-            self.estimates,
-            covariance,
-            noise,
-            later.correlation,
-            p.offsets,
-            offsets if p.offsets else {},
-            self.in_sample,
-            self.cross_validated,
-            self.held_out,
-            self.unidentified,
-            self.envelope,
-            self.records,
-            provenance,
+            engine_path=engine_path,
+            engine_sha256=engine_sha256,
+            inputs=p.model.inputs,
+            estimates=self.estimates,
+            covariance=covariance,
+            noise=noise,
+            noise_correlation=later.correlation,
+            offsets=p.offsets,
+            recording_offsets=offsets if p.offsets else {},
+            in_sample=self.in_sample,
+            cross_validated=self.cross_validated,
+            held_out=self.held_out,
+            unidentified=self.unidentified,
+            envelope=self.envelope,
+            records=self.records,
+            provenance=provenance,
         )
 
 

@@ -20,7 +20,10 @@ from dataclasses import dataclass
 import numpy as np
 
 OUTLIER = 4.0
+"""One Gaussian reading in 16,000 lies beyond four standard deviations."""
 CLIP = 2.5
+"""Squares of residuals count up to so many standard deviations, so that gross errors do not make the noise: 1 % of
+Gaussian readings are clipped."""
 GAUSSIAN_MEAN = 0.9775
 """E min(z², CLIP²) for a standard normal z: 1 − 2(cφ(c) + Q(c)) + 2c²Q(c)."""
 

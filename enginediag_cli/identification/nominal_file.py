@@ -67,22 +67,24 @@ def read_nominal(path: str | Path) -> Nominal:
     if problems:
         raise ConfigError(problems)
     return Nominal(
-        v["engine"],
-        v["engine_sha256"],
-        tuple(v["inputs"]),
-        tuple(Estimate(name, **e) for name, e in v["estimates"].items()),
-        symmetric(v["covariance"], p),
-        tuple(SensorNoise(name, **e) for name, e in v["noise"].items()),
-        symmetric(v["noise_correlation"], m),
-        tuple(OffsetPrior(**o) for o in v["offsets"]),
-        {r["label"]: dict(r["values"]) for r in v["recording_offsets"]},
-        tuple(SensorQuality(**q) for q in v["in_sample"]),
-        tuple(SensorQuality(**q) for q in v["cross_validated"]),
-        tuple(SensorQuality(**q) for q in v["held_out"]),
-        tuple(Combination(tuple(c["parameters"]), tuple(c["coefficients"]), c["from_data"]) for c in v["unidentified"]),
-        _envelope(v["envelope"]),
-        {k: int(n) for k, n in v["records"].items()},
-        dict(v["provenance"]),
+        engine_path=v["engine"],
+        engine_sha256=v["engine_sha256"],
+        inputs=tuple(v["inputs"]),
+        estimates=tuple(Estimate(name, **e) for name, e in v["estimates"].items()),
+        covariance=symmetric(v["covariance"], p),
+        noise=tuple(SensorNoise(name, **e) for name, e in v["noise"].items()),
+        noise_correlation=symmetric(v["noise_correlation"], m),
+        offsets=tuple(OffsetPrior(**o) for o in v["offsets"]),
+        recording_offsets={r["label"]: dict(r["values"]) for r in v["recording_offsets"]},
+        in_sample=tuple(SensorQuality(**q) for q in v["in_sample"]),
+        cross_validated=tuple(SensorQuality(**q) for q in v["cross_validated"]),
+        held_out=tuple(SensorQuality(**q) for q in v["held_out"]),
+        unidentified=tuple(
+            Combination(tuple(c["parameters"]), tuple(c["coefficients"]), c["from_data"]) for c in v["unidentified"]
+        ),
+        envelope=_envelope(v["envelope"]),
+        records={k: int(n) for k, n in v["records"].items()},
+        provenance=dict(v["provenance"]),
         sealed=bool(v[CHECKSUM]),
     )
 

@@ -12,6 +12,7 @@ CLIMB_RATE_M_S = 2.5
 """About 500 ft/min: beyond it an aircraft is climbing or descending."""
 
 GROUND_MACH = 0.1
+"""Below it an aircraft stands, taxies or begins its run: no airliner flies as slowly."""
 AMBIENT = (
     "altitude",
     "mach",

@@ -24,9 +24,11 @@ from enginediag_cli.residuals.noise import NoiseModel
 from enginediag_cli.residuals.score import Score
 
 ODDS = 20.0
+"""Odds to one from which explanations count as told apart: those of a 95 % test."""
 ALLOWED = 0.8
 """Probability of the changes among which the least favourable is sought."""
 MOST_RECORDS = 100_000
+"""More records than any recording has: told as “never”."""
 
 
 @dataclass(frozen=True)

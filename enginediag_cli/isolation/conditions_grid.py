@@ -10,12 +10,16 @@ import numpy as np
 from enginediag_cli.engine.atmosphere import standard_atmosphere
 
 STEPS = {"altitude_m": 5, "mach": 5, "dT_isa_K": 1}
+"""Values over the envelope: fine where the sensitivities change most, one where they hardly do. The product is what the
+advice costs."""
 OTHER_STEPS = 4
+"""Values of any other input, and of a power setting without a range."""
 POWER = (0.3, 0.5, 0.75, 1.0)
 """Fractions of the power range that a crew would hold for a while."""
 SLOWEST, FASTEST = 70.0, 190.0
 """Equivalent airspeeds, m/s, between which an aircraft flies; on the ground it may stand."""
 GROUND_M = 300.0
+"""Below this altitude the engine may run on the ground, at any speed."""
 
 
 def conditions_grid(engine: Any) -> dict[str, np.ndarray]:

@@ -28,6 +28,7 @@ from enginediag_cli.residuals.statistics import LocalStatistics
 
 NONLINEAR = ("auto", "always", "never")
 MANY = 12
+"""Up to twelve parameters all sets can be visited in a second."""
 LARGEST_OF_MANY = 5
 """Of more than MANY parameters of health, no more than so many change together unless asked otherwise: a second's work
 becomes hundredths."""

@@ -24,8 +24,11 @@ from enginediag_cli.isolation.window_model import Expansion, WindowModel
 from enginediag_cli.residuals.score import Score
 
 LEADING = 20
+"""Sets that are fitted by the full model in a round at most: the cost of the search."""
 CHECKED = 5
+"""Leading sets at which the quadratic is compared with the full model."""
 ROUNDS = 6
+"""Rounds of fits and new leading sets at most. Judgement."""
 FITTED_SHARE = 1e-3
 """Sets of a smaller share of the quadratic posterior are not worth a fit."""
 NATS = 0.5
@@ -33,7 +36,9 @@ NATS = 0.5
 WIDE_SLAB = 5.0
 """Changes of several per cent must be plausible: 10 % where prior_sigma is 2 %."""
 MAX_ITERATIONS = 25
+"""Of the fit of one set; what has not settled by then is told as not converged."""
 TOLERANCE = 0.02
+"""Length of the last step in standard errors: it changes a log likelihood by 2·10⁻⁴."""
 
 
 @dataclass(frozen=True)

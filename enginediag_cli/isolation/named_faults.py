@@ -34,6 +34,21 @@ FREE_LISTED = 50
 
 
 @dataclass(frozen=True)
+class Expected:
+    """What is expected of a catalogue before the data: probability `presence` of each fault, and `unlisted` that a
+    change is none of it; `scales` of the severity, each as probable as the others (1 is the catalogue's size);
+    `ratio_spread`: how far the ratios within a fault may be from the catalogue's, as a factor."""
+
+    presence: float = 0.05
+    unlisted: float = 0.2
+    scales: tuple[float, ...] = (0.3, 1.0, 3.0)
+    ratio_spread: float = 1.7
+
+
+AS_USUAL = Expected()
+
+
+@dataclass(frozen=True)
 class Severity:
     """Estimated severity of a named fault, 1 being the catalogue's size, with standard error and interval."""
 
@@ -70,24 +85,22 @@ def isolate_named(
     catalogue: FaultSet,
     *,
     prior: SetPrior | None = None,
-    presence: float = 0.05,
-    unlisted: float = 0.2,
-    scales: tuple[float, ...] = (0.3, 1.0, 3.0),
-    ratio_spread: float = 1.7,
+    expected: Expected = AS_USUAL,
     coverage: float = 0.95,
     confidence: float = 0.95,
     largest: int | None = None,
 ) -> NamedIsolation:
     """Compare no change, each fault, each two faults, and free sets, by marginal likelihood.
 
-    scales: scales of the severity, each as probable as the others; prior: of free sets; other arguments as in
-    the module's equation. DataError when no fault of the catalogue can be seen in these data.
+    prior: of free sets of parameters, none of them larger than `largest`; expected: of the catalogue's faults.
+    DataError when no fault of the catalogue can be seen in these data.
     """
-    faults, untestable = named_faults(catalogue, score.parameters, score.theta0, ratio_spread=ratio_spread)
+    faults, untestable = named_faults(catalogue, score.parameters, score.theta0, ratio_spread=expected.ratio_spread)
     if not faults:
         reasons = "; ".join(f"{name}: {reason}" for name, reason in untestable.items())
         raise DataError(f"no fault of the catalogue can be told by these parameters ({reasons})")
     prior = prior or SetPrior()
+    presence, unlisted, scales = expected.presence, expected.unlisted, expected.scales
     n = len(faults)
     answers: list[tuple[tuple[int, ...], float]] = [((), n * np.log1p(-presence))]
     for size in (1, 2):

@@ -29,9 +29,11 @@ if TYPE_CHECKING:
 POINTS = 256
 """Points of the orthant integral: error below 0.002 up to five dimensions."""
 BATCH = 100
+"""Sets whose orthant integrals are computed at once."""
 NEGLIGIBLE = 1e-4
 """Sets are weighed until all others, even with every sign right, hold less than this share."""
 MAX_WEIGHED = 3000
+"""Sets that are weighed at most, a second's work; the likeliest come first."""
 
 
 def known_signs(parameters: Sequence[Parameter], faults: Iterable[ComponentFault] = ()) -> np.ndarray:

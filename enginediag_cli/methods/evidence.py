@@ -62,27 +62,16 @@ class Evidence(Windows):
             found = relinearise(
                 self._predict,
                 y,
-                monitor.theta0,
-                monitor.precision,
+                monitor.hold,
                 monitor.noise,
                 window=self._window,
-                moving=len(monitor.monitored),
                 nominal=(nominal.y, nominal.J, nominal.ok),
-                bounds=(monitor.lower, monitor.upper),
             )
             e, J, ok, converged = found.e, found.J, found.ok, found.converged
         lags = np.ones(W * n)
         lags[::n] = np.inf  # windows are unrelated
         blocks = block_statistics(
-            np.where(ok[:, None], e, np.nan),
-            J,
-            monitor.noise,
-            np.arange(W) * n,
-            parameters=monitor.names,
-            theta0=monitor.theta0,
-            prior_sigma=monitor.prior_sigma,
-            meaning=monitor.meaning,
-            lags=lags,
+            np.where(ok[:, None], e, np.nan), J, monitor.noise, np.arange(W) * n, monitor.frame, lags=lags
         )
         C = monitor.uncertainty
         scores = [fisher_score(b.statistics, monitored=monitor.monitored, uncertainty=C) for b in blocks]

@@ -8,6 +8,8 @@ from enginediag_cli.engine.evaluation import Evaluation
 
 NPR_STATED = 1.2  # where the coefficients of the literature are given
 NPR_SCALE = 0.4
+"""Pressure ratio over which the effect falls to 1/e: of it a fifth is left at choking (1.85). Judgement: discharge
+coefficients of the literature level off there."""
 
 
 def unchoked(e: Evaluation, station: str) -> Value:

@@ -15,7 +15,9 @@ if TYPE_CHECKING:
     from enginediag_cli.parameters import Parameter
 
 WIDTH = 100
+"""Letters of a line of text and of the labels before it."""
 LABEL = 14
+"""Letters that are kept for the labels."""
 
 
 def component_row(kind: type[Component], shown: Shown) -> dict[str, Any]:

@@ -37,6 +37,7 @@ COLUMNS = (
     "statement",
 )
 CELLS = 10
+"""Places in the file; the first few are of interest."""
 
 
 def rows(story: Story) -> Iterator[dict[str, Any]]:

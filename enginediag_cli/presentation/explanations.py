@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING
 
+from enginediag_cli.intervals import NORMAL_95
 from enginediag_cli.mismatch.explain.answer import FAILED, HIDDEN, NAMED, NOTHING
 from enginediag_cli.mismatch.explain.rejected import Reason
+from enginediag_cli.mismatch.unrecorded.finding import Limit
 from enginediag_cli.presentation.names import listed, spelled
 from enginediag_cli.presentation.numbers import probability, rounded, with_unit
 from enginediag_cli.presentation.sentences import change, count
@@ -24,7 +26,9 @@ if TYPE_CHECKING:
     from enginediag_cli.mismatch.unrecorded.hidden import HiddenFinding
 
 SHOWN = 5
+"""Rejected explanations that are told one by one; the rest are counted."""
 MOST_SWITCHES = 12
+"""Switching times in a sentence that can still be read."""
 
 
 def sentences(story: Story) -> Iterator[str]:
@@ -67,7 +71,7 @@ def _phrase(o: Option, x: Explanation) -> str:
     d = o.hypothesis.discrepancies[0]
     c = next(c for c in x.coefficients if c.name == d.name)
     assert o.target is not None
-    return f"a fault, {change(o.target, c.value, 1.96 * c.standard_error)} {d.curve}"
+    return f"a fault, {change(o.target, c.value, NORMAL_95 * c.standard_error)} {d.curve}"
 
 
 def _named(story: Story) -> Iterator[str]:
@@ -136,7 +140,7 @@ def curve_in_words(c: Curve) -> str:
     factor, unit = (100.0, "%") if percent else (1.0, c.unit)
     ends = []
     for k in (0, -1):
-        size = with_unit(factor * c.change[k], unit, factor * 1.96 * c.standard_error[k])
+        size = with_unit(factor * c.change[k], unit, factor * NORMAL_95 * c.standard_error[k])
         ends.append(f"{size} at {c.driver.short} {_driver_value(c, k)}")
     return (
         f"{place(c)} goes from {ends[0]} to {ends[1]}, about its mean (χ² falls by {rounded(c.gain)} "
@@ -149,6 +153,16 @@ def _driver_value(c: Curve, k: int) -> str:
     if driver.counted_in:
         return rounded(math.exp(value))
     return rounded(value) if driver.unit == "1" else with_unit(value, driver.unit)
+
+
+_LIMITS: dict[Limit, Callable[[str], str]] = {
+    Limit.BASE_FIT: lambda what: f"The fit without this effect did not converge: {what}.",
+    Limit.REFIT: lambda what: f"The fit of this effect as two states did not converge: {what}.",
+    Limit.AT_BOUND: lambda _: "The size of this effect is at its physical bound, so that its interval says little.",
+    Limit.UNSETTLED: lambda _: (
+        "Which records are on still changed when the fit of this effect ended: its switching times are approximate."
+    ),
+}
 
 
 def _hidden(story: Story, f: HiddenFinding, effects: tuple[Effect, ...]) -> Iterator[str]:
@@ -180,7 +194,7 @@ def _hidden(story: Story, f: HiddenFinding, effects: tuple[Effect, ...]) -> Iter
     if story.switched:
         best = story.switched[0].objective
         told = [
-            f"{t.label} ({', '.join(with_unit(v, '', 1.96 * e) for v, e in t.coefficients.values())}"
+            f"{t.label} ({', '.join(with_unit(v, '', NORMAL_95 * e) for v, e in t.coefficients.values())}"
             + (f", χ² {rounded(t.objective - best)} worse)" if t is not story.switched[0] else ")")
             for t in story.switched
         ]
@@ -188,7 +202,7 @@ def _hidden(story: Story, f: HiddenFinding, effects: tuple[Effect, ...]) -> Iter
     elif effects:
         yield f"  Listed effects that act there: {listed([e.label for e in effects], 'or')}."
     if f.remark:
-        yield f"  {f.remark}."
+        yield f"  {_LIMITS[f.remark.limit](f.remark.what)}"
 
 
 def _rejected(story: Story) -> Iterator[str]:

@@ -11,6 +11,7 @@ from enginediag_cli.identification.repeats import Repeat
 from enginediag_cli.presentation.numbers import rounded
 
 SHOWN_COMBINATIONS = 12
+"""Unidentified combinations that are listed; the rest are counted."""
 FEW_RECORDS = 20.0
 """Independent records below which the size of the noise is not known to a sixth (1/√(2n))."""
 

@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterator, Sequence
 from typing import TYPE_CHECKING, Any
 
 from enginediag_cli.drivers import TIME
+from enginediag_cli.intervals import NORMAL_95
 from enginediag_cli.presentation.names import listed
 from enginediag_cli.presentation.numbers import p_value, rounded, with_unit
 
@@ -203,7 +204,7 @@ def _hidden(kind: Kind) -> str:
 def _worn(d: Difference, engine: Engine) -> str:
     parameter = engine.parameters[d.parameter]
     factor, shown = (1.0, parameter.shown_unit) if parameter.shown_unit else (100.0, "%")
-    size = with_unit(factor * abs(d.value), shown, factor * 1.96 * d.standard_error)
+    size = with_unit(factor * abs(d.value), shown, factor * NORMAL_95 * d.standard_error)
     way = "above" if d.value > 0 else "below"
     return (
         f"engine {d.engine} stands out of the fleet: {parameter.words} {size} {way} the others' "

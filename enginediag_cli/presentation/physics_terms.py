@@ -12,7 +12,9 @@ if TYPE_CHECKING:
     from enginediag_cli.engine.term import Coefficient, Site, Term
 
 WIDTH = 100
+"""Letters of a line of text and of the labels before it."""
 LABEL = 14
+"""Letters that are kept for the labels."""
 ASSUMED = "range assumed: engineering judgement, not read in a source"
 SWITCH = "commanded: may be on or off while no recorded column shows it"
 

@@ -22,6 +22,7 @@ EVIDENCE_STEPS = 2
 """Steps that must be done: one may be of any length."""
 
 MINUTE_S, HOUR_S = 60.0, 3600.0
+"""In seconds."""
 
 
 class ProgressLine:

@@ -8,16 +8,19 @@ import textwrap
 from typing import TYPE_CHECKING
 
 from enginediag_cli.presentation.pictures.axes import padded, ticks
-from enginediag_cli.presentation.pictures.svg import BLUE, FAINT, INK, ORANGE, Drawing
+from enginediag_cli.presentation.pictures.svg import BLUE, FAINT, HEADING, INK, ORANGE, TITLE, Drawing
 from enginediag_cli.presentation.refinements import alarms_in_words, named_effect, unseen_in_words
 
 if TYPE_CHECKING:
     from enginediag_cli.mismatch.refine.refine import Refinement
 
 WIDTH, MARGIN, LEFT, RIGHT = 844.0, 16.0, 180.0, 220.0
+"""Pixels of the whole, of its margin, and of the names and numbers on either side of the bars."""
 ROW, BAR, LETTER = 22.0, 12.0, 6.6
+"""Pixels of a row, of the bar in it, and of a letter of the notes, generously."""
 SPAN = WIDTH - LEFT - RIGHT
 MOST_FLIGHTS, MOST_LETTERS = 15, 25
+"""What fits on a page: flights, and letters of a flight's name."""
 
 
 def picture(r: Refinement) -> str:
@@ -35,9 +38,9 @@ def picture(r: Refinement) -> str:
     below = top + 92 + ROW * len(u.quality_before)
     left_out = gains[len(shown) :]
     on = Drawing(WIDTH, below + 24 + ROW * (len(shown) + bool(left_out)), title)
-    on.words(MARGIN, 28, title, size=17, bold=True)
+    on.words(MARGIN, 28, title, letters=TITLE)
     for number, line in enumerate(lines):
-        on.words(MARGIN, 52 + 17 * number, line, size=12)
+        on.words(MARGIN, 52 + 17 * number, line)
     _sensors(on, r, top)
     _gains(on, shown, left_out, below)
     return on.text()
@@ -53,20 +56,20 @@ def _sensors(on: Drawing, r: Refinement, top: float) -> None:
     def at(value: float) -> float:
         return LEFT + SPAN * (value - low) / (high - low)
 
-    on.words(MARGIN, top + 8, "RMS of the residual in standard deviations of the sensor's noise", size=13, bold=True)
+    on.words(MARGIN, top + 8, "RMS of the residual in standard deviations of the sensor's noise", letters=HEADING)
     for left, colour, what in ((WIDTH - 148, ORANGE, "before"), (WIDTH - 68, BLUE, "after")):
         on.dots([(left, top + 4)], colour, radius=5)
-        on.words(left + 10, top + 8, what, size=12)
-    on.words(at(1.0), top + 28, "noise alone", size=12, anchor="middle")
-    on.words(WIDTH - MARGIN, top + 28, "RMS before → after", size=12, anchor="end")
+        on.words(left + 10, top + 8, what)
+    on.words(at(1.0), top + 28, "noise alone", anchor="middle")
+    on.words(WIDTH - MARGIN, top + 28, "RMS before → after", anchor="end")
     first, bottom = top + 36, top + 36 + ROW * len(pairs)
     for tick in ticks(low, high):
         on.line(at(tick), first, at(tick), bottom, FAINT)
-        on.words(at(tick), bottom + 15, f"{tick:g}", size=12, anchor="middle")
+        on.words(at(tick), bottom + 15, f"{tick:g}", anchor="middle")
     on.line(at(1.0), first, at(1.0), bottom, INK)
     for number, (one, other) in enumerate(pairs):
         y = first + ROW * (number + 0.5)
-        on.words(LEFT - 10, y + 4, one.sensor, size=12, anchor="end")
+        on.words(LEFT - 10, y + 4, one.sensor, anchor="end")
         if not one.n:
             continue
         before, after = at(one.chi2**0.5), at(other.chi2**0.5)
@@ -75,18 +78,18 @@ def _sensors(on: Drawing, r: Refinement, top: float) -> None:
         on.dots([(after, y)], BLUE, radius=5)
         places = max(0, 2 - math.floor(math.log10(one.rms))) if one.rms > 0 else 0
         told = f"{one.rms:.{places}f} → {other.rms:.{places}f} {one.unit}".removesuffix(" 1")
-        on.words(WIDTH - MARGIN, y + 4, told, size=12, anchor="end")
+        on.words(WIDTH - MARGIN, y + 4, told, anchor="end")
 
 
 def _gains(on: Drawing, shown: list[tuple[str, float]], left_out: list[tuple[str, float]], top: float) -> None:
     """What each flight's log likelihood gains; losses in the colour of "before"."""
-    on.words(MARGIN, top - 8, "Gain of log likelihood, flight by flight", size=13, bold=True)
+    on.words(MARGIN, top - 8, "Gain of log likelihood, flight by flight", letters=HEADING)
     most = max([1.0, *(abs(g) for _, g in shown)])
     for number, (name, gain) in enumerate(shown):
         y = top + ROW * (number + 0.5)
-        on.words(LEFT - 10, y + 4, textwrap.shorten(name, MOST_LETTERS, placeholder=" …"), size=12, anchor="end")
+        on.words(LEFT - 10, y + 4, textwrap.shorten(name, MOST_LETTERS, placeholder=" …"), anchor="end")
         on.rectangle(LEFT, y - BAR / 2, SPAN * abs(gain) / most, BAR, BLUE if gain > 0 else ORANGE)
-        on.words(LEFT + SPAN * abs(gain) / most + 6, y + 4, f"{gain:+.1f}".replace("-", "−"), size=12)
+        on.words(LEFT + SPAN * abs(gain) / most + 6, y + 4, f"{gain:+.1f}".replace("-", "−"))
     if left_out:
         lost = sum(g <= 0 for _, g in left_out)
         total = f"{sum(g for _, g in left_out):+.1f}".replace("-", "−")
@@ -94,5 +97,4 @@ def _gains(on: Drawing, shown: list[tuple[str, float]], left_out: list[tuple[str
             LEFT,
             top + ROW * (len(shown) + 0.5) + 4,
             f"{len(left_out)} further flights: {total} in all, {lost or 'none'} of them without gain",
-            size=12,
         )

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any
 
+from enginediag_cli.intervals import NORMAL_95
 from enginediag_cli.presentation.names import spelled
 from enginediag_cli.presentation.numbers import p_value, with_unit
 from enginediag_cli.presentation.sentences import count
@@ -74,7 +75,7 @@ def named_effect(e: Effect) -> str:
 def _coefficient(declared: Coefficient, value: float, error: float | None) -> str:
     """A coefficient with what it is, its unit and its 95 % interval."""
     unit = "" if declared.unit == "1" else declared.unit
-    size = with_unit(value, unit, 1.96 * error if error else None)
+    size = with_unit(value, unit, NORMAL_95 * error if error else None)
     return f"{declared.name} = {size}{' (95 %)' if error else ''}: {declared.description}"
 
 

@@ -6,6 +6,7 @@ from collections import Counter
 from collections.abc import Iterable, Iterator
 from typing import TYPE_CHECKING, Any
 
+from enginediag_cli.intervals import NORMAL_95
 from enginediag_cli.presentation.messages import Messages
 
 if TYPE_CHECKING:
@@ -14,7 +15,7 @@ if TYPE_CHECKING:
 
 def flight_rows(sums: FlightSums) -> Iterator[dict[str, Any]]:
     """Changes from nominal, in the parameter's unit, with 95 % intervals."""
-    from enginediag_cli.detection.trend import Z95, flight_change
+    from enginediag_cli.detection.trend import flight_change
 
     counts: Counter[str] = Counter()
     for (engine, source, flight), statistics in sums.flights.items():
@@ -29,15 +30,14 @@ def flight_rows(sums: FlightSums) -> Iterator[dict[str, Any]]:
                 "records": found.records,
                 "parameter": a,
                 "change": change,
-                "low": change - Z95 * error,
-                "high": change + Z95 * error,
+                "low": change - NORMAL_95 * error,
+                "high": change + NORMAL_95 * error,
                 "unit": sums.known[a].unit,
             }
 
 
 def trend_rows(trends: Iterable[EngineTrend], sums: FlightSums) -> Iterator[dict[str, Any]]:
     """Changes since the onset, in the parameter's unit, with 95 % intervals."""
-    from enginediag_cli.detection.trend import Z95
 
     for found in trends:
         for t in found.fit.trends if found.fit is not None else ():
@@ -54,11 +54,11 @@ def trend_rows(trends: Iterable[EngineTrend], sums: FlightSums) -> Iterator[dict
                 "onset_low": t.onset_low,
                 "onset_high": t.onset_high,
                 "change": t.change,
-                "change_low": t.change - Z95 * t.change_error,
-                "change_high": t.change + Z95 * t.change_error,
+                "change_low": t.change - NORMAL_95 * t.change_error,
+                "change_high": t.change + NORMAL_95 * t.change_error,
                 "rate_per_flight": t.rate,
-                "rate_low": t.rate - Z95 * t.rate_error,
-                "rate_high": t.rate + Z95 * t.rate_error,
+                "rate_low": t.rate - NORMAL_95 * t.rate_error,
+                "rate_high": t.rate + NORMAL_95 * t.rate_error,
             }
             if t.kind == "step":
                 values.update(rate_per_flight=None, rate_low=None, rate_high=None)

@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterator
 from enginediag_cli.errors import DataError
 
 POLL_S = 0.2
+"""Between looks at a file that grows: a row appears at once to an eye, and waiting costs nothing."""
 
 
 class GrowingFile:

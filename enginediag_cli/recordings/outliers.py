@@ -7,6 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 
 WINDOW = 9
+"""Records of the median: four on either side, so that a spike of two in a row does not move it."""
 TOLERATED = 3
 """A spike is at most this many records less one long; what lasts longer is left for detection to judge."""
 GROSS = 0.05

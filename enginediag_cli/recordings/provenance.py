@@ -37,19 +37,6 @@ def header_lines(
     return tuple(" ".join(line.splitlines()) for line in lines)
 
 
-def parse_header(lines: Sequence[str]) -> dict[str, str]:
-    """Notes `key: text` of a file's own head, not of its input; a repeated key keeps all, joined by `; `."""
-    notes: dict[str, str] = {}
-    for line in lines:
-        if line.strip() == "input:":
-            break
-        key, colon, text = line.partition(":")
-        if colon and key.strip():
-            key, text = key.strip(), text.strip()
-            notes[key] = f"{notes[key]}; {text}" if key in notes else text
-    return notes
-
-
 def sha256_of(path: str | Path) -> str:
     """Hexadecimal SHA-256 of a file's bytes. Raises OSError."""
     import hashlib

@@ -33,6 +33,9 @@ _PHYSICAL = (
 """Name of the quantity, dimension, lowest and highest value in SI. The margins are wide: these catch the
 codes that recorders write for no value (−9999, 0 K), not bad readings."""
 
+BEYOND_ANY = 1e100
+"""No instrument reads so much in any unit; beyond it squares and products of readings cannot be computed any more."""
+
 
 @dataclass(frozen=True)
 class QualitySettings:
@@ -116,7 +119,7 @@ def mask_gross(
 
 
 def physical_limits(column: str) -> tuple[float, float]:
-    """What a gas turbine's sensor can truthfully read, in the column's unit; infinite if nothing is known.
+    """What a gas turbine's sensor can truthfully read, in the column's unit; ±BEYOND_ANY if nothing is known.
 
     Only for names that say what they are: temperatures, pressures, speeds and flows (not differences).
     """
@@ -126,7 +129,7 @@ def physical_limits(column: str) -> tuple[float, float]:
         for pattern, dimension, low, high in _PHYSICAL:
             if unit.dimension == dimension and re.fullmatch(pattern, quantity):
                 return (low - unit.offset) / unit.factor, (high - unit.offset) / unit.factor
-    return (-0.1, 10.0) if column == "mach" else (-np.inf, np.inf)
+    return (-0.1, 10.0) if column == "mach" else (-BEYOND_ANY, BEYOND_ANY)
 
 
 def in_runs(mask: np.ndarray, shortest: int) -> np.ndarray:

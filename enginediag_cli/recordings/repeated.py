@@ -14,6 +14,7 @@ import numpy as np
 from enginediag_cli.recordings.table import Recording
 
 SEGMENT = 65_536
+"""Rows of a segment; half a megabyte."""
 SEGMENTS = 16
 """Rows are remembered in sorted segments, 8 bytes a row; the last SEGMENT · SEGMENTS rows, about a million (8 MB), so
 that memory stays bounded. A copy further back than that is not seen."""

@@ -17,6 +17,7 @@ FRACTION = re.compile(r"(.*?)[.,](\d+)(.*)")
 """A stamp with a fraction of a second: what stands before it, its digits, what stands behind."""
 
 EPOCH = datetime(1970, 1, 1, tzinfo=timezone.utc)
+"""Where the seconds of a time stamp begin, as in POSIX."""
 
 
 @dataclass

@@ -12,6 +12,7 @@ END_OF_SCALE = 1e-3
 """Readings this close to their smallest or largest, as a share of the span, are saturated or off scale."""
 
 
+@np.errstate(over="ignore", invalid="ignore")  # readings near the largest number: of infinite spread, they tell nothing
 def stuck(
     values: np.ndarray,
     others: Mapping[str, np.ndarray],

@@ -70,15 +70,6 @@ class Recording:
             order=(*self.order, *(name for name in new if name not in self.order)),
         )
 
-    def with_text(self, text: Mapping[str, Sequence[str]]) -> Recording:
-        """The same records with text columns added at the end, or replaced in place."""
-        return replace(
-            self,
-            columns={name: values for name, values in self.columns.items() if name not in text},
-            text={**self.text, **text},
-            order=(*self.order, *(name for name in text if name not in self.order)),
-        )
-
 
 def concat(recordings: Sequence[Recording]) -> Recording:
     """One recording of all records in turn; line numbers and provenance are those of each part.

@@ -23,12 +23,15 @@ from enginediag_cli.residuals.monitor import Monitor
 from enginediag_cli.residuals.order_statistics import median
 
 DEGREE = 5
+"""Of the polynomial of operating points; whether it suffices is tried on points held back (TOLERANCE)."""
 NEGLIGIBLE = 5e-5
 """Information per record of a direction below which it is left out: a tenth in two thousand records."""
 TOLERANCE = 2e-4
 """Information per record that the fit may leave out; beyond it the engine is asked."""
 LEAST_POINTS = 300
+"""Fewer computed points would not hold a fit and its trial."""
 POINTS = 1500
+"""Drawn around the operating points seen: some times the terms of the fit."""
 START_DEGREE = 12.0
 """Of the fitted start: from there the engine's own iteration needs one pass less than from its usual start."""
 
@@ -128,24 +131,24 @@ def compact(monitor: Monitor) -> Monitor:
         return np.concatenate([values[:a], np.full(r, between), values[q:]])
 
     return CompactMonitor(
-        monitor.engine,
-        monitor.sensors,
-        monitor.base,
-        (*monitor.monitored, *(f"nominal.{i + 1}" for i in range(r)), *monitor.names[q:]),
-        monitor.monitored,
-        monitor.meaning,
-        monitor.offsets,
-        joined(monitor.theta0, 0.0),
-        joined(monitor.prior_sigma, 1.0),
-        joined(monitor.lower, -np.inf),
-        joined(monitor.upper, np.inf),
-        uncertainty,
-        monitor.noise,
-        monitor.envelope,
-        monitor.nominal,
-        Fit(names, centre, spread, powers, coefficients),
-        start,
-        curvature(monitor, {c: points[own, i] for i, c in enumerate(names)}, x),
+        engine=monitor.engine,
+        sensors=monitor.sensors,
+        base=monitor.base,
+        names=(*monitor.monitored, *(f"nominal.{i + 1}" for i in range(r)), *monitor.names[q:]),
+        monitored=monitor.monitored,
+        meaning=monitor.meaning,
+        offsets=monitor.offsets,
+        theta0=joined(monitor.theta0, 0.0),
+        prior_sigma=joined(monitor.prior_sigma, 1.0),
+        lower=joined(monitor.lower, -np.inf),
+        upper=joined(monitor.upper, np.inf),
+        uncertainty=uncertainty,
+        noise=monitor.noise,
+        envelope=monitor.envelope,
+        nominal=monitor.nominal,
+        fit=Fit(names, centre, spread, powers, coefficients),
+        start=start,
+        curvature=curvature(monitor, {c: points[own, i] for i, c in enumerate(names)}, x),
     )
 
 

@@ -128,15 +128,15 @@ def read_flat(
                 raise DataError(f"{source}:{line}: statistics of no parameter")
             meaning = cell.meaning(names)
             statistics = LocalStatistics(
-                names,
-                theta0,
-                sigma,
-                s,
-                F,
-                V,
-                cell.count("n", least=1),
-                cell.number("chi2"),
-                cell.number("dof", positive=True),
+                parameters=names,
+                theta0=theta0,
+                prior_sigma=sigma,
+                s=s,
+                F=F,
+                V=V,
+                n=cell.count("n", least=1),
+                chi2=cell.number("chi2"),
+                dof=cell.number("dof", positive=True),
                 doubt=(A1, A2, Q),
                 meaning=meaning,
             )

@@ -7,13 +7,13 @@ errors is thereby trusted less, and V ≈ F however correlated the noise.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
-from enginediag_cli.parameters import Parameter
 from enginediag_cli.residuals.blocks import Block
 from enginediag_cli.residuals.correlated import independent_rows, lagged_sums
+from enginediag_cli.residuals.frame import Frame
 from enginediag_cli.residuals.noise import NoiseModel
 from enginediag_cli.residuals.statistics import MAX_ROWS, LocalStatistics
 
@@ -44,31 +44,21 @@ def whiten(e: np.ndarray, J: np.ndarray, noise: NoiseModel) -> tuple[np.ndarray,
     return z, G
 
 
-def primary_residuals(e: np.ndarray, J: np.ndarray, noise: NoiseModel) -> np.ndarray:
-    """K_k = J_kᵀ R⁻¹ e_k (N, p), eq. (7)."""
-    z, G = whiten(e, J, noise)
-    return np.einsum("kjp,kj->kp", G, z)
-
-
 def block_statistics(
     e: np.ndarray,
     J: np.ndarray,
     noise: NoiseModel,
     starts: np.ndarray,
+    frame: Frame,
     *,
-    parameters: Sequence[str],
-    theta0: np.ndarray,
-    prior_sigma: np.ndarray,
     lags: np.ndarray | None = None,
     labels: Sequence[tuple[str, str]] | None = None,
-    meaning: Mapping[str, Parameter] | None = None,
 ) -> list[Block]:
     """Statistics of consecutive blocks of records, ready to be added up to windows.
 
-    e (N, m), J (N, m, p): residuals and sensitivities at θ0; starts (B,): first record of each block,
-    ascending from 0. lags (N,): steps of time since the record before (inf: unrelated, a new recording);
+    e (N, m), J (N, m, p): residuals and sensitivities at the θ0 of the frame of p parameters; starts (B,): first record
+    of each block, ascending from 0. lags (N,): steps of time since the record before (inf: unrelated, a new recording);
     1 when not given. V is exact for AR(1) noise, inside blocks and, when blocks are added, between them.
-    meaning: what the parameters are, by name.
     """
     N, _, p = J.shape
     z, G = whiten(e, J, noise)
@@ -102,21 +92,21 @@ def block_statistics(
         start, end = labels[b] if labels is not None else ("", "")
         used = present[i:k]
         statistics = LocalStatistics(
-            tuple(parameters),
-            np.asarray(theta0, float),
-            np.asarray(prior_sigma, float),
-            rows.T @ z[i:k].ravel(),
-            F,
-            V,
-            int(used.any(axis=1).sum()),
-            float(np.sum(z[i:k] ** 2)),
-            float(used.sum(axis=0) @ share),
-            start,
-            end,
-            parts,
-            terms,
-            kurtosis,
-            meaning=meaning or {},
+            parameters=tuple(frame.names),
+            theta0=np.asarray(frame.theta0, float),
+            prior_sigma=np.asarray(frame.prior_sigma, float),
+            s=rows.T @ z[i:k].ravel(),
+            F=F,
+            V=V,
+            n=int(used.any(axis=1).sum()),
+            chi2=float(np.sum(z[i:k] ** 2)),
+            dof=float(used.sum(axis=0) @ share),
+            start=start,
+            end=end,
+            by_sensor=parts,
+            rows=terms,
+            kurtosis=kurtosis,
+            meaning=frame.meaning,
         )
         blocks.append(Block(statistics, lagged.head[b], lagged.tail[b], lagged.decay[b], share))
     return blocks
@@ -132,24 +122,10 @@ def local_statistics(
     e: np.ndarray,
     J: np.ndarray,
     noise: NoiseModel,
+    frame: Frame,
     *,
-    parameters: Sequence[str],
-    theta0: np.ndarray,
-    prior_sigma: np.ndarray,
     lags: np.ndarray | None = None,
     label: tuple[str, str] = ("", ""),
-    meaning: Mapping[str, Parameter] | None = None,
 ) -> LocalStatistics:
     """Statistics of all records together; arguments as in `block_statistics`."""
-    return block_statistics(
-        e,
-        J,
-        noise,
-        np.array([0]),
-        parameters=parameters,
-        theta0=theta0,
-        prior_sigma=prior_sigma,
-        lags=lags,
-        labels=[label],
-        meaning=meaning,
-    )[0].statistics
+    return block_statistics(e, J, noise, np.array([0]), frame, lags=lags, labels=[label])[0].statistics

@@ -17,7 +17,9 @@ import numpy as np
 from enginediag_cli.engine.model import MonitoredModel
 from enginediag_cli.errors import DataError
 from enginediag_cli.parameters import Parameter
+from enginediag_cli.residuals.frame import Frame
 from enginediag_cli.residuals.noise import NoiseModel
+from enginediag_cli.residuals.relinearise import Hold
 
 if TYPE_CHECKING:
     from enginediag_cli.identification.nominal import Nominal
@@ -76,6 +78,16 @@ class Monitor:
         scale = self.prior_sigma
         scaled = covariance / scale / scale[:, None] + 1e-10 * np.eye(len(scale))
         return np.asarray(np.linalg.inv(scaled) / scale / scale[:, None])
+
+    @property
+    def frame(self) -> Frame:
+        """What statistics of this monitor are about."""
+        return Frame(self.names, self.theta0, self.prior_sigma, self.meaning)
+
+    @property
+    def hold(self) -> Hold:
+        """Where the re-estimate of a window begins and what holds it: only the monitored parameters move."""
+        return Hold(self.theta0, self.precision, len(self.monitored), (self.lower, self.upper))
 
     def without(self, names: Collection[str]) -> Monitor:
         """The same with `names`, of the monitored parameters, taken for certain."""
@@ -157,15 +169,15 @@ def monitor_from_nominal(
     inner = names[: len(names) - len(offsets)]
     free = np.full(len(offsets), np.inf)
     return Monitor(
-        engine,
-        used,
-        nominal.theta0,
-        names,
-        monitored,
-        {name: engine.parameters[name] for name in monitored},
-        offsets,
-        np.array([*(known[name] for name in inner), *np.zeros(len(offsets))], float),
-        np.array(
+        engine=engine,
+        sensors=used,
+        base=nominal.theta0,
+        names=names,
+        monitored=monitored,
+        meaning={name: engine.parameters[name] for name in monitored},
+        offsets=offsets,
+        theta0=np.array([*(known[name] for name in inner), *np.zeros(len(offsets))], float),
+        prior_sigma=np.array(
             [
                 *(engine.parameters[name].prior_sigma for name in monitored),
                 *(errors[name] for name in uncertain),
@@ -173,12 +185,12 @@ def monitor_from_nominal(
             ],
             float,
         ),
-        np.concatenate([[engine.parameters[name].lower for name in inner], -free]),
-        np.concatenate([[engine.parameters[name].upper for name in inner], free]),
-        _uncertainty(nominal, inner, spread),
-        noise_of(nominal, used),
-        nominal.envelope,
-        fingerprint(nominal),
+        lower=np.concatenate([[engine.parameters[name].lower for name in inner], -free]),
+        upper=np.concatenate([[engine.parameters[name].upper for name in inner], free]),
+        uncertainty=_uncertainty(nominal, inner, spread),
+        noise=noise_of(nominal, used),
+        envelope=nominal.envelope,
+        nominal=fingerprint(nominal),
     )
 
 

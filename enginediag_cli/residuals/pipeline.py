@@ -23,7 +23,7 @@ from enginediag_cli.residuals.cut import cut
 from enginediag_cli.residuals.groups import Key, runs
 from enginediag_cli.residuals.local import block_statistics, local_statistics
 from enginediag_cli.residuals.monitor import Monitor
-from enginediag_cli.residuals.relinearise import relinearise
+from enginediag_cli.residuals.relinearise import Stop, relinearise
 from enginediag_cli.residuals.score import marginalise
 from enginediag_cli.residuals.statistics import LocalStatistics
 from enginediag_cli.residuals.windows import WindowPlan
@@ -127,17 +127,7 @@ def _pieces(
     sums: dict[int, Block] = {}
     if chunk.e is not None and chunk.J is not None and kept.size:
         starts = np.array([i for i, _ in runs(blocks[kept])])
-        found = block_statistics(
-            chunk.e[kept],
-            chunk.J[kept],
-            monitor.noise,
-            starts,
-            parameters=monitor.names,
-            theta0=monitor.theta0,
-            prior_sigma=monitor.prior_sigma,
-            meaning=monitor.meaning,
-            lags=lags,
-        )
+        found = block_statistics(chunk.e[kept], chunk.J[kept], monitor.noise, starts, monitor.frame, lags=lags)
         sums = dict(zip(blocks[kept][starts].tolist(), found, strict=True))
     for i, k in runs(blocks):
         number = int(blocks[i])
@@ -269,15 +259,11 @@ def _at_estimate(monitor: Monitor, batch: Sequence[Sequence[_Piece]], condense: 
         relinearise(
             predict,
             y,
-            monitor.theta0,
-            monitor.precision,
+            monitor.hold,
             monitor.noise,
             window=window,
-            moving=len(monitor.monitored),
             nominal=(nominal[0], nominal[1], nominal[2]),
-            bounds=(monitor.lower, monitor.upper),
-            left_out=bent.left_out if bent else None,
-            tolerance=SETTLED,
+            stop=Stop(left_out=bent.left_out if bent else None, tolerance=SETTLED),
         )
         if len(y)
         else None
@@ -291,16 +277,7 @@ def _at_estimate(monitor: Monitor, batch: Sequence[Sequence[_Piece]], condense: 
             continue
         failed = int(np.sum(~found.ok[rows]))
         whole = replace(_whole(pieces), failed=failed)
-        statistics = local_statistics(
-            found.e[rows],
-            found.J[rows],
-            monitor.noise,
-            parameters=monitor.names,
-            theta0=monitor.theta0,
-            prior_sigma=monitor.prior_sigma,
-            meaning=monitor.meaning,
-            lags=lags[rows],
-        )
+        statistics = local_statistics(found.e[rows], found.J[rows], monitor.noise, monitor.frame, lags=lags[rows])
         w = int(window[rows.start])
         reason = (
             ""

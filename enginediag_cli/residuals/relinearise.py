@@ -13,7 +13,7 @@ with the sensitivities at nominal, where identification left them, and is elimin
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -29,6 +29,13 @@ LeftOut = Callable[[np.ndarray, np.ndarray], np.ndarray]
 NEGLIGIBLE = 0.1
 """Standard errors that a window may leave out by staying at nominal."""
 MAX_DAMPING = 1e4
+"""Levenberg–Marquardt damping at which a step is a ten-thousandth of the undamped one: the window has given up."""
+KEPT_WELL, KEPT_BADLY = 0.75, 0.4
+"""Share of the promised fall of the cost above which a step says that the model is nearly linear there, and below which
+that it is not. Judgement: the usual gain ratios of a trust region are 0.75 and 0.25, this asks for more."""
+RELIEF, TIGHTER, FIRST_DAMPING = 0.2, 4.0, 0.2
+"""Factors on the damping after a step that kept its promise and one that did not, and what the damping is then at
+least. Judgement: two bad steps are undone by one or two good ones."""
 MAX_LOST = 0.05
 """Share of a window's records that may be given up because the model fails on them away from nominal."""
 
@@ -63,85 +70,214 @@ class _State:
     F: np.ndarray
 
 
+@dataclass(frozen=True)
+class Hold:
+    """Where the estimate of every window begins, and what holds it there.
+
+    theta0 (p,); precision (p, p): inverse prior covariance of θ − θ0; moving: number of leading parameters that are
+    re-estimated (None: all), the others being linear nuisance; bounds: lowest and highest θ (p,) each (None: none).
+    """
+
+    theta0: np.ndarray
+    precision: np.ndarray
+    moving: int | None = None
+    bounds: tuple[np.ndarray, np.ndarray] | None = None
+
+
+@dataclass(frozen=True)
+class Stop:
+    """A window has converged when its last step was below `tolerance` standard errors in total, or when all that its
+    first step leaves out, by `left_out`, is: such a window stays at θ0. None goes beyond `max_iterations`."""
+
+    tolerance: float = 0.05
+    max_iterations: int = 20
+    left_out: LeftOut | None = None
+
+
 def relinearise(
     predict: Predict,
     y: np.ndarray,
-    theta0: np.ndarray,
-    precision: np.ndarray,
+    hold: Hold,
     noise: NoiseModel,
     *,
     window: np.ndarray | None = None,
-    moving: int | None = None,
     nominal: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None,
-    bounds: tuple[np.ndarray, np.ndarray] | None = None,
-    left_out: LeftOut | None = None,
-    max_iterations: int = 20,
-    tolerance: float = 0.05,
+    stop: Stop | None = None,
 ) -> Relinearised:
     """Estimate θ̂ of every window together and linearise there.
 
-    y (N, m) measurements, NaN where missing; theta0 (p,); precision (p, p): inverse prior covariance of
-    θ − θ0; window (N,): window number of each record, ascending 0…W−1 (default: one window); moving: number
-    of leading parameters that are re-estimated (default: all), the others being linear nuisance; nominal:
-    y, J, ok at θ0 when already known, else `predict` is asked. A window has converged when its last step was
-    below `tolerance` standard errors in total, or when all that its first step leaves out, by `left_out`, is: such a
-    window stays at θ0. Records that fail at θ0 are left out, as are few (MAX_LOST)
-    that fail on the way; a step after which more fail is shortened.
+    y (N, m) measurements, NaN where missing; window (N,): window number of each record, ascending 0…W−1 (default: one
+    window); nominal: y, J, ok at θ0 when already known, else `predict` is asked. Records that fail at θ0 are left out,
+    as are few (MAX_LOST) that fail on the way; a step after which more fail is shortened. Raises ValueError for
+    windows that descend.
     """
-    N, p = len(y), len(theta0)
-    q = p if moving is None else moving
-    window = np.zeros(N, int) if window is None else window
+    window = np.zeros(len(y), int) if window is None else window
     if np.any(np.diff(window) < 0):
         raise ValueError("`window` must not descend")
-    W = int(window[-1]) + 1 if N else 0
-    lower, upper = bounds if bounds is not None else (np.full(p, -np.inf), np.full(p, np.inf))
-    theta0 = np.asarray(theta0, float)
-    start, every = np.tile(theta0, (W, 1)), np.arange(N)
-    y0, J0, ok = nominal if nominal is not None else predict(start[window], every)
-    ok = np.asarray(ok).copy()
-    state = _summed(start, np.where(ok[:, None], y - y0, np.nan), J0.copy(), window, noise)
-    cost = _cost(state, theta0, precision, q)
-    damping, decrement, active = np.zeros(W), np.full(W, np.inf), np.ones(W, bool)
-    iteration = 0
-    while iteration < max_iterations and active.any():
-        iteration += 1
-        chosen = np.flatnonzero(active)
-        gradient, hessian = _normal_equations(state, chosen, theta0, precision, q)
-        diagonal = damping[chosen, None] * np.einsum("wii->wi", hessian)
+    loop = _Loop(predict, y, hold, noise, window, nominal)
+    loop.run(stop or Stop())
+    return loop.carried_back()
+
+
+@dataclass(frozen=True)
+class _Steps:
+    """Steps of the windows `chosen` (w,): where they lead (w, p), by how much they should lower the cost (w,), and how
+    long they are in standard errors (w,)."""
+
+    chosen: np.ndarray
+    target: np.ndarray
+    taken: np.ndarray
+    promised: np.ndarray
+    length: np.ndarray
+
+    def of(self, some: np.ndarray) -> _Steps:
+        """Those of some (w,) of the windows."""
+        return _Steps(self.chosen[some], self.target[some], self.taken[some], self.promised[some], self.length[some])
+
+
+class _Loop:
+    """Damped Gauss–Newton steps of W windows at once; each has its own damping and stops by itself."""
+
+    def __init__(
+        self,
+        predict: Predict,
+        y: np.ndarray,
+        hold: Hold,
+        noise: NoiseModel,
+        window: np.ndarray,
+        nominal: tuple[np.ndarray, np.ndarray, np.ndarray] | None,
+    ) -> None:
+        self.predict, self.y, self.noise, self.window = predict, y, noise, window
+        self.theta0, self.precision = np.asarray(hold.theta0, float), hold.precision
+        N, p = len(y), len(self.theta0)
+        self.q = p if hold.moving is None else hold.moving
+        self.lower, self.upper = hold.bounds or (np.full(p, -np.inf), np.full(p, np.inf))
+        W = int(window[-1]) + 1 if N else 0
+        start = np.tile(self.theta0, (W, 1))
+        y0, self.J0, ok = nominal if nominal is not None else predict(start[window], np.arange(N))
+        self.ok = np.asarray(ok).copy()
+        self.state = _summed(start, np.where(self.ok[:, None], y - y0, np.nan), self.J0.copy(), window, noise)
+        self.cost = self._cost(self.state)
+        self.damping, self.decrement, self.active = np.zeros(W), np.full(W, np.inf), np.ones(W, bool)
+        self.iteration = 0
+        self.tolerance = 0.0
+
+    def run(self, stop: Stop) -> None:
+        """Step until every window has converged or given up."""
+        self.tolerance = stop.tolerance
+        while self.iteration < stop.max_iterations and self.active.any():
+            self.iteration += 1
+            steps = self._steps()
+            length = steps.length
+            if stop.left_out is not None and self.iteration == 1:
+                missed = stop.left_out(steps.taken, np.bincount(self.window, self.ok, minlength=len(self.cost)))
+                length = np.where(missed < NEGLIGIBLE, np.minimum(length, missed), length)
+            settled = length < stop.tolerance  # so short a step changes nothing that is carried back: it is not taken
+            self.decrement[steps.chosen[settled]] = length[settled]
+            self.active[steps.chosen[settled]] = False
+            remaining = replace(steps, length=length).of(~settled)
+            if not remaining.chosen.size:
+                break
+            self._try(remaining)
+
+    def carried_back(self) -> Relinearised:
+        """Residuals and sensitivities where the loop stands, carried back to θ0."""
+        state = self.state
+        back = np.einsum("kjp,kp->kj", state.J, (state.theta - self.theta0)[self.window])
+        return Relinearised(
+            theta=state.theta,
+            e=state.e + back,
+            J=state.J,
+            ok=self.ok,
+            converged=self.decrement < self.tolerance,
+            decrement=self.decrement,
+            iterations=self.iteration,
+        )
+
+    def _steps(self) -> _Steps:
+        """The next step of every active window, within the bounds."""
+        chosen, q = np.flatnonzero(self.active), self.q
+        gradient, hessian = self._normal_equations(chosen)
+        diagonal = self.damping[chosen, None] * np.einsum("wii->wi", hessian)
         step = np.linalg.solve(hessian + diagonal[:, :, None] * np.eye(q), gradient[:, :, None])[:, :, 0]
-        target = state.theta[chosen]
-        target[:, :q] = np.clip(target[:, :q] + step, lower[:q], upper[:q])
-        taken = (target - state.theta[chosen])[:, :q]
+        target = self.state.theta[chosen]
+        target[:, :q] = np.clip(target[:, :q] + step, self.lower[:q], self.upper[:q])
+        taken = (target - self.state.theta[chosen])[:, :q]
         squared = np.einsum("wi,wij,wj->w", taken, hessian, taken)
         promised = 2 * np.sum(taken * gradient, axis=1) - squared
-        length = np.sqrt(squared) * (1 + damping[chosen])  # as long as the step would be without damping
-        if left_out is not None and iteration == 1:
-            missed = left_out(taken, np.bincount(window, ok, minlength=W))
-            length = np.where(missed < NEGLIGIBLE, np.minimum(length, missed), length)
-        settled = length < tolerance  # so short a step changes nothing that is carried back: it is not taken
-        decrement[chosen[settled]] = length[settled]
-        active[chosen[settled]] = False
-        chosen, target, squared, promised, length = (x[~settled] for x in (chosen, target, squared, promised, length))
-        if not chosen.size:
-            break
-        rows = np.flatnonzero(active[window])
-        slot = np.searchsorted(chosen, window[rows])
-        predicted, J, fine = predict(target[slot], rows)
-        lost = _drop_failing(state, cost, ok, fine, chosen, rows, slot, theta0, precision, q, noise)
-        e = np.where((ok[rows] & fine)[:, None], y[rows] - predicted, np.nan)
-        trial = _summed(target, e, np.concatenate([J[:, :, :q], J0[rows, :, q:]], axis=2), slot, noise)
-        trial_cost = _cost(trial, theta0, precision, q)
-        cost_before = cost[chosen]
-        accepted = ~lost & (trial_cost <= cost_before)
-        _accept(state, trial, chosen, rows, slot, accepted)
-        cost[chosen[accepted]] = trial_cost[accepted]
-        kept = np.where(accepted, cost_before - trial_cost, 0.0) / np.maximum(promised, 1e-300)
-        damping[chosen] *= np.where(kept > 0.75, 0.2, 1.0)
-        damping[chosen] = np.where(kept < 0.4, np.maximum(4 * damping[chosen], 0.2), damping[chosen])
-        decrement[chosen[accepted]] = length[accepted]
-        active[chosen[damping[chosen] > MAX_DAMPING]] = False
-    back = np.einsum("kjp,kp->kj", state.J, (state.theta - theta0)[window])
-    return Relinearised(state.theta, state.e + back, state.J, ok, decrement < tolerance, decrement, iteration)
+        length = np.sqrt(squared) * (1 + self.damping[chosen])  # as long as the step would be without damping
+        return _Steps(chosen, target, taken, promised, length)
+
+    def _try(self, steps: _Steps) -> None:
+        """Take the steps that lower the cost, and damp the next ones by how well they kept their promise."""
+        chosen, q = steps.chosen, self.q
+        rows = np.flatnonzero(self.active[self.window])
+        slot = np.searchsorted(chosen, self.window[rows])
+        predicted, J, fine = self.predict(steps.target[slot], rows)
+        lost = self._drop_failing(fine, chosen, rows, slot)
+        e = np.where((self.ok[rows] & fine)[:, None], self.y[rows] - predicted, np.nan)
+        J = np.concatenate([J[:, :, :q], self.J0[rows, :, q:]], axis=2)
+        trial = _summed(steps.target, e, J, slot, self.noise)
+        trial_cost = self._cost(trial)
+        before = self.cost[chosen]
+        accepted = ~lost & (trial_cost <= before)
+        self._accept(trial, chosen, rows, slot, accepted)
+        self.cost[chosen[accepted]] = trial_cost[accepted]
+        kept = np.where(accepted, before - trial_cost, 0.0) / np.maximum(steps.promised, 1e-300)
+        damping = self.damping[chosen] * np.where(kept > KEPT_WELL, RELIEF, 1.0)
+        self.damping[chosen] = np.where(kept < KEPT_BADLY, np.maximum(TIGHTER * damping, FIRST_DAMPING), damping)
+        self.decrement[chosen[accepted]] = steps.length[accepted]
+        self.active[chosen[self.damping[chosen] > MAX_DAMPING]] = False
+
+    def _drop_failing(self, fine: np.ndarray, chosen: np.ndarray, rows: np.ndarray, slot: np.ndarray) -> np.ndarray:
+        """Leave failing records out of windows that lose few, for good; which windows lose too many (w,)."""
+        state, ok = self.state, self.ok
+        failing = ok[rows] & ~fine
+        if not failing.any():
+            return np.zeros(len(chosen), bool)
+        share = np.bincount(slot, failing) / np.maximum(np.bincount(slot, ok[rows]), 1)
+        dropped = failing & (share <= MAX_LOST)[slot]
+        ok[rows[dropped]] = False
+        state.e[rows[dropped]] = np.nan
+        again = _summed(state.theta[chosen], state.e[rows], state.J[rows], slot, self.noise)
+        self._accept(again, chosen, rows, slot, share > 0)
+        self.cost[chosen] = self._cost(again)
+        return np.asarray(share > MAX_LOST)
+
+    def _accept(
+        self, trial: _State, chosen: np.ndarray, rows: np.ndarray, slot: np.ndarray, accepted: np.ndarray
+    ) -> None:
+        """Take over the accepted (w,) of the chosen windows."""
+        moved = accepted[slot]
+        self.state.e[rows[moved]], self.state.J[rows[moved]] = trial.e[moved], trial.J[moved]
+        for name in ("theta", "zz", "s", "F"):
+            getattr(self.state, name)[chosen[accepted]] = getattr(trial, name)[accepted]
+
+    def _normal_equations(self, chosen: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Gradient (w, q) and Gauss–Newton matrix (w, q, q) of half the least cost, nuisance eliminated."""
+        state, q = self.state, self.q
+        g = state.s[chosen] - (state.theta[chosen] - self.theta0) @ self.precision
+        H = state.F[chosen] + self.precision
+        if q == g.shape[1]:
+            return g, H
+        inner = np.linalg.solve(H[:, q:, q:], np.concatenate([g[:, q:, None], H[:, q:, :q]], axis=2))
+        gradient = g[:, :q] - np.einsum("wij,wj->wi", H[:, :q, q:], inner[:, :, 0])
+        return gradient, H[:, :q, :q] - H[:, :q, q:] @ inner[:, :, 1:]
+
+    def _cost(self, state: _State) -> np.ndarray:
+        """Σ z² + δᵀPδ of every window (w,), δ = θ − θ0, least over the linear nuisance parameters q, q+1, …
+
+        With g = s − Pδ:  least cost = cost − g_bᵀ (F_bb + P_bb)⁻¹ g_b.
+        """
+        q, precision = self.q, self.precision
+        delta = state.theta - self.theta0
+        pulled = delta @ precision
+        cost = state.zz + np.sum(pulled * delta, axis=1)
+        g = (state.s - pulled)[:, q:, None]
+        if g.shape[1]:
+            gained = np.linalg.solve(state.F[:, q:, q:] + precision[q:, q:], g)
+            cost = cost - np.sum(g * gained, axis=(1, 2))
+        return np.asarray(cost)
 
 
 def _summed(theta: np.ndarray, e: np.ndarray, J: np.ndarray, slot: np.ndarray, noise: NoiseModel) -> _State:
@@ -155,68 +291,3 @@ def _summed(theta: np.ndarray, e: np.ndarray, J: np.ndarray, slot: np.ndarray, n
         columns = G[first:stop].reshape(-1, p)
         s[i], F[i] = columns.T @ z[first:stop].ravel(), columns.T @ columns
     return _State(theta, e, J, zz, s, F)
-
-
-def _drop_failing(
-    state: _State,
-    cost: np.ndarray,
-    ok: np.ndarray,
-    fine: np.ndarray,
-    chosen: np.ndarray,
-    rows: np.ndarray,
-    slot: np.ndarray,
-    theta0: np.ndarray,
-    precision: np.ndarray,
-    q: int,
-    noise: NoiseModel,
-) -> np.ndarray:
-    """Leave failing records out of windows that lose few, for good; which windows lose too many (w,)."""
-    failing = ok[rows] & ~fine
-    if not failing.any():
-        return np.zeros(len(chosen), bool)
-    share = np.bincount(slot, failing) / np.maximum(np.bincount(slot, ok[rows]), 1)
-    dropped = failing & (share <= MAX_LOST)[slot]
-    ok[rows[dropped]] = False
-    state.e[rows[dropped]] = np.nan
-    again = _summed(state.theta[chosen], state.e[rows], state.J[rows], slot, noise)
-    _accept(state, again, chosen, rows, slot, share > 0)
-    cost[chosen] = _cost(again, theta0, precision, q)
-    return np.asarray(share > MAX_LOST)
-
-
-def _normal_equations(
-    state: _State, chosen: np.ndarray, theta0: np.ndarray, precision: np.ndarray, q: int
-) -> tuple[np.ndarray, np.ndarray]:
-    """Gradient (w, q) and Gauss–Newton matrix (w, q, q) of half the least cost, nuisance eliminated."""
-    g = state.s[chosen] - (state.theta[chosen] - theta0) @ precision
-    H = state.F[chosen] + precision
-    if q == g.shape[1]:
-        return g, H
-    inner = np.linalg.solve(H[:, q:, q:], np.concatenate([g[:, q:, None], H[:, q:, :q]], axis=2))
-    gradient = g[:, :q] - np.einsum("wij,wj->wi", H[:, :q, q:], inner[:, :, 0])
-    return gradient, H[:, :q, :q] - H[:, :q, q:] @ inner[:, :, 1:]
-
-
-def _cost(state: _State, theta0: np.ndarray, precision: np.ndarray, q: int) -> np.ndarray:
-    """Σ z² + δᵀPδ of every window (w,), δ = θ − θ0, least over the linear nuisance parameters q, q+1, …
-
-    With g = s − Pδ:  least cost = cost − g_bᵀ (F_bb + P_bb)⁻¹ g_b.
-    """
-    delta = state.theta - theta0
-    pulled = delta @ precision
-    cost = state.zz + np.sum(pulled * delta, axis=1)
-    g = (state.s - pulled)[:, q:, None]
-    if g.shape[1]:
-        gained = np.linalg.solve(state.F[:, q:, q:] + precision[q:, q:], g)
-        cost = cost - np.sum(g * gained, axis=(1, 2))
-    return np.asarray(cost)
-
-
-def _accept(
-    state: _State, trial: _State, chosen: np.ndarray, rows: np.ndarray, slot: np.ndarray, accepted: np.ndarray
-) -> None:
-    """Take over the accepted (w,) of the chosen windows."""
-    moved = accepted[slot]
-    state.e[rows[moved]], state.J[rows[moved]] = trial.e[moved], trial.J[moved]
-    for name in ("theta", "zz", "s", "F"):
-        getattr(state, name)[chosen[accepted]] = getattr(trial, name)[accepted]

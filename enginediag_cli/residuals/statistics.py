@@ -85,21 +85,6 @@ class LocalStatistics:
             doubt=_doubt_of_both(self.doubt, other.doubt),
         )
 
-    @property
-    def improved_residual(self) -> np.ndarray:
-        """r_N = s/√N (p,), eq. (8)."""
-        return self.s / np.sqrt(self.n)
-
-    @property
-    def M(self) -> np.ndarray:
-        """M = F/N (p, p): the mean of r_N is M Δθ when θ = θ0 + Δθ/√N, eq. (9)."""
-        return self.F / self.n
-
-    @property
-    def Sigma(self) -> np.ndarray:
-        """Σ = V/N (p, p): covariance of r_N, eq. (9)."""
-        return self.V / self.n
-
     def unexcited(self, least_information: float = 1.0) -> tuple[DarkCombination, ...]:
         """Combinations of parameters that these operating points tell less about than the prior does."""
         return dark_combinations(self.parameters, self.F, self.prior_sigma, least_information)
@@ -144,20 +129,3 @@ def _doubt_of_both(a: tuple[float, float, float], b: tuple[float, float, float])
     """Doubt about the noise is common to both stretches; each contributes half of the leverages, h² a quarter."""
     common = max(a[:2], b[:2])
     return common[0], common[1], (a[2] + b[2]) / 4
-
-
-def empty_statistics(parameters: Sequence[str], theta0: np.ndarray, prior_sigma: np.ndarray) -> LocalStatistics:
-    """Statistics of no records: the zero of `+`."""
-    p = len(parameters)
-    zero = np.zeros((p, p))
-    return LocalStatistics(
-        tuple(parameters),
-        np.asarray(theta0, float),
-        np.asarray(prior_sigma, float),
-        np.zeros(p),
-        zero,
-        zero,
-        0,
-        0.0,
-        0.0,
-    )

@@ -12,9 +12,12 @@ from numpy.typing import ArrayLike, NDArray
 from enginediag_cli.engine.atmosphere import P_ISA, R_AIR, T_ISA, standard_atmosphere
 
 GAMMA = 1.4
+"""Ratio of heat capacities of air that airspeed indicators are calibrated with."""
 SOUND_SPEED_ISA_M_S = float(np.sqrt(GAMMA * R_AIR * T_ISA))
 KNOT_M_S = 1852.0 / 3600.0
+"""International nautical mile of 1852 m an hour."""
 FOOT_M = 0.3048
+"""International foot of 1959."""
 
 
 def mach_from_cas(cas_m_s: ArrayLike, altitude_m: ArrayLike) -> NDArray[np.float64]:
@@ -26,14 +29,6 @@ def mach_from_cas(cas_m_s: ArrayLike, altitude_m: ArrayLike) -> NDArray[np.float
     ratio = np.asarray(cas_m_s, dtype=float) / SOUND_SPEED_ISA_M_S
     impact_pressure = P_ISA * ((1.0 + 0.2 * ratio**2) ** 3.5 - 1.0)
     return np.sqrt(5.0 * ((impact_pressure / _pressure(altitude_m) + 1.0) ** (1.0 / 3.5) - 1.0))
-
-
-def cas_from_mach(mach: ArrayLike, altitude_m: ArrayLike) -> NDArray[np.float64]:
-    """Calibrated airspeed, m/s, of a Mach number at a pressure altitude, m: inverse of `mach_from_cas`."""
-    number = np.asarray(mach, dtype=float)
-    impact_pressure = _pressure(altitude_m) * ((1.0 + 0.2 * number**2) ** 3.5 - 1.0)
-    root = (impact_pressure / P_ISA + 1.0) ** (1.0 / 3.5)
-    return SOUND_SPEED_ISA_M_S * np.sqrt(5.0 * (root - 1.0))
 
 
 def _pressure(altitude_m: ArrayLike) -> NDArray[np.float64]:

@@ -11,8 +11,11 @@ from enginediag_cli.simulation.flight_file import MISSIONS
 from enginediag_cli.simulation.noise_section import NOISE
 
 AIRLINER_FLIGHTS = 5
+"""Flights of an engine for which none are described: some thousand records."""
 GROUND_DAYS = 30
+"""Days of an engine on the ground: a month's weather."""
 MARGIN_M = 100.0
+"""Kept from the ceiling of the engine's envelope, so that no record is outside by rounding."""
 
 
 def default_plan(engine: EngineLike) -> dict[str, Any]:

@@ -15,6 +15,7 @@ from enginediag_cli.simulation.conditions import LABELS, Conditions
 from enginediag_cli.simulation.flight_file import MISSIONS
 
 MAX_FLIGHTS_FOR_RECORDS = 100_000
+"""Flights that are made for a wanted number of records at most: a stop for what should not happen."""
 
 
 def generate_flights(

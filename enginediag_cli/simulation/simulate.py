@@ -87,7 +87,18 @@ def simulate_in_chunks(
         **values,
         **sensor_truth(faults.sensors, clocks),
     }
-    return _pieces(engine, conditions, inputs, values, hidden, clocks, instruments, chunk)
+    return _pieces(engine, _Course(conditions, inputs, values, hidden, clocks), instruments, chunk)
+
+
+@dataclass(frozen=True)
+class _Course:
+    """What is set for every record: conditions, the engine's inputs and parameters, what is true of them, the time."""
+
+    conditions: Conditions
+    inputs: Mapping[str, NDArray[np.float64]]
+    values: Mapping[str, NDArray[np.float64]]
+    hidden: Mapping[str, NDArray]
+    clocks: Clocks
 
 
 class Instruments:
@@ -130,27 +141,18 @@ def _floats(column: NDArray) -> NDArray[np.float64]:
     return np.asarray(column, dtype=float)
 
 
-def _pieces(
-    engine: EngineLike,
-    conditions: Conditions,
-    inputs: Mapping[str, NDArray[np.float64]],
-    values: Mapping[str, NDArray[np.float64]],
-    hidden: Mapping[str, NDArray],
-    clocks: Clocks,
-    instruments: Instruments,
-    chunk: int,
-) -> Iterator[Simulated]:
-    for start in range(0, max(len(conditions), 1), chunk):
+def _pieces(engine: EngineLike, course: _Course, instruments: Instruments, chunk: int) -> Iterator[Simulated]:
+    for start in range(0, max(len(course.conditions), 1), chunk):
         piece = slice(start, start + chunk)
-        given = conditions.slice(start, start + chunk).columns
+        given = course.conditions.slice(start, start + chunk).columns
         prediction = engine.predict(
-            {name: column[piece] for name, column in inputs.items()},
-            {name: value[piece] for name, value in values.items()},
+            {name: column[piece] for name, column in course.inputs.items()},
+            {name: value[piece] for name, value in course.values.items()},
             sensors=tuple(engine.sensors),
         )
         outputs = dict(zip(prediction.columns, np.asarray(prediction.y).T, strict=True))
-        recorded = instruments.read({**given, **outputs}, clocks.slice(start, start + chunk))
+        recorded = instruments.read({**given, **outputs}, course.clocks.slice(start, start + chunk))
         status = np.asarray(prediction.status)
         recorded["status"] = STATUS_WORDS[status]
         reasons = Counter(_reason(prediction.reason(int(k))) for k in np.flatnonzero(status))
-        yield Simulated(recorded, {name: value[piece] for name, value in hidden.items()}, dict(reasons))
+        yield Simulated(recorded, {name: value[piece] for name, value in course.hidden.items()}, dict(reasons))

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from enginediag_cli.detection.trend import Z95 as Z
+from enginediag_cli.intervals import NORMAL_95
 
 CONFIDENCE = 0.95
 """Of every interval of a rate: two-sided, as is usual."""
@@ -39,8 +39,8 @@ def wilson(count: float, of: int) -> tuple[float, float]:
     """95 % interval of a binomial rate: E. B. Wilson, J. Am. Stat. Assoc. 22 (1927) 209–212."""
     if not of:
         return 0.0, 1.0
-    p, z2 = count / of, Z * Z
-    centre, half = p + z2 / (2 * of), Z * np.sqrt(p * (1 - p) / of + z2 / (4 * of * of))
+    p, z2 = count / of, NORMAL_95 * NORMAL_95
+    centre, half = p + z2 / (2 * of), NORMAL_95 * np.sqrt(p * (1 - p) / of + z2 / (4 * of * of))
     return float(max(0.0, (centre - half) / (1 + z2 / of))), float(min(1.0, (centre + half) / (1 + z2 / of)))
 
 
@@ -50,7 +50,7 @@ def mean(values: Sequence[float]) -> dict[str, Any]:
     m = float(np.mean(values))
     if n < 2:
         return {"rate": m, "count": float(np.sum(values)), "of": n, "low": None, "high": None}
-    half = Z * float(np.std(values, ddof=1)) / np.sqrt(n)
+    half = NORMAL_95 * float(np.std(values, ddof=1)) / np.sqrt(n)
     low, high = m - half, m + half
     if 0.0 <= min(values) and max(values) <= 1.0:  # shares
         low, high = max(low, 0.0), min(high, 1.0)

@@ -26,6 +26,8 @@ from linear_twin import Flown, draw_noise, fly, identified
 
 from enginediag_cli.detection.glr import critical_value
 from enginediag_cli.detection.verdict import unknown_noise
+from enginediag_cli.intervals import NORMAL_95
+from enginediag_cli.residuals.frame import Frame
 from enginediag_cli.residuals.local import local_statistics, whiten
 from enginediag_cli.residuals.monitor import noise_of
 from enginediag_cli.residuals.noise import NoiseModel
@@ -44,8 +46,6 @@ NOMINALS = {100: 200, 300: 120, 1000: 60}
 DIGITS = (1, 2, 3)
 """Decimals of a rate in per cent at each of RATES."""
 
-NORMAL_95 = 1.96
-"""Two-sided 95 % point of the normal law."""
 
 UNIFORM = -1.2
 """Excess kurtosis of the uniform law."""
@@ -141,12 +141,7 @@ def _alarms(
     """Alarms (3,) of `count` windows with sensitivities J; None where there is no verdict."""
     noise = watched.noise
     geometry = local_statistics(
-        np.zeros(J.shape[:2]),
-        J,
-        noise,
-        parameters=flown.names,
-        theta0=np.zeros(len(flown.names)),
-        prior_sigma=flown.prior,
+        np.zeros(J.shape[:2]), J, noise, Frame(flown.names, np.zeros(len(flown.names)), flown.prior)
     )
     score = fisher_score(marginalise(geometry, flown.monitored, watched.covariance))  # all but the residuals
     if unknown_noise(score):

@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 
 from enginediag_cli.isolation.subsets import ENUMERATED, best_subsets
+from enginediag_cli.residuals.frame import Frame
 from enginediag_cli.residuals.local import local_statistics
 from enginediag_cli.residuals.noise import white_noise
 from enginediag_cli.residuals.score import Score, fisher_score
@@ -36,12 +37,7 @@ def problem(rng: np.random.Generator, p: int, k: int, size: float, common: float
     change[true] = size * rng.choice([-1.0, 1.0], k) / np.sqrt(np.mean(np.sum(J**2, axis=(0, 1))))
     e = rng.standard_normal(J.shape[:2]) + J @ change
     statistics = local_statistics(
-        e,
-        J,
-        white_noise(np.ones(4)),
-        parameters=[f"p{i}" for i in range(p)],
-        theta0=np.ones(p),
-        prior_sigma=np.full(p, 0.02),
+        e, J, white_noise(np.ones(4)), Frame([f"p{i}" for i in range(p)], np.ones(p), np.full(p, 0.02))
     )
     return fisher_score(statistics), set(true.tolist())
 

@@ -13,6 +13,7 @@ from scipy.stats import f as f_law
 
 from enginediag_cli.detection.glr import critical_value, glr_test, noise_correction, numerator, p_value, threshold
 from enginediag_cli.detection.verdict import HEALTHY, NO_VERDICT, judge, unknown_noise
+from enginediag_cli.residuals.frame import Frame
 from enginediag_cli.residuals.local import local_statistics
 from enginediag_cli.residuals.noise import NoiseModel
 from enginediag_cli.residuals.pipeline import WindowStatistics
@@ -22,7 +23,7 @@ ROOT = Path(__file__).resolve().parents[2]
 
 
 def statistics_of(e, G, noise):
-    return local_statistics(e, G, noise, parameters=("a", "b"), theta0=np.zeros(2), prior_sigma=np.ones(2))
+    return local_statistics(e, G, noise, Frame(("a", "b"), np.zeros(2), np.ones(2)))
 
 
 def score_of(rng, G, sigma, readings):

@@ -8,6 +8,7 @@ from scipy.signal import lfilter
 from scipy.stats import binom, ncx2
 
 from enginediag_cli.detection.glr import glr_test, power, threshold
+from enginediag_cli.residuals.frame import Frame
 from enginediag_cli.residuals.local import local_statistics
 from enginediag_cli.residuals.noise import NoiseModel, white_noise
 from enginediag_cli.residuals.score import fisher_score
@@ -30,14 +31,7 @@ def scores(rng, noise, change, trials=TRIALS):
             w = rng.standard_normal(N + 200) * np.sqrt(1 - rho**2)
             e[:, j] = noise.sigma[j] * lfilter([1], [1, -rho], w)[200:]
         yield fisher_score(
-            local_statistics(
-                e + J @ change,
-                J,
-                noise,
-                parameters=tuple("abcdef"),
-                theta0=np.ones(P),
-                prior_sigma=np.full(P, 0.02),
-            )
+            local_statistics(e + J @ change, J, noise, Frame(tuple("abcdef"), np.ones(P), np.full(P, 0.02)))
         )
 
 
@@ -67,12 +61,7 @@ def test_the_realised_power_is_that_of_the_noncentral_chi2():
 def test_nothing_excited_gives_no_verdict():
     found = fisher_score(
         local_statistics(
-            np.zeros((5, 1)),
-            np.zeros((5, 1, 2)),
-            white_noise(np.ones(1)),
-            parameters=("a", "b"),
-            theta0=np.ones(2),
-            prior_sigma=np.ones(2),
+            np.zeros((5, 1)), np.zeros((5, 1, 2)), white_noise(np.ones(1)), Frame(("a", "b"), np.ones(2), np.ones(2))
         )
     )
     test = glr_test(found)

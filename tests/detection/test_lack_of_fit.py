@@ -8,20 +8,14 @@ from scipy.stats import binom
 
 from enginediag_cli.detection.glr import glr_test
 from enginediag_cli.detection.lack_of_fit import lack_of_fit
+from enginediag_cli.residuals.frame import Frame
 from enginediag_cli.residuals.local import local_statistics
 from enginediag_cli.residuals.noise import white_noise
 from enginediag_cli.residuals.score import fisher_score
 
 
 def statistics(e, J):
-    return local_statistics(
-        e,
-        J,
-        white_noise(np.ones(e.shape[1])),
-        parameters=("a", "b"),
-        theta0=np.ones(2),
-        prior_sigma=np.full(2, 0.02),
-    )
+    return local_statistics(e, J, white_noise(np.ones(e.shape[1])), Frame(("a", "b"), np.ones(2), np.full(2, 0.02)))
 
 
 def test_the_rest_is_the_residual_sum_of_squares_of_least_squares():

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from enginediag_cli.detection.trend import Z95, fit_trends, flight_change
+from enginediag_cli.detection.trend import fit_trends, flight_change
+from enginediag_cli.intervals import NORMAL_95
 from enginediag_cli.residuals.statistics import LocalStatistics
 
 NAMES, SIGMA = ("fan.efficiency", "hpc.efficiency", "hpt.efficiency"), np.array([0.02, 0.02, 0.02])
@@ -18,7 +19,11 @@ def flights(rng, changes):
         A = rng.standard_normal((30, 3)) * 200
         F = A.T @ A
         s = F @ change + A.T @ rng.standard_normal(30)
-        found.append(LocalStatistics(NAMES, np.ones(3), SIGMA, s, F, F, 30, 30.0, 30.0))
+        found.append(
+            LocalStatistics(
+                parameters=NAMES, theta0=np.ones(3), prior_sigma=SIGMA, s=s, F=F, V=F, n=30, chi2=30.0, dof=30.0
+            )
+        )
     return found
 
 
@@ -51,7 +56,7 @@ def test_intervals_of_the_rate_cover_as_often_as_stated():
         changes = np.zeros((15, 3))
         changes[:, 0] = -0.001 * np.maximum(np.arange(15) - 5, 0)
         trend = fit_trends(flights(np.random.default_rng(100 + seed), changes)).trends[0]
-        covered += abs(trend.rate + 0.001) < Z95 * trend.rate_error
+        covered += abs(trend.rate + 0.001) < NORMAL_95 * trend.rate_error
     assert covered >= 50  # 0.1 % point of the binomial law for 60 intervals at 95 % is 51
 
 

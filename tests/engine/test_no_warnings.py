@@ -39,7 +39,7 @@ def test_commands_on_hard_recordings_raise_no_runtime_warning(tmp_path):
     head = next(k for k, line in enumerate(lines) if not line.startswith("#"))
     columns = lines[head].split(",")
     rows = [line.split(",") for line in lines[head + 1 : head + 201]]
-    for k, cell in enumerate(("1e100", "-1e100", "1e-300", "0", "-40000", "nan", "inf")):
+    for k, cell in enumerate(("1e308", "-1e308", "1e-300", "0", "-40000", "nan", "inf")):
         for column in (c for c in columns if c not in ("flight", "phase", "time_s", "status")):
             rows[10 + 7 * k][columns.index(column)] = cell
             rows[90 + (13 * k + columns.index(column)) % 100][columns.index(column)] = cell

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from enginediag_cli.residuals.frame import Frame
 from enginediag_cli.residuals.local import local_statistics
 from enginediag_cli.residuals.noise import white_noise
 from enginediag_cli.residuals.score import Score, fisher_score
@@ -15,12 +16,7 @@ def linear_score(rng, J, change, sigma=0.02) -> Score:
     e = rng.standard_normal((N, m)) + J @ np.asarray(change, float)
     return fisher_score(
         local_statistics(
-            e,
-            J,
-            white_noise(np.ones(m)),
-            parameters=tuple(f"p{i}" for i in range(p)),
-            theta0=np.ones(p),
-            prior_sigma=np.full(p, sigma),
+            e, J, white_noise(np.ones(m)), Frame(tuple(f"p{i}" for i in range(p)), np.ones(p), np.full(p, sigma))
         )
     )
 

@@ -14,6 +14,7 @@ from enginediag_cli.isolation.components import component_posterior, isolate_com
 from enginediag_cli.isolation.methods import IsolationOptions
 from enginediag_cli.isolation.posterior import set_posterior
 from enginediag_cli.isolation.prior import SetPrior
+from enginediag_cli.residuals.frame import Frame
 from enginediag_cli.residuals.local import local_statistics
 from enginediag_cli.residuals.noise import white_noise
 from enginediag_cli.residuals.score import fisher_score
@@ -26,13 +27,7 @@ def score_of(rng, J, change, names=NAMES, sigma=0.02):
     p = len(names)
     return fisher_score(
         local_statistics(
-            e,
-            J,
-            white_noise(np.ones(J.shape[1])),
-            parameters=names,
-            theta0=np.ones(p),
-            prior_sigma=np.full(p, sigma),
-            meaning=meaning_of(names),
+            e, J, white_noise(np.ones(J.shape[1])), Frame(names, np.ones(p), np.full(p, sigma), meaning_of(names))
         )
     ), e
 

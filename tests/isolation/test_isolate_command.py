@@ -51,22 +51,22 @@ def folder(tmp_path_factory):
         write_csv(folder / f"{name}.csv", [Recording({**columns, "time_s": 10.0 * np.arange(N), **readings})])
     noise = tuple(SensorNoise(c, s, 0.0, N, float(N), 0) for c, s in sigma.items())
     nominal = Nominal(
-        str(ENGINE),
-        sha256_of(ENGINE),
-        engine.inputs,
-        (),
-        np.zeros((0, 0)),
-        noise,
-        np.eye(len(sigma)),
-        (),
-        {},
-        (),
-        (),
-        (),
-        (),
-        learn_envelope(columns),
-        {},
-        {},
+        engine_path=str(ENGINE),
+        engine_sha256=sha256_of(ENGINE),
+        inputs=engine.inputs,
+        estimates=(),
+        covariance=np.zeros((0, 0)),
+        noise=noise,
+        noise_correlation=np.eye(len(sigma)),
+        offsets=(),
+        recording_offsets={},
+        in_sample=(),
+        cross_validated=(),
+        held_out=(),
+        unidentified=(),
+        envelope=learn_envelope(columns),
+        records={},
+        provenance={},
     )
     write_nominal(nominal, folder / "nominal.yaml")
     return folder

@@ -45,24 +45,6 @@ def window_score(monitor, inputs, y) -> Score:
     def predict(theta, rows):
         return monitor.predict({c: v[rows] for c, v in inputs.items()}, theta, nuisance=False)[:3]
 
-    found = relinearise(
-        predict,
-        y,
-        monitor.theta0,
-        monitor.precision,
-        monitor.noise,
-        moving=len(monitor.monitored),
-        bounds=(monitor.lower, monitor.upper),
-    )
+    found = relinearise(predict, y, monitor.hold, monitor.noise)
     assert found.converged.all()
-    return fisher_score(
-        local_statistics(
-            found.e,
-            found.J,
-            monitor.noise,
-            parameters=monitor.names,
-            theta0=monitor.theta0,
-            prior_sigma=monitor.prior_sigma,
-            meaning=monitor.meaning,
-        )
-    )
+    return fisher_score(local_statistics(found.e, found.J, monitor.noise, monitor.frame))

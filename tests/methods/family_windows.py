@@ -53,7 +53,19 @@ def linear_monitor(*, rho=0.0, uncertain=0.0) -> Monitor:
     noise = NoiseModel(NOISE, np.full(4, rho))
     meaning = meaning_of(NAMES)
     return Monitor(
-        LinearEngine(), SENSORS, {}, NAMES, NAMES, meaning, (), 0 * ones, ones, -100 * ones, 100 * ones, C, noise
+        engine=LinearEngine(),
+        sensors=SENSORS,
+        base={},
+        names=NAMES,
+        monitored=NAMES,
+        meaning=meaning,
+        offsets=(),
+        theta0=0 * ones,
+        prior_sigma=ones,
+        lower=-100 * ones,
+        upper=100 * ones,
+        uncertainty=C,
+        noise=noise,
     )
 
 

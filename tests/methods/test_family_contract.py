@@ -125,7 +125,19 @@ def turbofan():
     names = engine.monitored
     meaning, noise = {p.name: p for p in parameters}, white_noise(full / np.sqrt(12))
     monitor = Monitor(
-        engine, sensors, {}, names, names, meaning, (), theta0, sigma, lower, upper, np.zeros((p, p)), noise
+        engine=engine,
+        sensors=sensors,
+        base={},
+        names=names,
+        monitored=names,
+        meaning=meaning,
+        offsets=(),
+        theta0=theta0,
+        prior_sigma=sigma,
+        lower=lower,
+        upper=upper,
+        uncertainty=np.zeros((p, p)),
+        noise=noise,
     )
     rng = np.random.default_rng(5)
 

@@ -63,7 +63,7 @@ def make(folder: Path) -> Files:
         read[name] = Recording({**columns, "time_s": 10.0 * np.arange(RECORDS), **readings})
         write_csv(folder / f"{name}.csv", [read[name]])
     flights = np.repeat(["1", "2", "3"], RECORDS // 3).tolist()
-    write_csv(folder / "flights.csv", [read["flight"].with_text({"flight": flights})])
+    write_csv(folder / "flights.csv", [Recording(read["flight"].columns, {"flight": flights})])
     foreign = {
         "ALT": columns["altitude_m"] / 0.3048,
         "MN": columns["mach"],
@@ -89,20 +89,20 @@ def _nominal(engine, engine_path, sigma, columns) -> Nominal:
     covariance[np.diag_indices(len(errors))] = errors**2
     noise = tuple(SensorNoise(c, s, 0.1, 400, 350.0, 1, "fit", 380.0, 0.05) for c, s in sigma.items())
     return Nominal(
-        engine_path.name,
-        sha256_of(engine_path),
-        engine.inputs,
-        estimates,
-        covariance,
-        noise,
-        np.eye(len(sigma)),
-        (),
-        {},
-        (),
-        (),
-        (),
-        (),
-        learn_envelope(columns),
-        {"used": 400},
-        {"enginediag": "test"},
+        engine_path=engine_path.name,
+        engine_sha256=sha256_of(engine_path),
+        inputs=engine.inputs,
+        estimates=estimates,
+        covariance=covariance,
+        noise=noise,
+        noise_correlation=np.eye(len(sigma)),
+        offsets=(),
+        recording_offsets={},
+        in_sample=(),
+        cross_validated=(),
+        held_out=(),
+        unidentified=(),
+        envelope=learn_envelope(columns),
+        records={"used": 400},
+        provenance={"enginediag": "test"},
     )

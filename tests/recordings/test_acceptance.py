@@ -63,7 +63,7 @@ def test_frozen_stretches_gaps_and_steps_back_carry_their_lines():
 
 def test_time_that_begins_again_with_the_next_flight_is_no_step_back_and_copies_are_counted():
     r = recording(100)
-    two = concat([r.with_text({"flight": [name] * 100}) for name in "ab"])
+    two = concat([Recording(r.columns, {"flight": [name] * 100}) for name in "ab"])
     assert accept(two, ["Wf_kg_s"], SENSORS).timing.backward_count == 0
     assert accept(concat([r, r]), ["Wf_kg_s"], SENSORS).timing.repeated == 100
 

@@ -112,7 +112,7 @@ def test_nineteen_equal_records_are_not_frozen_nor_is_a_recorder_that_holds_each
 
 def test_records_of_different_flights_are_never_compared():
     r = recording(15)
-    twice = concat([r.with_text({"flight": [name] * 15}) for name in ("a", "b")])
+    twice = concat([Recording(r.columns, {"flight": [name] * 15}) for name in ("a", "b")])
     clean, report = mask_recording(twice, JUDGED)
     assert len(clean) == 30 and report.records == {"frozen": 0, "repeated": 0}
     for c in (*SENSORS, "Wf_kg_s"):

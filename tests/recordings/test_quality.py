@@ -96,9 +96,15 @@ def test_codes_for_no_value_lie_outside_the_physical_limits_in_any_unit():
     for column, code in (("T3_K", -9999.0), ("itt_degC", -9999.0), ("P3_psia", -99.0), ("N2_rpm", -1.0)):
         low, high = physical_limits(column)
         assert code < low < high
-    assert physical_limits("dT_isa_K") == (-np.inf, np.inf)
     low, high = physical_limits("T3_degC")
     assert (low, high) == pytest.approx((100.0 - 273.15, 3500.0 - 273.15))
+
+
+def test_a_reading_too_large_to_compute_with_is_out_of_limits_whatever_it_is_of():
+    torque = np.linspace(1e3, 2e3, 100)
+    torque[[7, 9]] = 1e308, -1e308
+    clean, report = mask_gross(Recording({"torque_Nm": torque}))
+    assert report.counts["torque_Nm"]["out of limits"] == 2 and np.isfinite(clean["torque_Nm"]).sum() == 98
 
 
 def test_nothing_left_is_an_error_that_says_why():

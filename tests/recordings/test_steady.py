@@ -59,7 +59,8 @@ def test_rows_without_time_are_steady_when_both_neighbours_are_near():
 
 def test_averages_are_the_means_of_whole_steady_windows_with_their_standard_error():
     rng = np.random.default_rng(2)
-    r = step_flight().with_columns({"T3_K": 700.0 + rng.normal(size=200)}).with_text({"e": ["a"] * 200})
+    r = step_flight().with_columns({"T3_K": 700.0 + rng.normal(size=200)})
+    r = Recording(r.columns, {"e": ["a"] * 200})
     settings = SteadySettings(window_s=10, spread={"N1_rpm": 100})
     averages, report = average(r, 10.0, failures(r, settings))
     assert report.kept == 20 and report.total == 20

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from enginediag_cli.errors import DataError
-from enginediag_cli.recordings.provenance import header_lines, parse_header, sha256_of
+from enginediag_cli.recordings.provenance import header_lines, sha256_of
 from enginediag_cli.recordings.read import read_all
 from enginediag_cli.recordings.table import Recording
 from enginediag_cli.recordings.write import CsvWriter, output, write_csv
@@ -80,11 +80,10 @@ def test_packed_files_of_the_same_data_are_the_same_bytes(tmp_path):
     assert len(read_all(paths[0])) == 40
 
 
-def test_provenance_names_the_configuration_by_hash_and_parses_back(tmp_path):
+def test_provenance_names_the_configuration_by_hash(tmp_path):
     config = tmp_path / "engine.yaml"
     config.write_text("kind: engine\n")
     lines = header_lines("simulate", seed=7, configs=[config], notes={"flight": "climb\nx"}, inherited=["seed: 3"])
     assert str(tmp_path) not in "\n".join(lines) and all("\n" not in line for line in lines)
-    notes = parse_header(lines)
-    assert notes["seed"] == "7" and notes["command"] == "simulate" and notes["flight"] == "climb x"
-    assert notes["config"] == f"engine.yaml sha256:{sha256_of(config)[:16]}"
+    assert {"seed: 7", "command: simulate", "flight: climb x"} <= set(lines)
+    assert f"config: engine.yaml sha256:{sha256_of(config)[:16]}" in lines

@@ -10,6 +10,7 @@ import pytest
 from enginediag_cli.identification.nominal import SensorNoise
 from enginediag_cli.residuals.correlated import independent_rows
 from enginediag_cli.residuals.flat import flat_row, read_flat
+from enginediag_cli.residuals.frame import Frame
 from enginediag_cli.residuals.local import local_statistics
 from enginediag_cli.residuals.monitor import noise_of
 from enginediag_cli.residuals.noise import NoiseModel
@@ -26,12 +27,7 @@ def noise_from(sigma_from, **values):
 
 def statistics(noise, rng):
     return local_statistics(
-        np.zeros((30, 1)),
-        rng.standard_normal((30, 1, 2)),
-        noise,
-        parameters=("a", "b"),
-        theta0=np.zeros(2),
-        prior_sigma=np.ones(2),
+        np.zeros((30, 1)), rng.standard_normal((30, 1, 2)), noise, Frame(("a", "b"), np.zeros(2), np.ones(2))
     )
 
 
@@ -82,9 +78,7 @@ def test_an_error_that_all_sensors_share_counts_for_more_than_errors_of_their_ow
             rho_error=np.full(6, own),
             rho_common=np.full(6, common),
         )
-        found = local_statistics(
-            np.zeros((30, 6)), G, noise, parameters=("a", "b"), theta0=np.zeros(2), prior_sigma=np.ones(2)
-        )
+        found = local_statistics(np.zeros((30, 6)), G, noise, Frame(("a", "b"), np.zeros(2), np.ones(2)))
         return fisher_score(found).doubt
 
     assert doubt(0.0, 0.02)[0] > 3 * doubt(0.02, 0.0)[0]

@@ -12,6 +12,7 @@ from enginediag_cli.detection.lack_of_fit import lack_of_fit
 from enginediag_cli.detection.verdict import judge
 from enginediag_cli.errors import DataError
 from enginediag_cli.isolation.methods import isolate
+from enginediag_cli.residuals.frame import Frame
 from enginediag_cli.residuals.local import local_statistics
 from enginediag_cli.residuals.pipeline import window_statistics
 from enginediag_cli.residuals.score import fisher_score
@@ -33,9 +34,7 @@ def test_statistics_at_nominal_are_those_of_all_records_at_once():
     (window,) = found(monitor, recording, linearise="nominal")
     y, J, _, _ = monitor.predict({c: recording[c] for c in monitor.engine.inputs}, monitor.theta0)
     e = np.column_stack([recording[c] for c in SENSORS]) - y
-    direct = fisher_score(
-        local_statistics(e, J, monitor.noise, parameters=HEALTH, theta0=monitor.theta0, prior_sigma=monitor.prior_sigma)
-    )
+    direct = fisher_score(local_statistics(e, J, monitor.noise, Frame(HEALTH, monitor.theta0, monitor.prior_sigma)))
     np.testing.assert_allclose(window.statistics.s, direct.b, rtol=1e-8)
     np.testing.assert_allclose(window.statistics.F, direct.information, rtol=1e-8)
     assert (window.first_line, window.last_line, window.records) == (2, 201, 200)

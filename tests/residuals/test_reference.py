@@ -38,7 +38,17 @@ def test_the_reference_is_the_gaussian_posterior_of_what_is_uncertain():
     A = rng.standard_normal((30, 4))
     F, C = A.T @ A, np.diag([0.5, 2.0, 0.0, 1.0])
     s = rng.standard_normal(4)
-    statistics = LocalStatistics(("a", "b", "c", "d"), np.zeros(4), np.ones(4), s, F, F, 30, 30.0, 30.0)
+    statistics = LocalStatistics(
+        parameters=("a", "b", "c", "d"),
+        theta0=np.zeros(4),
+        prior_sigma=np.ones(4),
+        s=s,
+        F=F,
+        V=F,
+        n=30,
+        chi2=30.0,
+        dof=30.0,
+    )
     found = learn_reference(statistics, C)
     gain = C @ np.linalg.inv(np.eye(4) + F @ C)
     np.testing.assert_allclose(found.shift, gain @ s, atol=1e-12)
@@ -52,7 +62,17 @@ def test_taking_the_reference_out_is_the_same_as_subtracting_its_prediction_from
     F = G.T @ G
 
     def of(z):
-        return LocalStatistics(("a", "b", "c"), np.zeros(3), np.ones(3), G.T @ z, F, F, 50, float(z @ z), 50.0)
+        return LocalStatistics(
+            parameters=("a", "b", "c"),
+            theta0=np.zeros(3),
+            prior_sigma=np.ones(3),
+            s=G.T @ z,
+            F=F,
+            V=F,
+            n=50,
+            chi2=float(z @ z),
+            dof=50.0,
+        )
 
     reference = replace(learn_reference(of(z), np.eye(3)), shift=shift)
     moved, direct = reference.taken_out_of(of(z)), of(z - G @ shift)

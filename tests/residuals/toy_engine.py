@@ -89,20 +89,20 @@ def toy_monitor(*, offset=0.0, uncertain=0.0, rho=0.0) -> Monitor:
         engine.inputs, np.array([1e4, 0.5, 1.0]), np.zeros(3), np.ones(3), np.array([[5e3, 0.5, 1.0]]), 3.0
     )
     return Monitor(
-        engine,
-        SENSORS,
-        {},
-        tuple(names),
-        HEALTH,
-        meaning_of(HEALTH),
-        (Offset(2, "bias"),) if offset else (),
-        theta0,
-        np.array(sigma),
-        theta0 - bound,
-        theta0 + bound,
-        C,
-        NoiseModel(SIGMA, np.full(5, rho)),
-        envelope,
+        engine=engine,
+        sensors=SENSORS,
+        base={},
+        names=tuple(names),
+        monitored=HEALTH,
+        meaning=meaning_of(HEALTH),
+        offsets=(Offset(2, "bias"),) if offset else (),
+        theta0=theta0,
+        prior_sigma=np.array(sigma),
+        lower=theta0 - bound,
+        upper=theta0 + bound,
+        uncertainty=C,
+        noise=NoiseModel(SIGMA, np.full(5, rho)),
+        envelope=envelope,
     )
 
 

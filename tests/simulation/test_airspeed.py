@@ -3,12 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from enginediag_cli.simulation.airspeed import FOOT_M, KNOT_M_S, cas_from_mach, mach_from_cas
-
-
-def test_cas_and_mach_are_inverse_of_each_other():
-    altitude, cas = np.meshgrid(np.linspace(-200.0, 14000.0, 40), np.linspace(20.0, 190.0, 30))
-    np.testing.assert_allclose(cas_from_mach(mach_from_cas(cas, altitude), altitude), cas, rtol=1e-12)
+from enginediag_cli.simulation.airspeed import FOOT_M, KNOT_M_S, mach_from_cas
 
 
 @pytest.mark.parametrize(
@@ -22,8 +17,8 @@ def test_mach_agrees_with_published_airspeed_tables(cas_kt, altitude_ft, mach):
 
 
 def test_at_sea_level_calibrated_airspeed_is_mach_times_speed_of_sound():
-    assert cas_from_mach(0.5, 0.0) == pytest.approx(0.5 * 340.294, rel=1e-5)
+    assert mach_from_cas(0.5 * 340.294, 0.0) == pytest.approx(0.5, rel=1e-5)
 
 
-def test_cas_of_cruise_falls_with_altitude_at_constant_mach():
-    assert np.all(np.diff(cas_from_mach(0.8, np.linspace(0.0, 13000.0, 50))) < 0.0)
+def test_mach_rises_with_altitude_at_constant_airspeed():
+    assert np.all(np.diff(mach_from_cas(130.0, np.linspace(0.0, 13000.0, 50))) > 0.0)

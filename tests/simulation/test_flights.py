@@ -4,13 +4,20 @@ import numpy as np
 import pytest
 from simulation_toy import CONFIGS, ToyEngine
 
+from enginediag_cli.engine.atmosphere import P_ISA, standard_atmosphere
 from enginediag_cli.errors import DataError
-from enginediag_cli.simulation.airspeed import KNOT_M_S, cas_from_mach
+from enginediag_cli.simulation.airspeed import KNOT_M_S, SOUND_SPEED_ISA_M_S
 from enginediag_cli.simulation.conditions import outside_envelope
 from enginediag_cli.simulation.flights import generate_flights
 from enginediag_cli.simulation.missions.ground import humidity, wander
 
 NAMES = sorted(path.stem for path in (CONFIGS / "flights").glob("*.yaml"))
+
+
+def cas_from_mach(mach, altitude_m):
+    """Calibrated airspeed, m/s: the impact pressure of M at the altitude is that of the airspeed at sea level."""
+    impact = standard_atmosphere(altitude_m)[1] * ((1.0 + 0.2 * mach**2) ** 3.5 - 1.0)
+    return SOUND_SPEED_ISA_M_S * np.sqrt(5.0 * ((impact / P_ISA + 1.0) ** (1.0 / 3.5) - 1.0))
 
 
 def fly(values, engine=None, seed=0, **how):

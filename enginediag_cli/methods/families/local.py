@@ -54,15 +54,7 @@ def window_scores(monitor: Monitor, windows: Windows, linearise: str) -> tuple[l
     lags = np.ones(W * n)
     lags[::n] = np.inf  # windows are unrelated
     blocks = block_statistics(
-        found.e.reshape(-1, m),
-        found.J.reshape(W * n, m, -1),
-        monitor.noise,
-        np.arange(W) * n,
-        parameters=monitor.names,
-        theta0=monitor.theta0,
-        prior_sigma=monitor.prior_sigma,
-        meaning=monitor.meaning,
-        lags=lags,
+        found.e.reshape(-1, m), found.J.reshape(W * n, m, -1), monitor.noise, np.arange(W) * n, monitor.frame, lags=lags
     )
     C = monitor.uncertainty
     return [fisher_score(b.statistics, monitored=monitor.monitored, uncertainty=C) for b in blocks], found.converged

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -45,13 +45,10 @@ def linearised(monitor: Monitor, windows: Windows, linearise: str, precision: np
     found = relinearise(
         predict,
         windows.y.reshape(-1, m),
-        monitor.theta0,
-        precision,
+        replace(monitor.hold, precision=precision),
         monitor.noise,
         window=np.repeat(np.arange(W), n),
-        moving=len(monitor.monitored),
         nominal=nominal,
-        bounds=(monitor.lower, monitor.upper),
     )
     shape = windows.y.shape
     e = np.where(found.ok[:, None], found.e, np.nan).reshape(shape)

@@ -41,6 +41,7 @@ SEPARATED = 11.0
 """λ_sep at which the right one of two explanations comes first 19 times out of 20."""
 
 MOST_RECORDS = 10_000
+"""More than a recording to come would have: told as “never”. (A flight of three hours at one a second.)"""
 SAMPLE = 60  # recorded points that stand for "conditions like these"
 NOISE = {"K": 0.002, "Pa": 0.004, "rpm": 0.001}
 """Assumed of a further sensor: standard deviation of a reading, relative to its mean."""

@@ -20,7 +20,10 @@ from enginediag_cli.mismatch.fit.projection import Projection
 from enginediag_cli.progress import stage
 
 REFITTED = 5
+"""Places, by score, at which a free curve is fitted; the fit may change their order, a place further down rarely comes
+first."""
 POINTS = 25
+"""Of a drawn curve."""
 WITHIN, OF_LARGEST = 4.6, 0.02
 """A cell whose −ln p is within WITHIN of the first (a factor of 100), or what linearisation may cost, is as likely."""
 

@@ -18,6 +18,7 @@ import numpy as np
 
 from enginediag_cli.drivers import TIME
 from enginediag_cli.engine.term import Effect
+from enginediag_cli.intervals import NORMAL_95
 from enginediag_cli.mismatch.explain.answer import (
     FAILED,
     HIDDEN,
@@ -57,9 +58,20 @@ ADEQUATE = 0.01
 """Level of the gate that an explanation must pass; 5 % would reject one right explanation in twenty."""
 
 SHORTLIST, PAIRS = 6, 4
+"""Single options, and pairs, that are refitted, best by score first. Judgement: a refit costs a second or more, and the
+score at a fit without the option knows the order only roughly."""
 LARGEST_SET, EXTENDED = 4, 2
+"""Options that may act together at most, and how many of the best singles or sets are extended by one more. Judgement:
+more together is better told as unlisted physics."""
 MOST_FLIGHTS = 0.75
+"""Share of the flights, held out in turn, that must gain by an explanation: chance alone gives half of them.
+Judgement."""
 NOISE_PASSES = 2
+"""Estimates of the noise at a fit, each with a fit after it; a third changes nothing that matters."""
+
+SHARE_OF_BEST, BEHIND_BEST = 0.3, 30.0
+"""An option whose score T, the drop of χ² by projection, is below this share of the best one's less so much is not
+worth a refit: the score at a fit without the option errs, but not by that. Judgement."""
 
 NEARLY_ALL, PLAINLY = 0.8, 1.5
 """An unrecorded driver that explains this share of the excess χ², and so many times what the best recorded one does,
@@ -175,7 +187,7 @@ class Search:
         return () if found and follows_a_driver(found[0], self.along_drivers) else found
 
     def _shortlist(self, scores: Sequence[OptionScore]) -> list[OptionScore]:
-        """The best few: T > 0.3 T_max − 30. Of the onsets of one parameter only the best is worth a fit."""
+        """The best few, T > SHARE_OF_BEST T_max − BEHIND_BEST; of the onsets of one parameter only the best."""
         top = max((s.score.statistic for s in scores if s.surprise > 0), default=0.0)
         chosen: list[OptionScore] = []
         for s in scores:
@@ -185,7 +197,7 @@ class Search:
                 and s.option.hypothesis.discrepancies[0].target == c.option.hypothesis.discrepancies[0].target
                 for c in chosen
             )
-            if s.surprise > 0 and s.score.statistic > 0.3 * top - 30.0 and not same:
+            if s.surprise > 0 and s.score.statistic > SHARE_OF_BEST * top - BEHIND_BEST and not same:
                 chosen.append(s)
             if len(chosen) == SHORTLIST:
                 break
@@ -284,7 +296,8 @@ class Search:
     def _explanation(self, t: Trial, probability: float, left: float, flights: float) -> Explanation:
         parameters = t.found.model.parameters
         found = tuple(
-            Coefficient(n, parameters[n].unit, v, s, v - 1.96 * s, v + 1.96 * s) for n, (v, s) in t.coefficients.items()
+            Coefficient(n, parameters[n].unit, v, s, v - NORMAL_95 * s, v + NORMAL_95 * s)
+            for n, (v, s) in t.coefficients.items()
         )
         gain = self.base.objective - t.objective
         return Explanation(t.options, found, t.objective, gain, float(probability), left, flights, t.at_bound)

@@ -10,6 +10,7 @@ from enginediag_cli.drivers import TIME
 from enginediag_cli.mismatch.fit.options import Option, OptionScore
 
 MOST = 60
+"""Options that pairs are made of: 1,770 pairs, a second's work."""
 
 
 def best_pairs(scores: Sequence[OptionScore], most: int) -> list[tuple[Option, Option]]:

@@ -13,6 +13,7 @@ import numpy as np
 from scipy.stats import chi2
 
 from enginediag_cli.engine.term import Effect
+from enginediag_cli.intervals import NORMAL_95
 from enginediag_cli.mismatch.explain.alias_advice import Advice, advice_between
 from enginediag_cli.mismatch.explain.answer import FAILED, NAMED, NONE, NOTHING, Answer, Coefficient, Explanation
 from enginediag_cli.mismatch.explain.curves import Curve, best_places, fitted_curves
@@ -103,7 +104,9 @@ def _next_best(search: Search, answer: Answer) -> list[Explanation]:
     trial = attempt([option], search.base.found, search.along)
     if not trial.converged or trial.objective - answer.explanations[0].objective > SURELY_WORSE:
         return []
-    values = tuple(Coefficient(n, "", v, s, v - 1.96 * s, v + 1.96 * s) for n, (v, s) in trial.coefficients.items())
+    values = tuple(
+        Coefficient(n, "", v, s, v - NORMAL_95 * s, v + NORMAL_95 * s) for n, (v, s) in trial.coefficients.items()
+    )
     gain = search.base.objective - trial.objective
     return [Explanation((option,), values, trial.objective, gain, 0.0, float("nan"), float("nan"))]
 

@@ -23,6 +23,7 @@ from enginediag_cli.physics.registry import effect, term
 from enginediag_cli.progress import stage
 
 DEGREE = 2
+"""Of the free curve along a driver: a slope and a bend, which most effects have; more would take up faults."""
 LEVERS = ("customer_bleed", "power_offtake", "tat_probe_heating", "humidity")
 """Terms whose amplitude is a location of its own: air or power that leaves where the engine has no parameter, and
 air that is not what it is taken for."""

@@ -22,10 +22,14 @@ from enginediag_cli.progress import stage
 
 TOLERANCE = 0.03  # standard errors from the optimum: 0.001 of χ²
 ITERATIONS, ROUNDS = 25, 4
+"""Iterations of one round, and rounds of a fresh start, at most (see SETTLED)."""
 SETTLED, SETTLED_SHARE, STUCK_SHARE = 0.1, 1e-3, 0.02
 """Maps read linearly have kinks, at which the search may zigzag: a fit has settled, too, when a fresh round of
 iterations lowers χ² by less than 0.1, or by less than a thousandth of what is unexplained, unless the Newton step
 promises a fiftieth of it: then it is stuck."""
+
+BETWEEN_ENGINES = 1.4
+"""What one engine differs from another by, in standard deviations of an engine from its type: √2, both vary."""
 
 MAX_LOST = 0.1
 """A fit that has no prediction for more than this share of the records is no verdict."""
@@ -143,7 +147,7 @@ def nuisance(evidence: Evidence) -> Nuisance:
         for n, sigma in s.nuisance.items():
             # sensors and health belong to one engine, the design to all of them
             if engine.parameters[n].family in ("health", "sensor"):
-                discrepancies.append(Discrepancy(n, f"engine {name}", 1.4 * sigma))
+                discrepancies.append(Discrepancy(n, f"engine {name}", BETWEEN_ENGINES * sigma))
     return Nuisance({**s.nuisance, **constants(engine, s.map_accuracy, s.nuisance)}, tuple(discrepancies), curves)
 
 

@@ -24,6 +24,7 @@ LARGEST_SHARE = 0.4
 """Of the rows that the space may take; beyond it only its strongest directions count."""
 
 LARGEST_RHO = 0.95
+"""A correlation beyond it is drift of the model, not noise."""
 LEAST_RHO, DEVIATIONS = 0.08, 3.0  # of a few hundred records nothing below is to be told from 0, of nine sensors
 
 

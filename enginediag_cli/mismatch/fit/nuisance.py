@@ -20,6 +20,8 @@ from enginediag_cli.engine.engine import Engine
 from enginediag_cli.mismatch.fit.extended import Discrepancy
 
 SPEED_DEGREE, POSITION_DEGREE = 3, 2
+"""Degrees of what a map may err by along speed and across it: shapes that a map's author gets wrong. Judgement; the
+blind trials' map errors are of other shapes on purpose."""
 CONSTANTS = ("pressure_recovery", "pressure_loss", "fraction", "area", "mechanical_efficiency")
 """Quantities of components that may be wrong by a constant as large as the stated error of the maps."""
 

@@ -22,10 +22,12 @@ from enginediag_cli.parameters import Parameter
 
 EFFECT, FAULT, SENSOR_FAULT = "effect", "fault", "sensor fault"
 PARTS_OF_FLIGHT = 4
+"""Onsets that are tried in a flight: the best is refined between its neighbours."""
 READ_WRONG = ("bias", "scale")
 """Errors of a sensor that may step in time."""
 LEAST_RECORDS = 8  # on either side of an onset
 MOST_ONSETS = 24
+"""Onsets that are tried in all; with many flights every second or third flight's are."""
 
 
 @dataclass(frozen=True)

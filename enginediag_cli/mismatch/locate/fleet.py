@@ -28,6 +28,8 @@ LEAST_ENGINES = 4
 """With fewer, wear of one cannot be told from the scatter of all."""
 
 SCATTERS = np.geomspace(0.003, 3.0, 40)
+"""Scatter τ between engines that is tried, in prior standard deviations: from nothing visible to three times what is
+plausible."""
 WITHIN = 1.92  # ½ · 3.84: half the χ² of a 95 % interval
 
 

@@ -47,6 +47,7 @@ REFITS, MOST_REFITS = 6, 12
 """Cells fitted again: the first few, and all within reach up to a limit."""
 
 NOISE_PASSES = 2
+"""Estimates of the noise at a fit, each with a fit after it; a third changes nothing that matters."""
 WIDE = 10.0
 """Prior of a free-form coefficient in a refit, in units of its one-step estimate plus standard error."""
 

@@ -32,6 +32,7 @@ DIRECTED_SHARE, HIDDEN_SHARE, REST = 0.5, 0.25, 0.25
 """Of the false-alarm probability."""
 
 LEAST_READINGS = 20
+"""Fewer readings tell nothing of a correlation in time."""
 CALIBRATION_LEVEL = 0.05
 """Level at which the number of independent looks is read off the drawn null distribution."""
 

@@ -10,6 +10,7 @@ from enginediag_cli.mismatch.fit.freeform import Cell
 from enginediag_cli.mismatch.fit.projection import Projection
 
 BINS, LEAST_IN_BIN = 14, 3
+"""Bins of equal numbers of records for the drawn means, and records in one that has a mean."""
 
 
 @dataclass(frozen=True)

@@ -25,6 +25,7 @@ from enginediag_cli.residuals.pipeline import window_statistics
 from enginediag_cli.residuals.windows import WindowPlan
 
 NOMINAL_RATE = 0.01
+"""False-alarm rate at which windows are counted as alarms: the default of `detect`."""
 NO_FIT = 0.01  # level of the lack-of-fit test
 
 

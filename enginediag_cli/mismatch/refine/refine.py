@@ -32,9 +32,13 @@ from enginediag_cli.physics.registry import candidates
 from enginediag_cli.progress import stage
 
 LEVEL = 0.05
+"""Of the signed-rank test on unseen flights: the usual one."""
 LEAST_GAIN = float(np.log(1.0 / LEVEL))
+"""Of log likelihood in all, 3.0: odds of twenty to one, whatever the ranks say."""
 WINDOW = 30
+"""Records of a window that is counted as alarm or not, as usual in `detect`."""
 NOISE_PASSES = 2
+"""Estimates of the noise at a fit, each with a fit after it; a third changes nothing that matters."""
 STANDS_OUT = 10.0
 """−ln p that nothing reaches by chance, however many things are tried (about 1 in 200 searches)."""
 

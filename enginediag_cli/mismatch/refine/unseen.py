@@ -29,6 +29,7 @@ FEW_FLIGHTS = 5
 """With fewer unseen flights than this each is cut into BLOCKS runs of records, which are then compared instead."""
 
 BLOCKS = 8
+"""Runs of a flight: long enough to be nearly independent, enough of them for a signed-rank test."""
 
 
 @dataclass(frozen=True)

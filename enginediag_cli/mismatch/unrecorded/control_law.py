@@ -18,6 +18,7 @@ from enginediag_cli.mismatch.fit.identified import Nuisance, stacked
 from enginediag_cli.mismatch.unrecorded.per_record import PerRecord, amplitudes_at
 
 GRID = 120
+"""Quantiles between which the thresholds of three classes are sought: 7,000 pairs, each a hundredth of the values."""
 
 HELD = 0.2
 """A reading is held when it moves less than this share of what it would have done with the amplitude at its stop."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from enum import Enum
 
 import numpy as np
 
@@ -19,6 +20,23 @@ class Switch:
     probability: float
 
 
+class Limit(Enum):
+    """How far a finding may be trusted. `what` of `Remark` is where the fit ended, for those that did not converge."""
+
+    BASE_FIT = "the fit without the effect did not converge"
+    REFIT = "the refit as two states did not converge"
+    AT_BOUND = "the size is at its physical bound"
+    UNSETTLED = "the states still changed from round to round"
+
+
+@dataclass(frozen=True)
+class Remark:
+    """`limit`, with what belongs to it; told in words by presentation."""
+
+    limit: Limit
+    what: str = ""
+
+
 @dataclass(frozen=True)
 class HiddenFinding:
     """An amplitude that no column records, at one location; N records of the fit, `number` (N,) their place in the
@@ -30,7 +48,8 @@ class HiddenFinding:
     not tell from this one. Where it was refitted as two states: `states` (N,), the probability of "on",
     `coefficient` of on against off with `interval` (95 %), `switch_lr` and `continuous_lr`, ln evidence of either
     account at the refit against the fit without the effect, `is_switch`, the better one being two states. `sign`: +1
-    or −1 where physics knows which state is on, 0 where the name is a convention. `remark`: what did not converge.
+    or −1 where physics knows which state is on, 0 where the name is a convention. `remark`: what limits it, None for
+    nothing.
     """
 
     location: Location
@@ -52,7 +71,7 @@ class HiddenFinding:
     coefficient: float = np.nan
     interval: tuple[float, float] = (np.nan, np.nan)
     converged: bool = True
-    remark: str = ""
+    remark: Remark | None = None
 
     @property
     def significant(self) -> bool:
@@ -69,19 +88,3 @@ class HiddenFinding:
         hardly tell apart differ in it."""
         size = self.coefficient if self.is_switch else float(np.sqrt(np.mean(self.amplitude**2)))
         return self.gain - 0.5 * (size / self.location.scale) ** 2
-
-    @property
-    def switch_records(self) -> np.ndarray:
-        """Places in the evidence of the first record of every new state."""
-        if self.states is None:
-            return np.zeros(0, int)
-        on = self.states > 0.5
-        return np.asarray(self.number[1:][on[1:] != on[:-1]])
-
-    @property
-    def orientation(self) -> str:
-        """How it is known which of the two states is "on": knowledge, never a finding of the readings."""
-        if self.sign:
-            word = "positive" if self.sign > 0 else "negative"
-            return f"the amplitude of {self.location.name} can only be {word}: on is where it acts"
-        return "which state is called on is a convention: the readings fit the other way round as well"

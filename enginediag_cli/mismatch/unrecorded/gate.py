@@ -17,6 +17,7 @@ from enginediag_cli.mismatch.unrecorded.amplitude import Likelihood, likelihood
 from enginediag_cli.mismatch.unrecorded.whitened_rows import Basis, Direction
 
 TAIL = 0.25
+"""Share of the drawn null that the exponential tail is fitted to: 50 draws at least, of the 200 that are made."""
 MOST_DRAWS, LEAST_DRAWS, WORK = 600, 200, 100_000
 """Draws, and records times draws that a search may cost."""
 

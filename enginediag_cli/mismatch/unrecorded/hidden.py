@@ -19,11 +19,12 @@ import numpy as np
 
 from enginediag_cli.engine.engine import Engine
 from enginediag_cli.engine.term import Effect
+from enginediag_cli.intervals import NORMAL_95
 from enginediag_cli.mismatch.fit.freeform import Location, locations, of_effect
 from enginediag_cli.mismatch.fit.identified import Identified, Nuisance, nuisance
 from enginediag_cli.mismatch.fit.projection import Projection
 from enginediag_cli.mismatch.unrecorded.amplitude import Likelihood, Solver, own_error
-from enginediag_cli.mismatch.unrecorded.finding import HiddenFinding, Switch
+from enginediag_cli.mismatch.unrecorded.finding import HiddenFinding, Limit, Remark, Switch
 from enginediag_cli.mismatch.unrecorded.gate import draws_for, largest, likelihoods, threshold
 from enginediag_cli.mismatch.unrecorded.refit import Refit, bounds_of, location_columns, refit
 from enginediag_cli.mismatch.unrecorded.states import first_guesses, two_states
@@ -40,6 +41,7 @@ INSEPARABLE = 5.5
 """Half of the 11 units of χ² from which the right of two places comes first 19 times out of 20."""
 
 REFITTED = 4
+"""How many of the best locations are refitted as two states at most: seconds each."""
 NEAR, SLACK = 0.6, 15.0
 """How many of the best locations are refitted as two states at most, and how near to the best they must be: LR above
 NEAR times the best less SLACK."""
@@ -138,7 +140,7 @@ def _finding(found: Identified, of: Basis, place: Location, d: Direction, f: Lik
         a, error = Solver(d, d.B, f.kernel, of.gap, f.signal * own_error(d)).amplitude(d.gathered(of.left))
     engine = found.evidence.engine
     unit = (place.through.parameters()[0] if place.through else engine.parameters[place.parameter]).unit
-    remark = "" if found.converged else f"the fit without the effect did not converge: {found.reason}"
+    remark = None if found.converged else Remark(Limit.BASE_FIT, found.reason)
     return HiddenFinding(
         place,
         unit,
@@ -188,8 +190,8 @@ def _with_states(f: HiddenFinding, found: Identified, of: Basis, d: Direction, a
     states = two_states(of, d, bounds, first_guesses(a, both_ways=sign == 0))
     new = refit(found, along, f.location, bounds, states)
     if not new.converged:
-        return replace(f, remark=f"the refit as two states did not converge: {new.found.reason}")
-    half = 1.96 * new.standard_error
+        return replace(f, remark=Remark(Limit.REFIT, new.found.reason))
+    half = NORMAL_95 * new.standard_error
     interval = max(bounds.lower, new.coefficient - half), min(bounds.upper, new.coefficient + half)
     gained = 0.5 * (of.objective - new.objective)  # what bending the rest of the fit has brought
     return replace(
@@ -205,10 +207,10 @@ def _with_states(f: HiddenFinding, found: Identified, of: Basis, d: Direction, a
     )
 
 
-def _remark(new: Refit) -> str:
+def _remark(new: Refit) -> Remark | None:
     if new.standard_error == 0.0:
-        return "the amplitude is at its physical bound"
-    return "" if new.states.settled else "the states had not settled"
+        return Remark(Limit.AT_BOUND)
+    return None if new.states.settled else Remark(Limit.UNSETTLED)
 
 
 def _switches(new: Refit) -> tuple[Switch, ...]:

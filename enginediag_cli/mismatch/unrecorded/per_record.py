@@ -30,6 +30,7 @@ from enginediag_cli.mismatch.unrecorded.refit import with_lever
 from enginediag_cli.progress import each
 
 ITERATIONS = 150
+"""Of θ with all amplitudes; thousands of unknowns with stops move slowly."""
 TOLERANCE, SHARE = 1e-4, 1e-3
 """A fit has converged when a full step lowers χ² by less than the first per record, or by less than the second of χ²
 itself, where it fits badly anyway."""
@@ -41,8 +42,11 @@ FAINT = 1e-3
 """An amplitude whose prior standard deviation moves no reading by this many σ leaves no trace in that record."""
 
 DAMPING, RELIEF, UNDAMPED, HEAVY = 1e-3, 0.2, 0.02, 1e4
+"""Levenberg–Marquardt: the first damping, its factor after a step that gained, up to where a step counts as undamped
+and may end the fit, and from where it has given up. Judgement."""
 SETTLED = 0.01  # standard errors of one record
 FOLLOW = 2
+"""Iterations of the amplitudes after a trial step of θ: enough to judge the step."""
 ALONE = 8  # iterations of the amplitudes before θ moves
 
 

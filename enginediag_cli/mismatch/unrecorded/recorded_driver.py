@@ -17,6 +17,7 @@ from enginediag_cli.drivers import polynomials
 from enginediag_cli.engine.driver import DriverValues
 
 DEGREE = 4
+"""Of the amplitude along a recorded driver: shapes that an effect may have; more would follow anything."""
 SHARE = 0.6
 """Of the amplitude's variance, weighted by its precision, beyond what as many random curves would take."""
 

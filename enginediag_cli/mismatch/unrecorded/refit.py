@@ -22,6 +22,7 @@ from enginediag_cli.mismatch.unrecorded.whitened_rows import basis_without, dire
 
 CURVE = "hidden state"
 ROUNDS, SETTLED = 4, 0.02
+"""Rounds of states and fit at most, and the largest change of a state's probability, on average, that ends them."""
 
 
 @dataclass(frozen=True)

@@ -28,6 +28,8 @@ CHANGES = np.array([0.25, 0.1, 0.04, 0.015, 0.005])
 """Probabilities of a change from one record to the next that are tried."""
 
 ROUNDS, SETTLED = 60, 1e-3
+"""Rounds of amplitude and states (expectation–maximisation) at most, and the change of any state's probability that
+ends them."""
 
 
 @dataclass(frozen=True)

@@ -19,6 +19,8 @@ if TYPE_CHECKING:
 
 
 PRESSURE_EXPONENT = 1.8
+"""Of pressure in the loading parameter of burners: the textbooks' Ω (P. P. Walsh and P. Fletcher, Gas Turbine
+Performance, 2nd ed. 2004, ch. 5)."""
 PER_KELVIN = 0.00145 * log_of_number(10.0)  # 10^(0.00145 T) = e^(PER_KELVIN T)
 
 

@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from enginediag_cli.presentation.pictures.svg import FAINT, INK, Drawing
+from enginediag_cli.presentation.pictures.svg import FAINT, INK, LABEL, Drawing, Edge
 
 
 @dataclass(frozen=True)
@@ -32,14 +32,14 @@ class Panel:
         for x in ticks(*self.x_range):
             u, _ = self.at(x, self.y_range[0])
             on.line(u, self.top, u, bottom, FAINT)
-            on.words(u, bottom + 17, _signed(x), size=12, anchor="middle")
+            on.words(u, bottom + 17, _signed(x), anchor="middle")
         for y in ticks(*self.y_range):
             _, v = self.at(self.x_range[0], y)
             on.line(self.left, v, self.left + self.width, v, INK if y == 0 else FAINT)
-            on.words(self.left - 6, v + 4, _signed(y), size=12, anchor="end")
-        on.rectangle(self.left, self.top, self.width, self.height, "none", stroke=INK)
-        on.words(self.left + self.width / 2, bottom + 38, x_label, size=13, anchor="middle")
-        on.words(self.left - 48, self.top + self.height / 2, y_label, size=13, anchor="middle", turned=-90.0)
+            on.words(self.left - 6, v + 4, _signed(y), anchor="end")
+        on.rectangle(self.left, self.top, self.width, self.height, "none", edge=Edge(INK))
+        on.words(self.left + self.width / 2, bottom + 38, x_label, letters=LABEL, anchor="middle")
+        on.words(self.left - 48, self.top + self.height / 2, y_label, letters=LABEL, anchor="middle", turned=-90.0)
 
 
 def ticks(low: float, high: float, wanted: int = 6) -> list[float]:

@@ -8,17 +8,35 @@ import textwrap
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
+from enginediag_cli.intervals import NORMAL_95
 from enginediag_cli.presentation.pictures.axes import Panel, padded
-from enginediag_cli.presentation.pictures.svg import BLUE, INK, ORANGE, PAPER, Drawing, shade
+from enginediag_cli.presentation.pictures.svg import (
+    BLUE,
+    INK,
+    ORANGE,
+    PAPER,
+    SMALL,
+    TITLE,
+    Drawing,
+    Edge,
+    Letters,
+    shade,
+)
 from enginediag_cli.presentation.sentences import count
 
 ROW, COLUMN = 21.0, 76.0
+"""Pixels of a cell: a line of text high, a number and a short driver wide."""
 LABELS, MARGIN = 236.0, 16.0
+"""Pixels of the names of places, and around everything."""
 LETTER = 6.6  # width of a letter of the notes, generously
 PANEL_LEFT, PANEL_HEIGHT, LEAST_WIDTH = 86.0, 250.0, 720.0
+"""Pixels of the curve below the map: its axis, its height; and of the whole at least, for a title."""
 MOST_ROWS, MOST_COLUMNS, MOST_NAMES, COLUMN_LETTERS = 14, 8, 2, 12
+"""What fits on a page: places, drivers, names a driver goes by, letters of one."""
 LABEL_LETTERS = 37
+"""Letters of a place's name that LABELS has room for."""
 MOST_DOTS = 3000
+"""More cannot be seen, and the file stays small."""
 
 
 @dataclass(frozen=True)
@@ -57,13 +75,13 @@ def mismatch_picture(title: str, notes: Sequence[str], heat: HeatMap, below: Sca
     end = top + ROW * rows + 48
     caption = _wrapped([below.caption] if below else [], width)
     on = Drawing(width, end + (18 * len(caption) + PANEL_HEIGHT + 64 if below else 0), title)
-    on.words(MARGIN, 28, title, size=17, bold=True)
+    on.words(MARGIN, 28, title, letters=TITLE)
     for number, line in enumerate(lines):
-        on.words(MARGIN, 52 + 17 * number, line, size=12)
+        on.words(MARGIN, 52 + 17 * number, line)
     _draw_map(on, heat, rows, columns, top)
     if below:
         for number, line in enumerate(caption):
-            on.words(MARGIN, end + 18 + 17 * number, line, size=12)
+            on.words(MARGIN, end + 18 + 17 * number, line)
         on_top = end + 12 + 18 * len(caption)
         _draw_scatter(on, below, on_top, width - PANEL_LEFT - MARGIN - 8)
     return on.text()
@@ -78,11 +96,11 @@ def _draw_map(on: Drawing, heat: HeatMap, rows: int, columns: int, top: float) -
     left = MARGIN + LABELS
     for j, name in enumerate(heat.columns[:columns]):
         for k, part in enumerate(reversed(_lines(name))):
-            on.words(left + COLUMN * (j + 0.5), top - 9 - 13 * k, part, size=11, anchor="middle")
+            on.words(left + COLUMN * (j + 0.5), top - 9 - 13 * k, part, letters=SMALL, anchor="middle")
     for i in range(rows):
         y = top + ROW * i
         name = textwrap.shorten(heat.rows[i], LABEL_LETTERS, placeholder=" …")
-        on.words(left - 8, y + 15, name, size=12, anchor="end")
+        on.words(left - 8, y + 15, name, anchor="end")
         for j in range(columns):
             value, x = heat.surprise[i][j], left + COLUMN * j
             if not math.isfinite(value):
@@ -95,25 +113,24 @@ def _draw_map(on: Drawing, heat: HeatMap, rows: int, columns: int, top: float) -
                 x + COLUMN / 2 - 1,
                 y + 14,
                 f"{value:.1f}" if value < 100 else f"{value:.0f}",
-                size=11,
+                letters=Letters(SMALL.size, fill=PAPER if dark > 0.5 else INK),
                 anchor="middle",
-                fill=PAPER if dark > 0.5 else INK,
             )
     for i, j in sorted(heat.within):  # last, so that no neighbour covers the frame
         if i < rows and j < columns:
-            on.rectangle(left + COLUMN * j, top + ROW * i, COLUMN - 2, ROW - 2, "none", stroke=ORANGE, thick=2.5)
+            on.rectangle(left + COLUMN * j, top + ROW * i, COLUMN - 2, ROW - 2, "none", edge=Edge(ORANGE, 2.5))
     y = top + ROW * rows + 18
     told = "; framed: within reach of the first place" if heat.within else ""
     if any(not math.isfinite(value) for line in heat.surprise[:rows] for value in line[:columns]):
         told += "; grey: taken by identification"
-    on.words(MARGIN, y, f"Numbers: −ln p of a correction there; chance alone reaches {heat.gate:.1f}{told}", size=12)
+    on.words(MARGIN, y, f"Numbers: −ln p of a correction there; chance alone reaches {heat.gate:.1f}{told}")
     left_out = [
         count(have - shown, what)
         for have, shown, what in ((len(heat.rows), rows, "place"), (len(heat.columns), columns, "driver"))
         if have > shown
     ]
     if left_out:
-        on.words(MARGIN, y + 17, f"Less surprising, not drawn: {' and '.join(left_out)}", size=12)
+        on.words(MARGIN, y + 17, f"Less surprising, not drawn: {' and '.join(left_out)}")
 
 
 def _draw_scatter(on: Drawing, given: Scatter, top: float, width: float) -> None:
@@ -127,7 +144,7 @@ def _draw_scatter(on: Drawing, given: Scatter, top: float, width: float) -> None
     points = list(zip(given.x, given.y, strict=True))[::every]
     on.dots([panel.at(x, y) for x, y in points], BLUE, radius=1.6, opacity=0.35)
     for x, mean, error in given.means:
-        (u, low), (_, high) = panel.at(x, mean - 1.96 * error), panel.at(x, mean + 1.96 * error)
+        (u, low), (_, high) = panel.at(x, mean - NORMAL_95 * error), panel.at(x, mean + NORMAL_95 * error)
         on.line(u, low, u, high, INK, width=1.5)
     on.dots([panel.at(x, mean) for x, mean, _ in given.means], INK, radius=3.2)
     on.path([panel.at(x, y) for x, y in given.line], ORANGE, width=2.0)

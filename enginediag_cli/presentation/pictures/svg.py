@@ -3,11 +3,34 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 from xml.sax.saxutils import escape, quoteattr
 
 INK, FAINT, PAPER = "#1f2933", "#d5dbe1", "#ffffff"
 BLUE, ORANGE = "#2166ac", "#d95f02"
 FONT = "Helvetica, Arial, sans-serif"
+
+
+@dataclass(frozen=True)
+class Edge:
+    """The line around a shape; its width in pixels."""
+
+    stroke: str
+    width: float = 1.0
+
+
+@dataclass(frozen=True)
+class Letters:
+    """How words are drawn; the size in pixels."""
+
+    size: float = 12.0
+    bold: bool = False
+    fill: str = INK
+
+
+PLAIN = Letters()
+TITLE, HEADING, LABEL, SMALL = Letters(17.0, bold=True), Letters(13.0, bold=True), Letters(13.0), Letters(11.0)
+"""Sizes that can be told apart and read beside text of 12 pixels."""
 
 
 class Drawing:
@@ -25,12 +48,15 @@ class Drawing:
         height: float,
         fill: str,
         *,
-        stroke: str = "",
-        thick: float = 1.0,
+        edge: Edge | None = None,
         hint: str = "",
     ) -> None:
-        edge = {"stroke": stroke, **({"stroke-width": thick} if thick != 1.0 else {})} if stroke else {}
-        self._add("rect", {"x": x, "y": y, "width": width, "height": height, "fill": fill, **edge}, hint)
+        attributes: dict[str, object] = {"x": x, "y": y, "width": width, "height": height, "fill": fill}
+        if edge:
+            attributes["stroke"] = edge.stroke
+            if edge.width != 1.0:  # what SVG assumes
+                attributes["stroke-width"] = edge.width
+        self._add("rect", attributes, hint)
 
     def line(self, x1: float, y1: float, x2: float, y2: float, stroke: str = INK, *, width: float = 1.0) -> None:
         self._add("line", {"x1": x1, "y1": y1, "x2": x2, "y2": y2, "stroke": stroke, "stroke-width": width})
@@ -54,20 +80,18 @@ class Drawing:
         y: float,
         text: str,
         *,
-        size: float = 12.0,
+        letters: Letters = PLAIN,
         anchor: str = "start",
-        fill: str = INK,
         turned: float = 0.0,
-        bold: bool = False,
     ) -> None:
         """Text whose base line starts ("start"), is centred ("middle") or ends ("end") at a point, turned clockwise by
         degrees."""
-        attributes: dict[str, object] = {"x": x, "y": y, "font-size": size}
+        attributes: dict[str, object] = {"x": x, "y": y, "font-size": letters.size}
         if anchor != "start":
             attributes["text-anchor"] = anchor
-        if fill != INK:  # the colour of the whole drawing
-            attributes["fill"] = fill
-        if bold:
+        if letters.fill != INK:  # the colour of the whole drawing
+            attributes["fill"] = letters.fill
+        if letters.bold:
             attributes["font-weight"] = "bold"
         if turned:
             attributes["transform"] = f"rotate({_number(turned)} {_number(x)} {_number(y)})"

@@ -8,8 +8,11 @@ from enginediag_cli.config.fields import Field, Section
 from enginediag_cli.recordings.derived.rule import Columns, Rule, Settings
 
 SEA_LEVEL_K = 288.15
+"""Standard atmosphere at sea level (ISO 2533:1975)."""
 LAPSE_K_M = 0.0065
+"""Its fall with altitude up to the tropopause (ISO 2533:1975)."""
 TROPOPAUSE_M = 11000.0
+"""Geopotential altitude from which it is constant (ISO 2533:1975)."""
 
 
 def isa_temperature(altitude_m: np.ndarray) -> np.ndarray:

@@ -9,6 +9,7 @@ from enginediag_cli.recordings.derived.isa_deviation import LAPSE_K_M, SEA_LEVEL
 from enginediag_cli.recordings.derived.rule import Columns, Rule, Settings
 
 SEA_LEVEL_PA = 101325.0
+"""Standard atmosphere at sea level (ISO 2533:1975)."""
 GRAVITY_OVER_R = 9.80665 / 287.05287
 """g₀/R in K/m (ISO 2533:1975)."""
 SOUND_AT_SEA_LEVEL_M_S = 340.294

@@ -131,13 +131,22 @@ SECTION = Section(
 )
 
 LOW_ALTITUDE_M = 10000.0 * FOOT_M
+"""Below 10,000 ft airliners fly 250 kt at most (ICAO airspace classes; 14 CFR 91.117)."""
 TAKE_OFF_HEIGHT_M = 450.0
+"""Where take-off power is reduced to climb power: 1,500 ft, as in noise-abatement procedures (ICAO Doc 8168)."""
 CLEAN_HEIGHT_M = 1200.0
+"""Where flaps are in and the airspeed of the climb is reached. Judgement."""
 APPROACH_HEIGHT_M = 900.0
+"""Where the descent ends and the approach begins: 3,000 ft, where glide slopes are met."""
 ROLL_S = 40.0
+"""Of the take-off run and of the landing run."""
 SPOOL_S = 8.0
+"""In which power changes from one setting to the next: acceleration of a turbofan from idle (14 CFR 33.73 asks for 5
+s), rounded up for a lever that is moved slowly."""
 SCATTER_INTERVAL_S = 120.0
+"""Between corrections of the thrust by crew or autothrottle. Judgement."""
 ISA_TOP_M = 11000.0
+"""Of the troposphere of the standard atmosphere, over which the rate of climb falls linearly."""
 
 
 def generate(

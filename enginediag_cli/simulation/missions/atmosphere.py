@@ -18,7 +18,9 @@ FIELDS = (
 )
 
 REFERENCE_ALTITUDE_M = 11000.0
+"""Tropopause of the standard atmosphere: from the ground to it the day's deviation changes linearly."""
 DAY_LIMIT_SIGMA = 2.0
+"""No day is further out: it would leave the envelope of the engine."""
 
 
 def day(

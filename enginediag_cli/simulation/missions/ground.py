@@ -80,10 +80,15 @@ SECTION = Section(
 )
 
 DAY_S = 86400.0
+"""In seconds."""
 YEAR_DAYS = 365.25
+"""Julian year."""
 COLDEST_DAY = 20.0
+"""Of the year: 20 January, a month after the solstice, as on land of northern middle latitudes."""
 WARMEST_HOUR = 15.0
+"""Of the day: three hours after noon."""
 WEATHER_TIME_S = 2.0 * DAY_S
+"""Correlation time of the weather: two days, the passage of fronts."""
 
 
 def generate(

@@ -34,6 +34,7 @@ SECTION = Section(
 )
 
 FREE_BELOW_M = 1500.0
+"""Below this altitude any speed down to standstill may be flown: take-off and landing."""
 
 
 def generate(

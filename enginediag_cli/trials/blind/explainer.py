@@ -33,6 +33,7 @@ from enginediag_cli.trials.blind.correspondent import LOCATE
 from enginediag_cli.trials.parent import end_with_parent
 
 CELLS = 10
+"""Places that are kept in the answer; marks look at the first few."""
 
 
 def answer(question: Mapping[str, Any]) -> dict[str, Any]:

@@ -13,10 +13,14 @@ from enginediag_cli.units import split_column
 
 CONDITIONS = ("altitude_m", "mach", "dT_isa_K")
 STEP_S = 30.0
+"""Between records: snapshots, as an airline's reports are made of."""
 TRAINING, HELD_BACK = (4, 6), 2  # flights
 RECORDS = (50, 70)
+"""Of a flight, from and to: half an hour of them."""
 MACH_SCATTER, DAY_SIGMA_K = 0.02, 8.0
+"""Scatter of Mach within a flight, and of the temperature from day to day. Judgement: routes differ by as much."""
 HOURS, BETWEEN_FLIGHTS_H = (0.0, 400.0), (20.0, 200.0)
+"""Hours since a wash at the first flight, and between flights, from and to: some weeks of service."""
 
 
 def draw_flights(engine: Engine, rng: np.random.Generator) -> tuple[list[dict[str, np.ndarray]], int]:

@@ -33,9 +33,12 @@ if TYPE_CHECKING:
     from enginediag_cli.engine.network import Network
 
 FLOW, EFFICIENCY = 0.003, 0.0015
+"""s of the equation above: what a map of the same type is usually known to."""
 COOLING, GAS_CONSTANT = 0.008, 0.0005
+"""Largest change of the cooling and bleed flows, as a share of the core flow, and of the gas constant."""
 WATER = 0.608  # ∂ln R/∂w of humid air, w in kg per kg of dry air
 WIDTH, SPREAD = 0.08, 0.1
+"""Of the kink in n, and of the working line in w − n: scales in the equation above."""
 
 
 @dataclass(frozen=True)

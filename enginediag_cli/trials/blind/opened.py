@@ -20,7 +20,6 @@ from enginediag_cli.trials.blind.recorded import Recorded, readings
 from enginediag_cli.trials.blind.score import (
     GAINING,
     LOCATABLE,
-    VISIBLE,
     Marks,
     Said,
     hidden_marks,
@@ -31,6 +30,7 @@ from enginediag_cli.trials.blind.score import (
 from enginediag_cli.trials.blind.sealed import Sealed
 from enginediag_cli.trials.blind.separability import Separability, separability
 from enginediag_cli.trials.blind.true_driver import driver_is_right
+from enginediag_cli.trials.blind.visible import VISIBLE
 
 Cells = Sequence[Mapping[str, Any]]
 """Places of the map, best first, as the explainer gives them."""

@@ -17,6 +17,7 @@ from enginediag_cli.trials.blind.sealed import SIZE_STREAM, stream
 from enginediag_cli.trials.blind.visible import drawable, noise_free_fit
 
 SETS_OF_FLIGHTS = 5
+"""Flights are drawn anew so many times, so that no effect's weight is that of one set of flights."""
 
 
 def detectable_sizes(engine: Engine, seed: int) -> dict[str, dict[str, Any]]:

@@ -17,13 +17,19 @@ from enginediag_cli.trials.blind.visible import drawable, weights
 
 SIZE = (0.3, 1.5)  # of a typical size
 HEALTH, SENSOR_SCALE = 0.005, 0.001
+"""Standard deviations of how a healthy engine and its sensors differ from nominal, as a share. Judgement: engines of a
+fleet."""
 HEALTH_FAULT, SENSOR_FAULT = 0.01, 0.005  # typical steps, relative
 DWELL = (6.0, 20.0)  # records, mean of a random telegraph
 RHO = (0.3, 0.7)
+"""Correlation of noise from record to record, from and to, in trials with correlated noise."""
 NOISE_FACTOR = (0.5, 2.0)
+"""True noise over what is stated, from and to, in trials where it is misjudged."""
 INPUT_SIGMA: Mapping[str, float] = {"altitude_m": 8.0, "mach": 0.001}
+"""Noise of recorded conditions, in their unit: what an air-data computer is good for."""
 POWER_SIGMA = 0.002  # of a reading
 TRIAL_STREAM, SIZE_STREAM = 0, 1
+"""Streams of random numbers that must not share a draw."""
 
 
 @dataclass(frozen=True)

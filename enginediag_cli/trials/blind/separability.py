@@ -41,10 +41,13 @@ ALIAS = 11.0
 """λ_sep below which the right of two explanations wins less than 19 times out of 20."""
 
 REFITTED = 3
+"""Rivals, nearest by projection first, that are refitted. Judgement between cost and the chance that a fourth is
+nearer."""
 NEAR = 30.0
 """λ_sep by projection, beyond 5 % of λ, from which a rival is not worth a refit."""
 
 MOST_IN_PAIRS = 60
+"""Options that pairs are made of, as in the search itself."""
 SLACK = 0.05  # of the range of a coefficient, which projection knows only roughly
 
 

@@ -21,6 +21,7 @@ SELDOM = 0.1
 """Weight of an effect whose λ, at the largest size that is drawn, is below 25 on a set of flights with exact maps."""
 
 VISIBLE = 25.0
+"""λ from which a cause counts as visible: five standard deviations."""
 
 
 def drawable(engine: Engine) -> list[Effect]:

@@ -17,6 +17,7 @@ from enginediag_cli.parameters import meanings
 from enginediag_cli.residuals.monitor import Monitor
 
 SIGNS = {"both": (-1.0, 1.0), "fall": (-1.0,), "rise": (1.0,)}
+"""Directions to draw from."""
 
 DRAW = Section(
     "draw",

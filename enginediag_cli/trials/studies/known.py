@@ -22,19 +22,19 @@ def known_nominal(engine: Any, patterns: Sequence[str], noise: Mapping[str, Colu
     if silent:
         raise DataError(f"{', '.join(silent)}: sensors without noise cannot be weighed against each other")
     return Monitor(
-        engine,
-        sensors,
-        {},
-        names,
-        names,
-        {p.name: p for p in parameters},
-        (),
-        np.array([p.nominal for p in parameters], float),
-        np.array([p.prior_sigma for p in parameters], float),
-        np.array([p.lower for p in parameters], float),
-        np.array([p.upper for p in parameters], float),
-        np.zeros((len(names), len(names))),
-        NoiseModel(
+        engine=engine,
+        sensors=sensors,
+        base={},
+        names=names,
+        monitored=names,
+        meaning={p.name: p for p in parameters},
+        offsets=(),
+        theta0=np.array([p.nominal for p in parameters], float),
+        prior_sigma=np.array([p.prior_sigma for p in parameters], float),
+        lower=np.array([p.lower for p in parameters], float),
+        upper=np.array([p.upper for p in parameters], float),
+        uncertainty=np.zeros((len(names), len(names))),
+        noise=NoiseModel(
             np.array([standard_deviation(noise[column]) for column in sensors]),
             np.array([noise[column].correlation for column in sensors]),
         ),
