@@ -21,7 +21,6 @@ from enginediag_cli.residuals.monitor import Monitor
 from enginediag_cli.residuals.order_statistics import median
 from enginediag_cli.residuals.reduced import (
     ReducedMonitor,
-    can_be_reduced,
     covariance_root,
     in_normals,
     leading_directions,

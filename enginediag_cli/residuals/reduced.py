@@ -49,9 +49,7 @@ class ReducedMonitor(Monitor):
         moved, offsets = theta[..., :a], theta[..., q:]
         if not nuisance:
             plain = replace(self, names=(*self.monitored, *self.names[q:]))
-            return Monitor.predict(
-                plain, inputs, np.concatenate([moved, offsets], axis=-1), nuisance=False, **options
-            )
+            return Monitor.predict(plain, inputs, np.concatenate([moved, offsets], axis=-1), nuisance=False, **options)
         assert self.whole is not None and self.root is not None
         n = self.whole.names[: len(self.root)]
         plain = replace(self, names=(*n, *self.names[q:]))
