@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import textwrap
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -20,11 +19,12 @@ if TYPE_CHECKING:
 COLUMNS = 110
 
 
-@dataclass
 class Heard(Messages):
     """Messages that keep what a command says in sentences, for the demonstration to tell."""
 
-    said: list[str] = field(default_factory=list)
+    def __init__(self, debug: bool, color: str):
+        super().__init__(debug=debug, color=color)
+        self.said: list[str] = []
 
     def note(self, text: str) -> None:
         self.said.append(text)

@@ -17,8 +17,8 @@ import numpy as np
 MAX_POINTS = 150
 MARGIN_RANGE = (0.25, 1.0)
 STRETCHES = 10
-BLOCK = 500
-"""Operating points whose distances are computed at once: with a full cover 0.6 MB, which stay in the cache."""
+BLOCK = 100
+"""Operating points whose distances are computed at once: with a full cover 0.1 MB, which stay in the cache."""
 MINIMUM_SPREAD = {
     "mach": 0.05,
     "altitude_m": 2000.0,

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
-from enginediag_cli.recordings.live import LiveRecorder
-from enginediag_cli.recordings.masking import MaskCounts
-from enginediag_cli.recordings.read import Absent
-from enginediag_cli.recordings.steady import GateReport
+if TYPE_CHECKING:
+    from enginediag_cli.recordings.live import LiveRecorder
+    from enginediag_cli.recordings.masking import MaskCounts
+    from enginediag_cli.recordings.read import Absent
+    from enginediag_cli.recordings.steady import GateReport
 
 
 @dataclass
@@ -44,4 +46,6 @@ class LeftOut:
         self.masked(live.counts)
         self.records, self.average_s = live.records, live.recorder.average_s
         if live.recorder.steady or self.average_s > 0.0:
+            from enginediag_cli.recordings.steady import GateReport
+
             self.gate = GateReport(live.kept, live.records, dict(live.reasons))
