@@ -8,8 +8,8 @@ Exit codes: 0 done, 1 finding (only where a verdict is asked for), 2 bad usage, 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from enum import IntEnum
+from typing import NamedTuple
 
 
 class ExitCode(IntEnum):
@@ -22,8 +22,7 @@ class ExitCode(IntEnum):
     BROKEN_PIPE = 141
 
 
-@dataclass(frozen=True)
-class Mark:
+class Mark(NamedTuple):
     """A place in a file; line and column count from 1, 0 where unknown."""
 
     file: str
@@ -34,8 +33,7 @@ class Mark:
         return ":".join([self.file, *(str(n) for n in (self.line, self.column) if n)])
 
 
-@dataclass(frozen=True)
-class Problem:
+class Problem(NamedTuple):
     """One thing that is wrong: where, what, and how to mend it."""
 
     mark: Mark

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import textwrap
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -21,11 +20,12 @@ COLUMNS = 110
 """Letters of a line of the story: what a terminal of usual width shows without breaking it."""
 
 
-@dataclass
 class Heard(Messages):
     """Messages that keep what a command says in sentences, for the demonstration to tell."""
 
-    said: list[str] = field(default_factory=list)
+    def __init__(self, debug: bool, color: str):
+        super().__init__(debug=debug, color=color)
+        self.said: list[str] = []
 
     def note(self, text: str) -> None:
         self.said.append(text)

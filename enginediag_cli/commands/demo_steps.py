@@ -38,13 +38,14 @@ def copy_shipped(names: Iterable[str]) -> None:
 def run(messages: Messages, arguments: list[str], *, quiet: bool = True) -> None:
     """Show a command line and run it, with the messages as they are unless `quiet`; NoVerdictError when it ends
     without its result."""
-    from dataclasses import replace
+    from copy import copy
     from shlex import join
 
     from enginediag_cli.commands.main import enginediag
 
     click.echo(f"   $ {join(['enginediag', *arguments])}")
-    told = replace(messages, quiet=True) if quiet else messages
+    told = copy(messages)
+    told.quiet = messages.quiet or quiet
     with (
         _called_with(arguments),
         enginediag.make_context("enginediag", list(arguments), obj=told) as context,

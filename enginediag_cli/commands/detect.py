@@ -103,7 +103,7 @@ def detect(
     from enginediag_cli.detection.verdict import judge
     from enginediag_cli.presentation.detection_rows import detection_row
     from enginediag_cli.recordings.provenance import header_lines
-    from enginediag_cli.residuals.compact import compact
+    from enginediag_cli.residuals.economy import Economy
 
     monitor = compared.open(messages, source)
     if follow.wanted and monitor is not None:
@@ -111,7 +111,7 @@ def detect(
     files = judged_files(source, monitor, judging)
     if rival:
         return detect_by_method(messages, rival, files, false_alarm, exit_code, output)
-    files.monitor = compact(monitor) if monitor else None
+    files.economy = Economy(monitor) if monitor else None
     tally: Counter[str] = Counter()
 
     def rows() -> Iterator[dict[str, Any]]:

@@ -118,16 +118,18 @@ class _Builder:
         self.open: set[int] = set()
 
     def node(self, source: yaml.Node) -> Node:
-        if id(source) in self.built:
-            return self.built[id(source)]
+        known = self.built.get(id(source))
+        if known is not None:
+            return known
         mark = self._mark(source.start_mark)
+        if isinstance(source, yaml.ScalarNode):  # thousands of numbers, which hold nothing that could be open
+            built = self.built[id(source)] = self._scalar(source, mark)
+            return built
         if id(source) in self.open:
             return Node(None, mark, problems=(Problem(mark, "this anchor contains an alias to itself"),))
         self.open.add(id(source))
         if isinstance(source, yaml.MappingNode):
             built = self._mapping(source, mark)
-        elif isinstance(source, yaml.ScalarNode):
-            built = self._scalar(source, mark)
         else:
             built = Node(
                 tuple(self.node(item) for item in source.value), mark, problems=self._tag_problems(source, "seq", mark)

@@ -87,14 +87,14 @@ def scalar_value(tag: str, text: str) -> Any:
     kind = tag.removeprefix(TAG)
     if kind == "str":
         return text
+    if kind == "float" and FLOAT.match(text):
+        return _float(text)
     if kind == "null" and NULL.match(text):
         return None
     if kind == "bool" and BOOLEAN.match(text):
         return text.lower() == "true"
     if kind == "int" and INTEGER.match(text):
         return _integer(text)
-    if kind == "float" and FLOAT.match(text):
-        return _float(text)
     raise ValueError(f"'{text}' cannot be read with the tag '{tag.replace(TAG, '!!')}'")
 
 
@@ -108,7 +108,8 @@ def _integer(text: str) -> int | float:
 
 
 def _float(text: str) -> float:
-    lowered = text.lower()
-    if lowered.endswith("inf"):
-        return -math.inf if lowered[0] == "-" else math.inf
-    return math.nan if lowered.endswith("nan") else float(text)
+    if text[-1] not in "fFnN":  # of .inf and .nan
+        return float(text)
+    if text.lower().endswith("nan"):
+        return math.nan
+    return -math.inf if text[0] == "-" else math.inf

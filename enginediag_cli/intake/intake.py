@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Iterator
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -14,9 +15,11 @@ from enginediag_cli.intake.wanted import Wanted
 from enginediag_cli.recordings.masking import Judged, Masker
 from enginediag_cli.recordings.peeked import Peeked
 from enginediag_cli.recordings.read import read
-from enginediag_cli.recordings.recorder import Recorder, load_recorder
 from enginediag_cli.recordings.source import opened
 from enginediag_cli.recordings.table import Recording
+
+if TYPE_CHECKING:
+    from enginediag_cli.recordings.recorder import Recorder
 
 CHUNK = 3000
 """Records read at once: rows appear while a long recording is being read, engine calls stay few."""
@@ -40,7 +43,11 @@ class Intake:
 
     def __post_init__(self) -> None:
         refuse_repeated(self.source.files)
-        self._recorder = load_recorder(self.source.recorder) if self.source.recorder else None
+        self._recorder: Recorder | None = None
+        if self.source.recorder:
+            from enginediag_cli.recordings.recorder import load_recorder
+
+            self._recorder = load_recorder(self.source.recorder)
 
     def files(self) -> Iterator[File]:
         """The files in turn; each has to be read before the next is asked for. Raises DataError."""

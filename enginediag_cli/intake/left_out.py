@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
-from enginediag_cli.recordings.live import LiveRecorder
-from enginediag_cli.recordings.masking import MaskCounts
-from enginediag_cli.recordings.read import Absent
-from enginediag_cli.recordings.steady import GateReport
+if TYPE_CHECKING:
+    from enginediag_cli.recordings.live import LiveRecorder
+    from enginediag_cli.recordings.masking import MaskCounts
+    from enginediag_cli.recordings.read import Absent
+    from enginediag_cli.recordings.steady import GateReport
 
 
 @dataclass

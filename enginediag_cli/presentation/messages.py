@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import sys
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, TextIO, TypeVar
 
 if TYPE_CHECKING:
@@ -29,14 +28,11 @@ def wants_color(choice: str, stream: TextIO, environment: Mapping[str, str] = os
     return environment.get("TERM") != "dumb" and stream.isatty()
 
 
-@dataclass
 class Messages:
     """Writes to stderr; `quiet` leaves only errors. One per run, handed to every command."""
 
-    quiet: bool = False
-    verbose: bool = False
-    debug: bool = False
-    color: str = "auto"
+    def __init__(self, quiet: bool = False, verbose: bool = False, debug: bool = False, color: str = "auto"):
+        self.quiet, self.verbose, self.debug, self.color = quiet, verbose, debug, color
 
     def note(self, text: str) -> None:
         """A fact about the run, such as how many records were kept."""

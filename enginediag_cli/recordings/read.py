@@ -6,7 +6,6 @@ Nothing is guessed: a column holds numbers because its name carries a unit or be
 from __future__ import annotations
 
 import csv
-import difflib
 import gzip
 import re
 from collections.abc import Collection, Iterable, Iterator
@@ -86,7 +85,9 @@ def absent_columns(wanted: Iterable[str], order: Collection[str]) -> tuple[Absen
     found = []
     for column in names:
         if column not in order:
-            near = difflib.get_close_matches(column.casefold(), list(folded), n=1, cutoff=0.75)
+            from difflib import get_close_matches
+
+            near = get_close_matches(column.casefold(), list(folded), n=1, cutoff=0.75)
             found.append(Absent(column, folded[near[0]] if near else ""))
     return tuple(found)
 
@@ -198,7 +199,9 @@ def _check_header(order: list[str], required: Collection[str], name: str, line: 
         return
     hints = []
     for column in absent:
-        near = difflib.get_close_matches(column, order, n=1)
+        from difflib import get_close_matches
+
+        near = get_close_matches(column, order, n=1)
         hints.append(column + (f" (did you mean {near[0]!r}?)" if near else ""))
     raise DataError(
         f"{name}:{line}: missing column{'s' if len(absent) > 1 else ''} {', '.join(hints)}; "

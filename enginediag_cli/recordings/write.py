@@ -12,7 +12,6 @@ import io
 import os
 import stat
 import sys
-import tempfile
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -85,7 +84,9 @@ def output(path: str | Path) -> Iterator[TextIO]:
         with open(final, "w", encoding="utf-8", newline="") as stream:
             yield stream
         return
-    handle, temporary = tempfile.mkstemp(prefix=f".{final.name}.", suffix=".part", dir=final.parent)
+    from tempfile import mkstemp
+
+    handle, temporary = mkstemp(prefix=f".{final.name}.", suffix=".part", dir=final.parent)
     try:
         with os.fdopen(handle, "wb") as raw:
             if final.suffix == ".gz":

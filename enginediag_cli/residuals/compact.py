@@ -1,10 +1,9 @@
 """A monitor that computes the effect of what is uncertain about nominal from a fit instead of from the engine.
 
-Identification leaves dozens of parameters uncertain. Their covariance C = L Lᵀ matters only through J L, which has far
-fewer directions than parameters, and which varies smoothly over the operating points: its leading directions (singular
-value decomposition over the points that identification saw) are fitted once with polynomials in the engine's inputs.
-Records then cost the engine's sensitivities to the monitored parameters alone. How well the fit holds is checked on
-points that it has not seen; where it does not hold, the monitor stays as it was.
+The effect J L of the unit normals of `reduced.py` varies smoothly over the operating points: its leading directions
+(over the points that identification saw) are fitted once with polynomials in the engine's inputs. Records then cost the
+engine's sensitivities to the monitored parameters alone; the fit costs as much as a few thousand records. How well it
+holds is checked on points that it has not seen; where it does not hold, the engine is asked.
 """
 
 from __future__ import annotations
@@ -18,14 +17,19 @@ import numpy as np
 
 from enginediag_cli.engine.model import MonitoredModel
 from enginediag_cli.engine.start import StartFit, coordinates
-from enginediag_cli.residuals.curvature import Curvature, curvature
 from enginediag_cli.residuals.monitor import Monitor
 from enginediag_cli.residuals.order_statistics import median
+from enginediag_cli.residuals.reduced import (
+    ReducedMonitor,
+    covariance_root,
+    in_normals,
+    leading_directions,
+    noise_weight,
+    reduced,
+)
 
 DEGREE = 5
 """Of the polynomial of operating points; whether it suffices is tried on points held back (TOLERANCE)."""
-NEGLIGIBLE = 5e-5
-"""Information per record of a direction below which it is left out: a tenth in two thousand records."""
 TOLERANCE = 2e-4
 """Information per record that the fit may leave out; beyond it the engine is asked."""
 LEAST_POINTS = 300
@@ -55,22 +59,18 @@ class Fit:
 
 
 @dataclass(frozen=True)
-class CompactMonitor(Monitor):
-    """Its uncertain parameters are r unit normals `nominal.1` … whose effect `fit` gives.
-
-    `start` gives the engine's unknowns at nominal, to begin with; `curvature` what a linear model leaves out.
-    """
+class CompactMonitor(ReducedMonitor):
+    """`fit` gives the effect of its unit normals, `start` the engine's unknowns at nominal, to begin with."""
 
     fit: Fit | None = field(default=None)
     start: StartFit | None = field(default=None)
-    curvature: Curvature | None = field(default=None)
 
     def predict(
         self, inputs: Mapping[str, np.ndarray], theta: np.ndarray, *, nuisance: bool = True, **options: Any
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray, Any]:
         """As `Monitor.predict`; the unit normals stay at 0, where nominal is."""
         assert self.fit is not None
-        a, q = len(self.monitored), len(self.names) - len(self.offsets)
+        a, q = len(self.monitored), self.inner
         if self.start is not None and "start" not in options:
             options["start"] = self.start.predict(_corrected(self.engine, self.fit.inputs, inputs)[1])
         plain = replace(self, names=(*self.monitored, *self.names[q:]))
@@ -83,35 +83,27 @@ class CompactMonitor(Monitor):
         return y, J, ok, prediction
 
 
-def compact(monitor: Monitor) -> Monitor:
-    """The monitor with a fit in place of its uncertain parameters, or as it is where a fit would not do."""
-    a, q = len(monitor.monitored), len(monitor.names) - len(monitor.offsets)
-    points = _points(monitor)
-    if q == a or len(points) == 0 or np.any(monitor.uncertainty[:q, q:]):
+def compact(monitor: Monitor, exact: Monitor | None = None) -> Monitor:
+    """The monitor with a fit in place of its uncertain parameters; `reduced` where a fit would not do, and as it is
+    where there is nothing to replace. exact: the reduced monitor, where it is known."""
+    exact = exact or reduced(monitor)
+    if not isinstance(exact, ReducedMonitor):
         return monitor
+    points, q = _points(monitor), len(monitor.names) - len(monitor.offsets)
     names = tuple(monitor.envelope.inputs)
     inputs = {c: points[:, i] for i, c in enumerate(names)}
     _, J, ok, found = monitor.predict(inputs, monitor.theta0)
-    x = getattr(found, "x", None)
-    start = _fitted_start(monitor.engine, names, inputs, x, ok)
+    start = _fitted_start(monitor.engine, names, inputs, getattr(found, "x", None), ok)
     J, points = J[ok, :, :q], points[ok]
     if len(points) < LEAST_POINTS:
-        return monitor
-    scale = monitor.prior_sigma[:q]
-    eigenvalues, vectors = np.linalg.eigh(monitor.uncertainty[:q, :q] / scale / scale[:, None])
-    effect = J @ (scale[:, None] * vectors * np.sqrt(np.maximum(eigenvalues, 0.0)))
-    weight = 1 / (monitor.noise.sigma * np.sqrt(monitor.noise.inflation))
-    whitened = effect * weight[:, None]
-    flat = whitened[: int(np.sum(ok[: len(monitor.envelope.points)]))].reshape(-1, q)
-    strength, directions = np.linalg.eigh(flat.T @ flat / len(flat) * whitened.shape[1])
-    leading = directions[:, strength > NEGLIGIBLE][:, ::-1]
-    effect = effect @ leading
+        return exact
+    seen = np.arange(len(points)) < np.sum(ok[: len(monitor.envelope.points)])
+    effect, weight = J @ covariance_root(monitor), noise_weight(monitor)
+    effect = effect @ leading_directions(effect[seen], weight)
     # far corners in which the engine hardly runs would bend the fit everywhere
     size = np.sum((effect * weight[:, None]) ** 2, axis=(1, 2))
     usual = size < 25 * median(size)
-    own = np.arange(len(points))[usual] < np.sum(ok[: len(monitor.envelope.points)])
-    effect, points = effect[usual], points[usual]
-    x = None if x is None else x[:, ok][:, usual][:, own]
+    own, effect, points = seen[usual], effect[usual], points[usual]
     r = effect.shape[2]
     centre, spread = points.mean(axis=0), np.maximum(points.std(axis=0), 1e-9)
     powers = tuple(p for d in range(DEGREE + 1) for p in combinations_with_replacement(range(points.shape[1]), d))
@@ -121,35 +113,10 @@ def compact(monitor: Monitor) -> Monitor:
     trial = np.linalg.lstsq(X[~held], target[~held], rcond=1e-10)[0]
     error = float(np.mean(np.sum((X[held] @ trial - target[held]) ** 2, axis=1)))
     if not error < TOLERANCE:
-        return monitor
+        return exact
     coefficients = np.linalg.lstsq(X, target, rcond=1e-10)[0].reshape(len(powers), -1, r) / weight[:, None]
-    uncertainty = np.zeros((a + r + len(monitor.offsets),) * 2)
-    uncertainty[range(a, a + r), range(a, a + r)] = 1.0
-    uncertainty[a + r :, a + r :] = monitor.uncertainty[q:, q:]
-
-    def joined(values: np.ndarray, between: float) -> np.ndarray:
-        return np.concatenate([values[:a], np.full(r, between), values[q:]])
-
-    return CompactMonitor(
-        engine=monitor.engine,
-        sensors=monitor.sensors,
-        base=monitor.base,
-        names=(*monitor.monitored, *(f"nominal.{i + 1}" for i in range(r)), *monitor.names[q:]),
-        monitored=monitor.monitored,
-        meaning=monitor.meaning,
-        offsets=monitor.offsets,
-        theta0=joined(monitor.theta0, 0.0),
-        prior_sigma=joined(monitor.prior_sigma, 1.0),
-        lower=joined(monitor.lower, -np.inf),
-        upper=joined(monitor.upper, np.inf),
-        uncertainty=uncertainty,
-        noise=monitor.noise,
-        envelope=monitor.envelope,
-        nominal=monitor.nominal,
-        fit=Fit(names, centre, spread, powers, coefficients),
-        start=start,
-        curvature=curvature(monitor, {c: points[own, i] for i, c in enumerate(names)}, x),
-    )
+    fit = Fit(names, centre, spread, powers, coefficients)
+    return CompactMonitor(**in_normals(monitor, r), curvature=exact.curvature, fit=fit, start=start)
 
 
 def _fitted_start(
@@ -175,11 +142,9 @@ def _corrected(
 
 
 def _points(monitor: Monitor) -> np.ndarray:
-    """Operating points (n, d) drawn where records are judged: around those that identification saw, none where the
-    envelope does not hold all inputs. Always the same ones."""
+    """Operating points (n, d) drawn where records are judged: those that identification saw, then some around them.
+    Always the same ones."""
     envelope = monitor.envelope
-    if envelope is None or any(c not in envelope.inputs for c in monitor.engine.inputs):
-        return np.zeros((0, 0))
     rng = np.random.default_rng(0)
     seen = np.asarray(envelope.points)
     near = np.repeat(seen, -(-POINTS // len(seen)), axis=0)

@@ -10,6 +10,7 @@ from enginediag_cli.errors import DataError
 from enginediag_cli.intake.intake import File, Intake
 from enginediag_cli.parameters import Parameter
 from enginediag_cli.recordings.table import Recording
+from enginediag_cli.residuals.economy import Economy
 from enginediag_cli.residuals.flat import is_flat
 from enginediag_cli.residuals.monitor import Monitor
 from enginediag_cli.residuals.pipeline import WindowStatistics
@@ -51,7 +52,8 @@ class JudgedFiles:
     became of them (`records`, `outside`, `incomplete`, `failed`), of `windows` and of those with `statistics`, as far
     as they have been read.
     passing: sees the chunks of recordings on their way. summed: windows of a flight are added up. given: names of the
-    choices that the user made, which statistics would ignore. `ledger`: what was read of statistics."""
+    choices that the user made, which statistics would ignore. economy: chooses the form of the monitor for each file;
+    None: always `monitor` as it is. `ledger`: what was read of statistics."""
 
     intake: Intake
     monitor: Monitor | None
@@ -60,6 +62,7 @@ class JudgedFiles:
     summed: bool = False
     given: Mapping[str, object] = field(default_factory=dict)
     counts: Counter[str] = field(default_factory=Counter)
+    economy: Economy | None = None
 
     def __post_init__(self) -> None:
         self.ledger = Ledger(self.monitor.nominal if self.monitor else "", summed=self.summed)
@@ -76,9 +79,12 @@ class JudgedFiles:
         monitor, judging = self.monitor, self.judging
         if monitor is None:
             raise DataError(f"{file.name}: a recording needs --nominal; only what residual has written does without")
+        recordings = self.passing(file.masked())
+        if self.economy is not None:
+            monitor, recordings = self.economy.of(recordings)
         for window in windows_against_reference(
             monitor,
-            self.passing(file.masked()),
+            recordings,
             judging.plan,
             judging.reference,
             last=judging.last,

@@ -18,11 +18,11 @@ from enginediag_cli.progress import each
 from enginediag_cli.recordings.table import Recording
 from enginediag_cli.residuals.admission import JudgedChunk
 from enginediag_cli.residuals.blocks import Block
-from enginediag_cli.residuals.compact import CompactMonitor
 from enginediag_cli.residuals.cut import cut
 from enginediag_cli.residuals.groups import Key, runs
 from enginediag_cli.residuals.local import block_statistics, local_statistics
 from enginediag_cli.residuals.monitor import Monitor
+from enginediag_cli.residuals.reduced import ReducedMonitor
 from enginediag_cli.residuals.relinearise import Stop, relinearise
 from enginediag_cli.residuals.score import marginalise
 from enginediag_cli.residuals.statistics import LocalStatistics
@@ -246,7 +246,7 @@ def _at_estimate(monitor: Monitor, batch: Sequence[Sequence[_Piece]], condense: 
     inputs = {c: np.concatenate([piece.inputs[c] for piece in every]) for c in every[0].inputs}
     y, lags = np.concatenate([p.y for p in every]), np.concatenate([p.lags for p in every])
 
-    bent = monitor.curvature if isinstance(monitor, CompactMonitor) else None
+    bent = monitor.curvature if isinstance(monitor, ReducedMonitor) else None
     *nominal, prediction = monitor.predict(inputs, monitor.theta0)
     x = getattr(prediction, "x", None)  # unknowns of the engine, from which the next solution is near
 

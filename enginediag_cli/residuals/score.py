@@ -154,8 +154,9 @@ def marginalise(statistics: LocalStatistics, keep: Sequence[str], uncertainty: n
     score = fisher_score(statistics, monitored=keep, uncertainty=uncertainty)
     in_F = replace(statistics, V=statistics.F, by_sensor=None, rows=None)
     plain = fisher_score(in_F, monitored=keep, uncertainty=uncertainty)
-    eigenvalues, vectors = np.linalg.eigh(uncertainty)
-    root = vectors * np.sqrt(np.maximum(eigenvalues, 0.0))
+    D = statistics.prior_sigma  # units apart by 10⁸ would drown the small eigenvalues in rounding
+    eigenvalues, vectors = np.linalg.eigh(uncertainty / D / D[:, None])
+    root = D[:, None] * vectors * np.sqrt(np.maximum(eigenvalues, 0.0))
     inner = np.eye(len(root)) + root.T @ statistics.F @ root
     absorbed = root.T @ statistics.s
     explained = float(absorbed @ np.linalg.solve(inner, absorbed))

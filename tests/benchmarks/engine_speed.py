@@ -1,4 +1,4 @@
-"""Speed of the engine model as JSON on stdout: python tests/benchmarks/engine_speed.py [--table | --start-up]
+"""Speed of the engine model as JSON on stdout: python tests/benchmarks/engine_speed.py [--table]
 
 CPU time of one process on one core (set OPENBLAS_NUM_THREADS=1), best of five, start-up fit included;
 10,000 random operating points over the envelope at 30–100 % of the corrected power range, every balance
@@ -11,7 +11,6 @@ from __future__ import annotations
 import json
 import os
 import resource
-import subprocess
 import sys
 import tempfile
 import time
@@ -44,17 +43,6 @@ OUTPUTS = (
     "W2_kg_s",
     "P13_Pa",
 )
-BEFORE_DETECT = """
-import enginediag_cli.__main__
-import enginediag_cli.commands.detect
-import enginediag_cli.detection.verdict
-import enginediag_cli.engine
-import enginediag_cli.identification.nominal_file
-import enginediag_cli.recordings.provenance
-import enginediag_cli.recordings.quality
-import enginediag_cli.recordings.read
-import enginediag_cli.residuals.reference
-"""
 PYCYCLE_S, GSPY_S = 1.1, 0.45
 
 
@@ -100,46 +88,6 @@ def measure(engine: Engine, file: str | Path) -> dict[str, float]:
     }
 
 
-def start_ratio(ours: list[str], theirs: str, repetitions: int = 9) -> float:
-    """CPU time of a command of ours over that of some imports, least of several runs each."""
-
-    def least(command: list[str]) -> float:
-        times = []
-        for _ in range(repetitions):
-            before = resource.getrusage(resource.RUSAGE_CHILDREN)
-            subprocess.run(command, check=True, stdout=subprocess.DEVNULL, stdin=subprocess.DEVNULL)
-            after = resource.getrusage(resource.RUSAGE_CHILDREN)
-            times.append(after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime)
-        return min(times)
-
-    return least(ours) / least([sys.executable, "-c", theirs])
-
-
-def start_up() -> dict[str, float]:
-    """Ratios of start-up times; with PYTHONDONTWRITEBYTECODE set they tell of compiling, not of importing.
-
-    A command before its work is what `detect` imports until it reads the first record. The whole command on a
-    recording of two records reads the nominal file, imports scipy and solves the engine on top of that.
-    """
-    tool, peer = [sys.executable, "-m", "enginediag_cli"], "import numpy, click, yaml"
-    samples, engine = ROOT / "sample_data", str(ROOT / "configs" / "turbofan.yaml")
-    with tempfile.TemporaryDirectory() as scratch:
-        nominal, tiny = f"{scratch}/nominal.yaml", f"{scratch}/tiny.csv"
-        healthy = str(samples / "healthy_snapshots.csv")
-        subprocess.run([*tool, "identify", engine, healthy, "--no-cross-validation", "-q", "-o", nominal], check=True)
-        lines = (samples / "fouling_snapshots.csv").read_text(encoding="utf-8").splitlines(keepends=True)
-        Path(tiny).write_text("".join([line for line in lines if not line.startswith("#")][:3]), encoding="utf-8")
-        return {
-            "version_over_import_click": start_ratio([*tool, "--version"], "import click"),
-            "detect_before_its_work_over_import_numpy_click_yaml": start_ratio(
-                [sys.executable, "-c", BEFORE_DETECT], peer
-            ),
-            "detect_of_two_records_in_all_over_import_numpy_click_yaml": start_ratio(
-                [*tool, "detect", "-q", "-n", nominal, tiny], peer
-            ),
-        }
-
-
 ROWS = (
     ("solve, per point", "solve_us_per_point", "µs"),
     ("solve and ∂Φ/∂θ (12 outputs × 11 parameters), per point", "solve_and_sensitivities_us_per_point", "µs"),
@@ -157,16 +105,7 @@ def table(report: Mapping[str, Any]) -> None:
     print(f"| peak memory, 100,000 points with sensitivities | {memory:.0f} MB |" + " |" * (len(maps) - 1))
 
 
-def start_table(ratios: Mapping[str, float]) -> None:
-    """Markdown table of the start-up ratios."""
-    print("| start-up, ratio of CPU times | |\n|---|---|")
-    for key, ratio in ratios.items():
-        print(f"| {key.replace('_', ' ')} | {ratio:.2f} |")
-
-
 def main() -> None:
-    if "--start-up" in sys.argv:
-        return start_table(start_up())
     engine = load_engine(ROOT / "configs" / "turbofan.yaml")
     report: dict[str, object] = {"parametric_maps": measure(engine, ROOT / "configs" / "turbofan.yaml")}
     if shared_data.available("jt9d"):
@@ -182,7 +121,6 @@ def main() -> None:
     }
     if "--table" in sys.argv:
         return table(report)
-    report["start_up"] = start_up()
     print(json.dumps(report, indent=2))
 
 

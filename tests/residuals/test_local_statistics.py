@@ -180,6 +180,30 @@ def test_uncertainty_of_nominal_is_the_same_as_noise_of_its_covariance():
     assert fisher_score(reduced).glr == pytest.approx(score.glr, rel=1e-9)
 
 
+def test_units_of_uncertain_parameters_do_not_matter():
+    rng = np.random.default_rng(12)
+    e, J = draw(rng)
+    A = rng.standard_normal((P, P)) * 0.1
+    C = A @ A.T
+    unit = np.array([1.0, 1.0, 1e9])[:P]  # a heating value in J/kg beside efficiencies
+    plain, scaled = (
+        marginalise(
+            local_statistics(
+                e,
+                J / u,
+                white_noise(np.ones(M)),
+                parameters=NAMES,
+                theta0=np.zeros(P),
+                prior_sigma=u,
+            ),
+            ("a", "b"),
+            C * u * u[:, None],
+        )
+        for u in (np.ones(P), unit)
+    )
+    assert scaled.chi2 == pytest.approx(plain.chi2, rel=1e-9)
+
+
 def test_a_sensor_offset_of_unknown_size_takes_that_sensor_out_of_the_test():
     rng = np.random.default_rng(13)
     J = np.tile(rng.standard_normal((1, M, P)), (N, 1, 1))

@@ -1,0 +1,129 @@
+"""A monitor whose uncertain parameters are r unit normals: the directions in which an uncertain nominal matters.
+
+Identification leaves dozens of parameters uncertain. Their covariance C = L Lᵀ matters only through J L, which has far
+fewer directions than parameters: those of the eigenvectors of Lᵀ JᵀR⁻¹J L that carry information. The statistics are
+those of the monitor that it comes from, but for what is negligible, and a change of a monitored parameter is told
+apart from the error with which that parameter was identified, so that only the change moves the point at which
+the model is linearised.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+from enginediag_cli.residuals.curvature import Curvature, curvature
+from enginediag_cli.residuals.monitor import Monitor
+
+NEGLIGIBLE = 5e-5
+"""Information per record of a direction below which it is left out: a tenth in two thousand records."""
+POINTS = 30
+"""Operating points at which directions are sought; a fit over fifty times as many finds as many directions."""
+
+
+@dataclass(frozen=True)
+class ReducedMonitor(Monitor):
+    """Its uncertain parameters are r unit normals `nominal.1` …; `curvature`: what a linear model leaves out.
+
+    The effect of the normals comes from the engine: J of the parameters of `whole`, in whose unit `root` (q, r) gives
+    a step of one in each normal. A subclass may know the effect otherwise.
+    """
+
+    curvature: Curvature | None = field(default=None)
+    whole: Monitor | None = field(default=None)
+    root: np.ndarray | None = field(default=None)
+
+    @property
+    def inner(self) -> int:
+        """How many parameters come before the offsets."""
+        return len(self.names) - len(self.offsets)
+
+    def predict(
+        self, inputs: Mapping[str, np.ndarray], theta: np.ndarray, *, nuisance: bool = True, **options: Any
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, Any]:
+        """As `Monitor.predict`; the unit normals stay at 0, where nominal is."""
+        a, q = len(self.monitored), self.inner
+        moved, offsets = theta[..., :a], theta[..., q:]
+        if not nuisance:
+            plain = replace(self, names=(*self.monitored, *self.names[q:]))
+            return Monitor.predict(plain, inputs, np.concatenate([moved, offsets], axis=-1), nuisance=False, **options)
+        assert self.whole is not None and self.root is not None
+        n = self.whole.names[: len(self.root)]
+        plain = replace(self, names=(*n, *self.names[q:]))
+        at_nominal = np.broadcast_to(self.whole.theta0[a : len(n)], (*theta.shape[:-1], len(n) - a))
+        y, J, ok, prediction = Monitor.predict(
+            plain, inputs, np.concatenate([moved, at_nominal, offsets], axis=-1), **options
+        )
+        effect = J[:, :, : len(n)] @ self.root
+        return y, np.concatenate([J[:, :, :a], effect, J[:, :, len(n) :]], axis=2), ok, prediction
+
+
+def can_be_reduced(monitor: Monitor) -> bool:
+    """Whether anything is uncertain that does not go with a sensor's offset, and where the engine ran is known."""
+    a, q = len(monitor.monitored), len(monitor.names) - len(monitor.offsets)
+    envelope = monitor.envelope
+    known = envelope is not None and all(c in envelope.inputs for c in monitor.engine.inputs) and len(envelope.points)
+    return bool(known and q > a and not np.any(monitor.uncertainty[:q, q:]))
+
+
+def reduced(monitor: Monitor, bent: Curvature | None = None) -> Monitor:
+    """The monitor with unit normals in place of its uncertain parameters, or as it is where there are none to replace.
+    bent: its curvature, where that is known."""
+    if not can_be_reduced(monitor):
+        return monitor
+    at = np.linspace(0, len(monitor.envelope.points) - 1, POINTS).round().astype(int)
+    points = np.asarray(monitor.envelope.points)[np.unique(at)]
+    inputs = {c: points[:, i] for i, c in enumerate(monitor.envelope.inputs)}
+    _, J, ok, found = monitor.predict(inputs, monitor.theta0)
+    if not ok.any():
+        return monitor
+    root = covariance_root(monitor)
+    root = root @ leading_directions(J[ok, :, : len(root)] @ root, noise_weight(monitor))
+    x = getattr(found, "x", None)
+    good = {c: values[ok] for c, values in inputs.items()}
+    bent = bent or curvature(monitor, good, None if x is None else x[:, ok])
+    return ReducedMonitor(**in_normals(monitor, root.shape[1]), curvature=bent, whole=monitor, root=root)
+
+
+def noise_weight(monitor: Monitor) -> np.ndarray:
+    """1/σ of every sensor (m,), chance in σ included."""
+    return np.asarray(1 / (monitor.noise.sigma * np.sqrt(monitor.noise.inflation)))
+
+
+def covariance_root(monitor: Monitor) -> np.ndarray:
+    """L (q, q) of the covariance L Lᵀ of all but the offsets, in parameter units."""
+    q = len(monitor.names) - len(monitor.offsets)
+    scale = monitor.prior_sigma[:q]
+    eigenvalues, vectors = np.linalg.eigh(monitor.uncertainty[:q, :q] / scale / scale[:, None])
+    return np.asarray(scale[:, None] * vectors * np.sqrt(np.maximum(eigenvalues, 0.0)))
+
+
+def leading_directions(effect: np.ndarray, weight: np.ndarray) -> np.ndarray:
+    """Orthonormal directions (q, r) of unit normals whose effect (n, m, q) is not negligible, strongest first."""
+    flat = (effect * weight[:, None]).reshape(-1, effect.shape[2])
+    strength, directions = np.linalg.eigh(flat.T @ flat / len(effect))
+    return np.asarray(directions[:, strength > NEGLIGIBLE][:, ::-1])
+
+
+def in_normals(monitor: Monitor, r: int) -> dict[str, Any]:
+    """Fields of `monitor` with r unit normals between the monitored parameters and the offsets."""
+    a, q = len(monitor.monitored), len(monitor.names) - len(monitor.offsets)
+
+    def joined(values: np.ndarray, between: float) -> np.ndarray:
+        return np.concatenate([values[:a], np.full(r, between), values[q:]])
+
+    uncertainty = np.zeros((a + r + len(monitor.offsets),) * 2)
+    uncertainty[range(a, a + r), range(a, a + r)] = 1.0
+    uncertainty[a + r :, a + r :] = monitor.uncertainty[q:, q:]
+    return {
+        **{name: getattr(monitor, name) for name in Monitor.__dataclass_fields__},
+        "names": (*monitor.names[:a], *(f"nominal.{i + 1}" for i in range(r)), *monitor.names[q:]),
+        "theta0": joined(monitor.theta0, 0.0),
+        "prior_sigma": joined(monitor.prior_sigma, 1.0),
+        "lower": joined(monitor.lower, -np.inf),
+        "upper": joined(monitor.upper, np.inf),
+        "uncertainty": uncertainty,
+    }
