@@ -108,11 +108,14 @@ class Masker:
         self._before = self._after = 0
         self._span: dict[str, tuple[float, float]] = {}
         self._stuck_at: dict[str, float] = {}
+        self._stood: list[int] = []
+        self._copied, self._copies, self._time = 0, 0, float("nan")
 
     def add(self, chunk: Recording) -> list[Recording]:
         """Blocks that have become final by these further records (N,), in file order."""
         if self.judged.repeated and len(chunk):
             again = self._repeats.add(chunk, self._flights.of(chunk))
+            self._stand(chunk, again)
             if again.any():
                 self.counts.repeated += int(again.sum())
                 chunk = chunk.select(~again)
@@ -123,6 +126,24 @@ class Masker:
         while self._after > self.block + self.halo:
             done.append(self._judge(self.block))
         return done
+
+    def _stand(self, chunk: Recording, again: np.ndarray) -> None:
+        """Note the line of a record that is followed by so many copies of itself, time included, that the recorder
+        stood still with its clock: the copies are left out as `again` (N,) says, and it is frozen itself."""
+        if "time_s" not in chunk:
+            return
+        time, line = chunk["time_s"], chunk.line
+        if not again.any():
+            self._copied, self._copies, self._time = int(line[-1]), 0, float(time[-1])
+            return
+        for k in range(len(chunk)):
+            if not again[k]:
+                self._copied, self._copies = int(line[k]), 0
+            else:
+                self._copies = self._copies + 1 if time[k] == self._time else 0
+                if self._copied and self._copies == self.judged.settings.frozen_records - 1:
+                    self._stood.append(self._copied)
+            self._time = float(time[k])
 
     def end(self) -> list[Recording]:
         """The last block; empty before the first `add`."""
@@ -158,6 +179,8 @@ class Masker:
         if judged.frozen:
             inputs = [c for c in judged.columns if c in judged.inputs]
             still = frozen(context, self._flights.of(context), sensors, inputs, settings.frozen_records)
+            if self._stood:
+                still |= np.isin(context.line, self._stood)
             if still.any():
                 usable |= {c: np.where(still, np.nan, usable[c]) for c in sensors}
         self._search(usable, sensors, block, found)
