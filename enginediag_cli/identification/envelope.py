@@ -125,8 +125,9 @@ def _nearest(v: np.ndarray, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]
         rows = slice(first, first + BLOCK)
         squared = np.zeros((len(v[rows]), len(points)))
         for mine, theirs in zip(v[rows].T, points.T, strict=True):
-            apart = np.subtract.outer(mine, theirs)
-            squared += np.square(apart, out=apart)
+            with np.errstate(over="ignore"):  # of an input near the largest number: infinitely far
+                apart = np.subtract.outer(mine, theirs)
+                squared += np.square(apart, out=apart)
         index[rows] = squared.argmin(axis=1)
         distance[rows] = np.sqrt(squared[np.arange(len(squared)), index[rows]])
     distance[~np.isfinite(v).all(axis=1)] = np.nan

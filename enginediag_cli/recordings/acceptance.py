@@ -157,7 +157,7 @@ def unit_doubt(column: str, values: np.ndarray) -> UnitDoubt | None:
         return None
     unit = find_unit(suffix)
     usual = usual_range(quantity, unit.dimension)
-    median = float(np.median(finite))
+    median = median_of(finite)
     if usual is None or usual.low <= median * unit.factor + unit.offset <= usual.high:
         return None
     plausible = tuple(
@@ -167,6 +167,12 @@ def unit_doubt(column: str, values: np.ndarray) -> UnitDoubt | None:
     )
     low, high = ((limit - unit.offset) / unit.factor for limit in (usual.low, usual.high))
     return UnitDoubt(column, suffix, median, low, high, plausible)
+
+
+def median_of(values: np.ndarray) -> float:
+    """The median of the values (N,) that are there; infinite where it is at the end of what a float holds."""
+    with np.errstate(over="ignore"):
+        return float(np.nanmedian(values))
 
 
 def usual_range(quantity: str, dimension: str) -> Range | None:
