@@ -313,6 +313,8 @@ def polynomials(values: np.ndarray, degree: int) -> np.ndarray:
     """Curves (N, degree) of unit mean square, orthogonal to a constant and to each other over the records; 0 where
     the value is missing. Fewer columns when the values do not carry that many."""
     good = np.isfinite(values)
+    if not good.any():
+        return np.zeros((len(values), 0))
     x = values[good] - values[good].mean()
     x = x / max(float(np.abs(x).max(initial=0.0)), 1e-300)
     V = np.vander(x, degree + 1, increasing=True)

@@ -265,13 +265,15 @@ def to_si(value: Value, unit: str, full_scale: float | None = None) -> Value:
         if known.name != "pct":
             raise UnitError(f"a full scale belongs to a reading in pct, not in {unit}")
         return value * (full_scale / 100.0)
-    return value * known.factor + known.offset
+    with np.errstate(over="ignore"):
+        return value * known.factor + known.offset
 
 
 def convert(value: Value, unit: str, to: str) -> Value:
     """Value in another unit of its dimension; temperatures are points on the scale (0 degC is 273.15 K)."""
     source, target = _same_dimension(unit, to)
-    return (value * source.factor + source.offset - target.offset) / target.factor
+    with np.errstate(over="ignore"):  # a cell at the end of what a float holds becomes infinite, and so is no reading
+        return (value * source.factor + source.offset - target.offset) / target.factor
 
 
 def _same_dimension(unit: str, to: str) -> tuple[Unit, Unit]:

@@ -101,7 +101,7 @@ def run_follow(
         nonlocal judged
         for report in following.reports():
             alarms[report.key] = report.alarm
-            judged += report.judged
+            judged += 0 if report.reason else report.judged
             yield block_row(report)
 
     found = rows()

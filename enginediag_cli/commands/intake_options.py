@@ -32,14 +32,16 @@ def source_options(function: Callable[..., Any]) -> Callable[..., Any]:
 
         return function(*args, source=Source(recordings, recorder, engine_instance), **others)
 
-    options = [
-        recordings_argument,
-        click.option("--recorder", metavar="FILE", type=ConfigFile(), help="Recorder of foreign recordings."),
-        click.option("--engine-instance", default="", metavar="NAME", help="Use only this engine of the recordings."),
-    ]
-    for option in reversed(options):
-        with_source = option(with_source)
-    return with_source
+    return recordings_argument(recorder_options(with_source))
+
+
+def recorder_options(function: Function) -> Function:
+    """`--recorder` as `recorder: str | None`, and `--engine-instance` as `engine_instance: str`, "" for all."""
+    recorder = click.option("--recorder", metavar="FILE", type=ConfigFile(), help="Recorder of foreign recordings.")
+    instance = click.option(
+        "--engine-instance", default="", metavar="NAME", help="Use only this engine of the recordings."
+    )
+    return recorder(instance(function))
 
 
 def nominal_options(*, required: bool = False, help: str = "") -> Callable[[Function], Function]:

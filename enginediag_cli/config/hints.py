@@ -107,11 +107,17 @@ def _keys_inside(field: Field) -> tuple[str, ...]:
     return ()
 
 
+LONGEST_NUMBER = 60
+"""Characters beyond which nobody has meant a number: a float has 17 digits, sign, point and exponent."""
+
+
 def not_a_number(text: str, unit: str) -> str:
     """Why a text is not a number: decimal comma, unit after the number, percent sign, digit groups."""
     import re
 
     plain = text.strip()
+    if len(plain) > LONGEST_NUMBER:  # the patterns below take quadratic time, and say nothing about such a text
+        return f"give a number{_in(unit)}"
     if re.fullmatch(r"[-+]?\d+,\d+", plain):
         return "write a decimal point instead of the comma"
     if re.fullmatch(r"[-+]?[\d.]+\s*%", plain):

@@ -1,4 +1,8 @@
-"""One engine's flight followed block by block: readings in, a row of evidence out."""
+"""One engine's flight followed block by block: readings in, a row of evidence out.
+
+What has no life is no evidence: a record whose readings repeat those before to the last digit brings no new noise, and
+readings that scatter impossibly little were not measured. Nor does one sensor alone tell anything.
+"""
 
 from __future__ import annotations
 
@@ -7,8 +11,11 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from enginediag_cli.detection.change import Change, explain_change, posterior_change
+from enginediag_cli.detection.distributions import chdtrc
+from enginediag_cli.detection.lack_of_fit import LackOfFit
 from enginediag_cli.detection.segments import Coordinates
 from enginediag_cli.detection.sequential import EProcess
+from enginediag_cli.detection.verdict import LEAST_SENSORS, lifeless, too_few, too_still
 from enginediag_cli.recordings.table import Recording
 from enginediag_cli.residuals.admission import judged_inputs
 from enginediag_cli.residuals.groups import Key, Timeline
@@ -19,6 +26,8 @@ JUMP_SIGMAS = 5.0
 """Size of a plausible jump of a sensor, in its noise, where the engine file has no prior for its bias."""
 NEGLIGIBLE = 1e-6
 """Variances of nuisance combinations below this share of the largest are dropped; they are in prior units."""
+NEVER_MOVED = "no reading has moved since the flight began"
+"""Why a block tells nothing where a recorder stands still from the start: its one reading may be an old one."""
 
 
 def coordinates_of(monitor: Monitor) -> Coordinates:
@@ -48,8 +57,10 @@ def _jump(monitor: Monitor, j: int) -> float:
 
 @dataclass(frozen=True)
 class BlockReport:
-    """One block of a flight. log10_e: evidence that something has changed, as a power of ten; alarm: E has reached
-    1/α, in this block or before; change: what it looks like, once there is an alarm."""
+    """One block of a flight. repeated: records whose readings are those of the record before, not judged; sensors: how
+    many of `sensors_of` gave a reading that was judged; log10_e: evidence that something has changed, as a power of
+    ten; alarm: E has reached 1/α, in this block or before; change: what it looks like, once there is an alarm; reason:
+    why the block tells nothing, "" where it does."""
 
     key: Key
     block: int
@@ -61,10 +72,14 @@ class BlockReport:
     outside: int
     incomplete: int
     failed: int
+    repeated: int
     judged: int
+    sensors: int
+    sensors_of: int
     log10_e: float
     alarm: bool
     change: Change | None
+    reason: str = ""
 
 
 @dataclass
@@ -79,6 +94,9 @@ class FlightMonitor:
     _timeline: Timeline = field(default_factory=Timeline)
     _skipped: float = 0.0
     _clock: float = 0.0
+    _before: np.ndarray | None = None
+    _distinct: int = 0
+    _blocks: int = 0
 
     def __post_init__(self) -> None:
         self.process = EProcess(coordinates_of(self.monitor), self.false_alarm)
@@ -90,21 +108,32 @@ class FlightMonitor:
         inputs, y, incomplete, outside = judged_inputs(monitor, part)
         time = part.columns.get("time_s")
         _, lags = self._timeline.advance(len(part), time, False)
-        kept = np.flatnonzero(~incomplete & ~outside)
+        repeated = self._repeated(y) & ~incomplete & ~outside
+        kept = np.flatnonzero(~incomplete & ~outside & ~repeated)
         failed, judged, lags = 0, 0, self._thinned(lags, kept)
+        sensors, sensors_of, reason = int(np.isfinite(y[kept]).any(axis=0).sum()), y.shape[1], ""
         clock = time if time is not None else self._clock + np.arange(len(part), dtype=float)
         self._clock += len(part)
+        self._blocks += 1
+        self._distinct += kept.size
+        if self._distinct == 1 and repeated.any():
+            reason = NEVER_MOVED
         if kept.size:
             e, J, ok = self._residuals({c: v[kept] for c, v in inputs.items()}, y[kept])
             failed, judged = int(np.sum(~ok)), int(np.sum(np.isfinite(e).any(axis=1)))
             z, G = self._innovations.of(e, J, lags)
-            if judged:
+            fit = self._scatter(z, G, int(np.isfinite(e).sum()))
+            if sensors < LEAST_SENSORS:
+                reason = too_few(sensors, sensors_of)
+            elif lifeless(fit):
+                reason = too_still(fit)
+            elif judged and not reason:
                 self.process.add(z, G, float(clock[kept[0]]), float(np.mean(clock[kept])))
         alarm = self.process.alarm_block is not None
         change = explain_change(self.process.past, self.process.coordinates) if alarm else None
         return BlockReport(
             self.key,
-            self.process.blocks - 1,
+            self._blocks - 1,
             int(part.line[0]),
             int(part.line[-1]),
             float(time[0]) if time is not None else float("nan"),
@@ -113,11 +142,32 @@ class FlightMonitor:
             int(outside.sum()),
             int(incomplete.sum()),
             failed,
+            int(repeated.sum()),
             judged,
+            sensors,
+            sensors_of,
             self.process.log_e / float(np.log(10)),
             alarm,
             change,
+            reason,
         )
+
+    def _repeated(self, y: np.ndarray) -> np.ndarray:
+        """Mask (N,) of the records whose readings y (N, m) are those of the record before, all of them."""
+        before = np.full((1, y.shape[1]), np.nan) if self._before is None else self._before
+        if len(y):
+            self._before = y[-1:]
+        above = np.concatenate([before, y[:-1]])
+        return np.all((y == above) | (np.isnan(y) & np.isnan(above)), axis=1) & np.isfinite(y).any(axis=1)
+
+    def _scatter(self, z: np.ndarray, G: np.ndarray, readings: int) -> LackOfFit:
+        """What no change explains of the innovations z (n, m) of a block, of so many readings."""
+        columns = G.reshape(-1, G.shape[2]) @ self.process.coordinates.basis
+        _, _, rank, _ = found = np.linalg.lstsq(columns, z.ravel(), rcond=None)
+        rest, dof = float(np.sum((z.ravel() - columns @ found[0]) ** 2)), readings - int(rank)
+        if dof <= 0:
+            return LackOfFit(rest, dof, float("nan"), float("nan"))
+        return LackOfFit(rest, dof, float(chdtrc(dof, rest)), rest / dof)
 
     def _thinned(self, lags: np.ndarray, kept: np.ndarray) -> np.ndarray:
         """Lags between the records that are judged: those skipped lengthen the lag of the next one."""

@@ -41,5 +41,10 @@ class Following:
                 while len(flights) > OPEN_FLIGHTS:
                     flights.pop(next(iter(flights)))
                 report = flight.add(chunk.select(rows))
-                self.counts.update(outside=report.outside, incomplete=report.incomplete, failed=report.failed)
+                self.counts.update(
+                    outside=report.outside,
+                    incomplete=report.incomplete,
+                    failed=report.failed,
+                    repeating=report.repeated,
+                )
                 yield report

@@ -55,8 +55,7 @@ def judge(window: WindowStatistics, false_alarm: float = 0.01) -> Verdict:
         statistics = statistics.without(window.silent)
         window = replace(window, statistics=statistics)
     if window.sensors_of and window.sensors < LEAST_SENSORS:
-        few = f"{window.sensors} of {window.sensors_of} sensors gave readings, and {LEAST_SENSORS} are the least"
-        return Verdict(window, NO_VERDICT, few)
+        return Verdict(window, NO_VERDICT, too_few(window.sensors, window.sensors_of))
     score = fisher_score(statistics)
     test = glr_test(score, false_alarm)
     if test.alarm is None or statistics.dof <= 0:
@@ -65,12 +64,18 @@ def judge(window: WindowStatistics, false_alarm: float = 0.01) -> Verdict:
         return Verdict(window, NO_VERDICT, NOISE_UNKNOWN)
     fit = lack_of_fit(statistics)
     if lifeless(fit):
-        return Verdict(
-            window,
-            NO_VERDICT,
-            f"the readings scatter impossibly little (fit {fit.ratio:.1g}): they repeat, or were not measured",
-        )
+        return Verdict(window, NO_VERDICT, too_still(fit))
     return Verdict(window, FAULT if test.alarm else HEALTHY, "", test, fit, score)
+
+
+def too_few(sensors: int, sensors_of: int) -> str:
+    """Why nothing is told by so few sensors."""
+    return f"{sensors} of {sensors_of} sensors gave readings, and {LEAST_SENSORS} are the least"
+
+
+def too_still(fit: LackOfFit) -> str:
+    """Why nothing is told by readings without life."""
+    return f"the readings scatter impossibly little (fit {fit.ratio:.1g}): they repeat, or were not measured"
 
 
 def lifeless(fit: LackOfFit) -> bool:

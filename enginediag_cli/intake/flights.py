@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from enginediag_cli.errors import NoVerdictError
 from enginediag_cli.identification.problem import TrainingRecording
 from enginediag_cli.identification.training import training_recordings
 from enginediag_cli.intake.intake import File, Intake
@@ -25,9 +26,12 @@ class WholeFlight:
 def whole_flights(intake: Intake) -> list[WholeFlight]:
     """Every flight of every file, in their order, one engine after the other within a file.
 
-    Raises DataError, NoVerdictError.
+    Raises DataError, and NoVerdictError when there is no record in any of them.
     """
-    return [flight for file in intake.files() for flight in _of_file(intake, file)]
+    flights = [flight for file in intake.files() for flight in _of_file(intake, file)]
+    if not any(len(flight.recording) for flight in flights):
+        raise NoVerdictError(f"{', '.join(map(intake.source.label, intake.source.files))}: there is no record")
+    return flights
 
 
 def _of_file(intake: Intake, file: File) -> Iterator[WholeFlight]:

@@ -51,10 +51,11 @@ def refuse_repeated(files: Sequence[str]) -> None:
     for alike in by_size.values():
         seen: dict[str, str] = {}
         for file in alike if len(alike) > 1 else []:
-            first = seen.setdefault(_digest(file), file)
-            if first is not file:
+            first = seen.get(digest := _digest(file))
+            if first is not None:
                 same = "are the same file" if os.path.samefile(first, file) else "hold the same bytes"
                 raise DataError(f"{first} and {file} {same}: what they say would count twice; give one of them")
+            seen[digest] = file
 
 
 def _digest(file: str) -> str:

@@ -52,7 +52,10 @@ def block_row(report: BlockReport) -> dict[str, Any]:
         "outside",
         "incomplete",
         "failed",
+        "repeated",
         "judged",
+        "sensors",
+        "sensors_of",
         "log10_e",
         "alarm",
     ):
@@ -65,5 +68,6 @@ def block_row(report: BlockReport) -> dict[str, Any]:
         onset_s=change.onset_s if change else None,
         onset_low_s=change.low_s if change else None,
         onset_high_s=change.high_s if change else None,
+        reason=report.reason,
     )
     return row

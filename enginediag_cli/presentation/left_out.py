@@ -48,6 +48,7 @@ def not_judged_lines(records: Mapping[str, int]) -> Iterator[str]:
         ("incomplete", "without an input or any reading"),
         ("outside", "outside the operating points identified, not judged"),
         ("failed", "not computed by the engine"),
+        ("repeating", "whose readings are those of the record before, not judged"),
     ):
         if records.get(key):
             yield f"{count(records[key], 'record')} {what}"

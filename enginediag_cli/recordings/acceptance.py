@@ -94,8 +94,9 @@ class Timing:
 
 @dataclass(frozen=True)
 class Acceptance:
-    """What a file holds of the `wanted` columns. numeric: columns of numbers but time (0 is not ok); absent: those
-    wanted that are not there, with a near match; empty: those there without a single reading."""
+    """What a file holds of the `wanted` columns. numeric: columns of numbers but time (0 is not ok); timed: whether
+    there is `time_s`, too; absent: those wanted that are not there, with a near match; empty: those there without a
+    single reading."""
 
     records: int
     numeric: int
@@ -107,6 +108,7 @@ class Acceptance:
     timing: Timing
     switches: tuple[SwitchFault, ...] = ()
     masks: MaskCounts = field(default_factory=MaskCounts)
+    timed: bool = False
 
     @property
     def usable(self) -> bool:
@@ -115,15 +117,20 @@ class Acceptance:
 
 
 def accept(
-    recording: Recording, inputs: Iterable[str] = (), sensors: Iterable[str] = (), switches: Iterable[str] = ()
+    recording: Recording,
+    inputs: Iterable[str] = (),
+    sensors: Iterable[str] = (),
+    switches: Iterable[str] = (),
+    judged: Judged | None = None,
 ) -> Acceptance:
     """Look over a whole file of N records, before anything is masked, for the columns that an engine needs; without
-    any, for all its columns of numbers."""
+    any, for all its columns of numbers. judged: how it will be masked, where that is known better than by its columns.
+    """
     numbers = [c for c in recording.columns if c != "time_s"]
     inputs, sensors = list(inputs), list(sensors)
     wanted = [*inputs, *sensors] or numbers
     readings = [c for c in sensors or numbers if c in numbers and c not in inputs]
-    judged = Judged(readings, [c for c in inputs if c in numbers])
+    judged = judged or Judged(readings, [c for c in inputs if c in numbers])
     masker = Masker(judged)
     for _ in mask_chunks([recording], masker):
         pass
@@ -138,6 +145,7 @@ def accept(
         timing=_timing(recording, masker.counts.repeated),
         switches=switch_faults(recording, switches),
         masks=masker.counts,
+        timed="time_s" in recording,
     )
 
 
@@ -149,7 +157,7 @@ def unit_doubt(column: str, values: np.ndarray) -> UnitDoubt | None:
         return None
     unit = find_unit(suffix)
     usual = usual_range(quantity, unit.dimension)
-    median = float(np.median(finite))
+    median = median_of(finite)
     if usual is None or usual.low <= median * unit.factor + unit.offset <= usual.high:
         return None
     plausible = tuple(
@@ -159,6 +167,12 @@ def unit_doubt(column: str, values: np.ndarray) -> UnitDoubt | None:
     )
     low, high = ((limit - unit.offset) / unit.factor for limit in (usual.low, usual.high))
     return UnitDoubt(column, suffix, median, low, high, plausible)
+
+
+def median_of(values: np.ndarray) -> float:
+    """The median of the values (N,) that are there; infinite where it is at the end of what a float holds."""
+    with np.errstate(over="ignore"):
+        return float(np.nanmedian(values))
 
 
 def usual_range(quantity: str, dimension: str) -> Range | None:

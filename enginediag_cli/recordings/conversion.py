@@ -12,7 +12,7 @@ from enginediag_cli.errors import DataError
 from enginediag_cli.recordings.fill import Filler
 from enginediag_cli.recordings.read import absent_columns
 from enginediag_cli.recordings.stamps import Stamps, cells_of
-from enginediag_cli.recordings.table import Recording
+from enginediag_cli.recordings.table import Recording, check_clock
 
 if TYPE_CHECKING:
     from enginediag_cli.recordings.recorder import Recorder
@@ -50,6 +50,7 @@ class Conversion:
             text["engine"] = [self._name] * len(recording)
         order = (*text, *columns)
         converted = Recording(columns, text, order, recording.line, recording.source, recording.provenance)
+        check_clock(converted)
         return self._filler.add(converted, end=end)
 
     def _insist(self, recording: Recording, numbers: set[str], others: set[str]) -> None:

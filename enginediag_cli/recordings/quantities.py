@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from enginediag_cli.recordings.acceptance import usual_range
+from enginediag_cli.recordings.acceptance import median_of, usual_range
 from enginediag_cli.units import UnitError, find_unit, split_column
 
 _TEMPERATURES = ("K", "degC", "degF", "degR")
@@ -128,14 +128,14 @@ def guess(target: str, usual: Sequence[str], unit: str, values: np.ndarray) -> G
     if given != dimension:
         return Guess(target, own or "1", False, f"the file says {unit}, which is no {dimension}")
     known, usual_si = find_unit(unit), usual_range(quantity, dimension)
-    median = float(np.nanmedian(values)) * known.factor + known.offset
+    median = median_of(values) * known.factor + known.offset
     if stated and usual_si and not usual_si.low <= median <= usual_si.high:
         doubt = f"in {unit} the median is {median:.4g} {own}, which cannot be"
     return Guess(target, unit, stated, doubt)
 
 
 def _by_values(quantity: str, dimension: str, usual: Sequence[str], values: np.ndarray) -> str:
-    limits, median = usual_range(quantity, dimension), float(np.nanmedian(values))
+    limits, median = usual_range(quantity, dimension), median_of(values)
     if dimension == "rotational speed" and np.nanmax(np.abs(values)) <= 130.0:
         return "pct"
     if limits is None:

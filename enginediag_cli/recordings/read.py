@@ -19,7 +19,7 @@ from enginediag_cli.errors import DataError
 from enginediag_cli.progress import touched
 from enginediag_cli.recordings.dialect import DELIMITERS, OWN, Dialect, separator_of
 from enginediag_cli.recordings.source import Source, opened, undecodable
-from enginediag_cli.recordings.table import Recording, concat
+from enginediag_cli.recordings.table import Recording, check_clock, concat
 from enginediag_cli.safe_text import unguarded
 from enginediag_cli.units import is_numeric_column
 
@@ -132,7 +132,7 @@ def _records(stream: Iterable[str], name: str, wanted: _Wanted, chunk_records: i
         if not rows and not ended:
             continue
         cells = list(zip(*rows, strict=True)) if rows else [()] * len(order)
-        yield Recording(
+        chunk = Recording(
             columns={
                 c: _floats(_points(cells[j], dialect.decimal), c, line, name)
                 for j, c in enumerate(order)
@@ -144,6 +144,8 @@ def _records(stream: Iterable[str], name: str, wanted: _Wanted, chunk_records: i
             source=name,
             provenance=tuple(provenance),
         )
+        check_clock(chunk)
+        yield chunk
         empty = False
 
 

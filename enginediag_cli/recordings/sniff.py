@@ -62,8 +62,11 @@ def sniff(path: str) -> Sniffed:
     lines = text.splitlines()
     if len(raw) == LOOKED_AT:
         lines = lines[:-1]  # the last one may be cut
-    delimiter, header = _table(lines, path)
-    rows = [row for row in csv.reader(lines[header:], delimiter=delimiter) if any(c.strip() for c in row)]
+    try:
+        delimiter, header = _table(lines, path)
+        rows = [row for row in csv.reader(lines[header:], delimiter=delimiter) if any(c.strip() for c in row)]
+    except csv.Error as error:
+        raise DataError(f"{path}: no table: {error}") from error
     names = tuple(cell.strip().lstrip("\ufeff") for cell in rows[0])
     units = tuple(cell.strip() for cell in rows[1]) if len(rows) > 1 and _is_unit_row(rows[1], len(names)) else ()
     body = [row for row in rows[2 if units else 1 :] if len(row) == len(names)]

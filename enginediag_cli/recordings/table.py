@@ -11,6 +11,10 @@ from enginediag_cli.errors import DataError
 
 Rows = slice | np.ndarray
 
+LATEST = 1e13
+"""Seconds, 300,000 years, beyond which a number is no time: an epoch in milliseconds stays below, and so does the
+square of a difference far below overflow."""
+
 
 @dataclass(frozen=True)
 class Recording:
@@ -93,3 +97,14 @@ def concat(recordings: Sequence[Recording]) -> Recording:
         source=" + ".join(dict.fromkeys(part.source for part in recordings)),
         provenance=tuple(dict.fromkeys(note for part in recordings for note in part.provenance)),
     )
+
+
+def check_clock(recording: Recording) -> None:
+    """Raises DataError with the line of the first time_s that cannot be a time."""
+    if "time_s" not in recording:
+        return
+    time = recording["time_s"]
+    wrong = np.flatnonzero(np.isfinite(time) & (np.abs(time) > LATEST))
+    if wrong.size:
+        k = int(wrong[0])
+        raise DataError(f"{recording.source}:{recording.line[k]}:time_s: {time[k]:g} s cannot be a time")

@@ -43,6 +43,20 @@ TEXTS = (
     "#",
     "T4_K",
 )
+PATHS = (
+    "/dev/zero",
+    "/dev/stdin",
+    "/proc/self/environ",
+    "/etc/hostname",
+    "../secret.txt",
+    ".",
+    "..",
+    "no-such-file",
+    "engine.yaml",
+    "https://example.org/x.yaml",
+    "a\\0b",
+)
+"""Where a file could lead; `../secret.txt` holds what must never be told."""
 ODD = ("\x00", "\x1b[31m", "\u202e", "\ufeff", "é", "𝟙", "\t", "\r", "\u2028", "＝", "°C")
 NUMBER = re.compile(r"(?<![\w.])-?\d+(?:\.\d+)?(?:[eE][-+]?\d+)?(?![\w.])")
 KEY = re.compile(r"[A-Za-z_][A-Za-z_0-9.]*(?=:)")
@@ -132,6 +146,19 @@ def word_swapped(text: str, rng: np.random.Generator) -> str:
     return text[: one.start()] + other[0] + text[one.end() :]
 
 
+def path_led_astray(text: str, rng: np.random.Generator) -> str:
+    """A file's name, or any other value, that leads to a device, a folder, or a file that is nobody's business."""
+    path = '"' + _pick(rng, PATHS) + '"'
+    if "  map: {" in text and rng.random() < 0.6:
+        return re.sub(r"  map: \{[^}]*\}", lambda _: f"  map: {{table: {{file: {path}}}}}", text, count=1)
+    found = list(re.finditer(r"(?<=: )[^\s{\[,]+", text))
+    if not found:
+        return text
+    files = [one for one in found if one[0].strip("'\"").endswith(".yaml")] or found
+    one = files[int(rng.integers(len(files)))]
+    return text[: one.start()] + path + text[one.end() :]
+
+
 def odd_character(text: str, rng: np.random.Generator) -> str:
     k = _somewhere(text, rng)
     return text[:k] + _pick(rng, ODD) + text[k:]
@@ -197,7 +224,16 @@ ANYWHERE: tuple[Damage, ...] = (
     not_text,
     in_utf_16,
 )
-YAML: tuple[Damage, ...] = (*ANYWHERE, key_renamed, key_renamed, nested, indented, number_replaced, number_scaled)
+YAML: tuple[Damage, ...] = (
+    *ANYWHERE,
+    key_renamed,
+    key_renamed,
+    nested,
+    indented,
+    number_replaced,
+    number_scaled,
+    path_led_astray,
+)
 
 
 def _table(text: str) -> tuple[list[str], list[list[str]]]:
@@ -267,6 +303,29 @@ def cells_replaced(text: str, rng: np.random.Generator) -> str:
     return _joined(head, cells)
 
 
+def cells_huge(text: str, rng: np.random.Generator) -> str:
+    """Numbers at the end of what a float holds, of either sign, in one column or in all."""
+    head, cells = _table(text)
+    chosen = range(len(cells[0])) if rng.random() < 0.2 else [int(rng.integers(len(cells[0])))]
+    for row in cells[1:]:
+        for k in chosen:
+            if k < len(row) and rng.random() < 0.5:
+                row[k] = _pick(rng, ("1e308", "-1e308", "1.7e308", "-1.7976931348623157e308", "1e154", "-1e200"))
+    return _joined(head, cells)
+
+
+def stands_still(text: str, rng: np.random.Generator) -> str:
+    """A recorder that repeats one record from somewhere on, with a clock that goes on."""
+    head, cells = _table(text)
+    if len(cells) < 3 or "time_s" not in cells[0]:
+        return text
+    time, first = cells[0].index("time_s"), int(rng.integers(1, len(cells)))
+    for row in cells[first + 1 :]:
+        if time < len(row):
+            row[:] = [row[time] if k == time else cell for k, cell in enumerate(cells[first])]
+    return _joined(head, cells)
+
+
 def frozen(text: str, rng: np.random.Generator) -> str:
     head, cells = _table(text)
     return _joined(head, [cells[0], *([cells[1]] * (len(cells) - 1))]) if len(cells) > 1 else text
@@ -315,6 +374,8 @@ TABLE: tuple[Damage, ...] = (
     columns_emptied,
     cells_replaced,
     cells_replaced,
+    cells_huge,
+    stands_still,
     frozen,
     header_alone,
     rows_shuffled,

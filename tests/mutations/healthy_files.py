@@ -46,23 +46,23 @@ class Files:
     texts: dict[str, str]
 
 
-def make(folder: Path) -> Files:
-    """Write the sound files; nothing in them depends on the day."""
+def make(folder: Path, records: int = RECORDS) -> Files:
+    """Write the sound files, of so many records each; nothing in them depends on the day."""
     engine_path = folder / "engine.yaml"
     engine_path.write_text((SHIPPED / "turbojet.yaml").read_text(encoding="utf-8"), encoding="utf-8")
     (folder / "recorder.yaml").write_text(RECORDER, encoding="utf-8")
     engine, rng = load_engine(engine_path), np.random.default_rng(7)
-    phase = np.linspace(0, 1, RECORDS)
-    columns = {"altitude_m": 6e3 * phase, "mach": 0.2 + 0.4 * phase, "dT_isa_K": np.full(RECORDS, 5.0)}
+    phase = np.linspace(0, 1, records)
+    columns = {"altitude_m": 6e3 * phase, "mach": 0.2 + 0.4 * phase, "dT_isa_K": np.full(records, 5.0)}
     columns["Wf_kg_s"] = engine.power_from_fraction(0.9 - 0.2 * phase, columns)
     sigma = {c: s.noise_sigma for c, s in engine.sensors.items()}
     read = {}
     for name, health in (("flight", {}), ("faulty", {"compressor.efficiency": 0.97})):
         y = engine.predict(columns, health).y
-        readings = {c: y[:, j] + sigma[c] * rng.standard_normal(RECORDS) for j, c in enumerate(sigma)}
-        read[name] = Recording({**columns, "time_s": 10.0 * np.arange(RECORDS), **readings})
+        readings = {c: y[:, j] + sigma[c] * rng.standard_normal(records) for j, c in enumerate(sigma)}
+        read[name] = Recording({**columns, "time_s": 10.0 * np.arange(records), **readings})
         write_csv(folder / f"{name}.csv", [read[name]])
-    flights = np.repeat(["1", "2", "3"], RECORDS // 3).tolist()
+    flights = np.repeat(["1", "2", "3"], records // 3).tolist()
     write_csv(folder / "flights.csv", [Recording(read["flight"].columns, {"flight": flights})])
     foreign = {
         "ALT": columns["altitude_m"] / 0.3048,

@@ -7,7 +7,7 @@ from campaign import campaign, case_of, prepared, resealed, run, told
 
 
 def test_sound_files_are_sound_and_a_case_is_its_seed(tmp_path):
-    files = prepared(tmp_path)
+    files = prepared(tmp_path / "sound")
     again = case_of(11, files)
     assert case_of(11, files) == again
     for name in ("statistics.csv", "series.csv"):

@@ -201,8 +201,8 @@ def test_a_file_without_records_is_no_verdict_and_exit_3_in_every_command(run, f
 def test_a_recorder_that_stands_still_is_no_verdict_and_never_a_fault(run, files):
     lines = (files / "healthy.csv").read_text().splitlines()
     still = "\n".join([lines[0], *[lines[40]] * 60]) + "\n"
-    code, rows, _, _ = run("detect", "-", "--exit-code", stdin=still)
-    assert (code, rows[0]["verdict"]) == (3, "no verdict")
+    code, rows, err, _ = run("detect", "-", "--exit-code", stdin=still)
+    assert (code, rows[0]["verdict"]) == (3, "no verdict") and "the recorder was frozen" in err
 
 
 def without_columns(text, *columns):

@@ -10,6 +10,7 @@ import numpy as np
 from enginediag_cli.drivers import drivers
 from enginediag_cli.engine.driver import DriverValues
 from enginediag_cli.engine.term import Effect
+from enginediag_cli.errors import NoVerdictError
 from enginediag_cli.identification.gauss_newton import Fit, solve
 from enginediag_cli.identification.identify import with_regimes
 from enginediag_cli.identification.problem import Problem, TrainingRecording, build_problem
@@ -168,6 +169,8 @@ def _fit(problem: Problem, start: tuple[np.ndarray, np.ndarray] | None) -> tuple
     for _ in range(ROUNDS):
         if fit.converged:
             return fit, True
+        if not fit.iterations:
+            raise NoVerdictError("the engine has no prediction for any record that could be fitted")
         before = 2.0 * fit.iterations[-1].cost
         fit = solve(problem, (fit.x, fit.z), max_iterations=ITERATIONS, tolerance=TOLERANCE)
         fall = before - 2.0 * fit.iterations[-1].cost

@@ -1,0 +1,322 @@
+"""A recording held against an engine before anything is judged: what `detect` would find in it, and why not.
+
+Files are read, mapped and masked by the same rules as for judging (intake.py), but each at once: what is wrong with a
+file shows in the whole of it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from enginediag_cli.errors import NoVerdictError
+from enginediag_cli.intake.intake import CHUNK, engines_wanted, judged_columns, named_rows, of_engine
+from enginediag_cli.intake.left_out import LeftOut
+from enginediag_cli.intake.wanted import Wanted, columns_of
+from enginediag_cli.recordings.acceptance import Acceptance, UnitDoubt, accept
+from enginediag_cli.recordings.conversion import Conversion
+from enginediag_cli.recordings.masking import mask_recording
+from enginediag_cli.recordings.read import read, read_all
+from enginediag_cli.recordings.table import Recording, concat
+from enginediag_cli.units import UNITS, find_unit, split_column
+
+if TYPE_CHECKING:
+    from enginediag_cli.engine.engine import Engine
+    from enginediag_cli.identification.nominal import Nominal
+    from enginediag_cli.recordings.recorder import Recorder
+
+FAR_OFF = 0.30
+"""Share of a predicted reading by which no engine that runs departs from its model: then the unit is doubted."""
+NEAR = 0.10
+"""And a unit fits in which the reading comes as near to the prediction as this, ..."""
+NEARER = 3.0
+"""... and so many times nearer than in the unit of its name: bar and atm, 1 % apart, are not told apart."""
+COMPARED = 60
+"""Records that are computed by the model, spread evenly over the file: medians need no more."""
+LEAST_COMPARED = 3
+"""Records that must be computed before anything is said of a unit."""
+BEYOND = 0.5
+"""Share of the range seen, beyond its ends, from which an input's median is doubted to be in its unit."""
+
+
+@dataclass(frozen=True)
+class ModelDoubt:
+    """A sensor whose median is far from what the model predicts at the recorded inputs, both in the column's `unit`;
+    plausible: the units of its dimension in which it would be near."""
+
+    column: str
+    unit: str
+    median: float
+    predicted: float
+    plausible: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Beyond:
+    """One input outside the range identified in so many `records`: beyond `limit`, up to `farthest`, from `line` on."""
+
+    column: str
+    records: int
+    limit: float
+    farthest: float
+    line: int
+
+
+@dataclass(frozen=True)
+class Coverage:
+    """Of the records with all inputs and a reading (`complete` of `records`), those `inside` the operating points
+    identified (`known`: whether any are; else all count as inside); beyond: those outside by the input that is
+    farthest beyond its range; combination: those with every input within its range, but not in this combination."""
+
+    records: int
+    complete: int
+    inside: int
+    beyond: tuple[Beyond, ...] = ()
+    combination: int = 0
+    known: bool = True
+
+
+@dataclass(frozen=True)
+class Accepted:
+    """What is known of one `file`, and one `engine` of it where they are told apart. text: columns of text; units,
+    model: doubts about units by what readings usually are and by the model; coverage: None without an engine;
+    refused: why the recorder kept no record at all."""
+
+    file: str
+    engine: str
+    text: int
+    acceptance: Acceptance
+    left: LeftOut
+    wanted: Wanted | None = None
+    units: tuple[UnitDoubt, ...] = ()
+    model: tuple[ModelDoubt, ...] = ()
+    coverage: Coverage | None = None
+    refused: str = ""
+
+    @property
+    def lacks(self) -> tuple[str, ...]:
+        """Inputs without a column, or without a reading."""
+        needed = self.wanted.inputs if self.wanted is not None else ()
+        gone = {a.column for a in self.acceptance.absent} | set(self.acceptance.empty)
+        return tuple(c for c in needed if c in gone)
+
+    @property
+    def usable(self) -> bool:
+        """Whether it can be judged at all: columns of numbers, every input, a sensor, units that can be, and a record
+        that is neither masked nor outside."""
+        impossible = any(d.plausible for d in self.units) or any(d.plausible for d in self.model)
+        enough = (self.coverage is None or self.coverage.inside > 0) and not self.refused
+        return self.acceptance.usable and not self.lacks and not self.sensorless and not impossible and enough
+
+    @property
+    def sensorless(self) -> bool:
+        """Whether none of the sensors has a reading."""
+        if self.wanted is None:
+            return False
+        found = set(self.acceptance.found) - set(self.acceptance.empty)
+        return not found & set(self.wanted.sensors)
+
+
+@dataclass(frozen=True)
+class Against:
+    """What recordings are held against: nothing, an `engine`, or one with its `nominal` state; `recorder` maps them,
+    `instance`: only this engine of them."""
+
+    engine: Engine | None = None
+    nominal: Nominal | None = None
+    recorder: Recorder | None = None
+    instance: str = ""
+    wanted: Wanted | None = field(init=False)
+
+    def __post_init__(self) -> None:
+        sensors = self.nominal.sensors if self.nominal is not None else None
+        wanted = columns_of(self.engine, sensors) if self.engine is not None else None
+        object.__setattr__(self, "wanted", wanted)
+
+    @property
+    def switches(self) -> tuple[str, ...]:
+        return self.engine.switches if self.engine is not None else ()
+
+
+def accepted(file: str, against: Against) -> Iterator[Accepted]:
+    """What is known of a file (`-`: standard input), once for each of its engines that the recorder tells apart.
+    Raises DataError for a file that cannot be read."""
+    if against.recorder is not None:
+        yield from _mapped(file, against, against.recorder)
+        return
+    wanted = against.wanted
+    chunks = read(file, declared=wanted.declared if wanted else (), chunk_records=CHUNK)
+    raw = concat(list(of_engine(chunks, against.instance)))
+    if wanted is None:
+        yield _held(file, against, accept(raw), raw, None)
+        return
+    judged = judged_columns(wanted, raw)
+    found = accept(raw, wanted.given, wanted.sensors, against.switches, judged)
+    clean, _ = mask_recording(raw, judged)
+    yield _held(file, against, _without_optional(found, wanted), raw, clean)
+
+
+def _without_optional(found: Acceptance, wanted: Wanted | None) -> Acceptance:
+    """Without the absent inputs that have a value which stands for "not recorded", unless one seems to be misspelt."""
+    optional = wanted.optional if wanted is not None else ()
+    return replace(found, absent=tuple(a for a in found.absent if a.near or a.column not in optional))
+
+
+def _mapped(file: str, against: Against, recorder: Recorder) -> Iterator[Accepted]:
+    wanted = against.wanted
+    given = wanted.given if wanted is not None else ()
+    raw = read_all(file, **recorder.reading)
+    for name in engines_wanted(recorder.engines, against.instance, file, fleet=True):
+        one = replace(recorder, engines={name: recorder.engines[name]})
+        whole = one.derive(Conversion(one, name).add(raw, end=True))
+        found = accept(
+            whole,
+            given,
+            wanted.sensors if wanted is not None else (),
+            against.switches,
+            one.judged(given),
+        )
+        left, refused = LeftOut(file, name), ""
+        try:
+            mapped = next(one.map(raw, inputs=given))
+        except NoVerdictError as error:
+            kept, refused = whole.select(slice(0, 0)), str(error)
+        else:
+            kept, left.gate, left.average_s = mapped.recording, mapped.gate, one.average_s
+        if against.instance and name != against.instance:
+            kept = kept.select(named_rows(kept, against.instance))
+        yield replace(_held(file, against, _without_optional(found, wanted), whole, kept, left), refused=refused)
+
+
+def _held(
+    file: str,
+    against: Against,
+    found: Acceptance,
+    raw: Recording,
+    clean: Recording | None,
+    left: LeftOut | None = None,
+) -> Accepted:
+    """clean: what would be judged of the recording; None where nothing is known of what should be in it."""
+    left = left or LeftOut(file)
+    left.records = len(raw)
+    left.masked(found.masks)
+    report = Accepted(file, left.engine, len(raw.text), found, left, against.wanted, found.units)
+    engine, wanted = against.engine, against.wanted
+    if engine is None or wanted is None or clean is None or report.lacks or report.sensorless:
+        return report
+    inputs = _inputs(engine, clean)
+    read = [clean[c] for c in wanted.sensors if c in clean.columns]
+    complete = np.all([np.isfinite(inputs[c]) for c in wanted.inputs], axis=0) & np.isfinite(read).any(axis=0)
+    coverage, of_inputs = _coverage(against.nominal, inputs, complete, clean)
+    near: tuple[str, ...] = ()
+    far: tuple[ModelDoubt, ...] = ()
+    if not of_inputs and not any(d.column in wanted.given for d in found.units):
+        near, far = _by_model(engine, against.nominal, clean, inputs, complete)
+    units = tuple(d for d in found.units if d.column not in near and d.column not in {f.column for f in far})
+    known = {d.column for d in units}
+    return replace(
+        report, units=(*units, *(d for d in of_inputs if d.column not in known)), model=far, coverage=coverage
+    )
+
+
+def _inputs(engine: Engine, recording: Recording) -> dict[str, np.ndarray]:
+    """Every input (N,), with the value that stands for "not recorded" where there is one."""
+    n = len(recording)
+    inputs = {c: recording.columns[c] for c in engine.inputs}
+    for column, default in engine.optional_inputs.items():
+        values = recording.columns.get(column, np.full(n, default))
+        inputs[column] = np.where(np.isfinite(values), values, default)
+    return inputs
+
+
+def _coverage(
+    nominal: Nominal | None, inputs: Mapping[str, np.ndarray], complete: np.ndarray, recording: Recording
+) -> tuple[Coverage, tuple[UnitDoubt, ...]]:
+    """How much lies where identification has been, and the inputs whose units cannot be by that."""
+    n, m = len(complete), int(complete.sum())
+    if nominal is None or not m:
+        return Coverage(n, m, m, known=False), ()
+    envelope = nominal.envelope
+    u = np.column_stack([np.broadcast_to(inputs[c], n)[complete] for c in envelope.inputs])
+    outside = envelope.outside({c: u[:, j] for j, c in enumerate(envelope.inputs)})
+    over = np.maximum(u - envelope.high, envelope.low - u) / envelope.scale
+    worst = np.where(outside & (over.max(axis=1) > 0.0), over.argmax(axis=1), -1)
+    lines = recording.line[complete]
+    beyond = []
+    for j, column in enumerate(envelope.inputs):
+        rows = np.flatnonzero(worst == j)
+        if rows.size:
+            k = rows[int(np.argmax(over[rows, j]))]
+            limit = envelope.high[j] if u[k, j] > envelope.high[j] else envelope.low[j]
+            beyond.append(Beyond(column, int(rows.size), float(limit), float(u[k, j]), int(lines[rows[0]])))
+    coverage = Coverage(n, m, int(m - outside.sum()), tuple(beyond), int((outside & (worst < 0)).sum()))
+    doubts = (_input_doubt(c, u[:, j], nominal, j) for j, c in enumerate(envelope.inputs))
+    return coverage, tuple(d for d in doubts if d is not None)
+
+
+def _input_doubt(column: str, values: np.ndarray, nominal: Nominal, j: int) -> UnitDoubt | None:
+    """The doubt about an input far outside what was seen, which another unit would bring inside."""
+    suffix = split_column(column)[1]
+    low, high = float(nominal.envelope.low[j]), float(nominal.envelope.high[j])
+    median, room = float(np.median(values)), max(high - low, float(nominal.envelope.scale[j]))
+    if not suffix or low - BEYOND * room <= median <= high + BEYOND * room:
+        return None
+    unit = find_unit(suffix)
+    fits = []
+    for name, other in UNITS.items():
+        value = (median * other.factor + other.offset - unit.offset) / unit.factor
+        if other.dimension == unit.dimension and low <= value <= high:
+            fits.append(name)
+    return UnitDoubt(column, suffix, median, low, high, tuple(fits)) if fits else None
+
+
+def _by_model(
+    engine: Engine,
+    nominal: Nominal | None,
+    recording: Recording,
+    inputs: Mapping[str, np.ndarray],
+    complete: np.ndarray,
+) -> tuple[tuple[str, ...], tuple[ModelDoubt, ...]]:
+    """Sensors whose medians are near those that the model predicts at the recorded inputs, and those far off."""
+    rows = np.flatnonzero(complete)
+    rows = rows[np.unique(np.linspace(0, len(rows) - 1, min(COMPARED, len(rows))).astype(int))] if rows.size else rows
+    if rows.size < LEAST_COMPARED:
+        return (), ()
+    sensors = [c for c in (nominal.sensors if nominal else engine.sensors) if c in recording.columns]
+    predicted = engine.predict(
+        {c: v[rows] for c, v in inputs.items()}, nominal.theta0 if nominal else None, sensors=sensors
+    )
+    near, far = [], []
+    for j, column in enumerate(sensors):
+        y, x = predicted.y[:, j], recording[column][rows]
+        both = np.isfinite(y) & np.isfinite(x)
+        if int(both.sum()) < LEAST_COMPARED:
+            continue
+        doubt = model_doubt(column, float(np.median(x[both])), float(np.median(y[both])))
+        if doubt is None:
+            near.append(column)
+        else:
+            far.append(doubt)
+    return tuple(near), tuple(far)
+
+
+def model_doubt(column: str, median: float, predicted: float) -> ModelDoubt | None:
+    """The doubt about a reading of that median where the model says `predicted`, both in the unit of the column."""
+    suffix = split_column(column)[1]
+    unit = find_unit(suffix) if suffix else UNITS["1"]
+    target = predicted * unit.factor + unit.offset
+    if target == 0.0:
+        return None
+    off = abs(median * unit.factor + unit.offset - target) / abs(target)
+    fits = []
+    for name, other in UNITS.items():
+        if other.dimension == unit.dimension and name != unit.name:
+            miss = abs(median * other.factor + other.offset - target) / abs(target)
+            if miss <= NEAR and NEARER * miss < off and off > NEAR:
+                fits.append((miss, name))
+    if off <= FAR_OFF and not fits:
+        return None
+    return ModelDoubt(column, suffix, median, predicted, tuple(name for _, name in sorted(fits)))
