@@ -185,7 +185,7 @@ def _mapped(file: str, against: Against, recorder: Recorder) -> Iterator[Accepte
         except NoVerdictError as error:
             kept, refused = whole.select(slice(0, 0)), str(error)
         else:
-            kept, left.gate, left.average_s = mapped.recording, mapped.gate, one.average_s
+            kept, left.gate = mapped.recording, mapped.gate
         if against.instance and name != against.instance:
             kept = kept.select(named_rows(kept, against.instance))
         yield replace(_held(file, against, _without_optional(found, wanted), whole, kept, left), refused=refused)
