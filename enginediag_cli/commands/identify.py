@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import click
@@ -92,6 +92,8 @@ def identify(
     from enginediag_cli.physics.engine_file import load_engine
     from enginediag_cli.presentation.identification_report import repeat_lines, report_lines
     from enginediag_cli.presentation.left_out import tell_left_out
+    from enginediag_cli.residuals.compact import is_smooth
+    from enginediag_cli.residuals.monitor import monitor_from_nominal
 
     engine = load_engine(engine_path)
     intake = Intake(source, columns_of(engine))
@@ -109,7 +111,8 @@ def identify(
         messages.error(f"no nominal state: {result.reason}; nothing is written")
         return ExitCode.NO_VERDICT
     path, digest = _engine_reference(engine_path, output_path)
-    write_nominal(result.nominal(path, digest, _provenance(source, part)), output_path)
+    nominal = result.nominal(path, digest, _provenance(source, part))
+    write_nominal(replace(nominal, smooth=is_smooth(monitor_from_nominal(engine, nominal))), output_path)
     return ExitCode.DONE
 
 

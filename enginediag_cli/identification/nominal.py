@@ -66,7 +66,9 @@ class Nominal:
 
     `covariance` (p, p) is that of the estimates, in their units and order. `noise_correlation` (m, m) is
     between sensors in one record. `recording_offsets`: recording → "column bias" or "column scale" → value.
-    `sealed`: false when it was read from a file without a checksum, which may have been edited by anyone.
+    `smooth`: whether a fit over the operating points stands for what is uncertain about it (see `residuals.compact`),
+    None where that was not tried. `sealed`: false when it was read from a file without a checksum, which may have been
+    edited by anyone.
     """
 
     engine_path: str
@@ -86,6 +88,7 @@ class Nominal:
     records: Mapping[str, int]
     provenance: Mapping[str, str]
     sealed: bool = True
+    smooth: bool | None = None
 
     @property
     def engine_instance(self) -> str:

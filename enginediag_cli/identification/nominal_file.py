@@ -86,6 +86,7 @@ def read_nominal(path: str | Path) -> Nominal:
         records={k: int(n) for k, n in v["records"].items()},
         provenance=dict(v["provenance"]),
         sealed=bool(v[CHECKSUM]),
+        smooth={"yes": True, "no": False}.get(v["smooth"]),
     )
 
 
@@ -176,6 +177,7 @@ def _as_values(n: Nominal) -> dict[str, Any]:
         "engine": n.engine_path,
         "engine_sha256": n.engine_sha256,
         "provenance": dict(n.provenance),
+        "smooth": "unknown" if n.smooth is None else "yes" if n.smooth else "no",
         "records": dict(n.records),
         "inputs": list(n.inputs),
         "estimates": {x.name: _fields(x, ESTIMATE) for x in n.estimates},

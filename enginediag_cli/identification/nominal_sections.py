@@ -145,6 +145,13 @@ NOMINAL_FILE = Section(
         Field("envelope", "section", "operating points seen", section=ENVELOPE),
         Field("records", "any_map", "records used, and left out by reason", default={}),
         Field("provenance", "text_map", "version, command, files", default={}),
+        Field(
+            "smooth",
+            "choice",
+            "whether a fit over the operating points stands for what is uncertain, which is faster",
+            default="unknown",
+            choices=("yes", "no", "unknown"),
+        ),
         Field("checksum", "text", "checksum of all other lines but comments, as identify wrote them", default=""),
     ),
 )

@@ -83,9 +83,14 @@ class CompactMonitor(ReducedMonitor):
         return y, J, ok, prediction
 
 
+def is_smooth(monitor: Monitor) -> bool:
+    """Whether a fit over the operating points stands for what is uncertain about nominal."""
+    return isinstance(compact(monitor), CompactMonitor)
+
+
 def compact(monitor: Monitor, exact: Monitor | None = None) -> Monitor:
-    """The monitor with a fit in place of its uncertain parameters; `reduced` where a fit would not do, and as it is
-    where there is nothing to replace. exact: the reduced monitor, where it is known."""
+    """The monitor with a fit in place of its uncertain parameters; as it is where a fit would not do, or where there is
+    nothing to replace. exact: the reduced monitor, where it is known."""
     exact = exact or reduced(monitor)
     if not isinstance(exact, ReducedMonitor):
         return monitor
@@ -96,7 +101,7 @@ def compact(monitor: Monitor, exact: Monitor | None = None) -> Monitor:
     start = _fitted_start(monitor.engine, names, inputs, getattr(found, "x", None), ok)
     J, points = J[ok, :, :q], points[ok]
     if len(points) < LEAST_POINTS:
-        return exact
+        return monitor
     seen = np.arange(len(points)) < np.sum(ok[: len(monitor.envelope.points)])
     effect, weight = J @ covariance_root(monitor), noise_weight(monitor)
     effect = effect @ leading_directions(effect[seen], weight)
@@ -113,7 +118,7 @@ def compact(monitor: Monitor, exact: Monitor | None = None) -> Monitor:
     trial = np.linalg.lstsq(X[~held], target[~held], rcond=1e-10)[0]
     error = float(np.mean(np.sum((X[held] @ trial - target[held]) ** 2, axis=1)))
     if not error < TOLERANCE:
-        return exact
+        return monitor
     coefficients = np.linalg.lstsq(X, target, rcond=1e-10)[0].reshape(len(powers), -1, r) / weight[:, None]
     fit = Fit(names, centre, spread, powers, coefficients)
     return CompactMonitor(**in_normals(monitor, r), curvature=exact.curvature, fit=fit, start=start)

@@ -18,6 +18,7 @@ record. Less than a chunk holds, so that no record waits for the next chunk."""
 @dataclass
 class Economy:
     """Forms of `monitor` that give the same statistics but for what `compact` neglects; `of` chooses one per file.
+    Where no fit stands for what is uncertain, that is the monitor itself, for few records and for many.
 
     A file is judged by one form from its first record to its last: its rows do not depend on how it came in chunks.
     """
@@ -36,9 +37,11 @@ class Economy:
         return self._form(), chain(held, waiting)
 
     def _form(self) -> Monitor:
-        if self._few is None:
-            self._few = reduced(self.monitor)
-        if self._records < MANY:
+        if self.monitor.smooth is False:
+            return self.monitor
+        if self.monitor.smooth and self._records < MANY:
+            if self._few is None:
+                self._few = reduced(self.monitor)
             return self._few
         if self._many is None:
             from enginediag_cli.residuals.compact import compact

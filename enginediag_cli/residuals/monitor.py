@@ -47,6 +47,7 @@ class Monitor:
 
     base: values of all identified parameters; meaning: what the monitored are, by name; theta0, prior_sigma, lower,
     upper (p,); uncertainty (p, p). nominal: the fingerprint of the nominal state, to which statistics are bound.
+    smooth: whether `compact` finds its fit good enough, None where that is not known.
     """
 
     engine: MonitoredModel
@@ -64,6 +65,7 @@ class Monitor:
     noise: NoiseModel
     envelope: Any = None
     nominal: str = ""
+    smooth: bool | None = None
 
     @property
     def precision(self) -> np.ndarray:
@@ -191,6 +193,7 @@ def monitor_from_nominal(
         noise=noise_of(nominal, used),
         envelope=nominal.envelope,
         nominal=fingerprint(nominal),
+        smooth=None if patterns else nominal.smooth,
     )
 
 

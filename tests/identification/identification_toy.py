@@ -83,6 +83,10 @@ class ToyEngine:
     def parameters(self) -> dict[str, Parameter]:
         return {p.name: p for p in self.parameter_list}
 
+    @property
+    def monitored(self) -> tuple[str, ...]:
+        return tuple(p.name for p in self.parameter_list if p.family == "health")
+
     def predict(
         self,
         inputs: Mapping[str, Any],

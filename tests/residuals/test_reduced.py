@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from test_compact import seen_everywhere
@@ -56,14 +58,14 @@ def test_the_form_depends_on_how_many_records_a_file_has_and_not_on_its_chunks(u
     recording = toy_recording(np.random.default_rng(4), count)
     found = []
     for sizes in ((count,), (500, count - 500), (count - 1, 1), (1, 0, count - 1)):
-        monitor, every = Economy(uncertain).of(parts(recording, *sizes))
+        monitor, every = Economy(replace(uncertain, smooth=True)).of(parts(recording, *sizes))
         assert [len(r) for r in every] == list(sizes)
         found.append(type(monitor).__name__)
     assert set(found) == {"CompactMonitor" if count >= MANY else "ReducedMonitor"}
 
 
 def test_a_fit_that_short_files_have_paid_for_together_serves_the_files_that_follow(uncertain):
-    economy = Economy(uncertain)
+    economy = Economy(replace(uncertain, smooth=True))
     recording = toy_recording(np.random.default_rng(5), MANY // 2)
     forms = [economy.of([recording])[0] for _ in range(4)]
     assert type(forms[0]) is ReducedMonitor
@@ -79,7 +81,7 @@ def test_no_more_is_read_ahead_than_the_choice_needs(uncertain):
             taken.append(k)
             yield recording
 
-    _, every = Economy(uncertain).of(chunks())
+    _, every = Economy(replace(uncertain, smooth=True)).of(chunks())
     assert taken == [0]
     assert sum(len(r) for r in every) == 3 * MANY
 
@@ -88,3 +90,9 @@ def test_a_certain_nominal_is_left_as_it_is():
     certain = seen_everywhere(toy_monitor())
     assert reduced(certain) is certain
     assert Economy(certain).of([toy_recording(np.random.default_rng(7), MANY)])[0] is certain
+
+
+def test_where_no_fit_would_do_few_and_many_records_are_judged_by_the_same_monitor(uncertain):
+    rough = replace(uncertain, smooth=False)
+    for count in (1, MANY + 1):
+        assert Economy(rough).of([toy_recording(np.random.default_rng(8), count)])[0] is rough
