@@ -48,7 +48,7 @@ def test_a_type_is_shown_in_full(run, name):
 def test_the_examples_are_engines_that_pass(tmp_path, text):
     path = tmp_path / "engine.yaml"
     path.write_text(text, encoding="utf-8")
-    load_engine(path)
+    assert load_engine(path).sensors
 
 
 def test_csv_has_a_row_for_each_key_with_its_bounds(run):
