@@ -94,16 +94,13 @@ class File:
         left = LeftOut(self.name)
         intake.left_out.append(left)
         wanted = intake.wanted
-        judged: Judged | None = None
         masker: Masker | None = None
         chunks = read(self.lines, declared=wanted.declared, chunk_records=CHUNK)
         for chunk in of_engine(chunks, intake.source.engine_instance):
-            if judged is None:
+            if masker is None:
                 intake.remember(chunk)
                 left.absent = wanted.absent(chunk)
-                judged = judged_columns(wanted, chunk)
-                masker = Masker(judged)
-            assert masker is not None
+                masker = Masker(judged_columns(wanted, chunk))
             left.records += len(chunk)
             yield from self._counted(masker.add(chunk), masker, left)
         if masker is not None:
