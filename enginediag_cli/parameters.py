@@ -14,7 +14,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, fields, replace
 from typing import Any
 
-FAMILIES = ("health", "sensor", "design", "physics", "discrepancy")
+FAMILIES = ("health", "sensor", "design", "physics", "discrepancy", "map_error")
 
 ABBREVIATIONS = frozenset(
     {"lpc", "ipc", "hpc", "lpt", "ipt", "hpt", "lp", "ip", "hp", "itt", "egt", "n1", "n2", "igv", "vsv"}

@@ -31,6 +31,7 @@ ORDER = (
     "physics",
     "faults",
     "simulation",
+    "error_model",
     "identification",
     "intake",
     "residuals",

@@ -29,7 +29,8 @@ CHUNK = 10000  # points per pass: large enough to hide the overhead of calls, sm
 
 @dataclass(frozen=True)
 class Prediction:
-    """Φ at N points: y (N, m), jacobian (N, m, p), status (N,) as in STATUS; y is NaN where status > 1."""
+    """Φ at N points: y (N, m), jacobian (N, m, p), status (N,) as in STATUS; y is NaN where status > 1. `also` (N, k):
+    further columns that were asked for, values only."""
 
     y: Array
     jacobian: Array
@@ -39,6 +40,7 @@ class Prediction:
     x: Array
     residual: Array
     passes: Array
+    also: Array
     _reasons: Mapping[int, str]
 
     @property
@@ -136,12 +138,14 @@ class Engine:
         sensors: Sequence[str] | None = None,
         wrt: Sequence[str] = (),
         start: Array | None = None,
+        also: Sequence[str] = (),
     ) -> Prediction:
         """Φ and ∂Φ/∂θ at N operating points.
 
         `inputs`: column -> (N,) or number, all of `self.inputs`; `parameters`: name -> number or (N,), the
         rest nominal; `sensors`: columns to return, default all sensors, or any model column ("T4_K");
-        `wrt`: parameters or input columns; `start`: unknowns (nx, N) to begin with, e.g. an earlier `x`.
+        `wrt`: parameters or input columns; `start`: unknowns (nx, N) to begin with, e.g. an earlier `x`; `also`: model
+        columns of which the values will do, without derivatives.
         Raises KeyError for unknown names, ValueError for unequal lengths and for a column asked for twice. A point
         that fails is a flagged row, never an exception; so is one whose switch is neither 0 nor 1. `envelope` is not
         checked here: it is for those who generate or judge operating points.
@@ -151,12 +155,12 @@ class Engine:
         twice = sorted({c for c in columns if columns.count(c) > 1})
         if twice:
             raise ValueError(f"asked for twice: {', '.join(twice)}")
-        points, theta, size, valid, reasons = self._checked(inputs, parameters or {}, columns, wrt)
+        points, theta, size, valid, reasons = self._checked(inputs, parameters or {}, (*columns, *also), wrt)
         if start is not None and np.shape(start) != (len(self.unknowns), size):
             raise ValueError(f"`start` must have shape ({len(self.unknowns)}, {size}), not {np.shape(start)}")
         m, p = len(columns), len(wrt)
         y, J = np.full((size, m), np.nan), np.full((size, m, p), np.nan)
-        x = np.full((len(self.unknowns), size), np.nan)
+        x, beside = np.full((len(self.unknowns), size), np.nan), np.full((size, len(also)), np.nan)
         residual, passes = np.full(size, np.inf), np.zeros(size, dtype=int)
         status = np.full(size, INVALID_INPUT, dtype=np.int8)
         if start is None:
@@ -173,11 +177,13 @@ class Engine:
             for e, good in self._evaluations(u, t, solved, final):
                 rows = at[good]
                 y[rows], J[rows], flags = self._outputs(e, columns, wrt)
+                for k, column in enumerate(also):
+                    beside[rows, k] = np.broadcast_to(value(self._read(e.evaluation, column)), (e.evaluation.size,))[e.rows]
                 for name, mask in flags.items():
                     status[rows[mask]] = OUTSIDE_MAP
                     for i in rows[mask].tolist():
                         reasons[i] = f"{reasons[i]}, {name}" if i in reasons else f"outside {name}"
-        return Prediction(y, J, status, columns, wrt, x, residual, passes, reasons)
+        return Prediction(y, J, status, columns, wrt, x, residual, passes, beside, reasons)
 
     # inside
 

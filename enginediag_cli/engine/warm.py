@@ -40,12 +40,13 @@ class WarmEngine:
         *,
         sensors: Sequence[str] | None = None,
         wrt: Sequence[str] = (),
+        also: Sequence[str] = (),
     ) -> Prediction:
         """As `Engine.predict`; the answer does not depend on the memory beyond the solver's tolerance."""
         points = self._points(inputs)
         key = points.tobytes()
         start = self._last[key][1] if key in self._last else self._nearest(points)
-        found = self._engine.predict(inputs, parameters, sensors=sensors, wrt=wrt, start=start)
+        found = self._engine.predict(inputs, parameters, sensors=sensors, wrt=wrt, start=start, also=also)
         # a point that failed keeps the start that it had: the next parameters may suit it again
         x = np.where(found.ok, found.x, np.nan if start is None else start)
         if len(points) == found.y.shape[0] and np.isfinite(x).any():

@@ -15,10 +15,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from enginediag_cli.engine.warm import warm
+from enginediag_cli.error_model.error_model import ErrorModel, map_accuracy_of
+from enginediag_cli.error_model.modelled import FAMILY, MapErrorModel
 from enginediag_cli.identification.covariance import Uncertainty, uncertainty
 from enginediag_cli.identification.crossvalidation import CrossValidation, cross_validate
 from enginediag_cli.identification.envelope import Envelope, learn_envelope
 from enginediag_cli.identification.gauss_newton import Fit, solve
+from enginediag_cli.identification.map_error import SETTLED as SIZES_SETTLED
+from enginediag_cli.identification.map_error import MapErrorSize, frozen_at, map_error_sizes, resized, with_map_error
 from enginediag_cli.identification.noise import NoiseEstimate, estimate_noise, starting_noise
 from enginediag_cli.identification.nominal import Estimate, Nominal, SensorNoise, status_of
 from enginediag_cli.identification.normal_equations import predict
@@ -80,6 +84,7 @@ class IdentificationResult:
     envelope: Envelope
     records: Mapping[str, int]
     noise_passes: int
+    map_errors: tuple[MapErrorSize, ...] = ()
 
     def nominal(self, engine_path: str, engine_sha256: str, provenance: Mapping[str, str]) -> Nominal:
         """What later stages read, as one value. Raises ValueError for a fit that did not converge."""
@@ -125,7 +130,14 @@ class IdentificationResult:
             envelope=self.envelope,
             records=self.records,
             provenance=provenance,
+            error_model=self._error_model(),
         )
+
+    def _error_model(self) -> ErrorModel | None:
+        model = self.problem.model
+        if not isinstance(model, MapErrorModel):
+            return None
+        return ErrorModel(self.map_errors[0].stated, model.curves, {m.target: m.found for m in self.map_errors})
 
 
 def identify(
@@ -135,17 +147,21 @@ def identify(
     settings: IdentificationSettings | None = None,
     held_out: Sequence[TrainingRecording] = (),
     cross_validation: bool = True,
+    map_accuracy: float | None = None,
 ) -> IdentificationResult:
     """Identify `engine` from healthy recordings; `held_out` recordings only judge the result.
 
     A held-out recording with the label of a training recording takes its sensor offsets, another one none.
     Raises DataError for settings or recordings that make no problem; a fit that does not converge is a
-    result. Settings default to the engine file's `identification:` block, where the engine has one.
+    result. Settings default to the engine file's `identification:` block, where the engine has one; `map_accuracy`: by how
+    much its maps may be wrong, a share, to what the engine file states.
     """
     if settings is None:
         settings = settings_from_mapping(getattr(engine, "declared", {}).get("identification"))
     problem = build_problem(warm(engine), with_regimes(engine, recordings), settings)
-    problem, fit, noise, found, passes, settled = _fit_and_noise(problem, settings)
+    stated = map_accuracy_of(engine) if map_accuracy is None else map_accuracy
+    problem = with_map_error(problem, stated)
+    problem, fit, noise, found, passes, settled = _fit_and_noise(problem, settings, stated)
     converged, reason = fit.converged, fit.reason
     if converged and not settled:
         converged, reason = False, f"the noise estimate still changed after {passes} passes"
@@ -167,9 +183,7 @@ def identify(
     held_quality: tuple[SensorQuality, ...] = ()
     if converged and held_out:
         held_quality = _judge(problem, fit, noise, held_out, replace(settings, sensors=problem.sensors))
-    open_combinations = unidentified_combinations(
-        found.information, found.covariance, problem.prior_sigma, problem.names
-    )
+    open_combinations = _left_open(problem, found)
     seen = {
         c: v[fit.equations.ok] if fit.equations.ok.any() else v for c, v in problem.inputs.items() if c in engine.inputs
     }
@@ -198,7 +212,21 @@ def identify(
         envelope,
         records,
         passes,
+        map_error_sizes(problem, stated),
     )
+
+
+def _left_open(problem: Problem, found: Uncertainty) -> tuple[Combination, ...]:
+    """Combinations of parameters that the records leave open; amounts of map error are no parameters of the engine."""
+    own = np.array([p.family != FAMILY for p in problem.parameters])
+    covariance = found.covariance[np.ix_(own, own)]
+    information = found.information[np.ix_(own, own)]
+    if not own.all():
+        cross = found.information[np.ix_(own, ~own)]
+        inner = found.information[np.ix_(~own, ~own)] + np.eye(int((~own).sum()))
+        information = information - cross @ np.linalg.solve(inner, cross.T)
+    names = [n for n, kept in zip(problem.names, own, strict=True) if kept]
+    return unidentified_combinations(information, covariance, problem.prior_sigma[own], names)
 
 
 def with_regimes(engine: Model, recordings: Sequence[TrainingRecording]) -> list[TrainingRecording]:
@@ -211,7 +239,7 @@ def with_regimes(engine: Model, recordings: Sequence[TrainingRecording]) -> list
 
 
 def _fit_and_noise(
-    problem: Problem, settings: IdentificationSettings
+    problem: Problem, settings: IdentificationSettings, accuracy: float
 ) -> tuple[Problem, Fit, NoiseEstimate, Uncertainty, int, bool]:
     """Fit and noise in turn; also the number of passes, and whether the noise had settled."""
     stated, estimated = problem.sigma, settings.noise == "estimate"
@@ -224,6 +252,7 @@ def _fit_and_noise(
     start = zeros
     for number in each(range(1, NOISE_PASSES + 1), "identifying, passes of fit and noise"):
         fit = solve(problem, start, max_iterations=settings.max_iterations, tolerance=PASS_TOLERANCE)
+        here = problem
         found = uncertainty(problem, fit, noise.rho1, noise.used)
         noise = estimate_noise(fit.equations.residual, problem.recording, found.lost, floor)
         if not fit.converged and not fit.decrement < LOST_PASS:
@@ -234,8 +263,10 @@ def _fit_and_noise(
         if number > UNDAMPED_PASSES:
             # noise and fit feed back on each other; half steps end a swing between two states
             sigma, inflation = np.sqrt(sigma * problem.sigma), np.sqrt(inflation * problem.inflation)
+        problem, x, grown = resized(frozen_at(here, fit.x), fit.equations, fit.x, fit.z, accuracy)
         problem = problem.with_noise(sigma, inflation)
-        start = (fit.x, fit.z)
+        start = (x, fit.z)
+        settled = settled and grown < SIZES_SETTLED
         if settled:
             break
     fit = solve(problem, start, max_iterations=settings.max_iterations, tolerance=FINAL_TOLERANCE)

@@ -7,6 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from enginediag_cli.error_model.error_model import ErrorModel
+from enginediag_cli.error_model.modelled import FAMILY
 from enginediag_cli.identification.envelope import Envelope
 from enginediag_cli.identification.offset_prior import OffsetPrior
 from enginediag_cli.identification.quality import SensorQuality
@@ -67,7 +69,8 @@ class Nominal:
     `covariance` (p, p) is that of the estimates, in their units and order. `noise_correlation` (m, m) is
     between sensors in one record. `recording_offsets`: recording → "column bias" or "column scale" → value.
     `smooth`: whether a fit over the operating points stands for what is uncertain about it (see `residuals.compact`),
-    None where that was not tried. `sealed`: false when it was read from a file without a checksum, which may have been
+    None where that was not tried. `error_model`: by how much the maps may be wrong, None for a model without maps.
+    `sealed`: false when it was read from a file without a checksum, which may have been
     edited by anyone.
     """
 
@@ -89,6 +92,7 @@ class Nominal:
     provenance: Mapping[str, str]
     sealed: bool = True
     smooth: bool | None = None
+    error_model: ErrorModel | None = None
 
     @property
     def engine_instance(self) -> str:
@@ -97,8 +101,13 @@ class Nominal:
 
     @property
     def theta0(self) -> dict[str, float]:
-        """Nominal value of every estimated parameter, for `engine.predict`."""
+        """Nominal value of every estimated parameter, amounts of map error among them."""
         return {e.name: e.value for e in self.estimates}
+
+    @property
+    def engine_values(self) -> dict[str, float]:
+        """Nominal value of every estimated parameter of the engine itself, amounts of map error left aside."""
+        return {e.name: e.value for e in self.estimates if e.family != FAMILY}
 
     @property
     def sensors(self) -> tuple[str, ...]:

@@ -141,10 +141,11 @@ def check_nominal_fits(nominal: Nominal, engine: MonitoredModel, path: str | Pat
     """ConfigError, with every place in the nominal file, unless the engine has what the nominal names: its
     parameters, and their values within the engine's bounds, its sensors and its inputs."""
     wrong: list[tuple[tuple[str | int, ...], str, str]] = []
+    parameters = (nominal.error_model.of(engine) if nominal.error_model else engine).parameters
     for e in nominal.estimates:
-        known = engine.parameters.get(e.name)
+        known = parameters.get(e.name)
         if known is None:
-            wrong.append((("estimates", e.name), _absent(engine, "parameter", e.name), near(e.name, engine.parameters)))
+            wrong.append((("estimates", e.name), _absent(engine, "parameter", e.name), near(e.name, parameters)))
         elif not known.lower <= e.value <= known.upper:
             bounds = f"{known.lower:g} to {known.upper:g}"
             wrong.append((("estimates", e.name, "value"), f"{e.name} cannot be {e.value:g}", f"it lies in {bounds}"))

@@ -15,6 +15,8 @@ import numpy as np
 from enginediag_cli.config.checked import Checked
 from enginediag_cli.config.fields import Section
 from enginediag_cli.config.reading import refuse_other_kind
+from enginediag_cli.error_model.curves import MapCurves
+from enginediag_cli.error_model.error_model import ErrorModel
 from enginediag_cli.errors import ConfigError, Mark, Problem
 from enginediag_cli.identification.envelope import Envelope
 from enginediag_cli.identification.nominal import Estimate, Nominal, SensorNoise
@@ -87,7 +89,15 @@ def read_nominal(path: str | Path) -> Nominal:
         provenance=dict(v["provenance"]),
         sealed=bool(v[CHECKSUM]),
         smooth={"yes": True, "no": False}.get(v["smooth"]),
+        error_model=_error_model(v["error_model"]),
     )
+
+
+def _error_model(values: Mapping[str, Any] | None) -> ErrorModel | None:
+    if values is None:
+        return None
+    curves = tuple(MapCurves.from_mapping(name, c) for name, c in values["machines"].items())
+    return ErrorModel(values["stated"], curves, dict(values["sizes"]))
 
 
 def _envelope(values: Mapping[str, Any]) -> Envelope:
@@ -190,6 +200,7 @@ def _as_values(n: Nominal) -> dict[str, Any]:
         "recording_offsets": [{"label": k, "values": dict(v)} for k, v in n.recording_offsets.items()],
         "noise_correlation": _triangle(n.noise_correlation),
         "covariance": _triangle(n.covariance),
+        **({} if n.error_model is None else {"error_model": _error_values(n.error_model)}),
         "envelope": {
             "threshold": float(e.threshold),
             "inputs": {
@@ -202,6 +213,14 @@ def _as_values(n: Nominal) -> dict[str, Any]:
                 for j, c in enumerate(e.inputs)
             },
         },
+    }
+
+
+def _error_values(found: ErrorModel) -> dict[str, Any]:
+    return {
+        "stated": float(found.stated),
+        "sizes": {target: float(size) for target, size in found.sizes.items()},
+        "machines": {c.machine: c.as_mapping() for c in found.curves},
     }
 
 

@@ -93,6 +93,24 @@ COMBINATION = Section(
         ),
     ),
 )
+MACHINE = Section(
+    "machine",
+    "Map coordinates of one machine in training: ln corrected speed and ln flow or pressure ratio.",
+    (
+        Field("centre", "numbers", "middle of the range of both coordinates"),
+        Field("reach", "numbers", "half of that range"),
+        Field("line", "numbers", "scaled position on powers 0 to 3 of the scaled speed"),
+    ),
+)
+ERROR_MODEL = Section(
+    "error model",
+    "By how much the component maps may be wrong; what they are wrong by stands among the estimates.",
+    (
+        Field("stated", "number", "accuracy of the maps as the engine file has it", minimum=0.0, maximum=0.1),
+        Field("sizes", "number_map", "map quantity: standard deviation of each amount"),
+        Field("machines", "section_map", "machine: where its map was run", section=MACHINE),
+    ),
+)
 AXIS = Section(
     "envelope input",
     "One input of the envelope and its value in every point of the cover.",
@@ -142,6 +160,7 @@ NOMINAL_FILE = Section(
         Field("cross_validated", "sections", "fit on left-out blocks of them", default=(), section=QUALITY),
         Field("held_out", "sections", "fit on records that were not used", default=(), section=QUALITY),
         Field("unidentified", "sections", "what the recordings leave open", default=(), section=COMBINATION),
+        Field("error_model", "section", "by how much the maps may be wrong", None, section=ERROR_MODEL),
         Field("envelope", "section", "operating points seen", section=ENVELOPE),
         Field("records", "any_map", "records used, and left out by reason", default={}),
         Field("provenance", "text_map", "version, command, files", default={}),

@@ -287,7 +287,7 @@ def _by_model(
         return (), ()
     sensors = [c for c in (nominal.sensors if nominal else engine.sensors) if c in recording.columns]
     predicted = engine.predict(
-        {c: v[rows] for c, v in inputs.items()}, nominal.theta0 if nominal else None, sensors=sensors
+        {c: v[rows] for c, v in inputs.items()}, nominal.engine_values if nominal else None, sensors=sensors
     )
     near, far = [], []
     for j, column in enumerate(sensors):

@@ -57,8 +57,10 @@ class WindowModel:
     def __init__(self, monitor: Monitor, inputs: Mapping[str, np.ndarray], y: np.ndarray):
         self.monitor = monitor
         self.p = len(monitor.monitored)
-        predicted, J, ok, _ = monitor.predict(dict(inputs), monitor.theta0)
-        self.inputs = {column: np.asarray(values)[ok] for column, values in inputs.items()}
+        predicted, J, ok, found = monitor.predict(dict(inputs), monitor.theta0)
+        # errors of the maps stay where nominal has the machines, whatever fault is tried
+        known = {**inputs, **getattr(found, "frozen", {})}
+        self.inputs = {column: np.asarray(values)[ok] for column, values in known.items()}
         self.y = y[ok]
         z, G = whiten(self.y - predicted[ok], J[ok], monitor.noise)
         present = np.isfinite(self.y) & np.all(np.isfinite(J[ok]), axis=2)

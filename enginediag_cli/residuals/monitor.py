@@ -10,11 +10,13 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from fnmatch import filter as matching
+from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from enginediag_cli.engine.model import MonitoredModel
+from enginediag_cli.error_model.slopes import MapSlopes, map_slopes
 from enginediag_cli.errors import DataError
 from enginediag_cli.parameters import Parameter
 from enginediag_cli.residuals.frame import Frame
@@ -28,6 +30,8 @@ if TYPE_CHECKING:
 
 DIGITS = 16
 """Hexadecimal digits of a hash that tells one file from another: an accident in 10¹⁹ passes."""
+SLOPE_POINTS = 12
+"""Operating points over which the effect of a change on map coordinates is averaged; it varies little."""
 HELD = 0.5
 """Spread of a change in prior standard deviations, for the point of linearisation: the middle one of the sizes that
 isolation takes for plausible."""
@@ -47,7 +51,8 @@ class Monitor:
 
     base: values of all identified parameters; meaning: what the monitored are, by name; theta0, prior_sigma, lower,
     upper (p,); uncertainty (p, p). nominal: the fingerprint of the nominal state, to which statistics are bound.
-    smooth: whether `compact` finds its fit good enough, None where that is not known.
+    smooth: whether `compact` finds its fit good enough, None where that is not known. slopes: how wrong the maps may make
+    the effect of a change, None where they are taken to be right.
     """
 
     engine: MonitoredModel
@@ -66,8 +71,9 @@ class Monitor:
     envelope: Any = None
     nominal: str = ""
     smooth: bool | None = None
+    slopes: MapSlopes | None = None
 
-    @property
+    @cached_property
     def precision(self) -> np.ndarray:
         """Inverse covariance (p, p) that holds the re-estimate: of a change plus uncertainty of nominal.
 
@@ -105,6 +111,7 @@ class Monitor:
             lower=self.lower[kept],
             upper=self.upper[kept],
             uncertainty=self.uncertainty[np.ix_(kept, kept)],
+            slopes=self.slopes and self.slopes.of([i for i, name in enumerate(self.monitored) if name not in names]),
         )
 
     def predict(
@@ -161,9 +168,13 @@ def monitor_from_nominal(
     absent = [c for c in used if c not in nominal.sensors]
     if absent:
         raise DataError(f"no noise was identified for {', '.join(absent)}; nominal has {', '.join(nominal.sensors)}")
-    monitored = watched_parameters(engine, patterns)
+    plain = engine
+    if nominal.error_model is not None:
+        engine = nominal.error_model.of(engine)
+    monitored = watched_parameters(plain, patterns)
     errors = {e.name: e.standard_error for e in nominal.estimates}
     uncertain = tuple(e.name for e in nominal.estimates if e.standard_error > 0 and e.name not in monitored)
+    slopes = _slopes(plain, nominal, monitored)
     offsets = tuple(Offset(used.index(o.sensor), o.kind) for o in nominal.offsets if o.sensor in used)
     spread = [o.prior_sigma for o in nominal.offsets if o.sensor in used]
     names = (*monitored, *uncertain, *(f"offset.{used[o.sensor]}.{o.kind}" for o in offsets))
@@ -194,7 +205,19 @@ def monitor_from_nominal(
         envelope=nominal.envelope,
         nominal=fingerprint(nominal),
         smooth=None if patterns else nominal.smooth,
+        slopes=slopes,
     )
+
+
+def _slopes(engine: MonitoredModel, nominal: Nominal, monitored: tuple[str, ...]) -> MapSlopes | None:
+    """Slopes of the maps at some of the operating points that identification saw."""
+    if nominal.error_model is None:
+        return None
+    points = np.asarray(nominal.envelope.points)
+    at = np.unique(np.linspace(0, len(points) - 1, SLOPE_POINTS).round().astype(int))
+    inputs = {c: points[at, i] for i, c in enumerate(nominal.envelope.inputs)}
+    theta = {name: v for name, v in nominal.theta0.items() if name in engine.parameters}
+    return map_slopes(engine, nominal.error_model, monitored, inputs, theta)
 
 
 def noise_of(nominal: Nominal, columns: Sequence[str]) -> NoiseModel:

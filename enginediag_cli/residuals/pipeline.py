@@ -84,9 +84,21 @@ def monitored_only(monitor: Monitor) -> Condense:
     """The monitored parameters, with everything uncertain about nominal and sensors counted as noise."""
 
     def condense(window: WindowStatistics, statistics: LocalStatistics) -> WindowStatistics:
-        return replace(window, statistics=marginalise(statistics, monitor.monitored, monitor.uncertainty))
+        uncertainty = uncertain_of_change(monitor, statistics)
+        return replace(window, statistics=marginalise(statistics, monitor.monitored, uncertainty))
 
     return condense
+
+
+def uncertain_of_change(monitor: Monitor, statistics: LocalStatistics) -> np.ndarray:
+    """Uncertainty (p, p) of nominal and, where the statistics speak of a change, of what the maps' slopes make of it."""
+    if monitor.slopes is None:
+        return monitor.uncertainty
+    a = len(monitor.monitored)
+    change = np.linalg.solve(statistics.F + monitor.precision, statistics.s)[:a]
+    uncertainty = monitor.uncertainty.copy()
+    uncertainty[range(a), range(a)] += monitor.slopes.variance(change)
+    return uncertainty
 
 
 def window_statistics(
@@ -248,6 +260,8 @@ def _at_estimate(monitor: Monitor, batch: Sequence[Sequence[_Piece]], condense: 
 
     bent = monitor.curvature if isinstance(monitor, ReducedMonitor) else None
     *nominal, prediction = monitor.predict(inputs, monitor.theta0)
+    # a fault is hypothesised with the errors of the maps where nominal has the machines: see `error_model.modelled`
+    inputs = {**inputs, **getattr(prediction, "frozen", {})}
     x = getattr(prediction, "x", None)  # unknowns of the engine, from which the next solution is near
 
     def predict(theta: np.ndarray, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -83,7 +83,7 @@ def reduced(monitor: Monitor, bent: Curvature | None = None) -> Monitor:
     root = covariance_root(monitor)
     root = root @ leading_directions(J[ok, :, : len(root)] @ root, noise_weight(monitor))
     x = getattr(found, "x", None)
-    good = {c: values[ok] for c, values in inputs.items()}
+    good = {c: values[ok] for c, values in {**inputs, **getattr(found, "frozen", {})}.items()}
     bent = bent or curvature(monitor, good, None if x is None else x[:, ok])
     return ReducedMonitor(**in_normals(monitor, root.shape[1]), curvature=bent, whole=monitor, root=root)
 

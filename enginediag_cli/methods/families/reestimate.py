@@ -41,7 +41,8 @@ def linearised(monitor: Monitor, windows: Windows, linearise: str, precision: np
     def predict(theta: np.ndarray, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         return monitor.predict({c: v[rows] for c, v in inputs.items()}, theta, nuisance=False)[:3]
 
-    nominal = monitor.predict(inputs, monitor.theta0)[:3]
+    *nominal, prediction = monitor.predict(inputs, monitor.theta0)
+    inputs = {**inputs, **getattr(prediction, "frozen", {})}
     found = relinearise(
         predict,
         windows.y.reshape(-1, m),

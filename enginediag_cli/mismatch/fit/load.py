@@ -101,7 +101,7 @@ def build_evidence(
     sensors = _sensors(engine, flights, stated)
     sigma = _prior_sigma(engine, block, stated, sensors)
     _check_limits(engine, block.get("limits") or {})
-    theta0 = nominal.theta0 if nominal else dict(stated.prior_mean)
+    theta0 = nominal.engine_values if nominal else dict(stated.prior_mean)
     theta0 = {n: v for n, v in theta0.items() if n in engine.parameters}
     unused = set(engine.sensors) - set(sensors)
     flights = [

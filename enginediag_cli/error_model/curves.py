@@ -1,0 +1,90 @@
+"""Smooth functions of a machine's map coordinates, by which its map may be wrong.
+
+With x the corrected speed and r the position beyond its regression on x, both centred and scaled once, at training,
+
+    φ_1…3 = √(2j + 1) P_j(x),  j = 1…3        φ_4,5 = √(2j + 1) P_j(r),  j = 1, 2
+
+P_j Legendre polynomials: unit mean square over |x| ≤ 1, which is the range that training covered. Beyond it they grow,
+so that an answer at an operating point that training did not see is wide by itself, up to END, where they stay.
+A constant is the health parameter itself.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.polynomial import legendre
+
+SPEED_DEGREE, POSITION_DEGREE = 3, 2
+"""Degrees of what a map may err by along speed and across it: shapes that a map's author gets wrong. Judgement; the
+blind trials' map errors are of other shapes on purpose."""
+CURVES = SPEED_DEGREE + POSITION_DEGREE
+"""Functions of one map quantity of one machine."""
+LEAST_REACH = 0.05
+"""Half range of a logarithmic coordinate below which a map is not known to bend: within five per cent of speed or flow
+an error of its shape is a constant and a slope."""
+COVERED = (0.01, 0.99)
+"""Shares of the training records between which lies the range that they cover."""
+END = 1.6
+"""Scaled coordinate beyond which the curves stay: there the largest is twenty times its mean square, and an error of
+0.3 % is one of 6 %, more than a map is ever wrong by."""
+
+
+@dataclass(frozen=True)
+class MapCurves:
+    """Frozen curves of one machine: `centre` and `reach` (2,) of its coordinates, and `line` (4,), the coefficients of the
+    regression of the scaled position on powers 0…3 of the scaled speed."""
+
+    machine: str
+    centre: tuple[float, float]
+    reach: tuple[float, float]
+    line: tuple[float, ...]
+
+    def at(self, coordinates: np.ndarray) -> np.ndarray:
+        """Values (N, CURVES) at coordinates (N, 2); 0 where one is missing."""
+        x = (coordinates[:, 0] - self.centre[0]) / self.reach[0]
+        u = (coordinates[:, 1] - self.centre[1]) / self.reach[1]
+        x = np.clip(np.nan_to_num(x), -END, END)
+        r = np.clip(np.nan_to_num(u - np.polynomial.polynomial.polyval(x, self.line)), -END, END)
+        along, across = _curves(x, SPEED_DEGREE), _curves(r, POSITION_DEGREE)
+        there = np.isfinite(coordinates).all(axis=1)
+        return np.where(there[:, None], np.column_stack([along, across]), 0.0)
+
+    def as_mapping(self) -> dict[str, list[float]]:
+        """The numbers as plain values."""
+        return {"centre": list(self.centre), "reach": list(self.reach), "line": list(self.line)}
+
+    @staticmethod
+    def from_mapping(machine: str, values: Mapping[str, list[float]]) -> MapCurves:
+        """Curves of `as_mapping`."""
+        return MapCurves(machine, *(tuple(values[k]) for k in ("centre", "reach", "line")))  # type: ignore[arg-type]
+
+
+def learn_curves(machine: str, coordinates: np.ndarray) -> MapCurves | None:
+    """Curves whose range is that of the coordinates (N, 2) of training; None where no record has any."""
+    seen = coordinates[np.isfinite(coordinates).all(axis=1)]
+    if not len(seen):
+        return None
+    low, high = np.quantile(seen, COVERED, axis=0)
+    centre, reach = (low + high) / 2, np.maximum((high - low) / 2, LEAST_REACH)
+    x, u = ((seen - centre) / reach).T
+    powers = np.vander(x, SPEED_DEGREE + 1, increasing=True)
+    # held a little: at one operating point nothing but the constant is determined
+    held = np.concatenate([powers, 0.1 * np.eye(SPEED_DEGREE + 1)])
+    line = np.linalg.lstsq(held, np.append(u, np.zeros(SPEED_DEGREE + 1)), rcond=None)[0]
+    left = u - powers @ line
+    own = float(max(np.quantile(np.abs(left), COVERED[1]), LEAST_REACH / reach[1]))
+    # positions are measured in what they have beyond the line
+    return MapCurves(
+        machine,
+        (float(centre[0]), float(centre[1])),
+        (float(reach[0]), float(reach[1] * own)),
+        tuple(float(c) / own for c in line),
+    )
+
+
+def _curves(x: np.ndarray, degree: int) -> np.ndarray:
+    values = legendre.legvander(x, degree)[:, 1:]
+    return np.asarray(values * np.sqrt(2 * np.arange(1, degree + 1) + 1))

@@ -1,0 +1,183 @@
+"""An engine whose maps may be wrong: what the error model adds to Φ, as parameters like any other.
+
+    y = Φ(u, θ) + Σ_q ∂Φ/∂θ_q Σ_j a_qj φ_j(ξ_c)        ∂y/∂a_qj = ∂Φ/∂θ_q φ_j(ξ_c)
+
+with θ_q the efficiency or flow capacity of machine c, ξ_c its map coordinates and a the amounts `map_error.<q>.<j>`. ξ_c and
+∂Φ/∂θ_q are those of the record's frozen columns, else those of this prediction, which hands them over as `frozen`. Whoever
+moves θ gives the columns found where he began: the derivatives are then exact, and at faulted coordinates an error of the
+maps would pass for the fault.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, fields
+from typing import Any
+
+import numpy as np
+
+from enginediag_cli.engine.engine import Prediction
+from enginediag_cli.error_model.curves import CURVES, MapCurves
+from enginediag_cli.error_model.machines import QUANTITIES, Machine, machines_of
+from enginediag_cli.parameters import Parameter
+
+FAMILY = "map_error"
+"""Family of the amounts by which maps are wrong."""
+
+
+@dataclass(frozen=True)
+class ModelledPrediction(Prediction):
+    """A prediction; `frozen`: columns (N,) by name that fix the errors of the maps as they are taken here."""
+
+    frozen: Mapping[str, np.ndarray] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class _Group:
+    """The amounts of one map quantity: what they multiply, and their names."""
+
+    machine: Machine
+    curves: MapCurves
+    target: str
+    names: tuple[str, ...]
+
+
+class MapErrorModel:
+    """`model` with amounts of map error among its parameters; `sizes`: target → standard deviation of each amount."""
+
+    def __init__(self, model: Any, curves: Sequence[MapCurves], sizes: Mapping[str, float]):
+        self.model = model
+        known = {m.name: m for m in machines_of(model)}
+        self.curves, self.sizes = tuple(curves), dict(sizes)
+        self._groups = [
+            _Group(known[c.machine], c, target, tuple(f"{FAMILY}.{target}.{j + 1}" for j in range(CURVES)))
+            for c in curves
+            for target in (known[c.machine].parameter(q) for q in QUANTITIES)
+            if target in sizes and target in model.parameters
+        ]
+        self.parameters: dict[str, Parameter] = {
+            **model.parameters,
+            **{n: self._parameter(g, n, j) for g in self._groups for j, n in enumerate(g.names)},
+        }
+
+    def _parameter(self, g: _Group, name: str, j: int) -> Parameter:
+        p = self.model.parameters[g.target]
+        words = f"error {j + 1} of the map of {p.words}"
+        size = self.sizes[g.target]
+        return Parameter(name, FAMILY, 0.0, -np.inf, np.inf, size, "1", words, p.component, p.quantity, words, p.part)
+
+    @property
+    def targets(self) -> tuple[str, ...]:
+        """Parameters whose maps may be wrong."""
+        return tuple(g.target for g in self._groups)
+
+    @property
+    def groups(self) -> dict[str, tuple[str, ...]]:
+        """Target → names of its amounts."""
+        return {g.target: g.names for g in self._groups}
+
+    def __getattr__(self, name: str) -> Any:
+        if name == "model":  # not set yet, while a copy is made
+            raise AttributeError(name)
+        return getattr(self.model, name)
+
+    def predict(
+        self,
+        inputs: Mapping[str, Any],
+        parameters: Mapping[str, Any] | None = None,
+        *,
+        sensors: Sequence[str] | None = None,
+        wrt: Sequence[str] = (),
+        **options: Any,
+    ) -> Any:
+        """As `Engine.predict`, with amounts of map error among the parameters and directions."""
+        given = dict(parameters or {})
+        amounts = {g.target: np.array([float(given.pop(n, 0.0)) for n in g.names]) for g in self._groups}
+        asked = set(wrt)
+        active = [g for g in self._groups if amounts[g.target].any() or asked & set(g.names)]
+        if not active:
+            return self.model.predict(inputs, given, sensors=sensors, wrt=wrt, **options)
+        columns = tuple(self.model.sensors) if sensors is None else tuple(sensors)
+        frozen = {name: inputs[name] for g in active for name in _frozen_columns(g, columns) if name in inputs}
+        plain = {c: v for c, v in inputs.items() if c not in frozen}
+        if all(name in frozen for g in active for name in _frozen_columns(g, columns)):
+            own = {n for g in self._groups for n in g.names}
+            p = self.model.predict(
+                plain, given, sensors=columns, wrt=tuple(n for n in wrt if n not in own), **options
+            )
+        else:
+            p, frozen = self._found(plain, given, columns, wrt, active, options)
+        return _with_errors(p, active, amounts, tuple(wrt), frozen)
+
+    def frozen(
+        self, inputs: Mapping[str, Any], parameters: Mapping[str, Any], sensors: Sequence[str]
+    ) -> dict[str, np.ndarray]:
+        """Frozen columns (N,) by name of all map errors at these records and parameters, 0 where there is no
+        prediction."""
+        taken = {name for g in self._groups for name in _frozen_columns(g, sensors)}
+        plain = {c: v for c, v in inputs.items() if c not in taken}
+        own = {n for g in self._groups for n in g.names}
+        given = {n: v for n, v in parameters.items() if n not in own}
+        p, columns = self._found(plain, given, tuple(sensors), (), self._groups, {})
+        return {name: np.where(p.ok & np.isfinite(v), v, 0.0) for name, v in columns.items()}
+
+    def _found(
+        self,
+        inputs: Mapping[str, Any],
+        given: Mapping[str, Any],
+        columns: tuple[str, ...],
+        wrt: Sequence[str],
+        active: Sequence[_Group],
+        options: Mapping[str, Any],
+    ) -> tuple[Prediction, dict[str, np.ndarray]]:
+        """The model's prediction with its sensitivities to the targets, and the frozen columns that come of it."""
+        own = {n for g in self._groups for n in g.names}
+        along = tuple(dict.fromkeys([*(n for n in wrt if n not in own), *(g.target for g in active)]))
+        also = tuple(dict.fromkeys(c for g in active for c in g.machine.columns))
+        p = self.model.predict(inputs, given, sensors=columns, wrt=along, also=also, **options)
+        values = dict(zip(also, p.also.T, strict=True))
+        frozen: dict[str, np.ndarray] = {}
+        for g in active:
+            frozen.update(zip(g.machine.coordinate_columns, g.machine.coordinates(values).T, strict=True))
+            frozen.update(
+                zip((_effect(g.target, c) for c in columns), p.jacobian[:, :, along.index(g.target)].T, strict=True)
+            )
+        return p, frozen
+
+
+def _effect(target: str, sensor: str) -> str:
+    """Column of the sensitivity of a sensor to what a map gives."""
+    return f"{target} on {sensor}"
+
+
+def _frozen_columns(g: _Group, sensors: Sequence[str]) -> tuple[str, ...]:
+    return (*g.machine.coordinate_columns, *(_effect(g.target, c) for c in sensors))
+
+
+def _with_errors(
+    p: Prediction,
+    active: Sequence[_Group],
+    amounts: Mapping[str, np.ndarray],
+    wrt: tuple[str, ...],
+    frozen: Mapping[str, np.ndarray],
+) -> ModelledPrediction:
+    """The prediction with the errors of the maps, and its sensitivities to `wrt`."""
+    n, m = p.y.shape
+    y, J = p.y.copy(), np.empty((n, m, len(wrt)))
+    position = {name: i for i, name in enumerate(p.wrt)}
+    where = {name: i for i, name in enumerate(wrt)}
+    shared = [name for name in wrt if name in position]
+    J[:, :, [where[name] for name in shared]] = p.jacobian[:, :, [position[name] for name in shared]]
+    curves: dict[str, np.ndarray] = {}
+    for g in active:
+        if g.machine.name not in curves:
+            here = np.column_stack([np.broadcast_to(frozen[c], (n,)) for c in g.machine.coordinate_columns])
+            curves[g.machine.name] = g.curves.at(here)
+        phi = curves[g.machine.name]
+        effect = np.column_stack([np.broadcast_to(frozen[_effect(g.target, c)], (n,)) for c in p.columns])
+        if amounts[g.target].any():
+            y += effect * (phi @ amounts[g.target])[:, None]
+        if g.names[0] in where:
+            J[:, :, [where[name] for name in g.names]] = effect[:, :, None] * phi[:, None, :]
+    kept = {f.name: getattr(p, f.name) for f in fields(Prediction)}
+    return ModelledPrediction(**{**kept, "y": y, "jacobian": J, "wrt": wrt}, frozen=frozen)

@@ -1,0 +1,106 @@
+"""The error of the engine's maps in an identification: its amounts beside the parameters, and how large it is.
+
+A fit alternates three things: the parameters and amounts given their priors, the noise that they leave, and the sizes of
+the map errors under which the records are likeliest. Map coordinates are taken at one state of the engine and stay in a
+column of each record while the parameters move (see `error_model.modelled`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from enginediag_cli.error_model.curves import learn_curves
+from enginediag_cli.error_model.machines import QUANTITIES, machines_of
+from enginediag_cli.error_model.modelled import FAMILY, MapErrorModel
+from enginediag_cli.error_model.sizes import likeliest_factors
+from enginediag_cli.identification.normal_equations import NormalEquations, eliminate
+from enginediag_cli.identification.problem import Problem
+
+SETTLED = 0.1
+"""Largest relative change of a size from one pass to the next that ends the passes: the answer hardly knows it better."""
+
+
+@dataclass(frozen=True)
+class MapErrorSize:
+    """Standard deviation of each amount of the map error of `target`, as stated, and as these records have it."""
+
+    target: str
+    stated: float
+    found: float
+
+
+def with_map_error(problem: Problem, accuracy: float) -> Problem:
+    """The problem with amounts of map error among its parameters, of standard deviation `accuracy`.
+
+    Nothing changes where the accuracy is 0, or the model has no maps, or computes no record at the prior mean.
+    """
+    machines = machines_of(problem.model)
+    if accuracy <= 0.0 or not machines:
+        return problem
+    columns = tuple(dict.fromkeys(c for m in machines for c in m.columns))
+    theta = problem.physical(np.zeros(len(problem.parameters)))
+    p = problem.model.predict(problem.inputs, theta, sensors=problem.sensors[:1], also=columns)
+    if not p.ok.any():
+        return problem
+    values = dict(zip(columns, np.where(p.ok[:, None], p.also, np.nan).T, strict=True))
+    curves = [c for m in machines if (c := learn_curves(m.name, m.coordinates(values))) is not None]
+    sizes = {m.parameter(q): accuracy for m in machines for q in QUANTITIES if m.parameter(q) in problem.model.parameters}
+    model = MapErrorModel(problem.model, curves, sizes)
+    added = tuple(p for p in model.parameters.values() if p.family == FAMILY)
+    k = len(added)
+    extended = replace(
+        problem,
+        model=model,
+        parameters=(*problem.parameters, *added),
+        prior_mean=np.append(problem.prior_mean, np.zeros(k)),
+        prior_sigma=np.append(problem.prior_sigma, [p.prior_sigma for p in added]),
+        lower=np.append(problem.lower, np.full(k, -np.inf)),
+        upper=np.append(problem.upper, np.full(k, np.inf)),
+    )
+    return frozen_at(extended, np.zeros(len(extended.parameters)))
+
+
+def frozen_at(problem: Problem, x: np.ndarray) -> Problem:
+    """The problem with the errors of the maps taken where the engine is at x (p,)."""
+    model = problem.model
+    if not isinstance(model, MapErrorModel):
+        return problem
+    columns = model.frozen(problem.inputs, problem.physical(x), problem.sensors)
+    return replace(problem, inputs={**problem.inputs, **columns})
+
+
+def map_error_sizes(problem: Problem, stated: float) -> tuple[MapErrorSize, ...]:
+    """Sizes of the map errors as the problem has them."""
+    if not isinstance(problem.model, MapErrorModel):
+        return ()
+    sigma = dict(zip(problem.names, problem.prior_sigma, strict=True))
+    return tuple(MapErrorSize(t, stated, float(sigma[names[0]])) for t, names in problem.model.groups.items())
+
+
+def resized(
+    problem: Problem, equations: NormalEquations, x: np.ndarray, z: np.ndarray, stated: float
+) -> tuple[Problem, np.ndarray, float]:
+    """The problem with the likeliest sizes of map errors, x (p,) in its units, and the largest relative change."""
+    if not isinstance(problem.model, MapErrorModel):
+        return problem, x, 0.0
+    groups = problem.model.groups
+    position = {n: i for i, n in enumerate(problem.names)}
+    group = np.full(len(x), -1)
+    present = np.empty(len(groups))
+    for g, names in enumerate(groups.values()):
+        at = [position[n] for n in names]
+        group[at] = g
+        present[g] = problem.prior_sigma[at[0]]
+    n = equations
+    arrow = eliminate(n.H_xx, n.H_xz, n.H_zz, n.g_x, n.g_z, x, z)
+    information = arrow.S - np.eye(len(x))
+    pull = information @ x - (arrow.g - x)
+    factors = likeliest_factors(information, pull, group, present, np.full(len(groups), stated))
+    scale = np.where(group >= 0, factors[group], 1.0)
+    sigma = problem.prior_sigma * scale
+    model = MapErrorModel(problem.model.model, problem.model.curves, dict(zip(groups, present * factors, strict=True)))
+    parameters = tuple(model.parameters[p.name] if p.family == FAMILY else p for p in problem.parameters)
+    change = float(np.max(np.abs(np.log(factors)))) if len(factors) else 0.0
+    return replace(problem, model=model, parameters=parameters, prior_sigma=sigma), x / scale, change
