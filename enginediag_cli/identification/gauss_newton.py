@@ -136,8 +136,6 @@ def solve(
             mu, growth, rejected, walls = mu * growth, growth * 2, rejected + 1, walls + (not enough)
             if rejected >= MAX_REJECTED:
                 reason = f"{rejected} steps in a row did not lower the misfit{_walls(walls)}"
-                if decrement < 0.1:
-                    return Fit(x, z, now, held, True, f"stalled {decrement:.1e} standard errors away", tuple(history))
                 return Fit(x, z, now, held, False, reason, tuple(history))
     arrow = eliminate(now.H_xx, now.H_xz, now.H_zz, now.g_x, now.g_z, x, z)
     held = ((x <= low) & (arrow.g > 0)) | ((x >= high) & (arrow.g < 0))
