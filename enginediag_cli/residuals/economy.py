@@ -37,9 +37,7 @@ class Economy:
         return self._form(), chain(held, waiting)
 
     def _form(self) -> Monitor:
-        if self.monitor.smooth is False:
-            return self.monitor
-        if self.monitor.smooth and self._records < MANY:
+        if self.monitor.smooth is False or (self.monitor.smooth and self._records < MANY):
             if self._few is None:
                 self._few = reduced(self.monitor)
             return self._few

@@ -14,6 +14,7 @@ from enginediag_cli.residuals.economy import Economy
 from enginediag_cli.residuals.flat import is_flat
 from enginediag_cli.residuals.monitor import Monitor
 from enginediag_cli.residuals.pipeline import WindowStatistics
+from enginediag_cli.residuals.reduced import reduced
 from enginediag_cli.residuals.reference import windows_against_reference
 from enginediag_cli.residuals.seal import DIGITS, MadeWith, plan_cells
 from enginediag_cli.residuals.statistics_file import Ledger, read_statistics, refuse_ignored_options
@@ -53,7 +54,7 @@ class JudgedFiles:
     as they have been read.
     passing: sees the chunks of recordings on their way. summed: windows of a flight are added up. given: names of the
     choices that the user made, which statistics would ignore. economy: chooses the form of the monitor for each file;
-    None: always `monitor` as it is. `ledger`: what was read of statistics."""
+    None: always the one for few records. `ledger`: what was read of statistics."""
 
     intake: Intake
     monitor: Monitor | None
@@ -63,6 +64,8 @@ class JudgedFiles:
     given: Mapping[str, object] = field(default_factory=dict)
     counts: Counter[str] = field(default_factory=Counter)
     economy: Economy | None = None
+
+    _few: Monitor | None = field(default=None, repr=False)
 
     def __post_init__(self) -> None:
         self.ledger = Ledger(self.monitor.nominal if self.monitor else "", summed=self.summed)
@@ -82,6 +85,8 @@ class JudgedFiles:
         recordings = self.passing(file.masked())
         if self.economy is not None:
             monitor, recordings = self.economy.of(recordings)
+        else:
+            self._few = monitor = self._few or reduced(monitor)
         for window in windows_against_reference(
             monitor,
             recordings,

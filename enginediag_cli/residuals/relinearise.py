@@ -36,6 +36,10 @@ that it is not. Judgement: the usual gain ratios of a trust region are 0.75 and 
 RELIEF, TIGHTER, FIRST_DAMPING = 0.2, 4.0, 0.2
 """Factors on the damping after a step that kept its promise and one that did not, and what the damping is then at
 least. Judgement: two bad steps are undone by one or two good ones."""
+STALLED = 0.01
+"""Share of the fall of χ² since nominal that a window may still promise where no step lowers it any more, because the
+model is bent there: what is told of the change is then right to a tenth of its distance from nominal, and the sets
+that explain it are judged with the full model."""
 MAX_LOST = 0.05
 """Share of a window's records that may be given up because the model fails on them away from nominal."""
 
@@ -158,6 +162,7 @@ class _Loop:
         self.ok = np.asarray(ok).copy()
         self.state = _summed(start, np.where(self.ok[:, None], y - y0, np.nan), self.J0.copy(), window, noise)
         self.cost = self._cost(self.state)
+        self.at_nominal = self.cost.copy()
         self.damping, self.decrement, self.active = np.zeros(W), np.full(W, np.inf), np.ones(W, bool)
         self.iteration = 0
         self.tolerance = 0.0
@@ -189,10 +194,15 @@ class _Loop:
             e=state.e + back,
             J=state.J,
             ok=self.ok,
-            converged=self.decrement < self.tolerance,
+            converged=(self.decrement < self.tolerance) | self._stalled(),
             decrement=self.decrement,
             iterations=self.iteration,
         )
+
+    def _stalled(self) -> np.ndarray:
+        """Windows (w,) that are near enough to the least cost, although no step reaches it."""
+        fallen = np.maximum(self.at_nominal - self.cost, 0.0)
+        return np.asarray(self.decrement**2 < STALLED * fallen)
 
     def _steps(self) -> _Steps:
         """The next step of every active window, within the bounds."""
@@ -222,12 +232,28 @@ class _Loop:
         before = self.cost[chosen]
         accepted = ~lost & (trial_cost <= before)
         self._accept(trial, chosen, rows, slot, accepted)
+        self._across_kinks(trial, chosen, rows, slot, ~lost & ~accepted & (self.damping[chosen] >= FIRST_DAMPING))
         self.cost[chosen[accepted]] = trial_cost[accepted]
         kept = np.where(accepted, before - trial_cost, 0.0) / np.maximum(steps.promised, 1e-300)
         damping = self.damping[chosen] * np.where(kept > KEPT_WELL, RELIEF, 1.0)
         self.damping[chosen] = np.where(kept < KEPT_BADLY, np.maximum(TIGHTER * damping, FIRST_DAMPING), damping)
-        self.decrement[chosen[accepted]] = steps.length[accepted]
+        # of a refused step, too: it is how far the least cost seems to be from here
+        self.decrement[chosen] = steps.length
         self.active[chosen[self.damping[chosen] > MAX_DAMPING]] = False
+
+    def _across_kinks(
+        self, trial: _State, chosen: np.ndarray, rows: np.ndarray, slot: np.ndarray, refused: np.ndarray
+    ) -> None:
+        """Windows (w,) whose shortened step was refused again: the model is bent between here and there, as maps read
+        linearly are, and the mean of the sensitivities on both sides tells its course better than either."""
+        if not refused.any():
+            return
+        bent = refused[slot]
+        mean = 0.5 * (self.state.J[rows] + trial.J)
+        J = np.where(np.isfinite(trial.J), mean, self.state.J[rows])
+        J = np.where(bent[:, None, None], J, self.state.J[rows])
+        again = _summed(self.state.theta[chosen], self.state.e[rows], J, slot, self.noise)
+        self._accept(again, chosen, rows, slot, refused)
 
     def _drop_failing(self, fine: np.ndarray, chosen: np.ndarray, rows: np.ndarray, slot: np.ndarray) -> np.ndarray:
         """Leave failing records out of windows that lose few, for good; which windows lose too many (w,)."""

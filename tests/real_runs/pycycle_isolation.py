@@ -1,0 +1,151 @@
+"""Faults of another simulator's engine, isolated by default options: python tests/real_runs/pycycle_isolation.py [--seeds N]
+
+For each noise seed: `identify` on the healthy file, `isolate` on the three fault files whole and on 60 records with one to
+three random faults one by one, through the commands. Prints how often exactly the true parameters are named, sensors that
+are named, reliability of what is stated, and coverage of the intervals.
+"""
+
+from __future__ import annotations
+
+import csv
+import subprocess
+import sys
+import tempfile
+from collections import defaultdict
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import pycycle_runs
+import shared_data
+
+NAMES = {"eff": "efficiency", "flow": "flow_capacity"}
+"""Of the truth's columns."""
+BINS = (0.0, 0.5, 0.7, 0.9, 1.01)
+CORES = 2
+"""Seeds run side by side."""
+
+
+def truth(name: str) -> list[dict[str, float]]:
+    """Per record, parameter → change in parts of 1. Of components only: that is what these files hold."""
+    path = shared_data.DATA / "pycycle_hbtf" / "answers" / f"{name}.csv"
+    with path.open(encoding="utf-8") as file:
+        rows = list(csv.DictReader(file))
+    found = []
+    for row in rows:
+        changes = {}
+        for column, value in row.items():
+            part = column.split("_")
+            if part[1] == "d" and float(value):
+                changes[f"{part[3]}.{NAMES[part[2]]}"] = -float(value)
+        found.append(changes)
+    return found
+
+
+def command(*arguments: str) -> tuple[int, str]:
+    done = subprocess.run(
+        [sys.executable, "-m", "enginediag_cli", *arguments], capture_output=True, text=True, check=False
+    )
+    return done.returncode, done.stdout if "source," in done.stdout else done.stderr
+
+
+def windows(text: str) -> Iterator[list[dict[str, str]]]:
+    """Rows of one window at a time: one per parameter that is named, one where none is."""
+    rows: list[dict[str, str]] = []
+    for row in csv.DictReader(line for line in text.splitlines() if not line.startswith("#")):
+        if rows and row["first_line"] != rows[-1]["first_line"]:
+            yield rows
+            rows = []
+        rows.append(row)
+    if rows:
+        yield rows
+
+
+def judged(seed: int, folder: Path) -> dict[str, object]:
+    nominal = str(folder / f"nominal_{seed}.yaml")
+    code, told = command(
+        "identify", str(folder / "hbtf.yaml"), str(folder / f"nominal_{seed}.csv"), "-q", "-o", nominal
+    )
+    found: dict[str, object] = {"identify": code, "told": told, "whole": [], "single": []}
+    if code:
+        return found
+    for name in ("fault_1", "fault_2", "fault_3"):
+        code, text = command("isolate", "-n", nominal, str(folder / f"{name}_{seed}.csv"), "-q")
+        found["whole"].append((name, truth(name)[0], next(windows(text))))  # type: ignore[attr-defined]
+    code, text = command("isolate", "-n", nominal, str(folder / f"faults_random_{seed}.csv"), "-q", "--window", "1")
+    rows = list(windows(text))
+    first = [int(w[0]["first_line"]) for w in rows]
+    every = truth("faults_random")
+    found["single"] = [(every[line - min(first)], w) for line, w in zip(first, rows, strict=True)]
+    return found
+
+
+def main(arguments: list[str]) -> None:
+    if not shared_data.available("pycycle_hbtf"):
+        sys.exit(shared_data.reason("pycycle_hbtf"))
+    seeds = int(arguments[arguments.index("--seeds") + 1]) if "--seeds" in arguments else 10
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        pycycle_runs.write(folder, ["nominal", "fault_1", "fault_2", "fault_3", "faults_random"], seeds)
+        with ThreadPoolExecutor(CORES) as pool:
+            results = list(pool.map(lambda k: judged(k, folder), range(seeds)))
+    report(results)
+
+
+def report(results: list[dict[str, object]]) -> None:
+    """Print the tables."""
+    converged = [r for r in results if r["identify"] == 0]
+    print(f"identify converges: {len(converged)} of {len(results)}")
+    for r in results:
+        if r["identify"]:
+            print("  ", str(r["told"]).strip().splitlines()[-1])
+    exact = sensors = total = 0
+    for r in converged:
+        for name, true, rows in r["whole"]:  # type: ignore[attr-defined]
+            total += 1
+            named = answer(rows)
+            if named == set(true):
+                exact += 1
+            else:
+                print(f"  {name}: {'; '.join(sorted(named)) or 'nothing'} ({rows[0].get('probability', '')})")
+            sensors += any(n.split(".")[0] in ("sensor", "input") for n in named)
+    print(f"fault files whole: exact {exact} of {total}; an instrument named in {sensors}")
+    single(converged)
+
+
+def answer(rows: list[dict[str, str]]) -> set[str]:
+    return {n for n in rows[0]["isolated"].split("; ") if n}
+
+
+def single(converged: list[dict[str, object]]) -> None:
+    bins: dict[float, list[tuple[float, bool]]] = defaultdict(list)
+    exact = among = count = covered = intervals = wrong_sensor = 0
+    for r in converged:
+        for true, rows in r["single"]:  # type: ignore[attr-defined]
+            count += 1
+            named, stated = answer(rows), float(rows[0]["probability"] or 0.0)
+            rivals = [set(x.rpartition(" (")[0].split(" & ")) for x in rows[0]["rivals"].split("; ") if x]
+            right = named == set(true)
+            exact += right
+            among += right or set(true) in rivals
+            wrong_sensor += any(n.split(".")[0] in ("sensor", "input") for n in named)
+            low = max(b for b in BINS if b <= stated)
+            bins[low].append((stated, right))
+            for row in rows:
+                if row["parameter"]:
+                    intervals += 1
+                    size = true.get(row["parameter"], 0.0)
+                    covered += float(row["lower"]) <= size <= float(row["upper"])
+    if not count:
+        return
+    print(f"random faults, one record each: exact {exact} of {count} ({100 * exact / count:.0f} %), "
+          f"in answer and rivals {100 * among / count:.1f} %, an instrument named in {wrong_sensor}, "
+          f"intervals {100 * covered / max(intervals, 1):.1f} % of {intervals}")
+    for low in sorted(bins):
+        stated = sum(s for s, _ in bins[low]) / len(bins[low])
+        right = sum(ok for _, ok in bins[low]) / len(bins[low])
+        print(f"  stated from {low:.1f}: {len(bins[low])}, mean {stated:.2f}, right {right:.2f}")
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])
