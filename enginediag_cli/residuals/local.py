@@ -100,7 +100,8 @@ def block_statistics(
             V=V,
             n=int(used.any(axis=1).sum()),
             chi2=float(np.sum(z[i:k] ** 2)),
-            dof=float(used.sum(axis=0) @ share),
+            # neighbours that differ more than by chance are no further measurements
+            dof=float(used.sum(axis=0) @ np.minimum(share, 1.0)),
             start=start,
             end=end,
             by_sensor=parts,
