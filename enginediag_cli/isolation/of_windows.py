@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
+
+import numpy as np
 
 from enginediag_cli.config.hints import near
 from enginediag_cli.detection.verdict import Verdict, judge
@@ -91,11 +93,15 @@ class Isolating:
         verdict = judge(window, self.false_alarm)
         if verdict.score is None:
             return IsolatedWindow(verdict, known, by_component=self.by_component)
+        # a test asks whether anything changed, these questions by what: wrong slopes of the maps matter to them alone
+        statistics = verdict.window.statistics
+        slopes = statistics.slopes if statistics else None
+        score = verdict.score.with_slopes(slopes)
         if self.by_component:
-            components = isolate_components(verdict.score, self.options.isolation, verdict.window.statistics)
+            components = isolate_components(score, self.options.isolation, verdict.window.statistics)
             return IsolatedWindow(verdict, known, components=components, by_component=True)
         records = _Records(self.files.monitor, self.kept, window) if self.kept is not None else None
-        diagnosis = diagnose(verdict.score, self.options, records, verdict.window.statistics)
+        diagnosis = diagnose(score, self.options, records, verdict.window.statistics)
         advice = None
         if self.advise and self.files.monitor is not None:
             advice = self._advice(self.files.monitor.without(window.silent), diagnosis, records() if records else None)
@@ -129,5 +135,14 @@ class _Records:
         return (
             None
             if found is None or self._monitor is None
-            else WindowModel(self._monitor.without(self._window.silent), *found)
+            else WindowModel(_doubting(self._monitor, self._window).without(self._window.silent), *found)
         )
+
+
+def _doubting(monitor: Monitor, window: WindowStatistics) -> Monitor:
+    """The monitor with what wrong slopes of the maps add to the change that the window speaks of."""
+    if window.statistics is None or window.statistics.slopes is None:
+        return monitor
+    variance = dict(zip(window.statistics.parameters, window.statistics.slopes, strict=True))
+    added = np.array([variance.get(name, 0.0) for name in monitor.names])
+    return replace(monitor, uncertainty=monitor.uncertainty + np.diag(added))

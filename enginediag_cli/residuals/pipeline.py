@@ -21,7 +21,7 @@ from enginediag_cli.residuals.blocks import Block
 from enginediag_cli.residuals.cut import cut
 from enginediag_cli.residuals.groups import Key, runs
 from enginediag_cli.residuals.local import block_statistics, local_statistics
-from enginediag_cli.residuals.monitor import Monitor
+from enginediag_cli.residuals.monitor import HELD, Monitor
 from enginediag_cli.residuals.reduced import ReducedMonitor
 from enginediag_cli.residuals.relinearise import Stop, relinearise
 from enginediag_cli.residuals.score import marginalise
@@ -84,21 +84,24 @@ def monitored_only(monitor: Monitor) -> Condense:
     """The monitored parameters, with everything uncertain about nominal and sensors counted as noise."""
 
     def condense(window: WindowStatistics, statistics: LocalStatistics) -> WindowStatistics:
-        uncertainty = uncertain_of_change(monitor, statistics)
-        return replace(window, statistics=marginalise(statistics, monitor.monitored, uncertainty))
+        return replace(window, statistics=condensed(monitor, statistics, monitor.uncertainty))
 
     return condense
 
 
-def uncertain_of_change(monitor: Monitor, statistics: LocalStatistics) -> np.ndarray:
-    """Uncertainty (p, p) of nominal and, where the statistics speak of a change, of what the maps' slopes make of it."""
+def condensed(monitor: Monitor, statistics: LocalStatistics, uncertainty: np.ndarray) -> LocalStatistics:
+    """Statistics of the monitored parameters with `uncertainty` (p, p) counted as noise, and what wrong slopes of the maps
+    may make of the change that they speak of. That is the change which the engine would have to show, no instrument
+    being wrong."""
+    found = marginalise(statistics, monitor.monitored, uncertainty)
     if monitor.slopes is None:
-        return monitor.uncertainty
-    a = len(monitor.monitored)
-    change = np.linalg.solve(statistics.F + monitor.precision, statistics.s)[:a]
-    uncertainty = monitor.uncertainty.copy()
-    uncertainty[range(a), range(a)] += monitor.slopes.variance(change)
-    return uncertainty
+        return found
+    own = [i for i, name in enumerate(monitor.monitored) if not monitor.meaning[name].of_sensor]
+    scale = HELD * found.prior_sigma[own]
+    inner = np.eye(len(own)) + scale[:, None] * found.F[np.ix_(own, own)] * scale
+    change = np.zeros(len(monitor.monitored))
+    change[own] = scale * np.linalg.solve(inner, scale * found.s[own])
+    return replace(found, slopes=monitor.slopes.variance(change))
 
 
 def window_statistics(

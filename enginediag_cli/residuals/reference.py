@@ -18,8 +18,7 @@ from enginediag_cli.recordings.table import Recording, concat
 from enginediag_cli.residuals.groups import Key, group_rows
 from enginediag_cli.residuals.model_error import model_error_covariance, scale_offsets, with_scale_offsets
 from enginediag_cli.residuals.monitor import Monitor
-from enginediag_cli.residuals.pipeline import WindowStatistics, window_statistics
-from enginediag_cli.residuals.score import marginalise
+from enginediag_cli.residuals.pipeline import WindowStatistics, condensed, window_statistics
 from enginediag_cli.residuals.statistics import LocalStatistics
 from enginediag_cli.residuals.windows import WindowPlan
 
@@ -90,7 +89,7 @@ def windows_against_reference(
             statistics, uncertainty = reference.taken_out_of(statistics), reference.uncertainty
         if model_error:
             uncertainty = uncertainty + model_error_covariance(statistics, scale_offsets(monitor), model_error)
-        return replace(window, statistics=marginalise(statistics, monitor.monitored, uncertainty))
+        return replace(window, statistics=condensed(monitor, statistics, uncertainty))
 
     later = early.set_aside(recordings) if records else recordings
     later = last_records(later, last) if last else later

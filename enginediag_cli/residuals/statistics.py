@@ -30,6 +30,8 @@ class LocalStatistics:
     of it changes V (mostly a sensor's part of V times the error of the logarithm of its variance). `rows` (k, p),
     where noise is not Gaussian: s = Σ rows_i ε_i with independent ε_i of variance 1 and excess kurtosis `kurtosis`
     (k,). `doubt`: what `fisher_score` made of these. `meaning`: what each parameter is, by name.
+    `slopes` (p,): variance that wrong slopes of the maps add to a change of each parameter, should it have changed: no
+    matter of the test whether anything has.
     """
 
     parameters: tuple[str, ...]
@@ -48,6 +50,7 @@ class LocalStatistics:
     kurtosis: np.ndarray | None = None
     doubt: tuple[float, float, float] = (0.0, 0.0, 0.0)
     meaning: Mapping[str, Parameter] = field(default_factory=dict)
+    slopes: np.ndarray | None = None
 
     def __post_init__(self) -> None:
         p = len(self.parameters)
@@ -83,6 +86,7 @@ class LocalStatistics:
             rows=rows,
             kurtosis=kurtosis,
             doubt=_doubt_of_both(self.doubt, other.doubt),
+            slopes=_slopes_of_both(self.slopes, other.slopes),
         )
 
     def unexcited(self, least_information: float = 1.0) -> tuple[DarkCombination, ...]:
@@ -105,6 +109,7 @@ class LocalStatistics:
             V=self.V[square],
             by_sensor=None if self.by_sensor is None else self.by_sensor[:, kept[:, None], kept],
             rows=None if self.rows is None else self.rows[:, kept],
+            slopes=None if self.slopes is None else self.slopes[kept],
         )
 
     def indices(self, names: Sequence[str]) -> np.ndarray:
@@ -123,6 +128,13 @@ def _rows_of_both(a: LocalStatistics, b: LocalStatistics) -> tuple[np.ndarray | 
     if len(a.rows) + len(b.rows) > MAX_ROWS:
         return None, None
     return np.concatenate([a.rows, b.rows]), np.concatenate([a.kurtosis, b.kurtosis])
+
+
+def _slopes_of_both(a: np.ndarray | None, b: np.ndarray | None) -> np.ndarray | None:
+    """The maps and the change are the same in both stretches, and their errors do not average out."""
+    if a is None or b is None:
+        return b if a is None else a
+    return np.maximum(a, b)
 
 
 def _doubt_of_both(a: tuple[float, float, float], b: tuple[float, float, float]) -> tuple[float, float, float]:
