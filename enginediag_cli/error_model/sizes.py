@@ -15,8 +15,8 @@ import numpy as np
 
 SPREAD = 1.0
 """Standard deviation of the logarithm of a size about what is stated: two thirds lie within a factor e."""
-LARGEST = 0.05
-"""Size that no map error has: beyond five per cent it is another map."""
+LARGEST = 0.1
+"""Size that no map error has: beyond ten per cent it is another map."""
 
 
 def likeliest_factors(

@@ -35,7 +35,7 @@ from enginediag_cli.identification.unidentified import Combination, unidentified
 from enginediag_cli.identification.unseen import noise_on_unseen
 from enginediag_cli.progress import each
 
-NOISE_PASSES = 12
+NOISE_PASSES = 20
 """Passes of fit and noise at most. Judgement: damped as they are from UNDAMPED_PASSES on, more would change nothing."""
 NOISE_SETTLED = 0.03
 """Largest relative change of the effective noise σ√κ from one pass to the next that ends the passes."""
@@ -45,6 +45,8 @@ SIGMA_FLOOR = 0.2
 
 UNDAMPED_PASSES = 3
 """Passes before the changes of the noise are damped: first it may move freely, then it must not swing."""
+LEAST_SHARE = 1 / 3
+"""Share of the way that a pass goes at least, once damped: shorter ones would not forget where the swing began."""
 MAX_TEMPERING = 4.0
 """Largest κ by which the fit weakens the data (ρ = 0.6). Correlation beyond it is mostly error of the model
 that follows the operating point, and the cure for that is a better fit: on recorded flights of two engines
@@ -249,21 +251,24 @@ def _fit_and_noise(
     # the model far from what is plausible, where the search is slow
     noise = starting_noise(problem.measured - predict(problem, *zeros)[0], problem.recording, stated)
     problem = problem.with_noise(noise.sigma if estimated else stated, _tempering(noise))
-    start = zeros
+    start, rho, frozen = zeros, noise.rho1, zeros[0]
     for number in each(range(1, NOISE_PASSES + 1), "identifying, passes of fit and noise"):
         fit = solve(problem, start, max_iterations=settings.max_iterations, tolerance=PASS_TOLERANCE)
         here = problem
-        found = uncertainty(problem, fit, noise.rho1, noise.used)
+        # noise, sizes and fit feed back on each other; ever shorter steps end a swing between two states
+        damping = max(1.0 / max(number - UNDAMPED_PASSES + 1, 1), LEAST_SHARE)
+        found = uncertainty(problem, fit, rho, noise.used)
         noise = estimate_noise(fit.equations.residual, problem.recording, found.lost, floor)
+        rho = rho + damping * (noise.rho1 - rho)
         if not fit.converged and not fit.decrement < LOST_PASS:
             return problem, fit, noise, found, number, False
         sigma, inflation = noise.sigma if estimated else stated, _tempering(noise)
         change = np.log(sigma**2 * inflation) - np.log(problem.sigma**2 * problem.inflation)
         settled = bool(np.max(np.abs(change)) / 2 < NOISE_SETTLED)
-        if number > UNDAMPED_PASSES:
-            # noise and fit feed back on each other; half steps end a swing between two states
-            sigma, inflation = np.sqrt(sigma * problem.sigma), np.sqrt(inflation * problem.inflation)
-        problem, x, grown = resized(frozen_at(here, fit.x), fit.equations, fit.x, fit.z, accuracy)
+        sigma = problem.sigma * (sigma / problem.sigma) ** damping
+        inflation = problem.inflation * (inflation / problem.inflation) ** damping
+        frozen = frozen + damping * (fit.x - frozen)
+        problem, x, grown = resized(frozen_at(here, frozen), fit.equations, fit.x, fit.z, accuracy, damping)
         problem = problem.with_noise(sigma, inflation)
         start = (x, fit.z)
         settled = settled and grown < SIZES_SETTLED

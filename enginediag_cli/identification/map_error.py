@@ -80,9 +80,10 @@ def map_error_sizes(problem: Problem, stated: float) -> tuple[MapErrorSize, ...]
 
 
 def resized(
-    problem: Problem, equations: NormalEquations, x: np.ndarray, z: np.ndarray, stated: float
+    problem: Problem, equations: NormalEquations, x: np.ndarray, z: np.ndarray, stated: float, damping: float = 1.0
 ) -> tuple[Problem, np.ndarray, float]:
-    """The problem with the likeliest sizes of map errors, x (p,) in its units, and the largest relative change."""
+    """The problem with the likeliest sizes of map errors, x (p,) in its units, and the largest relative change. damping: by
+    which share of the way to them."""
     if not isinstance(problem.model, MapErrorModel):
         return problem, x, 0.0
     groups = problem.model.groups
@@ -98,6 +99,7 @@ def resized(
     information = arrow.S - np.eye(len(x))
     pull = information @ x - (arrow.g - x)
     factors = likeliest_factors(information, pull, group, present, np.full(len(groups), stated))
+    factors = factors**damping
     scale = np.where(group >= 0, factors[group], 1.0)
     sigma = problem.prior_sigma * scale
     model = MapErrorModel(problem.model.model, problem.model.curves, dict(zip(groups, present * factors, strict=True)))
