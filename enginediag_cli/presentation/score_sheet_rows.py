@@ -75,6 +75,8 @@ def met(value: float | None, target: str) -> str:
         low, high = map(float, target.split(" to "))
         return "yes" if low <= value <= high else "no"
     sign, limit = target.split()
+    if sign == "within":
+        return "yes" if abs(value) <= float(limit) else "no"
     return "yes" if (value >= float(limit) if sign == ">=" else value <= float(limit)) else "no"
 
 

@@ -10,14 +10,11 @@ standard output: the answer.
 
 from __future__ import annotations
 
-import json
-import sys
 from collections.abc import Mapping
 from dataclasses import replace
 from time import process_time
 from typing import Any
 
-from enginediag_cli.errors import EngineDiagError
 from enginediag_cli.intake.source import Source
 from enginediag_cli.mismatch.explain.answer import Answer, Explanation
 from enginediag_cli.mismatch.explain.explain import explain
@@ -28,9 +25,9 @@ from enginediag_cli.mismatch.fit.load import Asked, Case, load_case
 from enginediag_cli.mismatch.locate.locate import locate
 from enginediag_cli.mismatch.unrecorded.finding import HiddenFinding
 from enginediag_cli.physics.registry import candidates
+from enginediag_cli.trials.blind.answering import answer_questions
 from enginediag_cli.trials.blind.causes import causes_of
 from enginediag_cli.trials.blind.correspondent import LOCATE
-from enginediag_cli.trials.parent import end_with_parent
 
 CELLS = 10
 """Places that are kept in the answer; marks look at the first few."""
@@ -114,20 +111,5 @@ def _finding(f: object) -> dict[str, Any]:
     }
 
 
-def main() -> None:
-    """Answer until standard input ends."""
-    if len(sys.argv) > 1:
-        end_with_parent(int(sys.argv[1]))
-    for line in sys.stdin:
-        try:
-            told = answer(json.loads(line))
-        except EngineDiagError as error:
-            told = {"error": str(error)}
-        except Exception as error:  # the prover counts it, and goes on
-            told = {"error": f"{type(error).__name__}: {error}"}
-        sys.stdout.write(json.dumps(told) + "\n")
-        sys.stdout.flush()
-
-
 if __name__ == "__main__":
-    main()
+    answer_questions(answer)

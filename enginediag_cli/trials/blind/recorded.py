@@ -80,18 +80,23 @@ def record(engine: Engine, sealed: Sealed) -> Recorded:
 
 def write_open(folder: Path, engine: Engine, recorded: Recorded, training: int) -> tuple[Path, list[Path]]:
     """The open folder: the engine file and its maps as they are, and the flights that are not held back."""
-    given = Path(engine.path)
-    tables = [c.values["table"]["file"] for c in engine.network.components if c.values.get("table")]
-    for name in dict.fromkeys((given.name, *tables)):
-        (folder / name).parent.mkdir(parents=True, exist_ok=True)
-        shutil.copyfile(given.parent / name, folder / name)
     paths = []
     for flight in recorded.noisy[:training]:
         path = folder / f"{flight.label}.csv"
         with output(path) as stream:
             CsvWriter(stream).write(Recording(dict(flight.columns)))
         paths.append(path)
-    return folder / given.name, paths
+    return copy_engine(folder, engine), paths
+
+
+def copy_engine(folder: Path, engine: Engine) -> Path:
+    """The engine file and its maps as they are, copied into the folder; the engine file there."""
+    given = Path(engine.path)
+    tables = [c.values["table"]["file"] for c in engine.network.components if c.values.get("table")]
+    for name in dict.fromkeys((given.name, *tables)):
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
+        shutil.copyfile(given.parent / name, folder / name)
+    return folder / given.name
 
 
 def _flight(engine: Engine, label: str, known: Mapping[str, np.ndarray], y: np.ndarray, good: np.ndarray) -> Flight:

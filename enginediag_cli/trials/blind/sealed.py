@@ -82,7 +82,7 @@ def draw(engine: Engine, seed: int, trial: int, truths: Sequence[str], chosen: S
     truth = str(rng.choice(list(truths)))
     weights = np.array([kinds.WEIGHTS[k] for k in chosen], float)
     kind = str(rng.choice(list(chosen), p=weights / weights.sum()))
-    health = _health(engine, rng)
+    health = draw_health(engine, rng)
     flights, training = draw_flights(engine, rng)
     sizes = [len(f["time_s"]) for f in flights]
     n = sum(sizes[:training])
@@ -117,7 +117,7 @@ def draw(engine: Engine, seed: int, trial: int, truths: Sequence[str], chosen: S
     )
 
 
-def _health(engine: Engine, rng: np.random.Generator) -> dict[str, float]:
+def draw_health(engine: Engine, rng: np.random.Generator) -> dict[str, float]:
     """Monitored parameters and sensors' scale errors of this engine."""
     drawn: dict[str, float] = {}
     for names, sigma in ((engine.monitored, HEALTH), (_scales(engine), SENSOR_SCALE)):

@@ -22,13 +22,15 @@ from enginediag_cli.trials.blind.sealed import Sealed, draw
 
 @dataclass(frozen=True)
 class Plan:
-    """What is asked for: trials of these truths and kinds on one engine; the explainer's nominal false-alarm rate."""
+    """What is asked for: trials of these truths and kinds on one engine, or each on one of `engines`; the explainer's
+    nominal false-alarm rate."""
 
     engine: str
     seed: int
     truths: tuple[str, ...]
     kinds: tuple[str, ...]
     false_alarm: float = 0.05
+    engines: tuple[str, ...] = ()
 
 
 def run_trial(plan: Plan, trial: int, explainer: Correspondent) -> dict[str, Any]:
