@@ -1,4 +1,4 @@
-"""The other end of a correspondent: a process that answers questions, one JSON object a line, and knows nothing else."""
+"""The other end of a correspondent: a process that answers questions, one JSON object a line."""
 
 from __future__ import annotations
 

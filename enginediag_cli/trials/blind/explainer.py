@@ -22,6 +22,7 @@ from enginediag_cli.mismatch.explain.story import hidden_search
 from enginediag_cli.mismatch.fit.evidence import Evidence, Noise
 from enginediag_cli.mismatch.fit.freeform import Cell
 from enginediag_cli.mismatch.fit.load import Asked, Case, load_case
+from enginediag_cli.mismatch.fit.options import SENSOR_FAULT
 from enginediag_cli.mismatch.locate.locate import locate
 from enginediag_cli.mismatch.unrecorded.finding import HiddenFinding
 from enginediag_cli.physics.registry import candidates
@@ -54,7 +55,10 @@ def answer(question: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _with_known_noise(evidence: Evidence, question: Mapping[str, Any]) -> Evidence:
-    """The evidence with what is known of the noise: lag-1 correlation of all sensors, noise of the inputs."""
+    """The evidence with what is known of the noise: lag-1 correlation of all sensors, noise of the inputs. Where not
+    even its size is said, all is as by default."""
+    if question["noise"] is None:
+        return evidence
     rho = dict.fromkeys(evidence.noise.sigma, question["rho"]) if question["rho"] else {}
     noise = Noise(evidence.noise.sigma, rho, question["input_noise"], question["input_noise_share"])
     return replace(evidence, noise=noise)
@@ -78,6 +82,7 @@ def _explanation(x: Explanation) -> dict[str, Any]:
     return {
         "causes": [c.as_json() for c in causes_of(x.options)],
         "kinds": [o.kind for o in x.options],
+        "sensors": [d.target for o in x.options if o.kind == SENSOR_FAULT for d in o.hypothesis.discrepancies],
         "probability": float(x.probability),
         "gain": float(x.gain),
         "flights": float(x.flights),

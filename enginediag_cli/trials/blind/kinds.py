@@ -7,6 +7,9 @@ from collections.abc import Mapping
 SAME_MODEL, MAP_ERROR, REALISTIC = "same_model", "map_error", "realistic"
 TRUTHS = (SAME_MODEL, MAP_ERROR, REALISTIC)
 
+USUAL = (SAME_MODEL, MAP_ERROR)
+"""Truths that are drawn when nobody chooses, and that every sheet tells of."""
+
 NULL, SINGLE, PAIR, WITHHELD = "null", "single", "pair", "withheld"
 HIDDEN_SWITCH, FAULT, EFFECT_AND_FAULT = "hidden_switch", "fault", "effect_and_fault"
 

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from enginediag_cli.trials.blind.sheet import PROBABLE, PROBABLE_TARGET, SURE, SURE_TARGET, right_less_stated
 from enginediag_cli.trials.isolated import kinds
 from enginediag_cli.trials.isolated.score import OUTCOMES
 from enginediag_cli.trials.rates import rate, wilson
@@ -18,8 +19,6 @@ Record = Mapping[str, Any]
 
 PROBABILITY_BINS = (0.0, 0.5, 0.7, 0.9, 1.0)
 """Edges of the stated probabilities whose truth is counted: below even, doubtful, probable, sure."""
-SURE, PROBABLE = 0.9, 0.7
-"""From what is stated as sure, and as probable."""
 ALL = "all"
 
 
@@ -41,22 +40,16 @@ def mark(name: str, kind: str = "") -> Callable[[Sequence[Record]], dict[str, An
 
 
 def _sure(records: Sequence[Record]) -> dict[str, Any]:
-    return rate(bool(right) for p, right in stated(records) if p >= SURE)
+    return rate(right for p, right in stated(records) if p >= SURE)
 
 
 def _probable(records: Sequence[Record]) -> dict[str, Any]:
-    """Rate of right names less the mean of what was stated, where that is probable but not sure."""
-    own = [(p, right) for p, right in stated(records) if PROBABLE <= p < SURE]
-    found = rate(bool(right) for _, right in own)
-    if not own:
-        return found
-    said = float(np.mean([p for p, _ in own]))
-    return found | {name: found[name] - said for name in ("rate", "low", "high")}
+    return right_less_stated(stated(records), PROBABLE, SURE)
 
 
 SCORES: Mapping[str, Score] = {
-    "right_when_sure": Score(_sure, ">= 0.88"),
-    "right_less_stated_when_probable": Score(_probable, "within 0.07"),
+    "right_when_sure": Score(_sure, SURE_TARGET),
+    "right_less_stated_when_probable": Score(_probable, PROBABLE_TARGET),
     "false_name": Score(mark("false_name"), "<= 0.05"),
     "false_sensor": Score(mark("false_sensor"), "<= 0.03"),
     "false_input": Score(mark("false_input")),
@@ -73,7 +66,7 @@ SCORES: Mapping[str, Score] = {
 
 def stated(records: Sequence[Record], what: str = "stated") -> list[tuple[float, bool]]:
     """Stated probability of every name, and whether it is right."""
-    return [tuple(r["marks"][what]) for r in records if what in r["marks"]]
+    return [(float(p), bool(right)) for p, right in (r["marks"][what] for r in records if what in r["marks"])]
 
 
 def sheet(records: Sequence[Record]) -> dict[str, Any]:

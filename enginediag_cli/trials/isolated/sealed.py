@@ -20,8 +20,8 @@ from enginediag_cli.trials.isolated import kinds
 FAULT = (0.003, 0.03)
 """Relative change of a component's parameter, from and to, on a logarithmic scale."""
 SENSOR = (3.0, 30.0)
-"""Error of an output sensor over its noise, from and to, on a logarithmic scale: from what a flight's mean shows to what
-is seen at a glance."""
+"""Error of an output sensor over its noise, from and to, on a logarithmic scale: from what the mean of a flight shows
+to what is seen at a glance."""
 INPUT = (4.0, 20.0)
 """Error of an input channel over what such channels differ by from flight to flight."""
 TOGETHER = (2, 3)

@@ -13,13 +13,11 @@ import numpy as np
 
 from enginediag_cli.physics.engine_file import load_engine
 from enginediag_cli.trials.blind.correspondent import Correspondent
-from enginediag_cli.trials.blind.sealed import stream
+from enginediag_cli.trials.blind.sealed import engine_of
 from enginediag_cli.trials.isolated.recorded import record
 from enginediag_cli.trials.isolated.score import marks, outcome
 from enginediag_cli.trials.isolated.sealed import Sealed, draw
 
-ENGINE_STREAM = 12
-"""Stream of random numbers by which a trial chooses its engine."""
 KEPT = 10
 """Sets that a trial's record keeps; the last ones are hardly possible."""
 
@@ -32,11 +30,6 @@ class Plan:
     seed: int
     truths: tuple[str, ...]
     kinds: tuple[str, ...]
-
-
-def engine_of(engines: tuple[str, ...], seed: int, trial: int) -> str:
-    """The engine file of a trial."""
-    return engines[int(stream(seed, trial, ENGINE_STREAM).integers(len(engines)))]
 
 
 def run_trial(plan: Plan, trial: int, isolator: Correspondent) -> dict[str, Any]:
@@ -72,7 +65,7 @@ def _record(sealed: Sealed, told: Mapping[str, Any], marked: Mapping[str, Any]) 
         "soaked": drawn is not None and drawn.soak is not None,
         "changes": [c.as_json() | {"size": _short(c.size)} for c in sealed.changes],
         "outcome": outcome(told),
-        "reason": told.get("error") or told.get("reason") or window.get("why", ""),
+        "reason": told.get("error") or window.get("why") or ("" if window else told.get("reason", "")),
         "fit": _short(window.get("fit")),
         "sets": window.get("sets", [])[:KEPT],
         "probabilities": [_short(p) for p in window.get("probabilities", [])[:KEPT]],

@@ -37,9 +37,11 @@ POWER_SCALE, SPEED_SCALE, TEMPERATURE_SCALE = 0.003, 0.0003, 0.001
 
 @dataclass(frozen=True)
 class Instruments:
-    """Of every flight: column → (scale error, bias in the column's unit)."""
+    """Of every flight: column → (scale error, bias in the column's unit); `spread`: column → standard deviations of
+    both."""
 
     flights: tuple[Mapping[str, tuple[float, float]], ...]
+    spread: Mapping[str, tuple[float, float]]
 
     def read(self, flight: int, columns: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
         """Columns (N,) of one flight as its instruments show them."""
@@ -49,18 +51,15 @@ class Instruments:
 
 def draw_instruments(engine: Engine, flights: int, rng: np.random.Generator) -> Instruments:
     """Instruments of so many flights."""
-    quality = rng.uniform(*QUALITY)
+    quality = float(rng.uniform(*QUALITY))
     sizes = {c: (SCALE, BIAS * s.noise_sigma) for c, s in engine.sensors.items()}
     sizes |= {c: input_spread(c) for c in engine.inputs}
-    return Instruments(
-        tuple(
-            {
-                c: (quality * a * rng.standard_normal(), quality * b * rng.standard_normal())
-                for c, (a, b) in sizes.items()
-            }
-            for _ in range(flights)
-        )
+    spread = {c: (quality * scale, quality * bias) for c, (scale, bias) in sizes.items()}
+    drawn = tuple(
+        {c: (a * rng.standard_normal(), b * rng.standard_normal()) for c, (a, b) in spread.items()}
+        for _ in range(flights)
     )
+    return Instruments(drawn, spread)
 
 
 def input_spread(column: str) -> tuple[float, float]:

@@ -3,8 +3,8 @@
 A compressor's table holds flow, pressure ratio and efficiency on speed lines and R-lines, R = 2 + 2 (x − 1) / width of
 the flow coefficient x of `compressor_map`; a turbine's, flow and efficiency against speed and pressure ratio. Flow and
 efficiency of every table are multiplied by 1 + error of a `Distortion` each, that of efficiency half as large (a
-turbine's flow along speed alone), and read back by parabolas between the lines. The design point stays as it was. Gas properties are taken at the design inlet, as
-map files do, and that is one more difference.
+turbine's flow along speed alone), and read back by parabolas between the lines. The design point stays as it was. Gas
+properties are taken at the design inlet, as map files do, and that is one more difference.
 
 What a health parameter means stays the model's meaning: less efficiency is less pressure at the same work, where an
 engine file's table has more work at the same pressure. Otherwise a truth with one parameter changed would be one with
@@ -70,12 +70,9 @@ def tabulated(
     for c in turbomachines:
         entry, file = declared[c.name], f"{c.name}.csv"
         entry.pop("map", None)
-        make = _compressor if isinstance(c, Compressor) else _turbine
-        entry["table"] = {
-            "file": file,
-            "interpolation": "quadratic",
-            **make(c, state, speed[c.values["shaft"]], (size, rng), folder / file),
-        }
+        where = (state, speed[c.values["shaft"]], (size, rng), folder / file)
+        told = _compressor(c, *where) if isinstance(c, Compressor) else _turbine(c, *where)
+        entry["table"] = {"file": file, "interpolation": "quadratic", **told}
     path = folder / ENGINE_FILE
     path.write_text(dump(document), encoding="utf-8")
     return _with_the_models_meaning(load_engine(path))
