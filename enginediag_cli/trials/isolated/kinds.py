@@ -8,8 +8,8 @@ NULL, COMPONENT, OUTPUT_SENSOR = "null", "component", "output_sensor"
 INPUT_CHANNEL, SEVERAL, PHYSICS = "input_channel", "several", "physics"
 
 WEIGHTS: Mapping[str, int] = {NULL: 20, COMPONENT: 30, OUTPUT_SENSOR: 14, INPUT_CHANNEL: 10, SEVERAL: 16, PHYSICS: 10}
+"""Shares of kinds of trials when nobody chooses: mostly what engines have, and enough nulls to count false names."""
 KINDS = tuple(WEIGHTS)
-"""Trials by kind, with their shares when nobody chooses."""
 
 SAME_MODEL, REALISTIC = "same_model", "realistic"
 TRUTHS = (SAME_MODEL, REALISTIC)
