@@ -126,6 +126,14 @@ def test_an_answer_that_does_not_stand_is_an_outcome_of_its_own_and_its_class_ma
     assert marks(turbojet, component, told)["covered"]
 
 
+def test_a_class_that_stands_is_cannot_tell_with_a_probability_of_its_own(turbojet, component):
+    told = said(["nozzle.area"])
+    told["windows"][0] |= {"class": [["nozzle.area"], ["turbine.efficiency"]], "class_probability": 0.97}
+    m = marks(turbojet, component, told)
+    assert outcome(told) == CANNOT_TELL and m["stated_class"] == [0.97, True] and m["covered"] and "stated" not in m
+    assert marks(turbojet, drawn(turbojet, kinds.NULL), told)["false_name"]
+
+
 def test_of_physics_a_name_is_right_where_the_effect_acts(turbojet):
     sealed = drawn(turbojet, kinds.PHYSICS)
     from enginediag_cli.trials.blind.visible import drawable

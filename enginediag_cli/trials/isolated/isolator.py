@@ -79,6 +79,10 @@ def _window(found: IsolatedWindow, engine: Engine) -> dict[str, Any]:
     told["fit"] = _finite(found.diagnosis.adequacy.fit)
     told["sets"] = [[place[n] for n in names] for names, _ in sets]
     told["probabilities"] = [_finite(p) for _, p in sets]
+    one_of = getattr(result, "one_of", None)  # the class of which the answer is a member, where it cannot be told apart
+    if one_of is not None:
+        told["class"] = [[place[n] for n in (*one_of.shared, *member)] for member in one_of.members]
+        told["class_probability"] = _finite(one_of.probability)
     told["left_out"] = result.rivals_left_out
     told["complete"] = result.complete
     told["sizes"] = [

@@ -91,11 +91,12 @@ def by_kind(records: Sequence[Record]) -> dict[str, Any]:
 
 
 def reliability(records: Sequence[Record]) -> dict[str, list[dict[str, Any]]]:
-    """Stated probability against how often it is right: of all names, of those of every kind of trials, and of the
-    answer that nothing has changed."""
+    """Stated probability against how often it is right: of all names, of those of every kind of trials, of classes
+    that hold the truth or not, and of the answer that nothing has changed."""
     found = {ALL: _bins(stated(records))}
     for kind in kinds.KINDS:
         found[kind] = _bins(stated([r for r in records if r["kind"] == kind]))
+    found["class"] = _bins(stated(records, "stated_class"))
     found["nothing"] = _bins(stated(records, "stated_nothing"))
     return {kind: rows for kind, rows in found.items() if rows}
 
