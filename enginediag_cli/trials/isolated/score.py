@@ -59,11 +59,11 @@ def marks(engine: Engine, sealed: Sealed, told: Mapping[str, Any]) -> Marks:
     found["false_sensor"] = bool((said & outputs) - truth)
     found["false_input"] = bool((said & inputs) - truth)
     if sealed.kind == kinds.NULL:
-        found["false_name"] = came == NAMED or "class" in window  # a class, too, says that something is wrong
+        found["false_name"] = window["named"]  # a class, too, says that something is wrong
     else:
         found["found"] = came != NOTHING
     right = said <= _where_it_acts(engine, sealed) if sealed.effects else said == truth
-    if came == CANNOT_TELL and "class" in window and not sealed.effects:
+    if window["named"] and "class" in window and not sealed.effects:
         one_of = [frozenset(s) for s in window["class"]]
         found["stated_class"] = [float(window["class_probability"] or 0.0), truth in one_of]
     if came == NAMED:
