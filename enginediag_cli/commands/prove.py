@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from pathlib import Path
+from functools import partial
 from typing import TYPE_CHECKING
 
 import click
@@ -17,18 +17,37 @@ from enginediag_cli.commands.options import (
     pass_messages,
     seed_option,
 )
+from enginediag_cli.commands.proving import (
+    BOTH,
+    EXPLAIN,
+    ISOLATE,
+    Asked,
+    Kept,
+    finished_trials,
+    prove_isolation,
+    tell_cost,
+)
 from enginediag_cli.presentation.messages import Messages
 from enginediag_cli.presentation.output import Output
 from enginediag_cli.trials.blind.kinds import KINDS, TRUTHS
+from enginediag_cli.trials.isolated import kinds as isolated
 
 if TYPE_CHECKING:
     from enginediag_cli.trials.blind.journal import Record
     from enginediag_cli.trials.blind.trial import Plan
-    from enginediag_cli.trials.journal import Journal
 
 
-@click.command(short_help="Prove on blind trials what the search for missing physics finds.", epilog=exit_codes())
+@click.command(
+    short_help="Prove on blind trials what is found, and whether it is right as often as it says.", epilog=exit_codes()
+)
 @click.argument("engine", metavar="[ENGINE.yaml]", type=ConfigFile(), required=False)
+@click.option(
+    "--question",
+    type=click.Choice([EXPLAIN, ISOLATE]),
+    default=EXPLAIN,
+    show_default=True,
+    help="explain: is physics missing, and which; isolate: what changed in a flight since the healthy ones.",
+)
 @click.option(
     "--trials",
     metavar="N",
@@ -39,19 +58,20 @@ if TYPE_CHECKING:
 )
 @click.option(
     "--truth",
-    type=click.Choice((*TRUTHS, "both")),
-    default="both",
-    show_default=True,
+    type=click.Choice((*TRUTHS, BOTH)),
     help="same_model: the truth differs from the model in what is concealed alone; map_error: its maps, "
-    "cooling and gas differ a little as well, and the explainer allows for 0.3 %.",
+    "cooling and gas differ a little as well, and the explainer allows for 0.3 %; realistic: tables for maps, "
+    "instruments, clocks, probes and noise as they are, airline sensors in a third of the trials. Default: both of the "
+    "first two to explain, realistic to isolate.",
 )
 @click.option(
     "--kind",
     "chosen",
     multiple=True,
-    type=click.Choice(KINDS),
+    type=click.Choice(tuple(dict.fromkeys((*KINDS, *isolated.KINDS)))),
     metavar="KIND",
-    help=f"Only trials of this kind; may be given several times. One of {', '.join(KINDS)}.",
+    help=f"Only trials of this kind; may be given several times. To explain, one of {', '.join(KINDS)}; to isolate, "
+    f"one of {', '.join(isolated.KINDS)}.",
 )
 @click.option(
     "--jobs",
@@ -79,8 +99,9 @@ if TYPE_CHECKING:
 def prove(
     messages: Messages,
     engine: str | None,
+    question: str,
     trials: int,
-    truth: str,
+    truth: str | None,
     chosen: tuple[str, ...],
     jobs: int | None,
     trials_output: str | None,
@@ -89,74 +110,44 @@ def prove(
     seed: int,
     output: Output,
 ) -> None:
-    """Draw engines that lack, or do not lack, some physics; conceal it; and score what is said of their recordings.
+    """Draw engines that lack, or do not lack, some physics, or that something changed in; conceal it; and score what is
+    said of their recordings.
 
     \b
     enginediag prove --trials 400 --seed 12 --format json -o sheet.json
     enginediag prove turbofan.yaml --trials 60 --kind null --kind single --truth same_model
     enginediag prove --trials 400 --seed 12 --trials-output trials.jsonl --resume
+    enginediag prove --question isolate --truth realistic --trials 400 --seed 12
 
-    The explainer is a process of its own that is given the recordings, the engine file, and what is known of noise and
-    maps. ENGINE.yaml is turbofan.yaml when not given. The same seed gives the same sheet, whatever --jobs.
+    The explainer, or isolator, is a process of its own that is given the recordings, the engine file, and what is known
+    of noise and maps. ENGINE.yaml is turbofan.yaml when not given; of realistic truths each has one of turbofan,
+    turbojet, power_plant and turboshaft. The same seed gives the same sheet, whatever --jobs.
     """
-    from enginediag_cli.shipped import shipped
-    from enginediag_cli.trials.blind.journal import plan_key, trials_journal
-    from enginediag_cli.trials.blind.trial import Plan
-
     if resume and not trials_output:
         raise click.UsageError("--resume goes on from --trials-output FILE, which was not given")
-    path = engine or str(shipped("turbofan.yaml"))
-    plan = Plan(path, seed, TRUTHS if truth == "both" else (truth,), chosen or KINDS)
-    journal = trials_journal(Path(trials_output), plan_key(plan)) if trials_output else None
-    records = _run(messages, plan, trials, jobs or os.cpu_count() or 1, journal, resume)
+    asked = Asked(question, truth, chosen)
+    asked.check()
+    kept = Kept(trials, jobs or os.cpu_count() or 1, trials_output, resume)
+    engines = asked.engines(engine)
+    if question == ISOLATE:
+        prove_isolation(messages, engines, seed, asked, kept).write(output)
+        return
+    from enginediag_cli.trials.blind.check import check_engine
+    from enginediag_cli.trials.blind.journal import plan_key
+    from enginediag_cli.trials.blind.pool import run_trials
+    from enginediag_cli.trials.blind.trial import Plan
+
+    plan = Plan(engines[0], seed, asked.truths, asked.kinds, engines=engines)
+    for path in engines:
+        check_engine(path)
+    records = finished_trials(messages, plan_key(plan), partial(run_trials, plan), kept)
     _say(messages, records)
     _write(plan, records, sizes, output)
 
 
-def _run(
-    messages: Messages, plan: Plan, trials: int, jobs: int, journal: Journal[int, Record] | None, resume: bool
-) -> list[Record]:
-    from enginediag_cli.errors import DataError
-    from enginediag_cli.trials.blind.check import check_engine
-    from enginediag_cli.trials.blind.pool import run_trials
-    from enginediag_cli.trials.pool import WorkerDiedError
-
-    check_engine(plan.engine)
-    finished: dict[int, Record] = {}
-    if journal:
-        finished = journal.read() if resume else {}
-        if not finished:
-            if not resume and journal.begun:
-                raise DataError(f"{journal.path} holds trials already: go on with --resume, or remove it")
-            journal.write({})
-    todo = [k for k in range(trials) if k not in finished]
-    if finished:
-        messages.note(f"{trials - len(todo)} of {trials} trials are in {journal.path if journal else ''}")
-    running = run_trials(plan, todo, jobs)
-    try:
-        for number, record in messages.progress(running, "prove", len(todo)):
-            finished[number] = record
-            if journal:
-                journal.add(number, record)
-    except (KeyboardInterrupt, WorkerDiedError):
-        if journal:
-            messages.note(
-                f"{len(finished)} of {trials} trials are kept in {journal.path}; "
-                "the same command with --resume goes on from there"
-            )
-        raise
-    finally:
-        running.close()
-    if journal:
-        journal.write(dict(sorted(finished.items())))
-    return [finished[k] for k in range(trials)]
-
-
 def _say(messages: Messages, records: list[Record]) -> None:
     """Facts about the run that are no part of the sheet."""
-    seconds = sum(r["seconds"] for r in records) / len(records)
-    explaining = sum(r["explainer_seconds"] for r in records) / len(records)
-    messages.note(f"{len(records)} trials; CPU time of one: {explaining:.1f} s to explain, {seconds:.1f} s to score")
+    tell_cost(messages, records, "explainer_seconds", "to explain")
     unscored = sum(not r["scorer_converged"] for r in records)
     if unscored:
         messages.note(f"{unscored} trials could not be scored: a noise-free fit of the scorer did not converge")

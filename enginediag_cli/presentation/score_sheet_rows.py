@@ -50,7 +50,7 @@ def _span(b: Mapping[str, Any]) -> str:
 
 
 def _score_rows(name: str, entry: Mapping[str, Any]) -> Iterator[dict[str, Any]]:
-    for truth in kinds.TRUTHS:
+    for truth in _truths(entry):
         own = entry[truth]
         target = own["target"] or ""
         if own["of"]:
@@ -75,22 +75,28 @@ def met(value: float | None, target: str) -> str:
         low, high = map(float, target.split(" to "))
         return "yes" if low <= value <= high else "no"
     sign, limit = target.split()
+    if sign == "within":
+        return "yes" if abs(value) <= float(limit) else "no"
     return "yes" if (value >= float(limit) if sign == ">=" else value <= float(limit)) else "no"
 
 
 def table(sheet: Mapping[str, Any]) -> list[dict[str, Any]]:
-    """Headlines only: rate with its interval in a cell, both truths side by side."""
+    """Headlines only: rate with its interval in a cell, truths side by side."""
     found = []
     for name, entry in sheet.items():
         row: dict[str, Any] = {"score": name, "trials": _kinds(entry["headline"])}
-        for truth in kinds.TRUTHS:
+        for truth in _truths(entry):
             own = entry[truth]
             target = own["target"] or ""
             row[truth] = _cell(own)
             words = target.replace(">=", "≥").replace("<=", "≤")
             row[f"target {truth}"] = f"{words} {met(own['rate'], target)}".strip()
         found.append(row)
-    return [r for r in found if r[kinds.SAME_MODEL] or r[kinds.MAP_ERROR]]
+    return [r for r in found if any(r.get(truth) for truth in kinds.TRUTHS)]
+
+
+def _truths(entry: Mapping[str, Any]) -> list[str]:
+    return [truth for truth in kinds.TRUTHS if truth in entry]
 
 
 def _kinds(headline: list[str]) -> str:

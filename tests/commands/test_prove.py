@@ -7,6 +7,7 @@ import json
 import pytest
 
 from enginediag_cli.__main__ import main
+from enginediag_cli.shipped import shipped
 from enginediag_cli.trials.blind.sheet import SCORES
 
 TARGETS = (
@@ -149,9 +150,46 @@ def test_resume_without_a_file_of_trials_is_bad_usage(capsys):
     assert "--trials-output" in capsys.readouterr().err
 
 
-def test_an_engine_that_does_not_fly_is_refused_before_any_trial(capsys):
-    assert run("power_plant.yaml", "--trials", 1) == 2
-    assert "blind trials fly an engine" in capsys.readouterr().err
+def test_an_engine_without_a_power_range_is_refused_before_any_trial(tmp_path, capsys):
+    text = shipped("turbojet.yaml").read_text(encoding="utf-8")
+    path = tmp_path / "engine.yaml"
+    path.write_text(text.replace("power_range: [0.10, 0.36]\n", ""), encoding="utf-8")
+    assert run(path, "--trials", 1) == 2
+    assert "power_range" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    "arguments", [("--kind", "single", "--question", "isolate"), ("--truth", "map_error", "--question", "isolate")]
+)
+def test_kinds_and_truths_of_another_question_are_bad_usage(arguments, capsys):
+    assert run("--trials", 1, *arguments) == 2
+    assert "does not go with --question isolate" in capsys.readouterr().err
+
+
+def test_isolation_is_scored_with_targets_and_reliability(tmp_path):
+    out, trials = tmp_path / "sheet.json", tmp_path / "trials.jsonl"
+    common = (
+        "turbojet.yaml",
+        "--question",
+        "isolate",
+        "--trials",
+        2,
+        "--seed",
+        4,
+        "--kind",
+        "null",
+        "--kind",
+        "component",
+    )
+    assert run(*common, "--jobs", 1, "--trials-output", trials, "-o", out) == 0
+    found = json.loads(out.read_text(encoding="utf-8"))
+    assert found["sheet"]["right_when_sure"]["target"] == ">= 0.88" and found["kinds"]["all"]["trials"] == 2
+    assert set(found["reliability"]) <= {"all", "nothing", "null", "component"}
+    lines = [json.loads(line) for line in trials.read_text(encoding="utf-8").splitlines()[1:]]
+    assert all(r["truth"] == "realistic" and r["engine"] == "turbojet" and r["outcome"] for r in lines)
+    again = tmp_path / "again.csv"
+    assert run(*common, "--trials-output", trials, "--resume", "-o", again) == 0
+    assert "right_when_sure" in again.read_text(encoding="utf-8")
 
 
 @pytest.mark.slow

@@ -57,7 +57,9 @@ def test_other_trials_and_other_seeds_are_other_engines(turbofan):
     assert a.health != b.health and a.health != c.health
 
 
-@pytest.mark.parametrize("name", ["turbofan", "turbojet", "citation_jt15d", "cmapss_turbofan"])
+@pytest.mark.parametrize(
+    "name", ["turbofan", "turbojet", "citation_jt15d", "cmapss_turbofan", "turboshaft", "power_plant"]
+)
 def test_drawn_flights_lie_inside_the_envelope_and_have_a_solution(name):
     engine = load_engine(CONFIGS / f"{name}.yaml")
     flights, training = draw_flights(engine, np.random.default_rng(0))
@@ -70,9 +72,12 @@ def test_drawn_flights_lie_inside_the_envelope_and_have_a_solution(name):
     assert engine.predict({c: u[c] for c in engine.inputs}).ok.all()
 
 
-def test_an_engine_that_does_not_fly_is_refused():
-    with pytest.raises(DataError, match="blind trials fly an engine"):
-        check_engine(str(CONFIGS / "power_plant.yaml"))
+def test_an_engine_of_which_nothing_says_how_it_is_run_is_refused(tmp_path):
+    text = (CONFIGS / "turboshaft.yaml").read_text(encoding="utf-8")
+    path = tmp_path / "engine.yaml"
+    path.write_text(text.replace("  N2_rpm: {low: 20200, high: 21600}\n", ""), encoding="utf-8")
+    with pytest.raises(DataError, match="other inputs need a range"):
+        check_engine(str(path))
 
 
 @pytest.mark.parametrize(

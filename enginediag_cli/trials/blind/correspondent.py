@@ -1,4 +1,4 @@
-"""The prover's end of the explainer: a process that is asked, and started again when it dies."""
+"""The prover's end of an explainer: a process that is asked, and started again when it dies."""
 
 from __future__ import annotations
 
@@ -14,9 +14,10 @@ EXPLAIN, LOCATE = "explain", "locate"  # what may be asked
 
 
 class Correspondent:
-    """Asks one explainer process, one question at a time."""
+    """Asks one process, of the module of this name, one question at a time."""
 
-    def __init__(self) -> None:
+    def __init__(self, module: str = EXPLAINER) -> None:
+        self._module = module
         self._process: subprocess.Popen[str] | None = None
 
     def ask(self, question: Mapping[str, Any]) -> dict[str, Any]:
@@ -46,7 +47,7 @@ class Correspondent:
     def _running(self) -> subprocess.Popen[str]:
         if self._process is None or self._process.poll() is not None:
             self._process = subprocess.Popen(
-                [sys.executable, "-m", EXPLAINER, str(os.getpid())],
+                [sys.executable, "-m", self._module, str(os.getpid())],
                 stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE,
                 text=True,

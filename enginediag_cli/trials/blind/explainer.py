@@ -10,14 +10,11 @@ standard output: the answer.
 
 from __future__ import annotations
 
-import json
-import sys
 from collections.abc import Mapping
 from dataclasses import replace
 from time import process_time
 from typing import Any
 
-from enginediag_cli.errors import EngineDiagError
 from enginediag_cli.intake.source import Source
 from enginediag_cli.mismatch.explain.answer import Answer, Explanation
 from enginediag_cli.mismatch.explain.explain import explain
@@ -25,12 +22,13 @@ from enginediag_cli.mismatch.explain.story import hidden_search
 from enginediag_cli.mismatch.fit.evidence import Evidence, Noise
 from enginediag_cli.mismatch.fit.freeform import Cell
 from enginediag_cli.mismatch.fit.load import Asked, Case, load_case
+from enginediag_cli.mismatch.fit.options import SENSOR_FAULT
 from enginediag_cli.mismatch.locate.locate import locate
 from enginediag_cli.mismatch.unrecorded.finding import HiddenFinding
 from enginediag_cli.physics.registry import candidates
+from enginediag_cli.trials.blind.answering import answer_questions
 from enginediag_cli.trials.blind.causes import causes_of
 from enginediag_cli.trials.blind.correspondent import LOCATE
-from enginediag_cli.trials.parent import end_with_parent
 
 CELLS = 10
 """Places that are kept in the answer; marks look at the first few."""
@@ -57,7 +55,10 @@ def answer(question: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _with_known_noise(evidence: Evidence, question: Mapping[str, Any]) -> Evidence:
-    """The evidence with what is known of the noise: lag-1 correlation of all sensors, noise of the inputs."""
+    """The evidence with what is known of the noise: lag-1 correlation of all sensors, noise of the inputs. Where not
+    even its size is said, all is as by default."""
+    if question["noise"] is None:
+        return evidence
     rho = dict.fromkeys(evidence.noise.sigma, question["rho"]) if question["rho"] else {}
     noise = Noise(evidence.noise.sigma, rho, question["input_noise"], question["input_noise_share"])
     return replace(evidence, noise=noise)
@@ -81,6 +82,7 @@ def _explanation(x: Explanation) -> dict[str, Any]:
     return {
         "causes": [c.as_json() for c in causes_of(x.options)],
         "kinds": [o.kind for o in x.options],
+        "sensors": [d.target for o in x.options if o.kind == SENSOR_FAULT for d in o.hypothesis.discrepancies],
         "probability": float(x.probability),
         "gain": float(x.gain),
         "flights": float(x.flights),
@@ -114,20 +116,5 @@ def _finding(f: object) -> dict[str, Any]:
     }
 
 
-def main() -> None:
-    """Answer until standard input ends."""
-    if len(sys.argv) > 1:
-        end_with_parent(int(sys.argv[1]))
-    for line in sys.stdin:
-        try:
-            told = answer(json.loads(line))
-        except EngineDiagError as error:
-            told = {"error": str(error)}
-        except Exception as error:  # the prover counts it, and goes on
-            told = {"error": f"{type(error).__name__}: {error}"}
-        sys.stdout.write(json.dumps(told) + "\n")
-        sys.stdout.flush()
-
-
 if __name__ == "__main__":
-    main()
+    answer_questions(answer)

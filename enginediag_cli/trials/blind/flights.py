@@ -1,4 +1,5 @@
-"""Short flights for blind trials: climb, cruise and descent within the engine's envelope."""
+"""Short flights for blind trials: climb, cruise and descent within the engine's envelope; of a machine that stays where
+it is, some days."""
 
 from __future__ import annotations
 
@@ -9,6 +10,7 @@ import numpy as np
 from enginediag_cli.engine.engine import Engine
 from enginediag_cli.errors import DataError
 from enginediag_cli.physics.registry import term, term_names
+from enginediag_cli.trials.blind import ground
 from enginediag_cli.units import split_column
 
 CONDITIONS = ("altitude_m", "mach", "dT_isa_K")
@@ -23,19 +25,25 @@ HOURS, BETWEEN_FLIGHTS_H = (0.0, 400.0), (20.0, 200.0)
 """Hours since a wash at the first flight, and between flights, from and to: some weeks of service."""
 
 
+GOVERNED = 0.004
+"""Scatter of a speed or another input that a governor holds, over its value."""
+
+
 def draw_flights(engine: Engine, rng: np.random.Generator) -> tuple[list[dict[str, np.ndarray]], int]:
     """Columns (N,) of every flight: time, the engine's inputs, hours; and how many flights are not held back.
 
-    Raises DataError for an engine that does not fly, or whose power range is not stated.
+    Raises DataError for an engine that has inputs which nothing is known of, or whose power range is not stated.
     """
     check_engine(engine)
+    stays = "altitude_m" not in engine.inputs
+    draw, step = (ground.ground_days, ground.STEP_S) if stays else (_flight, STEP_S)
     training = int(rng.integers(TRAINING[0], TRAINING[1] + 1))
     count = training + HELD_BACK
     hours = {c: _hours(count, rng) for c in hour_columns()}
     flights = []
     for k in range(count):
         n = int(rng.integers(RECORDS[0], RECORDS[1] + 1))
-        columns = {"time_s": STEP_S * np.arange(n), **_flight(engine, n, rng)}
+        columns = {"time_s": step * np.arange(n), **draw(engine, n, rng)}
         for c, start in hours.items():
             columns[c] = start[k] + columns["time_s"] / 3600.0
         flights.append(columns)
@@ -50,13 +58,15 @@ def _hours(count: int, rng: np.random.Generator) -> np.ndarray:
 
 
 def check_engine(engine: Engine) -> None:
-    """Raises DataError for an engine that does not fly, or whose power range is not stated."""
-    odd = [c for c in engine.inputs if c not in (*CONDITIONS, engine.power_setting)]
-    lacking = [c for c in CONDITIONS[:2] if c not in engine.inputs]
-    if odd or lacking:
+    """Raises DataError for an engine that has inputs which nothing is known of, or whose power range is not stated."""
+    known = (*CONDITIONS, *ground.CONDITIONS, *engine.envelope, engine.power_setting)
+    odd = [c for c in engine.inputs if c not in known]
+    lacking = [c for c in (CONDITIONS[:2] if "altitude_m" in engine.inputs else ground.CONDITIONS)]
+    if odd or any(c not in engine.inputs for c in lacking):
         raise DataError(
-            f"{engine.name}: blind trials fly an engine by {', '.join(CONDITIONS)} and one power setting; "
-            f"its inputs are {', '.join(engine.inputs)}"
+            f"{engine.name}: blind trials fly an engine by {', '.join(CONDITIONS)}, or run it by "
+            f"{', '.join(ground.CONDITIONS)}, and by one power setting; other inputs need a range in the engine file's "
+            f"`envelope:`; its inputs are {', '.join(engine.inputs)}"
         )
     if engine.power_range is None:
         raise DataError(f"{engine.name}: blind trials need the engine file's `power_range:`")
@@ -101,7 +111,14 @@ def _flight(engine: Engine, n: int, rng: np.random.Generator) -> dict[str, np.nd
     columns = {c: v for c, v in columns.items() if c in engine.inputs}
     power = engine.power_from_fraction(np.clip(fraction, 0.0, 1.0), columns)
     columns[engine.power_setting] = np.clip(power, *_limit(engine, engine.power_setting, (-np.inf, np.inf)))
-    return {c: columns[c] for c in engine.inputs}
+    return {c: columns[c] if c in columns else _governed(engine, c, n, rng) for c in engine.inputs}
+
+
+def _governed(engine: Engine, column: str, n: int, rng: np.random.Generator) -> np.ndarray:
+    """An input that is held in the middle of its range."""
+    low, high = engine.envelope[column]
+    middle = 0.5 * (low + high)
+    return np.clip(middle * (1.0 + GOVERNED * rng.standard_normal(n)), low, high)
 
 
 def _limit(engine: Engine, column: str, default: tuple[float, float]) -> tuple[float, float]:

@@ -18,7 +18,8 @@ def plan_key(plan: Plan) -> str:
     """Hash of all that a trial depends on but its number."""
     said = f"{__version__} {plan.seed} {plan.truths} {plan.kinds} {plan.false_alarm}"
     digest = hashlib.sha256(said.encode())
-    digest.update(b"\0" + Path(plan.engine).read_bytes())
+    for engine in dict.fromkeys((plan.engine, *plan.engines)):
+        digest.update(b"\0" + Path(engine).read_bytes())
     return digest.hexdigest()
 
 

@@ -4,8 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-SAME_MODEL, MAP_ERROR = "same_model", "map_error"
-TRUTHS = (SAME_MODEL, MAP_ERROR)
+SAME_MODEL, MAP_ERROR, REALISTIC = "same_model", "map_error", "realistic"
+TRUTHS = (SAME_MODEL, MAP_ERROR, REALISTIC)
+
+USUAL = (SAME_MODEL, MAP_ERROR)
+"""Truths that are drawn when nobody chooses, and that every sheet tells of."""
 
 NULL, SINGLE, PAIR, WITHHELD = "null", "single", "pair", "withheld"
 HIDDEN_SWITCH, FAULT, EFFECT_AND_FAULT = "hidden_switch", "fault", "effect_and_fault"
@@ -28,8 +31,8 @@ WEIGHTS: Mapping[str, int] = {
 KINDS = tuple(WEIGHTS)
 """Trials by kind, with their shares when nobody chooses."""
 
-MODEL_ERROR: Mapping[str, float] = {SAME_MODEL: 0.0, MAP_ERROR: 0.003}
-"""Accuracy of the maps that the explainer is told."""
+MODEL_ERROR: Mapping[str, float | None] = {SAME_MODEL: 0.0, MAP_ERROR: 0.003, REALISTIC: None}
+"""Accuracy of the maps that the explainer is told; None: that of the engine file, which the truth does not keep."""
 
 
 def base(kind: str) -> str:

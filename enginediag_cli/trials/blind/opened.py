@@ -39,11 +39,14 @@ Cells = Sequence[Mapping[str, Any]]
 def evidence_of(engine: Engine, sealed: Sealed, recorded: Recorded, *, clean: bool) -> Evidence:
     """The training flights as the explainer has them, or without noise, with the noise that they really have."""
     flights = (recorded.clean if clean else recorded.noisy)[: sealed.training]
-    evidence = build_evidence(
-        engine,
-        flights,
-        Asked(model_error=kinds.MODEL_ERROR[sealed.truth], drivers=hour_columns()),
-    )
+    model_error, drawn = kinds.MODEL_ERROR[sealed.truth], sealed.realistic
+    if clean and drawn is not None:  # what can be told at all is judged by how wrong the maps really are
+        model_error = drawn.shape
+    evidence = build_evidence(engine, flights, Asked(model_error=model_error, drivers=hour_columns()))
+    if clean and drawn is not None:
+        spread = {c: s for c, s in drawn.instruments.spread.items() if c in drawn.sensors}
+        offsets, scales = ({c: s[k] for c, s in spread.items()} for k in (1, 0))
+        evidence = replace(evidence, settings=replace(evidence.settings, offsets=offsets, scale_offsets=scales))
     sigma = {c: s * sealed.noise.factor for c, s in evidence.noise.sigma.items()}
     noise = Noise(
         sigma, dict.fromkeys(sigma, sealed.noise.rho), sealed.noise.inputs or {}, sealed.noise.input_shares or {}
@@ -103,7 +106,8 @@ def _signal_to_noise(engine: Engine, sealed: Sealed) -> np.ndarray:
         readings(engine, replace(sealed, states=np.full_like(sealed.states, s)), exact_model=True) for s in (1.0, 0.0)
     )
     sigma = np.array([s.noise_sigma for s in engine.sensors.values()]) * sealed.noise.factor
-    return np.asarray(np.linalg.norm((on - off) / sigma, axis=1))
+    recorded = [c in sealed.recorded(engine) for c in engine.sensors]
+    return np.asarray(np.linalg.norm(((on - off) / sigma)[:, recorded], axis=1))
 
 
 def _record(

@@ -27,7 +27,7 @@ def detectable_sizes(engine: Engine, seed: int) -> dict[str, dict[str, Any]]:
     found: dict[str, list[tuple[float, float]]] = {e.label: [] for e in library}
     for k in range(SETS_OF_FLIGHTS):
         flights, training = draw_flights(engine, stream(seed, k, SIZE_STREAM))
-        base = noise_free_fit(engine, flights[:training], kinds.MODEL_ERROR[kinds.MAP_ERROR])
+        base = noise_free_fit(engine, flights[:training], kinds.MODEL_ERROR[kinds.MAP_ERROR] or 0.0)
         for cost in floor_cost(Trial((), base, Projection(base)), [effect_option(e) for e in library]):
             found[cost.label].append((cost.visible_without, cost.visible))
     result = {}

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -16,6 +16,7 @@ from enginediag_cli.recordings.write import CsvWriter, output
 from enginediag_cli.trials.blind.causes import Cause
 from enginediag_cli.trials.blind.flights import hour_columns, stack
 from enginediag_cli.trials.blind.sealed import Sealed
+from enginediag_cli.trials.blind.truths.realistic import noisy, realistic_engine
 
 
 @dataclass(frozen=True)
@@ -35,11 +36,12 @@ class Recorded:
 
 def readings(engine: Engine, sealed: Sealed, *, exact_model: bool) -> np.ndarray:
     """What the sensors read without noise, (N, m), NaN where the truth engine has no solution. `exact_model`: the
-    truth without its map errors."""
+    truth without its map errors and on the model's own maps."""
     u = stack(sealed.flights)
     n = len(u["time_s"])
     errors = None if exact_model else sealed.map_errors
-    truth = engine.with_effects((*engine.effects, *sealed.effects, *(errors.effects if errors else ())))
+    base = engine if exact_model or sealed.realistic is None else realistic_engine(engine, sealed.realistic, u)
+    truth = base.with_effects((*engine.effects, *sealed.effects, *(errors.effects if errors else ())))
     theta: dict[str, float | np.ndarray] = {**sealed.health, **sealed.values}
     for cause in sealed.causes:
         if cause.is_step:
@@ -61,42 +63,56 @@ def record(engine: Engine, sealed: Sealed) -> Recorded:
     """Fly the trial and record it."""
     rng = np.random.default_rng(sealed.noise_seed)
     true = readings(engine, sealed, exact_model=False)
-    clean = true if sealed.map_errors is None else readings(engine, sealed, exact_model=True)
+    same = sealed.map_errors is None and sealed.realistic is None
+    clean = true if same else readings(engine, sealed, exact_model=True)
     kept = np.isfinite(true).all(axis=1) & np.isfinite(clean).all(axis=1)
+    sensors = sealed.recorded(engine)
     sigma = np.array([s.noise_sigma for s in engine.sensors.values()]) * sealed.noise.factor
     noisy_flights, clean_flights, start = [], [], 0
     for k, flight in enumerate(sealed.flights):
         n = len(flight["time_s"])
         rows = slice(start, start + n)
         good = kept[rows]
-        noise = sigma * _remembering(rng.standard_normal((n, len(sigma))), sealed.noise.rho)
-        known = _with_input_noise(flight, sealed, rng)
         label = f"flight_{k + 1}"
-        noisy_flights.append(_flight(engine, label, known, true[rows] + noise, good))
-        clean_flights.append(_flight(engine, label, flight, clean[rows], good))
+        if sealed.realistic is not None:
+            read = sealed.realistic.read(k, {**flight, **dict(zip(engine.sensors, true[rows].T, strict=True))})
+            read = noisy(engine, sealed.realistic.rho, read, rng)
+        else:
+            noise = sigma * _remembering(rng.standard_normal((n, len(sigma))), sealed.noise.rho)
+            read = _with_input_noise(flight, sealed, rng)
+            read |= dict(zip(engine.sensors, (true[rows] + noise).T, strict=True))
+        exact = {**flight, **dict(zip(engine.sensors, clean[rows].T, strict=True))}
+        noisy_flights.append(_flight(engine, label, read, sensors, good))
+        clean_flights.append(_flight(engine, label, exact, sensors, good))
         start += n
     return Recorded(tuple(noisy_flights), tuple(clean_flights), np.flatnonzero(kept), int((~kept).sum()))
 
 
 def write_open(folder: Path, engine: Engine, recorded: Recorded, training: int) -> tuple[Path, list[Path]]:
     """The open folder: the engine file and its maps as they are, and the flights that are not held back."""
-    given = Path(engine.path)
-    tables = [c.values["table"]["file"] for c in engine.network.components if c.values.get("table")]
-    for name in dict.fromkeys((given.name, *tables)):
-        (folder / name).parent.mkdir(parents=True, exist_ok=True)
-        shutil.copyfile(given.parent / name, folder / name)
     paths = []
     for flight in recorded.noisy[:training]:
         path = folder / f"{flight.label}.csv"
         with output(path) as stream:
             CsvWriter(stream).write(Recording(dict(flight.columns)))
         paths.append(path)
-    return folder / given.name, paths
+    return copy_engine(folder, engine), paths
 
 
-def _flight(engine: Engine, label: str, known: Mapping[str, np.ndarray], y: np.ndarray, good: np.ndarray) -> Flight:
-    columns = {c: known[c][good] for c in ("time_s", *engine.inputs, *hour_columns())}
-    return Flight(label, "", columns | {c: y[good, j] for j, c in enumerate(engine.sensors)})
+def copy_engine(folder: Path, engine: Engine) -> Path:
+    """The engine file and its maps as they are, copied into the folder; the engine file there."""
+    given = Path(engine.path)
+    tables = [c.values["table"]["file"] for c in engine.network.components if c.values.get("table")]
+    for name in dict.fromkeys((given.name, *tables)):
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
+        shutil.copyfile(given.parent / name, folder / name)
+    return folder / given.name
+
+
+def _flight(
+    engine: Engine, label: str, read: Mapping[str, np.ndarray], sensors: Sequence[str], good: np.ndarray
+) -> Flight:
+    return Flight(label, "", {c: read[c][good] for c in ("time_s", *engine.inputs, *hour_columns(), *sensors)})
 
 
 def _remembering(white: np.ndarray, rho: float) -> np.ndarray:

@@ -67,6 +67,8 @@ def marks(sealed: Sealed, far: Separability | None, said: Said) -> Marks:
     kind = kinds.base(sealed.kind)
     if said.status == FAILED:
         return found
+    if sealed.realistic is not None:
+        found |= _answered(sealed, far, said)
     if kind == kinds.NULL:
         return found | {"false_name": said.status in (NAMED, HIDDEN), "false_finding": said.status != NOTHING}
     if far is None or not far.ok:
@@ -90,6 +92,20 @@ def marks(sealed: Sealed, far: Separability | None, said: Said) -> Marks:
             fault = all(k in (FAULT, SENSOR_FAULT) for k in first)
             found["fault_called_fault" if kind == kinds.FAULT else "effect_called_fault"] = fault
     return found
+
+
+def _answered(sealed: Sealed, far: Separability | None, said: Said) -> Marks:
+    """Marks of every name that is told, whatever can be told at all: stated probability and whether it is right, and
+    whether an instrument is named that reads right."""
+    t = key(sealed.causes)
+    if said.status != NAMED:
+        return {"false_sensor": False}
+    first = said.raw["explanations"][0]
+    right = said.aliases[0] == t or (far is not None and far.ok and said.aliases[0] in far.aliases)
+    return {
+        "answered": [float(said.probabilities[0]), bool(right and t)],
+        "false_sensor": bool(set(first["sensors"]) - t),
+    }
 
 
 def _naming(t: Key, far: Separability, said: Said) -> Marks:

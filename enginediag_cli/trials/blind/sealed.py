@@ -13,6 +13,7 @@ from enginediag_cli.trials.blind import kinds
 from enginediag_cli.trials.blind.causes import Cause
 from enginediag_cli.trials.blind.flights import draw_flights
 from enginediag_cli.trials.blind.map_error import MapErrors, draw_map_errors
+from enginediag_cli.trials.blind.truths.realistic import Realistic, draw_realistic
 from enginediag_cli.trials.blind.visible import drawable, weights
 
 SIZE = (0.3, 1.5)  # of a typical size
@@ -28,7 +29,7 @@ NOISE_FACTOR = (0.5, 2.0)
 INPUT_SIGMA: Mapping[str, float] = {"altitude_m": 8.0, "mach": 0.001}
 """Noise of recorded conditions, in their unit: what an air-data computer is good for."""
 POWER_SIGMA = 0.002  # of a reading
-TRIAL_STREAM, SIZE_STREAM = 0, 1
+TRIAL_STREAM, SIZE_STREAM, TRUTH_STREAM, ENGINE_STREAM = 0, 1, 2, 3
 """Streams of random numbers that must not share a draw."""
 
 
@@ -47,7 +48,8 @@ class Noise:
 class Sealed:
     """The answer of a trial. `values`: coefficients of the effects by parameter; `change`: size of the step, if one
     of the causes is a step; `states` (N,), 0 or 1, of a hidden switch; `flights`: inputs of every flight, the last
-    ones held back; `without`: terms that the explainer's library lacks."""
+    ones held back; `without`: terms that the explainer's library lacks; `realistic`: what is wrong beside, of realistic
+    truths."""
 
     trial: int
     truth: str
@@ -64,16 +66,26 @@ class Sealed:
     noise: Noise
     map_errors: MapErrors | None
     noise_seed: int
+    realistic: Realistic | None = None
 
     @property
     def records(self) -> np.ndarray:
         """Number of records of every flight."""
         return np.array([len(f["time_s"]) for f in self.flights])
 
+    def recorded(self, engine: Engine) -> tuple[str, ...]:
+        """The sensors that are recorded."""
+        return self.realistic.sensors if self.realistic else tuple(engine.sensors)
+
 
 def stream(seed: int, trial: int, what: int = TRIAL_STREAM) -> np.random.Generator:
     """A trial's own random numbers, whatever other trials there are."""
     return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(what, trial)))
+
+
+def engine_of(engines: Sequence[str], seed: int, trial: int) -> str:
+    """The engine file of a trial that has the choice."""
+    return engines[int(stream(seed, trial, ENGINE_STREAM).integers(len(engines)))]
 
 
 def draw(engine: Engine, seed: int, trial: int, truths: Sequence[str], chosen: Sequence[str]) -> Sealed:
@@ -82,8 +94,11 @@ def draw(engine: Engine, seed: int, trial: int, truths: Sequence[str], chosen: S
     truth = str(rng.choice(list(truths)))
     weights = np.array([kinds.WEIGHTS[k] for k in chosen], float)
     kind = str(rng.choice(list(chosen), p=weights / weights.sum()))
-    health = _health(engine, rng)
+    health = draw_health(engine, rng)
     flights, training = draw_flights(engine, rng)
+    realistic = None
+    if truth == kinds.REALISTIC:
+        realistic, kind = draw_realistic(engine, len(flights), stream(seed, trial, TRUTH_STREAM)), kinds.base(kind)
     sizes = [len(f["time_s"]) for f in flights]
     n = sum(sizes[:training])
     what = kinds.base(kind)
@@ -91,7 +106,7 @@ def draw(engine: Engine, seed: int, trial: int, truths: Sequence[str], chosen: S
     causes = [Cause(e.label) for e in effects]
     change = 0.0
     if what in (kinds.FAULT, kinds.EFFECT_AND_FAULT):
-        cause, change = _step(engine, n, rng)
+        cause, change = _step(engine, n, rng, realistic.sensors if realistic else tuple(engine.sensors))
         causes.append(cause)
     states = None
     if what == kinds.HIDDEN_SWITCH:
@@ -111,16 +126,17 @@ def draw(engine: Engine, seed: int, trial: int, truths: Sequence[str], chosen: S
         flights,
         training,
         without,
-        _noise(engine, kinds.variant(kind), rng),
+        Noise(rho=realistic.rho) if realistic else _noise(engine, kinds.variant(kind), rng),
         draw_map_errors(engine, rng) if truth == kinds.MAP_ERROR else None,
         int(rng.integers(2**62)),
+        realistic,
     )
 
 
-def _health(engine: Engine, rng: np.random.Generator) -> dict[str, float]:
+def draw_health(engine: Engine, rng: np.random.Generator) -> dict[str, float]:
     """Monitored parameters and sensors' scale errors of this engine."""
     drawn: dict[str, float] = {}
-    for names, sigma in ((engine.monitored, HEALTH), (_scales(engine), SENSOR_SCALE)):
+    for names, sigma in ((engine.monitored, HEALTH), (_scales(engine, tuple(engine.sensors)), SENSOR_SCALE)):
         for n in names:
             p = engine.parameters[n]
             value = p.nominal + sigma * (abs(p.nominal) or 1.0) * rng.standard_normal()
@@ -128,8 +144,8 @@ def _health(engine: Engine, rng: np.random.Generator) -> dict[str, float]:
     return drawn
 
 
-def _scales(engine: Engine) -> list[str]:
-    return [f"sensor.{s.quantity}.scale" for s in engine.sensors.values()]
+def _scales(engine: Engine, columns: Sequence[str]) -> list[str]:
+    return [f"sensor.{engine.sensors[c].quantity}.scale" for c in columns]
 
 
 def _effects(engine: Engine, what: str, rng: np.random.Generator) -> tuple[tuple[Effect, ...], dict[str, float]]:
@@ -148,12 +164,12 @@ def _effects(engine: Engine, what: str, rng: np.random.Generator) -> tuple[tuple
     return effects, values
 
 
-def _step(engine: Engine, n: int, rng: np.random.Generator) -> tuple[Cause, float]:
+def _step(engine: Engine, n: int, rng: np.random.Generator, sensors: Sequence[str]) -> tuple[Cause, float]:
     """A health parameter, or a sensor's scale, that changes at some record of the middle half and stays."""
     first = int(rng.integers(n // 4, 3 * n // 4))
     size, sign = rng.uniform(*SIZE), rng.choice((-1.0, 1.0))
     if rng.random() < 0.5:
-        name = str(rng.choice(_scales(engine)))
+        name = str(rng.choice(_scales(engine, sensors)))
         return Cause(name, first), float(sign * size * SENSOR_FAULT)
     name = str(rng.choice(list(engine.monitored)))
     if engine.parameters[name].wear < 0:

@@ -16,13 +16,19 @@ Record = Mapping[str, Any]
 
 class Score:
     """One line of the sheet: the mark that it counts, the kinds of trials of its headline, and its target for
-    either truth ("" for none; what it means is in words, as the targets are). Sizes are means, not rates."""
+    each truth ("" for none; what it means is in words, as the targets are). Sizes are means, not rates."""
 
     def __init__(
-        self, mark: str, headline: tuple[str, ...], same_model: str = "", map_error: str = "", size: bool = False
+        self,
+        mark: str,
+        headline: tuple[str, ...],
+        same_model: str = "",
+        map_error: str = "",
+        realistic: str = "",
+        size: bool = False,
     ):
         self.mark, self.headline, self.size = mark, headline, size
-        self.target = {kinds.SAME_MODEL: same_model, kinds.MAP_ERROR: map_error}
+        self.target = {kinds.SAME_MODEL: same_model, kinds.MAP_ERROR: map_error, kinds.REALISTIC: realistic}
 
 
 _SINGLE, _NULL, _ALL = (kinds.SINGLE,), (kinds.NULL,), kinds.KINDS
@@ -31,22 +37,22 @@ _NAMED = tuple(k for k in kinds.KINDS if kinds.base(k) not in (kinds.NULL, kinds
 SCORES: Mapping[str, Score] = {
     "exact": Score("exact", _SINGLE, ">= 0.97", ">= 0.90"),
     "exact_no_alias": Score("exact_no_alias", _SINGLE),
-    "covered": Score("covered", _SINGLE, ">= 0.97", ">= 0.90"),
+    "covered": Score("covered", _SINGLE, ">= 0.97", ">= 0.90", ">= 0.95"),
     "alias_set_size": Score("alias_set_size", _SINGLE, "<= 1.3", "<= 2", size=True),
     "tight": Score("tight", _SINGLE),
     "set_score": Score("set_score", _SINGLE, size=True),
     "found": Score("found", _SINGLE),
-    "false_name": Score("false_name", _NULL, "<= 0.05", "<= 0.05"),
+    "false_name": Score("false_name", _NULL, "<= 0.05", "<= 0.05", "<= 0.05"),
     "false_name_without_floor": Score("false_name_without_floor", _NULL),
     "false_finding": Score("false_finding", _NULL),
     "none_right": Score("none_right", (kinds.WITHHELD,), ">= 0.95", ">= 0.80"),
     "wrongly_none": Score("wrongly_none", _SINGLE),
     "exact_pair": Score("exact_no_alias", (kinds.PAIR,), ">= 0.95"),
-    "interval": Score("interval", _NAMED, "0.92 to 0.98", ">= 0.85"),
+    "interval": Score("interval", _NAMED, "0.92 to 0.98", ">= 0.85", ">= 0.90"),
     "held_out_gain": Score("held_out_gain", _SINGLE, ">= 0.98", ">= 0.95"),
     "held_out_flights": Score("held_out_flights", _SINGLE),
     "log_score": Score("log_score", _SINGLE, size=True),
-    "locate_driver": Score("locate_driver", _SINGLE, ">= 0.90"),
+    "locate_driver": Score("locate_driver", _SINGLE, ">= 0.90", "", ">= 0.90"),
     "locate_component": Score("locate_component", _SINGLE, ">= 0.90"),
     "fault_called_fault": Score("fault_called_fault", (kinds.FAULT,)),
     "effect_called_fault": Score("effect_called_fault", _SINGLE),
@@ -57,6 +63,12 @@ SCORES: Mapping[str, Score] = {
     "hidden_states": Score("hidden_states", (kinds.HIDDEN_SWITCH,), ">= 0.95", size=True),
     "no_verdict": Score("no_verdict", _ALL, "<= 0.01", "<= 0.02"),
 }
+
+FALSE_SENSOR = Score("false_sensor", _ALL, realistic="<= 0.03")
+"""Asked of realistic truths, beside what is asked of every truth."""
+SURE, PROBABLE = 0.9, 0.7
+"""From what is stated as sure, and as probable."""
+SURE_TARGET, PROBABLE_TARGET = ">= 0.88", "within 0.07"
 
 LAMBDA_BINS = (0.0, 5.0, 15.0, 25.0, 40.0, 150.0, 600.0, np.inf)
 SEPARATION_BINS = (0.0, 2.0, 5.0, 11.0, 22.0, 40.0, 100.0, np.inf)
@@ -76,14 +88,45 @@ BINNED = (
 )
 
 
+def truths_of(records: Sequence[Record]) -> tuple[str, ...]:
+    """The truths that a sheet of these trials tells of."""
+    return tuple(t for t in kinds.TRUTHS if t in kinds.USUAL or any(r["truth"] == t for r in records))
+
+
 def sheet(records: Sequence[Record]) -> dict[str, Any]:
-    """Every score: the headline over both truths, then per truth, with all kinds of trials that it has."""
-    return {name: _score(score, records) for name, score in SCORES.items()}
+    """Every score: the headline over all truths, then per truth, with all kinds of trials that it has. Of realistic
+    truths also whether names are right as often as they are said to be, and whether instruments are named wrongly."""
+    found = {name: _score(score, records) for name, score in SCORES.items()}
+    if kinds.REALISTIC not in truths_of(records):
+        return found
+    said = [(p, bool(right)) for p, right in (r["marks"]["answered"] for r in records if "answered" in r["marks"])]
+    return found | {
+        "false_sensor": _score(FALSE_SENSOR, records),
+        "right_when_sure": _stated(rate(right for p, right in said if p >= SURE), SURE_TARGET),
+        "right_less_stated_when_probable": _stated(right_less_stated(said, PROBABLE, SURE), PROBABLE_TARGET),
+    }
+
+
+def right_less_stated(said: Sequence[tuple[float, bool]], low: float, high: float) -> dict[str, Any]:
+    """Rate of right names less the mean of what was stated, of those stated from `low` to `high`."""
+    own = [(p, right) for p, right in said if low <= p < high]
+    found = rate(right for _, right in own)
+    if not own:
+        return found
+    mean_stated = float(np.mean([p for p, _ in own]))
+    return found | {name: found[name] - mean_stated for name in ("rate", "low", "high")}
+
+
+def _stated(found: dict[str, Any], target: str) -> dict[str, Any]:
+    """A score of realistic truths alone, in the form of the others."""
+    own = found | {"target": target, "kinds": {}}
+    empty = rate(()) | {"target": None, "kinds": {}}
+    return found | {**dict.fromkeys(kinds.USUAL, empty), kinds.REALISTIC: own, "headline": list(_ALL)}
 
 
 def _score(score: Score, records: Sequence[Record]) -> dict[str, Any]:
     whole = _rate(score, [r for r in records if r["kind"] in score.headline])
-    for truth in kinds.TRUTHS:
+    for truth in truths_of(records):
         own = [r for r in records if r["truth"] == truth]
         entry = _rate(score, [r for r in own if r["kind"] in score.headline])
         by_kind = {k: _rate(score, [r for r in own if r["kind"] == k]) for k in kinds.KINDS}
@@ -103,7 +146,7 @@ def bins(records: Sequence[Record]) -> dict[str, Any]:
     """Scores of single trials by λ and by λ_sep, withheld ones by λ_out, hidden switches by signal to noise, and the
     reliability of stated probabilities; each per truth."""
     found: dict[str, Any] = {}
-    for truth in kinds.TRUTHS:
+    for truth in truths_of(records):
         own = [r for r in records if r["truth"] == truth]
         single = [r for r in own if kinds.base(r["kind"]) == kinds.SINGLE]
         withheld = [r for r in own if r["kind"] == kinds.WITHHELD]

@@ -17,24 +17,27 @@ from enginediag_cli.trials.blind.flights import hour_columns
 from enginediag_cli.trials.blind.opened import opened
 from enginediag_cli.trials.blind.recorded import record, write_open
 from enginediag_cli.trials.blind.score import Said
-from enginediag_cli.trials.blind.sealed import Sealed, draw
+from enginediag_cli.trials.blind.sealed import Sealed, draw, engine_of
 
 
 @dataclass(frozen=True)
 class Plan:
-    """What is asked for: trials of these truths and kinds on one engine; the explainer's nominal false-alarm rate."""
+    """What is asked for: trials of these truths and kinds on one engine, or each on one of `engines`; the explainer's
+    nominal false-alarm rate."""
 
     engine: str
     seed: int
     truths: tuple[str, ...]
     kinds: tuple[str, ...]
     false_alarm: float = 0.05
+    engines: tuple[str, ...] = ()
 
 
 def run_trial(plan: Plan, trial: int, explainer: Correspondent) -> dict[str, Any]:
     """Draw, record, ask, open the answer and mark it."""
     begun = process_time()
-    engine = load_engine(plan.engine)
+    path_of_model = engine_of(plan.engines or (plan.engine,), plan.seed, trial)
+    engine = load_engine(path_of_model)
     sealed = draw(engine, plan.seed, trial, plan.truths, plan.kinds)
     recorded = record(engine, sealed)
     with tempfile.TemporaryDirectory(prefix="enginediag_") as folder:
@@ -47,17 +50,20 @@ def run_trial(plan: Plan, trial: int, explainer: Correspondent) -> dict[str, Any
             return tuple(told[-1].get("cells", ()))
 
         # what a trial finds must not depend on what was done before it
-        scored = opened(load_engine(plan.engine), sealed, recorded, Said.of(told[0]), cells)
+        scored = opened(load_engine(path_of_model), sealed, recorded, Said.of(told[0]), cells)
         if kinds.base(sealed.kind) == kinds.NULL and sealed.truth == kinds.MAP_ERROR:
             told.append(explainer.ask(question | {"model_error": 0.0}))
             if "error" not in told[-1]:
                 scored["marks"]["false_name_without_floor"] = told[-1]["status"] in (NAMED, HIDDEN)
+    if sealed.realistic is not None:
+        scored |= {"engine": engine.name, "shape": sealed.realistic.shape, "airline": sealed.realistic.airline}
     explaining = sum(t.get("seconds", 0.0) for t in told)
     return scored | {"seconds": round(process_time() - begun, 3), "explainer_seconds": round(explaining, 3)}
 
 
 def _question(plan: Plan, sealed: Sealed, engine: Path, files: Sequence[Path]) -> dict[str, Any]:
     """All that the explainer is told."""
+    told = sealed.realistic is None  # of realistic truths nothing is known but what the engine file says
     unknown = kinds.variant(sealed.kind) == kinds.UNKNOWN_NOISE
     return {
         "task": EXPLAIN,
@@ -65,8 +71,8 @@ def _question(plan: Plan, sealed: Sealed, engine: Path, files: Sequence[Path]) -
         "recordings": [str(f) for f in files],
         "model_error": kinds.MODEL_ERROR[sealed.truth],
         "without": list(sealed.without),
-        "noise": "estimate" if unknown else "specified",
-        "rho": sealed.noise.rho,
+        "noise": ("estimate" if unknown else "specified") if told else None,
+        "rho": sealed.noise.rho if told else 0.0,
         "input_noise": dict(sealed.noise.inputs or {}),
         "input_noise_share": dict(sealed.noise.input_shares or {}),
         "false_alarm": plan.false_alarm,

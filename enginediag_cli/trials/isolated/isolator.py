@@ -1,0 +1,107 @@
+"""The isolator of blind trials: a process of its own that knows nothing but the files that it is asked about.
+
+    python -m enginediag_cli.trials.isolated.isolator [PARENT]
+
+It identifies and isolates as the commands do when no option is given: `identify ENGINE HEALTHY... -o NOMINAL`, then
+`isolate -n NOMINAL JUDGED`. One JSON object a line on standard input: paths of an engine file, of the healthy
+recordings and of the one to be judged. One JSON object a line on standard output: the answer. Changes are told by
+place: the name of a parameter of the engine, or `reading` and the column of an instrument that is wrong.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from time import process_time
+from typing import Any
+
+from enginediag_cli.engine.engine import Engine
+from enginediag_cli.identification.identify import identify
+from enginediag_cli.identification.nominal_file import write_nominal
+from enginediag_cli.identification.repeats import without_repeats
+from enginediag_cli.intake.baseline import open_baseline
+from enginediag_cli.intake.flights import whole_flights
+from enginediag_cli.intake.intake import Intake
+from enginediag_cli.intake.source import Source
+from enginediag_cli.intake.wanted import columns_of
+from enginediag_cli.isolation.diagnosis import DiagnosisOptions
+from enginediag_cli.isolation.of_windows import IsolatedWindow, Isolating
+from enginediag_cli.parameters import Parameter
+from enginediag_cli.physics.engine_file import load_engine
+from enginediag_cli.recordings.provenance import sha256_of
+from enginediag_cli.residuals.compact import is_smooth
+from enginediag_cli.residuals.files import JudgedFiles
+from enginediag_cli.residuals.kept_records import KeptRecords
+from enginediag_cli.residuals.monitor import monitor_from_nominal, monitor_of
+from enginediag_cli.trials.blind.answering import answer_questions
+from enginediag_cli.trials.isolated.sealed import reading
+from enginediag_cli.units import split_column
+
+NOMINAL = "nominal.yaml"
+FALSE_ALARM = 0.01
+"""What `isolate` tests by when nobody chooses."""
+
+
+def answer(question: Mapping[str, Any]) -> dict[str, Any]:
+    """What is said of the recording that is to be judged."""
+    begun = process_time()
+    engine_path = Path(question["engine"])
+    engine = load_engine(engine_path)
+    intake = Intake(Source(tuple(question["healthy"])), columns_of(engine))
+    training, _ = without_repeats([f.recording for f in whole_flights(intake)], (*engine.inputs, *engine.sensors))
+    found = identify(engine, training)
+    identified = process_time()
+    told: dict[str, Any] = {"identified": found.converged, "reason": found.reason}
+    if found.converged:
+        path = engine_path.parent / NOMINAL
+        nominal = found.nominal(engine_path.name, sha256_of(engine_path), {})
+        write_nominal(replace(nominal, smooth=is_smooth(monitor_from_nominal(engine, nominal))), str(path))
+        told["windows"] = [_window(w, engine) for w in _windows(path, question["judged"])]
+    return told | {"identify_seconds": identified - begun, "seconds": process_time() - begun}
+
+
+def _windows(nominal: Path, judged: str) -> Sequence[IsolatedWindow]:
+    monitor = monitor_of(open_baseline(nominal), sensors=True)
+    files = JudgedFiles(Intake(Source((judged,)), columns_of(monitor.engine, monitor.sensors)), monitor)
+    kept = KeptRecords(monitor, short_windows=False)
+    return list(Isolating(files, DiagnosisOptions(), FALSE_ALARM, kept=kept).windows())
+
+
+def _window(found: IsolatedWindow, engine: Engine) -> dict[str, Any]:
+    """The answer for one window: verdict, sets of places with their probabilities (the answer first), sizes."""
+    told: dict[str, Any] = {"verdict": found.verdict.verdict, "why": found.verdict.reason, "named": found.named}
+    if found.diagnosis is None:
+        return told
+    result, place = found.diagnosis.result, _places(found.known, engine)
+    sets = [(result.isolated, result.probability), *((r.parameters, r.probability) for r in result.rivals)]
+    told["stands"] = found.diagnosis.adequacy.stands
+    told["fit"] = _finite(found.diagnosis.adequacy.fit)
+    told["sets"] = [[place[n] for n in names] for names, _ in sets]
+    told["probabilities"] = [_finite(p) for _, p in sets]
+    one_of = getattr(result, "one_of", None)  # the class of which the answer is a member, where it cannot be told apart
+    if one_of is not None:
+        told["class"] = [[place[n] for n in (*one_of.shared, *member)] for member in one_of.members]
+        told["class_probability"] = _finite(one_of.probability)
+    told["left_out"] = result.rivals_left_out
+    told["complete"] = result.complete
+    told["sizes"] = [
+        [place[s.parameter], found.known[s.parameter].quantity, float(s.change), _finite(s.lower), _finite(s.upper)]
+        for s in result.sizes
+    ]
+    return told
+
+
+def _places(known: Mapping[str, Parameter], engine: Engine) -> dict[str, str]:
+    """Place of each parameter: its name, or of an instrument's error its column."""
+    column = {f"sensor.{s.quantity}": c for c, s in engine.sensors.items()}
+    column |= {f"input.{split_column(c)[0]}": c for c in (*engine.inputs, *engine.optional_inputs)}
+    return {n: reading(column[p.component]) if p.component in column else n for n, p in known.items()}
+
+
+def _finite(x: float) -> float | None:
+    return float(x) if abs(float(x)) < float("inf") else None
+
+
+if __name__ == "__main__":
+    answer_questions(answer)

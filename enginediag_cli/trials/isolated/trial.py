@@ -1,0 +1,78 @@
+"""One blind trial of isolation from its seed to its marks."""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from time import process_time
+from typing import Any
+
+import numpy as np
+
+from enginediag_cli.physics.engine_file import load_engine
+from enginediag_cli.trials.blind.correspondent import Correspondent
+from enginediag_cli.trials.blind.sealed import engine_of
+from enginediag_cli.trials.isolated.recorded import record
+from enginediag_cli.trials.isolated.score import marks, outcome
+from enginediag_cli.trials.isolated.sealed import Sealed, draw
+
+KEPT = 10
+"""Sets that a trial's record keeps; the last ones are hardly possible."""
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What is asked for: trials of these truths and kinds, each on one of these engine files."""
+
+    engines: tuple[str, ...]
+    seed: int
+    truths: tuple[str, ...]
+    kinds: tuple[str, ...]
+
+
+def run_trial(plan: Plan, trial: int, isolator: Correspondent) -> dict[str, Any]:
+    """Draw, record, ask, open the answer and mark it."""
+    begun = process_time()
+    path = engine_of(plan.engines, plan.seed, trial)
+    engine = load_engine(path)
+    sealed = draw(engine, plan.seed, trial, plan.truths, plan.kinds)
+    with tempfile.TemporaryDirectory(prefix="enginediag_") as folder:
+        files = record(engine, sealed, Path(folder))
+        told = isolator.ask(
+            {"engine": str(files.engine), "healthy": [str(p) for p in files.healthy], "judged": str(files.judged)}
+        )
+    found = _record(sealed, told, marks(engine, sealed, told))
+    return found | {
+        "engine": engine.name,
+        "failed_records": files.failed,
+        "seconds": round(process_time() - begun, 3),
+        "isolator_seconds": round(told.get("seconds", 0.0), 3),
+    }
+
+
+def _record(sealed: Sealed, told: Mapping[str, Any], marked: Mapping[str, Any]) -> dict[str, Any]:
+    """What is kept of the trial; numbers rounded, so that a line is short and the same on every machine."""
+    window = (told.get("windows") or [{}])[0]
+    drawn = sealed.realistic
+    return {
+        "trial": sealed.trial,
+        "truth": sealed.truth,
+        "kind": sealed.kind,
+        "shape": None if drawn is None else _short(drawn.shape),
+        "airline": drawn is not None and drawn.airline,
+        "soaked": drawn is not None and drawn.soak is not None,
+        "changes": [c.as_json() | {"size": _short(c.size)} for c in sealed.changes],
+        "outcome": outcome(told),
+        "reason": told.get("error") or window.get("why") or ("" if window else told.get("reason", "")),
+        "fit": _short(window.get("fit")),
+        "sets": window.get("sets", [])[:KEPT],
+        "probabilities": [_short(p) for p in window.get("probabilities", [])[:KEPT]],
+        "sizes": [[place, what, *map(_short, numbers)] for place, what, *numbers in window.get("sizes", [])],
+        "marks": dict(marked),
+    }
+
+
+def _short(x: float | None) -> float | None:
+    return float(f"{x:.6g}") if x is not None and np.isfinite(x) else None
