@@ -123,7 +123,7 @@ def _not_believed(score: Score, names: Sequence[str]) -> tuple[str, float] | Non
 
     a = score.indices(names)
     parameters = [score.described[i] for i in a]
-    engine = np.array([not p.of_sensor for p in parameters])
+    engine = np.array([not p.of_instrument for p in parameters])
     if not engine.any():
         return None
     b, information = score.scaled()

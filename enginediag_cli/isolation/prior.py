@@ -9,7 +9,7 @@ parameters then has the probability
 The first part alone would exclude an engine that is worn throughout, however clear the data (on multiplicity and
 priors over the size of a set: Scott, J. G. and Berger, J. O. (2010) Annals of Statistics 38, 2587–2619).
 
-Sensors do not wear together: each of m is wrong with probability `sensor`, whatever the engine did, and no more than
+Sensors, those of the model's inputs included, do not wear together: each of m is wrong with probability `sensor`, whatever the engine did, and no more than
 `wrong_sensors` of them at once, so that a set of parameters and j sensors has
 
     P(S) = P(parameters of S) · sensor^j (1 − sensor)^(m−j) / Σ_{i ≤ wrong_sensors} C(m, i) sensor^i (1 − sensor)^(m−i).
@@ -30,8 +30,8 @@ from enginediag_cli.parameters import Parameter
 
 
 def are_sensors(parameters: Sequence[Parameter]) -> np.ndarray:
-    """Which parameters (p,) are errors of sensors."""
-    return np.array([p.of_sensor for p in parameters], bool)
+    """Which parameters (p,) are errors of instruments, of a measured output or of an input."""
+    return np.array([p.of_instrument for p in parameters], bool)
 
 
 @dataclass(frozen=True)

@@ -22,11 +22,11 @@ def change(parameter: Parameter, delta: float, half_width: float | None = None, 
     """
     unit = parameter.shown_unit
     # an error that is added to a ratio is a ratio, no share of what is read
-    added = bool(unit) or (parameter.of_sensor and parameter.quantity == "bias")
+    added = bool(unit) or (parameter.of_instrument and parameter.quantity == "bias")
     shown = (delta, half_width, unit) if added else (100 * delta, _times(100, half_width), "%")
     size = with_unit(abs(shown[0]), shown[2], shown[1])
     behind = f" (probability {probability(chance)})" if chance is not None else ""
-    if parameter.of_sensor and parameter.quantity in READ_WRONG:
+    if parameter.of_instrument and parameter.quantity in READ_WRONG:
         return f"{parameter.part} reads {size} too {'high' if delta > 0 else 'low'}{behind}"
     return f"{parameter.words} {'rose' if delta > 0 else 'fell'} by {size}{behind}"
 
