@@ -90,8 +90,8 @@ class Further:
             raise click.UsageError("--extra-sensor goes with --advise")
 
     def sensors_watched(self, method: str, patterns: tuple[str, ...]) -> bool:
-        """Whether every sensor in use, of an output or an input, may be wrong, too: unless --monitor says what may, or the method
-        is one of the tests of the local approach, or --no-sensors was given."""
+        """Whether every sensor in use, of an output or an input, may be wrong, too: unless --monitor says what may, or
+        the method is one of the tests of the local approach, or --no-sensors was given."""
         return (method == "posterior" and not patterns) if self.sensors is None else self.sensors
 
     def warn_of_sensors(self, messages: Messages, parameters: Iterable[Parameter]) -> None:

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 def component_row(verdict: Verdict, found: ComponentIsolation | None, known: Mapping[str, Parameter]) -> dict[str, Any]:
     """Row of one window; `inclusion` lists the components likeliest first, down to one in a hundred."""
-    from enginediag_cli.presentation.isolation_rows import fit_cell, reservation, told_verdict
+    from enginediag_cli.presentation.isolation_rows import fit_cells, reservation, told_verdict
     from enginediag_cli.residuals.flat import window_row
 
     adequacy = found.adequacy if found else None
@@ -21,7 +21,7 @@ def component_row(verdict: Verdict, found: ComponentIsolation | None, known: Map
     row.update(
         verdict=told_verdict(verdict, adequacy),
         p_value=verdict.test.p_value if verdict.test else None,
-        fit=fit_cell(adequacy),
+        **fit_cells(adequacy),
         components=None,
         probability=None,
         inclusion=None,
@@ -53,6 +53,7 @@ def component_sentence(found: ComponentIsolation, known: Mapping[str, Parameter]
     from enginediag_cli.presentation.isolation_rows import reservation
     from enginediag_cli.presentation.names import listed, spelled
     from enginediag_cli.presentation.numbers import probability
+    from enginediag_cli.presentation.sentences import unexplained
 
     def words(components: tuple[str, ...]) -> str:
         return listed([spelled(c) for c in components]) or "no component"
@@ -60,6 +61,8 @@ def component_sentence(found: ComponentIsolation, known: Mapping[str, Parameter]
     told = f"{words(found.components)} changed (probability {probability(found.probability)})"
     if found.rivals:
         told += f"; next: {words(found.rivals[0].parameters)} ({probability(found.rivals[0].probability)})"
+    left = unexplained(found.adequacy.before, found.adequacy.fit, found.adequacy.explained)
+    told += left and f"; {left}"
     caution = reservation(found.adequacy, known)
     leading = "" if found.adequacy.stands else "leading, but not to be relied on: "
     return f"{caution}; {leading}{told}" if caution else told

@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
+from enginediag_cli.isolation.adequacy import Adequacy
 from enginediag_cli.presentation.messages import Messages
 
 if TYPE_CHECKING:
     from enginediag_cli.detection.verdict import Verdict
-    from enginediag_cli.isolation.adequacy import Adequacy
     from enginediag_cli.isolation.diagnosis import Diagnosis
     from enginediag_cli.isolation.named_faults import NamedIsolation
     from enginediag_cli.isolation.of_windows import IsolatedWindow
@@ -54,7 +54,7 @@ def isolation_rows(
     row.update(
         verdict=told_verdict(verdict, diagnosis.adequacy if diagnosis else None),
         p_value=verdict.test.p_value if verdict.test else None,
-        fit=fit_cell(diagnosis.adequacy if diagnosis else None),
+        **fit_cells(diagnosis.adequacy if diagnosis else None),
         isolated=None,
         probability=None,
         parameter=None,
@@ -123,11 +123,14 @@ def tell_isolated(messages: Messages, found: IsolatedWindow) -> None:
         tell(messages, found.verdict, found.diagnosis, found.known, next_recording(found.advice))
 
 
-def fit_cell(adequacy: Adequacy | None) -> float | None:
-    """χ² per degree of freedom after the answer; None where nothing is left to test it by."""
+def fit_cells(adequacy: Adequacy | None) -> dict[str, float | None]:
+    """χ² per degree of freedom before and after the answer, and the share of the excess that it explains; None where
+    nothing is left to test it by, or where there is no excess."""
     from math import isfinite
 
-    return adequacy.fit if adequacy is not None and isfinite(adequacy.fit) else None
+    found = adequacy or Adequacy()
+    cells = {"fit_before": found.before, "fit": found.fit, "explained": found.explained}
+    return {name: value if isfinite(value) else None for name, value in cells.items()}
 
 
 def _named_cells(named: NamedIsolation) -> dict[str, Any]:
@@ -156,7 +159,7 @@ def tell(
     """The answer for one window in words."""
     from enginediag_cli.presentation.names import told as in_words
     from enginediag_cli.presentation.numbers import probability
-    from enginediag_cli.presentation.sentences import change, no_verdict, sensor_or_component
+    from enginediag_cli.presentation.sentences import change, no_verdict, sensor_or_component, unexplained
 
     here = where(verdict)
     if diagnosis is None:
@@ -177,7 +180,9 @@ def tell(
     if caution:
         messages.note(f"{here}: {caution}")
     leading = "" if diagnosis.adequacy.stands else "leading, but not to be relied on: "
-    messages.note(f"{here}: {leading}{'; '.join(told) if told else 'no change of a parameter stands out'}{exactly}")
+    left = unexplained(diagnosis.adequacy.before, diagnosis.adequacy.fit, diagnosis.adequacy.explained)
+    what = "; ".join(told) if told else "no change of a parameter stands out"
+    messages.note(f"{here}: {leading}{what}{exactly}{left and f'; {left}'}")
     if diagnosis.nonlinear:
         messages.note(f"{here}: a large change, judged with the full model")
     if diagnosis.rivalry is not None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 from enginediag_cli.parameters import Parameter
@@ -41,6 +42,15 @@ def does_not_fit(ratio: float) -> str:
         f"the model does not fit these records (chi2 per degree of freedom {ratio:.2g} after the best answer): "
         "cannot tell"
     )
+
+
+def unexplained(before: float, after: float, explained: float) -> str:
+    """What an answer leaves unexplained, "chi2 per degree of freedom 12 before, 1.1 after: 99 % of the excess is
+    explained"; empty where nothing is left to test it by."""
+    if not math.isfinite(after):
+        return ""
+    told = f"chi2 per degree of freedom {before:.3g} before, {after:.3g} after"
+    return told if not math.isfinite(explained) else f"{told}: {100 * explained:.0f} % of the excess is explained"
 
 
 def not_believed(parameter: Parameter, delta: float) -> str:
