@@ -12,6 +12,7 @@ from math import comb
 
 from enginediag_cli.detection.glr import threshold
 from enginediag_cli.isolation.averaging import averaged_sizes
+from enginediag_cli.isolation.classes import class_of
 from enginediag_cli.isolation.holm import holm_minmax
 from enginediag_cli.isolation.incremental import incremental_diagnosis
 from enginediag_cli.isolation.minmax import rejection_test
@@ -113,6 +114,7 @@ def posterior_result(
         averaged_sizes(score, posterior, isolated, prior, options.confidence, about),
         not notes,
         "; ".join(notes),
+        class_of(score.parameters, posterior.masks, posterior.probabilities),
     )
 
 

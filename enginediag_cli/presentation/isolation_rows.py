@@ -10,6 +10,7 @@ from enginediag_cli.presentation.messages import Messages
 
 if TYPE_CHECKING:
     from enginediag_cli.detection.verdict import Verdict
+    from enginediag_cli.isolation.classes import Class
     from enginediag_cli.isolation.diagnosis import Diagnosis
     from enginediag_cli.isolation.named_faults import NamedIsolation
     from enginediag_cli.isolation.of_windows import IsolatedWindow
@@ -57,6 +58,7 @@ def isolation_rows(
         **fit_cells(diagnosis.adequacy if diagnosis else None),
         isolated=None,
         probability=None,
+        **class_cells(None),
         parameter=None,
         inclusion=None,
         change=None,
@@ -81,6 +83,7 @@ def isolation_rows(
     row.update(
         isolated=list(result.isolated),
         probability=result.probability,
+        **class_cells(result.one_of),
         rivals=[f"{' & '.join(r.parameters) or 'nothing'} ({r.probability:.2g})" for r in result.rivals],
         rivals_left_out=result.rivals_left_out,
         note="; ".join(filter(None, [reservation(diagnosis.adequacy, known), result.note])),
@@ -123,6 +126,15 @@ def tell_isolated(messages: Messages, found: IsolatedWindow) -> None:
         tell(messages, found.verdict, found.diagnosis, found.known, next_recording(found.advice))
 
 
+def class_cells(found: Class | None) -> dict[str, Any]:
+    """The class of which the answer is the likeliest member: its probability, its members, each with what all of them
+    share, and the sensors that would tell them apart."""
+    if found is None:
+        return {"class": None, "members": None, "would_tell": None}
+    members = [" & ".join((*found.shared, *member)) for member in found.members]
+    return {"class": found.probability, "members": members, "would_tell": list(found.would_tell)}
+
+
 def fit_cells(adequacy: Adequacy | None) -> dict[str, float | None]:
     """χ² per degree of freedom before and after the answer, and the share of the excess that it explains; None where
     nothing is left to test it by, or where there is no excess."""
@@ -159,7 +171,7 @@ def tell(
     """The answer for one window in words."""
     from enginediag_cli.presentation.names import told as in_words
     from enginediag_cli.presentation.numbers import probability
-    from enginediag_cli.presentation.sentences import change, no_verdict, sensor_or_component, unexplained
+    from enginediag_cli.presentation.sentences import change, no_verdict, one_of, sensor_or_component, unexplained
 
     here = where(verdict)
     if diagnosis is None:
@@ -183,6 +195,8 @@ def tell(
     left = unexplained(diagnosis.adequacy.before, diagnosis.adequacy.fit, diagnosis.adequacy.explained)
     what = "; ".join(told) if told else "no change of a parameter stands out"
     messages.note(f"{here}: {leading}{what}{exactly}{left and f'; {left}'}")
+    if result.one_of is not None:
+        messages.note(f"{here}: {one_of(result.one_of, lambda names: in_words(known, names))}")
     if diagnosis.nonlinear:
         messages.note(f"{here}: a large change, judged with the full model")
     if diagnosis.rivalry is not None:

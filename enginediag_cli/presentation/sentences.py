@@ -3,11 +3,16 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING
 
 from enginediag_cli.parameters import Parameter
 from enginediag_cli.presentation.names import listed, spelled
 from enginediag_cli.presentation.numbers import p_value, probability, rounded, with_unit
+from enginediag_cli.units import split_column
+
+if TYPE_CHECKING:
+    from enginediag_cli.isolation.classes import Class
 
 READ_WRONG = frozenset({"bias", "scale"})
 """Errors of a sensor by which it reads too high or too low."""
@@ -51,6 +56,17 @@ def unexplained(before: float, after: float, explained: float) -> str:
         return ""
     told = f"chi2 per degree of freedom {before:.3g} before, {after:.3g} after"
     return told if not math.isfinite(explained) else f"{told}: {100 * explained:.0f} % of the excess is explained"
+
+
+def one_of(found: Class, words: Callable[[Sequence[str]], Sequence[str]]) -> str:
+    """A class instead of a name: "cannot tell: HPC isentropic efficiency or T3 sensor bias (together probability 0.97);
+    T45 would tell". words: how names are said."""
+    members = [listed(list(words(member))) for member in found.members]
+    more = f", or one of {found.left_out} more" if found.left_out else ""
+    beside = f" beside {listed(list(words(found.shared)))}" if found.shared else ""
+    told = f"cannot tell: {listed(members, 'or')}{more}{beside} (together probability {probability(found.probability)})"
+    sensors = [split_column(column)[0] for column in found.would_tell]
+    return f"{told}; {listed(sensors, 'or')} would tell" if sensors else told
 
 
 def not_believed(parameter: Parameter, delta: float) -> str:
