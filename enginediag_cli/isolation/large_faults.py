@@ -209,5 +209,5 @@ def _combined(
     with np.errstate(divide="ignore"):
         known = level + np.log(final.probabilities) - np.log(final.probabilities[0])
     quadratic = {mask.tobytes(): log for mask, log in zip(final.masks, known, strict=True)}
-    log = np.array([logs.get(key, quadratic[key]) for key in (mask.tobytes() for mask in posterior.masks)])
+    log = np.array([logs.get(key, quadratic.get(key, -np.inf)) for key in (mask.tobytes() for mask in posterior.masks)])
     return np.asarray(np.exp(log - log.max()))

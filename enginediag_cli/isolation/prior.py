@@ -81,8 +81,11 @@ class SetPrior:
     def log_of(self, masks: np.ndarray, sensors: np.ndarray) -> np.ndarray:
         """log P(S) (M,) of sets (M, p) bool; sensors (p,) bool: which parameters are errors of sensors."""
         size, wrong = (masks & ~sensors).sum(axis=1), (masks & sensors).sum(axis=1)
-        m = int(sensors.sum())
-        log = self.log_of_size(len(sensors) - m)[size]
+        return self.log_of_counts(size, wrong, len(sensors), int(sensors.sum()))
+
+    def log_of_counts(self, size: np.ndarray, wrong: np.ndarray, p: int, m: int) -> np.ndarray:
+        """log P(S) (M,) of sets of `size` parameters of the engine and `wrong` sensors (M,), of p − m and m."""
+        log = self.log_of_size(p - m)[size]
         if not m:
             return log
         from scipy.special import bdtr

@@ -57,7 +57,9 @@ class WindowModel:
     def __init__(self, monitor: Monitor, inputs: Mapping[str, np.ndarray], y: np.ndarray):
         self.monitor = monitor
         self.p = len(monitor.monitored)
-        predicted, J, ok, _ = monitor.predict(dict(inputs), monitor.theta0)
+        predicted, J, ok, found = monitor.predict(dict(inputs), monitor.theta0)
+        x = getattr(found, "x", None)  # unknowns of the engine, from which the solutions of changes are near
+        self._start = None if x is None else np.asarray(x)[:, ok]
         self.inputs = {column: np.asarray(values)[ok] for column, values in inputs.items()}
         self.y = y[ok]
         z, G = whiten(self.y - predicted[ok], J[ok], monitor.noise)
@@ -99,7 +101,10 @@ class WindowModel:
             theta = np.tile(self.monitor.theta0, (len(part), 1))
             theta[:, : self.p] += part
             inputs = {c: np.tile(values, len(part)) for c, values in self.inputs.items()}
-            predicted, J, ok, _ = self.monitor.predict(inputs, np.repeat(theta, N, axis=0), nuisance=False)
+            start = None if self._start is None else np.tile(self._start, len(part))
+            predicted, J, ok, _ = self.monitor.predict(
+                inputs, np.repeat(theta, N, axis=0), nuisance=False, **({} if start is None else {"start": start})
+            )
             for k in range(len(part)):
                 rows = slice(k * N, (k + 1) * N)
                 computed = np.isfinite(predicted[rows]) & np.all(np.isfinite(J[rows][:, :, : self.p]), axis=2)
