@@ -74,13 +74,19 @@ def _with_pairs(
         log_dets.append((log_det[:, rows, None] + log[:, rows]).reshape(len(beta), -1))
     if most >= PAIRS:
         rows, (i, j) = sets.with_two, sets.pairs
-        across = G[:, rows][:, :, i, j] / diagonal[:, rows][:, :, i]
-        pivot = diagonal[:, rows][:, :, j] - across * G[:, rows][:, :, i, j]
-        left = c[:, rows][:, :, j] - c[:, rows][:, :, i] * across
-        more = gain[:, rows][:, :, i] + left**2 / pivot
-        quadratics.append((quadratic[:, rows, None] + more).reshape(len(beta), -1))
-        more = log[:, rows][:, :, i] + np.log(pivot)
-        log_dets.append((log_det[:, rows, None] + more).reshape(len(beta), -1))
+        if len(rows) < len(sets.alone):
+            c, G, diagonal, gain, log = (x[:, rows] for x in (c, G, diagonal, gain, log))
+        common = G.reshape(*G.shape[:2], r * r).take(i * r + j, axis=2)
+        across = common / diagonal.take(i, axis=2)
+        pivot = diagonal.take(j, axis=2) - across * common
+        left = c.take(j, axis=2) - c.take(i, axis=2) * across
+        left *= left
+        left /= pivot
+        left += (quadratic[:, rows, None] + gain).take(i, axis=2)
+        quadratics.append(left.reshape(len(beta), -1))
+        more = np.log(pivot, out=pivot)
+        more += (log_det[:, rows, None] + log).take(i, axis=2)
+        log_dets.append(more.reshape(len(beta), -1))
     return sets.masks, np.concatenate(quadratics, axis=1), np.concatenate(log_dets, axis=1)
 
 

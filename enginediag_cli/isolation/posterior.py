@@ -25,8 +25,8 @@ MAX_SETS = 1_200_000
 
 ALL_LISTED = 5000
 """Up to so many sets all are listed."""
-NEGLIGIBLE = 30.0
-"""Of more, sets so many nats below the leading one are not listed: a million of them hold less than 10⁻⁷."""
+NEGLIGIBLE = 1e-5
+"""Of more, those sets are not listed that would hold less than this share even if all sets were as probable as they."""
 
 
 @dataclass(frozen=True)
@@ -91,16 +91,16 @@ def set_posterior(
     masks, quadratic, log_det = all_sets(slabs[:, None] * b, A, limit, sensors, prior.wrong_sensors)
     each = 0.5 * (quadratic - log_det)
     wrong, healthy = counted(p, limit, tuple(sensors.tolist()), prior.wrong_sensors)
-    top = each.max(axis=0)
+    top = np.maximum.reduce(list(each))  # with the prior, a bound of the weight that is no more than ln(slabs) off
     logs = top + prior.log_of_counts(healthy, wrong, p, int(sensors.sum()))
     sizes = healthy + wrong
     none = int(np.flatnonzero(sizes == 0)[0])
-    asked = np.ones(len(logs), bool) if faults is None else sizes == faults
+    asked: np.ndarray = np.ones(len(logs), bool) if faults is None else np.asarray(sizes == faults)
     if len(logs) > ALL_LISTED:
-        asked &= logs >= logs[asked].max() - NEGLIGIBLE
+        asked &= logs >= logs[asked].max() + np.log(NEGLIGIBLE / len(logs))
         asked[none] |= faults is None
     kept = np.flatnonzero(asked)
-    spread = np.logaddexp.reduce(each[:, kept] - top[kept], axis=0) - np.log(len(each))
+    spread = np.log(np.exp(each[:, kept] - top[kept]).mean(axis=0))
     empty = float(logs[none] + np.logaddexp.reduce(each[:, none] - top[none]) - np.log(len(each)))
     logs, masks = logs[kept] + spread, masks[kept]
     order = np.argsort(-logs, kind="stable")

@@ -124,8 +124,8 @@ def test_of_many_sets_the_negligible_are_compared_and_not_listed(monkeypatch):
     monkeypatch.setattr("enginediag_cli.isolation.posterior.ALL_LISTED", 10**9)
     every = set_posterior(score)
     assert len(every.masks) == 2**14 > len(found.masks)
-    assert np.allclose(found.inclusion, every.inclusion, atol=1e-9)
-    assert found.log_evidence == pytest.approx(every.log_evidence)
-    assert np.allclose(found.probabilities[:50], every.probabilities[:50])
+    assert np.allclose(found.inclusion, every.inclusion, atol=1e-5)
+    assert found.log_evidence == pytest.approx(every.log_evidence, abs=1e-5)
+    assert np.allclose(found.probabilities[:50], every.probabilities[:50], rtol=1e-5)
     assert np.array_equal(found.masks[:50], every.masks[:50])
     assert (~found.masks.any(axis=1)).sum() == 1  # that of no change is always listed
