@@ -199,7 +199,7 @@ def tell(
         messages.note(f"{here}: {one_of(result.one_of, lambda names: in_words(known, names))}")
     if diagnosis.nonlinear:
         messages.note(f"{here}: a large change, judged with the full model")
-    if diagnosis.rivalry is not None:
+    if diagnosis.rivalry is not None and result.one_of is None:  # else it is told among the members
         r = diagnosis.rivalry
         sensors, components, shared = (in_words(known, each) for each in (r.sensors, r.components, r.shared))
         told_rivalry = sensor_or_component(sensors, components, r.of_sensors, r.of_components, shared)
