@@ -1,7 +1,8 @@
 """The monitored parameter: one number that could be wrong with the engine, its sensors or the model.
 
 Health parameters are scale factors of nominal 1 on what a component should do (`hpc.efficiency`); sensor
-parameters are a bias of nominal 0 in the sensor's unit or a scale of nominal 1 (`sensor.T3.bias`); design
+parameters are a bias of nominal 0 in the sensor's unit or a scale of nominal 1 (`sensor.T3.bias`), input
+parameters the same of an instrument that gives the model an input (`input.Wf.scale`); design
 parameters describe the engine type itself (`hpc.map.work_slope`) and are identified, not monitored;
 physics parameters are coefficients of effects, of nominal 0 where the effect is absent.
 
@@ -14,7 +15,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, fields, replace
 from typing import Any
 
-FAMILIES = ("health", "sensor", "design", "physics", "discrepancy", "map_error")
+FAMILIES = ("health", "sensor", "input", "design", "physics", "discrepancy", "map_error")
 
 ABBREVIATIONS = frozenset(
     {"lpc", "ipc", "hpc", "lpt", "ipt", "hpt", "lp", "ip", "hp", "itt", "egt", "n1", "n2", "igv", "vsv"}
@@ -57,8 +58,13 @@ class Parameter:
 
     @property
     def of_sensor(self) -> bool:
-        """Whether it is an error of an instrument, which touches one reading and no balance of the engine."""
+        """Whether it is an error of a measured output, which touches one reading and no balance of the engine."""
         return self.family == "sensor"
+
+    @property
+    def of_instrument(self) -> bool:
+        """Whether it is an error of an instrument, of a measured output or of an input of the model."""
+        return self.family in ("sensor", "input")
 
     def moved(self, nominal: float) -> Parameter:
         """The same parameter with another nominal value, as identified."""

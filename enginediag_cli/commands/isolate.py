@@ -120,13 +120,16 @@ def isolate(
     enginediag isolate -n nominal.yaml flight.csv --method incremental --linearise nominal
     enginediag isolate -n nominal.yaml flight.csv --catalogue configs/faults --advise
 
-    Every sensor may be wrong, too, unless --no-sensors says that none is, or --monitor what may have changed;
-    `verdict` tests all of that, where detect tests the engine alone.
+    Every sensor may be wrong, too, of an output (`sensor.T3.bias`) or of an input of the model (`input.Wf.scale`),
+    unless --no-sensors says that none is, or --monitor what may have changed; `verdict` tests all of that, where detect
+    tests the engine alone.
     `probability` is that of exactly this set, `inclusion` that of the parameter in any set; `rivals` are the
-    other sets that the data cannot exclude. Sizes are in the parameter's unit, with an interval that holds if
-    the set is right. `fit` is what the answer leaves unexplained, per degree of freedom: near 1 when it fits. Where the
-    model fits badly whatever is assumed, probabilities and intervals are widened; where it then convinces no longer, or
-    fits only with changes that no engine shows, the verdict is `cannot tell` and `note` says why.
+    other sets that the data cannot exclude. Sizes are in the parameter's unit, averaged over the sets that hold the
+    parameter and are possible, with an interval. `fit` is what the answer leaves unexplained, per degree of freedom:
+    near 1 when it fits; `fit_before` the same without any answer, `explained` the share of the excess that the answer
+    takes away. Where the model fits badly whatever is assumed, probabilities and intervals are widened; where it then
+    convinces no longer, or fits only with changes that no engine shows, the verdict is `cannot tell` and `note` says
+    why.
     """
     from enginediag_cli.isolation.methods import IsolationOptions
     from enginediag_cli.isolation.of_windows import Isolating

@@ -90,8 +90,8 @@ class Further:
             raise click.UsageError("--extra-sensor goes with --advise")
 
     def sensors_watched(self, method: str, patterns: tuple[str, ...]) -> bool:
-        """Whether the bias of every sensor in use may have changed, too: unless --monitor says what may, or the method
-        is one of the tests of the local approach, or --no-sensors was given."""
+        """Whether every sensor in use, of an output or an input, may be wrong, too: unless --monitor says what may, or
+        the method is one of the tests of the local approach, or --no-sensors was given."""
         return (method == "posterior" and not patterns) if self.sensors is None else self.sensors
 
     def warn_of_sensors(self, messages: Messages, parameters: Iterable[Parameter]) -> None:
@@ -124,8 +124,9 @@ def further_options(function: Callable[..., Any]) -> Callable[..., Any]:
         click.option(
             "--sensors/--no-sensors",
             default=None,
-            help="Whether every sensor may have a bias, too. They may when neither is given, with the posterior and "
-            "without --monitor: a wrong sensor would else be taken for a change of the engine.",
+            help="Whether every sensor may be wrong, too, those that give the model its inputs included. They may when "
+            "neither is given, with the posterior and without --monitor: a wrong sensor would else be taken for a "
+            "change of the engine.",
         ),
         click.option(
             "--catalogue",

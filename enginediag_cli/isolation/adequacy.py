@@ -4,6 +4,9 @@ With the set S of the answer, b_S, I_SS its score and information, and χ²_rest
 
     χ²(S) = χ²_rest + bᵀI⁺b − b_SᵀI_SS⁺b_S ~ χ²(measurements − rank I_SS),    ĉ = χ²(S)/freedom.
 
+Before any answer it is χ²(∅) per measurement, and of its excess over chance the answer explains
+1 − (χ²(S) − freedom)/(χ²(∅) − measurements).
+
 ĉ is 1 when the set is right and the model and its noise are too. Where ĉ of all parameters together is larger for
 certain, and by more than noise that was estimated explains, no set is right and evidence is divided by its lower bound:
 b/ĉ, I/ĉ,
@@ -52,7 +55,8 @@ DETERMINED = 0.5
 @dataclass(frozen=True)
 class Adequacy:
     """`fit` = ĉ after the answer (NaN where nothing is left to test it by) with its p value; `least`: ĉ is no less, for
-    certain (a few independent readings say little of it).
+    certain (a few independent readings say little of it). before: χ² per degree of freedom without any answer;
+    explained: what the answer takes away of its excess over chance, NaN where there is none for certain.
 
     dispersion: by what the evidence was divided, 1 where the model fits; misfit: the answer does not stand because
     of ĉ; beyond: parameter and size of the change because of which it does not stand, or None.
@@ -61,6 +65,8 @@ class Adequacy:
     fit: float = float("nan")
     p_value: float = float("nan")
     least: float = float("nan")
+    before: float = float("nan")
+    explained: float = float("nan")
     dispersion: float = 1.0
     misfit: bool = False
     beyond: tuple[str, float] | None = None
@@ -94,7 +100,11 @@ def fit_after(score: Score, statistics: LocalStatistics, names: Sequence[str]) -
         p, chance = fdtrc(freedom, 2 / doubt, ratio), fdtri(freedom, 2 / doubt, 1.0 - CERTAIN)
     else:
         p, chance = chdtrc(freedom, ratio * freedom), chdtri(freedom, CERTAIN) / freedom
-    return Adequacy(ratio, float(p), float(ratio / chance))
+    before = rest.statistic + score.glr
+    share = float("nan")
+    if statistics.dof > 0 and chdtrc(statistics.dof, before) < CERTAIN:
+        share = 1.0 - max(ratio - 1.0, 0.0) * freedom / (before - statistics.dof)
+    return Adequacy(ratio, float(p), float(ratio / chance), before / statistics.dof, min(max(share, 0.0), 1.0))
 
 
 def dispersed(found: Adequacy) -> Adequacy:
@@ -123,7 +133,7 @@ def _not_believed(score: Score, names: Sequence[str]) -> tuple[str, float] | Non
 
     a = score.indices(names)
     parameters = [score.described[i] for i in a]
-    engine = np.array([not p.of_sensor for p in parameters])
+    engine = np.array([not p.of_instrument for p in parameters])
     if not engine.any():
         return None
     b, information = score.scaled()

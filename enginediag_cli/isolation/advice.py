@@ -69,17 +69,37 @@ def advise(
     uncertainty (p_all, p_all): covariance of what is uncertain about nominal and sensors, drawn anew for the
     further records. ValueError when the rivals are the same set.
     """
-    a, b = (score.indices(list(names)) for names in rivals)
-    if set(a.tolist()) == set(b.tolist()):
-        raise ValueError("the rivals are one and the same set")
-    changes = [_allowed_change(score, own, other, allowed) for own, other in ((a, b), (b, a))]
-    cases = [(own, other, c) for (own, other), c in zip(((a, b), (b, a)), changes, strict=True) if c is not None]
+    cases = _cases(score, rivals, allowed)
     judged = []
     for option in options:
         gain = _Gain(score, option.information, uncertainty, cases)
         needed = gain.records_for(2 * float(np.log(odds)))
         judged.append(Advice(option.label, option.values, gain(100.0) / 100, needed, odds, option.known))
     return sorted(judged, key=lambda advice: (advice.records, -advice.noncentrality))
+
+
+def gains(
+    score: Score,
+    rivals: tuple[Sequence[str], Sequence[str]],
+    informations: Sequence[np.ndarray],
+    *,
+    allowed: float = ALLOWED,
+) -> np.ndarray:
+    """Gain (k,) of the non-centrality between the rivals from each of k further pieces of information (p, p) of the
+    score's parameters, all else certain."""
+    cases, certain = _cases(score, rivals, allowed), np.zeros_like(score.information)
+    return np.array([_Gain(score, information, certain, cases)(1.0) for information in informations])
+
+
+def _cases(
+    score: Score, rivals: tuple[Sequence[str], Sequence[str]], allowed: float
+) -> list[tuple[np.ndarray, np.ndarray, np.ndarray]]:
+    """One rival, the other, and the change of the one that is hardest to tell, for each rival that may be true."""
+    a, b = (score.indices(list(names)) for names in rivals)
+    if set(a.tolist()) == set(b.tolist()):
+        raise ValueError("the rivals are one and the same set")
+    changes = [_allowed_change(score, own, other, allowed) for own, other in ((a, b), (b, a))]
+    return [(own, other, c) for (own, other), c in zip(((a, b), (b, a)), changes, strict=True) if c is not None]
 
 
 def part(information: np.ndarray, own: np.ndarray, other: np.ndarray) -> np.ndarray:

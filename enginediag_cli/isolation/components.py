@@ -18,6 +18,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from enginediag_cli.isolation.adequacy import Adequacy, dispersed, fit_after, judged, tempered
+from enginediag_cli.isolation.classes import Class, class_of
 from enginediag_cli.isolation.enumeration import plan
 from enginediag_cli.isolation.methods import IsolationOptions
 from enginediag_cli.isolation.posterior import size_limit
@@ -36,7 +37,8 @@ class ComponentIsolation:
 
     rivals: other sets of components, likeliest first, which with the answer hold `coverage`; inclusion:
     probability per component that it is among those that changed; complete: False when the answer is as large
-    as the largest set considered; adequacy: whether the answer fits, every parameter of its components free.
+    as the largest set considered; adequacy: whether the answer fits, every parameter of its components free; one_of:
+    the class of components that these data cannot tell apart, where the answer is one.
     """
 
     components: tuple[str, ...]
@@ -46,6 +48,7 @@ class ComponentIsolation:
     inclusion: dict[str, float]
     complete: bool
     adequacy: Adequacy = field(default_factory=Adequacy)
+    one_of: Class | None = None
 
 
 def component_posterior(
@@ -117,6 +120,7 @@ def isolate_components(
         dict(zip(components, map(float, probabilities @ sets), strict=True)),
         len(named[0]) < limit or limit == len(components),
         adequacy,
+        class_of(components, sets, probabilities),
     )
 
 

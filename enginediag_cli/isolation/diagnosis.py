@@ -104,7 +104,7 @@ def _by_posterior(
 ) -> tuple[Score, IsolationResult, bool, Adequacy]:
     prior, notes = isolation.prior, []
     posterior = set_posterior(score, prior, largest=isolation.largest, faults=isolation.faults)
-    large = False
+    large, own = False, dict[bytes, Score]()
     if options.nonlinear != "never" and records is not None and posterior.masks[0].any():
         model = records()
         if model is None:
@@ -112,6 +112,7 @@ def _by_posterior(
         elif options.nonlinear == "always" or quadratic_error(model, score, posterior.masks[:CHECKED]) > NATS:
             found = nonlinear_posterior(model, score, prior, largest=isolation.largest, faults=isolation.faults)
             score, posterior, prior, large = replace(found.score, doubt=score.doubt), found.posterior, found.prior, True
+            own = dict(found.about)
             if not found.converged:
                 notes.append("a fit of the full model did not converge")
     adequacy = Adequacy()
@@ -119,12 +120,13 @@ def _by_posterior(
         about, adequacy = score, dispersed(fit_after(score, statistics, score.parameters))
         if adequacy.dispersion > 1:
             score = tempered(score, adequacy.dispersion)
+            own = {key: tempered(each, adequacy.dispersion) for key, each in own.items()}
             posterior = set_posterior(score, prior, largest=isolation.largest, faults=isolation.faults)
     if options.one_sided:
         faults = options.catalogue.components if options.catalogue is not None else ()
         signs = known_signs(score.described, faults)
         posterior = one_sided_posterior(score, posterior, signs, prior)
-    result = posterior_result(score, posterior, isolation)
+    result = posterior_result(score, posterior, isolation, prior, own)
     if statistics is not None:
         after = replace(fit_after(about, statistics, result.isolated), dispersion=adequacy.dispersion)
         adequacy = judged(after, about, result.isolated, result.probability)

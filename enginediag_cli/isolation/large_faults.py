@@ -13,6 +13,7 @@ set so far, which is repeated until it names no better one.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -45,12 +46,14 @@ TOLERANCE = 0.02
 class LargeFaults:
     """Posterior over sets with the leading ones fitted by the full model, and the score about the best one.
 
+    about: of each set that was fitted, by the bytes of its mask, the score about its own estimate;
     prior: the one used, with a wide slab; fitted: how many sets; converged: every fit among the sets that matter
     settled; error: nats by which the quadratic misjudged the leading sets.
     """
 
     posterior: SetPosterior
     score: Score
+    about: Mapping[bytes, Score]
     prior: SetPrior
     fitted: int
     converged: bool
@@ -167,7 +170,8 @@ def nonlinear_posterior(
     weights = _combined(posterior, about, offset, prior, logs, largest, faults)
     combined = reweighed(posterior, weights)
     decisive = [k for k, log in logs.items() if log > logs[centre] + np.log(FITTED_SHARE)]
-    return LargeFaults(combined, about, prior, len(fits), all(fits[k].converged for k in decisive), error)
+    own = {key: fit.expansion.score_about(score, fit.change)[0] for key, fit in fits.items() if np.isfinite(logs[key])}
+    return LargeFaults(combined, about, own, prior, len(fits), all(fits[k].converged for k in decisive), error)
 
 
 def laplace(score: Score, fit: SetFit, mask: np.ndarray, prior: SetPrior) -> float:
@@ -205,5 +209,5 @@ def _combined(
     with np.errstate(divide="ignore"):
         known = level + np.log(final.probabilities) - np.log(final.probabilities[0])
     quadratic = {mask.tobytes(): log for mask, log in zip(final.masks, known, strict=True)}
-    log = np.array([logs.get(key, quadratic[key]) for key in (mask.tobytes() for mask in posterior.masks)])
+    log = np.array([logs.get(key, quadratic.get(key, -np.inf)) for key in (mask.tobytes() for mask in posterior.masks)])
     return np.asarray(np.exp(log - log.max()))

@@ -5,12 +5,14 @@ What a method names is a function of its own, so that what judges thousands of w
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from itertools import combinations
 from math import comb
 
 from enginediag_cli.detection.glr import threshold
+from enginediag_cli.isolation.averaging import averaged_sizes
+from enginediag_cli.isolation.classes import class_of
 from enginediag_cli.isolation.holm import holm_minmax
 from enginediag_cli.isolation.incremental import incremental_diagnosis
 from enginediag_cli.isolation.minmax import rejection_test
@@ -78,11 +80,18 @@ def inimitable(score: Score, options: IsolationOptions) -> Named:
 def by_posterior(score: Score, options: IsolationOptions) -> IsolationResult:
     """Most probable set among all sets; rivals are the next ones until `coverage` is reached."""
     posterior = set_posterior(score, options.prior, largest=options.largest, faults=options.faults)
-    return posterior_result(score, posterior, options)
+    return posterior_result(score, posterior, options, options.prior)
 
 
-def posterior_result(score: Score, posterior: SetPosterior, options: IsolationOptions) -> IsolationResult:
-    """Answer, rivals and sizes from a posterior over sets; `score` gives the sizes."""
+def posterior_result(
+    score: Score,
+    posterior: SetPosterior,
+    options: IsolationOptions,
+    prior: SetPrior,
+    about: Mapping[bytes, Score] | None = None,
+) -> IsolationResult:
+    """Answer, rivals and sizes from a posterior over sets; `score` and `about` give the sizes, see `averaged_sizes`.
+    prior: the one with which the posterior was made."""
     isolated = posterior.names(0)
     count = posterior.credible(options.coverage)
     rivals = tuple(
@@ -102,9 +111,10 @@ def posterior_result(score: Score, posterior: SetPosterior, options: IsolationOp
         max(count - 1 - len(rivals), 0),
         options.coverage,
         dict(zip(score.parameters, map(float, posterior.inclusion), strict=True)),
-        estimate_sizes(score, isolated, options.confidence),
+        averaged_sizes(score, posterior, isolated, prior, options.confidence, about),
         not notes,
         "; ".join(notes),
+        class_of(score.parameters, posterior.masks, posterior.probabilities),
     )
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -15,6 +15,7 @@ from enginediag_cli.isolation.advice import Advice, advise, condition_options, s
 from enginediag_cli.isolation.components import ComponentIsolation, isolate_components
 from enginediag_cli.isolation.conditions_grid import conditions_grid
 from enginediag_cli.isolation.diagnosis import Diagnosis, DiagnosisOptions, diagnose
+from enginediag_cli.isolation.telling import telling_sensors
 from enginediag_cli.isolation.window_model import WindowModel
 from enginediag_cli.parameters import Parameter
 from enginediag_cli.residuals.files import JudgedFiles
@@ -102,10 +103,30 @@ class Isolating:
             return IsolatedWindow(verdict, known, components=components, by_component=True)
         records = _Records(self.files.monitor, self.kept, window) if self.kept is not None else None
         diagnosis = diagnose(score, self.options, records, verdict.window.statistics)
+        diagnosis = self._with_telling_sensors(diagnosis, window, records)
         advice = None
         if self.advise and self.files.monitor is not None:
             advice = self._advice(self.files.monitor.without(window.silent), diagnosis, records() if records else None)
         return IsolatedWindow(verdict, known, diagnosis, advice=advice)
+
+    def _with_telling_sensors(
+        self, diagnosis: Diagnosis, window: WindowStatistics, records: Callable[[], WindowModel | None] | None
+    ) -> Diagnosis:
+        """The diagnosis with the sensors that would tell the members of its class, where the engine is at hand."""
+        found, monitor = diagnosis.result.one_of, self.files.monitor
+        if found is None or monitor is None or window.statistics is None:
+            return diagnosis
+        model = records() if records else None
+        envelope = monitor.envelope
+        if model is not None:
+            inputs = model.inputs
+        elif envelope is not None:
+            inputs = {column: np.asarray(envelope.points)[:, i] for i, column in enumerate(envelope.inputs)}
+        else:
+            return diagnosis
+        monitor = monitor.without(window.silent)
+        told = found.told_by(telling_sensors(monitor, diagnosis.score, found, inputs, window.statistics.n))
+        return replace(diagnosis, result=replace(diagnosis.result, one_of=told))
 
     def _advice(self, monitor: Monitor, diagnosis: Diagnosis, model: WindowModel | None) -> NextRecording | None:
         result = diagnosis.result

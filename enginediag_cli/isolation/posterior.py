@@ -15,7 +15,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from enginediag_cli.isolation.enumeration import all_sets, number_of_sets
+from enginediag_cli.isolation.enumeration import all_sets, counted, number_of_sets
 from enginediag_cli.isolation.prior import SetPrior, are_sensors
 from enginediag_cli.residuals.score import Score
 
@@ -23,9 +23,16 @@ MAX_SETS = 1_200_000
 """Enough for all sets of 20 parameters, or up to five of 40; about a second."""
 
 
+ALL_LISTED = 5000
+"""Up to so many sets all are listed."""
+NEGLIGIBLE = 1e-5
+"""Of more, those sets are not listed that would hold less than this share even if all sets were as probable as they."""
+
+
 @dataclass(frozen=True)
 class SetPosterior:
-    """Sets by falling probability: `masks` (M, p) bool, `probabilities` (M,), summing to 1; `inclusion` (p,).
+    """Sets by falling probability: `masks` (M, p) bool, `probabilities` (M,), summing to 1; `inclusion` (p,). All sets
+    were compared; of many, those that are NEGLIGIBLE are not among them, but for that of no change.
 
     `log_evidence`: log of the marginal likelihood ratio of "something changed" to "nothing changed" times the
     prior odds. `largest`: size limit that was used; `wrong_sensors`: largest number of sensors in a set.
@@ -83,12 +90,19 @@ def set_posterior(
     A = np.eye(p) + slabs[:, None, None] ** 2 * information
     masks, quadratic, log_det = all_sets(slabs[:, None] * b, A, limit, sensors, prior.wrong_sensors)
     each = 0.5 * (quadratic - log_det)
-    sizes = masks.sum(axis=1)
-    logs = np.logaddexp.reduce(each, axis=0) - np.log(len(each)) + prior.log_of(masks, sensors)
-    empty = float(logs[sizes == 0][0])
-    if faults is not None:
-        chosen = sizes == faults
-        masks, logs = masks[chosen], logs[chosen]
+    wrong, healthy = counted(p, limit, tuple(sensors.tolist()), prior.wrong_sensors)
+    top = np.maximum.reduce(list(each))  # with the prior, a bound of the weight that is no more than ln(slabs) off
+    logs = top + prior.log_of_counts(healthy, wrong, p, int(sensors.sum()))
+    sizes = healthy + wrong
+    none = int(np.flatnonzero(sizes == 0)[0])
+    asked: np.ndarray = np.ones(len(logs), bool) if faults is None else np.asarray(sizes == faults)
+    if len(logs) > ALL_LISTED:
+        asked &= logs >= logs[asked].max() + np.log(NEGLIGIBLE / len(logs))
+        asked[none] |= faults is None
+    kept = np.flatnonzero(asked)
+    spread = np.log(np.exp(each[:, kept] - top[kept]).mean(axis=0))
+    empty = float(logs[none] + np.logaddexp.reduce(each[:, none] - top[none]) - np.log(len(each)))
+    logs, masks = logs[kept] + spread, masks[kept]
     order = np.argsort(-logs, kind="stable")
     masks, logs = masks[order], logs[order]
     weights = np.exp(logs - logs[0])

@@ -1,16 +1,17 @@
 """What is known before the data: how many parameters change, and by how much.
 
 Which: either separate faults, each parameter changed with probability π; or, with the small probability `worn`,
-an engine that is worn, where any number of changed parameters is as probable as any other. A set of k of p
-parameters then has the probability
+an engine that is worn, where any number of changed parameters is as probable as any other. How often faults come
+together is not known beforehand: π is one of several, each as probable as the others, and the data say which. A set of
+k of p parameters then has the probability
 
-    P(S) = (1 − worn) π^k (1 − π)^(p−k) + worn / ((p + 1) C(p, k)).
+    P(S) = (1 − worn) mean over π of π^k (1 − π)^(p−k) + worn / ((p + 1) C(p, k)).
 
 The first part alone would exclude an engine that is worn throughout, however clear the data (on multiplicity and
 priors over the size of a set: Scott, J. G. and Berger, J. O. (2010) Annals of Statistics 38, 2587–2619).
 
-Sensors do not wear together: each of m is wrong with probability `sensor`, whatever the engine did, and no more than
-`wrong_sensors` of them at once, so that a set of parameters and j sensors has
+Sensors, those of the model's inputs included, do not wear together: each of m is wrong with probability `sensor`,
+whatever the engine did, and no more than `wrong_sensors` of them at once, so that a set of parameters and j sensors has
 
     P(S) = P(parameters of S) · sensor^j (1 − sensor)^(m−j) / Σ_{i ≤ wrong_sensors} C(m, i) sensor^i (1 − sensor)^(m−i).
 
@@ -30,19 +31,21 @@ from enginediag_cli.parameters import Parameter
 
 
 def are_sensors(parameters: Sequence[Parameter]) -> np.ndarray:
-    """Which parameters (p,) are errors of sensors."""
-    return np.array([p.of_sensor for p in parameters], bool)
+    """Which parameters (p,) are errors of instruments, of a measured output or of an input."""
+    return np.array([p.of_instrument for p in parameters], bool)
 
 
 @dataclass(frozen=True)
 class SetPrior:
-    """inclusion π, worn and sensor: probabilities; slabs: sizes of a change, in prior_sigma."""
+    """inclusion, worn and sensor: probabilities; slabs: sizes of a change, in prior_sigma; wrong_sensors: at most, at
+    once; spread: factors on the odds of inclusion, which give the π."""
 
     inclusion: float = 0.1
     worn: float = 0.05
     slabs: tuple[float, ...] = (0.15, 0.5, 1.5)
     sensor: float = 0.02
     wrong_sensors: int = 2
+    spread: tuple[float, ...] = (0.5, 1.0, 2.0)
 
     def __post_init__(self) -> None:
         if not 0 < self.inclusion < 1:
@@ -51,15 +54,24 @@ class SetPrior:
             raise ValueError("`worn` must lie in [0, 1]")
         if not 0 < self.sensor < 1 or self.wrong_sensors < 0:
             raise ValueError("`sensor` must lie between 0 and 1, and `wrong_sensors` not be negative")
+        if not self.spread or not all(0 < factor < np.inf for factor in self.spread):
+            raise ValueError("`spread` must be positive and finite, one at least")
         if not self.slabs or not all(0 < slab < np.inf for slab in self.slabs):
             raise ValueError("`slabs` must be positive and finite, one at least")
+
+    @property
+    def chances(self) -> np.ndarray:
+        """π of separate faults (n,), each as probable as the others."""
+        odds = self.inclusion / (1 - self.inclusion) * np.asarray(self.spread)
+        return np.asarray(odds / (1 + odds))
 
     def log_of_size(self, p: int) -> np.ndarray:
         """log P(S) (p + 1,) of one set of each size 0…p among p parameters."""
         from scipy.special import betaln
 
         k = np.arange(p + 1)
-        separate = k * np.log(self.inclusion) + (p - k) * np.log1p(-self.inclusion)
+        each = k[:, None] * np.log(self.chances) + (p - k)[:, None] * np.log1p(-self.chances)
+        separate = np.logaddexp.reduce(each, axis=1) - np.log(len(self.chances))
         with np.errstate(divide="ignore"):
             # 1/((p + 1) C(p, k)) = B(1 + k, 1 + p − k)
             return np.asarray(
@@ -69,8 +81,11 @@ class SetPrior:
     def log_of(self, masks: np.ndarray, sensors: np.ndarray) -> np.ndarray:
         """log P(S) (M,) of sets (M, p) bool; sensors (p,) bool: which parameters are errors of sensors."""
         size, wrong = (masks & ~sensors).sum(axis=1), (masks & sensors).sum(axis=1)
-        m = int(sensors.sum())
-        log = self.log_of_size(len(sensors) - m)[size]
+        return self.log_of_counts(size, wrong, len(sensors), int(sensors.sum()))
+
+    def log_of_counts(self, size: np.ndarray, wrong: np.ndarray, p: int, m: int) -> np.ndarray:
+        """log P(S) (M,) of sets of `size` parameters of the engine and `wrong` sensors (M,), of p − m and m."""
+        log = self.log_of_size(p - m)[size]
         if not m:
             return log
         from scipy.special import bdtr
@@ -84,7 +99,8 @@ class SetPrior:
     ) -> tuple[np.ndarray, np.ndarray]:
         """`count` engines from this prior: which changed (count, p) bool, by how many prior_sigma (count, p)."""
         # a chance that is itself uniform makes all numbers of changes equally probable
-        chance = np.where(rng.random(count) < self.worn, rng.random(count), self.inclusion)
+        separate = rng.choice(self.chances, size=count)
+        chance = np.where(rng.random(count) < self.worn, rng.random(count), separate)
         changed = rng.random((count, p)) < chance[:, None]
         if sensors is not None and sensors.any():
             again = np.arange(count)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from enginediag_cli.isolation.classes import Class
 from enginediag_cli.isolation.sizes import ParameterChange
 
 
@@ -23,7 +24,8 @@ class IsolationResult:
     one); rivals: other sets that the data cannot exclude, likeliest first, which together with the answer
     hold `coverage`; rivals_left_out: how many more were not listed; inclusion: probability per parameter that
     it changed (empty for methods without one); sizes of the isolated parameters; complete: False when the
-    method stopped at a limit before it was satisfied; note says why in plain words.
+    method stopped at a limit before it was satisfied; note says why in plain words. one_of: the class of which the
+    answer is the likeliest member, where these data cannot tell its members apart, or None.
     """
 
     method: str
@@ -36,3 +38,4 @@ class IsolationResult:
     sizes: tuple[ParameterChange, ...]
     complete: bool = True
     note: str = ""
+    one_of: Class | None = None

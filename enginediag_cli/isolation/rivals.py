@@ -29,7 +29,7 @@ def sensor_rivalry(result: IsolationResult, score: Score) -> SensorRivalry | Non
     """The most probable pair of explanations, one of them the answer, in which a sensor stands against a
     component; None when there is no such pair or one of the two is improbable. `score`: of which the result was made,
     which knows what is a sensor's error."""
-    answer, sensors = set(result.isolated), {p.name for p in score.described if p.of_sensor}
+    answer, sensors = set(result.isolated), {p.name for p in score.described if p.of_instrument}
     for rival in result.rivals:
         if rival.probability < LEAST * result.probability:
             continue

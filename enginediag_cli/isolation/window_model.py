@@ -61,6 +61,8 @@ class WindowModel:
         # errors of the maps stay where nominal has the machines, whatever fault is tried
         known = {**inputs, **getattr(found, "frozen", {})}
         self.inputs = {column: np.asarray(values)[ok] for column, values in known.items()}
+        x = getattr(found, "x", None)  # unknowns of the engine, from which the solutions of changes are near
+        self._start = None if x is None else np.asarray(x)[:, ok]
         self.y = y[ok]
         z, G = whiten(self.y - predicted[ok], J[ok], monitor.noise)
         present = np.isfinite(self.y) & np.all(np.isfinite(J[ok]), axis=2)
@@ -101,7 +103,10 @@ class WindowModel:
             theta = np.tile(self.monitor.theta0, (len(part), 1))
             theta[:, : self.p] += part
             inputs = {c: np.tile(values, len(part)) for c, values in self.inputs.items()}
-            predicted, J, ok, _ = self.monitor.predict(inputs, np.repeat(theta, N, axis=0), nuisance=False)
+            start = None if self._start is None else np.tile(self._start, len(part))
+            predicted, J, ok, _ = self.monitor.predict(
+                inputs, np.repeat(theta, N, axis=0), nuisance=False, **({} if start is None else {"start": start})
+            )
             for k in range(len(part)):
                 rows = slice(k * N, (k + 1) * N)
                 computed = np.isfinite(predicted[rows]) & np.all(np.isfinite(J[rows][:, :, : self.p]), axis=2)

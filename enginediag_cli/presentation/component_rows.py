@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 def component_row(verdict: Verdict, found: ComponentIsolation | None, known: Mapping[str, Parameter]) -> dict[str, Any]:
     """Row of one window; `inclusion` lists the components likeliest first, down to one in a hundred."""
-    from enginediag_cli.presentation.isolation_rows import fit_cell, reservation, told_verdict
+    from enginediag_cli.presentation.isolation_rows import class_cells, fit_cells, reservation, told_verdict
     from enginediag_cli.residuals.flat import window_row
 
     adequacy = found.adequacy if found else None
@@ -21,9 +21,10 @@ def component_row(verdict: Verdict, found: ComponentIsolation | None, known: Map
     row.update(
         verdict=told_verdict(verdict, adequacy),
         p_value=verdict.test.p_value if verdict.test else None,
-        fit=fit_cell(adequacy),
+        **fit_cells(adequacy),
         components=None,
         probability=None,
+        **class_cells(None),
         inclusion=None,
         rivals=None,
         note=verdict.reason,
@@ -33,6 +34,7 @@ def component_row(verdict: Verdict, found: ComponentIsolation | None, known: Map
         row.update(
             components=list(found.components),
             probability=found.probability,
+            **class_cells(found.one_of),
             inclusion=[f"{name} ({chance:.2g})" for name, chance in shown if chance >= 0.01],
             rivals=[f"{' & '.join(r.parameters) or 'nothing'} ({r.probability:.2g})" for r in found.rivals],
             note="; ".join(
@@ -53,6 +55,7 @@ def component_sentence(found: ComponentIsolation, known: Mapping[str, Parameter]
     from enginediag_cli.presentation.isolation_rows import reservation
     from enginediag_cli.presentation.names import listed, spelled
     from enginediag_cli.presentation.numbers import probability
+    from enginediag_cli.presentation.sentences import one_of, unexplained
 
     def words(components: tuple[str, ...]) -> str:
         return listed([spelled(c) for c in components]) or "no component"
@@ -60,6 +63,10 @@ def component_sentence(found: ComponentIsolation, known: Mapping[str, Parameter]
     told = f"{words(found.components)} changed (probability {probability(found.probability)})"
     if found.rivals:
         told += f"; next: {words(found.rivals[0].parameters)} ({probability(found.rivals[0].probability)})"
+    if found.one_of is not None:
+        told += f"; {one_of(found.one_of, lambda names: [spelled(c) for c in names])}"
+    left = unexplained(found.adequacy.before, found.adequacy.fit, found.adequacy.explained)
+    told += left and f"; {left}"
     caution = reservation(found.adequacy, known)
     leading = "" if found.adequacy.stands else "leading, but not to be relied on: "
     return f"{caution}; {leading}{told}" if caution else told

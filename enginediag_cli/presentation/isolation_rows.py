@@ -5,11 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
+from enginediag_cli.isolation.adequacy import Adequacy
 from enginediag_cli.presentation.messages import Messages
 
 if TYPE_CHECKING:
     from enginediag_cli.detection.verdict import Verdict
-    from enginediag_cli.isolation.adequacy import Adequacy
+    from enginediag_cli.isolation.classes import Class
     from enginediag_cli.isolation.diagnosis import Diagnosis
     from enginediag_cli.isolation.named_faults import NamedIsolation
     from enginediag_cli.isolation.of_windows import IsolatedWindow
@@ -54,9 +55,10 @@ def isolation_rows(
     row.update(
         verdict=told_verdict(verdict, diagnosis.adequacy if diagnosis else None),
         p_value=verdict.test.p_value if verdict.test else None,
-        fit=fit_cell(diagnosis.adequacy if diagnosis else None),
+        **fit_cells(diagnosis.adequacy if diagnosis else None),
         isolated=None,
         probability=None,
+        **class_cells(None),
         parameter=None,
         inclusion=None,
         change=None,
@@ -81,6 +83,7 @@ def isolation_rows(
     row.update(
         isolated=list(result.isolated),
         probability=result.probability,
+        **class_cells(result.one_of),
         rivals=[f"{' & '.join(r.parameters) or 'nothing'} ({r.probability:.2g})" for r in result.rivals],
         rivals_left_out=result.rivals_left_out,
         note="; ".join(filter(None, [reservation(diagnosis.adequacy, known), result.note])),
@@ -123,11 +126,23 @@ def tell_isolated(messages: Messages, found: IsolatedWindow) -> None:
         tell(messages, found.verdict, found.diagnosis, found.known, next_recording(found.advice))
 
 
-def fit_cell(adequacy: Adequacy | None) -> float | None:
-    """χ² per degree of freedom after the answer; None where nothing is left to test it by."""
+def class_cells(found: Class | None) -> dict[str, Any]:
+    """The class of which the answer is the likeliest member: its probability, its members, each with what all of them
+    share, and the sensors that would tell them apart."""
+    if found is None:
+        return {"class": None, "members": None, "would_tell": None}
+    members = [" & ".join((*found.shared, *member)) for member in found.members]
+    return {"class": found.probability, "members": members, "would_tell": list(found.would_tell)}
+
+
+def fit_cells(adequacy: Adequacy | None) -> dict[str, float | None]:
+    """χ² per degree of freedom before and after the answer, and the share of the excess that it explains; None where
+    nothing is left to test it by, or where there is no excess."""
     from math import isfinite
 
-    return adequacy.fit if adequacy is not None and isfinite(adequacy.fit) else None
+    found = adequacy or Adequacy()
+    cells = {"fit_before": found.before, "fit": found.fit, "explained": found.explained}
+    return {name: value if isfinite(value) else None for name, value in cells.items()}
 
 
 def _named_cells(named: NamedIsolation) -> dict[str, Any]:
@@ -156,7 +171,7 @@ def tell(
     """The answer for one window in words."""
     from enginediag_cli.presentation.names import told as in_words
     from enginediag_cli.presentation.numbers import probability
-    from enginediag_cli.presentation.sentences import change, no_verdict, sensor_or_component
+    from enginediag_cli.presentation.sentences import change, no_verdict, one_of, sensor_or_component, unexplained
 
     here = where(verdict)
     if diagnosis is None:
@@ -177,10 +192,14 @@ def tell(
     if caution:
         messages.note(f"{here}: {caution}")
     leading = "" if diagnosis.adequacy.stands else "leading, but not to be relied on: "
-    messages.note(f"{here}: {leading}{'; '.join(told) if told else 'no change of a parameter stands out'}{exactly}")
+    left = unexplained(diagnosis.adequacy.before, diagnosis.adequacy.fit, diagnosis.adequacy.explained)
+    what = "; ".join(told) if told else "no change of a parameter stands out"
+    messages.note(f"{here}: {leading}{what}{exactly}{left and f'; {left}'}")
+    if result.one_of is not None:
+        messages.note(f"{here}: {one_of(result.one_of, lambda names: in_words(known, names))}")
     if diagnosis.nonlinear:
         messages.note(f"{here}: a large change, judged with the full model")
-    if diagnosis.rivalry is not None:
+    if diagnosis.rivalry is not None and result.one_of is None:  # else it is told among the members
         r = diagnosis.rivalry
         sensors, components, shared = (in_words(known, each) for each in (r.sensors, r.components, r.shared))
         told_rivalry = sensor_or_component(sensors, components, r.of_sensors, r.of_components, shared)

@@ -2,11 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING
 
 from enginediag_cli.parameters import Parameter
 from enginediag_cli.presentation.names import listed, spelled
 from enginediag_cli.presentation.numbers import p_value, probability, rounded, with_unit
+from enginediag_cli.units import split_column
+
+if TYPE_CHECKING:
+    from enginediag_cli.isolation.classes import Class
 
 READ_WRONG = frozenset({"bias", "scale"})
 """Errors of a sensor by which it reads too high or too low."""
@@ -22,11 +28,11 @@ def change(parameter: Parameter, delta: float, half_width: float | None = None, 
     """
     unit = parameter.shown_unit
     # an error that is added to a ratio is a ratio, no share of what is read
-    added = bool(unit) or (parameter.of_sensor and parameter.quantity == "bias")
+    added = bool(unit) or (parameter.of_instrument and parameter.quantity == "bias")
     shown = (delta, half_width, unit) if added else (100 * delta, _times(100, half_width), "%")
     size = with_unit(abs(shown[0]), shown[2], shown[1])
     behind = f" (probability {probability(chance)})" if chance is not None else ""
-    if parameter.of_sensor and parameter.quantity in READ_WRONG:
+    if parameter.of_instrument and parameter.quantity in READ_WRONG:
         return f"{parameter.part} reads {size} too {'high' if delta > 0 else 'low'}{behind}"
     return f"{parameter.words} {'rose' if delta > 0 else 'fell'} by {size}{behind}"
 
@@ -41,6 +47,26 @@ def does_not_fit(ratio: float) -> str:
         f"the model does not fit these records (chi2 per degree of freedom {ratio:.2g} after the best answer): "
         "cannot tell"
     )
+
+
+def unexplained(before: float, after: float, explained: float) -> str:
+    """What an answer leaves unexplained, "chi2 per degree of freedom 12 before, 1.1 after: 99 % of the excess is
+    explained"; empty where nothing is left to test it by."""
+    if not math.isfinite(after):
+        return ""
+    told = f"chi2 per degree of freedom {before:.3g} before, {after:.3g} after"
+    return told if not math.isfinite(explained) else f"{told}: {100 * explained:.0f} % of the excess is explained"
+
+
+def one_of(found: Class, words: Callable[[Sequence[str]], Sequence[str]]) -> str:
+    """A class instead of a name: "cannot tell: HPC isentropic efficiency or T3 sensor bias (together probability 0.97);
+    T45 would tell". words: how names are said."""
+    members = [listed(list(words(member))) for member in found.members]
+    more = f", or one of {found.left_out} more" if found.left_out else ""
+    beside = f" beside {listed(list(words(found.shared)))}" if found.shared else ""
+    told = f"cannot tell: {listed(members, 'or')}{more}{beside} (together probability {probability(found.probability)})"
+    sensors = [split_column(column)[0] for column in found.would_tell]
+    return f"{told}; {listed(sensors, 'or')} would tell" if sensors else told
 
 
 def not_believed(parameter: Parameter, delta: float) -> str:

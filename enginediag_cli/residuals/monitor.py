@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from enginediag_cli.engine.input_errors import InputErrors
 from enginediag_cli.engine.model import MonitoredModel
 from enginediag_cli.error_model.slopes import MapSlopes, map_slopes
 from enginediag_cli.errors import DataError
@@ -273,14 +274,17 @@ def _uncertainty(nominal: Nominal, names: Sequence[str], spread: Sequence[float]
 
 
 def monitor_of(baseline: Baseline, patterns: Sequence[str] = (), *, sensors: bool = False) -> Monitor:
-    """Monitor of a baseline; patterns as in `monitor_from_nominal`; sensors: the bias of every sensor in use may have
-    changed, too. Raises DataError for a pattern that names nothing."""
-    engine, nominal = baseline.engine, baseline.nominal
+    """Monitor of a baseline; patterns as in `monitor_from_nominal`; sensors: the bias of every sensor in use and the
+    error of every input channel may have changed, too. Raises DataError for a pattern that names nothing."""
+    nominal = baseline.nominal
+    engine = InputErrors.of(baseline.engine) if sensors or patterns else baseline.engine
     monitor = monitor_from_nominal(engine, nominal, patterns)
     if sensors:
         known = [p for column in monitor.sensors for p in engine.sensors[column].parameters()]
-        biases = [p.name for p in known if p.quantity == "bias" and p.name not in monitor.monitored]
-        monitor = monitor_from_nominal(engine, nominal, (*monitor.monitored, *biases))
+        wrong = [p.name for p in known if p.quantity == "bias"]
+        wrong += [p.name for p in engine.parameters.values() if p.of_instrument and not p.of_sensor]
+        added = [name for name in wrong if name not in monitor.monitored]
+        monitor = monitor_from_nominal(engine, nominal, (*monitor.monitored, *added))
     # statistics are bound to the engine that made them, too, where it is not the one identified
     changed = baseline.changed_engine and f" engine {baseline.changed_engine[:DIGITS]}"
     return replace(monitor, nominal=monitor.nominal + changed)

@@ -96,7 +96,7 @@ def condensed(monitor: Monitor, statistics: LocalStatistics, uncertainty: np.nda
     found = marginalise(statistics, monitor.monitored, uncertainty)
     if monitor.slopes is None:
         return found
-    own = [i for i, name in enumerate(monitor.monitored) if not monitor.meaning[name].of_sensor]
+    own = [i for i, name in enumerate(monitor.monitored) if not monitor.meaning[name].of_instrument]
     scale = HELD * found.prior_sigma[own]
     inner = np.eye(len(own)) + scale[:, None] * found.F[np.ix_(own, own)] * scale
     change = np.zeros(len(monitor.monitored))
@@ -235,7 +235,7 @@ def _with_statistics(
 def _is_silent(monitor: Monitor, name: str, statistics: LocalStatistics) -> bool:
     """Whether it is the error of a sensor that gave no reading: its sensitivities are zero, not merely small."""
     i = monitor.names.index(name)
-    return monitor.engine.parameters[name].of_sensor and not statistics.F[i, i]
+    return monitor.engine.parameters[name].of_instrument and not statistics.F[i, i]
 
 
 def nothing_judged(window: WindowStatistics) -> str:

@@ -105,3 +105,17 @@ def test_an_efficiency_that_rises_by_a_fifth_is_not_believed_and_a_fall_or_a_bro
 def test_no_change_is_an_answer_that_always_stands():
     score = fisher_score(statistics(6, {}))
     assert judged(Adequacy(20.0, 0.0), score, [], 0.3).stands
+
+
+def test_every_answer_says_what_was_to_be_explained_and_how_much_of_it_is():
+    found = statistics(2, {"hpc.efficiency": 0.98})
+    told = answer(found).adequacy
+    assert told.before > 1.2 > told.fit and told.explained > 0.95
+    healthy = answer(statistics(2, {})).adequacy
+    assert healthy.before == pytest.approx(healthy.fit, rel=0.1) and np.isnan(healthy.explained)
+
+
+def test_a_misfit_that_no_change_explains_is_said_to_be_unexplained():
+    fits = statistics(1, {"hpc.efficiency": 0.99})
+    told = answer(replace(fits, chi2=8 * fits.chi2)).adequacy
+    assert told.before > 7 and told.explained < 0.2

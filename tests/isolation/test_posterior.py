@@ -115,3 +115,17 @@ def test_of_sensors_no_more_than_the_prior_allows_are_taken_together():
     assert found.names(0) == ("a.x", "sensor.p.bias", "sensor.q.bias")
     note = isolate(replace(score, parameters=names, meaning=meaning_of(names))).note
     assert note == "more than 2 wrong sensors were not considered"
+
+
+def test_of_many_sets_the_negligible_are_compared_and_not_listed(monkeypatch):
+    rng = np.random.default_rng(10)
+    score = linear_score(rng, sensitivities(rng, p=14), [0.01, 0, 0, 0.02, *np.zeros(10)])
+    found = set_posterior(score)
+    monkeypatch.setattr("enginediag_cli.isolation.posterior.ALL_LISTED", 10**9)
+    every = set_posterior(score)
+    assert len(every.masks) == 2**14 > len(found.masks)
+    assert np.allclose(found.inclusion, every.inclusion, atol=1e-5)
+    assert found.log_evidence == pytest.approx(every.log_evidence, abs=1e-5)
+    assert np.allclose(found.probabilities[:50], every.probabilities[:50], rtol=1e-5)
+    assert np.array_equal(found.masks[:50], every.masks[:50])
+    assert (~found.masks.any(axis=1)).sum() == 1  # that of no change is always listed

@@ -16,7 +16,7 @@ def test_the_probabilities_of_all_sets_sum_to_one_and_have_the_stated_mean(prior
     p = 11
     sizes = np.array([comb(p, k) for k in range(p + 1)]) * np.exp(prior.log_of_size(p))
     assert sizes.sum() == pytest.approx(1)
-    assert sizes @ np.arange(p + 1) == pytest.approx(p * ((1 - prior.worn) * prior.inclusion + prior.worn / 2))
+    assert sizes @ np.arange(p + 1) == pytest.approx(p * ((1 - prior.worn) * prior.chances.mean() + prior.worn / 2))
 
 
 def test_on_a_worn_engine_every_number_of_changes_is_equally_probable():

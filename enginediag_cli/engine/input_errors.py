@@ -1,0 +1,197 @@
+"""Errors of the instruments that give the model its inputs: a model that offers them as parameters.
+
+A model reads flight condition and power setting from instruments as well, and what such an instrument is wrong by it
+predicts for another operating point. With the reading u of a channel and its error,
+
+    u_true = u − b  (bias b)    or    u_true = u / s  (scale s),        ∂Φ/∂b = −∂Φ/∂u,   ∂Φ/∂s = −∂Φ/∂u · u / s²
+
+so that an error of an input is a parameter like any other, with the signature of a change of operating point.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from copy import copy
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from enginediag_cli.engine.model import MonitoredModel
+from enginediag_cli.parameters import Parameter
+from enginediag_cli.units import UNITS, Unit, split_column
+
+FAMILY = "input"
+PROBE_K, PROBE_SHARE = 2.5, 0.0075
+"""By what a temperature probe is plausibly wrong: kelvin, or share of degrees Celsius where that is more: a
+thermocouple of class 2, IEC 60584-1."""
+ICE_K = 273.15
+"""0 °C, where that share begins."""
+SHARES = {
+    "rotational speed": 0.003,
+    "pressure": 0.005,
+    "mass flow": 0.01,
+    "volume flow": 0.01,
+    "power": 0.01,
+    "torque": 0.01,
+}
+"""Share of its reading by which an instrument is plausibly wrong: tachometers count, transducers are calibrated to half
+a per cent, flow meters and torque meters drift by one. Heights, Mach numbers and humidities come from other systems,
+which an engineer does not suspect for an engine's sake, and set positions of the engine are no readings."""
+OF_NOISE = 3.0
+"""How far an instrument is plausibly wrong in standard deviations of its stated noise: as far as one of an output."""
+BOUND = 10.0
+"""Bounds of an error in its plausible sizes: no physical limit, the model must only stay computable."""
+
+
+@dataclass(frozen=True)
+class InputError:
+    """The error of one input column: its parameter, and whether it multiplies the reading or is added to it."""
+
+    column: str
+    parameter: Parameter
+    multiplies: bool
+
+    def corrected(self, read: Any, value: Any) -> Any:
+        """The true input that was read so."""
+        return read / value if self.multiplies else read - value
+
+    def slope(self, read: Any, value: Any) -> Any:
+        """How the true input falls with the parameter: ∂u_true/∂value."""
+        return -read / np.square(value) if self.multiplies else np.asarray(-1.0)
+
+
+class InputErrors:
+    """`engine` with the errors of some of its input channels as further parameters; all else is the engine's."""
+
+    def __init__(self, engine: MonitoredModel, errors: Sequence[InputError]):
+        self._engine = engine
+        self.errors: dict[str, InputError] = {error.parameter.name: error for error in errors}
+        self.parameters: dict[str, Parameter] = {
+            **engine.parameters,
+            **{name: error.parameter for name, error in self.errors.items()},
+        }
+
+    @staticmethod
+    def of(engine: MonitoredModel, columns: Sequence[str] | None = None) -> MonitoredModel:
+        """The engine with the errors of the input `columns` (default: of all that are instruments'), or as it is where
+        there are none."""
+        found = [suspected(engine, column) for column in (engine.inputs if columns is None else columns)]
+        errors = [error for error in found if error is not None and error.parameter.name not in engine.parameters]
+        return InputErrors(engine, errors) if errors else engine
+
+    def __getattr__(self, name: str) -> Any:
+        if name.startswith("__") or name == "_engine":  # not there yet while a copy is being made
+            raise AttributeError(name)
+        return getattr(self._engine, name)
+
+    # the attributes that the protocol asks for, so that they can be checked
+
+    @property
+    def name(self) -> str:
+        return self._engine.name
+
+    @property
+    def inputs(self) -> tuple[str, ...]:
+        return self._engine.inputs
+
+    @property
+    def optional_inputs(self) -> Mapping[str, float]:
+        return self._engine.optional_inputs
+
+    @property
+    def sensors(self) -> Mapping[str, Any]:
+        return self._engine.sensors
+
+    @property
+    def monitored(self) -> tuple[str, ...]:
+        return self._engine.monitored
+
+    def predict(
+        self,
+        inputs: Mapping[str, Any],
+        parameters: Mapping[str, Any] | None = None,
+        *,
+        sensors: Sequence[str] | None = None,
+        wrt: Sequence[str] = (),
+        **options: Any,
+    ) -> Any:
+        """Φ and ∂Φ/∂θ as the engine gives them, at the true inputs; `inputs` are as they were read."""
+        values, true, slopes = dict(parameters or {}), dict(inputs), {}
+        for name, error in self.errors.items():
+            value = np.asarray(values.pop(name, error.parameter.nominal), float)
+            if name in wrt:
+                slopes[name] = error.slope(np.asarray(inputs[error.column], float), value)
+            if np.any(value != error.parameter.nominal):
+                true[error.column] = error.corrected(np.asarray(inputs[error.column], float), value)
+        along = [self.errors[name].column if name in self.errors else name for name in wrt]
+        asked = tuple(dict.fromkeys(along))
+        found = self._engine.predict(true, values, sensors=sensors, wrt=asked, **options)
+        if not slopes:
+            return found
+        J = np.asarray(found.jacobian)[:, :, [asked.index(column) for column in along]]
+        for i, name in enumerate(wrt):
+            if name in slopes:
+                J[:, :, i] *= np.reshape(slopes[name], (-1, 1))
+        result = copy(found)
+        object.__setattr__(result, "jacobian", J)
+        object.__setattr__(result, "wrt", tuple(wrt))
+        return result
+
+
+def suspected(engine: MonitoredModel, column: str) -> InputError | None:
+    """The error of an input channel, by the dimension of its column; None where no instrument of the engine is read."""
+    quantity, unit = split_column(column)
+    kind = UNITS[unit] if unit in UNITS else None
+    if kind is None or (kind.dimension != "temperature" and kind.dimension not in SHARES):
+        return None
+    multiplies = kind.dimension != "temperature"
+    stated = _stated(engine, column, multiplies)
+    usual = SHARES[kind.dimension] if multiplies else _of_probe(kind, _largest(engine, column))
+    sigma = OF_NOISE * stated if stated else usual
+    nominal, what = (1.0, "scale") if multiplies else (0.0, "bias")
+    # a scale stays clear of zero
+    reach = min(BOUND * sigma, 0.5) if multiplies else BOUND * max(sigma, usual)
+    part = f"{quantity} reading"
+    return InputError(
+        column,
+        Parameter(
+            f"{FAMILY}.{quantity}.{what}",
+            FAMILY,
+            nominal,
+            nominal - reach,
+            nominal + reach,
+            sigma,
+            "1" if multiplies else unit,
+            f"{what} of the recorded input {column}",
+            f"{FAMILY}.{quantity}",
+            what,
+            f"{part} scale factor" if multiplies else f"{part} bias",
+            part,
+        ),
+        multiplies,
+    )
+
+
+def _stated(engine: Any, column: str, share: bool) -> float | None:
+    """Noise of one reading as the engine file states it, as a share of the reading or in the column's unit."""
+    declared = getattr(engine, "declared", {})
+    sensor = (declared.get("sensors") or {}).get(column) or {}
+    block = declared.get("mismatch") or {}
+    of_reading = (block.get("input_noise_share") or {}).get(column)
+    sigma = (block.get("input_noise") or {}).get(column) or sensor.get("noise_sigma")
+    size = sensor.get("maximum") or _largest(engine, column)
+    if share:
+        return of_reading or (sigma / size if sigma and size else None)
+    return sigma
+
+
+def _largest(engine: Any, column: str) -> float:
+    """The largest reading of an input that the engine file expects, 0 where it does not say."""
+    return float(getattr(engine, "envelope", {}).get(column, (0.0, 0.0))[1])
+
+
+def _of_probe(unit: Unit, largest: float) -> float:
+    """What a temperature probe is plausibly wrong by, in its unit."""
+    celsius = unit.factor * largest + unit.offset - ICE_K
+    return max(PROBE_K, PROBE_SHARE * celsius) / unit.factor

@@ -1,0 +1,91 @@
+"""The size of a named change is averaged over the sets that may be right: unsure sets make intervals wider."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from enginediag_cli.isolation.averaging import averaged_sizes
+from enginediag_cli.isolation.posterior import set_posterior
+from enginediag_cli.isolation.prior import SetPrior
+from enginediag_cli.isolation.sizes import estimate_sizes
+from enginediag_cli.residuals.score import Score
+
+PRIOR = SetPrior(0.2, slabs=(0.5, 2.0))
+
+
+def named(score):
+    posterior = set_posterior(score, PRIOR)
+    return posterior, averaged_sizes(score, posterior, posterior.names(0), PRIOR)
+
+
+def score_of(information, change):
+    """Score without noise of a change, both in prior standard deviations of 0.02."""
+    information, p = np.asarray(information, float), len(information)
+    b = information @ np.asarray(change, float)
+    names = tuple(f"p{i}" for i in range(p))
+    return Score(names, np.ones(p), np.full(p, 0.02), b / 0.02, information / 0.02**2, float(b @ change), p)
+
+
+def test_a_change_far_above_the_noise_has_the_size_and_interval_of_its_set_alone():
+    score = score_of(np.eye(3) * 4e4, [1.0, 0.0, 0.0])
+    posterior, (size,) = named(score)
+    (alone,) = estimate_sizes(score, posterior.names(0))
+    assert size.change == pytest.approx(alone.change, rel=0.01)
+    assert (size.lower, size.upper) == pytest.approx((alone.lower, alone.upper), rel=0.01)
+
+
+def test_sets_that_compete_widen_the_interval_to_hold_the_size_under_each():
+    # the second parameter imitates most of the first
+    score = score_of(100 * np.array([[1.0, 0.95], [0.95, 1.0]]), [0.9, 0.0])
+    posterior, (size,) = named(score)
+    (alone,) = estimate_sizes(score, posterior.names(0))
+    assert size.upper - size.lower > 1.2 * (alone.upper - alone.lower)
+
+
+def test_quantiles_are_those_of_draws_from_the_mixture():
+    score = score_of(30 * np.array([[1.0, 0.8], [0.8, 1.0]]), [0.7, 0.2])
+    posterior = set_posterior(score, PRIOR)
+    (size,) = averaged_sizes(score, posterior, (score.parameters[0],), PRIOR, 0.9)
+    b, information = score.scaled()
+    rng, weights, draws = np.random.default_rng(0), [], []
+    for mask, probability in zip(posterior.masks, posterior.probabilities, strict=True):
+        if not mask[0]:
+            continue
+        s = np.flatnonzero(mask)
+        each = []
+        for slab in PRIOR.slabs:
+            P = np.linalg.inv(information[np.ix_(s, s)] + np.eye(len(s)) / slab**2)
+            log = 0.5 * b[s] @ P @ b[s] + 0.5 * np.linalg.slogdet(P)[1] - len(s) * np.log(slab)
+            each.append((log, (P @ b[s])[0], P[0, 0] ** 0.5))
+        share = np.exp([log for log, _, _ in each])
+        weights += list(probability * share / share.sum())
+        draws += [rng.normal(mean, spread, 400_000) for _, mean, spread in each]
+    chosen = rng.choice(len(weights), 400_000, p=np.array(weights) / np.sum(weights))
+    drawn = np.array(draws)[chosen, np.arange(400_000)] * score.prior_sigma[0]
+    assert size.change == pytest.approx(drawn.mean(), abs=0.005 * drawn.std())
+    assert size.standard_error == pytest.approx(drawn.std(), rel=0.01)
+    assert (size.lower, size.upper) == pytest.approx(np.quantile(drawn, [0.05, 0.95]), abs=0.02 * drawn.std())
+
+
+def test_a_change_that_the_data_do_not_determine_is_as_wide_as_its_prior():
+    score = score_of(np.array([[1e-6]]), [0.0])
+    posterior = set_posterior(score, PRIOR)
+    (size,) = averaged_sizes(score, posterior, (score.parameters[0],), PRIOR)
+    assert size.standard_error == pytest.approx(score.prior_sigma[0] * np.mean(np.square(PRIOR.slabs)) ** 0.5, rel=0.02)
+
+
+def test_the_fit_of_the_full_model_counts_for_the_set_that_was_fitted():
+    score = score_of(np.eye(2) * 1e4, [1.0, 0.0])
+    posterior = set_posterior(score, PRIOR)
+    own = replace(score, b=0.5 * score.b)
+    (size,) = averaged_sizes(score, posterior, posterior.names(0), PRIOR, about={posterior.masks[0].tobytes(): own})
+    (plain,) = averaged_sizes(score, posterior, posterior.names(0), PRIOR)
+    assert size.change < 0.7 * plain.change
+
+
+def test_nothing_named_has_no_size():
+    score = score_of(np.eye(2), [0.0, 0.0])
+    assert averaged_sizes(score, set_posterior(score, PRIOR), (), PRIOR) == ()
