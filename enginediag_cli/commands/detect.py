@@ -105,7 +105,7 @@ def detect(
     from enginediag_cli.recordings.provenance import header_lines
     from enginediag_cli.residuals.economy import Economy
 
-    monitor = compared.open(messages, source)
+    monitor = compared.open(messages, source, model_error=judging.model_error)
     if follow.wanted and monitor is not None:
         return run_follow(messages, follow, source, monitor, false_alarm, exit_code, output)
     files = judged_files(source, monitor, judging)

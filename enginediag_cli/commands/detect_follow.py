@@ -68,7 +68,6 @@ def check_follow(follow: Follow, judging: Judging, detectable: bool) -> None:
         "--detectable": (detectable, "the smallest change depends on how long it has lasted"),
         "--reference": (judging.reference, "a flight is judged from its first record on"),
         "--last": (judging.last, "the last records of a flight that goes on are not known"),
-        "--model-error": (judging.model_error, "its bound on false alarms holds for an engine model that is right"),
     }
     reasons = [f"{option} does not go with --follow: {why}" for option, (given, why) in refused.items() if given]
     if reasons:

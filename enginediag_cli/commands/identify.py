@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from enginediag_cli.commands.intake_options import source_options
+from enginediag_cli.commands.intake_options import model_error_option, source_options
 from enginediag_cli.commands.options import (
     ConfigFile,
     FiniteRange,
@@ -58,6 +58,7 @@ class Part:
 )
 @click.option("--holdout-last", is_flag=True, help="Keep the last recording out of the fit and judge by it.")
 @click.option("--no-cross-validation", is_flag=True, help="Skip the refits without a block of records.")
+@model_error_option
 @output_file_option("Write the nominal file here, completely or not at all; - is standard output.")
 @message_options
 @pass_messages
@@ -69,6 +70,7 @@ def identify(
     holdout: float | None,
     holdout_last: bool,
     no_cross_validation: bool,
+    model_error: float | None,
     output_path: str,
 ) -> ExitCode:
     """Identify the nominal engine from recordings believed healthy.
@@ -104,7 +106,9 @@ def identify(
         messages.warning(line)
     part = Part(first, holdout, holdout_last)
     training, held_out = _divided(training, part)
-    result = run(engine, training, held_out=held_out, cross_validation=not no_cross_validation)
+    result = run(
+        engine, training, held_out=held_out, cross_validation=not no_cross_validation, map_accuracy=model_error
+    )
     for line in report_lines(result):
         messages.note(line)
     if not result.converged:

@@ -83,6 +83,17 @@ def window_options(function: Callable[..., Any]) -> Callable[..., Any]:
     return window(step(function))
 
 
+def model_error_option(function: Function) -> Function:
+    """`--model-error`, which means the same wherever a model is held against recordings."""
+    return click.option(
+        "--model-error",
+        metavar="SHARE",
+        type=FiniteRange(0, 0.1),
+        help="Relative accuracy of the component maps, such as 0.003: what could be an error of theirs is no finding.
+        When " "not given, what the nominal state found, or else what the engine file states; 0 trusts the maps.",
+    )(function)
+
+
 def judging_options(function: Callable[..., Any]) -> Callable[..., Any]:
     """`--linearise`, `--reference`, `--last`, `--model-error`, with `--window` and `--step` of `window_options` if the
     command has them: given to it as one `judging: Judging`."""
@@ -93,7 +104,7 @@ def judging_options(function: Callable[..., Any]) -> Callable[..., Any]:
         linearise: str,
         reference: int,
         last: int,
-        model_error: float,
+        model_error: float | None,
         window: str | None = None,
         step: str | None = None,
         **others: Any,
@@ -127,15 +138,7 @@ def judging_options(function: Callable[..., Any]) -> Callable[..., Any]:
             default=0,
             help="Judge only the last N records of each flight and engine.",
         ),
-        click.option(
-            "--model-error",
-            metavar="SHARE",
-            type=FiniteRange(0, 1),
-            default=0.0,
-            show_default=True,
-            help="Relative error that the model makes about a change, for an engine with generic maps: "
-            "0.2 allows each reading an error of 20 % of the rms relative deviation.",
-        ),
+        model_error_option,
     ]
     for option in reversed(options):
         with_judging = option(with_judging)

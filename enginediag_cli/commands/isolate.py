@@ -140,9 +140,11 @@ def isolate(
 
     if by == "component" and (method != "posterior" or faults):
         raise click.UsageError("--by component goes with --method posterior and without --faults")
-    plain = not (judging.reference or judging.model_error)  # otherwise the score knows more than the records tell
+    plain = not judging.reference  # otherwise the score knows more than the records tell
     further.check(method, by, compared.nominal, not plain)
-    monitor = compared.open(messages, source, sensors=further.sensors_watched(method, compared.patterns))
+    monitor = compared.open(
+        messages, source, sensors=further.sensors_watched(method, compared.patterns), model_error=judging.model_error
+    )
     kept = None
     if monitor is not None and plain and by == "parameter" and further.keeps(method, judging.linearise):
         kept = KeptRecords(monitor, short_windows=not judging.plan.whole)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import click
@@ -27,17 +27,22 @@ class Compared:
     patterns: tuple[str, ...]
     accept_changed_engine: bool
 
-    def open(self, messages: Messages, source: Source, *, sensors: bool = False) -> Monitor | None:
-        """The monitor, with what should be known of it on stderr; sensors: the bias of every sensor in use may have
-        changed, too."""
+    def open(
+        self, messages: Messages, source: Source, *, sensors: bool = False, model_error: float | None = None
+    ) -> Monitor | None:
+        """The monitor, with what should be known of it on stderr; sensors: every instrument may be wrong, too;
+        model_error: accuracy of the maps by hand."""
         if self.nominal is None:
             return None
+        from enginediag_cli.identification.other_accuracy import with_accuracy
         from enginediag_cli.intake.baseline import open_baseline
         from enginediag_cli.presentation.baseline_doubts import tell_baseline
         from enginediag_cli.residuals.monitor import monitor_of
 
         baseline = open_baseline(self.nominal, accept_changed_engine=self.accept_changed_engine)
         tell_baseline(messages, baseline, source.engine_instance)
+        if model_error is not None:
+            baseline = replace(baseline, nominal=with_accuracy(baseline.nominal, model_error))
         return monitor_of(baseline, self.patterns, sensors=sensors)
 
     @property

@@ -30,7 +30,6 @@ NOT_WITH_A_METHOD = {
     "power": "the smallest change is that of the tool's own test",
     "reference": "it compares with nominal, or with what it learns from --healthy",
     "last": "it judges whole recordings",
-    "model_error": "it takes the engine model to be right",
 }
 """Options of detect that only its own test can honour, and why."""
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from enginediag_cli.commands.intake_options import nominal_options, source_options
+from enginediag_cli.commands.intake_options import model_error_option, nominal_options, source_options
 from enginediag_cli.commands.options import ConfigFile, FiniteRange, seed_option
 from enginediag_cli.presentation.messages import Messages
 
@@ -61,13 +61,7 @@ def _search_options(function: Callable[..., Any]) -> Callable[..., Any]:
         return function(*args, asked=Asked(model_error, false_finding, drivers, noise, seed), **others)
 
     options = [
-        click.option(
-            "--model-error",
-            metavar="SHARE",
-            type=FiniteRange(0, 0.1),
-            help="Relative accuracy of the component maps, such as 0.003: what could be an error of theirs is not "
-            "called missing. That of the engine file when not given; 0 trusts the maps.",
-        ),
+        model_error_option,
         click.option(
             "--false-finding",
             metavar="P",

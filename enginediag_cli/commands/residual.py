@@ -64,7 +64,7 @@ def residual(
     from enginediag_cli.residuals.flat import flat_columns
     from enginediag_cli.residuals.seal import CHECKSUM, MADE_COLUMNS
 
-    monitor = compared.open(messages, source, sensors=sensors)
+    monitor = compared.open(messages, source, sensors=sensors, model_error=judging.model_error)
     assert monitor is not None
     files = judged_files(source, monitor, judging)
     columns: tuple[str, ...] | None

@@ -56,7 +56,7 @@ def trend(
     from enginediag_cli.presentation.trend_rows import flight_rows, tell_trends, trend_rows
     from enginediag_cli.recordings.provenance import header_lines
 
-    monitor = compared.open(messages, source)
+    monitor = compared.open(messages, source, model_error=judging.model_error)
     files = judged_files(source, monitor, judging, summed=True)
     sums = flight_sums(files)
     if what == "flights":

@@ -177,8 +177,10 @@ class Engine:
             for e, good in self._evaluations(u, t, solved, final):
                 rows = at[good]
                 y[rows], J[rows], flags = self._outputs(e, columns, wrt)
-                for k, column in enumerate(also):
-                    beside[rows, k] = np.broadcast_to(value(self._read(e.evaluation, column)), (e.evaluation.size,))[e.rows]
+                for c, column in enumerate(also):
+                    beside[rows, c] = np.broadcast_to(value(self._read(e.evaluation, column)), (e.evaluation.size,))[
+                        e.rows
+                    ]
                 for name, mask in flags.items():
                     status[rows[mask]] = OUTSIDE_MAP
                     for i in rows[mask].tolist():

@@ -34,8 +34,8 @@ END = 1.6
 
 @dataclass(frozen=True)
 class MapCurves:
-    """Frozen curves of one machine: `centre` and `reach` (2,) of its coordinates, and `line` (4,), the coefficients of the
-    regression of the scaled position on powers 0…3 of the scaled speed."""
+    """Frozen curves of one machine: `centre` and `reach` (2,) of its coordinates, and `line` (4,), the coefficients of
+    the regression of the scaled position on powers 0…3 of the scaled speed."""
 
     machine: str
     centre: tuple[float, float]

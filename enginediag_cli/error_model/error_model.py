@@ -23,9 +23,9 @@ def map_accuracy_of(engine: Any) -> float:
 
 @dataclass(frozen=True)
 class ErrorModel:
-    """`stated`: accuracy of the maps as the engine file has it, a share; `curves`: by which functions each machine's maps may
-    be wrong, frozen at training; `sizes`: map quantity (the health parameter that multiplies it) → standard deviation of
-    each amount. What the amounts are, and how well they are known, stands among the estimates."""
+    """`stated`: accuracy of the maps as the engine file has it, a share; `curves`: by which functions each machine's
+    maps may be wrong, frozen at training; `sizes`: map quantity (the health parameter that multiplies it) → standard
+    deviation of each amount. What the amounts are, and how well they are known, stands among the estimates."""
 
     stated: float
     curves: tuple[MapCurves, ...]

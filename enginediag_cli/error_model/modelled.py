@@ -2,10 +2,10 @@
 
     y = Φ(u, θ) + Σ_q ∂Φ/∂θ_q Σ_j a_qj φ_j(ξ_c)        ∂y/∂a_qj = ∂Φ/∂θ_q φ_j(ξ_c)
 
-with θ_q the efficiency or flow capacity of machine c, ξ_c its map coordinates and a the amounts `map_error.<q>.<j>`. ξ_c and
-∂Φ/∂θ_q are those of the record's frozen columns, else those of this prediction, which hands them over as `frozen`. Whoever
-moves θ gives the columns found where he began: the derivatives are then exact, and at faulted coordinates an error of the
-maps would pass for the fault.
+with θ_q the efficiency or flow capacity of machine c, ξ_c its map coordinates and a the amounts `map_error.<q>.<j>`.
+ξ_c and ∂Φ/∂θ_q are those of the record's frozen columns, else those of this prediction, which hands them over as
+`frozen`. Whoever moves θ gives the columns found where he began: the derivatives are then exact, and at faulted
+coordinates an error of the maps would pass for the fault.
 """
 
 from __future__ import annotations
@@ -102,9 +102,7 @@ class MapErrorModel:
         plain = {c: v for c, v in inputs.items() if c not in frozen}
         if all(name in frozen for g in active for name in _frozen_columns(g, columns)):
             own = {n for g in self._groups for n in g.names}
-            p = self.model.predict(
-                plain, given, sensors=columns, wrt=tuple(n for n in wrt if n not in own), **options
-            )
+            p = self.model.predict(plain, given, sensors=columns, wrt=tuple(n for n in wrt if n not in own), **options)
         else:
             p, frozen = self._found(plain, given, columns, wrt, active, options)
         return _with_errors(p, active, amounts, tuple(wrt), frozen)

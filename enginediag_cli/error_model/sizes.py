@@ -5,8 +5,8 @@ of the present prior standard deviations, and t the factor by which the standard
 
     ln L(t) = ½ bᵀ(H + T⁻²)⁻¹ b − ½ ln det(1 + T² H),     ∂ln L/∂ln t_g = ½ Σ_{j in g} [(μ_j² + C_jj)/t_g² − 1]
 
-with μ = C b, C = (H + T⁻²)⁻¹. To it comes the prior ln s_g ~ N(ln stated, 1), and s_g is never below what is stated: one
-healthy engine may happen to lie on its map, and the next need not.
+with μ = C b, C = (H + T⁻²)⁻¹. To it comes the prior ln s_g ~ N(ln stated, 1), and s_g is never below what is stated:
+one healthy engine may happen to lie on its map, and the next need not.
 """
 
 from __future__ import annotations

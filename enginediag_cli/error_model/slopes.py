@@ -4,10 +4,10 @@ A map whose slope is wrong by Δ gives, when a fault moves its machine by Δξ o
 
     δq = Δ · (ξ_c(θ̂) − ξ_c(θ0)),     Δ ~ N(0, s²),  s = 0.2 (efficiency), 0.5 (flow) for generic maps,
 
-for each coordinate ξ of machine c, ln corrected speed and ln flow or pressure ratio. It acts where the health parameter of
-that map quantity does, so that it is an uncertainty of a change of that parameter: none where nothing has changed. s is
-stated, not estimated: healthy records of one operating point know nothing of it, and the likelihood of several prefers
-values that fail on other fleets.
+for each coordinate ξ of machine c, ln corrected speed and ln flow or pressure ratio. It acts where the health
+parameter of that map quantity does, so that it is an uncertainty of a change of that parameter: none where nothing has
+changed. s is stated, not estimated: healthy records of one operating point know nothing of it, and the likelihood of
+several prefers values that fail on other fleets.
 """
 
 from __future__ import annotations
@@ -22,16 +22,16 @@ from enginediag_cli.error_model.error_model import ErrorModel
 from enginediag_cli.error_model.machines import QUANTITIES, machines_of
 
 SLOPES = {"efficiency": 0.2, "flow_capacity": 0.5}
-"""Standard deviation of ∂ln q/∂ξ of a generic map. 0.15 to 0.3 with 0.5 to 1 do as well on fleets with generic maps, 0.2
-with 0.3 does not."""
+"""Standard deviation of ∂ln q/∂ξ of a generic map. 0.15 to 0.3 with 0.5 to 1 do as well on fleets with generic maps,
+0.2 with 0.3 does not."""
 GENERIC = 0.01
 """Stated accuracy of maps that are generic; slopes of better ones are better in proportion."""
 
 
 @dataclass(frozen=True)
 class MapSlopes:
-    """`position` (k,): of the uncertain map quantities among the monitored parameters; `moved` (k, 2, a): how far a unit
-    of each of the a monitored parameters moves the machine on its map; `sigma` (k,): of ∂ln q/∂ξ."""
+    """`position` (k,): of the uncertain map quantities among the monitored parameters; `moved` (k, 2, a): how far a
+    unit of each of the a monitored parameters moves the machine on its map; `sigma` (k,): of ∂ln q/∂ξ."""
 
     position: np.ndarray
     moved: np.ndarray
@@ -76,6 +76,4 @@ def map_slopes(
     relative = p.jacobian[ok] / p.y[ok][:, :, None]  # ∂ln column/∂θ
     log = dict(zip(wanted, np.mean(relative, axis=0), strict=True))
     moved = np.array([m.differentials(log) for m, _, _ in known])
-    return MapSlopes(
-        np.array([i for _, _, i in known]), moved, share * np.array([SLOPES[q] for _, q, _ in known])
-    )
+    return MapSlopes(np.array([i for _, _, i in known]), moved, share * np.array([SLOPES[q] for _, q, _ in known]))

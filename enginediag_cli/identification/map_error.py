@@ -1,13 +1,14 @@
 """The error of the engine's maps in an identification: its amounts beside the parameters, and how large it is.
 
-A fit alternates three things: the parameters and amounts given their priors, the noise that they leave, and the sizes of
-the map errors under which the records are likeliest. Map coordinates are taken at one state of the engine and stay in a
-column of each record while the parameters move (see `error_model.modelled`).
+A fit alternates three things: the parameters and amounts given their priors, the noise that they leave, and the sizes
+of the map errors under which the records are likeliest. Map coordinates are taken at one state of the engine and stay
+in a column of each record while the parameters move (see `error_model.modelled`).
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -19,7 +20,8 @@ from enginediag_cli.identification.normal_equations import NormalEquations, elim
 from enginediag_cli.identification.problem import Problem
 
 SETTLED = 0.1
-"""Largest relative change of a size from one pass to the next that ends the passes: the answer hardly knows it better."""
+"""Largest relative change of a size from one pass to the next that ends the passes: the answer hardly knows it
+better."""
 
 
 @dataclass(frozen=True)
@@ -41,12 +43,15 @@ def with_map_error(problem: Problem, accuracy: float) -> Problem:
         return problem
     columns = tuple(dict.fromkeys(c for m in machines for c in m.columns))
     theta = problem.physical(np.zeros(len(problem.parameters)))
-    p = problem.model.predict(problem.inputs, theta, sensors=problem.sensors[:1], also=columns)
+    engine: Any = problem.model  # machines_of has found one
+    p = engine.predict(problem.inputs, theta, sensors=problem.sensors[:1], also=columns)
     if not p.ok.any():
         return problem
     values = dict(zip(columns, np.where(p.ok[:, None], p.also, np.nan).T, strict=True))
     curves = [c for m in machines if (c := learn_curves(m.name, m.coordinates(values))) is not None]
-    sizes = {m.parameter(q): accuracy for m in machines for q in QUANTITIES if m.parameter(q) in problem.model.parameters}
+    sizes = {
+        m.parameter(q): accuracy for m in machines for q in QUANTITIES if m.parameter(q) in problem.model.parameters
+    }
     model = MapErrorModel(problem.model, curves, sizes)
     added = tuple(p for p in model.parameters.values() if p.family == FAMILY)
     k = len(added)
@@ -82,8 +87,8 @@ def map_error_sizes(problem: Problem, stated: float) -> tuple[MapErrorSize, ...]
 def resized(
     problem: Problem, equations: NormalEquations, x: np.ndarray, z: np.ndarray, stated: float, damping: float = 1.0
 ) -> tuple[Problem, np.ndarray, float]:
-    """The problem with the likeliest sizes of map errors, x (p,) in its units, and the largest relative change. damping: by
-    which share of the way to them."""
+    """The problem with the likeliest sizes of map errors, x (p,) in its units, and the largest relative change.
+    damping: by which share of the way to them."""
     if not isinstance(problem.model, MapErrorModel):
         return problem, x, 0.0
     groups = problem.model.groups

@@ -27,14 +27,14 @@ Window = tuple[WindowStatistics, Mapping[str, Parameter]]
 @dataclass(frozen=True)
 class Judging:
     """How recordings become windows: the plan of windows; `linearise` as in `window_statistics`; reference and last:
-    counts of records per flight and engine, 0 for none; `model_error`: relative error that the model makes about a
-    change."""
+    counts of records per flight and engine, 0 for none; `model_error`: accuracy of the maps by hand, None for what the
+    nominal state says."""
 
     plan: WindowPlan = field(default_factory=WindowPlan)
     linearise: str = "estimate"
     reference: int = 0
     last: int = 0
-    model_error: float = 0.0
+    model_error: float | None = None
 
     @property
     def notes(self) -> Mapping[str, str]:
@@ -42,7 +42,7 @@ class Judging:
         told = {
             "reference": self.reference and f"first {self.reference}",
             "judged": self.last and f"last {self.last}",
-            "model_error": self.model_error,
+            "model_error": "" if self.model_error is None else f"{self.model_error:g}",
         }
         return {name: str(value) for name, value in told.items() if value}
 
@@ -94,7 +94,6 @@ class JudgedFiles:
             judging.reference,
             last=judging.last,
             linearise=judging.linearise,
-            model_error=judging.model_error,
         ):
             yield window, monitor.meaning
 
@@ -127,7 +126,7 @@ def made_with(files: JudgedFiles, monitor: Monitor) -> MadeWith:
         monitor=" ".join(monitor.monitored),
         reference=str(judging.reference),
         last=str(judging.last),
-        model_error=str(judging.model_error),
+        model_error="" if judging.model_error is None else f"{judging.model_error:g}",
         recorder=sha256_of(source.recorder)[:DIGITS] if source.recorder else "",
         engine_instance=source.engine_instance,
     )

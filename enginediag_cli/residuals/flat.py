@@ -1,8 +1,8 @@
 """Local statistics as flat rows, one value per column, and back; such a file needs nothing else to be read.
 
 Columns: those of the window, `n`, `chi2`, `dof`, `noise_A1`, `noise_A2`, `noise_Q`, `parameters` (what each parameter
-is, a JSON list of `Parameter.as_mapping`), then `theta0:a`, `prior_sigma:a`, `s:a`, `slopes:a` per parameter a, and the upper
-triangles `F:a|b` and `V:a|b`.
+is, a JSON list of `Parameter.as_mapping`), then `theta0:a`, `prior_sigma:a`, `s:a`, `slopes:a` per parameter a, and
+the upper triangles `F:a|b` and `V:a|b`.
 """
 
 from __future__ import annotations

@@ -52,8 +52,8 @@ class Monitor:
 
     base: values of all identified parameters; meaning: what the monitored are, by name; theta0, prior_sigma, lower,
     upper (p,); uncertainty (p, p). nominal: the fingerprint of the nominal state, to which statistics are bound.
-    smooth: whether `compact` finds its fit good enough, None where that is not known. slopes: how wrong the maps may make
-    the effect of a change, None where they are taken to be right.
+    smooth: whether `compact` finds its fit good enough, None where that is not known. slopes: how wrong the maps may
+    make the effect of a change, None where they are taken to be right.
     """
 
     engine: MonitoredModel

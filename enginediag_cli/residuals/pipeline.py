@@ -90,9 +90,9 @@ def monitored_only(monitor: Monitor) -> Condense:
 
 
 def condensed(monitor: Monitor, statistics: LocalStatistics, uncertainty: np.ndarray) -> LocalStatistics:
-    """Statistics of the monitored parameters with `uncertainty` (p, p) counted as noise, and what wrong slopes of the maps
-    may make of the change that they speak of. That is the change which the engine would have to show, no instrument
-    being wrong."""
+    """Statistics of the monitored parameters with `uncertainty` (p, p) counted as noise, and what wrong slopes of the
+    maps may make of the change that they speak of. That is the change which the engine would have to show, no
+    instrument being wrong."""
     found = marginalise(statistics, monitor.monitored, uncertainty)
     if monitor.slopes is None:
         return found

@@ -16,9 +16,9 @@ import numpy as np
 
 from enginediag_cli.recordings.table import Recording, concat
 from enginediag_cli.residuals.groups import Key, group_rows
-from enginediag_cli.residuals.model_error import model_error_covariance, scale_offsets, with_scale_offsets
 from enginediag_cli.residuals.monitor import Monitor
 from enginediag_cli.residuals.pipeline import WindowStatistics, condensed, window_statistics
+from enginediag_cli.residuals.scale_offsets import with_scale_offsets
 from enginediag_cli.residuals.statistics import LocalStatistics
 from enginediag_cli.residuals.windows import WindowPlan
 
@@ -65,19 +65,15 @@ def windows_against_reference(
     *,
     last: int = 0,
     linearise: str = "estimate",
-    model_error: float = 0.0,
 ) -> Iterator[WindowStatistics]:
     """Windows of what follows the first `records` of each flight and engine, judged against these.
 
     records 0: no reference, windows are judged against nominal as it is. last: of what follows, only the last
-    so many records (0: all). model_error: relative error of the model's account of a change, see
-    `model_error.py`. A flight whose first records give no reference, or that ends with them, is a window
+    so many records (0: all). A flight whose first records give no reference, or that ends with them, is a window
     without verdict.
     """
     if records:
         monitor = _with_own_state(monitor)
-    elif model_error:
-        monitor = with_scale_offsets(monitor)
     early = _EarlyRecords(monitor, records, linearise)
 
     def condense(window: WindowStatistics, statistics: LocalStatistics) -> WindowStatistics:
@@ -87,8 +83,6 @@ def windows_against_reference(
             if reference is None:
                 return replace(window, reason=f"the first {records} records of this engine give no reference")
             statistics, uncertainty = reference.taken_out_of(statistics), reference.uncertainty
-        if model_error:
-            uncertainty = uncertainty + model_error_covariance(statistics, scale_offsets(monitor), model_error)
         return replace(window, statistics=condensed(monitor, statistics, uncertainty))
 
     later = early.set_aside(recordings) if records else recordings

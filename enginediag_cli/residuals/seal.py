@@ -30,7 +30,7 @@ class MadeWith:
     monitor: str = ""
     reference: str = "0"
     last: str = "0"
-    model_error: str = "0.0"
+    model_error: str = ""
     recorder: str = ""
     engine_instance: str = ""
 

@@ -1,8 +1,9 @@
-"""Faults of another simulator's engine, isolated by default options: python tests/real_runs/pycycle_isolation.py [--seeds N]
+"""Faults of another simulator's engine, isolated by default options: python tests/real_runs/pycycle_isolation.py
+[--seeds N]
 
-For each noise seed: `identify` on the healthy file, `isolate` on the three fault files whole and on 60 records with one to
-three random faults one by one, through the commands. Prints how often exactly the true parameters are named, sensors that
-are named, reliability of what is stated, and coverage of the intervals.
+For each noise seed: `identify` on the healthy file, `isolate` on the three fault files whole and on 60 records with
+one to three random faults one by one, through the commands. Prints how often exactly the true parameters are named,
+sensors that are named, reliability of what is stated, and coverage of the intervals.
 """
 
 from __future__ import annotations
@@ -138,9 +139,11 @@ def single(converged: list[dict[str, object]]) -> None:
                     covered += float(row["lower"]) <= size <= float(row["upper"])
     if not count:
         return
-    print(f"random faults, one record each: exact {exact} of {count} ({100 * exact / count:.0f} %), "
-          f"in answer and rivals {100 * among / count:.1f} %, an instrument named in {wrong_sensor}, "
-          f"intervals {100 * covered / max(intervals, 1):.1f} % of {intervals}")
+    print(
+        f"random faults, one record each: exact {exact} of {count} ({100 * exact / count:.0f} %), "
+        f"in answer and rivals {100 * among / count:.1f} %, an instrument named in {wrong_sensor}, "
+        f"intervals {100 * covered / max(intervals, 1):.1f} % of {intervals}"
+    )
     for low in sorted(bins):
         stated = sum(s for s, _ in bins[low]) / len(bins[low])
         right = sum(ok for _, ok in bins[low]) / len(bins[low])

@@ -49,7 +49,7 @@ def linearised(monitor: Monitor, windows: Windows, linearise: str, precision: np
         replace(monitor.hold, precision=precision),
         monitor.noise,
         window=np.repeat(np.arange(W), n),
-        nominal=nominal,
+        nominal=(nominal[0], nominal[1], nominal[2]),
     )
     shape = windows.y.shape
     e = np.where(found.ok[:, None], found.e, np.nan).reshape(shape)
