@@ -89,8 +89,8 @@ def model_error_option(function: Function) -> Function:
         "--model-error",
         metavar="SHARE",
         type=FiniteRange(0, 0.1),
-        help="Relative accuracy of the component maps, such as 0.003: what could be an error of theirs is no finding.
-        When " "not given, what the nominal state found, or else what the engine file states; 0 trusts the maps.",
+        help="Relative accuracy of the component maps, such as 0.003: what could be an error of theirs is no finding. "
+        "When not given, what the nominal state found, or else what the engine file states; 0 trusts the maps.",
     )(function)
 
 
