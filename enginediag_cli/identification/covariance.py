@@ -80,7 +80,8 @@ def uncertainty(problem: Problem, fit: Fit, rho: np.ndarray, used: np.ndarray | 
         H_zz += part[2]
     arrow = eliminate(H_xx, H_xz, H_zz, np.zeros(p), np.zeros((R, q)), np.zeros(p), np.zeros((R, q)))
     prior_of_offsets = np.einsum("rpq,rlq->pl", arrow.gain, arrow.gain)
-    scale = b / (problem.sigma * problem.inflation) ** 2
+    # an error of the model at an operating point is common to all its records
+    scale = b * (1.0 if problem.shared is None else problem.shared) / (problem.sigma * problem.inflation) ** 2
     sums = _sums(problem, fit, bread, arrow.gain, rho)
     meat = np.einsum("s,spl->pl", scale, sums.smooth)
     inverse = np.linalg.inv(arrow.S)

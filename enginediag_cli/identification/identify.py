@@ -15,6 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from enginediag_cli.engine.warm import warm
+from enginediag_cli.identification.bounds import ROUNDS, AtBound, at_bounds, given_back
 from enginediag_cli.identification.covariance import Uncertainty, uncertainty
 from enginediag_cli.identification.crossvalidation import CrossValidation, cross_validate
 from enginediag_cli.identification.envelope import Envelope, learn_envelope
@@ -25,6 +26,7 @@ from enginediag_cli.identification.normal_equations import predict
 from enginediag_cli.identification.problem import Model, Problem, TrainingRecording, build_problem
 from enginediag_cli.identification.quality import SensorQuality, sensor_quality
 from enginediag_cli.identification.regimes import assign_regimes
+from enginediag_cli.identification.repeated_points import follows_no_clock, lack_of_fit
 from enginediag_cli.identification.resolution import quantisation_sigma
 from enginediag_cli.identification.settings import IdentificationSettings, settings_from_mapping
 from enginediag_cli.identification.unidentified import Combination, unidentified_combinations
@@ -80,6 +82,11 @@ class IdentificationResult:
     envelope: Envelope
     records: Mapping[str, int]
     noise_passes: int
+
+    @property
+    def bounds(self) -> tuple[AtBound, ...]:
+        """Parameters that the records push against a bound: a sign that the model lacks something."""
+        return at_bounds(self.problem, self.fit)
 
     def nominal(self, engine_path: str, engine_sha256: str, provenance: Mapping[str, str]) -> Nominal:
         """What later stages read, as one value. Raises ValueError for a fit that did not converge."""
@@ -219,8 +226,11 @@ def _fit_and_noise(
     zeros = (np.zeros(len(problem.parameters)), np.zeros((len(problem.labels), len(problem.offsets))))
     # as correlated as it looks, too: a first fit that took every record at its word would chase the error of
     # the model far from what is plausible, where the search is slow
-    noise = starting_noise(problem.measured - predict(problem, *zeros)[0], problem.gap, stated)
-    problem = problem.with_noise(noise.sigma if estimated else stated, _tempering(noise))
+    predicted, _ = predict(problem, *zeros)
+    residual = problem.measured - predicted
+    noise = starting_noise(residual, problem.gap, stated)
+    problem = problem.with_noise(noise.sigma if estimated else stated, np.ones(len(stated)))
+    problem = problem.with_noise(problem.sigma, *_tempering(problem, noise, predicted, np.zeros(len(stated))))
     start = zeros
     for number in each(range(1, NOISE_PASSES + 1), "identifying, passes of fit and noise"):
         fit = solve(problem, start, max_iterations=settings.max_iterations, tolerance=PASS_TOLERANCE)
@@ -228,25 +238,40 @@ def _fit_and_noise(
         noise = estimate_noise(fit.equations.residual, problem.gap, found.lost, floor)
         if not fit.converged and not fit.decrement < LOST_PASS:
             return problem, fit, noise, found, number, False
-        sigma, inflation = noise.sigma if estimated else stated, _tempering(noise)
+        sigma = noise.sigma if estimated else stated
+        inflation, shared = _tempering(problem, noise, fit.equations.predicted, found.sensor_dof)
         change = np.log(sigma**2 * inflation) - np.log(problem.sigma**2 * problem.inflation)
         settled = bool(np.max(np.abs(change)) / 2 < NOISE_SETTLED)
         if number > UNDAMPED_PASSES:
             # noise and fit feed back on each other; half steps end a swing between two states
             sigma, inflation = np.sqrt(sigma * problem.sigma), np.sqrt(inflation * problem.inflation)
-        problem = problem.with_noise(sigma, inflation)
+        problem = problem.with_noise(sigma, inflation, shared)
         start = (fit.x, fit.z)
         if settled:
             break
     fit = solve(problem, start, max_iterations=settings.max_iterations, tolerance=FINAL_TOLERANCE)
     found = uncertainty(problem, fit, noise.rho1, noise.used)
+    for _ in range(ROUNDS):
+        freed = given_back(problem, fit, found)
+        if freed is None or not fit.converged:
+            break
+        problem = freed
+        fit = solve(problem, (fit.x, fit.z), max_iterations=settings.max_iterations, tolerance=FINAL_TOLERANCE)
+        found = uncertainty(problem, fit, noise.rho1, noise.used)
     noise = replace(noise, sigma=problem.sigma, sigma_from="fit" if estimated else "stated")
     return problem, fit, noise, found, number, settled
 
 
-def _tempering(noise: NoiseEstimate) -> np.ndarray:
-    """κ of each sensor as the fit uses it, (m,)."""
-    return np.minimum(noise.inflation, MAX_TEMPERING)
+def _tempering(
+    problem: Problem, noise: NoiseEstimate, predicted: np.ndarray, used: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """κ of each sensor as the fit uses it, (m,), and the part of it for an error of the model that records share."""
+    timely = np.minimum(noise.inflation, MAX_TEMPERING)
+    if not follows_no_clock(problem.gap):
+        return timely, np.ones_like(timely)
+    misfit = lack_of_fit(predicted, problem.measured - predicted, problem.sigma, noise.inflation, used)
+    kappa = np.maximum(timely, misfit)
+    return kappa, kappa / timely
 
 
 def _estimates(problem: Problem, fit: Fit, found: Uncertainty) -> tuple[Estimate, ...]:

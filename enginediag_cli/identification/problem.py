@@ -60,6 +60,7 @@ class Problem:
     offsets: tuple[OffsetPrior, ...]
     loss: Loss
     dropped: Mapping[str, int]  # reason: records that were left out before the fit
+    shared: np.ndarray | None = None  # (m,) the part of κ that stands for the model's error, see `repeated_points.py`
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -88,9 +89,9 @@ class Problem:
             regimes=self.regimes[keep],
         )
 
-    def with_noise(self, sigma: np.ndarray, inflation: np.ndarray) -> Problem:
-        """The same problem with other noise, both (m,)."""
-        return replace(self, sigma=sigma, inflation=inflation)
+    def with_noise(self, sigma: np.ndarray, inflation: np.ndarray, shared: np.ndarray | None = None) -> Problem:
+        """The same problem with other noise, all (m,)."""
+        return replace(self, sigma=sigma, inflation=inflation, shared=shared)
 
 
 def build_problem(model: Model, recordings: Sequence[TrainingRecording], settings: IdentificationSettings) -> Problem:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 
+from enginediag_cli.identification.bounds import AtBound
 from enginediag_cli.identification.identify import OUTSIDE_MAPS, IdentificationResult
 from enginediag_cli.identification.nominal import Estimate
 from enginediag_cli.identification.quality import EVERYTHING, SensorQuality
@@ -46,6 +47,16 @@ def repeat_lines(repeats: Iterable[Repeat]) -> Iterator[str]:
     for r in repeats:
         what = f"all {r.records:,} records" if r.whole else f"{r.records:,} records"
         yield f"{r.label}: {what} stand in {r.of}, too, and are counted once"
+
+
+def bounds_line(bounds: Sequence[AtBound]) -> str:
+    """Why parameters at their bounds are no nominal state, and what can be done."""
+    named = ", ".join(map(str, bounds))
+    what = (
+        "the model lacks something, or is told the wrong sizes: look at the sensors that fit worst, state what is "
+        "known of the engine, or hold parameters with `fixed:`; --allow-bounds writes it as it is"
+    )
+    return f"no nominal state: {named}; nothing is written ({what})"
 
 
 def noise_lines(result: IdentificationResult) -> Iterator[str]:
