@@ -77,7 +77,9 @@ def test_no_parameter_ends_at_a_bound_although_vanes_are_missing(identified):
     """Flow at constant speed follows the vanes; the map's exponent, which cannot, is drawn far from what is assumed."""
     assert not at_bound(identified["base"])
     assert not at_bound(identified["all"])
-    exponent = next(e for e in identified["base"].estimates if e.name == "compressor.map.flow_speed_exponent")
+    exponent = next(
+        e for e in read_nominal(identified["base"]).estimates if e.name == "compressor.map.flow_speed_exponent"
+    )
     assert exponent.prior_mean - exponent.value > 2 * exponent.prior_sigma
 
 
