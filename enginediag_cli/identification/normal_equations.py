@@ -19,7 +19,7 @@ import numpy as np
 
 from enginediag_cli.identification.problem import Problem
 
-CHUNK_RECORDS = 8192
+CHUNK_RECORDS = 4096
 """Records per model call: bounds the memory of the sensitivities, (records, m, p)."""
 
 
