@@ -23,6 +23,7 @@ from enginediag_cli.identification.gauss_newton import Fit, solve
 from enginediag_cli.identification.noise import NoiseEstimate, estimate_noise, starting_noise
 from enginediag_cli.identification.nominal import Estimate, Nominal, SensorNoise, status_of
 from enginediag_cli.identification.normal_equations import predict
+from enginediag_cli.identification.offset_start import first_offsets
 from enginediag_cli.identification.problem import Model, Problem, TrainingRecording, build_problem
 from enginediag_cli.identification.quality import SensorQuality, sensor_quality
 from enginediag_cli.identification.regimes import assign_regimes
@@ -226,12 +227,12 @@ def _fit_and_noise(
     zeros = (np.zeros(len(problem.parameters)), np.zeros((len(problem.labels), len(problem.offsets))))
     # as correlated as it looks, too: a first fit that took every record at its word would chase the error of
     # the model far from what is plausible, where the search is slow
-    predicted, _ = predict(problem, *zeros)
+    start = (zeros[0], first_offsets(problem, predict(problem, *zeros)[0]))
+    predicted, _ = predict(problem, *start)
     residual = problem.measured - predicted
     noise = starting_noise(residual, problem.gap, stated)
     problem = problem.with_noise(noise.sigma if estimated else stated, np.ones(len(stated)))
     problem = problem.with_noise(problem.sigma, *_tempering(problem, noise, predicted, np.zeros(len(stated))))
-    start = zeros
     for number in each(range(1, NOISE_PASSES + 1), "identifying, passes of fit and noise"):
         fit = solve(problem, start, max_iterations=settings.max_iterations, tolerance=PASS_TOLERANCE)
         found = uncertainty(problem, fit, noise.rho1, noise.used)
