@@ -59,6 +59,7 @@ class Part:
 @click.option("--holdout-last", is_flag=True, help="Keep the last recording out of the fit and judge by it.")
 @click.option("--no-cross-validation", is_flag=True, help="Skip the refits without a block of records.")
 @model_error_option
+@click.option("--allow-bounds", is_flag=True, help="Write it although parameters end at their bounds.")
 @output_file_option("Write the nominal file here, completely or not at all; - is standard output.")
 @message_options
 @pass_messages
@@ -71,6 +72,7 @@ def identify(
     holdout_last: bool,
     no_cross_validation: bool,
     model_error: float | None,
+    allow_bounds: bool,
     output_path: str,
 ) -> ExitCode:
     """Identify the nominal engine from recordings believed healthy.
@@ -92,7 +94,7 @@ def identify(
     from enginediag_cli.intake.intake import Intake
     from enginediag_cli.intake.wanted import columns_of
     from enginediag_cli.physics.engine_file import load_engine
-    from enginediag_cli.presentation.identification_report import repeat_lines, report_lines
+    from enginediag_cli.presentation.identification_report import bounds_line, repeat_lines, report_lines
     from enginediag_cli.presentation.left_out import tell_left_out
     from enginediag_cli.residuals.compact import is_smooth
     from enginediag_cli.residuals.monitor import monitor_from_nominal
@@ -113,6 +115,9 @@ def identify(
         messages.note(line)
     if not result.converged:
         messages.error(f"no nominal state: {result.reason}; nothing is written")
+        return ExitCode.NO_VERDICT
+    if result.bounds and not allow_bounds:
+        messages.error(bounds_line(result.bounds))
         return ExitCode.NO_VERDICT
     path, digest = _engine_reference(engine_path, output_path)
     nominal = result.nominal(path, digest, _provenance(source, part))

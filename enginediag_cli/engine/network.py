@@ -27,6 +27,11 @@ if TYPE_CHECKING:
 
 STATION_COLUMN = re.compile(r"(?P<what>T|P|W|FAR)(?P<station>.+?)(?:_K|_Pa|_kg_s)?")
 
+OFFTAKE_SHARE = 0.01
+"""Generators and pumps take up to about one per cent of a shaft's power, on small jets as on large engines."""
+UNSIZED_W = 1.0
+"""Spread of an off-take before the engine is sized, and the least there is: any positive number would do."""
+
 
 class Network:
     """Collects unknowns and balances from the components; no engine has code of its own."""
@@ -130,7 +135,7 @@ class Network:
                     s["power_offtake_W"],
                     -1e7,
                     1e8,
-                    5e4,
+                    self._offtake_spread(name),
                     "W",
                     "power taken from the shaft",
                     name,
@@ -140,6 +145,14 @@ class Network:
                 )
             )
         return (*found, *(p for effect in self.effects for p in effect.parameters()))
+
+    def _offtake_spread(self, name: str) -> float:
+        """How far the off-take of a shaft plausibly lies from what is stated, W: a share of the power that it carries
+        at the design point, of its compressors or, where it has none, of its turbines."""
+        if self.design_point is None:
+            return UNSIZED_W
+        shaft = self.design_point.shaft(name)
+        return max(OFFTAKE_SHARE * (scalar(shaft.demand_W) or scalar(shaft.supply_W)), UNSIZED_W)
 
     def with_effects(self, effects: Sequence[Effect]) -> Network:
         """The same sized components, carrying these effects and no others."""

@@ -73,7 +73,7 @@ class Fit:
     x: np.ndarray  # (p,) in prior standard deviations from the prior mean
     z: np.ndarray  # (R, q) offsets in prior standard deviations
     equations: NormalEquations
-    at_bound: np.ndarray  # (p,) held at a bound that the data push against
+    at_bound: np.ndarray  # (p,) held at a bound that the data push against, unless both bounds are one
     converged: bool
     reason: str
     iterations: tuple[Iteration, ...]
@@ -154,7 +154,7 @@ def solve(
             boldness *= SHORTENED if lost else SHORTER
         here = _stand(now, x, z, (low, high), kinks)
         history.append(Iteration(_total(now, x, z), here.decrement, int((~trial.ok).sum()), boldness, accepted))
-    end = Fit(x, z, now, here.held, False, "", tuple(history))
+    end = Fit(x, z, now, here.held & (low < high), False, "", tuple(history))
     return _ended(end, tolerance, rejected, walls)
 
 

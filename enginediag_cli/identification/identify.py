@@ -17,6 +17,7 @@ import numpy as np
 from enginediag_cli.engine.warm import warm
 from enginediag_cli.error_model.error_model import ErrorModel, map_accuracy_of
 from enginediag_cli.error_model.modelled import FAMILY, MapErrorModel
+from enginediag_cli.identification.bounds import ROUNDS, AtBound, at_bounds, given_back
 from enginediag_cli.identification.covariance import Uncertainty, uncertainty
 from enginediag_cli.identification.crossvalidation import CrossValidation, cross_validate
 from enginediag_cli.identification.envelope import Envelope, learn_envelope
@@ -26,9 +27,11 @@ from enginediag_cli.identification.map_error import MapErrorSize, frozen_at, map
 from enginediag_cli.identification.noise import NoiseEstimate, estimate_noise, starting_noise
 from enginediag_cli.identification.nominal import Estimate, Nominal, SensorNoise, status_of
 from enginediag_cli.identification.normal_equations import predict
+from enginediag_cli.identification.offset_start import first_offsets
 from enginediag_cli.identification.problem import Model, Problem, TrainingRecording, build_problem
 from enginediag_cli.identification.quality import SensorQuality, sensor_quality
 from enginediag_cli.identification.regimes import assign_regimes
+from enginediag_cli.identification.repeated_points import follows_no_clock, lack_of_fit
 from enginediag_cli.identification.resolution import quantisation_sigma
 from enginediag_cli.identification.settings import IdentificationSettings, settings_from_mapping
 from enginediag_cli.identification.unidentified import Combination, unidentified_combinations
@@ -87,6 +90,11 @@ class IdentificationResult:
     records: Mapping[str, int]
     noise_passes: int
     map_errors: tuple[MapErrorSize, ...] = ()
+
+    @property
+    def bounds(self) -> tuple[AtBound, ...]:
+        """Parameters that the records push against a bound: a sign that the model lacks something."""
+        return at_bounds(self.problem, self.fit)
 
     def nominal(self, engine_path: str, engine_sha256: str, provenance: Mapping[str, str]) -> Nominal:
         """What later stages read, as one value. Raises ValueError for a fit that did not converge."""
@@ -178,7 +186,7 @@ def identify(
         cv = cross_validate(problem, fit, settings.cross_validation_block, settings.max_iterations)
     later = noise
     if settings.monitoring_noise == "cross_validation" and np.isfinite(cv.predicted).any():
-        later = noise_on_unseen(problem.measured - cv.predicted, problem.recording, noise.sigma)
+        later = noise_on_unseen(problem.measured - cv.predicted, problem.gap, noise.sigma)
     cv_quality = sensor_quality(
         problem.sensors, problem.measured - cv.predicted, cv.predicted, noise.sigma, problem.regimes
     )
@@ -249,40 +257,60 @@ def _fit_and_noise(
     zeros = (np.zeros(len(problem.parameters)), np.zeros((len(problem.labels), len(problem.offsets))))
     # as correlated as it looks, too: a first fit that took every record at its word would chase the error of
     # the model far from what is plausible, where the search is slow
-    noise = starting_noise(problem.measured - predict(problem, *zeros)[0], problem.recording, stated)
-    problem = problem.with_noise(noise.sigma if estimated else stated, _tempering(noise))
-    start, rho, frozen = zeros, noise.rho1, zeros[0]
+    start = (zeros[0], first_offsets(problem, predict(problem, *zeros)[0]))
+    predicted, _ = predict(problem, *start)
+    residual = problem.measured - predicted
+    noise = starting_noise(residual, problem.gap, stated)
+    problem = problem.with_noise(noise.sigma if estimated else stated, np.ones(len(stated)))
+    problem = problem.with_noise(problem.sigma, *_tempering(problem, noise, predicted, np.zeros(len(stated))))
+    rho, frozen = noise.rho1, zeros[0]
     for number in each(range(1, NOISE_PASSES + 1), "identifying, passes of fit and noise"):
         fit = solve(problem, start, max_iterations=settings.max_iterations, tolerance=PASS_TOLERANCE)
         here = problem
         # noise, sizes and fit feed back on each other; ever shorter steps end a swing between two states
         damping = max(1.0 / max(number - UNDAMPED_PASSES + 1, 1), LEAST_SHARE)
         found = uncertainty(problem, fit, rho, noise.used)
-        noise = estimate_noise(fit.equations.residual, problem.recording, found.lost, floor)
+        noise = estimate_noise(fit.equations.residual, problem.gap, found.lost, floor)
         rho = rho + damping * (noise.rho1 - rho)
         if not fit.converged and not fit.decrement < LOST_PASS:
             return problem, fit, noise, found, number, False
-        sigma, inflation = noise.sigma if estimated else stated, _tempering(noise)
+        sigma = noise.sigma if estimated else stated
+        inflation, shared = _tempering(problem, noise, fit.equations.predicted, found.sensor_dof)
         change = np.log(sigma**2 * inflation) - np.log(problem.sigma**2 * problem.inflation)
         settled = bool(np.max(np.abs(change)) / 2 < NOISE_SETTLED)
         sigma = problem.sigma * (sigma / problem.sigma) ** damping
         inflation = problem.inflation * (inflation / problem.inflation) ** damping
+        shared = problem.shared * (shared / problem.shared) ** damping
         frozen = frozen + damping * (fit.x - frozen)
         problem, x, grown = resized(frozen_at(here, frozen), fit.equations, fit.x, fit.z, accuracy, damping)
-        problem = problem.with_noise(sigma, inflation)
+        problem = problem.with_noise(sigma, inflation, shared)
         start = (x, fit.z)
         settled = settled and grown < SIZES_SETTLED
         if settled:
             break
     fit = solve(problem, start, max_iterations=settings.max_iterations, tolerance=FINAL_TOLERANCE)
     found = uncertainty(problem, fit, noise.rho1, noise.used)
+    for _ in range(ROUNDS):
+        freed = given_back(problem, fit, found)
+        if freed is None or not fit.converged:
+            break
+        problem = freed
+        fit = solve(problem, (fit.x, fit.z), max_iterations=settings.max_iterations, tolerance=FINAL_TOLERANCE)
+        found = uncertainty(problem, fit, noise.rho1, noise.used)
     noise = replace(noise, sigma=problem.sigma, sigma_from="fit" if estimated else "stated")
     return problem, fit, noise, found, number, settled
 
 
-def _tempering(noise: NoiseEstimate) -> np.ndarray:
-    """κ of each sensor as the fit uses it, (m,)."""
-    return np.minimum(noise.inflation, MAX_TEMPERING)
+def _tempering(
+    problem: Problem, noise: NoiseEstimate, predicted: np.ndarray, used: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """κ of each sensor as the fit uses it, (m,), and the part of it for an error of the model that records share."""
+    timely = np.minimum(noise.inflation, MAX_TEMPERING)
+    if not follows_no_clock(problem.gap):
+        return timely, np.ones_like(timely)
+    misfit = lack_of_fit(predicted, problem.measured - predicted, problem.sigma, noise.inflation, used)
+    kappa = np.maximum(timely, misfit)
+    return kappa, kappa / timely
 
 
 def _estimates(problem: Problem, fit: Fit, found: Uncertainty) -> tuple[Estimate, ...]:

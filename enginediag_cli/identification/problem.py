@@ -24,6 +24,7 @@ from enginediag_cli.engine.model import Model
 from enginediag_cli.errors import DataError
 from enginediag_cli.identification.loss import Loss
 from enginediag_cli.identification.offset_prior import OffsetPrior
+from enginediag_cli.identification.pace import gaps, position
 from enginediag_cli.identification.settings import IdentificationSettings
 from enginediag_cli.parameters import Parameter
 from enginediag_cli.units import split_column
@@ -54,15 +55,22 @@ class Problem:
     measured: np.ndarray  # (N, m), NaN where there is no reading
     recording: np.ndarray  # (N,) index into labels, not decreasing
     labels: tuple[str, ...]
+    position: np.ndarray  # (N,) steps since the first record of its recording, see `pace.py`
     regimes: np.ndarray  # (N,) text
     offsets: tuple[OffsetPrior, ...]
     loss: Loss
     dropped: Mapping[str, int]  # reason: records that were left out before the fit
+    shared: np.ndarray | None = None  # (m,) the part of κ that stands for the model's error, see `repeated_points.py`
 
     @property
     def names(self) -> tuple[str, ...]:
         """Names of the p estimated parameters."""
         return tuple(p.name for p in self.parameters)
+
+    @property
+    def gap(self) -> np.ndarray:
+        """Steps since the record before, (N,), infinite at the beginning of a recording."""
+        return gaps(self.position, self.recording)
 
     def physical(self, x: np.ndarray) -> dict[str, float]:
         """Parameter values in their own units from x in prior standard deviations, (p,)."""
@@ -77,12 +85,13 @@ class Problem:
             inputs=inputs,
             measured=self.measured[keep],
             recording=self.recording[keep],
+            position=self.position[keep],
             regimes=self.regimes[keep],
         )
 
-    def with_noise(self, sigma: np.ndarray, inflation: np.ndarray) -> Problem:
-        """The same problem with other noise, both (m,)."""
-        return replace(self, sigma=sigma, inflation=inflation)
+    def with_noise(self, sigma: np.ndarray, inflation: np.ndarray, shared: np.ndarray | None = None) -> Problem:
+        """The same problem with other noise, all (m,)."""
+        return replace(self, sigma=sigma, inflation=inflation, shared=shared)
 
 
 def build_problem(model: Model, recordings: Sequence[TrainingRecording], settings: IdentificationSettings) -> Problem:
@@ -105,7 +114,7 @@ def build_problem(model: Model, recordings: Sequence[TrainingRecording], setting
     if not np.all(noise > 0):
         lacking = [s for s, v in zip(sensors, noise, strict=True) if not v > 0]
         raise DataError(f"no noise sigma is known for {', '.join(lacking)}; give it under `noise_sigma:`")
-    inputs, measured, recording, regimes, dropped = _stack(model, recordings, sensors)
+    stacked = _stack(model, recordings, sensors)
     return Problem(
         model,
         parameters,
@@ -116,14 +125,15 @@ def build_problem(model: Model, recordings: Sequence[TrainingRecording], setting
         sensors,
         noise,
         np.ones(len(sensors)),
-        inputs,
-        measured,
-        recording,
+        stacked.inputs,
+        stacked.measured,
+        stacked.recording,
         tuple(r.label for r in recordings),
-        regimes,
+        stacked.position,
+        stacked.regimes,
         _offsets(sensors, settings),
         Loss(settings.loss, settings.loss_scale),
-        dropped,
+        stacked.dropped,
     )
 
 
@@ -184,12 +194,21 @@ def _offsets(sensors: tuple[str, ...], settings: IdentificationSettings) -> tupl
     )
 
 
-def _stack(
-    model: Model, recordings: Sequence[TrainingRecording], sensors: tuple[str, ...]
-) -> tuple[dict[str, np.ndarray], np.ndarray, np.ndarray, np.ndarray, dict[str, int]]:
+class _Stack(NamedTuple):
+    """The records of all recordings below each other, as in `Problem`."""
+
+    inputs: dict[str, np.ndarray]
+    measured: np.ndarray
+    recording: np.ndarray
+    position: np.ndarray
+    regimes: np.ndarray
+    dropped: dict[str, int]
+
+
+def _stack(model: Model, recordings: Sequence[TrainingRecording], sensors: tuple[str, ...]) -> _Stack:
     dropped: Counter[str] = Counter()
     inputs: dict[str, list[np.ndarray]] = {c: [] for c in (*model.inputs, *model.optional_inputs)}
-    measured, recording, regimes = [], [], []
+    measured, recording, positions, regimes = [], [], [], []
     for index, item in enumerate(recordings):
         missing = [c for c in model.inputs if c not in item.columns]
         if missing:
@@ -211,16 +230,18 @@ def _stack(
             inputs[c].append(values[c][keep])
         measured.append(y[keep])
         recording.append(np.full(int(keep.sum()), index))
+        positions.append(position(item.columns, model.inputs, n)[keep])
         labels = np.full(n, "all") if item.regimes is None else np.asarray(item.regimes).astype(str)
         regimes.append(labels[keep])
     if not sum(map(len, measured)):
         raise DataError(
             "no record has all inputs and a sensor reading: " + ", ".join(f"{v} {k}" for k, v in dropped.items() if v)
         )
-    return (
+    return _Stack(
         {c: np.concatenate(v) for c, v in inputs.items()},
         np.concatenate(measured),
         np.concatenate(recording),
+        np.concatenate(positions),
         np.concatenate(regimes),
         {k: v for k, v in dropped.items() if v},
     )

@@ -4,12 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 
+from enginediag_cli.identification.bounds import AtBound
+import numpy as np
+
+from enginediag_cli.error_model.modelled import FAMILY
 from enginediag_cli.identification.identify import OUTSIDE_MAPS, IdentificationResult
 from enginediag_cli.identification.nominal import Estimate
 from enginediag_cli.identification.quality import EVERYTHING, SensorQuality
 from enginediag_cli.identification.repeats import Repeat
 from enginediag_cli.presentation.numbers import rounded
 
+NOTEWORTHY = 1.1
+"""Size of a map error, as a multiple of what is stated, from which it is told."""
 SHOWN_COMBINATIONS = 12
 """Unidentified combinations that are listed; the rest are counted."""
 FEW_RECORDS = 20.0
@@ -27,7 +33,8 @@ def report_lines(result: IdentificationResult) -> Iterator[str]:
     yield from fit_table(result)
     yield from noise_lines(result)
     yield ""
-    yield from parameter_lines(result.estimates)
+    yield from parameter_lines([e for e in result.estimates if e.family != FAMILY])
+    yield from map_error_lines(result)
     yield ""
     yield from combination_lines(result)
 
@@ -46,6 +53,16 @@ def repeat_lines(repeats: Iterable[Repeat]) -> Iterator[str]:
     for r in repeats:
         what = f"all {r.records:,} records" if r.whole else f"{r.records:,} records"
         yield f"{r.label}: {what} stand in {r.of}, too, and are counted once"
+
+
+def bounds_line(bounds: Sequence[AtBound]) -> str:
+    """Why parameters at their bounds are no nominal state, and what can be done."""
+    named = ", ".join(map(str, bounds))
+    what = (
+        "the model lacks something, or is told the wrong sizes: look at the sensors that fit worst, state what is "
+        "known of the engine, or hold parameters with `fixed:`; --allow-bounds writes it as it is"
+    )
+    return f"no nominal state: {named}; nothing is written ({what})"
 
 
 def noise_lines(result: IdentificationResult) -> Iterator[str]:
@@ -115,6 +132,22 @@ def parameter_lines(estimates: Sequence[Estimate]) -> list[str]:
     if prior:
         lines.append(f"{len(prior)} not found by these recordings, left at what was assumed: {', '.join(prior)}")
     return lines
+
+
+def map_error_lines(result: IdentificationResult) -> Iterator[str]:
+    """How wrong the maps may be, and what that rests on."""
+    found = result.map_errors
+    if not found:
+        return
+    stated = f"{100 * found[0].stated:.3g} %"
+    larger = [m for m in found if m.found > NOTEWORTHY * m.stated]
+    words = result.problem.model.parameters
+    named = ", ".join(f"{words[m.target].words} {100 * m.found:.2g} %" for m in larger)
+    rest = f"stated, {stated} (1 standard deviation of each smooth error along speed and flow or pressure ratio)"
+    known = np.mean([e.from_data for e in result.estimates if e.family == FAMILY])
+    yield f"maps as wrong as {rest}; these records fix {100 * known:.0f} % of that, where they were flown"
+    if larger:
+        yield f"maps that must be wrong by more for these records: {named}"
 
 
 def combination_lines(result: IdentificationResult) -> list[str]:

@@ -7,7 +7,7 @@ import csv
 import numpy as np
 import pytest
 from click.testing import CliRunner
-from identification_toy import TRUTH, ToyEngine, fly
+from identification_toy import PARAMETERS, TRUTH, ToyEngine, fly, health
 
 from enginediag_cli.commands.identify import identify
 from enginediag_cli.errors import ExitCode
@@ -128,3 +128,24 @@ def test_the_same_flight_under_two_names_counts_once_and_is_told(folder):
     twice = run("configs/toy.yaml", "day1.csv", "copy.csv", "--no-cross-validation", "-o", "twice.yaml")
     assert "counted once" in twice.stderr and "counted once" not in once.stderr
     assert read_nominal("twice.yaml").estimates == read_nominal("once.yaml").estimates
+
+
+def bounded(monkeypatch, **limits):
+    """The toy with the compressor's efficiency confined to `limits`; flown, it lies at 0.985."""
+    narrow = (health("hpc.efficiency", **limits), *PARAMETERS[1:])
+    monkeypatch.setattr("enginediag_cli.physics.engine_file.load_engine", lambda path: ToyEngine(parameter_list=narrow))
+
+
+def test_a_parameter_that_the_records_push_against_its_bound_is_no_success(folder, monkeypatch):
+    bounded(monkeypatch, lower=0.998)
+    result = run("configs/toy.yaml", "day1.csv", "--no-cross-validation", "-o", "nominal.yaml")
+    assert result.return_value == ExitCode.NO_VERDICT
+    assert "hpc.efficiency at its lower bound 0.998; nothing is written" in " ".join(result.stderr.split())
+    assert not (folder / "nominal.yaml").exists()
+
+
+def test_a_bound_is_written_when_it_is_asked_for(folder, monkeypatch):
+    bounded(monkeypatch, lower=0.998)
+    result = run("configs/toy.yaml", "day1.csv", "--no-cross-validation", "--allow-bounds", "-o", "nominal.yaml")
+    assert result.return_value == ExitCode.DONE
+    assert {e.status for e in read_nominal("nominal.yaml").estimates if e.name == "hpc.efficiency"} == {"at bound"}

@@ -21,8 +21,8 @@ FIELDS = (
     Field(
         "choking_exponent", "number", "c: how much the speed lines steepen with flow", 3.0, minimum=0.5, maximum=15.0
     ),
-    Field("flow_speed_exponent", "number", "e: flow at constant work coefficient ∝ n^e", 1.1, minimum=0.5, maximum=4.0),
-    Field("work_speed_exponent", "number", "q: work at constant flow coefficient ∝ n^q", 2.0, minimum=1.0, maximum=3.0),
+    Field("flow_speed_exponent", "number", "e: flow at constant work coefficient ∝ n^e", 1.1, minimum=0.1, maximum=8.0),
+    Field("work_speed_exponent", "number", "q: work at constant flow coefficient ∝ n^q", 2.0, minimum=0.5, maximum=4.5),
     Field(
         "loss_incidence", "number", "a: growth of loss off the best flow coefficient", 4.0, minimum=0.0, maximum=60.0
     ),
