@@ -17,6 +17,7 @@ import numpy as np
 from scipy import stats
 
 from enginediag_cli.mismatch.fit.evidence import Evidence, Noise
+from enginediag_cli.mismatch.fit.neighbours import Neighbours
 from enginediag_cli.mismatch.fit.projection import Projection
 from enginediag_cli.mismatch.fit.scores import surprise
 
@@ -42,7 +43,7 @@ def estimated_noise(projection: Projection, blocks: Sequence[np.ndarray]) -> Noi
         if not rows.any():
             continue
         sigma[column] = float(found.problem.sigma[s] * np.sqrt(left[rows] @ left[rows] / free[rows].sum()))
-        rho[column] = _lag_one(left[rows], found.number[frame.record[rows]], float(free[rows].mean()))
+        rho[column] = _lag_one(left[rows], frame.record[rows], frame.neighbours, float(free[rows].mean()))
     return replace(found.evidence.noise, sigma={**found.evidence.noise.sigma, **sigma}, rho=rho)
 
 
@@ -69,9 +70,10 @@ def _space(columns: Sequence[np.ndarray], most: int) -> np.ndarray:
     return np.asarray(np.linalg.qr(A @ vectors[:, keep])[0])
 
 
-def _lag_one(e: np.ndarray, number: np.ndarray, free: float) -> float:
-    """Correlation of consecutive records, 0 where it is not told from it."""
-    next_to = np.diff(number) == 1
+def _lag_one(e: np.ndarray, record: np.ndarray, near: Neighbours, free: float) -> float:
+    """Correlation of records that follow each other as usual, 0 where it is not told from it; `record` (n,) of each
+    residual (n,)."""
+    next_to = (np.diff(record) == 1) & near.consecutive[record[1:]]
     if next_to.sum() < 20:
         return 0.0
     r = float((e[1:] * e[:-1])[next_to].sum() / (e @ e) * len(e) / max(next_to.sum(), 1)) / free

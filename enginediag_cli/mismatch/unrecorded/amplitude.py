@@ -40,7 +40,7 @@ class Kernel:
         n = len(gap)
         if self.length == 0.0:
             return np.ones(n), np.zeros(n - 1), 0.0
-        phi = np.where(gap > 0, np.exp(-np.maximum(gap, 1) / self.length), 0.0)
+        phi = np.where(gap > 0, np.exp(-gap / self.length), 0.0)
         own = 1.0 / (1.0 - phi**2)
         diagonal = own.copy()
         diagonal[:-1] += phi[1:] ** 2 * own[1:]

@@ -4,7 +4,7 @@ An amplitude a_k at a location moves the readings of record k by a_k c_k, c_k th
 respect to the location's parameter. In whitened rows, where noise correlated in time has been differenced, it
 moves row k+1 as well:
 
-    row k:  own_k a_k + before_k a_{k−1}        own = c/(σ√(1−ρ²))     before_k = −ρ c_{k−1}/(σ√(1−ρ²))
+    row k:  own_k a_k + before_k a_{k−1}     own = c/(σ√(1−ρ_k²))     before_k = −ρ_k c_{k−1}/(σ√(1−ρ_k²))
 
 So CᵀC = T is tridiagonal (diagonal where ρ = 0), and with the nuisance Q projected out G = CᵀPC = T − BᵀB, B = QᵀC
 of as many rows as there are nuisance columns: nothing of size N × N is ever formed.
@@ -16,7 +16,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from enginediag_cli.mismatch.fit.identified import Identified
 from enginediag_cli.mismatch.fit.projection import Frame, Projection
 
 
@@ -26,7 +25,7 @@ class Basis:
 
     `e` (N, m): whitened residual before projection, `left` (N, m) after it; `objective`: χ² of readings and priors
     without any effect; `pull` (q,) = Qᵀe over readings and priors; `prior_rows` (q, q): Q's rows of the priors;
-    `gap` (N,): records since the last one of the same recording, 0 at the first of a recording.
+    `gap` (N,): time since the last record of the same recording, in usual steps, 0 at the first of a recording.
     """
 
     frame: Frame
@@ -74,13 +73,7 @@ def _basis(projection: Projection, Q: np.ndarray, e: np.ndarray) -> Basis:
     pull = Q.T @ e
     rows[keep], residual[keep], left[keep] = Q[:n], e[:n], e[:n] - Q[:n] @ pull
     objective = float(e @ e - pull @ pull)
-    return Basis(projection.frame, rows, residual, left, objective, pull, Q[n:], gaps(projection.found))
-
-
-def gaps(found: Identified) -> np.ndarray:
-    """Records since the last one of the same recording, (N,); 0 at the first of a recording."""
-    same = found.problem.recording[1:] == found.problem.recording[:-1]
-    return np.concatenate([[0], np.where(same, np.diff(found.number), 0)])
+    return Basis(projection.frame, rows, residual, left, objective, pull, Q[n:], projection.frame.neighbours.gap)
 
 
 @dataclass(frozen=True)
@@ -119,7 +112,7 @@ def direction(of: Basis, column: np.ndarray) -> Direction:
     """Of a location whose derivative of the readings is `column` (N, m), in the readings' units."""
     f = of.frame
     scaled = f.scaled(column[:, :, None])[:, :, 0]
-    rho = np.where(f.follows, f.rho, 0.0)
+    rho = f.correlation
     root = np.sqrt(1.0 - rho**2)
     before = np.zeros_like(scaled)
     before[1:] = -rho[1:] * scaled[:-1] / root[1:]
