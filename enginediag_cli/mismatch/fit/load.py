@@ -211,7 +211,8 @@ def _noise(
     if nominal is None:
         return Noise(sigma, {}, inputs, shares)
     rho = {s: nominal.rho1.get(s, 0.0) for s in sensors}
-    return Noise({s: nominal.sigma.get(s, v) for s, v in sigma.items()}, rho, inputs, shares)
+    estimated = any(n.sigma_from != "stated" for n in nominal.noise if n.sensor in sensors)
+    return Noise({s: nominal.sigma.get(s, v) for s, v in sigma.items()}, rho, inputs, shares, estimated)
 
 
 def _noise_choice(block: Mapping[str, Any], sensors: Sequence[str], nominal: Nominal | None) -> str:

@@ -25,11 +25,11 @@ if TYPE_CHECKING:
 TIME = "time_s"
 """Column with the time of a record, s."""
 REACH = 0.1
-"""D: share of the envelope over which a model's errors stay alike. Judgement: the map-error floor takes curves of third
-degree, which turn over a third of the range; what they leave turns faster."""
+"""D: share of the envelope over which a model's errors stay alike. Judgement: the map-error floor takes curves of
+third degree, which turn over a third of the range; what they leave turns faster."""
 USUAL = 0.9
-"""Quantile of the distances of consecutive records that is d₀: where the operating point always jumps, a correlation was
-estimated over jumps."""
+"""Quantile of the distances of consecutive records that is d₀: where the operating point always jumps, a correlation
+was estimated over jumps."""
 LEAST = 0.05
 """A correlation below it is none."""
 SHORTEST = 0.1
@@ -41,8 +41,8 @@ NEXT = 1.5
 @dataclass(frozen=True)
 class Neighbours:
     """Of each record to the one before it in its recording: `gap` (N,), elapsed time in usual steps, 0 at the first of
-    a recording; `apart` (N,), how much further than usual its operating point is, in units of max(D, d₀); `step_s`: the usual
-    step, NaN where no recording has a time."""
+    a recording; `apart` (N,), how much further than usual its operating point is, in units of max(D, d₀); `step_s`:
+    the usual step, NaN where no recording has a time."""
 
     gap: np.ndarray
     apart: np.ndarray
@@ -84,7 +84,7 @@ def operating(inputs: Mapping[str, np.ndarray], widths: Mapping[str, float]) -> 
 
 
 def neighbours(time: np.ndarray, number: np.ndarray, recording: np.ndarray, points: np.ndarray) -> Neighbours:
-    """Of records at `time` (N,) s (NaN where unknown), numbered (N,), of recordings (N,), at operating points (N, k)."""
+    """Of records at `time` (N,) s, numbered (N,), of recordings (N,), at operating points (N, k); NaN: no time."""
     N = len(number)
     if N < 2:
         return Neighbours(np.zeros(N), np.zeros(N), np.nan)

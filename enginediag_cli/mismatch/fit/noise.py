@@ -49,9 +49,12 @@ def estimated_noise(projection: Projection, blocks: Sequence[np.ndarray]) -> Noi
 
 def doubtful(gate: float, projection: Projection) -> float:
     """A gate on −ln p of scores that take estimated noise as exact: a score may rest on one sensor, whose σ² comes from
-    about ν = (1 − LARGEST_SHARE) n_s readings, so that T is F distributed with (1, ν) degrees of freedom."""
-    sensors = projection.frame.sensor
-    nu = (1.0 - LARGEST_SHARE) * float(np.bincount(sensors)[np.unique(sensors)].min())
+    about ν independent readings, so that T is F distributed with (1, ν) degrees of freedom. Of a record correlated by
+    ρ with the one before it (1 − ρ)/(1 + ρ) is independent; LARGEST_SHARE may be taken by what was fitted."""
+    frame = projection.frame
+    rho = np.abs(frame.correlation[frame.record, frame.sensor])
+    independent = np.bincount(frame.sensor, (1.0 - rho) / (1.0 + rho))[np.unique(frame.sensor)]
+    nu = max(1.0, (1.0 - LARGEST_SHARE) * float(independent.min()))
     return float(surprise(stats.f.isf(np.exp(-gate), 1, nu), 1)) if np.isfinite(gate) else gate
 
 

@@ -1,8 +1,8 @@
 """Rao's score test of anything that may be missing, with everything identified as nuisance.
 
 At a fit, rows are readings divided by σ and, where noise is correlated in time, differenced,
-(e_k − ρ_k e_{k−1})/√(1 − ρ_k²) within a recording (`neighbours`); below them stand the priors' rows. With the nuisance columns
-A = QR of these rows, a candidate's column c and the residual e:
+(e_k − ρ_k e_{k−1})/√(1 − ρ_k²) within a recording (`neighbours`); below them stand the priors' rows. With the nuisance
+columns A = QR of these rows, a candidate's column c and the residual e:
 
     c⊥ = c − Q Qᵀc      z = c⊥ᵀe/|c⊥|      T = z² ~ χ²₁      â = z/|c⊥|      λ = (a |c⊥|)²
 

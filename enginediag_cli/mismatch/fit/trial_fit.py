@@ -145,8 +145,9 @@ class Remainder:
 
 
 def attempt(options: Sequence[Option], start: Identified, along: Nuisance) -> Trial:
-    """Fit nuisance and options together, from another fit."""
-    found = identify_with(start.evidence, together(*options), along, start)
+    """Fit nuisance and options together to the evidence of another fit. It begins at the prior means, the nominal state:
+    the other fit, without the options, is bent by what they explain."""
+    found = identify_with(start.evidence, together(*options), along)
     return Trial(tuple(options), found, Projection(found))
 
 

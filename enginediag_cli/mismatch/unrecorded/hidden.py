@@ -26,7 +26,7 @@ from enginediag_cli.mismatch.fit.projection import Projection
 from enginediag_cli.mismatch.unrecorded.amplitude import Likelihood, Solver, own_error
 from enginediag_cli.mismatch.unrecorded.finding import HiddenFinding, Limit, Remark, Switch
 from enginediag_cli.mismatch.unrecorded.gate import draws_for, largest, likelihoods, threshold
-from enginediag_cli.mismatch.unrecorded.refit import Refit, bounds_of, location_columns, refit
+from enginediag_cli.mismatch.unrecorded.refit import Refit, believed_of, bounds_of, location_columns, refit
 from enginediag_cli.mismatch.unrecorded.states import first_guesses, two_states
 from enginediag_cli.mismatch.unrecorded.whitened_rows import Basis, Direction, basis, direction
 from enginediag_cli.physics.registry import effect, term, term_names
@@ -66,7 +66,8 @@ def hidden_amplitudes(
     """
     of, places, directions = _geometry(found, projection)
     draws = of.noise(draws_for(len(of.gap)), rng)
-    both = likelihoods(of, directions, np.concatenate([of.left[:, :, None], draws], axis=2))
+    believed = believed_of(found, places)
+    both = likelihoods(of, directions, np.concatenate([of.left[:, :, None], draws], axis=2), believed)
     gate = threshold(largest(both)[1:], level)
     findings = [_finding(found, of, place, d, f, gate) for place, d, f in zip(places, directions, both, strict=True)]
     findings.sort(key=lambda f: -f.lr)
@@ -77,7 +78,7 @@ def hidden_amplitudes(
     enough = max(gate, NEAR * findings[0].lr - SLACK)
     chosen = [f for f in findings if f.lr > enough][:refitted]
     again = [_with_states(f, found, of, known[f.location.name][0], along) for f in chosen]
-    again.sort(key=lambda f: -f.worth)
+    again.sort(key=lambda f: (not f.believable, -f.worth))
     findings = again + findings[len(chosen) :]
     return [replace(findings[0], rivals=_rivals(findings, of, known)), *findings[1:]]
 
@@ -89,8 +90,8 @@ def hidden_gate(found: Identified, projection: Projection, *, level: float, rng:
 
 def null_ratios(found: Identified, projection: Projection, count: int, rng: np.random.Generator) -> np.ndarray:
     """Largest LR over all locations of `count` draws with nothing missing, (count,)."""
-    of, _, directions = _geometry(found, projection)
-    return largest(likelihoods(of, directions, of.noise(count, rng)))
+    of, places, directions = _geometry(found, projection)
+    return largest(likelihoods(of, directions, of.noise(count, rng), believed_of(found, places)))
 
 
 def effects_at(location: Location, engine: Engine) -> list[Effect]:
@@ -120,7 +121,7 @@ def finding_at(
     place = of_effect(effect)
     of = basis(projection)
     d = direction(of, location_columns(found, [place])[:, :, 0])
-    (f,) = likelihoods(of, [d], of.left[:, :, None])
+    (f,) = likelihoods(of, [d], of.left[:, :, None], believed_of(found, [place]))
     return _with_states(_finding(found, of, place, d, f, like.threshold), found, of, d, along)
 
 
@@ -154,6 +155,7 @@ def _finding(found: Identified, of: Basis, place: Location, d: Direction, f: Lik
         bounds_of(found, place)[1],
         converged=found.converged,
         remark=remark,
+        believed=believed_of(found, [place])[0],
     )
 
 
@@ -194,7 +196,7 @@ def _with_states(f: HiddenFinding, found: Identified, of: Basis, d: Direction, a
     half = NORMAL_95 * new.standard_error
     interval = max(bounds.lower, new.coefficient - half), min(bounds.upper, new.coefficient + half)
     gained = 0.5 * (of.objective - new.objective)  # what bending the rest of the fit has brought
-    return replace(
+    told = replace(
         f,
         states=new.states.on,
         is_switch=new.states.evidence > new.continuous,
@@ -205,6 +207,7 @@ def _with_states(f: HiddenFinding, found: Identified, of: Basis, d: Direction, a
         interval=interval,
         remark=_remark(new),
     )
+    return told if told.believable else replace(told, remark=Remark(Limit.UNBELIEVED))
 
 
 def _remark(new: Refit) -> Remark | None:

@@ -11,10 +11,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from enginediag_cli.mismatch.fit.believable import hidden
 from enginediag_cli.mismatch.fit.evidence import Evidence
 from enginediag_cli.mismatch.fit.extended import Discrepancy, ExtendedModel
 from enginediag_cli.mismatch.fit.freeform import Location
 from enginediag_cli.mismatch.fit.identified import Hypothesis, Identified, Nuisance, identify_with
+from enginediag_cli.mismatch.fit.neighbours import neighbours_of
 from enginediag_cli.mismatch.fit.projection import Projection, derivatives
 from enginediag_cli.mismatch.unrecorded.amplitude import likelihood
 from enginediag_cli.mismatch.unrecorded.states import Bounds, States, standard_error, two_states
@@ -52,21 +54,29 @@ def with_lever(evidence: Evidence, place: Location) -> Evidence:
 
 
 def bounds_of(found: Identified, place: Location) -> tuple[Bounds, int]:
-    """Bounds of the amplitude at the location, and the sign that physics gives it: +1, −1, or 0 for not known."""
+    """Bounds of the amplitude at the location, and the sign that physics gives it: +1, −1, or 0 for not known. What is
+    commanded takes air or power when it is on, beyond what the engine takes anyway."""
     engine = with_lever(found.evidence, place).engine
     p = engine.parameters[place.parameter]
     at = found.theta.get(place.parameter, p.nominal)
-    sign = 1 if p.lower >= at else -1 if p.upper <= at else 0
+    sign = 1 if p.switches or p.lower >= at else -1 if p.upper <= at else 0
     low = 0.0 if sign > 0 else p.lower - at
     high = 0.0 if sign < 0 else p.upper - at
-    return Bounds(low, high, p.prior_sigma), sign
+    return Bounds(low, high, min(p.prior_sigma, believed_of(found, [place])[0])), sign
+
+
+def believed_of(found: Identified, places: list[Location]) -> list[float]:
+    """Standard deviation of a hidden amplitude at each place, of records as far apart as those of the fit."""
+    step_s = neighbours_of(found).step_s
+    accuracy = found.evidence.settings.map_accuracy
+    return [hidden(p, found.evidence.engine.parameters, accuracy, step_s) for p in places]
 
 
 def refit(found: Identified, along: Nuisance, place: Location, bounds: Bounds, states: States) -> Refit:
     """Refits from a fit without the effect; look at `converged`."""
     evidence = with_lever(found.evidence, place)
     total = sum(len(next(iter(f.columns.values()))) for f in evidence.flights)
-    fit = found
+    fit: Identified | None = None  # the fit without the effect is bent by it
     for _ in range(ROUNDS):
         sigma = (bounds.sigma**-2 + states.doubt) ** -0.5
         own = Discrepancy(place.parameter, CURVE, sigma, bounds.lower, bounds.upper)
@@ -87,10 +97,10 @@ def refit(found: Identified, along: Nuisance, place: Location, bounds: Bounds, s
         if moved < SETTLED:
             break
         states = new
-    g = plain.gathered(of.left)[:, None]
+    g, believed = plain.gathered(of.left)[:, None], believed_of(found, [place])[0]
     error = standard_error(of, plain, bounds, replace(new, amplitude=coefficient), error) if error > 0.0 else 0.0
     states = replace(states, evidence=new.evidence, settled=new.settled and moved < SETTLED)
-    return Refit(fit, states, coefficient, error, likelihood(plain, of.gap, g).evidence, of.objective)
+    return Refit(fit, states, coefficient, error, likelihood(plain, of.gap, g, believed).evidence, of.objective)
 
 
 def _coefficient(fit: Identified, projection: Projection, name: str) -> tuple[float, float]:
