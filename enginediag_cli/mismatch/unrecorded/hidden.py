@@ -20,6 +20,7 @@ import numpy as np
 from enginediag_cli.engine.engine import Engine
 from enginediag_cli.engine.term import Effect
 from enginediag_cli.intervals import NORMAL_95
+from enginediag_cli.mismatch.fit.believable import switching
 from enginediag_cli.mismatch.fit.freeform import Location, locations, of_effect
 from enginediag_cli.mismatch.fit.identified import Identified, Nuisance, nuisance
 from enginediag_cli.mismatch.fit.projection import Projection
@@ -70,17 +71,26 @@ def hidden_amplitudes(
     both = likelihoods(of, directions, np.concatenate([of.left[:, :, None], draws], axis=2), believed)
     gate = threshold(largest(both)[1:], level)
     findings = [_finding(found, of, place, d, f, gate) for place, d, f in zip(places, directions, both, strict=True)]
-    findings.sort(key=lambda f: -f.lr)
+    findings.sort(key=lambda f: (not f.believable, -f.lr))
     if not findings or not findings[0].significant:
         return findings
     along = nuisance(found.evidence) if along is None else along
     known = {p.name: (d, f) for p, d, f in zip(places, directions, both, strict=True)}
     enough = max(gate, NEAR * findings[0].lr - SLACK)
-    chosen = [f for f in findings if f.lr > enough][:refitted]
+    chosen = _worth_a_refit([f for f in findings if f.lr > enough and f.believable], found)[:refitted]
     again = [_with_states(f, found, of, known[f.location.name][0], along) for f in chosen]
     again.sort(key=lambda f: (not f.believable, -f.worth))
-    findings = again + findings[len(chosen) :]
+    done = {f.location.name for f in chosen}
+    findings = again + [f for f in findings if f.location.name not in done]
     return [replace(findings[0], rivals=_rivals(findings, of, known)), *findings[1:]]
+
+
+def _worth_a_refit(findings: list[HiddenFinding], found: Identified) -> list[HiddenFinding]:
+    """Where something that is commanded explains more than a part that breathes, the part is not the place of a
+    switch."""
+    parameters = found.evidence.engine.parameters
+    best = max((f.lr for f in findings if np.isfinite(f.believed) and switching(f.location, parameters)), default=-np.inf)
+    return [f for f in findings if f.lr >= best or switching(f.location, parameters)]
 
 
 def hidden_gate(found: Identified, projection: Projection, *, level: float, rng: np.random.Generator) -> float:
