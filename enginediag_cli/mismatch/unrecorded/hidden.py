@@ -149,6 +149,7 @@ def _finding(found: Identified, of: Basis, place: Location, d: Direction, f: Lik
     a, error = np.zeros(N), np.zeros(N)
     if f.signal > 0.0:
         a, error = Solver(d, d.B, f.kernel, of.gap, f.signal * own_error(d)).amplitude(d.gathered(of.left))
+    a, error, alone = (of.of_records(v) for v in (a, error, np.sqrt(d.diagonal)))
     engine = found.evidence.engine
     unit = (place.through.parameters()[0] if place.through else engine.parameters[place.parameter]).unit
     remark = None if found.converged else Remark(Limit.BASE_FIT, found.reason)
@@ -161,7 +162,7 @@ def _finding(found: Identified, of: Basis, place: Location, d: Direction, f: Lik
         found.number,
         a,
         error,
-        np.abs(a) * np.sqrt(d.diagonal),
+        np.abs(a) * alone,
         bounds_of(found, place)[1],
         converged=found.converged,
         remark=remark,
@@ -176,7 +177,7 @@ def _rivals(
     the first one's amplitude so well, at the same τ and correlation, that the readings' noise decides."""
     first = findings[0]
     d, best = known[first.location.name]
-    signal = d.applied(first.amplitude)
+    signal = d.applied(of.of_rows(first.amplitude))
     q = of.rows.shape[2]
     left = signal - (of.rows.reshape(-1, q) @ (of.rows.reshape(-1, q).T @ signal.ravel())).reshape(signal.shape)
 
@@ -198,7 +199,7 @@ def _rivals(
 def _with_states(f: HiddenFinding, found: Identified, of: Basis, d: Direction, along: Nuisance) -> HiddenFinding:
     """The finding with its two states, refitted."""
     bounds, sign = bounds_of(found, f.location)
-    a = -f.amplitude if sign < 0 else f.amplitude
+    a = of.of_rows(-f.amplitude if sign < 0 else f.amplitude)
     states = two_states(of, d, bounds, first_guesses(a, both_ways=sign == 0))
     new = refit(found, along, f.location, bounds, states)
     if not new.converged:

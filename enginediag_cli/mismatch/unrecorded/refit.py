@@ -18,6 +18,7 @@ from enginediag_cli.mismatch.fit.freeform import Location
 from enginediag_cli.mismatch.fit.identified import Hypothesis, Identified, Nuisance, identify_with
 from enginediag_cli.mismatch.fit.neighbours import neighbours_of
 from enginediag_cli.mismatch.fit.projection import Projection, derivatives
+from enginediag_cli.mismatch.unrecorded.aircraft import grid_of
 from enginediag_cli.mismatch.unrecorded.amplitude import likelihood
 from enginediag_cli.mismatch.unrecorded.states import Bounds, States, standard_error, two_states
 from enginediag_cli.mismatch.unrecorded.whitened_rows import basis_without, direction
@@ -76,12 +77,13 @@ def refit(found: Identified, along: Nuisance, place: Location, bounds: Bounds, s
     """Refits from a fit without the effect; look at `converged`."""
     evidence = with_lever(found.evidence, place)
     total = sum(len(next(iter(f.columns.values()))) for f in evidence.flights)
+    grid = grid_of(found)
     fit: Identified | None = None  # the fit without the effect is bent by it
     for _ in range(ROUNDS):
         sigma = (bounds.sigma**-2 + states.doubt) ** -0.5
         own = Discrepancy(place.parameter, CURVE, sigma, bounds.lower, bounds.upper)
         curve = np.zeros(total)
-        curve[found.number] = states.on
+        curve[found.number] = states.on if grid is None else states.on[grid.at]
         h = found.hypothesis
         hypothesis = Hypothesis(h.effects, (*h.discrepancies, own), {**h.curves, CURVE: curve})
         fit = identify_with(evidence, hypothesis, along, fit)
@@ -91,7 +93,8 @@ def refit(found: Identified, along: Nuisance, place: Location, bounds: Bounds, s
         coefficient, error = _coefficient(fit, projection, own.name)
         column = location_columns(fit, [place])[:, :, 0]
         plain = direction(basis_without(projection, own.name, np.zeros(column.shape)), column)
-        of = basis_without(projection, own.name, plain.applied(fit.theta[own.name] * states.on))
+        signal = fit.theta[own.name] * curve[fit.number]
+        of = basis_without(projection, own.name, _rows_of(projection, column, signal))
         new = two_states(of, plain, bounds, states.on[None])
         moved = float(np.abs(new.on - states.on).max())
         if moved < SETTLED:
@@ -99,8 +102,16 @@ def refit(found: Identified, along: Nuisance, place: Location, bounds: Bounds, s
         states = new
     g, believed = plain.gathered(of.left)[:, None], believed_of(found, [place])[0]
     error = standard_error(of, plain, bounds, replace(new, amplitude=coefficient), error) if error > 0.0 else 0.0
-    states = replace(states, evidence=new.evidence, settled=new.settled and moved < SETTLED)
+    told = replace(states, on=of.of_records(states.on), changed=of.of_records(states.changed))
+    states = replace(told, evidence=new.evidence, settled=new.settled and moved < SETTLED)
     return Refit(fit, states, coefficient, error, likelihood(plain, of.gap, g, believed).evidence, of.objective)
+
+
+def _rows_of(projection: Projection, column: np.ndarray, amplitude: np.ndarray) -> np.ndarray:
+    """Whitened rows (N, m) that an amplitude (N,) along a column (N, m) makes."""
+    found = np.zeros(column.shape)
+    found[projection.frame.keep] = projection.frame.rows((column * amplitude[:, None])[:, :, None])[:, 0]
+    return found
 
 
 def _coefficient(fit: Identified, projection: Projection, name: str) -> tuple[float, float]:
