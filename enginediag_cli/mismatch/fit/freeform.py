@@ -16,7 +16,6 @@ from enginediag_cli.engine.components.base import HEALTH_ROAMS
 from enginediag_cli.engine.driver import DriverValues
 from enginediag_cli.engine.engine import Engine
 from enginediag_cli.engine.term import Effect
-from enginediag_cli.mismatch.fit.believable import along_driver, with_belief
 from enginediag_cli.mismatch.fit.identified import Identified
 from enginediag_cli.mismatch.fit.projection import Columns, Projection, Score, lengths
 from enginediag_cli.parameters import Parameter, spelled
@@ -113,7 +112,7 @@ def free_form(
     where = locations(found)
     J = columns or Columns(found, [p.parameter for p in where], [p.through for p in where if p.through is not None])
     N = len(found.number)
-    known, parameters = set(found.problem.names), found.evidence.engine.parameters
+    known = set(found.problem.names)
     ones = np.ones(len(along[0].values) if along else N)
     constant = DriverValues(CONSTANT, CONSTANT.word, ones, "no driver (constant)")
     curves = [polynomials(d.values[found.number], DEGREE) for d in along]
@@ -131,10 +130,7 @@ def free_form(
             k = curve.shape[1]
             if k:
                 block = C[:, j : j + k]
-                score = projection.score(block, float(full[j]))
-                # what would have to vary beyond belief does not stand out
-                score = with_belief(score, block, projection, along_driver(place, parameters))
-                cells.append(Cell(place, d, score, curve, block))
+                cells.append(Cell(place, d, projection.score(block, float(full[j])), curve, block))
             j += k
     return sorted(cells, key=lambda c: -c.surprise)
 

@@ -221,13 +221,13 @@ def _noise(
     if nominal is None:
         return Noise(sigma, {}, inputs, shares)
     rho = {s: nominal.rho1.get(s, 0.0) for s in sensors}
-    estimated = isinstance(nominal, SelfIdentified) or any(n.sigma_from != "stated" for n in nominal.noise if n.sensor in sensors)
+    estimated = isinstance(nominal, SelfIdentified) or any(
+        n.sigma_from != "stated" for n in nominal.noise if n.sensor in sensors
+    )
     return Noise({s: nominal.sigma.get(s, v) for s, v in sigma.items()}, rho, inputs, shares, estimated)
 
 
-def _noise_choice(
-    block: Mapping[str, Any], sensors: Sequence[str], nominal: Nominal | SelfIdentified | None
-) -> str:
+def _noise_choice(block: Mapping[str, Any], sensors: Sequence[str], nominal: Nominal | SelfIdentified | None) -> str:
     if isinstance(nominal, SelfIdentified):
         return "specified"
     # what cross-validation leaves is the model's error where it has not seen the readings: large enough as it is

@@ -8,6 +8,7 @@ place with one engine. Where an engine lacks the record before, the state of the
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -18,6 +19,8 @@ from enginediag_cli.mismatch.fit.neighbours import TIME, neighbours_of
 if TYPE_CHECKING:
     from enginediag_cli.mismatch.fit.identified import Identified
 
+Columns = Mapping[str, np.ndarray]
+
 SAME_AIR = 1e-3
 """Largest difference of the air data of two engines of one aircraft, as a share of their size: a rounding."""
 SHARED = 0.5
@@ -26,8 +29,8 @@ SHARED = 0.5
 
 @dataclass(frozen=True)
 class Grid:
-    """Of N records: `at` (N,), the row of each of them among `rows`; `seat` (N,), which engine of its aircraft; `seats`,
-    the most of them; `gap` (rows,): time since the row before in usual steps, 0 where a flight begins."""
+    """Of N records: `at` (N,), the row of each of them among `rows`; `seat` (N,), which engine of its aircraft;
+    `seats`, the most of them; `gap` (rows,): time since the row before in usual steps, 0 where a flight begins."""
 
     at: np.ndarray
     seat: np.ndarray
@@ -96,7 +99,7 @@ def _companions(found: Identified) -> dict[int, list[int]]:
     return result
 
 
-def _together(a: dict, b: dict, air: list[str]) -> bool:  # type: ignore[type-arg]
+def _together(a: Columns, b: Columns, air: list[str]) -> bool:
     """Whether two flights are at the same times in the same air."""
     if TIME not in a or TIME not in b:
         return False
@@ -108,6 +111,8 @@ def _together(a: dict, b: dict, air: list[str]) -> bool:  # type: ignore[type-ar
         return False
     for c in air:
         x, y = np.asarray(a[c], float)[i], np.asarray(b[c], float)[k]
-        if not np.allclose(x, y, rtol=SAME_AIR, atol=SAME_AIR * max(float(np.nanmax(np.abs(x))), 1e-12), equal_nan=True):
+        if not np.allclose(
+            x, y, rtol=SAME_AIR, atol=SAME_AIR * max(float(np.nanmax(np.abs(x))), 1e-12), equal_nan=True
+        ):
             return False
     return True

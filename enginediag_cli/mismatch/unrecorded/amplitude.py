@@ -123,8 +123,8 @@ def likelihood(
     believed: float = np.inf,
     kernels: Sequence[Kernel] = KERNELS,
 ) -> Likelihood:
-    """Largest LR over kernels and τ of residuals gathered at the location, g = CᵀPe (N, D), less what it costs that τ is
-    large beside what is `believed`, ½ (τ/believed)²."""
+    """Largest LR over kernels and τ of residuals gathered at the location, g = CᵀPe (N, D), less what it costs that τ
+    is large beside what is `believed`, ½ (τ/believed)²."""
     g = np.asfortranarray(g)
     best, first, top = np.zeros(g.shape[1]), [0.0], (kernels[0], 0.0)
     B, scale = np.asfortranarray(along.B), own_error(along)

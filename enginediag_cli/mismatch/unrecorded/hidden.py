@@ -89,7 +89,9 @@ def _worth_a_refit(findings: list[HiddenFinding], found: Identified) -> list[Hid
     """Where something that is commanded explains more than a part that breathes, the part is not the place of a
     switch."""
     parameters = found.evidence.engine.parameters
-    best = max((f.lr for f in findings if np.isfinite(f.believed) and switching(f.location, parameters)), default=-np.inf)
+    best = max(
+        (f.lr for f in findings if np.isfinite(f.believed) and switching(f.location, parameters)), default=-np.inf
+    )
     return [f for f in findings if f.lr >= best or switching(f.location, parameters)]
 
 

@@ -11,7 +11,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from enginediag_cli.mismatch.fit.believable import hidden
+from enginediag_cli.engine.engine import Engine
+from enginediag_cli.mismatch.fit.believable import FAST_S, along_driver, hidden
 from enginediag_cli.mismatch.fit.evidence import Evidence
 from enginediag_cli.mismatch.fit.extended import Discrepancy, ExtendedModel
 from enginediag_cli.mismatch.fit.freeform import Location
@@ -22,6 +23,7 @@ from enginediag_cli.mismatch.unrecorded.aircraft import grid_of
 from enginediag_cli.mismatch.unrecorded.amplitude import likelihood
 from enginediag_cli.mismatch.unrecorded.states import Bounds, States, standard_error, two_states
 from enginediag_cli.mismatch.unrecorded.whitened_rows import basis_without, direction
+from enginediag_cli.physics.registry import term, term_names
 
 CURVE = "hidden state"
 ROUNDS, SETTLED = 4, 0.02
@@ -69,8 +71,20 @@ def bounds_of(found: Identified, place: Location) -> tuple[Bounds, int]:
 def believed_of(found: Identified, places: list[Location]) -> list[float]:
     """Standard deviation of a hidden amplitude at each place, of records as far apart as those of the fit."""
     step_s = neighbours_of(found).step_s
-    accuracy = found.evidence.settings.map_accuracy
-    return [hidden(p, found.evidence.engine.parameters, accuracy, step_s) for p in places]
+    accuracy, engine = found.evidence.settings.map_accuracy, found.evidence.engine
+    leaves = _commanded_leaves(engine)
+    return [
+        along_driver(p, engine.parameters)
+        if step_s <= FAST_S and p.parameter in leaves
+        else hidden(p, engine.parameters, accuracy, step_s)
+        for p in places
+    ]
+
+
+def _commanded_leaves(engine: Engine) -> set[str]:
+    """Parameters that a listed effect changes which somebody commands, such as the clearance of a turbine."""
+    terms = [term(name) for name in term_names()]
+    return {leaf for t in terms if t.SWITCHES for site in t.sites(engine.network) for leaf in site.acts_on}
 
 
 def refit(found: Identified, along: Nuisance, place: Location, bounds: Bounds, states: States) -> Refit:
@@ -104,6 +118,7 @@ def refit(found: Identified, along: Nuisance, place: Location, bounds: Bounds, s
     error = standard_error(of, plain, bounds, replace(new, amplitude=coefficient), error) if error > 0.0 else 0.0
     told = replace(states, on=of.of_records(states.on), changed=of.of_records(states.changed))
     states = replace(told, evidence=new.evidence, settled=new.settled and moved < SETTLED)
+    assert fit is not None
     return Refit(fit, states, coefficient, error, likelihood(plain, of.gap, g, believed).evidence, of.objective)
 
 

@@ -22,8 +22,8 @@ from enginediag_cli.mismatch.unrecorded.aircraft import Grid, grid_of
 
 @dataclass(frozen=True)
 class Basis:
-    """Nuisance of N records of m sensors in `rows` (N, m, q), 0 where there is no reading. Where engines of one aircraft
-    fly together, N are the rows of their `grid` and m the sensors of all of them.
+    """Nuisance of N records of m sensors in `rows` (N, m, q), 0 where there is no reading. Where engines of one
+    aircraft fly together, N are the rows of their `grid` and m the sensors of all of them.
 
     `e` (N, m): whitened residual before projection, `left` (N, m) after it; `objective`: χ² of readings and priors
     without any effect; `pull` (q,) = Qᵀe over readings and priors; `prior_rows` (q, q): Q's rows of the priors;
