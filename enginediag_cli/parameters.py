@@ -37,7 +37,8 @@ class Parameter:
     where wear and damage can only lower the value (an efficiency), +1 where they can only raise it, 0 where both
     occur. `roams`: how far the value may plausibly vary along a driver (rms, in its unit) when a place is sought where
     physics is missing; None where such a search has no business; `proportional`: that range is a part of the nominal
-    value and moves with it.
+    value and moves with it; `switches`: somebody commands it (a bleed, a load), so that it may change within seconds
+    and back, which wear, geometry and losses do not.
     """
 
     name: str
@@ -55,6 +56,7 @@ class Parameter:
     wear: int = 0
     roams: float | None = None
     proportional: bool = False
+    switches: bool = False
 
     @property
     def of_sensor(self) -> bool:

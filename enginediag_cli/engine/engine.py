@@ -139,13 +139,15 @@ class Engine:
         wrt: Sequence[str] = (),
         start: Array | None = None,
         also: Sequence[str] = (),
+        walk: bool = True,
     ) -> Prediction:
         """Φ and ∂Φ/∂θ at N operating points.
 
         `inputs`: column -> (N,) or number, all of `self.inputs`; `parameters`: name -> number or (N,), the
         rest nominal; `sensors`: columns to return, default all sensors, or any model column ("T4_K");
         `wrt`: parameters or input columns; `start`: unknowns (nx, N) to begin with, e.g. an earlier `x`; `also`: model
-        columns of which the values will do, without derivatives.
+        columns of which the values will do, without derivatives. `walk`: whether
+        points that fail from there are worth every other way to them.
         Raises KeyError for unknown names, ValueError for unequal lengths and for a column asked for twice. A point
         that fails is a flagged row, never an exception; so is one whose switch is neither 0 nor 1. `envelope` is not
         checked here: it is for those who generate or judge operating points.
@@ -168,7 +170,7 @@ class Engine:
         final = self._directions(wrt)
         for at in _chunks(np.flatnonzero(valid), CHUNK):
             u, t = solver.take(points, at), solver.take(theta, at)
-            solved = self._strategy.solve(u, t, len(at), None if start is None else start[:, at], final)
+            solved = self._strategy.solve(u, t, len(at), None if start is None else start[:, at], final, walk)
             x[:, at], residual[at], passes[at] = solved.x, solved.residual, solved.passes
             status[at] = np.where(solved.converged, OK, NOT_CONVERGED)
             for k in np.flatnonzero(~solved.converged):

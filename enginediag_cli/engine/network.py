@@ -111,6 +111,9 @@ class Network:
 
     def parameters(self) -> tuple[Parameter, ...]:
         found = [p for c in self.components for p in c.parameters()]
+        # cooling air goes through orifices: nobody opens and closes it
+        cooling = {f"{c.name}.{port}.fraction" for c in self.components for port in self._cooling_ports(c)}
+        found = [replace(p, switches=False) if p.name in cooling else p for p in found]
         for name, s in self.shafts.items():
             found.append(
                 Parameter(
@@ -142,6 +145,7 @@ class Network:
                     "power_offtake_W",
                     f"{spelled(name)} power offtake",
                     spelled(name),
+                    switches=True,
                 )
             )
         return (*found, *(p for effect in self.effects for p in effect.parameters()))
@@ -153,6 +157,16 @@ class Network:
             return UNSIZED_W
         shaft = self.design_point.shaft(name)
         return max(OFFTAKE_SHARE * (scalar(shaft.demand_W) or scalar(shaft.supply_W)), UNSIZED_W)
+
+    def _cooling_ports(self, component: Component) -> list[str]:
+        """Bleed ports of a component whose air a turbine takes in again."""
+        taken = {
+            name
+            for c in self.components
+            for key in ("cooling_before_rotor", "cooling_after_rotor")
+            for name in c.values.get(key, ())
+        }
+        return [port["name"] for port in component.values.get("ports", ()) if port["name"] in taken]
 
     def with_effects(self, effects: Sequence[Effect]) -> Network:
         """The same sized components, carrying these effects and no others."""

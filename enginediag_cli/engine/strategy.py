@@ -69,11 +69,14 @@ class Strategy:
         size: int,
         start: Array | None,
         final: frozenset[str],
+        walk: bool = True,
     ) -> solver.Solution:
-        """Unknowns of `size` points; `start` (nx, size) or None; `final` as in `solver.newton`."""
+        """Unknowns of `size` points; `start` (nx, size) or None; `final` as in `solver.newton`; `walk`: go all ways to
+        points that fail, or only from their neighbours."""
         first = self._first(points, size) if start is None else np.where(np.isfinite(start), start, self._design(size))
         solved = solver.newton(self.network, points, theta, first, final)
-        for again in (self._from_design, self._by_walking, self._from_neighbours, self._from_less_flow):
+        ways = (self._from_design, self._by_walking, self._from_neighbours, self._from_less_flow)
+        for again in ways if walk else (self._from_neighbours,):
             failed = np.flatnonzero(~solved.converged)
             if not failed.size:
                 break

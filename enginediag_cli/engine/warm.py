@@ -23,10 +23,11 @@ Model = TypeVar("Model")
 
 
 class WarmEngine:
-    """`engine` with a memory of the unknowns of its last few batches; everything else is the engine's own."""
+    """`engine` with a memory of the unknowns of its last few batches; everything else is the engine's own. `walk`:
+    records that had a solution and lose it are sought in every way; without, parameters that lose them are too far."""
 
-    def __init__(self, engine: Engine, remembered: int = REMEMBERED):
-        self._engine = engine
+    def __init__(self, engine: Engine, remembered: int = REMEMBERED, *, walk: bool = True):
+        self._engine, self._walk = engine, walk
         self._remembered = remembered
         self._last: OrderedDict[bytes, tuple[np.ndarray, np.ndarray]] = OrderedDict()
 
@@ -46,7 +47,9 @@ class WarmEngine:
         points = self._points(inputs)
         key = points.tobytes()
         start = self._last[key][1] if key in self._last else self._nearest(points)
-        found = self._engine.predict(inputs, parameters, sensors=sensors, wrt=wrt, start=start, also=also)
+        walk = self._walk or key not in self._last
+        ways = {} if walk else {"walk": False}
+        found = self._engine.predict(inputs, parameters, sensors=sensors, wrt=wrt, start=start, also=also, **ways)
         # a point that failed keeps the start that it had: the next parameters may suit it again
         x = np.where(found.ok, found.x, np.nan if start is None else start)
         if len(points) == found.y.shape[0] and np.isfinite(x).any():

@@ -159,6 +159,7 @@ _LIMITS: dict[Limit, Callable[[str], str]] = {
     Limit.BASE_FIT: lambda what: f"The fit without this effect did not converge: {what}.",
     Limit.REFIT: lambda what: f"The fit of this effect as two states did not converge: {what}.",
     Limit.AT_BOUND: lambda _: "The size of this effect is at its physical bound, so that its interval says little.",
+    Limit.UNBELIEVED: lambda _: "Nothing there changes by so much within seconds and back: this is not believed.",
     Limit.UNSETTLED: lambda _: (
         "Which records are on still changed when the fit of this effect ended: its switching times are approximate."
     ),

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 
-from enginediag_cli.identification.bounds import AtBound
 import numpy as np
 
 from enginediag_cli.error_model.modelled import FAMILY
+from enginediag_cli.identification.bounds import AtBound
 from enginediag_cli.identification.identify import OUTSIDE_MAPS, IdentificationResult
 from enginediag_cli.identification.nominal import Estimate
 from enginediag_cli.identification.quality import EVERYTHING, SensorQuality

@@ -27,8 +27,8 @@ def geometry(rho):
     frame = SimpleNamespace(
         keep=keep,
         sigma=sigma,
-        follows=follows,
-        rho=np.full(M, rho),
+        correlation=np.where(follows, rho, 0.0),
+        neighbours=SimpleNamespace(gap=GAP),
         scaled=lambda v: np.where(keep[:, :, None], v, 0.0) / sigma[:, None],
     )
     n, q = keep.sum(), 4

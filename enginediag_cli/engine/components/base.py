@@ -32,7 +32,7 @@ class Design(NamedTuple):
     """Nominal value of a design number, the standard deviation of its prior, and its bounds.
 
     `roams`: how far it may vary along a driver where physics is missing; `part`: by PART_ROAMS of itself. With neither
-    no search looks there.
+    no search looks there. `switches`: as in `Parameter`.
     """
 
     nominal: float
@@ -41,6 +41,7 @@ class Design(NamedTuple):
     upper: float
     roams: float | None = None
     part: bool = False
+    switches: bool = False
 
 
 @dataclass(frozen=True)
@@ -105,7 +106,7 @@ class Component(ABC):
         """A number of the engine type, identified rather than monitored; `words` and `wear` as for `health`; `of`: the
         part of the component that it belongs to, such as a bleed port."""
         whole = f"{of}.{quantity}" if of else quantity
-        nominal, sigma, lower, upper, roams, part = number
+        nominal, sigma, lower, upper, roams, part, switches = number
         return Parameter(
             f"{self.name}.{whole}",
             "design",
@@ -122,6 +123,7 @@ class Component(ABC):
             wear,
             PART_ROAMS * abs(nominal or sigma) if part else roams,
             part,
+            switches,
         )
 
     def _told(self, quantity: str, words: str) -> str:

@@ -36,7 +36,9 @@ class Bleed(Component):
         return tuple(
             self.design(
                 "fraction",
-                Design(port["fraction"], 0.01, 0.0, 0.6, roams=PART_ROAMS * max(port["fraction"], LEAST_BLEED)),
+                Design(
+                    port["fraction"], 0.01, 0.0, 0.6, PART_ROAMS * max(port["fraction"], LEAST_BLEED), switches=True
+                ),
                 "1",
                 "bleed flow over station flow",
                 of=port["name"],

@@ -112,7 +112,9 @@ class Compressor(Component):
             found.append(
                 self.design(
                     "fraction",
-                    Design(port["fraction"], 0.01, 0.0, 0.5, roams=PART_ROAMS * max(port["fraction"], LEAST_BLEED)),
+                    Design(
+                        port["fraction"], 0.01, 0.0, 0.5, PART_ROAMS * max(port["fraction"], LEAST_BLEED), switches=True
+                    ),
                     "1",
                     "bleed flow over compressor inlet flow",
                     of=port["name"],

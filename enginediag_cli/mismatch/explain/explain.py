@@ -110,33 +110,33 @@ class Search:
                 return self._answer(FAILED, f"the model could not be fitted: {self.base.found.reason}", rest)
         levels = (MAIN * self.evidence.settings.false_alarm, ADEQUATE)
         self.detect, self.adequate = rest.gates(levels, self.rng)
-        if self.evidence.settings.noise == "estimate":
+        if self.evidence.noise.estimated or self.evidence.settings.noise == "estimate":
             self.detect, self.adequate = (
                 Gates(*(doubtful(g, self.base.projection) for g in (gates.effects, gates.faults, gates.cells)))
                 for gates in (self.detect, self.adequate)
             )
+        self.unrecorded = self._unrecorded()
         if not rest.over(self.detect):
-            hidden = self._unrecorded()
-            if hidden:
-                return self._answer(HIDDEN, "", rest, hidden=hidden)
+            if self.unrecorded:
+                return self._answer(HIDDEN, "", rest, hidden=self.unrecorded)
             return self._answer(NOTHING, "nothing stands out of noise and identified parameters", rest)
         return self._decide(rest)
 
     def _decide(self, rest: Remainder) -> Answer:
+        best = rest.cells[0] if rest.cells else None
+        scores = [*(s.score for s in rest.scores), *(c.score for c in rest.cells)]
+        recorded = max((s.statistic - 2.0 * s.dof for s in scores), default=0.0)
+        hidden, evidence = self.unrecorded, _evidence(self.unrecorded)
+        excess = self.base.objective - self.base.projection.dof
+        # before single effects: each of them would be bent by a state that they all ignore
+        if evidence > NEARLY_ALL * 0.5 * excess and evidence > PLAINLY * 0.5 * recorded:
+            return self._answer(HIDDEN, "", rest, hidden=hidden)
         singles = self._refit([(self._timed(s.option),) for s in self._shortlist(rest.scores)])
         if singles is None:
             return self._answer(FAILED, "no explanation could be fitted", rest)
         named = self._named(singles)
         if named:
             return self._answer(NAMED, "", rest, named)
-        best = rest.cells[0] if rest.cells else None
-        scores = [*(s.score for s in rest.scores), *(c.score for c in rest.cells)]
-        recorded = max((s.statistic - 2.0 * s.dof for s in scores), default=0.0)
-        hidden = self._unrecorded()
-        evidence = _evidence(hidden)
-        excess = self.base.objective - self.base.projection.dof
-        if evidence > NEARLY_ALL * 0.5 * excess and evidence > PLAINLY * 0.5 * recorded:
-            return self._answer(HIDDEN, "", rest, hidden=hidden)
         pairs: list[tuple[Option, ...]] = []
         for found in best_pairs(rest.scores, PAIRS):
             _add(pairs, tuple(map(self._timed, found)))

@@ -28,12 +28,14 @@ class Flight:
 @dataclass(frozen=True)
 class Noise:
     """Of one reading, by sensor column: standard deviation in the column's unit, lag-1 correlation. `inputs`: of one
-    reading of an input column, in its unit; `input_shares`: the same as a share of the reading."""
+    reading of an input column, in its unit; `input_shares`: the same as a share of the reading. `estimated`: from
+    recordings, not stated: known as well as the independent readings among them allow."""
 
     sigma: Mapping[str, float]
     rho: Mapping[str, float] = field(default_factory=dict)
     inputs: Mapping[str, float] = field(default_factory=dict)
     input_shares: Mapping[str, float] = field(default_factory=dict)
+    estimated: bool = False
 
 
 @dataclass(frozen=True)

@@ -51,7 +51,7 @@ class ExtendedModel:
 
     def __init__(self, engine: Engine, discrepancies: Sequence[Discrepancy] = ()):
         self.engine = engine
-        self._warm = WarmEngine(engine)
+        self._warm = WarmEngine(engine, walk=False)
         self._discrepancies = {d.name: d for d in discrepancies}
         curves = {d.curve: 0.0 for d in discrepancies}
         self.inputs = engine.inputs

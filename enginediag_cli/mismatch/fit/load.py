@@ -9,7 +9,9 @@ What is identified along with an effect (the nuisance), and how loosely, is deci
   most of what is looked for;
 - where a nominal state is given, its parameters are where priors are centred, what is not nuisance is held there,
   and noise is what it says, to be estimated anew where it is what that fit left, since that holds the mismatch too,
-  but not where it is what cross-validation left, which is the model's error on readings that it has not seen.
+  but not where it is what cross-validation left, which is the model's error on readings that it has not seen;
+- where none is given, an engine that has an `identification:` block is identified on all flights first, none of which
+  is taken for clean (`self_identified`).
 """
 
 from __future__ import annotations
@@ -33,6 +35,7 @@ from enginediag_cli.intake.intake import Intake
 from enginediag_cli.intake.source import Source
 from enginediag_cli.intake.wanted import columns_of
 from enginediag_cli.mismatch.fit.evidence import Evidence, Flight, Noise, Settings
+from enginediag_cli.mismatch.fit.self_identified import SelfIdentified, self_identified
 
 SCALE_SIGMA = 0.002
 """Prior standard deviation of a recorded sensor's scale error that nobody states."""
@@ -84,12 +87,19 @@ def load_case(case: Case) -> Loaded:
     whole = whole_flights(intake)
     _known_drivers(case.asked.drivers, intake.columns)
     flights = [Flight(f.recording.label, f.engine, f.recording.columns, f.file) for f in whole]
-    nominal = baseline.nominal if baseline else None
+    nominal: Nominal | SelfIdentified | None = baseline.nominal if baseline else None
+    if nominal is None and engine.declared.get("identification"):
+        # an engine whose design is not known must be identified before anything can be missing
+        nominal = self_identified(engine, flights)
     return Loaded(build_evidence(engine, flights, case.asked, nominal=nominal), intake, baseline)
 
 
 def build_evidence(
-    engine: Engine, flights: Sequence[Flight], asked: Asked | None = None, *, nominal: Nominal | None = None
+    engine: Engine,
+    flights: Sequence[Flight],
+    asked: Asked | None = None,
+    *,
+    nominal: Nominal | SelfIdentified | None = None,
 ) -> Evidence:
     """Evidence from flights that are in memory.
 
@@ -101,7 +111,7 @@ def build_evidence(
     sensors = _sensors(engine, flights, stated)
     sigma = _prior_sigma(engine, block, stated, sensors)
     _check_limits(engine, block.get("limits") or {})
-    theta0 = nominal.engine_values if nominal else dict(stated.prior_mean)
+    theta0 = nominal.engine_values if nominal is not None else dict(stated.prior_mean)
     theta0 = {n: v for n, v in theta0.items() if n in engine.parameters}
     unused = set(engine.sensors) - set(sensors)
     flights = [
@@ -197,7 +207,7 @@ def _noise(
     engine: Engine,
     sensors: Sequence[str],
     stated: IdentificationSettings,
-    nominal: Nominal | None,
+    nominal: Nominal | SelfIdentified | None,
     block: Mapping[str, Any],
 ) -> Noise:
     sigma = {s: stated.noise_sigma.get(s) or engine.sensors[s].noise_sigma for s in sensors}
@@ -211,10 +221,15 @@ def _noise(
     if nominal is None:
         return Noise(sigma, {}, inputs, shares)
     rho = {s: nominal.rho1.get(s, 0.0) for s in sensors}
-    return Noise({s: nominal.sigma.get(s, v) for s, v in sigma.items()}, rho, inputs, shares)
+    estimated = isinstance(nominal, SelfIdentified) or any(
+        n.sigma_from != "stated" for n in nominal.noise if n.sensor in sensors
+    )
+    return Noise({s: nominal.sigma.get(s, v) for s, v in sigma.items()}, rho, inputs, shares, estimated)
 
 
-def _noise_choice(block: Mapping[str, Any], sensors: Sequence[str], nominal: Nominal | None) -> str:
+def _noise_choice(block: Mapping[str, Any], sensors: Sequence[str], nominal: Nominal | SelfIdentified | None) -> str:
+    if isinstance(nominal, SelfIdentified):
+        return "specified"
     # what cross-validation leaves is the model's error where it has not seen the readings: large enough as it is
     fitted = nominal is not None and any(
         n.sigma_from not in ("stated", "cross_validation") for n in nominal.noise if n.sensor in sensors

@@ -17,6 +17,7 @@ import numpy as np
 from scipy import stats
 
 from enginediag_cli.mismatch.fit.evidence import Evidence, Noise
+from enginediag_cli.mismatch.fit.neighbours import Neighbours
 from enginediag_cli.mismatch.fit.projection import Projection
 from enginediag_cli.mismatch.fit.scores import surprise
 
@@ -42,15 +43,18 @@ def estimated_noise(projection: Projection, blocks: Sequence[np.ndarray]) -> Noi
         if not rows.any():
             continue
         sigma[column] = float(found.problem.sigma[s] * np.sqrt(left[rows] @ left[rows] / free[rows].sum()))
-        rho[column] = _lag_one(left[rows], found.number[frame.record[rows]], float(free[rows].mean()))
+        rho[column] = _lag_one(left[rows], frame.record[rows], frame.neighbours, float(free[rows].mean()))
     return replace(found.evidence.noise, sigma={**found.evidence.noise.sigma, **sigma}, rho=rho)
 
 
 def doubtful(gate: float, projection: Projection) -> float:
     """A gate on −ln p of scores that take estimated noise as exact: a score may rest on one sensor, whose σ² comes from
-    about ν = (1 − LARGEST_SHARE) n_s readings, so that T is F distributed with (1, ν) degrees of freedom."""
-    sensors = projection.frame.sensor
-    nu = (1.0 - LARGEST_SHARE) * float(np.bincount(sensors)[np.unique(sensors)].min())
+    about ν independent readings, so that T is F distributed with (1, ν) degrees of freedom. Of a record correlated by
+    ρ with the one before it (1 − ρ)/(1 + ρ) is independent; LARGEST_SHARE may be taken by what was fitted."""
+    frame = projection.frame
+    rho = np.abs(frame.correlation[frame.record, frame.sensor])
+    independent = np.bincount(frame.sensor, (1.0 - rho) / (1.0 + rho))[np.unique(frame.sensor)]
+    nu = max(1.0, (1.0 - LARGEST_SHARE) * float(independent.min()))
     return float(surprise(stats.f.isf(np.exp(-gate), 1, nu), 1)) if np.isfinite(gate) else gate
 
 
@@ -69,9 +73,10 @@ def _space(columns: Sequence[np.ndarray], most: int) -> np.ndarray:
     return np.asarray(np.linalg.qr(A @ vectors[:, keep])[0])
 
 
-def _lag_one(e: np.ndarray, number: np.ndarray, free: float) -> float:
-    """Correlation of consecutive records, 0 where it is not told from it."""
-    next_to = np.diff(number) == 1
+def _lag_one(e: np.ndarray, record: np.ndarray, near: Neighbours, free: float) -> float:
+    """Correlation of records that follow each other as usual, 0 where it is not told from it; `record` (n,) of each
+    residual (n,)."""
+    next_to = (np.diff(record) == 1) & near.consecutive[record[1:]]
     if next_to.sum() < 20:
         return 0.0
     r = float((e[1:] * e[:-1])[next_to].sum() / (e @ e) * len(e) / max(next_to.sum(), 1)) / free

@@ -1,8 +1,8 @@
 """Rao's score test of anything that may be missing, with everything identified as nuisance.
 
 At a fit, rows are readings divided by σ and, where noise is correlated in time, differenced,
-(e_k − ρ e_{k−1})/√(1 − ρ²) within a recording; below them stand the priors' rows. With the nuisance columns
-A = QR of these rows, a candidate's column c and the residual e:
+(e_k − ρ_k e_{k−1})/√(1 − ρ_k²) within a recording (`neighbours`); below them stand the priors' rows. With the nuisance
+columns A = QR of these rows, a candidate's column c and the residual e:
 
     c⊥ = c − Q Qᵀc      z = c⊥ᵀe/|c⊥|      T = z² ~ χ²₁      â = z/|c⊥|      λ = (a |c⊥|)²
 
@@ -20,6 +20,7 @@ from enginediag_cli.engine.term import Effect
 from enginediag_cli.identification.normal_equations import blocks
 from enginediag_cli.mismatch.fit.extended import ExtendedModel
 from enginediag_cli.mismatch.fit.identified import Identified
+from enginediag_cli.mismatch.fit.neighbours import neighbours_of
 from enginediag_cli.mismatch.fit.scores import surprise
 
 ABSORBED = 0.01
@@ -36,12 +37,11 @@ class Frame:
         p, e = found.problem, found.fit.equations.residual
         self.sigma, self.rho = p.sigma, found.rho
         self.keep = np.isfinite(e)
-        same = np.zeros(len(p.recording), bool)
-        same[1:] = (p.recording[1:] == p.recording[:-1]) & (np.diff(found.number) == 1)
+        self.neighbours = neighbours_of(found)
         # a reading whose predecessor is there is differenced; the first of a run keeps its own variance
-        self.follows = np.zeros_like(self.keep)
-        self.follows[1:] = self.keep[1:] & self.keep[:-1] & same[1:, None]
-        self.follows &= self.rho != 0.0
+        there = np.zeros_like(self.keep)
+        there[1:] = self.keep[1:] & self.keep[:-1]
+        self.correlation = np.where(there, self.neighbours.correlation(self.rho), 0.0)  # (N, m) with the one before
         self.record = np.broadcast_to(np.arange(len(p.recording))[:, None], self.keep.shape)[self.keep]
         self.sensor = np.broadcast_to(np.arange(len(p.sensors))[None], self.keep.shape)[self.keep]
         self.unmixed = _input_whitening(found, self.keep)
@@ -54,8 +54,8 @@ class Frame:
     def rows(self, values: np.ndarray) -> np.ndarray:
         """Whitened rows (n, k) of values (N, m, k)."""
         v = self.scaled(values)
-        if self.follows.any():
-            rho = np.where(self.follows, self.rho, 0.0)[:, :, None]
+        if self.correlation.any():
+            rho = self.correlation[:, :, None]
             before = np.concatenate([np.zeros_like(v[:1]), v[:-1]])
             v = (v - rho * before) / np.sqrt(1.0 - rho**2)
         return np.asarray(v[self.keep])

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
 from enginediag_cli.engine.driver import DriverValues
+from enginediag_cli.mismatch.fit.believable import along_driver, with_belief
 from enginediag_cli.mismatch.fit.freeform import Cell, free_form, locations
 from enginediag_cli.mismatch.fit.identified import Hypothesis, Identified, Nuisance, identify_with
 from enginediag_cli.mismatch.fit.options import (
@@ -24,6 +25,7 @@ from enginediag_cli.mismatch.fit.options import (
 )
 from enginediag_cli.mismatch.fit.projection import Columns, Projection
 from enginediag_cli.mismatch.fit.scores import critical_surprise
+from enginediag_cli.parameters import Parameter
 from enginediag_cli.progress import stage
 
 SHARES = (0.5, 0.2, 0.3)
@@ -145,8 +147,9 @@ class Remainder:
 
 
 def attempt(options: Sequence[Option], start: Identified, along: Nuisance) -> Trial:
-    """Fit nuisance and options together, from another fit."""
-    found = identify_with(start.evidence, together(*options), along, start)
+    """Fit nuisance and options together to the evidence of another fit. It begins at the prior means, the nominal
+    state: the other fit, without the options, is bent by what they explain."""
+    found = identify_with(start.evidence, together(*options), along)
     return Trial(tuple(options), found, Projection(found))
 
 
@@ -163,4 +166,12 @@ def remainder(
     left = Remainder(tuple(scores), ())
     if enough is not None and left.over(enough):
         return left
-    return Remainder(tuple(scores), tuple(free_form(found, trial.projection, drivers, columns)))
+    parameters = found.evidence.engine.parameters
+    cells = [_believed(c, trial.projection, parameters) for c in free_form(found, trial.projection, drivers, columns)]
+    return Remainder(tuple(scores), tuple(sorted(cells, key=lambda c: -c.surprise)))
+
+
+def _believed(cell: Cell, projection: Projection, parameters: Mapping[str, Parameter]) -> Cell:
+    """The cell judged with a prior on how far its place may vary: what is beyond belief does not stand out."""
+    scale = along_driver(cell.location, parameters)
+    return replace(cell, score=with_belief(cell.score, cell.columns, projection, scale))

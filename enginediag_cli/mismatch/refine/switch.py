@@ -34,7 +34,7 @@ from enginediag_cli.mismatch.refine.unseen import (
 )
 from enginediag_cli.mismatch.unrecorded.hidden import HiddenFinding, effects_at
 from enginediag_cli.mismatch.unrecorded.states import Bounds, first_guesses, two_states
-from enginediag_cli.mismatch.unrecorded.whitened_rows import Basis, direction, gaps
+from enginediag_cli.mismatch.unrecorded.whitened_rows import Basis, direction
 from enginediag_cli.progress import stage
 
 NARROW = 1e-3
@@ -174,7 +174,7 @@ def _known(after: Trial, there: Identified) -> Basis:
         objective=float(e @ e - pull @ pull),
         pull=pull,
         prior_rows=Q[n:],
-        gap=gaps(there),
+        gap=frame.neighbours.gap,
     )
 
 

@@ -40,7 +40,7 @@ class Kernel:
         n = len(gap)
         if self.length == 0.0:
             return np.ones(n), np.zeros(n - 1), 0.0
-        phi = np.where(gap > 0, np.exp(-np.maximum(gap, 1) / self.length), 0.0)
+        phi = np.where(gap > 0, np.exp(-gap / self.length), 0.0)
         own = 1.0 / (1.0 - phi**2)
         diagonal = own.copy()
         diagonal[:-1] += phi[1:] ** 2 * own[1:]
@@ -116,8 +116,15 @@ def own_error(along: Direction) -> float:
     return float(np.median(along.diagonal[along.diagonal > 0]) ** -0.5)
 
 
-def likelihood(along: Direction, gap: np.ndarray, g: np.ndarray, kernels: Sequence[Kernel] = KERNELS) -> Likelihood:
-    """Largest LR over kernels and τ of residuals gathered at the location, g = CᵀPe (N, D)."""
+def likelihood(
+    along: Direction,
+    gap: np.ndarray,
+    g: np.ndarray,
+    believed: float = np.inf,
+    kernels: Sequence[Kernel] = KERNELS,
+) -> Likelihood:
+    """Largest LR over kernels and τ of residuals gathered at the location, g = CᵀPe (N, D), less what it costs that τ
+    is large beside what is `believed`, ½ (τ/believed)²."""
     g = np.asfortranarray(g)
     best, first, top = np.zeros(g.shape[1]), [0.0], (kernels[0], 0.0)
     B, scale = np.asfortranarray(along.B), own_error(along)
@@ -125,7 +132,7 @@ def likelihood(along: Direction, gap: np.ndarray, g: np.ndarray, kernels: Sequen
         own = np.zeros(g.shape[1])
         for signal in SIGNAL:
             solver = Solver(along, B, kernel, gap, signal * scale)
-            lr = 0.5 * (solver.quadratic(g) - solver.log_determinant)
+            lr = 0.5 * (solver.quadratic(g) - solver.log_determinant) - 0.5 * (signal * scale / believed) ** 2
             if lr[0] > best[0]:
                 top = kernel, float(signal)
             first.append(float(lr[0]))

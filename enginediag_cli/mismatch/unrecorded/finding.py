@@ -7,6 +7,7 @@ from enum import Enum
 
 import numpy as np
 
+from enginediag_cli.mismatch.fit.believable import BELIEVED
 from enginediag_cli.mismatch.fit.freeform import Location
 
 
@@ -27,6 +28,7 @@ class Limit(Enum):
     REFIT = "the refit as two states did not converge"
     AT_BOUND = "the size is at its physical bound"
     UNSETTLED = "the states still changed from round to round"
+    UNBELIEVED = "nothing there changes by so much within seconds and back"
 
 
 @dataclass(frozen=True)
@@ -48,8 +50,9 @@ class HiddenFinding:
     not tell from this one. Where it was refitted as two states: `states` (N,), the probability of "on",
     `coefficient` of on against off with `interval` (95 %), `switch_lr` and `continuous_lr`, ln evidence of either
     account at the refit against the fit without the effect, `is_switch`, the better one being two states. `sign`: +1
-    or −1 where physics knows which state is on, 0 where the name is a convention. `remark`: what limits it, None for
-    nothing.
+    or −1 where physics knows which state is on, 0 where the name is a convention. `believed`: standard deviation of
+    what the place may plausibly do without a column showing it, infinite where nothing is known of it. `remark`: what
+    limits it, None for nothing.
     """
 
     location: Location
@@ -72,10 +75,21 @@ class HiddenFinding:
     interval: tuple[float, float] = (np.nan, np.nan)
     converged: bool = True
     remark: Remark | None = None
+    believed: float = np.inf
+
+    @property
+    def size(self) -> float:
+        """Of on against off, or the rms amplitude."""
+        return self.coefficient if self.is_switch else float(np.sqrt(np.mean(self.amplitude**2)))
+
+    @property
+    def believable(self) -> bool:
+        """Whether the place may change by so much."""
+        return bool(abs(self.size) <= BELIEVED * self.believed)
 
     @property
     def significant(self) -> bool:
-        return self.converged and self.lr > self.threshold
+        return self.converged and self.believable and self.lr > self.threshold
 
     @property
     def gain(self) -> float:
@@ -86,5 +100,4 @@ class HiddenFinding:
     def worth(self) -> float:
         """`gain` less what it costs that the parameter must vary by so much, ½ (size/scale)²: places that the readings
         hardly tell apart differ in it."""
-        size = self.coefficient if self.is_switch else float(np.sqrt(np.mean(self.amplitude**2)))
-        return self.gain - 0.5 * (size / self.location.scale) ** 2
+        return self.gain - 0.5 * (self.size / self.location.scale) ** 2

@@ -27,9 +27,11 @@ def draws_for(records: int) -> int:
     return int(np.clip(WORK // max(records, 1), LEAST_DRAWS, MOST_DRAWS))
 
 
-def likelihoods(of: Basis, along: Sequence[Direction], residuals: np.ndarray) -> list[Likelihood]:
-    """Per location, of projected residuals (N, m, D)."""
-    return [likelihood(d, of.gap, d.gathered(residuals)) for d in along]
+def likelihoods(
+    of: Basis, along: Sequence[Direction], residuals: np.ndarray, believed: Sequence[float]
+) -> list[Likelihood]:
+    """Per location, of projected residuals (N, m, D); `believed`: standard deviation of each one's amplitude."""
+    return [likelihood(d, of.gap, d.gathered(residuals), b) for d, b in zip(along, believed, strict=True)]
 
 
 def largest(found: Sequence[Likelihood]) -> np.ndarray:

@@ -20,13 +20,14 @@ import numpy as np
 from enginediag_cli.engine.engine import Engine
 from enginediag_cli.engine.term import Effect
 from enginediag_cli.intervals import NORMAL_95
+from enginediag_cli.mismatch.fit.believable import switching
 from enginediag_cli.mismatch.fit.freeform import Location, locations, of_effect
 from enginediag_cli.mismatch.fit.identified import Identified, Nuisance, nuisance
 from enginediag_cli.mismatch.fit.projection import Projection
 from enginediag_cli.mismatch.unrecorded.amplitude import Likelihood, Solver, own_error
 from enginediag_cli.mismatch.unrecorded.finding import HiddenFinding, Limit, Remark, Switch
 from enginediag_cli.mismatch.unrecorded.gate import draws_for, largest, likelihoods, threshold
-from enginediag_cli.mismatch.unrecorded.refit import Refit, bounds_of, location_columns, refit
+from enginediag_cli.mismatch.unrecorded.refit import Refit, believed_of, bounds_of, location_columns, refit
 from enginediag_cli.mismatch.unrecorded.states import first_guesses, two_states
 from enginediag_cli.mismatch.unrecorded.whitened_rows import Basis, Direction, basis, direction
 from enginediag_cli.physics.registry import effect, term, term_names
@@ -66,20 +67,32 @@ def hidden_amplitudes(
     """
     of, places, directions = _geometry(found, projection)
     draws = of.noise(draws_for(len(of.gap)), rng)
-    both = likelihoods(of, directions, np.concatenate([of.left[:, :, None], draws], axis=2))
+    believed = believed_of(found, places)
+    both = likelihoods(of, directions, np.concatenate([of.left[:, :, None], draws], axis=2), believed)
     gate = threshold(largest(both)[1:], level)
     findings = [_finding(found, of, place, d, f, gate) for place, d, f in zip(places, directions, both, strict=True)]
-    findings.sort(key=lambda f: -f.lr)
+    findings.sort(key=lambda f: (not f.believable, -f.lr))
     if not findings or not findings[0].significant:
         return findings
     along = nuisance(found.evidence) if along is None else along
     known = {p.name: (d, f) for p, d, f in zip(places, directions, both, strict=True)}
     enough = max(gate, NEAR * findings[0].lr - SLACK)
-    chosen = [f for f in findings if f.lr > enough][:refitted]
+    chosen = _worth_a_refit([f for f in findings if f.lr > enough and f.believable], found)[:refitted]
     again = [_with_states(f, found, of, known[f.location.name][0], along) for f in chosen]
-    again.sort(key=lambda f: -f.worth)
-    findings = again + findings[len(chosen) :]
+    again.sort(key=lambda f: (not f.believable, -f.worth))
+    done = {f.location.name for f in chosen}
+    findings = again + [f for f in findings if f.location.name not in done]
     return [replace(findings[0], rivals=_rivals(findings, of, known)), *findings[1:]]
+
+
+def _worth_a_refit(findings: list[HiddenFinding], found: Identified) -> list[HiddenFinding]:
+    """Where something that is commanded explains more than a part that breathes, the part is not the place of a
+    switch."""
+    parameters = found.evidence.engine.parameters
+    best = max(
+        (f.lr for f in findings if np.isfinite(f.believed) and switching(f.location, parameters)), default=-np.inf
+    )
+    return [f for f in findings if f.lr >= best or switching(f.location, parameters)]
 
 
 def hidden_gate(found: Identified, projection: Projection, *, level: float, rng: np.random.Generator) -> float:
@@ -89,8 +102,8 @@ def hidden_gate(found: Identified, projection: Projection, *, level: float, rng:
 
 def null_ratios(found: Identified, projection: Projection, count: int, rng: np.random.Generator) -> np.ndarray:
     """Largest LR over all locations of `count` draws with nothing missing, (count,)."""
-    of, _, directions = _geometry(found, projection)
-    return largest(likelihoods(of, directions, of.noise(count, rng)))
+    of, places, directions = _geometry(found, projection)
+    return largest(likelihoods(of, directions, of.noise(count, rng), believed_of(found, places)))
 
 
 def effects_at(location: Location, engine: Engine) -> list[Effect]:
@@ -120,7 +133,7 @@ def finding_at(
     place = of_effect(effect)
     of = basis(projection)
     d = direction(of, location_columns(found, [place])[:, :, 0])
-    (f,) = likelihoods(of, [d], of.left[:, :, None])
+    (f,) = likelihoods(of, [d], of.left[:, :, None], believed_of(found, [place]))
     return _with_states(_finding(found, of, place, d, f, like.threshold), found, of, d, along)
 
 
@@ -138,6 +151,7 @@ def _finding(found: Identified, of: Basis, place: Location, d: Direction, f: Lik
     a, error = np.zeros(N), np.zeros(N)
     if f.signal > 0.0:
         a, error = Solver(d, d.B, f.kernel, of.gap, f.signal * own_error(d)).amplitude(d.gathered(of.left))
+    a, error, alone = (of.of_records(v) for v in (a, error, np.sqrt(d.diagonal)))
     engine = found.evidence.engine
     unit = (place.through.parameters()[0] if place.through else engine.parameters[place.parameter]).unit
     remark = None if found.converged else Remark(Limit.BASE_FIT, found.reason)
@@ -150,10 +164,11 @@ def _finding(found: Identified, of: Basis, place: Location, d: Direction, f: Lik
         found.number,
         a,
         error,
-        np.abs(a) * np.sqrt(d.diagonal),
+        np.abs(a) * alone,
         bounds_of(found, place)[1],
         converged=found.converged,
         remark=remark,
+        believed=believed_of(found, [place])[0],
     )
 
 
@@ -164,7 +179,7 @@ def _rivals(
     the first one's amplitude so well, at the same τ and correlation, that the readings' noise decides."""
     first = findings[0]
     d, best = known[first.location.name]
-    signal = d.applied(first.amplitude)
+    signal = d.applied(of.of_rows(first.amplitude))
     q = of.rows.shape[2]
     left = signal - (of.rows.reshape(-1, q) @ (of.rows.reshape(-1, q).T @ signal.ravel())).reshape(signal.shape)
 
@@ -186,7 +201,7 @@ def _rivals(
 def _with_states(f: HiddenFinding, found: Identified, of: Basis, d: Direction, along: Nuisance) -> HiddenFinding:
     """The finding with its two states, refitted."""
     bounds, sign = bounds_of(found, f.location)
-    a = -f.amplitude if sign < 0 else f.amplitude
+    a = of.of_rows(-f.amplitude if sign < 0 else f.amplitude)
     states = two_states(of, d, bounds, first_guesses(a, both_ways=sign == 0))
     new = refit(found, along, f.location, bounds, states)
     if not new.converged:
@@ -194,7 +209,7 @@ def _with_states(f: HiddenFinding, found: Identified, of: Basis, d: Direction, a
     half = NORMAL_95 * new.standard_error
     interval = max(bounds.lower, new.coefficient - half), min(bounds.upper, new.coefficient + half)
     gained = 0.5 * (of.objective - new.objective)  # what bending the rest of the fit has brought
-    return replace(
+    told = replace(
         f,
         states=new.states.on,
         is_switch=new.states.evidence > new.continuous,
@@ -205,6 +220,7 @@ def _with_states(f: HiddenFinding, found: Identified, of: Basis, d: Direction, a
         interval=interval,
         remark=_remark(new),
     )
+    return told if told.believable else replace(told, remark=Remark(Limit.UNBELIEVED))
 
 
 def _remark(new: Refit) -> Remark | None:

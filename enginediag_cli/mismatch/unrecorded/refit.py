@@ -11,14 +11,19 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from enginediag_cli.engine.engine import Engine
+from enginediag_cli.mismatch.fit.believable import FAST_S, along_driver, hidden
 from enginediag_cli.mismatch.fit.evidence import Evidence
 from enginediag_cli.mismatch.fit.extended import Discrepancy, ExtendedModel
 from enginediag_cli.mismatch.fit.freeform import Location
 from enginediag_cli.mismatch.fit.identified import Hypothesis, Identified, Nuisance, identify_with
+from enginediag_cli.mismatch.fit.neighbours import neighbours_of
 from enginediag_cli.mismatch.fit.projection import Projection, derivatives
+from enginediag_cli.mismatch.unrecorded.aircraft import grid_of
 from enginediag_cli.mismatch.unrecorded.amplitude import likelihood
 from enginediag_cli.mismatch.unrecorded.states import Bounds, States, standard_error, two_states
 from enginediag_cli.mismatch.unrecorded.whitened_rows import basis_without, direction
+from enginediag_cli.physics.registry import term, term_names
 
 CURVE = "hidden state"
 ROUNDS, SETTLED = 4, 0.02
@@ -52,26 +57,47 @@ def with_lever(evidence: Evidence, place: Location) -> Evidence:
 
 
 def bounds_of(found: Identified, place: Location) -> tuple[Bounds, int]:
-    """Bounds of the amplitude at the location, and the sign that physics gives it: +1, −1, or 0 for not known."""
+    """Bounds of the amplitude at the location, and the sign that physics gives it: +1, −1, or 0 for not known. What is
+    commanded takes air or power when it is on, beyond what the engine takes anyway."""
     engine = with_lever(found.evidence, place).engine
     p = engine.parameters[place.parameter]
     at = found.theta.get(place.parameter, p.nominal)
-    sign = 1 if p.lower >= at else -1 if p.upper <= at else 0
+    sign = 1 if p.switches or p.lower >= at else -1 if p.upper <= at else 0
     low = 0.0 if sign > 0 else p.lower - at
     high = 0.0 if sign < 0 else p.upper - at
-    return Bounds(low, high, p.prior_sigma), sign
+    return Bounds(low, high, min(p.prior_sigma, believed_of(found, [place])[0])), sign
+
+
+def believed_of(found: Identified, places: list[Location]) -> list[float]:
+    """Standard deviation of a hidden amplitude at each place, of records as far apart as those of the fit."""
+    step_s = neighbours_of(found).step_s
+    accuracy, engine = found.evidence.settings.map_accuracy, found.evidence.engine
+    leaves = _commanded_leaves(engine)
+    return [
+        along_driver(p, engine.parameters)
+        if step_s <= FAST_S and p.parameter in leaves
+        else hidden(p, engine.parameters, accuracy, step_s)
+        for p in places
+    ]
+
+
+def _commanded_leaves(engine: Engine) -> set[str]:
+    """Parameters that a listed effect changes which somebody commands, such as the clearance of a turbine."""
+    terms = [term(name) for name in term_names()]
+    return {leaf for t in terms if t.SWITCHES for site in t.sites(engine.network) for leaf in site.acts_on}
 
 
 def refit(found: Identified, along: Nuisance, place: Location, bounds: Bounds, states: States) -> Refit:
     """Refits from a fit without the effect; look at `converged`."""
     evidence = with_lever(found.evidence, place)
     total = sum(len(next(iter(f.columns.values()))) for f in evidence.flights)
-    fit = found
+    grid = grid_of(found)
+    fit: Identified | None = None  # the fit without the effect is bent by it
     for _ in range(ROUNDS):
         sigma = (bounds.sigma**-2 + states.doubt) ** -0.5
         own = Discrepancy(place.parameter, CURVE, sigma, bounds.lower, bounds.upper)
         curve = np.zeros(total)
-        curve[found.number] = states.on
+        curve[found.number] = states.on if grid is None else states.on[grid.at]
         h = found.hypothesis
         hypothesis = Hypothesis(h.effects, (*h.discrepancies, own), {**h.curves, CURVE: curve})
         fit = identify_with(evidence, hypothesis, along, fit)
@@ -81,16 +107,26 @@ def refit(found: Identified, along: Nuisance, place: Location, bounds: Bounds, s
         coefficient, error = _coefficient(fit, projection, own.name)
         column = location_columns(fit, [place])[:, :, 0]
         plain = direction(basis_without(projection, own.name, np.zeros(column.shape)), column)
-        of = basis_without(projection, own.name, plain.applied(fit.theta[own.name] * states.on))
+        signal = fit.theta[own.name] * curve[fit.number]
+        of = basis_without(projection, own.name, _rows_of(projection, column, signal))
         new = two_states(of, plain, bounds, states.on[None])
         moved = float(np.abs(new.on - states.on).max())
         if moved < SETTLED:
             break
         states = new
-    g = plain.gathered(of.left)[:, None]
+    g, believed = plain.gathered(of.left)[:, None], believed_of(found, [place])[0]
     error = standard_error(of, plain, bounds, replace(new, amplitude=coefficient), error) if error > 0.0 else 0.0
-    states = replace(states, evidence=new.evidence, settled=new.settled and moved < SETTLED)
-    return Refit(fit, states, coefficient, error, likelihood(plain, of.gap, g).evidence, of.objective)
+    told = replace(states, on=of.of_records(states.on), changed=of.of_records(states.changed))
+    states = replace(told, evidence=new.evidence, settled=new.settled and moved < SETTLED)
+    assert fit is not None
+    return Refit(fit, states, coefficient, error, likelihood(plain, of.gap, g, believed).evidence, of.objective)
+
+
+def _rows_of(projection: Projection, column: np.ndarray, amplitude: np.ndarray) -> np.ndarray:
+    """Whitened rows (N, m) that an amplitude (N,) along a column (N, m) makes."""
+    found = np.zeros(column.shape)
+    found[projection.frame.keep] = projection.frame.rows((column * amplitude[:, None])[:, :, None])[:, 0]
+    return found
 
 
 def _coefficient(fit: Identified, projection: Projection, name: str) -> tuple[float, float]:

@@ -20,8 +20,10 @@ from enginediag_cli.mismatch.fit.options import Option, effect_option
 from enginediag_cli.mismatch.fit.trial_fit import Trial, attempt
 from enginediag_cli.mismatch.unrecorded.hidden import HiddenFinding, effects_at, finding_at
 
-ALIAS = 6.0
-"""As in `explain`: χ² within which two accounts are told together."""
+TIED = 11.0
+"""χ² within which two accounts are told together: the wrong one leads once in twenty times."""
+SURELY_WORSE = 22.0
+"""χ² by which the wrong one of two accounts leads less than once in a hundred times."""
 
 STATE = "hidden_state"
 """Column with the states: 1 where the effect is on."""
@@ -82,7 +84,8 @@ def effects_that_switch(
 
     Returns the best effect's own finding, with its own states, and the trials, the lowest χ² first, that converge and
     stay within their bounds. None where there is none, or where the likeliest place itself, as a parameter of the
-    engine that switches, leaves a χ² that is lower by more than ALIAS.
+    engine that may switch, leaves a χ² that is lower by more than SURELY_WORSE: nearer than that a bare place, which
+    fits whatever happens there, and a listed effect are of one class.
     """
     with_states = [f for f in findings if f.is_switch and f.states is not None]
     if not with_states:
@@ -98,7 +101,7 @@ def effects_that_switch(
     trials = [t for t in switched_trials(options, states_of(first, found.evidence), found, along) if t.converged]
     own = min((t.objective for t in trials if not t.hypothesis.effects), default=np.inf)
     listed = [t for t in trials if t.hypothesis.effects and not t.at_bound]
-    if not listed or listed[0].objective > own + ALIAS:
+    if not listed or listed[0].objective > own + SURELY_WORSE:
         return None
     best = replace(listed[0].hypothesis.effects[0], switch="")
     lead = finding_at(best, first, found, base.projection, along)

@@ -4,7 +4,7 @@ An amplitude a_k at a location moves the readings of record k by a_k c_k, c_k th
 respect to the location's parameter. In whitened rows, where noise correlated in time has been differenced, it
 moves row k+1 as well:
 
-    row k:  own_k a_k + before_k a_{k−1}        own = c/(σ√(1−ρ²))     before_k = −ρ c_{k−1}/(σ√(1−ρ²))
+    row k:  own_k a_k + before_k a_{k−1}     own = c/(σ√(1−ρ_k²))     before_k = −ρ_k c_{k−1}/(σ√(1−ρ_k²))
 
 So CᵀC = T is tridiagonal (diagonal where ρ = 0), and with the nuisance Q projected out G = CᵀPC = T − BᵀB, B = QᵀC
 of as many rows as there are nuisance columns: nothing of size N × N is ever formed.
@@ -16,17 +16,18 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from enginediag_cli.mismatch.fit.identified import Identified
 from enginediag_cli.mismatch.fit.projection import Frame, Projection
+from enginediag_cli.mismatch.unrecorded.aircraft import Grid, grid_of
 
 
 @dataclass(frozen=True)
 class Basis:
-    """Nuisance of N records of m sensors in `rows` (N, m, q), 0 where there is no reading.
+    """Nuisance of N records of m sensors in `rows` (N, m, q), 0 where there is no reading. Where engines of one
+    aircraft fly together, N are the rows of their `grid` and m the sensors of all of them.
 
     `e` (N, m): whitened residual before projection, `left` (N, m) after it; `objective`: χ² of readings and priors
     without any effect; `pull` (q,) = Qᵀe over readings and priors; `prior_rows` (q, q): Q's rows of the priors;
-    `gap` (N,): records since the last one of the same recording, 0 at the first of a recording.
+    `gap` (N,): time since the last record of the same recording, in usual steps, 0 at the first of a recording.
     """
 
     frame: Frame
@@ -37,10 +38,20 @@ class Basis:
     pull: np.ndarray
     prior_rows: np.ndarray
     gap: np.ndarray
+    grid: Grid | None = None
+
+    def of_records(self, values: np.ndarray) -> np.ndarray:
+        """Values (…, N) of rows for the records of the fit."""
+        return values if self.grid is None else np.asarray(values[..., self.grid.at])
+
+    def of_rows(self, values: np.ndarray) -> np.ndarray:
+        """Values (records,) of records, which are one for all engines of an aircraft, for the rows (N,)."""
+        return values if self.grid is None else self.grid.folded(values)
 
     def noise(self, count: int, rng: np.random.Generator) -> np.ndarray:
         """Projected residuals (N, m, count) of draws in which nothing is missing."""
-        readings = rng.standard_normal((*self.e.shape, count)) * self.frame.keep[:, :, None]
+        keep = self.frame.keep if self.grid is None else self.grid.laid(self.frame.keep)
+        readings = rng.standard_normal((*self.e.shape, count)) * keep[:, :, None]
         priors = rng.standard_normal((len(self.pull), count))
         q = len(self.pull)
         pull = self.rows.reshape(-1, q).T @ readings.reshape(-1, count) + self.prior_rows.T @ priors
@@ -74,13 +85,11 @@ def _basis(projection: Projection, Q: np.ndarray, e: np.ndarray) -> Basis:
     pull = Q.T @ e
     rows[keep], residual[keep], left[keep] = Q[:n], e[:n], e[:n] - Q[:n] @ pull
     objective = float(e @ e - pull @ pull)
-    return Basis(projection.frame, rows, residual, left, objective, pull, Q[n:], gaps(projection.found))
-
-
-def gaps(found: Identified) -> np.ndarray:
-    """Records since the last one of the same recording, (N,); 0 at the first of a recording."""
-    same = found.problem.recording[1:] == found.problem.recording[:-1]
-    return np.concatenate([[0], np.where(same, np.diff(found.number), 0)])
+    grid = grid_of(projection.found)
+    gap = projection.frame.neighbours.gap
+    if grid is not None:
+        rows, residual, left, gap = grid.laid(rows), grid.laid(residual), grid.laid(left), grid.gap
+    return Basis(projection.frame, rows, residual, left, objective, pull, Q[n:], gap, grid)
 
 
 @dataclass(frozen=True)
@@ -119,11 +128,14 @@ def direction(of: Basis, column: np.ndarray) -> Direction:
     """Of a location whose derivative of the readings is `column` (N, m), in the readings' units."""
     f = of.frame
     scaled = f.scaled(column[:, :, None])[:, :, 0]
-    rho = np.where(f.follows, f.rho, 0.0)
+    rho = f.correlation
     root = np.sqrt(1.0 - rho**2)
     before = np.zeros_like(scaled)
     before[1:] = -rho[1:] * scaled[:-1] / root[1:]
     own = scaled / root
+    if of.grid is not None:
+        own, before = of.grid.laid(own), of.grid.laid(before)
+        before[0] = 0.0
     diagonal, beside = (own**2).sum(axis=1), (before[1:] * own[1:]).sum(axis=1)
     diagonal[:-1] += (before[1:] ** 2).sum(axis=1)
     along = [np.matmul(v[:, None, :], of.rows)[:, 0] for v in (own, before)]

@@ -1,0 +1,75 @@
+"""A nominal state out of the very recordings that are searched, where no nominal file is given.
+
+No flight of them is taken for clean, so noise must not be what a fit leaves: a state that switches would be counted as
+noise, and hide behind it. Its level is the median error on left-out blocks; what changes from one record to the next is
+read from neighbours, which are of one state but for the few where it changes:
+
+    w = median |e_k − e_{k−1}|/(0.6745 √2)     v = median |e_k|/0.6745
+    σ = max(stated, v, w)                      ρ = 1 − w²/σ²
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from enginediag_cli.engine.engine import Engine
+from enginediag_cli.identification.identify import identify
+from enginediag_cli.identification.problem import Problem, TrainingRecording
+from enginediag_cli.mismatch.fit.evidence import Flight
+from enginediag_cli.mismatch.fit.noise import LEAST_RHO
+
+LARGEST_RHO = 0.9
+"""The median of neighbours knows nothing of their tails, which are heavy where power or attitude changes: a step from
+one record to the next is believed to be noise up to √(1 − ρ²) = 0.44 of the level, however quiet most records are."""
+DEVIATION = 0.6745  # median |x| of a standard normal x
+
+
+@dataclass(frozen=True)
+class SelfIdentified:
+    """`theta0`: parameters as identified; `sigma`, `rho1`: robust noise by sensor column; `converged`: whether the
+    identification did, else `theta0` is empty: the engine file's own state."""
+
+    theta0: Mapping[str, float]
+    sigma: Mapping[str, float]
+    rho1: Mapping[str, float]
+    converged: bool
+
+    @property
+    def engine_values(self) -> Mapping[str, float]:
+        """As of a `Nominal`."""
+        return self.theta0
+
+
+def self_identified(engine: Engine, flights: Sequence[Flight]) -> SelfIdentified:
+    """Identification of all flights together, by the engine file's own settings."""
+    found = identify(engine, [TrainingRecording(f.label, f.columns) for f in flights])
+    p, fit = found.problem, found.fit
+    usable = found.converged or (fit.decrement < 1.0 and fit.failed.mean() < 0.1)
+    unseen = p.measured - found.cross_validation.predicted
+    sigma, rho = robust_noise(p, unseen if np.isfinite(unseen).any() else fit.equations.residual)
+    theta = {n: v for n, v in p.physical(fit.x).items() if n in engine.parameters}
+    return SelfIdentified(theta if usable else {}, sigma, rho, found.converged)
+
+
+def robust_noise(problem: Problem, residual: np.ndarray) -> tuple[dict[str, float], dict[str, float]]:
+    """Standard deviation and lag-1 correlation by sensor column, from residuals (N, m)."""
+    same = problem.recording[1:] == problem.recording[:-1]
+    sigma, rho = {}, {}
+    for s, column in enumerate(problem.sensors):
+        e = residual[:, s]
+        step = np.abs(np.diff(e))[same]
+        step = step[np.isfinite(step)]
+        w = float(np.median(step)) / (DEVIATION * np.sqrt(2.0)) if step.size else 0.0
+        level = float(np.median(np.abs(_read(e)))) / DEVIATION if np.isfinite(e).any() else 0.0
+        total = max(float(problem.sigma[s]), level, w)
+        correlation = 1.0 - (w / total) ** 2 if step.size else 0.0
+        sigma[column] = total
+        rho[column] = float(np.clip(correlation, 0.0, LARGEST_RHO)) if correlation > LEAST_RHO else 0.0
+    return sigma, rho
+
+
+def _read(e: np.ndarray) -> np.ndarray:
+    return np.asarray(e[np.isfinite(e)])
