@@ -53,7 +53,7 @@ def test_whitened_scores_are_those_of_generalised_least_squares():
 def test_held_out_residuals_are_those_of_refits_without_the_flight(small_effect):
     _, _, projection = small_effect
     frame, n = projection.frame, len(projection.frame.record)
-    A = projection.Q @ projection.R
+    A = projection.dense.Q @ projection.dense.R
     direct = []
     for r in range(5):
         out = np.zeros(len(projection.e), bool)
@@ -65,8 +65,7 @@ def test_held_out_residuals_are_those_of_refits_without_the_flight(small_effect)
 
 
 def test_the_gate_of_one_block_is_its_chi_square_quantile():
-    block = np.random.default_rng(1).standard_normal((400, 1))
-    (gate,) = critical_surprise([block], [0.05], np.random.default_rng(2))
+    (gate,) = critical_surprise(np.eye(1), [1], [0.05], np.random.default_rng(2))
     # 2000 draws: the 5 % point is uncertain by sqrt(.05*.95/2000)/.05 = 10 %, 0.3 at three deviations
     assert gate == pytest.approx(-np.log(0.05), abs=0.3)
 

@@ -319,7 +319,7 @@ class Search:
             reason,
             tuple(named),
             rest.cells,
-            tuple(places(rest.cells, base.projection)),
+            tuple(places(rest.cells)),
             unseen,
             tuple(hidden),
             (self.detect.effects, self.adequate.effects),

@@ -9,6 +9,8 @@ from functools import cached_property
 import numpy as np
 
 from enginediag_cli.engine.driver import DriverValues
+from enginediag_cli.mismatch.fit.columns import Columns
+from enginediag_cli.mismatch.fit.families import Scored, correlations
 from enginediag_cli.mismatch.fit.freeform import Cell, free_form, locations
 from enginediag_cli.mismatch.fit.identified import Hypothesis, Identified, Nuisance, identify_with
 from enginediag_cli.mismatch.fit.options import (
@@ -22,7 +24,7 @@ from enginediag_cli.mismatch.fit.options import (
     parameters_of,
     together,
 )
-from enginediag_cli.mismatch.fit.projection import Columns, Projection
+from enginediag_cli.mismatch.fit.projection import Projection
 from enginediag_cli.mismatch.fit.scores import critical_surprise
 from enginediag_cli.progress import stage
 
@@ -127,21 +129,21 @@ class Remainder:
 
     def gates(self, levels: Sequence[float], rng: np.random.Generator) -> tuple[Gates, ...]:
         """Gates at each level, which the three families share by SHARES."""
-        families = (
-            [s.columns for s in self.scores if s.option.kind == EFFECT and not s.score.absorbed],
-            [s.columns for s in self.scores if s.option.kind != EFFECT and not s.score.absorbed],
-            [c.columns for c in self.cells if not c.score.absorbed],
+        scores = [s for s in self.scores if not s.score.absorbed]
+        families: tuple[list[Scored], ...] = (
+            list[Scored](s for s in scores if s.option.kind == EFFECT),
+            list[Scored](s for s in scores if s.option.kind != EFFECT),
+            list[Scored](c for c in self.cells if not c.score.absorbed),
         )
         found = [
-            critical_surprise(blocks, [share * level for level in levels], rng)
+            critical_surprise(*correlations(blocks), [share * level for level in levels], rng)
             for blocks, share in zip(families, SHARES, strict=True)
         ]
         return tuple(Gates(*g) for g in zip(*found, strict=True))
 
-    def blocks(self) -> list[np.ndarray]:
-        """Projected columns of everything that can be ranked."""
-        scores = [s.columns for s in self.scores if not s.score.absorbed]
-        return scores + [c.columns for c in self.cells if not c.score.absorbed]
+    def blocks(self) -> list[Scored]:
+        """Everything that can be ranked."""
+        return [b for b in (*self.scores, *self.cells) if not b.score.absorbed]
 
 
 def attempt(options: Sequence[Option], start: Identified, along: Nuisance) -> Trial:

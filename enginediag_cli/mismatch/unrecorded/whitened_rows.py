@@ -63,7 +63,7 @@ def basis_without(projection: Projection, name: str, signal: np.ndarray) -> Basi
     if not p.free[j]:
         return _basis(p, p.Q, e)
     column = int(np.cumsum(p.free)[j]) - 1
-    A = np.delete(np.delete(p.Q @ p.R, column, axis=1), n + column, axis=0)
+    A = np.delete(np.delete(p.Q @ p.dense.R, column, axis=1), n + column, axis=0)
     return _basis(p, np.linalg.qr(A)[0], np.delete(e, n + column))
 
 
