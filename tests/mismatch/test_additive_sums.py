@@ -136,7 +136,6 @@ def test_chunks_of_any_length_give_the_same(found, monkeypatch):
     whole = Projection(found)
     cells = free_form(found, whole, along(found))
     monkeypatch.setattr(normal_equations, "CHUNK_RECORDS", 17)
-    monkeypatch.setattr(columns_module, "CHUNK_RECORDS", 17)
     monkeypatch.setattr(families, "AT_ONCE", 5)
     for kept in (0, projection_module.KEPT_BYTES):
         monkeypatch.setattr(projection_module, "KEPT_BYTES", kept)

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Iterator
 import numpy as np
 
 from enginediag_cli.engine.term import Effect
-from enginediag_cli.identification.normal_equations import CHUNK_RECORDS
+from enginediag_cli.identification import normal_equations
 from enginediag_cli.mismatch.fit.extended import ExtendedModel
 from enginediag_cli.mismatch.fit.identified import Identified
 from enginediag_cli.mismatch.fit.projection import KEPT_BYTES, Projection, Rows, Whitening, derivatives
@@ -25,6 +25,7 @@ class Columns:
         self._model = ExtendedModel(
             engine.with_effects((*engine.effects, *found.hypothesis.effects, *further.values())),
             found.model.discrepancies,
+            like=found.model,
         )
         N, m = found.problem.measured.shape
         self._kept: list[np.ndarray] | None = [] if N * m * len(self.at) * 8 <= KEPT_BYTES else None
@@ -49,8 +50,8 @@ class Columns:
             yield rows, J
 
     def _spans(self) -> Iterator[slice]:
-        N = len(self.found.problem.recording)
-        return (slice(a, min(a + CHUNK_RECORDS, N)) for a in range(0, N, CHUNK_RECORDS))
+        N, size = len(self.found.problem.recording), normal_equations.CHUNK_RECORDS
+        return (slice(a, min(a + size, N)) for a in range(0, N, size))
 
     def whitened(self, projection: Projection) -> Iterator[tuple[Rows, np.ndarray, np.ndarray | None]]:
         """Rows of the nuisance with the columns beside them, in the two parts (n, m, L) of `Whitening.parts`."""
