@@ -6,9 +6,10 @@ With J̃ the sensitivities after elimination of the recordings' offsets, in prio
     B = Σ_s b_s/(κ_s σ_s)² Σ_kl ρ_s^|k−l| J̃_ks J̃_lsᵀ + C Cᵀ   meat;  b_s = mean ψ(z)²
     cov = A⁻¹ (B + 1) A⁻¹
 
-C = H_xz (H_zz + 1)⁻¹ carries the prior of the offsets, 1 that of the parameters, and the sum over k, l runs
-within a recording. For white Gaussian noise (a = b = κ = 1, ρ = 0) it is the usual (F + 1)⁻¹. The AR(1) sum
-is exact for sensitivities of any shape in time; κ in the fit only balances data against priors.
+C = H_xz (H_zz + 1)⁻¹ carries the prior of the offsets, 1 that of the parameters, and the sum over k, l runs within a
+recording, |k − l| counted in steps of time and operating point (`pace.py`). For white Gaussian noise (a = b = κ = 1,
+ρ = 0) it is the usual (F + 1)⁻¹. The sum is exact for sensitivities of any shape in time; κ in the fit only balances
+data against priors.
 
 What the fit takes out of the noise of sensor s, e − ê = J̃ (x̂ − x), in units of its variance:
 
@@ -27,6 +28,7 @@ import numpy as np
 
 from enginediag_cli.identification.gauss_newton import Fit
 from enginediag_cli.identification.normal_equations import accumulate, blocks, eliminate
+from enginediag_cli.identification.pace import NEIGHBOURS, correlated_sum, correlations, inflation
 from enginediag_cli.identification.problem import Problem
 
 
@@ -44,13 +46,13 @@ class Uncertainty:
 
 @dataclass(frozen=True)
 class _Sums:
-    """Sums over the records of each sensor, (m, p, p), with J̃ the sensitivities and f_k = Σ_l ρ^|k−l| J̃_l."""
+    """Sums over the records of each sensor, (m, p, p), with J̃ the sensitivities and f_k = Σ_l C_kl J̃_l."""
 
     bread: np.ndarray  # Σ w_k J̃_kᵀ J̃_k
     plain: np.ndarray  # Σ J̃_kᵀ J̃_k
     lagged: np.ndarray  # Σ J̃_kᵀ J̃_k−1
     smooth: np.ndarray  # Σ J̃_kᵀ f_k
-    smooth_lagged: np.ndarray  # Σ J̃_kᵀ f_k−1 + J̃_k−1ᵀ f_k, or a matrix of the same symmetric part
+    smooth_lagged: np.ndarray  # Σ J̃_kᵀ f_k−1 + J̃_k−1ᵀ f_k, over neighbours only, as lagged
 
 
 def uncertainty(problem: Problem, fit: Fit, rho: np.ndarray, used: np.ndarray | None = None) -> Uncertainty:
@@ -73,7 +75,9 @@ def uncertainty(problem: Problem, fit: Fit, rho: np.ndarray, used: np.ndarray | 
     for block in blocks(problem, fit.x, fit.z):
         w = bread[block.rows]
         part = accumulate(problem, block, w, np.zeros_like(w))
-        H_xx, H_xz, H_zz = H_xx + part[0], H_xz + part[1], H_zz + part[2]
+        H_xx += part[0]
+        H_xz += part[1]
+        H_zz += part[2]
     arrow = eliminate(H_xx, H_xz, H_zz, np.zeros(p), np.zeros((R, q)), np.zeros(p), np.zeros((R, q)))
     prior_of_offsets = np.einsum("rpq,rlq->pl", arrow.gain, arrow.gain)
     scale = b / (problem.sigma * problem.inflation) ** 2
@@ -94,10 +98,11 @@ def uncertainty(problem: Problem, fit: Fit, rho: np.ndarray, used: np.ndarray | 
             - np.einsum("pl,slp->s", covariance, sums.lagged) / variance,
         ]
     )
+    kappa = inflation(problem.gap, rho)
     for j, o in enumerate(problem.offsets):
         s = problem.sensors.index(o.sensor)
         dof[s] += offset_use[j]
-        lost[:, s] += offset_use[j] * (1 + rho[s]) / (1 - rho[s])  # a mean varies by σ²κ/n and is in every product
+        lost[:, s] += offset_use[j] * kappa[s]  # a mean varies by σ²κ/n and is in every product
     return Uncertainty(
         covariance,
         data,
@@ -116,10 +121,9 @@ def _column_mean(values: np.ndarray, valid: np.ndarray, default: float) -> np.nd
 
 
 def _sums(problem: Problem, fit: Fit, bread: np.ndarray, gain: np.ndarray, rho: np.ndarray) -> _Sums:
-    from scipy.signal import lfilter
-
     p, m = len(fit.x), len(problem.sensors)
     by_sensor, plain, lagged, smooth, smooth_lagged = (np.zeros((m, p, p)) for _ in range(5))
+    gap = problem.gap
     for block in blocks(problem, fit.x, fit.z):
         w, recording = bread[block.rows], problem.recording[block.rows]
         J = np.where((w > 0)[:, :, None], block.jacobian, 0.0)
@@ -127,22 +131,17 @@ def _sums(problem: Problem, fit: Fit, bread: np.ndarray, gain: np.ndarray, rho: 
             s = problem.sensors.index(o.sensor)
             G = np.where(w[:, s] > 0, block.offset_jacobian[:, j], 0.0)
             J[:, s, :] -= G[:, None] * gain[recording, :, j]
-        starts = np.flatnonzero(np.r_[True, np.diff(recording) != 0])
-        runs = list(zip(starts, np.r_[starts[1:], len(recording)], strict=True))
+        steps = gap[block.rows].copy()
+        steps[0] = np.inf  # what lies in the block before is forgotten: one record in thousands
+        f = correlated_sum(J, correlations(steps, rho))
+        neighbours = np.flatnonzero(steps[1:] <= NEIGHBOURS) + 1
         for s in range(m):
-            by_sensor[s] += J[:, s].T @ (J[:, s] * w[:, s, None])
-            for start, stop in runs:
-                # one filter b_k = g_k + ρ b_k−1 does: with G = Σ g_kᵀ g_k and P = Σ g_kᵀ b_k−1, the sum Σ g_kᵀ b_k is
-                # B = G + ρ P, Σ g_kᵀ f_k = B + Bᵀ − G, and the lagged one 2 P + 2 ρ B less what passes the ends
-                g = np.ascontiguousarray(J[start:stop, s])
-                b = lfilter([1.0], [1.0, -rho[s]], g, axis=0) if rho[s] else g
-                G, P = g.T @ g, g[1:].T @ b[:-1]
-                B = G + rho[s] * P
-                first = rho[s] ** np.arange(len(g)) @ g
-                plain[s] += G
-                smooth[s] += B + B.T - G
-                smooth_lagged[s] += 2 * (P + rho[s] * B) - rho[s] * (np.outer(g[0], first) + np.outer(g[-1], b[-1]))
-                lagged[s] += g[1:].T @ g[:-1]
+            g, h = J[:, s], f[:, s]
+            by_sensor[s] += g.T @ (g * w[:, s, None])
+            plain[s] += g.T @ g
+            smooth[s] += g.T @ h
+            lagged[s] += g[neighbours].T @ g[neighbours - 1]
+            smooth_lagged[s] += g[neighbours].T @ h[neighbours - 1] + g[neighbours - 1].T @ h[neighbours]
     return _Sums(by_sensor, plain, lagged, smooth, smooth_lagged)
 
 

@@ -160,7 +160,7 @@ def identify(
         cv = cross_validate(problem, fit, settings.cross_validation_block, settings.max_iterations)
     later = noise
     if settings.monitoring_noise == "cross_validation" and np.isfinite(cv.predicted).any():
-        later = noise_on_unseen(problem.measured - cv.predicted, problem.recording, noise.sigma)
+        later = noise_on_unseen(problem.measured - cv.predicted, problem.gap, noise.sigma)
     cv_quality = sensor_quality(
         problem.sensors, problem.measured - cv.predicted, cv.predicted, noise.sigma, problem.regimes
     )
@@ -219,13 +219,13 @@ def _fit_and_noise(
     zeros = (np.zeros(len(problem.parameters)), np.zeros((len(problem.labels), len(problem.offsets))))
     # as correlated as it looks, too: a first fit that took every record at its word would chase the error of
     # the model far from what is plausible, where the search is slow
-    noise = starting_noise(problem.measured - predict(problem, *zeros)[0], problem.recording, stated)
+    noise = starting_noise(problem.measured - predict(problem, *zeros)[0], problem.gap, stated)
     problem = problem.with_noise(noise.sigma if estimated else stated, _tempering(noise))
     start = zeros
     for number in each(range(1, NOISE_PASSES + 1), "identifying, passes of fit and noise"):
         fit = solve(problem, start, max_iterations=settings.max_iterations, tolerance=PASS_TOLERANCE)
         found = uncertainty(problem, fit, noise.rho1, noise.used)
-        noise = estimate_noise(fit.equations.residual, problem.recording, found.lost, floor)
+        noise = estimate_noise(fit.equations.residual, problem.gap, found.lost, floor)
         if not fit.converged and not fit.decrement < LOST_PASS:
             return problem, fit, noise, found, number, False
         sigma, inflation = noise.sigma if estimated else stated, _tempering(noise)

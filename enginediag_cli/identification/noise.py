@@ -4,9 +4,9 @@ The scale is the root mean square, which is right whatever the law of the noise,
 then it is Huber's "proposal 2", σ for which the mean of min((e/σ)², c²) is what it is for Gaussian noise.
 A gross outlier counts as c standard deviations, not as nothing: leaving the tails out would let σ, the weights
 of the fit and the tails chase each other down. Readings beyond `OUTLIER` standard deviations are counted. The
-lag-1 correlation is taken without them between consecutive records of one recording, and
+lag-1 correlation is taken without them between neighbours in time and operating point (`pace.py`), and
 
-    κ = (1 + ρ)/(1 − ρ),  n_effective = n/κ
+    κ = (1 + ρ)/(1 − ρ),  n_effective = n/κ     where every record follows at the same step
 
 is how many independent readings the n correlated ones are worth for a constant (G. V. Bayley and
 J. M. Hammersley, J. R. Statist. Soc. Suppl. 8 (1946) 184–197). Scale: P. J. Huber, Ann. Math. Statist. 35
@@ -18,6 +18,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+
+from enginediag_cli.identification.pace import NEIGHBOURS, inflation
 
 OUTLIER = 4.0
 """One Gaussian reading in 16,000 lies beyond four standard deviations."""
@@ -47,6 +49,7 @@ class NoiseEstimate:
 
     sigma: np.ndarray  # (m,)
     rho1: np.ndarray  # (m,) up to MAX_RHO, and not lower than chance makes it for white noise
+    inflation: np.ndarray  # (m,) κ
     n: np.ndarray  # (m,) readings
     n_effective: np.ndarray  # (m,)
     outliers: np.ndarray  # (m,) readings beyond OUTLIER standard deviations
@@ -58,14 +61,9 @@ class NoiseEstimate:
     kurtosis: np.ndarray  # (m,) excess kurtosis, 0 for Gaussian noise
     sigma_from: str = "fit"  # one of SIGMA_FROM
 
-    @property
-    def inflation(self) -> np.ndarray:
-        """κ = (1 + ρ)/(1 − ρ), (m,)."""
-        return (1 + self.rho1) / (1 - self.rho1)
 
-
-def estimate_noise(residual: np.ndarray, recording: np.ndarray, lost: np.ndarray, floor: np.ndarray) -> NoiseEstimate:
-    """Noise from residuals (N, m), NaN where missing, of records ordered in time within `recording` (N,).
+def estimate_noise(residual: np.ndarray, gap: np.ndarray, lost: np.ndarray, floor: np.ndarray) -> NoiseEstimate:
+    """Noise from residuals (N, m), NaN where missing, of records `gap` (N,) steps behind the one before (`pace.py`).
 
     `lost` (2, m): how many variances the fit took out of Σ e² and Σ e_k e_k−1 of each sensor (see `covariance.py`); one
     row (m,) where it took as many out of both, as a mean does. `floor` (m,) bounds sigma from below, in the column's
@@ -85,7 +83,7 @@ def estimate_noise(residual: np.ndarray, recording: np.ndarray, lost: np.ndarray
     square = np.sum(e**2, axis=0) / np.maximum(kept, 1)
     # proposal 2 is consistent for Gaussian noise only: uniform noise, which never reaches the clip, gets 1 % more
     scale = np.where(kept == n, np.maximum(np.sqrt(square), floor), scale)
-    pairs = inside[1:] & inside[:-1] & (recording[1:] == recording[:-1])[:, None]
+    pairs = inside[1:] & inside[:-1] & (gap[1:] <= NEIGHBOURS)[:, None]
     known = pairs.sum(axis=0) >= 10
     n0, n1 = np.maximum(kept, 1), np.maximum(pairs.sum(axis=0), 1)
     # more than half of the readings is never used up by a fit that means anything; far from there sums may say so
@@ -103,12 +101,13 @@ def estimate_noise(residual: np.ndarray, recording: np.ndarray, lost: np.ndarray
     innovations = 1 - rho**2
     sigma = scale * np.sqrt(n0 / (n0 - lost[0]) * (1 + rho**2 - 2 * rho * own) / innovations)
     degrees = n0 - np.where(known, ((1 + rho**2) * lost[0] - 2 * rho * lost[1]) / innovations, lost[0])
-    inflation = (1 + rho) / (1 - rho)
+    kappa = inflation(gap, rho)
     return NoiseEstimate(
         np.maximum(sigma, floor),
         rho,
+        kappa,
         n,
-        n / inflation,
+        n / kappa,
         (there & ~inside).sum(axis=0),
         _correlation(e / np.maximum(sigma, floor), inside),
         np.maximum(degrees, 1.0),
@@ -187,20 +186,19 @@ def huber_scale(e: np.ndarray) -> np.ndarray:
     return out
 
 
-def starting_noise(residual: np.ndarray, recording: np.ndarray, floor: np.ndarray) -> NoiseEstimate:
+def starting_noise(residual: np.ndarray, gap: np.ndarray, floor: np.ndarray) -> NoiseEstimate:
     """Noise as it looks before a fit: scatter of (N, m) about the median of each recording.
 
     It holds the whole error of the model, which changes slowly along a recording, so that its correlation is
     high and a first fit trusts the priors more than the data.
     """
     centred = residual.copy()
-    for r in np.unique(recording):
-        rows = recording == r
-        for s in range(residual.shape[1]):
-            column = residual[rows, s]
-            if np.isfinite(column).any():
-                centred[rows, s] = column - np.nanmedian(column)
-    return estimate_noise(centred, recording, np.zeros(residual.shape[1]), floor)
+    starts = np.flatnonzero(np.isinf(gap))
+    for first, stop in zip(starts, [*starts[1:], len(gap)], strict=True):
+        part = residual[first:stop]
+        there = np.isfinite(part).any(axis=0)
+        centred[first:stop, there] -= np.nanmedian(part[:, there], axis=0)
+    return estimate_noise(centred, gap, np.zeros(residual.shape[1]), floor)
 
 
 def _correlation(z: np.ndarray, inside: np.ndarray) -> np.ndarray:

@@ -113,8 +113,11 @@ def normal_equations(problem: Problem, x: np.ndarray, z: np.ndarray) -> NormalEq
         w = problem.loss.weight(scaled) * there / (problem.sigma**2 * problem.inflation)
         pull = w * scaled * problem.sigma
         parts = accumulate(problem, b, w, pull)
-        H_xx, H_xz, H_zz = H_xx + parts[0], H_xz + parts[1], H_zz + parts[2]
-        g_x, g_z = g_x - parts[3], g_z - parts[4]
+        H_xx += parts[0]
+        H_xz += parts[1]
+        H_zz += parts[2]
+        g_x -= parts[3]
+        g_z -= parts[4]
         predicted[b.rows], status[b.rows] = b.predicted, b.status
     return NormalEquations(predicted, problem.measured - predicted, status, cost, H_xx, H_xz, H_zz, g_x, g_z)
 
@@ -127,16 +130,18 @@ def accumulate(problem: Problem, block: Block, w: np.ndarray, pull: np.ndarray) 
     H_xx = flat.T @ (flat * w.reshape(-1, 1))
     g_x = flat.T @ pull.reshape(-1)
     H_xz, H_zz, g_z = np.zeros((R, p, q)), np.zeros((R, q, q)), np.zeros((R, q))
-    column = [problem.sensors.index(o.sensor) for o in problem.offsets]
-    recording = problem.recording[block.rows]
+    if not q:
+        return H_xx, H_xz, H_zz, g_x, g_z
+    column = np.array([problem.sensors.index(o.sensor) for o in problem.offsets])
+    here, starts = np.unique(problem.recording[block.rows], return_index=True)  # records of one stand together
+    weight = w[:, column]
+    G = np.where(weight > 0, block.offset_jacobian, 0.0)
+    g_z[here] = np.add.reduceat(G * pull[:, column], starts)
     for j, s in enumerate(column):
-        G = np.where(w[:, s] > 0, block.offset_jacobian[:, j], 0.0)
-        g_z[:, j] = np.bincount(recording, G * pull[:, s], R)
-        for i in range(p):
-            H_xz[:, i, j] = np.bincount(recording, G * w[:, s] * J[:, s, i], R)
-        for l in (l for l, other in enumerate(column) if other == s):
-            G2 = np.where(w[:, s] > 0, block.offset_jacobian[:, l], 0.0)
-            H_zz[:, j, l] = np.bincount(recording, G * w[:, s] * G2, R)
+        pulled = (G[:, j] * weight[:, j])[:, None]
+        H_xz[here, :, j] = np.add.reduceat(pulled * J[:, s], starts)
+        same = np.flatnonzero(column == s)
+        H_zz[here[:, None], j, same] = np.add.reduceat(pulled * G[:, same], starts)
     return H_xx, H_xz, H_zz, g_x, g_z
 
 

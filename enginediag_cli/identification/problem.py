@@ -24,6 +24,7 @@ from enginediag_cli.engine.model import Model
 from enginediag_cli.errors import DataError
 from enginediag_cli.identification.loss import Loss
 from enginediag_cli.identification.offset_prior import OffsetPrior
+from enginediag_cli.identification.pace import gaps, position
 from enginediag_cli.identification.settings import IdentificationSettings
 from enginediag_cli.parameters import Parameter
 from enginediag_cli.units import split_column
@@ -54,6 +55,7 @@ class Problem:
     measured: np.ndarray  # (N, m), NaN where there is no reading
     recording: np.ndarray  # (N,) index into labels, not decreasing
     labels: tuple[str, ...]
+    position: np.ndarray  # (N,) steps since the first record of its recording, see `pace.py`
     regimes: np.ndarray  # (N,) text
     offsets: tuple[OffsetPrior, ...]
     loss: Loss
@@ -63,6 +65,11 @@ class Problem:
     def names(self) -> tuple[str, ...]:
         """Names of the p estimated parameters."""
         return tuple(p.name for p in self.parameters)
+
+    @property
+    def gap(self) -> np.ndarray:
+        """Steps since the record before, (N,), infinite at the beginning of a recording."""
+        return gaps(self.position, self.recording)
 
     def physical(self, x: np.ndarray) -> dict[str, float]:
         """Parameter values in their own units from x in prior standard deviations, (p,)."""
@@ -77,6 +84,7 @@ class Problem:
             inputs=inputs,
             measured=self.measured[keep],
             recording=self.recording[keep],
+            position=self.position[keep],
             regimes=self.regimes[keep],
         )
 
@@ -105,7 +113,7 @@ def build_problem(model: Model, recordings: Sequence[TrainingRecording], setting
     if not np.all(noise > 0):
         lacking = [s for s, v in zip(sensors, noise, strict=True) if not v > 0]
         raise DataError(f"no noise sigma is known for {', '.join(lacking)}; give it under `noise_sigma:`")
-    inputs, measured, recording, regimes, dropped = _stack(model, recordings, sensors)
+    stacked = _stack(model, recordings, sensors)
     return Problem(
         model,
         parameters,
@@ -116,14 +124,15 @@ def build_problem(model: Model, recordings: Sequence[TrainingRecording], setting
         sensors,
         noise,
         np.ones(len(sensors)),
-        inputs,
-        measured,
-        recording,
+        stacked.inputs,
+        stacked.measured,
+        stacked.recording,
         tuple(r.label for r in recordings),
-        regimes,
+        stacked.position,
+        stacked.regimes,
         _offsets(sensors, settings),
         Loss(settings.loss, settings.loss_scale),
-        dropped,
+        stacked.dropped,
     )
 
 
@@ -184,12 +193,21 @@ def _offsets(sensors: tuple[str, ...], settings: IdentificationSettings) -> tupl
     )
 
 
-def _stack(
-    model: Model, recordings: Sequence[TrainingRecording], sensors: tuple[str, ...]
-) -> tuple[dict[str, np.ndarray], np.ndarray, np.ndarray, np.ndarray, dict[str, int]]:
+class _Stack(NamedTuple):
+    """The records of all recordings below each other, as in `Problem`."""
+
+    inputs: dict[str, np.ndarray]
+    measured: np.ndarray
+    recording: np.ndarray
+    position: np.ndarray
+    regimes: np.ndarray
+    dropped: dict[str, int]
+
+
+def _stack(model: Model, recordings: Sequence[TrainingRecording], sensors: tuple[str, ...]) -> _Stack:
     dropped: Counter[str] = Counter()
     inputs: dict[str, list[np.ndarray]] = {c: [] for c in (*model.inputs, *model.optional_inputs)}
-    measured, recording, regimes = [], [], []
+    measured, recording, positions, regimes = [], [], [], []
     for index, item in enumerate(recordings):
         missing = [c for c in model.inputs if c not in item.columns]
         if missing:
@@ -211,16 +229,18 @@ def _stack(
             inputs[c].append(values[c][keep])
         measured.append(y[keep])
         recording.append(np.full(int(keep.sum()), index))
+        positions.append(position(item.columns, model.inputs, n)[keep])
         labels = np.full(n, "all") if item.regimes is None else np.asarray(item.regimes).astype(str)
         regimes.append(labels[keep])
     if not sum(map(len, measured)):
         raise DataError(
             "no record has all inputs and a sensor reading: " + ", ".join(f"{v} {k}" for k, v in dropped.items() if v)
         )
-    return (
+    return _Stack(
         {c: np.concatenate(v) for c, v in inputs.items()},
         np.concatenate(measured),
         np.concatenate(recording),
+        np.concatenate(positions),
         np.concatenate(regimes),
         {k: v for k, v in dropped.items() if v},
     )

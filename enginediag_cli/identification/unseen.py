@@ -13,13 +13,14 @@ import numpy as np
 from enginediag_cli.identification.noise import NoiseEstimate, estimate_noise
 
 
-def noise_on_unseen(residual: np.ndarray, recording: np.ndarray, floor: np.ndarray) -> NoiseEstimate:
-    """Noise from residuals (N, m), NaN where missing, of records predicted by a fit without them.
+def noise_on_unseen(residual: np.ndarray, gap: np.ndarray, floor: np.ndarray) -> NoiseEstimate:
+    """Noise from residuals (N, m), NaN where missing, of records predicted by a fit without them;
+    `gap` (N,) as for `estimate_noise`.
 
     The scale is the root mean square of all readings, none left out: where the model is at its worst is part of
     what it will do again. `floor` (m,) is the noise of the fit, below which prediction cannot be.
     """
-    found = estimate_noise(residual, recording, np.zeros(residual.shape[1]), floor)
+    found = estimate_noise(residual, gap, np.zeros(residual.shape[1]), floor)
     there = np.isfinite(residual)
     squares = np.sum(np.where(there, residual, 0.0) ** 2, axis=0)
     rms = np.sqrt(squares / np.maximum(there.sum(axis=0), 1))
