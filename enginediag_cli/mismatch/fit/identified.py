@@ -171,6 +171,17 @@ def identify_with(
     return Identified(evidence, hypothesis, model, problem, fit, settled, rho)
 
 
+def objective_of_few(evidence: Evidence, hypothesis: Hypothesis, along: Nuisance, start: Identified) -> float | None:
+    """χ² of readings and priors of a fit to few records, evenly chosen, to compare hypotheses by; None where there are
+    few anyway, or that fit did not settle."""
+    _, problem, _ = problem_with(evidence, hypothesis, along, start)
+    few = _few(problem)
+    if few is None:
+        return None
+    fit, settled = _fit(few, _start(problem, start))
+    return 2.0 * fit.iterations[-1].cost if settled else None
+
+
 def _few(problem: Problem) -> Problem | None:
     """The same problem of few records, evenly chosen, whose optimum is where to begin; None where they are few."""
     step = len(problem.recording) // FEW
