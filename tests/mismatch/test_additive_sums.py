@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import tracemalloc
+
 import numpy as np
 import pytest
 from concealed import carried, evidence, flights, turbofan
@@ -159,3 +161,23 @@ def test_a_small_problem_by_hand():
     A = projection.dense.Q[: len(c)] @ projection.dense.R
     inside = np.linalg.solve(A.T @ A + np.eye(A.shape[1]), A.T @ c)
     assert sums.gram(np.array([[0, 0]]))[0, 0] == pytest.approx(c @ c - (A.T @ c) @ inside, rel=1e-8)
+
+
+def test_memory_of_the_map_does_not_grow_with_the_columns_of_every_record(monkeypatch):
+    monkeypatch.setattr(projection_module, "KEPT_BYTES", 0)
+    monkeypatch.setattr(columns_module, "KEPT_BYTES", 0)
+    monkeypatch.setattr(normal_equations, "CHUNK_RECORDS", 100)
+    monkeypatch.setattr(families, "AT_ONCE", 50)
+    peaks, records = [], (400, 1600)
+    for n in records:
+        e = evidence(flights([], np.random.default_rng(8), count=4, records=n // 4))
+        found = identify_with(e, NO_HYPOTHESIS, nuisance(e))
+        drivers_there = along(found)
+        tracemalloc.start()
+        projection = Projection(found)
+        assert free_form(found, projection, drivers_there)
+        peaks.append(tracemalloc.get_traced_memory()[1])
+        tracemalloc.stop()
+    # columns of fifty places along three drivers, nine sensors, would be 9 · 50 · 7 numbers of 8 bytes a record
+    held = (peaks[1] - peaks[0]) / (records[1] - records[0])
+    assert held < 9 * 50 * 7 * 8 / 5

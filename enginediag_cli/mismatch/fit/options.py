@@ -27,6 +27,8 @@ PARTS_OF_FLIGHT = 4
 """Onsets that are tried in a flight: the best is refined between its neighbours."""
 READ_WRONG = ("bias", "scale")
 """Errors of a sensor that may step in time."""
+ONSETS_AT_ONCE = 400
+"""Onsets, evenly spaced, of one look about an option's own; where they lie apart, the best is looked about again."""
 LEAST_RECORDS = 8  # on either side of an onset
 MOST_ONSETS = 24
 """Onsets that are tried in all; with many flights every second or third flight's are."""
@@ -147,19 +149,28 @@ def with_best_onset(found: Identified, projection: Projection, option: Option) -
     onset = int(np.flatnonzero(option.hypothesis.curves[d.curve])[0])
     total = len(option.hypothesis.curves[d.curve])
     reach = max(2, -(-total // min(MOST_ONSETS, PARTS_OF_FLIGHT * len(evidence.flights))))
-    steps: dict[str, np.ndarray] = {}
-    for k in range(max(onset - reach, 0), min(onset + reach, total - 1) + 1):
-        steps |= _step(evidence, k)
-    curves = np.stack([c[found.number] for c in steps.values()], axis=1)
-    sums = Sums(projection, Columns(found, [d.target], []), grid([d.target], curves, [[k] for k in range(len(steps))]))
-    scores = [sums.score(np.array([[0, k]])) for k in range(len(steps))]
-    name = list(steps)[int(np.argmax([s.statistic for s in scores]))]
+    columns = Columns(found, [d.target], [])
+    name, curve = d.curve, option.hypothesis.curves[d.curve]
+    while True:
+        apart = -(-2 * reach // ONSETS_AT_ONCE)
+        tried = range(max(onset - reach, 0), min(onset + reach, total - 1) + 1, apart)
+        steps = {key: (k, c) for k in tried for key, c in _step(evidence, k).items()}
+        if not steps:
+            break
+        curves = np.stack([c[found.number] for _, c in steps.values()], axis=1)
+        sums = Sums(projection, columns, grid([d.target], curves, [[k] for k in range(len(steps))]))
+        scores = [sums.score(np.array([[0, k]])).statistic for k in range(len(steps))]
+        name = list(steps)[int(np.argmax(scores))]
+        onset, curve = steps[name]
+        if apart == 1:
+            break
+        reach = apart
     return Option(
         option.kind,
         f"{d.target} {name}",
         option.component,
         TIME,
-        Hypothesis((), (Discrepancy(d.target, name, d.sigma),), {name: steps[name]}),
+        Hypothesis((), (Discrepancy(d.target, name, d.sigma),), {name: curve}),
         option.target,
     )
 
