@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
+from weakref import ref
 
 from enginediag_cli.engine.dual import Value
 
@@ -41,13 +42,18 @@ class Hooks:
 
 
 class Stations(dict[str, "Flow"]):
-    """Flows by station; a flow passes through its station's hooks when it is delivered."""
+    """Flows by station; a flow passes through its station's hooks when it is delivered.
+
+    The evaluation that owns it is held weakly: a ring of the two would keep all derivatives until the collector runs.
+    """
 
     def __init__(self, e: Evaluation, hooks: Hooks):
         super().__init__()
-        self._e, self._hooks = e, hooks
+        self._e, self._hooks = ref(e), hooks
 
     def __setitem__(self, station: str, flow: Flow) -> None:
         for hook in self._hooks.stations.get(station, ()):
-            flow = hook(self._e, flow)
+            e = self._e()
+            assert e is not None  # its owner is delivering the flow
+            flow = hook(e, flow)
         super().__setitem__(station, flow)

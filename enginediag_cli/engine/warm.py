@@ -10,26 +10,34 @@ from __future__ import annotations
 
 from collections import OrderedDict
 from collections.abc import Mapping, Sequence
+from itertools import islice
 from typing import Any, TypeVar
 
 import numpy as np
 
 from enginediag_cli.engine.engine import Engine, Prediction
 
-REMEMBERED = 4
-"""Batches of records whose solution is kept: a fit in blocks comes back to the first after the last."""
+REMEMBERED = 300_000
+"""Records whose solution is kept, 200 bytes each: a fit in blocks comes back to the first after the last."""
+NEIGHBOURS = 4
+"""Batches, the last that were solved, among whose operating points new records look for the nearest."""
 
 Model = TypeVar("Model")
 
 
 class WarmEngine:
-    """`engine` with a memory of the unknowns of its last few batches; everything else is the engine's own. `walk`:
-    records that had a solution and lose it are sought in every way; without, parameters that lose them are too far."""
+    """`engine` with a memory of the unknowns of its last batches, or with that of another engine of the same unknowns,
+    `like`; everything else is the engine's own. `walk`: records that had a solution and lose it are sought in every
+    way; without, parameters that lose them are too far."""
 
-    def __init__(self, engine: Engine, remembered: int = REMEMBERED, *, walk: bool = True):
+    def __init__(
+        self, engine: Engine, remembered: int = REMEMBERED, *, walk: bool = True, like: WarmEngine | None = None
+    ):
         self._engine, self._walk = engine, walk
         self._remembered = remembered
-        self._last: OrderedDict[bytes, tuple[np.ndarray, np.ndarray]] = OrderedDict()
+        self._last: OrderedDict[int, tuple[np.ndarray, np.ndarray]] = OrderedDict()
+        if like is not None and like._engine.unknowns == engine.unknowns:
+            self._last = like._last
 
     def __getattr__(self, name: str) -> Any:
         return getattr(self._engine, name)
@@ -45,17 +53,18 @@ class WarmEngine:
     ) -> Prediction:
         """As `Engine.predict`; the answer does not depend on the memory beyond the solver's tolerance."""
         points = self._points(inputs)
-        key = points.tobytes()
-        start = self._last[key][1] if key in self._last else self._nearest(points)
-        walk = self._walk or key not in self._last
-        ways = {} if walk else {"walk": False}
+        key = hash(points.tobytes())
+        known = self._last.get(key)
+        met = known is not None and np.array_equal(known[0], points)
+        start = known[1] if known is not None and met else self._nearest(points)
+        ways = {} if self._walk or not met else {"walk": False}
         found = self._engine.predict(inputs, parameters, sensors=sensors, wrt=wrt, start=start, also=also, **ways)
         # a point that failed keeps the start that it had: the next parameters may suit it again
         x = np.where(found.ok, found.x, np.nan if start is None else start)
         if len(points) == found.y.shape[0] and np.isfinite(x).any():
             self._last[key] = points, x
             self._last.move_to_end(key)
-            while len(self._last) > self._remembered:
+            while len(self._last) > 1 and sum(len(p) for p, _ in self._last.values()) > self._remembered:
                 self._last.popitem(last=False)
         return found
 
@@ -71,8 +80,9 @@ class WarmEngine:
 
         if not self._last or not np.isfinite(points).all():
             return None
-        known = np.concatenate([p for p, _ in self._last.values()])
-        x = np.concatenate([x for _, x in self._last.values()], axis=1)
+        last = [self._last[key] for key in islice(reversed(self._last), NEIGHBOURS)]
+        known = np.concatenate([p for p, _ in last])
+        x = np.concatenate([x for _, x in last], axis=1)
         solved = np.isfinite(x).all(axis=0) & np.isfinite(known).all(axis=1)
         if not solved.any():
             return None

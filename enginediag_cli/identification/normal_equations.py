@@ -19,8 +19,8 @@ import numpy as np
 
 from enginediag_cli.identification.problem import Problem
 
-CHUNK_RECORDS = 4096
-"""Records per model call: bounds the memory of the sensitivities, (records, m, p)."""
+CHUNK_RECORDS = 1024
+"""Records per model call: bounds the memory of the sensitivities, (records, m, p), to what a processor has near by."""
 
 
 @dataclass(frozen=True)

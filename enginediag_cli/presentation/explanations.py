@@ -218,7 +218,7 @@ def why_rejected(r: Rejected) -> str:
     """Why something that was fitted is no explanation."""
     return {
         Reason.NOT_CONVERGED: lambda: f"did not converge: {r.what}",
-        Reason.WORSE: lambda: f"χ² is {r.figure:.1f} worse",
+        Reason.WORSE: lambda: f"χ² is {r.figure:.1f} worse{f' {r.what}' if r.what else ''}",
         Reason.AT_BOUND: lambda: f"needs {r.what} beyond its physical bound",
         Reason.LEAVES_MISFIT: lambda: f"leaves a misfit behind (−ln p = {r.figure:.1f})",
         Reason.FEW_FLIGHTS: lambda: (

@@ -39,7 +39,7 @@ def test_hours_are_known_by_their_unit():
 
 def place(driver: DriverValues, location: Location) -> Place:
     score = Score(10.0, 1, 5.0, np.zeros(1), 1.0, 1.0)
-    cell = Cell(location, driver, score, np.zeros((40, 1)), np.zeros((40, 1)))
+    cell = Cell(None, np.zeros((1, 2), int), score, location, driver)  # type: ignore[arg-type]
     return Place(cell, driver.name, (driver.short,), 10.0, 5.0, 0.01, 0.5, 1.0)
 
 

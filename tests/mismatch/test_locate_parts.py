@@ -86,5 +86,5 @@ def test_resampling_counts_whole_flights(mapped):
     projection, _ = mapped
     unit, count, what = units(projection)
     assert (count, what) == (7, "flights")
-    recording = projection.found.problem.recording[projection.frame.record]
+    recording = projection.found.problem.recording
     assert all(len(set(unit[recording == r])) == 1 for r in range(7))

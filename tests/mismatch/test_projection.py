@@ -46,7 +46,7 @@ def test_whitened_scores_are_those_of_generalised_least_squares():
     v = np.random.default_rng(6).standard_normal((60, 9, 1))
     rows = projection.frame.rows(v)[:, 0]
     # each record is correlated with the one before it, by as much as their operating points allow
-    lag = projection.frame.correlation[:, 0]
+    lag = projection.frame.correlation()[:, 0]
     assert (lag[[0, 30]] == 0).all() and lag.max() == pytest.approx(rho)
     V = np.eye(60)
     for k in range(1, 60):
@@ -58,7 +58,7 @@ def test_whitened_scores_are_those_of_generalised_least_squares():
 def test_held_out_residuals_are_those_of_refits_without_the_flight(small_effect):
     _, _, projection = small_effect
     frame, n = projection.frame, len(projection.frame.record)
-    A = projection.Q @ projection.R
+    A = projection.dense.Q @ projection.dense.R
     direct = []
     for r in range(5):
         out = np.zeros(len(projection.e), bool)
@@ -70,8 +70,7 @@ def test_held_out_residuals_are_those_of_refits_without_the_flight(small_effect)
 
 
 def test_the_gate_of_one_block_is_its_chi_square_quantile():
-    block = np.random.default_rng(1).standard_normal((400, 1))
-    (gate,) = critical_surprise([block], [0.05], np.random.default_rng(2))
+    (gate,) = critical_surprise(np.eye(1), [1], [0.05], np.random.default_rng(2))
     # 2000 draws: the 5 % point is uncertain by sqrt(.05*.95/2000)/.05 = 10 %, 0.3 at three deviations
     assert gate == pytest.approx(-np.log(0.05), abs=0.3)
 

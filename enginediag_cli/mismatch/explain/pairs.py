@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from enginediag_cli.drivers import TIME
+from enginediag_cli.mismatch.fit.families import first_products
 from enginediag_cli.mismatch.fit.options import Option, OptionScore
 
 MOST = 60
@@ -20,8 +21,7 @@ def best_pairs(scores: Sequence[OptionScore], most: int) -> list[tuple[Option, O
     found: list[tuple[float, Option, Option]] = []
     if len(ranked) < 2:
         return []
-    C = [s.columns / np.linalg.norm(s.columns, axis=0) for s in ranked]
-    T = _pair_statistics(C, ranked)
+    T = _pair_statistics(first_products(ranked), ranked)
     allowed = np.triu(np.ones_like(T, bool), 1)
     for i, a in enumerate(ranked):
         for j, b in enumerate(ranked[:i]):
@@ -43,11 +43,11 @@ def best_pairs(scores: Sequence[OptionScore], most: int) -> list[tuple[Option, O
     return result
 
 
-def _pair_statistics(C: Sequence[np.ndarray], ranked: Sequence[OptionScore]) -> np.ndarray:
-    """T (k, k) of every pair, with the first column of each block; −inf where a coefficient has the wrong sign."""
-    U = np.column_stack([c[:, 0] for c in C])
-    z = np.array([s.z for s in ranked])
-    r = np.clip(U.T @ U, -0.999999, 0.999999)
+def _pair_statistics(G: np.ndarray, ranked: Sequence[OptionScore]) -> np.ndarray:
+    """T (k, k) of every pair, with the first column of each block, whose products are G (k, k); −inf where a
+    coefficient has the wrong sign."""
+    z, length = np.array([s.z for s in ranked]), np.sqrt(np.diag(G))
+    r = np.clip(G / np.outer(length, length), -0.999999, 0.999999)
     a, b = z[:, None], z[None, :]
     T = (a * a - 2 * r * a * b + b * b) / (1 - r * r)
     # joint coefficients in units of their own lengths; an effect must go where physics lets it

@@ -10,7 +10,7 @@ class Reason(Enum):
     """What speaks against it. `figure` and `what` of `Rejected` are named beside each."""
 
     NOT_CONVERGED = "did not converge"  # what: where the fit ended
-    WORSE = "fits worse"  # figure: by how much χ² is behind the best
+    WORSE = "fits worse"  # figure: by how much χ² is behind the best; what: on which records, if not all
     AT_BOUND = "needs a coefficient beyond its bound"  # what: the coefficients
     LEAVES_MISFIT = "leaves a misfit behind"  # figure: −ln p of what stands out most
     FEW_FLIGHTS = "predicts too few flights better"  # figure: their share

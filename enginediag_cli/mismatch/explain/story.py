@@ -97,7 +97,10 @@ def _next_best(search: Search, answer: Answer) -> list[Explanation]:
     noise might have put it first."""
     if len(answer.explanations) > 1:
         return []
-    label = next((label for label, r in answer.rejected.items() if r.reason is Reason.WORSE), "")
+    worse = [(label, r.figure) for label, r in answer.rejected.items() if r.reason is Reason.WORSE]
+    label, behind = worse[0] if worse else ("", 0.0)
+    if behind > SURELY_WORSE:
+        return []
     option = next((o for o in search.library if o.label == label), None)
     if option is None:
         return []

@@ -24,7 +24,7 @@ from enginediag_cli.parameters import Parameter
 
 if TYPE_CHECKING:
     from enginediag_cli.mismatch.fit.freeform import Location
-    from enginediag_cli.mismatch.fit.projection import Projection, Score
+    from enginediag_cli.mismatch.fit.projection import Score
 
 FAST_S = 120.0
 """Usual step of time, s, up to which two records in a row are of one state of the weather and of wear. Judgement."""
@@ -68,17 +68,17 @@ def hidden(place: Location, parameters: Mapping[str, Parameter], accuracy: float
     return min(scale, max(accuracy, LEAST))
 
 
-def with_belief(score: Score, projected: np.ndarray, projection: Projection, scale: float) -> Score:
-    """The score of a block of projected columns (n, k) whose coefficients are N(0, scale²) beforehand:
+def with_belief(score: Score, gram: np.ndarray, pull: np.ndarray, scale: float) -> Score:
+    """The score of a block with C⊥ᵀC⊥ = V S² Vᵀ (k, k) and C⊥ᵀe (k,), whose coefficients are N(0, scale²) beforehand:
 
-        T = wᵀ K w,   K = S²/(S² + scale⁻²),   c = V S w/(S² + scale⁻²)      block = U S Vᵀ,  w = Uᵀe
+        T = Σ w²/(S² + scale⁻²),   c = V w/(S² + scale⁻²),   w = VᵀC⊥ᵀe
 
     Its surprise is that of χ² with as many degrees of freedom, which T does not exceed when nothing is missing."""
     if not score.dof:
         return score
-    u, s, vt = np.linalg.svd(projected, full_matrices=False)
-    u, s, vt = u[:, : score.dof], s[: score.dof], vt[: score.dof]
-    w = u.T @ projection.left
-    held = s**2 + scale**-2
-    T = float(np.sum(w**2 * s**2 / held))
-    return replace(score, statistic=T, surprise=float(surprise(T, score.dof)), coefficients=vt.T @ (w * s / held))
+    values, vectors = np.linalg.eigh(gram)
+    values, vectors = values[-score.dof :], vectors[:, -score.dof :]
+    w = vectors.T @ pull
+    held = values + scale**-2
+    T = float(np.sum(w**2 / held))
+    return replace(score, statistic=T, surprise=float(surprise(T, score.dof)), coefficients=vectors @ (w / held))

@@ -47,11 +47,12 @@ def library_inputs() -> dict[str, float]:
 
 
 class ExtendedModel:
-    """`engine` with discrepancies, as identification sees a model; points are solved warm."""
+    """`engine` with discrepancies, as identification sees a model; points are solved warm, from where they were last
+    solved by this model or by another, `like`."""
 
-    def __init__(self, engine: Engine, discrepancies: Sequence[Discrepancy] = ()):
+    def __init__(self, engine: Engine, discrepancies: Sequence[Discrepancy] = (), *, like: ExtendedModel | None = None):
         self.engine = engine
-        self._warm = WarmEngine(engine, walk=False)
+        self._warm: WarmEngine = WarmEngine(engine, walk=False, like=like._warm if like else None)
         self._discrepancies = {d.name: d for d in discrepancies}
         curves = {d.curve: 0.0 for d in discrepancies}
         self.inputs = engine.inputs

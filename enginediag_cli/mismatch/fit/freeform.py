@@ -6,8 +6,9 @@ records; its score has as many degrees of freedom as curves that the nuisance le
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
@@ -16,8 +17,10 @@ from enginediag_cli.engine.components.base import HEALTH_ROAMS
 from enginediag_cli.engine.driver import DriverValues
 from enginediag_cli.engine.engine import Engine
 from enginediag_cli.engine.term import Effect
+from enginediag_cli.mismatch.fit.columns import Columns
+from enginediag_cli.mismatch.fit.families import Scored, Sums, grid
 from enginediag_cli.mismatch.fit.identified import Identified
-from enginediag_cli.mismatch.fit.projection import Columns, Projection, Score, lengths
+from enginediag_cli.mismatch.fit.projection import Projection
 from enginediag_cli.parameters import Parameter, spelled
 from enginediag_cli.physics.registry import effect, term
 from enginediag_cli.progress import stage
@@ -82,14 +85,16 @@ def of_effect(e: Effect, scale: float = HEALTH_ROAMS) -> Location:
 
 
 @dataclass(frozen=True)
-class Cell:
-    """One location × driver of the map; `curves` (N, k) are the driver's polynomials over the fit's records."""
+class Cell(Scored):
+    """One location × driver of the map."""
 
     location: Location
     driver: DriverValues
-    score: Score
-    curves: np.ndarray
-    columns: np.ndarray
+
+    @property
+    def curves(self) -> np.ndarray:
+        """The driver's polynomials over the fit's records, (N, k)."""
+        return np.asarray(self.sums.family.curves[:, self.candidates[:, 1]])
 
     @property
     def surprise(self) -> float:
@@ -114,25 +119,29 @@ def free_form(
     N = len(found.number)
     known = set(found.problem.names)
     ones = np.ones(len(along[0].values) if along else N)
-    constant = DriverValues(CONSTANT, CONSTANT.word, ones, "no driver (constant)")
-    curves = [polynomials(d.values[found.number], DEGREE) for d in along]
+    drivers = [DriverValues(CONSTANT, CONSTANT.word, ones, "no driver (constant)"), *along]
+    curves = [np.ones((N, 1)), *(polynomials(d.values[found.number], DEGREE) for d in along)]
+    edges = np.cumsum([0, *(c.shape[1] for c in curves)])
+    blocks = [range(a, b) for a, b in pairwise(edges)]
+    names = list(dict.fromkeys(p.parameter for p in where))
+    at = {n: k for k, n in enumerate(names)}
+    sums = Sums(projection, J, grid(names, np.concatenate(curves, axis=1), blocks, _machines(where, at)))
     cells = []
     for place in where:
-        blocks = list(zip(along, curves, strict=True))
-        if place.parameter not in known:
-            blocks.insert(0, (constant, np.ones((N, 1))))
-        if not blocks:
-            continue
-        blown = J[place.parameter][:, :, None] * np.concatenate([c for _, c in blocks], axis=1)[:, None, :]
-        C, full = projection.projected(blown), lengths(projection.frame, blown)
-        j = 0
-        for d, curve in blocks:
-            k = curve.shape[1]
-            if k:
-                block = C[:, j : j + k]
-                cells.append(Cell(place, d, projection.score(block, float(full[j])), curve, block))
-            j += k
+        for d, block in list(zip(drivers, blocks, strict=True))[int(place.parameter in known) :]:
+            if len(block):
+                own = np.array([[at[place.parameter], c] for c in block])
+                cells.append(Cell(sums, own, sums.score(own), place, d))
     return sorted(cells, key=lambda c: -c.surprise)
+
+
+def _machines(where: Sequence[Location], at: Mapping[str, int]) -> list[tuple[int, int]]:
+    """Pairs of parameters, by position, that one effect on a turbomachine may move together."""
+    found: dict[str, list[int]] = {}
+    for place in where:
+        if place.quantity in MACHINE:
+            found.setdefault(place.component, []).append(at[place.parameter])
+    return [(own[0], own[1]) for own in found.values() if len(own) == 2]
 
 
 @dataclass(frozen=True)
@@ -145,7 +154,7 @@ class Place:
     surprise: float
 
 
-def places(cells: Sequence[Cell], projection: Projection) -> list[Place]:
+def places(cells: Sequence[Cell]) -> list[Place]:
     """Components along drivers, most surprising first."""
     found: dict[tuple[str, str], Place] = {}
     machines: dict[tuple[str, str], list[Cell]] = {}
@@ -157,8 +166,7 @@ def places(cells: Sequence[Cell], projection: Projection) -> list[Place]:
             machines.setdefault(key, []).append(c)
     for key, both in machines.items():
         if len(both) == 2:
-            joint = np.concatenate([c.columns for c in both], axis=1)
-            score = projection.score(joint, float(np.linalg.norm(joint[:, 0])) / both[0].score.share)
+            score = both[0].sums.score(np.concatenate([c.candidates for c in both]))
             if score.surprise > found[key].surprise:
                 found[key] = Place(key[0], both[0].driver, score.surprise)
     return sorted(found.values(), key=lambda p: -p.surprise)

@@ -6,6 +6,8 @@ flights and the priors, and the flight's χ² is what those estimates leave on i
 
 from __future__ import annotations
 
+from itertools import groupby
+
 import numpy as np
 
 from enginediag_cli.mismatch.fit.projection import Projection
@@ -27,16 +29,20 @@ def held_out_objectives(projection: Projection) -> np.ndarray:
     residual on them is (1 − H_rr)⁻¹ e_r,left with H = A (AᵀA)⁻¹ Aᵀ = Q Qᵀ: the block form of the PRESS residual.
     Source: D. M. Allen, Technometrics 16 (1974) 125–127.
     """
-    found, frame = projection.found, projection.frame
-    recording = found.problem.recording[frame.record]
+    R, p = projection.R, len(projection.R)
     result = []
-    for r in range(len(found.problem.labels)):
-        rows = np.flatnonzero(recording == r)
-        if rows.size:
-            Q = projection.Q[rows]
-            # (1 − Q Qᵀ)⁻¹ e = e + Q (1 − QᵀQ)⁻¹ Qᵀ e
-            e = projection.left[rows]
-            inner = np.eye(Q.shape[1]) - Q.T @ Q
-            e = e + Q @ np.linalg.solve(inner, Q.T @ e)
-            result.append(float(e @ e))
+    for r, rows in groupby(projection.stream(), key=lambda rows: rows.recording):
+        k = p + projection.found.fit.z.shape[1]
+        G, pull, square = np.zeros((k, k)), np.zeros(k), 0.0
+        for part in rows:
+            X = np.concatenate([part.A, part.Z], axis=2).reshape(-1, k)
+            e = projection.residual[part.span].ravel()
+            G, pull, square = G + X.T @ X, pull + X.T @ e, square + float(e @ e)
+        # columns of Q over the recording's rows: those of A with its own offsets eliminated, and of the offsets
+        own = projection.offsets[r]
+        inverse = np.linalg.inv(np.block([[R, np.zeros((p, k - p))], [own.along, own.R]]))
+        QQ, Qe = inverse.T @ G @ inverse, inverse.T @ pull
+        # |(1 − Q Qᵀ)⁻¹ e|² with (1 − Q Qᵀ)⁻¹ e = e + Q (1 − QᵀQ)⁻¹ Qᵀ e
+        step = np.linalg.solve(np.eye(k) - QQ, Qe)
+        result.append(square + 2.0 * float(step @ Qe) + float(step @ QQ @ step))
     return np.array(result)

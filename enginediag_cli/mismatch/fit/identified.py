@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -28,6 +28,10 @@ SETTLED, SETTLED_SHARE, STUCK_SHARE = 0.1, 1e-3, 0.02
 """Maps read linearly have kinks, at which the search may zigzag: a fit has settled, too, when a fresh round of
 iterations lowers χ² by less than 0.1, or by less than a thousandth of what is unexplained, unless the Newton step
 promises a fiftieth of it: then it is stuck."""
+
+FEW = 4000
+"""Records of the search for where a fit of more begins. The fit itself is of all, and settles in a few iterations from
+there, which is exact; only what is to be gained by a good start depends on these."""
 
 BETWEEN_ENGINES = 1.4
 """What one engine differs from another by, in standard deviations of an engine from its type: √2, both vary."""
@@ -157,9 +161,31 @@ def identify_with(
     evidence: Evidence, hypothesis: Hypothesis, along: Nuisance, start: Identified | None = None
 ) -> Identified:
     """Fit nuisance and hypothesis together, from another fit where one is given."""
-    model, problem, rho = problem_with(evidence, hypothesis, along)
-    fit, settled = _fit(problem, _start(problem, start))
+    model, problem, rho = problem_with(evidence, hypothesis, along, start)
+    first = _start(problem, start)
+    few = _few(problem)
+    if few is not None:
+        fit, settled = _fit(few, first)
+        first = (fit.x, fit.z) if settled else first
+    fit, settled = _fit(problem, first)
     return Identified(evidence, hypothesis, model, problem, fit, settled, rho)
+
+
+def objective_of_few(evidence: Evidence, hypothesis: Hypothesis, along: Nuisance, start: Identified) -> float | None:
+    """χ² of readings and priors of a fit to few records, evenly chosen, to compare hypotheses by; None where there are
+    few anyway, or that fit did not settle."""
+    _, problem, _ = problem_with(evidence, hypothesis, along, start)
+    few = _few(problem)
+    if few is None:
+        return None
+    fit, settled = _fit(few, _start(problem, start))
+    return 2.0 * fit.iterations[-1].cost if settled else None
+
+
+def _few(problem: Problem) -> Problem | None:
+    """The same problem of few records, evenly chosen, whose optimum is where to begin; None where they are few."""
+    step = len(problem.recording) // FEW
+    return problem.select(np.arange(len(problem.recording)) % step == 0) if step > 1 else None
 
 
 def _fit(problem: Problem, start: tuple[np.ndarray, np.ndarray] | None) -> tuple[Fit, bool]:
@@ -181,13 +207,14 @@ def _fit(problem: Problem, start: tuple[np.ndarray, np.ndarray] | None) -> tuple
 
 
 def problem_with(
-    evidence: Evidence, hypothesis: Hypothesis, along: Nuisance
+    evidence: Evidence, hypothesis: Hypothesis, along: Nuisance, start: Identified | None = None
 ) -> tuple[ExtendedModel, Problem, np.ndarray]:
-    """Model and problem of nuisance and hypothesis together, and each sensor's lag-1 correlation (m,)."""
+    """Model and problem of nuisance and hypothesis together, and each sensor's lag-1 correlation (m,). Readings that
+    another fit, `start`, has as well are held once."""
     s = evidence.settings
     effects = (*evidence.engine.effects, *hypothesis.effects)
     discrepancies = (*along.discrepancies, *hypothesis.discrepancies)
-    model = ExtendedModel(evidence.engine.with_effects(effects), discrepancies)
+    model = ExtendedModel(evidence.engine.with_effects(effects), discrepancies, like=start.model if start else None)
     curves = {**along.curves, **hypothesis.curves}
     names = [*along.sigma, *(d.name for d in discrepancies), *(a for e in hypothesis.effects for a in e.amplitudes)]
     recorded = [c for c in evidence.noise.sigma if c in evidence.engine.sensors]
@@ -204,7 +231,23 @@ def problem_with(
     )
     problem = build_problem(model, with_regimes(evidence.engine, _recordings(evidence, curves)), settings)
     rho = np.array([evidence.noise.rho.get(c, 0.0) for c in problem.sensors])
-    return model, problem.with_noise(problem.sigma, (1 + rho) / (1 - rho)), rho
+    problem = problem.with_noise(problem.sigma, (1 + rho) / (1 - rho))
+    return model, _shared(problem, start.problem) if start else problem, rho
+
+
+def _shared(problem: Problem, other: Problem) -> Problem:
+    """The problem with the other's arrays where they hold the same."""
+
+    def same(a: np.ndarray, b: np.ndarray | None) -> np.ndarray:
+        return b if b is not None and a.shape == b.shape and np.array_equal(a, b, equal_nan=a.dtype.kind == "f") else a
+
+    return replace(
+        problem,
+        inputs={c: same(v, other.inputs.get(c)) for c, v in problem.inputs.items()},
+        measured=same(problem.measured, other.measured),
+        recording=same(problem.recording, other.recording),
+        regimes=same(problem.regimes, other.regimes),
+    )
 
 
 def _recordings(evidence: Evidence, curves: Mapping[str, np.ndarray]) -> list[TrainingRecording]:

@@ -17,9 +17,11 @@ import numpy as np
 from scipy import stats
 
 from enginediag_cli.mismatch.fit.evidence import Evidence, Noise
+from enginediag_cli.mismatch.fit.families import Scored
 from enginediag_cli.mismatch.fit.neighbours import Neighbours
 from enginediag_cli.mismatch.fit.projection import Projection
 from enginediag_cli.mismatch.fit.scores import surprise
+from enginediag_cli.mismatch.fit.unexplained import unexplained
 
 LARGEST_SHARE = 0.4
 """Of the rows that the space may take; beyond it only its strongest directions count."""
@@ -29,21 +31,18 @@ LARGEST_RHO = 0.95
 LEAST_RHO, DEVIATIONS = 0.08, 3.0  # of a few hundred records nothing below is to be told from 0, of nine sensors
 
 
-def estimated_noise(projection: Projection, blocks: Sequence[np.ndarray]) -> Noise:
-    """Noise by sensor from a fit's projection and the projected columns of all that may be missing."""
-    found, frame = projection.found, projection.frame
-    n = len(frame.record)
-    space = _space([projection.Q[:n], *(b[:n] for b in blocks)], int(LARGEST_SHARE * n))
-    e = projection.left[:n]
-    left = e - space @ (space.T @ e)
-    free = 1.0 - np.einsum("ij,ij->i", space, space)
+def estimated_noise(projection: Projection, blocks: Sequence[Scored]) -> Noise:
+    """Noise by sensor from a fit's projection and the scored blocks of all that may be missing."""
+    found = projection.found
+    rest = unexplained(projection, blocks, LARGEST_SHARE)
     sigma, rho = {}, {}
     for s, column in enumerate(found.problem.sensors):
-        rows = frame.sensor == s
+        rows = rest.sensor == s
         if not rows.any():
             continue
-        sigma[column] = float(found.problem.sigma[s] * np.sqrt(left[rows] @ left[rows] / free[rows].sum()))
-        rho[column] = _lag_one(left[rows], frame.record[rows], frame.neighbours, float(free[rows].mean()))
+        left, free = rest.left[rows], rest.free[rows]
+        sigma[column] = float(found.problem.sigma[s] * np.sqrt(left @ left / free.sum()))
+        rho[column] = _lag_one(left, rest.record[rows], projection.frame.neighbours, float(free.mean()))
     return replace(found.evidence.noise, sigma={**found.evidence.noise.sigma, **sigma}, rho=rho)
 
 
@@ -52,7 +51,7 @@ def doubtful(gate: float, projection: Projection) -> float:
     about ν independent readings, so that T is F distributed with (1, ν) degrees of freedom. Of a record correlated by
     ρ with the one before it (1 − ρ)/(1 + ρ) is independent; LARGEST_SHARE may be taken by what was fitted."""
     frame = projection.frame
-    rho = np.abs(frame.correlation[frame.record, frame.sensor])
+    rho = np.abs(frame.correlation()[frame.record, frame.sensor])
     independent = np.bincount(frame.sensor, (1.0 - rho) / (1.0 + rho))[np.unique(frame.sensor)]
     nu = max(1.0, (1.0 - LARGEST_SHARE) * float(independent.min()))
     return float(surprise(stats.f.isf(np.exp(-gate), 1, nu), 1)) if np.isfinite(gate) else gate
@@ -60,17 +59,6 @@ def doubtful(gate: float, projection: Projection) -> float:
 
 def with_noise(evidence: Evidence, noise: Noise) -> Evidence:
     return replace(evidence, noise=noise)
-
-
-def _space(columns: Sequence[np.ndarray], most: int) -> np.ndarray:
-    """Orthonormal basis (n, r ≤ most) of the columns, each scaled to unit length first."""
-    A = np.concatenate(columns, axis=1)
-    length = np.linalg.norm(A, axis=0)
-    A = A[:, length > 0] / length[length > 0]
-    # eigenvectors of A Aᵀ through the smaller Gram matrix
-    values, vectors = np.linalg.eigh(A.T @ A)
-    keep = np.flatnonzero(values > 1e-8 * values[-1])[::-1][:most]
-    return np.asarray(np.linalg.qr(A @ vectors[:, keep])[0])
 
 
 def _lag_one(e: np.ndarray, record: np.ndarray, near: Neighbours, free: float) -> float:

@@ -14,10 +14,12 @@ import numpy as np
 from enginediag_cli.drivers import TIME
 from enginediag_cli.engine.driver import Driver
 from enginediag_cli.engine.term import Effect
+from enginediag_cli.mismatch.fit.columns import Columns
 from enginediag_cli.mismatch.fit.evidence import Evidence
 from enginediag_cli.mismatch.fit.extended import Discrepancy
+from enginediag_cli.mismatch.fit.families import Candidates, Scored, Sums, grid
 from enginediag_cli.mismatch.fit.identified import Hypothesis, Identified
-from enginediag_cli.mismatch.fit.projection import Columns, Projection, Score, lengths
+from enginediag_cli.mismatch.fit.projection import Projection, Score
 from enginediag_cli.parameters import Parameter
 
 EFFECT, FAULT, SENSOR_FAULT = "effect", "fault", "sensor fault"
@@ -25,6 +27,8 @@ PARTS_OF_FLIGHT = 4
 """Onsets that are tried in a flight: the best is refined between its neighbours."""
 READ_WRONG = ("bias", "scale")
 """Errors of a sensor that may step in time."""
+ONSETS_AT_ONCE = 400
+"""Onsets, evenly spaced, of one look about an option's own; where they lie apart, the best is looked about again."""
 LEAST_RECORDS = 8  # on either side of an onset
 MOST_ONSETS = 24
 """Onsets that are tried in all; with many flights every second or third flight's are."""
@@ -45,15 +49,16 @@ class Option:
 
 
 @dataclass(frozen=True)
-class OptionScore:
-    """Score of an option; `feasible`: its first one-step coefficient has a sign that physics allows. `columns` (n, k):
-    its projected whitened rows."""
+class OptionScore(Scored):
+    """Score of an option; `feasible`: its first one-step coefficient has a sign that physics allows."""
 
     option: Option
-    score: Score
     feasible: bool
-    columns: np.ndarray
-    z: float  # of the first column alone
+
+    @property
+    def z(self) -> float:
+        """Of the first column alone."""
+        return float(self.sums.pulls(self.candidates)[0]) / max(self.score.length, 1e-300)
 
     @property
     def surprise(self) -> float:
@@ -144,21 +149,28 @@ def with_best_onset(found: Identified, projection: Projection, option: Option) -
     onset = int(np.flatnonzero(option.hypothesis.curves[d.curve])[0])
     total = len(option.hypothesis.curves[d.curve])
     reach = max(2, -(-total // min(MOST_ONSETS, PARTS_OF_FLIGHT * len(evidence.flights))))
-    steps: dict[str, np.ndarray] = {}
-    for k in range(max(onset - reach, 0), min(onset + reach, total - 1) + 1):
-        steps |= _step(evidence, k)
-    column = Columns(found, [d.target], [])[d.target]
-    blown = column[:, :, None] * np.stack([c[found.number] for c in steps.values()], axis=1)[:, None, :]
-    C = projection.projected(blown)
-    length = np.linalg.norm(C, axis=0)
-    T = np.where(length > 0, (C.T @ projection.left) ** 2 / np.maximum(length, 1e-300) ** 2, 0.0)
-    name = list(steps)[int(np.argmax(T))]
+    columns = Columns(found, [d.target], [])
+    name, curve = d.curve, option.hypothesis.curves[d.curve]
+    while True:
+        apart = -(-2 * reach // ONSETS_AT_ONCE)
+        tried = range(max(onset - reach, 0), min(onset + reach, total - 1) + 1, apart)
+        steps = {key: (k, c) for k in tried for key, c in _step(evidence, k).items()}
+        if not steps:
+            break
+        curves = np.stack([c[found.number] for _, c in steps.values()], axis=1)
+        sums = Sums(projection, columns, grid([d.target], curves, [[k] for k in range(len(steps))]))
+        scores = [sums.score(np.array([[0, k]])).statistic for k in range(len(steps))]
+        name = list(steps)[int(np.argmax(scores))]
+        onset, curve = steps[name]
+        if apart == 1:
+            break
+        reach = apart
     return Option(
         option.kind,
         f"{d.target} {name}",
         option.component,
         TIME,
-        Hypothesis((), (Discrepancy(d.target, name, d.sigma),), {name: steps[name]}),
+        Hypothesis((), (Discrepancy(d.target, name, d.sigma),), {name: curve}),
         option.target,
     )
 
@@ -176,29 +188,49 @@ def parameters_of(options: Sequence[Option]) -> list[str]:
 def option_scores(
     found: Identified, projection: Projection, options: Sequence[Option], columns: Columns | None = None
 ) -> list[OptionScore]:
-    """Scores of options that the fit does not carry; `columns` of at least `parameters_of` them, if known."""
+    """Scores of options that the fit does not carry; `columns` of at least `parameters_of` them, if known. An option is
+    of effects or of discrepancies, not of both."""
     carried = set(found.hypothesis.names)
     options = [o for o in options if not carried & set(o.hypothesis.names)]
     if not options:
         return []
     J = columns or Columns(found, parameters_of(options), effects_of(options))
-    stack, sizes = [], []
-    for o in options:
-        own = [J[a] for e in o.hypothesis.effects for a in e.amplitudes]
-        own += [J[d.target] * o.hypothesis.curves[d.curve][found.number][:, None] for d in o.hypothesis.discrepancies]
-        stack += own
-        sizes.append(len(own))
-    wide = np.stack(stack, axis=2)
-    C, full = projection.projected(wide), lengths(projection.frame, wide)
-    result, j = [], 0
-    for o, k in zip(options, sizes, strict=True):
-        block = C[:, j : j + k]
-        score = projection.score(block, float(full[j]))
-        length = max(float(np.linalg.norm(block[:, 0])), 1e-300)
-        z = float(block[:, 0] @ projection.left) / length
-        result.append(OptionScore(o, score, _feasible(o, score), block, z))
-        j += k
-    return result
+    effects = [o for o in options if o.hypothesis.effects]
+    changes = [o for o in options if not o.hypothesis.effects]
+    scored = {**_effects_scored(projection, J, effects), **_changes_scored(projection, J, changes)}
+    return [scored[id(o)] for o in options]
+
+
+def _effects_scored(projection: Projection, J: Columns, options: Sequence[Option]) -> dict[int, OptionScore]:
+    """By the option's identity."""
+    names = [a for e in effects_of(options) for a in e.amplitudes]
+    if not names:
+        return {}
+    sums = Sums(projection, J, grid(names, np.ones((len(projection.found.number), 1)), [[0]]).whole)
+    at = {n: k for k, n in enumerate(names)}
+    blocks = (np.array([[at[a], 0] for e in o.hypothesis.effects for a in e.amplitudes]) for o in options)
+    return {id(o): _scored(o, sums, own) for o, own in zip(options, blocks, strict=True)}
+
+
+def _changes_scored(projection: Projection, J: Columns, options: Sequence[Option]) -> dict[int, OptionScore]:
+    """By the option's identity."""
+    if not options:
+        return {}
+    targets = list(dict.fromkeys(d.target for o in options for d in o.hypothesis.discrepancies))
+    curves = {k: v for o in options for k, v in o.hypothesis.curves.items()}
+    along = {k: j for j, k in enumerate(curves)}
+    phi = np.stack([c[projection.found.number] for c in curves.values()], axis=1)
+    candidates = [
+        np.array([[targets.index(d.target), along[d.curve]] for d in o.hypothesis.discrepancies]) for o in options
+    ]
+    family = grid(targets, phi, {tuple(c[:, 1]) for c in candidates})
+    sums = Sums(projection, J, family if all(len(set(c[:, 0])) == 1 for c in candidates) else family.whole)
+    return {id(o): _scored(o, sums, c) for o, c in zip(options, candidates, strict=True)}
+
+
+def _scored(option: Option, sums: Sums, candidates: Candidates) -> OptionScore:
+    score = sums.score(candidates)
+    return OptionScore(sums, candidates, score, option, _feasible(option, score))
 
 
 def _feasible(option: Option, score: Score) -> bool:

@@ -31,27 +31,24 @@ def surprise(T: np.ndarray | float, dof: int) -> np.ndarray:
 
 
 def critical_surprise(
-    blocks: Sequence[np.ndarray], levels: Sequence[float], rng: np.random.Generator
+    gram: np.ndarray, dofs: Sequence[int], levels: Sequence[float], rng: np.random.Generator
 ) -> tuple[float, ...]:
-    """−ln p that the largest score of these blocks of projected columns (n, k) exceeds with each probability of
-    `levels` when nothing is missing; infinite when there is no block.
+    """−ln p that the largest score of blocks exceeds with each probability of `levels` when nothing is missing;
+    infinite when there is no block. `gram` (K, K): products of all blocks' columns, orthonormal within each block, and
+    as many of each as it has degrees of freedom.
 
     The tail of the largest −ln p is exponential, P(g) = 1 − exp(−K e^(−g)), with K the effective number of tests, which
     hardly changes with g: gates beyond what the draws resolve are extrapolated by it.
     """
-    bases = [b for b in map(_basis, blocks) if b.shape[1]]
-    if not bases:
+    if not sum(dofs):
         return tuple(np.inf for _ in levels)
-    U = np.concatenate(bases, axis=1)
-    if len(U) > 3 * U.shape[1]:
-        # many rows: draw in the span of the columns instead, through their Gram matrix
-        values, vectors = np.linalg.eigh(U.T @ U)
-        U = (vectors * np.sqrt(np.maximum(values, 0.0))).T
-    w = rng.standard_normal((DRAWS, len(U))) @ U
+    values, vectors = np.linalg.eigh(gram)
+    w = rng.standard_normal((DRAWS, len(values))) @ (vectors * np.sqrt(np.maximum(values, 0.0))).T
     top: dict[int, np.ndarray] = {}  # the largest T of each number of degrees of freedom
     j = 0
-    for b in bases:
-        k = b.shape[1]
+    for k in dofs:
+        if not k:
+            continue
         T = np.einsum("dk,dk->d", w[:, j : j + k], w[:, j : j + k])
         top[k] = np.maximum(top[k], T) if k in top else T
         j += k
@@ -63,12 +60,3 @@ def critical_surprise(
         else anchor + float(np.log(np.log1p(-RESOLVED) / np.log1p(-level)))
         for level in levels
     )
-
-
-def _basis(block: np.ndarray) -> np.ndarray:
-    """Orthonormal columns that span a block."""
-    if block.shape[1] == 1:
-        length = float(np.linalg.norm(block))
-        return block / length if length > 0 else block[:, :0]
-    u, s, _ = np.linalg.svd(block, full_matrices=False)
-    return np.asarray(u[:, s > 1e-7 * s[0]] if s[0] > 0 else u[:, :0])

@@ -10,6 +10,8 @@ import numpy as np
 
 from enginediag_cli.engine.driver import DriverValues
 from enginediag_cli.mismatch.fit.believable import along_driver, with_belief
+from enginediag_cli.mismatch.fit.columns import Columns
+from enginediag_cli.mismatch.fit.families import Scored, correlations
 from enginediag_cli.mismatch.fit.freeform import Cell, free_form, locations
 from enginediag_cli.mismatch.fit.identified import Hypothesis, Identified, Nuisance, identify_with
 from enginediag_cli.mismatch.fit.options import (
@@ -23,7 +25,7 @@ from enginediag_cli.mismatch.fit.options import (
     parameters_of,
     together,
 )
-from enginediag_cli.mismatch.fit.projection import Columns, Projection
+from enginediag_cli.mismatch.fit.projection import Projection
 from enginediag_cli.mismatch.fit.scores import critical_surprise
 from enginediag_cli.parameters import Parameter
 from enginediag_cli.progress import stage
@@ -129,21 +131,21 @@ class Remainder:
 
     def gates(self, levels: Sequence[float], rng: np.random.Generator) -> tuple[Gates, ...]:
         """Gates at each level, which the three families share by SHARES."""
-        families = (
-            [s.columns for s in self.scores if s.option.kind == EFFECT and not s.score.absorbed],
-            [s.columns for s in self.scores if s.option.kind != EFFECT and not s.score.absorbed],
-            [c.columns for c in self.cells if not c.score.absorbed],
+        scores = [s for s in self.scores if not s.score.absorbed]
+        families: tuple[list[Scored], ...] = (
+            list[Scored](s for s in scores if s.option.kind == EFFECT),
+            list[Scored](s for s in scores if s.option.kind != EFFECT),
+            list[Scored](c for c in self.cells if not c.score.absorbed),
         )
         found = [
-            critical_surprise(blocks, [share * level for level in levels], rng)
+            critical_surprise(*correlations(blocks), [share * level for level in levels], rng)
             for blocks, share in zip(families, SHARES, strict=True)
         ]
         return tuple(Gates(*g) for g in zip(*found, strict=True))
 
-    def blocks(self) -> list[np.ndarray]:
-        """Projected columns of everything that can be ranked."""
-        scores = [s.columns for s in self.scores if not s.score.absorbed]
-        return scores + [c.columns for c in self.cells if not c.score.absorbed]
+    def blocks(self) -> list[Scored]:
+        """Everything that can be ranked."""
+        return [b for b in (*self.scores, *self.cells) if not b.score.absorbed]
 
 
 def attempt(options: Sequence[Option], start: Identified, along: Nuisance) -> Trial:
@@ -167,11 +169,13 @@ def remainder(
     if enough is not None and left.over(enough):
         return left
     parameters = found.evidence.engine.parameters
-    cells = [_believed(c, trial.projection, parameters) for c in free_form(found, trial.projection, drivers, columns)]
+    cells = [_believed(c, parameters) for c in free_form(found, trial.projection, drivers, columns)]
     return Remainder(tuple(scores), tuple(sorted(cells, key=lambda c: -c.surprise)))
 
 
-def _believed(cell: Cell, projection: Projection, parameters: Mapping[str, Parameter]) -> Cell:
+def _believed(cell: Cell, parameters: Mapping[str, Parameter]) -> Cell:
     """The cell judged with a prior on how far its place may vary: what is beyond belief does not stand out."""
     scale = along_driver(cell.location, parameters)
-    return replace(cell, score=with_belief(cell.score, cell.columns, projection, scale))
+    return replace(
+        cell, score=with_belief(cell.score, cell.sums.gram(cell.candidates), cell.sums.pulls(cell.candidates), scale)
+    )

@@ -20,9 +20,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import stats
 
-from enginediag_cli.mismatch.fit.extended import ExtendedModel
+from enginediag_cli.mismatch.fit.families import Sums, grid
 from enginediag_cli.mismatch.fit.freeform import Cell
-from enginediag_cli.mismatch.fit.projection import Projection, derivatives, lengths
+from enginediag_cli.mismatch.fit.projection import Projection
 
 LEAST_ENGINES = 4
 """With fewer, wear of one cannot be told from the scatter of all."""
@@ -163,25 +163,12 @@ def per_engine(projection: Projection, cell: Cell) -> PerEngine | None:
         return None
     of_flight = np.array([engines.index(f.engine) for f in evidence.flights])
     engine_of = of_flight[found.problem.recording]
-    column = location_column(projection, cell)
-    own = [column * np.where((engine_of == k)[:, None], cell.curves, 0.0)[:, None, :] for k in range(len(engines))]
-    wide = np.concatenate(own, axis=2)
-    C, full = projection.projected(wide), lengths(projection.frame, wide)
-    q = cell.curves.shape[1]
-    alone = {
-        name: projection.score(C[:, k * q : (k + 1) * q], float(full[k * q])).statistic
-        for k, name in enumerate(engines)
-    }
-    together = projection.score(C, float(full.max()))
+    own = [np.where((engine_of == k)[:, None], cell.curves, 0.0) for k in range(len(engines))]
+    curves, q, name = np.concatenate(own, axis=1), cell.curves.shape[1], cell.location.parameter
+    everything = range(curves.shape[1])
+    sums = Sums(projection, cell.sums.columns, grid([name], curves, [everything]))
+    candidates = np.array([[0, c] for c in everything])
+    alone = {e: sums.score(candidates[k * q : (k + 1) * q]).statistic for k, e in enumerate(engines)}
+    together = sums.score(candidates[np.argsort(-sums.lengths[0], kind="stable")])
     between, dof = together.statistic - cell.score.statistic, together.dof - cell.score.dof
     return PerEngine(alone, between, float(stats.chi2.sf(max(between, 0.0), dof)) if dof > 0 else 1.0)
-
-
-def location_column(projection: Projection, cell: Cell) -> np.ndarray:
-    """∂y/∂θ (N, m, 1) of a cell's parameter at the fit."""
-    found, place = projection.found, cell.location
-    engine = found.evidence.engine
-    carried: Sequence = (*engine.effects, *found.hypothesis.effects)
-    through = (place.through,) if place.through and place.through.label not in {e.label for e in carried} else ()
-    model = ExtendedModel(engine.with_effects((*carried, *through)), found.model.discrepancies)
-    return derivatives(found, [place.parameter], model)

@@ -134,7 +134,7 @@ def locate(evidence: Evidence) -> Located:
     cells = free_form(found, projection, everything)
     if evidence.settings.noise == "estimate":
         for _ in range(NOISE_PASSES):
-            noise = estimated_noise(projection, [c.columns for c in cells if not c.score.absorbed])
+            noise = estimated_noise(projection, [c for c in cells if not c.score.absorbed])
             evidence = with_noise(evidence, noise)
             found = identify_with(evidence, NO_HYPOTHESIS, along, found)
             if not found.converged:

@@ -23,6 +23,7 @@ import numpy as np
 from scipy import stats
 
 from enginediag_cli.engine.driver import DriverValues
+from enginediag_cli.mismatch.fit.families import correlations
 from enginediag_cli.mismatch.fit.freeform import Cell
 from enginediag_cli.mismatch.fit.projection import Projection
 from enginediag_cli.mismatch.fit.scores import critical_surprise
@@ -88,8 +89,8 @@ def presence(
 ) -> Presence:
     """Judge a fit: `cells` are its map, drivers' values are of all records of the evidence."""
     evidence = projection.found.evidence
-    blocks = [c.columns for c in cells if not c.score.absorbed]
-    (gate,) = critical_surprise(blocks, (CALIBRATION_LEVEL,), rng)
+    ranked = [c for c in cells if not c.score.absorbed]
+    (gate,) = critical_surprise(*correlations(ranked), (CALIBRATION_LEVEL,), rng)
     looks = float(-np.log1p(-CALIBRATION_LEVEL) * np.exp(gate)) if np.isfinite(gate) else 1.0
     best = max(cells, key=lambda c: c.surprise, default=None)
     surprise = best.surprise if best else 0.0
@@ -110,7 +111,7 @@ def order_test(
     """Von Neumann's ratio of each sensor's residuals along each driver; the smallest p, times the looks. None where
     no sensor has readings enough. `statistic` is the ratio, 2 for residuals without order."""
     found, frame = projection.found, projection.frame
-    e = projection.left[: len(frame.record)]
+    e = projection.left
     quantities = {c: s.quantity for c, s in found.evidence.engine.sensors.items()}
     looks, best = 0, (1.0, 2.0, "", "", "")
     for s, column in enumerate(found.problem.sensors):

@@ -29,8 +29,7 @@ class Shown:
 def shown(projection: Projection, cell: Cell) -> Shown:
     """Residuals of the most affected sensor; records without a value of the driver are left out."""
     found, frame = projection.found, projection.frame
-    n = len(frame.record)
-    fitted = (cell.columns @ cell.score.coefficients)[:n]
+    fitted = cell.sums.rows_along(cell.candidates, cell.score.coefficients)[frame.keep]
     moved = [float((fitted[frame.sensor == s] ** 2).sum()) for s in range(len(found.problem.sensors))]
     s = int(np.argmax(moved))
     column = found.problem.sensors[s]
@@ -38,7 +37,7 @@ def shown(projection: Projection, cell: Cell) -> Shown:
     x = cell.driver.values[found.number][frame.record[rows]]
     good = np.isfinite(x)
     sigma = found.problem.sigma[s]
-    residual, curve = sigma * projection.left[:n][rows][good], sigma * fitted[rows][good]
+    residual, curve = sigma * projection.left[rows][good], sigma * fitted[rows][good]
     return Shown(
         column, found.evidence.engine.sensors[column].unit, x[good], residual, curve, _bins(x[good], residual, curve)
     )

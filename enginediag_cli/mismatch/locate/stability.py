@@ -12,6 +12,7 @@ from collections.abc import Sequence
 import numpy as np
 from scipy import stats
 
+from enginediag_cli.mismatch.fit.by_unit import unit_sums
 from enginediag_cli.mismatch.fit.freeform import Cell
 from enginediag_cli.mismatch.fit.projection import Projection
 from enginediag_cli.progress import stage
@@ -23,20 +24,19 @@ LEAST_UNITS = 6
 
 
 def units(projection: Projection) -> tuple[np.ndarray, int, str]:
-    """Of every row of readings, which unit is drawn with it (n,); their number; and what they are."""
-    found, frame = projection.found, projection.frame
-    recording = found.problem.recording
+    """Of every record, which unit it is drawn with (N,); their number; and what they are."""
+    recording = projection.found.problem.recording
     flights = len(np.unique(recording))
     if flights >= LEAST_UNITS:
         _, of_record = np.unique(recording, return_inverse=True)
-        return of_record[frame.record], flights, "flights"
+        return of_record, flights, "flights"
     parts = -(-LEAST_UNITS // flights)
     of_record, first = np.zeros(len(recording), int), 0
     for r in np.unique(recording):
         rows = np.flatnonzero(recording == r)
         of_record[rows] = first + np.arange(len(rows)) * parts // len(rows)
         first += parts
-    return of_record[frame.record], first, "parts of flights"
+    return of_record, first, "parts of flights"
 
 
 @stage("resampling flights")
@@ -45,25 +45,20 @@ def resampled_surprise(
 ) -> tuple[np.ndarray, str]:
     """−ln p of every cell in every resample, (RESAMPLES, cells), and what was drawn."""
     unit, count, what = units(projection)
-    n = len(unit)
-    e = projection.left[:n]
     drawn = rng.multinomial(count, np.full(count, 1.0 / count), size=RESAMPLES).astype(float)
-    order = np.argsort(unit, kind="stable")
-    edges = np.searchsorted(unit[order], np.arange(count))
+    # what the priors' rows hold of the score is part of every resample
+    times = np.column_stack([drawn, np.ones(len(drawn))])
     result = np.zeros((RESAMPLES, len(cells)))
+    if not cells:
+        return result, what
+    sums = unit_sums(cells[0].sums, unit, count)
     for j, cell in enumerate(cells):
         if cell.score.absorbed:
             continue
-        C = cell.columns[:n][order]
-        k = C.shape[1]
-        g = np.add.reduceat(C * e[order][:, None], edges, axis=0)
-        G = np.add.reduceat(C[:, :, None] * C[:, None, :], edges, axis=0)
-        # what the priors' rows hold of the score is part of every resample
-        g0 = cell.columns[n:].T @ projection.left[n:]
-        G0 = cell.columns[n:].T @ cell.columns[n:]
-        gs = drawn @ g + g0
-        Gs = (drawn @ G.reshape(count, k * k)).reshape(-1, k, k) + G0
-        Gs = Gs + 1e-9 * np.trace(G.sum(axis=0) + G0) * np.eye(k)
+        g, G = sums.of(cell.candidates)
+        k = g.shape[1]
+        gs, Gs = times @ g, (times @ G.reshape(count + 1, k * k)).reshape(-1, k, k)
+        Gs = Gs + 1e-9 * np.trace(G.sum(axis=0)) * np.eye(k)
         T = np.einsum("rk,rk->r", gs, np.linalg.solve(Gs, gs[:, :, None])[:, :, 0])
         result[:, j] = -stats.chi2.logsf(np.maximum(T, 0.0), cell.score.dof)
     return result, what

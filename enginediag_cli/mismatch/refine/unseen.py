@@ -121,7 +121,7 @@ def log_density(trial: Trial, there: Identified, unit: np.ndarray) -> np.ndarray
     """ℓ (U,) of each unit of the records; `unit` (N,) is the number of each record's, from 0."""
     frame = Frame(there)
     e, B = row_parts(trial, there)
-    rho = frame.correlation
+    rho = frame.correlation()
     scale = np.broadcast_to(np.log(frame.sigma), rho.shape) + 0.5 * np.log1p(-(rho**2))
     scale = scale[frame.keep] + 0.5 * np.log(2.0 * np.pi)
     result = []

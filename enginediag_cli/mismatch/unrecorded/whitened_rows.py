@@ -74,7 +74,7 @@ def basis_without(projection: Projection, name: str, signal: np.ndarray) -> Basi
     if not p.free[j]:
         return _basis(p, p.Q, e)
     column = int(np.cumsum(p.free)[j]) - 1
-    A = np.delete(np.delete(p.Q @ p.R, column, axis=1), n + column, axis=0)
+    A = np.delete(np.delete(p.Q @ p.dense.R, column, axis=1), n + column, axis=0)
     return _basis(p, np.linalg.qr(A)[0], np.delete(e, n + column))
 
 
@@ -128,7 +128,7 @@ def direction(of: Basis, column: np.ndarray) -> Direction:
     """Of a location whose derivative of the readings is `column` (N, m), in the readings' units."""
     f = of.frame
     scaled = f.scaled(column[:, :, None])[:, :, 0]
-    rho = f.correlation
+    rho = f.correlation()
     root = np.sqrt(1.0 - rho**2)
     before = np.zeros_like(scaled)
     before[1:] = -rho[1:] * scaled[:-1] / root[1:]

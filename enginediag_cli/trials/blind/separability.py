@@ -17,6 +17,7 @@ from itertools import combinations
 import numpy as np
 
 from enginediag_cli.mismatch.fit.evidence import Evidence
+from enginediag_cli.mismatch.fit.families import first_products
 from enginediag_cli.mismatch.fit.identified import (
     NO_HYPOTHESIS,
     Hypothesis,
@@ -132,17 +133,21 @@ def _rivals(
     names = sorted(best, key=lambda k: -best[k].score.statistic)[:MOST_IN_PAIRS]
     # the truth's own parts may be small alone
     names += [k for k in best if k <= truth and k not in names]
-    for a, b in combinations(names, 2):
+    if len(names) < 2:
+        return
+    G = first_products([best[n] for n in names])
+    length = np.sqrt(np.maximum(np.diag(G), 1e-300))
+    r = np.clip(G / np.outer(length, length), -0.999999, 0.999999)
+    for (i, a), (j, b) in combinations(enumerate(names), 2):
         if a | b != truth:
-            T = _joint(best[a], best[b])
+            T = _joint(best[a], best[b], float(r[i, j]))
             if np.isfinite(T):
                 yield total - T, (best[a].option, best[b].option)
 
 
-def _joint(a: OptionScore, b: OptionScore) -> float:
-    """Statistic of the first columns of two options together; −∞ where an effect would need an impossible sign."""
-    u, v = (s.columns[:, 0] / max(float(np.linalg.norm(s.columns[:, 0])), 1e-300) for s in (a, b))
-    r = float(np.clip(u @ v, -0.999999, 0.999999))
+def _joint(a: OptionScore, b: OptionScore, r: float) -> float:
+    """Statistic of the first columns of two options together, of correlation r; −∞ where an effect would need an
+    impossible sign."""
     first, second = (a.z - r * b.z) / (1 - r * r), (b.z - r * a.z) / (1 - r * r)
     if not (_possible(a, first) and _possible(b, second)):
         return -np.inf
