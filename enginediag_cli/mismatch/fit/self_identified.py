@@ -1,7 +1,7 @@
 """A nominal state out of the very recordings that are searched, where no nominal file is given.
 
-No flight of them is taken for clean, so noise must not be what a fit leaves: a state that switches would be counted as
-noise, and hide behind it. Its level is the median error on left-out blocks; what changes from one record to the next is
+It is that of `identify` on all of them, just as `-n` would bring it. Where that does not converge, which is what a state
+that switches may do to it, noise must not be what the fit leaves, or the state would hide behind it: its level is the median error on left-out blocks; what changes from one record to the next is
 read from neighbours, which are of one state but for the few where it changes:
 
     w = median |e_k − e_{k−1}|/(0.6745 √2)     v = median |e_k|/0.6745
@@ -17,6 +17,7 @@ import numpy as np
 
 from enginediag_cli.engine.engine import Engine
 from enginediag_cli.identification.identify import identify
+from enginediag_cli.identification.nominal import Nominal
 from enginediag_cli.identification.problem import Problem, TrainingRecording
 from enginediag_cli.mismatch.fit.evidence import Flight
 from enginediag_cli.mismatch.fit.noise import LEAST_RHO
@@ -29,13 +30,12 @@ DEVIATION = 0.6745  # median |x| of a standard normal x
 
 @dataclass(frozen=True)
 class SelfIdentified:
-    """`theta0`: parameters as identified; `sigma`, `rho1`: robust noise by sensor column; `converged`: whether the
-    identification did, else `theta0` is empty: the engine file's own state."""
+    """`theta0`: parameters as far as identified, empty where that ended far from any optimum: the engine file's own
+    state; `sigma`, `rho1`: robust noise by sensor column."""
 
     theta0: Mapping[str, float]
     sigma: Mapping[str, float]
     rho1: Mapping[str, float]
-    converged: bool
 
     @property
     def engine_values(self) -> Mapping[str, float]:
@@ -43,15 +43,17 @@ class SelfIdentified:
         return self.theta0
 
 
-def self_identified(engine: Engine, flights: Sequence[Flight]) -> SelfIdentified:
-    """Identification of all flights together, by the engine file's own settings."""
+def self_identified(engine: Engine, flights: Sequence[Flight]) -> Nominal | SelfIdentified:
+    """Identification of all flights together, by the engine file's own settings; none of them is taken for clean."""
     found = identify(engine, [TrainingRecording(f.label, f.columns) for f in flights])
+    if found.converged:
+        return found.nominal(engine.path, "", {})
     p, fit = found.problem, found.fit
     usable = found.converged or (fit.decrement < 1.0 and fit.failed.mean() < 0.1)
     unseen = p.measured - found.cross_validation.predicted
     sigma, rho = robust_noise(p, unseen if np.isfinite(unseen).any() else fit.equations.residual)
     theta = {n: v for n, v in p.physical(fit.x).items() if n in engine.parameters}
-    return SelfIdentified(theta if usable else {}, sigma, rho, found.converged)
+    return SelfIdentified(theta if usable else {}, sigma, rho)
 
 
 def robust_noise(problem: Problem, residual: np.ndarray) -> tuple[dict[str, float], dict[str, float]]:
