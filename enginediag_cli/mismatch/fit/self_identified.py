@@ -1,8 +1,9 @@
 """A nominal state out of the very recordings that are searched, where no nominal file is given.
 
-It is that of `identify` on all of them, just as `-n` would bring it. Where that does not converge, which is what a state
-that switches may do to it, noise must not be what the fit leaves, or the state would hide behind it: its level is the median error on left-out blocks; what changes from one record to the next is
-read from neighbours, which are of one state but for the few where it changes:
+It is that of `identify` on all of them, just as `-n` would bring it. Where that does not converge, which is what a
+state that switches may do to it, noise must not be what the fit leaves, or the state would hide behind it: its level
+is the median error on left-out blocks; what changes from one record to the next is read from neighbours, which are of
+one state but for the few where it changes:
 
     w = median |e_k − e_{k−1}|/(0.6745 √2)     v = median |e_k|/0.6745
     σ = max(stated, v, w)                      ρ = 1 − w²/σ²
