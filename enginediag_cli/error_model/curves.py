@@ -2,11 +2,15 @@
 
 With x the corrected speed and r the position beyond its regression on x, both centred and scaled once, at training,
 
-    φ_1…3 = √(2j + 1) P_j(x),  j = 1…3        φ_4,5 = √(2j + 1) P_j(r),  j = 1, 2
+    φ_1…3 = √(2j + 1) P_j(x),  j = 1…3        φ_4,5 = √(2j + 1) P_j(r),  j = 1, 2        for |x|, |r| ≤ 1,
 
-P_j Legendre polynomials: unit mean square over |x| ≤ 1, which is the range that training covered. Beyond it they grow,
-so that an answer at an operating point that training did not see is wide by itself, up to END, where they stay.
-A constant is the health parameter itself.
+P_j Legendre polynomials: unit mean square over the range that training covered. Beyond it they stay as at its end,
+since what training found says nothing there, and
+
+    φ_6 = EDGE sign(x) (|x| − 1)₊        φ_7 = EDGE sign(r) (|r| − 1)₊
+
+begin, of which training knows next to nothing: an answer at an operating point that it did not see is not shifted but
+wide by itself, up to END, where they stay, too. A constant is the health parameter itself.
 """
 
 from __future__ import annotations
@@ -20,16 +24,18 @@ from numpy.polynomial import legendre
 SPEED_DEGREE, POSITION_DEGREE = 3, 2
 """Degrees of what a map may err by along speed and across it: shapes that a map's author gets wrong. Judgement; the
 blind trials' map errors are of other shapes on purpose."""
-CURVES = SPEED_DEGREE + POSITION_DEGREE
+CURVES = SPEED_DEGREE + POSITION_DEGREE + 2
 """Functions of one map quantity of one machine."""
 LEAST_REACH = 0.05
 """Half range of a logarithmic coordinate below which a map is not known to bend: within five per cent of speed or flow
 an error of its shape is a constant and a slope."""
 COVERED = (0.01, 0.99)
 """Shares of the training records between which lies the range that they cover."""
+EDGE = 10.0
+"""Growth of an error beyond the range, per half range: a third of what the polynomials would do at their end."""
 END = 1.6
-"""Scaled coordinate beyond which the curves stay: there the largest is twenty times its mean square, and an error of
-0.3 % is one of 6 %, more than a map is ever wrong by."""
+"""Scaled coordinate beyond which the curves stay: an error of 0.3 % there may be one of 2 %, as wrong as maps ever
+are."""
 
 
 @dataclass(frozen=True)
@@ -48,9 +54,9 @@ class MapCurves:
         u = (coordinates[:, 1] - self.centre[1]) / self.reach[1]
         x = np.clip(np.nan_to_num(x), -END, END)
         r = np.clip(np.nan_to_num(u - np.polynomial.polynomial.polyval(x, self.line)), -END, END)
-        along, across = _curves(x, SPEED_DEGREE), _curves(r, POSITION_DEGREE)
+        parts = (_within(x, SPEED_DEGREE), _within(r, POSITION_DEGREE), _beyond(x), _beyond(r))
         there = np.isfinite(coordinates).all(axis=1)
-        return np.where(there[:, None], np.column_stack([along, across]), 0.0)
+        return np.where(there[:, None], np.column_stack(parts), 0.0)
 
     def as_mapping(self) -> dict[str, list[float]]:
         """The numbers as plain values."""
@@ -85,6 +91,10 @@ def learn_curves(machine: str, coordinates: np.ndarray) -> MapCurves | None:
     )
 
 
-def _curves(x: np.ndarray, degree: int) -> np.ndarray:
-    values = legendre.legvander(x, degree)[:, 1:]
+def _within(x: np.ndarray, degree: int) -> np.ndarray:
+    values = legendre.legvander(np.clip(x, -1.0, 1.0), degree)[:, 1:]
     return np.asarray(values * np.sqrt(2 * np.arange(1, degree + 1) + 1))
+
+
+def _beyond(x: np.ndarray) -> np.ndarray:
+    return EDGE * (x - np.clip(x, -1.0, 1.0))

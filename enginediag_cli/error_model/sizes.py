@@ -15,8 +15,9 @@ import numpy as np
 
 SPREAD = 1.0
 """Standard deviation of the logarithm of a size about what is stated: two thirds lie within a factor e."""
-LARGEST = 0.1
-"""Size that no map error has: beyond ten per cent it is another map."""
+LARGEST = 5.0
+"""Size of a map error, as a multiple of what is stated, that is not exceeded: what asks for more is no error of a map
+but physics that is missing, and must stay to be seen."""
 
 
 def likeliest_factors(
@@ -33,7 +34,7 @@ def likeliest_factors(
     if not G:
         return np.ones(0)
     centre = np.log(stated / present)
-    top = np.maximum(np.log(LARGEST / present), centre)
+    top = centre + np.log(LARGEST)
 
     def lost(log_t: np.ndarray) -> tuple[float, np.ndarray]:
         t = np.where(group >= 0, np.exp(log_t)[group], 1.0)

@@ -26,7 +26,7 @@ from enginediag_cli.identification.map_error import SETTLED as SIZES_SETTLED
 from enginediag_cli.identification.map_error import MapErrorSize, frozen_at, map_error_sizes, resized, with_map_error
 from enginediag_cli.identification.noise import NoiseEstimate, estimate_noise, starting_noise
 from enginediag_cli.identification.nominal import Estimate, Nominal, SensorNoise, status_of
-from enginediag_cli.identification.normal_equations import predict
+from enginediag_cli.identification.normal_equations import normal_equations, predict
 from enginediag_cli.identification.offset_start import first_offsets
 from enginediag_cli.identification.problem import Model, Problem, TrainingRecording, build_problem
 from enginediag_cli.identification.quality import SensorQuality, sensor_quality
@@ -42,6 +42,9 @@ NOISE_PASSES = 20
 """Passes of fit and noise at most. Judgement: damped as they are from UNDAMPED_PASSES on, more would change nothing."""
 NOISE_SETTLED = 0.03
 """Largest relative change of the effective noise σ√κ from one pass to the next that ends the passes."""
+
+NOISE_KNOWN = 0.15
+"""The same after the last pass: a standard deviation from twenty independent readings is no better known."""
 
 SIGMA_FLOOR = 0.2
 """Estimated noise is never below this share of what the sensor states."""
@@ -277,12 +280,19 @@ def _fit_and_noise(
         sigma = noise.sigma if estimated else stated
         inflation, shared = _tempering(problem, noise, fit.equations.predicted, found.sensor_dof)
         change = np.log(sigma**2 * inflation) - np.log(problem.sigma**2 * problem.inflation)
-        settled = bool(np.max(np.abs(change)) / 2 < NOISE_SETTLED)
+        largest = float(np.max(np.abs(change))) / 2
+        # what creeps on when the passes are over is known as well as noise ever is
+        settled = largest < (NOISE_SETTLED if number < NOISE_PASSES else NOISE_KNOWN)
         sigma = problem.sigma * (sigma / problem.sigma) ** damping
         inflation = problem.inflation * (inflation / problem.inflation) ** damping
         shared = problem.shared * (shared / problem.shared) ** damping
         frozen = frozen + damping * (fit.x - frozen)
-        problem, x, grown = resized(frozen_at(here, frozen), fit.equations, fit.x, fit.z, accuracy, damping)
+        equations = fit.equations
+        if np.any(noise.inflation > here.inflation):
+            # the fit may believe correlated readings more than they deserve (MAX_TEMPERING), sizes must not
+            cautious = here.with_noise(here.sigma, np.maximum(noise.inflation, here.inflation), here.shared)
+            equations = normal_equations(cautious, fit.x, fit.z)
+        problem, x, grown = resized(frozen_at(here, frozen), equations, fit.x, fit.z, accuracy, damping)
         problem = problem.with_noise(sigma, inflation, shared)
         start = (x, fit.z)
         settled = settled and grown < SIZES_SETTLED

@@ -95,6 +95,10 @@ def estimate_noise(residual: np.ndarray, gap: np.ndarray, lost: np.ndarray, floo
     # records, operating points taken in turn make neighbours differ, and that is no reason to trust their mean more
     lowest = np.where(n1 < FEW_PAIRS, 0.0, -2.0 / np.sqrt(np.maximum(kept, 4)))
     own = np.where(known, np.clip(own, lowest, MAX_RHO), 0.0)
+    # of few pairs a correlation is believed as far as its square exceeds what chance gives white noise, 1/n (the
+    # positive-part estimator of W. James and C. Stein, Proc. 4th Berkeley Symp. 1 (1961) 361–379)
+    believed = np.maximum(1.0 - 1.0 / (n1 * np.maximum(own**2, 1e-12)), 0.0)
+    own = np.where(n1 < FEW_PAIRS, own * believed, own)
     # the sums that the fit left are blown up by n/(n − lost), and their scatter with them
     chance = np.maximum(1 - own**2, 0.0) / n1 * (n0 / (n0 - np.maximum(lost[0], 0.0))) ** 2
     rho, rho_error, rho_common = _shrunk(own, n1, chance, known)

@@ -23,7 +23,8 @@ def main() -> None:
     part = mapped.recording.select(mapped.recording["T4_K"] < PART_BELOW_K)
     engine = load_engine(CONFIGS / "power_plant.yaml")
     inputs = {c: part[c] for c in (*engine.inputs, *engine.optional_inputs) if c in part.columns}
-    p = engine.predict(inputs, read_nominal(sys.argv[1]).theta0, sensors=["P3_Pa", "T5_K", "power_W"])
+    nominal = read_nominal(sys.argv[1])
+    p = nominal.error_model.of(engine).predict(inputs, nominal.theta0, sensors=["P3_Pa", "T5_K", "power_W"])
     CDP, TAT, TEY = (part[c] for c in ("P3_Pa", "T5_K", "power_W"))
     print(
         f"{len(CDP)} steady hours below 1097 °C, measured against calculated (medians): "

@@ -17,7 +17,6 @@ from enginediag_cli.recordings.recorder import load_recorder
 
 ENGINE = CONFIGS / "cmapss_turbofan.yaml"
 RECORDER = CONFIGS / "recorders" / "cmapss.yaml"
-GENERIC_MAPS = ("--model-error", "0.2")
 
 pytestmark = pytest.mark.shared_data
 
@@ -80,20 +79,14 @@ def test_every_engine_has_departed_at_the_end_of_its_life(nominal, fleet):
 
 
 def test_at_least_95_of_100_engines_are_isolated_to_the_hpc_at_the_end_of_life(nominal, fleet):
-    rows = isolated(nominal, fleet, "--last", "20", *GENERIC_MAPS)
+    rows = isolated(nominal, fleet, "--last", "20")
     assert len(rows) == 100 and Counter(row["components"] for row in rows)["hpc"] >= 95
 
 
 def test_the_hpc_is_still_named_when_every_sensor_may_be_wrong_too(nominal, fleet):
     monitored = [f"--monitor={name}" for name in (*load_engine(ENGINE).monitored, "sensor.*.bias")]
-    rows = isolated(nominal, fleet, "--last", "20", *GENERIC_MAPS, *monitored, "--largest", "3")
+    rows = isolated(nominal, fleet, "--last", "20", *monitored, "--largest", "3")
     assert Counter(row["components"] for row in rows)["hpc"] >= 90
-
-
-def test_without_allowance_for_the_generic_maps_a_second_component_is_named(nominal, fleet):
-    rows = isolated(nominal, fleet, "--last", "20")
-    assert all("hpc" in row["components"].split("; ") for row in rows)
-    assert Counter(row["components"] for row in rows)["hpc"] <= 10
 
 
 @pytest.mark.slow
@@ -106,7 +99,7 @@ def test_few_engines_are_called_faulty_in_their_second_twenty_cycles(nominal, fl
 
 @pytest.mark.slow
 def test_the_hpc_is_named_less_surely_earlier_in_life(nominal, fleet):
-    windows = isolated(nominal, fleet, "--window", "20", *GENERIC_MAPS)
+    windows = isolated(nominal, fleet, "--window", "20")
     begin, end = {}, {}
     for row in windows:
         begin.setdefault(row["engine"], int(row["first_line"]) - 20)

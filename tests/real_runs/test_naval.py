@@ -61,7 +61,6 @@ def answers(plant):
         "3",
         "--by",
         "component",
-        "--no-sensors",
     )
     states = [(decay(rows[int(r["first_line"]) - 2]), r) for r in table(out)]
     return [(*kappa, r["verdict"], frozenset(r["components"].split("; ")) - {""}) for kappa, r in states]
@@ -92,18 +91,20 @@ def test_a_decayed_compressor_is_isolated_to_the_compressor(answers):
     assert right >= 0.9
 
 
-def test_a_decayed_turbine_is_isolated_to_the_gas_generator_turbine(answers):
-    right = share(
-        answers, lambda c, t: c >= 0.992 and t <= 0.985, lambda a: a[2] == "fault" and a[3] == {"gas_generator_turbine"}
-    )
-    assert right >= 0.8
+def test_a_decayed_turbine_is_the_gas_generator_turbine_and_never_the_compressor(answers):
+    """Often alone; its generic map, wrong by several per cent, lets the power turbine take part in the rest."""
+
+    def chosen(c, t):
+        return c >= 0.992 and t <= 0.985
+
+    assert share(answers, chosen, lambda a: a[2] == "fault" and "gas_generator_turbine" in a[3]) >= 0.95
+    assert share(answers, chosen, lambda a: "compressor" in a[3]) == 0.0
+    assert share(answers, chosen, lambda a: a[3] == {"gas_generator_turbine"}) >= 0.6
 
 
-def test_where_both_decay_the_compressor_is_always_named_and_a_turbine_often(answers):
-    """Three records of each state, and a model error of several per cent: the smaller effect may go unnamed."""
-    turbines = {"gas_generator_turbine", "power_turbine"}
-    assert share(answers, lambda c, t: c <= 0.97 and t <= 0.985, lambda a: "compressor" in a[3]) >= 0.9
-    assert share(answers, lambda c, t: c <= 0.97 and t <= 0.985, lambda a: bool(a[3] & turbines)) >= 0.4
+def test_where_both_decay_both_are_named(answers):
+    both = {"compressor", "gas_generator_turbine"}
+    assert share(answers, lambda c, t: c <= 0.97 and t <= 0.985, lambda a: both <= a[3]) >= 0.9
 
 
 def test_of_the_most_decayed_compressor_with_sensors_as_suspects_the_answer_is_cannot_tell(plant, tmp_path):
