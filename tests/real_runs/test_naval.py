@@ -102,17 +102,18 @@ def test_a_decayed_turbine_is_the_gas_generator_turbine_and_never_the_compressor
     assert share(answers, chosen, lambda a: a[3] == {"gas_generator_turbine"}) >= 0.6
 
 
-def test_where_both_decay_both_are_named(answers):
+def test_where_both_decay_both_are_named_three_times_of_four(answers):
     both = {"compressor", "gas_generator_turbine"}
-    assert share(answers, lambda c, t: c <= 0.97 and t <= 0.985, lambda a: both <= a[3]) >= 0.9
+    assert share(answers, lambda c, t: c <= 0.97 and t <= 0.985, lambda a: both <= a[3]) >= 0.7
 
 
-def test_of_the_most_decayed_compressor_with_sensors_as_suspects_the_answer_is_cannot_tell(plant, tmp_path):
-    """Two sensors and every component with absurd errors would fit: the 18 records of the largest decay."""
+def test_the_most_decayed_compressor_is_its_efficiency_alone_with_every_instrument_a_suspect(plant, tmp_path):
+    """The 18 records of the largest decay, 4.8 to 5 % of efficiency."""
     with (plant / "high.csv").open(newline="", encoding="utf-8") as file:
         worst = [row for row in csv.DictReader(file) if decay(row)[0] <= 0.952 and decay(row)[1] >= 0.998]
-    out, err = enginediag(
+    out, _ = enginediag(
         "isolate", "-n", plant / "nominal.yaml", write(tmp_path / "worst.csv", worst), "--recorder", RECORDER
     )
-    assert {row["verdict"] for row in table(out)} == {"cannot tell"}
-    assert "compressor isentropic efficiency rose" in err and "which is not believed: cannot tell" in err
+    (row,) = table(out)
+    assert row["verdict"] == "fault" and row["isolated"] == "compressor.efficiency"
+    assert float(row["lower"]) < -0.049 < float(row["upper"]) < -0.01
