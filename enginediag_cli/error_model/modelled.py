@@ -25,6 +25,11 @@ FAMILY = "map_error"
 """Family of the amounts by which maps are wrong."""
 
 
+def map_error_name(target: str, j: int) -> str:
+    """Name of the j-th amount, from 1, of the map quantity `target`."""
+    return f"{FAMILY}.{target}.{j}"
+
+
 @dataclass(frozen=True)
 class ModelledPrediction(Prediction):
     """A prediction; `frozen`: columns (N,) by name that fix the errors of the maps as they are taken here."""
@@ -50,7 +55,7 @@ class MapErrorModel:
         known = {m.name: m for m in machines_of(model)}
         self.curves, self.sizes = tuple(curves), dict(sizes)
         self._groups = [
-            _Group(known[c.machine], c, target, tuple(f"{FAMILY}.{target}.{j + 1}" for j in range(CURVES)))
+            _Group(known[c.machine], c, target, tuple(map_error_name(target, j + 1) for j in range(CURVES)))
             for c in curves
             for target in (known[c.machine].parameter(q) for q in QUANTITIES)
             if target in sizes and target in model.parameters

@@ -111,8 +111,8 @@ def test_few_half_days_of_base_load_alarm_in_2012(identified, uci):
 
 
 def test_of_the_day_of_2012_with_less_power_at_full_temperature_the_compressor_is_the_first_suspect(identified, uci):
-    """Lines 2659 to 2684: 148 MW where the hours before and after make 156 and 155, at the same TIT and outside air. With
-    maps that are generic it is not told for certain."""
+    """Lines 2659 to 2684: 148 MW where the hours before and after make 156 and 155, at the same TIT and outside air.
+    With maps that are generic it is not told for certain."""
     out, _ = enginediag("isolate", "-n", identified["base"], uci / "gt_2012.csv", "--recorder", BASE_LOAD, *HALF_A_DAY)
     rows = [r for r in table(out) if int(r["first_line"]) <= 2684 and int(r["last_line"]) >= 2664]
     assert rows and all(r["verdict"] == "fault" for r in rows)

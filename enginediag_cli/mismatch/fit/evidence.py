@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from enginediag_cli.engine.engine import Engine
+from enginediag_cli.error_model.error_model import ErrorModel
 
 
 @dataclass(frozen=True)
@@ -40,7 +41,8 @@ class Noise:
 
 @dataclass(frozen=True)
 class Settings:
-    """`nuisance`: parameter → prior standard deviation; `prior_mean`: those not at nominal; `map_accuracy` as in
+    """`nuisance`: parameter → prior standard deviation; `prior_mean`: those not at nominal; `maps`: their error as a
+    nominal state has it, None where none is given; `map_accuracy` as in
     `mismatch.settings`; `false_alarm`: probability of naming something on an engine whose model lacks nothing; `loss`
     as in identification ("none" is least squares); `offsets`: sensor → standard deviation of a bias of each recording,
     in the column's unit, and `scale_offsets` of a scale error of each recording; `noise`: "specified" takes the
@@ -49,6 +51,7 @@ class Settings:
     nuisance: Mapping[str, float]
     prior_mean: Mapping[str, float] = field(default_factory=dict)
     map_accuracy: float = 0.003
+    maps: ErrorModel | None = None
     false_alarm: float = 0.05
     loss: str = "none"
     loss_scale: float = 2.5

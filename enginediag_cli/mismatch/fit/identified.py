@@ -17,7 +17,7 @@ from enginediag_cli.identification.problem import Problem, TrainingRecording, bu
 from enginediag_cli.identification.settings import IdentificationSettings
 from enginediag_cli.mismatch.fit.evidence import Evidence
 from enginediag_cli.mismatch.fit.extended import NUMBER, Discrepancy, ExtendedModel
-from enginediag_cli.mismatch.fit.nuisance import constants, floor
+from enginediag_cli.mismatch.fit.nuisance import constants, floor, found_floor
 from enginediag_cli.physics.registry import own_drivers
 from enginediag_cli.progress import stage
 
@@ -143,7 +143,10 @@ def nuisance(evidence: Evidence) -> Nuisance:
     s, engine = evidence.settings, evidence.engine
     inputs = inputs_of(evidence)
     known = {n: v for n, v in s.prior_mean.items() if n in engine.parameters}
-    discrepancies, curves = floor(engine, inputs, known, s.map_accuracy)
+    if s.maps is not None and s.map_accuracy > 0.0:
+        discrepancies, curves = found_floor(engine, inputs, known, s.maps)
+    else:
+        discrepancies, curves = floor(engine, inputs, known, s.map_accuracy)
     of_engine = np.concatenate(
         [np.full(len(next(iter(f.columns.values()))), evidence.engines.index(f.engine)) for f in evidence.flights]
     )

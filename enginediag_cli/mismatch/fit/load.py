@@ -28,6 +28,7 @@ from enginediag_cli.engine.engine import Engine
 from enginediag_cli.engine.mismatch_block import MISMATCH
 from enginediag_cli.errors import DataError
 from enginediag_cli.identification.nominal import Nominal
+from enginediag_cli.identification.other_accuracy import with_accuracy
 from enginediag_cli.identification.settings import IdentificationSettings, settings_from_mapping
 from enginediag_cli.intake.baseline import Baseline, open_baseline
 from enginediag_cli.intake.flights import whole_flights
@@ -35,6 +36,7 @@ from enginediag_cli.intake.intake import Intake
 from enginediag_cli.intake.source import Source
 from enginediag_cli.intake.wanted import columns_of
 from enginediag_cli.mismatch.fit.evidence import Evidence, Flight, Noise, Settings
+from enginediag_cli.mismatch.fit.nuisance import amounts_of
 from enginediag_cli.mismatch.fit.self_identified import SelfIdentified, self_identified
 
 SCALE_SIGMA = 0.002
@@ -111,6 +113,9 @@ def build_evidence(
     sensors = _sensors(engine, flights, stated)
     sigma = _prior_sigma(engine, block, stated, sensors)
     _check_limits(engine, block.get("limits") or {})
+    known = nominal if isinstance(nominal, Nominal) else None
+    if known is not None and asked.model_error is not None:
+        nominal = known = with_accuracy(known, asked.model_error)
     theta0 = nominal.engine_values if nominal is not None else dict(stated.prior_mean)
     theta0 = {n: v for n, v in theta0.items() if n in engine.parameters}
     unused = set(engine.sensors) - set(sensors)
@@ -119,7 +124,8 @@ def build_evidence(
     ]
     settings = Settings(
         sigma,
-        prior_mean={n: v for n, v in theta0.items() if n in sigma},
+        prior_mean={n: v for n, v in theta0.items() if n in sigma} | (amounts_of(known) if known else {}),
+        maps=known.error_model if known else None,
         map_accuracy=float(block["map_accuracy"]) if asked.model_error is None else asked.model_error,
         false_alarm=asked.false_alarm,
         loss=stated.loss if engine.declared.get("identification") else "none",

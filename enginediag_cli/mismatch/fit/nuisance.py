@@ -17,6 +17,11 @@ from enginediag_cli.drivers import polynomials
 from enginediag_cli.engine.components.compressor import Compressor
 from enginediag_cli.engine.components.turbine import Turbine
 from enginediag_cli.engine.engine import Engine
+from enginediag_cli.error_model.curves import CURVES
+from enginediag_cli.error_model.error_model import ErrorModel
+from enginediag_cli.error_model.machines import QUANTITIES, machines_of
+from enginediag_cli.error_model.modelled import map_error_name
+from enginediag_cli.identification.nominal import Nominal
 from enginediag_cli.mismatch.fit.extended import Discrepancy
 
 SPEED_DEGREE, POSITION_DEGREE = 3, 2
@@ -69,11 +74,51 @@ def floor(
         return found, curves
     for name, columns in map_curves(engine, inputs, parameters):
         for j, curve in enumerate(columns.T):
-            key = f"map {name} {j + 1}"
+            key = _key(name, j + 1)
             curves[key] = curve
             for quantity in ("efficiency", "flow_capacity"):
                 found.append(Discrepancy(f"{name}.{quantity}", key, accuracy))
     return found, curves
+
+
+def found_floor(
+    engine: Engine, inputs: Mapping[str, np.ndarray], parameters: Mapping[str, float], found: ErrorModel
+) -> tuple[list[Discrepancy], dict[str, np.ndarray]]:
+    """The floor as an identification found it: its own curves, frozen there, and sizes."""
+    machines = {m.name: m for m in machines_of(engine)}
+    columns = tuple(dict.fromkeys(c for m in machines.values() for c in m.columns))
+    p = engine.predict(inputs, parameters, sensors=columns)
+    y = dict(zip(columns, np.where(p.ok[:, None], p.y, np.nan).T, strict=True))
+    discrepancies: list[Discrepancy] = []
+    curves: dict[str, np.ndarray] = {}
+    for c in found.curves:
+        machine = machines[c.machine]
+        for j, curve in enumerate(c.at(machine.coordinates(y)).T, start=1):
+            curves[_key(c.machine, j)] = curve
+            discrepancies += [
+                Discrepancy(target, _key(c.machine, j), found.sizes[target])
+                for target in map(machine.parameter, QUANTITIES)
+                if target in found.sizes
+            ]
+    return discrepancies, curves
+
+
+def amounts_of(nominal: Nominal) -> dict[str, float]:
+    """What the discrepancies of `found_floor` were where they were identified, by name."""
+    values, found = nominal.theta0, nominal.error_model
+    if found is None:
+        return {}
+    return {
+        Discrepancy(target, _key(c.machine, j), 0.0).name: values[map_error_name(target, j)]
+        for c in found.curves
+        for target in found.sizes
+        if target.startswith(f"{c.machine}.")
+        for j in range(1, CURVES + 1)
+    }
+
+
+def _key(machine: str, j: int) -> str:
+    return f"map {machine} {j}"
 
 
 def _beyond(values: np.ndarray, curves: np.ndarray) -> np.ndarray:
