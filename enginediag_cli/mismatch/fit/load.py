@@ -18,7 +18,7 @@ from __future__ import annotations
 
 import fnmatch
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -36,6 +36,7 @@ from enginediag_cli.intake.intake import Intake
 from enginediag_cli.intake.source import Source
 from enginediag_cli.intake.wanted import columns_of
 from enginediag_cli.mismatch.fit.evidence import Evidence, Flight, Noise, Settings
+from enginediag_cli.mismatch.fit.noise import larger_noise
 from enginediag_cli.mismatch.fit.nuisance import amounts_of
 from enginediag_cli.mismatch.fit.self_identified import SelfIdentified, self_identified
 
@@ -93,7 +94,12 @@ def load_case(case: Case) -> Loaded:
     if nominal is None and engine.declared.get("identification"):
         # an engine whose design is not known must be identified before anything can be missing
         nominal = self_identified(engine, flights)
-    return Loaded(build_evidence(engine, flights, case.asked, nominal=nominal), intake, baseline)
+    evidence = build_evidence(engine, flights, case.asked, nominal=nominal)
+    if baseline and engine.declared.get("identification"):
+        # instruments differ from flight to flight by more than one flight's nominal knows
+        own = build_evidence(engine, flights, case.asked, nominal=self_identified(engine, flights))
+        evidence = replace(evidence, noise=larger_noise(evidence.noise, own.noise))
+    return Loaded(evidence, intake, baseline)
 
 
 def build_evidence(

@@ -50,11 +50,35 @@ def doubtful(gate: float, projection: Projection) -> float:
     """A gate on −ln p of scores that take estimated noise as exact: a score may rest on one sensor, whose σ² comes from
     about ν independent readings, so that T is F distributed with (1, ν) degrees of freedom. Of a record correlated by
     ρ with the one before it (1 − ρ)/(1 + ρ) is independent; LARGEST_SHARE may be taken by what was fitted."""
+    if not np.isfinite(gate):
+        return gate
+    return float(surprise(stats.f.isf(np.exp(-gate), 1, independent_readings(projection)), 1))
+
+
+def doubtful_ratio(ratio: float, projection: Projection) -> float:
+    """The same of a gate on a log likelihood ratio, which is half such a statistic."""
+    if not 0.0 < ratio < np.inf:
+        return ratio
+    return 0.5 * float(stats.f.isf(np.exp(-surprise(2.0 * ratio, 1)), 1, independent_readings(projection)))
+
+
+def independent_readings(projection: Projection) -> float:
+    """ν of the sensor with the fewest."""
     frame = projection.frame
     rho = np.abs(frame.correlation()[frame.record, frame.sensor])
     independent = np.bincount(frame.sensor, (1.0 - rho) / (1.0 + rho))[np.unique(frame.sensor)]
-    nu = max(1.0, (1.0 - LARGEST_SHARE) * float(independent.min()))
-    return float(surprise(stats.f.isf(np.exp(-gate), 1, nu), 1)) if np.isfinite(gate) else gate
+    return max(1.0, (1.0 - LARGEST_SHARE) * float(independent.min()))
+
+
+def larger_noise(a: Noise, b: Noise) -> Noise:
+    """Of each sensor the noise that is larger, with its correlation."""
+    wider = {s for s, sigma in b.sigma.items() if sigma > a.sigma.get(s, 0.0)}
+    return replace(
+        a,
+        sigma={s: b.sigma[s] if s in wider else v for s, v in a.sigma.items()},
+        rho={s: b.rho.get(s, 0.0) if s in wider else v for s, v in a.rho.items()},
+        estimated=a.estimated or b.estimated,
+    )
 
 
 def with_noise(evidence: Evidence, noise: Noise) -> Evidence:

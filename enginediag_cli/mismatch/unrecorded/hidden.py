@@ -23,6 +23,7 @@ from enginediag_cli.intervals import NORMAL_95
 from enginediag_cli.mismatch.fit.believable import switching
 from enginediag_cli.mismatch.fit.freeform import Location, locations, of_effect
 from enginediag_cli.mismatch.fit.identified import Identified, Nuisance, nuisance
+from enginediag_cli.mismatch.fit.noise import doubtful_ratio
 from enginediag_cli.mismatch.fit.projection import Projection
 from enginediag_cli.mismatch.unrecorded.amplitude import Likelihood, Solver, own_error
 from enginediag_cli.mismatch.unrecorded.finding import HiddenFinding, Limit, Remark, Switch
@@ -69,7 +70,7 @@ def hidden_amplitudes(
     draws = of.noise(draws_for(len(of.gap)), rng)
     believed = believed_of(found, places)
     both = likelihoods(of, directions, np.concatenate([of.left[:, :, None], draws], axis=2), believed)
-    gate = threshold(largest(both)[1:], level)
+    gate = _doubted(threshold(largest(both)[1:], level), found, projection)
     findings = [_finding(found, of, place, d, f, gate) for place, d, f in zip(places, directions, both, strict=True)]
     findings.sort(key=lambda f: (not f.believable, -f.lr))
     if not findings or not findings[0].significant:
@@ -97,7 +98,14 @@ def _worth_a_refit(findings: list[HiddenFinding], found: Identified) -> list[Hid
 
 def hidden_gate(found: Identified, projection: Projection, *, level: float, rng: np.random.Generator) -> float:
     """LR that the likeliest of all locations exceeds with probability `level` when nothing is missing."""
-    return threshold(null_ratios(found, projection, draws_for(len(found.number)), rng), level)
+    gate = threshold(null_ratios(found, projection, draws_for(len(found.number)), rng), level)
+    return _doubted(gate, found, projection)
+
+
+def _doubted(gate: float, found: Identified, projection: Projection) -> float:
+    """The gate, higher where noise is estimated from few independent readings."""
+    estimated = found.evidence.noise.estimated or found.evidence.settings.noise == "estimate"
+    return doubtful_ratio(gate, projection) if estimated else gate
 
 
 def null_ratios(found: Identified, projection: Projection, count: int, rng: np.random.Generator) -> np.ndarray:
