@@ -282,7 +282,9 @@ def _fit_and_noise(
         inflation = problem.inflation * (inflation / problem.inflation) ** damping
         shared = problem.shared * (shared / problem.shared) ** damping
         frozen = frozen + damping * (fit.x - frozen)
-        problem, x, grown = resized(frozen_at(here, frozen), fit.equations, fit.x, fit.z, accuracy, damping)
+        # sizes that several machines could have wander from pass to pass: what all passes say of them, on average
+        share = 1.0 / max(number - UNDAMPED_PASSES + 1, 1)
+        problem, x, grown = resized(frozen_at(here, frozen), fit.equations, fit.x, fit.z, accuracy, share)
         problem = problem.with_noise(sigma, inflation, shared)
         start = (x, fit.z)
         settled = settled and grown < SIZES_SETTLED

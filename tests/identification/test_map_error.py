@@ -178,3 +178,34 @@ def test_the_poorer_the_maps_the_wider_every_answer():
     nominal = found(0.0).nominal("", "", {})
     errors = [[e.standard_error for e in with_accuracy(nominal, a).estimates] for a in (0.0, 0.003, 0.01, 0.05)]
     assert np.all(np.diff(errors, axis=0) >= -1e-12)
+
+
+def test_sizes_that_several_machines_could_have_settle():
+    """A turbofan: ten map quantities, of which nine sensors tell some only together."""
+    e = load_engine(str(shipped("turbofan.yaml")))
+    machines = machines_of(e)
+    columns = tuple(dict.fromkeys(c for m in machines for c in m.columns))
+    flights = []
+    for k in range(3):
+        rng = np.random.default_rng(k)
+        h = rng.uniform(0, 10_000, 80)
+        u = {"altitude_m": h, "mach": 0.3 + 0.5 * h / 11_000, "dT_isa_K": np.full(80, rng.normal(0, 8))}
+        flights.append(u | {e.power_setting: e.power_from_fraction(rng.uniform(0.3, 1, 80), u)})
+    every = {c: np.concatenate([u[c] for u in flights]) for c in e.inputs}
+    values = dict(zip(columns, e.predict(every, sensors=columns).y.T, strict=True))
+    curves = [learn_curves(m.name, m.coordinates(values)) for m in machines]
+    wrong = MapErrorModel(e, curves, {m.parameter(q): STATED for m in machines for q in QUANTITIES})
+    rng = np.random.default_rng(5)
+    drawn = {n: 0.005 * rng.standard_normal() for names in wrong.groups.values() for n in names}
+    recordings = []
+    for k, u in enumerate(flights):
+        noise = np.random.default_rng(100 + k)
+        p = wrong.predict(u, {"hpc.efficiency": 0.985, **drawn}, sensors=tuple(e.sensors))
+        read = {c: p.y[:, j] + e.sensors[c].noise_sigma * noise.standard_normal(80) for j, c in enumerate(p.columns)}
+        recordings.append(TrainingRecording(f"flight {k}", {**u, **read}))
+    result = identify(e, recordings, cross_validation=False)
+    assert result.converged, result.reason
+    ratio = np.array([m.found / m.stated for m in result.map_errors])
+    assert len(ratio) == 10 and np.all((ratio >= 1 - 1e-9) & (ratio < 4))
+    own = next(x for x in result.estimates if x.name == "hpc.efficiency")
+    assert abs(own.value - 0.985) < 3 * own.standard_error
