@@ -85,7 +85,7 @@ class Further:
         if nominal is None and (self.advise or self.nonlinear == "always"):
             raise click.UsageError("--advise and --nonlinear always need --nominal")
         if reference and self.nonlinear == "always":
-            raise click.UsageError("--nonlinear always does not go with --reference or --model-error")
+            raise click.UsageError("--nonlinear always does not go with --reference")
         if self.extra and not self.advise:
             raise click.UsageError("--extra-sensor goes with --advise")
 

@@ -42,6 +42,11 @@ class Compared:
         baseline = open_baseline(self.nominal, accept_changed_engine=self.accept_changed_engine)
         tell_baseline(messages, baseline, source.engine_instance)
         if model_error is not None:
+            if model_error > 0.0 and baseline.nominal.error_model is None:
+                messages.warning(
+                    f"--model-error {model_error:g} changes nothing: {self.nominal} was identified with maps taken for "
+                    "exact; give the option to `enginediag identify`, too"
+                )
             baseline = replace(baseline, nominal=with_accuracy(baseline.nominal, model_error))
         return monitor_of(baseline, self.patterns, sensors=sensors)
 

@@ -180,7 +180,7 @@ def _with_errors(
         effect = np.column_stack([np.broadcast_to(frozen[_effect(g.target, c)], (n,)) for c in p.columns])
         if amounts[g.target].any():
             y += effect * (phi @ amounts[g.target])[:, None]
-        if g.names[0] in where:
-            J[:, :, [where[name] for name in g.names]] = effect[:, :, None] * phi[:, None, :]
+        asked = [j for j, name in enumerate(g.names) if name in where]
+        J[:, :, [where[g.names[j]] for j in asked]] = effect[:, :, None] * phi[:, None, asked]
     kept = {f.name: getattr(p, f.name) for f in fields(Prediction)}
     return ModelledPrediction(**{**kept, "y": y, "jacobian": J, "wrt": wrt}, frozen=frozen)

@@ -3,7 +3,7 @@
 With information H and pull b of the data about the amounts x (everything else eliminated or beside them), both in units
 of the present prior standard deviations, and t the factor by which the standard deviation of each group changes,
 
-    ln L(t) = ½ bᵀ(H + T⁻²)⁻¹ b − ½ ln det(1 + T² H),     ∂ln L/∂ln t_g = ½ Σ_{j in g} [(μ_j² + C_jj)/t_g² − 1]
+    ln L(t) = ½ bᵀ(H + T⁻²)⁻¹ b − ½ ln det(1 + T² H),     ∂ln L/∂ln t_g = Σ_{j in g} [(μ_j² + C_jj)/t_g² − 1]
 
 with μ = C b, C = (H + T⁻²)⁻¹. To it comes the prior ln s_g ~ N(ln stated, 1), and s_g is never below what is stated:
 one healthy engine may happen to lie on its map, and the next need not.
@@ -18,6 +18,10 @@ SPREAD = 1.0
 LARGEST = 5.0
 """Size of a map error, as a multiple of what is stated, that is not exceeded: what asks for more is no error of a map
 but physics that is missing, and must stay to be seen."""
+
+SLOPE = 1e-3
+"""Slope of ln L per ln t at which the search ends: a size is then found to a thousandth. Its value would not do to end
+it: ½ bᵀ C b grows with the records, and what sizes change of it does not."""
 
 
 def likeliest_factors(
@@ -44,11 +48,12 @@ def likeliest_factors(
         C = np.linalg.inv(inner)
         mean = C @ (t * pull)  # in units of t
         slope = mean**2 + np.diag(C) - 1.0
-        gradient = 0.5 * np.bincount(group[group >= 0], slope[group >= 0], minlength=G)
+        gradient = np.bincount(group[group >= 0], slope[group >= 0], minlength=G)
         value = 0.5 * float(half @ half) - float(np.sum(np.log(np.diag(L))))
         away = (log_t - centre) / SPREAD
         return -(value - 0.5 * float(away @ away)), -(gradient - away / SPREAD)
 
     start = np.clip(np.zeros(G), centre, top)
-    found = minimize(lost, start, jac=True, method="L-BFGS-B", bounds=list(zip(centre, top, strict=True)))
+    bounds = list(zip(centre, top, strict=True))
+    found = minimize(lost, start, jac=True, method="L-BFGS-B", bounds=bounds, options={"ftol": 0.0, "gtol": SLOPE})
     return np.asarray(np.exp(found.x))

@@ -292,7 +292,9 @@ def _fit_and_noise(
             # the fit may believe correlated readings more than they deserve (MAX_TEMPERING), sizes must not
             cautious = here.with_noise(here.sigma, np.maximum(noise.inflation, here.inflation), here.shared)
             equations = normal_equations(cautious, fit.x, fit.z)
-        problem, x, grown = resized(frozen_at(here, frozen), equations, fit.x, fit.z, accuracy, damping)
+        # sizes that several machines could have wander from pass to pass: what all passes say of them, on average
+        share = 1.0 / max(number - UNDAMPED_PASSES + 1, 1)
+        problem, x, grown = resized(frozen_at(here, frozen), equations, fit.x, fit.z, accuracy, share)
         problem = problem.with_noise(sigma, inflation, shared)
         start = (x, fit.z)
         settled = settled and grown < SIZES_SETTLED

@@ -84,11 +84,19 @@ def test_follow_refuses_what_it_cannot_do_and_says_why(files, capsys):
         ["--detectable"],
         ["--reference", "9"],
         ["--last", "9"],
-        ["--model-error", "0.2"],
     ):
         assert run(*follow, *options)[0] == 2
         assert f"{options[0]} does not go with --follow: " in capsys.readouterr().err
     assert run("detect", "--follow", files["flown.csv"])[0] == 2
+
+
+def test_maps_that_are_said_to_be_poor_make_a_followed_flight_stand_out_less(files):
+    follow = ["detect", "--follow", "--idle", "0", "--window", "200", "-q", "--no-header", "--format", "csv"]
+    evidence = []
+    for share in ("0.003", "0.1"):
+        _, out = run(*follow, "-n", files["nominal.yaml"], files["flown.csv"], "--model-error", share)
+        evidence.append(max(float(row["log10_e"]) for row in csv.DictReader(io.StringIO(out)) if row["log10_e"]))
+    assert evidence[0] > 2 * evidence[1] > 0
 
 
 def test_a_foreign_recording_is_followed_as_its_recorder_maps_it(files, tmp_path):

@@ -83,7 +83,7 @@ def test_worn_engines_of_a_fleet_are_found_and_isolated_to_their_components(run,
     detected = rows_of(run("detect", *common))
     assert {r["engine"] for r in detected if r["verdict"] == "fault"} == set(WORN)
     assert [r["records"] for r in detected] == ["20"] * 6
-    isolated = rows_of(run("isolate", *common, "--by", "component", "--model-error", "0.2"))
+    isolated = rows_of(run("isolate", *common, "--by", "component"))
     assert {r["engine"]: r["components"] for r in isolated if r["components"]} == WORN
 
 

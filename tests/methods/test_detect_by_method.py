@@ -140,7 +140,7 @@ def test_rows_do_not_depend_on_the_windows_that_are_judged_together(run):
         (("--method", "pca_raw", "--healthy", "faulty.csv"), "to be learnt from"),
         (("--method", "parity", "--detectable"), "--detectable does not go with"),
         (("--method", "parity", "--follow"), "--follow does not go with"),
-        (("--method", "parity", "--model-error", "0.1"), "--model-error does not go with"),
+        (("--method", "parity", "--model-error", "0.2"), "is not in the range"),
         (("--method", "parity", "--reference", "10"), "--reference does not go with"),
         (("--method", "parity", "--linearise", "nominal"), "no such choice"),
     ],
@@ -148,6 +148,13 @@ def test_rows_do_not_depend_on_the_windows_that_are_judged_together(run):
 def test_options_that_do_not_go_together_are_usage_errors(run, arguments, words):
     code, rows, err = run(*arguments, "faulty.csv", learning=False)
     assert (code, rows) == (2, []) and words in err
+
+
+def test_an_accuracy_of_maps_that_were_identified_as_exact_changes_nothing_and_that_is_told(run):
+    code, rows, err = run("--method", "parity", "--model-error", "0.003", "faulty.csv")
+    assert code == 0 and rows == run("--method", "parity", "faulty.csv")[1]
+    assert "--model-error 0.003 changes nothing" in err and "identified with maps taken for exact" in err
+    assert "changes nothing" not in run("--method", "parity", "--model-error", "0", "faulty.csv")[2]
 
 
 def test_too_little_to_learn_from_says_what_is_needed(run, none):

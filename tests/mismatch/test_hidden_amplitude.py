@@ -24,10 +24,11 @@ def geometry(rho):
     follows = np.zeros_like(keep)
     follows[1:] = keep[1:] & keep[:-1] & (GAP[1:] == 1)[:, None] & (rho != 0)
     sigma = np.array([0.5, 1.0, 2.0])
+    before = np.where(follows, rho, 0.0)
     frame = SimpleNamespace(
         keep=keep,
         sigma=sigma,
-        correlation=np.where(follows, rho, 0.0),
+        correlation=lambda rows=slice(None): before[rows],
         neighbours=SimpleNamespace(gap=GAP),
         scaled=lambda v: np.where(keep[:, :, None], v, 0.0) / sigma[:, None],
     )

@@ -92,7 +92,13 @@ def test_a_certain_nominal_is_left_as_it_is():
     assert Economy(certain).of([toy_recording(np.random.default_rng(7), MANY)])[0] is certain
 
 
-def test_where_no_fit_would_do_few_and_many_records_are_judged_by_the_same_monitor(uncertain):
-    rough = replace(uncertain, smooth=False)
+def test_where_no_fit_would_do_few_and_many_records_are_judged_by_the_engine(uncertain):
+    rough = Economy(replace(uncertain, smooth=False))
+    found = []
     for count in (1, MANY + 1):
-        assert Economy(rough).of([toy_recording(np.random.default_rng(8), count)])[0] is rough
+        monitor, every = rough.of([toy_recording(np.random.default_rng(8), count)])
+        found.append(monitor)
+        (recording,) = every
+        ours, plain = (judged(m, recording, "nominal") for m in (monitor, uncertain))
+        assert ours.test.statistic == pytest.approx(plain.test.statistic, rel=1e-6)
+    assert type(found[0]) is ReducedMonitor and found[0] is found[1]

@@ -1,0 +1,106 @@
+"""How large map errors are: against closed forms and differences."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.optimize import minimize
+
+from enginediag_cli.error_model.sizes import LARGEST, SPREAD, likeliest_factors
+
+STATED = np.array([0.003])
+
+
+def objective(log_t, H, b, group, centre):
+    """−ln L(t) less the prior, from dense matrices."""
+    t = np.where(group >= 0, np.exp(log_t)[group], 1.0)
+    V = np.eye(len(t)) + (t[:, None] * H * t)
+    gain = 0.5 * (t * b) @ np.linalg.solve(V, t * b) - 0.5 * np.linalg.slogdet(V)[1]
+    return -(gain - 0.5 * np.sum(((log_t - centre) / SPREAD) ** 2))
+
+
+def drawn(rng, p, size, strength=50.0):
+    """Information H (p, p) of well-conditioned data and the pull b (p,) of amounts of `size` in prior units."""
+    A = rng.normal(size=(3 * p, p)) * np.sqrt(strength / (3 * p))
+    H = A.T @ A
+    x = size * rng.normal(size=p)
+    return H, H @ x + A.T @ rng.normal(size=3 * p)
+
+
+def test_one_group_with_diagonal_information_has_a_closed_form():
+    """h ≫ 1: mean square of the amounts t̂², held by the prior of its logarithm: n (m²/t² − 1) = ln t."""
+    n, h, x = 200, 1e6, 3.0
+    t = likeliest_factors(h * np.eye(n), np.full(n, h * x), np.zeros(n, int), STATED, STATED)
+    (found,) = t
+    variance = x**2 + 1 / h  # of an amount, as the data have it
+    assert n * (variance / found**2 - 1) == pytest.approx(np.log(found), rel=1e-3)
+    assert found == pytest.approx(x, rel=0.02)
+
+
+def test_sizes_are_never_below_what_is_stated():
+    n = 20
+    nothing = likeliest_factors(100 * np.eye(n), np.zeros(n), np.zeros(n, int), STATED, STATED)
+    assert nothing == pytest.approx(1.0)
+    # also when they stood higher before
+    back = likeliest_factors(100 * np.eye(n), np.zeros(n), np.zeros(n, int), 5 * STATED, STATED)
+    assert back == pytest.approx(0.2)
+
+
+def test_no_size_is_beyond_the_largest_that_a_map_error_has():
+    n = 20
+    (t,) = likeliest_factors(1e4 * np.eye(n), np.full(n, 1e4 * 1e3), np.zeros(n, int), STATED, STATED)
+    assert t * STATED[0] == pytest.approx(LARGEST)
+
+
+def test_no_information_leaves_what_is_stated():
+    t = likeliest_factors(np.zeros((4, 4)), np.zeros(4), np.array([0, 0, 1, 1]), np.full(2, 0.003), np.full(2, 0.003))
+    np.testing.assert_allclose(t, 1.0)
+    assert likeliest_factors(np.zeros((0, 0)), np.zeros(0), np.zeros(0, int), np.zeros(0), np.zeros(0)).shape == (0,)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_factors_are_where_the_marginal_likelihood_is_largest_and_its_slope_is_that_of_differences(seed):
+    rng = np.random.default_rng(seed)
+    group = np.array([0] * 5 + [1] * 5 + [2] * 5 + [-1] * 4)
+    x = np.repeat([0.2, 3.0, 8.0, 1.0], [5, 5, 5, 4])
+    H, b = drawn(rng, len(group), x)
+    stated = np.full(3, 0.003)
+    present = stated * np.array([1.0, 1.5, 2.0])
+    centre = np.log(stated / present)
+    t = likeliest_factors(H, b, group, present, stated)
+    direct = minimize(
+        objective,
+        np.maximum(np.zeros(3), centre),
+        (H, b, group, centre),
+        method="Nelder-Mead",
+        bounds=list(zip(centre, np.log(LARGEST / present), strict=True)),
+        options={"xatol": 1e-7, "fatol": 1e-10, "maxiter": 4000},
+    )
+    np.testing.assert_allclose(np.log(t), direct.x, atol=1e-3)
+    step = 1e-5
+    for g in range(3):
+        away = np.eye(3)[g] * step
+        slope = (
+            objective(np.log(t) + away, H, b, group, centre) - objective(np.log(t) - away, H, b, group, centre)
+        ) / (2 * step)
+        assert abs(slope) < 1e-3 or (np.isclose(t[g], np.exp(centre[g])) and slope > 0)
+
+
+def test_what_keeps_its_prior_takes_its_share_of_the_pull():
+    """A parameter beside the amounts that explains the readings as well leaves less for them."""
+    H = 100 * np.array([[1.0, 1.0], [1.0, 1.0]]) + 1e-9 * np.eye(2)
+    b = np.full(2, 100 * 4.0)
+    alone = likeliest_factors(H[:1, :1], b[:1], np.array([0]), STATED, STATED)
+    beside = likeliest_factors(H, b, np.array([0, -1]), STATED, STATED)
+    assert 1.0 <= beside[0] < alone[0]
+
+
+def test_the_answer_does_not_depend_on_the_units_in_which_it_is_asked():
+    """Present sizes are units: halving them halves the standard deviation that a factor of one stands for."""
+    rng = np.random.default_rng(9)
+    group = np.array([0] * 6 + [1] * 6)
+    H, b = drawn(rng, 12, np.repeat([2.0, 5.0], 6))
+    stated = np.full(2, 0.003)
+    one = likeliest_factors(H, b, group, stated, stated) * stated
+    other = likeliest_factors(4 * H, 2 * b, group, 2 * stated, stated) * 2 * stated
+    np.testing.assert_allclose(other, one, rtol=1e-3)
