@@ -87,6 +87,7 @@ def identify(
     """
     if holdout is not None and holdout_last:
         raise click.UsageError("--holdout and --holdout-last exclude each other")
+    from enginediag_cli.engine.description import EngineDescription
     from enginediag_cli.identification.identify import identify as run
     from enginediag_cli.identification.nominal_file import write_nominal
     from enginediag_cli.identification.repeats import without_repeats
@@ -100,6 +101,7 @@ def identify(
     from enginediag_cli.residuals.monitor import monitor_from_nominal
 
     engine = load_engine(engine_path)
+    described = EngineDescription.of(engine_path, engine.declared)
     intake = Intake(source, columns_of(engine))
     training = [flight.recording for flight in whole_flights(intake)]
     tell_left_out(messages, intake.left_out)
@@ -119,9 +121,10 @@ def identify(
     if result.bounds and not allow_bounds:
         messages.error(bounds_line(result.bounds))
         return ExitCode.NO_VERDICT
-    path, digest = _engine_reference(engine_path, output_path)
-    nominal = result.nominal(path, digest, _provenance(source, part))
-    write_nominal(replace(nominal, smooth=is_smooth(monitor_from_nominal(engine, nominal))), output_path)
+    path = _engine_reference(engine_path, output_path)
+    nominal = result.nominal(path, described.sha256, _provenance(source, part))
+    smooth = is_smooth(monitor_from_nominal(engine, nominal))
+    write_nominal(replace(nominal, smooth=smooth, description=described), output_path)
     return ExitCode.DONE
 
 
@@ -140,15 +143,13 @@ def _divided(training: list[TrainingRecording], part: Part) -> tuple[list[Traini
     return training, []
 
 
-def _engine_reference(engine_path: str, output_path: str) -> tuple[str, str]:
-    """Path of the engine file as seen from the nominal file, with forward slashes, and its SHA-256."""
+def _engine_reference(engine_path: str, output_path: str) -> str:
+    """Path of the engine file as seen from the nominal file, with forward slashes."""
     import os
     from pathlib import Path
 
-    from enginediag_cli.recordings.provenance import sha256_of
-
     folder = "." if output_path == "-" else os.path.dirname(output_path) or "."
-    return Path(os.path.relpath(engine_path, folder)).as_posix(), sha256_of(engine_path)
+    return Path(os.path.relpath(engine_path, folder)).as_posix()
 
 
 def _provenance(source: Source, part: Part) -> dict[str, str]:

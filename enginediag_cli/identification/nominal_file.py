@@ -15,6 +15,7 @@ import numpy as np
 from enginediag_cli.config.checked import Checked
 from enginediag_cli.config.fields import Section
 from enginediag_cli.config.reading import refuse_other_kind
+from enginediag_cli.engine.description import EngineDescription
 from enginediag_cli.error_model.curves import MapCurves
 from enginediag_cli.error_model.error_model import ErrorModel
 from enginediag_cli.errors import ConfigError, Mark, Problem
@@ -90,7 +91,12 @@ def read_nominal(path: str | Path) -> Nominal:
         sealed=bool(v[CHECKSUM]),
         smooth={"yes": True, "no": False}.get(v["smooth"]),
         error_model=_error_model(v["error_model"]),
+        description=_description(v["engine_description"], Path(path).parent / v["engine"]),
     )
+
+
+def _description(values: Mapping[str, Any] | None, engine_path: Path) -> EngineDescription | None:
+    return None if values is None else EngineDescription(str(engine_path), values["text"], dict(values["tables"]))
 
 
 def _error_model(values: Mapping[str, Any] | None) -> ErrorModel | None:
@@ -115,7 +121,7 @@ def format_nominal(nominal: Nominal) -> str:
         """Quotes texts that YAML 1.2 would read as numbers and PyYAML, which follows 1.1, would not."""
 
     def text(dumper: yaml.SafeDumper, value: str) -> yaml.Node:
-        style = "'" if value[:1].isdigit() or value[:1] in "+-." else None
+        style = "|" if "\n" in value else "'" if value[:1].isdigit() or value[:1] in "+-." else None
         return dumper.represent_scalar("tag:yaml.org,2002:str", value, style=style)
 
     Dumper.add_representer(str, text)
@@ -201,6 +207,7 @@ def _as_values(n: Nominal) -> dict[str, Any]:
         "noise_correlation": _triangle(n.noise_correlation),
         "covariance": _triangle(n.covariance),
         **({} if n.error_model is None else {"error_model": _error_values(n.error_model)}),
+        **({} if n.description is None else {"engine_description": _description_values(n.description)}),
         "envelope": {
             "threshold": float(e.threshold),
             "inputs": {
@@ -222,6 +229,10 @@ def _error_values(found: ErrorModel) -> dict[str, Any]:
         "sizes": {target: float(size) for target, size in found.sizes.items()},
         "machines": {c.machine: c.as_mapping() for c in found.curves},
     }
+
+
+def _description_values(described: EngineDescription) -> dict[str, Any]:
+    return {"text": described.text, "tables": dict(described.tables)}
 
 
 def _fields(item: Any, section: Section) -> dict[str, Any]:
