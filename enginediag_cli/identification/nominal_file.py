@@ -37,6 +37,7 @@ from enginediag_cli.identification.nominal_sections import (
     QUALITY,
 )
 from enginediag_cli.identification.offset_prior import OffsetPrior
+from enginediag_cli.identification.packed import packed, unpacked
 from enginediag_cli.identification.quality import SensorQuality
 from enginediag_cli.identification.unidentified import Combination
 
@@ -50,10 +51,14 @@ __all__ = [
     "write_nominal",
 ]
 
+LISTED = 30
+"""Estimates whose covariance is written as numbers that people can read; nobody reads that of more."""
+
 HEADER = """\
 # Nominal engine: parameters, sensor noise and operating envelope identified from healthy recordings.
 # Values are in the unit given beside them; sensor values are in the unit of their column's name.
 # A parameter with status "at prior" was not found: its value is what was assumed before.
+# covariance_packed is the lower triangle of the covariance of the estimates, row by row, as 64-bit floats in base64.
 """
 
 
@@ -66,6 +71,8 @@ def read_nominal(path: str | Path) -> Nominal:
     v = checked.values
     p, m = len(v["estimates"]), len(v["noise"])
     text = Path(path).read_text(encoding="utf-8-sig")
+    if v["covariance_packed"]:
+        v["covariance"] = _unpacked(checked)
     problems = [*checksum_problems(checked, text), *value_problems(checked)]
     if problems:
         raise ConfigError(problems)
@@ -93,6 +100,16 @@ def read_nominal(path: str | Path) -> Nominal:
         error_model=_error_model(v["error_model"]),
         description=_description(v["engine_description"], Path(path).parent / v["engine"]),
     )
+
+
+def _unpacked(checked: Checked) -> list[float]:
+    if checked.values["covariance"]:
+        raise ConfigError([checked.problem(("covariance",), "covariance is given twice, as numbers and packed")])
+    try:
+        return [float(x) for x in unpacked(checked.values["covariance_packed"])]
+    except ValueError as error:
+        message = f"covariance_packed cannot be read: {error}"
+        raise ConfigError([checked.problem(("covariance_packed",), message, "run identify again")]) from error
 
 
 def _description(values: Mapping[str, Any] | None, engine_path: Path) -> EngineDescription | None:
@@ -205,7 +222,7 @@ def _as_values(n: Nominal) -> dict[str, Any]:
         "offsets": [_fields(o, OFFSET) for o in n.offsets],
         "recording_offsets": [{"label": k, "values": dict(v)} for k, v in n.recording_offsets.items()],
         "noise_correlation": _triangle(n.noise_correlation),
-        "covariance": _triangle(n.covariance),
+        **_covariance_values(n.covariance),
         **({} if n.error_model is None else {"error_model": _error_values(n.error_model)}),
         **({} if n.description is None else {"engine_description": _description_values(n.description)}),
         "envelope": {
@@ -245,6 +262,12 @@ def _plain(value: Any) -> Any:
     if isinstance(value, Sequence) and not isinstance(value, str):
         return [_plain(v) for v in value]
     return value
+
+
+def _covariance_values(matrix: np.ndarray) -> dict[str, Any]:
+    if len(matrix) <= LISTED:
+        return {"covariance": _triangle(matrix)}
+    return {"covariance_packed": packed(matrix[np.tril_indices(len(matrix))])}
 
 
 def _triangle(matrix: np.ndarray) -> list[float]:

@@ -148,7 +148,13 @@ NOMINAL_FILE = Section(
         Field("engine_description", "section", "that file itself, with its maps", None, section=DESCRIPTION),
         Field("inputs", "texts", "columns that the engine needs"),
         Field("estimates", "section_map", "parameter: its nominal value", section=ESTIMATE),
-        Field("covariance", "numbers", "lower triangle of the covariance of the estimates, row by row"),
+        Field("covariance", "numbers", "lower triangle of the covariance of the estimates, row by row", ()),
+        Field(
+            "covariance_packed",
+            "text",
+            "the same of many estimates: base64 of little-endian 64-bit floats",
+            default="",
+        ),
         Field("noise", "section_map", "column: its noise", section=NOISE),
         Field("noise_correlation", "numbers", "lower triangle of the correlation between sensors, row by row"),
         Field(
