@@ -31,6 +31,7 @@ class Part:
     first: int | None
     holdout: float | None
     holdout_last: bool
+    probes_left_out: tuple[str, ...] = ()
 
     @property
     def notes(self) -> dict[str, str]:
@@ -38,6 +39,8 @@ class Part:
         told = {} if self.first is None else {"first records": str(self.first)}
         if self.holdout is not None or self.holdout_last:
             told["held out"] = "the last recording" if self.holdout_last else f"last {self.holdout:g} of each recording"
+        if self.probes_left_out:
+            told["contradicted by heat balances, not fitted"] = ", ".join(self.probes_left_out)
         return told
 
 
@@ -58,6 +61,7 @@ class Part:
 )
 @click.option("--holdout-last", is_flag=True, help="Keep the last recording out of the fit and judge by it.")
 @click.option("--no-cross-validation", is_flag=True, help="Skip the refits without a block of records.")
+@click.option("--keep-probes", is_flag=True, help="Fit probes, too, that the heat balances of the others contradict.")
 @model_error_option
 @click.option("--allow-bounds", is_flag=True, help="Write it although parameters end at their bounds.")
 @output_file_option("Write the nominal file here, completely or not at all; - is standard output.")
@@ -71,6 +75,7 @@ def identify(
     holdout: float | None,
     holdout_last: bool,
     no_cross_validation: bool,
+    keep_probes: bool,
     model_error: float | None,
     allow_bounds: bool,
     output_path: str,
@@ -87,8 +92,10 @@ def identify(
     """
     if holdout is not None and holdout_last:
         raise click.UsageError("--holdout and --holdout-last exclude each other")
+    from enginediag_cli.engine.description import EngineDescription
     from enginediag_cli.identification.identify import identify as run
     from enginediag_cli.identification.nominal_file import write_nominal
+    from enginediag_cli.identification.probe_consistency import without_probes, wrong_probes
     from enginediag_cli.identification.repeats import without_repeats
     from enginediag_cli.intake.flights import whole_flights
     from enginediag_cli.intake.intake import Intake
@@ -96,17 +103,24 @@ def identify(
     from enginediag_cli.physics.engine_file import load_engine
     from enginediag_cli.presentation.identification_report import bounds_line, repeat_lines, report_lines
     from enginediag_cli.presentation.left_out import tell_left_out
+    from enginediag_cli.presentation.probe_lines import probe_lines
     from enginediag_cli.residuals.compact import is_smooth
     from enginediag_cli.residuals.monitor import monitor_from_nominal
 
     engine = load_engine(engine_path)
+    described = EngineDescription.of(engine_path, engine.declared)
     intake = Intake(source, columns_of(engine))
     training = [flight.recording for flight in whole_flights(intake)]
     tell_left_out(messages, intake.left_out)
     training, repeats = without_repeats(training, (*engine.inputs, *engine.sensors))
     for line in repeat_lines(repeats):
         messages.warning(line)
-    part = Part(first, holdout, holdout_last)
+    probes = wrong_probes(engine, training)
+    for line in probe_lines(probes, kept=keep_probes):
+        messages.warning(line)
+    left = () if keep_probes else tuple(w.columns[0] for w in probes if w.told_apart and w.columns[0] in engine.sensors)
+    training = without_probes(training, left)
+    part = Part(first, holdout, holdout_last, left)
     training, held_out = _divided(training, part)
     result = run(
         engine, training, held_out=held_out, cross_validation=not no_cross_validation, map_accuracy=model_error
@@ -119,9 +133,10 @@ def identify(
     if result.bounds and not allow_bounds:
         messages.error(bounds_line(result.bounds))
         return ExitCode.NO_VERDICT
-    path, digest = _engine_reference(engine_path, output_path)
-    nominal = result.nominal(path, digest, _provenance(source, part))
-    write_nominal(replace(nominal, smooth=is_smooth(monitor_from_nominal(engine, nominal))), output_path)
+    path = _engine_reference(engine_path, output_path)
+    nominal = result.nominal(path, described.sha256, _provenance(source, part))
+    smooth = is_smooth(monitor_from_nominal(engine, nominal))
+    write_nominal(replace(nominal, smooth=smooth, description=described), output_path)
     return ExitCode.DONE
 
 
@@ -140,15 +155,13 @@ def _divided(training: list[TrainingRecording], part: Part) -> tuple[list[Traini
     return training, []
 
 
-def _engine_reference(engine_path: str, output_path: str) -> tuple[str, str]:
-    """Path of the engine file as seen from the nominal file, with forward slashes, and its SHA-256."""
+def _engine_reference(engine_path: str, output_path: str) -> str:
+    """Path of the engine file as seen from the nominal file, with forward slashes."""
     import os
     from pathlib import Path
 
-    from enginediag_cli.recordings.provenance import sha256_of
-
     folder = "." if output_path == "-" else os.path.dirname(output_path) or "."
-    return Path(os.path.relpath(engine_path, folder)).as_posix(), sha256_of(engine_path)
+    return Path(os.path.relpath(engine_path, folder)).as_posix()
 
 
 def _provenance(source: Source, part: Part) -> dict[str, str]:

@@ -51,7 +51,7 @@ def nominal_options(*, required: bool = False, help: str = "") -> Callable[[Func
         accept = click.option(
             "--accept-changed-engine",
             is_flag=True,
-            help="Go on although the engine file is no longer the one whose nominal state was identified.",
+            help="Use the engine file as it is now, although it is no longer the one that was identified.",
         )
         nominal = click.option(
             "-n",

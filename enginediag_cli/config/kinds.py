@@ -85,7 +85,11 @@ def load_checked(path: str | Path, kind: str) -> Checked:
 
     Raises ConfigError with every problem of the file, or with the one problem that it is of another kind.
     """
-    document = load_document(path)
+    return check_document(load_document(path), kind)
+
+
+def check_document(document: Node, kind: str) -> Checked:
+    """Validate a document that must be of one kind; raises ConfigError as `load_checked`."""
     found = _kind_node(document)
     if found is not None and found.text in FILE_KINDS and found.text != kind:
         raise ConfigError(

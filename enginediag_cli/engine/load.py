@@ -7,11 +7,13 @@ from pathlib import Path
 from typing import Any
 
 from enginediag_cli.config.checked import Checked
+from enginediag_cli.config.document import parse_document
 from enginediag_cli.config.hints import near
-from enginediag_cli.config.kinds import load_checked
+from enginediag_cli.config.kinds import check_document, load_checked
 from enginediag_cli.config.reading import file_inside
 from enginediag_cli.engine.closure import missing_closure
 from enginediag_cli.engine.components import COMPONENTS, Component
+from enginediag_cli.engine.description import EngineDescription
 from enginediag_cli.engine.engine import Engine
 from enginediag_cli.engine.gas import gas_for
 from enginediag_cli.engine.network import Network
@@ -24,10 +26,16 @@ Carried = Callable[[Sequence[Mapping[str, Any]], Network, Checked], tuple[list[E
 """Entries of a `physics:` block, the sized network and the file → the effects at their sites, and what is wrong."""
 
 
-def build_engine(path: str | Path, carried: Carried, power_setting: str | None = None) -> Engine:
-    """Reads, checks and sizes an engine; `power_setting` replaces the file's, `carried` knows the effects that the
-    file may name. Raises ConfigError. `physics.engine_file.load_engine` is this with the library of effects."""
-    checked = load_checked(str(path), "engine")
+def build_engine(source: str | Path | EngineDescription, carried: Carried, power_setting: str | None = None) -> Engine:
+    """Reads, checks and sizes an engine, from its file or from a description that travels; `power_setting` replaces
+    the file's, `carried` knows the effects that the file may name. Raises ConfigError, at places in the description's
+    own text. `physics.engine_file.load_engine` is this with the library of effects."""
+    described = source if isinstance(source, EngineDescription) else None
+    path = described.file if described else str(source)
+    if described is None:
+        checked = load_checked(path, "engine")
+    else:
+        checked = check_document(parse_document(described.text.removeprefix("\ufeff"), path), "engine")
     values = dict(checked.values)
     if power_setting and power_setting != values["power_setting"]:
         # the file's range and envelope are of its own power setting
@@ -38,10 +46,15 @@ def build_engine(path: str | Path, carried: Carried, power_setting: str | None =
         raise ConfigError(problems)
     components: list[Component] = []
     for k, c in enumerate(values["components"]):
+        about: dict[str, Any] = {**c, "directory": str(Path(path).parent)}
         if c.get("table"):
-            file_inside(path, c["table"]["file"], checked.mark(("components", k, "table", "file")))
+            name, mark = c["table"]["file"], checked.mark(("components", k, "table", "file"))
+            if described is None:
+                file_inside(path, name, mark)
+            else:
+                about["table_text"] = described.table(name, mark)
         try:
-            components.append(COMPONENTS[c["type"]]({**c, "directory": str(Path(path).parent)}))
+            components.append(COMPONENTS[c["type"]](about))
         except ConfigError:
             raise
         except ValueError as error:
@@ -55,7 +68,7 @@ def build_engine(path: str | Path, carried: Carried, power_setting: str | None =
         values["start"],
     )
     size(network, values, checked)
-    engine = Engine(network, values, str(path))
+    engine = Engine(network, values, path)
     effects, problems = carried(values["physics"], network, checked)
     if problems:
         raise ConfigError(problems)

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from enginediag_cli.engine.description import EngineDescription
 from enginediag_cli.error_model.error_model import ErrorModel
 from enginediag_cli.error_model.modelled import FAMILY
 from enginediag_cli.identification.envelope import Envelope
@@ -70,6 +71,7 @@ class Nominal:
     between sensors in one record. `recording_offsets`: recording → "column bias" or "column scale" → value.
     `smooth`: whether a fit over the operating points stands for what is uncertain about it (see `residuals.compact`),
     None where that was not tried. `error_model`: by how much the maps may be wrong, None for a model without maps.
+    `description`: the engine that was identified, as text, which stands for its file; None in older files.
     `sealed`: false when it was read from a file without a checksum, which may have been
     edited by anyone.
     """
@@ -93,6 +95,7 @@ class Nominal:
     sealed: bool = True
     smooth: bool | None = None
     error_model: ErrorModel | None = None
+    description: EngineDescription | None = None
 
     @property
     def engine_instance(self) -> str:

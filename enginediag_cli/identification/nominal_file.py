@@ -15,6 +15,7 @@ import numpy as np
 from enginediag_cli.config.checked import Checked
 from enginediag_cli.config.fields import Section
 from enginediag_cli.config.reading import refuse_other_kind
+from enginediag_cli.engine.description import EngineDescription
 from enginediag_cli.error_model.curves import MapCurves
 from enginediag_cli.error_model.error_model import ErrorModel
 from enginediag_cli.errors import ConfigError, Mark, Problem
@@ -36,6 +37,7 @@ from enginediag_cli.identification.nominal_sections import (
     QUALITY,
 )
 from enginediag_cli.identification.offset_prior import OffsetPrior
+from enginediag_cli.identification.packed import packed, unpacked
 from enginediag_cli.identification.quality import SensorQuality
 from enginediag_cli.identification.unidentified import Combination
 
@@ -49,10 +51,14 @@ __all__ = [
     "write_nominal",
 ]
 
+LISTED = 30
+"""Estimates whose covariance is written as numbers that people can read; nobody reads that of more."""
+
 HEADER = """\
 # Nominal engine: parameters, sensor noise and operating envelope identified from healthy recordings.
 # Values are in the unit given beside them; sensor values are in the unit of their column's name.
 # A parameter with status "at prior" was not found: its value is what was assumed before.
+# covariance_packed is the lower triangle of the covariance of the estimates, row by row, as 64-bit floats in base64.
 """
 
 
@@ -65,6 +71,8 @@ def read_nominal(path: str | Path) -> Nominal:
     v = checked.values
     p, m = len(v["estimates"]), len(v["noise"])
     text = Path(path).read_text(encoding="utf-8-sig")
+    if v["covariance_packed"]:
+        v["covariance"] = _unpacked(checked)
     problems = [*checksum_problems(checked, text), *value_problems(checked)]
     if problems:
         raise ConfigError(problems)
@@ -90,7 +98,22 @@ def read_nominal(path: str | Path) -> Nominal:
         sealed=bool(v[CHECKSUM]),
         smooth={"yes": True, "no": False}.get(v["smooth"]),
         error_model=_error_model(v["error_model"]),
+        description=_description(v["engine_description"], Path(path).parent / v["engine"]),
     )
+
+
+def _unpacked(checked: Checked) -> list[float]:
+    if checked.values["covariance"]:
+        raise ConfigError([checked.problem(("covariance",), "covariance is given twice, as numbers and packed")])
+    try:
+        return [float(x) for x in unpacked(checked.values["covariance_packed"])]
+    except ValueError as error:
+        message = f"covariance_packed cannot be read: {error}"
+        raise ConfigError([checked.problem(("covariance_packed",), message, "run identify again")]) from error
+
+
+def _description(values: Mapping[str, Any] | None, engine_path: Path) -> EngineDescription | None:
+    return None if values is None else EngineDescription(str(engine_path), values["text"], dict(values["tables"]))
 
 
 def _error_model(values: Mapping[str, Any] | None) -> ErrorModel | None:
@@ -115,7 +138,7 @@ def format_nominal(nominal: Nominal) -> str:
         """Quotes texts that YAML 1.2 would read as numbers and PyYAML, which follows 1.1, would not."""
 
     def text(dumper: yaml.SafeDumper, value: str) -> yaml.Node:
-        style = "'" if value[:1].isdigit() or value[:1] in "+-." else None
+        style = "|" if "\n" in value else "'" if value[:1].isdigit() or value[:1] in "+-." else None
         return dumper.represent_scalar("tag:yaml.org,2002:str", value, style=style)
 
     Dumper.add_representer(str, text)
@@ -199,8 +222,9 @@ def _as_values(n: Nominal) -> dict[str, Any]:
         "offsets": [_fields(o, OFFSET) for o in n.offsets],
         "recording_offsets": [{"label": k, "values": dict(v)} for k, v in n.recording_offsets.items()],
         "noise_correlation": _triangle(n.noise_correlation),
-        "covariance": _triangle(n.covariance),
+        **_covariance_values(n.covariance),
         **({} if n.error_model is None else {"error_model": _error_values(n.error_model)}),
+        **({} if n.description is None else {"engine_description": _description_values(n.description)}),
         "envelope": {
             "threshold": float(e.threshold),
             "inputs": {
@@ -224,6 +248,10 @@ def _error_values(found: ErrorModel) -> dict[str, Any]:
     }
 
 
+def _description_values(described: EngineDescription) -> dict[str, Any]:
+    return {"text": described.text, "tables": dict(described.tables)}
+
+
 def _fields(item: Any, section: Section) -> dict[str, Any]:
     return {f.name: _plain(getattr(item, f.name)) for f in section.fields}
 
@@ -234,6 +262,12 @@ def _plain(value: Any) -> Any:
     if isinstance(value, Sequence) and not isinstance(value, str):
         return [_plain(v) for v in value]
     return value
+
+
+def _covariance_values(matrix: np.ndarray) -> dict[str, Any]:
+    if len(matrix) <= LISTED:
+        return {"covariance": _triangle(matrix)}
+    return {"covariance_packed": packed(matrix[np.tril_indices(len(matrix))])}
 
 
 def _triangle(matrix: np.ndarray) -> list[float]:

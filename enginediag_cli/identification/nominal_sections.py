@@ -129,6 +129,14 @@ ENVELOPE = Section(
         Field("inputs", "section_map", "column: its scale and its values", section=AXIS),
     ),
 )
+DESCRIPTION = Section(
+    "engine description",
+    "The engine that was identified: the text of its file, and of the map tables that it reads.",
+    (
+        Field("text", "text", "the engine file, as it was"),
+        Field("tables", "text_map", "file of a map, as the engine file names it: its text", default={}),
+    ),
+)
 
 NOMINAL_FILE = Section(
     "nominal",
@@ -137,9 +145,16 @@ NOMINAL_FILE = Section(
         Field("kind", "choice", "what this file is", choices=("nominal",)),
         Field("engine", "text", "engine file, relative to this one"),
         Field("engine_sha256", "text", "SHA-256 of that file when this one was written"),
+        Field("engine_description", "section", "that file itself, with its maps", None, section=DESCRIPTION),
         Field("inputs", "texts", "columns that the engine needs"),
         Field("estimates", "section_map", "parameter: its nominal value", section=ESTIMATE),
-        Field("covariance", "numbers", "lower triangle of the covariance of the estimates, row by row"),
+        Field("covariance", "numbers", "lower triangle of the covariance of the estimates, row by row", ()),
+        Field(
+            "covariance_packed",
+            "text",
+            "the same of many estimates: base64 of little-endian 64-bit floats",
+            default="",
+        ),
         Field("noise", "section_map", "column: its noise", section=NOISE),
         Field("noise_correlation", "numbers", "lower triangle of the correlation between sensors, row by row"),
         Field(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -14,12 +15,14 @@ if TYPE_CHECKING:
 @dataclass(frozen=True)
 class Baseline:
     """An engine with the power setting of its nominal state. `path`: the nominal file; `changed_engine`: SHA-256 of an
-    engine file that is not the one identified, where that was accepted, else ""."""
+    engine file that is not the one identified, where that was accepted, else ""; `left_aside`: an engine file that is
+    not the one identified and was not used, else ""."""
 
     engine: Engine
     nominal: Nominal
     path: str
     changed_engine: str = ""
+    left_aside: str = ""
 
     def other_instance(self, wanted: str) -> tuple[str, str] | None:
         """(engine identified, engine of the recordings) where both are named and differ."""
@@ -31,18 +34,30 @@ class Baseline:
 def open_baseline(
     nominal_path: str | Path, engine_path: str | Path | None = None, *, accept_changed_engine: bool = False
 ) -> Baseline:
-    """A nominal file, and the engine file that it names unless another is given. Raises ConfigError for files that do
-    not fit each other, among them an engine file that is not the one identified, unless that is accepted."""
+    """A nominal file and its engine: the one that travels in it, whatever has become of the engine file.
+
+    An engine file that is given, and the one that an older nominal file names, is used itself, and must be the one
+    identified unless a changed one is accepted; accepted, the file named is used, too. Raises ConfigError for files
+    that do not fit each other.
+    """
+    from enginediag_cli.identification.described_engine import changed_beside, described_engine
     from enginediag_cli.identification.nominal_checks import check_nominal_fits
     from enginediag_cli.identification.nominal_file import engine_file, read_nominal, refuse_changed_engine
     from enginediag_cli.physics.engine_file import load_engine
 
     nominal = read_nominal(nominal_path)
-    path = engine_path or engine_file(nominal, nominal_path)
-    changed = refuse_changed_engine(nominal, path, accept=accept_changed_engine, nominal_path=nominal_path)
-    engine = load_engine(path)
+    described = None if engine_path or accept_changed_engine else nominal.description
+    changed = left_aside = ""
+    if described is None:
+        path = engine_path or engine_file(nominal, nominal_path)
+        changed = refuse_changed_engine(nominal, path, accept=accept_changed_engine, nominal_path=nominal_path)
+        build = partial(load_engine, path)
+    else:
+        left_aside = changed_beside(described, nominal_path)
+        build = partial(described_engine, described, nominal_path)
+    engine = build()
     other = [c for c in nominal.inputs if c not in engine.inputs]
     if len(other) == 1:
-        engine = load_engine(path, power_setting=other[0])
+        engine = build(power_setting=other[0])
     check_nominal_fits(nominal, engine, nominal_path)
-    return Baseline(engine, nominal, str(nominal_path), changed)
+    return Baseline(engine, nominal, str(nominal_path), changed, left_aside)

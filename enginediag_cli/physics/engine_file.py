@@ -6,11 +6,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from enginediag_cli.engine.description import EngineDescription
     from enginediag_cli.engine.engine import Engine
 
 
-def load_engine(path: str | Path, power_setting: str | None = None) -> Engine:
-    """Reads, checks and sizes an engine; `power_setting` replaces the file's. Raises ConfigError."""
+def load_engine(path: str | Path | EngineDescription, power_setting: str | None = None) -> Engine:
+    """Reads, checks and sizes an engine, from its file or a description that travels in another file; `power_setting`
+    replaces the file's. Raises ConfigError."""
     from enginediag_cli.engine.load import build_engine
     from enginediag_cli.physics.carried import carried_effects
 

@@ -13,6 +13,11 @@ def tell_baseline(messages: Messages, baseline: Baseline, engine_instance: str =
             f"{baseline.engine.path} has changed since its nominal state was identified; what follows is judged with "
             "the engine as it is now"
         )
+    if baseline.left_aside:
+        messages.warning(
+            f"{baseline.left_aside} has changed since its nominal state was identified; the engine that was "
+            f"identified, which travels in {baseline.path}, is used (--accept-changed-engine: the file as it is now)"
+        )
     if not baseline.nominal.sealed:
         messages.warning(f"{baseline.path} has no checksum: nothing shows that it is as identify wrote it")
     other = baseline.other_instance(engine_instance)

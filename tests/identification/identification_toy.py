@@ -78,6 +78,7 @@ class ToyEngine:
     inputs: tuple[str, ...] = ("altitude_m", "N1_pct")
     optional_inputs: Mapping[str, float] = field(default_factory=lambda: {"humidity_kg_kg": 0.0})
     calls: list[int] = field(default_factory=list)
+    declared: Mapping[str, Any] = field(default_factory=dict)
 
     @property
     def parameters(self) -> dict[str, Parameter]:

@@ -123,3 +123,27 @@ def test_a_failed_write_leaves_the_old_file_and_nothing_else(nominal, tmp_path, 
         write_nominal(nominal, path)
     assert [p.name for p in tmp_path.iterdir()] == ["nominal.yaml"]
     assert path.read_text(encoding="utf-8") == "old"
+
+
+def test_the_covariance_of_many_estimates_is_packed_without_loss_and_damage_to_it_has_its_place(
+    nominal, tmp_path, monkeypatch
+):
+    monkeypatch.setattr("enginediag_cli.identification.nominal_file.LISTED", 2)
+    path = tmp_path / "nominal.yaml"
+    write_nominal(nominal, path)
+    text = path.read_text(encoding="utf-8")
+    assert "\ncovariance:" not in text
+    again = read_nominal(path)
+    assert again.covariance.tobytes() == nominal.covariance.tobytes()
+    assert format_nominal(again) == text
+    start = text.index("\ncovariance_packed: |\n") + len("\ncovariance_packed: |\n  ")
+    line = text[:start].count("\n")
+    for damaged, told in ((text[:start] + "%" + text[start + 1 :], "not base64"), (_short(text, start), "bytes")):
+        path.write_text(damaged, encoding="utf-8")
+        with pytest.raises(ConfigError, match=rf"nominal\.yaml:{line}:\d+: error: covariance_packed cannot be.*{told}"):
+            read_nominal(path)
+
+
+def _short(text, start):
+    """The text without four characters of what is packed."""
+    return text[:start] + text[start + 4 :]

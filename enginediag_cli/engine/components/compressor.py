@@ -86,7 +86,9 @@ class Compressor(Component):
         if self.values["table"]:
             t = self.values["table"]
             path = Path(self.values.get("directory", ".")) / t["file"]
-            x, y, q = read_table(path, "Nc_map", "Rline", ("Wc_map", "PR_map", "eff_map"))
+            x, y, q = read_table(
+                path, "Nc_map", "Rline", ("Wc_map", "PR_map", "eff_map"), self.values.get("table_text")
+            )
             self.table = make_table(x, y, q, t["interpolation"], t["interpolation"])
         self.speed_scale = self.flow_scale = self.ratio_scale = self.efficiency_scale = 1.0
         self.work_scale = self.design_loss = 1.0

@@ -83,7 +83,8 @@ class Turbine(Component):
         if self.values["table"]:
             t = self.values["table"]
             path = Path(self.values.get("directory", ".")) / t["file"]
-            x, y, q = read_table(path, "Nc_map", "PR_map", ("Wp_map", "eff_map"))
+            text = self.values.get("table_text")
+            x, y, q = read_table(path, "Nc_map", "PR_map", ("Wp_map", "eff_map"), text)
             self.table = make_table(x, y, q, t["interpolation"], t["interpolation"])
         self.design_ratio = 2.0
         self.design_blade_speed = 1.0

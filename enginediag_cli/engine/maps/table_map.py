@@ -19,6 +19,7 @@ fan's lowest speed line. At the edge of a parabola the slope therefore jumps, as
 from __future__ import annotations
 
 import csv
+import io
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -109,14 +110,17 @@ def _cell_basis(grid: Array, rule: str) -> Array:
     return basis
 
 
-def read_table(path: Path, x_column: str, y_column: str, quantities: tuple[str, ...]) -> tuple[Array, Array, Array]:
-    """Grids and tables (q, nx, ny) of a map CSV with one row per grid point; ConfigError names the fault."""
+def read_table(
+    path: Path, x_column: str, y_column: str, quantities: tuple[str, ...], text: str | None = None
+) -> tuple[Array, Array, Array]:
+    """Grids and tables (q, nx, ny) of a map CSV with one row per grid point; ConfigError names the fault. `text`: what
+    the file holds, for one that travels in another file and is not read."""
 
     def fail(message: str, line: int = 0, hint: str = "") -> ConfigError:
         return ConfigError([Problem(Mark(str(path), line), message, hint)])
 
     try:
-        with path.open(newline="", encoding="utf-8") as file:
+        with path.open(newline="", encoding="utf-8") if text is None else io.StringIO(text, newline="") as file:
             lines = [(k, row) for k, row in enumerate(csv.reader(file), 1) if row and not row[0].startswith("#")]
     except OSError as error:
         raise fail(f"cannot read the component map: {error.strerror}") from error
