@@ -5,7 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from enginediag_cli.error_model.curves import CURVES, END, MapCurves, learn_curves
+from enginediag_cli.error_model.curves import CURVES, EDGE, END, POSITION_DEGREE, SPEED_DEGREE, MapCurves, learn_curves
+
+WITHIN = SPEED_DEGREE + POSITION_DEGREE
+"""Curves of the range that training covered; the others begin beyond it."""
 
 UNIT = MapCurves("hpc", (0.0, 0.0), (1.0, 1.0), (0.0, 0.0, 0.0, 0.0))
 
@@ -18,7 +21,7 @@ def trained(rng, n=400):
 
 def test_each_curve_has_unit_mean_square_over_the_range_covered_and_no_mean():
     grid = np.linspace(-1, 1, 20_001)
-    phi = UNIT.at(np.column_stack([grid, grid]))
+    phi = UNIT.at(np.column_stack([grid, grid]))[:, :WITHIN]
     np.testing.assert_allclose(np.mean(phi**2, axis=0), 1.0, atol=1e-3)
     np.testing.assert_allclose(phi.mean(axis=0), 0.0, atol=1e-3)  # a constant is the health parameter itself
     along = phi[:, :3].T @ phi[:, :3] / len(grid)
@@ -29,7 +32,9 @@ def test_learnt_curves_are_about_as_large_over_the_records_that_they_were_learnt
     coordinates = trained(np.random.default_rng(1))
     phi = learn_curves("hpc", coordinates).at(coordinates)
     assert phi.shape == (400, CURVES)
-    assert np.all((0.7 < np.mean(phi**2, axis=0)) & (np.mean(phi**2, axis=0) < 1.3))
+    square = np.mean(phi**2, axis=0)
+    assert np.all((0.7 < square[:WITHIN]) & (square[:WITHIN] < 1.3))
+    assert np.all(square[WITHIN:] < 0.01)  # training knows next to nothing of what begins beyond it
 
 
 def test_the_position_is_measured_beyond_its_line_over_speed():
@@ -38,12 +43,15 @@ def test_the_position_is_measured_beyond_its_line_over_speed():
     assert abs(np.corrcoef(phi[:, 0], phi[:, 3])[0, 1]) < 0.1
 
 
-def test_beyond_the_end_curves_stay_and_up_to_there_they_grow():
+def test_beyond_the_range_others_begin_up_to_the_end_and_those_of_training_stay():
     far = np.array([[END, END], [2 * END, 2 * END], [1e3, 1e3]])
     phi = UNIT.at(far)
     np.testing.assert_array_equal(phi[1:], np.broadcast_to(phi[0], (2, CURVES)))
     inside = UNIT.at(np.array([[1.0, 1.0]]))
-    assert np.all(np.abs(phi[0]) > np.abs(inside[0]))
+    np.testing.assert_array_equal(phi[0, :WITHIN], inside[0, :WITHIN])
+    assert np.all(inside[0, WITHIN:] == 0.0)
+    np.testing.assert_allclose(phi[0, WITHIN:], EDGE * (END - 1.0))
+    np.testing.assert_allclose(UNIT.at(-far[:1])[0, WITHIN:], -EDGE * (END - 1.0))
 
 
 def test_curves_are_frozen_at_training_and_survive_a_file():
