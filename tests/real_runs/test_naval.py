@@ -91,29 +91,27 @@ def test_a_decayed_compressor_is_isolated_to_the_compressor(answers):
     assert right >= 0.9
 
 
-def test_a_decayed_turbine_is_the_gas_generator_turbine_and_never_the_compressor(answers):
-    """Often alone; its generic map, wrong by several per cent, lets the power turbine take part in the rest."""
-
-    def chosen(c, t):
-        return c >= 0.992 and t <= 0.985
-
-    assert share(answers, chosen, lambda a: a[2] == "fault" and "gas_generator_turbine" in a[3]) >= 0.95
-    assert share(answers, chosen, lambda a: "compressor" in a[3]) == 0.0
-    assert share(answers, chosen, lambda a: a[3] == {"gas_generator_turbine"}) >= 0.6
+def test_a_decayed_turbine_is_isolated_to_the_gas_generator_turbine(answers):
+    right = share(
+        answers, lambda c, t: c >= 0.992 and t <= 0.985, lambda a: a[2] == "fault" and a[3] == {"gas_generator_turbine"}
+    )
+    assert right >= 0.95
 
 
-def test_where_both_decay_both_are_named_three_times_of_four(answers):
+def test_where_both_decay_no_other_is_named_and_both_in_four_of_ten(answers):
+    """Three records of each state, and maps wrong by several per cent: one of both may go unnamed."""
     both = {"compressor", "gas_generator_turbine"}
-    assert share(answers, lambda c, t: c <= 0.97 and t <= 0.985, lambda a: both <= a[3]) >= 0.7
+    assert share(answers, lambda c, t: c <= 0.97 and t <= 0.985, lambda a: bool(a[3]) and a[3] <= both) >= 0.95
+    assert share(answers, lambda c, t: c <= 0.97 and t <= 0.985, lambda a: both <= a[3]) >= 0.4
 
 
-def test_the_most_decayed_compressor_is_its_efficiency_alone_with_every_instrument_a_suspect(plant, tmp_path):
-    """The 18 records of the largest decay, 4.8 to 5 % of efficiency."""
+def test_of_the_most_decayed_compressor_the_parameter_is_a_class_with_its_efficiency(plant, tmp_path):
+    """The 18 records of the largest decay: by component it is the compressor; which parameter cannot be told."""
     with (plant / "high.csv").open(newline="", encoding="utf-8") as file:
         worst = [row for row in csv.DictReader(file) if decay(row)[0] <= 0.952 and decay(row)[1] >= 0.998]
-    out, _ = enginediag(
+    out, err = enginediag(
         "isolate", "-n", plant / "nominal.yaml", write(tmp_path / "worst.csv", worst), "--recorder", RECORDER
     )
-    (row,) = table(out)
-    assert row["verdict"] == "fault" and row["isolated"] == "compressor.efficiency"
-    assert float(row["lower"]) < -0.049 < float(row["upper"]) < -0.01
+    row = table(out)[0]
+    assert row["verdict"] == "fault" and float(row["probability"]) < 0.7
+    assert row["isolated"] == "compressor.efficiency" or "compressor isentropic efficiency" in err

@@ -67,7 +67,7 @@ def test_the_flow_has_a_flat_upper_stop_whatever_the_weather(position):
     levels = [band[3] for band in position.stop.bands]
     travel = position.stop.level - position.stop.beyond
     assert travel > 0.20
-    assert np.ptp(levels) < 0.2 * travel
+    assert np.ptp(levels) < 0.25 * travel
     assert position.stop.scatter < 0.1 * travel
 
 
@@ -85,7 +85,7 @@ def test_the_second_effect_is_a_temperature_computed_without_ambient_pressure(se
     label, *others = second.removed
     assert label == uci.COMPUTED
     assert second.fits[label].theta[uci.KAPPA] == pytest.approx(1.0, abs=0.2)
-    assert all(second.removed[other] < 0.2 * second.removed[label] for other in others)
+    assert all(second.removed[other] < 0.25 * second.removed[label] for other in others)
 
 
 def test_the_wrong_sign_rejects_reynolds_as_the_second_effect(second):
