@@ -50,7 +50,7 @@ def self_identified(engine: Engine, flights: Sequence[Flight]) -> Nominal | Self
     if found.converged:
         return found.nominal(engine.path, "", {})
     p, fit = found.problem, found.fit
-    usable = found.converged or (fit.decrement < 1.0 and fit.failed.mean() < 0.1)
+    usable = fit.decrement < 1.0 and fit.failed.mean() < 0.1
     unseen = p.measured - found.cross_validation.predicted
     sigma, rho = robust_noise(p, unseen if np.isfinite(unseen).any() else fit.equations.residual)
     theta = {n: v for n, v in p.physical(fit.x).items() if n in engine.parameters}
