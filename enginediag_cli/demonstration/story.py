@@ -6,6 +6,7 @@ from collections.abc import Iterator, Mapping, Sequence
 
 from enginediag_cli.demonstration.flights import Flight, Size
 from enginediag_cli.demonstration.script import Case
+from enginediag_cli.error_model.modelled import FAMILY
 from enginediag_cli.identification.nominal import Nominal
 from enginediag_cli.presentation.names import listed
 from enginediag_cli.presentation.sentences import change, departed, no_verdict, nominal
@@ -14,7 +15,8 @@ from enginediag_cli.units import split_column
 
 def identified(found: Nominal, noise_put_in: Mapping[str, float]) -> Iterator[str]:
     """How many parameters were found, and how near the noise is to that of the simulated sensors."""
-    count = {status: sum(e.status == status for e in found.estimates) for status in ("identified", "weak", "at prior")}
+    own = [e for e in found.estimates if e.family != FAMILY]  # amounts of map error are no parameters of the engine
+    count = {status: sum(e.status == status for e in own) for status in ("identified", "weak", "at prior")}
     yield (
         f"{count['identified']} parameters are known well from these flights, {count['weak']} a little; "
         f"{count['at prior']} stay at what was assumed"
