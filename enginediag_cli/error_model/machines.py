@@ -8,7 +8,7 @@ Source: corrected quantities as in any component map, J. Kurzke and I. Halliwell
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -75,3 +75,21 @@ def machines_of(engine: Any) -> tuple[Machine, ...]:
             position = (f"W{a}_kg_s", f"P{a}_Pa") if compressor else (f"P{a}_Pa", f"P{b}_Pa")
             found.append(Machine(c.name, f"{label[c.values['shaft']]}_rpm", f"T{a}_K", position, compressor))
     return tuple(found)
+
+
+def columns_of(machines: Iterable[Machine]) -> tuple[str, ...]:
+    """Model columns that the coordinates of all of them are made from, each once."""
+    return tuple(dict.fromkeys(c for m in machines for c in m.columns))
+
+
+def map_coordinates(
+    engine: Any, inputs: Mapping[str, np.ndarray], parameters: Mapping[str, float]
+) -> dict[str, np.ndarray]:
+    """Coordinates (N, 2) of every machine of an engine by its name, NaN where there is no prediction."""
+    machines = machines_of(engine)
+    if not machines:
+        return {}
+    columns = columns_of(machines)
+    p = engine.predict(inputs, parameters, sensors=(), also=columns)
+    values = dict(zip(columns, np.where(p.ok[:, None], p.also, np.nan).T, strict=True))
+    return {m.name: m.coordinates(values) for m in machines}

@@ -18,7 +18,7 @@ import numpy as np
 
 from enginediag_cli.engine.engine import Prediction
 from enginediag_cli.error_model.curves import CURVES, MapCurves
-from enginediag_cli.error_model.machines import QUANTITIES, Machine, machines_of
+from enginediag_cli.error_model.machines import QUANTITIES, Machine, columns_of, machines_of
 from enginediag_cli.parameters import Parameter
 
 FAMILY = "map_error"
@@ -60,6 +60,7 @@ class MapErrorModel:
             for target in (known[c.machine].parameter(q) for q in QUANTITIES)
             if target in sizes and target in model.parameters
         ]
+        self._own = frozenset(n for g in self._groups for n in g.names)
         self.parameters: dict[str, Parameter] = {
             **model.parameters,
             **{n: self._parameter(g, n, j) for g in self._groups for j, n in enumerate(g.names)},
@@ -106,8 +107,8 @@ class MapErrorModel:
         frozen = {name: inputs[name] for g in active for name in _frozen_columns(g, columns) if name in inputs}
         plain = {c: v for c, v in inputs.items() if c not in frozen}
         if all(name in frozen for g in active for name in _frozen_columns(g, columns)):
-            own = {n for g in self._groups for n in g.names}
-            p = self.model.predict(plain, given, sensors=columns, wrt=tuple(n for n in wrt if n not in own), **options)
+            along = tuple(n for n in wrt if n not in self._own)
+            p = self.model.predict(plain, given, sensors=columns, wrt=along, **options)
         else:
             p, frozen = self._found(plain, given, columns, wrt, active, options)
         return _with_errors(p, active, amounts, tuple(wrt), frozen)
@@ -119,8 +120,7 @@ class MapErrorModel:
         prediction."""
         taken = {name for g in self._groups for name in _frozen_columns(g, sensors)}
         plain = {c: v for c, v in inputs.items() if c not in taken}
-        own = {n for g in self._groups for n in g.names}
-        given = {n: v for n, v in parameters.items() if n not in own}
+        given = {n: v for n, v in parameters.items() if n not in self._own}
         p, columns = self._found(plain, given, tuple(sensors), (), self._groups, {})
         return {name: np.where(p.ok & np.isfinite(v), v, 0.0) for name, v in columns.items()}
 
@@ -134,9 +134,8 @@ class MapErrorModel:
         options: Mapping[str, Any],
     ) -> tuple[Prediction, dict[str, np.ndarray]]:
         """The model's prediction with its sensitivities to the targets, and the frozen columns that come of it."""
-        own = {n for g in self._groups for n in g.names}
-        along = tuple(dict.fromkeys([*(n for n in wrt if n not in own), *(g.target for g in active)]))
-        also = tuple(dict.fromkeys(c for g in active for c in g.machine.columns))
+        along = tuple(dict.fromkeys([*(n for n in wrt if n not in self._own), *(g.target for g in active)]))
+        also = columns_of(g.machine for g in active)
         p = self.model.predict(inputs, given, sensors=columns, wrt=along, also=also, **options)
         values = dict(zip(also, p.also.T, strict=True))
         frozen: dict[str, np.ndarray] = {}

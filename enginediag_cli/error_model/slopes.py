@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 
 from enginediag_cli.error_model.error_model import ErrorModel
-from enginediag_cli.error_model.machines import QUANTITIES, machines_of
+from enginediag_cli.error_model.machines import QUANTITIES, columns_of, machines_of
 
 SLOPES = {"efficiency": 0.2, "flow_capacity": 0.5}
 """Standard deviation of ∂ln q/∂ξ of a generic map. 0.15 to 0.3 with 0.5 to 1 do as well on fleets with generic maps,
@@ -60,7 +60,7 @@ def map_slopes(
     """Slopes at operating points `inputs` (n,) and parameters `theta`; None where no monitored parameter is a map's."""
     share = min(found.stated / GENERIC, 1.0)
     machines = machines_of(engine)
-    wanted = tuple(dict.fromkeys(c for m in machines for c in m.columns))
+    wanted = columns_of(machines)
     known = [
         (m, q, monitored.index(m.parameter(q)))
         for m in machines

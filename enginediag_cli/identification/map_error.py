@@ -8,12 +8,11 @@ in a column of each record while the parameters move (see `error_model.modelled`
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
 from enginediag_cli.error_model.curves import learn_curves
-from enginediag_cli.error_model.machines import QUANTITIES, machines_of
+from enginediag_cli.error_model.machines import QUANTITIES, machines_of, map_coordinates
 from enginediag_cli.error_model.modelled import FAMILY, MapErrorModel
 from enginediag_cli.error_model.sizes import likeliest_factors
 from enginediag_cli.identification.normal_equations import NormalEquations, eliminate
@@ -41,14 +40,10 @@ def with_map_error(problem: Problem, accuracy: float) -> Problem:
     machines = machines_of(problem.model)
     if accuracy <= 0.0 or not machines:
         return problem
-    columns = tuple(dict.fromkeys(c for m in machines for c in m.columns))
-    theta = problem.physical(np.zeros(len(problem.parameters)))
-    engine: Any = problem.model  # machines_of has found one
-    p = engine.predict(problem.inputs, theta, sensors=problem.sensors[:1], also=columns)
-    if not p.ok.any():
+    at = map_coordinates(problem.model, problem.inputs, problem.physical(np.zeros(len(problem.parameters))))
+    curves = [c for name, coordinates in at.items() if (c := learn_curves(name, coordinates)) is not None]
+    if not curves:
         return problem
-    values = dict(zip(columns, np.where(p.ok[:, None], p.also, np.nan).T, strict=True))
-    curves = [c for m in machines if (c := learn_curves(m.name, m.coordinates(values))) is not None]
     sizes = {
         m.parameter(q): accuracy for m in machines for q in QUANTITIES if m.parameter(q) in problem.model.parameters
     }

@@ -26,6 +26,7 @@ import numpy as np
 from enginediag_cli.config.hints import near
 from enginediag_cli.engine.engine import Engine
 from enginediag_cli.engine.mismatch_block import MISMATCH
+from enginediag_cli.error_model.error_model import map_accuracy_of
 from enginediag_cli.errors import DataError
 from enginediag_cli.identification.nominal import Nominal
 from enginediag_cli.identification.other_accuracy import with_accuracy
@@ -130,9 +131,9 @@ def build_evidence(
     ]
     settings = Settings(
         sigma,
-        prior_mean={n: v for n, v in theta0.items() if n in sigma} | (amounts_of(known) if known else {}),
+        prior_mean={n: v for n, v in theta0.items() if n in sigma} | (amounts_of(engine, known) if known else {}),
         maps=known.error_model if known else None,
-        map_accuracy=float(block["map_accuracy"]) if asked.model_error is None else asked.model_error,
+        map_accuracy=map_accuracy_of(engine) if asked.model_error is None else asked.model_error,
         false_alarm=asked.false_alarm,
         loss=stated.loss if engine.declared.get("identification") else "none",
         loss_scale=stated.loss_scale,

@@ -14,12 +14,10 @@ from collections.abc import Iterator, Mapping
 import numpy as np
 
 from enginediag_cli.drivers import polynomials
-from enginediag_cli.engine.components.compressor import Compressor
-from enginediag_cli.engine.components.turbine import Turbine
 from enginediag_cli.engine.engine import Engine
 from enginediag_cli.error_model.curves import CURVES
 from enginediag_cli.error_model.error_model import ErrorModel
-from enginediag_cli.error_model.machines import QUANTITIES, machines_of
+from enginediag_cli.error_model.machines import QUANTITIES, machines_of, map_coordinates
 from enginediag_cli.error_model.modelled import map_error_name
 from enginediag_cli.identification.nominal import Nominal
 from enginediag_cli.mismatch.fit.extended import Discrepancy
@@ -44,24 +42,10 @@ def map_curves(
 ) -> Iterator[tuple[str, np.ndarray]]:
     """Per turbomachine, its name and its curves (N, k): polynomials in corrected speed, then in what the corrected
     flow (compressor) or pressure ratio (turbine) has beyond them."""
-    net = engine.network
-    machines = [c for c in net.components if isinstance(c, Compressor | Turbine)]
-    label = {name: s["speed_label"] for name, s in net.shafts.items()}
-    stations = dict.fromkeys(s for c in machines for s in (c.values["from"], c.values["to"]))
-    wanted = [f"{q}{s}{u}" for s in stations for q, u in (("T", "_K"), ("P", "_Pa"), ("W", "_kg_s"))]
-    wanted += [f"{v}_rpm" for v in label.values()]
-    p = engine.predict(inputs, parameters, sensors=tuple(wanted))
-    y = dict(zip(wanted, np.where(p.ok[:, None], p.y, np.nan).T, strict=True))
-    for c in machines:
-        a, b = c.values["from"], c.values["to"]
-        root = np.sqrt(y[f"T{a}_K"])
-        speed = y[f"{label[c.values['shaft']]}_rpm"] / root
-        if isinstance(c, Compressor):
-            position = np.log(y[f"W{a}_kg_s"] * root / y[f"P{a}_Pa"])
-        else:
-            position = np.log(y[f"P{a}_Pa"] / y[f"P{b}_Pa"])
+    for name, at in map_coordinates(engine, inputs, parameters).items():
+        speed, position = np.exp(at[:, 0]), at[:, 1]
         first = polynomials(speed, SPEED_DEGREE)
-        yield c.name, np.column_stack([first, polynomials(_beyond(position, first), POSITION_DEGREE)])
+        yield name, np.column_stack([first, polynomials(_beyond(position, first), POSITION_DEGREE)])
 
 
 def floor(
@@ -76,7 +60,7 @@ def floor(
         for j, curve in enumerate(columns.T):
             key = _key(name, j + 1)
             curves[key] = curve
-            for quantity in ("efficiency", "flow_capacity"):
+            for quantity in QUANTITIES:
                 found.append(Discrepancy(f"{name}.{quantity}", key, accuracy))
     return found, curves
 
@@ -86,33 +70,30 @@ def found_floor(
 ) -> tuple[list[Discrepancy], dict[str, np.ndarray]]:
     """The floor as an identification found it: its own curves, frozen there, and sizes."""
     machines = {m.name: m for m in machines_of(engine)}
-    columns = tuple(dict.fromkeys(c for m in machines.values() for c in m.columns))
-    p = engine.predict(inputs, parameters, sensors=columns)
-    y = dict(zip(columns, np.where(p.ok[:, None], p.y, np.nan).T, strict=True))
+    at = map_coordinates(engine, inputs, parameters)
     discrepancies: list[Discrepancy] = []
     curves: dict[str, np.ndarray] = {}
     for c in found.curves:
-        machine = machines[c.machine]
-        for j, curve in enumerate(c.at(machine.coordinates(y)).T, start=1):
+        for j, curve in enumerate(c.at(at[c.machine]).T, start=1):
             curves[_key(c.machine, j)] = curve
             discrepancies += [
                 Discrepancy(target, _key(c.machine, j), found.sizes[target])
-                for target in map(machine.parameter, QUANTITIES)
+                for target in map(machines[c.machine].parameter, QUANTITIES)
                 if target in found.sizes
             ]
     return discrepancies, curves
 
 
-def amounts_of(nominal: Nominal) -> dict[str, float]:
+def amounts_of(engine: Engine, nominal: Nominal) -> dict[str, float]:
     """What the discrepancies of `found_floor` were where they were identified, by name."""
     values, found = nominal.theta0, nominal.error_model
     if found is None:
         return {}
     return {
-        Discrepancy(target, _key(c.machine, j), 0.0).name: values[map_error_name(target, j)]
-        for c in found.curves
-        for target in found.sizes
-        if target.startswith(f"{c.machine}.")
+        Discrepancy(target, _key(machine.name, j), 0.0).name: values[map_error_name(target, j)]
+        for machine in machines_of(engine)
+        for target in map(machine.parameter, QUANTITIES)
+        if target in found.sizes
         for j in range(1, CURVES + 1)
     }
 
