@@ -23,7 +23,14 @@ from enginediag_cli.identification.crossvalidation import CrossValidation, cross
 from enginediag_cli.identification.envelope import Envelope, learn_envelope
 from enginediag_cli.identification.gauss_newton import Fit, solve
 from enginediag_cli.identification.map_error import SETTLED as SIZES_SETTLED
-from enginediag_cli.identification.map_error import MapErrorSize, frozen_at, map_error_sizes, resized, with_map_error
+from enginediag_cli.identification.map_error import (
+    MapErrorSize,
+    frozen_at,
+    map_error_sizes,
+    resized,
+    wide_beyond,
+    with_map_error,
+)
 from enginediag_cli.identification.noise import NoiseEstimate, estimate_noise, starting_noise
 from enginediag_cli.identification.nominal import Estimate, Nominal, SensorNoise, status_of
 from enginediag_cli.identification.normal_equations import normal_equations, predict
@@ -301,6 +308,8 @@ def _fit_and_noise(
         if settled:
             break
     fit = solve(problem, start, max_iterations=settings.max_iterations, tolerance=FINAL_TOLERANCE)
+    problem, x = wide_beyond(problem, fit.equations, fit.x, fit.z, accuracy)
+    fit = solve(problem, (x, fit.z), max_iterations=settings.max_iterations, tolerance=FINAL_TOLERANCE)
     found = uncertainty(problem, fit, noise.rho1, noise.used)
     for _ in range(ROUNDS):
         freed = given_back(problem, fit, found)
