@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from enginediag_cli.engine.engine import Prediction
-from enginediag_cli.error_model.curves import CURVES, MapCurves
+from enginediag_cli.error_model.curves import BEYOND, CURVES, MapCurves
 from enginediag_cli.error_model.machines import QUANTITIES, Machine, columns_of, machines_of
 from enginediag_cli.parameters import Parameter
 
@@ -100,9 +100,9 @@ class MapErrorModel:
         given = dict(parameters or {})
         amounts = {g.target: np.array([float(given.pop(n, 0.0)) for n in g.names]) for g in self._groups}
         asked = set(wrt)
-        active = [g for g in self._groups if amounts[g.target].any() or asked & set(g.names)]
-        if not active:
+        if not any(amounts[g.target].any() or asked & set(g.names) for g in self._groups):
             return self.model.predict(inputs, given, sensors=sensors, wrt=wrt, **options)
+        active = self._groups
         columns = tuple(self.model.sensors) if sensors is None else tuple(sensors)
         frozen = {name: inputs[name] for g in active for name in _frozen_columns(g, columns) if name in inputs}
         plain = {c: v for c, v in inputs.items() if c not in frozen}
@@ -112,6 +112,30 @@ class MapErrorModel:
         else:
             p, frozen = self._found(plain, given, columns, wrt, active, options)
         return _with_errors(p, active, amounts, tuple(wrt), frozen)
+
+    @property
+    def edges(self) -> tuple[str, ...]:
+        """Names of the amounts that matter only beyond what training covered."""
+        return tuple(g.names[j] for g in self._groups for j in BEYOND)
+
+    def beyond(self, frozen: Mapping[str, np.ndarray]) -> list[dict[str, np.ndarray]]:
+        """Frozen columns (N,) with every machine as far beyond training as errors of maps still grow: along speed, then
+        across it."""
+        moved: list[dict[str, np.ndarray]] = [dict(frozen), dict(frozen)]
+        for g in self._groups:
+            for columns, end in zip(moved, g.curves.ends(), strict=True):
+                for name, value in zip(g.machine.coordinate_columns, end, strict=True):
+                    columns[name] = np.full_like(frozen[name], value)
+        return moved
+
+    def edge_effects(self, frozen: Mapping[str, np.ndarray], sensors: Sequence[str]) -> np.ndarray:
+        """Sensitivities (N, m, e) of the sensors to `edges`, from frozen columns."""
+        parts = []
+        for g in self._groups:
+            phi = g.curves.at(np.column_stack([frozen[c] for c in g.machine.coordinate_columns]))[:, BEYOND]
+            effect = np.column_stack([frozen[_effect(g.target, c)] for c in sensors])
+            parts.append(effect[:, :, None] * phi[:, None, :])
+        return np.concatenate(parts, axis=2)
 
     def frozen(
         self, inputs: Mapping[str, Any], parameters: Mapping[str, Any], sensors: Sequence[str]

@@ -17,11 +17,14 @@ import numpy as np
 
 from enginediag_cli.engine.model import MonitoredModel
 from enginediag_cli.engine.start import StartFit, coordinates
+from enginediag_cli.error_model.modelled import MapErrorModel
 from enginediag_cli.residuals.monitor import Monitor
 from enginediag_cli.residuals.order_statistics import median
 from enginediag_cli.residuals.reduced import (
     ReducedMonitor,
     covariance_root,
+    edge_rows,
+    effects_beyond,
     in_normals,
     leading_directions,
     noise_weight,
@@ -60,10 +63,12 @@ class Fit:
 
 @dataclass(frozen=True)
 class CompactMonitor(ReducedMonitor):
-    """`fit` gives the effect of its unit normals, `start` the engine's unknowns at nominal, to begin with."""
+    """`fit` gives the effect of its unit normals, `start` the engine's unknowns at nominal, to begin with; `edge_root`
+    (e, r): steps of the errors of maps beyond training, whose effect is no polynomial, of a step of one in each."""
 
     fit: Fit | None = field(default=None)
     start: StartFit | None = field(default=None)
+    edge_root: np.ndarray | None = field(default=None)
 
     def predict(
         self, inputs: Mapping[str, np.ndarray], theta: np.ndarray, *, nuisance: bool = True, **options: Any
@@ -79,6 +84,9 @@ class CompactMonitor(ReducedMonitor):
         )
         if nuisance:
             effect = self.fit.at(inputs, self.engine.optional_inputs)
+            if isinstance(self.engine, MapErrorModel) and self.edge_root is not None:
+                frozen = {**getattr(prediction, "frozen", {}), **inputs}
+                effect = effect + self.engine.edge_effects(frozen, self.sensors) @ self.edge_root
             J = np.concatenate([J[:, :, :a], effect, J[:, :, a:]], axis=2)
         return y, J, ok, prediction
 
@@ -103,8 +111,13 @@ def compact(monitor: Monitor, exact: Monitor | None = None) -> Monitor:
     if len(points) < LEAST_POINTS:
         return monitor
     seen = np.arange(len(points)) < np.sum(ok[: len(monitor.envelope.points)])
-    effect, weight = J @ covariance_root(monitor), noise_weight(monitor)
-    effect = effect @ leading_directions(effect[seen], weight)
+    root, weight = covariance_root(monitor), noise_weight(monitor)
+    beyond = effects_beyond(monitor, getattr(found, "frozen", {}), ok, root)
+    root = root @ leading_directions([(J @ root)[seen], *beyond], weight)
+    # what begins at the edge of training has a bend there that no polynomial has: it is computed of each record
+    edges = edge_rows(monitor)
+    J[:, :, edges] = 0.0
+    effect = J @ root
     # far corners in which the engine hardly runs would bend the fit everywhere
     size = np.sum((effect * weight[:, None]) ** 2, axis=(1, 2))
     usual = size < 25 * median(size)
@@ -121,7 +134,10 @@ def compact(monitor: Monitor, exact: Monitor | None = None) -> Monitor:
         return monitor
     coefficients = np.linalg.lstsq(X, target, rcond=1e-10)[0].reshape(len(powers), -1, r) / weight[:, None]
     fit = Fit(names, centre, spread, powers, coefficients)
-    return CompactMonitor(**in_normals(monitor, r), curvature=exact.curvature, fit=fit, start=start)
+    normals = in_normals(monitor, r)
+    return CompactMonitor(
+        **normals, curvature=exact.curvature, fit=fit, start=start, edge_root=root[edges] if beyond else None
+    )
 
 
 def _fitted_start(
