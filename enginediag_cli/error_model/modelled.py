@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from enginediag_cli.engine.engine import Prediction
-from enginediag_cli.error_model.curves import BEYOND, CURVES, MapCurves
+from enginediag_cli.error_model.curves import CURVES, MapCurves
 from enginediag_cli.error_model.machines import QUANTITIES, Machine, columns_of, machines_of
 from enginediag_cli.parameters import Parameter
 
@@ -114,9 +114,9 @@ class MapErrorModel:
         return _with_errors(p, active, amounts, tuple(wrt), frozen)
 
     @property
-    def edges(self) -> tuple[str, ...]:
-        """Names of the amounts that matter only beyond what training covered."""
-        return tuple(g.names[j] for g in self._groups for j in BEYOND)
+    def amounts(self) -> tuple[str, ...]:
+        """Names of all amounts, those of one group after the other."""
+        return tuple(n for g in self._groups for n in g.names)
 
     def beyond(self, frozen: Mapping[str, np.ndarray]) -> list[dict[str, np.ndarray]]:
         """Frozen columns (N,) with every machine as far beyond training as errors of maps still grow: along speed, then
@@ -128,14 +128,18 @@ class MapErrorModel:
                     columns[name] = np.full_like(frozen[name], value)
         return moved
 
-    def edge_effects(self, frozen: Mapping[str, np.ndarray], sensors: Sequence[str]) -> np.ndarray:
-        """Sensitivities (N, m, e) of the sensors to `edges`, from frozen columns."""
-        parts = []
-        for g in self._groups:
-            phi = g.curves.at(np.column_stack([frozen[c] for c in g.machine.coordinate_columns]))[:, BEYOND]
+    def effects(self, frozen: Mapping[str, np.ndarray], sensors: Sequence[str]) -> np.ndarray:
+        """Sensitivities (N, m, k) of the sensors to `amounts`, from frozen columns."""
+        n = len(next(iter(frozen.values())))
+        found = np.empty((n, len(sensors), len(self._groups), CURVES))
+        curves: dict[str, np.ndarray] = {}
+        for i, g in enumerate(self._groups):
+            if g.machine.name not in curves:
+                at = np.column_stack([frozen[c] for c in g.machine.coordinate_columns])
+                curves[g.machine.name] = g.curves.at(at)
             effect = np.column_stack([frozen[_effect(g.target, c)] for c in sensors])
-            parts.append(effect[:, :, None] * phi[:, None, :])
-        return np.concatenate(parts, axis=2)
+            np.multiply(effect[:, :, None], curves[g.machine.name][:, None, :], out=found[:, :, i])
+        return found.reshape(n, len(sensors), -1)
 
     def frozen(
         self, inputs: Mapping[str, Any], parameters: Mapping[str, Any], sensors: Sequence[str]

@@ -103,26 +103,27 @@ def covariance_root(monitor: Monitor) -> np.ndarray:
     return np.asarray(scale[:, None] * vectors * np.sqrt(np.maximum(eigenvalues, 0.0)))
 
 
-def edge_rows(monitor: Monitor) -> np.ndarray:
-    """Which of all but the offsets (e,) are errors of maps that begin beyond what training covered."""
+def amount_rows(monitor: Monitor) -> np.ndarray:
+    """Which of all but the offsets (k,) are errors of maps, in the order of `MapErrorModel.amounts`."""
     if not isinstance(monitor.engine, MapErrorModel):
         return np.zeros(0, int)
     position = {n: i for i, n in enumerate(monitor.names)}
-    return np.array([position[n] for n in monitor.engine.edges], int)
+    return np.array([position[n] for n in monitor.engine.amounts], int)
 
 
 def effects_beyond(
     monitor: Monitor, frozen: Mapping[str, np.ndarray], ok: np.ndarray, root: np.ndarray
 ) -> list[np.ndarray]:
-    """Effects (n, m, q) of the unit normals of `root` (q, q) by errors of maps that begin beyond training, far beyond.
+    """Effects (n, m, q) of the unit normals of `root` (q, q) by errors of maps where these have grown most, beyond
+    training.
 
-    frozen: columns of the engine's prediction at points that training saw, where these errors have no effect; ok (n,).
+    frozen: columns of the engine's prediction at points that training saw, where some of them have no effect; ok (n,).
     """
     engine = monitor.engine
     if not isinstance(engine, MapErrorModel) or not frozen:
         return []
-    rows = edge_rows(monitor)
-    return [engine.edge_effects(columns, monitor.sensors)[ok] @ root[rows] for columns in engine.beyond(frozen)]
+    rows = amount_rows(monitor)
+    return [engine.effects(columns, monitor.sensors)[ok] @ root[rows] for columns in engine.beyond(frozen)]
 
 
 def leading_directions(effects: Sequence[np.ndarray], weight: np.ndarray) -> np.ndarray:
