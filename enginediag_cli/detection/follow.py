@@ -108,7 +108,7 @@ class FlightMonitor:
     def add(self, part: Recording) -> BlockReport:
         """Judge the records of a block; those without inputs or outside the points identified are counted only."""
         monitor = self.monitor
-        taken = judged_inputs(monitor, part, reach=0.0)
+        taken = judged_inputs(monitor, part, widening=False)
         inputs, y, incomplete, outside = taken.inputs, taken.y, taken.incomplete, taken.outside
         time = part.columns.get("time_s")
         _, lags = self._timeline.advance(len(part), time, False)

@@ -139,7 +139,7 @@ class MapErrorModel:
                 curves[g.machine.name] = g.curves.at(at)
             effect = np.column_stack([frozen[_effect(g.target, c)] for c in sensors])
             np.multiply(effect[:, :, None], curves[g.machine.name][:, None, :], out=found[:, :, i])
-        return found.reshape(n, len(sensors), -1)
+        return found.reshape(n, len(sensors), len(self._groups) * CURVES)
 
     def frozen(
         self, inputs: Mapping[str, Any], parameters: Mapping[str, Any], sensors: Sequence[str]

@@ -28,7 +28,7 @@ from enginediag_cli.identification.map_error import (
     frozen_at,
     map_error_sizes,
     resized,
-    wide_beyond,
+    widths_beyond,
     with_map_error,
 )
 from enginediag_cli.identification.noise import NoiseEstimate, estimate_noise, starting_noise
@@ -308,8 +308,6 @@ def _fit_and_noise(
         if settled:
             break
     fit = solve(problem, start, max_iterations=settings.max_iterations, tolerance=FINAL_TOLERANCE)
-    problem, x = wide_beyond(problem, fit.equations, fit.x, fit.z, accuracy)
-    fit = solve(problem, (x, fit.z), max_iterations=settings.max_iterations, tolerance=FINAL_TOLERANCE)
     found = uncertainty(problem, fit, noise.rho1, noise.used)
     for _ in range(ROUNDS):
         freed = given_back(problem, fit, found)
@@ -318,6 +316,11 @@ def _fit_and_noise(
         problem = freed
         fit = solve(problem, (fit.x, fit.z), max_iterations=settings.max_iterations, tolerance=FINAL_TOLERANCE)
         found = uncertainty(problem, fit, noise.rho1, noise.used)
+    widths = widths_beyond(problem, fit.equations, fit.x, fit.z, accuracy)
+    if np.any(widths > 1.0):
+        wide = replace(problem, prior_sigma=problem.prior_sigma * widths)
+        covariance = uncertainty(wide, replace(fit, x=fit.x / widths), noise.rho1, noise.used).covariance
+        found = replace(found, covariance=covariance * widths * widths[:, None])
     noise = replace(noise, sigma=problem.sigma, sigma_from="fit" if estimated else "stated")
     return problem, fit, noise, found, number, settled
 

@@ -100,21 +100,22 @@ def resized(
     return replace(problem, model=model, parameters=parameters, prior_sigma=sigma), x / scale, change
 
 
-def wide_beyond(
+def widths_beyond(
     problem: Problem, equations: NormalEquations, x: np.ndarray, z: np.ndarray, stated: float
-) -> tuple[Problem, np.ndarray]:
-    """The problem whose errors of maps beyond what training covered are as wide as all sizes that these records leave
-    possible make them, not the likeliest alone, and x (p,) in its units."""
+) -> np.ndarray:
+    """By which factor the errors of maps beyond what training covered are less certain than their likeliest size makes
+    them, (p,); 1 for everything else. The estimates stay: it is no reason to believe in larger ones."""
+    widths = np.ones(len(x))
     if not isinstance(problem.model, MapErrorModel):
-        return problem, x
+        return widths
     groups = problem.model.groups
     group, present = _grouped(problem, groups)
     information, pull = _of_data(equations, x, z)
     factors = expected_factors(information, pull, group, present, np.full(len(groups), stated))
     beyond = {names[j] for names in groups.values() for j in BEYOND}
     edge = np.array([n in beyond for n in problem.names])
-    scale = np.where(edge, np.maximum(factors, 1.0)[group], 1.0)
-    return replace(problem, prior_sigma=problem.prior_sigma * scale), x / scale
+    widths[edge] = np.maximum(factors, 1.0)[group[edge]]
+    return widths
 
 
 def _grouped(problem: Problem, groups: Mapping[str, tuple[str, ...]]) -> tuple[np.ndarray, np.ndarray]:

@@ -1,7 +1,7 @@
 """Which records can be judged: they have inputs and a reading, and lie where identification has been.
 
 Beyond that a model whose error begins to grow there still answers, with limits as wide as it says, up to a distance
-at which it is not known any more (`identification.envelope.REACH`).
+at which it is not known any more (`Envelope.within_reach`).
 """
 
 from __future__ import annotations
@@ -14,7 +14,6 @@ import numpy as np
 
 from enginediag_cli.error_model.modelled import MapErrorModel
 from enginediag_cli.errors import DataError
-from enginediag_cli.identification.envelope import REACH
 from enginediag_cli.recordings.table import Recording
 from enginediag_cli.residuals.monitor import Monitor
 
@@ -76,9 +75,9 @@ class JudgedInputs:
         return found
 
 
-def judged_inputs(monitor: Monitor, recording: Recording, *, reach: float = REACH) -> JudgedInputs:
-    """What can be judged of a recording. reach: as REACH, for a monitor whose error of the model grows beyond
-    training."""
+def judged_inputs(monitor: Monitor, recording: Recording, *, widening: bool = True) -> JudgedInputs:
+    """What can be judged of a recording. widening: whether limits become as wide as the error of the model is beyond
+    what training covered, where that is known."""
     engine, N = monitor.engine, len(recording)
     inputs = {c: recording.columns[c] for c in engine.inputs}
     for column, default in engine.optional_inputs.items():
@@ -93,9 +92,10 @@ def judged_inputs(monitor: Monitor, recording: Recording, *, reach: float = REAC
         columns = envelope.inputs
         distance = np.asarray(envelope.distance(inputs))
         beyond = complete & ~(distance <= envelope.threshold)
-        far = envelope.threshold + (reach if isinstance(monitor.engine, MapErrorModel) else 0.0)
-        outside = complete & ~(distance <= far)
+        outside = beyond
         if beyond.any():
+            if widening and isinstance(monitor.engine, MapErrorModel):
+                outside = complete & ~envelope.within_reach(inputs, distance)
             by[beyond] = envelope.farthest_input({c: inputs[c][beyond] for c in columns})
     return JudgedInputs(inputs, y, ~complete, outside, beyond, by, columns)
 

@@ -66,6 +66,11 @@ class WindowStatistics:
     silent: tuple[str, ...] = ()
     elsewhere: Counter[Elsewhere] = field(default_factory=Counter)
 
+    @property
+    def extrapolated(self) -> int:
+        """Records that are judged although training did not cover where they lie."""
+        return sum(n for where, n in self.elsewhere.items() if where.judged)
+
 
 @dataclass(frozen=True)
 class _Piece:
