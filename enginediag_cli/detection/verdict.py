@@ -31,7 +31,7 @@ what would be seen within it. An alarm in spite of them stands."""
 
 @dataclass(frozen=True)
 class Verdict:
-    """`test`, `fit` and `score` are None where there is no verdict, and `reason` says why."""
+    """`reason` says why there is no verdict; `test`, `fit` and `score` are None where there is nothing to test."""
 
     window: WindowStatistics
     verdict: str
@@ -69,7 +69,7 @@ def judge(window: WindowStatistics, false_alarm: float = 0.01) -> Verdict:
     if lifeless(fit):
         return Verdict(window, NO_VERDICT, too_still(fit))
     if not test.alarm and window.extrapolated > MOSTLY * statistics.n:
-        return Verdict(window, NO_VERDICT, nothing_seen(window.extrapolated, statistics.n))
+        return Verdict(window, NO_VERDICT, nothing_seen(window.extrapolated, statistics.n), test, fit, score)
     return Verdict(window, FAULT if test.alarm else HEALTHY, "", test, fit, score)
 
 
