@@ -112,6 +112,6 @@ def run_follow(
         inherited=intake.provenance,
     )
     output.write_rows(chain([first] if first is not None else [], found), provenance=head, live=True)
-    tell_left_out(messages, intake.left_out, following.counts)
+    tell_left_out(messages, intake.left_out, following.counts, following.elsewhere)
     messages.note(f"{sum(alarms.values())} of {len(alarms)} flights with an alarm")
     return ending(sum(alarms.values()), judged, exit_code)

@@ -84,7 +84,7 @@ def tell_files(messages: Messages, files: JudgedFiles) -> None:
     from enginediag_cli.presentation.left_out import tell_left_out
     from enginediag_cli.presentation.sentences import count
 
-    tell_left_out(messages, files.intake.left_out, files.counts)
+    tell_left_out(messages, files.intake.left_out, files.counts, files.elsewhere)
     if files.ledger.repeated:
         messages.warning(f"{count(files.ledger.repeated, 'row')} of statistics given twice, and counted once")
     if files.ledger.overlapping:

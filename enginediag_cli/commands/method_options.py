@@ -161,6 +161,7 @@ def detect_by_method(
             tally[found.verdict] += 1
             place = found.window.place
             files.counts.update(outside=place.outside, incomplete=place.incomplete)
+            files.elsewhere.update(place.elsewhere)
             yield method_row(found, method)
 
     every = rows()

@@ -6,6 +6,7 @@ readings that scatter impossibly little were not measured. Nor does one sensor a
 
 from __future__ import annotations
 
+from collections import Counter
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -17,7 +18,7 @@ from enginediag_cli.detection.segments import Coordinates
 from enginediag_cli.detection.sequential import EProcess
 from enginediag_cli.detection.verdict import LEAST_SENSORS, lifeless, too_few, too_still
 from enginediag_cli.recordings.table import Recording
-from enginediag_cli.residuals.admission import judged_inputs
+from enginediag_cli.residuals.admission import Elsewhere, judged_inputs
 from enginediag_cli.residuals.groups import Key, Timeline
 from enginediag_cli.residuals.innovations import Innovations
 from enginediag_cli.residuals.monitor import Monitor
@@ -60,7 +61,8 @@ class BlockReport:
     """One block of a flight. repeated: records whose readings are those of the record before, not judged; sensors: how
     many of `sensors_of` gave a reading that was judged; log10_e: evidence that something has changed, as a power of
     ten; alarm: E has reached 1/α, in this block or before; change: what it looks like, once there is an alarm; reason:
-    why the block tells nothing, "" where it does."""
+    why the block tells nothing, "" where it does; elsewhere: how many records training did not cover, by where they
+    lie."""
 
     key: Key
     block: int
@@ -80,6 +82,7 @@ class BlockReport:
     alarm: bool
     change: Change | None
     reason: str = ""
+    elsewhere: Counter[Elsewhere] = field(default_factory=Counter)
 
 
 @dataclass
@@ -105,7 +108,8 @@ class FlightMonitor:
     def add(self, part: Recording) -> BlockReport:
         """Judge the records of a block; those without inputs or outside the points identified are counted only."""
         monitor = self.monitor
-        inputs, y, incomplete, outside = judged_inputs(monitor, part)
+        taken = judged_inputs(monitor, part, widening=False)
+        inputs, y, incomplete, outside = taken.inputs, taken.y, taken.incomplete, taken.outside
         time = part.columns.get("time_s")
         _, lags = self._timeline.advance(len(part), time, False)
         repeated = self._repeated(y) & ~incomplete & ~outside
@@ -150,6 +154,7 @@ class FlightMonitor:
             alarm,
             change,
             reason,
+            taken.elsewhere(slice(None)),
         )
 
     def _repeated(self, y: np.ndarray) -> np.ndarray:

@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 from enginediag_cli.detection.follow import BlockReport, FlightMonitor
 from enginediag_cli.intake.intake import Intake
 from enginediag_cli.intake.live import live_chunks
+from enginediag_cli.residuals.admission import Elsewhere
 from enginediag_cli.residuals.groups import Key, group_rows
 from enginediag_cli.residuals.monitor import Monitor
 
@@ -30,6 +31,7 @@ class Following:
     block: int = BLOCK
     idle_s: float = 60.0
     counts: Counter[str] = field(default_factory=Counter)
+    elsewhere: Counter[Elsewhere] = field(default_factory=Counter)
 
     def reports(self) -> Iterator[BlockReport]:
         """One report per block of each flight, as soon as its records are there."""
@@ -47,4 +49,5 @@ class Following:
                     failed=report.failed,
                     repeating=report.repeated,
                 )
+                self.elsewhere.update(report.elsewhere)
                 yield report

@@ -24,11 +24,14 @@ LEAST_FIT = 1e-4
 was identified. Noise that was taken too large, for errors of the model were counted in it, is so by a factor of ten."""
 LEAST_FIT_CHANCE = 1e-9
 """And it must be no accident: of few readings one is as small by chance now and then."""
+MOSTLY = 0.5
+"""Share of judged records that training did not cover beyond which silence is no verdict: limits as wide as these hide
+what would be seen within it. An alarm in spite of them stands."""
 
 
 @dataclass(frozen=True)
 class Verdict:
-    """`test`, `fit` and `score` are None where there is no verdict, and `reason` says why."""
+    """`reason` says why there is no verdict; `test`, `fit` and `score` are None where there is nothing to test."""
 
     window: WindowStatistics
     verdict: str
@@ -65,7 +68,17 @@ def judge(window: WindowStatistics, false_alarm: float = 0.01) -> Verdict:
     fit = lack_of_fit(statistics)
     if lifeless(fit):
         return Verdict(window, NO_VERDICT, too_still(fit))
+    if not test.alarm and window.extrapolated > MOSTLY * statistics.n:
+        return Verdict(window, NO_VERDICT, nothing_seen(window.extrapolated, statistics.n), test, fit, score)
     return Verdict(window, FAULT if test.alarm else HEALTHY, "", test, fit, score)
+
+
+def nothing_seen(extrapolated: int, judged: int) -> str:
+    """Why nothing is told where no alarm is raised beyond what training covered."""
+    return (
+        f"{extrapolated} of {judged} records outside the operating points identified, and nothing is seen within "
+        "limits as wide as they are there"
+    )
 
 
 def too_few(sensors: int, sensors_of: int) -> str:

@@ -26,6 +26,8 @@ SPEED_DEGREE, POSITION_DEGREE = 3, 2
 blind trials' map errors are of other shapes on purpose."""
 CURVES = SPEED_DEGREE + POSITION_DEGREE + 2
 """Functions of one map quantity of one machine."""
+BEYOND = [CURVES - 2, CURVES - 1]
+"""Which of them begin where training ends."""
 LEAST_REACH = 0.05
 """Half range of a logarithmic coordinate below which a map is not known to bend: within five per cent of speed or flow
 an error of its shape is a constant and a slope."""
@@ -57,6 +59,14 @@ class MapCurves:
         parts = (_within(x, SPEED_DEGREE), _within(r, POSITION_DEGREE), _beyond(x), _beyond(r))
         there = np.isfinite(coordinates).all(axis=1)
         return np.where(there[:, None], np.column_stack(parts), 0.0)
+
+    def ends(self) -> tuple[tuple[float, float], tuple[float, float]]:
+        """Coordinates (2,) at END along speed, on the line of training, and at END across it."""
+        found = []
+        for x, r in ((END, 0.0), (0.0, END)):
+            u = r + float(np.polynomial.polynomial.polyval(x, self.line))
+            found.append((self.centre[0] + self.reach[0] * x, self.centre[1] + self.reach[1] * u))
+        return found[0], found[1]
 
     def as_mapping(self) -> dict[str, list[float]]:
         """The numbers as plain values."""

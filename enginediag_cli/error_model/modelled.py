@@ -100,9 +100,9 @@ class MapErrorModel:
         given = dict(parameters or {})
         amounts = {g.target: np.array([float(given.pop(n, 0.0)) for n in g.names]) for g in self._groups}
         asked = set(wrt)
-        active = [g for g in self._groups if amounts[g.target].any() or asked & set(g.names)]
-        if not active:
+        if not any(amounts[g.target].any() or asked & set(g.names) for g in self._groups):
             return self.model.predict(inputs, given, sensors=sensors, wrt=wrt, **options)
+        active = self._groups
         columns = tuple(self.model.sensors) if sensors is None else tuple(sensors)
         frozen = {name: inputs[name] for g in active for name in _frozen_columns(g, columns) if name in inputs}
         plain = {c: v for c, v in inputs.items() if c not in frozen}
@@ -112,6 +112,34 @@ class MapErrorModel:
         else:
             p, frozen = self._found(plain, given, columns, wrt, active, options)
         return _with_errors(p, active, amounts, tuple(wrt), frozen)
+
+    @property
+    def amounts(self) -> tuple[str, ...]:
+        """Names of all amounts, those of one group after the other."""
+        return tuple(n for g in self._groups for n in g.names)
+
+    def beyond(self, frozen: Mapping[str, np.ndarray]) -> list[dict[str, np.ndarray]]:
+        """Frozen columns (N,) with every machine as far beyond training as errors of maps still grow: along speed, then
+        across it."""
+        moved: list[dict[str, np.ndarray]] = [dict(frozen), dict(frozen)]
+        for g in self._groups:
+            for columns, end in zip(moved, g.curves.ends(), strict=True):
+                for name, value in zip(g.machine.coordinate_columns, end, strict=True):
+                    columns[name] = np.full_like(frozen[name], value)
+        return moved
+
+    def effects(self, frozen: Mapping[str, np.ndarray], sensors: Sequence[str]) -> np.ndarray:
+        """Sensitivities (N, m, k) of the sensors to `amounts`, from frozen columns."""
+        n = len(next(iter(frozen.values())))
+        found = np.empty((n, len(sensors), len(self._groups), CURVES))
+        curves: dict[str, np.ndarray] = {}
+        for i, g in enumerate(self._groups):
+            if g.machine.name not in curves:
+                at = np.column_stack([frozen[c] for c in g.machine.coordinate_columns])
+                curves[g.machine.name] = g.curves.at(at)
+            effect = np.column_stack([frozen[_effect(g.target, c)] for c in sensors])
+            np.multiply(effect[:, :, None], curves[g.machine.name][:, None, :], out=found[:, :, i])
+        return found.reshape(n, len(sensors), len(self._groups) * CURVES)
 
     def frozen(
         self, inputs: Mapping[str, Any], parameters: Mapping[str, Any], sensors: Sequence[str]

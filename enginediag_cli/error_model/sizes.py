@@ -7,6 +7,13 @@ of the present prior standard deviations, and t the factor by which the standard
 
 with μ = C b, C = (H + T⁻²)⁻¹. To it comes the prior ln s_g ~ N(ln stated, 1), and s_g is never below what is stated:
 one healthy engine may happen to lie on its map, and the next need not.
+
+Where training has not been nothing corrects a size that was found too small. What begins there is as wide as the sizes
+that are possible, weighed by how likely they are: E[s²] rather than the square of the likeliest,
+
+    S = C_gg⁻¹ − I,  β = C_gg⁻¹ μ_g        ln L(t_g) = ½ βᵀ(S + t_g⁻²)⁻¹ β − ½ ln det(1 + t_g² S)
+
+for one group, the others at their sizes.
 """
 
 from __future__ import annotations
@@ -22,6 +29,10 @@ but physics that is missing, and must stay to be seen."""
 SLOPE = 1e-3
 """Slope of ln L per ln t at which the search ends: a size is then found to a thousandth. Its value would not do to end
 it: ½ bᵀ C b grows with the records, and what sizes change of it does not."""
+
+
+STEPS = 25
+"""Sizes of one group that are weighed, in equal steps of their logarithm: seven per cent apart."""
 
 
 def likeliest_factors(
@@ -57,3 +68,28 @@ def likeliest_factors(
     bounds = list(zip(centre, top, strict=True))
     found = minimize(lost, start, jac=True, method="L-BFGS-B", bounds=bounds, options={"ftol": 0.0, "gtol": SLOPE})
     return np.asarray(np.exp(found.x))
+
+
+def expected_factors(
+    information: np.ndarray, pull: np.ndarray, group: np.ndarray, present: np.ndarray, stated: np.ndarray
+) -> np.ndarray:
+    """√E[s²] of each group's size s, from what is stated to LARGEST times that, in present sizes, (G,).
+
+    Arguments as of `likeliest_factors`, at the sizes that it found.
+    """
+    C = np.linalg.inv(information + np.eye(len(pull)))
+    mean = C @ pull
+    v = np.linspace(0.0, np.log(LARGEST), STEPS)
+    factors = np.empty(len(present))
+    for g in range(len(present)):
+        at = np.flatnonzero(group == g)
+        inner = np.linalg.inv(C[np.ix_(at, at)])
+        eigenvalues, vectors = np.linalg.eigh(inner - np.eye(len(at)))
+        known = np.maximum(eigenvalues, 0.0)  # (k,), what rounding leaves below nothing
+        projected = vectors.T @ (inner @ mean[at])
+        t2 = (stated[g] / present[g] * np.exp(v)[:, None]) ** 2
+        gain = 0.5 * np.sum(projected**2 * t2 / (1.0 + t2 * known) - np.log1p(t2 * known), axis=1)
+        log_weight = gain - 0.5 * (v / SPREAD) ** 2
+        weight = np.exp(log_weight - log_weight.max())
+        factors[g] = np.sqrt(weight @ t2[:, 0] / weight.sum())
+    return factors

@@ -21,6 +21,13 @@ MARGIN_RANGE = (0.25, 1.0)
 refuse the next flight on the same route, more would admit another regime."""
 STRETCHES = 10
 """Parts of a recording, each of which is asked how far it is from the others."""
+REACH = 3.0
+"""Distance beyond the threshold, in spreads of the inputs, up to which a model of errors that widens by itself still
+answers. Judgement: false alarms stay at nominal much farther out, but there other physics than that of the maps begins,
+of which it says nothing."""
+REACH_OF_RANGE = 0.5
+"""How far beyond its range an input may be then, as a share of the range: what training held constant says nothing of
+what the engine does elsewhere. A plant at base load does not tell what its vanes do below."""
 BLOCK = 100
 """Operating points whose distances are computed at once: with a full cover 0.1 MB, which stay in the cache."""
 MINIMUM_SPREAD = {
@@ -57,8 +64,20 @@ class Envelope:
 
     def outside(self, inputs: Mapping[str, np.ndarray]) -> np.ndarray:
         """True for operating points that training did not cover, (N,); a missing input counts as outside."""
+        return ~(self.distance(inputs) <= self.threshold)
+
+    def within_reach(self, inputs: Mapping[str, np.ndarray], distance: np.ndarray) -> np.ndarray:
+        """True where a model of errors that widens by itself may answer, (N,): operating points at `distance` (N,)."""
+        u = self._scaled(inputs) * self.scale
+        over = np.maximum(u - self.high, self.low - u)
+        near = np.all(over <= REACH_OF_RANGE * (self.high - self.low), axis=1)
+        return np.asarray((distance <= self.threshold) | (near & (distance <= self.threshold + REACH)))
+
+    def farthest_input(self, inputs: Mapping[str, np.ndarray]) -> np.ndarray:
+        """Number of the input that is farthest beyond its range, (N,); −1 where none is: a combination not seen."""
         u = self._scaled(inputs)
-        return ~(_nearest(u, self.points / self.scale)[0] <= self.threshold)
+        over = np.maximum(u - self.high / self.scale, self.low / self.scale - u)
+        return np.where(over.max(axis=1) > 0.0, over.argmax(axis=1), -1)
 
     @np.errstate(over="ignore")
     def reason(self, inputs: Mapping[str, np.ndarray], k: int) -> str:

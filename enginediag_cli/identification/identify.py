@@ -23,7 +23,14 @@ from enginediag_cli.identification.crossvalidation import CrossValidation, cross
 from enginediag_cli.identification.envelope import Envelope, learn_envelope
 from enginediag_cli.identification.gauss_newton import Fit, solve
 from enginediag_cli.identification.map_error import SETTLED as SIZES_SETTLED
-from enginediag_cli.identification.map_error import MapErrorSize, frozen_at, map_error_sizes, resized, with_map_error
+from enginediag_cli.identification.map_error import (
+    MapErrorSize,
+    frozen_at,
+    map_error_sizes,
+    resized,
+    widths_beyond,
+    with_map_error,
+)
 from enginediag_cli.identification.noise import NoiseEstimate, estimate_noise, starting_noise
 from enginediag_cli.identification.nominal import Estimate, Nominal, SensorNoise, status_of
 from enginediag_cli.identification.normal_equations import normal_equations, predict
@@ -309,6 +316,11 @@ def _fit_and_noise(
         problem = freed
         fit = solve(problem, (fit.x, fit.z), max_iterations=settings.max_iterations, tolerance=FINAL_TOLERANCE)
         found = uncertainty(problem, fit, noise.rho1, noise.used)
+    widths = widths_beyond(problem, fit.equations, fit.x, fit.z, accuracy)
+    if np.any(widths > 1.0):
+        wide = replace(problem, prior_sigma=problem.prior_sigma * widths)
+        covariance = uncertainty(wide, replace(fit, x=fit.x / widths), noise.rho1, noise.used).covariance
+        found = replace(found, covariance=covariance * widths * widths[:, None])
     noise = replace(noise, sigma=problem.sigma, sigma_from="fit" if estimated else "stated")
     return problem, fit, noise, found, number, settled
 

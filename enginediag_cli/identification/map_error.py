@@ -7,14 +7,15 @@ in a column of each record while the parameters move (see `error_model.modelled`
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from enginediag_cli.error_model.curves import learn_curves
+from enginediag_cli.error_model.curves import BEYOND, learn_curves
 from enginediag_cli.error_model.machines import QUANTITIES, machines_of, map_coordinates
 from enginediag_cli.error_model.modelled import FAMILY, MapErrorModel
-from enginediag_cli.error_model.sizes import likeliest_factors
+from enginediag_cli.error_model.sizes import expected_factors, likeliest_factors
 from enginediag_cli.identification.normal_equations import NormalEquations, eliminate
 from enginediag_cli.identification.problem import Problem
 
@@ -87,17 +88,8 @@ def resized(
     if not isinstance(problem.model, MapErrorModel):
         return problem, x, 0.0
     groups = problem.model.groups
-    position = {n: i for i, n in enumerate(problem.names)}
-    group = np.full(len(x), -1)
-    present = np.empty(len(groups))
-    for g, names in enumerate(groups.values()):
-        at = [position[n] for n in names]
-        group[at] = g
-        present[g] = problem.prior_sigma[at[0]]
-    n = equations
-    arrow = eliminate(n.H_xx, n.H_xz, n.H_zz, n.g_x, n.g_z, x, z)
-    information = arrow.S - np.eye(len(x))
-    pull = information @ x - (arrow.g - x)
+    group, present = _grouped(problem, groups)
+    information, pull = _of_data(equations, x, z)
     factors = likeliest_factors(information, pull, group, present, np.full(len(groups), stated))
     factors = factors**damping
     scale = np.where(group >= 0, factors[group], 1.0)
@@ -106,3 +98,40 @@ def resized(
     parameters = tuple(model.parameters[p.name] if p.family == FAMILY else p for p in problem.parameters)
     change = float(np.max(np.abs(np.log(factors)))) if len(factors) else 0.0
     return replace(problem, model=model, parameters=parameters, prior_sigma=sigma), x / scale, change
+
+
+def widths_beyond(
+    problem: Problem, equations: NormalEquations, x: np.ndarray, z: np.ndarray, stated: float
+) -> np.ndarray:
+    """By which factor the errors of maps beyond what training covered are less certain than their likeliest size makes
+    them, (p,); 1 for everything else. The estimates stay: it is no reason to believe in larger ones."""
+    widths = np.ones(len(x))
+    if not isinstance(problem.model, MapErrorModel):
+        return widths
+    groups = problem.model.groups
+    group, present = _grouped(problem, groups)
+    information, pull = _of_data(equations, x, z)
+    factors = expected_factors(information, pull, group, present, np.full(len(groups), stated))
+    beyond = {names[j] for names in groups.values() for j in BEYOND}
+    edge = np.array([n in beyond for n in problem.names])
+    widths[edge] = np.maximum(factors, 1.0)[group[edge]]
+    return widths
+
+
+def _grouped(problem: Problem, groups: Mapping[str, tuple[str, ...]]) -> tuple[np.ndarray, np.ndarray]:
+    """Number of the group of each parameter (p,), −1 for those of none, and the present size of each group (G,)."""
+    position = {n: i for i, n in enumerate(problem.names)}
+    group = np.full(len(problem.names), -1)
+    present = np.empty(len(groups))
+    for g, names in enumerate(groups.values()):
+        at = [position[n] for n in names]
+        group[at] = g
+        present[g] = problem.prior_sigma[at[0]]
+    return group, present
+
+
+def _of_data(n: NormalEquations, x: np.ndarray, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Information (p, p) and pull (p,) of the records alone, offsets eliminated."""
+    arrow = eliminate(n.H_xx, n.H_xz, n.H_zz, n.g_x, n.g_z, x, z)
+    information = arrow.S - np.eye(len(x))
+    return information, information @ x - (arrow.g - x)

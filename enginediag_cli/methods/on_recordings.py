@@ -108,13 +108,13 @@ def _pieces(
     part: Recording, chunk: JudgedChunk, key: Key, blocks: np.ndarray, lags: np.ndarray
 ) -> Iterator[tuple[int, RecordedWindow]]:
     """The records of each block of one group in one chunk."""
-    judged = ~chunk.incomplete & ~chunk.outside
-    y = np.where(judged[:, None], chunk.y, np.nan)
+    taken = chunk.taken
+    y = np.where(taken.judged[:, None], taken.y, np.nan)
     apart = np.where(np.isfinite(lags), np.minimum(lags, FARTHEST), FARTHEST).astype(int)
     for i, k in runs(blocks):
         rows = slice(i, k)
         steps = np.cumsum(apart[rows]) - 1  # empty records before the first stand for a jump from the block before
-        inputs = {c: _spread(v[rows], steps) for c, v in chunk.inputs.items()}
+        inputs = {c: _spread(v[rows], steps) for c, v in taken.inputs.items()}
         yield int(blocks[i]), RecordedWindow(place(part, chunk, key, rows), inputs, _spread(y[rows], steps))
 
 

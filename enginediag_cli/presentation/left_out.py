@@ -7,15 +7,24 @@ from collections.abc import Iterable, Iterator, Mapping
 from enginediag_cli.intake.left_out import LeftOut
 from enginediag_cli.presentation.messages import Messages
 from enginediag_cli.presentation.sentences import count
+from enginediag_cli.residuals.admission import Elsewhere
 
 
-def tell_left_out(messages: Messages, left_out: Iterable[LeftOut], records: Mapping[str, int] | None = None) -> None:
-    """All of it, `records` being counts of records that came in and were not judged."""
+def tell_left_out(
+    messages: Messages,
+    left_out: Iterable[LeftOut],
+    records: Mapping[str, int] | None = None,
+    elsewhere: Mapping[Elsewhere, int] | None = None,
+) -> None:
+    """All of it, `records` being counts of records that came in and were not judged, `elsewhere` of those that lie
+    where identification has not been."""
     for left in left_out:
         tell_absent(messages, left)
         for line in left_out_lines(left):
             messages.note(line)
     for line in not_judged_lines(records or {}):
+        messages.note(line)
+    for line in elsewhere_lines(elsewhere or {}):
         messages.note(line)
 
 
@@ -46,12 +55,21 @@ def not_judged_lines(records: Mapping[str, int]) -> Iterator[str]:
     """Of records that came in: how many could not be judged, and why."""
     for key, what in (
         ("incomplete", "without an input or any reading"),
-        ("outside", "outside the operating points identified, not judged"),
         ("failed", "not computed by the engine"),
         ("repeating", "whose readings are those of the record before, not judged"),
     ):
         if records.get(key):
             yield f"{count(records[key], 'record')} {what}"
+
+
+def elsewhere_lines(elsewhere: Mapping[Elsewhere, int]) -> Iterator[str]:
+    """Of records outside the operating points identified: which input it is, and what became of them."""
+    for judged, what in ((True, "judged with limits as much wider"), (False, "too far to be judged")):
+        by = {w.column: n for w, n in elsewhere.items() if w.judged == judged and n}
+        if by:
+            most = sorted(by, key=lambda column: (-by[column], column))
+            inputs = ", ".join(f"{column or 'a combination of inputs'} in {by[column]:,}" for column in most)
+            yield f"{count(sum(by.values()), 'record')} outside the operating points identified, {what}: {inputs}"
 
 
 def _place(left: LeftOut) -> str:

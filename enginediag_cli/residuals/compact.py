@@ -17,19 +17,23 @@ import numpy as np
 
 from enginediag_cli.engine.model import MonitoredModel
 from enginediag_cli.engine.start import StartFit, coordinates
+from enginediag_cli.error_model.modelled import MapErrorModel
 from enginediag_cli.residuals.monitor import Monitor
 from enginediag_cli.residuals.order_statistics import median
 from enginediag_cli.residuals.reduced import (
     ReducedMonitor,
+    amount_rows,
     covariance_root,
+    effects_beyond,
     in_normals,
     leading_directions,
     noise_weight,
     reduced,
 )
 
-DEGREE = 5
-"""Of the polynomial of operating points; whether it suffices is tried on points held back (TOLERANCE)."""
+DEGREE = 6
+"""Of the polynomial of operating points in corrected coordinates; whether it suffices is tried on points held back
+(TOLERANCE)."""
 TOLERANCE = 2e-4
 """Information per record that the fit may leave out; beyond it the engine is asked."""
 LEAST_POINTS = 300
@@ -42,7 +46,8 @@ START_DEGREE = 12.0
 
 @dataclass(frozen=True)
 class Fit:
-    """Polynomial of the scaled inputs: `powers` lists the factors of each term, `coefficients` (terms, m, r)."""
+    """Polynomial of the scaled coordinates of operating points: `powers` lists the factors of each term,
+    `coefficients` (terms, m, r); inputs: the columns that `_coordinates` takes."""
 
     inputs: tuple[str, ...]
     centre: np.ndarray
@@ -50,9 +55,9 @@ class Fit:
     powers: tuple[tuple[int, ...], ...]
     coefficients: np.ndarray
 
-    def at(self, inputs: Mapping[str, np.ndarray], optional: Mapping[str, float]) -> np.ndarray:
-        """Sensitivities (N, m, r) in sensor unit per unit normal."""
-        X = _terms(_scaled(inputs, self.inputs, optional, self.centre, self.scale), self.powers)
+    def at(self, coordinates: np.ndarray) -> np.ndarray:
+        """Sensitivities (N, m, r) in sensor unit per unit normal, at operating points (N, d)."""
+        X = _terms((coordinates - self.centre) / self.scale, self.powers)
         terms, m, r = self.coefficients.shape
         single = X.astype(np.float32) @ self.coefficients.reshape(terms, m * r).astype(np.float32)  # exact enough
         return single.reshape(-1, m, r).astype(float)
@@ -60,10 +65,12 @@ class Fit:
 
 @dataclass(frozen=True)
 class CompactMonitor(ReducedMonitor):
-    """`fit` gives the effect of its unit normals, `start` the engine's unknowns at nominal, to begin with."""
+    """`fit` gives the effect of its unit normals but for the errors of maps, which come of a step of `amounts_root`
+    (k, r) in each amount; `start` gives the engine's unknowns at nominal, to begin with."""
 
     fit: Fit | None = field(default=None)
     start: StartFit | None = field(default=None)
+    amounts_root: np.ndarray | None = field(default=None)
 
     def predict(
         self, inputs: Mapping[str, np.ndarray], theta: np.ndarray, *, nuisance: bool = True, **options: Any
@@ -71,14 +78,18 @@ class CompactMonitor(ReducedMonitor):
         """As `Monitor.predict`; the unit normals stay at 0, where nominal is."""
         assert self.fit is not None
         a, q = len(self.monitored), self.inner
+        at = _coordinates(self.engine, self.fit.inputs, inputs)
         if self.start is not None and "start" not in options:
-            options["start"] = self.start.predict(_corrected(self.engine, self.fit.inputs, inputs)[1])
+            options["start"] = self.start.predict(at.T)
         plain = replace(self, names=(*self.monitored, *self.names[q:]))
         y, J, ok, prediction = Monitor.predict(
             plain, inputs, np.delete(theta, np.s_[a:q], axis=-1), nuisance=nuisance, **options
         )
         if nuisance:
-            effect = self.fit.at(inputs, self.engine.optional_inputs)
+            effect = self.fit.at(at)
+            if isinstance(self.engine, MapErrorModel) and self.amounts_root is not None:
+                frozen = {**getattr(prediction, "frozen", {}), **inputs}
+                effect = effect + self.engine.effects(frozen, self.sensors) @ self.amounts_root
             J = np.concatenate([J[:, :, :a], effect, J[:, :, a:]], axis=2)
         return y, J, ok, prediction
 
@@ -99,29 +110,41 @@ def compact(monitor: Monitor, exact: Monitor | None = None) -> Monitor:
     inputs = {c: points[:, i] for i, c in enumerate(names)}
     _, J, ok, found = monitor.predict(inputs, monitor.theta0)
     start = _fitted_start(monitor.engine, names, inputs, getattr(found, "x", None), ok)
+    own = len(monitor.envelope.points)
+    frozen = {c: v[:own] for c, v in getattr(found, "frozen", {}).items()}
     J, points = J[ok, :, :q], points[ok]
     if len(points) < LEAST_POINTS:
         return monitor
-    seen = np.arange(len(points)) < np.sum(ok[: len(monitor.envelope.points)])
-    effect, weight = J @ covariance_root(monitor), noise_weight(monitor)
-    effect = effect @ leading_directions(effect[seen], weight)
+    seen = np.arange(len(points)) < np.sum(ok[:own])
+    root, weight = covariance_root(monitor), noise_weight(monitor)
+    beyond = effects_beyond(monitor, frozen, ok[:own], root)
+    root = root @ leading_directions([(J @ root)[seen], *beyond], weight)
+    # errors of maps bend more than polynomials of this degree: theirs is computed of each record
+    amounts = amount_rows(monitor)
+    if beyond:
+        J[:, :, amounts] = 0.0
+    effect = J @ root
     # far corners in which the engine hardly runs would bend the fit everywhere
     size = np.sum((effect * weight[:, None]) ** 2, axis=(1, 2))
     usual = size < 25 * median(size)
-    own, effect, points = seen[usual], effect[usual], points[usual]
+    effect, points, seen = effect[usual], points[usual], seen[usual]
     r = effect.shape[2]
+    points = _coordinates(monitor.engine, names, {c: points[:, i] for i, c in enumerate(names)})
     centre, spread = points.mean(axis=0), np.maximum(points.std(axis=0), 1e-9)
     powers = tuple(p for d in range(DEGREE + 1) for p in combinations_with_replacement(range(points.shape[1]), d))
     X = _terms((points - centre) / spread, powers)
     target = (effect * weight[:, None]).reshape(len(points), -1)
-    held = own & (np.arange(len(points)) % 3 == 0)
+    held = seen & (np.arange(len(points)) % 3 == 0)
     trial = np.linalg.lstsq(X[~held], target[~held], rcond=1e-10)[0]
     error = float(np.mean(np.sum((X[held] @ trial - target[held]) ** 2, axis=1)))
     if not error < TOLERANCE:
         return monitor
     coefficients = np.linalg.lstsq(X, target, rcond=1e-10)[0].reshape(len(powers), -1, r) / weight[:, None]
     fit = Fit(names, centre, spread, powers, coefficients)
-    return CompactMonitor(**in_normals(monitor, r), curvature=exact.curvature, fit=fit, start=start)
+    normals = in_normals(monitor, r)
+    return CompactMonitor(
+        **normals, curvature=exact.curvature, fit=fit, start=start, amounts_root=root[amounts] if beyond else None
+    )
 
 
 def _fitted_start(
@@ -134,13 +157,25 @@ def _fitted_start(
     """Unknowns x (nx, n) as a polynomial of corrected coordinates; None for a model that shows none."""
     if x is None or not hasattr(engine, "power_setting"):
         return None
-    kinds, z = _corrected(engine, names, inputs)
-    return StartFit.fit(kinds, z[:, ok], x[:, ok], START_DEGREE)
+    return StartFit.fit(
+        _corrected(engine, names, inputs)[0], _coordinates(engine, names, inputs)[ok].T, x[:, ok], START_DEGREE
+    )
+
+
+def _coordinates(engine: MonitoredModel, names: tuple[str, ...], inputs: Mapping[str, np.ndarray]) -> np.ndarray:
+    """Operating points (N, d) in coordinates in which an engine is smooth: corrected, where it says by what it is set;
+    else its inputs."""
+    if hasattr(engine, "power_setting"):
+        return _corrected(engine, names, inputs)[1].T
+    N = len(next(iter(inputs.values())))
+    optional = engine.optional_inputs
+    return np.column_stack([np.broadcast_to(inputs.get(c, np.full(N, optional.get(c, 0.0))), (N,)) for c in names])
 
 
 def _corrected(
     engine: MonitoredModel, names: tuple[str, ...], inputs: Mapping[str, np.ndarray]
 ) -> tuple[tuple[str, ...], np.ndarray]:
+    """Kinds of the corrected coordinates, and their values (d, N)."""
     N = len(next(iter(inputs.values())))
     values = {c: np.broadcast_to(inputs.get(c, engine.optional_inputs.get(c, 0.0)), (N,)) for c in names}
     return coordinates(getattr(engine, "power_setting"), values, N)  # noqa: B009 - not every model has one
@@ -155,18 +190,6 @@ def _points(monitor: Monitor) -> np.ndarray:
     near = np.repeat(seen, -(-POINTS // len(seen)), axis=0)
     reach = 0.5 * envelope.threshold * np.asarray(envelope.scale)
     return np.asarray(np.concatenate([seen, near + reach * rng.uniform(-1, 1, near.shape)]))
-
-
-def _scaled(
-    inputs: Mapping[str, np.ndarray],
-    names: tuple[str, ...],
-    optional: Mapping[str, float],
-    centre: np.ndarray,
-    scale: np.ndarray,
-) -> np.ndarray:
-    N = len(next(iter(inputs.values())))
-    columns = [np.broadcast_to(inputs.get(c, np.full(N, optional.get(c, 0.0))), (N,)) for c in names]
-    return (np.column_stack(columns) - centre) / scale
 
 
 def _terms(u: np.ndarray, powers: tuple[tuple[int, ...], ...]) -> np.ndarray:

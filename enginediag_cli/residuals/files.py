@@ -10,6 +10,7 @@ from enginediag_cli.errors import DataError
 from enginediag_cli.intake.intake import File, Intake
 from enginediag_cli.parameters import Parameter
 from enginediag_cli.recordings.table import Recording
+from enginediag_cli.residuals.admission import Elsewhere
 from enginediag_cli.residuals.economy import Economy
 from enginediag_cli.residuals.flat import is_flat
 from enginediag_cli.residuals.monitor import Monitor
@@ -51,7 +52,7 @@ class Judging:
 class JudgedFiles:
     """Windows of the files of an intake; monitor: None where all files hold statistics. `counts`: of records by what
     became of them (`records`, `outside`, `incomplete`, `failed`), of `windows` and of those with `statistics`, as far
-    as they have been read.
+    as they have been read; `elsewhere`: of records that training did not cover.
     passing: sees the chunks of recordings on their way. summed: windows of a flight are added up. given: names of the
     choices that the user made, which statistics would ignore. economy: chooses the form of the monitor for each file;
     None: always the one for few records. `ledger`: what was read of statistics."""
@@ -63,6 +64,7 @@ class JudgedFiles:
     summed: bool = False
     given: Mapping[str, object] = field(default_factory=dict)
     counts: Counter[str] = field(default_factory=Counter)
+    elsewhere: Counter[Elsewhere] = field(default_factory=Counter)
     economy: Economy | None = None
 
     _few: Monitor | None = field(default=None, repr=False)
@@ -112,6 +114,7 @@ class JudgedFiles:
             incomplete=window.incomplete,
             failed=window.failed,
         )
+        self.elsewhere.update(window.elsewhere)
 
 
 def made_with(files: JudgedFiles, monitor: Monitor) -> MadeWith:

@@ -8,6 +8,7 @@ the upper triangles `F:a|b` and `V:a|b`.
 from __future__ import annotations
 
 import json
+from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from functools import lru_cache
 from typing import Any
@@ -16,6 +17,7 @@ import numpy as np
 
 from enginediag_cli.errors import DataError
 from enginediag_cli.parameters import Parameter, meanings
+from enginediag_cli.residuals.admission import Elsewhere
 from enginediag_cli.residuals.excitation import range_space
 from enginediag_cli.residuals.pipeline import WindowStatistics
 from enginediag_cli.residuals.statistics import LocalStatistics
@@ -55,6 +57,7 @@ WINDOW_COLUMNS = (
     "failed",
     "sensors",
     "sensors_of",
+    "extrapolated",
     "reason",
 )
 
@@ -152,6 +155,8 @@ def read_flat(
         values: dict[str, Any] = {c: row.get(c, "") for c in TEXTS}
         values.update({c: cell.count(c) for c in COUNTS})
         _check_counts(values, statistics, f"{source}:{line}")
+        judged_elsewhere = cell.count("extrapolated") if "extrapolated" in row else 0
+        values["elsewhere"] = Counter({Elsewhere("", True): judged_elsewhere} if judged_elsewhere else {})
         values[SILENT] = tuple(name for name in row.get(SILENT, "").split("; ") if name)
         values.update({c: cell.number(c) if row.get(c, "").strip() else float("nan") for c in TIMES})
         if statistics is None and not values["reason"]:

@@ -49,9 +49,9 @@ class KeptRecords:
                         parts.append(chunk.select(np.asarray(rows)[inside]))
         if sum(map(len, parts)) != window.records or not parts:
             return None
-        inputs, y, incomplete, outside = judged_inputs(self._monitor, concat(parts))
-        judged = ~incomplete & ~outside
-        return ({c: v[judged] for c, v in inputs.items()}, y[judged]) if judged.any() else None
+        taken = judged_inputs(self._monitor, concat(parts))
+        judged = taken.judged
+        return ({c: v[judged] for c, v in taken.inputs.items()}, taken.y[judged]) if judged.any() else None
 
     def _passed(self, chunk: Recording, window: WindowStatistics) -> bool:
         if not len(chunk):

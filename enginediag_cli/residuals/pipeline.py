@@ -6,9 +6,9 @@ A record outside the operating points that identification saw, or without its in
 
 from __future__ import annotations
 
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import partial, reduce
 from operator import add
 
@@ -16,7 +16,7 @@ import numpy as np
 
 from enginediag_cli.progress import each
 from enginediag_cli.recordings.table import Recording
-from enginediag_cli.residuals.admission import JudgedChunk
+from enginediag_cli.residuals.admission import Elsewhere, JudgedChunk
 from enginediag_cli.residuals.blocks import Block
 from enginediag_cli.residuals.cut import cut
 from enginediag_cli.residuals.groups import Key, runs
@@ -40,10 +40,11 @@ the statistics is of second order in it."""
 class WindowStatistics:
     """Statistics of the monitored parameters over one window; `statistics` is None where there is no verdict.
 
-    records: in the window; outside: beyond the operating points seen; incomplete: without an input or without
-    any reading; failed: not computed by the engine; reason: why there is no verdict, or empty. sensors: how many of the
-    `sensors_of` that the nominal has gave a reading in a record that was judged (0 of 0: not known); silent: the
-    monitored errors of those that gave none, of which nothing can be said and which are no suspects.
+    records: in the window; outside: too far from the operating points seen; elsewhere: how many were not seen, by where
+    they lie and whether they are judged; incomplete: without an input or without any reading; failed: not computed by
+    the engine; reason: why there is no verdict, or empty. sensors: how many of the `sensors_of` that the nominal has
+    gave a reading in a record that was judged (0 of 0: not known); silent: the monitored errors of those that gave
+    none, of which nothing can be said and which are no suspects.
     """
 
     source: str
@@ -63,6 +64,12 @@ class WindowStatistics:
     sensors: int = 0
     sensors_of: int = 0
     silent: tuple[str, ...] = ()
+    elsewhere: Counter[Elsewhere] = field(default_factory=Counter)
+
+    @property
+    def extrapolated(self) -> int:
+        """Records that are judged although training did not cover where they lie."""
+        return sum(n for where, n in self.elsewhere.items() if where.judged)
 
 
 @dataclass(frozen=True)
@@ -133,8 +140,7 @@ def _pieces(
     monitor: Monitor, part: Recording, chunk: JudgedChunk, key: Key, blocks: np.ndarray, lags: np.ndarray
 ) -> Iterator[tuple[int, _Piece]]:
     """One piece per block number of the records of one group in one chunk."""
-    inputs, y = chunk.inputs, chunk.y
-    judged = ~chunk.incomplete & ~chunk.outside
+    inputs, y, judged = chunk.taken.inputs, chunk.taken.y, chunk.taken.judged
     # skipped records lengthen the lag of the next one that is judged
     elapsed = np.cumsum(np.where(np.isfinite(lags), lags, 1e9))
     kept = np.flatnonzero(judged)
@@ -166,10 +172,11 @@ def place(part: Recording, chunk: JudgedChunk, key: Key, rows: slice) -> WindowS
         float(time[first]),
         float(time[last]),
         last + 1 - first,
-        int(chunk.outside[rows].sum()),
-        int(chunk.incomplete[rows].sum()),
+        int(chunk.taken.outside[rows].sum()),
+        int(chunk.taken.incomplete[rows].sum()),
         int(chunk.failed[rows].sum()),
         None,
+        elsewhere=chunk.taken.elsewhere(rows),
     )
 
 
@@ -210,6 +217,7 @@ def joined(parts: Sequence[WindowStatistics]) -> WindowStatistics:
         outside=total("outside"),
         incomplete=total("incomplete"),
         failed=total("failed"),
+        elsewhere=sum((part.elsewhere for part in parts), Counter()),
     )
 
 

@@ -21,7 +21,8 @@ def record_residuals(monitor: Monitor, recording: Recording) -> Iterator[dict[st
     The state says why a record has no residual, or that it lies outside the operating points identified.
     """
     check_inputs(monitor, recording)
-    inputs, y, incomplete, outside = judged_inputs(monitor, recording)
+    taken = judged_inputs(monitor, recording)
+    inputs, y, incomplete = taken.inputs, taken.y, taken.incomplete
     rows = np.flatnonzero(~incomplete)
     e = np.full(y.shape, np.nan)
     state = np.where(incomplete, "incomplete", "").astype(object)
@@ -31,7 +32,7 @@ def record_residuals(monitor: Monitor, recording: Recording) -> Iterator[dict[st
         state[rows] = [STATES[code] for code in np.asarray(prediction.status)]
         for i in np.flatnonzero(~ok):
             state[rows[i]] = prediction.reason(int(i)) or state[rows[i]]
-    state[outside & (state == "ok")] = "outside the operating points identified"
+    state[taken.beyond & (state == "ok")] = "outside the operating points identified"
     sigmas = e / monitor.noise.sigma
     text = {c: recording.text[c] for c in KEYS if c in recording.text}
     time = recording.columns.get("time_s")

@@ -9,12 +9,13 @@ the model is linearised.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 
+from enginediag_cli.error_model.modelled import MapErrorModel
 from enginediag_cli.residuals.curvature import Curvature, curvature
 from enginediag_cli.residuals.monitor import Monitor
 
@@ -81,7 +82,8 @@ def reduced(monitor: Monitor, bent: Curvature | None = None) -> Monitor:
     if not ok.any():
         return monitor
     root = covariance_root(monitor)
-    root = root @ leading_directions(J[ok, :, : len(root)] @ root, noise_weight(monitor))
+    effects = [J[ok, :, : len(root)] @ root, *effects_beyond(monitor, getattr(found, "frozen", {}), ok, root)]
+    root = root @ leading_directions(effects, noise_weight(monitor))
     x = getattr(found, "x", None)
     good = {c: values[ok] for c, values in {**inputs, **getattr(found, "frozen", {})}.items()}
     bent = bent or curvature(monitor, good, None if x is None else x[:, ok])
@@ -101,10 +103,37 @@ def covariance_root(monitor: Monitor) -> np.ndarray:
     return np.asarray(scale[:, None] * vectors * np.sqrt(np.maximum(eigenvalues, 0.0)))
 
 
-def leading_directions(effect: np.ndarray, weight: np.ndarray) -> np.ndarray:
-    """Orthonormal directions (q, r) of unit normals whose effect (n, m, q) is not negligible, strongest first."""
-    flat = (effect * weight[:, None]).reshape(-1, effect.shape[2])
-    strength, directions = np.linalg.eigh(flat.T @ flat / len(effect))
+def amount_rows(monitor: Monitor) -> np.ndarray:
+    """Which of all but the offsets (k,) are errors of maps, in the order of `MapErrorModel.amounts`."""
+    if not isinstance(monitor.engine, MapErrorModel):
+        return np.zeros(0, int)
+    position = {n: i for i, n in enumerate(monitor.names)}
+    return np.array([position[n] for n in monitor.engine.amounts], int)
+
+
+def effects_beyond(
+    monitor: Monitor, frozen: Mapping[str, np.ndarray], ok: np.ndarray, root: np.ndarray
+) -> list[np.ndarray]:
+    """Effects (n, m, q) of the unit normals of `root` (q, q) by errors of maps where these have grown most, beyond
+    training.
+
+    frozen: columns of the engine's prediction at points that training saw, where some of them have no effect; ok (n,).
+    """
+    engine = monitor.engine
+    if not isinstance(engine, MapErrorModel) or not frozen:
+        return []
+    rows = amount_rows(monitor)
+    return [engine.effects(columns, monitor.sensors)[ok] @ root[rows] for columns in engine.beyond(frozen)]
+
+
+def leading_directions(effects: Sequence[np.ndarray], weight: np.ndarray) -> np.ndarray:
+    """Orthonormal directions (q, r) of unit normals whose effect in any of the sets (n, m, q) is not negligible,
+    strongest first."""
+    information = np.zeros((effects[0].shape[2],) * 2)
+    for effect in effects:
+        flat = (effect * weight[:, None]).reshape(-1, effect.shape[2])
+        information += flat.T @ flat / len(effect)
+    strength, directions = np.linalg.eigh(information)
     return np.asarray(directions[:, strength > NEGLIGIBLE][:, ::-1])
 
 

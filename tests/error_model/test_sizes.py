@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.optimize import minimize
 
-from enginediag_cli.error_model.sizes import LARGEST, SPREAD, likeliest_factors
+from enginediag_cli.error_model.sizes import LARGEST, SPREAD, expected_factors, likeliest_factors
 
 STATED = np.array([0.003])
 
@@ -105,3 +105,19 @@ def test_the_answer_does_not_depend_on_the_units_in_which_it_is_asked():
     one = likeliest_factors(H, b, group, stated, stated) * stated
     other = likeliest_factors(4 * H, 2 * b, group, 2 * stated, stated) * 2 * stated
     np.testing.assert_allclose(other, one, rtol=1e-3)
+
+
+def test_beyond_training_an_error_is_as_wide_as_all_sizes_that_are_possible():
+    """No data: √E[s²] of a logarithm normal about ln stated from 0 to ln LARGEST. Many well known: theirs."""
+    group, none = np.zeros(4, int), np.zeros((4, 4))
+    v = np.linspace(0.0, np.log(LARGEST), 10_001)
+    weight = np.exp(-0.5 * (v / SPREAD) ** 2)
+    expected = np.sqrt(np.sum(weight * np.exp(2 * v)) / np.sum(weight))
+    (found,) = expected_factors(none, np.zeros(4), group, STATED, STATED)
+    assert found == pytest.approx(expected, rel=0.02) and found > 2.0
+    n, h = 400, 1e6
+    amounts = 3.0 * np.random.default_rng(7).standard_normal(n)
+    H, b = h * np.eye(n), h * amounts
+    (t,) = likeliest_factors(H, b, np.zeros(n, int), STATED, STATED)
+    (sure,) = expected_factors(H / (1 / t**2), b * t, np.zeros(n, int), t * STATED, STATED)
+    assert sure == pytest.approx(1.0, abs=0.03)
