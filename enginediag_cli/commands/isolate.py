@@ -65,7 +65,7 @@ SENTENCES = 10
     "--sensor-inclusion",
     metavar="P",
     type=FiniteRange(0, 1, min_open=True, max_open=True),
-    default=0.02,
+    default=0.01,
     show_default=True,
     help="Prior probability that a sensor is wrong (posterior); no more than two are at once.",
 )
@@ -124,8 +124,9 @@ def isolate(
     unless --no-sensors says that none is, or --monitor what may have changed; `verdict` tests all of that, where detect
     tests the engine alone.
     `probability` is that of exactly this set, `inclusion` that of the parameter in any set; `rivals` are the
-    other sets that the data cannot exclude. Sizes are in the parameter's unit, averaged over the sets that hold the
-    parameter and are possible, with an interval. `fit` is what the answer leaves unexplained, per degree of freedom:
+    other sets that the data cannot exclude. `change` is in the parameter's unit, averaged over the sets that hold the
+    parameter and are possible; the interval counts those without it, too, and reaches to 0 where they are not
+    excluded. `fit` is what the answer leaves unexplained, per degree of freedom:
     near 1 when it fits; `fit_before` the same without any answer, `explained` the share of the excess that the answer
     takes away. Where the model fits badly whatever is assumed, probabilities and intervals are widened; where it then
     convinces no longer, or fits only with changes that no engine shows, the verdict is `cannot tell` and `note` says

@@ -27,6 +27,11 @@ SLOPES = {"efficiency": 0.2, "flow_capacity": 0.5}
 GENERIC = 0.01
 """Stated accuracy of maps that are generic; slopes of better ones are better in proportion."""
 
+TURNS = 30
+"""Of the variance that depends on the change that depends on it: each one halves what is missing."""
+SETTLED = 0.01
+"""Share of the largest variance to which it is then known: a standard deviation to half a per cent."""
+
 
 @dataclass(frozen=True)
 class MapSlopes:
@@ -52,6 +57,30 @@ class MapSlopes:
         distance = np.sum((self.moved @ change) ** 2, axis=1)
         added[self.position] = self.sigma**2 * distance
         return added
+
+    def likely_variance(self, pull: np.ndarray, information: np.ndarray, spread: np.ndarray) -> np.ndarray:
+        """Variance (a,) that the change adds which statistics speak of: score (a,) and information (a, a), `spread`
+        (a,) of a plausible change, 0 of what is taken not to have changed.
+
+        The likeliest change depends on the variance in turn, since readings mean less where slopes are wrong:
+
+            c = σ²(v) of     δ = S (1 + I (C + S))⁻¹ b,     C = diag(c),  S = diag(spread²)
+
+        A change estimated with right slopes is too large by what they explain, and its variance by the square of that.
+        """
+        own = np.flatnonzero(spread > 0)
+        scale = spread[own]
+        b, square = scale * pull[own], scale[:, None] * information[np.ix_(own, own)] * scale
+        change, variance = np.zeros(len(spread)), np.zeros(len(spread))
+        for turn in range(TURNS):
+            inner = np.eye(len(own)) + square * (variance[own] / scale**2 + 1.0)
+            change[own] = scale * np.linalg.solve(inner, b)
+            found = self.variance(change)
+            if np.max(np.abs(found - variance), initial=0.0) <= SETTLED * np.max(found, initial=0.0):
+                return found
+            # a larger variance makes the change smaller: halfway there and back do not swing about the answer
+            variance = (found + variance) / 2 if turn else found
+        return np.maximum(found, variance)  # where it has not settled, the wider of the last two
 
 
 def map_slopes(

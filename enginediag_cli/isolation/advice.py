@@ -21,6 +21,7 @@ import numpy as np
 from enginediag_cli.residuals.local import whiten
 from enginediag_cli.residuals.monitor import Monitor
 from enginediag_cli.residuals.noise import NoiseModel
+from enginediag_cli.residuals.root import root_of
 from enginediag_cli.residuals.score import Score
 
 ODDS = 20.0
@@ -153,9 +154,8 @@ class _Gain:
         self._sigma, self._cases = score.prior_sigma, cases
         p = len(score.parameters)
         self._I = score.scaled()[1]
-        eigenvalues, vectors = np.linalg.eigh(uncertainty)
-        seen = eigenvalues > 1e-14 * max(float(eigenvalues[-1]), 0.0)
-        root = vectors[:, seen] * np.sqrt(eigenvalues[seen])
+        spread = np.sqrt(np.diag(uncertainty))
+        root = root_of(uncertainty, np.where(spread > 0, spread, 1.0))
         self._own = self._sigma[:, None] * information[:p, :p] * self._sigma
         self._cross = self._sigma[:, None] * (information[:p] @ root)
         self._inner = root.T @ information @ root

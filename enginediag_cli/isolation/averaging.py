@@ -6,7 +6,9 @@ A size is known as well as the set is. Given the set S and the slab w the change
 
 and the size of a parameter that changed is the mixture of these over all sets that hold it (Bayesian model averaging:
 Hoeting, J. A., Madigan, D., Raftery, A. E. and Volinsky, C. T. (1999) Statistical Science 14, 382–417). Its spread
-holds that within the sets and that between them; the sets without the parameter are told by its inclusion.
+holds that within the sets and that between them. In the sets without it, of probability 1 − q, it did not change, and
+an interval of level c holds c of all of that: c/q of the mixture, or no change and what is then missing, 1 − (1 − c)/q
+of the mixture, whichever is shorter.
 """
 
 from __future__ import annotations
@@ -38,25 +40,44 @@ def averaged_sizes(
     confidence: float = 0.95,
     about: Mapping[bytes, Score] | None = None,
 ) -> tuple[ParameterChange, ...]:
-    """Changes of `names`, given that they changed, with two-sided intervals of level `confidence`.
+    """Changes of `names`, given that they changed, with intervals of level `confidence` whether they did or not.
 
     score, prior: those of `posterior`; about: scores of single sets about their own estimates, by the bytes of their
     masks, where the full model was fitted.
     """
     if not names:
         return ()
-    found, tail = [], (1 - confidence) / 2
+    found = []
     for i in score.indices(names).tolist():
         sets = _sets_with(posterior, i)
         weight, mean, spread = _mixture(score, posterior, sets, i, prior, about or {})
         centre = float(weight @ mean)
         error = float(np.sqrt(weight @ (spread**2 + (mean - centre) ** 2)))
-        lower, upper = (_quantile(weight, mean, spread, level) for level in (tail, 1 - tail))
+        upper = _between(weight, mean, spread, confidence)[1]
+        ends = _held(weight, mean, spread, confidence, min(float(posterior.inclusion[i]), 1.0))
         d = float(score.prior_sigma[i])
-        found.append(
-            ParameterChange(score.parameters[i], float(score.theta0[i]), centre * d, error * d, lower * d, upper * d)
-        )
+        own = (centre * d, error * d, ends[0] * d, ends[1] * d)
+        found.append(ParameterChange(score.parameters[i], float(score.theta0[i]), *own, (upper - centre) * d))
     return tuple(found)
+
+
+def _held(
+    weight: np.ndarray, mean: np.ndarray, spread: np.ndarray, level: float, inclusion: float
+) -> tuple[float, float]:
+    """Interval that holds `level` of the mixture, of probability `inclusion`, and of no change together."""
+    share = max(1 - (1 - level) / inclusion, 0.0)
+    low, high = _between(weight, mean, spread, share)
+    wide = min(low, 0.0), max(high, 0.0)
+    if inclusion <= level:
+        return wide
+    narrow = _between(weight, mean, spread, level / inclusion)
+    return min(narrow, wide, key=lambda ends: ends[1] - ends[0])
+
+
+def _between(weight: np.ndarray, mean: np.ndarray, spread: np.ndarray, level: float) -> tuple[float, float]:
+    """Quantiles of the mixture that hold `level` of it between them, as much below as above."""
+    tail = (1 - level) / 2
+    return _quantile(weight, mean, spread, tail), _quantile(weight, mean, spread, 1 - tail)
 
 
 def _sets_with(posterior: SetPosterior, i: int) -> np.ndarray:

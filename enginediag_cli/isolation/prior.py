@@ -38,12 +38,16 @@ def are_sensors(parameters: Sequence[Parameter]) -> np.ndarray:
 @dataclass(frozen=True)
 class SetPrior:
     """inclusion, worn and sensor: probabilities; slabs: sizes of a change, in prior_sigma; wrong_sensors: at most, at
-    once; spread: factors on the odds of inclusion, which give the π."""
+    once; spread: factors on the odds of inclusion, which give the π.
+
+    sensor: of fourteen instruments one is then wrong in one window of eight. Twice that takes from every answer the
+    tenth that it has in hand.
+    """
 
     inclusion: float = 0.1
     worn: float = 0.05
     slabs: tuple[float, ...] = (0.15, 0.5, 1.5)
-    sensor: float = 0.02
+    sensor: float = 0.01
     wrong_sensors: int = 2
     spread: tuple[float, ...] = (0.5, 1.0, 2.0)
 

@@ -18,7 +18,9 @@ from enginediag_cli.residuals.score import Score
 class ParameterChange:
     """Estimated change of a parameter in its own unit, with standard error and interval.
 
-    `nominal` is θ0; infinite bounds mean that the data do not determine this parameter within the set.
+    `nominal` is θ0; infinite bounds mean that the data do not determine this parameter within the set. `change`, its
+    error and `reach`, by how much it may be larger, are given that it changed; where that is not sure the interval may
+    end at no change.
     """
 
     parameter: str
@@ -27,6 +29,7 @@ class ParameterChange:
     standard_error: float
     lower: float
     upper: float
+    reach: float
 
     @property
     def percent(self) -> float:
@@ -51,6 +54,6 @@ def estimate_sizes(score: Score, names: Sequence[str], confidence: float = 0.95)
     error = np.where(blind, np.inf, error)
     reach = -ndtri((1 - confidence) / 2) * error
     return tuple(
-        ParameterChange(name, float(score.theta0[i]), float(d), float(se), float(d - r), float(d + r))
+        ParameterChange(name, float(score.theta0[i]), float(d), float(se), float(d - r), float(d + r), float(r))
         for name, i, d, se, r in zip(names, a, change, error, reach, strict=True)
     )

@@ -16,6 +16,7 @@ import numpy as np
 
 from enginediag_cli.residuals.local import whiten
 from enginediag_cli.residuals.monitor import Monitor
+from enginediag_cli.residuals.root import root_of
 from enginediag_cli.residuals.score import Score
 
 MAX_POINTS = 20_000
@@ -66,9 +67,7 @@ class WindowModel:
         self.y = y[ok]
         z, G = whiten(self.y - predicted[ok], J[ok], monitor.noise)
         present = np.isfinite(self.y) & np.all(np.isfinite(J[ok]), axis=2)
-        eigenvalues, vectors = np.linalg.eigh(monitor.uncertainty)
-        seen = eigenvalues > 1e-14 * max(float(eigenvalues[-1]), 0.0)
-        root = vectors[:, seen] * np.sqrt(eigenvalues[seen])
+        root = root_of(monitor.uncertainty, monitor.prior_sigma)
         self._present = present
         self._doubt = G.reshape(-1, G.shape[2]) @ root
         self._inner = np.eye(root.shape[1]) + self._doubt.T @ self._doubt

@@ -182,7 +182,7 @@ def tell(
         change(
             known[size.parameter],
             size.change,
-            size.upper - size.change,
+            size.reach,
             chance=result.inclusion.get(size.parameter),
         )
         for size in result.sizes

@@ -103,12 +103,9 @@ def condensed(monitor: Monitor, statistics: LocalStatistics, uncertainty: np.nda
     found = marginalise(statistics, monitor.monitored, uncertainty)
     if monitor.slopes is None:
         return found
-    own = [i for i, name in enumerate(monitor.monitored) if not monitor.meaning[name].of_instrument]
-    scale = HELD * found.prior_sigma[own]
-    inner = np.eye(len(own)) + scale[:, None] * found.F[np.ix_(own, own)] * scale
-    change = np.zeros(len(monitor.monitored))
-    change[own] = scale * np.linalg.solve(inner, scale * found.s[own])
-    return replace(found, slopes=monitor.slopes.variance(change))
+    engine = np.array([not monitor.meaning[name].of_instrument for name in monitor.monitored])
+    spread = np.where(engine, HELD * found.prior_sigma, 0.0)
+    return replace(found, slopes=monitor.slopes.likely_variance(found.s, found.F, spread))
 
 
 def window_statistics(

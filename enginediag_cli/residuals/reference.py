@@ -18,6 +18,7 @@ from enginediag_cli.recordings.table import Recording, concat
 from enginediag_cli.residuals.groups import Key, group_rows
 from enginediag_cli.residuals.monitor import Monitor
 from enginediag_cli.residuals.pipeline import WindowStatistics, condensed, window_statistics
+from enginediag_cli.residuals.root import root_of
 from enginediag_cli.residuals.scale_offsets import with_scale_offsets
 from enginediag_cli.residuals.statistics import LocalStatistics
 from enginediag_cli.residuals.windows import WindowPlan
@@ -49,10 +50,8 @@ class Reference:
 
 def learn_reference(statistics: LocalStatistics, uncertainty: np.ndarray) -> Reference:
     """Reference from the statistics of all p parameters over healthy records; C (p, p) may be singular."""
-    D = statistics.prior_sigma
-    eigenvalues, vectors = np.linalg.eigh(uncertainty / D / D[:, None])
-    root = D[:, None] * vectors * np.sqrt(np.maximum(eigenvalues, 0.0))  # C = root rootᵀ
-    inner = np.eye(len(D)) + root.T @ statistics.F @ root
+    root = root_of(uncertainty, statistics.prior_sigma)
+    inner = np.eye(root.shape[1]) + root.T @ statistics.F @ root
     gain = np.linalg.solve(inner, root.T)  # C₁ = root gain
     return Reference(root @ (gain @ statistics.s), root @ gain)
 

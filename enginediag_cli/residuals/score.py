@@ -16,6 +16,7 @@ import numpy as np
 
 from enginediag_cli.parameters import Parameter, meanings
 from enginediag_cli.residuals.excitation import RANK_TOLERANCE, RangeSpace, range_space
+from enginediag_cli.residuals.root import root_of
 from enginediag_cli.residuals.statistics import LocalStatistics
 
 
@@ -170,10 +171,8 @@ def marginalise(statistics: LocalStatistics, keep: Sequence[str], uncertainty: n
     score = fisher_score(statistics, monitored=keep, uncertainty=uncertainty)
     in_F = replace(statistics, V=statistics.F, by_sensor=None, rows=None)
     plain = fisher_score(in_F, monitored=keep, uncertainty=uncertainty)
-    D = statistics.prior_sigma  # units apart by 10⁸ would drown the small eigenvalues in rounding
-    eigenvalues, vectors = np.linalg.eigh(uncertainty / D / D[:, None])
-    root = D[:, None] * vectors * np.sqrt(np.maximum(eigenvalues, 0.0))
-    inner = np.eye(len(root)) + root.T @ statistics.F @ root
+    root = root_of(uncertainty, statistics.prior_sigma)
+    inner = np.eye(root.shape[1]) + root.T @ statistics.F @ root
     absorbed = root.T @ statistics.s
     explained = float(absorbed @ np.linalg.solve(inner, absorbed))
     return replace(

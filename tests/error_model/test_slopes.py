@@ -94,6 +94,29 @@ def test_variances_of_two_coordinates_and_several_changes_add_up_as_written():
     assert found.variance(np.array([0.1, -0.2])).tolist() == pytest.approx([0.0, 0.25 * (0.0**2 + 0.6**2)])
 
 
+def test_the_variance_is_that_of_the_change_estimated_with_that_variance():
+    """δ = S (1 + I (C + S))⁻¹ b; with right slopes (C = 0) the change, and what it adds, would come out larger."""
+    rng = np.random.default_rng(3)
+    found = MapSlopes(np.array([0, 1]), rng.normal(size=(2, 2, 3)), np.array([0.2, 0.5]))
+    J = rng.normal(size=(40, 3)) / 0.002
+    information, pull = J.T @ J, J.T @ J @ np.array([-0.02, 0.0, 0.01])
+    spread = np.array([0.01, 0.01, 0.01])
+    variance = found.likely_variance(pull, information, spread)
+
+    def change(c):
+        return spread**2 * np.linalg.solve(np.eye(3) + information @ np.diag(c + spread**2), pull)
+
+    np.testing.assert_allclose(variance, found.variance(change(variance)), rtol=0.02)
+    assert np.all(variance[:2] < found.variance(change(np.zeros(3)))[:2]) and variance[2] == 0.0
+
+
+def test_a_parameter_that_is_taken_not_to_have_changed_moves_no_machine():
+    found = MapSlopes(np.array([0]), np.array([[[0.0, 1.0], [0.0, 0.0]]]), np.array([0.5]))
+    pull, information = np.array([0.0, 1e4]), 1e6 * np.eye(2)
+    assert found.likely_variance(pull, information, np.array([0.01, 0.01]))[0] > 0.0
+    assert not found.likely_variance(pull, information, np.array([0.01, 0.0])).any()
+
+
 def test_the_accuracy_of_maps_is_what_the_engine_file_states_and_nothing_is_known_of_a_model_without_one():
     assert map_accuracy_of(turbofan()) == 0.003
     assert map_accuracy_of(object()) == 0.0

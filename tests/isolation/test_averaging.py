@@ -67,7 +67,38 @@ def test_quantiles_are_those_of_draws_from_the_mixture():
     drawn = np.array(draws)[chosen, np.arange(400_000)] * score.prior_sigma[0]
     assert size.change == pytest.approx(drawn.mean(), abs=0.005 * drawn.std())
     assert size.standard_error == pytest.approx(drawn.std(), rel=0.01)
-    assert (size.lower, size.upper) == pytest.approx(np.quantile(drawn, [0.05, 0.95]), abs=0.02 * drawn.std())
+    assert size.reach == pytest.approx(np.quantile(drawn, 0.95) - drawn.mean(), abs=0.02 * drawn.std())
+    unchanged = rng.random(400_000) > posterior.inclusion[0]
+    every = np.where(unchanged, 0.0, drawn)
+    assert 0.895 < np.mean((every >= size.lower) & (every <= size.upper)) < 0.93
+
+
+def test_an_interval_reaches_to_no_change_where_the_parameter_may_not_have_changed():
+    score = score_of(np.eye(2) * 400, [0.17, 0.0])
+    posterior, (size,) = named(score)
+    assert 0.6 < posterior.inclusion[0] < 0.95
+    assert size.lower == 0.0 < size.change < size.upper
+    assert size.reach < size.change  # had it changed, it would not have been by nothing
+
+
+def test_a_change_that_is_nearly_sure_keeps_an_interval_away_from_none():
+    score = score_of(np.eye(2) * 400, [0.22, 0.0])
+    posterior, (size,) = named(score)
+    assert 0.97 < posterior.inclusion[0] < 0.999
+    assert 0.0 < size.lower and size.upper - size.change > size.reach
+
+
+def test_intervals_of_what_is_named_hold_the_truth_as_often_as_they_say_where_truths_follow_the_prior():
+    rng, information, held = np.random.default_rng(8), 60 * (0.6 * np.eye(4) + 0.4), []
+    root = np.linalg.cholesky(information)
+    for change in PRIOR.draw(rng, 1500, 4)[1]:
+        score = score_of(information, change)
+        score = replace(score, b=score.b + root @ rng.standard_normal(4) / 0.02)
+        _, sizes = named(score)
+        truth = dict(zip(score.parameters, change * 0.02, strict=True))
+        held += [s.lower <= truth[s.parameter] <= s.upper for s in sizes]
+    assert len(held) > 200
+    assert 0.94 < np.mean(held) < 0.985
 
 
 def test_a_change_that_the_data_do_not_determine_is_as_wide_as_its_prior():

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -45,6 +46,22 @@ def test_the_expansion_has_the_gradient_of_the_log_likelihood_with_nuisance_take
     step = 1e-6 * np.eye(4)
     ahead, behind = model.log_likelihood(change + step), model.log_likelihood(change - step)
     np.testing.assert_allclose(here.gradient, (ahead - behind) / 2e-6, rtol=1e-4, atol=1e-2)
+
+
+def test_what_is_uncertain_about_nominal_counts_alike_in_the_full_model_and_in_the_statistics():
+    """A reading may be off by 5000 K, an efficiency by 10⁻⁴: neither may be lost in rounding."""
+    watched = toy_monitor(offset=5e3, uncertain=2.0)
+    doubt = watched.uncertainty.copy()
+    doubt[range(4), range(4)] = np.square([3e-4, 4e-4, 2e-4, 3e-4])
+    watched = replace(watched, uncertainty=doubt)
+    recording = toy_recording(np.random.default_rng(11), 60)
+    inputs = {c: recording.columns[c] for c in watched.engine.inputs}
+    y = np.column_stack([recording.columns[c] for c in watched.sensors])
+    (window,) = window_statistics(watched, [recording], WindowPlan(), linearise="nominal")
+    score = fisher_score(window.statistics)
+    (here,) = WindowModel(watched, inputs, y).expand(np.zeros((1, 4)))
+    np.testing.assert_allclose(here.gradient, score.b, rtol=1e-5, atol=1e-3 * np.abs(score.b).max())
+    np.testing.assert_allclose(here.information, score.information, rtol=1e-4, atol=1e-6 * score.information.max())
 
 
 def test_of_a_small_change_the_full_model_says_what_the_quadratic_says():

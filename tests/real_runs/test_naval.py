@@ -98,11 +98,11 @@ def test_a_decayed_turbine_is_isolated_to_the_gas_generator_turbine(answers):
     assert right >= 0.95
 
 
-def test_where_both_decay_no_other_is_named_and_both_in_four_of_ten(answers):
+def test_where_both_decay_no_other_is_named_and_both_in_three_of_four(answers):
     """Three records of each state, and maps wrong by several per cent: one of both may go unnamed."""
     both = {"compressor", "gas_generator_turbine"}
     assert share(answers, lambda c, t: c <= 0.97 and t <= 0.985, lambda a: bool(a[3]) and a[3] <= both) >= 0.95
-    assert share(answers, lambda c, t: c <= 0.97 and t <= 0.985, lambda a: both <= a[3]) >= 0.4
+    assert share(answers, lambda c, t: c <= 0.97 and t <= 0.985, lambda a: both <= a[3]) >= 0.75
 
 
 def test_of_the_most_decayed_compressor_the_parameter_is_a_class_with_its_efficiency(plant, tmp_path):

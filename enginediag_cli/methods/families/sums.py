@@ -14,6 +14,7 @@ from enginediag_cli.methods.families.whitening import white_residuals
 from enginediag_cli.methods.windows import Windows
 from enginediag_cli.residuals.excitation import RANK_TOLERANCE
 from enginediag_cli.residuals.monitor import Monitor
+from enginediag_cli.residuals.root import root_of
 
 BLIND = 1e-6
 """Share of a parameter's direction in what the window does not excite, beyond which the window does not determine it:
@@ -32,9 +33,9 @@ class WindowSums:
     def with_uncertainty(self, C: np.ndarray, keep: int) -> WindowSums:
         """The sums of the first `keep` parameters, with the covariance C (p, p) counted as noise."""
         if np.any(C):
-            eigenvalues, vectors = np.linalg.eigh(C)
-            L = vectors * np.sqrt(np.maximum(eigenvalues, 0.0))
-            A = np.eye(len(C)) + L.T @ self.F @ L
+            spread = np.sqrt(np.diag(C))
+            L = root_of(C, np.where(spread > 0, spread, 1.0))
+            A = np.eye(L.shape[1]) + L.T @ self.F @ L
             Ls, LF = self.s @ L, L.T @ self.F
             inner = np.linalg.solve(A, np.concatenate([Ls[:, :, None], LF], axis=2))
             zz = self.zz - np.einsum("wi,wi->w", Ls, inner[:, :, 0])
