@@ -1,4 +1,4 @@
-"""A nuisance of identification: a sensor error that differs from one recording to the next."""
+"""A nuisance of identification: an error of an instrument that differs from one recording to the next."""
 
 from __future__ import annotations
 
@@ -7,8 +7,13 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class OffsetPrior:
-    """A sensor error that is constant in one recording: `bias` in the column's unit, `scale` a fraction."""
+    """An error that is constant in one recording: `bias` in the column's unit, `scale` a fraction.
+
+    sensor: column of a measured output, or of an input of the model; recordings: from how many its size was estimated,
+    0 where it is stated.
+    """
 
     sensor: str
     kind: str
     prior_sigma: float
+    recordings: int = 0

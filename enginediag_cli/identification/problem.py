@@ -36,6 +36,7 @@ class TrainingRecording(NamedTuple):
     label: str
     columns: Mapping[str, np.ndarray]
     regimes: np.ndarray | None = None
+    engine: str = ""  # of several, which one it is of
 
 
 @dataclass(frozen=True)
@@ -66,6 +67,11 @@ class Problem:
     def names(self) -> tuple[str, ...]:
         """Names of the p estimated parameters."""
         return tuple(p.name for p in self.parameters)
+
+    @property
+    def input_offsets(self) -> int:
+        """How many of the offsets, the last ones, are of inputs."""
+        return sum(o.sensor not in self.sensors for o in self.offsets)
 
     @property
     def gap(self) -> np.ndarray:
