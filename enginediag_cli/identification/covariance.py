@@ -100,7 +100,10 @@ def uncertainty(problem: Problem, fit: Fit, rho: np.ndarray, used: np.ndarray | 
         ]
     )
     dof = dof + offset_use
-    lost = lost + offset_use * inflation(problem.gap, rho)  # a mean varies by σ²κ/n and is in every product
+    # a mean varies by σ²κ/n and is in every product, of which there are fewer than squares
+    neighbours = (np.isfinite(scaled[1:] + scaled[:-1]) & (problem.gap[1:] <= NEIGHBOURS)[:, None]).sum(axis=0)
+    products = neighbours / np.maximum(np.isfinite(scaled).sum(axis=0), 1)
+    lost = lost + offset_use * inflation(problem.gap, rho) * np.stack([np.ones_like(products), products])
     return Uncertainty(
         covariance,
         data,
