@@ -277,6 +277,10 @@ def _fit_and_noise(
         here = problem
         # noise, sizes and fit feed back on each other; ever shorter steps end a swing between two states
         damping = max(1.0 / max(number - UNDAMPED_PASSES + 1, 1), LEAST_SHARE)
+        if problem.offsets and number == 1:
+            # offsets take the more of noise the longer it remembers: from above that would confirm itself, up to ρ = 1
+            plain = estimate_noise(fit.equations.residual, problem.gap, np.zeros(len(rho)), floor)
+            rho = np.minimum(rho, plain.rho1)
         found = uncertainty(problem, fit, rho, noise.used)
         noise = estimate_noise(fit.equations.residual, problem.gap, found.lost, floor)
         rho = rho + damping * (noise.rho1 - rho)
