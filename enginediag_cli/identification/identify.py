@@ -170,8 +170,8 @@ def identify(
     A held-out recording with the label of a training recording takes its sensor offsets, another one none.
     Raises DataError for settings or recordings that make no problem; a fit that does not converge is a
     result. Settings default to the engine file's `identification:` block, where the engine has one; `map_accuracy`: by
-    how much its maps may be wrong, a share, to what the engine file states. `offsets`: what instruments differ by from one
-    recording to the next is allowed for where enough recordings show how much.
+    how much its maps may be wrong, a share, to what the engine file states. `offsets`: what instruments differ by from
+    one recording to the next is allowed for where enough recordings show how much.
     """
     if settings is None:
         settings = settings_from_mapping(getattr(engine, "declared", {}).get("identification"))

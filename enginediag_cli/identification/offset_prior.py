@@ -3,6 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from math import sqrt
+
+PRIOR_DEGREES = 2
+"""Degrees of freedom that what is usual is worth: those of a size that is known within a factor of two or so."""
 
 
 @dataclass(frozen=True)
@@ -17,3 +21,12 @@ class OffsetPrior:
     kind: str
     prior_sigma: float
     recordings: int = 0
+
+    @property
+    def next_sigma(self) -> float:
+        """Standard deviation of the offset of a further recording, whose law is Student's while the size is uncertain:
+        of R recordings R − 1 degrees of freedom, and PRIOR_DEGREES of what is known before."""
+        if not self.recordings:
+            return self.prior_sigma
+        degrees = self.recordings - 1 + PRIOR_DEGREES
+        return float(self.prior_sigma * sqrt(degrees / (degrees - 2)))

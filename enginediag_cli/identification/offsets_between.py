@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -17,7 +18,6 @@ from enginediag_cli.identification.normal_equations import NormalEquations
 from enginediag_cli.identification.offset_prior import OffsetPrior
 from enginediag_cli.identification.offset_sizes import ArrowData, likeliest_offsets
 from enginediag_cli.identification.problem import Problem, TrainingRecording
-from enginediag_cli.units import split_column
 
 LEAST = 3
 """Recordings from which scatter between them is told from what the fit took."""
@@ -47,14 +47,15 @@ def with_offsets(problem: Problem, recordings: Sequence[TrainingRecording]) -> P
 
 
 def _usual(problem: Problem, used: int) -> Iterator[OffsetPrior]:
+    engine: Any = problem.model  # which has an engine file
     for s, column in enumerate(problem.sensors):
         size = float(np.nanmedian(np.abs(problem.measured[:, s])))
-        usual = USUAL_OUTPUT * problem.model.sensors[column].noise_sigma
+        usual = USUAL_OUTPUT * engine.sensors[column].noise_sigma
         yield OffsetPrior(column, "bias", usual, used)
         if size > usual:
             yield OffsetPrior(column, "scale", usual / size, used)
-    for column in problem.model.inputs:
-        error = suspected(problem.model, column)
+    for column in engine.inputs:
+        error = suspected(engine, column)
         if column in AIR_DATA:
             yield OffsetPrior(column, "bias", AIR_DATA[column], used)
         elif error is not None:

@@ -190,7 +190,7 @@ def monitor_from_nominal(
         Offset(used.index(o.sensor), o.kind) if o.sensor in used else Offset(-1, o.kind, o.sensor)
         for o in known_offsets
     )
-    spread = [o.prior_sigma for o in known_offsets]
+    spread = [o.next_sigma for o in known_offsets]
     names = (*monitored, *uncertain, *(f"offset.{o.sensor}.{o.kind}" for o in known_offsets))
     known = {**{name: p.nominal for name, p in engine.parameters.items()}, **nominal.theta0}
     inner = names[: len(names) - len(offsets)]
