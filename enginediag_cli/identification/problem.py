@@ -5,7 +5,8 @@ A reading of sensor s in record k of recording r is modelled as
     y_ks = Φ_s(u_k, θ)·(1 + c_rs) + b_rs + noise of standard deviation σ_s
 
 with θ the parameters (prior N(mean, sigma²), hard bounds) and, per recording, nuisance offsets b and c
-(prior N(0, sigma²)) where the settings ask for them. Inside the solver both are measured in prior
+(prior N(0, sigma²)) where the settings ask for them, or there are enough recordings to see their scatter; those of
+inputs change u_k in the same way. Inside the solver both are measured in prior
 standard deviations, x = (θ − mean)/sigma, so that nothing depends on the units of a parameter.
 """
 
