@@ -88,7 +88,7 @@ def uncertainty(problem: Problem, fit: Fit, rho: np.ndarray, used: np.ndarray | 
     covariance = inverse @ (meat + prior_of_offsets + np.eye(p)) @ inverse
     covariance = (covariance + covariance.T) / 2
     data = arrow.S - np.eye(p)
-    offset_use = np.diagonal(H_zz @ np.linalg.inv(H_zz + np.eye(q)), axis1=1, axis2=2).sum(axis=0)
+    offset_use = _offset_use(problem, fit, bread, np.linalg.inv(H_zz + np.eye(q))) if q else np.zeros(len(a))
     dof = np.einsum("pl,slp->s", inverse, sums.bread)
     w, variance = _column_mean(bread, scaled, 0.0), problem.sigma**2
     lost = np.stack(
@@ -99,11 +99,11 @@ def uncertainty(problem: Problem, fit: Fit, rho: np.ndarray, used: np.ndarray | 
             - np.einsum("pl,slp->s", covariance, sums.lagged) / variance,
         ]
     )
-    kappa = inflation(problem.gap, rho)
-    for j, o in enumerate(problem.offsets):
-        s = problem.sensors.index(o.sensor)
-        dof[s] += offset_use[j]
-        lost[:, s] += offset_use[j] * kappa[s]  # a mean varies by σ²κ/n and is in every product
+    dof = dof + offset_use
+    # a mean varies by σ²κ/n and is in every product, of which there are fewer than squares
+    neighbours = (np.isfinite(scaled[1:] + scaled[:-1]) & (problem.gap[1:] <= NEIGHBOURS)[:, None]).sum(axis=0)
+    products = neighbours / np.maximum(np.isfinite(scaled).sum(axis=0), 1)
+    lost = lost + offset_use * inflation(problem.gap, rho) * np.stack([np.ones_like(products), products])
     return Uncertainty(
         covariance,
         data,
@@ -112,6 +112,15 @@ def uncertainty(problem: Problem, fit: Fit, rho: np.ndarray, used: np.ndarray | 
         dof,
         lost,
     )
+
+
+def _offset_use(problem: Problem, fit: Fit, bread: np.ndarray, covariance: np.ndarray) -> np.ndarray:
+    """Readings of each sensor (m,) that the offsets use up, of `covariance` (R, q, q) with all else held."""
+    found = np.zeros(len(problem.sensors))
+    for block in blocks(problem, fit.x, fit.z):
+        w, G = bread[block.rows], np.nan_to_num(block.offset_columns(problem))
+        found += np.einsum("nm,nmq,nmq->m", w, G, G @ covariance[problem.recording[block.rows]])
+    return found
 
 
 def _column_mean(values: np.ndarray, valid: np.ndarray, default: float) -> np.ndarray:
@@ -128,10 +137,14 @@ def _sums(problem: Problem, fit: Fit, bread: np.ndarray, gain: np.ndarray, rho: 
     for block in blocks(problem, fit.x, fit.z):
         w, recording = bread[block.rows], problem.recording[block.rows]
         J = np.where((w > 0)[:, :, None], block.jacobian, 0.0)
-        for j, o in enumerate(problem.offsets):
+        outputs = block.offset_jacobian.shape[1]
+        for j, o in enumerate(problem.offsets[:outputs]):
             s = problem.sensors.index(o.sensor)
             G = np.where(w[:, s] > 0, block.offset_jacobian[:, j], 0.0)
             J[:, s, :] -= G[:, None] * gain[recording, :, j]
+        if outputs < len(problem.offsets):
+            I = np.where((w > 0)[:, :, None], block.input_jacobian, 0.0)
+            J -= I @ np.swapaxes(gain[recording, :, outputs:], 1, 2)
         steps = gap[block.rows].copy()
         steps[0] = np.inf  # what lies in the block before is forgotten: one record in thousands
         f = correlated_sum(J, correlations(steps, rho))

@@ -35,6 +35,8 @@ from enginediag_cli.identification.noise import NoiseEstimate, estimate_noise, s
 from enginediag_cli.identification.nominal import Estimate, Nominal, SensorNoise, status_of
 from enginediag_cli.identification.normal_equations import normal_equations, predict
 from enginediag_cli.identification.offset_start import first_offsets
+from enginediag_cli.identification.offsets_between import SETTLED as OFFSETS_SETTLED
+from enginediag_cli.identification.offsets_between import resized_offsets, with_offsets
 from enginediag_cli.identification.problem import Model, Problem, TrainingRecording, build_problem
 from enginediag_cli.identification.quality import SensorQuality, sensor_quality
 from enginediag_cli.identification.regimes import assign_regimes
@@ -168,19 +170,22 @@ def identify(
     held_out: Sequence[TrainingRecording] = (),
     cross_validation: bool = True,
     map_accuracy: float | None = None,
+    offsets: bool = True,
 ) -> IdentificationResult:
     """Identify `engine` from healthy recordings; `held_out` recordings only judge the result.
 
     A held-out recording with the label of a training recording takes its sensor offsets, another one none.
     Raises DataError for settings or recordings that make no problem; a fit that does not converge is a
     result. Settings default to the engine file's `identification:` block, where the engine has one; `map_accuracy`: by
-    how much its maps may be wrong, a share, to what the engine file states.
+    how much its maps may be wrong, a share, to what the engine file states. `offsets`: what instruments differ by from
+    one recording to the next is allowed for where enough recordings show how much.
     """
     if settings is None:
         settings = settings_from_mapping(getattr(engine, "declared", {}).get("identification"))
     problem = build_problem(warm(engine), with_regimes(engine, recordings), settings)
     stated = map_accuracy_of(engine) if map_accuracy is None else map_accuracy
     problem = with_map_error(problem, stated)
+    problem = with_offsets(problem, recordings) if offsets else problem
     problem, fit, noise, found, passes, settled = _fit_and_noise(problem, settings, stated)
     converged, reason = fit.converged, fit.reason
     if converged and not settled:
@@ -262,7 +267,7 @@ def _fit_and_noise(
     problem: Problem, settings: IdentificationSettings, accuracy: float
 ) -> tuple[Problem, Fit, NoiseEstimate, Uncertainty, int, bool]:
     """Fit and noise in turn; also the number of passes, and whether the noise had settled."""
-    stated, estimated = problem.sigma, settings.noise == "estimate"
+    stated, estimated, usual = problem.sigma, settings.noise == "estimate", problem.offsets
     floor = np.maximum(SIGMA_FLOOR * stated, quantisation_sigma(problem.measured))
     zeros = (np.zeros(len(problem.parameters)), np.zeros((len(problem.labels), len(problem.offsets))))
     # as correlated as it looks, too: a first fit that took every record at its word would chase the error of
@@ -279,6 +284,10 @@ def _fit_and_noise(
         here = problem
         # noise, sizes and fit feed back on each other; ever shorter steps end a swing between two states
         damping = max(1.0 / max(number - UNDAMPED_PASSES + 1, 1), LEAST_SHARE)
+        if problem.offsets and number == 1:
+            # offsets take the more of noise the longer it remembers: from above that would confirm itself, up to ρ = 1
+            plain = estimate_noise(fit.equations.residual, problem.gap, np.zeros(len(rho)), floor)
+            rho = np.minimum(rho, plain.rho1)
         found = uncertainty(problem, fit, rho, noise.used)
         noise = estimate_noise(fit.equations.residual, problem.gap, found.lost, floor)
         rho = rho + damping * (noise.rho1 - rho)
@@ -302,9 +311,10 @@ def _fit_and_noise(
         # sizes that several machines could have wander from pass to pass: what all passes say of them, on average
         share = 1.0 / max(number - UNDAMPED_PASSES + 1, 1)
         problem, x, grown = resized(frozen_at(here, frozen), equations, fit.x, fit.z, accuracy, share)
+        problem, z, offsets_grown = resized_offsets(problem, usual, equations, fit.x, fit.z, share)
         problem = problem.with_noise(sigma, inflation, shared)
-        start = (x, fit.z)
-        settled = settled and grown < SIZES_SETTLED
+        start = (x, z)
+        settled = settled and grown < SIZES_SETTLED and offsets_grown < OFFSETS_SETTLED
         if settled:
             break
     fit = solve(problem, start, max_iterations=settings.max_iterations, tolerance=FINAL_TOLERANCE)

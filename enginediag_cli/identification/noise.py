@@ -88,7 +88,9 @@ def estimate_noise(residual: np.ndarray, gap: np.ndarray, lost: np.ndarray, floo
     n0, n1 = np.maximum(kept, 1), np.maximum(pairs.sum(axis=0), 1)
     # more than half of the readings is never used up by a fit that means anything; far from there sums may say so
     lost = np.clip(np.broadcast_to(lost, (2, len(n))), -0.5 * n0, 0.5 * n0)
-    neighbours = np.sum(np.where(pairs, e[1:] * e[:-1], 0.0), axis=0) / np.where(square > 0, square, 1.0)
+    # where few records have a neighbour, these may happen to scatter more than all: by their own square, no ρ exceeds 1
+    paired = np.sum(np.where(pairs, e[1:] ** 2 + e[:-1] ** 2, 0.0), axis=0) / (2 * n1)
+    neighbours = np.sum(np.where(pairs, e[1:] * e[:-1], 0.0), axis=0) / np.where(paired > 0, paired, 1.0)
     own = (neighbours * (n0 - lost[0]) / n0 + lost[1]) / n1
     own = own * (1 + 2 / n1)  # F. H. C. Marriott and J. A. Pope, Biometrika 41 (1954) 390–402, for a known mean
     # a little below 0 is sampling error; cutting it off would make white noise look correlated on average. Of a few

@@ -64,11 +64,11 @@ def value_problems(checked: Checked) -> Iterator[Problem]:
             if abs(estimate[key]) > LARGEST:
                 yield checked.problem(("estimates", name, key), f"{key} of {name} is beyond {LARGEST:g}")
     for k, offset in enumerate(v["offsets"]):
-        if offset["sensor"] not in v["noise"]:
+        if offset["sensor"] not in (*v["noise"], *v["inputs"]):
             yield checked.problem(
                 ("offsets", k, "sensor"),
-                f"the offset is of {offset['sensor']!r}, which has no noise here",
-                near(offset["sensor"], v["noise"]),
+                f"the offset is of {offset['sensor']!r}, which has no noise here and is no input",
+                near(offset["sensor"], (*v["noise"], *v["inputs"])),
             )
         if not SMALLEST <= offset["prior_sigma"] <= LARGEST:
             yield checked.problem(("offsets", k, "prior_sigma"), f"prior_sigma must be {SMALLEST:g} to {LARGEST:g}")

@@ -51,11 +51,12 @@ NOISE = Section(
 )
 OFFSET = Section(
     "offset",
-    "A sensor error that is constant within one recording and differs between them.",
+    "An error of a sensor or an input, constant within one recording, that differs between them.",
     (
-        Field("sensor", "text", "column"),
+        Field("sensor", "text", "column of a sensor or an input"),
         Field("kind", "choice", "bias in the column's unit, or scale as a fraction", choices=("bias", "scale")),
         Field("prior_sigma", "number", "standard deviation from recording to recording", minimum=0.0),
+        Field("recordings", "integer", "recordings whose scatter says so; 0: it was stated", default=0, minimum=0),
     ),
 )
 OFFSETS_FOUND = Section(

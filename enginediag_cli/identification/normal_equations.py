@@ -30,8 +30,17 @@ class Block:
     rows: slice
     predicted: np.ndarray  # (n, m) with offsets, NaN where the model gave none
     jacobian: np.ndarray  # (n, m, p) ∂y/∂x
-    offset_jacobian: np.ndarray  # (n, q) ∂y_s/∂z for the one sensor s that each offset acts on
+    offset_jacobian: np.ndarray  # (n, q − i) ∂y_s/∂z for the one sensor s that each offset of an output acts on
     status: np.ndarray  # (n,) int8, as the engine gives it
+    input_jacobian: np.ndarray  # (n, m, i) ∂y/∂z of the offsets of inputs, which come last
+
+    def offset_columns(self, problem: Problem) -> np.ndarray:
+        """∂y/∂z (n, m, q) of all offsets of each record's recording."""
+        n, outputs = len(self.predicted), self.offset_jacobian.shape[1]
+        found = np.zeros((n, len(problem.sensors), outputs))
+        column = [problem.sensors.index(o.sensor) for o in problem.offsets[:outputs]]
+        found[:, column, range(outputs)] = self.offset_jacobian
+        return np.concatenate([found, self.input_jacobian], axis=2)
 
 
 @dataclass(frozen=True)
@@ -68,19 +77,31 @@ def blocks(problem: Problem, x: np.ndarray, z: np.ndarray, *, sensitivities: boo
     theta = problem.physical(x)
     wrt = problem.names if sensitivities else ()
     column = {s: i for i, s in enumerate(problem.sensors)}
-    N = len(problem.recording)
+    N, outputs = len(problem.recording), len(problem.offsets) - problem.input_offsets
+    of_inputs = problem.offsets[outputs:]
+    along = tuple(dict.fromkeys(o.sensor for o in of_inputs)) if sensitivities else ()
     for start in range(0, N, CHUNK_RECORDS):
         rows = slice(start, min(start + CHUNK_RECORDS, N))
-        inputs = {c: v[rows] for c, v in problem.inputs.items()}
-        p = problem.model.predict(inputs, theta, sensors=problem.sensors, wrt=wrt)
+        read = {c: v[rows] for c, v in problem.inputs.items()}
+        inputs = dict(read)
+        for j, o in enumerate(of_inputs, outputs):
+            value = o.prior_sigma * z[problem.recording[rows], j]
+            if np.any(value):
+                inputs[o.sensor] = inputs[o.sensor] - value * (1.0 if o.kind == "bias" else read[o.sensor])
+        p = problem.model.predict(inputs, theta, sensors=problem.sensors, wrt=(*wrt, *along))
         y = np.array(p.y, float)
-        J = np.asarray(p.jacobian, float)[:, :, : len(wrt)] * problem.prior_sigma[: len(wrt)]
+        along_all = np.asarray(p.jacobian, float)
+        J = along_all[:, :, : len(wrt)] * problem.prior_sigma[: len(wrt)]
         # a point whose derivatives cannot be had cannot take part in the fit, whatever its value
-        status = np.where(np.isfinite(J).all(axis=(1, 2)), p.status, np.maximum(p.status, 2)).astype(np.int8)
+        status = np.where(np.isfinite(along_all).all(axis=(1, 2)), p.status, np.maximum(p.status, 2)).astype(np.int8)
         y[status > 1] = np.nan
-        offset_J = np.empty((len(y), len(problem.offsets)))
+        offset_J = np.empty((len(y), outputs))
+        input_J = np.zeros((*y.shape, len(of_inputs)))
+        for j, o in enumerate(of_inputs if sensitivities else ()):
+            read_by = 1.0 if o.kind == "bias" else read[o.sensor][:, None]
+            input_J[:, :, j] = -o.prior_sigma * read_by * along_all[:, :, len(wrt) + along.index(o.sensor)]
         shift, factor = np.zeros_like(y), np.ones_like(y)
-        for j, o in enumerate(problem.offsets):
+        for j, o in enumerate(problem.offsets[:outputs]):
             s = column[o.sensor]
             value = o.prior_sigma * z[problem.recording[rows], j]
             if o.kind == "bias":
@@ -89,7 +110,8 @@ def blocks(problem: Problem, x: np.ndarray, z: np.ndarray, *, sensitivities: boo
             else:
                 factor[:, s] += value
                 offset_J[:, j] = o.prior_sigma * y[:, s]
-        yield Block(rows, y * factor + shift, J * factor[:, :, None], offset_J, status)
+        whole = factor[:, :, None]
+        yield Block(rows, y * factor + shift, J * whole, offset_J, status, input_J * whole)
 
 
 def predict(problem: Problem, x: np.ndarray, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -124,7 +146,8 @@ def normal_equations(problem: Problem, x: np.ndarray, z: np.ndarray) -> NormalEq
 
 def accumulate(problem: Problem, block: Block, w: np.ndarray, pull: np.ndarray) -> tuple[np.ndarray, ...]:
     """Weighted sums H_xx, H_xz, H_zz and Jᵀ pull for x and z; `w` and `pull` are (n, m), 0 where missing."""
-    p, q, R = block.jacobian.shape[2], block.offset_jacobian.shape[1], len(problem.labels)
+    p, outputs, R = block.jacobian.shape[2], block.offset_jacobian.shape[1], len(problem.labels)
+    q = len(problem.offsets)
     J = np.where((w > 0)[:, :, None], block.jacobian, 0.0)
     flat = J.reshape(-1, p)
     H_xx = flat.T @ (flat * w.reshape(-1, 1))
@@ -132,11 +155,19 @@ def accumulate(problem: Problem, block: Block, w: np.ndarray, pull: np.ndarray) 
     H_xz, H_zz, g_z = np.zeros((R, p, q)), np.zeros((R, q, q)), np.zeros((R, q))
     if not q:
         return H_xx, H_xz, H_zz, g_x, g_z
-    column = np.array([problem.sensors.index(o.sensor) for o in problem.offsets])
+    column = np.array([problem.sensors.index(o.sensor) for o in problem.offsets[:outputs]], int)
     here, starts = np.unique(problem.recording[block.rows], return_index=True)  # records of one stand together
     weight = w[:, column]
     G = np.where(weight > 0, block.offset_jacobian, 0.0)
-    g_z[here] = np.add.reduceat(G * pull[:, column], starts)
+    g_z[here, :outputs] = np.add.reduceat(G * pull[:, column], starts)
+    if q > outputs:
+        I = np.where((w > 0)[:, :, None], block.input_jacobian, 0.0)
+        weighted = np.swapaxes(I * w[:, :, None], 1, 2)  # (n, i, m)
+        H_xz[here, :, outputs:] = np.swapaxes(np.add.reduceat(weighted @ J, starts), 1, 2)
+        H_zz[here, outputs:, outputs:] = np.add.reduceat(weighted @ I, starts)
+        both = np.add.reduceat(weighted[:, :, column] * G[:, None, :], starts)
+        H_zz[here, outputs:, :outputs], H_zz[here, :outputs, outputs:] = both, np.swapaxes(both, 1, 2)
+        g_z[here, outputs:] = np.add.reduceat(np.einsum("nmi,nm->ni", I, pull), starts)
     for j, s in enumerate(column):
         pulled = (G[:, j] * weight[:, j])[:, None]
         H_xz[here, :, j] = np.add.reduceat(pulled * J[:, s], starts)

@@ -5,7 +5,8 @@ A reading of sensor s in record k of recording r is modelled as
     y_ks = Φ_s(u_k, θ)·(1 + c_rs) + b_rs + noise of standard deviation σ_s
 
 with θ the parameters (prior N(mean, sigma²), hard bounds) and, per recording, nuisance offsets b and c
-(prior N(0, sigma²)) where the settings ask for them. Inside the solver both are measured in prior
+(prior N(0, sigma²)) where the settings ask for them, or there are enough recordings to see their scatter; those of
+inputs change u_k in the same way. Inside the solver both are measured in prior
 standard deviations, x = (θ − mean)/sigma, so that nothing depends on the units of a parameter.
 """
 
@@ -36,6 +37,7 @@ class TrainingRecording(NamedTuple):
     label: str
     columns: Mapping[str, np.ndarray]
     regimes: np.ndarray | None = None
+    engine: str = ""  # of several, which one it is of
 
 
 @dataclass(frozen=True)
@@ -66,6 +68,11 @@ class Problem:
     def names(self) -> tuple[str, ...]:
         """Names of the p estimated parameters."""
         return tuple(p.name for p in self.parameters)
+
+    @property
+    def input_offsets(self) -> int:
+        """How many of the offsets, the last ones, are of inputs."""
+        return sum(o.sensor not in self.sensors for o in self.offsets)
 
     @property
     def gap(self) -> np.ndarray:

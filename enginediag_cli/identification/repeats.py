@@ -74,4 +74,4 @@ def _keys(recording: TrainingRecording, columns: Sequence[str]) -> list[bytes]:
 
 def _rows(recording: TrainingRecording, rows: np.ndarray) -> TrainingRecording:
     regimes = None if recording.regimes is None else recording.regimes[rows]
-    return TrainingRecording(recording.label, {c: v[rows] for c, v in recording.columns.items()}, regimes)
+    return recording._replace(columns={c: v[rows] for c, v in recording.columns.items()}, regimes=regimes)

@@ -66,4 +66,4 @@ def hold_out_end(
 
 def _part(r: TrainingRecording, rows: slice) -> TrainingRecording:
     regimes = None if r.regimes is None else r.regimes[rows]
-    return TrainingRecording(r.label, {c: v[rows] for c, v in r.columns.items()}, regimes)
+    return r._replace(columns={c: v[rows] for c, v in r.columns.items()}, regimes=regimes)

@@ -40,7 +40,7 @@ def _of_file(intake: Intake, file: File) -> Iterator[WholeFlight]:
         column = np.asarray(recording.text.get("engine", [""] * len(recording)))
         for engine in dict.fromkeys(column.tolist()):
             for part in training_recordings(recording.select(column == engine), label):
-                yield WholeFlight(file.name, engine, part)
+                yield WholeFlight(file.name, engine, part._replace(engine=engine))
 
 
 def _whole(file: File) -> Iterator[Recording]:

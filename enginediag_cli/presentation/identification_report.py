@@ -35,6 +35,7 @@ def report_lines(result: IdentificationResult) -> Iterator[str]:
     yield ""
     yield from parameter_lines([e for e in result.estimates if e.family != FAMILY])
     yield from map_error_lines(result)
+    yield from offset_lines(result)
     yield ""
     yield from combination_lines(result)
 
@@ -148,6 +149,19 @@ def map_error_lines(result: IdentificationResult) -> Iterator[str]:
     yield f"maps as wrong as {rest}; these records fix {100 * known:.0f} % of that, where they were flown"
     if larger:
         yield f"maps that must be wrong by more for these records: {named}"
+
+
+def offset_lines(result: IdentificationResult) -> Iterator[str]:
+    """By how much instruments differ from recording to recording, where that was estimated."""
+    found = [o for o in result.problem.offsets if o.recordings]
+    if not found:
+        return
+    by_column: dict[str, list[str]] = {}
+    for o in found:
+        size = f"{100 * o.prior_sigma:.2g} %" if o.kind == "scale" else f"{o.prior_sigma:.2g}"
+        by_column.setdefault(o.sensor, []).append(size)
+    named = ", ".join(f"{column} {' and '.join(sizes)}" for column, sizes in by_column.items())
+    yield f"instruments differ between the {found[0].recordings} recordings by (1 standard deviation): {named}"
 
 
 def combination_lines(result: IdentificationResult) -> list[str]:

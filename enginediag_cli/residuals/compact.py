@@ -105,14 +105,14 @@ def compact(monitor: Monitor, exact: Monitor | None = None) -> Monitor:
     exact = exact or reduced(monitor)
     if not isinstance(exact, ReducedMonitor):
         return monitor
-    points, q = _points(monitor), len(monitor.names) - len(monitor.offsets)
+    points = _points(monitor)
     names = tuple(monitor.envelope.inputs)
     inputs = {c: points[:, i] for i, c in enumerate(names)}
     _, J, ok, found = monitor.predict(inputs, monitor.theta0)
     start = _fitted_start(monitor.engine, names, inputs, getattr(found, "x", None), ok)
     own = len(monitor.envelope.points)
     frozen = {c: v[:own] for c, v in getattr(found, "frozen", {}).items()}
-    J, points = J[ok, :, :q], points[ok]
+    J, points = J[ok], points[ok]
     if len(points) < LEAST_POINTS:
         return monitor
     seen = np.arange(len(points)) < np.sum(ok[:own])

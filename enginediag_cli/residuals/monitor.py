@@ -40,10 +40,12 @@ isolation takes for plausible."""
 
 @dataclass(frozen=True)
 class Offset:
-    """A sensor error, constant in one recording: `bias` in the column's unit or `scale`, a fraction."""
+    """An instrument's error, constant in one recording: `bias` in the column's unit or `scale`, a fraction. Of the
+    output number `sensor`, or, where it is named, of the input `column`; that is linear in its size, and stays at 0."""
 
     sensor: int
     kind: str
+    column: str = ""
 
 
 @dataclass(frozen=True)
@@ -136,14 +138,21 @@ class Monitor:
         values: dict[str, Any] = dict(self.base)
         values.update({name: float(first[i]) if shared[i] else theta[:, i] for i, name in enumerate(self.names[:q])})
         wrt = self.names[:q] if nuisance else self.monitored
+        read = tuple(dict.fromkeys(o.column for o in self.offsets if o.column)) if nuisance else ()
         known: dict[str, Any] = {} if start is None else {"start": start}
-        prediction = self.engine.predict(inputs, values, sensors=self.sensors, wrt=wrt, **known)
+        prediction = self.engine.predict(inputs, values, sensors=self.sensors, wrt=(*wrt, *read), **known)
         y, J = np.asarray(prediction.y), np.asarray(prediction.jacobian)
+        J, along = J[:, :, : len(wrt)], J[:, :, len(wrt) :]
         if self.offsets:
             factor, shift = np.ones_like(y), np.zeros_like(y)
             extra = np.zeros((*y.shape, len(self.offsets)))
             for i, offset in enumerate(self.offsets):
-                if offset.kind == "bias":
+                if offset.column and nuisance:
+                    by = inputs[offset.column][:, None] if offset.kind == "scale" else 1.0
+                    extra[:, :, i] = -by * along[:, :, read.index(offset.column)]
+                elif offset.column:
+                    continue
+                elif offset.kind == "bias":
                     shift[:, offset.sensor] += theta[..., q + i]
                     extra[:, offset.sensor, i] = 1.0
                 else:
@@ -176,9 +185,13 @@ def monitor_from_nominal(
     errors = {e.name: e.standard_error for e in nominal.estimates}
     uncertain = tuple(e.name for e in nominal.estimates if e.standard_error > 0 and e.name not in monitored)
     slopes = _slopes(plain, nominal, monitored)
-    offsets = tuple(Offset(used.index(o.sensor), o.kind) for o in nominal.offsets if o.sensor in used)
-    spread = [o.prior_sigma for o in nominal.offsets if o.sensor in used]
-    names = (*monitored, *uncertain, *(f"offset.{used[o.sensor]}.{o.kind}" for o in offsets))
+    known_offsets = [o for o in nominal.offsets if o.sensor in used or o.sensor in nominal.inputs]
+    offsets = tuple(
+        Offset(used.index(o.sensor), o.kind) if o.sensor in used else Offset(-1, o.kind, o.sensor)
+        for o in known_offsets
+    )
+    spread = [o.next_sigma for o in known_offsets]
+    names = (*monitored, *uncertain, *(f"offset.{o.sensor}.{o.kind}" for o in known_offsets))
     known = {**{name: p.nominal for name, p in engine.parameters.items()}, **nominal.theta0}
     inner = names[: len(names) - len(offsets)]
     free = np.full(len(offsets), np.inf)

@@ -52,9 +52,9 @@ class ReducedMonitor(Monitor):
             plain = replace(self, names=(*self.monitored, *self.names[q:]))
             return Monitor.predict(plain, inputs, np.concatenate([moved, offsets], axis=-1), nuisance=False, **options)
         assert self.whole is not None and self.root is not None
-        n = self.whole.names[: len(self.root)]
-        plain = replace(self, names=(*n, *self.names[q:]))
-        at_nominal = np.broadcast_to(self.whole.theta0[a : len(n)], (*theta.shape[:-1], len(n) - a))
+        n = self.whole.names
+        plain = replace(self, names=(*n, *self.names[q:]), offsets=(*self.whole.offsets, *self.offsets))
+        at_nominal = np.broadcast_to(self.whole.theta0[a:], (*theta.shape[:-1], len(n) - a))
         y, J, ok, prediction = Monitor.predict(
             plain, inputs, np.concatenate([moved, at_nominal, offsets], axis=-1), **options
         )
@@ -63,11 +63,10 @@ class ReducedMonitor(Monitor):
 
 
 def can_be_reduced(monitor: Monitor) -> bool:
-    """Whether anything is uncertain that does not go with a sensor's offset, and where the engine ran is known."""
-    a, q = len(monitor.monitored), len(monitor.names) - len(monitor.offsets)
+    """Whether anything is uncertain, and where the engine ran is known."""
     envelope = monitor.envelope
     known = envelope is not None and all(c in envelope.inputs for c in monitor.engine.inputs) and len(envelope.points)
-    return bool(known and q > a and not np.any(monitor.uncertainty[:q, q:]))
+    return bool(known and len(monitor.names) > len(monitor.monitored))
 
 
 def reduced(monitor: Monitor, bent: Curvature | None = None) -> Monitor:
@@ -82,7 +81,7 @@ def reduced(monitor: Monitor, bent: Curvature | None = None) -> Monitor:
     if not ok.any():
         return monitor
     root = covariance_root(monitor)
-    effects = [J[ok, :, : len(root)] @ root, *effects_beyond(monitor, getattr(found, "frozen", {}), ok, root)]
+    effects = [J[ok] @ root, *effects_beyond(monitor, getattr(found, "frozen", {}), ok, root)]
     root = root @ leading_directions(effects, noise_weight(monitor))
     x = getattr(found, "x", None)
     good = {c: values[ok] for c, values in {**inputs, **getattr(found, "frozen", {})}.items()}
@@ -96,15 +95,14 @@ def noise_weight(monitor: Monitor) -> np.ndarray:
 
 
 def covariance_root(monitor: Monitor) -> np.ndarray:
-    """L (q, q) of the covariance L Lᵀ of all but the offsets, in parameter units."""
-    q = len(monitor.names) - len(monitor.offsets)
-    scale = monitor.prior_sigma[:q]
-    eigenvalues, vectors = np.linalg.eigh(monitor.uncertainty[:q, :q] / scale / scale[:, None])
+    """L (p, p) of the covariance L Lᵀ of all parameters and offsets, in their units."""
+    scale = monitor.prior_sigma
+    eigenvalues, vectors = np.linalg.eigh(monitor.uncertainty / scale / scale[:, None])
     return np.asarray(scale[:, None] * vectors * np.sqrt(np.maximum(eigenvalues, 0.0)))
 
 
 def amount_rows(monitor: Monitor) -> np.ndarray:
-    """Which of all but the offsets (k,) are errors of maps, in the order of `MapErrorModel.amounts`."""
+    """Which of all parameters (k,) are errors of maps, in the order of `MapErrorModel.amounts`."""
     if not isinstance(monitor.engine, MapErrorModel):
         return np.zeros(0, int)
     position = {n: i for i, n in enumerate(monitor.names)}
@@ -138,21 +136,19 @@ def leading_directions(effects: Sequence[np.ndarray], weight: np.ndarray) -> np.
 
 
 def in_normals(monitor: Monitor, r: int) -> dict[str, Any]:
-    """Fields of `monitor` with r unit normals between the monitored parameters and the offsets."""
-    a, q = len(monitor.monitored), len(monitor.names) - len(monitor.offsets)
+    """Fields of `monitor` with r unit normals after the monitored parameters, in place of all that is uncertain."""
+    a = len(monitor.monitored)
 
-    def joined(values: np.ndarray, between: float) -> np.ndarray:
-        return np.concatenate([values[:a], np.full(r, between), values[q:]])
+    def joined(values: np.ndarray, after: float) -> np.ndarray:
+        return np.concatenate([values[:a], np.full(r, after)])
 
-    uncertainty = np.zeros((a + r + len(monitor.offsets),) * 2)
-    uncertainty[range(a, a + r), range(a, a + r)] = 1.0
-    uncertainty[a + r :, a + r :] = monitor.uncertainty[q:, q:]
     return {
         **{name: getattr(monitor, name) for name in Monitor.__dataclass_fields__},
-        "names": (*monitor.names[:a], *(f"nominal.{i + 1}" for i in range(r)), *monitor.names[q:]),
+        "names": (*monitor.names[:a], *(f"nominal.{i + 1}" for i in range(r))),
+        "offsets": (),
         "theta0": joined(monitor.theta0, 0.0),
         "prior_sigma": joined(monitor.prior_sigma, 1.0),
         "lower": joined(monitor.lower, -np.inf),
         "upper": joined(monitor.upper, np.inf),
-        "uncertainty": uncertainty,
+        "uncertainty": np.diag(np.repeat([0.0, 1.0], [a, r])),
     }

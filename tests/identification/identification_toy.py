@@ -104,7 +104,10 @@ class ToyEngine:
         y = np.column_stack([value[c] for c in columns])
         J = np.zeros((N, len(columns), len(wrt)))
         for i, name in enumerate(wrt):  # complex step: exact to rounding
-            step = outputs(inputs, theta | {name: theta[name] + 1e-30j})
+            if name in inputs:
+                step = outputs({**inputs, name: inputs[name] + 1e-30j}, theta)
+            else:
+                step = outputs(inputs, theta | {name: theta[name] + 1e-30j})
             J[:, :, i] = np.column_stack([np.broadcast_to(np.imag(step[c]), N) for c in columns]) / 1e-30
         status = np.zeros(N, np.int8)
         if self.fails is not None:

@@ -120,3 +120,17 @@ def test_what_the_fit_took_out_of_the_sums_is_put_back():
         sizes.append([found.sigma[0] ** 2, found.rho1[0]])
     mean, error = np.mean(sizes, axis=0), np.std(sizes, axis=0) / np.sqrt(tries)
     assert np.all(np.abs(mean - [1.0, rho]) < 4 * error + [0.0, 0.005])
+
+
+def test_correlation_scatters_as_stated_where_few_records_have_a_neighbour():
+    rng, rho, n = np.random.default_rng(31), 0.65, 250
+    found = []
+    for _ in range(300):
+        e = ar1(n, 1.0, rho, rng)
+        gap = np.where(rng.random(n) < 0.25, 1.0, 8.0)
+        gap[0] = np.inf
+        estimate = estimate_noise(e[:, None], gap, NONE, FLOOR)
+        found.append((estimate.rho1[0], estimate.rho1_error[0]))
+    values, errors = np.array(found).T
+    assert values.mean() == pytest.approx(rho, abs=0.02)
+    assert values.std() == pytest.approx(errors.mean(), rel=0.2)

@@ -319,11 +319,7 @@ def runs(recording: np.ndarray, rows: slice) -> Iterator[tuple[int, slice]]:
 
 def offset_columns(found: Identified, b: Block) -> np.ndarray:
     """∂y/∂z (n, m, q) of the offsets of each record's own recording."""
-    sensors = found.problem.sensors
-    result = np.zeros((b.rows.stop - b.rows.start, len(sensors), len(found.problem.offsets)))
-    for j, o in enumerate(found.problem.offsets):
-        result[:, sensors.index(o.sensor), j] = np.nan_to_num(b.offset_jacobian[:, j])
-    return result
+    return np.nan_to_num(b.offset_columns(found.problem))
 
 
 def derivatives(found: Identified, names: Sequence[str], model: object = None, rows: slice = slice(None)) -> np.ndarray:

@@ -46,7 +46,7 @@ class SelfIdentified:
 
 def self_identified(engine: Engine, flights: Sequence[Flight]) -> Nominal | SelfIdentified:
     """Identification of all flights together, by the engine file's own settings; none of them is taken for clean."""
-    found = identify(engine, [TrainingRecording(f.label, f.columns) for f in flights])
+    found = identify(engine, [TrainingRecording(f.label, f.columns) for f in flights], offsets=False)
     if found.converged:
         return found.nominal(engine.path, "", {})
     p, fit = found.problem, found.fit
