@@ -166,7 +166,8 @@ def _grouped(cells: Sequence[Cell], conditions: Sequence[DriverValues]) -> list[
     best: dict[tuple[str, str], Place] = {}
     for c in sorted(cells, key=lambda c: c.strain - c.surprise):
         in_time = c.driver.driver == TIME
-        named = next((d for d in conditions if d.driver == c.varies_with), c.driver)
+        own = [d for d in conditions if d.driver == c.varies_with and c.varies_with != c.driver.driver]
+        named = own[0] if len(own) == 1 else c.driver
         members = alike.get(named.name, (named,))
         group = TIME.word if in_time else " = ".join(d.name for d in members)
         words = (TIME.word,) if in_time else tuple(d.short for d in members)
