@@ -19,8 +19,10 @@ from enginediag_cli.errors import ExitCode
 from enginediag_cli.presentation.messages import Messages
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from enginediag_cli.engine.term import Effect
-    from enginediag_cli.mismatch.fit.evidence import Evidence
+    from enginediag_cli.mismatch.fit.evidence import Evidence, Flight
     from enginediag_cli.mismatch.fit.load import Case
     from enginediag_cli.mismatch.refine.refine import Refinement
     from enginediag_cli.mismatch.unrecorded.hidden import HiddenFinding
@@ -102,8 +104,9 @@ def refine(
     enginediag refine configs/turbofan.yaml flights.csv --holdout-last 3 -o refined.yaml
     enginediag refine configs/turbofan.yaml train.csv --test unseen.csv --term humidity@ambient -o refined.yaml
 
-    Flights that were not fitted decide: their log likelihood must rise by more than ln 20, and Wilcoxon's
-    signed-rank test of the paired gains of flights (of runs of records, with fewer than five) must give p < 0.05.
+    All of this is asked: the coefficients differ from nothing by the fitted flights; the unseen flights, judged
+    together, are predicted better at the point prediction, whatever the width of the prediction; and an effect that
+    switches without a column does so where it is on and by the contrast of on and off.
     Else, or when a coefficient ends at its physical bound or a fit does not converge, nothing is written and the
     exit code is 3. The refined file can be used with every other command.
     """
@@ -112,6 +115,7 @@ def refine(
     if switched and len(terms) != 1:
         raise click.UsageError("--switched goes with one --term")
     from enginediag_cli.mismatch.refine.refine import refine as run
+    from enginediag_cli.presentation.refinements import refusal
 
     evidence, unseen, inherited = _evidence(messages, case, holdout_last, tests)
     training = evidence.only([k for k in range(len(evidence.flights)) if k not in unseen])
@@ -137,8 +141,9 @@ def refine(
         raise click.UsageError(str(error)) from None
     head = provenance("refine", case, inherited, unseen=", ".join(evidence.flights[k].label for k in unseen))
     _present(messages, found, report, picture, head)
-    if found.refused:
-        messages.error(f"{found.refused}; {output_path} is not written")
+    told = refusal(found)
+    if told:
+        messages.error(f"{told}; {output_path} is not written")
         return ExitCode.NO_VERDICT
     _write(evidence, found, case, unseen, output_path)
     if states:
@@ -159,13 +164,19 @@ def _evidence(
     from enginediag_cli.mismatch.fit.load import load_case
     from enginediag_cli.mismatch.refine.refine import last_flights
 
+    def unseen(flights: Sequence[Flight]) -> list[int]:
+        if last is not None:
+            return last_flights(flights, last)
+        return [k for k, flight in enumerate(flights) if flight.file in tests]
+
+    def fitted(flights: Sequence[Flight]) -> list[Flight]:
+        without = set(unseen(flights))
+        return [f for k, f in enumerate(flights) if k not in without] or list(flights)
+
     source = replace(case.source, files=(*case.source.files, *tests))
-    loaded = load_case(replace(case, source=source))
+    loaded = load_case(replace(case, source=source), fitted)
     tell_case(messages, case, loaded)
-    evidence, inherited = loaded.evidence, tuple(loaded.intake.provenance)
-    if last is not None:
-        return evidence, last_flights(evidence, last), inherited
-    return evidence, [k for k, flight in enumerate(evidence.flights) if flight.file in tests], inherited
+    return loaded.evidence, unseen(loaded.evidence.flights), tuple(loaded.intake.provenance)
 
 
 def _asked(evidence: Evidence, terms: tuple[str, ...]) -> list[Effect]:

@@ -6,16 +6,25 @@ from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any
 
 from enginediag_cli.intervals import NORMAL_95
+from enginediag_cli.mismatch.refine.criteria import BETTER, LEVEL, Criterion, Records, Significance, Verdict
 from enginediag_cli.presentation.names import spelled
-from enginediag_cli.presentation.numbers import p_value, with_unit
+from enginediag_cli.presentation.numbers import p_value, rounded, with_unit
 from enginediag_cli.presentation.sentences import count
 
 if TYPE_CHECKING:
     from enginediag_cli.engine.term import Coefficient, Effect
+    from enginediag_cli.identification.quality import SensorQuality
     from enginediag_cli.mismatch.refine.alarms import Alarms
     from enginediag_cli.mismatch.refine.refine import Refinement
 
 COLUMNS = ("what", "of", "unit", "before", "after", "n")
+ABOUT = {Records.ALL: "", Records.ON: ", where it is on", Records.CONTRAST: ", on against off"}
+"""Behind "Unseen flights"."""
+NOTHING_TO_TELL = {
+    Records.ALL: "no record is predicted otherwise",
+    Records.ON: "it is not on in any of them",
+    Records.CONTRAST: "none of them holds both states, and instruments' zeros may do what a whole flight's state does",
+}
 
 
 def rows(r: Refinement) -> Iterator[dict[str, Any]]:
@@ -30,8 +39,10 @@ def rows(r: Refinement) -> Iterator[dict[str, Any]]:
     yield _row("chi2 per reading", "all", "1", u.chi2_before, u.chi2_after, u.readings)
     for label, one_l, other_l in zip(u.labels, u.flights_before, u.flights_after, strict=True):
         yield _row("log likelihood", label, "1", float(one_l), float(other_l), None)
-    for name, state in (u.states or {}).items():
-        yield _row("chi2 per reading", name, "1", state[0], state[1], state[2])
+    for name, (before, after) in (u.states or {}).items():
+        for one, other in zip(before, after, strict=True):
+            yield _row("rms", f"{one.sensor} {name}", one.unit, one.rms, other.rms, one.n)
+            yield _row("chi2 per reading", f"{one.sensor} {name}", "1", one.chi2, other.chi2, one.n)
     if r.alarms_before is not None and r.alarms_after is not None:
         one_a, other_a = r.alarms_before, r.alarms_after
         yield _row("false-alarm rate of detect", "nominal 1 %", "1", one_a.rate, other_a.rate, one_a.judged)
@@ -46,22 +57,20 @@ def sentences(r: Refinement) -> Iterator[str]:
         for c in e.term.COEFFICIENTS:
             if c.name in e.values:
                 yield f"  {_coefficient(c, e.values[c.name], r.standard_errors.get(e.parameter_name(c.name)))}"
-    if r.unseen is not None and r.gain is not None:
+    yield from map(criterion_in_words, r.criteria)
+    if r.unseen is not None:
         yield f"{unseen_in_words(r)}."
         if r.unseen.lost:
             yield f"{count(r.unseen.lost, 'unseen record')} could not be computed by both models."
-        if r.unseen.states:
-            told = [
-                f"{name}: {before:.2f} before, {after:.2f} after"
-                for name, (before, after, _) in r.unseen.states.items()
-            ]
-            yield f"χ² per reading within the states inferred there: {'; '.join(told)}."
+        for name, (before, after) in (r.unseen.states or {}).items():
+            told = (f"{x.sensor} {_size(x)} → {_size(y)}" for x, y in zip(before, after, strict=True))
+            yield f"RMS where it is {name}, by the states that other sensors show: {', '.join(told)}."
     if r.alarms_before is not None and r.alarms_after is not None:
         yield f"{alarms_in_words(r)}."
-        before, after = r.alarms_before, r.alarms_after
+        one, other = r.alarms_before, r.alarms_after
         yield (
-            f"Windows that the model does not fit, at a level of 1 %: {before.misfits} of {before.judged} before, "
-            f"{after.misfits} of {after.judged} after."
+            f"Windows that the model does not fit, at a level of 1 %: {one.misfits} of {one.judged} before, "
+            f"{other.misfits} of {other.judged} after."
         )
     if r.still_missing:
         yield f"The fitted flights show more than that: {r.still_missing}."
@@ -79,14 +88,45 @@ def _coefficient(declared: Coefficient, value: float, error: float | None) -> st
     return f"{declared.name} = {size}{' (95 %)' if error else ''}: {declared.description}"
 
 
+def criterion_in_words(c: Criterion) -> str:
+    """What was asked, what was found, and whether it is enough."""
+    if isinstance(c, Significance):
+        differs = "differs" if c.met else "does not differ"
+        asked = f"Wald's test, p {_equal(c.p)}; below {LEVEL:g} is asked"
+        return f"Fitted flights: {c.label} {differs} from nothing ({asked})."
+    about = ABOUT[c.of]
+    if not c.information > 0.0:
+        return f"Unseen flights{about}: cannot be judged, {NOTHING_TO_TELL[c.of]}."
+    share = f"{rounded(c.share, c.standard_error)} ± {rounded(c.standard_error, c.standard_error)}"
+    found = (
+        f"Unseen flights{about}: the readings ask for {share} of the change that is predicted, where χ² falls above "
+        f"{BETTER:g} (p {_equal(c.p)}; below {LEVEL:g} is asked)"
+    )
+    if c.met is None:
+        return f"{found}: too few records tell of it to judge."
+    return f"{found}: predicted better." if c.met else f"{found}: not predicted better."
+
+
+def refusal(r: Refinement) -> str:
+    """Why nothing may be written, or nothing."""
+    if r.failed:
+        return r.failed
+    if r.verdict is Verdict.ACCEPTED:
+        return ""
+    refused = r.verdict is Verdict.REFUSED
+    wrong = [criterion_in_words(c) for c in r.criteria if (c.met is False if refused else c.met is None)]
+    text = " ".join(wrong) or "no unseen record could be computed by both models."
+    return text.removesuffix(".") if refused else f"cannot be judged on these flights. {text.removesuffix('.')}"
+
+
 def unseen_in_words(r: Refinement) -> str:
     """What the unseen flights say of the fit, or nothing."""
-    u, g = r.unseen, r.gain
-    if u is None or g is None:
+    u = r.unseen
+    if u is None:
         return ""
     return (
         f"Unseen flights: χ² per reading {u.chi2_before:.3f} before, {u.chi2_after:.3f} after; log likelihood "
-        f"{g.total:+.1f}; {g.gained} of {g.units} {_units(g.unit)} gain (signed-rank test, p {_equal(g.p)})"
+        f"{u.gain:+.1f}"
     )
 
 
@@ -116,14 +156,16 @@ def state_rows(r: Refinement) -> Iterator[dict[str, Any]]:
 
 def document(r: Refinement, provenance: tuple[str, ...]) -> dict[str, Any]:
     """Everything as one object."""
-    u, g = r.unseen, r.gain
+    u = r.unseen
     return {
-        "refused": r.refused or None,
+        "verdict": r.verdict.value,
+        "refused": refusal(r) or None,
         "still_missing": r.still_missing or None,
         "sentences": list(sentences(r)),
         "effects": [{"term": e.term.NAME, "at": e.site.name, "coefficients": dict(e.values)} for e in r.effects],
         "standard_errors": r.standard_errors,
-        "gain": None if g is None else {**vars(g), "significant": g.significant},
+        "criteria": [_criterion(c) for c in r.criteria],
+        "log_likelihood_gain": None if u is None else u.gain,
         "flights": []
         if u is None
         else [
@@ -170,8 +212,24 @@ def _rate(a: Alarms) -> str:
     return f"{a.alarms} of {a.judged} windows ({100 * a.rate:.0f} %, {interval})"
 
 
-def _units(unit: str) -> str:
-    return {"flight": "flights", "run of records": "runs of records"}[unit]
+def _criterion(c: Criterion) -> dict[str, Any]:
+    asked = {"p": c.p, "met": c.met, "effective_stretches": c.effective}
+    if isinstance(c, Significance):
+        return {"criterion": "significance", "of": c.label, "coefficients": c.coefficients, **asked}
+    known = c.information > 0.0
+    return {
+        "criterion": "prediction",
+        "of": c.of.value,
+        "share": c.share if known else None,
+        "standard_error": c.standard_error if known else None,
+        "chi2_fall": c.fall if known else None,
+        "records": c.records,
+        **asked,
+    }
+
+
+def _size(q: SensorQuality) -> str:
+    return f"{rounded(q.rms)} {q.unit}".removesuffix(" 1")
 
 
 def _equal(p: float) -> str:

@@ -66,6 +66,14 @@ def test_a_reynolds_effect_on_the_hpc_is_located_at_its_efficiency_along_the_rey
     assert kind_of(reynolds).names == (EFFECT,)
 
 
+def test_an_effect_on_efficiency_and_flow_is_located_at_both_along_its_driver():
+    clearance = ("compressor_tip_clearance", "hpc", {"growth": 3.0})
+    found = locate(evidence(recorded(clearance, seed=3, **SHAPE)))
+    assert found.places[0].location == "hpc.efficiency + hpc.flow_capacity"
+    assert found.places[0].component == "hpc" and found.places[0].refit == "converged"
+    assert "N2" in found.leads[0].group
+
+
 def test_the_first_place_is_refitted_explains_the_excess_and_is_stable(reynolds):
     first = reynolds.within[0]
     assert first.refit == "converged"

@@ -8,7 +8,7 @@ from concealed import carried, evidence, flights
 
 from enginediag_cli.drivers import drivers
 from enginediag_cli.mismatch.fit.evidence import Evidence, Flight, Noise, Settings
-from enginediag_cli.mismatch.fit.freeform import free_form
+from enginediag_cli.mismatch.fit.freeform import free_form, machine_cells
 from enginediag_cli.mismatch.fit.identified import NO_HYPOTHESIS, identify_with, inputs_of, nuisance
 from enginediag_cli.mismatch.fit.projection import Projection
 from enginediag_cli.mismatch.locate.presence import von_neumann
@@ -70,7 +70,8 @@ def mapped():
 
 
 def test_drawing_every_flight_once_gives_the_score_itself(mapped):
-    projection, cells = mapped
+    projection, single = mapped
+    cells = [*single, *machine_cells(single)]
 
     class Once:
         def multinomial(self, count, p, size):
@@ -80,6 +81,19 @@ def test_drawing_every_flight_once_gives_the_score_itself(mapped):
     assert what == "flights"
     expected = [c.score.surprise if not c.score.absorbed else 0.0 for c in cells]
     assert drawn[0] == pytest.approx(expected, rel=1e-4, abs=1e-4)
+
+
+def test_efficiency_and_flow_moved_together_explain_more_than_either_and_pay_for_it(mapped):
+    _, single = mapped
+    machines = machine_cells(single)
+    assert {c.location.component for c in machines} == {"fan", "booster", "hpc", "hpt", "lpt"}
+    for c in machines:
+        parts = {p.parameter: p for p in c.location.parts}
+        own = [s for s in single if s.location.parameter in parts and s.driver.name == c.driver.name]
+        assert len(own) == 2 and c.score.dof == sum(s.score.dof for s in own)
+        assert c.score.statistic >= max(s.score.statistic for s in own) - 1e-6
+        assert c.price > 0.0
+        assert c.scales.tolist() == [p.scale for p in parts.values() for _ in range(len(c.scales) // 2)]
 
 
 def test_resampling_counts_whole_flights(mapped):

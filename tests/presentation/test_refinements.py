@@ -7,6 +7,7 @@ from xml.dom import minidom
 
 import numpy as np
 
+from enginediag_cli.mismatch.refine.criteria import Prediction, Records, Significance
 from enginediag_cli.physics.engine_file import load_engine
 from enginediag_cli.physics.registry import effect
 from enginediag_cli.presentation.refinement_picture import MOST_FLIGHTS, picture
@@ -18,7 +19,7 @@ def quality(sensor, unit, rms, chi2):
     return SimpleNamespace(sensor=sensor, unit=unit, rms=rms, chi2=chi2, n=100)
 
 
-def refinement(gains):
+def refinement(gains, share=1.02):
     engine = load_engine(str(shipped("turbofan.yaml")))
     alarms = [
         SimpleNamespace(
@@ -38,17 +39,20 @@ def refinement(gains):
         readings=200,
         lost=0,
         states=None,
+        gain=sum(gains),
     )
-    gain = SimpleNamespace(total=sum(gains), p=0.001, units=len(gains), gained=sum(g > 0 for g in gains), unit="flight")
     return SimpleNamespace(
         effects=(effect(engine, "power_offtake", "hp", {"fraction": 0.0104}),),
         standard_errors={"power_offtake.hp.fraction": 1e-3},
         unseen=unseen,
-        gain=gain,
+        criteria=(
+            Significance("power_offtake@hp", 1, 108.0, 1.0, 100.0, 30.0),
+            Prediction(Records.ALL, share, 400.0, 1.0, 0.05, 25.0, 3, 200),
+        ),
         alarms_before=alarms[0],
         alarms_after=alarms[1],
         still_missing="",
-        refused="",
+        failed="",
     )
 
 
@@ -64,7 +68,7 @@ def test_a_coefficient_is_told_with_its_interval_and_what_it_is():
 
 def test_false_alarms_and_gains_are_told_with_how_many_were_judged():
     told = " ".join(sentences(refinement([5.0, -1.0])))
-    assert "1 of 2 flights gain" in told
+    assert "the readings ask for 1.02 ± 0.05 of the change that is predicted" in told and "log likelihood +4.0" in told
     assert "4 of 20 windows (20 %, 95 % interval 0 to 20 %) before, 0 of 20 windows" in told
 
 

@@ -7,14 +7,14 @@ records; its score has as many degrees of freedom as curves that the nuisance le
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
 
-from enginediag_cli.drivers import CONSTANT, polynomials
+from enginediag_cli.drivers import CONSTANT, SWITCH, polynomials
 from enginediag_cli.engine.components.base import HEALTH_ROAMS
-from enginediag_cli.engine.driver import DriverValues
+from enginediag_cli.engine.driver import Driver, DriverValues
 from enginediag_cli.engine.engine import Engine
 from enginediag_cli.engine.term import Effect
 from enginediag_cli.mismatch.fit.columns import Columns
@@ -40,7 +40,8 @@ class Location:
     """A place where something may be missing: the parameter that stands for it, its component ("hpc",
     "sensor.T45"), and the effect that brings the parameter in, where the engine itself has none. `scale`: how far the
     parameter may plausibly vary along a driver (rms), in its unit. `words`: the place as an engineer says it;
-    `quantity` of the parameter; `of_sensor`: it is an instrument."""
+    `quantity` of the parameter; `of_sensor`: it is an instrument. `also`: the other quantity of a turbomachine, where
+    both are moved together."""
 
     name: str
     parameter: str
@@ -50,6 +51,12 @@ class Location:
     words: str = ""
     quantity: str = ""
     of_sensor: bool = False
+    also: Location | None = None
+
+    @property
+    def parts(self) -> tuple[Location, ...]:
+        """Itself, or the two quantities that are moved together."""
+        return (self,) if self.also is None else (replace(self, also=None), self.also)
 
 
 def locations(found: Identified) -> list[Location]:
@@ -86,10 +93,11 @@ def of_effect(e: Effect, scale: float = HEALTH_ROAMS) -> Location:
 
 @dataclass(frozen=True)
 class Cell(Scored):
-    """One location × driver of the map."""
+    """One location × driver of the map. `price`: of moving two quantities instead of one, in ln probability."""
 
     location: Location
     driver: DriverValues
+    price: float = 0.0
 
     @property
     def curves(self) -> np.ndarray:
@@ -105,7 +113,21 @@ class Cell(Scored):
     def strain(self) -> float:
         """½ Σ (c/scale)²: what it costs, in ln probability, that the parameter must vary by so much. Places that the
         readings hardly tell apart differ in it: a duct that would have to lose many times its loss is not the place."""
-        return 0.5 * float(np.sum((self.score.coefficients / self.location.scale) ** 2))
+        return 0.5 * float(np.sum((self.score.coefficients / self.scales) ** 2)) + self.price
+
+    @property
+    def scales(self) -> np.ndarray:
+        """Of each coefficient (k,), in its parameter's unit."""
+        parts = self.location.parts
+        return np.repeat([p.scale for p in parts], len(self.candidates) // len(parts))
+
+    @property
+    def varies_with(self) -> Driver:
+        """The driver; that of the effect where a constant amplitude of it is the place."""
+        through = self.location.through
+        if self.driver.driver != CONSTANT or through is None or through.term.DRIVER == SWITCH:
+            return self.driver.driver
+        return through.term.DRIVER
 
 
 @stage("scoring places and drivers")
@@ -142,6 +164,33 @@ def _machines(where: Sequence[Location], at: Mapping[str, int]) -> list[tuple[in
         if place.quantity in MACHINE:
             found.setdefault(place.component, []).append(at[place.parameter])
     return [(own[0], own[1]) for own in found.values() if len(own) == 2]
+
+
+def machine_cells(cells: Sequence[Cell]) -> list[Cell]:
+    """Efficiency and flow capacity of every turbomachine moved together along every driver: an effect on both matches
+    neither alone. The second quantity costs what the first had not to pay, ½ ln|1 + τ²C⊥ᵀC⊥| (the evidence of a linear
+    model; D. J. C. MacKay, Neural Computation 4 (1992) 415–447)."""
+    machines: dict[tuple[str, str], list[Cell]] = {}
+    for c in cells:
+        if c.location.quantity in MACHINE and not c.score.absorbed:
+            machines.setdefault((c.location.component, c.driver.name), []).append(c)
+    found = []
+    for both in machines.values():
+        if len(both) == 2:
+            one, other = sorted(both, key=lambda c: MACHINE.index(c.location.quantity))
+            own = np.concatenate([one.candidates, other.candidates])
+            words = f"{one.location.words} and {other.location.quantity.replace('_', ' ')}"
+            name = f"{one.location.name} + {other.location.name}"
+            place = replace(one.location, name=name, words=words, also=other.location)
+            cell = Cell(one.sums, own, one.sums.score(own), place, one.driver)
+            found.append(replace(cell, price=_told(cell) - max(_told(one), _told(other))))
+    return found
+
+
+def _told(c: Cell) -> float:
+    """½ ln|1 + τ²C⊥ᵀC⊥|: by how much readings narrow what is known of the coefficients."""
+    scaled = c.scales[:, None] * c.sums.gram(c.candidates) * c.scales
+    return 0.5 * float(np.linalg.slogdet(np.eye(len(scaled)) + scaled)[1])
 
 
 @dataclass(frozen=True)

@@ -17,7 +17,7 @@ What is identified along with an effect (the nuisance), and how loosely, is deci
 from __future__ import annotations
 
 import fnmatch
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -79,8 +79,10 @@ class Loaded:
     baseline: Baseline | None = None
 
 
-def load_case(case: Case) -> Loaded:
-    """Read everything that a case names. Raises ConfigError and DataError for files and names that do not fit."""
+def load_case(case: Case, fitted: Callable[[Sequence[Flight]], list[Flight]] = list) -> Loaded:
+    """Read everything that a case names. `fitted`: of all flights those by which an engine may be identified, where
+    that must be done first. Raises ConfigError and DataError for files and names that do not fit.
+    """
     from enginediag_cli.physics.engine_file import load_engine
 
     baseline = None
@@ -94,11 +96,11 @@ def load_case(case: Case) -> Loaded:
     nominal: Nominal | SelfIdentified | None = baseline.nominal if baseline else None
     if nominal is None and engine.declared.get("identification"):
         # an engine whose design is not known must be identified before anything can be missing
-        nominal = self_identified(engine, flights)
+        nominal = self_identified(engine, fitted(flights))
     evidence = build_evidence(engine, flights, case.asked, nominal=nominal)
     if baseline and engine.declared.get("identification"):
         # instruments differ from flight to flight by more than one flight's nominal knows
-        own = build_evidence(engine, flights, case.asked, nominal=self_identified(engine, flights))
+        own = build_evidence(engine, flights, case.asked, nominal=self_identified(engine, fitted(flights)))
         evidence = replace(evidence, noise=larger_noise(evidence.noise, own.noise))
     return Loaded(evidence, intake, baseline)
 

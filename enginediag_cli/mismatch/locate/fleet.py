@@ -163,12 +163,16 @@ def per_engine(projection: Projection, cell: Cell) -> PerEngine | None:
         return None
     of_flight = np.array([engines.index(f.engine) for f in evidence.flights])
     engine_of = of_flight[found.problem.recording]
-    own = [np.where((engine_of == k)[:, None], cell.curves, 0.0) for k in range(len(engines))]
-    curves, q, name = np.concatenate(own, axis=1), cell.curves.shape[1], cell.location.parameter
+    parts = cell.location.parts
+    q = cell.curves.shape[1] // len(parts)  # both quantities of a machine have the same curves
+    own = [np.where((engine_of == k)[:, None], cell.curves[:, :q], 0.0) for k in range(len(engines))]
+    curves = np.concatenate(own, axis=1)
     everything = range(curves.shape[1])
-    sums = Sums(projection, cell.sums.columns, grid([name], curves, [everything]))
-    candidates = np.array([[0, c] for c in everything])
-    alone = {e: sums.score(candidates[k * q : (k + 1) * q]).statistic for k, e in enumerate(engines)}
-    together = sums.score(candidates[np.argsort(-sums.lengths[0], kind="stable")])
+    pairs = [(0, 1)] if len(parts) == 2 else []
+    sums = Sums(projection, cell.sums.columns, grid([p.parameter for p in parts], curves, [everything], pairs))
+    candidates = np.array([[t, c] for t in range(len(parts)) for c in everything])
+    alone = {e: sums.score(candidates[candidates[:, 1] // q == k]).statistic for k, e in enumerate(engines)}
+    lengths = sums.lengths[candidates[:, 0], candidates[:, 1]]
+    together = sums.score(candidates[np.argsort(-lengths, kind="stable")])
     between, dof = together.statistic - cell.score.statistic, together.dof - cell.score.dof
     return PerEngine(alone, between, float(stats.chi2.sf(max(between, 0.0), dof)) if dof > 0 else 1.0)

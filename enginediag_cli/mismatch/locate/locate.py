@@ -21,7 +21,7 @@ from enginediag_cli.drivers import TIME, groups
 from enginediag_cli.engine.driver import DriverValues
 from enginediag_cli.mismatch.fit.evidence import Evidence
 from enginediag_cli.mismatch.fit.extended import Discrepancy
-from enginediag_cli.mismatch.fit.freeform import Cell, free_form
+from enginediag_cli.mismatch.fit.freeform import Cell, free_form, machine_cells
 from enginediag_cli.mismatch.fit.identified import (
     NO_HYPOTHESIS,
     Hypothesis,
@@ -54,8 +54,8 @@ WIDE = 10.0
 
 @dataclass(frozen=True)
 class Place:
-    """One location × group of drivers. `cell` is the best driver's of the group, whose
-    members are told in `words`; `surprise` −ln p, after a refit with
+    """One location × group of drivers. `cell` is the best driver's of the group, whose members are told in `words`, and
+    `driver` the one by which it is told; `surprise` −ln p, after a refit with
     the full model where `refit` is "converged"; `p` adjusted for all that was looked at; `share` of the excess χ² that
     it explains; `stability`: share of resamples in which it is the first of all; `within` reach of the best."""
 
@@ -69,6 +69,7 @@ class Place:
     stability: float
     refit: str = ""
     within: bool = False
+    driver: str = ""
 
     @property
     def worth(self) -> float:
@@ -86,9 +87,10 @@ class Place:
 
 @dataclass(frozen=True)
 class Lead:
-    """A group of drivers by its best place; `stability`: share of resamples that it leads."""
+    """A group of drivers by its best place, told by its `driver`; `stability`: share of resamples that it leads."""
 
     group: str
+    driver: str
     words: tuple[str, ...]
     surprise: float
     p: float
@@ -142,7 +144,7 @@ def locate(evidence: Evidence) -> Located:
             projection = Projection(found)
             cells = free_form(found, projection, everything)
     judged = presence(projection, cells, conditions, rng)
-    places = _grouped(cells, conditions)
+    places = _grouped([*cells, *machine_cells(cells)], conditions)
     drawn, what = resampled_surprise(projection, [p.cell for p in places], rng)
     places = _stable(places, drawn)
     if judged.located:
@@ -164,11 +166,13 @@ def _grouped(cells: Sequence[Cell], conditions: Sequence[DriverValues]) -> list[
     best: dict[tuple[str, str], Place] = {}
     for c in sorted(cells, key=lambda c: c.strain - c.surprise):
         in_time = c.driver.driver == TIME
-        members = alike.get(c.driver.name, (c.driver,))
+        own = [d for d in conditions if d.driver == c.varies_with and c.varies_with != c.driver.driver]
+        named = own[0] if len(own) == 1 else c.driver
+        members = alike.get(named.name, (named,))
         group = TIME.word if in_time else " = ".join(d.name for d in members)
         words = (TIME.word,) if in_time else tuple(d.short for d in members)
         if not c.score.absorbed:
-            place = Place(c, group, words, c.score.statistic, c.surprise, 1.0, 0.0, 0.0)
+            place = Place(c, group, words, c.score.statistic, c.surprise, 1.0, 0.0, 0.0, driver=named.name)
             best.setdefault((c.location.name, group), place)
     return sorted(best.values(), key=lambda p: -p.worth)
 
@@ -204,13 +208,15 @@ def free_hypothesis(cell: Cell, found: Identified) -> Hypothesis:
     n = sum(len(next(iter(f.columns.values()))) for f in found.evidence.flights)
     curves, discrepancies = {}, []
     error = np.sqrt(max(cell.score.statistic, 1.0)) / max(cell.score.length, 1e-300)
+    parts = cell.location.parts
+    each = len(cell.candidates) // len(parts)
     for j, curve in enumerate(cell.curves.T):
         key = f"free {cell.location.name} {cell.driver.name} {j + 1}"
         full = np.zeros(n)
         full[found.number] = curve
         curves[key] = full
         guess = abs(float(cell.score.coefficients[j])) if j < len(cell.score.coefficients) else 0.0
-        discrepancies.append(Discrepancy(cell.location.parameter, key, WIDE * (guess + error)))
+        discrepancies.append(Discrepancy(parts[j // each].parameter, key, WIDE * (guess + error)))
     place = cell.location
     there = {e.label for e in (*found.evidence.engine.effects, *found.hypothesis.effects)}
     effects = (place.through,) if place.through is not None and place.through.label not in there else ()
@@ -239,14 +245,15 @@ def _judged(places: Sequence[Place], judged: Presence, projection: Projection) -
 
 
 def _leads(places: Sequence[Place]) -> list[Lead]:
-    """Groups of drivers, best first."""
-    if not places:
-        return []
-    share: dict[str, float] = {}
+    """Groups of drivers, best first: by what all their places say together, ln Σ exp(worth), since a driver may be told
+    where its place is not."""
+    members: dict[str, list[Place]] = {}
     for p in places:
-        share[p.group] = share.get(p.group, 0.0) + p.stability
-    best: dict[str, Place] = {}
-    for p in places:
-        best.setdefault(p.group, p)
-    within = {p.group for p in places if p.within}
-    return [Lead(g, p.words, p.surprise, p.p, min(1.0, share[g]), g in within) for g, p in best.items()]
+        members.setdefault(p.group, []).append(p)
+    together = {g: float(np.logaddexp.reduce([p.worth for p in own])) for g, own in members.items()}
+    found = []
+    for g in sorted(members, key=lambda g: -together[g]):
+        own = members[g]
+        stability, within = min(1.0, sum(p.stability for p in own)), any(p.within for p in own)
+        found.append(Lead(g, own[0].driver, own[0].words, own[0].surprise, own[0].p, stability, within))
+    return found

@@ -1,12 +1,7 @@
 """Refinement: fit the effects that a model lacks on some flights, and see whether it predicts others better.
 
-A refinement is refused when a fit does not converge, when a coefficient ends at its physical bound, or when the
-unseen flights do not gain significantly. Gains are differences of log predictive density, paired flight by flight
-(or, with few flights, run by run of consecutive records). Both must hold:
-
-- Wilcoxon's signed-rank test of the gains, one-sided, p < 0.05 (F. Wilcoxon, Biometrics Bull. 1 (1945) 80–83);
-- the gains sum to more than ln 20: a model that is right gives away as much with a probability below 5 %, whatever
-  the rival (Markov's inequality for the likelihood ratio, whose mean under the right model is 1).
+It is refused when a fit does not converge, when a coefficient ends at its physical bound, or when one of its `criteria`
+is not met; where unseen flights cannot tell, it is not judged. Nothing is written in either case.
 """
 
 from __future__ import annotations
@@ -15,7 +10,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy import stats
 
 from enginediag_cli.engine.term import Effect
 from enginediag_cli.mismatch.fit.evidence import Evidence, Flight
@@ -25,16 +19,14 @@ from enginediag_cli.mismatch.fit.options import effect_option
 from enginediag_cli.mismatch.fit.projection import Projection
 from enginediag_cli.mismatch.fit.trial_fit import Trial, attempt, remainder
 from enginediag_cli.mismatch.refine.alarms import Alarms, alarms
-from enginediag_cli.mismatch.refine.switch import compare_switched, in_runs, joined, switch_column, with_states
+from enginediag_cli.mismatch.refine.criteria import Criterion, Prediction, Verdict, verdict
+from enginediag_cli.mismatch.refine.significance import significance
+from enginediag_cli.mismatch.refine.switch import compare_switched, switch_column, with_states
 from enginediag_cli.mismatch.refine.unseen import Unseen, compare, concealed
 from enginediag_cli.mismatch.unrecorded.hidden import HiddenFinding
 from enginediag_cli.physics.registry import candidates
 from enginediag_cli.progress import stage
 
-LEVEL = 0.05
-"""Of the signed-rank test on unseen flights: the usual one."""
-LEAST_GAIN = float(np.log(1.0 / LEVEL))
-"""Of log likelihood in all, 3.0: odds of twenty to one, whatever the ranks say."""
 WINDOW = 30
 """Records of a window that is counted as alarm or not, as usual in `detect`."""
 NOISE_PASSES = 2
@@ -44,36 +36,25 @@ STANDS_OUT = 10.0
 
 
 @dataclass(frozen=True)
-class Gain:
-    """`total` gain of log predictive density, `p` of the signed-rank test over `units`, and how many gained."""
-
-    total: float
-    p: float
-    units: int
-    gained: int
-    unit: str
-
-    @property
-    def significant(self) -> bool:
-        return self.p < LEVEL and self.total > LEAST_GAIN
-
-
-@dataclass(frozen=True)
 class Refinement:
-    """`refused`: why nothing may be written, or empty. `effects`: with fitted values; what could not be reached
-    after a refusal is None."""
+    """`failed`: why nothing could be judged, or empty. `effects`: with fitted values; `criteria`: all that were asked;
+    what was not reached is empty or None."""
 
-    refused: str
+    failed: str
     effects: tuple[Effect, ...]
     standard_errors: dict[str, float]  # by parameter name
     before: Trial
     after: Trial | None = None
     unseen: Unseen | None = None
-    gain: Gain | None = None
+    criteria: tuple[Criterion, ...] = ()
     alarms_before: Alarms | None = None
     alarms_after: Alarms | None = None
     flights: tuple[Flight, ...] = ()  # with the inferred states of a hidden switch in their column
     still_missing: str = ""  # what the fitted flights still show with the effects
+
+    @property
+    def verdict(self) -> Verdict:
+        return Verdict.REFUSED if self.failed else verdict(self.criteria)
 
 
 def refine(
@@ -94,8 +75,6 @@ def refine(
         training = [k for k in range(len(evidence.flights)) if k not in unseen]
         column = switch_column(effects[0])
         evidence = with_states(evidence, training, hidden, column)
-        whole, asked = evidence, unseen
-        evidence, unseen = in_runs(evidence, unseen)
         effects = [replace(effects[0], switch=column)]
     along = nuisance(concealed(evidence, unseen))
     if evidence.settings.noise == "estimate":
@@ -110,27 +89,21 @@ def refine(
         reason = f"{', '.join(after.at_bound)} ends at a physical bound"
         return Refinement(reason, fitted, errors, before, after)
     if hidden is None:
-        seen = compare(evidence, unseen, before, after, along)
+        seen, prediction = compare(evidence, unseen, before, after, along)
+        predictions: tuple[Prediction, ...] = (prediction,)
     else:
-        seen, evidence = compare_switched(evidence, unseen, before, after, along, effects[0])
-        evidence, unseen = joined(evidence, whole, column), asked
-    gain = paired_gain(seen.unit_gains, seen.unit)
-    refused, engine = _refusal(seen, gain), evidence.engine
-    if refused:
-        return Refinement(refused, fitted, errors, before, after, seen, gain)
+        seen, predictions, evidence = compare_switched(evidence, unseen, before, after, along, effects[0])
+    criteria: tuple[Criterion, ...] = (*significance(effects, after), *predictions)
+    found = Refinement("", fitted, errors, before, after, seen, criteria, flights=evidence.flights)
+    if found.verdict is not Verdict.ACCEPTED:
+        return found
+    engine = evidence.engine
     refined = engine.with_effects((*engine.effects, *fitted))
-    return Refinement(
-        "",
-        fitted,
-        errors,
-        before,
-        after,
-        seen,
-        gain,
-        alarms(engine, evidence, unseen, window),
-        alarms(refined, evidence, unseen, window),
-        evidence.flights,
-        still_missing(after),
+    return replace(
+        found,
+        alarms_before=alarms(engine, evidence, unseen, window),
+        alarms_after=alarms(refined, evidence, unseen, window),
+        still_missing=still_missing(after),
     )
 
 
@@ -168,26 +141,6 @@ def still_missing(after: Trial) -> str:
     return f"something at {cell.location.name} that varies with {cell.driver.name} (−ln p = {cell.surprise:.1f})"
 
 
-def paired_gain(gains: np.ndarray, unit: str) -> Gain:
-    """Test of paired gains (U,) of log predictive density."""
-    gains = gains[np.isfinite(gains)]
-    p = 1.0
-    if len(gains) and np.any(gains != 0.0):
-        p = float(stats.wilcoxon(gains, alternative="greater").pvalue)
-    return Gain(float(gains.sum()), p, len(gains), int(np.sum(gains > 0)), unit)
-
-
-def _refusal(seen: Unseen, gain: Gain) -> str:
-    if not gain.units:
-        return "no unseen record could be computed by both models"
-    if gain.significant:
-        return ""
-    return (
-        f"the unseen flights are not predicted significantly better: log likelihood {gain.total:+.1f} "
-        f"(at least {LEAST_GAIN:.1f} is asked), {gain.gained} of {gain.units} ({gain.unit}) gain, p = {gain.p:.2g}"
-    )
-
-
 def _fitted(effects: Sequence[Effect], trial: Trial) -> tuple[tuple[Effect, ...], dict[str, float]]:
     """The effects with the fit's coefficients, and the standard errors of these."""
     found, errors = [], {}
@@ -216,9 +169,9 @@ def _check(evidence: Evidence, unseen: Sequence[int]) -> None:
             )
 
 
-def last_flights(evidence: Evidence, count: int) -> list[int]:
+def last_flights(flights: Sequence[Flight], count: int) -> list[int]:
     """Positions of the last `count` flights of every engine."""
     result = []
-    for name in evidence.engines:
-        result += [k for k, f in enumerate(evidence.flights) if f.engine == name][-count:]
+    for name in dict.fromkeys(f.engine for f in flights):
+        result += [k for k, f in enumerate(flights) if f.engine == name][-count:]
     return sorted(result)

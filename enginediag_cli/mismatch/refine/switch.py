@@ -6,8 +6,9 @@ the flight's log predictive density is that of the readings with the states summ
 
     ℓ = ℓ(all off) + ln Σ_s P(s) exp{a g_s − ½ a² |P C s|²}
 
-so that two states a record do not buy a better fit. What the inference does to a flight without the effect is counted
-against it. A lower bound is taken where states and identified parameters are dependent (`hidden_states`).
+so that two states a record do not buy a better fit. Point predictions of a sensor are judged at the states that other
+sensors show (`criteria`). A lower bound is taken where states and identified parameters are dependent
+(`hidden_states`).
 """
 
 from __future__ import annotations
@@ -23,14 +24,17 @@ from enginediag_cli.mismatch.fit.evidence import Evidence, Flight
 from enginediag_cli.mismatch.fit.identified import NO_HYPOTHESIS, Identified, Nuisance, identify_with, nuisance
 from enginediag_cli.mismatch.fit.projection import Frame, Projection
 from enginediag_cli.mismatch.fit.trial_fit import Trial
+from enginediag_cli.mismatch.refine.criteria import Prediction, Records
+from enginediag_cli.mismatch.refine.prediction import Change
 from enginediag_cli.mismatch.refine.unseen import (
-    BLOCKS,
-    FEW_FLIGHTS,
     Unseen,
-    compare,
+    comparable,
     log_density,
+    only,
     predicted,
     row_parts,
+    unseen_of,
+    with_residual,
 )
 from enginediag_cli.mismatch.unrecorded.hidden import HiddenFinding, effects_at
 from enginediag_cli.mismatch.unrecorded.states import Bounds, first_guesses, two_states
@@ -39,6 +43,11 @@ from enginediag_cli.progress import stage
 
 NARROW = 1e-3
 """Prior standard deviation of a known amplitude over its size: its own term is then a constant, taken out again."""
+FOLDS = 3
+"""Parts of the sensors, each judged by the states that the rest shows: three sensors are the fewest that an engine
+has."""
+LEAST_ON = 5
+"""Records of a flight in which the effect must be on for the flight to judge it: a few are taken for on by chance."""
 
 
 @dataclass(frozen=True)
@@ -82,79 +91,90 @@ def find_switch(training: Evidence, effect: Effect) -> HiddenFinding | None:
     return None
 
 
-def in_runs(evidence: Evidence, unseen: Sequence[int]) -> tuple[Evidence, list[int]]:
-    """With few unseen flights, each of them cut into runs of records that stand as flights of their own."""
-    if len(unseen) >= FEW_FLIGHTS:
-        return evidence, list(unseen)
-    flights: list[Flight] = []
-    positions: list[int] = []
-    for k, f in enumerate(evidence.flights):
-        pieces = np.array_split(np.arange(_size(f)), BLOCKS) if k in unseen else [np.arange(_size(f))]
-        for j, rows in enumerate(pieces):
-            if k in unseen:
-                positions.append(len(flights))
-            label = f"{f.label} run {j + 1}" if k in unseen else f.label
-            flights.append(replace(f, label=label, columns={c: np.asarray(v)[rows] for c, v in f.columns.items()}))
-    return replace(evidence, flights=tuple(flights)), positions
-
-
-def joined(evidence: Evidence, whole: Evidence, column: str) -> Evidence:
-    """The flights as they were before `in_runs`, with the states that their runs have now."""
-    stacked = np.concatenate([f.columns[column] for f in evidence.flights])
-    parts = np.split(stacked, np.cumsum([_size(f) for f in whole.flights])[:-1])
-    flights = tuple(_with(f, column, part) for f, part in zip(whole.flights, parts, strict=True))
-    return replace(whole, flights=flights)
-
-
 def compare_switched(
     evidence: Evidence, unseen: Sequence[int], before: Trial, after: Trial, along: Nuisance, effect: Effect
-) -> tuple[Unseen, Evidence]:
-    """As `compare`, states of the unseen flights inferred; also the evidence with these states in its column."""
+) -> tuple[Unseen, tuple[Prediction, ...], Evidence]:
+    """As `compare`, states of the unseen flights inferred; also the evidence with these states in its column. What a
+    sensor is judged by are the states that the others show: with its own it would be fitted, not predicted. A flight
+    in which the effect is never on cannot judge it, and is left to the log density."""
     column = switch_column(effect)
-    found = [inferred(evidence, k, after, along, effect) for k in unseen]
-    flights = list(evidence.flights)
-    for k, i in zip(unseen, found, strict=True):
-        states = np.zeros(_size(flights[k]))
+    flights = [OneFlight.put(evidence, k, after, along, effect) for k in unseen]
+    there, density, often = list(evidence.flights), [], []
+    for k, f in zip(unseen, flights, strict=True):
+        i = f.inferred()
+        states = np.zeros(_size(there[k]))
         states[i.number] = i.on > 0.5
-        flights[k] = _with(flights[k], column, states)
-    there = replace(evidence, flights=tuple(flights))
-    seen = compare(there, unseen, before, after, along)
-    densities = []
-    for k, i in zip(unseen, found, strict=True):
-        one = [predicted(evidence, [k], t, along) for t in (before, after)]
-        whole = np.zeros(len(one[0].problem.recording), int)
-        densities.append((log_density(before, one[0], whole)[0], log_density(after, one[1], whole)[0] + i.evidence))
-    a, b = (np.array(x) for x in zip(*densities, strict=True))
-    name = "flight" if len(unseen) >= FEW_FLIGHTS and not _runs(evidence, unseen) else "run of records"
-    seen = replace(
-        seen,
-        flights_before=a,
-        flights_after=b,
-        units_before=a,
-        units_after=b,
-        unit=name,
-        states=_by_state(there, unseen, before, after, along, column),
-    )
-    return seen, there
+        there[k] = _with(there[k], column, states)
+        often.append(np.full(len(i.on), np.sum(i.on > 0.5) >= LEAST_ON))
+        one = predicted(evidence, [k], before, along)
+        whole = np.zeros(len(one.number), int)
+        density.append((log_density(before, one, whole)[0], log_density(after, f.there, whole)[0] + i.evidence))
+    pair, lost = comparable(*(predicted(evidence, unseen, t, along) for t in (before, after)))
+    moves = np.concatenate([f.moves for f in flights])
+    ever, on = np.concatenate(often), np.zeros(moves.shape, bool)
+    changes = {of: Change(len(on)) for of in (Records.ON, Records.CONTRAST)}
+    for fold in _folds(len(pair[0].problem.sensors)):
+        own = np.concatenate([f.inferred(~fold).on > 0.5 for f in flights])
+        on[:, fold] = own[:, None]
+        judged = tuple(only(p, fold & ever[:, None]) for p in pair)
+        e1 = judged[1].fit.equations.residual - np.where(own[:, None], moves, 0.0)
+        both = judged[0], with_residual(judged[1], e1)
+        parts = row_parts(before, both[0])
+        for of, change in changes.items():
+            change.add(both, parts, of, own)
+    switched = with_residual(pair[1], pair[1].fit.equations.residual - np.where(on, moves, 0.0))
+    densities = [np.array(x) for x in zip(*density, strict=True)]
+    seen = unseen_of((pair[0], switched), densities, lost, on)
+    return seen, tuple(c.judged(of) for of, c in changes.items()), replace(evidence, flights=tuple(there))
+
+
+def _folds(sensors: int) -> list[np.ndarray]:
+    """Which sensors (m,) are judged at a time, by states of the others; a single one cannot be."""
+    count = min(FOLDS, sensors)
+    return [np.arange(sensors) % count == k for k in range(count)] if count > 1 else []
+
+
+@dataclass(frozen=True)
+class OneFlight:
+    """An unseen flight by the fit with the effect, all off: `moves` (N, m), what the effect on moves the prediction by,
+    and its amplitude."""
+
+    there: Identified
+    moves: np.ndarray
+    amplitude: float
+    after: Trial
+
+    @classmethod
+    def put(cls, evidence: Evidence, k: int, after: Trial, along: Nuisance, effect: Effect) -> OneFlight:
+        """Flight k (by position); the column of its states holds 0."""
+        column = switch_column(effect)
+        there = predicted(evidence, [k], after, along)
+        p = there.problem
+        off, on = (
+            there.model.predict(
+                {**p.inputs, column: np.full(len(there.number), x)}, after.found.theta, sensors=p.sensors
+            ).y
+            for x in (0.0, 1.0)
+        )
+        return cls(there, np.nan_to_num(on - off), after.found.theta[effect.amplitudes[0]], after)
+
+    def inferred(self, by: np.ndarray | None = None) -> Inferred:
+        """States, everything else known from the fit; `by` (m,): by these sensors only."""
+        a = self.amplitude
+        there = self.there if by is None else only(self.there, np.broadcast_to(by, self.moves.shape))
+        of = _known(self.after, there)
+        along_it = direction(of, self.moves / a)
+        bounds = Bounds(a, a, NARROW * abs(a))
+        half = np.full(len(there.number), 0.5)
+        one_by_one = np.einsum("nm,nm->n", along_it.own, of.left) / np.maximum(along_it.diagonal, 1e-300)
+        starts = np.concatenate([first_guesses(one_by_one / a, both_ways=False), half[None]])
+        states = two_states(of, along_it, bounds, starts)
+        return Inferred(there.number, states.on, states.evidence + 0.5 / NARROW**2)
 
 
 def inferred(evidence: Evidence, k: int, after: Trial, along: Nuisance, effect: Effect) -> Inferred:
     """States of flight k (by position), everything else known from the fit."""
-    column, name = switch_column(effect), effect.amplitudes[0]
-    there = predicted(evidence, [k], after, along)  # its column holds 0: all off
-    of = _known(after, there)
-    problem = there.problem
-    a = after.found.theta[name]
-    theta = {**after.found.theta}
-    on = there.model.predict({**problem.inputs, column: np.ones(len(there.number))}, theta, sensors=problem.sensors).y
-    off = there.model.predict({**problem.inputs, column: np.zeros(len(there.number))}, theta, sensors=problem.sensors).y
-    along_it = direction(of, np.nan_to_num((on - off) / a))
-    bounds = Bounds(a, a, NARROW * abs(a))
-    half = np.full(len(there.number), 0.5)
-    one_by_one = np.einsum("nm,nm->n", along_it.own, of.left) / np.maximum(along_it.diagonal, 1e-300)
-    starts = np.concatenate([first_guesses(one_by_one / a, both_ways=False), half[None]])
-    states = two_states(of, along_it, bounds, starts)
-    return Inferred(there.number, states.on, states.evidence + 0.5 / NARROW**2)
+    return OneFlight.put(evidence, k, after, along, effect).inferred()
 
 
 def _known(after: Trial, there: Identified) -> Basis:
@@ -176,26 +196,6 @@ def _known(after: Trial, there: Identified) -> Basis:
         prior_rows=Q[n:],
         gap=frame.neighbours.gap,
     )
-
-
-def _by_state(
-    evidence: Evidence, unseen: Sequence[int], before: Trial, after: Trial, along: Nuisance, column: str
-) -> dict[str, tuple[float, float, int]]:
-    """χ² per reading before and after, and readings, within on and within off."""
-    pair = [predicted(evidence, unseen, t, along) for t in (before, after)]
-    e = [(p.fit.equations.residual / p.problem.sigma) ** 2 for p in pair]
-    both = np.isfinite(e[0]) & np.isfinite(e[1])
-    on = np.concatenate([np.asarray(evidence.flights[k].columns[column]) for k in unseen])[pair[0].number] > 0.5
-    result = {}
-    for name, rows in (("on", on), ("off", ~on)):
-        keep = both & rows[:, None]
-        if keep.any():
-            result[name] = float(e[0][keep].mean()), float(e[1][keep].mean()), int(keep.sum())
-    return result
-
-
-def _runs(evidence: Evidence, unseen: Sequence[int]) -> bool:
-    return any(" run " in evidence.flights[k].label for k in unseen)
 
 
 def _with(f: Flight, column: str, values: np.ndarray) -> Flight:

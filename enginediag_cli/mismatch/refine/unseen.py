@@ -19,45 +19,42 @@ import numpy as np
 
 from enginediag_cli.identification.gauss_newton import Fit
 from enginediag_cli.identification.normal_equations import normal_equations
-from enginediag_cli.identification.quality import SensorQuality, sensor_quality
+from enginediag_cli.identification.quality import EVERYTHING, SensorQuality, sensor_quality
 from enginediag_cli.mismatch.fit.evidence import Evidence, Flight
 from enginediag_cli.mismatch.fit.identified import Identified, Nuisance, problem_with
 from enginediag_cli.mismatch.fit.projection import Frame, nuisance_columns
 from enginediag_cli.mismatch.fit.trial_fit import Trial
+from enginediag_cli.mismatch.refine.criteria import Prediction, Records
+from enginediag_cli.mismatch.refine.prediction import Change
 
-FEW_FLIGHTS = 5
-"""With fewer unseen flights than this each is cut into BLOCKS runs of records, which are then compared instead."""
-
-BLOCKS = 8
-"""Runs of a flight: long enough to be nearly independent, enough of them for a signed-rank test."""
+Quality = tuple[SensorQuality, ...]
 
 
 @dataclass(frozen=True)
 class Unseen:
-    """Two models on the same unseen readings: log predictive densities (R,) of each flight and (U,) of each unit of
-    comparison, quality by sensor, and χ² per reading, before and after."""
+    """Two models on the same unseen readings: log predictive densities (R,) of each flight, quality by sensor, and χ²
+    per reading, before and after. `states`: quality before and after within each state of a hidden switch, which for
+    every sensor is inferred from others."""
 
     labels: tuple[str, ...]
     flights_before: np.ndarray
     flights_after: np.ndarray
-    units_before: np.ndarray
-    units_after: np.ndarray
-    unit: str  # "flight" or "run of records"
-    quality_before: tuple[SensorQuality, ...]
-    quality_after: tuple[SensorQuality, ...]
+    quality_before: Quality
+    quality_after: Quality
     chi2_before: float
     chi2_after: float
     readings: int
     lost: int  # records that one of the two models cannot compute
-    states: Mapping[str, tuple[float, float, int]] | None = None  # of a hidden switch: χ² per reading and readings
+    states: Mapping[str, tuple[Quality, Quality]] | None = None
 
     @property
     def flight_gains(self) -> np.ndarray:
         return self.flights_after - self.flights_before
 
     @property
-    def unit_gains(self) -> np.ndarray:
-        return self.units_after - self.units_before
+    def gain(self) -> float:
+        """Of log predictive density, all flights together."""
+        return float(self.flight_gains.sum())
 
 
 def concealed(evidence: Evidence, unseen: Sequence[int]) -> Evidence:
@@ -86,35 +83,53 @@ def predicted(evidence: Evidence, unseen: Sequence[int], trial: Trial, along: Nu
     return Identified(there, hypothesis, model, problem, fit, settled=True, rho=rho)
 
 
-def compare(evidence: Evidence, unseen: Sequence[int], before: Trial, after: Trial, along: Nuisance) -> Unseen:
+def compare(
+    evidence: Evidence, unseen: Sequence[int], before: Trial, after: Trial, along: Nuisance
+) -> tuple[Unseen, Prediction]:
     """Both trials, fitted to `concealed` evidence, on the unseen flights."""
-    pair = [predicted(evidence, unseen, t, along) for t in (before, after)]
-    both = np.isfinite(pair[0].fit.equations.residual) & np.isfinite(pair[1].fit.equations.residual)
-    lost = int(np.sum(pair[0].fit.failed | pair[1].fit.failed))
-    pair = [_only(p, both) for p in pair]
+    pair, lost = comparable(*(predicted(evidence, unseen, t, along) for t in (before, after)))
+    change = Change(len(pair[0].number))
+    change.add(pair, row_parts(before, pair[0]), Records.ALL)
     flight = pair[0].problem.recording
-    unit, name = (flight, "flight") if len(unseen) >= FEW_FLIGHTS else (_runs(flight), "run of records")
-    density = [[log_density(t, p, u) for u in (flight, unit)] for t, p in zip((before, after), pair, strict=True)]
-    sigma = pair[1].problem.sigma
-    quality, chi2 = [], []
-    for p in pair:
-        e = p.fit.equations.residual
-        quality.append(sensor_quality(p.problem.sensors, e, p.fit.equations.predicted, sigma, np.full(len(e), "all")))
-        chi2.append(float(np.nanmean((e / sigma) ** 2)))
+    density = [log_density(t, p, flight) for t, p in zip((before, after), pair, strict=True)]
+    return unseen_of(pair, density, lost), change.judged(Records.ALL)
+
+
+def comparable(one: Identified, other: Identified) -> tuple[tuple[Identified, Identified], int]:
+    """Both with the readings that both can compute, and the records that one of them cannot."""
+    both = np.isfinite(one.fit.equations.residual) & np.isfinite(other.fit.equations.residual)
+    return (only(one, both), only(other, both)), int(np.sum(one.fit.failed | other.fit.failed))
+
+
+def unseen_of(
+    pair: tuple[Identified, Identified], density: Sequence[np.ndarray], lost: int, on: np.ndarray | None = None
+) -> Unseen:
+    """What two models leave of the same readings; `on` (N, m): whether a hidden switch is on there."""
+    one, other = pair
+    chi2 = [float(np.nanmean((p.fit.equations.residual / one.problem.sigma) ** 2)) for p in pair]
+    states = {}
+    for name, rows in (("on", on), ("off", None if on is None else ~on)):
+        if rows is not None and (rows & np.isfinite(one.fit.equations.residual)).any():
+            states[name] = _quality(one, rows), _quality(other, rows)
+    whole = np.ones(one.fit.equations.residual.shape, bool)
     return Unseen(
-        pair[0].problem.labels,
-        density[0][0],
-        density[1][0],
-        density[0][1],
-        density[1][1],
-        name,
-        quality[0],
-        quality[1],
+        one.problem.labels,
+        density[0],
+        density[1],
+        _quality(one, whole),
+        _quality(other, whole),
         chi2[0],
         chi2[1],
-        int(both.sum()),
+        int(np.isfinite(one.fit.equations.residual).sum()),
         lost,
+        states if on is not None else None,
     )
+
+
+def _quality(p: Identified, keep: np.ndarray) -> Quality:
+    e = np.where(keep, p.fit.equations.residual, np.nan)
+    everything = np.full(len(e), EVERYTHING)
+    return sensor_quality(p.problem.sensors, e, p.fit.equations.predicted, p.problem.sigma, everything)
 
 
 def log_density(trial: Trial, there: Identified, unit: np.ndarray) -> np.ndarray:
@@ -146,19 +161,12 @@ def row_parts(trial: Trial, there: Identified) -> tuple[np.ndarray, np.ndarray]:
     return e, np.concatenate([frame.rows(J[:, :, free]) @ root, frame.rows(offsets)], axis=1)
 
 
-def _only(there: Identified, keep: np.ndarray) -> Identified:
+def only(there: Identified, keep: np.ndarray) -> Identified:
+    """The same with the readings (N, m) that are kept."""
     e = there.fit.equations
-    equations = replace(e, residual=np.where(keep, e.residual, np.nan))
-    return replace(there, fit=replace(there.fit, equations=equations))
+    return with_residual(there, np.where(keep, e.residual, np.nan))
 
 
-def _runs(flight: np.ndarray) -> np.ndarray:
-    """Each flight cut into BLOCKS runs of consecutive records, numbered through."""
-    unit = np.zeros(len(flight), int)
-    first = 0
-    for f in np.unique(flight):
-        rows = np.flatnonzero(flight == f)
-        count = min(BLOCKS, len(rows))
-        unit[rows] = first + np.arange(len(rows)) * count // len(rows)
-        first += count
-    return unit
+def with_residual(there: Identified, residual: np.ndarray) -> Identified:
+    """The same with other residuals (N, m)."""
+    return replace(there, fit=replace(there.fit, equations=replace(there.fit.equations, residual=residual)))

@@ -47,7 +47,11 @@ def answer(question: Mapping[str, Any]) -> dict[str, Any]:
     case = Case(question["engine"], Source(tuple(question["recordings"])), asked=asked)
     evidence = _with_known_noise(load_case(case).evidence, question)
     if question["task"] == LOCATE:
-        found: dict[str, Any] = {"cells": [_cell(p.cell) for p in locate(evidence).places[:CELLS]]}
+        located = locate(evidence)
+        found: dict[str, Any] = {
+            "cells": [_cell(p.cell) for p in located.places[:CELLS]],
+            "drivers": [lead.driver for lead in located.leads[:CELLS]],
+        }
     else:
         effects = list(candidates(evidence.engine, question["without"]))
         found = _as_json(explain(evidence, effects, hidden_search(evidence)))

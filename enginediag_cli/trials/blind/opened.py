@@ -55,9 +55,9 @@ def evidence_of(engine: Engine, sealed: Sealed, recorded: Recorded, *, clean: bo
 
 
 def opened(
-    engine: Engine, sealed: Sealed, recorded: Recorded, said: Said, ask_cells: Callable[[], Cells]
+    engine: Engine, sealed: Sealed, recorded: Recorded, said: Said, ask_located: Callable[[], Mapping[str, Any]]
 ) -> dict[str, Any]:
-    """The trial's record: truth, answer, separability, marks. `ask_cells` asks for the map of `locate`, which only
+    """The trial's record: truth, answer, separability, marks. `ask_located` asks for the map of `locate`, which only
     trials that are strong enough are marked for."""
     kind = kinds.base(sealed.kind)
     truth = tuple(recorded.place(c) for c in sealed.causes)
@@ -77,8 +77,9 @@ def opened(
     elif far is not None and far.ok and min(far.given) >= VISIBLE:
         found |= interval_marks(sealed, said)
         if kind in (kinds.SINGLE, kinds.WITHHELD) and far.total >= LOCATABLE:
-            cells = ask_cells()
-            driver, named = sealed.effects[0].term.DRIVER, cells[0]["driver"] if cells else ""
+            told = ask_located()
+            cells, drivers = tuple(told.get("cells", ())), (*told.get("drivers", ()), "")
+            driver, named = sealed.effects[0].term.DRIVER, drivers[0]
             right = driver_is_right(clean, sealed.health, driver, named)
             found |= located(cells, components(engine, truth[0]), right)
         if said.status == NAMED and kind != kinds.WITHHELD:

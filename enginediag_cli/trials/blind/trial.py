@@ -45,12 +45,12 @@ def run_trial(plan: Plan, trial: int, explainer: Correspondent) -> dict[str, Any
         question = _question(plan, sealed, path, files)
         told = [explainer.ask(question)]
 
-        def cells() -> Sequence[Mapping[str, Any]]:
+        def located() -> Mapping[str, Any]:
             told.append(explainer.ask(question | {"task": LOCATE}))
-            return tuple(told[-1].get("cells", ()))
+            return told[-1]
 
         # what a trial finds must not depend on what was done before it
-        scored = opened(load_engine(path_of_model), sealed, recorded, Said.of(told[0]), cells)
+        scored = opened(load_engine(path_of_model), sealed, recorded, Said.of(told[0]), located)
         if kinds.base(sealed.kind) == kinds.NULL and sealed.truth == kinds.MAP_ERROR:
             told.append(explainer.ask(question | {"model_error": 0.0}))
             if "error" not in told[-1]:

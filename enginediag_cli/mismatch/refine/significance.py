@@ -1,0 +1,56 @@
+"""Whether what was fitted differs from nothing, by the flights that it was fitted to.
+
+With the covariance C of everything identified together (priors, map errors and offsets among it), a record's whitened
+columns A and residual e⊥ at the optimum tell of coefficients h by their efficient scores
+
+    u_r = (A_r C_·h C_hh⁻¹)ᵀ e⊥_r      Σ_r (A_r C_·h C_hh⁻¹)ᵀ (A_r C_·h C_hh⁻¹) ≤ C_hh⁻¹
+
+which are summed by stretches.
+
+Source: A. W. van der Vaart, "Asymptotic Statistics" (1998), section 25.4 (efficient scores).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from enginediag_cli.engine.term import Effect
+from enginediag_cli.mismatch.fit.trial_fit import Trial
+from enginediag_cli.mismatch.refine.criteria import Significance
+from enginediag_cli.mismatch.refine.stretches import by_stretches
+
+
+def significance(effects: Sequence[Effect], trial: Trial) -> tuple[Significance, ...]:
+    """Of each of the effects that the trial has fitted, none at a bound."""
+    return tuple(_of_one(e, trial) for e in effects)
+
+
+def _of_one(e: Effect, trial: Trial) -> Significance:
+    problem, projection = trial.found.problem, trial.projection
+    place = np.cumsum(projection.free[: len(problem.names)]) - 1
+    index = [problem.names.index(n) for n in e.amplitudes]
+    h = place[index]
+    scale = problem.prior_sigma[index]
+    absent = np.array([c.absent for c in e.term.amplitudes()])
+    value = (np.array([trial.coefficients[n][0] for n in e.amplitudes]) - absent) / scale
+    C = projection.covariance()
+    inner = np.linalg.inv(C[np.ix_(h, h)])
+    along = C[:, h] @ inner  # (p, k)
+    left = projection.residual
+    scores, information = np.zeros((len(left), len(h))), np.zeros((len(left), len(h), len(h)))
+    for rows in projection.stream():
+        own = projection.offsets[rows.recording]
+        columns = (rows.A - rows.Z @ np.linalg.solve(own.R, own.along)) @ along  # (n, m, k)
+        scores[rows.span] = np.einsum("nmk,nm->nk", columns, left[rows.span])
+        information[rows.span] = np.einsum("nmk,nml->nkl", columns, columns)
+    found = by_stretches(scores, information, inner, problem.recording)
+    return Significance(
+        e.label,
+        len(h),
+        float(value @ inner @ value),
+        projection.objective / projection.dof,
+        float(value @ np.linalg.pinv(found.covariance) @ value),
+        found.effective,
+    )
