@@ -20,6 +20,7 @@ from enginediag_cli.mismatch.explain.curves import Curve, best_places, fitted_cu
 from enginediag_cli.mismatch.explain.explain import UNRECORDED, Search
 from enginediag_cli.mismatch.explain.floor_cost import FloorCost, floor_cost
 from enginediag_cli.mismatch.explain.rejected import Reason
+from enginediag_cli.mismatch.explain.unseen import Unseen, unseen_effects
 from enginediag_cli.mismatch.fit.evidence import Evidence
 from enginediag_cli.mismatch.fit.options import EFFECT
 from enginediag_cli.mismatch.fit.trial_fit import Trial, attempt
@@ -43,6 +44,7 @@ class Story:
     floor: tuple[FloorCost, ...]
     only_exact: tuple[FloorCost, ...]
     advice: tuple[Advice, ...]
+    unseen: tuple[Unseen, ...] = ()  # of `answer.unseen`, by the kind of effect that was looked for
     switched: tuple[Trial, ...] = ()  # effects that may be the first of `hidden`, refitted at its states, best first
 
 
@@ -88,6 +90,7 @@ def tell(evidence: Evidence, effects: Sequence[Effect] | None = None, *, advise:
         tuple(floor),
         tuple(only_exact),
         tuple(advice),
+        tuple(unseen_effects(base, search.library, answer.unseen)),
         tuple(refitted[1]) if refitted else (),
     )
 

@@ -25,6 +25,13 @@ class Flight:
         """N."""
         return len(next(iter(self.columns.values()), ()))
 
+    def moment(self, record: int) -> str:
+        """When a record, counted from 0, was taken: by the flight's clock, where it has one that runs forward."""
+        time = np.asarray(self.columns.get("time_s", ()), float)
+        if len(time) and np.isfinite(time).all() and (np.diff(time) > 0.0).all():
+            return f"{time[record]:.10g} s"
+        return f"record {record + 1}"
+
 
 @dataclass(frozen=True)
 class Noise:

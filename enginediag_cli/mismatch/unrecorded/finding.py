@@ -13,12 +13,16 @@ from enginediag_cli.mismatch.fit.freeform import Location
 
 @dataclass(frozen=True)
 class Switch:
-    """A change of state: first record of the new state, counted in its flight from 0, and its probability."""
+    """A change of state: first record of the new state, counted in its flight from 0, and its probability; `before_s`
+    and `time_s`: times of the last record of the old state and of that record, between which it changed, NaN where no
+    column tells the time."""
 
     flight: str
     record: int
     on: bool
     probability: float
+    before_s: float = np.nan
+    time_s: float = np.nan
 
 
 class Limit(Enum):

@@ -22,7 +22,8 @@ from enginediag_cli.engine.term import Effect
 from enginediag_cli.intervals import NORMAL_95
 from enginediag_cli.mismatch.fit.believable import switching
 from enginediag_cli.mismatch.fit.freeform import Location, locations, of_effect
-from enginediag_cli.mismatch.fit.identified import Identified, Nuisance, nuisance
+from enginediag_cli.mismatch.fit.identified import Identified, Nuisance, nuisance, stacked
+from enginediag_cli.mismatch.fit.neighbours import TIME
 from enginediag_cli.mismatch.fit.noise import doubtful_ratio
 from enginediag_cli.mismatch.fit.projection import Projection
 from enginediag_cli.mismatch.unrecorded.amplitude import Likelihood, Solver, own_error
@@ -244,7 +245,15 @@ def _switches(new: Refit) -> tuple[Switch, ...]:
     flights = new.found.evidence.flights
     first = np.cumsum([0, *(len(next(iter(f.columns.values()))) for f in flights)])
     at = np.flatnonzero((on[1:] != on[:-1]) & (recording[1:] == recording[:-1])) + 1
+    time = stacked(new.found.evidence, TIME)[number]
     return tuple(
-        Switch(flights[recording[k]].label, int(number[k] - first[recording[k]]), bool(on[k]), float(changed[k]))
+        Switch(
+            flights[recording[k]].label,
+            int(number[k] - first[recording[k]]),
+            bool(on[k]),
+            float(changed[k]),
+            float(time[k - 1]),
+            float(time[k]),
+        )
         for k in at
     )
