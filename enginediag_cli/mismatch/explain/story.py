@@ -25,6 +25,7 @@ from enginediag_cli.mismatch.fit.evidence import Evidence
 from enginediag_cli.mismatch.fit.options import EFFECT
 from enginediag_cli.mismatch.fit.trial_fit import Trial, attempt
 from enginediag_cli.mismatch.unrecorded.hidden import HiddenFinding, effects_at, hidden_amplitudes
+from enginediag_cli.mismatch.unrecorded.own_noise import freed_of_switches
 from enginediag_cli.mismatch.unrecorded.switched import effects_that_switch
 
 SURELY_WORSE = 22.0
@@ -50,6 +51,8 @@ class Story:
 
 def tell(evidence: Evidence, effects: Sequence[Effect] | None = None, *, advise: bool = True) -> Story:
     """Search and everything around it. `effects`: the library, default all that the model does not carry."""
+    rng = np.random.default_rng((evidence.settings.seed, 2))
+    evidence = freed_of_switches(evidence, level=UNRECORDED * evidence.settings.false_alarm, rng=rng)
     search = Search(evidence, effects, hidden_search(evidence))
     answer = search.run()
     # of a strong effect nearly every place is significant; those that can be told from the first are its shadows

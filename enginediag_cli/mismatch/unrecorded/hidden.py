@@ -43,6 +43,9 @@ WITHIN = 3.0
 INSEPARABLE = 5.5
 """Half of the 11 units of χ² from which the right of two places comes first 19 times out of 20."""
 
+SURE = 0.45
+"""Distance of a state's probability from one half beyond which the record tells when it changed: 19 to 1."""
+
 REFITTED = 4
 """How many of the best locations are refitted as two states at most: seconds each."""
 NEAR, SLACK = 0.6, 15.0
@@ -246,14 +249,19 @@ def _switches(new: Refit) -> tuple[Switch, ...]:
     first = np.cumsum([0, *(len(next(iter(f.columns.values()))) for f in flights)])
     at = np.flatnonzero((on[1:] != on[:-1]) & (recording[1:] == recording[:-1])) + 1
     time = stacked(new.found.evidence, TIME)[number]
-    return tuple(
-        Switch(
-            flights[recording[k]].label,
-            int(number[k] - first[recording[k]]),
-            bool(on[k]),
-            float(changed[k]),
-            float(time[k - 1]),
-            float(time[k]),
+    sure = np.abs(new.states.on - 0.5) > SURE
+    found = []
+    for k in at:
+        own = np.flatnonzero((recording == recording[k]) & sure)
+        last, next_ = own[own < k], own[own >= k]
+        found.append(
+            Switch(
+                flights[recording[k]].label,
+                int(number[k] - first[recording[k]]),
+                bool(on[k]),
+                float(changed[k]),
+                float(time[last[-1] if last.size else k - 1]),
+                float(time[next_[0] if next_.size else k]),
+            )
         )
-        for k in at
-    )
+    return tuple(found)
