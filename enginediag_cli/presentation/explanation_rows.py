@@ -94,6 +94,15 @@ def document(story: Story, provenance: tuple[str, ...]) -> dict[str, Any]:
                     }
                     for s in f.switches
                 ],
+                "doubtful": [
+                    {
+                        "flight": d.flight,
+                        "records": d.records,
+                        "first_s": _told(d.first_s),
+                        "last_s": _told(d.last_s),
+                    }
+                    for d in f.doubtful
+                ],
             }
             for f, effects in zip(story.hidden, story.hidden_effects, strict=True)
         ],

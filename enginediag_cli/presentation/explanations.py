@@ -199,6 +199,13 @@ def _hidden(story: Story, f: HiddenFinding, effects: tuple[Effect, ...]) -> Iter
             f"({likelier})."
         )
         yield from _switched(f.switches)
+        if f.doubtful:
+            told = [
+                f"{count(d.records, 'record')} of {d.flight}"
+                + (f" ({d.first_s:.10g} to {d.last_s:.10g} s)" if math.isfinite(d.first_s + d.last_s) else "")
+                for d in f.doubtful
+            ]
+            yield f"  These readings do not say in which state the engine was in {listed(told, 'and')}."
         yield (
             "  Which state is on follows from the sign that physics gives."
             if f.sign

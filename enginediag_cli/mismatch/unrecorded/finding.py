@@ -25,6 +25,17 @@ class Switch:
     time_s: float = np.nan
 
 
+@dataclass(frozen=True)
+class Doubtful:
+    """Records of a flight, one after the other, whose state cannot be told: how many, and the times of the first and
+    the last, s, NaN where no column tells it."""
+
+    flight: str
+    records: int
+    first_s: float
+    last_s: float
+
+
 class Limit(Enum):
     """How far a finding may be trusted. `what` of `Remark` is where the fit ended, for those that did not converge."""
 
@@ -75,6 +86,7 @@ class HiddenFinding:
     switch_lr: float = np.nan
     continuous_lr: float = np.nan
     switches: tuple[Switch, ...] = ()
+    doubtful: tuple[Doubtful, ...] = ()
     coefficient: float = np.nan
     interval: tuple[float, float] = (np.nan, np.nan)
     converged: bool = True

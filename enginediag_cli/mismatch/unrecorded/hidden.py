@@ -14,6 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 
@@ -27,7 +28,7 @@ from enginediag_cli.mismatch.fit.neighbours import TIME
 from enginediag_cli.mismatch.fit.noise import doubtful_ratio
 from enginediag_cli.mismatch.fit.projection import Projection
 from enginediag_cli.mismatch.unrecorded.amplitude import Likelihood, Solver, own_error
-from enginediag_cli.mismatch.unrecorded.finding import HiddenFinding, Limit, Remark, Switch
+from enginediag_cli.mismatch.unrecorded.finding import Doubtful, HiddenFinding, Limit, Remark, Switch
 from enginediag_cli.mismatch.unrecorded.gate import draws_for, largest, likelihoods, threshold
 from enginediag_cli.mismatch.unrecorded.refit import Refit, believed_of, bounds_of, location_columns, refit
 from enginediag_cli.mismatch.unrecorded.states import first_guesses, two_states
@@ -228,6 +229,7 @@ def _with_states(f: HiddenFinding, found: Identified, of: Basis, d: Direction, a
         switch_lr=gained + new.states.evidence,
         continuous_lr=gained + new.continuous,
         switches=_switches(new),
+        doubtful=_doubtful(new),
         coefficient=new.coefficient,
         interval=interval,
         remark=_remark(new),
@@ -239,6 +241,20 @@ def _remark(new: Refit) -> Remark | None:
     if new.standard_error == 0.0:
         return Remark(Limit.AT_BOUND)
     return None if new.states.settled else Remark(Limit.UNSETTLED)
+
+
+def _doubtful(new: Refit) -> tuple[Doubtful, ...]:
+    """Runs of records whose state is not told, of one flight each."""
+    unsure = np.abs(new.states.on - 0.5) <= SURE
+    recording = new.found.problem.recording
+    time = stacked(new.found.evidence, TIME)[new.found.number]
+    edge = np.flatnonzero((unsure[1:] != unsure[:-1]) | (recording[1:] != recording[:-1])) + 1
+    ends = [0, *edge.tolist(), len(unsure)]
+    return tuple(
+        Doubtful(new.found.evidence.flights[recording[a]].label, b - a, float(time[a]), float(time[b - 1]))
+        for a, b in pairwise(ends)
+        if b > a and unsure[a]
+    )
 
 
 def _switches(new: Refit) -> tuple[Switch, ...]:

@@ -25,6 +25,8 @@ TIED = 3.0
 """ln 20: the wrong one of two accounts leads by so much once in twenty times."""
 PAUSE = 3.0
 """Usual steps from which records are of different pieces. Judgement: something else may have been done in between."""
+EVEN = 0.499
+"""Probability of the account that does not stand, at most."""
 FARTHEST = 700.0
 """ln odds whose exponential is still a number."""
 ROUNDS = 30
@@ -63,20 +65,23 @@ def judged(of: Basis, along: Direction, bounds: Bounds, states: States) -> State
     are where they are told from the first."""
     account = _Account(of, along, bounds)
     on = (states.on > 0.5).astype(float)
-    best = account(on)
+    best, first = account(on), _pieces(on, of.gap)
     for _ in range(ROUNDS):
-        tried = [(piece, _exchanged(on, piece)) for piece in _pieces(on, of.gap)]
-        found = [(account(s) - best, _changes(s, of.gap) - _changes(on, of.gap), s) for _, s in tried]
-        better = [(gain, more, s) for gain, more, s in found if gain > 0.0 or (more < 0 and gain > -TIED)]
+        tried = [_exchanged(on, piece) for piece in (*_pieces(on, of.gap), *first)]
+        found = [(account(s) - best, _changes(s, of.gap) - _changes(on, of.gap), s) for s in tried]
+        # a change more must be told from none, a change less need not
+        better = [(gain, s) for gain, more, s in found if gain > TIED * np.sign(more)]
         if not better:
             break
-        gain, _, on = max(better, key=lambda f: f[0])
+        gain, on = max(better, key=lambda f: f[0])
         best += gain
     doubt = on.copy()
-    for piece in _pieces(on, of.gap):
+    # a piece that has joined another may still be doubted by itself
+    for piece in (*_pieces(on, of.gap), *(p for p in first if np.ptp(on[p]) == 0.0)):
         odds = account(_exchanged(on, piece)) - best
-        # what stands by having fewer changes is not made likelier than the other account by that
-        doubt[piece] = np.abs(on[piece] - 1.0 / (1.0 + np.exp(min(-odds, FARTHEST))))
+        # what stands by having fewer changes may be the less likely one by a little: as good as even
+        other = min(1.0 / (1.0 + np.exp(min(-odds, FARTHEST))), EVEN)
+        doubt[piece] = 1.0 - other if on[piece.start] else other
     changed = np.concatenate([[0.0], np.abs(np.diff(doubt))])
     return replace(states, on=doubt, changed=np.where(of.gap > 0, changed, 0.0))
 
