@@ -88,7 +88,12 @@ def hidden_amplitudes(
     again.sort(key=lambda f: (not f.believable, -f.worth))
     done = {f.location.name for f in chosen}
     findings = again + [f for f in findings if f.location.name not in done]
-    return [replace(findings[0], rivals=_rivals(findings, of, known)), *findings[1:]]
+    rivals = _rivals(findings, of, known)
+    parameters = found.evidence.engine.parameters
+    if findings[0].is_switch and switching(findings[0].location, parameters):
+        # a part that breathes, by as much as maps err, does not come and go like something that is commanded
+        rivals = tuple(r for r in rivals if switching(r, parameters))
+    return [replace(findings[0], rivals=rivals), *findings[1:]]
 
 
 def _worth_a_refit(findings: list[HiddenFinding], found: Identified) -> list[HiddenFinding]:
