@@ -74,12 +74,12 @@ def independent_readings(projection: Projection) -> float:
 
 
 def larger_noise(a: Noise, b: Noise) -> Noise:
-    """Of each sensor the noise that is larger, with its correlation."""
-    wider = {s for s, sigma in b.sigma.items() if sigma > a.sigma.get(s, 0.0)}
+    """Of each sensor the noise that is larger, with its correlation; of noise as large, the second's."""
+    wider = {s for s, sigma in b.sigma.items() if sigma >= a.sigma.get(s, 0.0)}
     return replace(
         a,
         sigma={s: b.sigma[s] if s in wider else v for s, v in a.sigma.items()},
-        rho={s: b.rho.get(s, 0.0) if s in wider else v for s, v in a.rho.items()},
+        rho={s: (b if s in wider else a).rho.get(s, 0.0) for s in a.sigma},
         estimated=a.estimated or b.estimated,
     )
 

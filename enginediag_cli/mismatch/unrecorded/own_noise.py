@@ -44,7 +44,8 @@ def freed_of_switches(evidence: Evidence, *, level: float, rng: np.random.Genera
     quiet = _quiet(found, evidence.owed.least)
     if not any(evidence.noise.sigma[s] > WORTH * quiet.sigma[s] for s in quiet.sigma):
         return evidence
-    found = identify_with(replace(evidence, noise=quiet), NO_HYPOTHESIS, along, found)
+    # from the prior means: the fit before is bent by what switches, and walks from there
+    found = identify_with(replace(evidence, noise=quiet), NO_HYPOTHESIS, along)
     if not found.converged:
         return evidence
     findings = hidden_amplitudes(found, Projection(found), level=level, rng=rng, along=along, refitted=1)
