@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any
 
@@ -83,13 +84,33 @@ def document(story: Story, provenance: tuple[str, ...]) -> dict[str, Any]:
             | {
                 "effects": [e.label for e in effects],
                 "switches": [
-                    {"flight": s.flight, "record": s.record + 1, "on": s.on, "probability": s.probability}
+                    {
+                        "flight": s.flight,
+                        "record": s.record + 1,
+                        "after_s": _told(s.before_s),
+                        "until_s": _told(s.time_s),
+                        "on": s.on,
+                        "probability": s.probability,
+                    }
                     for s in f.switches
+                ],
+                "doubtful": [
+                    {
+                        "flight": d.flight,
+                        "records": d.records,
+                        "first_s": _told(d.first_s),
+                        "last_s": _told(d.last_s),
+                    }
+                    for d in f.doubtful
                 ],
             }
             for f, effects in zip(story.hidden, story.hidden_effects, strict=True)
         ],
         "unseen": list(a.unseen),
+        "unseen_kinds": [
+            {"name": u.label, "driver": u.driver.word, "switching_from": _told(u.switching), "unit": u.unit}
+            for u in story.unseen
+        ],
         "map_accuracy": story.evidence.settings.map_accuracy,
         "floor": [vars(c) for c in story.floor],
         "advice": [_advice(x) for x in story.advice],
@@ -99,6 +120,11 @@ def document(story: Story, provenance: tuple[str, ...]) -> dict[str, Any]:
         "gates": list(a.gates),
         "provenance": list(provenance),
     }
+
+
+def _told(value: float) -> float | None:
+    """A time or size, None where there is none."""
+    return value if math.isfinite(value) else None
 
 
 def curve_rows(curves: tuple[Curve, ...]) -> Iterator[dict[str, Any]]:

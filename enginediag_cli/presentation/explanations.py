@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from typing import TYPE_CHECKING
 
+from enginediag_cli.drivers import CONSTANT
 from enginediag_cli.intervals import NORMAL_95
 from enginediag_cli.mismatch.explain.answer import FAILED, HIDDEN, NAMED, NOTHING
 from enginediag_cli.mismatch.explain.rejected import Reason
@@ -23,6 +24,7 @@ if TYPE_CHECKING:
     from enginediag_cli.mismatch.explain.rejected import Rejected
     from enginediag_cli.mismatch.explain.story import Story
     from enginediag_cli.mismatch.fit.options import Option
+    from enginediag_cli.mismatch.unrecorded.finding import Switch
     from enginediag_cli.mismatch.unrecorded.hidden import HiddenFinding
 
 SHOWN = 5
@@ -53,10 +55,23 @@ def sentences(story: Story) -> Iterator[str]:
     yield from _floor(story)
     for advice in story.advice:
         yield from _advice(advice)
-    switching = {e.label for effects in story.hidden_effects[:1] for e in effects if a.status == HIDDEN}
-    unseen = [label for label in a.unseen if label not in switching]
-    if unseen:
-        yield f"Cannot be seen in these flights, whatever their size: {', '.join(unseen)}."
+    yield from _unseen(story)
+
+
+def _unseen(story: Story) -> Iterator[str]:
+    """What identification takes up, by the kind of effect that was looked for; what of it would be seen to switch."""
+    switched = {e.label for effects in story.hidden_effects[:1] for e in effects if story.answer.status == HIDDEN}
+    told = [u for u in story.unseen if u.label not in switched]
+    for words in dict.fromkeys(u.driver.words for u in told):
+        own = [u.label for u in told if u.driver.words == words]
+        kind = "if it is there in every record" if any(u.driver == CONSTANT for u in told if u.label in own) else ""
+        yield (
+            f"Cannot be seen in these flights, whatever its size, {kind or f'as an effect that varies with {words}'} "
+            f"(identification takes it up): {', '.join(own)}."
+        )
+    seen = [f"{u.label} from {_size(u.switching, u.unit)}" for u in told if math.isfinite(u.switching)]
+    if seen:
+        yield f"  Of these, switched on and off within a flight, {listed(seen, 'and')} would be seen."
 
 
 def headline(x: Explanation) -> str:
@@ -124,8 +139,12 @@ def _none(story: Story) -> Iterator[str]:
         yield "  No free-form curve could be fitted either."
         return
     places = listed(list(dict.fromkeys(place(c) for c in good)), "or")
-    words = list(dict.fromkeys(c.driver.driver.words for c in good))
-    yield f"  Unlisted physics at {places}, varying with {listed(words, 'or')}."
+    words = [
+        f"varying with {w}" for w in dict.fromkeys(c.driver.driver.words for c in good if c.driver.driver != CONSTANT)
+    ]
+    if len(words) < len({c.driver.name for c in good}):
+        words.append("the same in every record")
+    yield f"  Unlisted physics at {places}, {listed(words, 'or')}."
     yield f"  {curve_in_words(good[0])}"
 
 
@@ -135,17 +154,18 @@ def place(c: Curve) -> str:
 
 
 def curve_in_words(c: Curve) -> str:
-    """The ends of a curve."""
+    """The ends of a curve, or its one level."""
     percent = c.unit in ("", "1")
     factor, unit = (100.0, "%") if percent else (1.0, c.unit)
+    fall = f"χ² falls by {rounded(c.gain)} with {count(c.dof, 'coefficient')}"
+    if c.driver.driver == CONSTANT:
+        size = with_unit(factor * c.change[0], unit, factor * NORMAL_95 * c.standard_error[0])
+        return f"{place(c)} is off by {size} in every record ({fall})."
     ends = []
     for k in (0, -1):
         size = with_unit(factor * c.change[k], unit, factor * NORMAL_95 * c.standard_error[k])
         ends.append(f"{size} at {c.driver.short} {_driver_value(c, k)}")
-    return (
-        f"{place(c)} goes from {ends[0]} to {ends[1]}, about its mean (χ² falls by {rounded(c.gain)} "
-        f"with {c.dof} coefficients)."
-    )
+    return f"{place(c)} goes from {ends[0]} to {ends[1]}, about its mean ({fall})."
 
 
 def _driver_value(c: Curve, k: int) -> str:
@@ -178,10 +198,14 @@ def _hidden(story: Story, f: HiddenFinding, effects: tuple[Effect, ...]) -> Iter
             f"{count(len(f.switches), 'change')} within flights, of size {with_unit(f.coefficient, unit, half)} "
             f"({likelier})."
         )
-        times = [f"{'on' if s.on else 'off'} at record {s.record + 1} of {s.flight}" for s in f.switches]
-        if times:
-            more = f" and {len(times) - MOST_SWITCHES} more" if len(times) > MOST_SWITCHES else ""
-            yield f"  Switched {', '.join(times[:MOST_SWITCHES])}{more}."
+        yield from _switched(f.switches)
+        if f.doubtful:
+            told = [
+                f"{count(d.records, 'record')} of {d.flight}"
+                + (f" ({d.first_s:.10g} to {d.last_s:.10g} s)" if math.isfinite(d.first_s + d.last_s) else "")
+                for d in f.doubtful
+            ]
+            yield f"  These readings do not say in which state the engine was in {listed(told, 'and')}."
         yield (
             "  Which state is on follows from the sign that physics gives."
             if f.sign
@@ -204,6 +228,23 @@ def _hidden(story: Story, f: HiddenFinding, effects: tuple[Effect, ...]) -> Iter
         yield f"  Listed effects that act there: {listed([e.label for e in effects], 'or')}."
     if f.remark:
         yield f"  {_LIMITS[f.remark.limit](f.remark.what)}"
+
+
+def _switched(switches: Sequence[Switch]) -> Iterator[str]:
+    """When, flight by flight."""
+    shown = switches[:MOST_SWITCHES]
+    more = f"; and {len(switches) - MOST_SWITCHES} more" if len(switches) > MOST_SWITCHES else ""
+    for flight in dict.fromkeys(s.flight for s in shown):
+        told = ", ".join(f"{'on' if s.on else 'off'} {moment(s)}" for s in shown if s.flight == flight)
+        last = more if flight == shown[-1].flight else ""
+        yield f"  In {flight} switched {told}{last}."
+
+
+def moment(s: Switch) -> str:
+    """When a state changed: between the records that are judged, whose times are the middles of what was averaged."""
+    if not (math.isfinite(s.before_s) and math.isfinite(s.time_s)):
+        return f"at record {s.record + 1}"
+    return f"between {s.before_s:.10g} and {s.time_s:.10g} s"
 
 
 def _rejected(story: Story) -> Iterator[str]:

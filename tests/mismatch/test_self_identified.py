@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -16,6 +17,7 @@ from enginediag_cli.mismatch.fit.evidence import Flight
 from enginediag_cli.mismatch.fit.load import Case, load_case
 from enginediag_cli.mismatch.fit.noise import LEAST_RHO
 from enginediag_cli.mismatch.fit.self_identified import LARGEST_RHO, SelfIdentified, robust_noise, self_identified
+from enginediag_cli.mismatch.unrecorded.own_noise import freed_of_switches
 from enginediag_cli.physics.engine_file import load_engine
 
 BLOCK = '\nidentification:\n  parameters: ["*.efficiency", "*.flow_capacity"]\n'
@@ -116,3 +118,28 @@ def test_noise_is_never_below_what_the_sensor_is_said_to_have_and_steps_between_
 
 def test_a_sensor_without_readings_keeps_what_is_stated():
     assert noise_of(np.full(20, np.nan), 0.7) == (0.7, 0.0)
+
+
+def test_engines_of_an_aircraft_are_identified_one_by_one(folder):
+    engine = load_engine(folder / "engine.yaml")
+    flown = evidence(folder, None).flights[:2]
+    sides = [Flight(f.label, side, f.columns) for f, side in zip(flown, "lr", strict=True)]
+    both = self_identified(engine, sides)
+    alone = [self_identified(engine, [f]) for f in sides]
+    assert isinstance(both, SelfIdentified)
+    for s in both.sigma:
+        assert both.sigma[s] == max(a.sigma[s] for a in alone)
+    for n, v in both.theta0.items():
+        assert v == pytest.approx(np.mean([a.engine_values[n] for a in alone]))
+
+
+def test_noise_is_freed_of_what_switches_and_of_nothing_else(folder):
+    found = evidence(folder, None)
+    stated = found.owed.least
+    loud = replace(found.noise, sigma={s: 6.0 * v for s, v in found.noise.sigma.items()})
+    rng = np.random.default_rng(0)
+    freed = freed_of_switches(replace(found, noise=loud), level=0.01, rng=rng)
+    for s, v in freed.noise.sigma.items():
+        assert stated.sigma[s] * 0.99 <= v < 0.5 * loud.sigma[s]
+    elsewhere = replace(found, noise=loud, owed=None)
+    assert freed_of_switches(elsewhere, level=0.01, rng=rng) is elsewhere

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from enginediag_cli.drivers import TIME, polynomials
+from enginediag_cli.drivers import CONSTANT, TIME, polynomials
 from enginediag_cli.engine.driver import DriverValues
 from enginediag_cli.mismatch.fit.extended import Discrepancy
 from enginediag_cli.mismatch.fit.freeform import DEGREE, Cell, Location
@@ -31,7 +31,8 @@ WITHIN, OF_LARGEST = 4.6, 0.02
 @dataclass(frozen=True)
 class Curve:
     """A cell refitted: change (G,) of the location's parameter at values (G,) of the driver, with standard errors,
-    `gain` the fall of χ² with `dof` coefficients. Constants belong to what is identified: the changes are about 0."""
+    `gain` the fall of χ² with `dof` coefficients. Constants belong to what is identified: the changes are about 0, but
+    for a place that is not identified and may be wrong in every record alike (driver CONSTANT)."""
 
     location: Location
     driver: DriverValues
@@ -66,7 +67,8 @@ def fitted_curves(base: Identified, objective: float, cells: Sequence[Cell], alo
 
 def _fitted(base: Identified, objective: float, cell: Cell, along: Nuisance) -> Curve:
     place, driver = cell.location, cell.driver
-    columns = polynomials(driver.values, DEGREE)
+    N = len(driver.values)
+    columns = np.ones((N, 1)) if driver.driver == CONSTANT else polynomials(driver.values, DEGREE)
     through = (place.through,) if place.through is not None else ()
     engine = base.evidence.engine.with_effects((*base.evidence.engine.effects, *through))
     parameter = engine.parameters[place.parameter]
@@ -77,11 +79,13 @@ def _fitted(base: Identified, objective: float, cell: Cell, along: Nuisance) -> 
     rows = fit.number[order[np.unique(np.linspace(0, len(order) - 1, POINTS).astype(int))]]
     phi = columns[rows]
     nothing = np.full(len(rows), np.nan)
-    if not fit.converged:
+    projection = Projection(fit) if fit.converged else None
+    if projection is None or projection.objective >= objective:
+        # a score counts on a straight way, which the fit did not find
+        reason = "the fit gains nothing" if fit.converged else fit.reason
         return Curve(
-            place, driver, parameter.unit, 0.0, len(sought), driver.values[rows], nothing, nothing, False, fit.reason
+            place, driver, parameter.unit, 0.0, len(sought), driver.values[rows], nothing, nothing, False, reason
         )
-    projection = Projection(fit)
     j = [fit.problem.names.index(d.name) for d in sought]
     sigma = fit.problem.prior_sigma[j]
     k = np.cumsum(projection.free)[j] - 1

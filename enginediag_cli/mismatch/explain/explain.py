@@ -48,6 +48,7 @@ from enginediag_cli.mismatch.fit.options import (
 from enginediag_cli.mismatch.fit.projection import Projection
 from enginediag_cli.mismatch.fit.scores import surprise
 from enginediag_cli.mismatch.fit.trial_fit import Gates, Remainder, Trial, attempt, remainder
+from enginediag_cli.mismatch.unrecorded.companions import with_shared_errors
 from enginediag_cli.mismatch.unrecorded.recorded_driver import Hidden, follows_a_driver
 from enginediag_cli.physics.registry import candidates
 from enginediag_cli.progress import each
@@ -102,7 +103,13 @@ class Search:
 
     def run(self) -> Answer:
         found = identify_with(self.evidence, NO_HYPOTHESIS, self.along)
-        self.base = Trial((), found, Projection(found))
+        projection = Projection(found)
+        shared = with_shared_errors(projection) if found.converged else None
+        if shared is not None:
+            self.evidence = shared
+            found = identify_with(shared, NO_HYPOTHESIS, self.along, found)
+            projection = Projection(found)
+        self.base = Trial((), found, projection)
         self.detect = self.adequate = Gates()
         if not found.converged:
             return self._answer(FAILED, f"the model as it is could not be fitted: {found.reason}", Remainder((), ()))

@@ -20,10 +20,12 @@ from enginediag_cli.mismatch.explain.curves import Curve, best_places, fitted_cu
 from enginediag_cli.mismatch.explain.explain import UNRECORDED, Search
 from enginediag_cli.mismatch.explain.floor_cost import FloorCost, floor_cost
 from enginediag_cli.mismatch.explain.rejected import Reason
+from enginediag_cli.mismatch.explain.unseen import Unseen, unseen_effects
 from enginediag_cli.mismatch.fit.evidence import Evidence
 from enginediag_cli.mismatch.fit.options import EFFECT
 from enginediag_cli.mismatch.fit.trial_fit import Trial, attempt
 from enginediag_cli.mismatch.unrecorded.hidden import HiddenFinding, effects_at, hidden_amplitudes
+from enginediag_cli.mismatch.unrecorded.own_noise import freed_of_switches
 from enginediag_cli.mismatch.unrecorded.switched import effects_that_switch
 
 SURELY_WORSE = 22.0
@@ -43,11 +45,14 @@ class Story:
     floor: tuple[FloorCost, ...]
     only_exact: tuple[FloorCost, ...]
     advice: tuple[Advice, ...]
+    unseen: tuple[Unseen, ...] = ()  # of `answer.unseen`, by the kind of effect that was looked for
     switched: tuple[Trial, ...] = ()  # effects that may be the first of `hidden`, refitted at its states, best first
 
 
 def tell(evidence: Evidence, effects: Sequence[Effect] | None = None, *, advise: bool = True) -> Story:
     """Search and everything around it. `effects`: the library, default all that the model does not carry."""
+    rng = np.random.default_rng((evidence.settings.seed, 2))
+    evidence = freed_of_switches(evidence, level=UNRECORDED * evidence.settings.false_alarm, rng=rng)
     search = Search(evidence, effects, hidden_search(evidence))
     answer = search.run()
     # of a strong effect nearly every place is significant; those that can be told from the first are its shadows
@@ -88,6 +93,7 @@ def tell(evidence: Evidence, effects: Sequence[Effect] | None = None, *, advise:
         tuple(floor),
         tuple(only_exact),
         tuple(advice),
+        tuple(unseen_effects(base, search.library, answer.unseen)),
         tuple(refitted[1]) if refitted else (),
     )
 

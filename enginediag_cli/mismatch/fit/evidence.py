@@ -25,18 +25,36 @@ class Flight:
         """N."""
         return len(next(iter(self.columns.values()), ()))
 
+    def moment(self, record: int) -> str:
+        """When a record, counted from 0, was taken: by the flight's clock, where it has one that runs forward."""
+        time = np.asarray(self.columns.get("time_s", ()), float)
+        if len(time) and np.isfinite(time).all() and (np.diff(time) > 0.0).all():
+            return f"{time[record]:.10g} s"
+        return f"record {record + 1}"
+
 
 @dataclass(frozen=True)
 class Noise:
     """Of one reading, by sensor column: standard deviation in the column's unit, lag-1 correlation. `inputs`: of one
     reading of an input column, in its unit; `input_shares`: the same as a share of the reading. `estimated`: from
-    recordings, not stated: known as well as the independent readings among them allow."""
+    recordings, not stated: known as well as the independent readings among them allow. `shared`: of engines that fly
+    side by side, by sensor column, how many readings say the same, which `sigma` reckons with (√ of it larger)."""
 
     sigma: Mapping[str, float]
     rho: Mapping[str, float] = field(default_factory=dict)
     inputs: Mapping[str, float] = field(default_factory=dict)
     input_shares: Mapping[str, float] = field(default_factory=dict)
     estimated: bool = False
+    shared: Mapping[str, float] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Owed:
+    """What evidence owes to the very recordings that are searched: `least`, the noise that is known without them, and
+    whether the `priors` are theirs, too."""
+
+    least: Noise
+    priors: bool
 
 
 @dataclass(frozen=True)
@@ -70,6 +88,7 @@ class Evidence:
     noise: Noise
     settings: Settings
     drivers: tuple[str, ...] = ()  # further recorded columns that may drive an effect
+    owed: Owed | None = None  # None where noise and priors come from elsewhere
 
     @property
     def engines(self) -> tuple[str, ...]:

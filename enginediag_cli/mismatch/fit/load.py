@@ -36,10 +36,10 @@ from enginediag_cli.intake.flights import whole_flights
 from enginediag_cli.intake.intake import Intake
 from enginediag_cli.intake.source import Source
 from enginediag_cli.intake.wanted import columns_of
-from enginediag_cli.mismatch.fit.evidence import Evidence, Flight, Noise, Settings
+from enginediag_cli.mismatch.fit.evidence import Evidence, Flight, Noise, Owed, Settings
 from enginediag_cli.mismatch.fit.noise import larger_noise
 from enginediag_cli.mismatch.fit.nuisance import amounts_of
-from enginediag_cli.mismatch.fit.self_identified import SelfIdentified, self_identified
+from enginediag_cli.mismatch.fit.self_identified import SelfIdentified, left_by_the_fit, self_identified
 
 SCALE_SIGMA = 0.002
 """Prior standard deviation of a recorded sensor's scale error that nobody states."""
@@ -101,7 +101,11 @@ def load_case(case: Case, fitted: Callable[[Sequence[Flight]], list[Flight]] = l
     if baseline and engine.declared.get("identification"):
         # instruments differ from flight to flight by more than one flight's nominal knows
         own = build_evidence(engine, flights, case.asked, nominal=self_identified(engine, fitted(flights)))
-        evidence = replace(evidence, noise=larger_noise(evidence.noise, own.noise))
+        owed = Owed(evidence.noise, priors=False)
+        evidence = replace(evidence, noise=larger_noise(evidence.noise, own.noise), owed=owed)
+    elif nominal is not None:
+        stated = build_evidence(engine, flights, case.asked).noise
+        evidence = replace(evidence, owed=Owed(stated, priors=True))
     return Loaded(evidence, intake, baseline)
 
 
@@ -123,8 +127,10 @@ def build_evidence(
     sigma = _prior_sigma(engine, block, stated, sensors)
     _check_limits(engine, block.get("limits") or {})
     known = nominal if isinstance(nominal, Nominal) else None
+    maps = nominal.error_model if nominal is not None else None
     if known is not None and asked.model_error is not None:
         nominal = known = with_accuracy(known, asked.model_error)
+        maps = known.error_model
     theta0 = nominal.engine_values if nominal is not None else dict(stated.prior_mean)
     theta0 = {n: v for n, v in theta0.items() if n in engine.parameters}
     unused = set(engine.sensors) - set(sensors)
@@ -134,7 +140,7 @@ def build_evidence(
     settings = Settings(
         sigma,
         prior_mean={n: v for n, v in theta0.items() if n in sigma} | (amounts_of(engine, known) if known else {}),
-        maps=known.error_model if known else None,
+        maps=maps,
         map_accuracy=map_accuracy_of(engine) if asked.model_error is None else asked.model_error,
         false_alarm=asked.false_alarm,
         loss=stated.loss if engine.declared.get("identification") else "none",
@@ -152,6 +158,20 @@ def build_evidence(
         settings,
         _drivers(asked.drivers, flights),
     )
+
+
+def searched_again(evidence: Evidence, freed: Sequence[Flight]) -> Evidence:
+    """The evidence with noise, and with priors where they are its own, as an identification of the same flights with
+    other readings finds them."""
+    assert evidence.owed is not None
+    own, engine, least = self_identified(evidence.engine, freed), evidence.engine, evidence.owed.least
+    noise = larger_noise(least, replace(least, sigma=dict(own.sigma), rho=dict(own.rho1), estimated=True))
+    settings = evidence.settings
+    if evidence.owed.priors:
+        amounts = amounts_of(engine, own) if isinstance(own, Nominal) else {}
+        means = {n: v for n, v in own.engine_values.items() if n in settings.nuisance}
+        settings = replace(settings, prior_mean=means | amounts, maps=own.error_model)
+    return replace(evidence, noise=noise, settings=settings)
 
 
 def _sensors(engine: Engine, flights: Sequence[Flight], stated: IdentificationSettings) -> list[str]:
@@ -243,13 +263,9 @@ def _noise(
 
 
 def _noise_choice(block: Mapping[str, Any], sensors: Sequence[str], nominal: Nominal | SelfIdentified | None) -> str:
-    if isinstance(nominal, SelfIdentified):
-        return "specified"
-    # what cross-validation leaves is the model's error where it has not seen the readings: large enough as it is
-    fitted = nominal is not None and any(
-        n.sigma_from not in ("stated", "cross_validation") for n in nominal.noise if n.sensor in sensors
-    )
-    return "estimate" if fitted else str(block["noise"])
+    if nominal is not None and left_by_the_fit(nominal, sensors):
+        return "estimate"
+    return "specified" if isinstance(nominal, SelfIdentified) else str(block["noise"])
 
 
 def _drivers(names: Sequence[str], flights: Sequence[Flight]) -> tuple[str, ...]:

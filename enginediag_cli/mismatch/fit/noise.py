@@ -41,7 +41,8 @@ def estimated_noise(projection: Projection, blocks: Sequence[Scored]) -> Noise:
         if not rows.any():
             continue
         left, free = rest.left[rows], rest.free[rows]
-        sigma[column] = float(found.problem.sigma[s] * np.sqrt(left @ left / free.sum()))
+        alike = found.evidence.noise.shared.get(column, 1.0)
+        sigma[column] = float(found.problem.sigma[s] * np.sqrt(alike * (left @ left) / free.sum()))
         rho[column] = _lag_one(left, rest.record[rows], projection.frame.neighbours, float(free.mean()))
     return replace(found.evidence.noise, sigma={**found.evidence.noise.sigma, **sigma}, rho=rho)
 
@@ -66,17 +67,19 @@ def independent_readings(projection: Projection) -> float:
     """ν of the sensor with the fewest."""
     frame = projection.frame
     rho = np.abs(frame.correlation()[frame.record, frame.sensor])
-    independent = np.bincount(frame.sensor, (1.0 - rho) / (1.0 + rho))[np.unique(frame.sensor)]
+    noise, sensors = projection.found.evidence.noise, projection.found.problem.sensors
+    alike = np.array([noise.shared.get(s, 1.0) for s in sensors])
+    independent = np.bincount(frame.sensor, (1.0 - rho) / (1.0 + rho) / alike[frame.sensor])[np.unique(frame.sensor)]
     return max(1.0, (1.0 - LARGEST_SHARE) * float(independent.min()))
 
 
 def larger_noise(a: Noise, b: Noise) -> Noise:
-    """Of each sensor the noise that is larger, with its correlation."""
-    wider = {s for s, sigma in b.sigma.items() if sigma > a.sigma.get(s, 0.0)}
+    """Of each sensor the noise that is larger, with its correlation; of noise as large, the second's."""
+    wider = {s for s, sigma in b.sigma.items() if sigma >= a.sigma.get(s, 0.0)}
     return replace(
         a,
         sigma={s: b.sigma[s] if s in wider else v for s, v in a.sigma.items()},
-        rho={s: b.rho.get(s, 0.0) if s in wider else v for s, v in a.rho.items()},
+        rho={s: (b if s in wider else a).rho.get(s, 0.0) for s in a.sigma},
         estimated=a.estimated or b.estimated,
     )
 

@@ -137,7 +137,8 @@ def _step(evidence: Evidence, onset: int) -> dict[str, np.ndarray]:
     if min(curve.sum(), mine.sum() - curve.sum()) < LEAST_RECORDS:
         return {}
     first = int(np.flatnonzero(flight == flight[onset])[0])
-    return {f"since record {onset - first + 1} of {evidence.flights[flight[onset]].label}": curve}
+    own = evidence.flights[flight[onset]]
+    return {f"since {own.moment(onset - first)} of {own.label}": curve}
 
 
 def with_best_onset(found: Identified, projection: Projection, option: Option) -> Option:

@@ -29,7 +29,7 @@ def step_drivers(evidence: Evidence) -> list[DriverValues]:
             values = np.zeros(starts[-1])
             values[mine[mine >= at]] = 1.0
             j = int(flight_of[at])
-            since = f"record {at - starts[j] + 1} of " if at > starts[j] else ""
+            since = f"{evidence.flights[j].moment(int(at - starts[j]))} of " if at > starts[j] else ""
             onset = f"since {since}{evidence.flights[j].label}"
             found.append(DriverValues(TIME, onset, values, onset))
     return found

@@ -13,12 +13,27 @@ from enginediag_cli.mismatch.fit.freeform import Location
 
 @dataclass(frozen=True)
 class Switch:
-    """A change of state: first record of the new state, counted in its flight from 0, and its probability."""
+    """A change of state: first record of the new state, counted in its flight from 0, and its probability; `before_s`
+    and `time_s`: times of the last record of the old state and of that record, between which it changed, NaN where no
+    column tells the time."""
 
     flight: str
     record: int
     on: bool
     probability: float
+    before_s: float = np.nan
+    time_s: float = np.nan
+
+
+@dataclass(frozen=True)
+class Doubtful:
+    """Records of a flight, one after the other, whose state cannot be told: how many, and the times of the first and
+    the last, s, NaN where no column tells it."""
+
+    flight: str
+    records: int
+    first_s: float
+    last_s: float
 
 
 class Limit(Enum):
@@ -71,6 +86,7 @@ class HiddenFinding:
     switch_lr: float = np.nan
     continuous_lr: float = np.nan
     switches: tuple[Switch, ...] = ()
+    doubtful: tuple[Doubtful, ...] = ()
     coefficient: float = np.nan
     interval: tuple[float, float] = (np.nan, np.nan)
     converged: bool = True

@@ -14,6 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 
@@ -22,11 +23,12 @@ from enginediag_cli.engine.term import Effect
 from enginediag_cli.intervals import NORMAL_95
 from enginediag_cli.mismatch.fit.believable import switching
 from enginediag_cli.mismatch.fit.freeform import Location, locations, of_effect
-from enginediag_cli.mismatch.fit.identified import Identified, Nuisance, nuisance
+from enginediag_cli.mismatch.fit.identified import Identified, Nuisance, nuisance, stacked
+from enginediag_cli.mismatch.fit.neighbours import TIME
 from enginediag_cli.mismatch.fit.noise import doubtful_ratio
 from enginediag_cli.mismatch.fit.projection import Projection
 from enginediag_cli.mismatch.unrecorded.amplitude import Likelihood, Solver, own_error
-from enginediag_cli.mismatch.unrecorded.finding import HiddenFinding, Limit, Remark, Switch
+from enginediag_cli.mismatch.unrecorded.finding import Doubtful, HiddenFinding, Limit, Remark, Switch
 from enginediag_cli.mismatch.unrecorded.gate import draws_for, largest, likelihoods, threshold
 from enginediag_cli.mismatch.unrecorded.refit import Refit, believed_of, bounds_of, location_columns, refit
 from enginediag_cli.mismatch.unrecorded.states import first_guesses, two_states
@@ -41,6 +43,9 @@ WITHIN = 3.0
 
 INSEPARABLE = 5.5
 """Half of the 11 units of χ² from which the right of two places comes first 19 times out of 20."""
+
+SURE = 0.45
+"""Distance of a state's probability from one half beyond which the record tells when it changed: 19 to 1."""
 
 REFITTED = 4
 """How many of the best locations are refitted as two states at most: seconds each."""
@@ -83,7 +88,12 @@ def hidden_amplitudes(
     again.sort(key=lambda f: (not f.believable, -f.worth))
     done = {f.location.name for f in chosen}
     findings = again + [f for f in findings if f.location.name not in done]
-    return [replace(findings[0], rivals=_rivals(findings, of, known)), *findings[1:]]
+    rivals = _rivals(findings, of, known)
+    parameters = found.evidence.engine.parameters
+    if findings[0].is_switch and switching(findings[0].location, parameters):
+        # a part that breathes, by as much as maps err, does not come and go like something that is commanded
+        rivals = tuple(r for r in rivals if switching(r, parameters))
+    return [replace(findings[0], rivals=rivals), *findings[1:]]
 
 
 def _worth_a_refit(findings: list[HiddenFinding], found: Identified) -> list[HiddenFinding]:
@@ -224,6 +234,7 @@ def _with_states(f: HiddenFinding, found: Identified, of: Basis, d: Direction, a
         switch_lr=gained + new.states.evidence,
         continuous_lr=gained + new.continuous,
         switches=_switches(new),
+        doubtful=_doubtful(new),
         coefficient=new.coefficient,
         interval=interval,
         remark=_remark(new),
@@ -237,6 +248,20 @@ def _remark(new: Refit) -> Remark | None:
     return None if new.states.settled else Remark(Limit.UNSETTLED)
 
 
+def _doubtful(new: Refit) -> tuple[Doubtful, ...]:
+    """Runs of records whose state is not told, of one flight each."""
+    unsure = np.abs(new.states.on - 0.5) <= SURE
+    recording = new.found.problem.recording
+    time = stacked(new.found.evidence, TIME)[new.found.number]
+    edge = np.flatnonzero((unsure[1:] != unsure[:-1]) | (recording[1:] != recording[:-1])) + 1
+    ends = [0, *edge.tolist(), len(unsure)]
+    return tuple(
+        Doubtful(new.found.evidence.flights[recording[a]].label, b - a, float(time[a]), float(time[b - 1]))
+        for a, b in pairwise(ends)
+        if b > a and unsure[a]
+    )
+
+
 def _switches(new: Refit) -> tuple[Switch, ...]:
     """Changes of state within flights, in time order."""
     on, changed = new.states.on > 0.5, new.states.changed
@@ -244,7 +269,20 @@ def _switches(new: Refit) -> tuple[Switch, ...]:
     flights = new.found.evidence.flights
     first = np.cumsum([0, *(len(next(iter(f.columns.values()))) for f in flights)])
     at = np.flatnonzero((on[1:] != on[:-1]) & (recording[1:] == recording[:-1])) + 1
-    return tuple(
-        Switch(flights[recording[k]].label, int(number[k] - first[recording[k]]), bool(on[k]), float(changed[k]))
-        for k in at
-    )
+    time = stacked(new.found.evidence, TIME)[number]
+    sure = np.abs(new.states.on - 0.5) > SURE
+    found = []
+    for k in at:
+        own = np.flatnonzero((recording == recording[k]) & sure)
+        last, next_ = own[own < k], own[own >= k]
+        found.append(
+            Switch(
+                flights[recording[k]].label,
+                int(number[k] - first[recording[k]]),
+                bool(on[k]),
+                float(changed[k]),
+                float(time[last[-1] if last.size else k - 1]),
+                float(time[next_[0] if next_.size else k]),
+            )
+        )
+    return tuple(found)

@@ -21,8 +21,9 @@ from enginediag_cli.mismatch.fit.neighbours import neighbours_of
 from enginediag_cli.mismatch.fit.projection import Projection, derivatives
 from enginediag_cli.mismatch.unrecorded.aircraft import grid_of
 from enginediag_cli.mismatch.unrecorded.amplitude import likelihood
+from enginediag_cli.mismatch.unrecorded.pieces import judged
 from enginediag_cli.mismatch.unrecorded.states import Bounds, States, standard_error, two_states
-from enginediag_cli.mismatch.unrecorded.whitened_rows import basis_without, direction
+from enginediag_cli.mismatch.unrecorded.whitened_rows import Basis, Direction, basis_without, direction
 from enginediag_cli.physics.registry import term, term_names
 
 CURVE = "hidden state"
@@ -93,33 +94,64 @@ def refit(found: Identified, along: Nuisance, place: Location, bounds: Bounds, s
     total = sum(len(next(iter(f.columns.values()))) for f in evidence.flights)
     grid = grid_of(found)
     fit: Identified | None = None  # the fit without the effect is bent by it
-    for _ in range(ROUNDS):
-        sigma = (bounds.sigma**-2 + states.doubt) ** -0.5
+    curve = np.zeros(total)
+
+    def fitted(on: np.ndarray, doubt: float) -> tuple[Identified, _Point | None]:
+        """The fit at given states (N,) of the rows, and what is there; None where it did not converge."""
+        sigma = (bounds.sigma**-2 + doubt) ** -0.5
         own = Discrepancy(place.parameter, CURVE, sigma, bounds.lower, bounds.upper)
-        curve = np.zeros(total)
-        curve[found.number] = states.on if grid is None else states.on[grid.at]
+        curve[found.number] = on if grid is None else on[grid.at]
         h = found.hypothesis
-        hypothesis = Hypothesis(h.effects, (*h.discrepancies, own), {**h.curves, CURVE: curve})
-        fit = identify_with(evidence, hypothesis, along, fit)
-        if not fit.converged:
+        hypothesis = Hypothesis(h.effects, (*h.discrepancies, own), {**h.curves, CURVE: curve.copy()})
+        new = identify_with(evidence, hypothesis, along, fit)
+        return new, _point(new, place, own.name, curve) if new.converged else None
+
+    for _ in range(ROUNDS):
+        fit, at = fitted(states.on, states.doubt)
+        if at is None:
             return Refit(fit, states, np.nan, np.nan, -np.inf, np.nan)
-        projection = Projection(fit)
-        coefficient, error = _coefficient(fit, projection, own.name)
-        column = location_columns(fit, [place])[:, :, 0]
-        plain = direction(basis_without(projection, own.name, np.zeros(column.shape)), column)
-        signal = fit.theta[own.name] * curve[fit.number]
-        of = basis_without(projection, own.name, _rows_of(projection, column, signal))
-        new = two_states(of, plain, bounds, states.on[None])
+        new = two_states(at.of, at.plain, bounds, states.on[None])
         moved = float(np.abs(new.on - states.on).max())
         if moved < SETTLED:
             break
         states = new
-    g, believed = plain.gathered(of.left)[:, None], believed_of(found, [place])[0]
-    error = standard_error(of, plain, bounds, replace(new, amplitude=coefficient), error) if error > 0.0 else 0.0
-    told = replace(states, on=of.of_records(states.on), changed=of.of_records(states.changed))
-    states = replace(told, evidence=new.evidence, settled=new.settled and moved < SETTLED)
-    assert fit is not None
-    return Refit(fit, states, coefficient, error, likelihood(plain, of.gap, g, believed).evidence, of.objective)
+    assert at is not None
+    told = judged(at.of, at.plain, bounds, new)
+    if ((told.on > 0.5) != (new.on > 0.5)).any():
+        # a piece that had confirmed itself: its other account needs its own fit
+        fit, at = fitted((told.on > 0.5).astype(float), new.doubt)
+        if at is None:
+            return Refit(fit, states, np.nan, np.nan, -np.inf, np.nan)
+    g, believed = at.plain.gathered(at.of.left)[:, None], believed_of(found, [place])[0]
+    error = at.error
+    if error > 0.0:
+        error = standard_error(at.of, at.plain, bounds, replace(new, amplitude=at.coefficient), error)
+    told = replace(told, on=at.of.of_records(told.on), changed=at.of.of_records(told.changed))
+    told = replace(told, evidence=new.evidence, settled=new.settled and moved < SETTLED)
+    continuous = likelihood(at.plain, at.of.gap, g, believed).evidence
+    return Refit(at.found, told, at.coefficient, error, continuous, at.of.objective)
+
+
+@dataclass(frozen=True)
+class _Point:
+    """A fit at given states: amplitude with its standard error, rows without the amplitude among the nuisance, and the
+    location's direction there."""
+
+    found: Identified
+    coefficient: float
+    error: float
+    of: Basis
+    plain: Direction
+
+
+def _point(fit: Identified, place: Location, name: str, curve: np.ndarray) -> _Point:
+    projection = Projection(fit)
+    coefficient, error = _coefficient(fit, projection, name)
+    column = location_columns(fit, [place])[:, :, 0]
+    plain = direction(basis_without(projection, name, np.zeros(column.shape)), column)
+    signal = fit.theta[name] * curve[fit.number]
+    of = basis_without(projection, name, _rows_of(projection, column, signal))
+    return _Point(fit, coefficient, error, of, plain)
 
 
 def _rows_of(projection: Projection, column: np.ndarray, amplitude: np.ndarray) -> np.ndarray:

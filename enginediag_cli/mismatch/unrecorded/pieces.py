@@ -1,0 +1,106 @@
+"""States of whole stretches, judged with the nuisance free to follow.
+
+Mean field holds the nuisance at what the states of the round before have made of it, and so each state confirms
+itself: a stretch of a few records at a power that no other record has is on because the maps were fitted with it on.
+Here the states of a whole piece, records of one state without a pause between them, are exchanged, nuisance and
+amplitude following to the optimum of each account, both of which the linear model gives in closed form:
+
+    ln P(e, s) = ½ (gᵀs)²/(sᵀGs + σ_a⁻²) − ½ ln σ_a²(sᵀGs + σ_a⁻²) + ln P(s)
+
+Of two accounts that differ by less than TIED the one with fewer changes stands, and the other is told as a doubt.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+
+from enginediag_cli.mismatch.unrecorded.chain import transitions
+from enginediag_cli.mismatch.unrecorded.states import CHANGES, Bounds, States
+from enginediag_cli.mismatch.unrecorded.whitened_rows import Basis, Direction
+
+TIED = 3.0
+"""ln 20: the wrong one of two accounts leads by so much once in twenty times."""
+PAUSE = 3.0
+"""Usual steps from which records are of different pieces. Judgement: something else may have been done in between."""
+EVEN = 0.499
+"""Probability of the account that does not stand, at most."""
+FARTHEST = 700.0
+"""ln odds whose exponential is still a number."""
+ROUNDS = 30
+"""Exchanges at most; each raises the evidence or takes a change away."""
+
+
+@dataclass(frozen=True)
+class _Account:
+    """Evidence of states as above and the amplitude that goes with them, clipped to its bounds."""
+
+    of: Basis
+    along: Direction
+    bounds: Bounds
+
+    def __call__(self, on: np.ndarray) -> float:
+        """ln P(e, s) against no effect, of states (N,) 0 or 1, at the rate of change that suits them best."""
+        if not on.any():
+            return -np.inf
+        Cs = self.along.applied(on)
+        inner = float((Cs**2).sum() - ((on @ self.along.B) ** 2).sum())
+        full, g = inner + self.bounds.sigma**-2, float(self.along.gathered(self.of.left) @ on)
+        a = float(np.clip(g / full, self.bounds.lower, self.bounds.upper))
+        fits = a * g - 0.5 * a**2 * full - 0.5 * np.log(self.bounds.sigma**2 * full)
+        return float(fits + self._prior(on))
+
+    def _prior(self, on: np.ndarray) -> float:
+        """ln P(s), largest over CHANGES."""
+        steps = transitions(self.of.gap, CHANGES)
+        now = on.astype(int)
+        before = np.concatenate([[0], now[:-1]])
+        return float(steps[:, np.arange(len(now)), before, now].sum(axis=1).max())
+
+
+def judged(of: Basis, along: Direction, bounds: Bounds, states: States) -> States:
+    """The states with each piece as the likelier of its accounts, and its probability from the two; `states` as they
+    are where they are told from the first."""
+    account = _Account(of, along, bounds)
+    on = (states.on > 0.5).astype(float)
+    best, first = account(on), _pieces(on, of.gap)
+    for _ in range(ROUNDS):
+        tried = [_exchanged(on, piece) for piece in (*_pieces(on, of.gap), *first)]
+        found = [(account(s) - best, _changes(s, of.gap) - _changes(on, of.gap), s) for s in tried]
+        # a change more must be told from none, a change less need not
+        better = [(gain, s) for gain, more, s in found if gain > TIED * np.sign(more)]
+        if not better:
+            break
+        gain, on = max(better, key=lambda f: f[0])
+        best += gain
+    doubt = on.copy()
+    # a piece that has joined another may still be doubted by itself
+    for piece in (*_pieces(on, of.gap), *(p for p in first if np.ptp(on[p]) == 0.0)):
+        odds = account(_exchanged(on, piece)) - best
+        # what stands by having fewer changes may be the less likely one by a little: as good as even
+        other = min(1.0 / (1.0 + np.exp(min(-odds, FARTHEST))), EVEN)
+        doubt[piece] = 1.0 - other if on[piece.start] else other
+    changed = np.concatenate([[0.0], np.abs(np.diff(doubt))])
+    return replace(states, on=doubt, changed=np.where(of.gap > 0, changed, 0.0))
+
+
+def _pieces(on: np.ndarray, gap: np.ndarray) -> list[slice]:
+    """Runs of one state without a pause, of one flight each, and runs of one state with their pauses."""
+    changes = (np.diff(on) != 0) | (gap[1:] == 0)
+    found: dict[tuple[int, int], None] = {}
+    for ends in (changes, changes | (gap[1:] > PAUSE)):
+        edges = [0, *(np.flatnonzero(ends) + 1), len(on)]
+        found |= {(int(a), int(b)): None for a, b in pairwise(edges)}
+    return [slice(a, b) for a, b in found]
+
+
+def _exchanged(on: np.ndarray, piece: slice) -> np.ndarray:
+    other = on.copy()
+    other[piece] = 1.0 - other[piece]
+    return other
+
+
+def _changes(on: np.ndarray, gap: np.ndarray) -> int:
+    return int(((np.diff(on) != 0) & (gap[1:] > 0)).sum())
