@@ -19,7 +19,7 @@ from enginediag_cli.error_model.curves import FREEDOMS
 from enginediag_cli.error_model.machines import machines_of
 from enginediag_cli.error_model.slopes import GENERIC
 from enginediag_cli.identification.covariance import Uncertainty, uncertainty
-from enginediag_cli.identification.map_error import frozen_at, with_map_error
+from enginediag_cli.identification.map_error import with_map_error
 from enginediag_cli.identification.normal_equations import normal_equations, predict
 from enginediag_cli.identification.passes import Passes, fit_and_noise
 from enginediag_cli.identification.problem import Problem
@@ -111,7 +111,6 @@ def considered(passes: Passes, accuracy: float) -> Passes:
     problem = with_map_error(passes.problem, accuracy)
     p, k = len(passes.problem.parameters), len(problem.parameters) - len(passes.problem.parameters)
     x = np.append(passes.fit.x, np.zeros(k))
-    problem = frozen_at(problem, x)
     fit = replace(
         passes.fit,
         x=x,

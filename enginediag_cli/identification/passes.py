@@ -14,7 +14,7 @@ from enginediag_cli.identification.bounds import ROUNDS, given_back
 from enginediag_cli.identification.covariance import Uncertainty, uncertainty
 from enginediag_cli.identification.gauss_newton import Fit, solve
 from enginediag_cli.identification.map_error import SETTLED as SIZES_SETTLED
-from enginediag_cli.identification.map_error import frozen_at, resized
+from enginediag_cli.identification.map_error import resized
 from enginediag_cli.identification.noise import NoiseEstimate, estimate_noise, starting_noise
 from enginediag_cli.identification.normal_equations import normal_equations, predict
 from enginediag_cli.identification.offset_start import first_offsets
@@ -90,7 +90,7 @@ def fit_and_noise(problem: Problem, settings: IdentificationSettings, accuracy: 
     noise = starting_noise(residual, problem.gap, stated)
     problem = problem.with_noise(noise.sigma if estimated else stated, np.ones(len(stated)))
     problem = problem.with_noise(problem.sigma, *_tempering(problem, noise, predicted, np.zeros(len(stated))))
-    rho, frozen = noise.rho1, zeros[0]
+    rho = noise.rho1
     for number in each(range(1, NOISE_PASSES + 1), "identifying, passes of fit and noise"):
         fit = solve(problem, start, max_iterations=settings.max_iterations, tolerance=PASS_TOLERANCE)
         here = problem
@@ -110,7 +110,6 @@ def fit_and_noise(problem: Problem, settings: IdentificationSettings, accuracy: 
         sigma = problem.sigma * (sigma / problem.sigma) ** damping
         inflation = problem.inflation * (inflation / problem.inflation) ** damping
         shared = problem.shared * (shared / problem.shared) ** damping
-        frozen = frozen + damping * (fit.x - frozen)
         equations = fit.equations
         if np.any(noise.inflation > here.inflation):
             # the fit may believe correlated readings more than they deserve (MAX_TEMPERING), sizes must not
@@ -118,7 +117,7 @@ def fit_and_noise(problem: Problem, settings: IdentificationSettings, accuracy: 
             equations = normal_equations(cautious, fit.x, fit.z)
         # sizes that several machines could have wander from pass to pass: what all passes say of them, on average
         share = 1.0 / max(number - UNDAMPED_PASSES + 1, 1)
-        problem, x, grown = resized(frozen_at(here, frozen), equations, fit.x, fit.z, accuracy, share)
+        problem, x, grown = resized(here, equations, fit.x, fit.z, accuracy, share)
         problem = problem.with_noise(sigma, inflation, shared)
         start = (x, fit.z)
         settled = settled and grown < SIZES_SETTLED
