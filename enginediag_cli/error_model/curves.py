@@ -28,6 +28,8 @@ CURVES = SPEED_DEGREE + POSITION_DEGREE + 2
 """Functions of one map quantity of one machine."""
 BEYOND = [CURVES - 2, CURVES - 1]
 """Which of them begin where training ends."""
+FREEDOMS = 1 + SPEED_DEGREE + POSITION_DEGREE
+"""Operating points at which a map quantity may have any errors at all: its constant and the curves within the range."""
 LEAST_REACH = 0.05
 """Half range of a logarithmic coordinate below which a map is not known to bend: within five per cent of speed or flow
 an error of its shape is a constant and a slope."""

@@ -24,13 +24,15 @@ QUANTITIES = ("efficiency", "flow_capacity")
 @dataclass(frozen=True)
 class Machine:
     """A compressor or turbine and the model columns from which its coordinates are made. `position`: W and P of the
-    inlet of a compressor, P of inlet and outlet of a turbine."""
+    inlet of a compressor, P of inlet and outlet of a turbine. `shapes`: names of the parameters that say of which shape
+    its map is."""
 
     name: str
     speed: str
     temperature: str
     position: tuple[str, str]
     compressor: bool
+    shapes: tuple[str, ...] = ()
 
     @property
     def columns(self) -> tuple[str, ...]:
@@ -73,7 +75,9 @@ def machines_of(engine: Any) -> tuple[Machine, ...]:
             a, b = c.values["from"], c.values["to"]
             compressor = isinstance(c, Compressor)
             position = (f"W{a}_kg_s", f"P{a}_Pa") if compressor else (f"P{a}_Pa", f"P{b}_Pa")
-            found.append(Machine(c.name, f"{label[c.values['shaft']]}_rpm", f"T{a}_K", position, compressor))
+            shapes = tuple(f"{c.name}.{quantity}" for quantity in c.map_shapes)
+            speed = f"{label[c.values['shaft']]}_rpm"
+            found.append(Machine(c.name, speed, f"T{a}_K", position, compressor, shapes))
     return tuple(found)
 
 

@@ -3,9 +3,9 @@
     y = Φ(u, θ) + Σ_q ∂Φ/∂θ_q Σ_j a_qj φ_j(ξ_c)        ∂y/∂a_qj = ∂Φ/∂θ_q φ_j(ξ_c)
 
 with θ_q the efficiency or flow capacity of machine c, ξ_c its map coordinates and a the amounts `map_error.<q>.<j>`.
-ξ_c and ∂Φ/∂θ_q are those of the record's frozen columns, else those of this prediction, which hands them over as
-`frozen`. Whoever moves θ gives the columns found where he began: the derivatives are then exact, and at faulted
-coordinates an error of the maps would pass for the fault.
+ξ_c and ∂Φ/∂θ_q are those of the engine as its file describes it, whatever θ is: the derivatives are then exact, at
+faulted coordinates an error of the maps cannot pass for the fault, and an identification does not chase columns that
+move with what it finds. A prediction hands them over as `frozen`; who gives them back with the record saves time.
 """
 
 from __future__ import annotations
@@ -106,11 +106,10 @@ class MapErrorModel:
         columns = tuple(self.model.sensors) if sensors is None else tuple(sensors)
         frozen = {name: inputs[name] for g in active for name in _frozen_columns(g, columns) if name in inputs}
         plain = {c: v for c, v in inputs.items() if c not in frozen}
-        if all(name in frozen for g in active for name in _frozen_columns(g, columns)):
-            along = tuple(n for n in wrt if n not in self._own)
-            p = self.model.predict(plain, given, sensors=columns, wrt=along, **options)
-        else:
-            p, frozen = self._found(plain, given, columns, wrt, active, options)
+        if not all(name in frozen for g in active for name in _frozen_columns(g, columns)):
+            frozen = self.frozen(plain, columns)
+        along = tuple(n for n in wrt if n not in self._own)
+        p = self.model.predict(plain, given, sensors=columns, wrt=along, **options)
         return _with_errors(p, active, amounts, tuple(wrt), frozen)
 
     @property
@@ -141,38 +140,18 @@ class MapErrorModel:
             np.multiply(effect[:, :, None], curves[g.machine.name][:, None, :], out=found[:, :, i])
         return found.reshape(n, len(sensors), len(self._groups) * CURVES)
 
-    def frozen(
-        self, inputs: Mapping[str, Any], parameters: Mapping[str, Any], sensors: Sequence[str]
-    ) -> dict[str, np.ndarray]:
-        """Frozen columns (N,) by name of all map errors at these records and parameters, 0 where there is no
-        prediction."""
+    def frozen(self, inputs: Mapping[str, Any], sensors: Sequence[str]) -> dict[str, np.ndarray]:
+        """Frozen columns (N,) by name of all map errors at these records, 0 where there is no prediction."""
         taken = {name for g in self._groups for name in _frozen_columns(g, sensors)}
         plain = {c: v for c, v in inputs.items() if c not in taken}
-        given = {n: v for n, v in parameters.items() if n not in self._own}
-        p, columns = self._found(plain, given, tuple(sensors), (), self._groups, {})
-        return {name: np.where(p.ok & np.isfinite(v), v, 0.0) for name, v in columns.items()}
-
-    def _found(
-        self,
-        inputs: Mapping[str, Any],
-        given: Mapping[str, Any],
-        columns: tuple[str, ...],
-        wrt: Sequence[str],
-        active: Sequence[_Group],
-        options: Mapping[str, Any],
-    ) -> tuple[Prediction, dict[str, np.ndarray]]:
-        """The model's prediction with its sensitivities to the targets, and the frozen columns that come of it."""
-        along = tuple(dict.fromkeys([*(n for n in wrt if n not in self._own), *(g.target for g in active)]))
-        also = columns_of(g.machine for g in active)
-        p = self.model.predict(inputs, given, sensors=columns, wrt=along, also=also, **options)
+        also = columns_of(g.machine for g in self._groups)
+        p = self.model.predict(plain, {}, sensors=tuple(sensors), wrt=self.targets, also=also)
         values = dict(zip(also, p.also.T, strict=True))
-        frozen: dict[str, np.ndarray] = {}
-        for g in active:
-            frozen.update(zip(g.machine.coordinate_columns, g.machine.coordinates(values).T, strict=True))
-            frozen.update(
-                zip((_effect(g.target, c) for c in columns), p.jacobian[:, :, along.index(g.target)].T, strict=True)
-            )
-        return p, frozen
+        found: dict[str, np.ndarray] = {}
+        for k, g in enumerate(self._groups):
+            found.update(zip(g.machine.coordinate_columns, g.machine.coordinates(values).T, strict=True))
+            found.update(zip((_effect(g.target, c) for c in sensors), p.jacobian[:, :, k].T, strict=True))
+        return {name: np.where(p.ok & np.isfinite(v), v, 0.0) for name, v in found.items()}
 
 
 def _effect(target: str, sensor: str) -> str:

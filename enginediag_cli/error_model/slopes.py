@@ -6,8 +6,10 @@ A map whose slope is wrong by Δ gives, when a fault moves its machine by Δξ o
 
 for each coordinate ξ of machine c, ln corrected speed and ln flow or pressure ratio. It acts where the health
 parameter of that map quantity does, so that it is an uncertainty of a change of that parameter: none where nothing has
-changed. s is stated, not estimated: healthy records of one operating point know nothing of it, and the likelihood of
-several prefers values that fail on other fleets.
+changed. A map whose slope is wrong at one operating point is wrong elsewhere, too, though not by as much: half of the
+variance is common to all points of a window (`COMMON`), the other half each point's own. s is stated, not estimated:
+healthy records of one operating point know nothing of it, and the likelihood of several prefers values that fail on
+other fleets.
 """
 
 from __future__ import annotations
@@ -31,6 +33,12 @@ TURNS = 30
 """Of the variance that depends on the change that depends on it: each one halves what is missing."""
 SETTLED = 0.01
 """Share of the largest variance to which it is then known: a standard deviation to half a per cent."""
+
+
+COMMON = 0.5
+"""Share of the variance of a wrong slope that all operating points of a window have in common. Judgement: points may
+lie side by side or at the ends of the map. With all of it in common, what single conditions show differently is told
+as a second change; with none, the error averages out that a generic map has everywhere."""
 
 
 @dataclass(frozen=True)

@@ -17,62 +17,23 @@ import numpy as np
 from enginediag_cli.engine.warm import warm
 from enginediag_cli.error_model.error_model import ErrorModel, map_accuracy_of
 from enginediag_cli.error_model.modelled import FAMILY, MapErrorModel
-from enginediag_cli.identification.bounds import ROUNDS, AtBound, at_bounds, given_back
-from enginediag_cli.identification.covariance import Uncertainty, uncertainty
+from enginediag_cli.identification.attempts import GivenUp, best_attempt
+from enginediag_cli.identification.bounds import AtBound, at_bounds
+from enginediag_cli.identification.covariance import Uncertainty
 from enginediag_cli.identification.crossvalidation import CrossValidation, cross_validate
 from enginediag_cli.identification.envelope import Envelope, learn_envelope
-from enginediag_cli.identification.gauss_newton import Fit, solve
-from enginediag_cli.identification.map_error import SETTLED as SIZES_SETTLED
-from enginediag_cli.identification.map_error import (
-    MapErrorSize,
-    frozen_at,
-    map_error_sizes,
-    resized,
-    widths_beyond,
-    with_map_error,
-)
-from enginediag_cli.identification.noise import NoiseEstimate, estimate_noise, starting_noise
+from enginediag_cli.identification.gauss_newton import Fit
+from enginediag_cli.identification.map_error import MapErrorSize, map_error_sizes
+from enginediag_cli.identification.noise import NoiseEstimate
 from enginediag_cli.identification.nominal import Estimate, Nominal, SensorNoise, status_of
-from enginediag_cli.identification.normal_equations import normal_equations, predict
-from enginediag_cli.identification.offset_start import first_offsets
-from enginediag_cli.identification.offsets_between import SETTLED as OFFSETS_SETTLED
-from enginediag_cli.identification.offsets_between import resized_offsets, with_offsets
+from enginediag_cli.identification.normal_equations import predict
+from enginediag_cli.identification.offsets_between import with_offsets
 from enginediag_cli.identification.problem import Model, Problem, TrainingRecording, build_problem
 from enginediag_cli.identification.quality import SensorQuality, sensor_quality
 from enginediag_cli.identification.regimes import assign_regimes
-from enginediag_cli.identification.repeated_points import follows_no_clock, lack_of_fit
-from enginediag_cli.identification.resolution import quantisation_sigma
 from enginediag_cli.identification.settings import IdentificationSettings, settings_from_mapping
 from enginediag_cli.identification.unidentified import Combination, unidentified_combinations
 from enginediag_cli.identification.unseen import noise_on_unseen
-from enginediag_cli.progress import each
-
-NOISE_PASSES = 20
-"""Passes of fit and noise at most. Judgement: damped as they are from UNDAMPED_PASSES on, more would change nothing."""
-NOISE_SETTLED = 0.03
-"""Largest relative change of the effective noise σ√κ from one pass to the next that ends the passes."""
-
-NOISE_KNOWN = 0.15
-"""The same after the last pass: a standard deviation from twenty independent readings is no better known."""
-
-SIGMA_FLOOR = 0.2
-"""Estimated noise is never below this share of what the sensor states."""
-
-UNDAMPED_PASSES = 3
-"""Passes before the changes of the noise are damped: first it may move freely, then it must not swing."""
-LEAST_SHARE = 1 / 3
-"""Share of the way that a pass goes at least, once damped: shorter ones would not forget where the swing began."""
-MAX_TEMPERING = 4.0
-"""Largest κ by which the fit weakens the data (ρ = 0.6). Correlation beyond it is mostly error of the model
-that follows the operating point, and the cure for that is a better fit: on recorded flights of two engines
-left-out blocks were predicted better from 10 down to 4, and at 2 parameters began to run to their bounds.
-The standard errors know all of ρ."""
-
-PASS_TOLERANCE, FINAL_TOLERANCE = 0.05, 0.01
-"""Standard errors. A pass need not be exact, since the next one starts where it ends; the last must be."""
-
-LOST_PASS = 1.0
-"""A pass that ends this many standard errors from its optimum has failed, and there is no use in another."""
 
 OUTSIDE_MAPS = "of these outside the maps"
 """Key of the records that were used although the engine had to extrapolate a map."""
@@ -102,6 +63,7 @@ class IdentificationResult:
     records: Mapping[str, int]
     noise_passes: int
     map_errors: tuple[MapErrorSize, ...] = ()
+    given_up: tuple[GivenUp, ...] = ()
 
     @property
     def bounds(self) -> tuple[AtBound, ...]:
@@ -184,12 +146,11 @@ def identify(
         settings = settings_from_mapping(getattr(engine, "declared", {}).get("identification"))
     problem = build_problem(warm(engine), with_regimes(engine, recordings), settings)
     stated = map_accuracy_of(engine) if map_accuracy is None else map_accuracy
-    problem = with_map_error(problem, stated)
     problem = with_offsets(problem, recordings) if offsets else problem
-    problem, fit, noise, found, passes, settled = _fit_and_noise(problem, settings, stated)
-    converged, reason = fit.converged, fit.reason
-    if converged and not settled:
-        converged, reason = False, f"the noise estimate still changed after {passes} passes"
+    attempt = best_attempt(problem, settings, stated)
+    passes = attempt.passes
+    problem, fit, noise, found = passes.problem, passes.fit, passes.noise, passes.found
+    converged, reason = passes.converged, passes.reason
     failed = float(np.mean(fit.failed))
     if failed > MAX_FAILED:
         converged, reason = False, f"{100 * failed:.0f} % of the records have no prediction at the estimate"
@@ -236,8 +197,9 @@ def identify(
         held_quality,
         envelope,
         records,
-        passes,
+        passes.number,
         map_error_sizes(problem, stated),
+        attempt.given_up,
     )
 
 
@@ -261,90 +223,6 @@ def with_regimes(engine: Model, recordings: Sequence[TrainingRecording]) -> list
     return [
         r if r.regimes is not None else r._replace(regimes=label) for r, label in zip(recordings, found, strict=True)
     ]
-
-
-def _fit_and_noise(
-    problem: Problem, settings: IdentificationSettings, accuracy: float
-) -> tuple[Problem, Fit, NoiseEstimate, Uncertainty, int, bool]:
-    """Fit and noise in turn; also the number of passes, and whether the noise had settled."""
-    stated, estimated, usual = problem.sigma, settings.noise == "estimate", problem.offsets
-    floor = np.maximum(SIGMA_FLOOR * stated, quantisation_sigma(problem.measured))
-    zeros = (np.zeros(len(problem.parameters)), np.zeros((len(problem.labels), len(problem.offsets))))
-    # as correlated as it looks, too: a first fit that took every record at its word would chase the error of
-    # the model far from what is plausible, where the search is slow
-    start = (zeros[0], first_offsets(problem, predict(problem, *zeros)[0]))
-    predicted, _ = predict(problem, *start)
-    residual = problem.measured - predicted
-    noise = starting_noise(residual, problem.gap, stated)
-    problem = problem.with_noise(noise.sigma if estimated else stated, np.ones(len(stated)))
-    problem = problem.with_noise(problem.sigma, *_tempering(problem, noise, predicted, np.zeros(len(stated))))
-    rho, frozen = noise.rho1, zeros[0]
-    for number in each(range(1, NOISE_PASSES + 1), "identifying, passes of fit and noise"):
-        fit = solve(problem, start, max_iterations=settings.max_iterations, tolerance=PASS_TOLERANCE)
-        here = problem
-        # noise, sizes and fit feed back on each other; ever shorter steps end a swing between two states
-        damping = max(1.0 / max(number - UNDAMPED_PASSES + 1, 1), LEAST_SHARE)
-        if problem.offsets and number == 1:
-            # offsets take the more of noise the longer it remembers: from above that would confirm itself, up to ρ = 1
-            plain = estimate_noise(fit.equations.residual, problem.gap, np.zeros(len(rho)), floor)
-            rho = np.minimum(rho, plain.rho1)
-        found = uncertainty(problem, fit, rho, noise.used)
-        noise = estimate_noise(fit.equations.residual, problem.gap, found.lost, floor)
-        rho = rho + damping * (noise.rho1 - rho)
-        if not fit.converged and not fit.decrement < LOST_PASS:
-            return problem, fit, noise, found, number, False
-        sigma = noise.sigma if estimated else stated
-        inflation, shared = _tempering(problem, noise, fit.equations.predicted, found.sensor_dof)
-        change = np.log(sigma**2 * inflation) - np.log(problem.sigma**2 * problem.inflation)
-        largest = float(np.max(np.abs(change))) / 2
-        # what creeps on when the passes are over is known as well as noise ever is
-        settled = largest < (NOISE_SETTLED if number < NOISE_PASSES else NOISE_KNOWN)
-        sigma = problem.sigma * (sigma / problem.sigma) ** damping
-        inflation = problem.inflation * (inflation / problem.inflation) ** damping
-        shared = problem.shared * (shared / problem.shared) ** damping
-        frozen = frozen + damping * (fit.x - frozen)
-        equations = fit.equations
-        if np.any(noise.inflation > here.inflation):
-            # the fit may believe correlated readings more than they deserve (MAX_TEMPERING), sizes must not
-            cautious = here.with_noise(here.sigma, np.maximum(noise.inflation, here.inflation), here.shared)
-            equations = normal_equations(cautious, fit.x, fit.z)
-        # sizes that several machines could have wander from pass to pass: what all passes say of them, on average
-        share = 1.0 / max(number - UNDAMPED_PASSES + 1, 1)
-        problem, x, grown = resized(frozen_at(here, frozen), equations, fit.x, fit.z, accuracy, share)
-        problem, z, offsets_grown = resized_offsets(problem, usual, equations, fit.x, fit.z, share)
-        problem = problem.with_noise(sigma, inflation, shared)
-        start = (x, z)
-        settled = settled and grown < SIZES_SETTLED and offsets_grown < OFFSETS_SETTLED
-        if settled:
-            break
-    fit = solve(problem, start, max_iterations=settings.max_iterations, tolerance=FINAL_TOLERANCE)
-    found = uncertainty(problem, fit, noise.rho1, noise.used)
-    for _ in range(ROUNDS):
-        freed = given_back(problem, fit, found)
-        if freed is None or not fit.converged:
-            break
-        problem = freed
-        fit = solve(problem, (fit.x, fit.z), max_iterations=settings.max_iterations, tolerance=FINAL_TOLERANCE)
-        found = uncertainty(problem, fit, noise.rho1, noise.used)
-    widths = widths_beyond(problem, fit.equations, fit.x, fit.z, accuracy)
-    if np.any(widths > 1.0):
-        wide = replace(problem, prior_sigma=problem.prior_sigma * widths)
-        covariance = uncertainty(wide, replace(fit, x=fit.x / widths), noise.rho1, noise.used).covariance
-        found = replace(found, covariance=covariance * widths * widths[:, None])
-    noise = replace(noise, sigma=problem.sigma, sigma_from="fit" if estimated else "stated")
-    return problem, fit, noise, found, number, settled
-
-
-def _tempering(
-    problem: Problem, noise: NoiseEstimate, predicted: np.ndarray, used: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """κ of each sensor as the fit uses it, (m,), and the part of it for an error of the model that records share."""
-    timely = np.minimum(noise.inflation, MAX_TEMPERING)
-    if not follows_no_clock(problem.gap):
-        return timely, np.ones_like(timely)
-    misfit = lack_of_fit(predicted, problem.measured - predicted, problem.sigma, noise.inflation, used)
-    kappa = np.maximum(timely, misfit)
-    return kappa, kappa / timely
 
 
 def _estimates(problem: Problem, fit: Fit, found: Uncertainty) -> tuple[Estimate, ...]:

@@ -1,8 +1,8 @@
 """The error of the engine's maps in an identification: its amounts beside the parameters, and how large it is.
 
 A fit alternates three things: the parameters and amounts given their priors, the noise that they leave, and the sizes
-of the map errors under which the records are likeliest. Map coordinates are taken at one state of the engine and stay
-in a column of each record while the parameters move (see `error_model.modelled`).
+of the map errors under which the records are likeliest. Map coordinates stand in columns of each record
+(see `error_model.modelled`).
 """
 
 from __future__ import annotations
@@ -60,16 +60,7 @@ def with_map_error(problem: Problem, accuracy: float) -> Problem:
         lower=np.append(problem.lower, np.full(k, -np.inf)),
         upper=np.append(problem.upper, np.full(k, np.inf)),
     )
-    return frozen_at(extended, np.zeros(len(extended.parameters)))
-
-
-def frozen_at(problem: Problem, x: np.ndarray) -> Problem:
-    """The problem with the errors of the maps taken where the engine is at x (p,)."""
-    model = problem.model
-    if not isinstance(model, MapErrorModel):
-        return problem
-    columns = model.frozen(problem.inputs, problem.physical(x), problem.sensors)
-    return replace(problem, inputs={**problem.inputs, **columns})
+    return replace(extended, inputs={**problem.inputs, **model.frozen(problem.inputs, problem.sensors)})
 
 
 def map_error_sizes(problem: Problem, stated: float) -> tuple[MapErrorSize, ...]:

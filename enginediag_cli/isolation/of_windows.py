@@ -164,6 +164,9 @@ def _doubting(monitor: Monitor, window: WindowStatistics) -> Monitor:
     """The monitor with what wrong slopes of the maps add to the change that the window speaks of."""
     if window.statistics is None or window.statistics.slopes is None:
         return monitor
-    variance = dict(zip(window.statistics.parameters, window.statistics.slopes, strict=True))
-    added = np.array([variance.get(name, 0.0) for name in monitor.names])
-    return replace(monitor, uncertainty=monitor.uncertainty + np.diag(added))
+    place = {name: i for i, name in enumerate(monitor.names)}
+    known = [k for k, name in enumerate(window.statistics.parameters) if name in place]
+    at = [place[window.statistics.parameters[k]] for k in known]
+    widened = monitor.uncertainty.copy()
+    widened[np.ix_(at, at)] += window.statistics.slopes[np.ix_(known, known)]
+    return replace(monitor, uncertainty=widened)

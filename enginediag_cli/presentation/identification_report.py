@@ -7,6 +7,7 @@ from collections.abc import Iterable, Iterator, Sequence
 import numpy as np
 
 from enginediag_cli.error_model.modelled import FAMILY
+from enginediag_cli.identification.attempts import GivenUp
 from enginediag_cli.identification.bounds import AtBound
 from enginediag_cli.identification.identify import OUTSIDE_MAPS, IdentificationResult
 from enginediag_cli.identification.nominal import Estimate
@@ -14,6 +15,15 @@ from enginediag_cli.identification.quality import EVERYTHING, SensorQuality
 from enginediag_cli.identification.repeats import Repeat
 from enginediag_cli.presentation.numbers import rounded
 
+GIVEN_UP = {
+    GivenUp.SHAPES_AT_FEW_POINTS: "map shapes were not estimated and are as the engine file states them: at so few "
+    "operating points errors of the maps can do whatever shapes would",
+    GivenUp.SHAPES: "map shapes were not estimated and are as the engine file states them: with them the fit did not "
+    "converge",
+    GivenUp.SIZES: "how wrong the maps are was not estimated, because the fit did not converge with it: they may be as "
+    "wrong as stated, and the standard errors hold that",
+}
+"""What is said of what an identification gave up."""
 NOTEWORTHY = 1.1
 """Size of a map error, as a multiple of what is stated, from which it is told."""
 SHOWN_COMBINATIONS = 12
@@ -29,6 +39,7 @@ def report_lines(result: IdentificationResult) -> Iterator[str]:
         yield f"did not converge: {result.reason}"
     else:
         yield f"converged after {result.noise_passes} passes over noise and fit; {result.reason}"
+    yield from (GIVEN_UP[what] for what in result.given_up)
     yield ""
     yield from fit_table(result)
     yield from noise_lines(result)

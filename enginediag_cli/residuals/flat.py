@@ -1,8 +1,8 @@
 """Local statistics as flat rows, one value per column, and back; such a file needs nothing else to be read.
 
 Columns: those of the window, `n`, `chi2`, `dof`, `noise_A1`, `noise_A2`, `noise_Q`, `parameters` (what each parameter
-is, a JSON list of `Parameter.as_mapping`), then `theta0:a`, `prior_sigma:a`, `s:a`, `slopes:a` per parameter a, and
-the upper triangles `F:a|b` and `V:a|b`.
+is, a JSON list of `Parameter.as_mapping`), then `theta0:a`, `prior_sigma:a`, `s:a` per parameter a, and the
+upper triangles `F:a|b`, `V:a|b` and `slopes:a|b`.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ DOUBT = ("noise_A1", "noise_A2", "noise_Q")
 """How uncertain estimated noise makes the metric and how far it is from Gaussian, see `Score`; a file without these
 columns has known, Gaussian noise."""
 SLOPES = "slopes"
-"""Variance that wrong slopes of the maps add to a change of a parameter; a file without these columns has none."""
+"""Covariance that wrong slopes of the maps add to a change of the parameters; a file without these columns has none."""
 MEANING = "parameters"
 """What each parameter is: its component, quantity, words, unit and wear are not to be guessed from its name."""
 WINDOW_COLUMNS = (
@@ -78,8 +78,8 @@ def flat_columns(parameters: Sequence[str]) -> tuple[str, ...]:
         "dof",
         *DOUBT,
         MEANING,
-        *(f"{what}:{a}" for what in ("theta0", "prior_sigma", "s", SLOPES) for a in parameters),
-        *(f"{what}:{a}|{b}" for what in ("F", "V") for a, b in pairs),
+        *(f"{what}:{a}" for what in ("theta0", "prior_sigma", "s") for a in parameters),
+        *(f"{what}:{a}|{b}" for what in ("F", "V", SLOPES) for a, b in pairs),
     )
 
 
@@ -98,12 +98,12 @@ def flat_row(window: WindowStatistics) -> dict[str, Any]:
                 f"theta0:{a}": x.theta0[i],
                 f"prior_sigma:{a}": x.prior_sigma[i],
                 f"s:{a}": x.s[i],
-                f"{SLOPES}:{a}": 0.0 if x.slopes is None else x.slopes[i],
             }
         )
         for k in range(i, len(x.parameters)):
             b = x.parameters[k]
             row.update({f"F:{a}|{b}": x.F[i, k], f"V:{a}|{b}": x.V[i, k]})
+            row[f"{SLOPES}:{a}|{b}"] = 0.0 if x.slopes is None else x.slopes[i, k]
     return row
 
 
@@ -132,10 +132,10 @@ def read_flat(
                 raise DataError(f"{source}:{line}:prior_sigma:{a}: must be positive")
             if not names:
                 raise DataError(f"{source}:{line}: statistics of no parameter")
-            slopes = np.array([cell.number(f"{SLOPES}:{a}") if f"{SLOPES}:{a}" in row else 0.0 for a in names])
-            if np.any(slopes < 0):
-                a = names[int(np.argmax(slopes < 0))]
-                raise DataError(f"{source}:{line}:{SLOPES}:{a}: must not be negative")
+            slopes = cell.matrix(SLOPES, names) if f"{SLOPES}:{names[0]}|{names[0]}" in row else np.zeros_like(F)
+            if np.any(np.diag(slopes) < 0):
+                a = names[int(np.argmax(np.diag(slopes) < 0))]
+                raise DataError(f"{source}:{line}:{SLOPES}:{a}|{a}: must not be negative")
             meaning = cell.meaning(names)
             statistics = LocalStatistics(
                 parameters=names,

@@ -14,6 +14,7 @@ from operator import add
 
 import numpy as np
 
+from enginediag_cli.error_model.slopes import COMMON
 from enginediag_cli.progress import each
 from enginediag_cli.recordings.table import Recording
 from enginediag_cli.residuals.admission import Elsewhere, JudgedChunk
@@ -22,6 +23,7 @@ from enginediag_cli.residuals.cut import cut
 from enginediag_cli.residuals.groups import Key, runs
 from enginediag_cli.residuals.local import block_statistics, local_statistics
 from enginediag_cli.residuals.monitor import HELD, Monitor
+from enginediag_cli.residuals.operating_points import covariance_of_change, sums_by_point
 from enginediag_cli.residuals.reduced import ReducedMonitor
 from enginediag_cli.residuals.relinearise import Stop, relinearise
 from enginediag_cli.residuals.score import marginalise
@@ -102,10 +104,15 @@ def condensed(monitor: Monitor, statistics: LocalStatistics, uncertainty: np.nda
     instrument being wrong."""
     found = marginalise(statistics, monitor.monitored, uncertainty)
     if monitor.slopes is None:
-        return found
+        return replace(found, points=None)
     engine = np.array([not monitor.meaning[name].of_instrument for name in monitor.monitored])
     spread = np.where(engine, HELD * found.prior_sigma, 0.0)
-    return replace(found, slopes=monitor.slopes.likely_variance(found.s, found.F, spread))
+    variance = monitor.slopes.likely_variance(found.s, found.F, spread)
+    slopes = np.diag(variance)
+    if statistics.points is not None:
+        by_point = covariance_of_change(statistics, found, uncertainty, variance[monitor.slopes.position])
+        slopes = COMMON * slopes + (1 - COMMON) * by_point
+    return replace(found, slopes=slopes, points=None)
 
 
 def window_statistics(
@@ -300,6 +307,11 @@ def _at_estimate(monitor: Monitor, batch: Sequence[Sequence[_Piece]], condense: 
         failed = int(np.sum(~found.ok[rows]))
         whole = replace(_whole(pieces), failed=failed)
         statistics = local_statistics(found.e[rows], found.J[rows], monitor.noise, monitor.frame, lags=lags[rows])
+        if monitor.slopes is not None:
+            of_points = sums_by_point(
+                nominal[0][rows], found.e[rows], found.J[rows], monitor.noise, monitor.slopes.position
+            )
+            statistics = replace(statistics, points=of_points)
         w = int(window[rows.start])
         reason = (
             ""

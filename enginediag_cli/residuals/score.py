@@ -48,16 +48,16 @@ class Score:
         d = self.prior_sigma
         return d * self.b, d[:, None] * self.information * d
 
-    def with_slopes(self, variance: np.ndarray | None) -> Score:
-        """The score for a question about changes, when wrong slopes of the maps add `variance` (p,) to each of them:
+    def with_slopes(self, covariance: np.ndarray | None) -> Score:
+        """The score for a question about changes, when wrong slopes of the maps add `covariance` C (p, p) to them:
 
-        b' = (1 + I C)⁻¹ b,     I' = (1 + I C)⁻¹ I,     C = diag(variance)
+        b' = (1 + I C)⁻¹ b,     I' = (1 + I C)⁻¹ I
         """
-        if variance is None or not np.any(variance):
+        if covariance is None or not np.any(covariance):
             return self
         b, information = self.scaled()
         D = self.prior_sigma
-        inner = np.eye(len(D)) + information * (variance / D**2)
+        inner = np.eye(len(D)) + information @ (covariance / D / D[:, None])
         moved = np.linalg.solve(inner, np.column_stack([b, information]))
         information = (moved[:, 1:] + moved[:, 1:].T) / 2
         space = range_space(information, np.ones(len(D)))

@@ -30,8 +30,9 @@ class LocalStatistics:
     of it changes V (mostly a sensor's part of V times the error of the logarithm of its variance). `rows` (k, p),
     where noise is not Gaussian: s = Σ rows_i ε_i with independent ε_i of variance 1 and excess kurtosis `kurtosis`
     (k,). `doubt`: what `fisher_score` made of these. `meaning`: what each parameter is, by name.
-    `slopes` (p,): variance that wrong slopes of the maps add to a change of each parameter, should it have changed: no
-    matter of the test whether anything has.
+    `slopes` (p, p): covariance that wrong slopes of the maps add to a change of the parameters, should they have
+    changed: no matter of the test whether anything has. `points` (k, p, p), as long as it is not known how large they
+    are: what they leave where they differ from operating point to operating point (`operating_points.py`).
     """
 
     parameters: tuple[str, ...]
@@ -51,6 +52,7 @@ class LocalStatistics:
     doubt: tuple[float, float, float] = (0.0, 0.0, 0.0)
     meaning: Mapping[str, Parameter] = field(default_factory=dict)
     slopes: np.ndarray | None = None
+    points: np.ndarray | None = None
 
     def __post_init__(self) -> None:
         p = len(self.parameters)
@@ -86,7 +88,8 @@ class LocalStatistics:
             rows=rows,
             kurtosis=kurtosis,
             doubt=_doubt_of_both(self.doubt, other.doubt),
-            slopes=_slopes_of_both(self.slopes, other.slopes),
+            slopes=_slopes_of_both(self, other),
+            points=None if self.points is None or other.points is None else self.points + other.points,
         )
 
     def unexcited(self, least_information: float = 1.0) -> tuple[DarkCombination, ...]:
@@ -109,7 +112,8 @@ class LocalStatistics:
             V=self.V[square],
             by_sensor=None if self.by_sensor is None else self.by_sensor[:, kept[:, None], kept],
             rows=None if self.rows is None else self.rows[:, kept],
-            slopes=None if self.slopes is None else self.slopes[kept],
+            slopes=None if self.slopes is None else self.slopes[square],
+            points=None if self.points is None else self.points[:, kept[:, None], kept],
         )
 
     def indices(self, names: Sequence[str]) -> np.ndarray:
@@ -130,11 +134,12 @@ def _rows_of_both(a: LocalStatistics, b: LocalStatistics) -> tuple[np.ndarray | 
     return np.concatenate([a.rows, b.rows]), np.concatenate([a.kurtosis, b.kurtosis])
 
 
-def _slopes_of_both(a: np.ndarray | None, b: np.ndarray | None) -> np.ndarray | None:
-    """The maps and the change are the same in both stretches, and their errors do not average out."""
-    if a is None or b is None:
-        return b if a is None else a
-    return np.maximum(a, b)
+def _slopes_of_both(a: LocalStatistics, b: LocalStatistics) -> np.ndarray | None:
+    """The maps and the change are the same in both stretches, and their errors do not average out: the larger ones."""
+    if a.slopes is None or b.slopes is None:
+        return b.slopes if a.slopes is None else a.slopes
+    larger = np.sum(np.diag(a.slopes) / a.prior_sigma**2) >= np.sum(np.diag(b.slopes) / a.prior_sigma**2)
+    return a.slopes if larger else b.slopes
 
 
 def _doubt_of_both(a: tuple[float, float, float], b: tuple[float, float, float]) -> tuple[float, float, float]:

@@ -93,18 +93,23 @@ class Compressor(Component):
         self.speed_scale = self.flow_scale = self.ratio_scale = self.efficiency_scale = 1.0
         self.work_scale = self.design_loss = 1.0
 
+    @property
+    def map_shapes(self) -> tuple[str, ...]:
+        """Quantities that say of which shape the map is; none of a table."""
+        return () if self.table is not None else tuple(f"map.{f.name}" for f in compressor_map.FIELDS)
+
     def parameters(self) -> tuple[Parameter, ...]:
         found = [
             self.health("efficiency", "isentropic efficiency", words="isentropic efficiency", wear=-1),
             self.health("flow_capacity", "corrected flow"),
         ]
         if self.table is None:
-            for f in compressor_map.FIELDS:
+            for f, shape in zip(compressor_map.FIELDS, self.map_shapes, strict=True):
                 nominal = self.values["map"][f.name]
                 sigma = max(0.25 * abs(nominal), 0.2)
                 found.append(
                     self.design(
-                        f"map.{f.name}",
+                        shape,
                         Design(nominal, sigma, float(f.minimum or 0.0), float(f.maximum or 0.0)),
                         "1",
                         f.help,

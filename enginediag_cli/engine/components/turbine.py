@@ -90,17 +90,22 @@ class Turbine(Component):
         self.design_blade_speed = 1.0
         self.speed_scale = self.flow_scale = self.ratio_scale = self.efficiency_scale = 1.0
 
+    @property
+    def map_shapes(self) -> tuple[str, ...]:
+        """Quantities that say of which shape the map is; none of a table."""
+        return () if self.table is not None else tuple(f"map.{f.name}" for f in turbine_map.FIELDS)
+
     def parameters(self) -> tuple[Parameter, ...]:
         found = [
             self.health("efficiency", "isentropic efficiency", words="isentropic efficiency", wear=-1),
             self.health("flow_capacity", "flow capacity W√T/P"),
         ]
         if self.table is None:
-            for f in turbine_map.FIELDS:
+            for f, shape in zip(turbine_map.FIELDS, self.map_shapes, strict=True):
                 nominal = self.values["map"][f.name]
                 found.append(
                     self.design(
-                        f"map.{f.name}",
+                        shape,
                         Design(
                             nominal, max(0.25 * abs(nominal), 0.1), float(f.minimum or 0.0), float(f.maximum or 0.0)
                         ),

@@ -1,0 +1,111 @@
+"""What an identification gives up before it ends without an answer."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from enginediag_cli.identification import attempts
+from enginediag_cli.identification.attempts import GivenUp, best_attempt, considered, operating_points, without_shapes
+from enginediag_cli.identification.normal_equations import blocks
+from enginediag_cli.identification.passes import fit_and_noise
+from enginediag_cli.identification.problem import TrainingRecording, build_problem
+from enginediag_cli.identification.settings import IdentificationSettings
+from enginediag_cli.physics.engine_file import load_engine
+
+CONFIGS = Path(__file__).parents[2] / "configs"
+SETTINGS = IdentificationSettings(parameters=("hpc.efficiency", "hpc.flow_capacity", "hpc.map.*"))
+
+
+@pytest.fixture(scope="module")
+def engine():
+    return load_engine(CONFIGS / "turbofan.yaml")
+
+
+def problem_of(engine, points, n=8, seed=0):
+    """n records of the engine at each of so many power settings."""
+    rng = np.random.default_rng(seed)
+    envelope = engine.envelope
+    columns = {c: np.full(points * n, (envelope[c][0] + envelope[c][1]) / 2) for c in engine.inputs}
+    low, high = envelope[engine.power_setting]
+    columns[engine.power_setting] = np.repeat(np.linspace(low + 0.4 * (high - low), high, points), n)
+    p = engine.predict(columns, {"hpc.efficiency": 0.99})
+    sigma = np.array([s.noise_sigma for s in engine.sensors.values()])
+    y = p.y + sigma * rng.standard_normal(p.y.shape)
+    recording = TrainingRecording("a", {**columns, **dict(zip(engine.sensors, y.T, strict=True))})
+    return build_problem(engine, [recording], SETTINGS)
+
+
+def test_operating_points_are_counted_as_the_readings_tell_them_apart(engine):
+    assert operating_points(problem_of(engine, 1)) == 1
+    assert operating_points(problem_of(engine, 3)) == 3
+
+
+def test_shapes_are_left_as_the_engine_file_states_them_but_not_those_with_a_mean_of_their_own(engine):
+    problem = problem_of(engine, 3)
+    assert without_shapes(problem).names == ("hpc.efficiency", "hpc.flow_capacity")
+    mean = problem.prior_mean.copy()
+    own = problem.names.index("hpc.map.work_slope")
+    mean[own] *= 1.1
+    assert without_shapes(replace(problem, prior_mean=mean)).names == (
+        "hpc.efficiency",
+        "hpc.flow_capacity",
+        "hpc.map.work_slope",
+    )
+
+
+@pytest.mark.parametrize(
+    ("accuracy", "fails", "given_up", "shapes"),
+    [
+        (0.003, 0, (), True),
+        (0.003, 1, (GivenUp.SHAPES,), False),
+        (0.01, 0, (GivenUp.SHAPES_AT_FEW_POINTS,), False),
+        (0.003, 2, (GivenUp.SIZES,), True),
+        (0.01, 1, (GivenUp.SIZES,), True),
+    ],
+)
+def test_shapes_go_first_and_then_the_sizes(engine, monkeypatch, accuracy, fails, given_up, shapes):
+    tried = []
+
+    def fit(problem, settings, stated):
+        tried.append(problem)
+        found = fit_and_noise(problem, settings, stated)
+        return replace(found, settled=len(tried) > fails)
+
+    monkeypatch.setattr(attempts, "fit_and_noise", fit)
+    found = best_attempt(problem_of(engine, 3), SETTINGS, accuracy)
+    assert found.passes.converged and found.given_up == given_up and len(tried) == fails + 1
+    assert ("hpc.map.work_slope" in found.passes.problem.names) == shapes
+    assert any(name.startswith("map_error.") for name in found.passes.problem.names)
+
+
+def test_where_nothing_converges_the_first_attempt_is_told(engine, monkeypatch):
+    monkeypatch.setattr(attempts, "fit_and_noise", lambda *arguments: replace(fit_and_noise(*arguments), settled=False))
+    found = best_attempt(problem_of(engine, 3), SETTINGS, 0.003)
+    assert not found.passes.converged and not found.given_up
+
+
+def test_amounts_that_are_not_sought_keep_their_uncertainty_and_pass_it_on(engine):
+    problem = problem_of(engine, 3)
+    plain = fit_and_noise(problem, SETTINGS, 0.0)
+    found = considered(plain, 0.003)
+    p = len(problem.parameters)
+    covariance = found.found.covariance
+    np.testing.assert_array_equal(found.fit.x[p:], 0.0)
+    np.testing.assert_allclose(covariance[p:, p:], np.eye(len(covariance) - p))
+    assert np.all(np.diag(covariance)[:p] >= np.diag(plain.found.covariance))
+    assert np.min(np.linalg.eigvalsh(covariance)) > 0
+    # a reading at the points of the fit is known better than amounts and parameters by themselves would let it be
+    block = next(sensitivities(found))
+    joint = np.einsum("kmp,pq,kmq->km", block, covariance, block)
+    apart = np.diag(np.diag(covariance))
+    assert joint.sum() < np.einsum("kmp,pq,kmq->km", block, apart, block).sum()
+
+
+def sensitivities(passes):
+    """Sensitivities (n, m, p) of a fit in units of the noise."""
+    for block in blocks(passes.problem, passes.fit.x, passes.fit.z):
+        yield block.jacobian / passes.problem.sigma[:, None]
