@@ -34,7 +34,10 @@ from enginediag_cli.identification.problem import Problem
 
 @dataclass(frozen=True)
 class Uncertainty:
-    """Covariances in prior standard deviations; 1 means: known no better than before."""
+    """Covariances in prior standard deviations of the fit; 1 means: known no better than before.
+
+    `widths`: by which a prior is wider than the fit's where nothing corrects what is believed, None for 1.
+    """
 
     covariance: np.ndarray  # (p, p) posterior
     information: np.ndarray  # (p, p) what the data alone say, the inverse of their covariance where it exists
@@ -42,6 +45,7 @@ class Uncertainty:
     data_standard_error: np.ndarray  # (p,) without priors on θ; inf where the data cannot tell
     sensor_dof: np.ndarray  # (m,) readings of each sensor that the fit has used up
     lost: np.ndarray  # (2, m) variances by which Σ e² and Σ e_k e_k−1 of each sensor are too small
+    widths: np.ndarray | None = None  # (p,)
 
 
 @dataclass(frozen=True)

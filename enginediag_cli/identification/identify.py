@@ -228,6 +228,7 @@ def with_regimes(engine: Model, recordings: Sequence[TrainingRecording]) -> list
 def _estimates(problem: Problem, fit: Fit, found: Uncertainty) -> tuple[Estimate, ...]:
     values = problem.physical(fit.x)
     errors = np.sqrt(np.diag(found.covariance)) * problem.prior_sigma
+    prior_sigma = problem.prior_sigma * (1.0 if found.widths is None else found.widths)
     return tuple(
         Estimate(
             q.name,
@@ -236,7 +237,7 @@ def _estimates(problem: Problem, fit: Fit, found: Uncertainty) -> tuple[Estimate
             values[q.name],
             float(errors[i]),
             float(problem.prior_mean[i]),
-            float(problem.prior_sigma[i]),
+            float(prior_sigma[i]),
             float(found.from_data[i]),
             status_of(float(found.from_data[i]), bool(fit.at_bound[i])),
         )

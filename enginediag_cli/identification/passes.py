@@ -142,8 +142,9 @@ def fit_and_noise(problem: Problem, settings: IdentificationSettings, accuracy: 
     widths = widths_beyond(problem, fit.equations, fit.x, fit.z, accuracy)
     if np.any(widths > 1.0):
         wide = replace(problem, prior_sigma=problem.prior_sigma * widths)
-        covariance = uncertainty(wide, replace(fit, x=fit.x / widths), noise.rho1, noise.used).covariance
-        found = replace(found, covariance=covariance * widths * widths[:, None])
+        other = uncertainty(wide, replace(fit, x=fit.x / widths), noise.rho1, noise.used)
+        covariance = other.covariance * widths * widths[:, None]
+        found = replace(found, covariance=covariance, from_data=other.from_data, widths=widths)
     noise = replace(noise, sigma=problem.sigma, sigma_from="fit" if estimated else "stated")
     return Passes(problem, fit, noise, found, number, settled)
 

@@ -34,8 +34,9 @@ from enginediag_cli.residuals.reduced import (
 DEGREE = 6
 """Of the polynomial of operating points in corrected coordinates; whether it suffices is tried on points held back
 (TOLERANCE)."""
-TOLERANCE = 2e-4
-"""Information per record that the fit may leave out; beyond it the engine is asked."""
+TOLERANCE = 5e-4
+"""Information per record that the fit may leave out, half a unit of χ² in a thousand records; beyond it the engine is
+asked."""
 LEAST_POINTS = 300
 """Fewer computed points would not hold a fit and its trial."""
 POINTS = 1500
@@ -64,13 +65,28 @@ class Fit:
 
 
 @dataclass(frozen=True)
+class MapsFit:
+    """Errors of maps of each record: `fit` gives the K frozen columns `names` that fix them, of which come the effects
+    of the amounts; root (k, r): a step of one in each unit normal, in amounts."""
+
+    names: tuple[str, ...]
+    fit: Fit
+    root: np.ndarray
+
+    def frozen(self, coordinates: np.ndarray) -> dict[str, np.ndarray]:
+        """Frozen columns (N,) by name at operating points (N, d)."""
+        return dict(zip(self.names, self.fit.at(coordinates)[:, 0].T, strict=True))
+
+
+@dataclass(frozen=True)
 class CompactMonitor(ReducedMonitor):
-    """`fit` gives the effect of its unit normals but for the errors of maps, which come of a step of `amounts_root`
-    (k, r) in each amount; `start` gives the engine's unknowns at nominal, to begin with."""
+    """`fit` gives the effect of its unit normals but for the errors of maps, which come of a step of `maps.root` in
+    each amount; `start` gives the engine's unknowns at nominal, to begin with. Where training has not been the engine
+    is asked: a polynomial says nothing there."""
 
     fit: Fit | None = field(default=None)
     start: StartFit | None = field(default=None)
-    amounts_root: np.ndarray | None = field(default=None)
+    maps: MapsFit | None = field(default=None)
 
     def predict(
         self, inputs: Mapping[str, np.ndarray], theta: np.ndarray, *, nuisance: bool = True, **options: Any
@@ -81,15 +97,26 @@ class CompactMonitor(ReducedMonitor):
         at = _coordinates(self.engine, self.fit.inputs, inputs)
         if self.start is not None and "start" not in options:
             options["start"] = self.start.predict(at.T)
+        beyond = np.asarray(self.envelope.outside(inputs))
+        if self.maps is not None and isinstance(self.engine, MapErrorModel) and self.maps.names[0] not in inputs:
+            frozen = self.maps.frozen(at)
+            if beyond.any():
+                exact = self.engine.frozen({c: np.asarray(v)[beyond] for c, v in inputs.items()}, self.sensors)
+                for name, values in exact.items():
+                    frozen[name][beyond] = values
+            inputs = {**inputs, **frozen}
         plain = replace(self, names=(*self.monitored, *self.names[q:]))
         y, J, ok, prediction = Monitor.predict(
             plain, inputs, np.delete(theta, np.s_[a:q], axis=-1), nuisance=nuisance, **options
         )
         if nuisance:
             effect = self.fit.at(at)
-            if isinstance(self.engine, MapErrorModel) and self.amounts_root is not None:
-                frozen = {**getattr(prediction, "frozen", {}), **inputs}
-                effect = effect + self.engine.effects(frozen, self.sensors) @ self.amounts_root
+            if self.maps is not None and isinstance(self.engine, MapErrorModel):
+                effect += self.engine.effects(inputs, self.sensors) @ self.maps.root
+            if beyond.any():
+                here = {c: np.asarray(v)[beyond] for c, v in inputs.items()}
+                there = theta if theta.ndim == 1 else theta[beyond]
+                effect[beyond] = ReducedMonitor.predict(self, here, there)[1][:, :, a:q]
             J = np.concatenate([J[:, :, :a], effect, J[:, :, a:]], axis=2)
         return y, J, ok, prediction
 
@@ -111,13 +138,13 @@ def compact(monitor: Monitor, exact: Monitor | None = None) -> Monitor:
     _, J, ok, found = monitor.predict(inputs, monitor.theta0)
     start = _fitted_start(monitor.engine, names, inputs, getattr(found, "x", None), ok)
     own = len(monitor.envelope.points)
-    frozen = {c: v[:own] for c, v in getattr(found, "frozen", {}).items()}
+    columns: dict[str, np.ndarray] = dict(getattr(found, "frozen", {}))
     J, points = J[ok], points[ok]
     if len(points) < LEAST_POINTS:
         return monitor
     seen = np.arange(len(points)) < np.sum(ok[:own])
     root, weight = covariance_root(monitor), noise_weight(monitor)
-    beyond = effects_beyond(monitor, frozen, ok[:own], root)
+    beyond = effects_beyond(monitor, {c: v[:own] for c, v in columns.items()}, ok[:own], root)
     root = root @ leading_directions([(J @ root)[seen], *beyond], weight)
     # errors of maps bend more than polynomials of this degree: theirs is computed of each record
     amounts = amount_rows(monitor)
@@ -135,16 +162,22 @@ def compact(monitor: Monitor, exact: Monitor | None = None) -> Monitor:
     X = _terms((points - centre) / spread, powers)
     target = (effect * weight[:, None]).reshape(len(points), -1)
     held = seen & (np.arange(len(points)) % 3 == 0)
-    trial = np.linalg.lstsq(X[~held], target[~held], rcond=1e-10)[0]
-    error = float(np.mean(np.sum((X[held] @ trial - target[held]) ** 2, axis=1)))
-    if not error < TOLERANCE:
+    taken = np.column_stack([v[ok][usual] for v in columns.values()]) if beyond else np.empty((len(X), 0))
+    both = np.hstack([target, taken])
+    k = target.shape[1]
+    trial = X[held] @ np.linalg.lstsq(X[~held], both[~held], rcond=1e-10)[0]
+    error = (trial - both[held])[:, :k].reshape(held.sum(), -1, r)
+    if beyond and isinstance(monitor.engine, MapErrorModel):
+        fitted, true = (dict(zip(columns, v[:, k:].T, strict=True)) for v in (trial, both[held]))
+        missed = monitor.engine.effects(fitted, monitor.sensors) - monitor.engine.effects(true, monitor.sensors)
+        error = error + missed @ root[amounts] * weight[:, None]
+    if not np.mean(np.sum(error**2, axis=(1, 2))) < TOLERANCE:
         return monitor
-    coefficients = np.linalg.lstsq(X, target, rcond=1e-10)[0].reshape(len(powers), -1, r) / weight[:, None]
-    fit = Fit(names, centre, spread, powers, coefficients)
-    normals = in_normals(monitor, r)
-    return CompactMonitor(
-        **normals, curvature=exact.curvature, fit=fit, start=start, amounts_root=root[amounts] if beyond else None
-    )
+    whole = np.linalg.lstsq(X, both, rcond=1e-10)[0]
+    fit = Fit(names, centre, spread, powers, whole[:, :k].reshape(len(powers), -1, r) / weight[:, None])
+    maps = MapsFit(tuple(columns), replace(fit, coefficients=whole[:, None, k:]), root[amounts]) if beyond else None
+    normals = {**in_normals(monitor, r), "curvature": exact.curvature, "whole": monitor, "root": root}
+    return CompactMonitor(**normals, fit=fit, start=start, maps=maps)
 
 
 def _fitted_start(
