@@ -24,9 +24,9 @@ SETTLED = 0.1
 better."""
 
 EXCITED = 0.1
-"""Root mean square of a curve over the training records, of 1 where they span its range, from which its amount has a say
-in how large errors are. Where next to nothing varies a large amount does next to nothing, and takes up whatever happens
-to follow it: judgement."""
+"""Root mean square of a curve over the training records, of 1 where they span its range, from which its amount has a
+say in how large errors are. Where next to nothing varies a large amount does next to nothing, and takes up whatever
+happens to follow it: judgement."""
 
 
 @dataclass(frozen=True)
