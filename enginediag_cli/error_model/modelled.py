@@ -140,6 +140,14 @@ class MapErrorModel:
             np.multiply(effect[:, :, None], curves[g.machine.name][:, None, :], out=found[:, :, i])
         return found.reshape(n, len(sensors), len(self._groups) * CURVES)
 
+    def excitation(self, frozen: Mapping[str, np.ndarray]) -> dict[str, float]:
+        """Root mean square over the records of the curve of each amount, from frozen columns (N,)."""
+        found: dict[str, float] = {}
+        for g in self._groups:
+            at = np.column_stack([frozen[c] for c in g.machine.coordinate_columns])
+            found.update(zip(g.names, np.sqrt(np.mean(g.curves.at(at) ** 2, axis=0)).tolist(), strict=True))
+        return found
+
     def frozen(self, inputs: Mapping[str, Any], sensors: Sequence[str]) -> dict[str, np.ndarray]:
         """Frozen columns (N,) by name of all map errors at these records, 0 where there is no prediction."""
         taken = {name for g in self._groups for name in _frozen_columns(g, sensors)}

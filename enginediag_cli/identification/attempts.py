@@ -3,8 +3,8 @@
 Shapes of maps and amounts of map error describe the same thing: how a map runs between the operating points that were
 flown. At no more points than an error has curves the amounts can do whatever shapes would, and where the maps are
 generic the shapes are then left as the engine file states them. Else both are sought, and where that does not converge
-the shapes go first, then the amounts. Amounts that are not sought stay at 0 with the uncertainty that they have, and
-the parameters get the uncertainty that comes of it (`considered`).
+or drives a shape to a bound the shapes go first, then the amounts. Amounts that are not sought stay at 0 with the
+uncertainty that they have, and the parameters get the uncertainty that comes of it (`considered`).
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ import numpy as np
 from enginediag_cli.error_model.curves import FREEDOMS
 from enginediag_cli.error_model.machines import machines_of
 from enginediag_cli.error_model.slopes import GENERIC
+from enginediag_cli.identification.bounds import at_bounds
 from enginediag_cli.identification.covariance import Uncertainty, uncertainty
 from enginediag_cli.identification.map_error import with_map_error
 from enginediag_cli.identification.normal_equations import normal_equations, predict
@@ -32,6 +33,7 @@ class GivenUp(Enum):
 
     SHAPES_AT_FEW_POINTS = "shapes of maps, at so few operating points"
     SHAPES = "shapes of maps, because the fit did not converge with them"
+    SHAPES_AT_BOUND = "shapes of maps, because the fit drove one of them to a bound"
     SIZES = "errors of maps, because the fit did not converge with them"
 
 
@@ -42,16 +44,22 @@ class Attempt:
     passes: Passes
     given_up: tuple[GivenUp, ...] = ()
 
+    @property
+    def bent(self) -> bool:
+        """Whether the shape of a map is at a bound, where no machine is."""
+        problem = self.passes.problem
+        return any(b.name in shapes_of(problem) for b in at_bounds(problem, self.passes.fit))
+
 
 def best_attempt(problem: Problem, settings: IdentificationSettings, accuracy: float) -> Attempt:
-    """The first attempt that converges, else the first of all. accuracy: of the maps as stated, a share."""
-    first: Attempt | None = None
+    """The first attempt that converges with no shape at a bound, else the first that converges, else the first of all.
+    accuracy: of the maps as stated, a share."""
+    tried: list[Attempt] = []
     for attempt in _attempts(problem, settings, accuracy):
-        if attempt.passes.converged:
+        if attempt.passes.converged and not attempt.bent:
             return attempt
-        first = first or attempt
-    assert first is not None
-    return first
+        tried.append(attempt)
+    return next((attempt for attempt in tried if attempt.passes.converged), tried[0])
 
 
 def _attempts(problem: Problem, settings: IdentificationSettings, accuracy: float) -> Iterator[Attempt]:
@@ -66,9 +74,11 @@ def _attempts(problem: Problem, settings: IdentificationSettings, accuracy: floa
             fit_and_noise(with_map_error(plain, accuracy), settings, accuracy), (GivenUp.SHAPES_AT_FEW_POINTS,)
         )
     else:
-        yield Attempt(fit_and_noise(whole, settings, accuracy))
+        attempt = Attempt(fit_and_noise(whole, settings, accuracy))
+        yield attempt
         if shaped:
-            yield Attempt(fit_and_noise(with_map_error(plain, accuracy), settings, accuracy), (GivenUp.SHAPES,))
+            why = GivenUp.SHAPES_AT_BOUND if attempt.passes.converged else GivenUp.SHAPES
+            yield Attempt(fit_and_noise(with_map_error(plain, accuracy), settings, accuracy), (why,))
     trusted = fit_and_noise(problem, settings, 0.0)
     if trusted.converged:
         yield Attempt(considered(trusted, accuracy), (GivenUp.SIZES,))
@@ -82,9 +92,14 @@ def operating_points(problem: Problem) -> int:
     return len(np.unique(cells_of(predicted[there]))) if there.any() else 0
 
 
+def shapes_of(problem: Problem) -> set[str]:
+    """Names of the parameters that say of which shape a map of the engine is."""
+    return {name for m in machines_of(problem.model) for name in m.shapes}
+
+
 def without_shapes(problem: Problem) -> Problem:
     """The problem with map shapes as the engine file states them; those with a mean of their own remain."""
-    shapes = {name for m in machines_of(problem.model) for name in m.shapes}
+    shapes = shapes_of(problem)
     own = np.array([p.nominal for p in problem.parameters]) != problem.prior_mean
     kept = np.array([p.name not in shapes for p in problem.parameters]) | own
     if kept.all() or not kept.any():

@@ -23,6 +23,11 @@ SETTLED = 0.1
 """Largest relative change of a size from one pass to the next that ends the passes: the answer hardly knows it
 better."""
 
+EXCITED = 0.1
+"""Root mean square of a curve over the training records, of 1 where they span its range, from which its amount has a
+say in how large errors are. Where next to nothing varies a large amount does next to nothing, and takes up whatever
+happens to follow it: judgement."""
+
 
 @dataclass(frozen=True)
 class MapErrorSize:
@@ -80,7 +85,7 @@ def resized(
         return problem, x, 0.0
     groups = problem.model.groups
     group, present = _grouped(problem, groups)
-    information, pull = _of_data(equations, x, z)
+    information, pull = _telling(problem, *_of_data(equations, x, z))
     factors = likeliest_factors(information, pull, group, present, np.full(len(groups), stated))
     factors = factors**damping
     scale = np.where(group >= 0, factors[group], 1.0)
@@ -101,7 +106,7 @@ def widths_beyond(
         return widths
     groups = problem.model.groups
     group, present = _grouped(problem, groups)
-    information, pull = _of_data(equations, x, z)
+    information, pull = _telling(problem, *_of_data(equations, x, z))
     factors = expected_factors(information, pull, group, present, np.full(len(groups), stated))
     beyond = {names[j] for names in groups.values() for j in BEYOND}
     edge = np.array([n in beyond for n in problem.names])
@@ -126,3 +131,11 @@ def _of_data(n: NormalEquations, x: np.ndarray, z: np.ndarray) -> tuple[np.ndarr
     arrow = eliminate(n.H_xx, n.H_xz, n.H_zz, n.g_x, n.g_z, x, z)
     information = arrow.S - np.eye(len(x))
     return information, information @ x - (arrow.g - x)
+
+
+def _telling(problem: Problem, information: np.ndarray, pull: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Information (p, p) and pull (p,) without what is said by amounts whose curves training hardly excites."""
+    assert isinstance(problem.model, MapErrorModel)
+    hardly = {n for n, excited in problem.model.excitation(problem.inputs).items() if excited < EXCITED}
+    told = np.array([n not in hardly for n in problem.names])
+    return information * np.outer(told, told), pull * told

@@ -20,6 +20,8 @@ GIVEN_UP = {
     "operating points errors of the maps can do whatever shapes would",
     GivenUp.SHAPES: "map shapes were not estimated and are as the engine file states them: with them the fit did not "
     "converge",
+    GivenUp.SHAPES_AT_BOUND: "map shapes were not estimated and are as the engine file states them: the fit drove one "
+    "of them to a bound",
     GivenUp.SIZES: "how wrong the maps are was not estimated, because the fit did not converge with it: they may be as "
     "wrong as stated, and the standard errors hold that",
 }

@@ -82,6 +82,34 @@ def test_shapes_go_first_and_then_the_sizes(engine, monkeypatch, accuracy, fails
     assert any(name.startswith("map_error.") for name in found.passes.problem.names)
 
 
+def with_bounds(monkeypatch, names, attempts_at_bound):
+    """The first so many attempts end with parameters of these names at a bound; the problems of all of them."""
+    tried = []
+
+    def fit(problem, settings, stated):
+        tried.append(problem)
+        found = fit_and_noise(problem, settings, stated)
+        at = np.array([n in names for n in problem.names]) & (len(tried) <= attempts_at_bound)
+        return replace(found, fit=replace(found.fit, at_bound=at))
+
+    monkeypatch.setattr(attempts, "fit_and_noise", fit)
+    return tried
+
+
+def test_shapes_are_given_up_where_one_runs_to_a_bound(engine, monkeypatch):
+    tried = with_bounds(monkeypatch, ["hpc.map.work_slope"], 1)
+    found = best_attempt(problem_of(engine, 3), SETTINGS, 0.003)
+    assert found.given_up == (GivenUp.SHAPES_AT_BOUND,) and len(tried) == 2
+    assert "hpc.map.work_slope" not in found.passes.problem.names
+
+
+def test_a_health_parameter_at_a_bound_is_no_matter_of_shapes(engine, monkeypatch):
+    tried = with_bounds(monkeypatch, ["hpc.efficiency"], 9)
+    found = best_attempt(problem_of(engine, 3), SETTINGS, 0.003)
+    assert not found.given_up and len(tried) == 1
+    assert found.passes.fit.at_bound.any()
+
+
 def test_where_nothing_converges_the_first_attempt_is_told(engine, monkeypatch):
     monkeypatch.setattr(attempts, "fit_and_noise", lambda *arguments: replace(fit_and_noise(*arguments), settled=False))
     found = best_attempt(problem_of(engine, 3), SETTINGS, 0.003)

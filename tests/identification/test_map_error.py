@@ -12,6 +12,7 @@ from enginediag_cli.error_model.curves import learn_curves
 from enginediag_cli.error_model.machines import QUANTITIES, machines_of
 from enginediag_cli.error_model.modelled import FAMILY, MapErrorModel
 from enginediag_cli.identification.identify import identify
+from enginediag_cli.identification.map_error import EXCITED
 from enginediag_cli.identification.nominal_file import read_nominal, write_nominal
 from enginediag_cli.identification.other_accuracy import NONE, with_accuracy
 from enginediag_cli.identification.problem import TrainingRecording
@@ -209,3 +210,20 @@ def test_sizes_that_several_machines_could_have_settle():
     assert len(ratio) == 10 and np.all((ratio >= 1 - 1e-9) & (ratio < 4))
     own = next(x for x in result.estimates if x.name == "hpc.efficiency")
     assert abs(own.value - 0.985) < 3 * own.standard_error
+
+
+def test_amounts_that_hardly_act_do_not_say_how_large_errors_are():
+    """One operating point, but for a thousandth of power: a curve across next to nothing could follow anything, and had
+    compressor maps found five times as wrong as stated."""
+    e, n = engine(), 200
+    beside = np.random.default_rng(7).uniform(-1, 1, n)
+    u = {c: np.full(n, v[0]) for c, v in flown(0).items()}
+    u[e.power_setting] = u[e.power_setting] * (1 + 0.001 * beside)
+    p = e.predict(u, {}, sensors=tuple(e.sensors))
+    sigma = np.array([s.noise_sigma for s in e.sensors.values()])
+    y = p.y + sigma * np.random.default_rng(0).standard_normal(p.y.shape) + sigma * beside[:, None]
+    columns = {**u, "time_s": np.arange(n) * 1.0, **dict(zip(p.columns, y.T, strict=True))}
+    result = identify(e, [TrainingRecording("a", columns)], cross_validation=False)
+    excitation = result.problem.model.excitation(result.problem.inputs)
+    assert excitation["map_error.compressor.flow_capacity.1"] < EXCITED
+    assert all(m.found < 1.1 * STATED for m in result.map_errors)

@@ -67,12 +67,13 @@ def test_base_load_is_reproduced_as_well_as_unrecorded_vanes_allow(identified):
     assert found["dP_exhaust_Pa"] < 3.2
 
 
-def test_the_next_year_is_predicted_nearly_as_well(identified):
-    """Not quite: hours of one year share errors that another has not, and maps that may err take some of them up."""
+def test_the_next_year_is_predicted_as_well_as_with_maps_that_are_trusted(identified):
+    """1.40 %, 3.4 K, 1.7 %, 3.2 % with `--model-error 0`: what hours of one year share is not taken up by the maps."""
     found = rms(identified["base"], "held_out")
-    assert found["P3_Pa"] < 2.6
-    assert found["T5_K"] < 4.7
-    assert found["power_W"] < 2.7
+    assert found["P3_Pa"] < 1.5
+    assert found["T5_K"] < 3.5
+    assert found["power_W"] < 1.7
+    assert found["dP_exhaust_Pa"] < 3.3
 
 
 def test_no_parameter_ends_at_a_bound_although_vanes_are_missing(identified):
