@@ -7,6 +7,7 @@ from collections.abc import Iterable, Iterator, Sequence
 import numpy as np
 
 from enginediag_cli.error_model.modelled import FAMILY
+from enginediag_cli.error_model.points import POINT_FAMILY
 from enginediag_cli.identification.attempts import GivenUp
 from enginediag_cli.identification.bounds import AtBound
 from enginediag_cli.identification.identify import OUTSIDE_MAPS, IdentificationResult
@@ -44,7 +45,7 @@ def report_lines(result: IdentificationResult) -> Iterator[str]:
     yield from fit_table(result)
     yield from noise_lines(result)
     yield ""
-    yield from parameter_lines([e for e in result.estimates if e.family != FAMILY])
+    yield from parameter_lines([e for e in result.estimates if e.family not in (FAMILY, POINT_FAMILY)])
     yield from map_error_lines(result)
     yield from offset_lines(result)
     yield ""
