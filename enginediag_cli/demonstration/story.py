@@ -16,7 +16,9 @@ from enginediag_cli.units import split_column
 
 def identified(found: Nominal, noise_put_in: Mapping[str, float]) -> Iterator[str]:
     """How many parameters were found, and how near the noise is to that of the simulated sensors."""
-    own = [e for e in found.estimates if e.family not in (FAMILY, POINT_FAMILY)]  # amounts of map error are no parameters of the engine
+    own = [
+        e for e in found.estimates if e.family not in (FAMILY, POINT_FAMILY)
+    ]  # amounts of map error are no parameters of the engine
     count = {status: sum(e.status == status for e in own) for status in ("identified", "weak", "at prior")}
     yield (
         f"{count['identified']} parameters are known well from these flights, {count['weak']} a little; "

@@ -86,7 +86,9 @@ def resized(
     group, present = _grouped(problem, groups)
     information, pull = _of_data(equations, x, z)
     usual = np.append(np.full(len(maps), stated), usual_misses(problem.model.model, missed))
-    between = tuple(np.repeat(limits, [len(maps), len(missed)]) for limits in ((1.0, LEAST_MISS), (LARGEST, LARGEST_MISS)))
+    between = tuple(
+        np.repeat(limits, [len(maps), len(missed)]) for limits in ((1.0, LEAST_MISS), (LARGEST, LARGEST_MISS))
+    )
     factors = likeliest_factors(information, pull, group, present, usual, (between[0], between[1]))
     factors = factors**damping
     scale = np.where(group >= 0, factors[group], 1.0)

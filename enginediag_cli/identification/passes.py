@@ -92,7 +92,9 @@ def fit_and_noise(problem: Problem, settings: IdentificationSettings, accuracy: 
     residual = problem.measured - predicted
     noise = starting_noise(residual, problem.gap, stated)
     problem = problem.with_noise(noise.sigma if estimated else stated, np.ones(len(stated)))
-    problem = problem.with_noise(problem.sigma, *_tempering(problem, noise, described, predicted, np.zeros(len(stated))))
+    problem = problem.with_noise(
+        problem.sigma, *_tempering(problem, noise, described, predicted, np.zeros(len(stated)))
+    )
     rho = noise.rho1
     for number in each(range(1, NOISE_PASSES + 1), "identifying, passes of fit and noise"):
         fit = solve(problem, start, max_iterations=settings.max_iterations, tolerance=PASS_TOLERANCE)
