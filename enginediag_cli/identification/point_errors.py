@@ -58,7 +58,8 @@ def usual_misses(model: Model, missed: Mapping[str, tuple[str, ...]]) -> np.ndar
 
 
 def _points(problem: Problem) -> OperatingPoints | None:
-    """The operating points at which the records are; None where these are one or many, or few records are at one."""
+    """The operating points at which the records are; None where these are one or many, few records are at one, or one
+    runs into the next: parts of a range are no points, and curves describe what is missed along it."""
     zeros = np.zeros(len(problem.parameters)), np.zeros((len(problem.labels), len(problem.offsets)))
     predicted, status = predict(problem, *zeros)
     there = status <= 1
@@ -76,4 +77,5 @@ def _points(problem: Problem) -> OperatingPoints | None:
         for c in range(len(count)):
             at = values[cell == c]
             low[c, j], high[c, j] = at.min() - MARGIN_RANGE[0] * least, at.max() + MARGIN_RANGE[0] * least
-    return OperatingPoints(names, low, high)
+    shared = np.all((low[:, None] <= high) & (low <= high[:, None]), axis=2)
+    return None if np.count_nonzero(shared) > len(count) else OperatingPoints(names, low, high)
