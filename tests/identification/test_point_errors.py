@@ -109,3 +109,15 @@ def test_a_nominal_file_holds_points_and_what_is_missed_there(engine, identified
     assert isinstance(model.model, PointErrorModel)
     assert set(nominal.theta0) <= set(model.parameters)
     assert not any(name.startswith(POINT_FAMILY) for name in nominal.engine_values)
+
+
+def test_engines_that_differ_by_their_instruments_are_no_operating_points(engine):
+    recordings, rng = fleet(engine, CONDITIONS[:1], {}), np.random.default_rng(3)
+    for r in recordings:
+        for column in engine.sensors:
+            r.columns[column][:] *= 1 + 0.004 * rng.standard_normal()
+    found = identify(engine, recordings, cross_validation=False)
+    stated = np.array([engine.sensors[s].noise_sigma for s in found.problem.sensors])
+    assert found.converged
+    assert np.all(found.problem.inflation < 1.3)
+    assert np.all(found.noise.sigma / stated < 1.3)
