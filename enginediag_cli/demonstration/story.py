@@ -7,6 +7,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from enginediag_cli.demonstration.flights import Flight, Size
 from enginediag_cli.demonstration.script import Case
 from enginediag_cli.error_model.modelled import FAMILY
+from enginediag_cli.error_model.points import POINT_FAMILY
 from enginediag_cli.identification.nominal import Nominal
 from enginediag_cli.presentation.names import listed
 from enginediag_cli.presentation.sentences import change, departed, no_verdict, nominal
@@ -15,7 +16,9 @@ from enginediag_cli.units import split_column
 
 def identified(found: Nominal, noise_put_in: Mapping[str, float]) -> Iterator[str]:
     """How many parameters were found, and how near the noise is to that of the simulated sensors."""
-    own = [e for e in found.estimates if e.family != FAMILY]  # amounts of map error are no parameters of the engine
+    own = [
+        e for e in found.estimates if e.family not in (FAMILY, POINT_FAMILY)
+    ]  # amounts of map error are no parameters of the engine
     count = {status: sum(e.status == status for e in own) for status in ("identified", "weak", "at prior")}
     yield (
         f"{count['identified']} parameters are known well from these flights, {count['weak']} a little; "

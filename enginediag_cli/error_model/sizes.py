@@ -36,12 +36,18 @@ STEPS = 25
 
 
 def likeliest_factors(
-    information: np.ndarray, pull: np.ndarray, group: np.ndarray, present: np.ndarray, stated: np.ndarray
+    information: np.ndarray,
+    pull: np.ndarray,
+    group: np.ndarray,
+    present: np.ndarray,
+    stated: np.ndarray,
+    between: tuple[np.ndarray, np.ndarray] | None = None,
 ) -> np.ndarray:
     """Factors t (G,) on the present sizes.
 
     information H (p, p), pull b (p,); group (p,): number of the group of each parameter, −1 for those that keep their
     prior; present and stated (G,): sizes as they are and as the engine file has them.
+    between: least and largest size as multiples of what is stated (G,), 1 and LARGEST where not given.
     """
     from scipy.optimize import minimize
 
@@ -49,7 +55,8 @@ def likeliest_factors(
     if not G:
         return np.ones(0)
     centre = np.log(stated / present)
-    top = centre + np.log(LARGEST)
+    least, largest = (np.ones(G), np.full(G, LARGEST)) if between is None else between
+    bottom, top = centre + np.log(least), centre + np.log(largest)
 
     def lost(log_t: np.ndarray) -> tuple[float, np.ndarray]:
         t = np.where(group >= 0, np.exp(log_t)[group], 1.0)
@@ -64,8 +71,8 @@ def likeliest_factors(
         away = (log_t - centre) / SPREAD
         return -(value - 0.5 * float(away @ away)), -(gradient - away / SPREAD)
 
-    start = np.clip(np.zeros(G), centre, top)
-    bounds = list(zip(centre, top, strict=True))
+    start = np.clip(np.zeros(G), bottom, top)
+    bounds = list(zip(bottom, top, strict=True))
     found = minimize(lost, start, jac=True, method="L-BFGS-B", bounds=bounds, options={"ftol": 0.0, "gtol": SLOPE})
     return np.asarray(np.exp(found.x))
 

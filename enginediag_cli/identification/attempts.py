@@ -23,6 +23,7 @@ from enginediag_cli.identification.covariance import Uncertainty, uncertainty
 from enginediag_cli.identification.map_error import with_map_error
 from enginediag_cli.identification.normal_equations import normal_equations, predict
 from enginediag_cli.identification.passes import Passes, fit_and_noise
+from enginediag_cli.identification.point_errors import with_point_errors
 from enginediag_cli.identification.problem import Problem
 from enginediag_cli.identification.repeated_points import cells_of
 from enginediag_cli.identification.settings import IdentificationSettings
@@ -63,12 +64,13 @@ def best_attempt(problem: Problem, settings: IdentificationSettings, accuracy: f
 
 
 def _attempts(problem: Problem, settings: IdentificationSettings, accuracy: float) -> Iterator[Attempt]:
-    whole = with_map_error(problem, accuracy)
+    pointed = with_point_errors(problem, accuracy)
+    whole = with_map_error(pointed, accuracy)
     if whole is problem:
         yield Attempt(fit_and_noise(problem, settings, accuracy))
         return
-    plain = without_shapes(problem)
-    shaped = plain is not problem
+    plain = without_shapes(pointed)
+    shaped = plain is not pointed
     if shaped and accuracy >= GENERIC and operating_points(problem) <= FREEDOMS:
         yield Attempt(
             fit_and_noise(with_map_error(plain, accuracy), settings, accuracy), (GivenUp.SHAPES_AT_FEW_POINTS,)

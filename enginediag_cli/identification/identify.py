@@ -17,6 +17,7 @@ import numpy as np
 from enginediag_cli.engine.warm import warm
 from enginediag_cli.error_model.error_model import ErrorModel, map_accuracy_of
 from enginediag_cli.error_model.modelled import FAMILY, MapErrorModel
+from enginediag_cli.error_model.points import POINT_FAMILY, PointErrorModel
 from enginediag_cli.identification.attempts import GivenUp, best_attempt
 from enginediag_cli.identification.bounds import AtBound, at_bounds
 from enginediag_cli.identification.covariance import Uncertainty
@@ -121,7 +122,10 @@ class IdentificationResult:
         model = self.problem.model
         if not isinstance(model, MapErrorModel):
             return None
-        return ErrorModel(self.map_errors[0].stated, model.curves, {m.target: m.found for m in self.map_errors})
+        sizes, inner = {m.target: m.found for m in self.map_errors}, model.model
+        if not isinstance(inner, PointErrorModel):
+            return ErrorModel(self.map_errors[0].stated, model.curves, sizes)
+        return ErrorModel(self.map_errors[0].stated, model.curves, sizes, inner.points, inner.sizes)
 
 
 def identify(
@@ -205,7 +209,7 @@ def identify(
 
 def _left_open(problem: Problem, found: Uncertainty) -> tuple[Combination, ...]:
     """Combinations of parameters that the records leave open; amounts of map error are no parameters of the engine."""
-    own = np.array([p.family != FAMILY for p in problem.parameters])
+    own = np.array([p.family not in (FAMILY, POINT_FAMILY) for p in problem.parameters])
     covariance = found.covariance[np.ix_(own, own)]
     information = found.information[np.ix_(own, own)]
     if not own.all():

@@ -15,8 +15,10 @@ import numpy as np
 from enginediag_cli.error_model.curves import BEYOND, learn_curves
 from enginediag_cli.error_model.machines import QUANTITIES, machines_of, map_coordinates
 from enginediag_cli.error_model.modelled import FAMILY, MapErrorModel
-from enginediag_cli.error_model.sizes import expected_factors, likeliest_factors
+from enginediag_cli.error_model.points import POINT_FAMILY, PointErrorModel, sized
+from enginediag_cli.error_model.sizes import LARGEST, expected_factors, likeliest_factors
 from enginediag_cli.identification.normal_equations import NormalEquations, eliminate
+from enginediag_cli.identification.point_errors import LARGEST_MISS, LEAST_MISS, usual_misses
 from enginediag_cli.identification.problem import Problem
 
 SETTLED = 0.1
@@ -79,20 +81,33 @@ def map_error_sizes(problem: Problem, stated: float) -> tuple[MapErrorSize, ...]
 def resized(
     problem: Problem, equations: NormalEquations, x: np.ndarray, z: np.ndarray, stated: float, damping: float = 1.0
 ) -> tuple[Problem, np.ndarray, float]:
-    """The problem with the likeliest sizes of map errors, x (p,) in its units, and the largest relative change.
-    damping: by which share of the way to them."""
+    """The problem with the likeliest sizes of map errors, and of what is missed at operating points, x (p,) in its
+    units, and the largest relative change. damping: by which share of the way to them."""
     if not isinstance(problem.model, MapErrorModel):
         return problem, x, 0.0
-    groups = problem.model.groups
+    maps, inner = problem.model.groups, problem.model.model
+    missed = inner.groups if isinstance(inner, PointErrorModel) else {}
+    groups = {**maps, **missed}
     group, present = _grouped(problem, groups)
     information, pull = _telling(problem, *_of_data(equations, x, z))
-    factors = likeliest_factors(information, pull, group, present, np.full(len(groups), stated))
+    usual = np.append(np.full(len(maps), stated), usual_misses(problem.model.model, missed))
+    between = tuple(
+        np.repeat(limits, [len(maps), len(missed)]) for limits in ((1.0, LEAST_MISS), (LARGEST, LARGEST_MISS))
+    )
+    factors = likeliest_factors(information, pull, group, present, usual, (between[0], between[1]))
     factors = factors**damping
     scale = np.where(group >= 0, factors[group], 1.0)
     sigma = problem.prior_sigma * scale
-    model = MapErrorModel(problem.model.model, problem.model.curves, dict(zip(groups, present * factors, strict=True)))
-    parameters = tuple(model.parameters[p.name] if p.family == FAMILY else p for p in problem.parameters)
-    change = float(np.max(np.abs(np.log(factors)))) if len(factors) else 0.0
+    sizes = dict(zip(groups, present * factors, strict=True))
+    if missed:
+        inner = sized(inner, {s: sizes[s] for s in missed})
+    model = MapErrorModel(inner, problem.model.curves, {target: sizes[target] for target in maps})
+    parameters = tuple(
+        model.parameters[p.name] if p.family in (FAMILY, POINT_FAMILY) else p for p in problem.parameters
+    )
+    # a size that is next to nothing wanders, and no matter
+    told = np.append(np.ones(len(maps), bool), np.array([sizes[s] for s in missed]) > usual[len(maps) :])
+    change = float(np.max(np.abs(np.log(factors[told])))) if told.any() else 0.0
     return replace(problem, model=model, parameters=parameters, prior_sigma=sigma), x / scale, change
 
 

@@ -10,6 +10,7 @@ import numpy as np
 from enginediag_cli.engine.description import EngineDescription
 from enginediag_cli.error_model.error_model import ErrorModel
 from enginediag_cli.error_model.modelled import FAMILY
+from enginediag_cli.error_model.points import POINT_FAMILY
 from enginediag_cli.identification.envelope import Envelope
 from enginediag_cli.identification.offset_prior import OffsetPrior
 from enginediag_cli.identification.quality import SensorQuality
@@ -110,7 +111,7 @@ class Nominal:
     @property
     def engine_values(self) -> dict[str, float]:
         """Nominal value of every estimated parameter of the engine itself, amounts of map error left aside."""
-        return {e.name: e.value for e in self.estimates if e.family != FAMILY}
+        return {e.name: e.value for e in self.estimates if e.family not in (FAMILY, POINT_FAMILY)}
 
     @property
     def sensors(self) -> tuple[str, ...]:

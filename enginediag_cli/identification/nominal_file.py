@@ -18,6 +18,7 @@ from enginediag_cli.config.reading import refuse_other_kind
 from enginediag_cli.engine.description import EngineDescription
 from enginediag_cli.error_model.curves import MapCurves
 from enginediag_cli.error_model.error_model import ErrorModel
+from enginediag_cli.error_model.points import OperatingPoints
 from enginediag_cli.errors import ConfigError, Mark, Problem
 from enginediag_cli.identification.envelope import Envelope
 from enginediag_cli.identification.nominal import Estimate, Nominal, SensorNoise
@@ -120,7 +121,12 @@ def _error_model(values: Mapping[str, Any] | None) -> ErrorModel | None:
     if values is None:
         return None
     curves = tuple(MapCurves.from_mapping(name, c) for name, c in values["machines"].items())
-    return ErrorModel(values["stated"], curves, dict(values["sizes"]))
+    at = values["points"]
+    points = None
+    if at:
+        low, high = (np.column_stack([axis[key] for axis in at.values()]).astype(float) for key in ("low", "high"))
+        points = OperatingPoints(tuple(at), low, high)
+    return ErrorModel(values["stated"], curves, dict(values["sizes"]), points, dict(values["misses"]))
 
 
 def _envelope(values: Mapping[str, Any]) -> Envelope:
@@ -245,6 +251,18 @@ def _error_values(found: ErrorModel) -> dict[str, Any]:
         "stated": float(found.stated),
         "sizes": {target: float(size) for target, size in found.sizes.items()},
         "machines": {c.machine: c.as_mapping() for c in found.curves},
+        **({} if found.points is None else _point_values(found.points, found.misses)),
+    }
+
+
+def _point_values(points: OperatingPoints, misses: Mapping[str, float]) -> dict[str, Any]:
+    limits = {"low": points.low, "high": points.high}
+    return {
+        "misses": {column: float(size) for column, size in misses.items()},
+        "points": {
+            c: {key: [float(x) for x in values[:, j]] for key, values in limits.items()}
+            for j, c in enumerate(points.inputs)
+        },
     }
 
 

@@ -103,6 +103,14 @@ MACHINE = Section(
         Field("line", "numbers", "scaled position on powers 0 to 3 of the scaled speed"),
     ),
 )
+POINTS = Section(
+    "input at operating points",
+    "Range of one input at each operating point that was flown again and again.",
+    (
+        Field("low", "numbers", "least value at each point"),
+        Field("high", "numbers", "largest value at each point"),
+    ),
+)
 ERROR_MODEL = Section(
     "error model",
     "By how much the component maps may be wrong; what they are wrong by stands among the estimates.",
@@ -110,6 +118,8 @@ ERROR_MODEL = Section(
         Field("stated", "number", "accuracy of the maps as the engine file has it", minimum=0.0, maximum=0.1),
         Field("sizes", "number_map", "map quantity: standard deviation of each amount"),
         Field("machines", "section_map", "machine: where its map was run", section=MACHINE),
+        Field("misses", "number_map", "column: standard deviation of what the model misses at a point", default={}),
+        Field("points", "section_map", "input: the range of each operating point", default={}, section=POINTS),
     ),
 )
 AXIS = Section(

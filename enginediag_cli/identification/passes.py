@@ -86,12 +86,15 @@ def fit_and_noise(problem: Problem, settings: IdentificationSettings, accuracy: 
     zeros = (np.zeros(len(problem.parameters)), np.zeros((len(problem.labels), len(problem.offsets))))
     # as correlated as it looks, too: a first fit that took every record at its word would chase the error of
     # the model far from what is plausible, where the search is slow
-    start = (zeros[0], first_offsets(problem, predict(problem, *zeros)[0]))
+    described = predict(problem, *zeros)[0]
+    start = (zeros[0], first_offsets(problem, described))
     predicted, _ = predict(problem, *start)
     residual = problem.measured - predicted
     noise = starting_noise(residual, problem.gap, stated)
     problem = problem.with_noise(noise.sigma if estimated else stated, np.ones(len(stated)))
-    problem = problem.with_noise(problem.sigma, *_tempering(problem, noise, predicted, np.zeros(len(stated))))
+    problem = problem.with_noise(
+        problem.sigma, *_tempering(problem, noise, described, predicted, np.zeros(len(stated)))
+    )
     rho = noise.rho1
     for number in each(range(1, NOISE_PASSES + 1), "identifying, passes of fit and noise"):
         fit = solve(problem, start, max_iterations=settings.max_iterations, tolerance=PASS_TOLERANCE)
@@ -108,7 +111,7 @@ def fit_and_noise(problem: Problem, settings: IdentificationSettings, accuracy: 
         if not fit.converged and not fit.decrement < LOST_PASS:
             return Passes(problem, fit, noise, found, number, False)
         sigma = noise.sigma if estimated else stated
-        inflation, shared = _tempering(problem, noise, fit.equations.predicted, found.sensor_dof)
+        inflation, shared = _tempering(problem, noise, described, fit.equations.predicted, found.sensor_dof)
         change = np.log(sigma**2 * inflation) - np.log(problem.sigma**2 * problem.inflation)
         largest = float(np.max(np.abs(change))) / 2
         # what creeps on when the passes are over is known as well as noise ever is
@@ -150,12 +153,17 @@ def fit_and_noise(problem: Problem, settings: IdentificationSettings, accuracy: 
 
 
 def _tempering(
-    problem: Problem, noise: NoiseEstimate, predicted: np.ndarray, used: np.ndarray
+    problem: Problem, noise: NoiseEstimate, described: np.ndarray, predicted: np.ndarray, used: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """κ of each sensor as the fit uses it, (m,), and the part of it for an error of the model that records share."""
+    """κ of each sensor as the fit uses it, (m,), and the part of it for an error of the model that records share.
+
+    described (N, m): readings of the engine as its file has it, by which operating points are told apart. Predictions
+    of the fit have the offsets of recordings in them: engines of a fleet would pass for operating points.
+    """
     timely = np.minimum(noise.inflation, MAX_TEMPERING)
     if not follows_no_clock(problem.gap):
         return timely, np.ones_like(timely)
-    misfit = lack_of_fit(predicted, problem.measured - predicted, problem.sigma, noise.inflation, used)
+    at = np.where(np.isfinite(described), described, predicted)
+    misfit = lack_of_fit(at, problem.measured - predicted, problem.sigma, noise.inflation, used)
     kappa = np.maximum(timely, misfit)
     return kappa, kappa / timely

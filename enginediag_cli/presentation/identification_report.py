@@ -7,6 +7,7 @@ from collections.abc import Iterable, Iterator, Sequence
 import numpy as np
 
 from enginediag_cli.error_model.modelled import FAMILY
+from enginediag_cli.error_model.points import POINT_FAMILY, PointErrorModel
 from enginediag_cli.identification.attempts import GivenUp
 from enginediag_cli.identification.bounds import AtBound
 from enginediag_cli.identification.identify import OUTSIDE_MAPS, IdentificationResult
@@ -46,8 +47,9 @@ def report_lines(result: IdentificationResult) -> Iterator[str]:
     yield from fit_table(result)
     yield from noise_lines(result)
     yield ""
-    yield from parameter_lines([e for e in result.estimates if e.family != FAMILY])
+    yield from parameter_lines([e for e in result.estimates if e.family not in (FAMILY, POINT_FAMILY)])
     yield from map_error_lines(result)
+    yield from point_error_lines(result)
     yield from offset_lines(result)
     yield ""
     yield from combination_lines(result)
@@ -146,6 +148,19 @@ def parameter_lines(estimates: Sequence[Estimate]) -> list[str]:
     if prior:
         lines.append(f"{len(prior)} not found by these recordings, left at what was assumed: {', '.join(prior)}")
     return lines
+
+
+def point_error_lines(result: IdentificationResult) -> Iterator[str]:
+    """What the model misses at operating points, of the readings where that is more than the noise of one."""
+    inner = getattr(result.problem.model, "model", None)
+    if not isinstance(inner, PointErrorModel):
+        return
+    told = [f"{s} {rounded(size)}" for s, size in inner.sizes.items() if size > inner.sensors[s].noise_sigma]
+    if told:
+        yield (
+            f"beyond errors of the maps, at {len(inner.points)} operating points flown again and again the model "
+            f"misses (1 standard deviation) {', '.join(told)}; it is taken out where these points are judged"
+        )
 
 
 def map_error_lines(result: IdentificationResult) -> Iterator[str]:

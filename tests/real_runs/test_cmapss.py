@@ -1,4 +1,4 @@
-"""C-MAPSS FD001: 100 simulated turbofans run to failure, all by degradation of the HPC.
+"""C-MAPSS FD001: 100 simulated turbofans run to failure, all by degradation of the HPC; FD002: at six conditions.
 
 The maps of the engine in configs/ are generic, not those of the simulator: these tests pin down how far that goes.
 """
@@ -112,3 +112,20 @@ def test_the_hpc_is_named_less_surely_earlier_in_life(nominal, fleet):
     share = {tenth: names.count("hpc") / len(names) for tenth, names in named.items()}
     assert share[9] > 0.95 and share[8] > 0.9 and share[7] > 0.7
     assert share[2] < 0.05  # nothing to be named yet
+
+
+@pytest.mark.slow
+def test_at_six_conditions_the_hpc_is_named_at_the_end_of_life_in_95_of_100_engines(tmp_path):
+    """FD002, every fourth engine."""
+    with gzip.open(public_data("cmapss") / "train_FD002.csv.gz", "rt", encoding="utf-8") as lines:
+        header, *rest = lines
+    fourth, nominal = tmp_path / "fourth.csv", tmp_path / "six.yaml"
+    fourth.write_text(header + "".join(x for x in rest if int(x.split(",")[0]) % 4 == 3), encoding="utf-8")
+    enginediag(
+        "identify", ENGINE, fourth, "--recorder", RECORDER, "--first", "20", "--no-cross-validation", "-o", nominal
+    )
+    found = read_nominal(nominal)
+    stated = load_engine(ENGINE).sensors
+    assert all(n.sigma < 1.2 * stated[n.sensor].noise_sigma for n in found.noise)
+    rows = isolated(nominal, fourth, "--last", "20")
+    assert len(rows) == 65 and Counter(row["components"] for row in rows)["hpc"] >= 62
