@@ -233,6 +233,7 @@ def problem_with(
         recording_scale_sigma=s.scale_offsets,
     )
     problem = build_problem(model, with_regimes(evidence.engine, _recordings(evidence, curves)), settings)
+    problem = replace(problem, offsets=(*problem.offsets, *s.instruments))
     rho = np.array([evidence.noise.rho.get(c, 0.0) for c in problem.sensors])
     problem = problem.with_noise(problem.sigma, (1 + rho) / (1 - rho))
     return model, _shared(problem, start.problem) if start else problem, rho
