@@ -144,7 +144,7 @@ def nuisance(evidence: Evidence) -> Nuisance:
     inputs = inputs_of(evidence)
     known = {n: v for n, v in s.prior_mean.items() if n in engine.parameters}
     if s.maps is not None and s.map_accuracy > 0.0:
-        discrepancies, curves = found_floor(engine, inputs, known, s.maps)
+        discrepancies, curves = found_floor(engine, inputs, s.maps)
     else:
         discrepancies, curves = floor(engine, inputs, known, s.map_accuracy)
     of_engine = np.concatenate(
