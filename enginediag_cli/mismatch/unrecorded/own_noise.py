@@ -40,6 +40,9 @@ RUN = 10
 Judgement."""
 ROUNDS = 6
 """Of fit and noise at most; two or three settle it."""
+QUIETER = 3.0
+"""Factor by which noise falls in a round at most: a fit that is at once to believe every reading walks after what
+switches, and ends nowhere."""
 
 
 @stage("weighing what may switch against the noise")
@@ -66,19 +69,21 @@ def freed_of_switches(evidence: Evidence, *, level: float, rng: np.random.Genera
 
 
 def _quietly(evidence: Evidence, along: Nuisance) -> Identified | None:
-    """The fit with noise that steps hardly touch; None where that is what the noise is anyway, or a fit fails. Each
-    begins at the prior means: the one before is bent by what switches, and walks from there."""
+    """The fit with noise that steps hardly touch, or with the least at which it converges; None where that is what the
+    noise is anyway. Each begins at the prior means: the one before is bent by what switches, and walks from there."""
     assert evidence.owed is not None
-    found, noise = identify_with(evidence, NO_HYPOTHESIS, along), evidence.noise
-    for k in range(ROUNDS):
+    quietest, noise = None, evidence.noise
+    found = identify_with(evidence, NO_HYPOTHESIS, along)
+    for _ in range(ROUNDS):
         if not found.converged:
-            return None
+            break
         quiet = _quiet(found, evidence.owed.least)
         if not any(noise.sigma[s] > WORTH * quiet.sigma[s] for s in quiet.sigma):
-            return found if k else None
-        noise = quiet
-        found = identify_with(replace(evidence, noise=quiet), NO_HYPOTHESIS, along)
-    return found if found.converged else None
+            break
+        noise = replace(quiet, sigma={s: max(v, noise.sigma[s] / QUIETER) for s, v in quiet.sigma.items()})
+        found = identify_with(replace(evidence, noise=noise), NO_HYPOTHESIS, along)
+        quietest = found if found.converged else quietest
+    return quietest
 
 
 def _quiet(found: Identified, least: Noise) -> Noise:
