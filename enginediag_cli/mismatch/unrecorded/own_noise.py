@@ -3,7 +3,7 @@
 What identification of the searched recordings leaves unpredicted is their noise when nothing is missing. Where a state
 switches, left-out blocks are predicted in the wrong state, and what is sought drowns in its own steps. So the search
 begins with noise that steps hardly touch: the spread within runs that are too short for a change of state to fall into
-most of them, fit and noise in turn, since a fit that trusts no reading leaves errors of its own,
+most of them, fit and noise in turn and a step at a time, since a fit that trusts no reading leaves errors of its own,
 
     w = median |e_k − e_{k−1}|/(0.6745 √2)     v = median of the standard deviations of RUN records in a row
     σ = max(stated, v, w)                      ρ = 1 − w²/σ²
@@ -16,7 +16,7 @@ left-out blocks are as far off without the switch as with it, they stay as they 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -54,36 +54,33 @@ def freed_of_switches(evidence: Evidence, *, level: float, rng: np.random.Genera
         return evidence
     as_it_is = replace(evidence, owed=None)
     along = nuisance(evidence)
-    found = _quietly(evidence, along)
-    if found is None:
-        return as_it_is
-    findings = hidden_amplitudes(found, Projection(found), level=level, rng=rng, along=along, refitted=1)
-    first = findings[0] if findings else None
-    if first is None or not (first.significant and first.is_switch and first.states is not None):
-        return as_it_is
-    if not switching(first.location, evidence.engine.parameters):
-        return as_it_is
-    freed = searched_again(evidence, _without(first, found))
-    fall = [np.log(evidence.noise.sigma[s] / freed.noise.sigma[s]) for s in freed.noise.sigma]
-    return replace(freed, owed=None) if np.mean(fall) > np.log(WORTH) else as_it_is
+    for found in _quieter(evidence, along):
+        findings = hidden_amplitudes(found, Projection(found), level=level, rng=rng, along=along, refitted=1)
+        first = findings[0] if findings else None
+        if first is None or not (first.significant and first.is_switch and first.states is not None):
+            continue
+        if switching(first.location, evidence.engine.parameters):
+            freed = searched_again(evidence, _without(first, found))
+            fall = [np.log(evidence.noise.sigma[s] / freed.noise.sigma[s]) for s in freed.noise.sigma]
+            return replace(freed, owed=None) if np.mean(fall) > np.log(WORTH) else as_it_is
+    return as_it_is
 
 
-def _quietly(evidence: Evidence, along: Nuisance) -> Identified | None:
-    """The fit with noise that steps hardly touch, or with the least at which it converges; None where that is what the
-    noise is anyway. Each begins at the prior means: the one before is bent by what switches, and walks from there."""
+def _quieter(evidence: Evidence, along: Nuisance) -> Iterator[Identified]:
+    """Fits with less and less noise, down to what steps hardly touch: a switch that is seen at one of them is. Each
+    begins at the prior means: the one before is bent by what switches, and walks from there."""
     assert evidence.owed is not None
-    quietest, noise = None, evidence.noise
-    found = identify_with(evidence, NO_HYPOTHESIS, along)
+    noise, found = evidence.noise, identify_with(evidence, NO_HYPOTHESIS, along)
     for _ in range(ROUNDS):
         if not found.converged:
-            break
+            return
         quiet = _quiet(found, evidence.owed.least)
         if not any(noise.sigma[s] > WORTH * quiet.sigma[s] for s in quiet.sigma):
-            break
+            return
         noise = replace(quiet, sigma={s: max(v, noise.sigma[s] / QUIETER) for s, v in quiet.sigma.items()})
         found = identify_with(replace(evidence, noise=noise), NO_HYPOTHESIS, along)
-        quietest = found if found.converged else quietest
-    return quietest
+        if found.converged:
+            yield found
 
 
 def _quiet(found: Identified, least: Noise) -> Noise:
