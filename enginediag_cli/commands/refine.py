@@ -115,13 +115,15 @@ def refine(
     if switched and len(terms) != 1:
         raise click.UsageError("--switched goes with one --term")
     from enginediag_cli.mismatch.refine.refine import refine as run
+    from enginediag_cli.mismatch.refine.switch import judged_by_trained_noise
     from enginediag_cli.presentation.refinements import refusal
 
     evidence, unseen, inherited = _evidence(messages, case, holdout_last, tests)
-    training = evidence.only([k for k in range(len(evidence.flights)) if k not in unseen])
     hidden: HiddenFinding | None = None
-    if not training.flights:
+    if len(unseen) == len(evidence.flights):
         raise click.UsageError("no flight is left to fit the effects to")
+    evidence = judged_by_trained_noise(evidence, unseen)
+    training = evidence.only([k for k in range(len(evidence.flights)) if k not in unseen])
     if terms:
         effects = _asked(evidence, terms)
         if switched:

@@ -19,6 +19,7 @@ import numpy as np
 from ground_recordings import CONFIGS, enginediag, public_data
 
 from enginediag_cli.intake.source import Source
+from enginediag_cli.mismatch.explain.story import with_own_noise
 from enginediag_cli.mismatch.fit.evidence import Evidence, Flight
 from enginediag_cli.mismatch.fit.identified import NO_HYPOTHESIS, Identified, Nuisance, identify_with, nuisance, stacked
 from enginediag_cli.mismatch.fit.load import Case, load_case
@@ -108,6 +109,7 @@ def load(flights: Path, names: Sequence[str], side: str, nominal_path: Path) -> 
 
 def search(evidence: Evidence, side: str) -> Found:
     """Fit without any effect, and the search for an amplitude that no column records."""
+    evidence = with_own_noise(evidence)
     along = nuisance(evidence)
     base = identify_with(evidence, NO_HYPOTHESIS, along)
     rng = np.random.default_rng(evidence.settings.seed)

@@ -299,6 +299,10 @@ class Search:
         """What is left, share of flights gained, and why the trial is no explanation (None when it is one)."""
         if trial.at_bound:
             return np.nan, np.nan, Rejected(Reason.AT_BOUND, what=", ".join(trial.at_bound))
+        # what leaves no more than is allowed to be left may still have explained nothing
+        idle = _not_needed(trial, -np.log(ADEQUATE))
+        if idle:
+            return np.nan, np.nan, Rejected(Reason.NOT_NEEDED, what=idle)
         left = remainder(trial, self.library, self.along_drivers, self.adequate)
         if left.unranked or left.over(self.adequate):
             return left.surprise, np.nan, Rejected(Reason.LEAVES_MISFIT, left.surprise)
@@ -312,12 +316,10 @@ class Search:
     def _counts(self, trial: Trial, best: Cell | None) -> bool:
         """Whether a set is worth judging: every member is needed beside the others, and
         drop − 2·p > T − 2·dof of the best single free-form block, else one unlisted effect is the simpler story."""
-        for option in trial.options:
-            own = [trial.coefficients[n] for n in option.hypothesis.names]
-            z2 = max(((v / s) ** 2 for v, s in own if s > 0), default=0.0)
-            if surprise(z2, 1) < self.adequate.effects:
-                self.rejected[trial.label] = Rejected(Reason.NOT_NEEDED, what=option.label)
-                return False
+        idle = _not_needed(trial, self.adequate.effects)
+        if idle:
+            self.rejected[trial.label] = Rejected(Reason.NOT_NEEDED, what=idle)
+            return False
         drop = self.base.objective - trial.objective
         if best is None or drop - 2.0 * len(trial.hypothesis.names) > best.score.statistic - 2.0 * best.score.dof:
             return True
@@ -361,6 +363,16 @@ class Search:
             base.found.theta,
             base.found.number,
         )
+
+
+def _not_needed(trial: Trial, least: float) -> str:
+    """An option of the trial whose coefficients are all within −ln p = `least` of nothing; empty without one."""
+    for option in trial.options:
+        own = [trial.coefficients[n] for n in option.hypothesis.names]
+        z2 = max(((v / s) ** 2 for v, s in own if s > 0), default=0.0)
+        if surprise(z2, 1) < least:
+            return option.label
+    return ""
 
 
 def _add(sets: list[tuple[Option, ...]], new: tuple[Option, ...]) -> None:

@@ -51,8 +51,7 @@ class Story:
 
 def tell(evidence: Evidence, effects: Sequence[Effect] | None = None, *, advise: bool = True) -> Story:
     """Search and everything around it. `effects`: the library, default all that the model does not carry."""
-    rng = np.random.default_rng((evidence.settings.seed, 2))
-    evidence = freed_of_switches(evidence, level=UNRECORDED * evidence.settings.false_alarm, rng=rng)
+    evidence = with_own_noise(evidence)
     search = Search(evidence, effects, hidden_search(evidence))
     answer = search.run()
     # of a strong effect nearly every place is significant; those that can be told from the first are its shadows
@@ -127,6 +126,12 @@ def _only_exact(answer: Answer, floor: Sequence[FloorCost]) -> list[FloorCost]:
         return []
     gate = float(chi2.isf(np.exp(-answer.gates[0]), 1))
     return [c for c in floor if c.score <= gate < c.score_without]
+
+
+def with_own_noise(evidence: Evidence) -> Evidence:
+    """The evidence with noise that holds nothing that switches (`freed_of_switches`)."""
+    rng = np.random.default_rng((evidence.settings.seed, 2))
+    return freed_of_switches(evidence, level=UNRECORDED * evidence.settings.false_alarm, rng=rng)
 
 
 def hidden_search(evidence: Evidence) -> Callable[[Trial], Sequence[HiddenFinding]]:

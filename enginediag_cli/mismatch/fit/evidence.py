@@ -9,6 +9,7 @@ import numpy as np
 
 from enginediag_cli.engine.engine import Engine
 from enginediag_cli.error_model.error_model import ErrorModel
+from enginediag_cli.identification.offset_prior import OffsetPrior
 
 
 @dataclass(frozen=True)
@@ -63,7 +64,8 @@ class Settings:
     nominal state has it, None where none is given; `map_accuracy` as in
     `mismatch.settings`; `false_alarm`: probability of naming something on an engine whose model lacks nothing; `loss`
     as in identification ("none" is least squares); `offsets`: sensor → standard deviation of a bias of each recording,
-    in the column's unit, and `scale_offsets` of a scale error of each recording; `noise`: "specified" takes the
+    in the column's unit, and `scale_offsets` of a scale error of each recording, both as stated; `instruments`: offsets
+    of outputs, then of inputs, that a nominal state found between recordings; `noise`: "specified" takes the
     evidence's noise at its word, "estimate" only as a start."""
 
     nuisance: Mapping[str, float]
@@ -75,6 +77,7 @@ class Settings:
     loss_scale: float = 2.5
     offsets: Mapping[str, float] = field(default_factory=dict)
     scale_offsets: Mapping[str, float] = field(default_factory=dict)
+    instruments: tuple[OffsetPrior, ...] = ()
     noise: str = "specified"
     seed: int = 0
 

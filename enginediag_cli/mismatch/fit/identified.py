@@ -144,7 +144,7 @@ def nuisance(evidence: Evidence) -> Nuisance:
     inputs = inputs_of(evidence)
     known = {n: v for n, v in s.prior_mean.items() if n in engine.parameters}
     if s.maps is not None and s.map_accuracy > 0.0:
-        discrepancies, curves = found_floor(engine, inputs, known, s.maps)
+        discrepancies, curves = found_floor(engine, inputs, s.maps)
     else:
         discrepancies, curves = floor(engine, inputs, known, s.map_accuracy)
     of_engine = np.concatenate(
@@ -233,6 +233,7 @@ def problem_with(
         recording_scale_sigma=s.scale_offsets,
     )
     problem = build_problem(model, with_regimes(evidence.engine, _recordings(evidence, curves)), settings)
+    problem = replace(problem, offsets=(*problem.offsets, *s.instruments))
     rho = np.array([evidence.noise.rho.get(c, 0.0) for c in problem.sensors])
     problem = problem.with_noise(problem.sigma, (1 + rho) / (1 - rho))
     return model, _shared(problem, start.problem) if start else problem, rho

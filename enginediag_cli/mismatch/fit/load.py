@@ -10,6 +10,7 @@ What is identified along with an effect (the nuisance), and how loosely, is deci
 - where a nominal state is given, its parameters are where priors are centred, what is not nuisance is held there,
   and noise is what it says, to be estimated anew where it is what that fit left, since that holds the mismatch too,
   but not where it is what cross-validation left, which is the model's error on readings that it has not seen;
+- offsets of instruments that identification has found between recordings are allowed for in each recording;
 - where none is given, an engine that has an `identification:` block is identified on all flights first, none of which
   is taken for clean (`self_identified`).
 """
@@ -29,6 +30,7 @@ from enginediag_cli.engine.mismatch_block import MISMATCH
 from enginediag_cli.error_model.error_model import map_accuracy_of
 from enginediag_cli.errors import DataError
 from enginediag_cli.identification.nominal import Nominal
+from enginediag_cli.identification.offset_prior import OffsetPrior
 from enginediag_cli.identification.other_accuracy import with_accuracy
 from enginediag_cli.identification.settings import IdentificationSettings, settings_from_mapping
 from enginediag_cli.intake.baseline import Baseline, open_baseline
@@ -102,7 +104,9 @@ def load_case(case: Case, fitted: Callable[[Sequence[Flight]], list[Flight]] = l
         # instruments differ from flight to flight by more than one flight's nominal knows
         own = build_evidence(engine, flights, case.asked, nominal=self_identified(engine, fitted(flights)))
         owed = Owed(evidence.noise, priors=False)
-        evidence = replace(evidence, noise=larger_noise(evidence.noise, own.noise), owed=owed)
+        instruments = evidence.settings.instruments or own.settings.instruments
+        settings = replace(evidence.settings, instruments=instruments)
+        evidence = replace(evidence, noise=larger_noise(evidence.noise, own.noise), settings=settings, owed=owed)
     elif nominal is not None:
         stated = build_evidence(engine, flights, case.asked).noise
         evidence = replace(evidence, owed=Owed(stated, priors=True))
@@ -147,6 +151,7 @@ def build_evidence(
         loss_scale=stated.loss_scale,
         offsets={c: v for c, v in stated.recording_bias_sigma.items() if c in sensors},
         scale_offsets={c: v for c, v in stated.recording_scale_sigma.items() if c in sensors},
+        instruments=_instruments(nominal, sensors, engine),
         noise=asked.noise or _noise_choice(block, sensors, nominal),
         seed=asked.seed,
     )
@@ -170,8 +175,19 @@ def searched_again(evidence: Evidence, freed: Sequence[Flight]) -> Evidence:
     if evidence.owed.priors:
         amounts = amounts_of(engine, own) if isinstance(own, Nominal) else {}
         means = {n: v for n, v in own.engine_values.items() if n in settings.nuisance}
-        settings = replace(settings, prior_mean=means | amounts, maps=own.error_model)
+        instruments = _instruments(own, list(noise.sigma), engine)
+        settings = replace(settings, prior_mean=means | amounts, maps=own.error_model, instruments=instruments)
     return replace(evidence, noise=noise, settings=settings)
+
+
+def _instruments(
+    nominal: Nominal | SelfIdentified | None, sensors: Sequence[str], engine: Engine
+) -> tuple[OffsetPrior, ...]:
+    """Offsets between recordings that a nominal state has found, of the size of a further recording's."""
+    if not isinstance(nominal, Nominal):
+        return ()
+    found = [o for o in nominal.offsets if o.recordings and (o.sensor in sensors or o.sensor in engine.inputs)]
+    return tuple(replace(o, prior_sigma=o.next_sigma) for o in found)
 
 
 def _sensors(engine: Engine, flights: Sequence[Flight], stated: IdentificationSettings) -> list[str]:

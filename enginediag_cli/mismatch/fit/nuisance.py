@@ -66,11 +66,12 @@ def floor(
 
 
 def found_floor(
-    engine: Engine, inputs: Mapping[str, np.ndarray], parameters: Mapping[str, float], found: ErrorModel
+    engine: Engine, inputs: Mapping[str, np.ndarray], found: ErrorModel
 ) -> tuple[list[Discrepancy], dict[str, np.ndarray]]:
-    """The floor as an identification found it: its own curves, frozen there, and sizes."""
+    """The floor as an identification found it: its own curves, frozen there, and sizes. Map coordinates are those of
+    the engine as described, as there (`MapErrorModel`): amounts that were found belong to these."""
     machines = {m.name: m for m in machines_of(engine)}
-    at = map_coordinates(engine, inputs, parameters)
+    at = map_coordinates(engine, inputs, {})
     discrepancies: list[Discrepancy] = []
     curves: dict[str, np.ndarray] = {}
     for c in found.curves:

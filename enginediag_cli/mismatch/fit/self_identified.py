@@ -89,7 +89,7 @@ def left_by_the_fit(found: Nominal | SelfIdentified, sensors: Sequence[str]) -> 
 
 
 def _of_one(engine: Engine, flights: Sequence[Flight]) -> Nominal | SelfIdentified:
-    found = identify(engine, [TrainingRecording(f.label, f.columns) for f in flights], offsets=False)
+    found = identify(engine, [TrainingRecording(f.label, f.columns, engine=f.engine) for f in flights])
     if found.converged:
         return found.nominal(engine.path, "", {})
     p, fit = found.problem, found.fit

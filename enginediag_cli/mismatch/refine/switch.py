@@ -19,7 +19,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from enginediag_cli.engine.term import Effect
-from enginediag_cli.mismatch.explain.story import hidden_search
+from enginediag_cli.mismatch.explain.story import hidden_search, with_own_noise
 from enginediag_cli.mismatch.fit.evidence import Evidence, Flight
 from enginediag_cli.mismatch.fit.identified import NO_HYPOTHESIS, Identified, Nuisance, identify_with, nuisance
 from enginediag_cli.mismatch.fit.projection import Frame, Projection
@@ -75,6 +75,14 @@ def with_states(evidence: Evidence, training: Sequence[int], finding: HiddenFind
     parts = dict(zip(training, np.split(stacked, np.cumsum(sizes)[:-1]), strict=True))
     flights = tuple(_with(f, column, parts.get(k, np.zeros(_size(f)))) for k, f in enumerate(evidence.flights))
     return replace(evidence, flights=flights)
+
+
+def judged_by_trained_noise(evidence: Evidence, unseen: Sequence[int]) -> Evidence:
+    """The evidence with noise and priors that the flights that are fitted show, freed of what switches in them, as the
+    search for what is missing takes them: fit, search and judgement rest on one and the same."""
+    training = evidence.only([k for k in range(len(evidence.flights)) if k not in unseen])
+    freed = with_own_noise(training)
+    return replace(evidence, noise=freed.noise, settings=freed.settings, owed=freed.owed)
 
 
 @stage("looking for what switches")

@@ -2,26 +2,32 @@
 
 What identification of the searched recordings leaves unpredicted is their noise when nothing is missing. Where a state
 switches, left-out blocks are predicted in the wrong state, and what is sought drowns in its own steps. So the search
-begins with noise that steps hardly touch (`robust_noise`); where it then finds something that is commanded switching,
-readings are freed of it, a C ŝ, and identified again: noise, priors and errors of maps are those of the better account.
-Where nothing switches, or only what nobody can command, which is how an error of the model looks at so small a noise,
-they stay as they are.
+begins with noise that steps hardly touch: the spread within runs that are too short for a change of state to fall into
+most of them, fit and noise in turn and a step at a time, since a fit that trusts no reading leaves errors of its own,
+
+    w = median |e_k − e_{k−1}|/(0.6745 √2)     v = median of the standard deviations of RUN records in a row
+    σ = max(stated, v, w)                      ρ = 1 − w²/σ²
+
+Where it then finds something that is commanded switching, readings are freed of it, a C ŝ, and identified again. If
+that predicts left-out blocks better, noise, priors and errors of maps are those of the better account. Where nothing
+switches, or only what nobody can command, which is how an error of the model looks at so small a noise, or where
+left-out blocks are as far off without the switch as with it, they stay as they are.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from enginediag_cli.mismatch.fit.believable import switching
 from enginediag_cli.mismatch.fit.evidence import Evidence, Flight, Noise
-from enginediag_cli.mismatch.fit.identified import NO_HYPOTHESIS, Identified, identify_with, nuisance
+from enginediag_cli.mismatch.fit.identified import NO_HYPOTHESIS, Identified, Nuisance, identify_with, nuisance
 from enginediag_cli.mismatch.fit.load import searched_again
 from enginediag_cli.mismatch.fit.noise import larger_noise
 from enginediag_cli.mismatch.fit.projection import Projection
-from enginediag_cli.mismatch.fit.self_identified import robust_noise
+from enginediag_cli.mismatch.fit.self_identified import DEVIATION, LARGEST_RHO
 from enginediag_cli.mismatch.unrecorded.finding import HiddenFinding
 from enginediag_cli.mismatch.unrecorded.hidden import hidden_amplitudes
 from enginediag_cli.mismatch.unrecorded.refit import location_columns
@@ -29,40 +35,72 @@ from enginediag_cli.progress import stage
 
 WORTH = 1.2
 """Noise that is smaller by less than this factor is not worth another identification. Judgement."""
+RUN = 10
+"""Records of a run whose spread is taken: a state that changes every twenty records leaves half of the runs alone.
+Judgement."""
+ROUNDS = 6
+"""Of fit and noise at most; two or three settle it."""
+QUIETER = 3.0
+"""Factor by which noise falls in a round at most: a fit that is at once to believe every reading walks after what
+switches, and ends nowhere."""
 
 
 @stage("weighing what may switch against the noise")
 def freed_of_switches(evidence: Evidence, *, level: float, rng: np.random.Generator) -> Evidence:
     """The evidence with noise, and priors that are its own, from readings without what switches in them; as it is where
-    nothing does, or where they come from elsewhere. `level` as of `hidden_amplitudes`."""
+    nothing does, or where they come from elsewhere. Weighed once: it owes nothing afterwards. `level` as of
+    `hidden_amplitudes`."""
     if evidence.owed is None:
         return evidence
+    as_it_is = replace(evidence, owed=None)
     along = nuisance(evidence)
-    found = identify_with(evidence, NO_HYPOTHESIS, along)
-    if not found.converged:
-        return evidence
-    quiet = _quiet(found, evidence.owed.least)
-    if not any(evidence.noise.sigma[s] > WORTH * quiet.sigma[s] for s in quiet.sigma):
-        return evidence
-    # from the prior means: the fit before is bent by what switches, and walks from there
-    found = identify_with(replace(evidence, noise=quiet), NO_HYPOTHESIS, along)
-    if not found.converged:
-        return evidence
-    findings = hidden_amplitudes(found, Projection(found), level=level, rng=rng, along=along, refitted=1)
-    first = findings[0] if findings else None
-    if first is None or not (first.significant and first.is_switch and first.states is not None):
-        return evidence
-    if not switching(first.location, evidence.engine.parameters):
-        return evidence
-    return searched_again(evidence, _without(first, found))
+    for found in _quieter(evidence, along):
+        findings = hidden_amplitudes(found, Projection(found), level=level, rng=rng, along=along, refitted=1)
+        first = findings[0] if findings else None
+        if first is None or not (first.significant and first.is_switch and first.states is not None):
+            continue
+        if switching(first.location, evidence.engine.parameters):
+            freed = searched_again(evidence, _without(first, found))
+            fall = [np.log(evidence.noise.sigma[s] / freed.noise.sigma[s]) for s in freed.noise.sigma]
+            return replace(freed, owed=None) if np.mean(fall) > np.log(WORTH) else as_it_is
+    return as_it_is
+
+
+def _quieter(evidence: Evidence, along: Nuisance) -> Iterator[Identified]:
+    """Fits with less and less noise, down to what steps hardly touch: a switch that is seen at one of them is. Each
+    begins at the prior means: the one before is bent by what switches, and walks from there."""
+    assert evidence.owed is not None
+    noise, found = evidence.noise, identify_with(evidence, NO_HYPOTHESIS, along)
+    for _ in range(ROUNDS):
+        if not found.converged:
+            return
+        quiet = _quiet(found, evidence.owed.least)
+        if not any(noise.sigma[s] > WORTH * quiet.sigma[s] for s in quiet.sigma):
+            return
+        noise = replace(quiet, sigma={s: max(v, noise.sigma[s] / QUIETER) for s, v in quiet.sigma.items()})
+        found = identify_with(replace(evidence, noise=noise), NO_HYPOTHESIS, along)
+        if found.converged:
+            yield found
 
 
 def _quiet(found: Identified, least: Noise) -> Noise:
     """Noise that steps hardly touch, no smaller than what is known without these recordings."""
-    problem = found.problem
-    stated = np.array([least.sigma[s] for s in problem.sensors])
-    sigma, rho = robust_noise(problem.with_noise(stated, np.ones(len(stated))), found.fit.equations.residual)
+    e, recording = found.fit.equations.residual, found.problem.recording
+    sigma, rho = {}, {}
+    for j, s in enumerate(found.problem.sensors):
+        there = np.isfinite(e[:, j])
+        of = [e[there & (recording == r), j] for r in np.unique(recording)]
+        steps = np.abs(np.concatenate([np.diff(own) for own in of]))
+        w = float(np.median(steps)) / (DEVIATION * np.sqrt(2.0)) if steps.size else 0.0
+        runs = np.concatenate([_spreads(own) for own in of])
+        sigma[s] = max(least.sigma[s], w, float(np.median(runs)) if runs.size else 0.0)
+        rho[s] = float(np.clip(1.0 - (w / sigma[s]) ** 2, 0.0, LARGEST_RHO)) if steps.size else 0.0
     return larger_noise(least, replace(least, sigma=sigma, rho=rho, estimated=True))
+
+
+def _spreads(e: np.ndarray) -> np.ndarray:
+    """Standard deviation of every RUN readings in a row of e (n,), (n // RUN,)."""
+    return np.asarray(e[: len(e) // RUN * RUN].reshape(-1, RUN).std(axis=1, ddof=1))
 
 
 def _without(finding: HiddenFinding, found: Identified) -> Sequence[Flight]:
