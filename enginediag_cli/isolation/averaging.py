@@ -28,8 +28,8 @@ MOST_SETS = 400
 """Sets averaged over at most, likeliest first."""
 WIDE = 10.0
 """Standard deviations of the widest part beyond which nothing of a mixture lies."""
-HALVINGS = 60
-"""Of the interval that holds a quantile: to the last digit."""
+HALVINGS = 36
+"""Of the interval that holds a quantile: to ten digits."""
 
 
 def averaged_sizes(

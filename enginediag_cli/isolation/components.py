@@ -4,8 +4,9 @@ A set of components S changed with the probability of `SetPrior`, and in a compo
 has the slab prior N(0, slab²·prior_sigma²): what wears a compressor costs efficiency and flow capacity together.
 With β_S, I_SS the score and information of all parameters of S, scaled by D = slab·diag(prior_sigma),
 
-    P(S | data) ∝ P(S) · mean over slabs of exp(½ β_Sᵀ A_S⁻¹ β_S − ½ log det A_S),    A_S = 1 + I_SS.
+    P(S | data) ∝ P(S) · mean over slabs of exp(½ β_Sᵀ A_S⁻¹ β_S − ½ log det A_S),    A_S = 1 + I_SS,
 
+and of the leading sets the slab prior is cut to the way on which wear goes, as for parameters.
 Where the maps of the model are generic this is surer than parameters: efficiency and flow capacity of one component
 trade against each other with the shape of its map, and one parameter of a neighbour can imitate both together.
 A sensor counts as a component of its own, with the prior that sensors have.
@@ -24,6 +25,7 @@ from enginediag_cli.isolation.methods import IsolationOptions
 from enginediag_cli.isolation.posterior import size_limit
 from enginediag_cli.isolation.prior import SetPrior, are_sensors
 from enginediag_cli.isolation.result import Explanation
+from enginediag_cli.isolation.wear import log_wear
 from enginediag_cli.residuals.score import Score
 from enginediag_cli.residuals.statistics import LocalStatistics
 
@@ -85,6 +87,8 @@ def component_posterior(
         logs.append(np.logaddexp.reduce(each, axis=0) - np.log(len(each)) + log_prior[sizes == size])
         masks.append(mask)
     sets, weights = np.concatenate(masks), np.concatenate(logs)
+    held = np.array([[o == c for o in owner] for c in components], bool)
+    weights = weights + log_wear(score, sets @ held, weights, prior)
     order = np.argsort(-weights, kind="stable")
     probabilities = np.exp(weights[order] - weights[order[0]])
     return components, sets[order], probabilities / probabilities.sum()

@@ -103,6 +103,8 @@ def _by_posterior(
     statistics: LocalStatistics | None,
 ) -> tuple[Score, IsolationResult, bool, Adequacy]:
     prior, notes = isolation.prior, []
+    if options.one_sided:  # knows the signs by itself
+        prior = replace(prior, rises=0.5)
     posterior = set_posterior(score, prior, largest=isolation.largest, faults=isolation.faults)
     large, own = False, dict[bytes, Score]()
     if options.nonlinear != "never" and records is not None and posterior.masks[0].any():

@@ -21,6 +21,7 @@ import numpy as np
 from enginediag_cli.isolation.posterior import SetPosterior, set_posterior
 from enginediag_cli.isolation.prior import SetPrior, are_sensors
 from enginediag_cli.isolation.signs import reweighed
+from enginediag_cli.isolation.wear import wear_factors, wear_signs
 from enginediag_cli.isolation.window_model import Expansion, WindowModel
 from enginediag_cli.residuals.score import Score
 
@@ -181,7 +182,7 @@ def laplace(score: Score, fit: SetFit, mask: np.ndarray, prior: SetPrior) -> flo
 
 
 def _log_slabs(score: Score, mask: np.ndarray, prior: SetPrior) -> float:
-    """log of the mean over slabs of ∫ exp(β·δ − ½ δᵀ I δ) N(δ; 0, slab²) dδ over the parameters of a set."""
+    """log of the mean over slabs of ∫ exp(β·δ − ½ δᵀ I δ) p(δ; slab) dδ over the parameters of a set."""
     b, information = score.scaled()
     s = np.flatnonzero(mask)
     each = []
@@ -189,7 +190,8 @@ def _log_slabs(score: Score, mask: np.ndarray, prior: SetPrior) -> float:
         A = np.eye(len(s)) + slab**2 * information[np.ix_(s, s)]
         right = slab * b[s]
         each.append(0.5 * float(right @ np.linalg.solve(A, right)) - 0.5 * float(np.linalg.slogdet(A)[1]))
-    return float(np.logaddexp.reduce(each) - np.log(len(each)))
+    wear = float(wear_factors(score, mask[None], wear_signs(score, prior), prior)[0])
+    return float(np.logaddexp.reduce(each) - np.log(len(each)) + np.log(wear))
 
 
 def _combined(

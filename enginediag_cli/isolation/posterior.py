@@ -5,6 +5,8 @@ A set S has the prior probability of `SetPrior`; a change has the slab prior N(0
     P(S | data) ∝ P(S) · mean over slabs of exp(½ β_Sᵀ A_S⁻¹ β_S − ½ log det A_S)
     with A_S = 1 + D I_SS D,  β = D b,  D = slab · diag(prior_sigma).
 
+Of the leading sets the slab prior is cut to the way on which wear goes, all but a doubt (see `wear`).
+
 All sets up to a size limit are visited, not sampled. The model is that of George, E. I. and McCulloch, R. E.
 (1997) Statistica Sinica 7, 339–373.
 """
@@ -17,6 +19,7 @@ import numpy as np
 
 from enginediag_cli.isolation.enumeration import all_sets, counted, number_of_sets
 from enginediag_cli.isolation.prior import SetPrior, are_sensors
+from enginediag_cli.isolation.wear import log_wear
 from enginediag_cli.residuals.score import Score
 
 MAX_SETS = 1_200_000
@@ -92,7 +95,10 @@ def set_posterior(
     each = 0.5 * (quadratic - log_det)
     wrong, healthy = counted(p, limit, tuple(sensors.tolist()), prior.wrong_sensors)
     top = np.maximum.reduce(list(each))  # with the prior, a bound of the weight that is no more than ln(slabs) off
-    logs = top + prior.log_of_counts(healthy, wrong, p, int(sensors.sum()))
+    m = int(sensors.sum())
+    each_count = np.ogrid[: min(limit, p - m) + 1, : min(prior.wrong_sensors, limit, m) + 1]
+    of_counts = prior.log_of_counts(each_count[0], each_count[1], p, m)
+    logs = top + of_counts[healthy, wrong]
     sizes = healthy + wrong
     none = int(np.flatnonzero(sizes == 0)[0])
     asked: np.ndarray = np.ones(len(logs), bool) if faults is None else np.asarray(sizes == faults)
@@ -102,7 +108,9 @@ def set_posterior(
     kept = np.flatnonzero(asked)
     spread = np.log(np.exp(each[:, kept] - top[kept]).mean(axis=0))
     empty = float(logs[none] + np.logaddexp.reduce(each[:, none] - top[none]) - np.log(len(each)))
-    logs, masks = logs[kept] + spread, masks[kept]
+    listed = _holding_nearly_all(logs[kept] + spread, kept == none)
+    logs, masks = (logs[kept] + spread)[listed], masks[kept[listed]]
+    logs = logs + log_wear(score, masks, logs, prior)
     order = np.argsort(-logs, kind="stable")
     masks, logs = masks[order], logs[order]
     weights = np.exp(logs - logs[0])
@@ -112,3 +120,17 @@ def set_posterior(
     return SetPosterior(
         score.parameters, masks, probabilities, probabilities @ masks, evidence, limit, prior.wrong_sensors
     )
+
+
+def _holding_nearly_all(logs: np.ndarray, none: np.ndarray) -> np.ndarray:
+    """Positions of the sets that hold all but NEGLIGIBLE of the weight exp(logs) (M,), and of the one of no change."""
+    weights = np.exp(logs - logs.max())
+    count, enough = ALL_LISTED, (1 - NEGLIGIBLE) * float(weights.sum())
+    while count < len(logs):
+        top = np.argpartition(-weights, count)[:count]
+        if float(weights[top].sum()) >= enough:
+            kept = none.copy()
+            kept[top] = True
+            return np.flatnonzero(kept)
+        count *= 2
+    return np.arange(len(logs))

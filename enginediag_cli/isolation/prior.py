@@ -17,7 +17,8 @@ whatever the engine did, and no more than `wrong_sensors` of them at once, so th
 
 How much: a change of a parameter is N(0, slab² · prior_sigma²), where the slab is common to the parameters of a
 set and one of `slabs`, each as probable as the others. With prior_sigma of 2 %, as health parameters have it, the
-three widths stand for changes of about 0.3 %, 1 % and 3 %.
+three widths stand for changes of about 0.3 %, 1 % and 3 %. What wear can only lower, as efficiencies, has risen with
+the probability `rises` where it has changed: modules are repaired and exchanged.
 """
 
 from __future__ import annotations
@@ -38,7 +39,8 @@ def are_sensors(parameters: Sequence[Parameter]) -> np.ndarray:
 @dataclass(frozen=True)
 class SetPrior:
     """inclusion, worn and sensor: probabilities; slabs: sizes of a change, in prior_sigma; wrong_sensors: at most, at
-    once; spread: factors on the odds of inclusion, which give the π.
+    once; spread: factors on the odds of inclusion, which give the π; rises: chance that a parameter that changed went
+    against its wear, 0.5 where nothing is known of that.
 
     sensor: of fourteen instruments one is then wrong in one window of eight. Twice that takes from every answer the
     tenth that it has in hand.
@@ -50,6 +52,7 @@ class SetPrior:
     sensor: float = 0.01
     wrong_sensors: int = 2
     spread: tuple[float, ...] = (0.5, 1.0, 2.0)
+    rises: float = 0.05
 
     def __post_init__(self) -> None:
         if not 0 < self.inclusion < 1:
@@ -58,6 +61,8 @@ class SetPrior:
             raise ValueError("`worn` must lie in [0, 1]")
         if not 0 < self.sensor < 1 or self.wrong_sensors < 0:
             raise ValueError("`sensor` must lie between 0 and 1, and `wrong_sensors` not be negative")
+        if not 0 < self.rises < 1:
+            raise ValueError("`rises` must lie between 0 and 1")
         if not self.spread or not all(0 < factor < np.inf for factor in self.spread):
             raise ValueError("`spread` must be positive and finite, one at least")
         if not self.slabs or not all(0 < slab < np.inf for slab in self.slabs):
@@ -99,9 +104,17 @@ class SetPrior:
         return np.asarray(log + np.where(wrong <= self.wrong_sensors, own, -np.inf))
 
     def draw(
-        self, rng: np.random.Generator, count: int, p: int, sensors: np.ndarray | None = None
+        self,
+        rng: np.random.Generator,
+        count: int,
+        p: int,
+        sensors: np.ndarray | None = None,
+        wear: np.ndarray | None = None,
     ) -> tuple[np.ndarray, np.ndarray]:
-        """`count` engines from this prior: which changed (count, p) bool, by how many prior_sigma (count, p)."""
+        """`count` engines from this prior: which changed (count, p) bool, by how many prior_sigma (count, p).
+
+        sensors (p,) bool: which are errors of sensors; wear (p,): way on which wear takes each, 0 where both.
+        """
         # a chance that is itself uniform makes all numbers of changes equally probable
         separate = rng.choice(self.chances, size=count)
         chance = np.where(rng.random(count) < self.worn, rng.random(count), separate)
@@ -112,4 +125,8 @@ class SetPrior:
                 changed[np.ix_(again, sensors)] = rng.random((len(again), int(sensors.sum()))) < self.sensor
                 again = again[changed[np.ix_(again, sensors)].sum(axis=1) > self.wrong_sensors]
         slab = rng.choice(np.asarray(self.slabs), size=(count, 1))
-        return changed, np.where(changed, slab * rng.standard_normal((count, p)), 0.0)
+        size = slab * rng.standard_normal((count, p))
+        if wear is not None and np.any(wear):
+            way = np.where(rng.random((count, p)) < self.rises, -wear, wear)
+            size = np.where(wear == 0, size, way * np.abs(size))
+        return changed, np.where(changed, size, 0.0)

@@ -36,7 +36,7 @@ def test_the_posterior_is_that_of_the_marginal_likelihoods_of_the_readings():
     rng = np.random.default_rng(1)
     J = sensitivities(rng, N=5, m=3)
     score, e = score_of(rng, J, [0, 0, -0.03, 0.02, 0, 0])
-    prior = SetPrior(0.2, slabs=(1.5,))
+    prior = SetPrior(0.2, slabs=(1.5,), rises=0.5)
     components, sets, probabilities = component_posterior(score, prior)
     assert components == ("fan", "hpc", "nozzle", "sensor.T3") and len(sets) == 16
     wide = J.reshape(-1, 6)

@@ -18,7 +18,7 @@ def found(tmp_path_factory):
     pycycle_runs.write(folder, ["nominal", "fault_1", "fault_2", "fault_3", "faults_random"], 2)
     found = pycycle_isolation.judged(1, folder)
     assert found["identify"] == 0, found["told"]
-    return found
+    return {**found, "off": pycycle_isolation.sensor_off(1, 0, folder, every=4)}
 
 
 def test_of_80_records_exactly_what_changed_is_named(found):
@@ -35,3 +35,9 @@ def test_of_single_records_no_instrument_is_named_and_intervals_hold_nine_of_ten
             float(r["lower"]) <= truth.get(r["parameter"], 0.0) <= float(r["upper"]) for r in rows if r["parameter"]
         ]
     assert len(held) > 50 and sum(held) > 0.9 * len(held)
+
+
+def test_a_sensor_that_is_off_by_three_standard_deviations_is_named_and_nothing_else(found):
+    for sensor, rows in found["off"]:
+        assert pycycle_isolation.answer(rows) == {sensor}
+        assert float(rows[0]["probability"]) > 0.7

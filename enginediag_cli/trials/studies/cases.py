@@ -86,7 +86,8 @@ class FaultCase:
         among = np.flatnonzero(self.candidates)
         prior, sigma = SetPrior(), monitor.prior_sigma[among]
         monitored = list(meanings(monitor.meaning, [monitor.names[i] for i in among]).values())
-        changed, size = prior.draw(rng, count, len(among), are_sensors(monitored))
+        wear = np.array([p.wear for p in monitored])
+        changed, size = prior.draw(rng, count, len(among), are_sensors(monitored), wear)
         if self.draw["faults"] is not None:
             low, high = self.draw["faults"]
             number = rng.integers(int(low), int(high) + 1, size=count)
