@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import partial, reduce
 from operator import add
 
@@ -43,7 +43,8 @@ class WindowStatistics:
     records: in the window; outside: beyond the operating points seen; incomplete: without an input or without
     any reading; failed: not computed by the engine; reason: why there is no verdict, or empty. sensors: how many of the
     `sensors_of` that the nominal has gave a reading in a record that was judged (0 of 0: not known); silent: the
-    monitored errors of those that gave none, of which nothing can be said and which are no suspects.
+    monitored errors of those that gave none, of which nothing can be said and which are no suspects. conditions: mean
+    of each input over the records that were judged.
     """
 
     source: str
@@ -63,6 +64,7 @@ class WindowStatistics:
     sensors: int = 0
     sensors_of: int = 0
     silent: tuple[str, ...] = ()
+    conditions: Mapping[str, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -190,9 +192,15 @@ def _finished(
 
 
 def _whole(pieces: Sequence[_Piece]) -> WindowStatistics:
-    """Bookkeeping of a window, with the sensors that gave a reading in a record that was judged."""
+    """Bookkeeping of a window, with the sensors that gave a reading in a record that was judged, and what was flown."""
     read = np.any([np.isfinite(piece.y).any(axis=0) for piece in pieces], axis=0)
-    return replace(joined([piece.window for piece in pieces]), sensors=int(read.sum()), sensors_of=len(read))
+    flown = {c: np.concatenate([piece.inputs[c] for piece in pieces]) for c in pieces[0].inputs}
+    return replace(
+        joined([piece.window for piece in pieces]),
+        sensors=int(read.sum()),
+        sensors_of=len(read),
+        conditions={c: float(values.mean()) for c, values in flown.items() if len(values)},
+    )
 
 
 def joined(parts: Sequence[WindowStatistics]) -> WindowStatistics:
