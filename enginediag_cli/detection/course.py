@@ -43,7 +43,9 @@ def courses(clock: np.ndarray, earliest: int = 0) -> Courses:
     earliest = min(earliest, n - 1)
     at = np.arange(max(earliest, 1), n)
     steps = (np.arange(n) >= at[:, None]).astype(float)
-    last = np.unique(np.linspace(max(earliest - 1, 0), n - 3, ONSETS).round().astype(int)) if n > earliest + 2 else at[:0]
+    last = np.zeros(0, int)
+    if n > earliest + 2:
+        last = np.unique(np.linspace(max(earliest - 1, 0), n - 3, ONSETS).round().astype(int))
     even = np.clip((clock - clock[last][:, None]) / (clock[-1] - clock[last])[:, None], 0.0, None)
     grown = [even**power for power in POWERS]
     growing = np.repeat([False, True], [len(steps), len(POWERS) * len(last)])

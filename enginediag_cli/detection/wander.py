@@ -14,6 +14,7 @@ and after them, count as much as their own scatter allows.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
@@ -23,6 +24,9 @@ DISTANCES = 12
 """Classes of distance, each twice as long as the one before: from neighbours to a tenth of the longest series."""
 LONGEST = 0.1
 """Longest distance of differences, in lengths of the series."""
+SHORT, OF_SHORT = 16, 0.4
+"""Distance in epochs up to which a short series is looked at all the same, and the longest such in lengths of it: a
+tenth of forty epochs does not tell a walk from wear."""
 PAIRS = 8
 """Differences of one epoch with later ones in a class: all of them say the same."""
 LEAST_PAIRS = 20
@@ -42,25 +46,27 @@ OUTLIER = 1e-4
 @dataclass(frozen=True)
 class Wander:
     """Modes W (m, k); inverse (k, n, n): inverse covariance of each mode of the series; c (k, n): inverse times
-    series; log: log likelihood of no event; slow: whether readings wander at all."""
+    series; log: log likelihood of no event; beside: the same of the series without the known events, which it was read
+    from; slow: whether readings wander at all."""
 
     W: np.ndarray
     inverse: np.ndarray
     c: np.ndarray
     log: float
+    beside: float
     slow: bool
 
 
 def structure(clock: np.ndarray, z: np.ndarray, least: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Distances (h,) and half the mean square of differences (h, m, m) of the readings z (n, m). least (m, m):
     covariance of their noise, which counts as m + 2 differences."""
-    n, m = z.shape
+    n = len(z)
     unit = np.median(np.diff(clock))
     rng = np.random.default_rng(n)  # which pairs are drawn; the same for the same series
-    limit = max(LONGEST * (clock[-1] - clock[0]), 2 * unit)
+    limit = max(LONGEST * (clock[-1] - clock[0]), min(OF_SHORT * (clock[-1] - clock[0]), SHORT * unit))
     edges = unit * 0.999 * 2.0 ** np.arange(DISTANCES + 1)
     distances, found = [], []
-    for low, high in zip(edges, edges[1:], strict=False):
+    for low, high in pairwise(edges):
         if low > limit:
             break
         first, last = np.searchsorted(clock, clock + low), np.searchsorted(clock, clock + high)
@@ -120,11 +126,12 @@ def wandering(readings: Readings, known: np.ndarray, slow: bool) -> Wander:
             alone = (free - _running_median(free)).T
             off = (np.sum(c**2 / own, axis=0) > beyond) & (np.sum(alone**2, axis=0) > beyond)
             extra = np.where(off, np.minimum((c / own) ** 2, alone**2), 0.0)
+    log += n * float(np.linalg.slogdet(W)[1])
+    left = log - 0.5 * float(np.sum(c * free.T))
     for k in range(m):
         c[k] = inverse[k] @ z[:, k]
         log -= 0.5 * float(z[:, k] @ c[k])
-    log += n * float(np.linalg.slogdet(W)[1])
-    return Wander(W, inverse, c, log, slow)
+    return Wander(W, inverse, c, log, left, slow)
 
 
 def _covariance(distances: np.ndarray, value: np.ndarray, apart: np.ndarray, slow: bool) -> np.ndarray:
@@ -134,7 +141,8 @@ def _covariance(distances: np.ndarray, value: np.ndarray, apart: np.ndarray, slo
     n = len(apart)
     if not slow or len(distances) < 2:
         return np.asarray(value[0] * np.eye(n))
-    tau = distances[0] * 2.0 ** np.arange(1, len(distances) + 1)
+    # up to the length of the series: what grows with distance as far as is seen may go on growing
+    tau = distances[0] * 2.0 ** np.arange(1, np.ceil(np.log2(apart.max() / distances[0])) + 2)
     columns = np.concatenate([np.ones((len(distances), 1)), 1 - np.exp(-distances[:, None] / tau)], axis=1)
     x, _ = nnls(columns / value[:, None], np.ones(len(value)))
     K = max(x[0], WHITE * value[0]) * np.eye(n)

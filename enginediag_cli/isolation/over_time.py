@@ -6,13 +6,13 @@ one course (`detection/course.py`), and has the prior
     P(suspect changes) P(kind | suspect) P(onset | kind) P(parameters | suspect),    δ ~ mean over slabs of N(0, slab²)
 
 Instruments step, at once and for good; components wear or are damaged. All suspects, kinds and onsets are enumerated
-for one event, the others of the series given; events are added while another is more probable than none, each is
-exchanged for any other, and the scatter is read again without them, until nothing changes.
+for one event, the others of the series given. What is likeliest is added, or exchanged for another event, and the
+scatter is read again without it: the series and the events together become likelier by it, or it does not stay.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -29,8 +29,13 @@ from enginediag_cli.progress import stage
 
 MAX_EVENTS = 4
 """Events told apart in one series at most: a stop, since each must be more probable than none."""
-PASSES = 6
-"""Passes over events and scatter, each of which needs the other."""
+PASSES = 8
+"""Exchanges of events at most, each of which makes the series likelier."""
+SIZE = 4.6
+"""What the log probability of an event loses for each size that is fitted to it: a hundred times as wide beforehand as
+afterwards."""
+FEWEST_SLOW = 11
+"""Epochs up to which nothing is known of how readings wander, but that neighbours differ."""
 TOLD = 0.5
 """Probability from which an event is one."""
 GENERIC, KNOWN = 0.1, 0.03
@@ -38,8 +43,6 @@ GENERIC, KNOWN = 0.1, 0.03
 deviation of their slopes, of which the effect is a part) and where they are the engine's."""
 INPUTS = 0.03
 """The same of an input, whose effect is mostly thermodynamics: pressures and temperatures scale with it."""
-NEGLIGIBLE_LAW = 1e-6
-"""Probability of a law of scatter below which it is not looked at again."""
 
 
 @dataclass(frozen=True)
@@ -68,35 +71,61 @@ def judge_series(readings: Readings, meaning: Mapping[str, Parameter], options: 
     of_sensors = [all(described[i].of_sensor for i in group) for group in suspects.groups]
     doubt = np.where(suspects.instrument, INPUTS, GENERIC if options.generic else KNOWN)
     doubt[of_sensors] = 0.0
-    chosen: list[Chosen] = []
-    laws: Sequence[bool] = (False, True) if len(readings) > 5 else (False,)
-    settled = False
-    search = None
+    laws = (False, True) if len(readings) > FEWEST_SLOW else (False,)
+    kinds = log_of_kinds(suspects, among)
+    looked: dict[tuple[tuple[int, int], ...], _Look] = {}
+
+    def look(chosen: Sequence[Chosen]) -> _Look:
+        key = tuple(sorted(event.place for event in chosen))
+        if key not in looked:
+            known = _effect(readings, suspects, among, chosen)
+            tables = tuple(table(readings, wandering(readings, known, slow), among, together) for slow in laws)
+            search = Search(tables, among, suspects, options.prior.slabs, kinds, doubt)
+            looked[key] = _Look(tuple(chosen), search, _joint(search, chosen))
+        return looked[key]
+
+    best, settled = look(()), False
     for _ in range(PASSES):
-        known = _effect(readings, suspects, among, chosen)
-        tables = [table(readings, wandering(readings, known, slow), among, together) for slow in laws]
-        search = Search(tuple(tables), among, suspects, options.prior.slabs, log_of_kinds(suspects, among), doubt)
-        log, nothing = search.posterior(chosen)
-        each = np.logaddexp(np.logaddexp.reduce(log, axis=(1, 2)), nothing)
-        likely = each > np.logaddexp.reduce(each) + np.log(NEGLIGIBLE_LAW)
-        laws = [slow for slow, kept in zip(laws, likely, strict=True) if kept]
-        search = Search(
-            tuple(t for t, kept in zip(tables, likely, strict=True) if kept),
-            among,
-            suspects,
-            options.prior.slabs,
-            search.log_kind,
-            doubt,
-        )
-        found = _exchanged(search, chosen)
-        settled = {e.place for e in found} == {e.place for e in chosen}
-        chosen = found
+        trials = [look(found) for found in _proposals(best)]
+        better = max(trials, key=lambda trial: trial.log, default=best)
+        settled = better.log <= best.log
         if settled:
             break
-    assert search is not None
-    search = replace(search, tails=True)
-    chosen = _kept(search, chosen)
-    return _told(readings, search, chosen, settled)
+        best = better
+    gains = [best.log - look([*best.chosen[:k], *best.chosen[k + 1 :]]).log for k in range(len(best.chosen))]
+    return _told(readings, replace(best.search, tails=True), best.chosen, gains, settled)
+
+
+@dataclass(frozen=True)
+class _Look:
+    """Events, the search over a series with the scatter that they leave, and the log probability of both."""
+
+    chosen: tuple[Chosen, ...]
+    search: Search
+    log: float
+
+
+def _joint(search: Search, chosen: Sequence[Chosen]) -> float:
+    """log probability of the series and of these events, with the scatter that they leave."""
+    prior = sum(
+        float(search.suspects.log_odds[e.group] + search.log_kind[e.group, e.course]) - SIZE * len(e.size)
+        for e in chosen
+    )
+    return float(np.logaddexp.reduce([t.wander.beside for t in search.tables])) + prior
+
+
+def _proposals(look: _Look) -> Iterator[list[Chosen]]:
+    """What may be likelier: one event more, by each law of scatter alone, or another one for any; one less."""
+    for k in range(len(look.chosen) + 1):
+        others = [*look.chosen[:k], *look.chosen[k + 1 :]]
+        if k < len(look.chosen):
+            yield others
+        elif len(others) >= MAX_EVENTS:
+            continue
+        for t in look.search.tables:
+            best = _best(replace(look.search, tables=(t,)), others)
+            if best is not None:
+                yield [*others, best]
 
 
 def _effect(readings: Readings, suspects: Suspects, among: Courses, chosen: Sequence[Chosen]) -> np.ndarray:
@@ -106,34 +135,6 @@ def _effect(readings: Readings, suspects: Suspects, among: Courses, chosen: Sequ
         group = list(suspects.groups[event.group])
         known += among.g[event.course][:, None] * (readings.J[:, :, group] @ np.array(event.size))
     return known
-
-
-def _exchanged(search: Search, chosen: Sequence[Chosen]) -> list[Chosen]:
-    """Each event judged again with the others given, and one more where it is likelier than none."""
-    events = list(chosen)
-    for k in range(len(events) - 1, -1, -1):
-        others = [*events[:k], *events[k + 1 :]]
-        best = _best(search, others)
-        events = [*others[:k], *([best] if best is not None else []), *others[k:]]
-    if len(events) < MAX_EVENTS:
-        another = _best(search, events)
-        events += [another] if another is not None else []
-    return events
-
-
-def _kept(search: Search, chosen: Sequence[Chosen]) -> list[Chosen]:
-    """The events that are likelier than none beside the others, the least likely left out first."""
-    events = list(chosen)
-    while events:
-        odds = []
-        for k in range(len(events)):
-            log, nothing = search.posterior([*events[:k], *events[k + 1 :]])
-            odds.append(float(np.logaddexp.reduce(log, axis=None) - np.logaddexp.reduce(nothing)))
-        least = int(np.argmin(odds))
-        if odds[least] > 0:
-            break
-        del events[least]
-    return events
 
 
 def _best(search: Search, others: Sequence[Chosen]) -> Chosen | None:
@@ -152,11 +153,11 @@ def _best(search: Search, others: Sequence[Chosen]) -> Chosen | None:
     return Chosen(group, int(course), tuple(size.tolist()))
 
 
-def _told(readings: Readings, search: Search, chosen: Sequence[Chosen], settled: bool) -> Story:
+def _told(readings: Readings, search: Search, chosen: Sequence[Chosen], gains: Sequence[float], settled: bool) -> Story:
     missed = {c: 1.0 for c in search.suspects.components}
     events = []
     for k in range(len(chosen)):
-        event = _event(readings, search, [*chosen[:k], *chosen[k + 1 :]])
+        event = _event(readings, search, [*chosen[:k], *chosen[k + 1 :]], gains[k])
         if event.probability >= TOLD:
             events.append(event)
         for member in event.members:
@@ -174,7 +175,8 @@ def _told(readings: Readings, search: Search, chosen: Sequence[Chosen], settled:
     )
 
 
-def _event(readings: Readings, search: Search, others: Sequence[Chosen]) -> Event:
+def _event(readings: Readings, search: Search, others: Sequence[Chosen], most: float = np.inf) -> Event:
+    """most: log odds of the event where the scatter is read again without it."""
     log, nothing = search.posterior(others)
     total, none = np.logaddexp.reduce(log, axis=None), np.logaddexp.reduce(nothing)
     weight = np.exp(log - total)
@@ -185,15 +187,16 @@ def _event(readings: Readings, search: Search, others: Sequence[Chosen]) -> Even
     growing = bool(mine[among.growing].sum() > mine[~among.growing].sum())
     at = among.growing == growing
     onset, low, high = _onset(among.onset[at], mine[at], readings)
+    odds = min(float(total - none), most)
     members = [_member(readings, search, others, weight, c, chance[c]) for c in order if chance[c] >= 0.01]
     return Event(
-        float(1 / (1 + np.exp(np.clip(none - total, -700, 700)))),
+        float(1 / (1 + np.exp(-np.clip(odds, -700, 700)))),
         tuple(members),
         DETERIORATION if growing else STEP,
         onset,
         low,
         high,
-        float(total - none),
+        odds,
     )
 
 

@@ -18,6 +18,8 @@ from enginediag_cli.isolation.suspects import WRONG_WAY, Suspects
 FREEDOM = 30.0
 """Degrees of freedom ν of what readings wander by at once. Judgement: with tails that are much longer, no change in a
 single jump could be told from scatter; settled on shifted readings of the power plant."""
+OF_INSTRUMENTS = 1.0
+"""Largest slab of an instrument: its prior standard deviation is how far it plausibly is off when it is wrong."""
 TINY = 1e-300
 """Keeps what a course does not touch from being divided by nothing."""
 
@@ -105,13 +107,15 @@ class Search:
     def sizes(self, b: np.ndarray, S: np.ndarray, k: int, slow: bool) -> Sizes:
         """Of one group with each course: two passes, the first of which finds how large its doubt is.
 
-        Where readings wander the change stands in one jump of theirs. With long tails that jump, in all modes
-        together of χ² Q before and Q' after the change, is judged by Student's t,  ½(ν + m) ln((ν + Q)/(ν + Q')),  where the normal law has  ½(Q − Q').
+        Where readings wander the change stands in one jump of theirs. With long tails that jump, in all modes together
+        of χ² Q before and Q' after the change, is judged by Student's t,  ½(ν + m) ln((ν + Q)/(ν + Q')),  where the
+        normal law has  ½(Q − Q').
         """
         group = np.array(self.suspects.groups[k])
         mine, info = b[:, :, group], S[:, :, group[:, None], group]
         doubt = self.doubt[k]
-        first = _gaussian(mine.sum(axis=1), info.sum(axis=1), self.slabs)[1]
+        slabs = [min(slab, OF_INSTRUMENTS) for slab in self.slabs] if self.suspects.instrument[k] else self.slabs
+        first = _gaussian(mine.sum(axis=1), info.sum(axis=1), slabs)[1]
         off = np.zeros(len(b))
         if doubt:
             told = np.einsum("lkpq,lq->lkp", info, first)
@@ -122,7 +126,7 @@ class Search:
             info = info - factor[..., None, None] * told[..., None] * told[..., None, :]
             off = 0.5 * np.sum(factor * along_it**2 - np.log1p(doubt**2 * square), axis=1)
         summed = mine.sum(axis=1)
-        log, mean, covariance = _gaussian(summed, info.sum(axis=1), self.slabs)
+        log, mean, covariance = _gaussian(summed, info.sum(axis=1), slabs)
         log = log + off
         if self.tails and slow:
             taken = np.maximum(np.einsum("lp,lp->l", summed, mean) + 2 * off, 0.0)

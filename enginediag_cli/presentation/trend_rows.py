@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from enginediag_cli.detection.trend_of_files import Series, Stretch
     from enginediag_cli.isolation.story import Event, Member, Story
 
+
 def flight_rows(series: Series) -> Iterator[dict[str, Any]]:
     """Changes from nominal, in the parameter's unit, with 95 % intervals."""
     from enginediag_cli.detection.trend import flight_change
@@ -98,7 +99,8 @@ def component_rows(engine: str, story: Story, series: Series) -> Iterator[dict[s
         }
     if not story.events:
         empty = dict.fromkeys(("kind", *ONSET))
-        yield {**head, "components": [], "probability": 1 - max(story.inclusion.values(), default=0.0), **empty, "rivals": []}
+        steady = 1 - max(story.inclusion.values(), default=0.0)
+        yield {**head, "components": [], "probability": steady, **empty, "rivals": []}
 
 
 def _rivals(event: Event, member: Member) -> list[str]:
@@ -147,8 +149,8 @@ def tell_story(messages: Messages, engine: str, story: Story, series: Series) ->
         messages.warning(f"{name}the search for onsets did not settle")
     if story.events:
         messages.note(
-            f"{name}chi2 per degree of freedom, by the scatter of the series: {story.fit.before:.3g} before what follows, "
-            f"{story.fit.after:.3g} after"
+            f"{name}chi2 per degree of freedom, by the scatter of the series: {story.fit.before:.3g} before what "
+            f"follows, {story.fit.after:.3g} after"
         )
     for event in story.events:
         since = _since(event, series.stretches[engine])
