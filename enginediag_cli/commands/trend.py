@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from enginediag_cli.intake.source import Source
     from enginediag_cli.residuals.files import Judging
 
-EPOCHS = 1000
+EPOCHS = 400
 """Epochs of one series that are judged at once: work grows with their third power. Longer ones are joined."""
 OF_A_FLEET = 60
 """Epochs of each engine where there are several."""
@@ -123,6 +123,7 @@ def trend(
                 healthy=series.healthy(engine, healthy),
                 sensors=not no_sensors,
                 generic=monitor is None or monitor.slopes is not None,
+                governed=series.governed,
             )
             story = judge_series(series.readings(engine).joined(most), series.known, options)
             tell_story(messages, engine, story, series)

@@ -75,6 +75,8 @@ def table(readings: Readings, wander: Wander, among: Courses, together: np.ndarr
         A, inverse = effect[k], wander.inverse[k]
         b[:, k] = along(A * wander.c[k][:, None], among)
         for i, j in pairs:
+            if not (A[:, i].any() and A[:, j].any()):
+                continue
             both = A[:, i, None] * inverse * A[:, j]
             S[:, k, i, j] = S[:, k, j, i] = _twice(both, among)
     return Table(wander, effect, b, S)

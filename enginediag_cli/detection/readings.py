@@ -6,11 +6,15 @@ Where the error of each output sensor is among the parameters, the statistics of
 
 whatever R is, summed over records or with everything uncertain about nominal counted as noise. Statistics without
 sensors have directions of the parameters in their place, as far as every epoch tells them.
+
+An instrument that gives the model an input stands in the series with what it read, too: an error of it is in its own
+readings by as much as it moves the prediction, and at the same time. Weather and a governor move them, which is
+learnt as any wandering is; what no weather does, such as two kilopascals between two hours, no barometer did unseen.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -29,7 +33,8 @@ class Readings:
     z (n, m): readings minus prediction in units of their noise; J (n, m, p): what one prior standard deviation D (p,)
     of each parameter adds to them; noise (m, m): covariance of z by the stated noise; clock (n,): mean time, in any
     unit that runs forward; flights (n,): how many flights or windows an epoch holds; first (n,): number of its first
-    one, from 0; weather (n, c): functions of the conditions flown, of mean 0 and unit size.
+    one, from 0; weather (n, c): functions of the conditions flown, of mean 0 and unit size. The last `inputs` of the m
+    are what instruments of inputs read, in units of what they differ by from one epoch to the next.
     """
 
     parameters: tuple[str, ...]
@@ -41,6 +46,7 @@ class Readings:
     flights: np.ndarray
     first: np.ndarray
     weather: np.ndarray
+    inputs: int = 0
 
     def __len__(self) -> int:
         return len(self.z)
@@ -71,9 +77,11 @@ def readings_of(
     described: Sequence[Parameter],
     clock: np.ndarray,
     conditions: np.ndarray | None = None,
+    read: Mapping[str, np.ndarray] | None = None,
 ) -> Readings:
     """One epoch per element, in order; described (p,): their parameters that may change; conditions (n, c): means of
-    what was flown. ValueError when the statistics are of different parameters."""
+    what was flown; read: of errors of inputs, what each of their instruments read (n,), in which the error is an
+    addition. ValueError when the statistics are of different parameters."""
     first = statistics[0]
     if any(x.parameters != first.parameters for x in statistics):
         raise ValueError("statistics of different parameters have no common trend")
@@ -96,7 +104,7 @@ def readings_of(
     noise = np.median(inverse, axis=0)
     scale = np.sqrt(np.diag(noise))
     n = int(kept.sum())
-    return Readings(
+    found = Readings(
         tuple(p.name for p in described),
         D,
         z / scale,
@@ -106,6 +114,39 @@ def readings_of(
         np.ones(n),
         np.flatnonzero(kept),
         _weather(conditions[kept]) if conditions is not None else np.zeros((n, 0)),
+    )
+    return _with_inputs(found, {name: values[kept] for name, values in (read or {}).items()})
+
+
+FEWEST_READ = 12
+"""Epochs below which what an input does by itself is not known."""
+
+
+def _with_inputs(readings: Readings, read: Mapping[str, np.ndarray]) -> Readings:
+    """The series with what the instruments of inputs `read`; one that reads the same all the time is none."""
+    rows, effects = [], []
+    for name, values in read.items():
+        between = np.abs(np.diff(values))
+        moved = between[between > VARIES * np.abs(values).max()]
+        if name not in readings.parameters or len(readings) < FEWEST_READ or not len(moved):
+            continue
+        unit = float(np.median(moved))
+        effect = np.zeros((len(readings), len(readings.D)))
+        k = readings.parameters.index(name)
+        effect[:, k] = readings.D[k] / unit
+        rows.append((values - np.median(values)) / unit)
+        effects.append(effect)
+    if not rows:
+        return readings
+    m, more = readings.z.shape[1], len(rows)
+    noise = np.eye(m + more)
+    noise[:m, :m] = readings.noise
+    return replace(
+        readings,
+        z=np.concatenate([readings.z, np.array(rows).T], axis=1),
+        J=np.concatenate([readings.J, np.stack(effects, axis=1)], axis=1),
+        noise=noise,
+        inputs=more,
     )
 
 

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from math import isfinite
 
 import numpy as np
 
 from enginediag_cli.detection.readings import Readings, readings_of
+from enginediag_cli.engine.input_errors import InputError
 from enginediag_cli.errors import DataError
 from enginediag_cli.parameters import Parameter
 from enginediag_cli.residuals.files import JudgedFiles
@@ -30,12 +31,13 @@ class Stretch:
 @dataclass(frozen=True)
 class Series:
     """The stretches of each engine in order, what the parameters are, and `lost`: windows that had no statistics.
-    steered: inputs that set the power, which an engine's state does not leave alone."""
+    steered: inputs that set the power, which an engine's state does not leave alone; errors: of inputs, by name."""
 
     stretches: Mapping[str, Sequence[Stretch]]
     known: Mapping[str, Parameter]
     lost: int
     steered: Collection[str] = ()
+    errors: Mapping[str, InputError] = field(default_factory=dict)
 
     def healthy(self, engine: str, records: int) -> int:
         """How many of an engine's first stretches hold no more than its first `records` records."""
@@ -48,10 +50,26 @@ class Series:
         present = set(mine[0].statistics.parameters)
         described = [p for name, p in self.known.items() if name in present]
         try:
-            return readings_of([x.statistics for x in mine], described, _clock(mine), self._conditions(mine))
+            return readings_of(
+                [x.statistics for x in mine], described, _clock(mine), self._conditions(mine), self._read(mine)
+            )
         except ValueError as error:
             name = f"engine {engine}: " if engine else ""
             raise DataError(f"{name}{error}") from None
+
+    def _read(self, mine: Sequence[Stretch]) -> dict[str, np.ndarray]:
+        """What the instruments of inputs read; the logarithm of it where their error multiplies."""
+        found = {}
+        for name, error in self.errors.items():
+            values = np.array([x.window.conditions.get(error.column, np.nan) for x in mine])
+            if np.all(np.isfinite(values)) and (not error.multiplies or np.all(values > 0)):
+                found[name] = np.log(values) if error.multiplies else values
+        return found
+
+    @property
+    def governed(self) -> list[str]:
+        """Errors of the inputs that set the power."""
+        return [name for name, error in self.errors.items() if error.column in self.steered]
 
     def _conditions(self, mine: Sequence[Stretch]) -> np.ndarray | None:
         columns = [c for c in mine[0].window.conditions if c not in self.steered]
@@ -95,8 +113,10 @@ def series_of(files: JudgedFiles) -> Series:
         except ValueError as error:
             raise DataError(f"{window.source}: flight {window.flight}: {error}") from None
         mine[place[key]] = Stretch(joined([before.window, window]), both)
-    steered = () if files.monitor is None else (files.monitor.engine.power_setting,)
-    return Series(found, known, lost, steered)
+    if files.monitor is None:
+        return Series(found, known, lost)
+    engine = files.monitor.engine
+    return Series(found, known, lost, (engine.power_setting,), getattr(engine, "errors", {}))
 
 
 def has_times(window: WindowStatistics) -> bool:

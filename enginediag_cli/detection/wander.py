@@ -13,7 +13,7 @@ and after them, count as much as their own scatter allows.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -47,7 +47,7 @@ OUTLIER = 1e-4
 class Wander:
     """Modes W (m, k); inverse (k, n, n): inverse covariance of each mode of the series; c (k, n): inverse times
     series; log: log likelihood of no event; beside: the same of the series without the known events, which it was read
-    from; slow: whether readings wander at all."""
+    from; slow: whether readings wander at all; inputs: of the modes the last ones, each of one input."""
 
     W: np.ndarray
     inverse: np.ndarray
@@ -55,6 +55,7 @@ class Wander:
     log: float
     beside: float
     slow: bool
+    inputs: int = 0
 
 
 def structure(clock: np.ndarray, z: np.ndarray, least: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -97,7 +98,34 @@ def _half_square(difference: np.ndarray, least: np.ndarray) -> np.ndarray:
 
 def wandering(readings: Readings, known: np.ndarray, slow: bool) -> Wander:
     """The law of scatter of a series with the events `known` (n, m) taken out of its readings; slow: by all distances,
-    else by that of neighbours alone."""
+    else by that of neighbours alone. An input wanders by itself, by all distances and whatever the weather: what the
+    readings follow of it is the weather's already."""
+    from scipy.linalg import block_diag
+
+    m = readings.z.shape[1] - readings.inputs
+    parts = [_wandering(_rows(readings, slice(0, m), readings.weather), known[:, :m], slow)]
+    none = np.zeros((len(readings), 0))
+    for k in range(m, m + readings.inputs):
+        parts.append(_wandering(_rows(readings, slice(k, k + 1), none), known[:, k : k + 1], True))
+    return Wander(
+        block_diag(*(part.W for part in parts)),
+        np.concatenate([part.inverse for part in parts]),
+        np.concatenate([part.c for part in parts]),
+        sum(part.log for part in parts),
+        sum(part.beside for part in parts),
+        slow,
+        readings.inputs,
+    )
+
+
+def _rows(readings: Readings, rows: slice, weather: np.ndarray) -> Readings:
+    """Some of the readings, with the conditions that they follow."""
+    return replace(
+        readings, z=readings.z[:, rows], J=readings.J[:, rows], noise=readings.noise[rows, rows], weather=weather, inputs=0
+    )
+
+
+def _wandering(readings: Readings, known: np.ndarray, slow: bool) -> Wander:
     from scipy.linalg import cho_factor, cho_solve, eigh
     from scipy.stats import chi2
 
@@ -109,7 +137,8 @@ def wandering(readings: Readings, known: np.ndarray, slow: bool) -> Wander:
     apart = np.abs(t[:, None] - t)
     n, m = z.shape
     inverse, c, log = np.empty((m, n, n)), np.empty((m, n)), 0.0
-    K = np.stack([_covariance(distances, W[:, k] @ C @ W[:, k], apart, slow) for k in range(m)])
+    found = [_covariance(distances, W[:, k] @ C @ W[:, k], apart, slow) for k in range(m)]
+    K, sizes = np.stack([covariance for covariance, _ in found]), sum(wanders for _, wanders in found)
     scale = np.maximum(np.var(free, axis=0), np.einsum("kii->k", K) / n)
     common = np.concatenate([np.ones((n, 1)) * np.sqrt(LEVEL), readings.weather], axis=1)
     K += scale[:, None, None] * (common @ common.T)
@@ -127,6 +156,7 @@ def wandering(readings: Readings, known: np.ndarray, slow: bool) -> Wander:
             off = (np.sum(c**2 / own, axis=0) > beyond) & (np.sum(alone**2, axis=0) > beyond)
             extra = np.where(off, np.minimum((c / own) ** 2, alone**2), 0.0)
     log += n * float(np.linalg.slogdet(W)[1])
+    log -= 0.5 * float(np.log(n)) * sizes
     left = log - 0.5 * float(np.sum(c * free.T))
     for k in range(m):
         c[k] = inverse[k] @ z[:, k]
@@ -134,13 +164,14 @@ def wandering(readings: Readings, known: np.ndarray, slow: bool) -> Wander:
     return Wander(W, inverse, c, log, left, slow)
 
 
-def _covariance(distances: np.ndarray, value: np.ndarray, apart: np.ndarray, slow: bool) -> np.ndarray:
-    """Covariance (n, n) of a mode whose structure function is `value` (h,) at these distances."""
+def _covariance(distances: np.ndarray, value: np.ndarray, apart: np.ndarray, slow: bool) -> tuple[np.ndarray, bool]:
+    """Covariance (n, n) of a mode whose structure function is `value` (h,) at these distances, and whether it wanders:
+    what it wanders by is a size more that was read from the series, and costs what such a one does (Schwarz (1978))."""
     from scipy.optimize import nnls
 
     n = len(apart)
     if not slow or len(distances) < 2:
-        return np.asarray(value[0] * np.eye(n))
+        return np.asarray(value[0] * np.eye(n)), False
     # up to the length of the series: what grows with distance as far as is seen may go on growing
     tau = distances[0] * 2.0 ** np.arange(1, np.ceil(np.log2(apart.max() / distances[0])) + 2)
     columns = np.concatenate([np.ones((len(distances), 1)), 1 - np.exp(-distances[:, None] / tau)], axis=1)
@@ -149,7 +180,7 @@ def _covariance(distances: np.ndarray, value: np.ndarray, apart: np.ndarray, slo
     for size, length in zip(x[1:], tau, strict=True):
         if size > 0:
             K += size * np.exp(-apart / length)
-    return np.asarray(K)
+    return np.asarray(K), bool(np.any(x[1:] > 0))
 
 
 def _running_median(z: np.ndarray) -> np.ndarray:

@@ -12,7 +12,7 @@ scatter is read again without it: the series and the events together become like
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -21,7 +21,7 @@ from enginediag_cli.detection.course import DETERIORATION, STEP, Courses, course
 from enginediag_cli.detection.readings import Readings
 from enginediag_cli.detection.wander import wandering
 from enginediag_cli.isolation.prior import SetPrior
-from enginediag_cli.isolation.series_search import Chosen, Search
+from enginediag_cli.isolation.series_search import SIZE, Chosen, Search
 from enginediag_cli.isolation.story import Event, Fit, Member, Story
 from enginediag_cli.isolation.suspects import Suspects, log_of_kinds, suspects_of
 from enginediag_cli.parameters import Parameter, meanings
@@ -31,9 +31,6 @@ MAX_EVENTS = 4
 """Events told apart in one series at most: a stop, since each must be more probable than none."""
 PASSES = 8
 """Exchanges of events at most, each of which makes the series likelier."""
-SIZE = 4.6
-"""What the log probability of an event loses for each size that is fitted to it: a hundred times as wide beforehand as
-afterwards."""
 FEWEST_SLOW = 11
 """Epochs up to which nothing is known of how readings wander, but that neighbours differ."""
 TOLD = 0.5
@@ -48,12 +45,14 @@ INPUTS = 0.03
 @dataclass(frozen=True)
 class TrendOptions:
     """`prior`: chances of components and sensors, and sizes; healthy: so many epochs at the beginning in which nothing
-    began; sensors: instruments are suspects; generic: the maps are not the engine's own."""
+    began; sensors: instruments are suspects; generic: the maps are not the engine's own; governed: errors of inputs
+    that a governor may hold where they were read."""
 
     prior: SetPrior = field(default_factory=SetPrior)
     healthy: int = 0
     sensors: bool = True
     generic: bool = True
+    governed: Collection[str] = ()
 
 
 @stage("judging the series")
@@ -63,7 +62,7 @@ def judge_series(readings: Readings, meaning: Mapping[str, Parameter], options: 
         raise ValueError("a trend needs at least three flights")
     options = options or TrendOptions()
     described = tuple(meanings(meaning, readings.parameters).values())
-    suspects = suspects_of(described, options.prior, options.sensors)
+    suspects = suspects_of(described, options.prior, options.sensors, options.governed)
     among = courses(readings.clock, int(np.searchsorted(readings.first, options.healthy)))
     together = np.zeros((len(described),) * 2, bool)
     for group in suspects.groups:
@@ -133,7 +132,10 @@ def _effect(readings: Readings, suspects: Suspects, among: Courses, chosen: Sequ
     known = np.zeros_like(readings.z)
     for event in chosen:
         group = list(suspects.groups[event.group])
-        known += among.g[event.course][:, None] * (readings.J[:, :, group] @ np.array(event.size))
+        effect = readings.J[:, :, group] @ np.array(event.size)
+        if not suspects.shown[event.group]:
+            effect[:, effect.shape[1] - readings.inputs :] = 0.0
+        known += among.g[event.course][:, None] * effect
     return known
 
 

@@ -7,7 +7,7 @@ A suspect is a component, with all or one of its parameters, or an instrument:
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,7 +16,7 @@ from enginediag_cli.detection.course import Courses
 from enginediag_cli.isolation.prior import SetPrior
 from enginediag_cli.parameters import Parameter
 
-STEPS = {True: 0.9, False: 0.3}
+STEPS = {True: 0.9, False: 0.05}
 """Chance that an instrument (True) and a component (False) changes at once, and not growing. A thermocouple breaks or
 is replaced, few drift; most components wear and foul, a third stands for damage, washing and overhaul. Judgement."""
 WRONG_WAY = 0.1
@@ -26,12 +26,13 @@ WRONG_WAY = 0.1
 @dataclass(frozen=True)
 class Suspects:
     """Groups of parameters (positions) that change together, the component of each, whether it is an instrument (G,),
-    and its log prior odds (G,)."""
+    whether its own readings show it (G,), and its log prior odds (G,)."""
 
     described: tuple[Parameter, ...]
     groups: tuple[tuple[int, ...], ...]
     owner: tuple[str, ...]
     instrument: np.ndarray
+    shown: np.ndarray
     log_odds: np.ndarray
 
     @property
@@ -44,14 +45,17 @@ class Suspects:
         return [k for k, owner in enumerate(self.owner) if owner == component]
 
 
-def suspects_of(described: Sequence[Parameter], prior: SetPrior, sensors: bool = True) -> Suspects:
-    """sensors: instruments may have changed, too."""
+def suspects_of(
+    described: Sequence[Parameter], prior: SetPrior, sensors: bool = True, governed: Collection[str] = ()
+) -> Suspects:
+    """sensors: instruments may have changed, too; governed: errors of inputs that a governor may hold where they were
+    read: its instrument steps either in its readings or, with the governor after it, in all others."""
     members: dict[str, list[int]] = {}
     for i, parameter in enumerate(described):
         if sensors or not parameter.of_instrument:
             members.setdefault(parameter.component, []).append(i)
     groups: list[tuple[int, ...]] = []
-    owner, wrong, log_odds = [], [], []
+    owner, wrong, shown, log_odds = [], [], [], []
     for component, mine in members.items():
         instrument = all(described[i].of_instrument for i in mine)
         chance = prior.sensor if instrument else prior.inclusion
@@ -62,8 +66,23 @@ def suspects_of(described: Sequence[Parameter], prior: SetPrior, sensors: bool =
             groups.append(group)
             owner.append(component)
             wrong.append(instrument)
+            shown.append(True)
             log_odds.append(np.log(chance / (1 - chance) * share))
-    return Suspects(tuple(described), tuple(groups), tuple(owner), np.array(wrong, bool), np.array(log_odds))
+        if any(described[i].name in governed for i in mine):
+            groups.append(whole[0])
+            owner.append(component)
+            wrong.append(instrument)
+            shown.append(False)
+            log_odds[-1] -= np.log(2)
+            log_odds.append(log_odds[-1])
+    return Suspects(
+        tuple(described),
+        tuple(groups),
+        tuple(owner),
+        np.array(wrong, bool),
+        np.array(shown, bool),
+        np.array(log_odds),
+    )
 
 
 def log_of_kinds(suspects: Suspects, among: Courses) -> np.ndarray:
