@@ -205,20 +205,26 @@ def _event(readings: Readings, search: Search, others: Sequence[Chosen], most: f
 def _member(
     readings: Readings, search: Search, others: Sequence[Chosen], weight: np.ndarray, component: str, chance: float
 ) -> Member:
+    from scipy.stats import norm
+
     suspects = search.suspects
     mine = suspects.members(component)
     positions = suspects.groups[mine[0]]
-    inclusion, first, second = (np.zeros(len(positions)) for _ in range(3))
+    inclusion, weighed, first, second = (np.zeros(len(positions)) for _ in range(4))
     for k in mine:
         if weight[:, k].sum() < 1e-3 * chance:
             continue
         at = [positions.index(i) for i in suspects.groups[k]]
         for w, sizes in zip(weight[:, k] / chance, search.told(others, k), strict=True):
-            square = sizes.mean**2 + np.einsum("lqq->lq", sizes.covariance)
-            inclusion[at] += w.sum()
+            own = np.einsum("lqq->lq", sizes.covariance)
+            square = sizes.mean**2 + own
+            # a share of the largest change below that to which effects are known is no change of its own
+            least = search.doubt[k] * np.abs(sizes.mean).max(axis=1, keepdims=True)
+            inclusion[at] += w @ (norm.sf((least - sizes.mean) / np.sqrt(own)) + norm.cdf((-least - sizes.mean) / np.sqrt(own)))
+            weighed[at] += w.sum()
             first[at] += w @ sizes.mean
             second[at] += w @ square
-    given = np.maximum(inclusion, 1e-300)
+    given = np.maximum(weighed, 1e-300)
     mean = first / given
     deviation = np.sqrt(np.maximum(second / given - mean**2, 0.0))
     described, unit = [suspects.described[i] for i in positions], readings.D[list(positions)]
