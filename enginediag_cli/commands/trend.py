@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 EPOCHS = 400
 """Epochs of one series that are judged at once: work grows with their third power. Longer ones are joined."""
-OF_A_FLEET = 60
+OF_A_FLEET = 40
 """Epochs of each engine where there are several."""
 
 

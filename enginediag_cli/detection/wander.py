@@ -124,7 +124,12 @@ def wandering(readings: Readings, known: np.ndarray, slow: bool) -> Wander:
 def _rows(readings: Readings, rows: slice, weather: np.ndarray) -> Readings:
     """Some of the readings, with the conditions that they follow."""
     return replace(
-        readings, z=readings.z[:, rows], J=readings.J[:, rows], noise=readings.noise[rows, rows], weather=weather, inputs=0
+        readings,
+        z=readings.z[:, rows],
+        J=readings.J[:, rows],
+        noise=readings.noise[rows, rows],
+        weather=weather,
+        inputs=0,
     )
 
 

@@ -22,7 +22,7 @@ from enginediag_cli.detection.readings import Readings
 from enginediag_cli.detection.wander import wandering
 from enginediag_cli.isolation.prior import SetPrior
 from enginediag_cli.isolation.series_search import SIZE, Chosen, Search
-from enginediag_cli.isolation.story import Event, Fit, Member, Story
+from enginediag_cli.isolation.story import UNRECORDED, Event, Fit, Member, Story
 from enginediag_cli.isolation.suspects import Suspects, log_of_kinds, suspects_of
 from enginediag_cli.parameters import Parameter, meanings
 from enginediag_cli.progress import stage
@@ -33,6 +33,8 @@ PASSES = 8
 """Exchanges of events at most, each of which makes the series likelier."""
 FEWEST_SLOW = 11
 """Epochs up to which nothing is known of how readings wander, but that neighbours differ."""
+OPERATION = 0.5
+"""Share of the steps of components, where readings wander, that is a change of operation nobody recorded. Judgement."""
 TOLD = 0.5
 """Probability from which an event is one."""
 GENERIC, KNOWN = 0.1, 0.03
@@ -163,10 +165,12 @@ def _told(readings: Readings, search: Search, chosen: Sequence[Chosen], gains: S
         if event.probability >= TOLD:
             events.append(event)
         for member in event.members:
-            missed[member.component] *= 1 - event.probability * member.probability
+            if member.component != UNRECORDED:
+                missed[member.component] *= 1 - event.probability * member.probability
     more = _event(readings, search, chosen)
     for member in more.members:
-        missed[member.component] *= 1 - more.probability * member.probability
+        if member.component != UNRECORDED:
+            missed[member.component] *= 1 - more.probability * member.probability
     events.sort(key=lambda e: -e.weight)
     return Story(
         tuple(events),
@@ -191,6 +195,7 @@ def _event(readings: Readings, search: Search, others: Sequence[Chosen], most: f
     onset, low, high = _onset(among.onset[at], mine[at], readings)
     odds = min(float(total - none), most)
     members = [_member(readings, search, others, weight, c, chance[c]) for c in order if chance[c] >= 0.01]
+    members = _beside_operation(search, weight, members)
     return Event(
         float(1 / (1 + np.exp(-np.clip(odds, -700, 700)))),
         tuple(members),
@@ -200,6 +205,26 @@ def _event(readings: Readings, search: Search, others: Sequence[Chosen], most: f
         high,
         odds,
     )
+
+
+def _beside_operation(search: Search, weight: np.ndarray, members: Sequence[Member]) -> list[Member]:
+    """Members, likeliest first, where readings wander with operation as a rival of every component that steps.
+
+    What wanders is what nobody models, such as guide vanes. It moves all readings at once, as a component does, and
+    components seldom change at once: of such a step one half is believed."""
+    wander = np.array([t.wander.slow for t in search.tables])
+    steps = ~search.courses.growing
+    found, unrecorded = [], 0.0
+    for member in members:
+        if not member.instrument:
+            mine = search.suspects.members(member.component)
+            doubted = OPERATION * float(weight[np.ix_(wander, mine, steps)].sum())
+            unrecorded += doubted
+            member = replace(member, probability=member.probability - doubted)
+        found.append(member)
+    if unrecorded >= 0.01:
+        found.append(Member(UNRECORDED, unrecorded, (), (), (), (), True))
+    return sorted(found, key=lambda member: -member.probability)
 
 
 def _member(
@@ -220,7 +245,9 @@ def _member(
             square = sizes.mean**2 + own
             # a share of the largest change below that to which effects are known is no change of its own
             least = search.doubt[k] * np.abs(sizes.mean).max(axis=1, keepdims=True)
-            inclusion[at] += w @ (norm.sf((least - sizes.mean) / np.sqrt(own)) + norm.cdf((-least - sizes.mean) / np.sqrt(own)))
+            inclusion[at] += w @ (
+                norm.sf((least - sizes.mean) / np.sqrt(own)) + norm.cdf((-least - sizes.mean) / np.sqrt(own))
+            )
             weighed[at] += w.sum()
             first[at] += w @ sizes.mean
             second[at] += w @ square

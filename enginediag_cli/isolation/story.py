@@ -7,6 +7,8 @@ from dataclasses import dataclass
 
 CONVINCED = 0.9
 """Probability from which one suspect is named; below it the likeliest are told as a class."""
+UNRECORDED = "unrecorded operation"
+"""Member of an event that is no component: guide vanes, bleed or load that moved and that nobody recorded."""
 CLASS = 0.95
 """Probability that the members of a class hold together."""
 

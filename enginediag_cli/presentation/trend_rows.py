@@ -162,7 +162,8 @@ def tell_story(messages: Messages, engine: str, story: Story, series: Series) ->
                 for q, p in enumerate(member.parameters)
                 if member.inclusion[q] >= 0.5
             ]
-            if shown:
+            if shown or not member.parameters:
+                shown = shown or [f"{member.component} changed"]
                 parts.append((listed(shown), event.probability * member.probability))
         if len(members) == 1:
             text, chance = parts[0]
