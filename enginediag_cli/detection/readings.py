@@ -65,7 +65,10 @@ class Readings:
 
         return replace(
             self,
-            **{name: mean(getattr(self, name)) for name in ("z", "J", "clock", "weather")},
+            z=mean(self.z),
+            J=mean(self.J),
+            clock=mean(self.clock),
+            weather=mean(self.weather),
             noise=self.noise * len(at) / n,
             flights=total,
             first=self.first[at],

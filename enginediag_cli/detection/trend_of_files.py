@@ -116,7 +116,7 @@ def series_of(files: JudgedFiles) -> Series:
     if files.monitor is None:
         return Series(found, known, lost)
     engine = files.monitor.engine
-    return Series(found, known, lost, (engine.power_setting,), getattr(engine, "errors", {}))
+    return Series(found, known, lost, (getattr(engine, "power_setting", ""),), getattr(engine, "errors", {}))
 
 
 def has_times(window: WindowStatistics) -> bool:

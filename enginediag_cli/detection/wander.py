@@ -68,7 +68,8 @@ def structure(clock: np.ndarray, z: np.ndarray, least: np.ndarray) -> tuple[np.n
     rng = np.random.default_rng(n)  # which pairs are drawn; the same for the same series
     limit = max(LONGEST * (clock[-1] - clock[0]), min(OF_SHORT * (clock[-1] - clock[0]), SHORT * unit))
     edges = unit * 0.999 * 2.0 ** np.arange(DISTANCES + 1)
-    distances, found = [], []
+    distances: list[float] = []
+    found: list[np.ndarray] = []
     for low, high in pairwise(edges):
         if low > limit:
             break

@@ -150,8 +150,8 @@ def _best(search: Search, others: Sequence[Chosen]) -> Chosen | None:
     suspects = search.suspects
     by_owner = {c: float(np.logaddexp.reduce(over[suspects.members(c)], axis=None)) for c in suspects.components}
     mine = suspects.members(max(by_owner, key=lambda name: by_owner[name]))
-    group, course = np.unravel_index(int(np.argmax(over[mine])), over[mine].shape)
-    group = mine[int(group)]
+    place, course = np.unravel_index(int(np.argmax(over[mine])), over[mine].shape)
+    group = mine[int(place)]
     law = int(np.argmax(log[:, group, course]))
     size = search.told(others, group)[law].mean[course]
     return Chosen(group, int(course), tuple(size.tolist()))
@@ -218,7 +218,7 @@ def _beside_operation(search: Search, weight: np.ndarray, members: Sequence[Memb
     for member in members:
         if not member.instrument:
             mine = search.suspects.members(member.component)
-            doubted = OPERATION * float(weight[np.ix_(wander, mine, steps)].sum())
+            doubted = OPERATION * float(weight[np.ix_(wander, np.array(mine), steps)].sum())
             unrecorded += doubted
             member = replace(member, probability=member.probability - doubted)
         found.append(member)
