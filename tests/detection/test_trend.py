@@ -8,7 +8,8 @@ import pytest
 from enginediag_cli.detection.readings import readings_of
 from enginediag_cli.detection.trend import flight_change
 from enginediag_cli.detection.wander import structure
-from enginediag_cli.isolation.over_time import judge_series
+from enginediag_cli.isolation.over_time import TrendOptions, judge_series
+from enginediag_cli.isolation.story import UNRECORDED
 from enginediag_cli.parameters import Parameter
 from enginediag_cli.residuals.statistics import LocalStatistics
 
@@ -101,6 +102,57 @@ def test_a_step_is_not_learnt_as_scatter_of_neighbours():
     _, plain = structure(np.arange(300.0), z, np.eye(2))
     _, found = structure(np.arange(300.0), stepped, np.eye(2))
     assert found[0][0, 0] < 1.2 * plain[0][0, 0]
+
+
+INPUT = "input.T0.bias"
+OF_INPUT = np.array([1.0, -2.0, 1.5, 0.5])  # of one prior sigma
+
+
+def judged_with_an_input(rng, in_readings, in_input, governed=(), n=80):
+    """Flights of which an input is read as well; both step at the fiftieth."""
+    step = (np.arange(n) >= 50).astype(float)
+    e = rng.standard_normal((n, 4)) + in_readings * step[:, None] * OF_INPUT
+    known = {**MEANING, INPUT: Parameter(INPUT, "input", 0.0, -9, 9, 1.0, component="input.T0", quantity="bias")}
+    J = np.concatenate([EFFECT / 0.02, np.eye(4), OF_INPUT[:, None]], axis=1)
+    sigma = np.array([p.prior_sigma for p in known.values()])
+    fixed = {"theta0": np.zeros(8), "prior_sigma": sigma, "F": J.T @ J, "V": J.T @ J, "n": 1, "chi2": 4.0, "dof": 4.0}
+    statistics = [LocalStatistics(parameters=tuple(known), s=J.T @ row, **fixed) for row in e]
+    read = {INPUT: 0.1 * rng.standard_normal(n) + in_input * step}
+    series = readings_of(statistics, list(known.values()), np.arange(float(n)), None, read)
+    return judge_series(series, known, TrendOptions(governed=governed))
+
+
+def test_an_input_whose_own_readings_step_with_the_others_is_named():
+    (event,) = judged_with_an_input(np.random.default_rng(8), 1.5, 1.5).events
+    assert (event.members[0].component, event.kind, event.onset) == ("input.T0", "step", 51)
+    assert event.members[0].probability > 0.99 and abs(event.members[0].change[0] - 1.5) < 0.2
+
+
+def test_an_input_whose_own_readings_stay_has_not_stepped_but_where_a_governor_holds_it():
+    told = {governed: judged_with_an_input(np.random.default_rng(9), 3.0, 0.0, governed) for governed in ((), (INPUT,))}
+    free, held = ({m.component: m.probability for e in story.events for m in e.members} for story in told.values())
+    assert free.get("input.T0", 0.0) < 0.01 and held["input.T0"] > 0.5
+
+
+def test_a_true_change_of_an_input_that_the_model_follows_is_no_event():
+    assert not judged_with_an_input(np.random.default_rng(10), 0.0, 1.5).events
+
+
+def test_a_component_that_steps_where_readings_wander_is_told_beside_operation_that_nobody_recorded():
+    changes = np.zeros((200, 7))
+    changes[120:, 1] = -2.0
+    (event,) = judged(flights(np.random.default_rng(11), changes, wander=0.5)).events
+    assert {m.component for m in event.named} == {"hpc", UNRECORDED}
+
+
+@pytest.mark.parametrize("wander", [0.0, 0.5])
+def test_healthy_series_of_any_length_seldom_tell_of_a_change(wander):
+    told = [
+        bool(judged(flights(np.random.default_rng(100 * n + k), np.zeros((n, 7)), wander)).events)
+        for n in (12, 20, 60)
+        for k in range(10)
+    ]
+    assert sum(told) <= 5  # 99 % point of the binomial law for 30 series at 5 %
 
 
 def test_two_flights_are_no_trend():
