@@ -33,6 +33,9 @@ PASSES = 8
 """Exchanges of events at most, each of which makes the series likelier."""
 FEWEST_SLOW = 11
 """Epochs up to which nothing is known of how readings wander, but that neighbours differ."""
+OWNERS = 3
+"""Suspects of which the first event is tried: the likeliest by the scatter of a series with the event still in it need
+not be the likeliest by that without it."""
 OPERATION = 0.5
 """Share of the steps of components, where readings wander, that is a change of operation nobody recorded. Judgement."""
 TOLD = 0.5
@@ -124,9 +127,8 @@ def _proposals(look: _Look) -> Iterator[list[Chosen]]:
         elif len(others) >= MAX_EVENTS:
             continue
         for t in look.search.tables:
-            best = _best(replace(look.search, tables=(t,)), others)
-            if best is not None:
-                yield [*others, best]
+            for found in _best(replace(look.search, tables=(t,)), others, 1 if others else OWNERS):
+                yield [*others, found]
 
 
 def _effect(readings: Readings, suspects: Suspects, among: Courses, chosen: Sequence[Chosen]) -> np.ndarray:
@@ -141,20 +143,23 @@ def _effect(readings: Readings, suspects: Suspects, among: Courses, chosen: Sequ
     return known
 
 
-def _best(search: Search, others: Sequence[Chosen]) -> Chosen | None:
-    """The likeliest further event, None where none at all is likelier."""
+def _best(search: Search, others: Sequence[Chosen], most: int) -> list[Chosen]:
+    """The likeliest further event of each of the `most` likeliest owners, none where no event at all is likelier."""
     log, nothing = search.posterior(others)
     if np.logaddexp.reduce(log, axis=None) <= np.logaddexp.reduce(nothing):
-        return None
+        return []
     over = np.logaddexp.reduce(log, axis=0)
     suspects = search.suspects
     by_owner = {c: float(np.logaddexp.reduce(over[suspects.members(c)], axis=None)) for c in suspects.components}
-    mine = suspects.members(max(by_owner, key=lambda name: by_owner[name]))
-    place, course = np.unravel_index(int(np.argmax(over[mine])), over[mine].shape)
-    group = mine[int(place)]
-    law = int(np.argmax(log[:, group, course]))
-    size = search.told(others, group)[law].mean[course]
-    return Chosen(group, int(course), tuple(size.tolist()))
+    found = []
+    for owner in sorted(by_owner, key=lambda name: -by_owner[name])[:most]:
+        mine = suspects.members(owner)
+        place, course = np.unravel_index(int(np.argmax(over[mine])), over[mine].shape)
+        group = mine[int(place)]
+        law = int(np.argmax(log[:, group, course]))
+        size = search.told(others, group)[law].mean[course]
+        found.append(Chosen(group, int(course), tuple(size.tolist())))
+    return found
 
 
 def _told(readings: Readings, search: Search, chosen: Sequence[Chosen], gains: Sequence[float], settled: bool) -> Story:
