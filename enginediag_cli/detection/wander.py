@@ -71,7 +71,7 @@ def structure(clock: np.ndarray, z: np.ndarray, least: np.ndarray) -> tuple[np.n
     distances: list[float] = []
     found: list[np.ndarray] = []
     for low, high in pairwise(edges):
-        if low > limit:
+        if low > limit and found:  # neighbours tell what they differ by in the shortest series
             break
         first, last = np.searchsorted(clock, clock + low), np.searchsorted(clock, clock + high)
         one = np.repeat(np.arange(n), np.minimum(last - first, PAIRS))
