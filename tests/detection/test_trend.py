@@ -158,3 +158,7 @@ def test_healthy_series_of_any_length_seldom_tell_of_a_change(wander):
 def test_two_flights_are_no_trend():
     with pytest.raises(ValueError, match="three flights"):
         judged(flights(np.random.default_rng(7), np.zeros((2, 7))))
+
+
+def test_three_flights_are_judged():
+    assert judged(flights(np.random.default_rng(12), np.zeros((3, 7)))).flights == 3
