@@ -71,13 +71,13 @@ def window_options(function: Callable[..., Any]) -> Callable[..., Any]:
     window = click.option(
         "--window",
         metavar="LENGTH",
-        callback=_check_length,
+        callback=check_length,
         help="Length of a window: records (60) or time (300s, 10min, 1h). Without it, each flight is one window.",
     )
     step = click.option(
         "--step",
         metavar="LENGTH",
-        callback=_check_length,
+        callback=check_length,
         help="From the start of a window to that of the next; as long as the window when not given.",
     )
     return window(step(function))
@@ -157,7 +157,8 @@ def monitor_option(function: Function) -> Function:
     )(function)
 
 
-def _check_length(context: click.Context, parameter: click.Parameter, value: str | None) -> str | None:
+def check_length(context: click.Context, parameter: click.Parameter, value: str | None) -> str | None:
+    """A number of records or a time, or click's own message."""
     if value is not None and not LENGTH.fullmatch(value):
         raise click.BadParameter(f"{value!r} is not a number of records (60) or a time (300s, 10min, 1h)")
     return value

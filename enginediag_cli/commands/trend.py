@@ -2,27 +2,54 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
-from enginediag_cli.commands.intake_options import compared_options, judging_options, source_options
+from enginediag_cli.commands.intake_options import (
+    check_length,
+    compared_options,
+    judging_options,
+    source_options,
+)
 from enginediag_cli.commands.judging import Compared, ending, judged_files, tell_files
 from enginediag_cli.commands.options import exit_codes, message_options, output_options, pass_messages
 from enginediag_cli.presentation.messages import Messages
 from enginediag_cli.presentation.output import Output
-from enginediag_cli.presentation.summaries import FLIGHTS, TREND
+from enginediag_cli.presentation.summaries import FLIGHTS, TREND, TREND_COMPONENTS
+from enginediag_cli.progress import each
 
 if TYPE_CHECKING:
     from enginediag_cli.errors import ExitCode
     from enginediag_cli.intake.source import Source
     from enginediag_cli.residuals.files import Judging
 
+EPOCHS = 400
+"""Epochs of one series that are judged at once: work grows with their third power. Longer ones are joined."""
+OF_A_FLEET = 40
+"""Epochs of each engine where there are several."""
+
 
 @click.command(short_help="Follow health over flights: level, onset and rate of deterioration.", epilog=exit_codes())
 @source_options
 @compared_options(help="Nominal engine, as written by identify; not needed for what residual has written.")
 @judging_options
+@click.option(
+    "--window",
+    metavar="LENGTH",
+    callback=check_length,
+    help="Cut flights into windows: records (60) or time (300s, 10min, 1h). Without it a flight is one window, and a "
+    "recording without a column `flight` is one window a record.",
+)
+@click.option(
+    "--by",
+    type=click.Choice(["parameter", "component"]),
+    default="parameter",
+    show_default=True,
+    help="component: one row per event with the component that changed, all its parameters together, for an engine "
+    "with generic maps.",
+)
+@click.option("--no-sensors", is_flag=True, help="No instrument is suspected, of outputs or of inputs.")
 @click.option(
     "--what",
     type=click.Choice(["trend", "flights"]),
@@ -38,6 +65,8 @@ def trend(
     source: Source,
     compared: Compared,
     judging: Judging,
+    by: str,
+    no_sensors: bool,
     what: str,
     output: Output,
 ) -> ExitCode:
@@ -46,33 +75,68 @@ def trend(
     \b
     enginediag trend -n nominal.yaml flights.csv
     enginediag trend -n nominal.yaml --what flights flights.csv
-    enginediag residual -n nominal.yaml flights.csv -o statistics.csv && enginediag trend statistics.csv
+    enginediag trend -n nominal.yaml --by component --reference 20 fleet.csv
+    enginediag residual -n nominal.yaml --sensors flights.csv -o statistics.csv && enginediag trend statistics.csv
 
-    Changes are in the parameter's unit, from nominal (--what flights) or since the onset, with 95 % intervals.
-    `kind` is steady, step or deterioration, and `probability` is that the parameter has changed at all. Flights
-    are counted from 1. Windows of one flight are added up.
+    Components, sensors and the instruments that give the model its inputs may each have changed. Changes are in the
+    parameter's unit, from nominal (--what flights) or since the onset, with 95 % intervals. `kind` is steady, step or
+    deterioration, and `probability` is that the parameter has changed at all; `rivals` are the other suspects of the
+    same change. Flights, or windows of a recording without flights, are counted from 1, per engine. --reference N says
+    that nothing began in the first N records of an engine.
     """
-    from enginediag_cli.detection.trend_of_files import engine_trends, flight_sums
-    from enginediag_cli.presentation.trend_rows import flight_rows, tell_trends, trend_rows
-    from enginediag_cli.recordings.provenance import header_lines
+    from dataclasses import replace
 
-    monitor = compared.open(messages, source, model_error=judging.model_error)
-    files = judged_files(source, monitor, judging, summed=True)
-    sums = flight_sums(files)
+    from enginediag_cli.detection.trend_of_files import FEWEST, series_of
+    from enginediag_cli.isolation.over_time import TrendOptions, judge_series
+    from enginediag_cli.presentation.trend_rows import (
+        component_rows,
+        flight_rows,
+        tell_story,
+        tell_too_few,
+        trend_rows,
+    )
+    from enginediag_cli.recordings.provenance import header_lines
+    from enginediag_cli.residuals.series_monitor import trusting_no_input
+    from enginediag_cli.residuals.windows import WindowPlan
+
+    whole = judging.plan.whole
+    plan = WindowPlan(1, 1, whole_flights=True) if whole else judging.plan
+    notes = {**source.notes, **judging.notes}
+    healthy = judging.reference
+    judging = replace(judging, plan=plan, reference=0)  # of the series, not of a window
+    monitor = compared.open(messages, source, sensors=not compared.patterns, model_error=judging.model_error)
+    monitor = None if monitor is None else trusting_no_input(monitor)
+    files = judged_files(source, monitor, judging, summed=whole)
+    files.series = True
+    series = series_of(files)
+    rows: list[dict[str, Any]] = []
     if what == "flights":
-        rows = list(flight_rows(sums))
+        rows = list(flight_rows(series))
     else:
-        trends = engine_trends(sums)
-        tell_trends(messages, trends)
-        rows = list(trend_rows(trends, sums))
+        as_rows = component_rows if by == "component" else trend_rows
+        most = EPOCHS if len(series.stretches) == 1 else OF_A_FLEET
+        for engine, stretches in each(series.stretches.items(), "engines judged", len(series.stretches)):
+            if len(stretches) < FEWEST:
+                tell_too_few(messages, engine, len(stretches))
+                continue
+            options = TrendOptions(
+                healthy=series.healthy(engine, healthy),
+                sensors=not no_sensors,
+                generic=monitor is None or monitor.slopes is not None,
+                governed=series.governed,
+            )
+            story = judge_series(series.readings(engine).joined(most), series.known, options)
+            tell_story(messages, engine, story, series)
+            rows += as_rows(engine, story, series)
     head = header_lines(
         "trend",
         configs=[*compared.configs, *source.configs],
-        notes={**source.notes, **judging.notes},
+        notes=notes,
         inherited=files.intake.provenance,
     )
-    output.write_rows(rows, summary=TREND if what == "trend" else FLIGHTS, provenance=head)
+    summary = FLIGHTS if what == "flights" else TREND_COMPONENTS if by == "component" else TREND
+    output.write_rows(rows, summary=summary, provenance=head)
     tell_files(messages, files)
-    if sums.lost:
-        messages.warning(f"{sums.lost} windows without a verdict were left out")
+    if series.lost:
+        messages.warning(f"{series.lost} windows without a verdict were left out")
     return ending(0, len(rows), False)

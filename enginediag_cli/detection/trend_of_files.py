@@ -1,51 +1,99 @@
-"""Health over the flights of files: windows of a flight are added up, flights of an engine follow each other."""
+"""The series of files: windows of a flight are added up, flights of an engine follow each other, across files."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, field
+from math import isfinite
 
-from enginediag_cli.detection.trend import TrendFit, fit_trends
+import numpy as np
+
+from enginediag_cli.detection.readings import Readings, readings_of
+from enginediag_cli.engine.input_errors import InputError
 from enginediag_cli.errors import DataError
 from enginediag_cli.parameters import Parameter
 from enginediag_cli.residuals.files import JudgedFiles
+from enginediag_cli.residuals.pipeline import WindowStatistics, joined
 from enginediag_cli.residuals.statistics import LocalStatistics
-
-FlightKey = tuple[str, str, str]
-"""Engine, file, flight."""
 
 FEWEST = 3
 """Flights that a trend needs: a level before, one after, and one to tell noise from either."""
 
 
 @dataclass(frozen=True)
-class FlightSums:
-    """Statistics of each flight in order, what the parameters are, and `lost`: windows that had no statistics."""
+class Stretch:
+    """One flight, or one window of a recording without flights, with its statistics."""
 
-    flights: Mapping[FlightKey, LocalStatistics]
-    known: Mapping[str, Parameter]
-    lost: int
-
-    @property
-    def engines(self) -> tuple[str, ...]:
-        return tuple(dict.fromkeys(key[0] for key in self.flights))
-
-    def of(self, engine: str) -> list[LocalStatistics]:
-        return [statistics for key, statistics in self.flights.items() if key[0] == engine]
+    window: WindowStatistics
+    statistics: LocalStatistics
 
 
 @dataclass(frozen=True)
-class EngineTrend:
-    """Trends of one engine over so many flights; `fit` is None where they are too few."""
+class Series:
+    """The stretches of each engine in order, what the parameters are, and `lost`: windows that had no statistics.
+    steered: inputs that set the power, which an engine's state does not leave alone; errors: of inputs, by name."""
 
-    engine: str
-    flights: int
-    fit: TrendFit | None
+    stretches: Mapping[str, Sequence[Stretch]]
+    known: Mapping[str, Parameter]
+    lost: int
+    steered: Collection[str] = ()
+    errors: Mapping[str, InputError] = field(default_factory=dict)
+
+    def healthy(self, engine: str, records: int) -> int:
+        """How many of an engine's first stretches hold no more than its first `records` records."""
+        total = np.cumsum([x.window.records for x in self.stretches[engine]])
+        return int(np.sum(total <= records))
+
+    def readings(self, engine: str) -> Readings:
+        """The series of an engine. Raises DataError when its flights have statistics of different parameters."""
+        mine = self.stretches[engine]
+        present = set(mine[0].statistics.parameters)
+        described = [p for name, p in self.known.items() if name in present]
+        try:
+            return readings_of(
+                [x.statistics for x in mine], described, _clock(mine), self._conditions(mine), self._read(mine)
+            )
+        except ValueError as error:
+            name = f"engine {engine}: " if engine else ""
+            raise DataError(f"{name}{error}") from None
+
+    def _read(self, mine: Sequence[Stretch]) -> dict[str, np.ndarray]:
+        """What the instruments of inputs read; the logarithm of it where their error multiplies."""
+        found = {}
+        for name, error in self.errors.items():
+            values = np.array([x.window.conditions.get(error.column, np.nan) for x in mine])
+            if np.all(np.isfinite(values)) and (not error.multiplies or np.all(values > 0)):
+                found[name] = np.log(values) if error.multiplies else values
+        return found
+
+    @property
+    def governed(self) -> list[str]:
+        """Errors of the inputs that set the power."""
+        return [name for name, error in self.errors.items() if error.column in self.steered]
+
+    def _conditions(self, mine: Sequence[Stretch]) -> np.ndarray | None:
+        columns = [c for c in mine[0].window.conditions if c not in self.steered]
+        if not columns or any(c not in x.window.conditions for x in mine for c in columns):
+            return None
+        return np.array([[x.window.conditions[c] for c in columns] for x in mine])
 
 
-def flight_sums(files: JudgedFiles) -> FlightSums:
+def _clock(stretches: Sequence[Stretch]) -> np.ndarray:
+    """When each stretch was: seconds or lines within one recording, else its number: flights have no common clock."""
+    windows = [x.window for x in stretches]
+    if len({(w.source, w.flight) for w in windows}) == 1:
+        seconds = np.array([(w.start_s + w.end_s) / 2 for w in windows])
+        lines = np.array([(w.first_line + w.last_line) / 2 for w in windows])
+        for clock in (seconds, lines):
+            if np.all(np.isfinite(clock)) and np.all(np.diff(clock) > 0):
+                return clock
+    return np.arange(len(windows), dtype=float)
+
+
+def series_of(files: JudgedFiles) -> Series:
     """Raises DataError when windows of a flight have different parameters."""
-    flights: dict[FlightKey, LocalStatistics] = {}
+    found: dict[str, list[Stretch]] = {}
+    place: dict[tuple[str, str, str], int] = {}
     known: dict[str, Parameter] = {}
     lost = 0
     for window, its_own in files.windows():
@@ -53,21 +101,24 @@ def flight_sums(files: JudgedFiles) -> FlightSums:
             lost += 1
             continue
         known.update(its_own)
+        mine = found.setdefault(window.engine, [])
         key = (window.engine, window.source, window.flight)
+        if not window.flight or key not in place or not files.summed:
+            place[key] = len(mine)
+            mine.append(Stretch(window, window.statistics))
+            continue
+        before = mine[place[key]]
         try:
-            flights[key] = flights[key] + window.statistics if key in flights else window.statistics
+            both = before.statistics + window.statistics
         except ValueError as error:
             raise DataError(f"{window.source}: flight {window.flight}: {error}") from None
-    return FlightSums(flights, known, lost)
+        mine[place[key]] = Stretch(joined([before.window, window]), both)
+    if files.monitor is None:
+        return Series(found, known, lost)
+    engine = files.monitor.engine
+    return Series(found, known, lost, (getattr(engine, "power_setting", ""),), getattr(engine, "errors", {}))
 
 
-def engine_trends(sums: FlightSums) -> list[EngineTrend]:
-    """One per engine. Raises DataError when its flights have statistics of different parameters."""
-    found = []
-    for engine in sums.engines:
-        mine = sums.of(engine)
-        if len(mine) >= FEWEST and any(x.parameters != mine[0].parameters for x in mine):
-            name = f"engine {engine}: " if engine else ""
-            raise DataError(f"{name}flights with statistics of different parameters have no common trend")
-        found.append(EngineTrend(engine, len(mine), fit_trends(mine) if len(mine) >= FEWEST else None))
-    return found
+def has_times(window: WindowStatistics) -> bool:
+    """Whether it is known when a window was."""
+    return isfinite(window.start_s) and isfinite(window.end_s)

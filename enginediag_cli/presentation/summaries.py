@@ -29,6 +29,7 @@ COMPONENTS = ("flight", "engine", "verdict", "components", "probability", "start
 
 TREND = (
     "engine",
+    "verdict",
     "parameter",
     "kind",
     "probability",
@@ -38,7 +39,29 @@ TREND = (
     "unit",
     "onset_low",
     "onset_high",
+    "onset_flight",
+    "onset_line",
     "flights",
+    "fit_before",
+    "fit",
+    "rivals",
+)
+
+TREND_COMPONENTS = (
+    "engine",
+    "verdict",
+    "components",
+    "probability",
+    "kind",
+    "onset",
+    "onset_low",
+    "onset_high",
+    "onset_flight",
+    "onset_line",
+    "flights",
+    "fit_before",
+    "fit",
+    "rivals",
 )
 
 FLIGHTS = ("engine", "number", "flight", "parameter", "change", "low", "high", "unit", "records", "source")

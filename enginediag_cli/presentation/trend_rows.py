@@ -1,77 +1,194 @@
-"""The answer of `trend` as rows: one per flight and parameter, or one per parameter with onset and rate."""
+"""The answer of `trend` as rows and in words: what changed during a series, and since when."""
 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING, Any
 
 from enginediag_cli.intervals import NORMAL_95
 from enginediag_cli.presentation.messages import Messages
 
 if TYPE_CHECKING:
-    from enginediag_cli.detection.trend_of_files import EngineTrend, FlightSums
+    from enginediag_cli.detection.trend_of_files import Series, Stretch
+    from enginediag_cli.isolation.story import Event, Member, Story
 
 
-def flight_rows(sums: FlightSums) -> Iterator[dict[str, Any]]:
+def flight_rows(series: Series) -> Iterator[dict[str, Any]]:
     """Changes from nominal, in the parameter's unit, with 95 % intervals."""
     from enginediag_cli.detection.trend import flight_change
 
     counts: Counter[str] = Counter()
-    for (engine, source, flight), statistics in sums.flights.items():
-        counts[engine] += 1
-        found = flight_change(statistics)
-        for a, change, error in zip(found.parameters, found.change, found.standard_error, strict=True):
+    for engine, stretches in series.stretches.items():
+        for stretch in stretches:
+            counts[engine] += 1
+            found = flight_change(stretch.statistics)
+            for a, change, error in zip(found.parameters, found.change, found.standard_error, strict=True):
+                yield {
+                    "engine": engine,
+                    "source": stretch.window.source,
+                    "flight": stretch.window.flight,
+                    "number": counts[engine],
+                    "records": found.records,
+                    "parameter": a,
+                    "change": change,
+                    "low": change - NORMAL_95 * error,
+                    "high": change + NORMAL_95 * error,
+                    "unit": series.known[a].unit,
+                }
+
+
+def trend_rows(engine: str, story: Story, series: Series) -> Iterator[dict[str, Any]]:
+    """One row per parameter: those of the suspects of each event, then the steady ones."""
+    unit = {name: p.unit for name, p in series.known.items()}
+    changed = set()
+    for event in story.events:
+        for member in event.members:
+            for q, name in enumerate(member.parameters):
+                chance = event.probability * member.probability * member.inclusion[q]
+                if chance < 0.01:
+                    continue
+                changed.add(name)
+                yield {
+                    **_head(engine, story, name),
+                    "component": member.component,
+                    "kind": event.kind,
+                    "probability": chance,
+                    **_onset(event, series.stretches[engine]),
+                    **_change(event, story, member.change[q], member.deviation[q]),
+                    "unit": unit[name],
+                    "rivals": _rivals(event, member),
+                }
+    for name, parameter in series.known.items():
+        if name not in changed:
             yield {
-                "engine": engine,
-                "source": source,
-                "flight": flight,
-                "number": counts[engine],
-                "records": found.records,
-                "parameter": a,
-                "change": change,
-                "low": change - NORMAL_95 * error,
-                "high": change + NORMAL_95 * error,
-                "unit": sums.known[a].unit,
+                **_head(engine, story, name),
+                "component": parameter.component,
+                "kind": "steady",
+                "probability": story.inclusion.get(parameter.component, 0.0),
+                **dict.fromkeys((*ONSET, *CHANGE)),
+                "unit": parameter.unit,
+                "rivals": [],
             }
 
 
-def trend_rows(trends: Iterable[EngineTrend], sums: FlightSums) -> Iterator[dict[str, Any]]:
-    """Changes since the onset, in the parameter's unit, with 95 % intervals."""
-
-    for found in trends:
-        for t in found.fit.trends if found.fit is not None else ():
-            changed = t.kind != "steady"
-            row: dict[str, Any] = {
-                "engine": found.engine,
-                "flights": found.flights,
-                "parameter": t.parameter,
-                "kind": t.kind,
-                "probability": t.probability,
-            }
-            values: dict[str, float | None] = {
-                "onset": t.onset,
-                "onset_low": t.onset_low,
-                "onset_high": t.onset_high,
-                "change": t.change,
-                "change_low": t.change - NORMAL_95 * t.change_error,
-                "change_high": t.change + NORMAL_95 * t.change_error,
-                "rate_per_flight": t.rate,
-                "rate_low": t.rate - NORMAL_95 * t.rate_error,
-                "rate_high": t.rate + NORMAL_95 * t.rate_error,
-            }
-            if t.kind == "step":
-                values.update(rate_per_flight=None, rate_low=None, rate_high=None)
-            row.update({k: v if changed else None for k, v in values.items()})
-            row["unit"] = sums.known[t.parameter].unit
-            yield row
+ONSET = ("onset", "onset_low", "onset_high", "onset_flight", "onset_source", "onset_line", "onset_s")
+CHANGE = ("change", "change_low", "change_high", "rate_per_flight", "rate_low", "rate_high")
 
 
-def tell_trends(messages: Messages, trends: Iterable[EngineTrend]) -> None:
-    """What stood in the way of a trend."""
-    for found in trends:
-        name = f"engine {found.engine}: " if found.engine else ""
-        if found.fit is None:
-            messages.warning(f"{name}{found.flights} flights are too few for a trend, which needs three")
-        elif not found.fit.converged:
-            messages.warning(f"{name}the search for onsets did not settle")
+def _head(engine: str, story: Story, parameter: str) -> dict[str, Any]:
+    return {"engine": engine, "flights": story.flights, "parameter": parameter, **_fit(story)}
+
+
+def _fit(story: Story) -> dict[str, Any]:
+    verdict = "changed" if story.events else "steady"
+    return {"verdict": verdict, "fit_before": story.fit.before, "fit": story.fit.after}
+
+
+def component_rows(engine: str, story: Story, series: Series) -> Iterator[dict[str, Any]]:
+    """One row per event, with the component or the class of components; one alone where nothing changed."""
+    head = {"engine": engine, "flights": story.flights, **_fit(story)}
+    for event in story.events:
+        yield {
+            **head,
+            "components": [m.component for m in event.named],
+            "probability": event.probability * sum(m.probability for m in event.named),
+            "kind": event.kind,
+            **_onset(event, series.stretches[engine]),
+            "rivals": [f"{m.component} ({event.probability * m.probability:.2g})" for m in event.members],
+        }
+    if not story.events:
+        empty = dict.fromkeys(("kind", *ONSET))
+        steady = 1 - max(story.inclusion.values(), default=0.0)
+        yield {**head, "components": [], "probability": steady, **empty, "rivals": []}
+
+
+def _rivals(event: Event, member: Member) -> list[str]:
+    others = [m for m in event.members if m.component != member.component]
+    return [f"{m.component} ({event.probability * m.probability:.2g})" for m in others]
+
+
+def _onset(event: Event, stretches: Sequence[Stretch]) -> dict[str, Any]:
+    from enginediag_cli.detection.trend_of_files import has_times
+
+    window = stretches[event.onset - 1].window
+    return {
+        "onset": event.onset,
+        "onset_low": event.low,
+        "onset_high": event.high,
+        "onset_flight": window.flight,
+        "onset_source": window.source,
+        "onset_line": window.first_line,
+        "onset_s": window.start_s if has_times(window) else None,
+    }
+
+
+def _change(event: Event, story: Story, change: float, deviation: float) -> dict[str, Any]:
+    """Change up to the last flight and, where it grows, its mean rate since the onset."""
+    half = NORMAL_95 * deviation
+    told: dict[str, Any] = {"change": change, "change_low": change - half, "change_high": change + half}
+    if event.kind == "step":
+        return {**told, "rate_per_flight": None, "rate_low": None, "rate_high": None}
+    span = max(story.flights - event.onset, 1)
+    return {
+        **told,
+        "rate_per_flight": change / span,
+        "rate_low": (change - half) / span,
+        "rate_high": (change + half) / span,
+    }
+
+
+def tell_story(messages: Messages, engine: str, story: Story, series: Series) -> None:
+    """What happened during a series, in words."""
+    from enginediag_cli.presentation.names import listed
+    from enginediag_cli.presentation.numbers import probability
+    from enginediag_cli.presentation.sentences import change
+
+    name = f"engine {engine}: " if engine else ""
+    if not story.converged:
+        messages.warning(f"{name}the search for onsets did not settle")
+    if story.events:
+        messages.note(
+            f"{name}chi2 per degree of freedom, by the scatter of the series: {story.fit.before:.3g} before what "
+            f"follows, {story.fit.after:.3g} after"
+        )
+    for event in story.events:
+        since = _since(event, series.stretches[engine])
+        members = event.named
+        parts = []
+        for member in members:
+            shown = [
+                change(series.known[p], member.change[q], NORMAL_95 * member.deviation[q])
+                for q, p in enumerate(member.parameters)
+                if member.inclusion[q] >= 0.5
+            ]
+            if shown or not member.parameters:
+                shown = shown or [f"{member.component} changed"]
+                parts.append((listed(shown), event.probability * member.probability))
+        if len(members) == 1:
+            text, chance = parts[0]
+            messages.note(f"{name}{since}: {text} (probability {probability(chance)})")
+        else:
+            each = "; or ".join(f"{text} ({probability(chance)})" for text, chance in parts)
+            messages.note(f"{name}{since}: cannot tell: {each}")
+
+
+def _since(event: Event, stretches: Sequence[Stretch]) -> str:
+    """When it began: flights by their labels, else seconds, else lines, with the interval."""
+    from enginediag_cli.detection.trend_of_files import has_times
+
+    at, low, high = (stretches[k - 1].window for k in (event.onset, event.low, event.high))
+    word = "at once, from" if event.kind == "step" else "growing, from"
+    if at.flight:
+        text, interval = f"flight {at.flight}", f"{low.flight} to {high.flight}"
+    elif has_times(at):
+        text, interval = f"{at.start_s:.10g} s", f"{low.start_s:.10g} to {high.start_s:.10g}"
+    else:
+        text, interval = f"line {at.first_line} of {at.source}", f"{low.first_line} to {high.first_line}"
+    return f"{word} {text} on ({interval})" if low is not high else f"{word} {text} on"
+
+
+def tell_too_few(messages: Messages, engine: str, count: int) -> None:
+    """Why an engine has no trend."""
+    name = f"engine {engine}: " if engine else ""
+    messages.warning(f"{name}{count} flights are too few for a trend, which needs three; --window cuts long flights")

@@ -45,10 +45,11 @@ def cut(
             complete.extend(assemblers.pop(ended).flush())
             del timelines[ended]
         for key, rows in groups:
-            assembler = assemblers.setdefault(key, WindowAssembler(plan))
+            mine = plan.of_flight(key[1])
+            assembler = assemblers.setdefault(key, WindowAssembler(mine))
             part = recording.select(rows)
-            position, lags = _placed(timelines.setdefault(key, Timeline()), part, plan)
-            for number, piece in pieces(part, chunk.of(rows), key, plan.blocks(position), lags):
+            position, lags = _placed(timelines.setdefault(key, Timeline()), part, mine)
+            for number, piece in pieces(part, chunk.of(rows), key, mine.blocks(position), lags):
                 complete.extend(assembler.push(number, piece))
         yield complete
     yield [window for assembler in assemblers.values() for window in assembler.flush()]

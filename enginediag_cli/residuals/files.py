@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
+from functools import partial
 
 from enginediag_cli.errors import DataError
 from enginediag_cli.intake.intake import File, Intake
@@ -14,10 +15,11 @@ from enginediag_cli.residuals.admission import Elsewhere
 from enginediag_cli.residuals.economy import Economy
 from enginediag_cli.residuals.flat import is_flat
 from enginediag_cli.residuals.monitor import Monitor
-from enginediag_cli.residuals.pipeline import WindowStatistics
+from enginediag_cli.residuals.pipeline import WindowStatistics, window_statistics
 from enginediag_cli.residuals.reduced import reduced
-from enginediag_cli.residuals.reference import windows_against_reference
+from enginediag_cli.residuals.reference import last_records, windows_against_reference
 from enginediag_cli.residuals.seal import DIGITS, MadeWith, plan_cells
+from enginediag_cli.residuals.series_monitor import monitored_as_read
 from enginediag_cli.residuals.statistics_file import Ledger, read_statistics, refuse_ignored_options
 from enginediag_cli.residuals.windows import WindowPlan
 
@@ -55,7 +57,8 @@ class JudgedFiles:
     as they have been read; `elsewhere`: of records that training did not cover.
     passing: sees the chunks of recordings on their way. summed: windows of a flight are added up. given: names of the
     choices that the user made, which statistics would ignore. economy: chooses the form of the monitor for each file;
-    None: always the one for few records. `ledger`: what was read of statistics."""
+    None: always the one for few records. series: windows are compared with each other, see `series_monitor`, which goes
+    without a reference. `ledger`: what was read of statistics."""
 
     intake: Intake
     monitor: Monitor | None
@@ -66,6 +69,7 @@ class JudgedFiles:
     counts: Counter[str] = field(default_factory=Counter)
     elsewhere: Counter[Elsewhere] = field(default_factory=Counter)
     economy: Economy | None = None
+    series: bool = False
 
     _few: Monitor | None = field(default=None, repr=False)
 
@@ -89,6 +93,14 @@ class JudgedFiles:
             monitor, recordings = self.economy.of(recordings)
         else:
             self._few = monitor = self._few or reduced(monitor)
+        if self.series:
+            later = last_records(recordings, judging.last) if judging.last else recordings
+            condense = partial(monitored_as_read, monitor)
+            for window in window_statistics(
+                monitor, later, judging.plan, linearise=judging.linearise, condense=condense
+            ):
+                yield window, monitor.meaning
+            return
         for window in windows_against_reference(
             monitor,
             recordings,

@@ -46,7 +46,8 @@ class WindowStatistics:
     they lie and whether they are judged; incomplete: without an input or without any reading; failed: not computed by
     the engine; reason: why there is no verdict, or empty. sensors: how many of the `sensors_of` that the nominal has
     gave a reading in a record that was judged (0 of 0: not known); silent: the monitored errors of those that gave
-    none, of which nothing can be said and which are no suspects.
+    none, of which nothing can be said and which are no suspects. conditions: mean of each input over the
+    records that were judged.
     """
 
     source: str
@@ -67,6 +68,7 @@ class WindowStatistics:
     sensors_of: int = 0
     silent: tuple[str, ...] = ()
     elsewhere: Counter[Elsewhere] = field(default_factory=Counter)
+    conditions: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def extrapolated(self) -> int:
@@ -201,9 +203,15 @@ def _finished(
 
 
 def _whole(pieces: Sequence[_Piece]) -> WindowStatistics:
-    """Bookkeeping of a window, with the sensors that gave a reading in a record that was judged."""
+    """Bookkeeping of a window, with the sensors that gave a reading in a record that was judged, and what was flown."""
     read = np.any([np.isfinite(piece.y).any(axis=0) for piece in pieces], axis=0)
-    return replace(joined([piece.window for piece in pieces]), sensors=int(read.sum()), sensors_of=len(read))
+    flown = {c: np.concatenate([piece.inputs[c] for piece in pieces]) for c in pieces[0].inputs}
+    return replace(
+        joined([piece.window for piece in pieces]),
+        sensors=int(read.sum()),
+        sensors_of=len(read),
+        conditions={c: float(values.mean()) for c, values in flown.items() if len(values)},
+    )
 
 
 def joined(parts: Sequence[WindowStatistics]) -> WindowStatistics:

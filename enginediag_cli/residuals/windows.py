@@ -22,11 +22,18 @@ UNITS_TEXT = "a number of records (60) or a time (300s, 10min, 1h)"
 
 @dataclass(frozen=True)
 class WindowPlan:
-    """Windows of `length`, one every `step`, in records or, if `in_time`, seconds; inf: the whole flight."""
+    """Windows of `length`, one every `step`, in records or, if `in_time`, seconds; inf: the whole flight.
+
+    whole_flights: only a recording without flights is cut so, each flight of another is one window."""
 
     length: float = inf
     step: float = inf
     in_time: bool = False
+    whole_flights: bool = False
+
+    def of_flight(self, flight: str) -> WindowPlan:
+        """The plan for the records of one flight, "" where the recording tells none."""
+        return WindowPlan() if self.whole_flights and flight else self
 
     @property
     def whole(self) -> bool:

@@ -1,74 +1,164 @@
-"""Trends over flights from their statistics."""
+"""Health of one flight from its statistics; the readings of a series and what they wander by."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
 
-from enginediag_cli.detection.trend import fit_trends, flight_change
-from enginediag_cli.intervals import NORMAL_95
+from enginediag_cli.detection.readings import readings_of
+from enginediag_cli.detection.trend import flight_change
+from enginediag_cli.detection.wander import structure
+from enginediag_cli.isolation.over_time import TrendOptions, judge_series
+from enginediag_cli.isolation.story import UNRECORDED
+from enginediag_cli.parameters import Parameter
 from enginediag_cli.residuals.statistics import LocalStatistics
 
-NAMES, SIGMA = ("fan.efficiency", "hpc.efficiency", "hpt.efficiency"), np.array([0.02, 0.02, 0.02])
+SENSORS = ("sensor.T3.bias", "sensor.P3.bias", "sensor.T5.bias", "sensor.N2.bias")
+HEALTH = ("fan.efficiency", "hpc.efficiency", "hpt.efficiency")
+EFFECT = np.array([[1.0, 4.0, 0.5], [3.0, -2.0, 1.0], [-2.0, -3.0, 4.0], [1.0, 1.0, 3.0]])  # of one prior sigma
+MEANING = {
+    **{
+        n: Parameter(n, "health", 1.0, 0.5, 1.5, 0.02, component=n.split(".")[0], quantity="efficiency") for n in HEALTH
+    },
+    **{n: Parameter(n, "sensor", 0.0, -9, 9, 3.0, component=n[: n.rindex(".")], quantity="bias") for n in SENSORS},
+}
 
 
-def flights(rng, changes):
-    """Statistics of flights in which the parameters have the changes (n, 3)."""
-    found = []
-    for change in changes:
-        A = rng.standard_normal((30, 3)) * 200
-        F = A.T @ A
-        s = F @ change + A.T @ rng.standard_normal(30)
-        found.append(
-            LocalStatistics(
-                parameters=NAMES, theta0=np.ones(3), prior_sigma=SIGMA, s=s, F=F, V=F, n=30, chi2=30.0, dof=30.0
-            )
-        )
-    return found
+def flights(rng, changes, wander=0.0):
+    """Statistics of flights in which the parameters have the changes (n, 7), in prior sigmas; readings of noise 1
+    wander by so much from flight to flight."""
+    changes = np.asarray(changes)
+    sigma = np.array([MEANING[name].prior_sigma for name in MEANING])
+    J = np.concatenate([EFFECT, 3 * np.eye(4)], axis=1) / sigma
+    off = np.cumsum(wander * rng.standard_normal((len(changes), 4)), axis=0)
+    e = (changes * sigma) @ J.T + rng.standard_normal((len(changes), 4)) + off
+    F = J.T @ J
+    fixed = {"theta0": np.zeros(7), "prior_sigma": sigma, "F": F, "V": F, "n": 1, "chi2": 4.0, "dof": 4.0}
+    return [LocalStatistics(parameters=tuple(MEANING), s=J.T @ row, **fixed) for row in e]
+
+
+def judged(statistics):
+    clock = np.arange(len(statistics), dtype=float)
+    return judge_series(readings_of(statistics, list(MEANING.values()), clock), MEANING)
 
 
 def test_summed_flights_are_estimated_as_generalised_least_squares_does():
     rng = np.random.default_rng(1)
-    one, two = flights(rng, [[0.0, -0.01, 0.0]] * 2)
-    prior = np.diag(SIGMA**-2.0)
+    one, two = flights(rng, np.zeros((2, 7)))
+    prior = np.diag(one.prior_sigma**-2.0)
     expected = np.linalg.solve(one.F + two.F + prior, one.s + two.s)
     found = flight_change(one + two)
     np.testing.assert_allclose(found.change, expected)
     np.testing.assert_allclose(found.standard_error, np.sqrt(np.diag(np.linalg.inv(one.F + two.F + prior))))
 
 
-def test_deterioration_and_step_are_found_with_onset_and_rate():
-    changes = np.zeros((25, 3))
-    changes[:, 1] = -0.001 * np.maximum(np.arange(25) - 9, 0)
-    changes[14:, 2] = 0.01
-    changes[:, 0] = 0.004  # an engine may lie off nominal all the time
-    fit = fit_trends(flights(np.random.default_rng(2), changes))
-    fan, hpc, hpt = fit.trends
-    assert fit.converged and [t.kind for t in fit.trends] == ["steady", "deterioration", "step"]
-    assert hpc.onset_low <= 10 <= hpc.onset_high and abs(hpc.rate + 0.001) < 3 * hpc.rate_error
-    assert hpt.onset == 15 and abs(hpt.change - 0.01) < 3 * hpt.change_error
-    assert fan.probability < 0.2
+def test_statistics_with_all_sensors_hold_the_readings_themselves():
+    rng = np.random.default_rng(2)
+    changes = np.zeros((6, 7))
+    changes[3:, 4] = 2.0  # of the second sensor
+    found = readings_of(flights(rng, changes), list(MEANING.values()), np.arange(6.0))
+    again = np.random.default_rng(2)
+    again.standard_normal((6, 4))  # what the readings wander by
+    noise = again.standard_normal((6, 4))
+    expected = noise.copy()
+    expected[3:, 1] += 6.0
+    np.testing.assert_allclose(found.z, expected, atol=1e-9)
+    np.testing.assert_allclose(found.J[0, :, :3], EFFECT, atol=1e-9)
 
 
-def test_intervals_of_the_rate_cover_as_often_as_stated():
-    covered, trials = 0, 60
-    for seed in range(trials):
-        changes = np.zeros((15, 3))
-        changes[:, 0] = -0.001 * np.maximum(np.arange(15) - 5, 0)
-        trend = fit_trends(flights(np.random.default_rng(100 + seed), changes)).trends[0]
-        covered += abs(trend.rate + 0.001) < NORMAL_95 * trend.rate_error
-    assert covered >= 50  # 0.1 % point of the binomial law for 60 intervals at 95 % is 51
+def test_a_step_of_one_reading_is_told_as_one_of_that_instrument_with_its_onset():
+    changes = np.zeros((60, 7))
+    changes[35:, 5] = -2.0
+    (event,) = judged(flights(np.random.default_rng(3), changes)).events
+    assert (event.members[0].component, event.kind, event.onset) == ("sensor.T5", "step", 36)
+    assert event.probability > 0.99 and abs(event.members[0].change[0] + 6.0) < 3 * event.members[0].deviation[0]
 
 
-def test_healthy_flights_have_no_trend():
-    changed = sum(
-        t.kind != "steady"
-        for seed in range(20)
-        for t in fit_trends(flights(np.random.default_rng(seed), np.zeros((12, 3)))).trends
-    )
-    assert changed <= 3
+def test_a_step_of_one_reading_stands_out_where_all_readings_wander():
+    changes = np.zeros((200, 7))
+    changes[120:, 5] = 4.0
+    (event,) = judged(flights(np.random.default_rng(4), changes, wander=0.5)).events
+    assert (event.members[0].component, event.kind) == ("sensor.T5", "step") and abs(event.onset - 121) <= 2
+
+
+def test_wear_is_told_as_wear_of_its_component_with_its_size():
+    changes = np.zeros((60, 7))
+    changes[:, 1] = -0.05 * np.maximum(np.arange(60) - 19, 0)
+    (event,) = judged(flights(np.random.default_rng(5), changes)).events
+    member = event.members[0]
+    assert (member.component, event.kind) == ("hpc", "deterioration") and event.low <= 21 <= event.high + 1
+    assert abs(member.change[0] + 0.04) < 0.006
+
+
+def test_nothing_is_told_of_flights_in_which_nothing_changed():
+    stories = [judged(flights(np.random.default_rng(k), np.zeros((40, 7)), w)) for k in range(8) for w in (0.0, 0.5)]
+    assert sum(bool(story.events) for story in stories) <= 2
+
+
+def test_a_step_is_not_learnt_as_scatter_of_neighbours():
+    rng = np.random.default_rng(6)
+    z = rng.standard_normal((300, 2))
+    stepped = z + np.where(np.arange(300) < 150, 0.0, 30.0)[:, None] * [1.0, 0.0]
+    _, plain = structure(np.arange(300.0), z, np.eye(2))
+    _, found = structure(np.arange(300.0), stepped, np.eye(2))
+    assert found[0][0, 0] < 1.2 * plain[0][0, 0]
+
+
+INPUT = "input.T0.bias"
+OF_INPUT = np.array([1.0, -2.0, 1.5, 0.5])  # of one prior sigma
+
+
+def judged_with_an_input(rng, in_readings, in_input, governed=(), n=80):
+    """Flights of which an input is read as well; both step at the fiftieth."""
+    step = (np.arange(n) >= 50).astype(float)
+    e = rng.standard_normal((n, 4)) + in_readings * step[:, None] * OF_INPUT
+    known = {**MEANING, INPUT: Parameter(INPUT, "input", 0.0, -9, 9, 1.0, component="input.T0", quantity="bias")}
+    J = np.concatenate([EFFECT / 0.02, np.eye(4), OF_INPUT[:, None]], axis=1)
+    sigma = np.array([p.prior_sigma for p in known.values()])
+    fixed = {"theta0": np.zeros(8), "prior_sigma": sigma, "F": J.T @ J, "V": J.T @ J, "n": 1, "chi2": 4.0, "dof": 4.0}
+    statistics = [LocalStatistics(parameters=tuple(known), s=J.T @ row, **fixed) for row in e]
+    read = {INPUT: 0.1 * rng.standard_normal(n) + in_input * step}
+    series = readings_of(statistics, list(known.values()), np.arange(float(n)), None, read)
+    return judge_series(series, known, TrendOptions(governed=governed))
+
+
+def test_an_input_whose_own_readings_step_with_the_others_is_named():
+    (event,) = judged_with_an_input(np.random.default_rng(8), 1.5, 1.5).events
+    assert (event.members[0].component, event.kind, event.onset) == ("input.T0", "step", 51)
+    assert event.members[0].probability > 0.99 and abs(event.members[0].change[0] - 1.5) < 0.2
+
+
+def test_an_input_whose_own_readings_stay_has_not_stepped_but_where_a_governor_holds_it():
+    told = {governed: judged_with_an_input(np.random.default_rng(9), 3.0, 0.0, governed) for governed in ((), (INPUT,))}
+    free, held = ({m.component: m.probability for e in story.events for m in e.members} for story in told.values())
+    assert free.get("input.T0", 0.0) < 0.01 and held["input.T0"] > 0.5
+
+
+def test_a_true_change_of_an_input_that_the_model_follows_is_no_event():
+    assert not judged_with_an_input(np.random.default_rng(10), 0.0, 1.5).events
+
+
+def test_a_component_that_steps_where_readings_wander_is_told_beside_operation_that_nobody_recorded():
+    changes = np.zeros((200, 7))
+    changes[120:, 1] = -2.0
+    (event,) = judged(flights(np.random.default_rng(11), changes, wander=0.5)).events
+    assert {m.component for m in event.named} == {"hpc", UNRECORDED}
+
+
+@pytest.mark.parametrize("wander", [0.0, 0.5])
+def test_healthy_series_of_any_length_seldom_tell_of_a_change(wander):
+    told = [
+        bool(judged(flights(np.random.default_rng(100 * n + k), np.zeros((n, 7)), wander)).events)
+        for n in (12, 20, 60)
+        for k in range(10)
+    ]
+    assert sum(told) <= 5  # 99 % point of the binomial law for 30 series at 5 %
 
 
 def test_two_flights_are_no_trend():
     with pytest.raises(ValueError, match="three flights"):
-        fit_trends(flights(np.random.default_rng(3), np.zeros((2, 3))))
+        judged(flights(np.random.default_rng(7), np.zeros((2, 7))))
+
+
+def test_three_flights_are_judged():
+    assert judged(flights(np.random.default_rng(12), np.zeros((3, 7)))).flights == 3

@@ -1,0 +1,175 @@
+"""The series of one engine as its readings: what each epoch's readings are off by, and what every suspect does to them.
+
+Where the error of each output sensor is among the parameters, the statistics of an epoch hold its readings:
+
+    s_S = R⁻¹ e,   F_SS = R⁻¹,   F_Sa = R⁻¹ J_a      ⇒      e = F_SS⁻¹ s_S,   J = F_SS⁻¹ F_S·
+
+whatever R is, summed over records or with everything uncertain about nominal counted as noise. Statistics without
+sensors have directions of the parameters in their place, as far as every epoch tells them.
+
+An instrument that gives the model an input stands in the series with what it read, too: an error of it is in its own
+readings by as much as it moves the prediction, and at the same time. Weather and a governor move them, which is
+learnt as any wandering is; what no weather does, such as two kilopascals between two hours, no barometer did unseen.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from enginediag_cli.parameters import Parameter
+from enginediag_cli.residuals.statistics import LocalStatistics
+
+TOLD = 1e-6
+"""Share of the information of the best told direction below which a direction is not told at all."""
+
+
+@dataclass(frozen=True)
+class Readings:
+    """n epochs in order of time, m readings, p parameters that may change.
+
+    z (n, m): readings minus prediction in units of their noise; J (n, m, p): what one prior standard deviation D (p,)
+    of each parameter adds to them; noise (m, m): covariance of z by the stated noise; clock (n,): mean time, in any
+    unit that runs forward; flights (n,): how many flights or windows an epoch holds; first (n,): number of its first
+    one, from 0; weather (n, c): functions of the conditions flown, of mean 0 and unit size. The last `inputs` of the m
+    are what instruments of inputs read, in units of what they differ by from one epoch to the next.
+    """
+
+    parameters: tuple[str, ...]
+    D: np.ndarray
+    z: np.ndarray
+    J: np.ndarray
+    noise: np.ndarray
+    clock: np.ndarray
+    flights: np.ndarray
+    first: np.ndarray
+    weather: np.ndarray
+    inputs: int = 0
+
+    def __len__(self) -> int:
+        return len(self.z)
+
+    def joined(self, most: int) -> Readings:
+        """The same series in `most` epochs at most."""
+        n = len(self)
+        if n <= most:
+            return self
+        at = np.unique(np.linspace(0, n, most, endpoint=False).round().astype(int))
+        total = np.add.reduceat(self.flights, at)
+
+        def mean(values: np.ndarray) -> np.ndarray:
+            weight = self.flights.reshape(-1, *[1] * (values.ndim - 1))
+            return np.add.reduceat(values * weight, at, axis=0) / total.reshape(-1, *[1] * (values.ndim - 1))
+
+        return replace(
+            self,
+            z=mean(self.z),
+            J=mean(self.J),
+            clock=mean(self.clock),
+            weather=mean(self.weather),
+            noise=self.noise * len(at) / n,
+            flights=total,
+            first=self.first[at],
+        )
+
+
+def readings_of(
+    statistics: Sequence[LocalStatistics],
+    described: Sequence[Parameter],
+    clock: np.ndarray,
+    conditions: np.ndarray | None = None,
+    read: Mapping[str, np.ndarray] | None = None,
+) -> Readings:
+    """One epoch per element, in order; described (p,): their parameters that may change; conditions (n, c): means of
+    what was flown; read: of errors of inputs, what each of their instruments read (n,), in which the error is an
+    addition. ValueError when the statistics are of different parameters."""
+    first = statistics[0]
+    if any(x.parameters != first.parameters for x in statistics):
+        raise ValueError("statistics of different parameters have no common trend")
+    at = first.indices([p.name for p in described])
+    D = first.prior_sigma[at]
+    s = np.stack([x.s[at] for x in statistics]) * D
+    F = np.stack([x.F[np.ix_(at, at)] for x in statistics]) * D * D[:, None]
+    sensors = [i for i, p in enumerate(described) if p.of_sensor and p.quantity == "bias"]
+    told = [i for i in sensors if np.median(F[:, i, i]) > TOLD]
+    directions = np.eye(len(at))[:, told]
+    if not told:
+        value, vector = np.linalg.eigh(F.sum(axis=0))
+        directions = vector[:, value > TOLD * value[-1]]
+    inner = directions.T @ F @ directions
+    rank = np.linalg.eigvalsh(inner)
+    kept = rank[:, 0] > TOLD * np.median(rank[:, -1])
+    inverse = np.linalg.inv(inner[kept])
+    z = np.einsum("nab,nb->na", inverse, s[kept] @ directions)
+    J = inverse @ (directions.T @ F[kept])
+    noise = np.median(inverse, axis=0)
+    scale = np.sqrt(np.diag(noise))
+    n = int(kept.sum())
+    found = Readings(
+        tuple(p.name for p in described),
+        D,
+        z / scale,
+        J / scale[:, None],
+        noise / scale / scale[:, None],
+        np.asarray(clock, float)[kept],
+        np.ones(n),
+        np.flatnonzero(kept),
+        _weather(conditions[kept]) if conditions is not None else np.zeros((n, 0)),
+    )
+    return _with_inputs(found, {name: values[kept] for name, values in (read or {}).items()})
+
+
+FEWEST_READ = 12
+"""Epochs below which what an input does by itself is not known."""
+
+
+def _with_inputs(readings: Readings, read: Mapping[str, np.ndarray]) -> Readings:
+    """The series with what the instruments of inputs `read`; one that reads the same all the time is none."""
+    rows, effects = [], []
+    for name, values in read.items():
+        between = np.abs(np.diff(values))
+        moved = between[between > VARIES * np.abs(values).max()]
+        if name not in readings.parameters or len(readings) < FEWEST_READ or not len(moved):
+            continue
+        unit = float(np.median(moved))
+        effect = np.zeros((len(readings), len(readings.D)))
+        k = readings.parameters.index(name)
+        effect[:, k] = readings.D[k] / unit
+        rows.append((values - np.median(values)) / unit)
+        effects.append(effect)
+    if not rows:
+        return readings
+    m, more = readings.z.shape[1], len(rows)
+    noise = np.eye(m + more)
+    noise[:m, :m] = readings.noise
+    return replace(
+        readings,
+        z=np.concatenate([readings.z, np.array(rows).T], axis=1),
+        J=np.concatenate([readings.J, np.stack(effects, axis=1)], axis=1),
+        noise=noise,
+        inputs=more,
+    )
+
+
+EPOCHS_PER_COLUMN = 10
+"""Epochs for each function of the conditions: with fewer, these would explain what they have nothing to do with."""
+VARIES = 1e-6
+"""Relative spread of a condition below which it is the same all the time."""
+
+
+def _weather(conditions: np.ndarray) -> np.ndarray:
+    """Conditions (n, c) themselves, their squares and products, as far as there are epochs for them, of mean 0 and
+    variance 1."""
+    n = len(conditions)
+    spread = conditions.std(axis=0)
+    u = conditions[:, spread > VARIES * np.abs(conditions).max(axis=0, initial=0.0)]
+    u = (u - u.mean(axis=0)) / u.std(axis=0)
+    if u.shape[1] * EPOCHS_PER_COLUMN > n:
+        return np.zeros((n, 0))
+    i, j = np.triu_indices(u.shape[1])
+    both = u[:, i] * u[:, j]
+    both = both[:, both.std(axis=0) > VARIES]
+    both = (both - both.mean(axis=0)) / both.std(axis=0)
+    return np.concatenate([u, both], axis=1) if (u.shape[1] + both.shape[1]) * EPOCHS_PER_COLUMN <= n else u

@@ -1,0 +1,205 @@
+"""How the readings of a series wander by more than their noise: weather, vanes that move, drift that nobody models.
+
+Readings minus prediction z (n, m) of n epochs are a level, a smooth function of the conditions flown (`weather`), a
+process that wanders and noise. Its size is read from differences of epochs, by their distance in time: half of the mean
+square of a difference, of all pairs of readings, is the structure function (Matheron's variogram). A step in one
+reading stands in few of these differences, and in none of them at most once, so that it is not learnt as scatter; a
+tenth of the series is the longest distance, beyond which a step would be in too many.
+
+The structure functions of the shortest and of the longest distance have common modes W (generalised eigenvectors),
+each a scalar series with the covariance Σ_j x_j exp(−|t − t'|/τ_j). Epochs that are off alone, against what is before
+and after them, count as much as their own scatter allows.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+
+from enginediag_cli.detection.readings import Readings
+
+DISTANCES = 12
+"""Classes of distance, each twice as long as the one before: from neighbours to a tenth of the longest series."""
+LONGEST = 0.1
+"""Longest distance of differences, in lengths of the series."""
+SHORT, OF_SHORT = 16, 0.4
+"""Distance in epochs up to which a short series is looked at all the same, and the longest such in lengths of it: a
+tenth of forty epochs does not tell a walk from wear."""
+PAIRS = 8
+"""Differences of one epoch with later ones in a class: all of them say the same."""
+LEAST_PAIRS = 20
+"""Differences that a class needs; with fewer the neighbouring classes tell more."""
+FREEDOM = 8.0
+"""Degrees of freedom of Student's t by which differences are weighed (Lange, Little and Taylor (1989))."""
+MEDIAN = 0.455
+"""Median of the square of a standard normal variable."""
+ROUNDS = 8
+"""Rounds of weighing; the weights only have to be of the right order."""
+WHITE = 0.05
+"""Least share of the difference of neighbours that is noise."""
+LEVEL = 1e3
+"""Variance of the level of a mode, in units of its scatter: nothing is known of it."""
+OUTLIER = 1e-4
+"""Chance of an epoch, were all as usual, below which it counts as off by itself."""
+
+
+@dataclass(frozen=True)
+class Wander:
+    """Modes W (m, k); inverse (k, n, n): inverse covariance of each mode of the series; c (k, n): inverse times
+    series; log: log likelihood of no event; beside: the same of the series without the known events, which it was read
+    from; slow: whether readings wander at all; inputs: of the modes the last ones, each of one input."""
+
+    W: np.ndarray
+    inverse: np.ndarray
+    c: np.ndarray
+    log: float
+    beside: float
+    slow: bool
+    inputs: int = 0
+
+
+def structure(clock: np.ndarray, z: np.ndarray, least: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Distances (h,) and half the mean square of differences (h, m, m) of the readings z (n, m). least (m, m):
+    covariance of their noise, which counts as m + 2 differences."""
+    n = len(z)
+    unit = np.median(np.diff(clock))
+    rng = np.random.default_rng(n)  # which pairs are drawn; the same for the same series
+    limit = max(LONGEST * (clock[-1] - clock[0]), min(OF_SHORT * (clock[-1] - clock[0]), SHORT * unit))
+    edges = unit * 0.999 * 2.0 ** np.arange(DISTANCES + 1)
+    distances: list[float] = []
+    found: list[np.ndarray] = []
+    for low, high in pairwise(edges):
+        if low > limit and found:  # neighbours tell what they differ by in the shortest series
+            break
+        first, last = np.searchsorted(clock, clock + low), np.searchsorted(clock, clock + high)
+        one = np.repeat(np.arange(n), np.minimum(last - first, PAIRS))
+        if len(one) < LEAST_PAIRS and found:
+            continue
+        if not len(one):
+            one, other = np.arange(n - 1), np.arange(1, n)
+        else:
+            other = first[one] + (rng.random(len(one)) * (last - first)[one]).astype(int)
+        found.append(_half_square(z[other] - z[one], least))
+        distances.append(float(np.mean(clock[other] - clock[one])))
+    return np.array(distances), np.array(found)
+
+
+def _half_square(difference: np.ndarray, least: np.ndarray) -> np.ndarray:
+    """Half the second moment (m, m) of differences (k, m), those that are far off counting less."""
+    k, m = difference.shape
+    prior = m + 2.0
+    # from medians on: of four differences one that holds a step would else take the rest for close to it
+    S = np.diag(np.median(difference**2, axis=0)) / MEDIAN + 2e-9 * least
+    for _ in range(ROUNDS):
+        S = (k * S + prior * 2 * least) / (k + prior)
+        distance = np.sum((difference @ np.linalg.inv(S)) * difference, axis=1)
+        w = np.minimum((FREEDOM + m) / (FREEDOM + distance), 1.0)
+        S = (difference * w[:, None]).T @ difference / w.sum()
+    return np.asarray((k * S + prior * 2 * least) / (k + prior) / 2)
+
+
+def wandering(readings: Readings, known: np.ndarray, slow: bool) -> Wander:
+    """The law of scatter of a series with the events `known` (n, m) taken out of its readings; slow: by all distances,
+    else by that of neighbours alone. An input wanders by itself, by all distances and whatever the weather: what the
+    readings follow of it is the weather's already."""
+    from scipy.linalg import block_diag
+
+    m = readings.z.shape[1] - readings.inputs
+    parts = [_wandering(_rows(readings, slice(0, m), readings.weather), known[:, :m], slow)]
+    none = np.zeros((len(readings), 0))
+    for k in range(m, m + readings.inputs):
+        parts.append(_wandering(_rows(readings, slice(k, k + 1), none), known[:, k : k + 1], True))
+    return Wander(
+        block_diag(*(part.W for part in parts)),
+        np.concatenate([part.inverse for part in parts]),
+        np.concatenate([part.c for part in parts]),
+        sum(part.log for part in parts),
+        sum(part.beside for part in parts),
+        slow,
+        readings.inputs,
+    )
+
+
+def _rows(readings: Readings, rows: slice, weather: np.ndarray) -> Readings:
+    """Some of the readings, with the conditions that they follow."""
+    return replace(
+        readings,
+        z=readings.z[:, rows],
+        J=readings.J[:, rows],
+        noise=readings.noise[rows, rows],
+        weather=weather,
+        inputs=0,
+    )
+
+
+def _wandering(readings: Readings, known: np.ndarray, slow: bool) -> Wander:
+    from scipy.linalg import cho_factor, cho_solve, eigh
+    from scipy.stats import chi2
+
+    t = readings.clock
+    beside = _without_weather(readings.z - known, readings.weather)
+    distances, C = structure(t, beside, readings.noise)
+    _, W = eigh(C[-3:].mean(axis=0) if slow else C[0] + 1e-6 * np.diag(np.diag(C[0])), C[0])
+    z, free = readings.z @ W, (readings.z - known) @ W
+    apart = np.abs(t[:, None] - t)
+    n, m = z.shape
+    inverse, c, log = np.empty((m, n, n)), np.empty((m, n)), 0.0
+    found = [_covariance(distances, W[:, k] @ C @ W[:, k], apart, slow) for k in range(m)]
+    K, sizes = np.stack([covariance for covariance, _ in found]), sum(wanders for _, wanders in found)
+    scale = np.maximum(np.var(free, axis=0), np.einsum("kii->k", K) / n)
+    common = np.concatenate([np.ones((n, 1)) * np.sqrt(LEVEL), readings.weather], axis=1)
+    K += scale[:, None, None] * (common @ common.T)
+    extra = np.zeros((m, n))
+    for weigh in (True, False):
+        for k in range(m):
+            factor = cho_factor(K[k] + np.diag(extra[k]), lower=True, check_finite=False)
+            inverse[k] = cho_solve(factor, np.eye(n), check_finite=False)
+            c[k] = inverse[k] @ free[:, k]
+            log -= 0.0 if weigh else float(np.sum(np.log(np.diag(factor[0]))))
+        if weigh:
+            own = np.einsum("kii->ki", inverse)
+            beyond = chi2.isf(OUTLIER, m)
+            alone = (free - _running_median(free)).T
+            off = (np.sum(c**2 / own, axis=0) > beyond) & (np.sum(alone**2, axis=0) > beyond)
+            extra = np.where(off, np.minimum((c / own) ** 2, alone**2), 0.0)
+    log += n * float(np.linalg.slogdet(W)[1])
+    log -= 0.5 * float(np.log(n)) * sizes
+    left = log - 0.5 * float(np.sum(c * free.T))
+    for k in range(m):
+        c[k] = inverse[k] @ z[:, k]
+        log -= 0.5 * float(z[:, k] @ c[k])
+    return Wander(W, inverse, c, log, left, slow)
+
+
+def _covariance(distances: np.ndarray, value: np.ndarray, apart: np.ndarray, slow: bool) -> tuple[np.ndarray, bool]:
+    """Covariance (n, n) of a mode whose structure function is `value` (h,) at these distances, and whether it wanders:
+    what it wanders by is a size more that was read from the series, and costs what such a one does (Schwarz (1978))."""
+    from scipy.optimize import nnls
+
+    n = len(apart)
+    if not slow or len(distances) < 2:
+        return np.asarray(value[0] * np.eye(n)), False
+    # up to the length of the series: what grows with distance as far as is seen may go on growing
+    tau = distances[0] * 2.0 ** np.arange(1, np.ceil(np.log2(apart.max() / distances[0])) + 2)
+    columns = np.concatenate([np.ones((len(distances), 1)), 1 - np.exp(-distances[:, None] / tau)], axis=1)
+    x, _ = nnls(columns / value[:, None], np.ones(len(value)))
+    K = max(x[0], WHITE * value[0]) * np.eye(n)
+    for size, length in zip(x[1:], tau, strict=True):
+        if size > 0:
+            K += size * np.exp(-apart / length)
+    return np.asarray(K), bool(np.any(x[1:] > 0))
+
+
+def _running_median(z: np.ndarray) -> np.ndarray:
+    """Of five epochs (n, m) each, or of those that there are."""
+    padded = np.pad(z, ((2, 2), (0, 0)), mode="reflect") if len(z) > 2 else np.pad(z, ((2, 2), (0, 0)), mode="edge")
+    return np.asarray(np.median(np.lib.stride_tricks.sliding_window_view(padded, 5, axis=0), axis=-1))
+
+
+def _without_weather(z: np.ndarray, weather: np.ndarray) -> np.ndarray:
+    """What level and conditions leave of the readings (n, m)."""
+    X = np.concatenate([np.ones((len(z), 1)), weather], axis=1)
+    H = X.T @ X + np.diag([0.0, *np.ones(weather.shape[1])])
+    return np.asarray(z - X @ np.linalg.solve(H, X.T @ z))

@@ -1,0 +1,293 @@
+"""What has changed during a series, what kind of change it is and since when: one judgement over all suspects.
+
+A suspect is a component, with all or one of its parameters, or an instrument. An event is a change of one suspect with
+one course (`detection/course.py`), and has the prior
+
+    P(suspect changes) P(kind | suspect) P(onset | kind) P(parameters | suspect),    δ ~ mean over slabs of N(0, slab²)
+
+Instruments step, at once and for good; components wear or are damaged. All suspects, kinds and onsets are enumerated
+for one event, the others of the series given. What is likeliest is added, or exchanged for another event, and the
+scatter is read again without it: the series and the events together become likelier by it, or it does not stay.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from enginediag_cli.detection.course import DETERIORATION, STEP, Courses, courses, table
+from enginediag_cli.detection.readings import Readings
+from enginediag_cli.detection.wander import wandering
+from enginediag_cli.isolation.prior import SetPrior
+from enginediag_cli.isolation.series_search import SIZE, Chosen, Search
+from enginediag_cli.isolation.story import UNRECORDED, Event, Fit, Member, Story
+from enginediag_cli.isolation.suspects import Suspects, log_of_kinds, suspects_of
+from enginediag_cli.parameters import Parameter, meanings
+from enginediag_cli.progress import stage
+
+MAX_EVENTS = 4
+"""Events told apart in one series at most: a stop, since each must be more probable than none."""
+PASSES = 8
+"""Exchanges of events at most, each of which makes the series likelier."""
+FEWEST_SLOW = 11
+"""Epochs up to which nothing is known of how readings wander, but that neighbours differ."""
+OWNERS = 3
+"""Suspects of which the first event is tried: the likeliest by the scatter of a series with the event still in it need
+not be the likeliest by that without it."""
+OPERATION = 0.5
+"""Share of the steps of components, where readings wander, that is a change of operation nobody recorded. Judgement."""
+TOLD = 0.5
+"""Probability from which an event is one."""
+GENERIC, KNOWN = 0.1, 0.03
+"""Share to which the effect of a component on the readings is known where the maps are generic (half the standard
+deviation of their slopes, of which the effect is a part) and where they are the engine's."""
+INPUTS = 0.03
+"""The same of an input, whose effect is mostly thermodynamics: pressures and temperatures scale with it."""
+
+
+@dataclass(frozen=True)
+class TrendOptions:
+    """`prior`: chances of components and sensors, and sizes; healthy: so many epochs at the beginning in which nothing
+    began; sensors: instruments are suspects; generic: the maps are not the engine's own; governed: errors of inputs
+    that a governor may hold where they were read."""
+
+    prior: SetPrior = field(default_factory=SetPrior)
+    healthy: int = 0
+    sensors: bool = True
+    generic: bool = True
+    governed: Collection[str] = ()
+
+
+@stage("judging the series")
+def judge_series(readings: Readings, meaning: Mapping[str, Parameter], options: TrendOptions | None = None) -> Story:
+    """What has happened in a series of three epochs at least; ValueError otherwise."""
+    if len(readings) < 3:
+        raise ValueError("a trend needs at least three flights")
+    options = options or TrendOptions()
+    described = tuple(meanings(meaning, readings.parameters).values())
+    suspects = suspects_of(described, options.prior, options.sensors, options.governed)
+    among = courses(readings.clock, int(np.searchsorted(readings.first, options.healthy)))
+    together = np.zeros((len(described),) * 2, bool)
+    for group in suspects.groups:
+        together[np.ix_(group, group)] = True
+    of_sensors = [all(described[i].of_sensor for i in group) for group in suspects.groups]
+    doubt = np.where(suspects.instrument, INPUTS, GENERIC if options.generic else KNOWN)
+    doubt[of_sensors] = 0.0
+    laws = (False, True) if len(readings) > FEWEST_SLOW else (False,)
+    kinds = log_of_kinds(suspects, among)
+    looked: dict[tuple[tuple[int, int], ...], _Look] = {}
+
+    def look(chosen: Sequence[Chosen]) -> _Look:
+        key = tuple(sorted(event.place for event in chosen))
+        if key not in looked:
+            known = _effect(readings, suspects, among, chosen)
+            tables = tuple(table(readings, wandering(readings, known, slow), among, together) for slow in laws)
+            search = Search(tables, among, suspects, options.prior.slabs, kinds, doubt)
+            looked[key] = _Look(tuple(chosen), search, _joint(search, chosen))
+        return looked[key]
+
+    best, settled = look(()), False
+    for _ in range(PASSES):
+        trials = [look(found) for found in _proposals(best)]
+        better = max(trials, key=lambda trial: trial.log, default=best)
+        settled = better.log <= best.log
+        if settled:
+            break
+        best = better
+    gains = [best.log - look([*best.chosen[:k], *best.chosen[k + 1 :]]).log for k in range(len(best.chosen))]
+    return _told(readings, replace(best.search, tails=True), best.chosen, gains, settled)
+
+
+@dataclass(frozen=True)
+class _Look:
+    """Events, the search over a series with the scatter that they leave, and the log probability of both."""
+
+    chosen: tuple[Chosen, ...]
+    search: Search
+    log: float
+
+
+def _joint(search: Search, chosen: Sequence[Chosen]) -> float:
+    """log probability of the series and of these events, with the scatter that they leave."""
+    prior = sum(
+        float(search.suspects.log_odds[e.group] + search.log_kind[e.group, e.course]) - SIZE * len(e.size)
+        for e in chosen
+    )
+    return float(np.logaddexp.reduce([t.wander.beside for t in search.tables])) + prior
+
+
+def _proposals(look: _Look) -> Iterator[list[Chosen]]:
+    """What may be likelier: one event more, by each law of scatter alone, or another one for any; one less."""
+    for k in range(len(look.chosen) + 1):
+        others = [*look.chosen[:k], *look.chosen[k + 1 :]]
+        if k < len(look.chosen):
+            yield others
+        elif len(others) >= MAX_EVENTS:
+            continue
+        for t in look.search.tables:
+            for found in _best(replace(look.search, tables=(t,)), others, 1 if others else OWNERS):
+                yield [*others, found]
+
+
+def _effect(readings: Readings, suspects: Suspects, among: Courses, chosen: Sequence[Chosen]) -> np.ndarray:
+    """What the events add to the readings (n, m)."""
+    known = np.zeros_like(readings.z)
+    for event in chosen:
+        group = list(suspects.groups[event.group])
+        effect = readings.J[:, :, group] @ np.array(event.size)
+        if not suspects.shown[event.group]:
+            effect[:, effect.shape[1] - readings.inputs :] = 0.0
+        known += among.g[event.course][:, None] * effect
+    return known
+
+
+def _best(search: Search, others: Sequence[Chosen], most: int) -> list[Chosen]:
+    """The likeliest further event of each of the `most` likeliest owners, none where no event at all is likelier."""
+    log, nothing = search.posterior(others)
+    if np.logaddexp.reduce(log, axis=None) <= np.logaddexp.reduce(nothing):
+        return []
+    over = np.logaddexp.reduce(log, axis=0)
+    suspects = search.suspects
+    by_owner = {c: float(np.logaddexp.reduce(over[suspects.members(c)], axis=None)) for c in suspects.components}
+    found = []
+    for owner in sorted(by_owner, key=lambda name: -by_owner[name])[:most]:
+        mine = suspects.members(owner)
+        place, course = np.unravel_index(int(np.argmax(over[mine])), over[mine].shape)
+        group = mine[int(place)]
+        law = int(np.argmax(log[:, group, course]))
+        size = search.told(others, group)[law].mean[course]
+        found.append(Chosen(group, int(course), tuple(size.tolist())))
+    return found
+
+
+def _told(readings: Readings, search: Search, chosen: Sequence[Chosen], gains: Sequence[float], settled: bool) -> Story:
+    missed = {c: 1.0 for c in search.suspects.components}
+    events = []
+    for k in range(len(chosen)):
+        event = _event(readings, search, [*chosen[:k], *chosen[k + 1 :]], gains[k])
+        if event.probability >= TOLD:
+            events.append(event)
+        for member in event.members:
+            if member.component != UNRECORDED:
+                missed[member.component] *= 1 - event.probability * member.probability
+    more = _event(readings, search, chosen)
+    for member in more.members:
+        if member.component != UNRECORDED:
+            missed[member.component] *= 1 - more.probability * member.probability
+    events.sort(key=lambda e: -e.weight)
+    return Story(
+        tuple(events),
+        int(readings.flights.sum()),
+        {c: 1 - m for c, m in missed.items()},
+        settled,
+        _fit(readings, search, chosen),
+    )
+
+
+def _event(readings: Readings, search: Search, others: Sequence[Chosen], most: float = np.inf) -> Event:
+    """most: log odds of the event where the scatter is read again without it."""
+    log, nothing = search.posterior(others)
+    total, none = np.logaddexp.reduce(log, axis=None), np.logaddexp.reduce(nothing)
+    weight = np.exp(log - total)
+    suspects, among = search.suspects, search.courses
+    chance = {c: float(weight[:, suspects.members(c)].sum()) for c in suspects.components}
+    order = sorted(chance, key=lambda c: -chance[c])
+    mine = weight[:, suspects.members(order[0])].sum(axis=(0, 1))
+    growing = bool(mine[among.growing].sum() > mine[~among.growing].sum())
+    at = among.growing == growing
+    onset, low, high = _onset(among.onset[at], mine[at], readings)
+    odds = min(float(total - none), most)
+    members = [_member(readings, search, others, weight, c, chance[c]) for c in order if chance[c] >= 0.01]
+    members = _beside_operation(search, weight, members)
+    return Event(
+        float(1 / (1 + np.exp(-np.clip(odds, -700, 700)))),
+        tuple(members),
+        DETERIORATION if growing else STEP,
+        onset,
+        low,
+        high,
+        odds,
+    )
+
+
+def _beside_operation(search: Search, weight: np.ndarray, members: Sequence[Member]) -> list[Member]:
+    """Members, likeliest first, where readings wander with operation as a rival of every component that steps.
+
+    What wanders is what nobody models, such as guide vanes. It moves all readings at once, as a component does, and
+    components seldom change at once: of such a step one half is believed."""
+    wander = np.array([t.wander.slow for t in search.tables])
+    steps = ~search.courses.growing
+    found, unrecorded = [], 0.0
+    for member in members:
+        if not member.instrument:
+            mine = search.suspects.members(member.component)
+            doubted = OPERATION * float(weight[np.ix_(wander, np.array(mine), steps)].sum())
+            unrecorded += doubted
+            member = replace(member, probability=member.probability - doubted)
+        found.append(member)
+    if unrecorded >= 0.01:
+        found.append(Member(UNRECORDED, unrecorded, (), (), (), (), True))
+    return sorted(found, key=lambda member: -member.probability)
+
+
+def _member(
+    readings: Readings, search: Search, others: Sequence[Chosen], weight: np.ndarray, component: str, chance: float
+) -> Member:
+    from scipy.stats import norm
+
+    suspects = search.suspects
+    mine = suspects.members(component)
+    positions = suspects.groups[mine[0]]
+    inclusion, weighed, first, second = (np.zeros(len(positions)) for _ in range(4))
+    for k in mine:
+        if weight[:, k].sum() < 1e-3 * chance:
+            continue
+        at = [positions.index(i) for i in suspects.groups[k]]
+        for w, sizes in zip(weight[:, k] / chance, search.told(others, k), strict=True):
+            own = np.einsum("lqq->lq", sizes.covariance)
+            square = sizes.mean**2 + own
+            # a share of the largest change below that to which effects are known is no change of its own
+            least = search.doubt[k] * np.abs(sizes.mean).max(axis=1, keepdims=True)
+            inclusion[at] += w @ (
+                norm.sf((least - sizes.mean) / np.sqrt(own)) + norm.cdf((-least - sizes.mean) / np.sqrt(own))
+            )
+            weighed[at] += w.sum()
+            first[at] += w @ sizes.mean
+            second[at] += w @ square
+    given = np.maximum(weighed, 1e-300)
+    mean = first / given
+    deviation = np.sqrt(np.maximum(second / given - mean**2, 0.0))
+    described, unit = [suspects.described[i] for i in positions], readings.D[list(positions)]
+    return Member(
+        component,
+        chance,
+        tuple(p.name for p in described),
+        tuple(inclusion.tolist()),
+        tuple((unit * mean).tolist()),
+        tuple((unit * deviation).tolist()),
+        all(p.of_instrument for p in described),
+    )
+
+
+def _onset(onset: np.ndarray, weight: np.ndarray, readings: Readings) -> tuple[int, int, int]:
+    """Number of the first changed flight, from 1: most probable, and the 95 % interval."""
+    each = np.zeros(len(readings))
+    np.add.at(each, onset, weight)
+    each /= each.sum()
+    order = np.argsort(-each, kind="stable")
+    chosen = order[: int(np.searchsorted(np.cumsum(each[order]), 0.95)) + 1]
+    best, low, high = (int(readings.first[k]) + 1 for k in (np.argmax(each), chosen.min(), chosen.max()))
+    return best, low, high
+
+
+def _fit(readings: Readings, search: Search, chosen: Sequence[Chosen]) -> Fit:
+    wander = max((t.wander for t in search.tables), key=lambda w: w.log)
+    left = readings.z - _effect(readings, search.suspects, search.courses, chosen)
+    dof = left.size
+
+    def chi2(z: np.ndarray) -> float:
+        return float(np.einsum("nk,knj,jk->", z @ wander.W, wander.inverse, z @ wander.W)) / dof
+
+    return Fit(chi2(readings.z), chi2(left))

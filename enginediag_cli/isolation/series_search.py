@@ -1,0 +1,190 @@
+"""The posterior over what changed during a series, how and since when, for one more change beside those already found.
+
+The effect of a component is known to a share only (slopes of maps); in each mode it may be off by that share of
+itself, which is marginalised, so that no difference of directions below it decides between components. A change that
+is given takes with it everything of its course within that share.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from enginediag_cli.detection.course import Courses, Table, along
+from enginediag_cli.detection.wander import Wander
+from enginediag_cli.isolation.suspects import WRONG_WAY, Suspects
+
+FREEDOM = 30.0
+"""Degrees of freedom ν of what readings wander by at once. Judgement: with tails that are much longer, no change in a
+single jump could be told from scatter; settled on shifted readings of the power plant."""
+OF_INSTRUMENTS = 1.0
+"""Largest slab of an instrument: its prior standard deviation is how far it plausibly is off when it is wrong."""
+SIZE = 4.6
+"""What the log probability of an event loses for each size that is fitted to it: a hundred times as wide beforehand as
+afterwards."""
+TINY = 1e-300
+"""Keeps what a course does not touch from being divided by nothing."""
+
+
+@dataclass(frozen=True)
+class Chosen:
+    """An event as the others are judged with it: positions of its group and of its course, and its size (q,) in prior
+    standard deviations."""
+
+    group: int
+    course: int
+    size: tuple[float, ...] = ()
+
+    @property
+    def place(self) -> tuple[int, int]:
+        """Group and course."""
+        return self.group, self.course
+
+
+@dataclass(frozen=True)
+class Sizes:
+    """Given that a group changed with each course: log Bayes factor (L,), mean (L, q) and covariance (L, q, q)."""
+
+    log: np.ndarray
+    mean: np.ndarray
+    covariance: np.ndarray
+
+
+@dataclass(frozen=True)
+class Search:
+    """One look at a series: tables of the laws of scatter, courses, suspects and their priors; log_kind (G, L);
+    doubt (G,): share to which the effect of each group is known; tails: scatter has longer tails than the normal
+    law."""
+
+    tables: tuple[Table, ...]
+    courses: Courses
+    suspects: Suspects
+    slabs: tuple[float, ...]
+    log_kind: np.ndarray
+    doubt: np.ndarray
+    tails: bool = False
+
+    def posterior(self, others: Sequence[Chosen]) -> tuple[np.ndarray, np.ndarray]:
+        """log probability (h, G, L) of scatter, group and course beside other events, and (h,) of nothing more."""
+        found, nothing = [], []
+        for t in self.tables:
+            b, S, log = self._given(t, others)
+            each = np.stack([self.sizes(b, S, k, t.wander).log for k in range(len(self.suspects.groups))])
+            found.append(each + log)
+            nothing.append(log)
+        prior = self.suspects.log_odds[:, None] + self.log_kind
+        done = {self.suspects.owner[e.group] for e in others}
+        again = np.array([o in done for o in self.suspects.owner])
+        total = np.stack(found) + prior
+        total[:, again] = -np.inf  # what a component has done since its onset, of any law, is one event
+        return total, np.array(nothing)
+
+    def told(self, others: Sequence[Chosen], group: int) -> list[Sizes]:
+        """Sizes of a group beside other events, for each scatter."""
+        return [self.sizes(*self._given(t, others)[:2], group, t.wander) for t in self.tables]
+
+    def _given(self, t: Table, others: Sequence[Chosen]) -> tuple[np.ndarray, np.ndarray, float]:
+        """Scores, information and log likelihood of a scatter with other events, whatever their size."""
+        if not others:
+            return t.b, t.S, t.wander.log
+        b, S, log = t.b.copy(), t.S.copy(), t.wander.log
+        for k, inverse in enumerate(t.wander.inverse):
+            own = k >= len(t.wander.inverse) - t.wander.inputs
+            X = np.concatenate([self._columns(t.effect[k], event, own) for event in others], axis=1)
+            if not X.any():
+                continue
+            KX = inverse @ X
+            H = np.eye(X.shape[1]) + X.T @ KX
+            score = X.T @ t.wander.c[k]
+            cross = along(t.effect[k][:, :, None] * KX[:, None, :], self.courses)
+            solved = np.linalg.solve(H, score)
+            b[:, k] -= cross @ solved
+            S[:, k] -= (cross @ np.linalg.inv(H)) @ np.swapaxes(cross, 1, 2)
+            log += 0.5 * float(score @ solved) - 0.5 * float(np.linalg.slogdet(H)[1])
+        return b, S, log
+
+    def _columns(self, effect: np.ndarray, event: Chosen, own: bool) -> np.ndarray:
+        """What an event may add to a mode (n, r), of every law that it may have; effect (n, p); own: of an input."""
+        if own and not self.suspects.shown[event.group]:
+            return np.zeros((len(effect), 1))
+        group = list(self.suspects.groups[event.group])
+        laws = self.courses.laws(event.course)
+        return np.asarray((effect[:, group] @ np.array(event.size))[:, None] * laws.T)
+
+    def sizes(self, b: np.ndarray, S: np.ndarray, k: int, wander: Wander) -> Sizes:
+        """Of one group with each course: two passes, the first of which finds how large its doubt is.
+
+        Where readings wander the change stands in one jump of theirs. With long tails that jump, in all modes together
+        of χ² Q before and Q' after the change, is judged by Student's t,  ½(ν + m) ln((ν + Q)/(ν + Q')),  where the
+        normal law has  ½(Q − Q').
+
+        What an input read may speak against its instrument without bound. For it, it speaks no more than a true change
+        of the same size at the same epoch would cost: weather and governor change it, too.
+        """
+        group = np.array(self.suspects.groups[k])
+        own = b.shape[1] - wander.inputs
+        read, reads = b[:, own:, group].sum(axis=1), S[:, own:, group[:, None], group].sum(axis=1)
+        if not self.suspects.shown[k]:
+            read, reads = np.zeros_like(read), np.zeros_like(reads)
+        b, S = b[:, :own], S[:, :own]
+        mine, info = b[:, :, group], S[:, :, group[:, None], group]
+        doubt = self.doubt[k]
+        slabs = [min(slab, OF_INSTRUMENTS) for slab in self.slabs] if self.suspects.instrument[k] else self.slabs
+        first = _gaussian(mine.sum(axis=1) + read, info.sum(axis=1) + reads, slabs)[1]
+        off = np.zeros(len(b))
+        if doubt:
+            told = np.einsum("lkpq,lq->lkp", info, first)
+            square = np.maximum(np.einsum("lkp,lp->lk", told, first), 0.0)
+            along_it = np.einsum("lkp,lp->lk", mine, first)
+            factor = doubt**2 / (1 + doubt**2 * square)
+            mine = mine - factor[..., None] * along_it[..., None] * told
+            info = info - factor[..., None, None] * told[..., None] * told[..., None, :]
+            off = 0.5 * np.sum(factor * along_it**2 - np.log1p(doubt**2 * square), axis=1)
+        summed, told = mine.sum(axis=1), info.sum(axis=1)
+        most = np.log(self.courses.g.shape[1]) + SIZE
+        log, mean, covariance = _gaussian(summed + read, told + reads, slabs)
+        log = log + off - np.maximum(_gain(read, reads, mean) - most, 0.0)
+        if self.tails and wander.slow:
+            taken = np.maximum(2 * _gain(summed, told, mean) + 2 * off, 0.0)
+            whole = np.maximum(np.sum(b[:, :, -1] ** 2 / np.maximum(S[:, :, -1, -1], TINY), axis=1), taken)
+            fallen = np.log1p(whole / FREEDOM) - np.log1p((whole - taken) / FREEDOM)
+            log += np.minimum(0.5 * (FREEDOM + b.shape[1]) * fallen, 0.5 * taken) - 0.5 * taken
+        log += self._signs(group, mean, covariance)
+        return Sizes(log, mean, covariance)
+
+    def _signs(self, group: np.ndarray, mean: np.ndarray, covariance: np.ndarray) -> np.ndarray:
+        """log of how much likelier the signs are when wear moves a value one way only, mostly."""
+        from scipy.special import ndtr
+
+        wear = np.array([self.suspects.described[i].wear for i in group])
+        if not wear.any():
+            return np.zeros(len(mean))
+        right = ndtr(wear * mean / np.sqrt(np.einsum("lqq->lq", covariance)))
+        each = np.where(wear != 0, np.log(2 * ((1 - WRONG_WAY) * right + WRONG_WAY * (1 - right))), 0.0)
+        return np.asarray(each.sum(axis=1))
+
+
+def _gain(b: np.ndarray, S: np.ndarray, size: np.ndarray) -> np.ndarray:
+    """By how much a change of this size (L, q) is likelier than none (L,)."""
+    return np.einsum("lp,lp->l", b, size) - 0.5 * np.einsum("lp,lpq,lq->l", size, S, size)
+
+
+def _gaussian(b: np.ndarray, S: np.ndarray, slabs: Sequence[float]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """log Bayes factor (L,), mean (L, q) and covariance (L, q, q) of changes N(0, slab²), averaged over the slabs."""
+    q = b.shape[1]
+    logs, means, covariances = [], [], []
+    for slab in slabs:
+        inner = np.eye(q) + slab**2 * S
+        covariance = slab**2 * np.linalg.inv(inner)
+        mean = np.einsum("lpq,lq->lp", covariance, b)
+        logs.append(0.5 * np.sum(b * mean, axis=1) - 0.5 * np.linalg.slogdet(inner)[1])
+        means.append(mean)
+        covariances.append(covariance)
+    log = np.logaddexp.reduce(logs, axis=0)
+    w = np.exp(np.array(logs) - log)
+    mean = np.einsum("sl,slp->lp", w, means)
+    spread = np.array(means) - mean
+    covariance = np.einsum("sl,slpq->lpq", w, covariances) + np.einsum("sl,slp,slq->lpq", w, spread, spread)
+    return log - np.log(len(slabs)), mean, covariance

@@ -1,0 +1,73 @@
+"""What happened during a series: events, each with its suspects, its kind and its onset."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+CONVINCED = 0.9
+"""Probability from which one suspect is named; below it the likeliest are told as a class."""
+UNRECORDED = "unrecorded operation"
+"""Member of an event that is no component: guide vanes, bleed or load that moved and that nobody recorded."""
+CLASS = 0.95
+"""Probability that the members of a class hold together."""
+
+
+@dataclass(frozen=True)
+class Member:
+    """One suspect of an event: a component or instrument, the chance that it is the one that changed, and its
+    parameters: chance of each to have changed, change since the onset with its standard deviation, in its unit, given
+    that this suspect changed."""
+
+    component: str
+    probability: float
+    parameters: tuple[str, ...]
+    inclusion: tuple[float, ...]
+    change: tuple[float, ...]
+    deviation: tuple[float, ...]
+    instrument: bool = False
+
+
+@dataclass(frozen=True)
+class Event:
+    """A change during the series. probability: that there is one at all, the other events given; members: suspects,
+    likeliest first; kind: the likeliest; onset, low, high: number of the first changed flight (of a growing change: of
+    the last unchanged), from 1, most probable and 95 % interval; weight: log odds that it happened."""
+
+    probability: float
+    members: tuple[Member, ...]
+    kind: str
+    onset: int
+    low: int
+    high: int
+    weight: float = 0.0
+
+    @property
+    def named(self) -> tuple[Member, ...]:
+        """The suspect that is named, or the class of those that the data cannot tell apart."""
+        told: list[Member] = []
+        for member in self.members:
+            told.append(member)
+            if sum(m.probability for m in told) >= (CONVINCED if len(told) == 1 else CLASS):
+                break
+        return tuple(told)
+
+
+@dataclass(frozen=True)
+class Fit:
+    """χ² per degree of freedom of the readings by the scatter found, `before` any event and `after` those told."""
+
+    before: float
+    after: float
+
+
+@dataclass(frozen=True)
+class Story:
+    """Events of one series of `flights` flights, surest first; inclusion: component → chance that it changed;
+    converged: the search settled; fit: what is left unexplained."""
+
+    events: tuple[Event, ...]
+    flights: int
+    inclusion: Mapping[str, float]
+    converged: bool = True
+    fit: Fit = Fit(1.0, 1.0)
