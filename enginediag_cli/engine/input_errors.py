@@ -36,8 +36,12 @@ SHARES = {
     "torque": 0.01,
 }
 """Share of its reading by which an instrument is plausibly wrong: tachometers count, transducers are calibrated to half
-a per cent, flow meters and torque meters drift by one. Heights, Mach numbers and humidities come from other systems,
-which an engineer does not suspect for an engine's sake, and set positions of the engine are no readings."""
+a per cent, flow meters and torque meters drift by one. Humidities come from other systems, which an engineer does not
+suspect for an engine's sake, and set positions of the engine are no readings."""
+AIR_DATA = {"altitude": (75.0, "m"), "mach": (0.01, "")}
+"""By what air data are plausibly wrong, by quantity, with unit: three times what their computers are good for (25 m
+where heights are kept 300 m apart, and the Mach number of the same error of static pressure). Pitot tubes and static
+ports are blocked, bent and iced, and an engine at another height than was read looks changed as a whole."""
 OF_NOISE = 3.0
 """How far an instrument is plausibly wrong in standard deviations of its stated noise: as far as one of an output."""
 BOUND = 10.0
@@ -143,15 +147,33 @@ def suspected(engine: MonitoredModel, column: str) -> InputError | None:
     """The error of an input channel, by the dimension of its column; None where no instrument of the engine is read."""
     quantity, unit = split_column(column)
     kind = UNITS[unit] if unit in UNITS else None
+    if quantity in AIR_DATA:
+        return _of_air_data(engine, column)
     if kind is None or (kind.dimension != "temperature" and kind.dimension not in SHARES):
         return None
     multiplies = kind.dimension != "temperature"
     stated = _stated(engine, column, multiplies)
     usual = SHARES[kind.dimension] if multiplies else _of_probe(kind, _largest(engine, column))
     sigma = OF_NOISE * stated if stated else usual
-    nominal, what = (1.0, "scale") if multiplies else (0.0, "bias")
     # a scale stays clear of zero
     reach = min(BOUND * sigma, 0.5) if multiplies else BOUND * max(sigma, usual)
+    return _error(column, multiplies, sigma, reach)
+
+
+def _of_air_data(engine: MonitoredModel, column: str) -> InputError:
+    """The error of a height or a Mach number, a bias whatever its unit."""
+    quantity, unit = split_column(column)
+    size, of = AIR_DATA[quantity]
+    usual = size * UNITS[of].factor / UNITS[unit].factor if unit in UNITS and of in UNITS else size
+    stated = _stated(engine, column, False)
+    sigma = OF_NOISE * stated if stated else usual
+    return _error(column, False, sigma, BOUND * max(sigma, usual))
+
+
+def _error(column: str, multiplies: bool, sigma: float, reach: float) -> InputError:
+    """The error of this column, plausible up to `sigma` and possible up to `reach`."""
+    quantity, unit = split_column(column)
+    nominal, what = (1.0, "scale") if multiplies else (0.0, "bias")
     part = f"{quantity} reading"
     return InputError(
         column,

@@ -26,8 +26,9 @@ REACH = 3.0
 answers. Judgement: false alarms stay at nominal much farther out, but there other physics than that of the maps begins,
 of which it says nothing."""
 REACH_OF_RANGE = 0.5
-"""How far beyond its range an input may be then, as a share of the range: what training held constant says nothing of
-what the engine does elsewhere. A plant at base load does not tell what its vanes do below."""
+"""How far beyond its range an input may be then, as a share of the range, though no less than the spread that is still
+the same operation: what training held constant says nothing of what the engine does elsewhere. A plant at base load
+does not tell what its vanes do below."""
 BLOCK = 100
 """Operating points whose distances are computed at once: with a full cover 0.1 MB, which stay in the cache."""
 MINIMUM_SPREAD = {
@@ -70,7 +71,8 @@ class Envelope:
         """True where a model of errors that widens by itself may answer, (N,): operating points at `distance` (N,)."""
         u = self._scaled(inputs) * self.scale
         over = np.maximum(u - self.high, self.low - u)
-        near = np.all(over <= REACH_OF_RANGE * (self.high - self.low), axis=1)
+        # the scale is the least spread wherever it is more than half of the range
+        near = np.all(over <= np.maximum(REACH_OF_RANGE * (self.high - self.low), self.scale), axis=1)
         return np.asarray((distance <= self.threshold) | (near & (distance <= self.threshold + REACH)))
 
     def farthest_input(self, inputs: Mapping[str, np.ndarray]) -> np.ndarray:

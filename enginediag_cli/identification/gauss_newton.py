@@ -48,9 +48,9 @@ ENOUGH = 0.05
 
 MAX_REJECTED = 24
 """Rejected steps in a row after which nothing is expected of another."""
-STALL = 0.1
-"""Standard errors. An optimum that near is statistically the same answer: its misfit is lower by 0.005, where 0.5 is
-one standard error."""
+STALL = 0.3
+"""Standard errors. An optimum that near is statistically the same answer: its misfit is lower by 0.045, where 0.5 is
+one standard error, and an interval about the place reached would have to be wider by 4 % at most to be as good."""
 NEGLIGIBLE = 1e-9  # relative change of cost that is the solver's own rounding
 
 

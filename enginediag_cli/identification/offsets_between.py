@@ -26,8 +26,6 @@ USUAL_OUTPUT = 0.3
 sixty records tell an offset of a tenth, and what a check of the reading itself would find is far larger."""
 USUAL_INPUT = 0.1
 """The same of an input, over what such an instrument is plausibly wrong by."""
-AIR_DATA = {"altitude_m": 8.0, "mach": 0.001}
-"""The same of what comes from air data computers: a third of their tolerance (RVSM: 25 m)."""
 SETTLED = 0.1
 """Largest relative change of a size that matters, from one pass to the next, that ends the passes."""
 NEGLIGIBLE = 0.1
@@ -56,9 +54,7 @@ def _usual(problem: Problem, used: int) -> Iterator[OffsetPrior]:
             yield OffsetPrior(column, "scale", usual / size, used)
     for column in engine.inputs:
         error = suspected(engine, column)
-        if column in AIR_DATA:
-            yield OffsetPrior(column, "bias", AIR_DATA[column], used)
-        elif error is not None:
+        if error is not None:
             kind = "scale" if error.multiplies else "bias"
             yield OffsetPrior(column, kind, USUAL_INPUT * error.parameter.prior_sigma, used)
 

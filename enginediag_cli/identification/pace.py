@@ -3,7 +3,9 @@ operating points, never with the count of records.
 
 Two records a usual step apart at the same operating point have correlation ρ, two that are g steps apart ρ^g, records
 of different recordings none. g is the elapsed time over the recording's median step, and one step more for each `FAR`
-of its range by which an input changed. A recording without time counts its records.
+of its range by which an input changed. A recording without time counts its records, and one that moves on with every
+record counts time alone: it has no neighbours at one operating point that could say what ρ is, those in time do, and
+by time alone the monitor's windows reckon, too.
 """
 
 from __future__ import annotations
@@ -22,6 +24,9 @@ NEAREST = 0.5
 """Steps: records that lie closer (an irregular clock, a time given twice) still have noise of their own."""
 NEIGHBOURS = 1.5
 """Steps up to which two records are neighbours, from which ρ is estimated: judgement, one and no second."""
+MOSTLY = 0.5
+"""Share of the records of a recording that must lie as near to the one before as that: of fewer, chosen by how little
+happened, ρ is not known, and would not be that of the others."""
 
 FADED = 1e-9
 """Correlation below which records no longer know of each other."""
@@ -43,7 +48,10 @@ def position(columns: Mapping[str, np.ndarray], inputs: Sequence[str], n: int) -
         span = np.ptp(u[np.isfinite(u)]) if np.isfinite(u).any() else 0.0
         if span > 0:
             moved = np.fmax(moved, np.abs(np.diff(u)) / span)
-    return np.concatenate([[0.0], np.cumsum(np.maximum(gap + moved / FAR, NEAREST))])
+    steps = gap + moved / FAR
+    if np.mean(steps <= NEIGHBOURS) < MOSTLY:
+        steps = gap
+    return np.concatenate([[0.0], np.cumsum(np.maximum(steps, NEAREST))])
 
 
 def gaps(position: np.ndarray, recording: np.ndarray) -> np.ndarray:

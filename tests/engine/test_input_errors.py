@@ -31,8 +31,17 @@ def model(turbofan):
     return InputErrors.of(turbofan)
 
 
-def test_instruments_are_suspects_and_what_other_systems_give_is_not(model):
-    assert list(model.errors) == ["input.dT_isa.bias", "input.Wf.scale"]  # neither altitude nor Mach number
+def test_instruments_of_engine_and_aircraft_are_suspects(model):
+    assert list(model.errors) == ["input.altitude.bias", "input.mach.bias", "input.dT_isa.bias", "input.Wf.scale"]
+
+
+def test_air_data_are_plausibly_wrong_by_the_same_in_any_unit():
+    class Imperial:
+        inputs, parameters = ("altitude_ft", "mach"), {}
+
+    errors = InputErrors.of(Imperial()).parameters
+    assert errors["input.altitude.bias"].prior_sigma == pytest.approx(75.0 / 0.3048)
+    assert errors["input.mach.bias"].prior_sigma == 0.01 and errors["input.mach.bias"].nominal == 0.0
 
 
 def test_power_plant_suspects_the_reading_that_sets_its_power():
@@ -55,7 +64,10 @@ def test_a_reading_that_is_too_high_predicts_the_lower_true_input(turbofan, mode
     assert np.allclose(read.y, turbofan.predict(true).y, rtol=1e-9)
 
 
-@pytest.mark.parametrize(("name", "step"), [("input.Wf.scale", 1e-4), ("input.dT_isa.bias", 1e-2)])
+@pytest.mark.parametrize(
+    ("name", "step"),
+    [("input.Wf.scale", 1e-4), ("input.dT_isa.bias", 1e-2), ("input.altitude.bias", 1.0), ("input.mach.bias", 1e-4)],
+)
 def test_sensitivities_agree_with_differences_and_keep_their_order(model, name, step):
     wrt = ("hpc.efficiency", name, "Wf_kg_s", "fan.efficiency")
     at = model.parameters[name].nominal + 0.5 * model.parameters[name].prior_sigma
@@ -86,7 +98,7 @@ def test_stated_noise_of_an_input_says_how_far_it_is_plausibly_wrong(turbofan):
 
 def test_an_engine_without_such_instruments_is_left_as_it_is():
     class Bare:
-        inputs, parameters = ("altitude_m", "mach"), {}
+        inputs, parameters = ("humidity", "guide_vanes_deg"), {}
 
     bare = Bare()
     assert InputErrors.of(bare) is bare

@@ -32,6 +32,21 @@ def test_a_jump_of_the_operating_point_counts_as_steps():
     assert position(columns, ["N1_rpm"], 4) == pytest.approx([0, 1, 12, 13])
 
 
+def test_a_flight_that_moves_on_with_every_record_counts_time_alone():
+    time = 30.0 * np.arange(40.0)
+    climbing = {"time_s": time, "altitude_m": 200.0 * np.arange(40.0), "mach": np.tile([0.3, 0.6], 20)}
+    assert position(climbing, ["altitude_m", "mach"], 40).tolist() == list(range(40))
+    cruising = {**climbing, "mach": np.where(np.arange(40) < 30, 0.6, 0.3)}
+    assert position(cruising, ["altitude_m", "mach"], 40)[-1] > 45
+
+
+def test_correlation_of_a_flight_that_moves_on_with_every_record_is_found():
+    e, inputs = autoregression(400, 0.6, 5), {"time_s": 30.0 * np.arange(400.0), "mach": np.tile([0.3, 0.6], 200)}
+    gap = gaps(position(inputs, ["mach"], 400), np.zeros(400, int))
+    found = estimate_noise(e[:, None], gap, np.zeros(1), np.full(1, 1e-9))
+    assert found.rho1[0] == pytest.approx(0.6, abs=0.1)
+
+
 def test_records_that_were_left_out_still_lie_between_those_that_were_not():
     steps = position({}, [], 6)[[0, 1, 4, 5]]
     assert gaps(steps, np.zeros(4, int)).tolist() == [np.inf, 1, 3, 1]
