@@ -146,10 +146,11 @@ def test_every_interval_in_which_both_engines_depart_is_found(watched, side):
         assert set(inside) == {state}, (state, begin)
 
 
-def test_records_outside_the_operating_points_seen_are_not_judged(watched):
+def test_records_outside_the_operating_points_seen_have_no_verdict_unless_they_alarm(watched):
+    """Limits are wider there: what exceeds them all the same is told, silence is not."""
     for side in SIDES:
         unjudged = [row for row in watched[side].values() if row["verdict"] == "no verdict"]
-        assert 20 < len(unjudged) < 80
+        assert 0 < len(unjudged) < 80
         assert all("outside the operating points" in row["reason"] for row in unjudged)
         assert not any(row["alarm"] == "true" for row in unjudged)
 
