@@ -3,8 +3,8 @@
 
 For each noise seed: `identify` on the healthy file, `isolate` on the three fault files whole and on 60 records with
 one to three random faults one by one, through the commands; and, for two of the seeds, the healthy recording of another
-seed with each sensor off by three standard deviations of its noise in turn. Prints how often exactly the true parameters
-are named, sensors that are named, reliability of what is stated, and coverage of the intervals.
+seed with each sensor off by three standard deviations of its noise in turn. Prints how often exactly the true
+parameters are named, sensors that are named, reliability of what is stated, and coverage of the intervals.
 """
 
 from __future__ import annotations
