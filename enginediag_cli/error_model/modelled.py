@@ -131,11 +131,8 @@ class MapErrorModel:
         """Sensitivities (N, m, k) of the sensors to `amounts`, from frozen columns."""
         n = len(next(iter(frozen.values())))
         found = np.empty((n, len(sensors), len(self._groups), CURVES))
-        curves: dict[str, np.ndarray] = {}
+        curves = _curves_at(self._groups, frozen, n)
         for i, g in enumerate(self._groups):
-            if g.machine.name not in curves:
-                at = np.column_stack([frozen[c] for c in g.machine.coordinate_columns])
-                curves[g.machine.name] = g.curves.at(at)
             effect = np.column_stack([frozen[_effect(g.target, c)] for c in sensors])
             np.multiply(effect[:, :, None], curves[g.machine.name][:, None, :], out=found[:, :, i])
         return found.reshape(n, len(sensors), len(self._groups) * CURVES)
@@ -171,6 +168,14 @@ def _frozen_columns(g: _Group, sensors: Sequence[str]) -> tuple[str, ...]:
     return (*g.machine.coordinate_columns, *(_effect(g.target, c) for c in sensors))
 
 
+def _curves_at(groups: Sequence[_Group], frozen: Mapping[str, np.ndarray], n: int) -> dict[str, np.ndarray]:
+    """Machine → values (n, CURVES) of its curves at the frozen coordinates."""
+    return {
+        machine.name: curves.at(np.column_stack([np.broadcast_to(frozen[c], (n,)) for c in machine.coordinate_columns]))
+        for machine, curves in {g.machine.name: (g.machine, g.curves) for g in groups}.values()
+    }
+
+
 def _with_errors(
     p: Prediction,
     active: Sequence[_Group],
@@ -185,11 +190,8 @@ def _with_errors(
     where = {name: i for i, name in enumerate(wrt)}
     shared = [name for name in wrt if name in position]
     J[:, :, [where[name] for name in shared]] = p.jacobian[:, :, [position[name] for name in shared]]
-    curves: dict[str, np.ndarray] = {}
+    curves = _curves_at(active, frozen, n)
     for g in active:
-        if g.machine.name not in curves:
-            here = np.column_stack([np.broadcast_to(frozen[c], (n,)) for c in g.machine.coordinate_columns])
-            curves[g.machine.name] = g.curves.at(here)
         phi = curves[g.machine.name]
         effect = np.column_stack([np.broadcast_to(frozen[_effect(g.target, c)], (n,)) for c in p.columns])
         if amounts[g.target].any():

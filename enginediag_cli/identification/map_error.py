@@ -56,17 +56,7 @@ def with_map_error(problem: Problem, accuracy: float) -> Problem:
         m.parameter(q): accuracy for m in machines for q in QUANTITIES if m.parameter(q) in problem.model.parameters
     }
     model = MapErrorModel(problem.model, curves, sizes)
-    added = tuple(p for p in model.parameters.values() if p.family == FAMILY)
-    k = len(added)
-    extended = replace(
-        problem,
-        model=model,
-        parameters=(*problem.parameters, *added),
-        prior_mean=np.append(problem.prior_mean, np.zeros(k)),
-        prior_sigma=np.append(problem.prior_sigma, [p.prior_sigma for p in added]),
-        lower=np.append(problem.lower, np.full(k, -np.inf)),
-        upper=np.append(problem.upper, np.full(k, np.inf)),
-    )
+    extended = problem.with_errors(model, FAMILY)
     return replace(extended, inputs={**problem.inputs, **model.frozen(problem.inputs, problem.sensors)})
 
 

@@ -7,7 +7,6 @@ part of the noise, and is no noise: see `error_model.points`. How large it is, i
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
 
 import numpy as np
 
@@ -39,17 +38,7 @@ def with_point_errors(problem: Problem, accuracy: float) -> Problem:
     # at first as large as the noise
     sizes = dict(zip(problem.sensors, (float(s) for s in problem.sigma), strict=True))
     model = PointErrorModel(problem.model, points, sizes)
-    added = tuple(p for p in model.parameters.values() if p.family == POINT_FAMILY)
-    k = len(added)
-    return replace(
-        problem,
-        model=model,
-        parameters=(*problem.parameters, *added),
-        prior_mean=np.append(problem.prior_mean, np.zeros(k)),
-        prior_sigma=np.append(problem.prior_sigma, [p.prior_sigma for p in added]),
-        lower=np.append(problem.lower, np.full(k, -np.inf)),
-        upper=np.append(problem.upper, np.full(k, np.inf)),
-    )
+    return problem.with_errors(model, POINT_FAMILY)
 
 
 def usual_misses(model: Model, missed: Mapping[str, tuple[str, ...]]) -> np.ndarray:

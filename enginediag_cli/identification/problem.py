@@ -100,6 +100,21 @@ class Problem:
         """The same problem with other noise, all (m,)."""
         return replace(self, sigma=sigma, inflation=inflation, shared=shared)
 
+    def with_errors(self, model: Model, family: str) -> Problem:
+        """The same problem for a model that wraps this one's, with its parameters of `family`, about 0, among those
+        that are sought."""
+        added = tuple(p for p in model.parameters.values() if p.family == family)
+        k = len(added)
+        return replace(
+            self,
+            model=model,
+            parameters=(*self.parameters, *added),
+            prior_mean=np.append(self.prior_mean, np.zeros(k)),
+            prior_sigma=np.append(self.prior_sigma, [p.prior_sigma for p in added]),
+            lower=np.append(self.lower, np.full(k, -np.inf)),
+            upper=np.append(self.upper, np.full(k, np.inf)),
+        )
+
 
 def build_problem(model: Model, recordings: Sequence[TrainingRecording], settings: IdentificationSettings) -> Problem:
     """Stack recordings and choose parameters, sensors and offsets.

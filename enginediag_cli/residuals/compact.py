@@ -97,8 +97,10 @@ class CompactMonitor(ReducedMonitor):
         at = _coordinates(self.engine, self.fit.inputs, inputs)
         if self.start is not None and "start" not in options:
             options["start"] = self.start.predict(at.T)
-        beyond = np.asarray(self.envelope.outside(inputs))
-        if self.maps is not None and isinstance(self.engine, MapErrorModel) and self.maps.names[0] not in inputs:
+        # a window that is re-estimated comes back with its frozen columns and asks for nothing uncertain
+        unfixed = self.maps is not None and self.maps.names[0] not in inputs
+        beyond = np.asarray(self.envelope.outside(inputs)) if nuisance or unfixed else np.zeros(len(at), bool)
+        if unfixed and self.maps is not None and isinstance(self.engine, MapErrorModel):
             frozen = self.maps.frozen(at)
             if beyond.any():
                 exact = self.engine.frozen({c: np.asarray(v)[beyond] for c, v in inputs.items()}, self.sensors)

@@ -55,3 +55,12 @@ def run(monkeypatch, capsys):
         return Ended(int(exit_code), captured.out, captured.err)
 
     return call
+
+
+@pytest.fixture
+def here(folder, tmp_path, monkeypatch):
+    """A folder of its own with copies of what is in the module's `folder`, in which the test runs."""
+    for file in folder.iterdir():
+        (tmp_path / file.name).write_bytes(file.read_bytes())
+    monkeypatch.chdir(tmp_path)
+    return tmp_path

@@ -42,15 +42,6 @@ def folder(tmp_path_factory):
     return path
 
 
-@pytest.fixture
-def here(folder, tmp_path, monkeypatch):
-    """A folder of its own with copies of them, in which the test runs."""
-    for file in folder.iterdir():
-        (tmp_path / file.name).write_bytes(file.read_bytes())
-    monkeypatch.chdir(tmp_path)
-    return tmp_path
-
-
 def table(name):
     """Header and rows of a file here."""
     with open(name, encoding="utf-8") as stream:

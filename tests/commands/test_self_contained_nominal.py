@@ -42,14 +42,6 @@ def folder(tmp_path_factory):
     return path
 
 
-@pytest.fixture
-def here(folder, tmp_path, monkeypatch):
-    for file in folder.iterdir():
-        (tmp_path / file.name).write_bytes(file.read_bytes())
-    monkeypatch.chdir(tmp_path)
-    return tmp_path
-
-
 def rows_of(ended):
     return list(csv.DictReader(line for line in io.StringIO(ended.stdout) if not line.startswith("#")))
 

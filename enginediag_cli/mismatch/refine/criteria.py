@@ -24,6 +24,8 @@ from enum import Enum
 import numpy as np
 from scipy import stats
 
+from enginediag_cli.mismatch.refine.stretches import TINY
+
 LEVEL = 0.05
 """Of each criterion: the usual one. All must be met."""
 LEAST_STRETCHES = 8.0
@@ -33,10 +35,6 @@ BETTER = 0.5
 """Share of the predicted change from which χ² falls."""
 POWER = 0.8
 """Probability with which a right change must be seen before not seeing it refuses: the usual one."""
-
-
-TINY = 1e-300
-"""Instead of 0 below a fraction."""
 
 
 class Verdict(Enum):
