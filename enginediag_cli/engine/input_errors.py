@@ -10,14 +10,14 @@ so that an error of an input is a parameter like any other, with the signature o
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from copy import copy
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from enginediag_cli.engine.model import MonitoredModel
+from enginediag_cli.engine.wrapped import Question, WrappedModel
 from enginediag_cli.parameters import Parameter
 from enginediag_cli.units import UNITS, Unit, split_column
 
@@ -65,16 +65,12 @@ class InputError:
         return -read / np.square(value) if self.multiplies else np.asarray(-1.0)
 
 
-class InputErrors:
+class InputErrors(WrappedModel):
     """`engine` with the errors of some of its input channels as further parameters; all else is the engine's."""
 
     def __init__(self, engine: MonitoredModel, errors: Sequence[InputError]):
-        self._engine = engine
         self.errors: dict[str, InputError] = {error.parameter.name: error for error in errors}
-        self.parameters: dict[str, Parameter] = {
-            **engine.parameters,
-            **{name: error.parameter for name, error in self.errors.items()},
-        }
+        super().__init__(engine, {name: error.parameter for name, error in self.errors.items()})
 
     @staticmethod
     def of(engine: MonitoredModel, columns: Sequence[str] | None = None) -> MonitoredModel:
@@ -84,63 +80,16 @@ class InputErrors:
         errors = [error for error in found if error is not None and error.parameter.name not in engine.parameters]
         return InputErrors(engine, errors) if errors else engine
 
-    def __getattr__(self, name: str) -> Any:
-        if name.startswith("__") or name == "_engine":  # not there yet while a copy is being made
-            raise AttributeError(name)
-        return getattr(self._engine, name)
-
-    # the attributes that the protocol asks for, so that they can be checked
-
-    @property
-    def name(self) -> str:
-        return self._engine.name
-
-    @property
-    def inputs(self) -> tuple[str, ...]:
-        return self._engine.inputs
-
-    @property
-    def optional_inputs(self) -> Mapping[str, float]:
-        return self._engine.optional_inputs
-
-    @property
-    def sensors(self) -> Mapping[str, Any]:
-        return self._engine.sensors
-
-    @property
-    def monitored(self) -> tuple[str, ...]:
-        return self._engine.monitored
-
-    def predict(
-        self,
-        inputs: Mapping[str, Any],
-        parameters: Mapping[str, Any] | None = None,
-        *,
-        sensors: Sequence[str] | None = None,
-        wrt: Sequence[str] = (),
-        **options: Any,
-    ) -> Any:
-        """Φ and ∂Φ/∂θ as the engine gives them, at the true inputs; `inputs` are as they were read."""
-        values, true, slopes = dict(parameters or {}), dict(inputs), {}
+    def _answer(self, asked: Question) -> Any:
+        """Φ and ∂Φ/∂θ as the engine gives them, at the true inputs; those of the question are as they were read."""
+        true, slopes = dict(asked.inputs), {}
         for name, error in self.errors.items():
-            value = np.asarray(values.pop(name, error.parameter.nominal), float)
-            if name in wrt:
-                slopes[name] = error.slope(np.asarray(inputs[error.column], float), value)
+            value = np.asarray(asked.own.get(name, error.parameter.nominal), float)
+            if name in asked.wrt:
+                slopes[name] = error.slope(np.asarray(asked.inputs[error.column], float), value)
             if np.any(value != error.parameter.nominal):
-                true[error.column] = error.corrected(np.asarray(inputs[error.column], float), value)
-        along = [self.errors[name].column if name in self.errors else name for name in wrt]
-        asked = tuple(dict.fromkeys(along))
-        found = self._engine.predict(true, values, sensors=sensors, wrt=asked, **options)
-        if not slopes:
-            return found
-        J = np.asarray(found.jacobian)[:, :, [asked.index(column) for column in along]]
-        for i, name in enumerate(wrt):
-            if name in slopes:
-                J[:, :, i] *= np.reshape(slopes[name], (-1, 1))
-        result = copy(found)
-        object.__setattr__(result, "jacobian", J)
-        object.__setattr__(result, "wrt", tuple(wrt))
-        return result
+                true[error.column] = error.corrected(np.asarray(asked.inputs[error.column], float), value)
+        return self._ask_along(asked, {name: self.errors[name].column for name in slopes}, slopes, inputs=true)
 
 
 def suspected(engine: MonitoredModel, column: str) -> InputError | None:

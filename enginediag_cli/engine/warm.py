@@ -9,13 +9,14 @@ Records that are new begin at the solution of the nearest operating point.
 from __future__ import annotations
 
 from collections import OrderedDict
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from itertools import islice
 from typing import Any, TypeVar
 
 import numpy as np
 
 from enginediag_cli.engine.engine import Engine, Prediction
+from enginediag_cli.engine.wrapped import Question, WrappedModel
 
 REMEMBERED = 300_000
 """Records whose solution is kept, 200 bytes each: a fit in blocks comes back to the first after the last."""
@@ -25,7 +26,7 @@ NEIGHBOURS = 4
 Model = TypeVar("Model")
 
 
-class WarmEngine:
+class WarmEngine(WrappedModel):
     """`engine` with a memory of the unknowns of its last batches, or with that of another engine of the same unknowns,
     `like`; everything else is the engine's own. `walk`: records that had a solution and lose it are sought in every
     way; without, parameters that lose them are too far."""
@@ -33,32 +34,21 @@ class WarmEngine:
     def __init__(
         self, engine: Engine, remembered: int = REMEMBERED, *, walk: bool = True, like: WarmEngine | None = None
     ):
-        self._engine, self._walk = engine, walk
-        self._remembered = remembered
+        super().__init__(engine, {})
+        self._walk, self._remembered = walk, remembered
         self._last: OrderedDict[int, tuple[np.ndarray, np.ndarray]] = OrderedDict()
-        if like is not None and like._engine.unknowns == engine.unknowns:
+        if like is not None and like.model.unknowns == engine.unknowns:
             self._last = like._last
 
-    def __getattr__(self, name: str) -> Any:
-        return getattr(self._engine, name)
-
-    def predict(
-        self,
-        inputs: Mapping[str, Any],
-        parameters: Mapping[str, Any] | None = None,
-        *,
-        sensors: Sequence[str] | None = None,
-        wrt: Sequence[str] = (),
-        also: Sequence[str] = (),
-    ) -> Prediction:
-        """As `Engine.predict`; the answer does not depend on the memory beyond the solver's tolerance."""
-        points = self._points(inputs)
+    def _answer(self, asked: Question) -> Prediction:
+        """From the remembered start, on which the answer does not depend beyond the solver's tolerance."""
+        points = self._points(asked.inputs)
         key = hash(points.tobytes())
         known = self._last.get(key)
         met = known is not None and np.array_equal(known[0], points)
         start = known[1] if known is not None and met else self._nearest(points)
         ways = {} if self._walk or not met else {"walk": False}
-        found = self._engine.predict(inputs, parameters, sensors=sensors, wrt=wrt, start=start, also=also, **ways)
+        found: Prediction = self._ask(asked, options={**asked.options, "start": start, **ways})
         # a point that failed keeps the start that it had: the next parameters may suit it again
         x = np.where(found.ok, found.x, np.nan if start is None else start)
         if len(points) == found.y.shape[0] and np.isfinite(x).any():
@@ -70,9 +60,7 @@ class WarmEngine:
 
     def _points(self, inputs: Mapping[str, Any]) -> np.ndarray:
         """Operating points (N, d): all inputs that the engine must have."""
-        return np.column_stack(
-            np.broadcast_arrays(*(np.atleast_1d(np.asarray(inputs[c], float)) for c in self._engine.inputs))
-        )
+        return np.column_stack(np.broadcast_arrays(*(np.atleast_1d(np.asarray(inputs[c], float)) for c in self.inputs)))
 
     def _nearest(self, points: np.ndarray) -> np.ndarray | None:
         """Unknowns (nx, N) of the nearest remembered operating points; None when there are none."""

@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 
 from enginediag_cli.engine.engine import Prediction
+from enginediag_cli.engine.wrapped import Question, WrappedModel
 from enginediag_cli.error_model.curves import CURVES, MapCurves
 from enginediag_cli.error_model.machines import QUANTITIES, Machine, columns_of, machines_of
 from enginediag_cli.parameters import Parameter
@@ -47,11 +48,10 @@ class _Group:
     names: tuple[str, ...]
 
 
-class MapErrorModel:
+class MapErrorModel(WrappedModel):
     """`model` with amounts of map error among its parameters; `sizes`: target → standard deviation of each amount."""
 
     def __init__(self, model: Any, curves: Sequence[MapCurves], sizes: Mapping[str, float]):
-        self.model = model
         known = {m.name: m for m in machines_of(model)}
         self.curves, self.sizes = tuple(curves), dict(sizes)
         self._groups = [
@@ -60,14 +60,11 @@ class MapErrorModel:
             for target in (known[c.machine].parameter(q) for q in QUANTITIES)
             if target in sizes and target in model.parameters
         ]
-        self._own = frozenset(n for g in self._groups for n in g.names)
-        self.parameters: dict[str, Parameter] = {
-            **model.parameters,
-            **{n: self._parameter(g, n, j) for g in self._groups for j, n in enumerate(g.names)},
-        }
+        amounts = [(n, self._parameter(model, g, n, j)) for g in self._groups for j, n in enumerate(g.names)]
+        super().__init__(model, dict(amounts))
 
-    def _parameter(self, g: _Group, name: str, j: int) -> Parameter:
-        p = self.model.parameters[g.target]
+    def _parameter(self, model: Any, g: _Group, name: str, j: int) -> Parameter:
+        p = model.parameters[g.target]
         words = f"error {j + 1} of the map of {p.words}"
         size = self.sizes[g.target]
         return Parameter(name, FAMILY, 0.0, -np.inf, np.inf, size, "1", words, p.component, p.quantity, words, p.part)
@@ -82,40 +79,25 @@ class MapErrorModel:
         """Target → names of its amounts."""
         return {g.target: g.names for g in self._groups}
 
-    def __getattr__(self, name: str) -> Any:
-        if name == "model":  # not set yet, while a copy is made
-            raise AttributeError(name)
-        return getattr(self.model, name)
-
-    def predict(
-        self,
-        inputs: Mapping[str, Any],
-        parameters: Mapping[str, Any] | None = None,
-        *,
-        sensors: Sequence[str] | None = None,
-        wrt: Sequence[str] = (),
-        **options: Any,
-    ) -> Any:
-        """As `Engine.predict`, with amounts of map error among the parameters and directions."""
-        given = dict(parameters or {})
-        amounts = {g.target: np.array([float(given.pop(n, 0.0)) for n in g.names]) for g in self._groups}
-        asked = set(wrt)
-        if not any(amounts[g.target].any() or asked & set(g.names) for g in self._groups):
-            return self.model.predict(inputs, given, sensors=sensors, wrt=wrt, **options)
-        active = self._groups
-        columns = tuple(self.model.sensors) if sensors is None else tuple(sensors)
+    def _answer(self, asked: Question) -> Any:
+        """Readings moved by the errors of the maps, which the inputs bring along frozen or which are taken here."""
+        amounts = {g.target: np.array([float(asked.own.get(n, 0.0)) for n in g.names]) for g in self._groups}
+        along = tuple(n for n in asked.wrt if n not in self.own)
+        if len(along) == len(asked.wrt) and not any(a.any() for a in amounts.values()):
+            return self._ask(asked)
+        active, inputs = self._groups, asked.inputs
+        columns = tuple(self.model.sensors) if asked.sensors is None else tuple(asked.sensors)
         frozen = {name: inputs[name] for g in active for name in _frozen_columns(g, columns) if name in inputs}
         plain = {c: v for c, v in inputs.items() if c not in frozen}
         if not all(name in frozen for g in active for name in _frozen_columns(g, columns)):
             frozen = self.frozen(plain, columns)
-        along = tuple(n for n in wrt if n not in self._own)
-        p = self.model.predict(plain, given, sensors=columns, wrt=along, **options)
-        return _with_errors(p, active, amounts, tuple(wrt), frozen)
+        p = self._ask(asked, inputs=plain, sensors=columns, wrt=along)
+        return _with_errors(p, active, amounts, asked.wrt, frozen)
 
     @property
     def amounts(self) -> tuple[str, ...]:
         """Names of all amounts, those of one group after the other."""
-        return tuple(n for g in self._groups for n in g.names)
+        return tuple(self.own)
 
     def beyond(self, frozen: Mapping[str, np.ndarray]) -> list[dict[str, np.ndarray]]:
         """Frozen columns (N,) with every machine as far beyond training as errors of maps still grow: along speed, then

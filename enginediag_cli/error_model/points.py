@@ -12,12 +12,13 @@ one such error in common, of which training knows nothing but its size.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
+from enginediag_cli.engine.wrapped import Question, WrappedModel
 from enginediag_cli.parameters import Parameter
 
 POINT_FAMILY = "point_error"
@@ -43,17 +44,14 @@ class OperatingPoints:
         return np.where(np.nanmin(distance, axis=1, initial=np.inf) <= 1.0, distance.argmin(axis=1), len(self))
 
 
-class PointErrorModel:
+class PointErrorModel(WrappedModel):
     """`model` with what it misses at operating points among its parameters; `sizes`: column → standard deviation."""
 
     def __init__(self, model: Any, points: OperatingPoints, sizes: Mapping[str, float]):
-        self.model, self.points, self.sizes = model, points, dict(sizes)
+        self.points, self.sizes = points, dict(sizes)
         self.groups = {s: tuple(f"{POINT_FAMILY}.{s}.{c + 1}" for c in range(len(points) + 1)) for s in sizes}
         self._place = {name: (s, c) for s, names in self.groups.items() for c, name in enumerate(names)}
-        self.parameters: dict[str, Parameter] = {
-            **model.parameters,
-            **{name: self._parameter(name, s, c) for name, (s, c) in self._place.items()},
-        }
+        super().__init__(model, {name: self._parameter(name, s, c) for name, (s, c) in self._place.items()})
 
     def _parameter(self, name: str, sensor: str, c: int) -> Parameter:
         where = f"at operating point {c + 1}" if c < len(self.points) else "elsewhere"
@@ -62,28 +60,14 @@ class PointErrorModel:
             name, POINT_FAMILY, 0.0, -np.inf, np.inf, self.sizes[sensor], "", words, sensor, "error", words, where
         )
 
-    def __getattr__(self, name: str) -> Any:
-        if name == "model":  # not set yet, while a copy is made
-            raise AttributeError(name)
-        return getattr(self.model, name)
-
-    def predict(
-        self,
-        inputs: Mapping[str, Any],
-        parameters: Mapping[str, Any] | None = None,
-        *,
-        sensors: Sequence[str] | None = None,
-        wrt: Sequence[str] = (),
-        **options: Any,
-    ) -> Any:
-        """As `Engine.predict`, with the errors at operating points among the parameters and directions."""
-        given = dict(parameters or {})
-        amounts = {name: float(given.pop(name)) for name in self._place if name in given}
+    def _answer(self, asked: Question) -> Any:
+        """Each reading moved by what the model misses of it at the record's operating point."""
+        amounts, wrt = {name: float(value) for name, value in asked.own.items()}, asked.wrt
         along = tuple(n for n in wrt if n not in self._place)
-        p = self.model.predict(inputs, given, sensors=sensors, wrt=along, **options)
+        p = self._ask(asked, wrt=along)
         if len(along) == len(wrt) and not any(amounts.values()):
             return p
-        at, y = self.points.of(inputs), p.y.copy()
+        at, y = self.points.of(asked.inputs), p.y.copy()
         at = np.broadcast_to(at, len(y))
         table = np.zeros((len(self.points) + 1, y.shape[1]))
         J = np.zeros((*y.shape, len(wrt)))
@@ -97,7 +81,7 @@ class PointErrorModel:
             s, c = self._place.get(name, ("", 0))
             if s in column:
                 J[:, column[s], i] = at == c
-        return replace(p, y=y + table[at], jacobian=J, wrt=tuple(wrt))
+        return replace(p, y=y + table[at], jacobian=J, wrt=wrt)
 
 
 def sized(model: PointErrorModel, sizes: Mapping[str, float]) -> PointErrorModel:

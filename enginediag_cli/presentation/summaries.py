@@ -27,6 +27,9 @@ ISOLATE = (
 
 COMPONENTS = ("flight", "engine", "verdict", "components", "probability", "start_s", "fit", "rivals", "note")
 
+_COURSE = ("onset_low", "onset_high", "onset_flight", "onset_line", "flights", "fit_before", "fit", "rivals")
+"""What is told last of every change over flights, whatever changed."""
+
 TREND = (
     "engine",
     "verdict",
@@ -37,32 +40,10 @@ TREND = (
     "rate_per_flight",
     "change",
     "unit",
-    "onset_low",
-    "onset_high",
-    "onset_flight",
-    "onset_line",
-    "flights",
-    "fit_before",
-    "fit",
-    "rivals",
+    *_COURSE,
 )
 
-TREND_COMPONENTS = (
-    "engine",
-    "verdict",
-    "components",
-    "probability",
-    "kind",
-    "onset",
-    "onset_low",
-    "onset_high",
-    "onset_flight",
-    "onset_line",
-    "flights",
-    "fit_before",
-    "fit",
-    "rivals",
-)
+TREND_COMPONENTS = ("engine", "verdict", "components", "probability", "kind", "onset", *_COURSE)
 
 FLIGHTS = ("engine", "number", "flight", "parameter", "change", "low", "high", "unit", "records", "source")
 

@@ -10,7 +10,7 @@ The curves travel as extra input columns, so that identification can cut and sel
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -18,6 +18,7 @@ import numpy as np
 
 from enginediag_cli.engine.engine import Engine
 from enginediag_cli.engine.warm import WarmEngine
+from enginediag_cli.engine.wrapped import Question, WrappedModel
 from enginediag_cli.parameters import Parameter
 from enginediag_cli.physics.registry import term, term_names
 
@@ -46,23 +47,20 @@ def library_inputs() -> dict[str, float]:
     return {c: default for n in term_names() for c, default in term(n).INPUTS.items()}
 
 
-class ExtendedModel:
+class ExtendedModel(WrappedModel):
     """`engine` with discrepancies, as identification sees a model; points are solved warm, from where they were last
     solved by this model or by another, `like`."""
 
     def __init__(self, engine: Engine, discrepancies: Sequence[Discrepancy] = (), *, like: ExtendedModel | None = None):
         self.engine = engine
-        self._warm: WarmEngine = WarmEngine(engine, walk=False, like=like._warm if like else None)
         self._discrepancies = {d.name: d for d in discrepancies}
         curves = {d.curve: 0.0 for d in discrepancies}
-        self.inputs = engine.inputs
+        super().__init__(
+            WarmEngine(engine, walk=False, like=like.model if like else None),
+            {d.name: self._parameter(d) for d in discrepancies},
+        )
         # what effects read beside the engine's own inputs travels along: they are looked for at fits without them
         self.optional_inputs = {**library_inputs(), **engine.optional_inputs, NUMBER: -1.0, **curves}
-        self.sensors = engine.sensors
-        self.parameters: dict[str, Parameter] = {
-            **engine.parameters,
-            **{d.name: self._parameter(d) for d in discrepancies},
-        }
 
     def _parameter(self, d: Discrepancy) -> Parameter:
         p = self.engine.parameters[d.target]
@@ -71,39 +69,20 @@ class ExtendedModel:
             d.name, "discrepancy", 0.0, d.lower, d.upper, d.sigma, p.unit, told, p.component, p.quantity, words, p.part
         )
 
-    def predict(
-        self,
-        inputs: Mapping[str, Any],
-        parameters: Mapping[str, Any] | None = None,
-        *,
-        sensors: Sequence[str] | None = None,
-        wrt: Sequence[str] = (),
-    ) -> Any:
-        """As `Engine.predict`, with discrepancies among the parameters and directions."""
-        from dataclasses import replace
-
-        given = dict(parameters or {})
-        theta = {n: v for n, v in given.items() if n not in self._discrepancies}
-        for name, c in given.items():
-            d = self._discrepancies.get(name)
-            if d is not None and c != 0.0:
+    def _answer(self, asked: Question) -> Any:
+        """At parameters that follow the curves, and along these."""
+        theta, inputs = dict(asked.parameters), asked.inputs
+        for name, c in asked.own.items():
+            if c != 0.0:
+                d = self._discrepancies[name]
                 base = theta.get(d.target, self.engine.parameters[d.target].nominal)
                 theta[d.target] = base + c * np.asarray(inputs[d.curve], float)
         plain = {c: v for c, v in inputs.items() if c in self.engine.inputs or c in self.engine.optional_inputs}
-        targets = [self._discrepancies[n].target if n in self._discrepancies else n for n in wrt]
-        along = tuple(dict.fromkeys(targets))
-        p = self._warm.predict(plain, theta, sensors=sensors, wrt=along)
-        if along == tuple(wrt):
-            return p
-        J = p.jacobian[:, :, [along.index(t) for t in targets]]
-        for j, n in enumerate(wrt):
-            if n in self._discrepancies:
-                J[:, :, j] *= np.asarray(inputs[self._discrepancies[n].curve], float)[:, None]
-        return replace(p, jacobian=J, wrt=tuple(wrt))
+        sought = [self._discrepancies[name] for name in asked.wrt if name in self._discrepancies]
+        slopes = {d.name: np.asarray(inputs[d.curve], float) for d in sought}
+        like = {d.name: d.target for d in sought}
+        return self._ask_along(asked, like, slopes, inputs=plain, parameters=theta)
 
     @property
     def discrepancies(self) -> tuple[Discrepancy, ...]:
         return tuple(self._discrepancies.values())
-
-    def __getattr__(self, name: str) -> Any:
-        return getattr(self.engine, name)

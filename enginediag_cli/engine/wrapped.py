@@ -1,0 +1,91 @@
+"""A model around another: what every model that adds to another one does alike.
+
+A wrapper offers parameters of its own beside those of the model inside it and answers for them; all else is the inner
+model's. A question is taken apart here, into what is the wrapper's and what is not, so that a wrapper says only what
+it adds. Wrappers stand in one another: what one does not know it passes on.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from copy import copy
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+from enginediag_cli.parameters import Parameter
+
+
+@dataclass(frozen=True)
+class Question:
+    """What a wrapper is asked, in the words of `Engine.predict`: `parameters` of the inner model, values of the
+    wrapper's `own` as far as they were given, all directions `wrt`, and the `options` of the model innermost."""
+
+    inputs: Mapping[str, Any]
+    parameters: Mapping[str, Any]
+    own: Mapping[str, Any]
+    sensors: Sequence[str] | None
+    wrt: tuple[str, ...]
+    options: Mapping[str, Any] = field(default_factory=dict)
+
+
+class WrappedModel:
+    """`model` with parameters of its `own` beside the model's; what a wrapper adds is its `_answer`."""
+
+    # what a model has, found at the inner one unless a wrapper has its own
+    name: str
+    inputs: tuple[str, ...]
+    optional_inputs: Mapping[str, float]
+    sensors: Mapping[str, Any]
+    monitored: tuple[str, ...]
+
+    def __init__(self, model: Any, own: Mapping[str, Parameter]):
+        self.model = model
+        self.own: dict[str, Parameter] = dict(own)
+        self.parameters: dict[str, Parameter] = {**model.parameters, **own}
+
+    def __getattr__(self, name: str) -> Any:
+        if name == "model" or name.startswith("__"):  # not there yet while a copy is being made
+            raise AttributeError(name)
+        return getattr(self.model, name)
+
+    def predict(
+        self,
+        inputs: Mapping[str, Any],
+        parameters: Mapping[str, Any] | None = None,
+        *,
+        sensors: Sequence[str] | None = None,
+        wrt: Sequence[str] = (),
+        **options: Any,
+    ) -> Any:
+        """As `Engine.predict`, with the wrapper's own among the parameters and directions."""
+        given = dict(parameters or {})
+        own = {name: given.pop(name) for name in tuple(given) if name in self.own}
+        return self._answer(Question(inputs, given, own, sensors, tuple(wrt), options))
+
+    def _answer(self, asked: Question) -> Any:
+        """The prediction, with what the wrapper adds."""
+        raise NotImplementedError
+
+    def _ask(self, asked: Question, **other: Any) -> Any:
+        """The answer of the inner model, which knows nothing of `own`; `other`: fields that it is asked otherwise."""
+        q = replace(asked, **other)
+        return self.model.predict(q.inputs, q.parameters, sensors=q.sensors, wrt=q.wrt, **q.options)
+
+    def _ask_along(self, asked: Question, like: Mapping[str, str], slopes: Mapping[str, Any], **other: Any) -> Any:
+        """The same where own directions are directions of the inner model: `like` gives its name, `slopes` what its
+        column (N, m) is multiplied by, a number or (N,)."""
+        along = [like.get(name, name) for name in asked.wrt]
+        inner = tuple(dict.fromkeys(along))
+        found = self._ask(asked, wrt=inner, **other)
+        if inner == asked.wrt:
+            return found
+        J = np.asarray(found.jacobian)[:, :, [inner.index(name) for name in along]]
+        for i, name in enumerate(asked.wrt):
+            if name in slopes:
+                J[:, :, i] *= np.reshape(slopes[name], (-1, 1))
+        result = copy(found)  # predictions are frozen, and those of small models not all data classes
+        object.__setattr__(result, "jacobian", J)
+        object.__setattr__(result, "wrt", asked.wrt)
+        return result
