@@ -92,7 +92,6 @@ def estimate_noise(residual: np.ndarray, gap: np.ndarray, lost: np.ndarray, floo
     paired = np.sum(np.where(pairs, e[1:] ** 2 + e[:-1] ** 2, 0.0), axis=0) / (2 * n1)
     neighbours = np.sum(np.where(pairs, e[1:] * e[:-1], 0.0), axis=0) / np.where(paired > 0, paired, 1.0)
     own = (neighbours * (n0 - lost[0]) / n0 + lost[1]) / n1
-    own = own * (1 + 2 / n1)  # F. H. C. Marriott and J. A. Pope, Biometrika 41 (1954) 390–402, for a known mean
     # a little below 0 is sampling error; cutting it off would make white noise look correlated on average. Of a few
     # records, operating points taken in turn make neighbours differ, and that is no reason to trust their mean more
     lowest = np.where(n1 < FEW_PAIRS, 0.0, -2.0 / np.sqrt(np.maximum(kept, 4)))
@@ -101,9 +100,12 @@ def estimate_noise(residual: np.ndarray, gap: np.ndarray, lost: np.ndarray, floo
     # positive-part estimator of W. James and C. Stein, Proc. 4th Berkeley Symp. 1 (1961) 361–379)
     believed = np.maximum(1.0 - 1.0 / (n1 * np.maximum(own**2, 1e-12)), 0.0)
     own = np.where(n1 < FEW_PAIRS, own * believed, own)
+    # F. H. C. Marriott and J. A. Pope, Biometrika 41 (1954) 390–402, for a known mean. The ratio of two sums is too small
+    # on average, the sums are not: σ below is made of these, and by the larger ratio it would come out too small
+    unbiased = np.clip(own * (1 + 2 / n1), -MAX_RHO, MAX_RHO)
     # the sums that the fit left are blown up by n/(n − lost), and their scatter with them
-    chance = np.maximum(1 - own**2, 0.0) / n1 * (n0 / (n0 - np.maximum(lost[0], 0.0))) ** 2
-    rho, rho_error, rho_common = _shrunk(own, n1, chance, known)
+    chance = np.maximum(1 - unbiased**2, 0.0) / n1 * (n0 / (n0 - np.maximum(lost[0], 0.0))) ** 2
+    rho, rho_error, rho_common = _shrunk(unbiased, n1, chance, known)
     innovations = 1 - rho**2
     sigma = scale * np.sqrt(n0 / (n0 - lost[0]) * (1 + rho**2 - 2 * rho * own) / innovations)
     degrees = n0 - np.where(known, ((1 + rho**2) * lost[0] - 2 * rho * lost[1]) / innovations, lost[0])

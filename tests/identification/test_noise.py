@@ -109,6 +109,19 @@ def test_few_correlated_records_leave_correlation_and_its_error_as_they_are_over
     assert np.std(means) == pytest.approx(np.mean(stated), rel=0.4)
 
 
+def test_what_is_new_in_a_reading_has_its_variance_over_many_tries():
+    """σ² (1 − ρ²), which the sums give without bias: a ratio of them that is corrected for its own must not enter."""
+    rng, rho, tries, m = np.random.default_rng(12), 0.9, 60, 12
+    for n in (100, 400):
+        found = []
+        for _ in range(tries):
+            e = np.column_stack([ar1(n, 1.0, rho, rng) for _ in range(m)])
+            noise = estimate_noise(e, each_step(n), np.zeros(m), np.full(m, 1e-9))
+            found.append(np.mean(noise.sigma**2 * (1 - noise.rho1**2)) / (1 - rho**2))
+        # one degree of freedom at most goes to ρ
+        assert abs(np.mean(found) - 1.0) < 4 * np.std(found) / np.sqrt(tries) + 1 / n
+
+
 def test_what_the_fit_took_out_of_the_sums_is_put_back():
     """A mean of AR(1) noise takes (1 + ρ)/(1 − ρ) variances out of the sum of squares and of neighbours' products."""
     rng, n, rho, tries = np.random.default_rng(10), 200, 0.8, 200
