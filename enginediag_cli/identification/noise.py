@@ -100,8 +100,8 @@ def estimate_noise(residual: np.ndarray, gap: np.ndarray, lost: np.ndarray, floo
     # positive-part estimator of W. James and C. Stein, Proc. 4th Berkeley Symp. 1 (1961) 361–379)
     believed = np.maximum(1.0 - 1.0 / (n1 * np.maximum(own**2, 1e-12)), 0.0)
     own = np.where(n1 < FEW_PAIRS, own * believed, own)
-    # F. H. C. Marriott and J. A. Pope, Biometrika 41 (1954) 390–402, for a known mean. The ratio of two sums is too small
-    # on average, the sums are not: σ below is made of these, and by the larger ratio it would come out too small
+    # F. H. C. Marriott and J. A. Pope, Biometrika 41 (1954) 390–402, for a known mean. The ratio of two sums is too
+    # small on average, the sums are not: σ below is made of these, and by the larger ratio it would come out too small
     unbiased = np.clip(own * (1 + 2 / n1), -MAX_RHO, MAX_RHO)
     # the sums that the fit left are blown up by n/(n − lost), and their scatter with them
     chance = np.maximum(1 - unbiased**2, 0.0) / n1 * (n0 / (n0 - np.maximum(lost[0], 0.0))) ** 2
