@@ -41,7 +41,8 @@ END = 1.6
 """Scaled coordinate beyond which the curves stay: an error of 0.3 % there may be one of 2 %, as wrong as maps ever
 are."""
 LARGEST = np.append(
-    np.sqrt(2.0 * np.array([*range(1, SPEED_DEGREE + 1), *range(1, POSITION_DEGREE + 1)]) + 1.0), [EDGE * (END - 1.0)] * 2
+    np.sqrt(2.0 * np.array([*range(1, SPEED_DEGREE + 1), *range(1, POSITION_DEGREE + 1)]) + 1.0),
+    [EDGE * (END - 1.0)] * 2,
 )
 """Largest value (CURVES,) of each function, wherever a machine runs."""
 
