@@ -112,8 +112,8 @@ def test_where_both_decay_both_are_named_and_no_third_one_surely(answers):
 
 @pytest.mark.xfail(
     strict=True,
-    reason="a decayed turbine has the power turbine's inlet 3 % hotter, at a higher pressure and with the air flow of the "
-    "heat balance unchanged, at the same power and speed: it gives 3 % less than its inlet would",
+    reason="a decayed turbine has the power turbine's inlet 3 % hotter, at a higher pressure and with the air flow of "
+    "the heat balance unchanged, at the same power and speed: it gives 3 % less than its inlet would",
 )
 def test_where_both_decay_the_power_turbine_is_not_named_beside_them(answers):
     assert share(answers, lambda c, t: c <= 0.97 and t <= 0.985, lambda a: bool(a[3]) and a[3] <= BOTH) >= 0.95
