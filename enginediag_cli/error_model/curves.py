@@ -40,6 +40,11 @@ EDGE = 10.0
 END = 1.6
 """Scaled coordinate beyond which the curves stay: an error of 0.3 % there may be one of 2 %, as wrong as maps ever
 are."""
+LARGEST = np.append(
+    np.sqrt(2.0 * np.array([*range(1, SPEED_DEGREE + 1), *range(1, POSITION_DEGREE + 1)]) + 1.0),
+    [EDGE * (END - 1.0)] * 2,
+)
+"""Largest value (CURVES,) of each function, wherever a machine runs."""
 
 
 @dataclass(frozen=True)
@@ -61,14 +66,6 @@ class MapCurves:
         parts = (_within(x, SPEED_DEGREE), _within(r, POSITION_DEGREE), _beyond(x), _beyond(r))
         there = np.isfinite(coordinates).all(axis=1)
         return np.where(there[:, None], np.column_stack(parts), 0.0)
-
-    def ends(self) -> tuple[tuple[float, float], tuple[float, float]]:
-        """Coordinates (2,) at END along speed, on the line of training, and at END across it."""
-        found = []
-        for x, r in ((END, 0.0), (0.0, END)):
-            u = r + float(np.polynomial.polynomial.polyval(x, self.line))
-            found.append((self.centre[0] + self.reach[0] * x, self.centre[1] + self.reach[1] * u))
-        return found[0], found[1]
 
     def as_mapping(self) -> dict[str, list[float]]:
         """The numbers as plain values."""

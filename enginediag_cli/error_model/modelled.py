@@ -18,7 +18,7 @@ import numpy as np
 
 from enginediag_cli.engine.engine import Prediction
 from enginediag_cli.engine.wrapped import Question, WrappedModel
-from enginediag_cli.error_model.curves import CURVES, MapCurves
+from enginediag_cli.error_model.curves import CURVES, LARGEST, MapCurves
 from enginediag_cli.error_model.machines import QUANTITIES, Machine, columns_of, machines_of
 from enginediag_cli.parameters import Parameter
 
@@ -99,15 +99,20 @@ class MapErrorModel(WrappedModel):
         """Names of all amounts, those of one group after the other."""
         return tuple(self.own)
 
-    def beyond(self, frozen: Mapping[str, np.ndarray]) -> list[dict[str, np.ndarray]]:
-        """Frozen columns (N,) with every machine as far beyond training as errors of maps still grow: along speed, then
-        across it."""
-        moved: list[dict[str, np.ndarray]] = [dict(frozen), dict(frozen)]
-        for g in self._groups:
-            for columns, end in zip(moved, g.curves.ends(), strict=True):
-                for name, value in zip(g.machine.coordinate_columns, end, strict=True):
-                    columns[name] = np.full_like(frozen[name], value)
-        return moved
+    def largest_effects(self, frozen: Mapping[str, np.ndarray], sensors: Sequence[str]) -> list[np.ndarray]:
+        """Sensitivities (N, m, k) of the sensors to `amounts` for each curve alone, where it is largest.
+
+        Together they span what errors of the maps can do at any operating point: a worn machine runs off the line on
+        which training saw it, and there curves come in combinations that neither training nor any other point shows.
+        """
+        n = len(next(iter(frozen.values())))
+        effects = [np.column_stack([frozen[_effect(g.target, c)] for c in sensors]) for g in self._groups]
+        found = []
+        for j, largest in enumerate(LARGEST):
+            alone = np.zeros((n, len(sensors), len(self._groups), CURVES))
+            alone[:, :, :, j] = largest * np.stack(effects, axis=2)
+            found.append(alone.reshape(n, len(sensors), len(self._groups) * CURVES))
+        return found
 
     def effects(self, frozen: Mapping[str, np.ndarray], sensors: Sequence[str]) -> np.ndarray:
         """Sensitivities (N, m, k) of the sensors to `amounts`, from frozen columns."""

@@ -84,7 +84,7 @@ def resized(
     between = tuple(
         np.repeat(limits, [len(maps), len(missed)]) for limits in ((1.0, LEAST_MISS), (LARGEST, LARGEST_MISS))
     )
-    factors = likeliest_factors(information, pull, group, present, usual, (between[0], between[1]))
+    factors = likeliest_factors(information, pull, group, present, usual, (between[0], between[1]), len(maps))
     factors = factors**damping
     scale = np.where(group >= 0, factors[group], 1.0)
     sigma = problem.prior_sigma * scale

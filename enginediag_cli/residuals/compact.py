@@ -24,7 +24,7 @@ from enginediag_cli.residuals.reduced import (
     ReducedMonitor,
     amount_rows,
     covariance_root,
-    effects_beyond,
+    effects_elsewhere,
     in_normals,
     leading_directions,
     noise_weight,
@@ -146,11 +146,11 @@ def compact(monitor: Monitor, exact: Monitor | None = None) -> Monitor:
         return monitor
     seen = np.arange(len(points)) < np.sum(ok[:own])
     root, weight = covariance_root(monitor), noise_weight(monitor)
-    beyond = effects_beyond(monitor, {c: v[:own] for c, v in columns.items()}, ok[:own], root)
-    root = root @ leading_directions([(J @ root)[seen], *beyond], weight)
+    elsewhere = effects_elsewhere(monitor, {c: v[:own] for c, v in columns.items()}, ok[:own], root)
+    root = root @ leading_directions([(J @ root)[seen], *elsewhere], weight)
     # errors of maps bend more than polynomials of this degree: theirs is computed of each record
     amounts = amount_rows(monitor)
-    if beyond:
+    if elsewhere:
         J[:, :, amounts] = 0.0
     effect = J @ root
     # far corners in which the engine hardly runs would bend the fit everywhere
@@ -164,12 +164,12 @@ def compact(monitor: Monitor, exact: Monitor | None = None) -> Monitor:
     X = _terms((points - centre) / spread, powers)
     target = (effect * weight[:, None]).reshape(len(points), -1)
     held = seen & (np.arange(len(points)) % 3 == 0)
-    taken = np.column_stack([v[ok][usual] for v in columns.values()]) if beyond else np.empty((len(X), 0))
+    taken = np.column_stack([v[ok][usual] for v in columns.values()]) if elsewhere else np.empty((len(X), 0))
     both = np.hstack([target, taken])
     k = target.shape[1]
     trial = X[held] @ np.linalg.lstsq(X[~held], both[~held], rcond=1e-10)[0]
     error = (trial - both[held])[:, :k].reshape(held.sum(), -1, r)
-    if beyond and isinstance(monitor.engine, MapErrorModel):
+    if elsewhere and isinstance(monitor.engine, MapErrorModel):
         fitted, true = (dict(zip(columns, v[:, k:].T, strict=True)) for v in (trial, both[held]))
         missed = monitor.engine.effects(fitted, monitor.sensors) - monitor.engine.effects(true, monitor.sensors)
         error = error + missed @ root[amounts] * weight[:, None]
@@ -177,7 +177,7 @@ def compact(monitor: Monitor, exact: Monitor | None = None) -> Monitor:
         return monitor
     whole = np.linalg.lstsq(X, both, rcond=1e-10)[0]
     fit = Fit(names, centre, spread, powers, whole[:, :k].reshape(len(powers), -1, r) / weight[:, None])
-    maps = MapsFit(tuple(columns), replace(fit, coefficients=whole[:, None, k:]), root[amounts]) if beyond else None
+    maps = MapsFit(tuple(columns), replace(fit, coefficients=whole[:, None, k:]), root[amounts]) if elsewhere else None
     normals = {**in_normals(monitor, r), "curvature": exact.curvature, "whole": monitor, "root": root}
     return CompactMonitor(**normals, fit=fit, start=start, maps=maps)
 

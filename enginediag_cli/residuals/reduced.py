@@ -81,7 +81,7 @@ def reduced(monitor: Monitor, bent: Curvature | None = None) -> Monitor:
     if not ok.any():
         return monitor
     root = covariance_root(monitor)
-    effects = [J[ok] @ root, *effects_beyond(monitor, getattr(found, "frozen", {}), ok, root)]
+    effects = [J[ok] @ root, *effects_elsewhere(monitor, getattr(found, "frozen", {}), ok, root)]
     root = root @ leading_directions(effects, noise_weight(monitor))
     x = getattr(found, "x", None)
     good = {c: values[ok] for c, values in {**inputs, **getattr(found, "frozen", {})}.items()}
@@ -109,11 +109,11 @@ def amount_rows(monitor: Monitor) -> np.ndarray:
     return np.array([position[n] for n in monitor.engine.amounts], int)
 
 
-def effects_beyond(
+def effects_elsewhere(
     monitor: Monitor, frozen: Mapping[str, np.ndarray], ok: np.ndarray, root: np.ndarray
 ) -> list[np.ndarray]:
-    """Effects (n, m, q) of the unit normals of `root` (q, q) by errors of maps where these have grown most, beyond
-    training.
+    """Effects (n, m, q) of the unit normals of `root` (q, q) by each curve of the maps' errors where it is largest,
+    on the line of training, off it and beyond.
 
     frozen: columns of the engine's prediction at points that training saw, where some of them have no effect; ok (n,).
     """
@@ -121,7 +121,7 @@ def effects_beyond(
     if not isinstance(engine, MapErrorModel) or not frozen:
         return []
     rows = amount_rows(monitor)
-    return [engine.effects(columns, monitor.sensors)[ok] @ root[rows] for columns in engine.beyond(frozen)]
+    return [effect[ok] @ root[rows] for effect in engine.largest_effects(frozen, monitor.sensors)]
 
 
 def leading_directions(effects: Sequence[np.ndarray], weight: np.ndarray) -> np.ndarray:

@@ -5,7 +5,16 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from enginediag_cli.error_model.curves import CURVES, EDGE, END, POSITION_DEGREE, SPEED_DEGREE, MapCurves, learn_curves
+from enginediag_cli.error_model.curves import (
+    CURVES,
+    EDGE,
+    END,
+    LARGEST,
+    POSITION_DEGREE,
+    SPEED_DEGREE,
+    MapCurves,
+    learn_curves,
+)
 
 WITHIN = SPEED_DEGREE + POSITION_DEGREE
 """Curves of the range that training covered; the others begin beyond it."""
@@ -52,6 +61,12 @@ def test_beyond_the_range_others_begin_up_to_the_end_and_those_of_training_stay(
     assert np.all(inside[0, WITHIN:] == 0.0)
     np.testing.assert_allclose(phi[0, WITHIN:], EDGE * (END - 1.0))
     np.testing.assert_allclose(UNIT.at(-far[:1])[0, WITHIN:], -EDGE * (END - 1.0))
+
+
+def test_no_curve_is_anywhere_larger_than_its_largest_value_and_each_reaches_it():
+    grid = np.linspace(-2.0, 2.0, 401)
+    found = np.max(np.abs(UNIT.at(np.array([[x, r] for x in grid for r in grid[::10]]))), axis=0)
+    np.testing.assert_allclose(found, LARGEST)
 
 
 def test_curves_are_frozen_at_training_and_survive_a_file():

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.optimize import minimize
 
-from enginediag_cli.error_model.sizes import LARGEST, SPREAD, expected_factors, likeliest_factors
+from enginediag_cli.error_model.sizes import COMMON, LARGEST, SPREAD, expected_factors, likeliest_factors
 
 STATED = np.array([0.003])
 
@@ -16,7 +16,9 @@ def objective(log_t, H, b, group, centre):
     t = np.where(group >= 0, np.exp(log_t)[group], 1.0)
     V = np.eye(len(t)) + (t[:, None] * H * t)
     gain = 0.5 * (t * b) @ np.linalg.solve(V, t * b) - 0.5 * np.linalg.slogdet(V)[1]
-    return -(gain - 0.5 * np.sum(((log_t - centre) / SPREAD) ** 2))
+    away = log_t - centre
+    alike = SPREAD**2 * ((1 - COMMON) * np.eye(len(centre)) + COMMON)
+    return -(gain - 0.5 * away @ np.linalg.solve(alike, away))
 
 
 def drawn(rng, p, size, strength=50.0):
@@ -87,6 +89,28 @@ def test_factors_are_where_the_marginal_likelihood_is_largest_and_its_slope_is_t
         assert abs(slope) < 1e-3 or (low and slope > 0) or (high and slope < 0)
 
 
+def known_beside_unknown(maps):
+    """Likeliest sizes of a map that is wrong by three times what is stated, and of one of which the data tell nothing,
+    over what is stated. maps: how many of them are of one engine."""
+    n, h = 200, 1e6
+    H = np.diag(np.append(np.full(n, h), np.zeros(5)))
+    b = np.append(np.full(n, 3.0 * h), np.zeros(5))
+    stated = np.full(2, 0.003)
+    return likeliest_factors(H, b, np.repeat([0, 1], [n, 5]), stated, stated, maps=maps)
+
+
+def test_a_map_of_which_nothing_is_known_is_expected_to_be_as_wrong_as_others_of_its_engine():
+    """Given the others, the mean of a Gaussian: COMMON of the logarithm by which they exceed what is stated."""
+    wrong, unknown = known_beside_unknown(2)
+    assert wrong == pytest.approx(3.0, rel=0.02)
+    assert np.log(unknown) == pytest.approx(COMMON * np.log(wrong), abs=1e-3)
+
+
+def test_what_is_missed_at_operating_points_says_nothing_of_maps():
+    wrong, unknown = known_beside_unknown(1)
+    assert wrong == pytest.approx(3.0, rel=0.02) and unknown == pytest.approx(1.0, abs=1e-3)
+
+
 def test_what_keeps_its_prior_takes_its_share_of_the_pull():
     """A parameter beside the amounts that explains the readings as well leaves less for them."""
     H = 100 * np.array([[1.0, 1.0], [1.0, 1.0]]) + 1e-9 * np.eye(2)
@@ -121,3 +145,11 @@ def test_beyond_training_an_error_is_as_wide_as_all_sizes_that_are_possible():
     (t,) = likeliest_factors(H, b, np.zeros(n, int), STATED, STATED)
     (sure,) = expected_factors(H / (1 / t**2), b * t, np.zeros(n, int), t * STATED, STATED)
     assert sure == pytest.approx(1.0, abs=0.03)
+
+
+def test_beyond_training_an_error_is_wider_where_other_maps_of_the_engine_are_wrong():
+    """Two groups without data: that beside a size of LARGEST is expected above what it would be alone."""
+    none, group, stated = np.zeros((8, 8)), np.repeat([0, 1], 4), np.full(2, 0.003)
+    alone = expected_factors(none, np.zeros(8), group, stated, stated)
+    beside = expected_factors(none, np.zeros(8), group, stated * [1.0, LARGEST], stated)
+    assert 1.2 * alone[0] < beside[0] < LARGEST

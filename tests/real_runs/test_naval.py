@@ -47,7 +47,7 @@ def plant(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def answers(plant):
-    """One answer per state: (compressor decay, turbine decay, verdict, set of components)."""
+    """One answer per state: (compressor decay, turbine decay, verdict, set of components, probability)."""
     with (plant / "high.csv").open(newline="", encoding="utf-8") as file:
         rows = list(csv.DictReader(file))
     out, _ = enginediag(
@@ -63,7 +63,10 @@ def answers(plant):
         "component",
     )
     states = [(decay(rows[int(r["first_line"]) - 2]), r) for r in table(out)]
-    return [(*kappa, r["verdict"], frozenset(r["components"].split("; ")) - {""}) for kappa, r in states]
+    return [
+        (*kappa, r["verdict"], frozenset(r["components"].split("; ")) - {""}, float(r["probability"]))
+        for kappa, r in states
+    ]
 
 
 def share(answers, chosen, right):
@@ -91,15 +94,6 @@ def test_a_decayed_compressor_is_isolated_to_the_compressor(answers):
     assert right >= 0.9
 
 
-MISSED = pytest.mark.xfail(
-    strict=True,
-    reason="a decayed engine burns more fuel: at that fuel the described one runs beyond what training covered, where "
-    "errors of maps begin, and what they leave open the prior decides",
-)
-"""Known misses; with curves that do not begin beyond training both hold, and other engines alarm falsely."""
-
-
-@MISSED
 def test_a_decayed_turbine_is_isolated_to_the_gas_generator_turbine(answers):
     right = share(
         answers, lambda c, t: c >= 0.992 and t <= 0.985, lambda a: a[2] == "fault" and a[3] == {"gas_generator_turbine"}
@@ -107,21 +101,46 @@ def test_a_decayed_turbine_is_isolated_to_the_gas_generator_turbine(answers):
     assert right >= 0.95
 
 
-@MISSED
-def test_where_both_decay_no_other_is_named_and_both_in_three_of_four(answers):
-    """Three records of each state, and maps wrong by several per cent: one of both may go unnamed."""
-    both = {"compressor", "gas_generator_turbine"}
-    assert share(answers, lambda c, t: c <= 0.97 and t <= 0.985, lambda a: bool(a[3]) and a[3] <= both) >= 0.95
-    assert share(answers, lambda c, t: c <= 0.97 and t <= 0.985, lambda a: both <= a[3]) >= 0.75
+BOTH = {"compressor", "gas_generator_turbine"}
 
 
-def test_of_the_most_decayed_compressor_the_parameter_is_a_class_with_its_efficiency(plant, tmp_path):
-    """The 18 records of the largest decay: by component it is the compressor; which parameter cannot be told."""
+def test_where_both_decay_both_are_named_and_no_third_one_surely(answers):
+    """Three records of each state, and maps wrong by several per cent: a third one may be named beside them."""
+    assert share(answers, lambda c, t: c <= 0.97 and t <= 0.985, lambda a: BOTH <= a[3]) >= 0.75
+    assert share(answers, lambda c, t: c <= 0.97 and t <= 0.985, lambda a: a[3] <= BOTH or a[4] < 0.7) >= 0.95
+
+
+@pytest.mark.xfail(
+    strict=True,
+    reason="a decayed turbine has the power turbine's inlet 3 % hotter, at a higher pressure and with the air flow of "
+    "the heat balance unchanged, at the same power and speed: it gives 3 % less than its inlet would",
+)
+def test_where_both_decay_the_power_turbine_is_not_named_beside_them(answers):
+    assert share(answers, lambda c, t: c <= 0.97 and t <= 0.985, lambda a: bool(a[3]) and a[3] <= BOTH) >= 0.95
+
+
+def lost_efficiency(rows, healthy):
+    """Share of compressor efficiency lost between states at the same lever, from its temperatures and pressures."""
+
+    def ideal_over_real(row):
+        ratio = float(row["P2"]) / float(row["P1"])
+        return float(row["T1"]) * (ratio ** (1 / 3.5) - 1) / (float(row["T2"]) - float(row["T1"]))
+
+    before = {row["lp"]: ideal_over_real(row) for row in healthy if decay(row) == (1.0, 1.0)}
+    return sum(1 - ideal_over_real(row) / before[row["lp"]] for row in rows) / len(rows)
+
+
+def test_of_the_most_decayed_compressor_the_loss_of_efficiency_is_that_of_its_temperatures_and_pressures(
+    plant, tmp_path
+):
+    """The 18 records of the largest decay; whether its flow or a neighbour changed, too, is left open."""
     with (plant / "high.csv").open(newline="", encoding="utf-8") as file:
-        worst = [row for row in csv.DictReader(file) if decay(row)[0] <= 0.952 and decay(row)[1] >= 0.998]
-    out, err = enginediag(
+        rows = list(csv.DictReader(file))
+    worst = [row for row in rows if decay(row)[0] <= 0.952 and decay(row)[1] >= 0.998]
+    out, _ = enginediag(
         "isolate", "-n", plant / "nominal.yaml", write(tmp_path / "worst.csv", worst), "--recorder", RECORDER
     )
     row = table(out)[0]
-    assert row["verdict"] == "fault" and float(row["probability"]) < 0.7
-    assert row["isolated"] == "compressor.efficiency" or "compressor isentropic efficiency" in err
+    assert row["verdict"] == "fault" and row["isolated"] == "compressor.efficiency"
+    assert float(row["inclusion"]) > 0.99 and float(row["probability"]) < 0.8
+    assert float(row["lower"]) < -lost_efficiency(worst, rows) < float(row["upper"])

@@ -78,6 +78,28 @@ def test_every_form_of_a_monitor_is_as_wide_beyond_training_as_the_whole_one():
             np.testing.assert_allclose(other / scale, variances[0] / scale, atol=0.15)
 
 
+def test_every_form_of_a_monitor_is_as_wide_where_worn_machines_run_as_the_whole_one():
+    """Off the line of training, not at its ends: map coordinates of the record moved by up to what two or three per
+    cent of wear move them, to either side."""
+    u = {c: v for c, v in flown(8, 40, (0, 5_000), (0.5, 0.8)).items() if c in engine().inputs}
+    frozen = monitor().predict(u, monitor().theta0)[3].frozen
+    rng = np.random.default_rng(3)
+    moved = {c: v + 0.04 * rng.uniform(-1, 1, len(v)) if " ln " in c else v for c, v in frozen.items()}
+    J = monitor().predict({**u, **moved}, monitor().theta0)[1]
+    whole = np.einsum("nmp,pq,nmq->nm", J, monitor().uncertainty, J)
+    # records whose machines have left the line: readings are less sure there by a fifth of their noise and more
+    J0 = monitor().predict({**u, **frozen}, monitor().theta0)[1]
+    assert np.any(whole > 2.0 * np.einsum("nmp,pq,nmq->nm", J0, monitor().uncertainty, J0) + 0.04)
+    for form in (reduced(monitor()), compact(monitor())):
+        J = form.predict({**u, **moved}, form.theta0)[1]
+        np.testing.assert_allclose(
+            np.einsum("nmp,pq,nmq->nm", J, form.uncertainty, J) / monitor().noise.sigma ** 2,
+            whole / monitor().noise.sigma ** 2,
+            rtol=0.02,
+            atol=2e-3,
+        )
+
+
 def test_healthy_records_beyond_training_are_judged_and_are_no_alarm():
     taken = judged_inputs(monitor(), recording(high()))
     assert taken.beyond.all() and taken.judged.all()
