@@ -65,7 +65,7 @@ SENTENCES = 10
     "--sensor-inclusion",
     metavar="P",
     type=FiniteRange(0, 1, min_open=True, max_open=True),
-    default=0.01,
+    default=0.005,
     show_default=True,
     help="Prior probability that a sensor is wrong (posterior); no more than two are at once.",
 )
@@ -73,9 +73,17 @@ SENTENCES = 10
     "--coverage",
     metavar="P",
     type=FiniteRange(0, 1, min_open=True, max_open=True),
+    default=0.98,
+    show_default=True,
+    help="Probability that answer and rivals hold together.",
+)
+@click.option(
+    "--confidence",
+    metavar="P",
+    type=FiniteRange(0, 1, min_open=True, max_open=True),
     default=0.95,
     show_default=True,
-    help="Probability that answer and rivals hold together, and level of intervals.",
+    help="Level of intervals.",
 )
 @click.option(
     "--by",
@@ -106,6 +114,7 @@ def isolate(
     inclusion: float,
     sensor_inclusion: float,
     coverage: float,
+    confidence: float,
     by: str,
     largest: int | None,
     further: Further,
@@ -154,7 +163,7 @@ def isolate(
         false_alarm=false_alarm,
         prior=SetPrior(inclusion=inclusion, sensor=sensor_inclusion),
         coverage=coverage,
-        confidence=coverage,
+        confidence=confidence,
         largest=largest,
     )
     files = judged_files(source, monitor, judging)

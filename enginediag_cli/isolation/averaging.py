@@ -1,6 +1,6 @@
 """How large a named change is, averaged over everything that the posterior holds possible.
 
-A size is known as well as the set is. Given the set S and the slab w the changes, in prior_sigma, are Gaussian,
+A size is known as well as the set is. Given the set S and the slab w the changes, in widths of the prior, are Gaussian,
 
     x_S | S, w, data ~ N(P b_S, P),   P = (I_SS + w⁻² 1)⁻¹,     weight P(S | data) P(w | S, data)
 
@@ -48,6 +48,7 @@ def averaged_sizes(
     if not names:
         return ()
     found = []
+    unit = score.prior_sigma * prior.widths(score.described)
     for i in score.indices(names).tolist():
         sets = _sets_with(posterior, i)
         weight, mean, spread = _mixture(score, posterior, sets, i, prior, about or {})
@@ -55,7 +56,7 @@ def averaged_sizes(
         error = float(np.sqrt(weight @ (spread**2 + (mean - centre) ** 2)))
         upper = _between(weight, mean, spread, confidence)[1]
         ends = _held(weight, mean, spread, confidence, min(float(posterior.inclusion[i]), 1.0))
-        d = float(score.prior_sigma[i])
+        d = float(unit[i])
         own = (centre * d, error * d, ends[0] * d, ends[1] * d)
         found.append(ParameterChange(score.parameters[i], float(score.theta0[i]), *own, (upper - centre) * d))
     return tuple(found)
@@ -96,7 +97,7 @@ def _mixture(
     prior: SetPrior,
     about: Mapping[bytes, Score],
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Weights, means and standard deviations (K,) of parameter i, in prior_sigma, one for each set and slab."""
+    """Weights, means and standard deviations (K,) of parameter i, in widths of `prior`, one for each set and slab."""
     slabs = np.asarray(prior.slabs, float)
     weights, means, spreads = [], [], []
     masks, sizes = posterior.masks[sets], posterior.masks[sets].sum(axis=1)
@@ -104,7 +105,7 @@ def _mixture(
     groups = [(np.flatnonzero(~own & (sizes == size)), score) for size in np.unique(sizes[~own])]
     groups += [(np.array([k]), about[masks[k].tobytes()]) for k in np.flatnonzero(own)]
     for rows, local in groups:
-        b, information = local.scaled()
+        b, information = prior.scaled(local)
         size = int(sizes[rows[0]])
         members = np.nonzero(masks[rows])[1].reshape(len(rows), size)
         at = np.argmax(members == i, axis=1)

@@ -64,7 +64,7 @@ def component_posterior(
     owner = [p.component for p in score.described]
     components = tuple(dict.fromkeys(owner))
     members = [[i for i, o in enumerate(owner) if o == c] for c in components]
-    b, information = score.scaled()
+    b, information = prior.scaled(score)
     p, width = len(owner), max(map(len, members), default=0)
     # every component is filled up to the same width with a parameter of which the data tell nothing
     beta, I = np.zeros(p + 1), np.zeros((p + 1, p + 1))

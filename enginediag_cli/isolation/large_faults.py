@@ -183,7 +183,7 @@ def laplace(score: Score, fit: SetFit, mask: np.ndarray, prior: SetPrior) -> flo
 
 def _log_slabs(score: Score, mask: np.ndarray, prior: SetPrior) -> float:
     """log of the mean over slabs of ∫ exp(β·δ − ½ δᵀ I δ) p(δ; slab) dδ over the parameters of a set."""
-    b, information = score.scaled()
+    b, information = prior.scaled(score)
     s = np.flatnonzero(mask)
     each = []
     for slab in prior.slabs:

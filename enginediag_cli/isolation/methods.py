@@ -23,8 +23,9 @@ from enginediag_cli.isolation.sizes import estimate_sizes
 from enginediag_cli.isolation.subsets import best_subsets
 from enginediag_cli.residuals.score import Score
 
-MAX_RIVALS = 20
-"""Rivals that are told; more are counted. Nobody reads further."""
+MAX_RIVALS = 50
+"""Rivals that are told in tables, more are counted; sentences tell three. Where few sensors leave hundreds of sets
+possible, of the truths that stand in the credible set one in fifty comes after the first twenty."""
 MAX_RIVAL_TESTS = 5000
 """Sets that are tested for being rivals: about a second of work."""
 
@@ -37,14 +38,15 @@ class IsolationOptions:
     """Choices common to the methods.
 
     faults: number of changed parameters when known; false_alarm: level of tests; prior of the posterior
-    method; coverage: total probability that answer and rivals hold; confidence: level of size
-    intervals; largest: largest set considered.
+    method; coverage: total probability that answer and rivals hold, more than the share of truths that shall be among
+    them, since how often things are wrong is known roughly; confidence: level of size intervals; largest: largest set
+    considered.
     """
 
     faults: int | None = None
     false_alarm: float = 0.01
     prior: SetPrior = field(default_factory=SetPrior)
-    coverage: float = 0.95
+    coverage: float = 0.98
     confidence: float = 0.95
     largest: int | None = None
 

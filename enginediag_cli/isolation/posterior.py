@@ -1,6 +1,7 @@
 """Posterior probability of every set of changed parameters, exactly.
 
-A set S has the prior probability of `SetPrior`; a change has the slab prior N(0, slab²·prior_sigma²). Then
+A set S has the prior probability of `SetPrior`; a change has the slab prior N(0, slab²·prior_sigma²), of an
+instrument's error a wider one (`SetPrior.widths`). Then
 
     P(S | data) ∝ P(S) · mean over slabs of exp(½ β_Sᵀ A_S⁻¹ β_S − ½ log det A_S)
     with A_S = 1 + D I_SS D,  β = D b,  D = slab · diag(prior_sigma).
@@ -88,7 +89,7 @@ def set_posterior(
     limit = size_limit(p, faults if faults is not None else largest, max_sets, int(sensors.sum()), prior.wrong_sensors)
     if faults is not None and limit < min(faults, p):
         raise ValueError(f"{faults} faults among {p} parameters are more sets than can be visited ({max_sets})")
-    b, information = score.scaled()
+    b, information = prior.scaled(score)
     slabs = np.asarray(prior.slabs, float)
     A = np.eye(p) + slabs[:, None, None] ** 2 * information
     masks, quadratic, log_det = all_sets(slabs[:, None] * b, A, limit, sensors, prior.wrong_sensors)

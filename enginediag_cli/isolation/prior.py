@@ -18,17 +18,25 @@ whatever the engine did, and no more than `wrong_sensors` of them at once, so th
 How much: a change of a parameter is N(0, slab² · prior_sigma²), where the slab is common to the parameters of a
 set and one of `slabs`, each as probable as the others. With prior_sigma of 2 %, as health parameters have it, the
 three widths stand for changes of about 0.3 %, 1 % and 3 %. What wear can only lower, as efficiencies, has risen with
-the probability `rises` where it has changed: modules are repaired and exchanged.
+the probability `rises` where it has changed: modules are repaired and exchanged. Of an instrument the slab is
+`instruments` times as wide. Its prior_sigma is a plausible bias, three times its noise, and what instruments differ by
+from flight to flight is counted beside; one that is *wrong* is off by about half of that bias, by one and a half, or
+by several. Narrower ones are not seen, so that records never speak against them, and a broken probe exceeds them by so
+much that a change of the engine is found less improbable.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from enginediag_cli.parameters import Parameter
+
+if TYPE_CHECKING:
+    from enginediag_cli.residuals.score import Score
 
 
 def are_sensors(parameters: Sequence[Parameter]) -> np.ndarray:
@@ -40,19 +48,21 @@ def are_sensors(parameters: Sequence[Parameter]) -> np.ndarray:
 class SetPrior:
     """inclusion, worn and sensor: probabilities; slabs: sizes of a change, in prior_sigma; wrong_sensors: at most, at
     once; spread: factors on the odds of inclusion, which give the π; rises: chance that a parameter that changed went
-    against its wear, 0.5 where nothing is known of that.
+    against its wear, 0.5 where nothing is known of that; instruments: by how much slabs are wider for instruments'
+    errors.
 
-    sensor: of fourteen instruments one is then wrong in one window of eight. Twice that takes from every answer the
-    tenth that it has in hand.
+    sensor: of sixteen instruments one is then wrong in one window of thirteen. The chance is taken from every answer
+    that records cannot defend against a wrong instrument beside it, as single records cannot.
     """
 
     inclusion: float = 0.1
     worn: float = 0.05
     slabs: tuple[float, ...] = (0.15, 0.5, 1.5)
-    sensor: float = 0.01
+    sensor: float = 0.005
     wrong_sensors: int = 2
     spread: tuple[float, ...] = (0.5, 1.0, 2.0)
     rises: float = 0.05
+    instruments: float = 3.0
 
     def __post_init__(self) -> None:
         if not 0 < self.inclusion < 1:
@@ -63,6 +73,8 @@ class SetPrior:
             raise ValueError("`sensor` must lie between 0 and 1, and `wrong_sensors` not be negative")
         if not 0 < self.rises < 1:
             raise ValueError("`rises` must lie between 0 and 1")
+        if not 0 < self.instruments < np.inf:
+            raise ValueError("`instruments` must be positive and finite")
         if not self.spread or not all(0 < factor < np.inf for factor in self.spread):
             raise ValueError("`spread` must be positive and finite, one at least")
         if not self.slabs or not all(0 < slab < np.inf for slab in self.slabs):
@@ -73,6 +85,16 @@ class SetPrior:
         """π of separate faults (n,), each as probable as the others."""
         odds = self.inclusion / (1 - self.inclusion) * np.asarray(self.spread)
         return np.asarray(odds / (1 + odds))
+
+    def widths(self, parameters: Sequence[Parameter]) -> np.ndarray:
+        """Size (p,) of a change by one slab, in prior_sigma of each parameter."""
+        return np.where(are_sensors(parameters), self.instruments, 1.0)
+
+    def scaled(self, score: Score) -> tuple[np.ndarray, np.ndarray]:
+        """Score (p,) and information (p, p) of changes in these `widths`."""
+        b, information = score.scaled()
+        wide = self.widths(score.described)
+        return wide * b, wide[:, None] * information * wide
 
     def log_of_size(self, p: int) -> np.ndarray:
         """log P(S) (p + 1,) of one set of each size 0…p among p parameters."""
@@ -126,6 +148,8 @@ class SetPrior:
                 again = again[changed[np.ix_(again, sensors)].sum(axis=1) > self.wrong_sensors]
         slab = rng.choice(np.asarray(self.slabs), size=(count, 1))
         size = slab * rng.standard_normal((count, p))
+        if sensors is not None:
+            size = np.where(sensors, self.instruments * size, size)
         if wear is not None and np.any(wear):
             way = np.where(rng.random((count, p)) < self.rises, -wear, wear)
             size = np.where(wear == 0, size, way * np.abs(size))

@@ -140,7 +140,7 @@ def one_sided_posterior(
 
 def sign_factors(score: Score, masks: np.ndarray, signs: np.ndarray, prior: SetPrior, doubt: float = 0.0) -> np.ndarray:
     """Factor (w,) by which knowing the signs (p,) changes the marginal likelihood of each set (w, p)."""
-    b, information = score.scaled()
+    b, information = prior.scaled(score)
     factors = np.ones(len(masks))
     sizes = masks.sum(axis=1)
     for size in np.unique(sizes[sizes > 0]):

@@ -52,7 +52,7 @@ def log_wear(score: Score, masks: np.ndarray, logs: np.ndarray, prior: SetPrior)
 
 def wear_factors(score: Score, masks: np.ndarray, signs: np.ndarray, prior: SetPrior) -> np.ndarray:
     """Factor (w,) by which the signs (p,) of wear change the marginal likelihood of each set (w, p) bool."""
-    b, information = score.scaled()
+    b, information = prior.scaled(score)
     slabs = np.asarray(prior.slabs, float)[:, None]
     factors = np.ones(len(masks))
     sizes, signed = masks.sum(axis=1), (masks & (signs != 0)).sum(axis=1)

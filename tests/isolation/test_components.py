@@ -44,7 +44,8 @@ def test_the_posterior_is_that_of_the_marginal_likelihoods_of_the_readings():
     for k in range(5):
         for chosen in combinations(components, k):
             own = [i for i, n in enumerate(NAMES) if described(n).component in chosen]
-            covariance = np.eye(15) + (1.5 * 0.02) ** 2 * wide[:, own] @ wide[:, own].T
+            size = 1.5 * 0.02 * prior.widths(score.described)[own]
+            covariance = np.eye(15) + wide[:, own] * size**2 @ wide[:, own].T
             logs[chosen] = multivariate_normal.logpdf(e.ravel(), np.zeros(15), covariance)
             mask = np.array([[c in chosen for c in components]])
             logs[chosen] += prior.log_of(mask, np.array([False, False, False, True]))[0]

@@ -14,6 +14,10 @@ from score_makers import linear_score, sensitivities
 from enginediag_cli.isolation.methods import isolate
 from enginediag_cli.isolation.posterior import set_posterior, size_limit
 from enginediag_cli.isolation.prior import SetPrior
+from enginediag_cli.residuals.frame import Frame
+from enginediag_cli.residuals.local import local_statistics
+from enginediag_cli.residuals.noise import white_noise
+from enginediag_cli.residuals.score import fisher_score
 
 
 def test_probabilities_equal_the_marginal_likelihoods_of_all_sets():
@@ -129,3 +133,32 @@ def test_of_many_sets_the_negligible_are_compared_and_not_listed(monkeypatch):
     assert np.allclose(found.probabilities[:50], every.probabilities[:50], rtol=1e-5)
     assert np.array_equal(found.masks[:50], every.masks[:50])
     assert (~found.masks.any(axis=1)).sum() == 1  # that of no change is always listed
+
+
+def readings_of_one_record(noise, fault=0.0, bias=0.0, sensor="sensor.y1.bias"):
+    """Score of one record of four readings: one parameter that acts on all, and the bias of each, plausible to 3
+    noise."""
+    names = ("hpc.efficiency", *(f"sensor.y{i + 1}.bias" for i in range(4)))
+    effect = np.array([500.0, -400.0, 300.0, 200.0])
+    J = np.concatenate([effect[:, None], np.eye(4)], axis=1)[None]
+    e = noise + effect * fault + bias * (np.arange(4) == names.index(sensor) - 1)
+    frame = Frame(names, np.zeros(5), np.array([0.02, 3.0, 3.0, 3.0, 3.0]), meaning_of(names))
+    return fisher_score(local_statistics(e[None], J, white_noise(np.ones(4)), frame))
+
+
+def test_a_record_without_a_wrong_instrument_speaks_against_one():
+    rng, prior = np.random.default_rng(8), SetPrior()
+    found = [set_posterior(readings_of_one_record(rng.standard_normal(4), fault=-0.02), prior) for _ in range(100)]
+    left = np.mean([f.inclusion[1:].sum() for f in found])
+    assert left < 0.6 * 4 * prior.sensor  # with errors as narrow as changes of the engine nine tenths are left
+    narrow = SetPrior(instruments=1.0)
+    rng = np.random.default_rng(8)
+    found = [set_posterior(readings_of_one_record(rng.standard_normal(4), fault=-0.02), narrow) for _ in range(100)]
+    assert np.mean([f.inclusion[1:].sum() for f in found]) > 1.3 * left
+
+
+def test_a_probe_that_is_off_by_many_times_its_noise_is_believed_to_be():
+    rng = np.random.default_rng(9)
+    for bias in (15.0, 25.0, 40.0):
+        found = set_posterior(readings_of_one_record(rng.standard_normal(4), bias=bias))
+        assert found.names(0) == ("sensor.y1.bias",) and found.probabilities[0] > 0.7

@@ -64,6 +64,13 @@ def test_drawn_sensors_follow_the_prior():
     np.testing.assert_allclose(wrong, expected, atol=0.015)  # four standard errors at most
 
 
+def test_errors_of_instruments_are_drawn_wider_than_changes_of_the_engine():
+    prior, sensors = SetPrior(0.9, sensor=0.5, slabs=(1.0,), instruments=4.0), np.array([False, True])
+    changed, size = prior.draw(np.random.default_rng(3), 20_000, 2, sensors)
+    spread = [np.std(size[changed[:, i], i]) for i in range(2)]
+    np.testing.assert_allclose(spread, [1.0, 4.0], rtol=0.05)
+
+
 @pytest.mark.parametrize(
     "wrong",
     [
@@ -74,6 +81,7 @@ def test_drawn_sensors_follow_the_prior():
         {"slabs": (0.5, -1.0)},
         {"sensor": 0.0},
         {"wrong_sensors": -1},
+        {"instruments": 0.0},
     ],
 )
 def test_an_impossible_prior_is_refused(wrong):

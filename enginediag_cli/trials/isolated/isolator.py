@@ -11,7 +11,6 @@ place: the name of a parameter of the engine, or `reading` and the column of an 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from pathlib import Path
 from time import process_time
 from typing import Any
@@ -30,10 +29,9 @@ from enginediag_cli.isolation.of_windows import IsolatedWindow, Isolating
 from enginediag_cli.parameters import Parameter
 from enginediag_cli.physics.engine_file import load_engine
 from enginediag_cli.recordings.provenance import sha256_of
-from enginediag_cli.residuals.compact import is_smooth
 from enginediag_cli.residuals.files import JudgedFiles
 from enginediag_cli.residuals.kept_records import KeptRecords
-from enginediag_cli.residuals.monitor import monitor_from_nominal, monitor_of
+from enginediag_cli.residuals.monitor import monitor_of
 from enginediag_cli.trials.blind.answering import answer_questions
 from enginediag_cli.trials.isolated.sealed import reading
 from enginediag_cli.units import split_column
@@ -55,8 +53,8 @@ def answer(question: Mapping[str, Any]) -> dict[str, Any]:
     told: dict[str, Any] = {"identified": found.converged, "reason": found.reason}
     if found.converged:
         path = engine_path.parent / NOMINAL
-        nominal = found.nominal(engine_path.name, sha256_of(engine_path), {})
-        write_nominal(replace(nominal, smooth=is_smooth(monitor_from_nominal(engine, nominal))), str(path))
+        # whether it is smooth, which `identify` finds out as well, is asked by `detect` alone
+        write_nominal(found.nominal(engine_path.name, sha256_of(engine_path), {}), str(path))
         told["windows"] = [_window(w, engine) for w in _windows(path, question["judged"])]
     return told | {"identify_seconds": identified - begun, "seconds": process_time() - begun}
 

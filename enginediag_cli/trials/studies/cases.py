@@ -94,6 +94,7 @@ class FaultCase:
             rank = np.argsort(np.argsort(rng.random(changed.shape), axis=1), axis=1)
             changed = rank < number[:, None]
             size = rng.choice(np.asarray(prior.slabs), size=(count, 1)) * rng.standard_normal(changed.shape)
+            size *= prior.widths(monitored)
         unit = sigma
         if self.draw["size"] is not None or self.draw["sigmas"] is not None:
             given = "size" if self.draw["size"] is not None else "sigmas"
