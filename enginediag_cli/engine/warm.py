@@ -61,7 +61,9 @@ class WarmEngine:
         key = hash(points.tobytes())
         known = self._last.get(key)
         met = known is not None and np.array_equal(known[0], points)
-        asked = _Asked(dict(inputs), dict(parameters or {}), sensors and tuple(sensors), tuple(wrt), tuple(also))
+        asked = _Asked(
+            dict(inputs), dict(parameters or {}), None if sensors is None else tuple(sensors), tuple(wrt), tuple(also)
+        )
         before = self._found.get(key)
         if before is not None and before.asked.same(asked):
             return before.prediction

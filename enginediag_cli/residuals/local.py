@@ -7,8 +7,6 @@ errors is thereby trusted less, and V ≈ F however correlated the noise.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 
 from enginediag_cli.residuals.blocks import Block
@@ -58,7 +56,6 @@ def block_statistics(
     frame: Frame,
     *,
     lags: np.ndarray | None = None,
-    labels: Sequence[tuple[str, str]] | None = None,
     information: np.ndarray | None = None,
 ) -> list[Block]:
     """Statistics of consecutive blocks of records, ready to be added up to windows.
@@ -89,7 +86,6 @@ def block_statistics(
             told = np.flatnonzero(noise.kurtosis)
             terms = independent_rows(G[i:k, told], noise.rho[told], lags[i:k]) * np.sqrt(share[told])[:, None]
             terms, kurtosis = terms.reshape(-1, p), np.tile(noise.kurtosis[told], k - i)
-        start, end = labels[b] if labels is not None else ("", "")
         used = present[i:k]
         statistics = LocalStatistics(
             parameters=tuple(frame.names),
@@ -102,8 +98,6 @@ def block_statistics(
             chi2=float(np.sum(z[i:k] ** 2)),
             # neighbours that differ more than by chance are no further measurements
             dof=float(used.sum(axis=0) @ np.minimum(share, 1.0)),
-            start=start,
-            end=end,
             by_sensor=parts,
             rows=terms,
             kurtosis=kurtosis,
