@@ -15,6 +15,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from functools import lru_cache
 
 MOST = 2000.0
 """Degrees of freedom up to which the logarithms of Γ cost no more than two of the digits."""
@@ -39,8 +40,9 @@ def chdtrc(dof: float, x: float) -> float:
     return _upper_gamma(0.5 * dof, 0.5 * x)
 
 
+@lru_cache(maxsize=256)
 def chdtri(dof: float, probability: float) -> float:
-    """The value that χ²(dof) exceeds with this probability."""
+    """The value that χ²(dof) exceeds with this probability; windows ask for the same again and again."""
     if not (0.0 < dof <= MOST and 1e-30 < probability < 0.9999):
         from scipy import special
 

@@ -29,6 +29,19 @@ class Question:
     wrt: tuple[str, ...]
     options: Mapping[str, Any] = field(default_factory=dict)
 
+    def same(self, other: Question) -> bool:
+        """Whether it is the same question, so that the answer is."""
+        mine, theirs = (None if q.sensors is None else tuple(q.sensors) for q in (self, other))
+        return (mine, self.wrt) == (theirs, other.wrt) and all(
+            a.keys() == b.keys() and all(np.array_equal(v, b[name]) for name, v in a.items())
+            for a, b in (
+                (self.inputs, other.inputs),
+                (self.parameters, other.parameters),
+                (self.own, other.own),
+                (self.options, other.options),
+            )
+        )
+
 
 class WrappedModel:
     """`model` with parameters of its `own` beside the model's; what a wrapper adds is its `_answer`."""

@@ -124,6 +124,21 @@ class MapErrorModel(WrappedModel):
             np.multiply(effect[:, :, None], curves[g.machine.name][:, None, :], out=found[:, :, i])
         return found.reshape(n, len(sensors), len(self._groups) * CURVES)
 
+    def effects_along(
+        self, frozen: Mapping[str, np.ndarray], sensors: Sequence[str], directions: np.ndarray
+    ) -> np.ndarray:
+        """`effects` @ directions (k, r), (N, m, r): of each map the curves first, which are fewer than the sensors."""
+        n = len(next(iter(frozen.values())))
+        curves = _curves_at(self._groups, frozen, n)
+        of_maps = directions.reshape(len(self._groups), CURVES, -1)
+        steps = np.empty((n, len(self._groups), directions.shape[1]))
+        effect = np.empty((n, len(sensors), len(self._groups)))
+        for i, g in enumerate(self._groups):
+            steps[:, i] = curves[g.machine.name] @ of_maps[i]
+            for s, sensor in enumerate(sensors):
+                effect[:, s, i] = frozen[_effect(g.target, sensor)]
+        return np.asarray(effect @ steps)
+
     def excitation(self, frozen: Mapping[str, np.ndarray]) -> dict[str, float]:
         """Root mean square over the records of the curve of each amount, from frozen columns (N,)."""
         found: dict[str, float] = {}
@@ -132,12 +147,13 @@ class MapErrorModel(WrappedModel):
             found.update(zip(g.names, np.sqrt(np.mean(g.curves.at(at) ** 2, axis=0)).tolist(), strict=True))
         return found
 
-    def frozen(self, inputs: Mapping[str, Any], sensors: Sequence[str]) -> dict[str, np.ndarray]:
-        """Frozen columns (N,) by name of all map errors at these records, 0 where there is no prediction."""
+    def frozen(self, inputs: Mapping[str, Any], sensors: Sequence[str], **options: Any) -> dict[str, np.ndarray]:
+        """Frozen columns (N,) by name of all map errors at these records, 0 where there is no prediction; options: of
+        the model's prediction."""
         taken = {name for g in self._groups for name in _frozen_columns(g, sensors)}
         plain = {c: v for c, v in inputs.items() if c not in taken}
         also = columns_of(g.machine for g in self._groups)
-        p = self.model.predict(plain, {}, sensors=tuple(sensors), wrt=self.targets, also=also)
+        p = self.model.predict(plain, {}, sensors=tuple(sensors), wrt=self.targets, also=also, **options)
         values = dict(zip(also, p.also.T, strict=True))
         found: dict[str, np.ndarray] = {}
         for k, g in enumerate(self._groups):
@@ -153,6 +169,12 @@ def _effect(target: str, sensor: str) -> str:
 
 def _frozen_columns(g: _Group, sensors: Sequence[str]) -> tuple[str, ...]:
     return (*g.machine.coordinate_columns, *(_effect(g.target, c) for c in sensors))
+
+
+def _columns(at: list[int]) -> slice | list[int]:
+    """The same columns, as a slice where they follow each other: an array takes them several times as fast."""
+    together = at == list(range(at[0], at[0] + len(at))) if at else False
+    return slice(at[0], at[0] + len(at)) if together else at
 
 
 def _curves_at(groups: Sequence[_Group], frozen: Mapping[str, np.ndarray], n: int) -> dict[str, np.ndarray]:
@@ -176,7 +198,7 @@ def _with_errors(
     position = {name: i for i, name in enumerate(p.wrt)}
     where = {name: i for i, name in enumerate(wrt)}
     shared = [name for name in wrt if name in position]
-    J[:, :, [where[name] for name in shared]] = p.jacobian[:, :, [position[name] for name in shared]]
+    J[:, :, _columns([where[n] for n in shared])] = p.jacobian[:, :, _columns([position[n] for n in shared])]
     curves = _curves_at(active, frozen, n)
     for g in active:
         phi = curves[g.machine.name]
@@ -184,6 +206,6 @@ def _with_errors(
         if amounts[g.target].any():
             y += effect * (phi @ amounts[g.target])[:, None]
         asked = [j for j, name in enumerate(g.names) if name in where]
-        J[:, :, [where[g.names[j]] for j in asked]] = effect[:, :, None] * phi[:, None, asked]
+        J[:, :, _columns([where[g.names[j]] for j in asked])] = effect[:, :, None] * phi[:, None, _columns(asked)]
     kept = {f.name: getattr(p, f.name) for f in fields(Prediction)}
     return ModelledPrediction(**{**kept, "y": y, "jacobian": J, "wrt": wrt}, frozen=frozen)

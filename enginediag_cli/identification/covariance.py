@@ -79,11 +79,13 @@ def uncertainty(problem: Problem, fit: Fit, rho: np.ndarray, used: np.ndarray | 
     for block in blocks(problem, fit.x, fit.z):
         w = bread[block.rows]
         part = accumulate(problem, block, w, np.zeros_like(w))
-        H_xx += part[0]
-        H_xz += part[1]
-        H_zz += part[2]
+        here = part.recordings
+        H_xx += part.H_xx
+        H_xz[here] += part.H_xz
+        H_zz[here] += part.H_zz
     arrow = eliminate(H_xx, H_xz, H_zz, np.zeros(p), np.zeros((R, q)), np.zeros(p), np.zeros((R, q)))
-    prior_of_offsets = np.einsum("rpq,rlq->pl", arrow.gain, arrow.gain)
+    gain = np.swapaxes(arrow.gain, 0, 1).reshape(p, -1)
+    prior_of_offsets = gain @ gain.T
     # an error of the model at an operating point is common to all its records
     scale = b * (1.0 if problem.shared is None else problem.shared) / (problem.sigma * problem.inflation) ** 2
     sums = _sums(problem, fit, bread, arrow.gain, rho)
@@ -154,9 +156,10 @@ def _sums(problem: Problem, fit: Fit, bread: np.ndarray, gain: np.ndarray, rho: 
         f = correlated_sum(J, correlations(steps, rho))
         neighbours = np.flatnonzero(steps[1:] <= NEIGHBOURS) + 1
         for s in range(m):
-            g, h = J[:, s], f[:, s]
-            by_sensor[s] += g.T @ (g * w[:, s, None])
-            plain[s] += g.T @ g
+            g, h = np.ascontiguousarray(J[:, s]), np.ascontiguousarray(f[:, s])
+            own = g.T @ g
+            by_sensor[s] += w[:, s].max() * own  # it is the same for all readings that there are
+            plain[s] += own
             smooth[s] += g.T @ h
             lagged[s] += g[neighbours].T @ g[neighbours - 1]
             smooth_lagged[s] += g[neighbours].T @ h[neighbours - 1] + g[neighbours - 1].T @ h[neighbours]

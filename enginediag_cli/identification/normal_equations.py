@@ -19,7 +19,7 @@ import numpy as np
 
 from enginediag_cli.identification.problem import Problem
 
-CHUNK_RECORDS = 1024
+CHUNK_RECORDS = 2048
 """Records per model call: bounds the memory of the sensitivities, (records, m, p), to what a processor has near by."""
 
 
@@ -93,7 +93,7 @@ def blocks(problem: Problem, x: np.ndarray, z: np.ndarray, *, sensitivities: boo
         along_all = np.asarray(p.jacobian, float)
         J = along_all[:, :, : len(wrt)] * problem.prior_sigma[: len(wrt)]
         # a point whose derivatives cannot be had cannot take part in the fit, whatever its value
-        status = np.where(np.isfinite(along_all).all(axis=(1, 2)), p.status, np.maximum(p.status, 2)).astype(np.int8)
+        status = np.where(np.isfinite(along_all.sum(axis=(1, 2))), p.status, np.maximum(p.status, 2)).astype(np.int8)
         y[status > 1] = np.nan
         offset_J = np.empty((len(y), outputs))
         input_J = np.zeros((*y.shape, len(of_inputs)))
@@ -110,8 +110,9 @@ def blocks(problem: Problem, x: np.ndarray, z: np.ndarray, *, sensitivities: boo
             else:
                 factor[:, s] += value
                 offset_J[:, j] = o.prior_sigma * y[:, s]
-        whole = factor[:, :, None]
-        yield Block(rows, y * factor + shift, J * whole, offset_J, status, input_J * whole)
+        J *= factor[:, :, None]
+        input_J *= factor[:, :, None]
+        yield Block(rows, y * factor + shift, J, offset_J, status, input_J)
 
 
 def predict(problem: Problem, x: np.ndarray, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -135,45 +136,62 @@ def normal_equations(problem: Problem, x: np.ndarray, z: np.ndarray) -> NormalEq
         w = problem.loss.weight(scaled) * there / (problem.sigma**2 * problem.inflation)
         pull = w * scaled * problem.sigma
         parts = accumulate(problem, b, w, pull)
-        H_xx += parts[0]
-        H_xz += parts[1]
-        H_zz += parts[2]
-        g_x -= parts[3]
-        g_z -= parts[4]
+        here = parts.recordings
+        H_xx += parts.H_xx
+        H_xz[here] += parts.H_xz
+        H_zz[here] += parts.H_zz
+        g_x -= parts.g_x
+        g_z[here] -= parts.g_z
         predicted[b.rows], status[b.rows] = b.predicted, b.status
     return NormalEquations(predicted, problem.measured - predicted, status, cost, H_xx, H_xz, H_zz, g_x, g_z)
 
 
-def accumulate(problem: Problem, block: Block, w: np.ndarray, pull: np.ndarray) -> tuple[np.ndarray, ...]:
-    """Weighted sums H_xx, H_xz, H_zz and Jᵀ pull for x and z; `w` and `pull` are (n, m), 0 where missing."""
-    p, outputs, R = block.jacobian.shape[2], block.offset_jacobian.shape[1], len(problem.labels)
-    q = len(problem.offsets)
-    J = np.where((w > 0)[:, :, None], block.jacobian, 0.0)
+@dataclass(frozen=True)
+class Sums:
+    """Weighted sums over the records of a block, of which those of offsets are of its r recordings alone, `recordings`:
+    H_xx (p, p), H_xz (r, p, q), H_zz (r, q, q), g_x (p,), g_z (r, q)."""
+
+    recordings: np.ndarray
+    H_xx: np.ndarray
+    H_xz: np.ndarray
+    H_zz: np.ndarray
+    g_x: np.ndarray
+    g_z: np.ndarray
+
+
+def accumulate(problem: Problem, block: Block, w: np.ndarray, pull: np.ndarray) -> Sums:
+    """Weighted sums of H and of Jᵀ pull for x and z; `w` and `pull` are (n, m), 0 where missing."""
+    p, outputs, q = block.jacobian.shape[2], block.offset_jacobian.shape[1], len(problem.offsets)
+    there = w > 0
+    J = block.jacobian if there.all() else np.where(there[:, :, None], block.jacobian, 0.0)
     flat = J.reshape(-1, p)
-    H_xx = flat.T @ (flat * w.reshape(-1, 1))
+    half = flat * np.sqrt(w).reshape(-1, 1)
+    H_xx = half.T @ half
     g_x = flat.T @ pull.reshape(-1)
-    H_xz, H_zz, g_z = np.zeros((R, p, q)), np.zeros((R, q, q)), np.zeros((R, q))
+    recordings, starts = np.unique(problem.recording[block.rows], return_index=True)  # records of one stand together
+    r = len(recordings)
+    H_xz, H_zz, g_z = np.zeros((r, p, q)), np.zeros((r, q, q)), np.zeros((r, q))
+    found = Sums(recordings, H_xx, H_xz, H_zz, g_x, g_z)
     if not q:
-        return H_xx, H_xz, H_zz, g_x, g_z
+        return found
     column = np.array([problem.sensors.index(o.sensor) for o in problem.offsets[:outputs]], int)
-    here, starts = np.unique(problem.recording[block.rows], return_index=True)  # records of one stand together
     weight = w[:, column]
     G = np.where(weight > 0, block.offset_jacobian, 0.0)
-    g_z[here, :outputs] = np.add.reduceat(G * pull[:, column], starts)
+    g_z[:, :outputs] = np.add.reduceat(G * pull[:, column], starts)
     if q > outputs:
-        I = np.where((w > 0)[:, :, None], block.input_jacobian, 0.0)
+        I = np.where(there[:, :, None], block.input_jacobian, 0.0)
         weighted = np.swapaxes(I * w[:, :, None], 1, 2)  # (n, i, m)
-        H_xz[here, :, outputs:] = np.swapaxes(np.add.reduceat(weighted @ J, starts), 1, 2)
-        H_zz[here, outputs:, outputs:] = np.add.reduceat(weighted @ I, starts)
+        H_xz[:, :, outputs:] = np.swapaxes(np.add.reduceat(weighted @ J, starts), 1, 2)
+        H_zz[:, outputs:, outputs:] = np.add.reduceat(weighted @ I, starts)
         both = np.add.reduceat(weighted[:, :, column] * G[:, None, :], starts)
-        H_zz[here, outputs:, :outputs], H_zz[here, :outputs, outputs:] = both, np.swapaxes(both, 1, 2)
-        g_z[here, outputs:] = np.add.reduceat(np.einsum("nmi,nm->ni", I, pull), starts)
+        H_zz[:, outputs:, :outputs], H_zz[:, :outputs, outputs:] = both, np.swapaxes(both, 1, 2)
+        g_z[:, outputs:] = np.add.reduceat(np.einsum("nmi,nm->ni", I, pull), starts)
     for j, s in enumerate(column):
         pulled = (G[:, j] * weight[:, j])[:, None]
-        H_xz[here, :, j] = np.add.reduceat(pulled * J[:, s], starts)
+        H_xz[:, :, j] = np.add.reduceat(pulled * J[:, s], starts)
         same = np.flatnonzero(column == s)
-        H_zz[here[:, None], j, same] = np.add.reduceat(pulled * G[:, same], starts)
-    return H_xx, H_xz, H_zz, g_x, g_z
+        H_zz[:, j, same] = np.add.reduceat(pulled * G[:, same], starts)
+    return found
 
 
 def eliminate(
@@ -189,12 +207,13 @@ def eliminate(
     q = z.shape[1]
     A = H_zz + np.eye(q)
     gain = np.swapaxes(np.linalg.solve(A, np.swapaxes(H_xz, 1, 2)), 1, 2)
-    S = H_xx + np.eye(len(x)) - np.einsum("rpq,rlq->pl", gain, H_xz)
-    g = g_x + x - np.einsum("rpq,rq->p", gain, g_z + z)
+    flat, cross = (np.swapaxes(part, 0, 1).reshape(len(x), -1) for part in (gain, H_xz))
+    S = H_xx + np.eye(len(x)) - flat @ cross.T
+    g = g_x + x - flat @ (g_z + z).ravel()
     return Arrow((S + S.T) / 2, g, gain)
 
 
 def offset_step(n: NormalEquations, z: np.ndarray, dx: np.ndarray) -> np.ndarray:
     """Best change of the offsets (R, q) when the parameters change by dx (p,)."""
-    rhs = n.g_z + z + np.einsum("rpq,p->rq", n.H_xz, dx)
+    rhs = n.g_z + z + np.swapaxes(n.H_xz, 1, 2) @ dx
     return -np.linalg.solve(n.H_zz + np.eye(z.shape[1]), rhs[:, :, None])[:, :, 0]

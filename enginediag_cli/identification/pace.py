@@ -81,8 +81,8 @@ def _remembered(g: np.ndarray, r: np.ndarray) -> np.ndarray:
     b, reach, r = g.copy(), 1, r.copy()
     r[:1] = 0.0
     while reach < len(b) and np.abs(r).max(initial=0.0) > FADED:
-        b[reach:] = b[reach:] + r[reach:, :, None] * b[:-reach]
-        r[reach:] = r[reach:] * r[:-reach]
+        b[reach:] += r[reach:, :, None] * b[:-reach]
+        r[reach:] *= r[:-reach].copy()
         r[:reach] = 0.0
         reach *= 2
     return b

@@ -21,7 +21,7 @@ from enginediag_cli.recordings.table import Recording
 if TYPE_CHECKING:
     from enginediag_cli.recordings.recorder import Recorder
 
-CHUNK = 3000
+CHUNK = 5000
 """Records read at once: rows appear while a long recording is being read, engine calls stay few."""
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from itertools import groupby
 
 import numpy as np
 
@@ -31,5 +32,8 @@ class FlightNumbers:
             key = tuple(cells[0] for cells in labels) if n else ()
             number = self.known.setdefault(key, len(self.known)) if n else 0
             return np.full(n, number, dtype=np.int64)
-        known = self.known
-        return np.array([known.setdefault(key, len(known)) for key in zip(*labels, strict=True)], dtype=np.int64)
+        known, numbers, lengths = self.known, [], []
+        for key, same in groupby(zip(*labels, strict=True)):  # records of a flight mostly follow each other
+            numbers.append(known.setdefault(key, len(known)))
+            lengths.append(len(list(same)))
+        return np.repeat(np.array(numbers, dtype=np.int64), lengths)

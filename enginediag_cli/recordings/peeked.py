@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 from collections.abc import Iterable, Iterator
 from contextlib import suppress
+from itertools import chain
 
 
 class Peeked:
@@ -17,11 +18,12 @@ class Peeked:
         self.columns: tuple[str, ...] = ()
         self._stream = iter(stream)
         self._head: list[str] = []
-        self._broken: Exception | None = None
+        rest = self._stream
         try:
             self._peek()
         except (UnicodeDecodeError, OSError, EOFError) as error:  # whoever reads on meets it, and says what it means
-            self._broken = error
+            rest = _broken(error)
+        self._lines = chain(self._head, rest)
 
     def _peek(self) -> None:
         for text in self._stream:
@@ -35,11 +37,13 @@ class Peeked:
                 return
 
     def __iter__(self) -> Iterator[str]:
-        return self
+        return self._lines
 
     def __next__(self) -> str:
-        if self._head:
-            return self._head.pop(0)
-        if self._broken is not None:
-            raise self._broken
-        return next(self._stream)
+        return next(self._lines)
+
+
+def _broken(error: Exception) -> Iterator[str]:
+    """Lines that cannot be read."""
+    raise error
+    yield ""

@@ -8,9 +8,9 @@ from __future__ import annotations
 import csv
 import gzip
 import re
-from collections.abc import Collection, Iterable, Iterator
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from itertools import islice
+from itertools import chain, islice
 from typing import Any
 
 import numpy as np
@@ -110,7 +110,7 @@ def _records(stream: Iterable[str], name: str, wanted: _Wanted, chunk_records: i
     head, provenance, first = _head(stream, name, dialect.header_line)
     separator = dialect.separator(first, f"{name}:{head + 1}")
     # the header goes through the csv reader too, so that a quoted name may hold a comma or a line end
-    reader = csv.reader(_chain(first, stream), strict=True, delimiter=separator)
+    reader = csv.reader(chain([first], stream), strict=True, delimiter=separator)
     try:
         order = [unguarded(cell.strip()) for cell in next(reader)]
         if dialect.unit_row:
@@ -138,7 +138,7 @@ def _records(stream: Iterable[str], name: str, wanted: _Wanted, chunk_records: i
                 for j, c in enumerate(order)
                 if is_number[j]
             },
-            text={c: [unguarded(cell) for cell in cells[j]] for j, c in enumerate(order) if not is_number[j]},
+            text={c: _texts(cells[j]) for j, c in enumerate(order) if not is_number[j]},
             order=tuple(order),
             line=line,
             source=name,
@@ -147,6 +147,11 @@ def _records(stream: Iterable[str], name: str, wanted: _Wanted, chunk_records: i
         check_clock(chunk)
         yield chunk
         empty = False
+
+
+def _texts(cells: Sequence[str]) -> Sequence[str]:
+    """The cells as they were before `guarded` wrote them, which leaves its mark on few."""
+    return [unguarded(cell) for cell in cells] if "'" in "".join(cells) else list(cells)
 
 
 def _other_delimiter(header: str, separator: str, place: str) -> None:
@@ -183,11 +188,6 @@ def _head(stream: Iterable[str], name: str, header_line: int) -> tuple[int, list
     if header_line:
         raise DataError(f"{name}: no header line: the file has fewer than {header_line} lines")
     raise DataError(f"{name}: no header line: the file is empty")
-
-
-def _chain(first: str, rest: Iterable[str]) -> Iterator[str]:
-    yield first
-    yield from rest
 
 
 def _check_header(order: list[str], required: Collection[str], name: str, line: int) -> None:

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from itertools import combinations_with_replacement
 from typing import Any
 
@@ -56,12 +57,19 @@ class Fit:
     powers: tuple[tuple[int, ...], ...]
     coefficients: np.ndarray
 
-    def at(self, coordinates: np.ndarray) -> np.ndarray:
-        """Sensitivities (N, m, r) in sensor unit per unit normal, at operating points (N, d)."""
-        X = _terms((coordinates - self.centre) / self.scale, self.powers)
-        terms, m, r = self.coefficients.shape
-        single = X.astype(np.float32) @ self.coefficients.reshape(terms, m * r).astype(np.float32)  # exact enough
-        return single.reshape(-1, m, r).astype(float)
+    def terms(self, coordinates: np.ndarray) -> np.ndarray:
+        """Values (N, terms) of the terms at operating points (N, d), in single precision."""
+        return _terms((coordinates - self.centre) / self.scale, self.powers).astype(np.float32)
+
+    def of(self, terms: np.ndarray) -> np.ndarray:
+        """What it gives (N, m, r) for `terms` (N, terms): sensitivities in sensor unit per unit normal; in single
+        precision, which is exact enough."""
+        _, m, r = self.coefficients.shape
+        return np.asarray((terms @ self._single).reshape(-1, m, r))
+
+    @cached_property
+    def _single(self) -> np.ndarray:
+        return self.coefficients.reshape(len(self.coefficients), -1).astype(np.float32)
 
 
 @dataclass(frozen=True)
@@ -73,9 +81,9 @@ class MapsFit:
     fit: Fit
     root: np.ndarray
 
-    def frozen(self, coordinates: np.ndarray) -> dict[str, np.ndarray]:
-        """Frozen columns (N,) by name at operating points (N, d)."""
-        return dict(zip(self.names, self.fit.at(coordinates)[:, 0].T, strict=True))
+    def frozen(self, terms: np.ndarray) -> dict[str, np.ndarray]:
+        """Frozen columns (N,) by name for terms (N, terms) of the polynomials."""
+        return dict(zip(self.names, self.fit.of(terms)[:, 0].T.astype(float), strict=True))
 
 
 @dataclass(frozen=True)
@@ -100,10 +108,13 @@ class CompactMonitor(ReducedMonitor):
         # a window that is re-estimated comes back with its frozen columns and asks for nothing uncertain
         unfixed = self.maps is not None and self.maps.names[0] not in inputs
         beyond = np.asarray(self.envelope.outside(inputs)) if nuisance or unfixed else np.zeros(len(at), bool)
+        terms = self.fit.terms(at) if nuisance or unfixed else np.empty((0, 0))
         if unfixed and self.maps is not None and isinstance(self.engine, MapErrorModel):
-            frozen = self.maps.frozen(at)
+            frozen = self.maps.frozen(terms)
             if beyond.any():
-                exact = self.engine.frozen({c: np.asarray(v)[beyond] for c, v in inputs.items()}, self.sensors)
+                near = {} if options.get("start") is None else {"start": options["start"][:, beyond]}
+                here = {c: np.asarray(v)[beyond] for c, v in inputs.items()}
+                exact = self.engine.frozen(here, self.sensors, **near)
                 for name, values in exact.items():
                     frozen[name][beyond] = values
             inputs = {**inputs, **frozen}
@@ -112,14 +123,17 @@ class CompactMonitor(ReducedMonitor):
             plain, inputs, np.delete(theta, np.s_[a:q], axis=-1), nuisance=nuisance, **options
         )
         if nuisance:
-            effect = self.fit.at(at)
+            whole = np.empty((*J.shape[:2], J.shape[2] + q - a))
+            whole[:, :, :a], whole[:, :, a:q], whole[:, :, q:] = J[:, :, :a], self.fit.of(terms), J[:, :, a:]
+            J, effect = whole, whole[:, :, a:q]
             if self.maps is not None and isinstance(self.engine, MapErrorModel):
-                effect += self.engine.effects(inputs, self.sensors) @ self.maps.root
+                effect += self.engine.effects_along(inputs, self.sensors, self.maps.root)
             if beyond.any():
                 here = {c: np.asarray(v)[beyond] for c, v in inputs.items()}
                 there = theta if theta.ndim == 1 else theta[beyond]
-                effect[beyond] = ReducedMonitor.predict(self, here, there)[1][:, :, a:q]
-            J = np.concatenate([J[:, :, :a], effect, J[:, :, a:]], axis=2)
+                x = getattr(prediction, "x", None)
+                near = {} if x is None else {"start": x[:, beyond]}
+                effect[beyond] = ReducedMonitor.predict(self, here, there, **near)[1][:, :, a:q]
         return y, J, ok, prediction
 
 

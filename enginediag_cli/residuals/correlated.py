@@ -2,7 +2,9 @@
 
     V = Σ_j σ_j² Σ_k Σ_l ρ_j^|k−l| g_kj g_ljᵀ      with g_kj = the row of whitened sensitivities
 
-The double sum is one pass with the recursion a_k = c_k a_{k−1} + g_k, c_k = ρ^(steps since record k−1).
+The double sum is one pass with the recursion a_k = c_k a_{k−1} + g_k, c_k = ρ^(steps since record k−1): it is
+
+    Σ_k a_k a_kᵀ − Σ_k c_k² a_{k−1} a_{k−1}ᵀ = Σ_k h_k h_kᵀ,    h_k = √(1 − c_{k+1}²) a_k, c = 0 after the last record.
 """
 
 from __future__ import annotations
@@ -17,13 +19,13 @@ FORGOTTEN = 1e-14
 
 @dataclass(frozen=True)
 class LaggedSums:
-    """`before` (N, m, p): c_k a_{k−1}, the decayed past inside the block of each record.
+    """`factors` (m, N, p): h_k of each sensor, inside the block of each record.
 
     Per block (B, ...): `tail` (m, p) = a at its last record; `head` (m, p) = Σ_k g_k times the correlation of
     record k with the record before the block; `decay` (m,) = correlation of last record and that record.
     """
 
-    before: np.ndarray
+    factors: np.ndarray
     tail: np.ndarray
     head: np.ndarray
     decay: np.ndarray
@@ -36,18 +38,18 @@ def linear_recursion(c: np.ndarray, g: np.ndarray) -> np.ndarray:
         c[0] = 0.0
     distance = 1
     while distance < len(a) and np.any(np.abs(c) > FORGOTTEN):
-        a[distance:] = a[distance:] + c[distance:, None] * a[:-distance]
-        c[distance:] = c[distance:] * c[:-distance]
+        a[distance:] += c[distance:, None] * a[:-distance]
+        c[distance:] *= c[:-distance].copy()
         c[:distance] = 0.0
         distance *= 2
     return a
 
 
 def lagged_sums(G: np.ndarray, rho: np.ndarray, lags: np.ndarray, starts: np.ndarray) -> LaggedSums:
-    """Pasts, heads and tails of blocks for G (N, m, p), rho (m,), lags (N,) in steps, starts (B,)."""
+    """Factors, heads and tails of blocks for G (N, m, p), rho (m,), lags (N,) in steps, starts (B,)."""
     N, m, p = G.shape
     stops = np.append(starts[1:], N)
-    before = np.zeros_like(G)
+    factors = np.ascontiguousarray(G.transpose(1, 0, 2))
     head, tail, decay = (
         np.zeros((len(starts), m, p)),
         np.zeros((len(starts), m, p)),
@@ -57,12 +59,13 @@ def lagged_sums(G: np.ndarray, rho: np.ndarray, lags: np.ndarray, starts: np.nda
         c = rho[j] ** lags
         inside = c.copy()
         inside[starts] = 0.0
-        a = linear_recursion(inside, G[:, j])
-        before[1:, j] = inside[1:, None] * a[:-1]
+        a = linear_recursion(inside, factors[j])
         for b, (i, k) in enumerate(zip(starts, stops, strict=True)):
             reach = np.cumprod(c[i:k])
-            head[b, j], tail[b, j], decay[b, j] = reach @ G[i:k, j], a[k - 1], reach[-1]
-    return LaggedSums(before, tail, head, decay)
+            head[b, j], tail[b, j], decay[b, j] = reach @ factors[j, i:k], a[k - 1], reach[-1]
+        kept = np.sqrt(1.0 - np.append(inside[1:], 0.0) ** 2)
+        np.multiply(kept[:, None], a, out=factors[j])
+    return LaggedSums(factors, tail, head, decay)
 
 
 def independent_rows(G: np.ndarray, rho: np.ndarray, lags: np.ndarray) -> np.ndarray:

@@ -18,12 +18,14 @@ RANK_TOLERANCE = 1e-9
 class RangeSpace:
     """Eigen-decomposition of D F D restricted to its range: D F D = U diag(eigenvalues) Uᵀ.
 
-    `scale` (p,) is the diagonal of D, `basis` U is (p, r), `eigenvalues` is (r,), descending.
+    `scale` (p,) is the diagonal of D, `basis` U is (p, r), `eigenvalues` is (r,), descending; `tolerance`: by which
+    others were taken for zero.
     """
 
     scale: np.ndarray
     basis: np.ndarray
     eigenvalues: np.ndarray
+    tolerance: float = RANK_TOLERANCE
 
     @property
     def rank(self) -> int:
@@ -51,7 +53,7 @@ def range_space(F: np.ndarray, scale: np.ndarray, tolerance: float = RANK_TOLERA
     eigenvalues, vectors = np.linalg.eigh(scale[:, None] * F * scale)
     eigenvalues, vectors = eigenvalues[::-1], vectors[:, ::-1]
     kept = eigenvalues > tolerance * max(eigenvalues[0], 0.0) if eigenvalues.size else np.zeros(0, bool)
-    return RangeSpace(scale, vectors[:, kept], eigenvalues[kept])
+    return RangeSpace(scale, vectors[:, kept], eigenvalues[kept], tolerance)
 
 
 def dark_combinations(

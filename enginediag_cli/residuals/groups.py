@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from itertools import pairwise
+from itertools import groupby, pairwise
 
 import numpy as np
 
@@ -27,11 +27,13 @@ def group_rows(recording: Recording) -> list[tuple[Key, np.ndarray]]:
             labels.append([f"{value:g}" for value in recording.columns[column]])
         else:
             labels.append([""] * len(recording))
-    rows: dict[Key, list[int]] = {}
-    for k, key in enumerate(zip(*labels, strict=True)):
-        flight, engine = key
-        rows.setdefault((recording.source, flight, engine), []).append(k)
-    return [(key, np.array(numbers)) for key, numbers in rows.items()]
+    rows: dict[Key, list[np.ndarray]] = {}
+    first = 0
+    for (flight, engine), same in groupby(zip(*labels, strict=True)):  # records of a flight mostly follow each other
+        stop = first + len(list(same))
+        rows.setdefault((recording.source, flight, engine), []).append(np.arange(first, stop))
+        first = stop
+    return [(key, np.concatenate(stretches)) for key, stretches in rows.items()]
 
 
 @dataclass

@@ -7,8 +7,6 @@ errors is thereby trusted less, and V ≈ F however correlated the noise.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 
 from enginediag_cli.residuals.blocks import Block
@@ -24,6 +22,12 @@ def whiten(e: np.ndarray, J: np.ndarray, noise: NoiseModel) -> tuple[np.ndarray,
     e (N, m) in sensor units, NaN where a sensor is missing; J (N, m, p) in sensor unit per parameter unit. A
     row of J that is not finite is dropped with its measurement.
     """
+    z, G, _ = _whitened(e, J, noise)
+    return z, G
+
+
+def _whitened(e: np.ndarray, J: np.ndarray, noise: NoiseModel) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """As `whiten`, and which measurements there are (N, m)."""
     with np.errstate(invalid="ignore"):
         present = np.isfinite(e) & np.isfinite(J.sum(axis=2))
     if not present.all():
@@ -31,7 +35,7 @@ def whiten(e: np.ndarray, J: np.ndarray, noise: NoiseModel) -> tuple[np.ndarray,
         J = np.where(present[:, :, None], J, 0.0)
     if noise.covariance is None:
         weight = 1 / (noise.sigma * np.sqrt(noise.inflation))
-        return e * weight, J * weight[:, None]
+        return e * weight, J * weight[:, None], present
     z, G = np.zeros_like(e), np.zeros_like(J)
     for pattern in np.unique(present, axis=0):  # one Cholesky factor per set of working sensors
         records = np.flatnonzero(np.all(present == pattern, axis=1))
@@ -41,7 +45,7 @@ def whiten(e: np.ndarray, J: np.ndarray, noise: NoiseModel) -> tuple[np.ndarray,
             cell = np.ix_(records, sensors)
             z[cell] = e[cell] @ inverse.T
             G[cell] = inverse @ J[cell]
-    return z, G
+    return z, G, present
 
 
 def block_statistics(
@@ -52,18 +56,17 @@ def block_statistics(
     frame: Frame,
     *,
     lags: np.ndarray | None = None,
-    labels: Sequence[tuple[str, str]] | None = None,
+    information: np.ndarray | None = None,
 ) -> list[Block]:
     """Statistics of consecutive blocks of records, ready to be added up to windows.
 
     e (N, m), J (N, m, p): residuals and sensitivities at the θ0 of the frame of p parameters; starts (B,): first record
     of each block, ascending from 0. lags (N,): steps of time since the record before (inf: unrelated, a new recording);
     1 when not given. V is exact for AR(1) noise, inside blocks and, when blocks are added, between them.
+    information: F (B, p, p) of the blocks, where it is known.
     """
     N, _, p = J.shape
-    z, G = whiten(e, J, noise)
-    with np.errstate(invalid="ignore"):
-        present = np.isfinite(e) & np.isfinite(J.sum(axis=2))
+    z, G, present = _whitened(e, J, noise)
     lags = np.ones(N) if lags is None else lags
     stops = np.append(starts[1:], N)
     share = 1 / noise.inflation  # variance of one whitened residual
@@ -71,25 +74,18 @@ def block_statistics(
     blocks = []
     for b, (i, k) in enumerate(zip(starts, stops, strict=True)):
         rows = G[i:k].reshape(-1, p)
-        F = rows.T @ rows
-        doubt, parts = noise.doubt(k - i), None
-        if doubt is not None:
-            parts = _by_sensor(G[i:k], lagged.before[i:k], share)
-            errors, bias = doubt
+        F = rows.T @ rows if information is None else information[b]
+        doubt, parts, V = noise.doubt(k - i), None, F
+        if doubt is not None or not noise.white:
+            parts = np.stack([h.T @ h for h in lagged.factors[:, i:k]]) * share[:, None, None]  # (m, p, p)
+            errors, bias = doubt or (None, np.zeros_like(share))
             V = F if noise.white else np.tensordot(1 / (1 + bias), parts, axes=1)
-            parts = np.tensordot(errors, parts, axes=1)
-        elif noise.white:
-            V = F
-        else:
-            weighted = (G[i:k] * share[:, None]).reshape(-1, p)
-            cross = weighted.T @ lagged.before[i:k].reshape(-1, p)
-            V = weighted.T @ rows + cross + cross.T
+            parts = None if errors is None else np.tensordot(errors, parts, axes=1)
         terms = kurtosis = None
         if noise.kurtosis is not None and (k - i) * G.shape[1] <= MAX_ROWS:
             told = np.flatnonzero(noise.kurtosis)
             terms = independent_rows(G[i:k, told], noise.rho[told], lags[i:k]) * np.sqrt(share[told])[:, None]
             terms, kurtosis = terms.reshape(-1, p), np.tile(noise.kurtosis[told], k - i)
-        start, end = labels[b] if labels is not None else ("", "")
         used = present[i:k]
         statistics = LocalStatistics(
             parameters=tuple(frame.names),
@@ -102,8 +98,6 @@ def block_statistics(
             chi2=float(np.sum(z[i:k] ** 2)),
             # neighbours that differ more than by chance are no further measurements
             dof=float(used.sum(axis=0) @ np.minimum(share, 1.0)),
-            start=start,
-            end=end,
             by_sensor=parts,
             rows=terms,
             kurtosis=kurtosis,
@@ -113,12 +107,6 @@ def block_statistics(
     return blocks
 
 
-def _by_sensor(G: np.ndarray, before: np.ndarray, share: np.ndarray) -> np.ndarray:
-    """V_j (m, p, p): each sensor's part of the covariance of s, for G and their decayed past (n, m, p)."""
-    cross = np.stack([G[:, j].T @ (before[:, j] + G[:, j] / 2) for j in range(len(share))])
-    return np.asarray((cross + cross.transpose(0, 2, 1)) * share[:, None, None])
-
-
 def local_statistics(
     e: np.ndarray,
     J: np.ndarray,
@@ -126,7 +114,8 @@ def local_statistics(
     frame: Frame,
     *,
     lags: np.ndarray | None = None,
-    label: tuple[str, str] = ("", ""),
+    information: np.ndarray | None = None,
 ) -> LocalStatistics:
-    """Statistics of all records together; arguments as in `block_statistics`."""
-    return block_statistics(e, J, noise, np.array([0]), frame, lags=lags, labels=[label])[0].statistics
+    """Statistics of all records together; arguments as in `block_statistics`, information (p, p)."""
+    known = None if information is None else information[None]
+    return block_statistics(e, J, noise, np.array([0]), frame, lags=lags, information=known)[0].statistics

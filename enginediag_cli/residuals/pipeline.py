@@ -314,13 +314,20 @@ def _at_estimate(monitor: Monitor, batch: Sequence[Sequence[_Piece]], condense: 
             continue
         failed = int(np.sum(~found.ok[rows]))
         whole = replace(_whole(pieces), failed=failed)
-        statistics = local_statistics(found.e[rows], found.J[rows], monitor.noise, monitor.frame, lags=lags[rows])
+        w = int(window[rows.start])
+        statistics = local_statistics(
+            found.e[rows],
+            found.J[rows],
+            monitor.noise,
+            monitor.frame,
+            lags=lags[rows],
+            information=found.information[w],
+        )
         if monitor.slopes is not None:
             of_points = sums_by_point(
                 nominal[0][rows], found.e[rows], found.J[rows], monitor.noise, monitor.slopes.position
             )
             statistics = replace(statistics, points=of_points)
-        w = int(window[rows.start])
         reason = (
             ""
             if found.converged[w] or statistics.n == 0

@@ -49,7 +49,7 @@ class Relinearised:
     """Residuals ẽ (N, m) and sensitivities Ĵ (N, m, p) at θ̂, carried back to θ0, for W windows.
 
     `theta` (W, p); `converged` (W,); `decrement` (W,): size of the last step in standard errors; `ok` (N,):
-    records that the model can compute; `iterations` of the longest window.
+    records that the model can compute; `iterations` of the longest window; `information` (W, p, p): ĴᵀR⁻¹Ĵ, summed.
     """
 
     theta: np.ndarray
@@ -59,6 +59,7 @@ class Relinearised:
     converged: np.ndarray
     decrement: np.ndarray
     iterations: int
+    information: np.ndarray
 
 
 @dataclass
@@ -160,7 +161,7 @@ class _Loop:
         start = np.tile(self.theta0, (W, 1))
         y0, self.J0, ok = nominal if nominal is not None else predict(start[window], np.arange(N))
         self.ok = np.asarray(ok).copy()
-        self.state = _summed(start, np.where(self.ok[:, None], y - y0, np.nan), self.J0.copy(), window, noise)
+        self.state = _summed(start, np.where(self.ok[:, None], y - y0, np.nan), self.J0, window, noise)
         self.cost = self._cost(self.state)
         self.at_nominal = self.cost.copy()
         self.damping, self.decrement, self.active = np.zeros(W), np.full(W, np.inf), np.ones(W, bool)
@@ -187,8 +188,8 @@ class _Loop:
 
     def carried_back(self) -> Relinearised:
         """Residuals and sensitivities where the loop stands, carried back to θ0."""
-        state = self.state
-        back = np.einsum("kjp,kp->kj", state.J, (state.theta - self.theta0)[self.window])
+        state, q = self.state, self.q
+        back = np.einsum("kjp,kp->kj", state.J[:, :, :q], (state.theta - self.theta0)[self.window, :q])
         return Relinearised(
             theta=state.theta,
             e=state.e + back,
@@ -197,6 +198,7 @@ class _Loop:
             converged=(self.decrement < self.tolerance) | self._stalled(),
             decrement=self.decrement,
             iterations=self.iteration,
+            information=state.F,
         )
 
     def _stalled(self) -> np.ndarray:
@@ -275,6 +277,8 @@ class _Loop:
     ) -> None:
         """Take over the accepted (w,) of the chosen windows."""
         moved = accepted[slot]
+        if self.state.J is self.J0:  # which is the caller's, and has what is not re-estimated
+            self.state.J = self.J0.copy()
         self.state.e[rows[moved]], self.state.J[rows[moved]] = trial.e[moved], trial.J[moved]
         for name in ("theta", "zz", "s", "F"):
             getattr(self.state, name)[chosen[accepted]] = getattr(trial, name)[accepted]

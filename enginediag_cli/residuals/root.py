@@ -17,6 +17,11 @@ def root_of(covariance: np.ndarray, scale: np.ndarray) -> np.ndarray:
 
     scale (p,): a positive size of each parameter in its unit, such as its prior standard deviation.
     """
-    eigenvalues, vectors = np.linalg.eigh(covariance / scale / scale[:, None])
+    scaled = covariance / scale / scale[:, None]
+    own = np.diag(scaled)
+    if np.count_nonzero(scaled) == np.count_nonzero(own):  # unit normals, offsets: nothing is left to decompose
+        seen = own > LEAST_VARIANCE * max(float(own.max(initial=0.0)), 0.0)
+        return np.asarray(np.diag(scale * np.sqrt(np.maximum(own, 0.0)))[:, seen])
+    eigenvalues, vectors = np.linalg.eigh(scaled)
     seen = eigenvalues > LEAST_VARIANCE * max(float(eigenvalues[-1]), 0.0) if eigenvalues.size else eigenvalues > 0
     return np.asarray(scale[:, None] * vectors[:, seen] * np.sqrt(eigenvalues[seen]))

@@ -84,9 +84,17 @@ def fisher_score(
     uncertainty C (p, p), in parameter units: covariance of θ0 as identified and of nuisance parameters
     (sensor offsets). Computed in the range of F, so that singular F and V do no harm.
     """
-    a, B, information = score_map(statistics, monitored, uncertainty, tolerance)
+    space = range_space(statistics.F, statistics.prior_sigma, tolerance)
+    return _score_in(space, statistics, monitored, uncertainty)
+
+
+def _score_in(
+    space: RangeSpace, statistics: LocalStatistics, monitored: Sequence[str] | None, uncertainty: np.ndarray | None
+) -> Score:
+    """As `fisher_score`, in the range of F."""
+    a, B, information = _map_in(space, statistics, monitored, uncertainty)
     b, D = B @ statistics.s, statistics.prior_sigma
-    reduced = range_space(information, D[a], tolerance)
+    reduced = range_space(information, D[a], space.tolerance)
     v = (D[a] * b) @ reduced.basis
     return Score(
         tuple(statistics.parameters[i] for i in a),
@@ -133,7 +141,13 @@ def score_map(
     tolerance: float = RANK_TOLERANCE,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Positions a (q,) of the monitored, B (q, p) with b = B s, and I (q, q); arguments as in `fisher_score`."""
-    space = range_space(statistics.F, statistics.prior_sigma, tolerance)
+    return _map_in(range_space(statistics.F, statistics.prior_sigma, tolerance), statistics, monitored, uncertainty)
+
+
+def _map_in(
+    space: RangeSpace, statistics: LocalStatistics, monitored: Sequence[str] | None, uncertainty: np.ndarray | None
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """As `score_map`, in the range of F."""
     U, root, D = space.basis, np.sqrt(space.eigenvalues), statistics.prior_sigma
     half = (U / root).T * D  # Λ^-½ Uᵀ D
     W = half @ statistics.V @ half.T
@@ -168,9 +182,10 @@ def marginalise(statistics: LocalStatistics, keep: Sequence[str], uncertainty: n
     result has V = F. Its χ² is such that χ² − GLR stays what no parameter explains: Σz² less sᵀ(F + C⁻¹)⁻¹s
     and less the GLR statistic in the metric of F (that of V differs when noise is correlated in time).
     """
-    score = fisher_score(statistics, monitored=keep, uncertainty=uncertainty)
+    space = range_space(statistics.F, statistics.prior_sigma)
+    score = _score_in(space, statistics, keep, uncertainty)
     in_F = replace(statistics, V=statistics.F, by_sensor=None, rows=None)
-    plain = fisher_score(in_F, monitored=keep, uncertainty=uncertainty)
+    plain = _score_in(space, in_F, keep, uncertainty)
     root = root_of(uncertainty, statistics.prior_sigma)
     inner = np.eye(root.shape[1]) + root.T @ statistics.F @ root
     absorbed = root.T @ statistics.s

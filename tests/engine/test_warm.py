@@ -74,3 +74,12 @@ def test_only_engines_get_a_memory(engine):
     toy = Toy()
     assert warm(toy) is toy
     assert warm(engine).inputs == engine.inputs
+
+
+def test_what_was_predicted_last_is_known_and_nothing_else_is(engine, flight):
+    warmed = WarmEngine(engine)
+    first = warmed.predict(flight, {"hpc.efficiency": 0.97}, wrt=("hpc.efficiency",))
+    assert warmed.predict(dict(flight), {"hpc.efficiency": 0.97}, wrt=("hpc.efficiency",)) is first
+    other = warmed.predict(flight, {"hpc.efficiency": 0.96}, wrt=("hpc.efficiency",))
+    assert other is not first and not np.allclose(other.y, first.y, rtol=1e-6)
+    assert warmed.predict(flight, {"hpc.efficiency": 0.96}).jacobian.shape[2] == 0

@@ -42,9 +42,12 @@ def faulty_window(rng, monitor, change, n=100):
 def window_score(monitor, inputs, y) -> Score:
     """The score about the re-estimate, as the tool forms it."""
 
-    def predict(theta, rows):
-        return monitor.predict({c: v[rows] for c, v in inputs.items()}, theta, nuisance=False)[:3]
+    *nominal, prediction = monitor.predict(inputs, monitor.theta0)
 
-    found = relinearise(predict, y, monitor.hold, monitor.noise)
+    def predict(theta, rows):
+        here = {c: v[rows] for c, v in inputs.items()}
+        return monitor.predict(here, theta, nuisance=False, start=prediction.x[:, rows])[:3]
+
+    found = relinearise(predict, y, monitor.hold, monitor.noise, nominal=tuple(nominal))
     assert found.converged.all()
     return fisher_score(local_statistics(found.e, found.J, monitor.noise, monitor.frame))
