@@ -79,7 +79,7 @@ def judge_series(readings: Readings, meaning: Mapping[str, Parameter], options: 
     laws = (False, True) if len(readings) > FEWEST_SLOW else (False,)
     kinds = log_of_kinds(suspects, among)
     scatter = Scatter(readings)
-    looked: dict[tuple[tuple[int, int], ...], _Look] = {}
+    looked: dict[tuple[tuple[int, int, bool], ...], _Look] = {}
 
     def look(chosen: Sequence[Chosen]) -> _Look:
         key = tuple(sorted(event.place for event in chosen))
@@ -118,7 +118,7 @@ class _Look:
 def _joint(scatter: Sequence[Wander], suspects: Suspects, kinds: np.ndarray, chosen: Sequence[Chosen]) -> float:
     """log probability of the series and of these events, with the scatter that they leave."""
     prior = sum(
-        float(suspects.log_odds[e.group] + kinds[e.group, e.course]) - SIZE * len(e.size) for e in chosen
+        float(suspects.log_odds[e.group] + kinds[e.group, e.course]) - SIZE * e.fitted for e in chosen
     )
     return float(np.logaddexp.reduce([wander.beside for wander in scatter])) + prior
 
@@ -134,6 +134,8 @@ def _proposals(search: Search, chosen: Sequence[Chosen]) -> Iterator[list[Chosen
         for t in search.tables:
             for found in _best(replace(search, tables=(t,)), others, 1 if others else OWNERS):
                 yield [*others, found]
+                if grown := search.grown(t, others, found):
+                    yield [*others, grown]
 
 
 def _effect(readings: Readings, suspects: Suspects, among: Courses, chosen: Sequence[Chosen]) -> np.ndarray:
@@ -144,7 +146,7 @@ def _effect(readings: Readings, suspects: Suspects, among: Courses, chosen: Sequ
         effect = readings.J[:, :, group] @ np.array(event.size)
         if not suspects.shown[event.group]:
             effect[:, effect.shape[1] - readings.inputs :] = 0.0
-        known += among.g[event.course][:, None] * effect
+        known += event.along(among)[:, None] * effect
     return known
 
 

@@ -8,7 +8,7 @@ is given takes with it everything of its course within that share.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, cast
 
 import numpy as np
@@ -31,16 +31,28 @@ TINY = 1e-300
 @dataclass(frozen=True)
 class Chosen:
     """An event as the others are judged with it: positions of its group and of its course, and its size (q,) in prior
-    standard deviations."""
+    standard deviations; shares: how much of each law of growth with its onset, where that is not its course alone."""
 
     group: int
     course: int
     size: tuple[float, ...] = ()
+    shares: tuple[float, ...] = ()
 
     @property
-    def place(self) -> tuple[int, int]:
-        """Group and course."""
-        return self.group, self.course
+    def place(self) -> tuple[int, int, bool]:
+        """Group and course, and whether it grows by several laws."""
+        return self.group, self.course, bool(self.shares)
+
+    def along(self, courses: Courses) -> np.ndarray:
+        """Its course (n,)."""
+        if not self.shares:
+            return np.asarray(courses.g[self.course])
+        return np.asarray(np.array(self.shares) @ courses.laws(self.course))
+
+    @property
+    def fitted(self) -> int:
+        """How many numbers are fitted to it."""
+        return len(self.size) + max(len(self.shares) - 1, 0)
 
 
 @dataclass(frozen=True)
@@ -84,6 +96,29 @@ class Search:
     def told(self, others: Sequence[Chosen], group: int) -> list[Sizes]:
         """Sizes of a group beside other events, for each scatter."""
         return [self._sizes(t, others, group) for t in self.tables]
+
+    def grown(self, t: Table, others: Sequence[Chosen], event: Chosen) -> Chosen | None:
+        """A growing event with as much of each law with its onset as the series has by one scatter: wear that is slow at
+        first and fast at last is none of them. None for a step."""
+        if not self.courses.growing[event.course]:
+            return None
+        count = len(t.wander.inverse)
+        own = np.arange(count) >= count - t.wander.inputs
+        X = self._columns(t.effect, event, own)
+        c = t.wander.c.copy()
+        for other in others:
+            c -= np.einsum("kij,kj->ki", t.wander.inverse, self._of(t.effect, other, own))
+        score, H = np.einsum("knr,kn->r", X, c), np.einsum("knr,knm,kms->rs", X, t.wander.inverse, X, optimize=True)
+        at = np.all(self.courses.laws(event.course) == self.courses.g[event.course], axis=1).astype(float)
+        shares = at + np.linalg.solve(np.eye(len(at)) + H, score - H @ at)
+        return replace(event, shares=tuple(shares.tolist()))
+
+    def _of(self, effect: np.ndarray, event: Chosen, own: np.ndarray) -> np.ndarray:
+        """What an event adds to each mode (k, n)."""
+        found = effect[:, :, list(self.suspects.groups[event.group])] @ np.array(event.size)
+        if not self.suspects.shown[event.group]:
+            found[own] = 0.0
+        return np.asarray(found * event.along(self.courses))
 
     def _sizes(self, t: Table, others: Sequence[Chosen], group: int) -> Sizes:
         """Of one group beside other events, computed once."""
