@@ -42,6 +42,9 @@ WHITE = 0.05
 """Least share of the difference of neighbours that is noise."""
 LEVEL = 1e3
 """Variance of the level of a mode, in units of its scatter: nothing is known of it."""
+LOCAL = 21
+"""Epochs by whose median it is judged how much more readings scatter there than by the law of the whole series; a
+series of five times as many can tell."""
 OUTLIER = 1e-4
 """Chance of an epoch, were all as usual, below which it counts as off by itself."""
 
@@ -189,10 +192,16 @@ def _law(readings: Readings, known: np.ndarray, distances: np.ndarray, C: np.nda
     K, sizes = np.stack([covariance for covariance, _ in found]), sum(wanders for _, wanders in found)
     scale = np.maximum(np.var(free, axis=0), np.einsum("kii->k", K) / n)
     common = np.concatenate([np.ones((n, 1)) * np.sqrt(LEVEL), readings.weather], axis=1)
-    K += scale[:, None, None] * (common @ common.T)
-    inverse, logs = _inverse(K)
+    common = scale[:, None, None] * (common @ common.T)
+    inverse, logs = _inverse(K + common)
     c = np.einsum("kij,jk->ki", inverse, free)
     own = np.einsum("kii->ki", inverse)
+    more = _locally(np.sum(c**2 / own, axis=0) / chi2.median(m)) if slow else np.ones(n)
+    K = K * np.sqrt(more[:, None] * more) + common
+    if np.any(more > 1):
+        inverse, logs = _inverse(K)
+        c = np.einsum("kij,jk->ki", inverse, free)
+        own = np.einsum("kii->ki", inverse)
     beyond = chi2.isf(OUTLIER, m)
     alone = (free - _running_median(free)).T
     off = (np.sum(c**2 / own, axis=0) > beyond) & (np.sum(alone**2, axis=0) > beyond)
@@ -205,6 +214,17 @@ def _law(readings: Readings, known: np.ndarray, distances: np.ndarray, C: np.nda
     left = log - 0.5 * float(np.sum(c * free.T))
     c = np.einsum("kij,jk->ki", inverse, z)
     return Wander(W, inverse, c, log - 0.5 * float(np.sum(c * z.T)), left, slow)
+
+
+def _locally(squares: np.ndarray) -> np.ndarray:
+    """By how much the variance of an epoch (n,) is larger than by the law of the series, from squares of what is left
+    of it, of median 1: an engine that is run in another way for a while wanders more in that time. Single epochs have
+    no say, a law that is too wide somewhere stands."""
+    n = len(squares)
+    if n < 5 * LOCAL:
+        return np.ones(n)
+    windows = np.lib.stride_tricks.sliding_window_view(np.pad(squares, LOCAL // 2, mode="reflect"), LOCAL)
+    return np.asarray(np.maximum(np.median(windows, axis=1), 1.0))
 
 
 def _inverse(K: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
