@@ -80,7 +80,19 @@ class Search:
     _known: dict[tuple[Any, ...], Any] = field(default_factory=dict, repr=False, compare=False)
 
     def posterior(self, others: Sequence[Chosen]) -> tuple[np.ndarray, np.ndarray]:
-        """log probability (h, G, L) of scatter, group and course beside other events, and (h,) of nothing more."""
+        """log probability (h, G, L) of scatter, group and course beside other events, and (h,) of nothing more. Which law
+        of scatter is likelier is judged without long tails, which one of them alone has."""
+        log, nothing = self._posterior(others)
+        if not self.tails:
+            return log, nothing
+        plain = replace(self, tails=False)._posterior(others)
+        (with_tails, without) = (
+            np.logaddexp(np.logaddexp.reduce(of_all, axis=(1, 2)), of_none)
+            for of_all, of_none in ((log, nothing), plain)
+        )
+        return log + (without - with_tails)[:, None, None], nothing + without - with_tails
+
+    def _posterior(self, others: Sequence[Chosen]) -> tuple[np.ndarray, np.ndarray]:
         found, nothing = [], []
         for t in self.tables:
             log = self._given(t, others)[2]
