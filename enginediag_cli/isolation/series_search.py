@@ -21,6 +21,8 @@ FREEDOM = 30.0
 single jump could be told from scatter; settled on shifted readings of the power plant."""
 OF_INSTRUMENTS = 1.0
 """Largest slab of an instrument: its prior standard deviation is how far it plausibly is off when it is wrong."""
+FAILED = 10.0
+"""Slab of an output sensor that has failed, beside the others: a broken thermocouple reads anything."""
 SIZE = 4.6
 """What the log probability of an event loses for each size that is fitted to it: a hundred times as wide beforehand as
 afterwards."""
@@ -193,7 +195,8 @@ class Search:
         b, S = b[:, :own], S[:, :own]
         mine, info = b[:, :, group], S[:, :, at]
         doubt = self.doubt[k]
-        slabs = [min(slab, OF_INSTRUMENTS) for slab in self.slabs] if self.suspects.instrument[k] else self.slabs
+        slabs = [min(slab, OF_INSTRUMENTS) for slab in self.slabs] if self.suspects.instrument[k] else [*self.slabs]
+        slabs += [FAILED] if all(self.suspects.described[i].of_sensor for i in group) else []
         first = _gaussian(mine.sum(axis=1) + read, info.sum(axis=1) + reads, slabs)[1]
         off = np.zeros(len(b))
         if doubt:
