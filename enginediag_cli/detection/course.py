@@ -107,13 +107,13 @@ def table(readings: Readings, wander: Wander, among: Courses, at: np.ndarray) ->
         later = inverse * one
         row, column = later @ A, later @ A - np.diag(inverse)[:, None] * A
         upper = A[:, i] * row[:, j] + A[:, j] * column[:, i]
-        S[np.ix_(np.flatnonzero(steps), [k], told)] = np.cumsum(upper[::-1], axis=0)[::-1][onset][:, None]
+        of_steps = np.cumsum(upper[::-1], axis=0)[::-1][onset]
+        S[np.flatnonzero(steps)[:, None], k, told] = of_steps
         if len(grown):
             moved = grown[:, :, None] * A  # (l, n, p)
             held = np.matmul(inverse, moved)
-            S[np.ix_(np.flatnonzero(~steps), [k], told)] = np.einsum(
-                "lnq,lnq->lq", moved[:, :, i], held[:, :, j]
-            )[:, None]
+            both = np.einsum("lnq,lnq->lq", moved[:, :, i], held[:, :, j])
+            S[np.flatnonzero(~steps)[:, None], k, told] = both
     return Table(wander, effect, b, S, at)
 
 

@@ -33,8 +33,8 @@ class Stretch:
 @dataclass(frozen=True)
 class Series:
     """The stretches of each engine in order, what the parameters are, and `lost`: windows that had no statistics.
-    steered: inputs that set the power, which an engine's state does not leave alone; errors: of inputs, by name; monitor:
-    None where statistics came without one."""
+    steered: inputs that set the power, which an engine's state does not leave alone; errors: of inputs, by name;
+    monitor: None where statistics came without one."""
 
     stretches: Mapping[str, Sequence[Stretch]]
     known: Mapping[str, Parameter]
@@ -76,8 +76,8 @@ class Series:
         return found
 
     def _effects(self, mine: Sequence[Stretch]) -> dict[str, dict[str, np.ndarray]]:
-        """What errors of the inputs that set the power do to the readings, at the mean conditions of each stretch, where
-        such an input has stepped: it moves the engine on its maps by more than they are straight for."""
+        """What errors of the inputs that set the power do to the readings, at the mean conditions of each stretch,
+        where such an input has stepped: it moves the engine on its maps by more than they are straight for."""
         inputs = mine[0].window.conditions
         if self.monitor is None or not inputs or any(x.window.conditions.keys() != inputs.keys() for x in mine):
             return {}

@@ -40,6 +40,8 @@ ROUNDS = 8
 """Rounds of weighing; the weights only have to be of the right order."""
 WHITE = 0.05
 """Least share of the difference of neighbours that is noise."""
+WALK = 4.0
+"""Correlation length of a walk, in lengths of the series: it has no level to return to."""
 LEVEL = 1e3
 """Variance of the level of a mode, in units of its scatter: nothing is known of it."""
 LOCAL = 21
@@ -239,8 +241,12 @@ def _covariance(distances: np.ndarray, value: np.ndarray, apart: np.ndarray, slo
     from scipy.optimize import nnls
 
     n = len(apart)
-    if not slow or len(distances) < 2:
+    if not slow:
         return np.asarray(value[0] * np.eye(n)), False
+    if len(distances) < 2:  # of few epochs: that neighbours differ may be a walk as well as noise
+        length = WALK * apart.max()
+        size = value[0] / -np.expm1(-distances[0] / length)
+        return np.asarray(WHITE * value[0] * np.eye(n) + (1 - WHITE) * size * np.exp(-apart / length)), False
     # up to the length of the series: what grows with distance as far as is seen may go on growing
     tau = distances[0] * 2.0 ** np.arange(1, np.ceil(np.log2(apart.max() / distances[0])) + 2)
     columns = np.concatenate([np.ones((len(distances), 1)), 1 - np.exp(-distances[:, None] / tau)], axis=1)

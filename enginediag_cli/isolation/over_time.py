@@ -27,12 +27,12 @@ from enginediag_cli.isolation.suspects import Suspects, log_of_kinds, suspects_o
 from enginediag_cli.parameters import Parameter, meanings
 from enginediag_cli.progress import stage
 
+LAWS = (False, True)
+"""Laws of scatter, each as probable as the other: readings scatter by themselves, or wander."""
 MAX_EVENTS = 4
 """Events told apart in one series at most: a stop, since each must be more probable than none."""
 PASSES = 8
 """Exchanges of events at most, each of which makes the series likelier."""
-FEWEST_SLOW = 11
-"""Epochs up to which nothing is known of how readings wander, but that neighbours differ."""
 OWNERS = 3
 """Suspects of which the first event is tried: the likeliest by the scatter of a series with the event still in it need
 not be the likeliest by that without it."""
@@ -76,7 +76,6 @@ def judge_series(readings: Readings, meaning: Mapping[str, Parameter], options: 
     of_sensors = [all(described[i].of_sensor for i in group) for group in suspects.groups]
     doubt = np.where(suspects.instrument, INPUTS, GENERIC if options.generic else KNOWN)
     doubt[of_sensors] = 0.0
-    laws = (False, True) if len(readings) > FEWEST_SLOW else (False,)
     kinds = log_of_kinds(suspects, among)
     scatter = Scatter(readings)
     looked: dict[tuple[tuple[int, int, bool], ...], _Look] = {}
@@ -84,7 +83,7 @@ def judge_series(readings: Readings, meaning: Mapping[str, Parameter], options: 
     def look(chosen: Sequence[Chosen]) -> _Look:
         key = tuple(sorted(event.place for event in chosen))
         if key not in looked:
-            left = scatter.without(_effect(readings, suspects, among, chosen), laws)
+            left = scatter.without(_effect(readings, suspects, among, chosen), LAWS)
             looked[key] = _Look(tuple(chosen), left, _joint(left, suspects, kinds, chosen))
         return looked[key]
 
@@ -117,9 +116,7 @@ class _Look:
 
 def _joint(scatter: Sequence[Wander], suspects: Suspects, kinds: np.ndarray, chosen: Sequence[Chosen]) -> float:
     """log probability of the series and of these events, with the scatter that they leave."""
-    prior = sum(
-        float(suspects.log_odds[e.group] + kinds[e.group, e.course]) - SIZE * e.fitted for e in chosen
-    )
+    prior = sum(float(suspects.log_odds[e.group] + kinds[e.group, e.course]) - SIZE * e.fitted for e in chosen)
     return float(np.logaddexp.reduce([wander.beside for wander in scatter])) + prior
 
 

@@ -82,8 +82,8 @@ class Search:
     _known: dict[tuple[Any, ...], Any] = field(default_factory=dict, repr=False, compare=False)
 
     def posterior(self, others: Sequence[Chosen]) -> tuple[np.ndarray, np.ndarray]:
-        """log probability (h, G, L) of scatter, group and course beside other events, and (h,) of nothing more. Which law
-        of scatter is likelier is judged without long tails, which one of them alone has."""
+        """log probability (h, G, L) of scatter, group and course beside other events, and (h,) of nothing more. Which
+        law of scatter is likelier is judged without long tails, which one of them alone has."""
         log, nothing = self._posterior(others)
         if not self.tails:
             return log, nothing
@@ -112,8 +112,8 @@ class Search:
         return [self._sizes(t, others, group) for t in self.tables]
 
     def grown(self, t: Table, others: Sequence[Chosen], event: Chosen) -> Chosen | None:
-        """A growing event with as much of each law with its onset as the series has by one scatter: wear that is slow at
-        first and fast at last is none of them. None for a step."""
+        """A growing event with as much of each law with its onset as the series has by one scatter: wear that is slow
+        at first and fast at last is none of them. None for a step."""
         if not self.courses.growing[event.course]:
             return None
         count = len(t.wander.inverse)
@@ -168,8 +168,8 @@ class Search:
         return b, S, log
 
     def _columns(self, effect: np.ndarray, event: Chosen, own: np.ndarray) -> np.ndarray:
-        """What an event may add to each mode (k, n, r), of every law that it may have; effect (k, n, p); own (k,): of an
-        input."""
+        """What an event may add to each mode (k, n, r), of every law that it may have; effect (k, n, p); own (k,): of
+        an input."""
         group = list(self.suspects.groups[event.group])
         laws = self.courses.laws(event.course)
         found = (effect[:, :, group] @ np.array(event.size))[:, :, None] * laws.T
@@ -178,10 +178,11 @@ class Search:
         return np.asarray(found)
 
     def sizes(self, b: np.ndarray, S: np.ndarray, k: int, t: Table) -> Sizes:
-        """Of one group with each course, by scores and information in the places of a table: two passes, the first of which finds how large its doubt is.
+        """Of one group with each course, by scores and information in the places of a table: two passes, the first of
+        which finds how large its doubt is.
 
         Where readings wander the change stands in one jump of theirs. With long tails that jump, in all modes together
-        of χ² Q before and Q' after the change, is judged by Student's t,  ½(ν + m) ln((ν + Q)/(ν + Q')),  where the
+        of χ² Q before, the largest of any course, and Q' after the change, is judged by Student's t,  ½(ν + m) ln((ν + Q)/(ν + Q')),  where the
         normal law has  ½(Q − Q').
 
         What an input read may speak against its instrument without bound. For it, it speaks no more than a true change
@@ -213,7 +214,9 @@ class Search:
         log = log + off - np.maximum(_gain(read, reads, mean) - most, 0.0)
         if self.tails and wander.slow:
             taken = np.maximum(2 * _gain(summed, told, mean) + 2 * off, 0.0)
-            whole = float(np.max(np.maximum(np.sum(b[:, :, -1] ** 2 / np.maximum(S[:, :, t.at[-1, -1]], TINY), axis=1), taken)))
+            # a course that leaves a jump to scatter pays for that jump as no event at all does
+            alone = np.sum(b[:, :, -1] ** 2 / np.maximum(S[:, :, t.at[-1, -1]], TINY), axis=1)
+            whole = float(np.max(np.maximum(alone, taken)))
             fallen = np.log1p(whole / FREEDOM) - np.log1p((whole - taken) / FREEDOM)
             log += np.minimum(0.5 * (FREEDOM + b.shape[1]) * fallen, 0.5 * taken) - 0.5 * taken
         log += self._signs(group, mean, covariance)
