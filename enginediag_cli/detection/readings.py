@@ -26,6 +26,10 @@ TOLD = 1e-6
 """Share of the information of the best told direction below which a direction is not told at all."""
 
 
+OVER_GAPS = 0.25
+"""Share of the epochs of a joined series that begin after the longest times without any."""
+
+
 @dataclass(frozen=True)
 class Readings:
     """n epochs in order of time, m readings, p parameters that may change.
@@ -52,11 +56,16 @@ class Readings:
         return len(self.z)
 
     def joined(self, most: int) -> Readings:
-        """The same series in `most` epochs at most."""
+        """The same series in `most` epochs at most, none of which reaches over one of the longest times without any: what
+        changed in such a time would be half in its epoch."""
         n = len(self)
         if n <= most:
             return self
-        at = np.unique(np.linspace(0, n, most, endpoint=False).round().astype(int))
+        gap = np.diff(self.clock)
+        longest = np.argsort(-gap, kind="stable")[: int(OVER_GAPS * most)]
+        longest = longest[gap[longest] > np.median(gap)]
+        even = np.linspace(0, n, most - len(longest), endpoint=False).round().astype(int)
+        at = np.unique(np.concatenate([even, longest + 1]))
         total = np.add.reduceat(self.flights, at)
 
         def mean(values: np.ndarray) -> np.ndarray:

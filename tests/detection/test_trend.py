@@ -162,6 +162,18 @@ def test_a_level_that_steps_is_found_with_its_size_and_no_step_in_what_wanders()
     assert jump(np.cumsum(rng.standard_normal(300))) == 0.0 == jump(level[:8])
 
 
+def test_joined_epochs_do_not_reach_over_long_times_without_any():
+    clock = np.arange(100.0) + np.where(np.arange(100) >= 53, 1000.0, 0.0)
+    series = readings_of(flights(np.random.default_rng(26), np.zeros((100, 7))), list(MEANING.values()), clock)
+    joined = series.joined(20)
+    assert len(joined) <= 20 and 53 in joined.first and joined.flights.sum() == 100
+
+
+def test_a_walk_of_few_flights_seldom_tells_of_a_change():
+    rngs = [np.random.default_rng(500 + k) for k in range(20)]
+    assert sum(bool(judged(flights(rng, np.zeros((8, 7)), wander=1.0)).events) for rng in rngs) <= 3
+
+
 INPUT = "input.T0.bias"
 OF_INPUT = np.array([1.0, -2.0, 1.5, 0.5])  # of one prior sigma
 
