@@ -56,8 +56,8 @@ class Readings:
         return len(self.z)
 
     def joined(self, most: int) -> Readings:
-        """The same series in `most` epochs at most, none of which reaches over one of the longest times without any: what
-        changed in such a time would be half in its epoch."""
+        """The same series in `most` epochs at most, none of which reaches over one of the longest times without any:
+        what changed in such a time would be half in its epoch."""
         n = len(self)
         if n <= most:
             return self

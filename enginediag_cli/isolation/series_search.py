@@ -182,8 +182,8 @@ class Search:
         which finds how large its doubt is.
 
         Where readings wander the change stands in one jump of theirs. With long tails that jump, in all modes together
-        of χ² Q before, the largest of any course, and Q' after the change, is judged by Student's t,  ½(ν + m) ln((ν + Q)/(ν + Q')),  where the
-        normal law has  ½(Q − Q').
+        of χ² Q before, the largest of any course, and Q' after the change, is judged by Student's t,  ½(ν + m) ln((ν +
+        Q)/(ν + Q')),  where the normal law has  ½(Q − Q').
 
         What an input read may speak against its instrument without bound. For it, it speaks no more than a true change
         of the same size at the same epoch would cost: weather and governor change it, too.
