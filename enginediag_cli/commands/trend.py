@@ -109,6 +109,11 @@ def trend(
     files = judged_files(source, monitor, judging, summed=whole)
     files.series = True
     series = series_of(files)
+    if monitor is None and series.stretches and what == "trend":
+        messages.note(
+            "without --nominal it is not known which inputs are weather and which set the power: what follows the "
+            "weather may pass for a change, and no instrument of an input is held against what it read"
+        )
     rows: list[dict[str, Any]] = []
     if what == "flights":
         rows = list(flight_rows(series))

@@ -54,32 +54,67 @@ def courses(clock: np.ndarray, earliest: int = 0) -> Courses:
 
 @dataclass(frozen=True)
 class Table:
-    """Scores b (L, k, p + 1) and information S (L, k, p + 1, p + 1), of parameters of one component each, of every
-    course in every mode of one law of scatter. The last parameter is a change of that mode alone by one; effect
-    (k, n, p + 1)."""
+    """Scores b (L, k, p + 1) and information S (L, k, P), of those pairs of parameters that `at` (p + 1, p + 1) has a
+    place for, of every course in every mode of one law of scatter. The last parameter is a change of that mode alone by
+    one; effect (k, n, p + 1)."""
 
     wander: Wander
     effect: np.ndarray
     b: np.ndarray
     S: np.ndarray
+    at: np.ndarray
+
+    @property
+    def pairs(self) -> tuple[np.ndarray, np.ndarray]:
+        """First and second parameter (P,) of each pair."""
+        return pairs_of(self.at)
 
 
-def table(readings: Readings, wander: Wander, among: Courses, together: np.ndarray) -> Table:
-    """together (p, p) bool: pairs of parameters of which the information is needed."""
+def pairs_of(at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """First and second parameter (P,) of each pair, in their order."""
+    i, j = np.nonzero(np.triu(at >= 0))
+    order = np.argsort(at[i, j])
+    return i[order], j[order]
+
+
+def places(together: np.ndarray) -> np.ndarray:
+    """Place (p + 1, p + 1) of every pair of parameters that is needed, and of a change of a mode alone; −1 for the
+    others. together (p, p) bool."""
+    p = len(together)
+    at = np.full((p + 1, p + 1), -1)
+    i, j = np.nonzero(np.triu(together))
+    i, j = np.append(i, p), np.append(j, p)
+    at[i, j] = at[j, i] = np.arange(len(i))
+    return at
+
+
+def table(readings: Readings, wander: Wander, among: Courses, at: np.ndarray) -> Table:
+    """at: places of the pairs of parameters of which the information is needed."""
     effect = np.einsum("amp,mk->kap", readings.J, wander.W)
     effect = np.concatenate([effect, np.ones((*effect.shape[:2], 1))], axis=2)
-    L, m, p = len(among.g), len(effect), effect.shape[2]
-    pairs = [*zip(*np.nonzero(np.triu(together)), strict=True), (p - 1, p - 1)]
-    b, S = np.empty((L, m, p)), np.zeros((L, m, p, p))
+    first, second = pairs_of(at)
+    L, m, n = len(among.g), len(effect), effect.shape[1]
+    b, S = np.empty((L, m, effect.shape[2])), np.zeros((L, m, len(first)))
+    steps = ~among.growing
+    onset, grown = among.onset[steps], among.g[~steps]
+    one, of = np.triu(np.ones((n, n))), np.arange(len(first))
     for k in range(m):
         A, inverse = effect[k], wander.inverse[k]
         b[:, k] = along(A * wander.c[k][:, None], among)
-        for i, j in pairs:
-            if not (A[:, i].any() and A[:, j].any()):
-                continue
-            both = A[:, i, None] * inverse * A[:, j]
-            S[:, k, i, j] = S[:, k, j, i] = _twice(both, among)
-    return Table(wander, effect, b, S)
+        told = of[A[:, first].any(axis=0) & A[:, second].any(axis=0)]
+        i, j = first[told], second[told]
+        # sum over i, j ≥ τ of one parameter with another: what τ adds is its row and its column from τ on
+        later = inverse * one
+        row, column = later @ A, later @ A - np.diag(inverse)[:, None] * A
+        upper = A[:, i] * row[:, j] + A[:, j] * column[:, i]
+        of_steps = np.cumsum(upper[::-1], axis=0)[::-1][onset]
+        S[np.flatnonzero(steps)[:, None], k, told] = of_steps
+        if len(grown):
+            moved = grown[:, :, None] * A  # (l, n, p)
+            held = np.matmul(inverse, moved)
+            both = np.einsum("lnq,lnq->lq", moved[:, :, i], held[:, :, j])
+            S[np.flatnonzero(~steps)[:, None], k, told] = both
+    return Table(wander, effect, b, S, at)
 
 
 def along(values: np.ndarray, among: Courses) -> np.ndarray:
@@ -88,16 +123,4 @@ def along(values: np.ndarray, among: Courses) -> np.ndarray:
     steps = ~among.growing
     found[steps] = np.cumsum(values[::-1], axis=0)[::-1][among.onset[steps]]
     found[~steps] = np.tensordot(among.g[~steps], values, 1)
-    return found
-
-
-def _twice(both: np.ndarray, among: Courses) -> np.ndarray:
-    """Σ_ij g(i) both(i, j) g(j) (L,) of every course; both (n, n) symmetric but for the order of two parameters."""
-    steps = ~among.growing
-    found = np.empty(len(among.g))
-    # sum over i, j ≥ τ: what τ adds is its row and its column from τ on
-    upper = np.triu(both).sum(axis=1) + np.tril(both).sum(axis=0) - np.diag(both)
-    found[steps] = np.cumsum(upper[::-1])[::-1][among.onset[steps]]
-    grown = among.g[~steps]
-    found[~steps] = np.sum((grown @ both) * grown, axis=1)
     return found

@@ -26,6 +26,10 @@ TOLD = 1e-6
 """Share of the information of the best told direction below which a direction is not told at all."""
 
 
+OVER_GAPS = 0.25
+"""Share of the epochs of a joined series that begin after the longest times without any."""
+
+
 @dataclass(frozen=True)
 class Readings:
     """n epochs in order of time, m readings, p parameters that may change.
@@ -52,11 +56,16 @@ class Readings:
         return len(self.z)
 
     def joined(self, most: int) -> Readings:
-        """The same series in `most` epochs at most."""
+        """The same series in `most` epochs at most, none of which reaches over one of the longest times without any:
+        what changed in such a time would be half in its epoch."""
         n = len(self)
         if n <= most:
             return self
-        at = np.unique(np.linspace(0, n, most, endpoint=False).round().astype(int))
+        gap = np.diff(self.clock)
+        longest = np.argsort(-gap, kind="stable")[: int(OVER_GAPS * most)]
+        longest = longest[gap[longest] > np.median(gap)]
+        even = np.linspace(0, n, most - len(longest), endpoint=False).round().astype(int)
+        at = np.unique(np.concatenate([even, longest + 1]))
         total = np.add.reduceat(self.flights, at)
 
         def mean(values: np.ndarray) -> np.ndarray:
@@ -81,10 +90,13 @@ def readings_of(
     clock: np.ndarray,
     conditions: np.ndarray | None = None,
     read: Mapping[str, np.ndarray] | None = None,
+    effects: Mapping[str, Mapping[str, np.ndarray]] | None = None,
 ) -> Readings:
     """One epoch per element, in order; described (p,): their parameters that may change; conditions (n, c): means of
     what was flown; read: of errors of inputs, what each of their instruments read (n,), in which the error is an
-    addition. ValueError when the statistics are of different parameters."""
+    addition; effects: of errors of inputs, what one prior standard deviation does to the reading (n,) of each sensor,
+    by the name of its bias, where that is not what the statistics say. ValueError when the statistics are of
+    different parameters."""
     first = statistics[0]
     if any(x.parameters != first.parameters for x in statistics):
         raise ValueError("statistics of different parameters have no common trend")
@@ -104,6 +116,11 @@ def readings_of(
     inverse = np.linalg.inv(inner[kept])
     z = np.einsum("nab,nb->na", inverse, s[kept] @ directions)
     J = inverse @ (directions.T @ F[kept])
+    place = {p.name: i for i, p in enumerate(described)}
+    for name, on in (effects or {}).items():
+        # a bias of one prior standard deviation is the unit of its reading
+        if name in place and told and all(described[i].name in on for i in told):
+            J[:, :, place[name]] = np.stack([on[described[i].name] / D[i] for i in told], axis=1)[kept]
     noise = np.median(inverse, axis=0)
     scale = np.sqrt(np.diag(noise))
     n = int(kept.sum())
@@ -153,6 +170,22 @@ def _with_inputs(readings: Readings, read: Mapping[str, np.ndarray]) -> Readings
     )
 
 
+def jump(values: np.ndarray) -> float:
+    """By how much values (n,) differ before and after the epoch that parts them best into two levels, 0 where there is
+    none of the sort: medians, which single epochs do not move."""
+    n = len(values)
+    if n < FEWEST_READ:
+        return 0.0
+    total, at = np.cumsum(values - values.mean()), np.arange(1, n)
+    k = int(np.argmax(total[:-1] ** 2 / (at * (n - at)))) + 1
+    before, after = values[:k], values[k:]
+    size = float(np.median(after) - np.median(before))
+    spread = max(np.median(np.abs(part - np.median(part))) for part in (before, after))
+    return size if abs(size) > JUMPS * spread else 0.0
+
+
+JUMPS = 8.0
+"""Median deviations by which two levels of an input differ at least where it stepped: no overlap, but for outliers."""
 EPOCHS_PER_COLUMN = 10
 """Epochs for each function of the conditions: with fewer, these would explain what they have nothing to do with."""
 VARIES = 1e-6

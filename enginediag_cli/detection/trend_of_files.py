@@ -8,12 +8,14 @@ from math import isfinite
 
 import numpy as np
 
-from enginediag_cli.detection.readings import Readings, readings_of
+from enginediag_cli.detection.readings import Readings, jump, readings_of
 from enginediag_cli.engine.input_errors import InputError
 from enginediag_cli.errors import DataError
 from enginediag_cli.parameters import Parameter
 from enginediag_cli.residuals.files import JudgedFiles
+from enginediag_cli.residuals.monitor import Monitor
 from enginediag_cli.residuals.pipeline import WindowStatistics, joined
+from enginediag_cli.residuals.series_monitor import effects_of_inputs
 from enginediag_cli.residuals.statistics import LocalStatistics
 
 FEWEST = 3
@@ -31,13 +33,15 @@ class Stretch:
 @dataclass(frozen=True)
 class Series:
     """The stretches of each engine in order, what the parameters are, and `lost`: windows that had no statistics.
-    steered: inputs that set the power, which an engine's state does not leave alone; errors: of inputs, by name."""
+    steered: inputs that set the power, which an engine's state does not leave alone; errors: of inputs, by name;
+    monitor: None where statistics came without one."""
 
     stretches: Mapping[str, Sequence[Stretch]]
     known: Mapping[str, Parameter]
     lost: int
     steered: Collection[str] = ()
     errors: Mapping[str, InputError] = field(default_factory=dict)
+    monitor: Monitor | None = None
 
     def healthy(self, engine: str, records: int) -> int:
         """How many of an engine's first stretches hold no more than its first `records` records."""
@@ -51,7 +55,12 @@ class Series:
         described = [p for name, p in self.known.items() if name in present]
         try:
             return readings_of(
-                [x.statistics for x in mine], described, _clock(mine), self._conditions(mine), self._read(mine)
+                [x.statistics for x in mine],
+                described,
+                _clock(mine),
+                self._conditions(mine),
+                self._read(mine),
+                self._effects(mine),
             )
         except ValueError as error:
             name = f"engine {engine}: " if engine else ""
@@ -65,6 +74,21 @@ class Series:
             if np.all(np.isfinite(values)) and (not error.multiplies or np.all(values > 0)):
                 found[name] = np.log(values) if error.multiplies else values
         return found
+
+    def _effects(self, mine: Sequence[Stretch]) -> dict[str, dict[str, np.ndarray]]:
+        """What errors of the inputs that set the power do to the readings, at the mean conditions of each stretch,
+        where such an input has stepped: it moves the engine on its maps by more than they are straight for."""
+        inputs = mine[0].window.conditions
+        if self.monitor is None or not inputs or any(x.window.conditions.keys() != inputs.keys() for x in mine):
+            return {}
+        values = {c: np.array([x.window.conditions[c] for x in mine]) for c in inputs}
+        sizes = {}
+        for name in self.governed:
+            error = self.errors[name]
+            level = values[error.column]
+            step = jump(level)
+            sizes[name] = step / float(np.median(level)) if error.multiplies else step
+        return effects_of_inputs(self.monitor, values, sizes) if any(sizes.values()) else {}
 
     @property
     def governed(self) -> list[str]:
@@ -116,7 +140,8 @@ def series_of(files: JudgedFiles) -> Series:
     if files.monitor is None:
         return Series(found, known, lost)
     engine = files.monitor.engine
-    return Series(found, known, lost, (getattr(engine, "power_setting", ""),), getattr(engine, "errors", {}))
+    steered = (getattr(engine, "power_setting", ""),)
+    return Series(found, known, lost, steered, getattr(engine, "errors", {}), files.monitor)
 
 
 def has_times(window: WindowStatistics) -> bool:

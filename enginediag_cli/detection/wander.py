@@ -13,6 +13,7 @@ and after them, count as much as their own scatter allows.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
@@ -39,8 +40,13 @@ ROUNDS = 8
 """Rounds of weighing; the weights only have to be of the right order."""
 WHITE = 0.05
 """Least share of the difference of neighbours that is noise."""
+WALK = 4.0
+"""Correlation length of a walk, in lengths of the series: it has no level to return to."""
 LEVEL = 1e3
 """Variance of the level of a mode, in units of its scatter: nothing is known of it."""
+LOCAL = 21
+"""Epochs by whose median it is judged how much more readings scatter there than by the law of the whole series; a
+series of five times as many can tell."""
 OUTLIER = 1e-4
 """Chance of an epoch, were all as usual, below which it counts as off by itself."""
 
@@ -81,45 +87,79 @@ def structure(clock: np.ndarray, z: np.ndarray, least: np.ndarray) -> tuple[np.n
             one, other = np.arange(n - 1), np.arange(1, n)
         else:
             other = first[one] + (rng.random(len(one)) * (last - first)[one]).astype(int)
-        found.append(_half_square(z[other] - z[one], least))
+        found.append(_half_square(z[other] - z[one], least, n - 1))
         distances.append(float(np.mean(clock[other] - clock[one])))
     return np.array(distances), np.array(found)
 
 
-def _half_square(difference: np.ndarray, least: np.ndarray) -> np.ndarray:
-    """Half the second moment (m, m) of differences (k, m), those that are far off counting less."""
+def _half_square(difference: np.ndarray, least: np.ndarray, own: int) -> np.ndarray:
+    """Half the second moment (m, m) of differences (k, m), those that are far off counting less; `own` of them are
+    independent."""
     k, m = difference.shape
-    prior = m + 2.0
+    prior, size = m + 2.0, 1.0
     # from medians on: of four differences one that holds a step would else take the rest for close to it
     S = np.diag(np.median(difference**2, axis=0)) / MEDIAN + 2e-9 * least
     for _ in range(ROUNDS):
-        S = (k * S + prior * 2 * least) / (k + prior)
+        S = (k * S + prior * size * 2 * least) / (k + prior)
         distance = np.sum((difference @ np.linalg.inv(S)) * difference, axis=1)
         w = np.minimum((FREEDOM + m) / (FREEDOM + distance), 1.0)
         S = (difference * w[:, None]).T @ difference / w.sum()
-    return np.asarray((k * S + prior * 2 * least) / (k + prior) / 2)
+        size = _share(S, 2 * least, min(k, own))
+    return np.asarray((k * S + prior * size * 2 * least) / (k + prior) / 2)
 
 
-def wandering(readings: Readings, known: np.ndarray, slow: bool) -> Wander:
-    """The law of scatter of a series with the events `known` (n, m) taken out of its readings; slow: by all distances,
-    else by that of neighbours alone. An input wanders by itself, by all distances and whatever the weather: what the
-    readings follow of it is the weather's already."""
-    from scipy.linalg import block_diag
+def _share(S: np.ndarray, least: np.ndarray, own: int) -> float:
+    """Geometric mean of what S (m, m), the second moment of `own` independent differences, is of `least`, one at most:
+    the determinant without its bias (Anderson (2003), theorem 7.5.3). One with too few differences to tell."""
+    from scipy.special import psi
 
-    m = readings.z.shape[1] - readings.inputs
-    parts = [_wandering(_rows(readings, slice(0, m), readings.weather), known[:, :m], slow)]
-    none = np.zeros((len(readings), 0))
-    for k in range(m, m + readings.inputs):
-        parts.append(_wandering(_rows(readings, slice(k, k + 1), none), known[:, k : k + 1], True))
-    return Wander(
-        block_diag(*(part.W for part in parts)),
-        np.concatenate([part.inverse for part in parts]),
-        np.concatenate([part.c for part in parts]),
-        sum(part.log for part in parts),
-        sum(part.beside for part in parts),
-        slow,
-        readings.inputs,
-    )
+    m = len(S)
+    if own < 2 * (m + 2):
+        return 1.0
+    sign, log = np.linalg.slogdet(S)
+    if sign <= 0:
+        return 1.0
+    bias = float(np.sum(psi((own - np.arange(m)) / 2))) - m * np.log(own / 2)
+    return float(np.exp(min((log - bias - np.linalg.slogdet(least)[1]) / m, 0.0)))
+
+
+class Scatter:
+    """The laws of scatter of one series. An input wanders by itself, by all distances and whatever the weather: what
+    the readings follow of it is the weather's already; few events show in it, so that its law is read once for all
+    others."""
+
+    def __init__(self, readings: Readings):
+        self.readings = readings
+        self._inputs: dict[tuple[int, bytes], Wander] = {}
+
+    def without(self, known: np.ndarray, laws: Sequence[bool]) -> list[Wander]:
+        """The laws with the events `known` (n, m) taken out of the readings: by all distances (True), and by that of
+        neighbours alone (False)."""
+        from scipy.linalg import block_diag
+
+        readings = self.readings
+        m = readings.z.shape[1] - readings.inputs
+        own = _wandering(_rows(readings, slice(0, m), readings.weather), known[:, :m], laws)
+        inputs = [self._of_input(k, known[:, k : k + 1]) for k in range(m, m + readings.inputs)]
+        return [
+            Wander(
+                block_diag(*(part.W for part in parts)),
+                np.concatenate([part.inverse for part in parts]),
+                np.concatenate([part.c for part in parts]),
+                sum(part.log for part in parts),
+                sum(part.beside for part in parts),
+                slow,
+                readings.inputs,
+            )
+            for slow, parts in ((slow, [law, *inputs]) for slow, law in zip(laws, own, strict=True))
+        ]
+
+    def _of_input(self, k: int, known: np.ndarray) -> Wander:
+        key = (k, known.tobytes())
+        if key not in self._inputs:
+            none = np.zeros((len(self.readings), 0))
+            [self._inputs[key]] = _wandering(_rows(self.readings, slice(k, k + 1), none), known, [True])
+        return self._inputs[key]
 
 
 def _rows(readings: Readings, rows: slice, weather: np.ndarray) -> Readings:
@@ -134,43 +174,65 @@ def _rows(readings: Readings, rows: slice, weather: np.ndarray) -> Readings:
     )
 
 
-def _wandering(readings: Readings, known: np.ndarray, slow: bool) -> Wander:
-    from scipy.linalg import cho_factor, cho_solve, eigh
+def _wandering(readings: Readings, known: np.ndarray, laws: Sequence[bool]) -> list[Wander]:
+    beside = _without_weather(readings.z - known, readings.weather)
+    distances, C = structure(readings.clock, beside, readings.noise)
+    return [_law(readings, known, distances, C, slow) for slow in laws]
+
+
+def _law(readings: Readings, known: np.ndarray, distances: np.ndarray, C: np.ndarray, slow: bool) -> Wander:
+    """One law of scatter from the structure functions C (h, m, m)."""
+    from scipy.linalg import eigh
     from scipy.stats import chi2
 
     t = readings.clock
-    beside = _without_weather(readings.z - known, readings.weather)
-    distances, C = structure(t, beside, readings.noise)
     _, W = eigh(C[-3:].mean(axis=0) if slow else C[0] + 1e-6 * np.diag(np.diag(C[0])), C[0])
     z, free = readings.z @ W, (readings.z - known) @ W
     apart = np.abs(t[:, None] - t)
     n, m = z.shape
-    inverse, c, log = np.empty((m, n, n)), np.empty((m, n)), 0.0
     found = [_covariance(distances, W[:, k] @ C @ W[:, k], apart, slow) for k in range(m)]
     K, sizes = np.stack([covariance for covariance, _ in found]), sum(wanders for _, wanders in found)
     scale = np.maximum(np.var(free, axis=0), np.einsum("kii->k", K) / n)
     common = np.concatenate([np.ones((n, 1)) * np.sqrt(LEVEL), readings.weather], axis=1)
-    K += scale[:, None, None] * (common @ common.T)
-    extra = np.zeros((m, n))
-    for weigh in (True, False):
-        for k in range(m):
-            factor = cho_factor(K[k] + np.diag(extra[k]), lower=True, check_finite=False)
-            inverse[k] = cho_solve(factor, np.eye(n), check_finite=False)
-            c[k] = inverse[k] @ free[:, k]
-            log -= 0.0 if weigh else float(np.sum(np.log(np.diag(factor[0]))))
-        if weigh:
-            own = np.einsum("kii->ki", inverse)
-            beyond = chi2.isf(OUTLIER, m)
-            alone = (free - _running_median(free)).T
-            off = (np.sum(c**2 / own, axis=0) > beyond) & (np.sum(alone**2, axis=0) > beyond)
-            extra = np.where(off, np.minimum((c / own) ** 2, alone**2), 0.0)
-    log += n * float(np.linalg.slogdet(W)[1])
-    log -= 0.5 * float(np.log(n)) * sizes
+    common = scale[:, None, None] * (common @ common.T)
+    inverse, logs = _inverse(K + common)
+    c = np.einsum("kij,jk->ki", inverse, free)
+    own = np.einsum("kii->ki", inverse)
+    more = _locally(np.sum(c**2 / own, axis=0) / chi2.median(m)) if slow else np.ones(n)
+    K = K * np.sqrt(more[:, None] * more) + common
+    if np.any(more > 1):
+        inverse, logs = _inverse(K)
+        c = np.einsum("kij,jk->ki", inverse, free)
+        own = np.einsum("kii->ki", inverse)
+    beyond = chi2.isf(OUTLIER, m)
+    alone = (free - _running_median(free)).T
+    off = (np.sum(c**2 / own, axis=0) > beyond) & (np.sum(alone**2, axis=0) > beyond)
+    if off.any():
+        extra = np.where(off, np.minimum((c / own) ** 2, alone**2), 0.0)
+        K[:, np.arange(n), np.arange(n)] += extra
+        inverse, logs = _inverse(K)
+        c = np.einsum("kij,jk->ki", inverse, free)
+    log = n * float(np.linalg.slogdet(W)[1]) - float(logs.sum()) - 0.5 * float(np.log(n)) * sizes
     left = log - 0.5 * float(np.sum(c * free.T))
-    for k in range(m):
-        c[k] = inverse[k] @ z[:, k]
-        log -= 0.5 * float(z[:, k] @ c[k])
-    return Wander(W, inverse, c, log, left, slow)
+    c = np.einsum("kij,jk->ki", inverse, z)
+    return Wander(W, inverse, c, log - 0.5 * float(np.sum(c * z.T)), left, slow)
+
+
+def _locally(squares: np.ndarray) -> np.ndarray:
+    """By how much the variance of an epoch (n,) is larger than by the law of the series, from squares of what is left
+    of it, of median 1: an engine that is run in another way for a while wanders more in that time. Single epochs have
+    no say, a law that is too wide somewhere stands."""
+    n = len(squares)
+    if n < 5 * LOCAL:
+        return np.ones(n)
+    windows = np.lib.stride_tricks.sliding_window_view(np.pad(squares, LOCAL // 2, mode="reflect"), LOCAL)
+    return np.asarray(np.maximum(np.median(windows, axis=1), 1.0))
+
+
+def _inverse(K: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Inverse (k, n, n) of covariances, and half the logarithm of their determinants (k,)."""
+    root = np.linalg.cholesky(K)
+    return np.linalg.inv(K), np.log(np.einsum("kii->ki", root)).sum(axis=1)
 
 
 def _covariance(distances: np.ndarray, value: np.ndarray, apart: np.ndarray, slow: bool) -> tuple[np.ndarray, bool]:
@@ -179,8 +241,12 @@ def _covariance(distances: np.ndarray, value: np.ndarray, apart: np.ndarray, slo
     from scipy.optimize import nnls
 
     n = len(apart)
-    if not slow or len(distances) < 2:
+    if not slow:
         return np.asarray(value[0] * np.eye(n)), False
+    if len(distances) < 2:  # of few epochs: that neighbours differ may be a walk as well as noise
+        length = WALK * apart.max()
+        size = value[0] / -np.expm1(-distances[0] / length)
+        return np.asarray(WHITE * value[0] * np.eye(n) + (1 - WHITE) * size * np.exp(-apart / length)), False
     # up to the length of the series: what grows with distance as far as is seen may go on growing
     tau = distances[0] * 2.0 ** np.arange(1, np.ceil(np.log2(apart.max() / distances[0])) + 2)
     columns = np.concatenate([np.ones((len(distances), 1)), 1 - np.exp(-distances[:, None] / tau)], axis=1)

@@ -17,9 +17,9 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from enginediag_cli.detection.course import DETERIORATION, STEP, Courses, courses, table
+from enginediag_cli.detection.course import DETERIORATION, STEP, Courses, courses, places, table
 from enginediag_cli.detection.readings import Readings
-from enginediag_cli.detection.wander import wandering
+from enginediag_cli.detection.wander import Scatter, Wander
 from enginediag_cli.isolation.prior import SetPrior
 from enginediag_cli.isolation.series_search import SIZE, Chosen, Search
 from enginediag_cli.isolation.story import UNRECORDED, Event, Fit, Member, Story
@@ -27,12 +27,12 @@ from enginediag_cli.isolation.suspects import Suspects, log_of_kinds, suspects_o
 from enginediag_cli.parameters import Parameter, meanings
 from enginediag_cli.progress import stage
 
+LAWS = (False, True)
+"""Laws of scatter, each as probable as the other: readings scatter by themselves, or wander."""
 MAX_EVENTS = 4
 """Events told apart in one series at most: a stop, since each must be more probable than none."""
 PASSES = 8
 """Exchanges of events at most, each of which makes the series likelier."""
-FEWEST_SLOW = 11
-"""Epochs up to which nothing is known of how readings wander, but that neighbours differ."""
 OWNERS = 3
 """Suspects of which the first event is tried: the likeliest by the scatter of a series with the event still in it need
 not be the likeliest by that without it."""
@@ -72,63 +72,67 @@ def judge_series(readings: Readings, meaning: Mapping[str, Parameter], options: 
     together = np.zeros((len(described),) * 2, bool)
     for group in suspects.groups:
         together[np.ix_(group, group)] = True
+    at = places(together)
     of_sensors = [all(described[i].of_sensor for i in group) for group in suspects.groups]
     doubt = np.where(suspects.instrument, INPUTS, GENERIC if options.generic else KNOWN)
     doubt[of_sensors] = 0.0
-    laws = (False, True) if len(readings) > FEWEST_SLOW else (False,)
     kinds = log_of_kinds(suspects, among)
-    looked: dict[tuple[tuple[int, int], ...], _Look] = {}
+    scatter = Scatter(readings)
+    looked: dict[tuple[tuple[int, int, bool], ...], _Look] = {}
 
     def look(chosen: Sequence[Chosen]) -> _Look:
         key = tuple(sorted(event.place for event in chosen))
         if key not in looked:
-            known = _effect(readings, suspects, among, chosen)
-            tables = tuple(table(readings, wandering(readings, known, slow), among, together) for slow in laws)
-            search = Search(tables, among, suspects, options.prior.slabs, kinds, doubt)
-            looked[key] = _Look(tuple(chosen), search, _joint(search, chosen))
+            left = scatter.without(_effect(readings, suspects, among, chosen), LAWS)
+            looked[key] = _Look(tuple(chosen), left, _joint(left, suspects, kinds, chosen))
         return looked[key]
+
+    def search(at_look: _Look) -> Search:
+        tables = tuple(table(readings, wander, among, at) for wander in at_look.scatter)
+        return Search(tables, among, suspects, options.prior.slabs, kinds, doubt)
 
     best, settled = look(()), False
     for _ in range(PASSES):
-        trials = [look(found) for found in _proposals(best)]
+        searched = search(best)
+        trials = [look(found) for found in _proposals(searched, best.chosen)]
         better = max(trials, key=lambda trial: trial.log, default=best)
         settled = better.log <= best.log
         if settled:
             break
         best = better
     gains = [best.log - look([*best.chosen[:k], *best.chosen[k + 1 :]]).log for k in range(len(best.chosen))]
-    return _told(readings, replace(best.search, tails=True), best.chosen, gains, settled)
+    searched = searched if settled else search(best)
+    return _told(readings, replace(searched, tails=True), best.chosen, gains, settled)
 
 
 @dataclass(frozen=True)
 class _Look:
-    """Events, the search over a series with the scatter that they leave, and the log probability of both."""
+    """Events, the laws of the scatter that they leave, and the log probability of both."""
 
     chosen: tuple[Chosen, ...]
-    search: Search
+    scatter: Sequence[Wander]
     log: float
 
 
-def _joint(search: Search, chosen: Sequence[Chosen]) -> float:
+def _joint(scatter: Sequence[Wander], suspects: Suspects, kinds: np.ndarray, chosen: Sequence[Chosen]) -> float:
     """log probability of the series and of these events, with the scatter that they leave."""
-    prior = sum(
-        float(search.suspects.log_odds[e.group] + search.log_kind[e.group, e.course]) - SIZE * len(e.size)
-        for e in chosen
-    )
-    return float(np.logaddexp.reduce([t.wander.beside for t in search.tables])) + prior
+    prior = sum(float(suspects.log_odds[e.group] + kinds[e.group, e.course]) - SIZE * e.fitted for e in chosen)
+    return float(np.logaddexp.reduce([wander.beside for wander in scatter])) + prior
 
 
-def _proposals(look: _Look) -> Iterator[list[Chosen]]:
+def _proposals(search: Search, chosen: Sequence[Chosen]) -> Iterator[list[Chosen]]:
     """What may be likelier: one event more, by each law of scatter alone, or another one for any; one less."""
-    for k in range(len(look.chosen) + 1):
-        others = [*look.chosen[:k], *look.chosen[k + 1 :]]
-        if k < len(look.chosen):
+    for k in range(len(chosen) + 1):
+        others = [*chosen[:k], *chosen[k + 1 :]]
+        if k < len(chosen):
             yield others
         elif len(others) >= MAX_EVENTS:
             continue
-        for t in look.search.tables:
-            for found in _best(replace(look.search, tables=(t,)), others, 1 if others else OWNERS):
+        for t in search.tables:
+            for found in _best(replace(search, tables=(t,)), others, 1 if others else OWNERS):
                 yield [*others, found]
+                if grown := search.grown(t, others, found):
+                    yield [*others, grown]
 
 
 def _effect(readings: Readings, suspects: Suspects, among: Courses, chosen: Sequence[Chosen]) -> np.ndarray:
@@ -139,7 +143,7 @@ def _effect(readings: Readings, suspects: Suspects, among: Courses, chosen: Sequ
         effect = readings.J[:, :, group] @ np.array(event.size)
         if not suspects.shown[event.group]:
             effect[:, effect.shape[1] - readings.inputs :] = 0.0
-        known += among.g[event.course][:, None] * effect
+        known += event.along(among)[:, None] * effect
     return known
 
 

@@ -8,12 +8,12 @@ is given takes with it everything of its course within that share.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
+from typing import Any, cast
 
 import numpy as np
 
 from enginediag_cli.detection.course import Courses, Table, along
-from enginediag_cli.detection.wander import Wander
 from enginediag_cli.isolation.suspects import WRONG_WAY, Suspects
 
 FREEDOM = 30.0
@@ -21,6 +21,8 @@ FREEDOM = 30.0
 single jump could be told from scatter; settled on shifted readings of the power plant."""
 OF_INSTRUMENTS = 1.0
 """Largest slab of an instrument: its prior standard deviation is how far it plausibly is off when it is wrong."""
+FAILED = 10.0
+"""Slab of an output sensor that has failed, beside the others: a broken thermocouple reads anything."""
 SIZE = 4.6
 """What the log probability of an event loses for each size that is fitted to it: a hundred times as wide beforehand as
 afterwards."""
@@ -31,16 +33,28 @@ TINY = 1e-300
 @dataclass(frozen=True)
 class Chosen:
     """An event as the others are judged with it: positions of its group and of its course, and its size (q,) in prior
-    standard deviations."""
+    standard deviations; shares: how much of each law of growth with its onset, where that is not its course alone."""
 
     group: int
     course: int
     size: tuple[float, ...] = ()
+    shares: tuple[float, ...] = ()
 
     @property
-    def place(self) -> tuple[int, int]:
-        """Group and course."""
-        return self.group, self.course
+    def place(self) -> tuple[int, int, bool]:
+        """Group and course, and whether it grows by several laws."""
+        return self.group, self.course, bool(self.shares)
+
+    def along(self, courses: Courses) -> np.ndarray:
+        """Its course (n,)."""
+        if not self.shares:
+            return np.asarray(courses.g[self.course])
+        return np.asarray(np.array(self.shares) @ courses.laws(self.course))
+
+    @property
+    def fitted(self) -> int:
+        """How many numbers are fitted to it."""
+        return len(self.size) + max(len(self.shares) - 1, 0)
 
 
 @dataclass(frozen=True)
@@ -65,14 +79,26 @@ class Search:
     log_kind: np.ndarray
     doubt: np.ndarray
     tails: bool = False
+    _known: dict[tuple[Any, ...], Any] = field(default_factory=dict, repr=False, compare=False)
 
     def posterior(self, others: Sequence[Chosen]) -> tuple[np.ndarray, np.ndarray]:
-        """log probability (h, G, L) of scatter, group and course beside other events, and (h,) of nothing more."""
+        """log probability (h, G, L) of scatter, group and course beside other events, and (h,) of nothing more. Which
+        law of scatter is likelier is judged without long tails, which one of them alone has."""
+        log, nothing = self._posterior(others)
+        if not self.tails:
+            return log, nothing
+        plain = replace(self, tails=False)._posterior(others)
+        (with_tails, without) = (
+            np.logaddexp(np.logaddexp.reduce(of_all, axis=(1, 2)), of_none)
+            for of_all, of_none in ((log, nothing), plain)
+        )
+        return log + (without - with_tails)[:, None, None], nothing + without - with_tails
+
+    def _posterior(self, others: Sequence[Chosen]) -> tuple[np.ndarray, np.ndarray]:
         found, nothing = [], []
         for t in self.tables:
-            b, S, log = self._given(t, others)
-            each = np.stack([self.sizes(b, S, k, t.wander).log for k in range(len(self.suspects.groups))])
-            found.append(each + log)
+            log = self._given(t, others)[2]
+            found.append(np.stack([self._sizes(t, others, k).log for k in range(len(self.suspects.groups))]) + log)
             nothing.append(log)
         prior = self.suspects.log_odds[:, None] + self.log_kind
         done = {self.suspects.owner[e.group] for e in others}
@@ -83,55 +109,95 @@ class Search:
 
     def told(self, others: Sequence[Chosen], group: int) -> list[Sizes]:
         """Sizes of a group beside other events, for each scatter."""
-        return [self.sizes(*self._given(t, others)[:2], group, t.wander) for t in self.tables]
+        return [self._sizes(t, others, group) for t in self.tables]
+
+    def grown(self, t: Table, others: Sequence[Chosen], event: Chosen) -> Chosen | None:
+        """A growing event with as much of each law with its onset as the series has by one scatter: wear that is slow
+        at first and fast at last is none of them. None for a step."""
+        if not self.courses.growing[event.course]:
+            return None
+        count = len(t.wander.inverse)
+        own = np.arange(count) >= count - t.wander.inputs
+        X = self._columns(t.effect, event, own)
+        c = t.wander.c.copy()
+        for other in others:
+            c -= np.einsum("kij,kj->ki", t.wander.inverse, self._of(t.effect, other, own))
+        score, H = np.einsum("knr,kn->r", X, c), np.einsum("knr,knm,kms->rs", X, t.wander.inverse, X, optimize=True)
+        at = np.all(self.courses.laws(event.course) == self.courses.g[event.course], axis=1).astype(float)
+        shares = at + np.linalg.solve(np.eye(len(at)) + H, score - H @ at)
+        return replace(event, shares=tuple(shares.tolist()))
+
+    def _of(self, effect: np.ndarray, event: Chosen, own: np.ndarray) -> np.ndarray:
+        """What an event adds to each mode (k, n)."""
+        found = effect[:, :, list(self.suspects.groups[event.group])] @ np.array(event.size)
+        if not self.suspects.shown[event.group]:
+            found[own] = 0.0
+        return np.asarray(found * event.along(self.courses))
+
+    def _sizes(self, t: Table, others: Sequence[Chosen], group: int) -> Sizes:
+        """Of one group beside other events, computed once."""
+        key = (id(t), tuple(others), group, self.tails)
+        if key not in self._known:
+            self._known[key] = self.sizes(*self._given(t, others)[:2], group, t)
+        return cast(Sizes, self._known[key])
 
     def _given(self, t: Table, others: Sequence[Chosen]) -> tuple[np.ndarray, np.ndarray, float]:
-        """Scores, information and log likelihood of a scatter with other events, whatever their size."""
-        if not others:
-            return t.b, t.S, t.wander.log
-        b, S, log = t.b.copy(), t.S.copy(), t.wander.log
-        for k, inverse in enumerate(t.wander.inverse):
-            own = k >= len(t.wander.inverse) - t.wander.inputs
-            X = np.concatenate([self._columns(t.effect[k], event, own) for event in others], axis=1)
-            if not X.any():
-                continue
-            KX = inverse @ X
-            H = np.eye(X.shape[1]) + X.T @ KX
-            score = X.T @ t.wander.c[k]
-            cross = along(t.effect[k][:, :, None] * KX[:, None, :], self.courses)
-            solved = np.linalg.solve(H, score)
-            b[:, k] -= cross @ solved
-            S[:, k] -= (cross @ np.linalg.inv(H)) @ np.swapaxes(cross, 1, 2)
-            log += 0.5 * float(score @ solved) - 0.5 * float(np.linalg.slogdet(H)[1])
+        """Scores, information and log likelihood of a scatter with other events, whatever their size; once."""
+        key = (id(t), tuple(others))
+        if key not in self._known:
+            self._known[key] = self._beside(t, others) if others else (t.b, t.S, t.wander.log)
+        return cast(tuple[np.ndarray, np.ndarray, float], self._known[key])
+
+    def _beside(self, t: Table, others: Sequence[Chosen]) -> tuple[np.ndarray, np.ndarray, float]:
+        first, second = t.pairs
+        count = len(t.wander.inverse)
+        own = np.arange(count) >= count - t.wander.inputs
+        X = np.concatenate([self._columns(t.effect, event, own) for event in others], axis=2)
+        KX = t.wander.inverse @ X
+        H = np.eye(X.shape[2]) + np.swapaxes(X, 1, 2) @ KX
+        score = np.einsum("knr,kn->kr", X, t.wander.c)
+        solved = np.linalg.solve(H, score[:, :, None])[:, :, 0]
+        log = t.wander.log + 0.5 * float(np.sum(score * solved)) - 0.5 * float(np.linalg.slogdet(H)[1].sum())
+        root = np.linalg.inv(np.linalg.cholesky(H))
+        b, S = t.b.copy(), t.S.copy()
+        for k in np.flatnonzero(X.any(axis=(1, 2))):
+            cross = along(t.effect[k][:, :, None] * KX[k][:, None, :], self.courses)
+            b[:, k] -= cross @ solved[k]
+            white = cross @ root[k].T
+            S[:, k] -= np.einsum("lpr,lpr->lp", white[:, first], white[:, second])
         return b, S, log
 
-    def _columns(self, effect: np.ndarray, event: Chosen, own: bool) -> np.ndarray:
-        """What an event may add to a mode (n, r), of every law that it may have; effect (n, p); own: of an input."""
-        if own and not self.suspects.shown[event.group]:
-            return np.zeros((len(effect), 1))
+    def _columns(self, effect: np.ndarray, event: Chosen, own: np.ndarray) -> np.ndarray:
+        """What an event may add to each mode (k, n, r), of every law that it may have; effect (k, n, p); own (k,): of
+        an input."""
         group = list(self.suspects.groups[event.group])
         laws = self.courses.laws(event.course)
-        return np.asarray((effect[:, group] @ np.array(event.size))[:, None] * laws.T)
+        found = (effect[:, :, group] @ np.array(event.size))[:, :, None] * laws.T
+        if not self.suspects.shown[event.group]:
+            found[own] = 0.0
+        return np.asarray(found)
 
-    def sizes(self, b: np.ndarray, S: np.ndarray, k: int, wander: Wander) -> Sizes:
-        """Of one group with each course: two passes, the first of which finds how large its doubt is.
+    def sizes(self, b: np.ndarray, S: np.ndarray, k: int, t: Table) -> Sizes:
+        """Of one group with each course, by scores and information in the places of a table: two passes, the first of
+        which finds how large its doubt is.
 
         Where readings wander the change stands in one jump of theirs. With long tails that jump, in all modes together
-        of χ² Q before and Q' after the change, is judged by Student's t,  ½(ν + m) ln((ν + Q)/(ν + Q')),  where the
-        normal law has  ½(Q − Q').
+        of χ² Q before, the largest of any course, and Q' after the change, is judged by Student's t,  ½(ν + m) ln((ν +
+        Q)/(ν + Q')),  where the normal law has  ½(Q − Q').
 
         What an input read may speak against its instrument without bound. For it, it speaks no more than a true change
         of the same size at the same epoch would cost: weather and governor change it, too.
         """
-        group = np.array(self.suspects.groups[k])
-        own = b.shape[1] - wander.inputs
-        read, reads = b[:, own:, group].sum(axis=1), S[:, own:, group[:, None], group].sum(axis=1)
+        group, wander = np.array(self.suspects.groups[k]), t.wander
+        own, at = b.shape[1] - wander.inputs, t.at[np.ix_(group, group)]
+        read, reads = b[:, own:, group].sum(axis=1), S[:, own:, at].sum(axis=1)
         if not self.suspects.shown[k]:
             read, reads = np.zeros_like(read), np.zeros_like(reads)
         b, S = b[:, :own], S[:, :own]
-        mine, info = b[:, :, group], S[:, :, group[:, None], group]
+        mine, info = b[:, :, group], S[:, :, at]
         doubt = self.doubt[k]
-        slabs = [min(slab, OF_INSTRUMENTS) for slab in self.slabs] if self.suspects.instrument[k] else self.slabs
+        slabs = [min(slab, OF_INSTRUMENTS) for slab in self.slabs] if self.suspects.instrument[k] else [*self.slabs]
+        slabs += [FAILED] if all(self.suspects.described[i].of_sensor for i in group) else []
         first = _gaussian(mine.sum(axis=1) + read, info.sum(axis=1) + reads, slabs)[1]
         off = np.zeros(len(b))
         if doubt:
@@ -148,7 +214,9 @@ class Search:
         log = log + off - np.maximum(_gain(read, reads, mean) - most, 0.0)
         if self.tails and wander.slow:
             taken = np.maximum(2 * _gain(summed, told, mean) + 2 * off, 0.0)
-            whole = np.maximum(np.sum(b[:, :, -1] ** 2 / np.maximum(S[:, :, -1, -1], TINY), axis=1), taken)
+            # a course that leaves a jump to scatter pays for that jump as no event at all does
+            alone = np.sum(b[:, :, -1] ** 2 / np.maximum(S[:, :, t.at[-1, -1]], TINY), axis=1)
+            whole = float(np.max(np.maximum(alone, taken)))
             fallen = np.log1p(whole / FREEDOM) - np.log1p((whole - taken) / FREEDOM)
             log += np.minimum(0.5 * (FREEDOM + b.shape[1]) * fallen, 0.5 * taken) - 0.5 * taken
         log += self._signs(group, mean, covariance)

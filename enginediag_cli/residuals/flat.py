@@ -1,7 +1,8 @@
 """Local statistics as flat rows, one value per column, and back; such a file needs nothing else to be read.
 
 Columns: those of the window, `n`, `chi2`, `dof`, `noise_A1`, `noise_A2`, `noise_Q`, `parameters` (what each parameter
-is, a JSON list of `Parameter.as_mapping`), then `theta0:a`, `prior_sigma:a`, `s:a` per parameter a, and the
+is, a JSON list of `Parameter.as_mapping`), `conditions` (mean of each input over the records that were judged, a JSON
+mapping), then `theta0:a`, `prior_sigma:a`, `s:a` per parameter a, and the
 upper triangles `F:a|b`, `V:a|b` and `slopes:a|b`.
 """
 
@@ -43,6 +44,8 @@ SLOPES = "slopes"
 """Covariance that wrong slopes of the maps add to a change of the parameters; a file without these columns has none."""
 MEANING = "parameters"
 """What each parameter is: its component, quantity, words, unit and wear are not to be guessed from its name."""
+CONDITIONS = "conditions"
+"""What was flown, by which a series of windows is told from the weather; a file without this column does not say."""
 WINDOW_COLUMNS = (
     "source",
     "flight",
@@ -78,6 +81,7 @@ def flat_columns(parameters: Sequence[str]) -> tuple[str, ...]:
         "dof",
         *DOUBT,
         MEANING,
+        CONDITIONS,
         *(f"{what}:{a}" for what in ("theta0", "prior_sigma", "s") for a in parameters),
         *(f"{what}:{a}|{b}" for what in ("F", "V", SLOPES) for a, b in pairs),
     )
@@ -92,6 +96,7 @@ def flat_row(window: WindowStatistics) -> dict[str, Any]:
     row[SILENT] = list(window.silent)
     row.update(n=x.n, chi2=x.chi2, dof=x.dof, **dict(zip(DOUBT, x.doubt, strict=True)))
     row[MEANING] = _written(meanings(x.meaning, x.parameters).values())
+    row[CONDITIONS] = json.dumps(dict(window.conditions), ensure_ascii=False, separators=(",", ":"))
     for i, a in enumerate(x.parameters):
         row.update(
             {
@@ -157,6 +162,7 @@ def read_flat(
         _check_counts(values, statistics, f"{source}:{line}")
         judged_elsewhere = cell.count("extrapolated") if "extrapolated" in row else 0
         values["elsewhere"] = Counter({Elsewhere("", True): judged_elsewhere} if judged_elsewhere else {})
+        values[CONDITIONS] = cell.conditions()
         values[SILENT] = tuple(name for name in row.get(SILENT, "").split("; ") if name)
         values.update({c: cell.number(c) if row.get(c, "").strip() else float("nan") for c in TIMES})
         if statistics is None and not values["reason"]:
@@ -273,6 +279,20 @@ class _Cells:
                 f"{self._place}: missing column {MEANING}: what each parameter is; write it with `residual`"
             )
         return _meaning(text, names, f"{self._place}:{MEANING}")
+
+    def conditions(self) -> dict[str, float]:
+        """Mean of each input, none where the file does not say."""
+        text = self._row.get(CONDITIONS, "").strip()
+        if not text:
+            return {}
+        try:
+            found = json.loads(text)
+            values = {str(column): float(value) for column, value in found.items()}
+        except (ValueError, TypeError, AttributeError):
+            raise DataError(f"{self._place}:{CONDITIONS}: not a JSON mapping of numbers: {text!r}") from None
+        if not np.all(np.isfinite(list(values.values()))):
+            raise DataError(f"{self._place}:{CONDITIONS}: not finite numbers: {text!r}")
+        return values
 
     def matrix(self, what: str, names: Sequence[str]) -> np.ndarray:
         full = np.zeros((len(names), len(names)))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -28,6 +29,34 @@ def trusting_no_input(monitor: Monitor) -> Monitor:
             size = np.abs(envelope.points[:, j]).max() if error.multiplies else 1.0
             scale[j] = np.hypot(scale[j], PLAUSIBLY * error.parameter.prior_sigma * size)
     return replace(monitor, envelope=replace(envelope, scale=scale))
+
+
+def effects_of_inputs(
+    monitor: Monitor, inputs: Mapping[str, np.ndarray], sizes: Mapping[str, float]
+) -> dict[str, dict[str, np.ndarray]]:
+    """By how much the reading of each sensor (n,), by the name of its bias, is beyond prediction at `inputs` (n,) that
+    were read wrong, for one prior standard deviation: suspected error of an input → bias → effect. sizes: errors, by
+    name, for which that is asked, as far as they are of this monitor.
+
+    The difference of two predictions, not a derivative: a wrong reading moves the engine on its maps, too, off the line
+    where their errors are known, and of these `error_model.modelled` takes no derivative.
+    """
+    known = {c: [p.name for p in monitor.engine.sensors[c].parameters()] for c in monitor.sensors}
+    bias = {n: i for i, c in enumerate(monitor.sensors) for n in known[c] if n in monitor.monitored}
+    base = {n: float(v) for n, v in monitor.base.items() if n in monitor.engine.parameters}
+    found: dict[str, dict[str, np.ndarray]] = {}
+    read = None
+    for name, error in getattr(monitor.engine, "errors", {}).items():
+        size = sizes.get(name, 0.0)
+        if name not in monitor.monitored or not size:
+            continue
+        true = {**inputs, error.column: error.corrected(inputs[error.column], error.parameter.nominal + size)}
+        read = read or monitor.engine.predict(inputs, base, sensors=monitor.sensors)
+        wrong = monitor.engine.predict(true, base, sensors=monitor.sensors)
+        if np.all(read.ok & wrong.ok):
+            unit = error.parameter.prior_sigma / size
+            found[name] = {n: unit * (np.asarray(wrong.y) - np.asarray(read.y))[:, i] for n, i in bias.items()}
+    return found
 
 
 def monitored_as_read(monitor: Monitor, window: WindowStatistics, statistics: LocalStatistics) -> WindowStatistics:

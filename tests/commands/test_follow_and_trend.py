@@ -6,13 +6,19 @@ import csv
 import io
 import json
 import sys
+from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 import yaml
 
 from enginediag_cli.__main__ import main
+from enginediag_cli.engine.input_errors import InputErrors
+from enginediag_cli.intake.baseline import open_baseline
 from enginediag_cli.recordings.recorder import load_recorder
+from enginediag_cli.residuals.monitor import monitor_of
+from enginediag_cli.residuals.series_monitor import effects_of_inputs
 from enginediag_cli.units import split_column
 
 ENGINE = str(Path(__file__).parents[2] / "configs" / "turbofan.yaml")
@@ -199,3 +205,24 @@ def test_a_recording_without_flights_is_a_series_of_windows(files, tmp_path):
     changed = [row for row in found if row["kind"] != "steady" and row["probability"] > 0.5]
     assert [(row["parameter"], row["kind"]) for row in changed] == [("sensor.T3.bias", "step")]
     assert abs(changed[0]["onset_line"] - (half + 2)) <= 20 and abs(changed[0]["change"] - 8) < 1.5
+
+
+def test_what_a_wrong_input_does_is_its_derivative_where_the_maps_have_no_errors(files):
+    monitor = monitor_of(open_baseline(files["nominal.yaml"]), sensors=True)
+    plain = replace(monitor, engine=InputErrors.of(open_baseline(files["nominal.yaml"]).engine))
+    at = {c: plain.envelope.points[:3, i] for i, c in enumerate(plain.envelope.inputs)}
+    [name] = [n for n, e in plain.engine.errors.items() if e.column == plain.engine.power_setting]
+    sigma = plain.engine.errors[name].parameter.prior_sigma
+    found = effects_of_inputs(plain, at, {name: 1e-3 * sigma})[name]
+    base = {n: v for n, v in plain.base.items() if n in plain.engine.parameters}
+    expected = sigma * plain.engine.predict(at, base, sensors=plain.sensors, wrt=(name,)).jacobian[:, :, 0]
+    by_name = {p.name: i for i, c in enumerate(plain.sensors) for p in plain.engine.sensors[c].parameters()}
+    for bias, effect in found.items():
+        np.testing.assert_allclose(effect, expected[:, by_name[bias]], rtol=0.01, atol=1e-6)
+
+
+def test_trend_of_statistics_says_what_cannot_be_judged_without_a_nominal(files, capsys):
+    condense = ["residual", "-q", "--sensors", "-n", files["nominal.yaml"], files["flown.csv"]]
+    assert run(*condense, "-o", files["statistics.csv"])[0] == 0
+    assert run("trend", files["statistics.csv"])[0] == 0
+    assert "without --nominal it is not known which inputs are weather" in " ".join(capsys.readouterr().err.split())

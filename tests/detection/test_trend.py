@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from enginediag_cli.detection.readings import readings_of
+from enginediag_cli.detection.readings import jump, readings_of
 from enginediag_cli.detection.trend import flight_change
-from enginediag_cli.detection.wander import structure
+from enginediag_cli.detection.wander import LOCAL, Scatter, structure
 from enginediag_cli.isolation.over_time import TrendOptions, judge_series
 from enginediag_cli.isolation.story import UNRECORDED
 from enginediag_cli.parameters import Parameter
@@ -102,6 +102,76 @@ def test_a_step_is_not_learnt_as_scatter_of_neighbours():
     _, plain = structure(np.arange(300.0), z, np.eye(2))
     _, found = structure(np.arange(300.0), stepped, np.eye(2))
     assert found[0][0, 0] < 1.2 * plain[0][0, 0]
+
+
+@pytest.mark.parametrize("stated", [1.0, 100.0])
+def test_what_is_stated_of_the_noise_does_not_stand_for_scatter_that_many_epochs_show(stated):
+    """An error of the model that is the same in all epochs is in the stated noise, and not in their differences."""
+    z = np.random.default_rng(20).standard_normal((300, 3)) * [1.0, 0.5, 0.2]
+    _, found = structure(np.arange(300.0), z, stated * np.eye(3))
+    assert np.all(np.abs(np.sqrt(np.diag(found[0])) / [1.0, 0.5, 0.2] - 1) < 0.15)
+
+
+def test_of_few_epochs_scatter_is_held_by_what_is_stated_of_the_noise():
+    z = 0.01 * np.random.default_rng(21).standard_normal((6, 3))
+    _, found = structure(np.arange(6.0), z, np.eye(3))
+    assert np.all(np.diag(found[0]) > 0.3)
+
+
+def test_scatter_that_is_larger_for_a_while_counts_as_larger_there():
+    rng = np.random.default_rng(22)
+    n, some = 10 * LOCAL, slice(6 * LOCAL, 8 * LOCAL)
+    changes = np.zeros((n, 7))
+    changes[some, 3:] = rng.standard_normal((2 * LOCAL, 4))  # three times the noise
+    series = readings_of(flights(rng, changes), list(MEANING.values()), np.arange(float(n)))
+    (law,) = Scatter(series).without(np.zeros_like(series.z), [True])
+    own = np.einsum("kii->ki", law.inverse)
+    assert np.all(own[:, some].mean(axis=1) < 0.4 * own[:, : 5 * LOCAL].mean(axis=1))
+
+
+def test_no_event_is_told_of_a_while_in_which_readings_wander_more():
+    told = []
+    for seed in range(3):
+        rng = np.random.default_rng(30 + seed)
+        changes = np.zeros((200, 7))
+        changes[140:180, 3:] = np.cumsum(0.3 * rng.standard_normal((40, 4)), axis=0)
+        told.append(bool(judged(flights(rng, changes)).events))
+    assert sum(told) <= 1
+
+
+def test_a_large_step_of_one_reading_is_its_instruments_and_no_components_where_readings_wander():
+    changes = np.zeros((200, 7))
+    changes[120:, 5] = 20.0
+    (event,) = judged(flights(np.random.default_rng(23), changes, wander=0.5)).events
+    assert [m.component for m in event.named] == ["sensor.T5"] and event.onset == 121
+
+
+def test_wear_that_is_slow_at_first_and_fast_at_last_is_told_as_wear_of_its_component_alone():
+    t = np.arange(80) / 79
+    changes = np.zeros((80, 7))
+    changes[:, 1] = -0.6 * t - 1.5 * t**8
+    story = judged(flights(np.random.default_rng(24), changes))
+    assert [[m.component for m in e.named] for e in story.events] == [["hpc"]]
+    assert story.events[0].kind == "deterioration"
+
+
+def test_a_level_that_steps_is_found_with_its_size_and_no_step_in_what_wanders():
+    rng = np.random.default_rng(25)
+    level = 1373.0 + 0.2 * rng.standard_normal(300) - 5.0 * (np.arange(300) >= 210)
+    assert abs(jump(level) + 5.0) < 0.1
+    assert jump(np.cumsum(rng.standard_normal(300))) == 0.0 == jump(level[:8])
+
+
+def test_joined_epochs_do_not_reach_over_long_times_without_any():
+    clock = np.arange(100.0) + np.where(np.arange(100) >= 53, 1000.0, 0.0)
+    series = readings_of(flights(np.random.default_rng(26), np.zeros((100, 7))), list(MEANING.values()), clock)
+    joined = series.joined(20)
+    assert len(joined) <= 20 and 53 in joined.first and joined.flights.sum() == 100
+
+
+def test_a_walk_of_few_flights_seldom_tells_of_a_change():
+    rngs = [np.random.default_rng(500 + k) for k in range(20)]
+    assert sum(bool(judged(flights(rng, np.zeros((8, 7)), wander=1.0)).events) for rng in rngs) <= 3
 
 
 INPUT = "input.T0.bias"

@@ -42,6 +42,12 @@ def read(*texts, ledger=None):
     ]  # fmt: skip
 
 
+def test_a_file_holds_what_was_flown():
+    found = windows()
+    back = read(text_of(found))
+    assert found[0].conditions and [w.conditions for w in back] == [w.conditions for w in found]
+
+
 def changed(text, column, value, row=0, reseal=False):
     """The file with one cell changed; `reseal`: and the checksum made to fit, as nobody but a forger would."""
     head, _, body = text.partition("\n")
