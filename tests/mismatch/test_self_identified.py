@@ -78,7 +78,8 @@ def test_a_known_design_keeps_its_priors_and_takes_noise_instruments_and_maps_fr
 
 def test_who_vouches_for_the_noise_is_believed(folder):
     case = Case(str(ENGINE), Source((str(folder / "flown.csv"),)), asked=Asked(noise="specified"))
-    assert load_case(case, identified=True).evidence == load_case(case).evidence
+    found, stated = load_case(case, identified=True).evidence, load_case(case).evidence
+    assert (found.noise, found.settings, found.owed) == (stated.noise, stated.settings, None)
 
 
 def test_where_identification_ends_far_from_any_optimum_the_engine_files_state_stays_and_noise_is_robust(tmp_path):
