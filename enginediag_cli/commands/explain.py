@@ -76,7 +76,7 @@ def explain(
     from enginediag_cli.presentation.explanation_rows import amplitude_rows, curve_rows
     from enginediag_cli.presentation.explanations import sentences
 
-    loaded = load_case(case)
+    loaded = load_case(case, identified=True)
     tell_case(messages, case, loaded)
     effects = list(candidates(loaded.evidence.engine, without))
     story = tell(loaded.evidence, effects, advise=not no_advice)

@@ -37,7 +37,7 @@ def mismatch_options(function: Callable[..., Any]) -> Callable[..., Any]:
         return function(*args, case=Case(engine_path, source, nominal, accept_changed_engine, asked), **others)
 
     nominal = nominal_options(
-        help="Nominal engine, as written by identify, to start from, and its noise. Without it, the sensors' own noise."
+        help="Nominal engine, as written by identify, to start from, and its noise. Without it, as in the engine file."
     )
     engine = click.argument("engine_path", metavar="ENGINE.yaml", type=ConfigFile())
     return engine(source_options(nominal(_search_options(with_case))))
@@ -82,8 +82,8 @@ def _search_options(function: Callable[..., Any]) -> Callable[..., Any]:
             "--noise",
             type=click.Choice(["specified", "estimate"]),
             help="specified: the sensors' noise as stated; estimate: what nothing that is looked for explains, its "
-            "correlation in time included. That of the engine file when not given; estimate with a nominal whose "
-            "noise is what its fit left.",
+            "correlation in time included. When not given, that of the engine file for locate and refine, of the "
+            "flights for explain; estimate with a nominal whose noise is what its fit left.",
         ),
         seed_option,
     ]

@@ -14,7 +14,7 @@ from refine_flights import ENGINE, flights, write_csv
 from enginediag_cli.__main__ import main
 from enginediag_cli.intake.source import Source
 from enginediag_cli.mismatch.fit.evidence import Flight
-from enginediag_cli.mismatch.fit.load import Case, load_case
+from enginediag_cli.mismatch.fit.load import Asked, Case, load_case
 from enginediag_cli.mismatch.fit.noise import LEAST_RHO
 from enginediag_cli.mismatch.fit.self_identified import LARGEST_RHO, SelfIdentified, robust_noise, self_identified
 from enginediag_cli.mismatch.unrecorded.own_noise import freed_of_switches
@@ -65,6 +65,21 @@ def test_an_engine_file_without_identification_is_taken_at_its_word(folder):
     stated = load_engine(str(ENGINE))
     assert given.noise.sigma == {c: s.noise_sigma for c, s in stated.sensors.items()} and not given.noise.rho
     assert given.settings.prior_mean == {} and given.settings.noise == "specified"
+
+
+def test_a_known_design_keeps_its_priors_and_takes_noise_instruments_and_maps_from_the_flights(folder):
+    case = Case(str(ENGINE), Source((str(folder / "flown.csv"),)))
+    found, stated = load_case(case, identified=True).evidence, load_case(case).evidence
+    assert found.settings.prior_mean == {} and found.settings.nuisance == stated.settings.nuisance
+    assert found.noise.estimated and found.settings.maps is not None and found.settings.instruments
+    assert all(found.noise.sigma[c] >= v for c, v in stated.noise.sigma.items())
+    assert found.owed is not None and found.owed.least == stated.noise and not found.owed.priors
+
+
+def test_who_vouches_for_the_noise_is_believed(folder):
+    case = Case(str(ENGINE), Source((str(folder / "flown.csv"),)), asked=Asked(noise="specified"))
+    found, stated = load_case(case, identified=True).evidence, load_case(case).evidence
+    assert (found.noise, found.settings, found.owed) == (stated.noise, stated.settings, None)
 
 
 def test_where_identification_ends_far_from_any_optimum_the_engine_files_state_stays_and_noise_is_robust(tmp_path):

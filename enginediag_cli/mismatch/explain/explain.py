@@ -31,6 +31,9 @@ from enginediag_cli.mismatch.explain.answer import (
 )
 from enginediag_cli.mismatch.explain.pairs import best_pairs
 from enginediag_cli.mismatch.explain.rejected import Reason, Rejected
+from enginediag_cli.mismatch.explain.repeated import repeated
+from enginediag_cli.mismatch.explain.shortlist import shortlisted
+from enginediag_cli.mismatch.fit.believable import switching
 from enginediag_cli.mismatch.fit.evidence import Evidence
 from enginediag_cli.mismatch.fit.freeform import Cell, places
 from enginediag_cli.mismatch.fit.held_out import flights_gained
@@ -39,7 +42,6 @@ from enginediag_cli.mismatch.fit.noise import doubtful, estimated_noise, with_no
 from enginediag_cli.mismatch.fit.options import (
     EFFECT,
     Option,
-    OptionScore,
     effect_option,
     fault_options,
     together,
@@ -59,9 +61,8 @@ ALIAS = 6.0
 ADEQUATE = 0.01
 """Level of the gate that an explanation must pass; 5 % would reject one right explanation in twenty."""
 
-SHORTLIST, PAIRS = 6, 4
-"""Single options, and pairs, that are refitted, best by score first. Judgement: a refit costs a second or more, and the
-score at a fit without the option knows the order only roughly."""
+PAIRS = 4
+"""Pairs that are refitted, best by score first, as of single options (`SHORTLIST`)."""
 LARGEST_SET, EXTENDED = 4, 2
 """Options that may act together at most, and how many of the best singles or sets are extended by one more. Judgement:
 more together is better told as unlisted physics."""
@@ -70,10 +71,6 @@ MOST_FLIGHTS = 0.75
 Judgement."""
 NOISE_PASSES = 2
 """Estimates of the noise at a fit, each with a fit after it; a third changes nothing that matters."""
-
-SHARE_OF_BEST, BEHIND_BEST = 0.3, 30.0
-"""An option whose score T, the drop of χ² by projection, is below this share of the best one's less so much is not
-worth a refit: the score at a fit without the option errs, but not by that. Judgement."""
 
 PLAINLY_WORSE, PLAINLY_SHARE = 30.0, 0.1
 """On few of many records, evenly chosen, a set behind the best by so much of χ², and this share of what the best gains,
@@ -122,17 +119,23 @@ class Search:
                 return self._answer(FAILED, f"the model could not be fitted: {self.base.found.reason}", rest)
         levels = (MAIN * self.evidence.settings.false_alarm, ADEQUATE)
         self.detect, self.adequate = rest.gates(levels, self.rng)
-        if self.evidence.noise.estimated or self.evidence.settings.noise == "estimate":
+        if self.from_recordings:
             self.detect, self.adequate = (
                 Gates(*(doubtful(g, self.base.projection) for g in (gates.effects, gates.faults, gates.cells)))
                 for gates in (self.detect, self.adequate)
             )
+            rest = repeated(rest, self.base.projection, self.detect)
         self.unrecorded = self._unrecorded()
         if not rest.over(self.detect):
             if self.unrecorded:
                 return self._answer(HIDDEN, "", rest, hidden=self.unrecorded)
             return self._answer(NOTHING, "nothing stands out of noise and identified parameters", rest)
         return self._decide(rest)
+
+    @property
+    def from_recordings(self) -> bool:
+        """Whether the noise is known from recordings alone, not stated."""
+        return self.evidence.noise.estimated or self.evidence.settings.noise == "estimate"
 
     def _decide(self, rest: Remainder) -> Answer:
         best = rest.cells[0] if rest.cells else None
@@ -143,7 +146,7 @@ class Search:
         # before single effects: each of them would be bent by a state that they all ignore
         if evidence > NEARLY_ALL * 0.5 * excess and evidence > PLAINLY * 0.5 * recorded:
             return self._answer(HIDDEN, "", rest, hidden=hidden)
-        singles = self._refit([(self._timed(s.option),) for s in self._shortlist(rest.scores)])
+        singles = self._refit([(self._timed(s.option),) for s in shortlisted(rest.scores)])
         if singles is None:
             return self._answer(FAILED, "no explanation could be fitted", rest)
         named = self._named(singles)
@@ -194,26 +197,14 @@ class Search:
         return with_best_onset(self.base.found, self.base.projection, option)
 
     def _unrecorded(self) -> Sequence[Hidden]:
-        """Findings of a driver that no column shows: none where a recorded driver gives the same amplitude."""
+        """Findings of a driver that no column shows: none where a recorded driver gives the same amplitude, nor of what
+        nobody commands where nobody vouches for the noise: errors of the model come and go along such an amplitude."""
         found = self.hidden(self.base) if self.hidden else ()
-        return () if found and follows_a_driver(found[0], self.along_drivers) else found
-
-    def _shortlist(self, scores: Sequence[OptionScore]) -> list[OptionScore]:
-        """The best few, T > SHARE_OF_BEST T_max − BEHIND_BEST; of the onsets of one parameter only the best."""
-        top = max((s.score.statistic for s in scores if s.surprise > 0), default=0.0)
-        chosen: list[OptionScore] = []
-        for s in scores:
-            same = any(
-                s.option.driver == c.option.driver == TIME
-                and s.option.component == c.option.component
-                and s.option.hypothesis.discrepancies[0].target == c.option.hypothesis.discrepancies[0].target
-                for c in chosen
-            )
-            if s.surprise > 0 and s.score.statistic > SHARE_OF_BEST * top - BEHIND_BEST and not same:
-                chosen.append(s)
-            if len(chosen) == SHORTLIST:
-                break
-        return chosen
+        if not found or follows_a_driver(found[0], self.along_drivers):
+            return ()
+        first, parameters = found[0], self.evidence.engine.parameters
+        commanded = first.is_switch and first.states is not None and switching(first.location, parameters)
+        return found if commanded or not self.from_recordings else ()
 
     def _forward(self, singles: Sequence[Trial]) -> list[tuple[Option, ...]]:
         """Each single option with the effect, and with the change in time, that says most about what it leaves."""
@@ -303,7 +294,7 @@ class Search:
         idle = _not_needed(trial, -np.log(ADEQUATE))
         if idle:
             return np.nan, np.nan, Rejected(Reason.NOT_NEEDED, what=idle)
-        left = remainder(trial, self.library, self.along_drivers, self.adequate)
+        left = self._left(trial)
         if left.unranked or left.over(self.adequate):
             return left.surprise, np.nan, Rejected(Reason.LEAVES_MISFIT, left.surprise)
         if self.evidence.settings.map_accuracy > 0.0 and all(o.driver != TIME for o in trial.options):
@@ -312,6 +303,15 @@ class Search:
                 return left.surprise, flights, Rejected(Reason.FEW_FLIGHTS, flights)
             return left.surprise, flights, None
         return left.surprise, np.nan, None
+
+    def _left(self, trial: Trial) -> Remainder:
+        """What a trial leaves, no further than to the first that is over the gates."""
+        left = remainder(trial, self.library, self.along_drivers, self.adequate)
+        if not self.from_recordings or not left.over(self.adequate):
+            return left
+        if not left.cells and not repeated(left, trial.projection, self.adequate).over(self.adequate):
+            left = remainder(trial, self.library, self.along_drivers)
+        return repeated(left, trial.projection, self.adequate)
 
     def _counts(self, trial: Trial, best: Cell | None) -> bool:
         """Whether a set is worth judging: every member is needed beside the others, and

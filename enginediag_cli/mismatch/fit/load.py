@@ -81,9 +81,12 @@ class Loaded:
     baseline: Baseline | None = None
 
 
-def load_case(case: Case, fitted: Callable[[Sequence[Flight]], list[Flight]] = list) -> Loaded:
+def load_case(
+    case: Case, fitted: Callable[[Sequence[Flight]], list[Flight]] = list, *, identified: bool = False
+) -> Loaded:
     """Read everything that a case names. `fitted`: of all flights those by which an engine may be identified, where
-    that must be done first. Raises ConfigError and DataError for files and names that do not fit.
+    that must be done first. `identified`: what instruments, maps and noise err by is to come from the flights, too,
+    where nobody vouches for the noise. Raises ConfigError and DataError for files and names that do not fit.
     """
     from enginediag_cli.physics.engine_file import load_engine
 
@@ -110,7 +113,20 @@ def load_case(case: Case, fitted: Callable[[Sequence[Flight]], list[Flight]] = l
     elif nominal is not None:
         stated = build_evidence(engine, flights, case.asked).noise
         evidence = replace(evidence, owed=Owed(stated, priors=True))
+    elif identified and case.asked.noise is None:
+        own = build_evidence(engine, flights, case.asked, nominal=self_identified(engine, fitted(flights)))
+        evidence = _with_errors_of(evidence, own)
     return Loaded(evidence, intake, baseline)
+
+
+def _with_errors_of(evidence: Evidence, own: Evidence) -> Evidence:
+    """The evidence of an engine whose design is known, with noise, instruments and errors of maps as an identification
+    of the same flights finds them. What the engine is expected to be stays as stated: priors about what the flights
+    made of it would hold half of what is looked for."""
+    found, noise = own.settings, evidence.noise
+    settings = replace(evidence.settings, maps=found.maps, instruments=found.instruments, noise=found.noise)
+    wider = larger_noise(replace(noise, rho={**own.noise.rho, **noise.rho}), own.noise)
+    return replace(evidence, noise=wider, settings=settings, owed=Owed(noise, priors=False))
 
 
 def build_evidence(
@@ -170,7 +186,11 @@ def searched_again(evidence: Evidence, freed: Sequence[Flight]) -> Evidence:
     other readings finds them."""
     assert evidence.owed is not None
     own, engine, least = self_identified(evidence.engine, freed), evidence.engine, evidence.owed.least
-    noise = larger_noise(least, replace(least, sigma=dict(own.sigma), rho=dict(own.rho1), estimated=True))
+    noise = larger_noise(
+        # what is stated says nothing of a correlation
+        replace(least, rho={**own.rho1, **least.rho}),
+        replace(least, sigma=dict(own.sigma), rho=dict(own.rho1), estimated=True),
+    )
     settings = evidence.settings
     if evidence.owed.priors:
         amounts = amounts_of(engine, own) if isinstance(own, Nominal) else {}

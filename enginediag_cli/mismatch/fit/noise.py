@@ -5,7 +5,9 @@ The residual of a fit is projected off the space of all of them, so that what is
     σ_s² = Σ_{rows of s} e⊥² / Σ_{rows of s} (1 − h_ii)        ρ_s = Σ e⊥_k e⊥_{k−1} / Σ e⊥_k²
 
 with h the leverage in that space. The second is biased towards 0 by the projection, by about the share of rows that
-it takes; it is divided by that share.
+it takes; it is divided by that share. Rows that are whitened with a correlation ρ already show what is left of it, r:
+noise e_k = ρ e_{k−1} + √(1 − ρ²) w_k of such w has the variance (1 + ρr)/(1 − ρr) of theirs and the lag-1 correlation
+(ρ + r)/(1 + ρr) (an autoregression of second order).
 """
 
 from __future__ import annotations
@@ -42,8 +44,14 @@ def estimated_noise(projection: Projection, blocks: Sequence[Scored]) -> Noise:
             continue
         left, free = rest.left[rows], rest.free[rows]
         alike = found.evidence.noise.shared.get(column, 1.0)
-        sigma[column] = float(found.problem.sigma[s] * np.sqrt(alike * (left @ left) / free.sum()))
-        rho[column] = _lag_one(left, rest.record[rows], projection.frame.neighbours, float(free.mean()))
+        # rows are freed of the correlation that the fit knew: what is found in them adds to it
+        known, further = (
+            float(found.rho[s]),
+            _lag_one(left, rest.record[rows], projection.frame.neighbours, float(free.mean())),
+        )
+        more = (1.0 + known * further) / (1.0 - known * further)
+        sigma[column] = float(found.problem.sigma[s] * np.sqrt(alike * more * (left @ left) / free.sum()))
+        rho[column] = min((known + further) / (1.0 + known * further), max(LARGEST_RHO, known))
     return replace(found.evidence.noise, sigma={**found.evidence.noise.sigma, **sigma}, rho=rho)
 
 

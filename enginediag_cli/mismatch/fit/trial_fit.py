@@ -143,6 +143,11 @@ class Remainder:
         ]
         return tuple(Gates(*g) for g in zip(*found, strict=True))
 
+    def judged_by(self, gates: Gates) -> list[tuple[Scored, float]]:
+        """Everything that was looked for, with its gate."""
+        of = [(s, gates.effects if s.option.kind == EFFECT else gates.faults) for s in self.scores if s.feasible]
+        return [*of, *((c, gates.cells) for c in self.cells)]
+
     def blocks(self) -> list[Scored]:
         """Everything that can be ranked."""
         return [b for b in (*self.scores, *self.cells) if not b.score.absorbed]

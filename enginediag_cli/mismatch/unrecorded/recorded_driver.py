@@ -15,6 +15,7 @@ from scipy import stats
 
 from enginediag_cli.drivers import polynomials
 from enginediag_cli.engine.driver import DriverValues
+from enginediag_cli.mismatch.fit.freeform import Location
 
 DEGREE = 4
 """Of the amplitude along a recorded driver: shapes that an effect may have; more would follow anything."""
@@ -34,6 +35,8 @@ class Hidden(Protocol):
     def gain(self) -> float: ...
     @property
     def is_switch(self) -> bool: ...
+    @property
+    def location(self) -> Location: ...
     @property
     def states(self) -> np.ndarray | None: ...
     @property

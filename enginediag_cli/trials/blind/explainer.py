@@ -18,7 +18,7 @@ from typing import Any
 from enginediag_cli.intake.source import Source
 from enginediag_cli.mismatch.explain.answer import Answer, Explanation
 from enginediag_cli.mismatch.explain.explain import explain
-from enginediag_cli.mismatch.explain.story import hidden_search
+from enginediag_cli.mismatch.explain.story import hidden_search, with_own_noise
 from enginediag_cli.mismatch.fit.evidence import Evidence, Noise
 from enginediag_cli.mismatch.fit.freeform import Cell
 from enginediag_cli.mismatch.fit.load import Asked, Case, load_case
@@ -45,14 +45,17 @@ def answer(question: Mapping[str, Any]) -> dict[str, Any]:
         seed=question["seed"],
     )
     case = Case(question["engine"], Source(tuple(question["recordings"])), asked=asked)
-    evidence = _with_known_noise(load_case(case).evidence, question)
-    if question["task"] == LOCATE:
+    searched = question["task"] != LOCATE
+    evidence = _with_known_noise(load_case(case, identified=searched).evidence, question)
+    if not searched:
         located = locate(evidence)
         found: dict[str, Any] = {
             "cells": [_cell(p.cell) for p in located.places[:CELLS]],
             "drivers": [lead.driver for lead in located.leads[:CELLS]],
         }
     else:
+        if question["noise"] is None:
+            evidence = with_own_noise(evidence)
         effects = list(candidates(evidence.engine, question["without"]))
         found = _as_json(explain(evidence, effects, hidden_search(evidence)))
     return found | {"seconds": process_time() - begun}

@@ -1,0 +1,33 @@
+"""Which single options are worth a refit, by their scores at the fit without them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from enginediag_cli.drivers import TIME
+from enginediag_cli.mismatch.fit.options import OptionScore
+
+SHORTLIST = 6
+"""Single options that are refitted, best by score first. Judgement: a refit costs a second or more, and the score at a
+fit without the option knows the order only roughly."""
+SHARE_OF_BEST, BEHIND_BEST = 0.3, 30.0
+"""An option whose score T, the drop of χ² by projection, is below this share of the best one's less so much is not
+worth a refit: the score at a fit without the option errs, but not by that. Judgement."""
+
+
+def shortlisted(scores: Sequence[OptionScore]) -> list[OptionScore]:
+    """The best few, T > SHARE_OF_BEST T_max − BEHIND_BEST; of the onsets of one parameter only the best."""
+    top = max((s.score.statistic for s in scores if s.surprise > 0), default=0.0)
+    chosen: list[OptionScore] = []
+    for s in scores:
+        same = any(
+            s.option.driver == c.option.driver == TIME
+            and s.option.component == c.option.component
+            and s.option.hypothesis.discrepancies[0].target == c.option.hypothesis.discrepancies[0].target
+            for c in chosen
+        )
+        if s.surprise > 0 and s.score.statistic > SHARE_OF_BEST * top - BEHIND_BEST and not same:
+            chosen.append(s)
+        if len(chosen) == SHORTLIST:
+            break
+    return chosen
