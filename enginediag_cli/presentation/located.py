@@ -139,12 +139,14 @@ def _about(test: Test) -> str:
 
 def _where(located: Located) -> Iterator[str]:
     first = next(lead for lead in located.leads if lead.within)
-    others = [name for lead in located.leads if lead.within and lead is not first for name in lead.words]
-    members = list(first.words)
+    alike_ones = [lead for lead in located.leads if lead.told] or [first]
+    others = [name for lead in located.leads if lead.within and lead not in alike_ones for name in lead.words]
+    members = [name for lead in alike_ones for name in lead.words]
+    stability = min(1.0, sum(lead.stability for lead in alike_ones))
     alike = " (which these recordings cannot tell apart)" if len(members) > 1 else ""
     rivals = f"; {listed(others, 'or')} cannot be excluded" if others else ""
     yield (
-        f"it varies with {listed(members, 'or')}{alike}: first in {100 * first.stability:.0f} % of resamples of "
+        f"it varies with {listed(members, 'or')}{alike}: first in {100 * stability:.0f} % of resamples of "
         f"{located.resampled}{rivals}"
     )
     place = located.within[0]

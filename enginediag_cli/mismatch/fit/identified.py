@@ -221,7 +221,8 @@ def _fit(
         fit = solve(problem, (fit.x, fit.z), max_iterations=iterations, tolerance=TOLERANCE)
         fall = before - 2.0 * fit.iterations[-1].cost
         near = fit.decrement**2 < STUCK_SHARE * max(before, readings)
-        if near and fall < max(SETTLED, SETTLED_SHARE * (before - readings)):
+        # the same fall by iteration, however long the rounds
+        if near and fall < max(SETTLED, SETTLED_SHARE * (before - readings)) * iterations / ITERATIONS:
             return fit, True
     return fit, fit.converged
 
