@@ -75,6 +75,11 @@ def _power(at: Conditions) -> Iterable[DriverValues]:
     yield DriverValues(POWER, "power", x, "power T4/T2")
 
 
+def _burner_temperature(at: Conditions) -> Iterable[DriverValues]:
+    x = at.column[f"T{_hot(at.engine)}_K"]
+    yield DriverValues(BURNER_TEMPERATURE, "burner_temperature", x, "burner temperature T4")
+
+
 def _reynolds_index(at: Conditions) -> Iterable[DriverValues]:
     named = (("reynolds_index", _inlet, "inlet"), ("turbine_reynolds_index", _hot, "turbine"))
     for name, station, where in named:
@@ -175,6 +180,13 @@ POWER = Driver(
     columns=lambda engine: (*_inlet_state(engine), *_hot_state(engine)),
     values=_power,
 )
+BURNER_TEMPERATURE = Driver(
+    "burner_temperature",
+    "temperature behind the burner, T4: of the gas itself, not over the inlet's",
+    "K",
+    columns=_hot_state,
+    values=_burner_temperature,
+)
 REYNOLDS_INDEX = Driver(
     "reynolds_index",
     "Reynolds number index, at the inlet or the turbines",
@@ -215,6 +227,7 @@ DRIVERS = (
     CORRECTED_SPEED,
     SHAFT_SPEED,
     POWER,
+    BURNER_TEMPERATURE,
     REYNOLDS_INDEX,
     HUMIDITY,
     HOURS,
@@ -232,6 +245,7 @@ SEARCHED = (
     (POWER,),
     (REYNOLDS_INDEX,),
     (CORRECTED_SPEED, SHAFT_SPEED),
+    (BURNER_TEMPERATURE,),
     (NOZZLE_PRESSURE_RATIO,),
     (BYPASS_RATIO,),
     (COMPRESSOR_PRESSURE,),

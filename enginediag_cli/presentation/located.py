@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from typing import TYPE_CHECKING, Any
 
-from enginediag_cli.drivers import TIME
+from enginediag_cli.drivers import CONSTANT, TIME
 from enginediag_cli.intervals import NORMAL_95
 from enginediag_cli.presentation.names import listed
 from enginediag_cli.presentation.numbers import p_value, rounded, with_unit
@@ -139,21 +139,27 @@ def _about(test: Test) -> str:
 
 def _where(located: Located) -> Iterator[str]:
     first = next(lead for lead in located.leads if lead.within)
-    others = [name for lead in located.leads if lead.within and lead is not first for name in lead.words]
-    members = list(first.words)
-    alike = " (which these recordings cannot tell apart)" if len(members) > 1 else ""
+    constant = first.driver == CONSTANT.word
+    told = [lead for lead in located.leads if lead.told] or [first]
+    varying = [lead for lead in told if lead.driver != CONSTANT.word]
+    members = [name for lead in varying for name in lead.words]
+    others = [name for lead in located.leads if lead.within and lead not in (first, *varying) for name in lead.words]
+    stability = min(1.0, sum(lead.stability for lead in told))
+    if constant:
+        whether = f" (whether it varies with {listed(members, 'or')} these recordings cannot tell)" if members else ""
+        varies = f"it need not vary with anything{whether}"
+    else:
+        varies = f"it varies with {listed(members, 'or')}"
+        varies += " (which these recordings cannot tell apart)" if len(members) > 1 else ""
     rivals = f"; {listed(others, 'or')} cannot be excluded" if others else ""
-    yield (
-        f"it varies with {listed(members, 'or')}{alike}: first in {100 * first.stability:.0f} % of resamples of "
-        f"{located.resampled}{rivals}"
-    )
+    yield f"{varies}: first in {100 * stability:.0f} % of resamples of {located.resampled}{rivals}"
     place = located.within[0]
     names = list(dict.fromkeys(place_words(p) for p in located.within))
     share = f"{100 * place.share:.0f} % of the excess"
-    told = f"it acts at {place_words(place)} (a correction there lowers χ² by {rounded(place.statistic)}, {share})"
+    acts = f"it acts at {place_words(place)} (a correction there lowers χ² by {rounded(place.statistic)}, {share})"
     if len(names) > 1:
-        told += f"; within reach of that: {listed(names[1:], 'or')}"
-    yield told
+        acts += f"; within reach of that: {listed(names[1:], 'or')}"
+    yield acts
     if place.refit == "did not converge":
         yield "the refit with the full model did not converge: places are ranked by their linear scores"
 

@@ -6,13 +6,25 @@ import numpy as np
 import pytest
 from concealed import flights, turbofan
 
-from enginediag_cli.drivers import DRIVERS, HOURS, SWITCH, TIME, drivers, recorded_driver, true_drivers
+from enginediag_cli.drivers import (
+    CONSTANT,
+    DRIVERS,
+    HOURS,
+    HUMIDITY,
+    SWITCH,
+    TIME,
+    drivers,
+    polynomials,
+    recorded_driver,
+    true_drivers,
+)
 from enginediag_cli.engine.driver import Driver, DriverValues
 from enginediag_cli.mismatch.fit.freeform import Cell, Location
 from enginediag_cli.mismatch.fit.projection import Score
 from enginediag_cli.mismatch.locate.locate import Place
 from enginediag_cli.mismatch.locate.verdict_kind import EFFECT, SENSOR_ERROR, _kind
 from enginediag_cli.mismatch.locate.verdict_kind import SWITCH as SWITCHES
+from enginediag_cli.physics.registry import candidates
 
 FUEL = np.linspace(300.0, 430.0, 40)
 
@@ -77,5 +89,38 @@ def test_what_a_driver_truly_is_does_not_hang_on_what_was_recorded(inputs):
     for d in DRIVERS:
         for found in true_drivers(turbofan(), inputs, {}, d):
             assert found.driver == d and found.values.shape == (30,)
-    (humidity,) = true_drivers(turbofan(), {c: v for c, v in inputs.items() if c != "humidity_kg_kg"}, {}, DRIVERS[8])
+    (humidity,) = true_drivers(turbofan(), {c: v for c, v in inputs.items() if c != "humidity_kg_kg"}, {}, HUMIDITY)
     assert np.all(humidity.values > 0)
+
+
+def test_what_a_term_changes_is_carried_by_the_driver_that_it_states():
+    engine = turbofan()
+    recorded = flights([], np.random.default_rng(6), count=4, records=40)
+    inputs = {c: np.concatenate([f.columns[c] for f in recorded]) for c in engine.inputs}
+    along = drivers(engine, inputs, {})
+    X = {d.name: np.column_stack([np.ones(len(d.values)), polynomials(d.values, 2)]) for d in along}
+    behind = {}
+    for e in candidates(engine):
+        leaf, column = e.site.acts_on[0], e.site.acts_on[0].removeprefix("reading ")
+        own = [d.name for d in along if d.driver == e.term.DRIVER]
+        if (
+            e.term.DRIVER in (CONSTANT, SWITCH)
+            or not own
+            or not (leaf in engine.parameters or column in engine.sensors)
+        ):
+            continue
+        with_it = engine.with_effects((*engine.effects, e))
+        wrt = [e.amplitudes[0], *([leaf] if leaf in engine.parameters else [])]
+        J = with_it.predict(inputs, {}, sensors=tuple(engine.sensors), wrt=tuple(wrt)).jacobian
+        J = J / np.array([s.noise_sigma for s in engine.sensors.values()])[:, None]
+        if len(wrt) == 2:  # how much the leaf must change to move the readings so
+            change = (J[:, :, 0] * J[:, :, 1]).sum(axis=1) / (J[:, :, 1] ** 2).sum(axis=1)
+        else:
+            change = J[:, list(engine.sensors).index(column), 0]
+        left = {n: np.sum((change - V @ np.linalg.lstsq(V, change, rcond=None)[0]) ** 2) for n, V in X.items()}
+        total = np.sum((change - change.mean()) ** 2)
+        behind[e.label] = (min(left[n] for n in own) - min(left.values())) / total
+    assert len(behind) > 30
+    # behind a fan whose nozzle chokes the corrected flow follows the nozzle more than the fan's speed
+    behind.pop("duct_pressure_loss@bypass_duct")
+    assert {name: round(share, 2) for name, share in behind.items() if share > 0.1} == {}

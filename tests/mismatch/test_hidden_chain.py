@@ -6,6 +6,7 @@ from itertools import product
 
 import numpy as np
 
+from enginediag_cli.mismatch.unrecorded import chain
 from enginediag_cli.mismatch.unrecorded.chain import forward_backward, transitions
 
 GAP = np.array([0, 1, 1, 3, 0, 1, 1])
@@ -43,3 +44,15 @@ def test_certain_readings_over_hours_do_not_overflow():
     found = forward_backward(steps)
     assert np.array_equal(found.on[0] > 0.5, truth == 1)
     assert np.isfinite(found.log_evidence).all()
+
+
+def test_probabilities_and_their_logarithms_give_the_same_posterior(monkeypatch):
+    rng = np.random.default_rng(2)
+    N = 700
+    gap = np.r_[0, rng.integers(0, 3, N - 1)]
+    steps = transitions(gap, np.array([0.2, 0.01])) + rng.normal(0, 40, (2, N, 1, 2))
+    plain = forward_backward(steps)
+    monkeypatch.setattr(chain, "FAR_APART", 0.0)
+    logs = forward_backward(steps)
+    for name in ("log_evidence", "on", "both", "changed"):
+        assert np.allclose(getattr(plain, name), getattr(logs, name), rtol=1e-9, atol=1e-9)

@@ -66,6 +66,15 @@ def test_a_reynolds_effect_on_the_hpc_is_located_at_its_efficiency_along_the_rey
     assert kind_of(reynolds).names == (EFFECT,)
 
 
+def test_the_drivers_that_are_told_are_the_fewest_that_hold_95_percent(reynolds):
+    probability = np.array([lead.probability for lead in reynolds.leads])
+    assert np.isclose(probability.sum(), 1.0) and np.all(np.diff(probability) <= 0.0)
+    told = [lead.told for lead in reynolds.leads]
+    assert told == sorted(told, reverse=True) and told[0]
+    assert all(lead.within for lead in reynolds.leads if lead.told)
+    assert probability[told].sum() - probability[told][-1] < 0.95
+
+
 def test_an_effect_on_efficiency_and_flow_is_located_at_both_along_its_driver():
     clearance = ("compressor_tip_clearance", "hpc", {"growth": 3.0})
     found = locate(evidence(recorded(clearance, seed=3, **SHAPE)))

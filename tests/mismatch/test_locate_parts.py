@@ -96,6 +96,17 @@ def test_efficiency_and_flow_moved_together_explain_more_than_either_and_pay_for
         assert c.scales.tolist() == [p.scale for p in parts.values() for _ in range(len(c.scales) // 2)]
 
 
+def test_what_is_not_identified_has_its_constant_along_every_driver(mapped):
+    _, cells = mapped
+    own = {c.driver.name: c for c in cells if c.location.name == "power_offtake@hp"}
+    constant = own.pop("constant")
+    assert constant.score.dof == 1 and len(own) == 3
+    for c in own.values():
+        assert c.score.dof == 3 and c.score.statistic >= constant.score.statistic * (1 - 1e-9)
+    # what is identified has none: its constant is absorbed
+    assert all(c.score.dof == 2 for c in cells if c.location.name == "hpc.efficiency")
+
+
 def test_resampling_counts_whole_flights(mapped):
     projection, _ = mapped
     unit, count, what = units(projection)

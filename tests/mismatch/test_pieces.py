@@ -6,8 +6,9 @@ from types import SimpleNamespace
 
 import numpy as np
 
+from enginediag_cli.mismatch.unrecorded import states
 from enginediag_cli.mismatch.unrecorded.pieces import EVEN, judged
-from enginediag_cli.mismatch.unrecorded.states import Bounds, States
+from enginediag_cli.mismatch.unrecorded.states import Bounds, States, two_states
 from enginediag_cli.mismatch.unrecorded.whitened_rows import Basis, Direction
 
 FLIGHT, HIGH = 40, 6
@@ -75,3 +76,18 @@ def test_clear_states_stay_as_they_are():
     of, along = linear(2 * SIZE * truth + rng.standard_normal(2 * FLIGHT), high_power(), gaps())
     found = judged(of, along, Bounds(0.0, 50.0, 10.0), said(truth))
     assert np.all(np.abs(found.on - truth) < 1e-3)
+
+
+def test_the_states_do_not_depend_on_how_many_chains_are_run_at_once(monkeypatch):
+    truth = np.zeros(2 * FLIGHT)
+    truth[FLIGHT + 9 : FLIGHT + 30] = 1.0
+    e = SIZE * truth + np.random.default_rng(4).standard_normal(2 * FLIGHT)
+    of, along = linear(e, high_power(), gaps())
+    starts = np.stack([e > 1.5, e < 1.5, e > 0.0]).astype(float)
+    bounds = Bounds(-50.0, 50.0, 10.0)
+    whole = two_states(of, along, bounds, starts)
+    monkeypatch.setattr(states, "AT_ONCE", 4 * len(e))
+    parts = two_states(of, along, bounds, starts)
+    assert whole.settled and parts.settled
+    assert np.allclose(whole.on, parts.on, atol=1e-12) and np.mean((whole.on > 0.5) == (truth > 0.5)) > 0.9
+    assert np.isclose(whole.evidence, parts.evidence) and np.isclose(whole.amplitude, parts.amplitude)

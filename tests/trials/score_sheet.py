@@ -25,6 +25,8 @@ ROWS = {
     "interval": "95 % intervals that hold the coefficient",
     "held_out_gain": "unseen flights fitted better",
     "locate_driver": "driver first (λ ≥ 40)",
+    "locate_driver_told": "driver among those told",
+    "drivers_told": "drivers told",
     "locate_component": "component first (λ ≥ 40)",
     "hidden_location": "hidden switch: location (signal-to-noise ≥ 2)",
     "hidden_states": "hidden switch: states right",

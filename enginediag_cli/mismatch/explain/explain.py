@@ -33,18 +33,18 @@ from enginediag_cli.mismatch.explain.pairs import best_pairs
 from enginediag_cli.mismatch.explain.rejected import Reason, Rejected
 from enginediag_cli.mismatch.explain.repeated import repeated
 from enginediag_cli.mismatch.explain.shortlist import shortlisted
+from enginediag_cli.mismatch.explain.worth_fitting import worth_fitting
 from enginediag_cli.mismatch.fit.believable import switching
 from enginediag_cli.mismatch.fit.evidence import Evidence
 from enginediag_cli.mismatch.fit.freeform import Cell, places
 from enginediag_cli.mismatch.fit.held_out import flights_gained
-from enginediag_cli.mismatch.fit.identified import NO_HYPOTHESIS, drivers_of, identify_with, nuisance, objective_of_few
+from enginediag_cli.mismatch.fit.identified import NO_HYPOTHESIS, drivers_of, identify_with, nuisance
 from enginediag_cli.mismatch.fit.noise import doubtful, estimated_noise, with_noise
 from enginediag_cli.mismatch.fit.options import (
     EFFECT,
     Option,
     effect_option,
     fault_options,
-    together,
     with_best_onset,
 )
 from enginediag_cli.mismatch.fit.projection import Projection
@@ -71,10 +71,6 @@ MOST_FLIGHTS = 0.75
 Judgement."""
 NOISE_PASSES = 2
 """Estimates of the noise at a fit, each with a fit after it; a third changes nothing that matters."""
-
-PLAINLY_WORSE, PLAINLY_SHARE = 30.0, 0.1
-"""On few of many records, evenly chosen, a set behind the best by so much of χ², and this share of what the best gains,
-is not fitted to all: five times ALIAS, and more than the choice of the records can turn round. Judgement."""
 
 NEARLY_ALL, PLAINLY = 0.8, 1.5
 """An unrecorded driver that explains this share of the excess χ², and so many times what the best recorded one does,
@@ -232,8 +228,12 @@ class Search:
     def _refit(self, sets: Sequence[tuple[Option, ...]]) -> list[Trial] | None:
         """Trials that converged, best first; None when there were some and none did."""
         trials: list[Trial] = []
-        for options in each(self._near(sets), "fitting candidates", len(sets)):
-            trial = attempt(options, self.base.found, self.along)
+        near, behind = worth_fitting(sets, self.base.found, self.along)
+        for options, worse in behind:
+            told = Rejected(Reason.WORSE, worse, "on a few of the records")
+            self.rejected[" + ".join(o.label for o in options)] = told
+        for options, of_few in each(near, "fitting candidates", len(near)):
+            trial = attempt(options, self.base.found, self.along, of_few)
             if trial.converged:
                 trials.append(trial)
             else:
@@ -241,25 +241,6 @@ class Search:
         if sets and not trials:
             return None
         return sorted(trials, key=lambda t: t.objective)
-
-    def _near(self, sets: Sequence[tuple[Option, ...]]) -> list[tuple[Option, ...]]:
-        """The sets without those that are plainly worse already on few records, where the recordings are long."""
-        base = self.base.found
-        alone = objective_of_few(base.evidence, NO_HYPOTHESIS, self.along, base)
-        if alone is None or len(sets) < 2:
-            return list(sets)
-        found = [objective_of_few(base.evidence, together(*options), self.along, base) for options in sets]
-        best = min((f for f in found if f is not None), default=alone)
-        reach = PLAINLY_WORSE + PLAINLY_SHARE * max(alone - best, 0.0)
-        near = []
-        for options, f in zip(sets, found, strict=True):
-            if f is None or f - best <= reach:
-                near.append(options)
-            else:
-                self.rejected[" + ".join(o.label for o in options)] = Rejected(
-                    Reason.WORSE, f - best, "on a few of the records"
-                )
-        return near
 
     # deciding
 

@@ -52,7 +52,7 @@ class Family:
 def grid(names: Sequence[str], curves: np.ndarray, blocks: Iterable[Sequence[int]], together: Sequence = ()) -> Family:
     """A family of which each name stands alone, with each block of curves; and pairs of names that stand `together`."""
     own = [(j, j) for j in range(len(names))] + [tuple(sorted(pair)) for pair in together]
-    within = [(a, b) for block in blocks for a in block for b in block]
+    within = list(dict.fromkeys((a, b) for block in blocks for a in block for b in block))
     return Family(tuple(names), curves, np.array(own, int).reshape(-1, 2), np.array(within, int).reshape(-1, 2))
 
 

@@ -1,7 +1,8 @@
 """The free-form map: at every location, "something that depends on this driver is missing here".
 
 A block is one parameter of the engine times a polynomial of second degree in one driver, orthonormal over the
-records; its score has as many degrees of freedom as curves that the nuisance leaves.
+records; its score has as many degrees of freedom as curves that the nuisance leaves. What is not identified beside it
+may be wrong by a constant, alone and along every driver: a loss that grows with speed is not zero on average.
 """
 
 from __future__ import annotations
@@ -12,7 +13,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from enginediag_cli.drivers import CONSTANT, SWITCH, polynomials
+from enginediag_cli.drivers import CONSTANT, SWITCH, TIME, polynomials
 from enginediag_cli.engine.components.base import HEALTH_ROAMS
 from enginediag_cli.engine.driver import Driver, DriverValues
 from enginediag_cli.engine.engine import Engine
@@ -134,8 +135,8 @@ class Cell(Scored):
 def free_form(
     found: Identified, projection: Projection, along: Sequence[DriverValues], columns: Columns | None = None
 ) -> list[Cell]:
-    """The map's cells, most surprising first; drivers' values are of all records of the evidence. A parameter that is
-    not identified may also be wrong by a constant. `columns`: of at least the `locations`, if known."""
+    """The map's cells, most surprising first; drivers' values are of all records of the evidence. `columns`: of at
+    least the `locations`, if known."""
     where = locations(found)
     J = columns or Columns(found, [p.parameter for p in where], [p.through for p in where if p.through is not None])
     N = len(found.number)
@@ -144,14 +145,19 @@ def free_form(
     drivers = [DriverValues(CONSTANT, CONSTANT.word, ones, "no driver (constant)"), *along]
     curves = [np.ones((N, 1)), *(polynomials(d.values[found.number], DEGREE) for d in along)]
     edges = np.cumsum([0, *(c.shape[1] for c in curves)])
-    blocks = [range(a, b) for a, b in pairwise(edges)]
+    blocks = [[*range(a, b)] for a, b in pairwise(edges)]
+    # what began at some time was not there before: it has no constant of its own
+    roaming = [[*b, 0] if b and d.driver not in (CONSTANT, TIME) else b for b, d in zip(blocks, drivers, strict=True)]
     names = list(dict.fromkeys(p.parameter for p in where))
     at = {n: k for k, n in enumerate(names)}
-    sums = Sums(projection, J, grid(names, np.concatenate(curves, axis=1), blocks, _machines(where, at)))
+    held = all(p.parameter in known for p in where)
+    family = grid(names, np.concatenate(curves, axis=1), blocks if held else roaming, _machines(where, at))
+    sums = Sums(projection, J, family)
     cells = []
     for place in where:
-        for d, block in list(zip(drivers, blocks, strict=True))[int(place.parameter in known) :]:
-            if len(block):
+        own_blocks = blocks[1:] if place.parameter in known else roaming
+        for d, block in zip(drivers[-len(own_blocks) :], own_blocks, strict=True):
+            if block:
                 own = np.array([[at[place.parameter], c] for c in block])
                 cells.append(Cell(sums, own, sums.score(own), place, d))
     return sorted(cells, key=lambda c: -c.surprise)

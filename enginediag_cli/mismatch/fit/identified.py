@@ -24,6 +24,9 @@ from enginediag_cli.progress import stage
 TOLERANCE = 0.03  # standard errors from the optimum: 0.001 of χ²
 ITERATIONS, ROUNDS = 25, 4
 """Iterations of one round, and rounds of a fresh start, at most (see SETTLED)."""
+CLOSE_BY = 5
+"""Iterations of one round of a fit that begins at the optimum of few of its records, within some standard errors of its
+own: a smooth misfit needs two; what more finds is kinks, of which a fresh round tells whether they still matter."""
 SETTLED, SETTLED_SHARE, STUCK_SHARE = 0.1, 1e-3, 0.02
 """Maps read linearly have kinks, at which the search may zigzag: a fit has settled, too, when a fresh round of
 iterations lowers χ² by less than 0.1, or by less than a thousandth of what is unexplained, unless the Newton step
@@ -161,28 +164,39 @@ def nuisance(evidence: Evidence) -> Nuisance:
 
 @stage("fitting the model")
 def identify_with(
-    evidence: Evidence, hypothesis: Hypothesis, along: Nuisance, start: Identified | None = None
+    evidence: Evidence,
+    hypothesis: Hypothesis,
+    along: Nuisance,
+    start: Identified | None = None,
+    of_few: Fit | None = None,
 ) -> Identified:
-    """Fit nuisance and hypothesis together, from another fit where one is given."""
+    """Fit nuisance and hypothesis together, from another fit where one is given; `of_few`: from what `fit_of_few` has
+    found of the same hypothesis."""
     model, problem, rho = problem_with(evidence, hypothesis, along, start)
-    first = _start(problem, start)
+    first, iterations = _start(problem, start), ITERATIONS
     few = _few(problem)
     if few is not None:
-        fit, settled = _fit(few, first)
-        first = (fit.x, fit.z) if settled else first
-    fit, settled = _fit(problem, first)
+        fit, settled = (of_few, True) if of_few is not None else _fit(few, first)
+        first, iterations = ((fit.x, fit.z), CLOSE_BY) if settled else (first, ITERATIONS)
+    fit, settled = _fit(problem, first, iterations)
     return Identified(evidence, hypothesis, model, problem, fit, settled, rho)
 
 
-def objective_of_few(evidence: Evidence, hypothesis: Hypothesis, along: Nuisance, start: Identified) -> float | None:
-    """χ² of readings and priors of a fit to few records, evenly chosen, to compare hypotheses by; None where there are
-    few anyway, or that fit did not settle."""
+def fit_of_few(evidence: Evidence, hypothesis: Hypothesis, along: Nuisance, start: Identified) -> Fit | None:
+    """A fit to few records, evenly chosen, to compare hypotheses by and to go on from; None where there are few anyway,
+    or where it did not settle. Another fit is where it begins if it is of the same hypothesis, else the prior means:
+    what the other lacks has bent it."""
     _, problem, _ = problem_with(evidence, hypothesis, along, start)
     few = _few(problem)
     if few is None:
         return None
-    fit, settled = _fit(few, _start(problem, start))
-    return 2.0 * fit.iterations[-1].cost if settled else None
+    fit, settled = _fit(few, _start(problem, start) if hypothesis.names == start.hypothesis.names else None)
+    return fit if settled else None
+
+
+def objective_of(fit: Fit) -> float:
+    """χ² of readings and priors of a fit to few records."""
+    return 2.0 * fit.iterations[-1].cost
 
 
 def _few(problem: Problem) -> Problem | None:
@@ -191,20 +205,24 @@ def _few(problem: Problem) -> Problem | None:
     return problem.select(np.arange(len(problem.recording)) % step == 0) if step > 1 else None
 
 
-def _fit(problem: Problem, start: tuple[np.ndarray, np.ndarray] | None) -> tuple[Fit, bool]:
-    """The fit, and whether it has converged or settled."""
-    fit = solve(problem, start, max_iterations=ITERATIONS, tolerance=TOLERANCE)
+def _fit(
+    problem: Problem, start: tuple[np.ndarray, np.ndarray] | None, iterations: int = ITERATIONS
+) -> tuple[Fit, bool]:
+    """The fit, and whether it has converged or settled. As many iterations at most as ROUNDS of ITERATIONS, in rounds
+    of `iterations`."""
+    fit = solve(problem, start, max_iterations=iterations, tolerance=TOLERANCE)
     readings = int(np.isfinite(problem.measured).sum())
-    for _ in range(ROUNDS):
+    for _ in range(ROUNDS * ITERATIONS // iterations):
         if fit.converged:
             return fit, True
         if not fit.iterations:
             raise NoVerdictError("the engine has no prediction for any record that could be fitted")
         before = 2.0 * fit.iterations[-1].cost
-        fit = solve(problem, (fit.x, fit.z), max_iterations=ITERATIONS, tolerance=TOLERANCE)
+        fit = solve(problem, (fit.x, fit.z), max_iterations=iterations, tolerance=TOLERANCE)
         fall = before - 2.0 * fit.iterations[-1].cost
         near = fit.decrement**2 < STUCK_SHARE * max(before, readings)
-        if near and fall < max(SETTLED, SETTLED_SHARE * (before - readings)):
+        # the same fall by iteration, however long the rounds
+        if near and fall < max(SETTLED, SETTLED_SHARE * (before - readings)) * iterations / ITERATIONS:
             return fit, True
     return fit, fit.converged
 

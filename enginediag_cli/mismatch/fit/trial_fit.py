@@ -9,6 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from enginediag_cli.engine.driver import DriverValues
+from enginediag_cli.identification.gauss_newton import Fit
 from enginediag_cli.mismatch.fit.believable import along_driver, with_belief
 from enginediag_cli.mismatch.fit.columns import Columns
 from enginediag_cli.mismatch.fit.families import Scored, correlations
@@ -153,10 +154,10 @@ class Remainder:
         return [b for b in (*self.scores, *self.cells) if not b.score.absorbed]
 
 
-def attempt(options: Sequence[Option], start: Identified, along: Nuisance) -> Trial:
+def attempt(options: Sequence[Option], start: Identified, along: Nuisance, of_few: Fit | None = None) -> Trial:
     """Fit nuisance and options together to the evidence of another fit. It begins at the prior means, the nominal
-    state: the other fit, without the options, is bent by what they explain."""
-    found = identify_with(start.evidence, together(*options), along)
+    state: the other fit, without the options, is bent by what they explain; or where a fit `of_few` records ended."""
+    found = identify_with(start.evidence, together(*options), along, of_few=of_few)
     return Trial(tuple(options), found, Projection(found))
 
 

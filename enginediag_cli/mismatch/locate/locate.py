@@ -46,6 +46,9 @@ REACH, BENT = 4.6, 0.02
 REFITS, MOST_REFITS = 6, 12
 """Cells fitted again: the first few, and all within reach up to a limit."""
 
+TOLD = 0.95
+"""Of the probability of all groups of drivers: those that hold it together are told together."""
+
 NOISE_PASSES = 2
 """Estimates of the noise at a fit, each with a fit after it; a third changes nothing that matters."""
 WIDE = 10.0
@@ -87,7 +90,8 @@ class Place:
 
 @dataclass(frozen=True)
 class Lead:
-    """A group of drivers by its best place, told by its `driver`; `stability`: share of resamples that it leads."""
+    """A group of drivers by its best place, told by its `driver`; `stability`: share of resamples that it leads;
+    `probability` of the groups beside each other; `told`: one of those that hold TOLD of it together."""
 
     group: str
     driver: str
@@ -96,6 +100,8 @@ class Lead:
     p: float
     stability: float
     within: bool
+    probability: float = 0.0
+    told: bool = False
 
 
 @dataclass(frozen=True)
@@ -246,14 +252,18 @@ def _judged(places: Sequence[Place], judged: Presence, projection: Projection) -
 
 def _leads(places: Sequence[Place]) -> list[Lead]:
     """Groups of drivers, best first: by what all their places say together, ln Σ exp(worth), since a driver may be told
-    where its place is not."""
+    where its place is not. Those behind the first that have not TOLD without them are one answer with it."""
     members: dict[str, list[Place]] = {}
     for p in places:
         members.setdefault(p.group, []).append(p)
     together = {g: float(np.logaddexp.reduce([p.worth for p in own])) for g, own in members.items()}
-    found = []
+    best, found, before = max(together.values(), default=0.0), [], 0.0
+    total = sum(np.exp(t - best) for t in together.values())
     for g in sorted(members, key=lambda g: -together[g]):
-        own = members[g]
+        own, probability = members[g], float(np.exp(together[g] - best) / total)
         stability, within = min(1.0, sum(p.stability for p in own)), any(p.within for p in own)
-        found.append(Lead(g, own[0].driver, own[0].words, own[0].surprise, own[0].p, stability, within))
+        told = within and before < TOLD
+        lead = Lead(g, own[0].driver, own[0].words, own[0].surprise, own[0].p, stability, within, probability, told)
+        found.append(lead)
+        before += probability
     return found

@@ -28,10 +28,15 @@ def draws_for(records: int) -> int:
 
 
 def likelihoods(
-    of: Basis, along: Sequence[Direction], residuals: np.ndarray, believed: Sequence[float]
+    of: Basis, along: Sequence[Direction], residuals: Sequence[np.ndarray], believed: Sequence[float]
 ) -> list[Likelihood]:
-    """Per location, of projected residuals (N, m, D); `believed`: standard deviation of each one's amplitude."""
-    return [likelihood(d, of.gap, d.gathered(residuals), b) for d, b in zip(along, believed, strict=True)]
+    """Per location, of several arrays of projected residuals (N, m, D); `believed`: standard deviation of each one's
+    amplitude."""
+
+    def gathered(d: Direction) -> np.ndarray:
+        return np.concatenate([d.gathered(r) for r in residuals], axis=1)
+
+    return [likelihood(d, of.gap, gathered(d), b) for d, b in zip(along, believed, strict=True)]
 
 
 def largest(found: Sequence[Likelihood]) -> np.ndarray:

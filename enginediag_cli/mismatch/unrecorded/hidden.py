@@ -74,7 +74,7 @@ def hidden_amplitudes(
     of, places, directions = _geometry(found, projection)
     draws = of.noise(draws_for(len(of.gap)), rng)
     believed = believed_of(found, places)
-    both = likelihoods(of, directions, np.concatenate([of.left[:, :, None], draws], axis=2), believed)
+    both = likelihoods(of, directions, [of.left[:, :, None], draws], believed)
     gate = _doubted(threshold(largest(both)[1:], level), found, projection)
     findings = [_finding(found, of, place, d, f, gate) for place, d, f in zip(places, directions, both, strict=True)]
     findings.sort(key=lambda f: (not f.believable, -f.lr))
@@ -121,7 +121,7 @@ def _doubted(gate: float, found: Identified, projection: Projection) -> float:
 def null_ratios(found: Identified, projection: Projection, count: int, rng: np.random.Generator) -> np.ndarray:
     """Largest LR over all locations of `count` draws with nothing missing, (count,)."""
     of, places, directions = _geometry(found, projection)
-    return largest(likelihoods(of, directions, of.noise(count, rng), believed_of(found, places)))
+    return largest(likelihoods(of, directions, [of.noise(count, rng)], believed_of(found, places)))
 
 
 def effects_at(location: Location, engine: Engine) -> list[Effect]:
@@ -151,7 +151,7 @@ def finding_at(
     place = of_effect(effect)
     of = basis(projection)
     d = direction(of, location_columns(found, [place])[:, :, 0])
-    (f,) = likelihoods(of, [d], of.left[:, :, None], believed_of(found, [place]))
+    (f,) = likelihoods(of, [d], [of.left[:, :, None]], believed_of(found, [place]))
     return _with_states(_finding(found, of, place, d, f, like.threshold), found, of, d, along)
 
 

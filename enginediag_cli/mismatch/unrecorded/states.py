@@ -31,6 +31,9 @@ ROUNDS, SETTLED = 60, 1e-3
 """Rounds of amplitude and states (expectation–maximisation) at most, and the change of any state's probability that
 ends them."""
 
+AT_ONCE = 160_000
+"""Records times chains that go through their rounds together: 20 MB, and √N batched steps are still worth it."""
+
 
 @dataclass(frozen=True)
 class States:
@@ -57,46 +60,93 @@ class Bounds:
 
 def two_states(of: Basis, along: Direction, bounds: Bounds, starts: np.ndarray) -> States:
     """The states of the highest likelihood over CHANGES from each of the starts (s, N), 0 to 1."""
+    rows = _Rows(of, along, bounds)
     p = np.repeat(CHANGES, len(starts))
     on = np.tile(starts, (len(CHANGES), 1)).astype(float)
-    steps = transitions(of.gap, p)
-    own = np.einsum("nm,nm->n", along.own, of.e)
-    before = np.einsum("nm,nm->n", along.before, of.e)
-    lengths = [
-        np.einsum("nm,nm->n", x, y)
-        for x, y in ((along.own, along.own), (along.before, along.before), (along.own, along.before))
-    ]
-    g, B = along.gathered(of.left), along.B
-    chain = Posterior(np.zeros(len(p)), on, _pairs(on), np.zeros_like(on))
-    value, last, settled = np.full(len(p), -np.inf), chain.on, False
-    a = np.zeros(len(p))
-    for _ in range(ROUNDS):
-        Bs = chain.on @ B
-        full = _full_square(along, chain) + 1.0 / bounds.sigma**2
-        a = np.clip((chain.on @ g) / (full - (Bs**2).sum(axis=1)), bounds.lower, bounds.upper)
-        w = of.pull - a[:, None] * Bs
-        # a g: what rows without the nuisance's share say of each pair of states
-        r_own, r_before = own - w @ along.own_rows.T, before - w @ along.before_rows.T
-        emission = _emission(a[:, None], r_own, r_before, lengths)
-        chain = forward_backward(steps + emission)
-        spread = _full_square(along, chain) - ((chain.on @ B) ** 2).sum(axis=1)
-        value = (
+    size = max(1, AT_ONCE // len(of.gap))
+    parts = [_settled(rows, p[k : k + size], on[k : k + size]) for k in range(0, len(p), size)]
+    # of each probability of a change the best start counts
+    value = np.concatenate([part.value for part in parts])
+    top = value.reshape(len(CHANGES), -1).max(axis=1)
+    evidence = float(top.max() + np.log(np.exp(top - top.max()).mean()))
+    k = int(np.argmax(value))
+    part, k = parts[k // size], k % size
+    on, both = part.chain.on[k], part.chain.both[k]
+    doubt = float(_full_square(along, on[None], both[None])[0] - (along.applied(on) ** 2).sum())
+    return States(on, part.chain.changed[k], float(part.a[k]), max(doubt, 0.0), evidence, bool(part.settled[k]))
+
+
+class _Rows:
+    """What the readings say of the states, whatever they are."""
+
+    def __init__(self, of: Basis, along: Direction, bounds: Bounds):
+        self.of, self.along, self.bounds = of, along, bounds
+        self.own = np.einsum("nm,nm->n", along.own, of.e)
+        self.before = np.einsum("nm,nm->n", along.before, of.e)
+        self.lengths = [
+            np.einsum("nm,nm->n", x, y)
+            for x, y in ((along.own, along.own), (along.before, along.before), (along.own, along.before))
+        ]
+        self.g, self.B = along.gathered(of.left), along.B
+
+    def amplitude(self, on: np.ndarray, both: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Of the likeliest effect at given states (S, N), (S,), and what the nuisance explains of it, (S, q)."""
+        Bs = on @ self.B
+        full = _full_square(self.along, on, both) + 1.0 / self.bounds.sigma**2
+        a = (on @ self.g) / (full - (Bs**2).sum(axis=1))
+        return np.clip(a, self.bounds.lower, self.bounds.upper), Bs
+
+    def emission(self, a: np.ndarray, Bs: np.ndarray) -> np.ndarray:
+        """ln likelihood of the rows without the nuisance's share, (S, N, 2, 2)."""
+        w = self.of.pull - a[:, None] * Bs
+        own = self.own - w @ self.along.own_rows.T
+        return _emission(a[:, None], own, self.before - w @ self.along.before_rows.T, self.lengths)
+
+    def value(self, chain: Posterior, a: np.ndarray, Bs: np.ndarray) -> np.ndarray:
+        """LR above, (S,)."""
+        spread = _full_square(self.along, chain.on, chain.both) - ((chain.on @ self.B) ** 2).sum(axis=1)
+        sigma = self.bounds.sigma
+        return np.asarray(
             chain.log_evidence
             - 0.5 * a**2 * (Bs**2).sum(axis=1)
-            - 0.5 * (a / bounds.sigma) ** 2
-            - 0.5 * np.log1p(bounds.sigma**2 * np.maximum(spread, 0.0))
+            - 0.5 * (a / sigma) ** 2
+            - 0.5 * np.log1p(sigma**2 * np.maximum(spread, 0.0))
         )
-        settled = bool(np.abs(chain.on - last).max() < SETTLED)
-        if settled:
+
+
+@dataclass(frozen=True)
+class _Found:
+    """Of S chains where their rounds ended, and whether they had settled."""
+
+    chain: Posterior
+    a: np.ndarray
+    value: np.ndarray
+    settled: np.ndarray
+
+
+def _settled(rows: _Rows, p: np.ndarray, on: np.ndarray) -> _Found:
+    """Rounds of amplitude and states from the starts (S, N), of every chain until it settles."""
+    S = len(p)
+    found = _Found(
+        Posterior(np.zeros(S), on.copy(), _pairs(on), np.zeros_like(on)),
+        np.zeros(S),
+        np.full(S, -np.inf),
+        np.zeros(S, bool),
+    )
+    steps, left = transitions(rows.of.gap, p), np.arange(S)
+    for _ in range(ROUNDS):
+        last = found.chain.on[left]
+        a, Bs = rows.amplitude(last, found.chain.both[left])
+        chain = forward_backward(steps + rows.emission(a, Bs))
+        found.a[left], found.value[left] = a, rows.value(chain, a, Bs)
+        for kept, new in zip(vars(found.chain).values(), vars(chain).values(), strict=True):
+            kept[left] = new
+        moves = np.abs(chain.on - last).max(axis=1) >= SETTLED
+        found.settled[left] = ~moves
+        left, steps = left[moves], steps[moves]
+        if not left.size:
             break
-        last = chain.on
-    # of each probability of a change the best start counts
-    table = value.reshape(len(CHANGES), -1)
-    k = int(np.argmax(value))
-    top = table.max(axis=1)
-    evidence = float(top.max() + np.log(np.exp(top - top.max()).mean()))
-    doubt = float(_full_square(along, chain)[k] - (along.applied(chain.on[k]) ** 2).sum())
-    return States(chain.on[k], chain.changed[k], float(a[k]), max(doubt, 0.0), evidence, settled)
+    return found
 
 
 def standard_error(of: Basis, along: Direction, bounds: Bounds, states: States, given: float) -> float:
@@ -108,9 +158,9 @@ def standard_error(of: Basis, along: Direction, bounds: Bounds, states: States, 
     return max(given, float(curvature**-0.5) if curvature > 0 else np.inf)
 
 
-def _full_square(along: Direction, chain: Posterior) -> np.ndarray:
+def _full_square(along: Direction, on: np.ndarray, both: np.ndarray) -> np.ndarray:
     """E|Cs|² (S,)."""
-    return np.asarray(chain.on @ along.diagonal + 2.0 * chain.both[:, 1:] @ along.beside)
+    return np.asarray(on @ along.diagonal + 2.0 * both[:, 1:] @ along.beside)
 
 
 def _pairs(on: np.ndarray) -> np.ndarray:

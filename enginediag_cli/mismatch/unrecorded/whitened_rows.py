@@ -19,6 +19,9 @@ import numpy as np
 from enginediag_cli.mismatch.fit.projection import Frame, Projection
 from enginediag_cli.mismatch.unrecorded.aircraft import Grid, grid_of
 
+AT_ONCE = 512
+"""Records whose draws are projected at once: a few MB."""
+
 
 @dataclass(frozen=True)
 class Basis:
@@ -51,11 +54,15 @@ class Basis:
     def noise(self, count: int, rng: np.random.Generator) -> np.ndarray:
         """Projected residuals (N, m, count) of draws in which nothing is missing."""
         keep = self.frame.keep if self.grid is None else self.grid.laid(self.frame.keep)
-        readings = rng.standard_normal((*self.e.shape, count)) * keep[:, :, None]
+        readings = rng.standard_normal((*self.e.shape, count))
+        readings *= keep[:, :, None]
         priors = rng.standard_normal((len(self.pull), count))
         q = len(self.pull)
         pull = self.rows.reshape(-1, q).T @ readings.reshape(-1, count) + self.prior_rows.T @ priors
-        return readings - (self.rows.reshape(-1, q) @ pull).reshape(readings.shape)
+        for a in range(0, len(readings), AT_ONCE):  # in place: there are hundreds of draws of every reading
+            rows = self.rows[a : a + AT_ONCE]
+            readings[a : a + AT_ONCE] -= (rows.reshape(-1, q) @ pull).reshape(*rows.shape[:2], count)
+        return readings
 
 
 def basis(projection: Projection) -> Basis:

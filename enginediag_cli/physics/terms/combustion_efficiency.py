@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from math import log as log_of_number
 from typing import TYPE_CHECKING
 
-from enginediag_cli.drivers import AMBIENT_PRESSURE
+from enginediag_cli.drivers import COMPRESSOR_PRESSURE
 from enginediag_cli.engine.components.base import scalar
 from enginediag_cli.engine.components.burner import Burner
 from enginediag_cli.engine.dual import Value, exp, log
@@ -35,7 +35,7 @@ class CombustionEfficiency(Term):
         "the burner unburnt."
     )
     EQUATION = "η = η_design − a [(Ω/Ω_design)^b − 1],  Ω = W_3/(P_3^1.8 10^(0.00145 (T_3 − 400 K)))"
-    DRIVER = AMBIENT_PRESSURE
+    DRIVER = COMPRESSOR_PRESSURE
     COEFFICIENTS = (
         Coefficient(
             "unburnt",

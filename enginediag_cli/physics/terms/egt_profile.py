@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
-from enginediag_cli.drivers import POWER
+from enginediag_cli.drivers import BURNER_TEMPERATURE
 from enginediag_cli.engine.components.base import scalar
 from enginediag_cli.engine.dual import Value
 from enginediag_cli.engine.evaluation import Evaluation
@@ -26,7 +26,7 @@ class EgtProfile(Term):
         "behind the burner shift the reading in proportion to its temperature rise."
     )
     EQUATION = "reading = T + k [(T_4 − T_3) − (T_4 − T_3)_design]"
-    DRIVER = POWER
+    DRIVER = BURNER_TEMPERATURE
     COEFFICIENTS = (
         Coefficient(
             "factor", "1", "shift k over the burner's temperature rise", 0.0, -0.04, 0.04, 0.01, 0.01, assumed=True

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
-from enginediag_cli.drivers import POWER
+from enginediag_cli.drivers import BURNER_TEMPERATURE
 from enginediag_cli.engine.components.base import scalar
 from enginediag_cli.engine.components.nozzle import Nozzle
 from enginediag_cli.engine.dual import Value
@@ -24,7 +24,7 @@ class NozzleThermalGrowth(Term):
     TITLE = "Nozzle thermal growth"
     STATEMENT = "Hot exhaust gas makes the metal of the nozzle grow: its area opens with power and closes at idle."
     EQUATION = "A = A_design [1 + 2 a (T − T_design)]"
-    DRIVER = POWER
+    DRIVER = BURNER_TEMPERATURE
     COEFFICIENTS = (
         Coefficient(
             "expansion_1_K",

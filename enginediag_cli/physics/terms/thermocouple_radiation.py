@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
-from enginediag_cli.drivers import POWER
+from enginediag_cli.drivers import BURNER_TEMPERATURE
 from enginediag_cli.engine.components.base import scalar
 from enginediag_cli.engine.dual import Value, sqrt
 from enginediag_cli.engine.evaluation import Evaluation
@@ -28,7 +28,7 @@ class ThermocoupleRadiation(Term):
         "temperature, and more where little gas flows past it."
     )
     EQUATION = "reading = T − a (T/T_design)^4 (W/W_design)^(−0.5),  from ε σ (T^4 − T_w^4)/h, T_w ∝ T, h ∝ W^0.5"
-    DRIVER = POWER
+    DRIVER = BURNER_TEMPERATURE
     COEFFICIENTS = (Coefficient("error_K", "K", "error a at the design point", 0.0, 0.0, 30.0, 5.0, 5.0, assumed=True),)
     REFERENCE = (
         "SAE AIR46; 2 to 15 K at 900 to 1000 K computed for ε 0.3 to 0.8 and h 1000 to 2000 W/(m² K); "

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
-from enginediag_cli.drivers import SHAFT_SPEED
+from enginediag_cli.drivers import COMPRESSOR_PRESSURE
 from enginediag_cli.engine.components.base import scalar
 from enginediag_cli.engine.dual import Value
 from enginediag_cli.engine.evaluation import Evaluation
@@ -32,7 +32,7 @@ class WindageLoss(Term):
         "the cube of its speed."
     )
     EQUATION = "P_loss = f P_turbine,design (ρ/ρ_design)(N/N_design)³"
-    DRIVER = SHAFT_SPEED
+    DRIVER = COMPRESSOR_PRESSURE
     COEFFICIENTS = (
         Coefficient(
             "fraction",

@@ -51,7 +51,7 @@ def answer(question: Mapping[str, Any]) -> dict[str, Any]:
         located = locate(evidence)
         found: dict[str, Any] = {
             "cells": [_cell(p.cell) for p in located.places[:CELLS]],
-            "drivers": [lead.driver for lead in located.leads[:CELLS]],
+            "drivers": [lead.driver for lead in located.leads if lead.told],
         }
     else:
         if question["noise"] is None:

@@ -78,10 +78,11 @@ def opened(
         found |= interval_marks(sealed, said)
         if kind in (kinds.SINGLE, kinds.WITHHELD) and far.total >= LOCATABLE:
             told = ask_located()
-            cells, drivers = tuple(told.get("cells", ())), (*told.get("drivers", ()), "")
-            driver, named = sealed.effects[0].term.DRIVER, drivers[0]
-            right = driver_is_right(clean, sealed.health, driver, named)
-            found |= located(cells, components(engine, truth[0]), right)
+            cells, drivers = tuple(told.get("cells", ())), told.get("drivers", ())
+            driver = sealed.effects[0].term.DRIVER
+            right = [driver_is_right(clean, sealed.health, driver, named) for named in (*drivers, "")]
+            varies = None not in right
+            found |= located(cells, components(engine, truth[0]), right[:-1] if varies else None)
         if said.status == NAMED and kind != kinds.WITHHELD:
             held = _held_back(engine, sealed, recorded, truth, said)
             if far.total >= GAINING and np.all(np.isfinite([held["before"], held["after"]])):

@@ -163,9 +163,16 @@ def hidden_marks(components: Set[str], states: np.ndarray, signal_to_noise: np.n
     return found
 
 
-def located(cells: Sequence[Mapping[str, Any]], components: Set[str], right_driver: bool | None) -> Marks:
-    """Whether the free-form map's first cell is of the true component and along the true driver."""
+def located(
+    cells: Sequence[Mapping[str, Any]], components: Set[str], right_drivers: Sequence[bool | None] | None
+) -> Marks:
+    """Whether the free-form map's first cell is of the true component, and whether the true driver is the first that
+    is told, is one of those, and how many those are; none is where nothing is located. None: it varies with nothing."""
     found: Marks = {"locate_component": bool(cells) and cells[0]["component"] in components}
-    if right_driver is not None:
-        found["locate_driver"] = bool(cells) and right_driver
+    if right_drivers is None:
+        return found
+    found["locate_driver"] = bool(right_drivers) and bool(right_drivers[0])
+    found["locate_driver_told"] = any(right_drivers)
+    if right_drivers:
+        found["drivers_told"] = [float(len(right_drivers))]
     return found

@@ -53,6 +53,8 @@ SCORES: Mapping[str, Score] = {
     "held_out_flights": Score("held_out_flights", _SINGLE),
     "log_score": Score("log_score", _SINGLE, size=True),
     "locate_driver": Score("locate_driver", _SINGLE, ">= 0.90", "", ">= 0.90"),
+    "locate_driver_told": Score("locate_driver_told", _SINGLE),
+    "drivers_told": Score("drivers_told", _SINGLE, size=True),
     "locate_component": Score("locate_component", _SINGLE, ">= 0.90"),
     "fault_called_fault": Score("fault_called_fault", (kinds.FAULT,)),
     "effect_called_fault": Score("effect_called_fault", _SINGLE),
