@@ -182,7 +182,7 @@ POWER = Driver(
 )
 BURNER_TEMPERATURE = Driver(
     "burner_temperature",
-    "temperature behind the burner, T4: of the gas itself, not over the inlet's",
+    "burner temperature T4, of the gas itself",
     "K",
     columns=_hot_state,
     values=_burner_temperature,

@@ -155,8 +155,9 @@ def free_form(
     sums = Sums(projection, J, family)
     cells = []
     for place in where:
-        own_blocks = blocks[1:] if place.parameter in known else roaming
-        for d, block in zip(drivers[-len(own_blocks) :], own_blocks, strict=True):
+        # the constant of what identification fits is not sought
+        first, own_blocks = (1, blocks) if place.parameter in known else (0, roaming)
+        for d, block in zip(drivers[first:], own_blocks[first:], strict=True):
             if block:
                 own = np.array([[at[place.parameter], c] for c in block])
                 cells.append(Cell(sums, own, sums.score(own), place, d))
