@@ -93,6 +93,7 @@ class Search:
         self.along = nuisance(evidence)
         self.rng = np.random.default_rng(evidence.settings.seed)
         self.rejected: dict[str, Rejected] = {}
+        self.fitted: dict[str, Trial] = {}  # by label, without what scores need
 
     def run(self) -> Answer:
         found = identify_with(self.evidence, NO_HYPOTHESIS, self.along)
@@ -105,35 +106,40 @@ class Search:
         self.base = Trial((), found, projection)
         self.detect = self.adequate = Gates()
         if not found.converged:
-            return self._answer(FAILED, f"the model as it is could not be fitted: {found.reason}", Remainder((), ()))
+            return self.answer(FAILED, f"the model as it is could not be fitted: {found.reason}", Remainder((), ()))
         self.library = [*map(effect_option, self.effects), *fault_options(found)]
         self.along_drivers = drivers_of(self.evidence, found.theta)
         rest = remainder(self.base, self.library, self.along_drivers)
         if self.evidence.settings.noise == "estimate":
             rest = self._with_estimated_noise(rest)
             if not self.base.converged:
-                return self._answer(FAILED, f"the model could not be fitted: {self.base.found.reason}", rest)
-        levels = (MAIN * self.evidence.settings.false_alarm, ADEQUATE)
-        self.detect, self.adequate = rest.gates(levels, self.rng)
-        if self.from_recordings:
-            self.detect, self.adequate = (
-                Gates(*(doubtful(g, self.base.projection) for g in (gates.effects, gates.faults, gates.cells)))
-                for gates in (self.detect, self.adequate)
-            )
-            rest = repeated(rest, self.base.projection, self.detect)
+                return self.answer(FAILED, f"the model could not be fitted: {self.base.found.reason}", rest)
+        rest = self.weighed(rest)
         self.unrecorded = self._unrecorded()
         if not rest.over(self.detect):
             if self.unrecorded:
-                return self._answer(HIDDEN, "", rest, hidden=self.unrecorded)
-            return self._answer(NOTHING, "nothing stands out of noise and identified parameters", rest)
-        return self._decide(rest)
+                return self.answer(HIDDEN, "", rest, hidden=self.unrecorded)
+            return self.answer(NOTHING, "nothing stands out of noise and identified parameters", rest)
+        return self.decide(rest)
+
+    def weighed(self, rest: Remainder) -> Remainder:
+        """What the base leaves, with the gates that it is judged by: set here."""
+        levels = (MAIN * self.evidence.settings.false_alarm, ADEQUATE)
+        self.detect, self.adequate = rest.gates(levels, self.rng)
+        if not self.from_recordings:
+            return rest
+        self.detect, self.adequate = (
+            Gates(*(doubtful(g, self.base.projection) for g in (gates.effects, gates.faults, gates.cells)))
+            for gates in (self.detect, self.adequate)
+        )
+        return repeated(rest, self.base.projection, self.detect)
 
     @property
     def from_recordings(self) -> bool:
         """Whether the noise is known from recordings alone, not stated."""
         return self.evidence.noise.estimated or self.evidence.settings.noise == "estimate"
 
-    def _decide(self, rest: Remainder) -> Answer:
+    def decide(self, rest: Remainder) -> Answer:
         best = rest.cells[0] if rest.cells else None
         scores = [*(s.score for s in rest.scores), *(c.score for c in rest.cells)]
         recorded = max((s.statistic - 2.0 * s.dof for s in scores), default=0.0)
@@ -141,26 +147,26 @@ class Search:
         excess = self.base.objective - self.base.projection.dof
         # before single effects: each of them would be bent by a state that they all ignore
         if evidence > NEARLY_ALL * 0.5 * excess and evidence > PLAINLY * 0.5 * recorded:
-            return self._answer(HIDDEN, "", rest, hidden=hidden)
+            return self.answer(HIDDEN, "", rest, hidden=hidden)
         singles = self._refit([(self._timed(s.option),) for s in shortlisted(rest.scores)])
         if singles is None:
-            return self._answer(FAILED, "no explanation could be fitted", rest)
-        named = self._named(singles)
+            return self.answer(FAILED, "no explanation could be fitted", rest)
+        named = self.named(singles)
         if named:
-            return self._answer(NAMED, "", rest, named)
+            return self.answer(NAMED, "", rest, named)
         pairs: list[tuple[Option, ...]] = []
         for found in best_pairs(rest.scores, PAIRS):
             _add(pairs, tuple(map(self._timed, found)))
-        for wider in self._forward(singles[:EXTENDED]):
+        for wider in self.forward(singles[:EXTENDED]):
             _add(pairs, wider)
         named = self._named_set(pairs, best)
         # an amplitude of its own in every record follows any driver: it must be the better account of the two
         if named and evidence < 0.5 * (named[0].gain - 2.0 * len(named[0].coefficients)):
-            return self._answer(NAMED, "", rest, named, hidden)
+            return self.answer(NAMED, "", rest, named, hidden)
         # that no column records the driver is only a finding where the best recorded one explains less
         if hidden and (named or evidence > 0.5 * recorded):
-            return self._answer(HIDDEN, "", rest, named, hidden)
-        return self._answer(
+            return self.answer(HIDDEN, "", rest, named, hidden)
+        return self.answer(
             NONE,
             f"no listed effect or change in time, nor up to {LARGEST_SET} together, explains the mismatch",
             rest,
@@ -171,7 +177,7 @@ class Search:
         """The alias set of pairs, or of the larger sets that grow from them; empty when none is adequate."""
         sets = self._refit(pairs) or []
         for size in range(2, LARGEST_SET + 1):
-            named = self._named([s for s in sets if self._counts(s, best)])
+            named = self.named([s for s in sets if self.counts(s, best)])
             if named or size == LARGEST_SET:
                 return named
             sets = self._refit(self._extended(sets[:EXTENDED])) or []
@@ -202,7 +208,7 @@ class Search:
         commanded = first.is_switch and first.states is not None and switching(first.location, parameters)
         return found if commanded or not self.from_recordings else ()
 
-    def _forward(self, singles: Sequence[Trial]) -> list[tuple[Option, ...]]:
+    def forward(self, singles: Sequence[Trial]) -> list[tuple[Option, ...]]:
         """Each single option with the effect, and with the change in time, that says most about what it leaves."""
         wider: list[tuple[Option, ...]] = []
         for trial in singles:
@@ -234,6 +240,7 @@ class Search:
             self.rejected[" + ".join(o.label for o in options)] = told
         for options, of_few in each(near, "fitting candidates", len(near)):
             trial = attempt(options, self.base.found, self.along, of_few)
+            self.fitted[trial.label] = trial
             if trial.converged:
                 trials.append(trial)
             else:
@@ -244,7 +251,7 @@ class Search:
 
     # deciding
 
-    def _named(self, trials: Sequence[Trial]) -> list[Explanation]:
+    def named(self, trials: Sequence[Trial]) -> list[Explanation]:
         """The alias set of the best adequate trial, best first; empty when none is adequate."""
         adequate: list[tuple[Trial, float, float]] = []
         elsewhere = 0.0  # odds of what is too far behind to be told
@@ -294,7 +301,7 @@ class Search:
             left = remainder(trial, self.library, self.along_drivers)
         return repeated(left, trial.projection, self.adequate)
 
-    def _counts(self, trial: Trial, best: Cell | None) -> bool:
+    def counts(self, trial: Trial, best: Cell | None) -> bool:
         """Whether a set is worth judging: every member is needed beside the others, and
         drop − 2·p > T − 2·dof of the best single free-form block, else one unlisted effect is the simpler story."""
         idle = _not_needed(trial, self.adequate.effects)
@@ -318,7 +325,7 @@ class Search:
 
     # around it
 
-    def _answer(
+    def answer(
         self,
         status: str,
         reason: str,

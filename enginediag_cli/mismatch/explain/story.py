@@ -19,10 +19,12 @@ from enginediag_cli.mismatch.explain.answer import FAILED, NAMED, NONE, NOTHING,
 from enginediag_cli.mismatch.explain.curves import Curve, best_places, fitted_curves
 from enginediag_cli.mismatch.explain.explain import UNRECORDED, Search
 from enginediag_cli.mismatch.explain.floor_cost import FloorCost, floor_cost
+from enginediag_cli.mismatch.explain.on_all import Searched, judged_on_all
 from enginediag_cli.mismatch.explain.rejected import Reason
 from enginediag_cli.mismatch.explain.unseen import Unseen, unseen_effects
 from enginediag_cli.mismatch.fit.evidence import Evidence
 from enginediag_cli.mismatch.fit.options import EFFECT
+from enginediag_cli.mismatch.fit.share import is_long, on_share
 from enginediag_cli.mismatch.fit.trial_fit import Trial, attempt
 from enginediag_cli.mismatch.unrecorded.hidden import HiddenFinding, effects_at, hidden_amplitudes
 from enginediag_cli.mismatch.unrecorded.own_noise import freed_of_switches
@@ -47,20 +49,26 @@ class Story:
     advice: tuple[Advice, ...]
     unseen: tuple[Unseen, ...] = ()  # of `answer.unseen`, by the kind of effect that was looked for
     switched: tuple[Trial, ...] = ()  # effects that may be the first of `hidden`, refitted at its states, best first
+    searched: Searched | None = None  # None: all records
 
 
 def tell(evidence: Evidence, effects: Sequence[Effect] | None = None, *, advise: bool = True) -> Story:
-    """Search and everything around it. `effects`: the library, default all that the model does not carry."""
-    evidence = with_own_noise(evidence)
+    """Search and everything around it. `effects`: the library, default all that the model does not carry. Of long
+    recordings a share is searched."""
+    whole, evidence = evidence, with_own_noise(on_share(evidence))
     search = Search(evidence, effects, hidden_search(evidence))
-    answer = search.run()
+    answer, searched = search.run(), None
+    first = answer
+    if is_long(whole.flights):
+        search, answer, searched = judged_on_all(search, answer, whole)
+        first = _still_named(first, answer) if first.status == NAMED else answer
     # of a strong effect nearly every place is significant; those that can be told from the first are its shadows
     found = [f for f in answer.hidden if isinstance(f, HiddenFinding)]
     hidden = tuple(f for f in found if f is found[0] or f.location in found[0].rivals)
     engine = search.evidence.engine
     at = tuple(tuple(e for e in effects_at(f.location, engine) if _listed(e, search.effects)) for f in hidden)
     if answer.status == FAILED:
-        return Story(search.evidence, answer, hidden, at, (), (), (), ())
+        return Story(search.evidence, answer, hidden, at, (), (), (), (), searched=searched)
     refitted = effects_that_switch(found, search.effects, search.base, search.along)
     if refitted is not None:
         lead, trials = refitted
@@ -79,8 +87,8 @@ def tell(evidence: Evidence, effects: Sequence[Effect] | None = None, *, advise:
     floor = floor_cost(base, search.library)
     only_exact = _only_exact(answer, floor)
     advice = (
-        advice_between(base.found, [*answer.explanations, *_next_best(search, answer)])
-        if advise and answer.status == NAMED
+        advice_between(base.found, [*first.explanations, *_next_best(search, first)])
+        if advise and answer.status == NAMED and first.explanations
         else []
     )
     return Story(
@@ -94,7 +102,14 @@ def tell(evidence: Evidence, effects: Sequence[Effect] | None = None, *, advise:
         tuple(advice),
         tuple(unseen_effects(base, search.library, answer.unseen)),
         tuple(refitted[1]) if refitted else (),
+        searched,
     )
+
+
+def _still_named(share: Answer, answer: Answer) -> Answer:
+    """The answer of a share, as fitted to it, with what all records still name."""
+    named = {x.label for x in answer.explanations}
+    return replace(share, explanations=tuple(x for x in share.explanations if x.label in named))
 
 
 def _next_best(search: Search, answer: Answer) -> list[Explanation]:

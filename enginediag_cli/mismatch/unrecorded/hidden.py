@@ -278,7 +278,7 @@ def _switches(new: Refit) -> tuple[Switch, ...]:
         found.append(
             Switch(
                 flights[recording[k]].label,
-                int(number[k] - first[recording[k]]),
+                flights[recording[k]].place(int(number[k] - first[recording[k]])),
                 bool(on[k]),
                 float(changed[k]),
                 float(time[last[-1] if last.size else k - 1]),

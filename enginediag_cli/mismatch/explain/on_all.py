@@ -1,0 +1,167 @@
+"""What a share of long recordings has shown, judged on all of their records.
+
+The search on a share (`fit/share.py`) says what is worth a fit to all records: nothing, or an explanation with the
+rivals that the share does not tell from it surely.
+
+- An explanation and its rivals are fitted to all records from where the share's fits ended. With the right one little
+  is left to bend the rest, and two or three steps settle it; without it the optimum of more records is far off, since
+  priors weigh less against what is missing, along combinations that first derivatives do not hold for. The fit
+  without any is therefore only brought nearer, for what the explanation gains; nothing is judged at it.
+- What is named must leave nothing over the gates on all records: scores are sums over them. Where it does, sets with
+  one more member are tried.
+- Where the share shows nothing, what is missing is looked for on all records: what few do not show, many may.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from enginediag_cli.drivers import TIME
+from enginediag_cli.mismatch.explain.answer import FAILED, NAMED, NONE, NOTHING, Answer
+from enginediag_cli.mismatch.explain.explain import EXTENDED, Search
+from enginediag_cli.mismatch.explain.rejected import Reason, Rejected
+from enginediag_cli.mismatch.fit.evidence import Evidence
+from enginediag_cli.mismatch.fit.identified import NO_HYPOTHESIS, drivers_of, identify_with, nearer
+from enginediag_cli.mismatch.fit.options import (
+    Option,
+    effect_option,
+    fault_options,
+    option_scores,
+    together,
+    with_best_onset,
+)
+from enginediag_cli.mismatch.fit.projection import Projection
+from enginediag_cli.mismatch.fit.trial_fit import Trial, remainder
+from enginediag_cli.progress import each
+
+SURELY_BEHIND = 22.0
+"""Units of χ² on the share from which a rival is not fitted to all records: the right one of two is behind by so much
+one time in a hundred."""
+MOST = 6
+"""Sets that are fitted to all records, best first on the share."""
+
+
+@dataclass(frozen=True)
+class Searched:
+    """How many `records` of how many in all, `of`, were searched; `judged`: whether what is told was judged on all."""
+
+    records: int
+    of: int
+    judged: bool
+
+
+def judged_on_all(share: Search, answer: Answer, whole: Evidence) -> tuple[Search, Answer, Searched]:
+    """The answer of a search of a share, judged on the whole evidence, with the search that it then rests on; as it is
+    where it names no recorded driver: an amplitude of its own in every record, or none of what is listed."""
+    own, settings = share.evidence.noise, share.evidence.settings
+    evidence = replace(whole, noise=own, settings=settings, owed=None)
+    searched = Searched(sum(map(len, share.evidence.flights)), sum(map(len, whole.flights)), False)
+    if answer.status == NAMED:
+        return share, _named(share, answer, evidence), replace(searched, judged=True)
+    if answer.status == NOTHING:
+        search = Search(evidence, share.effects)
+        return search, _anything(search, share), replace(searched, judged=True)
+    return share, answer, searched
+
+
+def _named(share: Search, answer: Answer, evidence: Evidence) -> Answer:
+    whole = Search(evidence, share.effects)
+    found = nearer(evidence, NO_HYPOTHESIS, whole.along, share.base.found)
+    whole.base = Trial((), found, Projection(found))
+    whole.library = [*map(effect_option, whole.effects), *fault_options(found)]
+    whole.along_drivers = drivers_of(evidence, found.theta)
+    whole.detect, whole.adequate = share.detect, share.adequate
+    trials = [_fitted(whole, t) for t in each(_worth_it(share, answer), "fitting to all records")]
+    named = whole.named(_best_first(whole, trials))
+    if not named:
+        wider = [(t, options) for t in _best_first(whole, trials)[:EXTENDED] for options in whole.forward([t])]
+        more = [_attempt(whole, options, t) for t, options in each(wider, "fitting to all records", len(wider))]
+        named = whole.named([t for t in _best_first(whole, more) if whole.counts(t, None)])
+    rejected = {k: v for k, v in share.rejected.items() if v.reason is not Reason.WORSE or k not in whole.rejected}
+    told = {x.label for x in named}
+    on_share = {k: replace(v, what=v.what or "on a share of the records") for k, v in rejected.items()}
+    return replace(
+        answer,
+        status=NAMED if named else NONE,
+        reason="" if named else "what explains a share of the records leaves a misfit behind on all of them",
+        explanations=tuple(named),
+        objective=whole.base.objective,
+        readings=whole.base.projection.dof,
+        rejected={k: v for k, v in {**on_share, **whole.rejected}.items() if k not in told},
+    )
+
+
+def _anything(whole: Search, share: Search) -> Answer:
+    """What all records show where a share shows nothing; of an unrecorded driver, what the share did."""
+    found = identify_with(whole.evidence, NO_HYPOTHESIS, whole.along, share.base.found)
+    whole.base = Trial((), found, Projection(found))
+    whole.library = [*map(effect_option, whole.effects), *fault_options(found)]
+    whole.along_drivers = drivers_of(whole.evidence, found.theta)
+    whole.unrecorded = ()
+    whole.detect, whole.adequate = share.detect, share.adequate
+    rest = remainder(whole.base, whole.library, whole.along_drivers)
+    if not found.converged:
+        return whole.answer(FAILED, f"the model could not be fitted to all records: {found.reason}", rest)
+    rest = whole.weighed(rest)
+    if not rest.over(whole.detect):
+        return whole.answer(NOTHING, "nothing stands out of noise and identified parameters", rest)
+    return whole.decide(rest)
+
+
+def _worth_it(share: Search, answer: Answer) -> Sequence[Trial]:
+    """Trials on the share that are named, and those not surely behind, best first."""
+    named = {x.label for x in answer.explanations}
+    best = min(t.objective for t in share.fitted.values() if t.label in named)
+
+    def near(t: Trial) -> bool:
+        why = share.rejected.get(t.label)
+        return t.label in named or bool(
+            t.converged and why and why.reason is Reason.WORSE and t.objective - best < SURELY_BEHIND
+        )
+
+    return sorted((t for t in share.fitted.values() if near(t)), key=lambda t: t.objective)[:MOST]
+
+
+def _fitted(whole: Search, trial: Trial) -> Trial:
+    """A trial on a share, fitted to all records from where it ended."""
+    share = trial.found.evidence
+    engines = ["" if o.driver != TIME else _engine_of(o, share) for o in trial.options]
+    return _attempt(whole, [_carried(o, whole, e) for o, e in zip(trial.options, engines, strict=True)], trial)
+
+
+def _attempt(whole: Search, options: Sequence[Option], start: Trial) -> Trial:
+    found = identify_with(whole.evidence, together(*options), whole.along, start.found)
+    return Trial(tuple(options), found, Projection(found))
+
+
+def _carried(option: Option, whole: Search, engine: str) -> Option:
+    """An option of a share's records as one of all of them: a change in time of an `engine` begins with the record, of
+    all, that suits best."""
+    if option.driver != TIME:
+        return option
+    (d,), base = option.hypothesis.discrepancies, whole.base
+    same = [o for o in whole.library if _target(o) == d.target and _engine_of(o, whole.evidence) == engine]
+    scores = option_scores(base.found, base.projection, same)
+    best = max(scores, key=lambda s: s.score.statistic).option
+    return with_best_onset(base.found, base.projection, best)
+
+
+def _target(option: Option) -> str:
+    """The parameter that a change in time changes; "" of anything else."""
+    return option.hypothesis.discrepancies[0].target if option.driver == TIME else ""
+
+
+def _engine_of(option: Option, evidence: Evidence) -> str:
+    """Whose a change in time is."""
+    onset = int(np.flatnonzero(option.hypothesis.curves[option.hypothesis.discrepancies[0].curve])[0])
+    return evidence.flights[int(np.searchsorted(np.cumsum([len(f) for f in evidence.flights]), onset, "right"))].engine
+
+
+def _best_first(whole: Search, trials: Sequence[Trial]) -> list[Trial]:
+    for t in trials:
+        if not t.converged:
+            whole.rejected[t.label] = Rejected(Reason.NOT_CONVERGED, what=t.found.reason)
+    return sorted((t for t in trials if t.converged), key=lambda t: t.objective)
