@@ -85,7 +85,7 @@ def test_an_effect_that_a_share_shows_is_named_and_judged_on_all_records(short):
 
 
 def test_what_only_all_records_show_is_found_though_the_share_shows_nothing(short):
-    first, judged, whole = answered(flown(0.015, seed=5))
+    first, judged, whole = answered(flown(0.01, seed=5))
     assert first.status == "nothing" and judged.status == "named"
     assert [x.label for x in judged.explanations] == [x.label for x in whole.explanations]
     assert "reynolds_efficiency@hpc" in [x.label for x in judged.explanations]

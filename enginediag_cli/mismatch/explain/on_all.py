@@ -40,6 +40,9 @@ from enginediag_cli.progress import each
 SURELY_BEHIND = 22.0
 """Units of χ² on the share from which a rival is not fitted to all records: the right one of two is behind by so much
 one time in a hundred."""
+FAINT = 100.0
+"""Fall of χ² on the share below which what is named bends the fit without it so little that everything is weighed anew
+on all records: a share may show one of two rivals, and not the other. Judgement."""
 MOST = 6
 """Sets that are fitted to all records, best first on the share."""
 
@@ -59,9 +62,10 @@ def judged_on_all(share: Search, answer: Answer, whole: Evidence) -> tuple[Searc
     own, settings = share.evidence.noise, share.evidence.settings
     evidence = replace(whole, noise=own, settings=settings, owed=None)
     searched = Searched(sum(map(len, share.evidence.flights)), sum(map(len, whole.flights)), False)
-    if answer.status == NAMED:
+    faint = answer.status == NAMED and not answer.hidden and answer.explanations[0].gain < FAINT
+    if answer.status == NAMED and not faint:
         return share, _named(share, answer, evidence), replace(searched, judged=True)
-    if answer.status == NOTHING:
+    if answer.status == NOTHING or faint:
         search = Search(evidence, share.effects)
         return search, _anything(search, share), replace(searched, judged=True)
     return share, answer, searched
