@@ -106,7 +106,7 @@ def trend(
     judging = replace(judging, plan=plan, reference=0)  # of the series, not of a window
     monitor = compared.open(messages, source, sensors=not compared.patterns, model_error=judging.model_error)
     generic = monitor is None or monitor.slopes is not None
-    # a series is judged by changes along it: what wrong slopes of maps make of a change is asked once, not of each window
+    # what wrong slopes of maps make of a change is asked of the series, not of each window
     monitor = None if monitor is None else replace(trusting_no_input(monitor), slopes=None)
     files = judged_files(source, monitor, judging, summed=whole)
     files.series = True
