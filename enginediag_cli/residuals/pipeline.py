@@ -47,7 +47,8 @@ class WindowStatistics:
     the engine; reason: why there is no verdict, or empty. sensors: how many of the `sensors_of` that the nominal has
     gave a reading in a record that was judged (0 of 0: not known); silent: the monitored errors of those that gave
     none, of which nothing can be said and which are no suspects. conditions: mean of each input over the
-    records that were judged.
+    records that were judged. solution: the engine's unknowns (nx, n) at nominal in the records that were judged, where
+    they are known, from which whoever asks the engine again of these records may begin.
     """
 
     source: str
@@ -69,6 +70,7 @@ class WindowStatistics:
     silent: tuple[str, ...] = ()
     elsewhere: Counter[Elsewhere] = field(default_factory=Counter)
     conditions: Mapping[str, float] = field(default_factory=dict)
+    solution: np.ndarray | None = field(default=None, repr=False, compare=False)
 
     @property
     def extrapolated(self) -> int:
@@ -313,7 +315,7 @@ def _at_estimate(monitor: Monitor, batch: Sequence[Sequence[_Piece]], condense: 
             yield _with_statistics(monitor, condense, _whole(pieces), None)
             continue
         failed = int(np.sum(~found.ok[rows]))
-        whole = replace(_whole(pieces), failed=failed)
+        whole = replace(_whole(pieces), failed=failed, solution=None if x is None else x[:, rows])
         w = int(window[rows.start])
         statistics = local_statistics(
             found.e[rows],
