@@ -1,0 +1,167 @@
+"""The times of a hidden switch, narrowed by the records between steady ones.
+
+What is fitted rests on steady records alone. Between two of them the recording goes on; its records are compared with
+the model as it was fitted, with the effect and without, and say when the state changed (`change_time`). Nothing is
+fitted to them: what is told of them is told of the time alone.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from enginediag_cli.mismatch.fit.evidence import Evidence, Flight
+from enginediag_cli.mismatch.fit.identified import Identified
+from enginediag_cli.mismatch.fit.neighbours import TIME
+from enginediag_cli.mismatch.unrecorded.change_time import Errors, Stretch, interval, measured
+from enginediag_cli.mismatch.unrecorded.finding import HiddenFinding, Switch
+from enginediag_cli.mismatch.unrecorded.switched import STATE
+from enginediag_cli.progress import stage
+
+SURE = 0.45
+"""Distance of a state's probability from one half beyond which the record tells it: 19 to 1."""
+
+MOST_STRETCHES = 30
+"""Stretches of a known state that are compared with the model, those as long as the changes' first: 1000 points of the
+engine, and 150 changes put into them."""
+
+LEFT_OUT = 1.5
+"""Usual steps between two steady records from which some between them were left out."""
+
+NOTHING_LEARNT = 0.9
+"""Share of the interval between steady records from which nothing has been learnt: 0.95 of it is what no reading at all
+would leave."""
+
+LEAST_RECORDS = 4
+"""Of a stretch, with its ends: fewer tell no time."""
+
+Raw = Mapping[tuple[str, str], Mapping[str, np.ndarray]]
+"""All records of a flight, steady or not, as columns, by the flight's label and engine."""
+
+
+@dataclass(frozen=True)
+class _Span:
+    """Two steady records of flight `k`, one after the other, their times and states, and half the usual step."""
+
+    k: int
+    begin_s: float
+    end_s: float
+    before: float
+    after: float
+    half_s: float
+
+    @property
+    def length(self) -> float:
+        return self.end_s - self.begin_s
+
+
+@stage("looking for the times of the changes")
+def timed(finding: HiddenFinding, refitted: Identified, evidence: Evidence, raw: Raw) -> HiddenFinding:
+    """The finding with `earliest_s` and `latest_s` of those of its switches that unsteady records tell more of than
+    the steady ones. `refitted`: with the effect in the states of the column STATE."""
+    spans = [
+        s for k, f in enumerate(evidence.flights) if (f.label, f.engine) in raw for s in _spans(finding, evidence, k)
+    ]
+    changed = [s for s in spans if s.before != s.after]
+    if not changed:
+        return finding
+    typical = float(np.median([s.length for s in changed]))
+    known = [s for s in spans if s.before == s.after and s.length > 2.0 * LEFT_OUT * s.half_s]
+    known = sorted(known, key=lambda s: abs(np.log(s.length / typical)))[:MOST_STRETCHES]
+    stretches = _stretches([*known, *changed], refitted, evidence, raw)
+    errors = measured([s for span, s in stretches if span.before == span.after])
+    if errors is None:
+        return finding
+    found = {(evidence.flights[span.k].label, span.begin_s): s for span, s in stretches if span.before != span.after}
+    return replace(
+        finding, switches=tuple(_told(s, found.get((s.flight, s.before_s)), errors) for s in finding.switches)
+    )
+
+
+def _told(switch: Switch, stretch: Stretch | None, errors: Errors) -> Switch:
+    """The switch with its time; as it is where the stretch does not tell more than its ends."""
+    if stretch is None:
+        return switch
+    low, high = interval(stretch, errors)
+    if high - low >= NOTHING_LEARNT * (switch.time_s - switch.before_s):
+        return switch
+    return replace(switch, earliest_s=low, latest_s=high)
+
+
+def _spans(finding: HiddenFinding, evidence: Evidence, k: int) -> list[_Span]:
+    """Of flight k, between records whose state is told."""
+    assert finding.states is not None
+    first = sum(len(f) for f in evidence.flights[:k])
+    flight = evidence.flights[k]
+    time = np.asarray(flight.columns.get(TIME, np.full(len(flight), np.nan)), float)
+    told = (finding.number >= first) & (finding.number < first + len(flight)) & (np.abs(finding.states - 0.5) > SURE)
+    rows, states = finding.number[told] - first, finding.states[told] > 0.5
+    t = time[rows]
+    if len(t) < 2 or not (np.diff(t) > 0.0).all():
+        return []
+    half = 0.5 * float(np.median(np.diff(time)))
+    return [
+        _Span(k, float(t[j]), float(t[j + 1]), float(states[j]), float(states[j + 1]), half) for j in range(len(t) - 1)
+    ]
+
+
+def _stretches(
+    spans: Sequence[_Span], refitted: Identified, evidence: Evidence, raw: Raw
+) -> list[tuple[_Span, Stretch]]:
+    """What the model leaves between the ends of each span, of the sensors that all their flights have; without spans
+    that hold too few records with a prediction."""
+    compared = {}
+    for k in dict.fromkeys(s.k for s in spans):
+        flight = evidence.flights[k]
+        columns = raw[flight.label, flight.engine]
+        time = np.asarray(columns.get(TIME, ()), float)
+        if len(time) and np.isfinite(time).all() and (np.diff(time) > 0.0).all():
+            near = [(time >= s.begin_s - s.half_s) & (time <= s.end_s + s.half_s) for s in spans if s.k == k]
+            rows = np.flatnonzero(np.any(near, axis=0))
+            compared[k] = time[rows], *_compared(refitted, flight, {n: np.asarray(v)[rows] for n, v in columns.items()})
+    if not compared:
+        return []
+    sensors = np.all([np.isfinite(e).any(axis=0) for _, e, _ in compared.values()], axis=0)
+    found = []
+    for s in spans:
+        if s.k in compared and sensors.any():
+            t, e, c = compared[s.k]
+            whole = np.isfinite(e[:, sensors]).all(axis=1) & np.isfinite(c[:, sensors]).all(axis=1)
+            stretch = _stretch(s, t[whole], e[whole][:, sensors], c[whole][:, sensors])
+            if stretch is not None:
+                found.append((s, stretch))
+    return found
+
+
+def _stretch(span: _Span, t: np.ndarray, e: np.ndarray, c: np.ndarray) -> Stretch | None:
+    """Of a flight's records (n,), (n, m) those of the span, None where they are too few."""
+    before = np.flatnonzero((t >= span.begin_s - span.half_s) & (t <= span.begin_s))
+    after = np.flatnonzero((t >= span.end_s) & (t <= span.end_s + span.half_s))
+    if not (before.size and after.size) or after[0] - before[-1] + 1 < LEAST_RECORDS:
+        return None
+    sides = ((before, span.before), (after, span.after))
+    left = np.array([(e[rows] - c[rows] * state).mean(axis=0) for rows, state in sides])
+    own = slice(before[-1], after[0] + 1)
+    return Stretch(t[own], e[own], c[own], span.before, span.after, span.begin_s, span.end_s, left)
+
+
+def _compared(refitted: Identified, flight: Flight, columns: Mapping[str, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+    """Residuals without the effect and what it moves (n, m), in standard deviations; NaN where there is no reading or
+    no prediction. What maps and instruments err by slowly goes with the line between the steady records."""
+    model, problem = refitted.model, refitted.problem
+    engine, n = model.engine, len(columns[TIME])
+    inputs = {c: v for c, v in columns.items() if c in engine.inputs or c in engine.optional_inputs}
+    both = []
+    for state in (0.0, 1.0):
+        theta = {name: v for name, v in refitted.theta.items() if name in engine.parameters}
+        for d in model.discrepancies:
+            share = state if d.curve == STATE else float(d.curve == f"engine {flight.engine}")
+            before = theta.get(d.target, engine.parameters[d.target].nominal)
+            theta[d.target] = before + share * refitted.theta[d.name]
+        if STATE in engine.optional_inputs:
+            inputs[STATE] = np.full(n, state)
+        both.append(engine.predict(inputs, theta, sensors=problem.sensors).y)
+    readings = np.column_stack([columns.get(s, np.full(n, np.nan)) for s in problem.sensors])
+    return (readings - both[0]) / problem.sigma, (both[1] - both[0]) / problem.sigma
