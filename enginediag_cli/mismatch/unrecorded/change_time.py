@@ -19,7 +19,8 @@ S, φ and ν are those of stretches of the same flights on both sides of which t
 known times must hold them, and the logarithm of the likelihood is taken times the largest of POWERS at which it does.
 
 Sources: K. L. Lange, R. J. A. Little and J. M. G. Taylor, "Robust statistical modeling using the t distribution", JASA
-84 (1989) 881–896; P. Grünwald and T. van Ommen, "Inconsistency of Bayesian inference for misspecified linear models",
+84 (1989) 881–896; C. Liu, D. B. Rubin and Y. N. Wu, "Parameter expansion to accelerate EM", Biometrika 85 (1998)
+755–770; P. Grünwald and T. van Ommen, "Inconsistency of Bayesian inference for misspecified linear models",
 Bayesian Anal. 12 (2017) 1069–1103 (powers of a likelihood that is not the right one).
 """
 
@@ -140,8 +141,8 @@ def measured(known: Sequence[Stretch]) -> Errors | None:
     likelihoods = [log_likelihood(s, best) for s, _ in put]
     for power in POWERS:
         held = 0
-        for (s, at), value in zip(put, likelihoods, strict=True):
-            low, high = _interval(s, value, power, LEVEL)
+        for (s, at), likelihood in zip(put, likelihoods, strict=True):
+            low, high = _interval(s, likelihood, power, LEVEL)
             held += low <= at <= high
         if held >= LEVEL * len(put):
             return replace(best, power=power)
@@ -149,7 +150,8 @@ def measured(known: Sequence[Stretch]) -> Errors | None:
 
 
 def _interval(stretch: Stretch, likelihood: np.ndarray, power: float, level: float) -> tuple[float, float]:
-    """As `interval`, but for the record more, of ln p (lags, T); the density is even between the edges of what each moment stands for."""
+    """As `interval`, but for the record more, of ln p (lags, T); the density is even between the edges of what each
+    moment stands for."""
     value = np.logaddexp.reduce(power * likelihood, axis=0)
     moments = stretch.moments
     edges = np.concatenate([[stretch.begin_s], 0.5 * (moments[1:] + moments[:-1]), [stretch.end_s]])
@@ -200,7 +202,9 @@ def _fitted(known: Sequence[Stretch], u: Sequence[np.ndarray], memory: float, de
     for _ in range(ROUNDS):
         S = S + LEAST_SHARE * max(float(np.trace(S)), np.finfo(float).tiny) * np.eye(m)
         D2 = np.einsum("ij,gji->g", np.linalg.inv(S), squares)
-        new = np.einsum("g,gij->ij", (degrees + n * m) / (degrees + D2), squares) / n.sum()
+        weight = (degrees + n * m) / (degrees + D2)
+        # their mean is 1 at the optimum: to divide by it (parameter expansion) leads there in few rounds
+        new = np.einsum("g,gij->ij", weight / weight.mean(), squares) / n.sum()
         moved = float(np.abs(new - S).max() / np.abs(S).max())
         S = new
         if moved < SETTLED:
