@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 
@@ -23,9 +24,21 @@ from enginediag_cli.progress import stage
 SURE = 0.45
 """Distance of a state's probability from one half beyond which the record tells it: 19 to 1."""
 
-MOST_STRETCHES = 30
-"""Stretches of a known state that are compared with the model, those as long as the changes' first: 1000 points of the
-engine, and 150 changes put into them."""
+MOST_STRETCHES = 60
+"""Stretches of a known state that are compared with the model, evenly chosen: 2000 points of the engine."""
+
+MOST_LENGTH = 2.0
+"""Of them, over the longest in which something changes: longer ones are another kind of flying."""
+
+NEAREST = 20
+"""Stretches by which a change is judged, those in which the engine moves most nearly as much: 80 changes are put into
+them."""
+
+GROUPS = 6
+"""Of changes that are judged by the same stretches, at most: 0.1 s each."""
+
+AS_MUCH, LEAST_AS_MUCH = 0.7, 3
+"""Share of how far the engine moves, from which it counts as moved as much, and known stretches that must be so."""
 
 LEFT_OUT = 1.5
 """Usual steps between two steady records from which some between them were left out."""
@@ -67,24 +80,42 @@ def timed(finding: HiddenFinding, refitted: Identified, evidence: Evidence, raw:
     changed = [s for s in spans if s.before != s.after]
     if not changed:
         return finding
-    typical = float(np.median([s.length for s in changed]))
-    known = [s for s in spans if s.before == s.after and s.length > 2.0 * LEFT_OUT * s.half_s]
-    known = sorted(known, key=lambda s: abs(np.log(s.length / typical)))[:MOST_STRETCHES]
-    stretches = _stretches([*known, *changed], refitted, evidence, raw)
-    errors = measured([s for span, s in stretches if span.before == span.after])
-    if errors is None:
-        return finding
-    found = {(evidence.flights[span.k].label, span.begin_s): s for span, s in stretches if span.before != span.after}
-    return replace(
-        finding, switches=tuple(_told(s, found.get((s.flight, s.before_s)), errors) for s in finding.switches)
-    )
+    longest = MOST_LENGTH * max(s.length for s in changed)
+    known = [s for s in spans if s.before == s.after and 2.0 * LEFT_OUT * s.half_s < s.length <= longest]
+    chosen = np.unique(np.linspace(0, len(known) - 1, min(len(known), MOST_STRETCHES)).astype(int)) if known else []
+    stretches = _stretches([*(known[k] for k in chosen), *changed], refitted, evidence, raw)
+    alike = [s for span, s in stretches if span.before == span.after]
+    found = {}
+    for group in _groups([(span, s) for span, s in stretches if span.before != span.after]):
+        errors = _errors_of([s for _, s in group], alike)
+        if errors is not None:
+            found |= {(evidence.flights[span.k].label, span.begin_s): (s, errors) for span, s in group}
+    switches = tuple(_told(s, found.get((s.flight, s.before_s))) for s in finding.switches)
+    return replace(finding, switches=switches)
 
 
-def _told(switch: Switch, stretch: Stretch | None, errors: Errors) -> Switch:
-    """The switch with its time; as it is where the stretch does not tell more than its ends."""
-    if stretch is None:
+def _groups(changed: list[tuple[_Span, Stretch]]) -> list[list[tuple[_Span, Stretch]]]:
+    """Changes by how much the engine moves meanwhile, at most GROUPS."""
+    ranked = sorted(changed, key=lambda c: c[1].moved)
+    cuts = np.unique(np.linspace(0, len(ranked), min(GROUPS, len(ranked)) + 1).astype(int))
+    return [ranked[a:b] for a, b in pairwise(cuts.tolist())]
+
+
+def _errors_of(changed: Sequence[Stretch], known: Sequence[Stretch]) -> Errors | None:
+    """Errors of known stretches in which the engine moves as much as in these; None where it moves in too few of them
+    by as much: what is not seen where the state is known is no measure of what the model errs by here."""
+    moved = float(np.exp(np.mean([np.log(s.moved) for s in changed])))
+    most = max(s.moved for s in changed)
+    if sum(s.moved >= AS_MUCH * most for s in known) < LEAST_AS_MUCH:
+        return None
+    return measured(sorted(known, key=lambda s: abs(np.log(s.moved / moved)))[:NEAREST])
+
+
+def _told(switch: Switch, found: tuple[Stretch, Errors] | None) -> Switch:
+    """The switch with its time; as it is where its stretch does not tell more than its ends."""
+    if found is None:
         return switch
-    low, high = interval(stretch, errors)
+    low, high = interval(*found)
     if high - low >= NOTHING_LEARNT * (switch.time_s - switch.before_s):
         return switch
     return replace(switch, earliest_s=low, latest_s=high)
@@ -123,19 +154,20 @@ def _stretches(
             compared[k] = time[rows], *_compared(refitted, flight, {n: np.asarray(v)[rows] for n, v in columns.items()})
     if not compared:
         return []
-    sensors = np.all([np.isfinite(e).any(axis=0) for _, e, _ in compared.values()], axis=0)
+    sensors = np.all([np.isfinite(e).any(axis=0) for _, e, *_ in compared.values()], axis=0)
     found = []
     for s in spans:
         if s.k in compared and sensors.any():
-            t, e, c = compared[s.k]
-            whole = np.isfinite(e[:, sensors]).all(axis=1) & np.isfinite(c[:, sensors]).all(axis=1)
-            stretch = _stretch(s, t[whole], e[whole][:, sensors], c[whole][:, sensors])
+            t, *parts = compared[s.k]
+            e, c, y = (p[:, sensors] for p in parts)
+            whole = np.isfinite(e).all(axis=1) & np.isfinite(c).all(axis=1)
+            stretch = _stretch(s, t[whole], e[whole], c[whole], y[whole])
             if stretch is not None:
                 found.append((s, stretch))
     return found
 
 
-def _stretch(span: _Span, t: np.ndarray, e: np.ndarray, c: np.ndarray) -> Stretch | None:
+def _stretch(span: _Span, t: np.ndarray, e: np.ndarray, c: np.ndarray, y: np.ndarray) -> Stretch | None:
     """Of a flight's records (n,), (n, m) those of the span, None where they are too few."""
     before = np.flatnonzero((t >= span.begin_s - span.half_s) & (t <= span.begin_s))
     after = np.flatnonzero((t >= span.end_s) & (t <= span.end_s + span.half_s))
@@ -144,12 +176,16 @@ def _stretch(span: _Span, t: np.ndarray, e: np.ndarray, c: np.ndarray) -> Stretc
     sides = ((before, span.before), (after, span.after))
     left = np.array([(e[rows] - c[rows] * state).mean(axis=0) for rows, state in sides])
     own = slice(before[-1], after[0] + 1)
-    return Stretch(t[own], e[own], c[own], span.before, span.after, span.begin_s, span.end_s, left)
+    moved = float(np.maximum(np.ptp(y[own], axis=0).max(), 1.0))
+    return Stretch(t[own], e[own], c[own], span.before, span.after, span.begin_s, span.end_s, left, moved)
 
 
-def _compared(refitted: Identified, flight: Flight, columns: Mapping[str, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
-    """Residuals without the effect and what it moves (n, m), in standard deviations; NaN where there is no reading or
-    no prediction. What maps and instruments err by slowly goes with the line between the steady records."""
+def _compared(
+    refitted: Identified, flight: Flight, columns: Mapping[str, np.ndarray]
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Residuals without the effect, what it moves and the prediction without it (n, m), in standard deviations; NaN
+    where there is no reading or no prediction. What maps and instruments err by slowly goes with the line between the
+    steady records."""
     model, problem = refitted.model, refitted.problem
     engine, n = model.engine, len(columns[TIME])
     inputs = {c: v for c, v in columns.items() if c in engine.inputs or c in engine.optional_inputs}
@@ -164,4 +200,4 @@ def _compared(refitted: Identified, flight: Flight, columns: Mapping[str, np.nda
             inputs[STATE] = np.full(n, state)
         both.append(engine.predict(inputs, theta, sensors=problem.sensors).y)
     readings = np.column_stack([columns.get(s, np.full(n, np.nan)) for s in problem.sensors])
-    return (readings - both[0]) / problem.sigma, (both[1] - both[0]) / problem.sigma
+    return (readings - both[0]) / problem.sigma, (both[1] - both[0]) / problem.sigma, both[0] / problem.sigma
