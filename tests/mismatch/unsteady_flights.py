@@ -8,6 +8,7 @@ flow is steady, and only these are told to the model.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from concealed import carried, evidence, turbofan
@@ -123,7 +124,7 @@ def flown(rng: np.random.Generator, *, flights: int = 2, changes: int = 8, amoun
     for flight, s in zip(found, states, strict=True):
         t = flight.columns["time_s"]
         sure = np.flatnonzero(np.abs(s - 0.5) > 0.45)
-        for a, b in zip(sure[:-1], sure[1:], strict=True):
+        for a, b in pairwise(sure):
             if (s[a] > 0.5) != (s[b] > 0.5):
                 switches.append(Switch(flight.label, int(b), bool(s[b] > 0.5), 1.0, float(t[a]), float(t[b])))
         first += len(t)

@@ -7,6 +7,7 @@ fitted to them: what is told of them is told of the time alone.
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
@@ -18,11 +19,9 @@ from enginediag_cli.mismatch.fit.identified import Identified
 from enginediag_cli.mismatch.fit.neighbours import TIME
 from enginediag_cli.mismatch.unrecorded.change_time import Errors, Stretch, interval, measured
 from enginediag_cli.mismatch.unrecorded.finding import HiddenFinding, Switch
+from enginediag_cli.mismatch.unrecorded.hidden import SURE
 from enginediag_cli.mismatch.unrecorded.switched import STATE
 from enginediag_cli.progress import stage
-
-SURE = 0.45
-"""Distance of a state's probability from one half beyond which the record tells it: 19 to 1."""
 
 MOST_STRETCHES = 60
 """Stretches of a known state that are compared with the model, evenly chosen: 2000 points of the engine."""
@@ -56,7 +55,8 @@ Raw = Mapping[tuple[str, str], Mapping[str, np.ndarray]]
 
 @dataclass(frozen=True)
 class _Span:
-    """Two steady records of flight `k`, one after the other, their times and states, and half the usual step."""
+    """Two steady records of flight `k` whose states are told, none between whose state is, their times and states, and
+    half the usual step; `whole`: no steady record at all lies between."""
 
     k: int
     begin_s: float
@@ -64,10 +64,16 @@ class _Span:
     before: float
     after: float
     half_s: float
+    whole: bool
 
     @property
     def length(self) -> float:
         return self.end_s - self.begin_s
+
+    @property
+    def is_known(self) -> bool:
+        """Whether the state is the same throughout."""
+        return self.whole and self.before == self.after
 
 
 @stage("looking for the times of the changes")
@@ -81,7 +87,7 @@ def timed(finding: HiddenFinding, refitted: Identified, evidence: Evidence, raw:
     if not changed:
         return finding
     longest = MOST_LENGTH * max(s.length for s in changed)
-    known = [s for s in spans if s.before == s.after and 2.0 * LEFT_OUT * s.half_s < s.length <= longest]
+    known = [s for s in spans if s.is_known and 2.0 * LEFT_OUT * s.half_s < s.length <= longest]
     chosen = np.unique(np.linspace(0, len(known) - 1, min(len(known), MOST_STRETCHES)).astype(int)) if known else []
     stretches = _stretches([*(known[k] for k in chosen), *changed], refitted, evidence, raw)
     alike = [s for span, s in stretches if span.before == span.after]
@@ -90,7 +96,10 @@ def timed(finding: HiddenFinding, refitted: Identified, evidence: Evidence, raw:
         errors = _errors_of([s for _, s in group], alike)
         if errors is not None:
             found |= {(evidence.flights[span.k].label, span.begin_s): (s, errors) for span, s in group}
-    switches = tuple(_told(s, found.get((s.flight, s.before_s))) for s in finding.switches)
+    several = Counter((s.flight, s.before_s) for s in finding.switches)
+    # between two steady records a state is taken to have changed once: of more changes the readings may show any
+    once = {key: told for key, told in found.items() if several[key] == 1}
+    switches = tuple(_told(s, once.get((s.flight, s.before_s))) for s in finding.switches)
     return replace(finding, switches=switches)
 
 
@@ -133,9 +142,8 @@ def _spans(finding: HiddenFinding, evidence: Evidence, k: int) -> list[_Span]:
     if len(t) < 2 or not (np.diff(t) > 0.0).all():
         return []
     half = 0.5 * float(np.median(np.diff(time)))
-    return [
-        _Span(k, float(t[j]), float(t[j + 1]), float(states[j]), float(states[j + 1]), half) for j in range(len(t) - 1)
-    ]
+    ends = zip(pairwise(t.tolist()), pairwise(states.astype(float).tolist()), np.diff(rows) == 1, strict=True)
+    return [_Span(k, *times, *sides, half, bool(whole)) for times, sides, whole in ends]
 
 
 def _stretches(
