@@ -23,8 +23,8 @@ from enginediag_cli.mismatch.unrecorded.hidden import SURE
 from enginediag_cli.mismatch.unrecorded.switched import STATE
 from enginediag_cli.progress import stage
 
-MOST_STRETCHES = 60
-"""Stretches of a known state that are compared with the model, evenly chosen: 2000 points of the engine."""
+MOST_STRETCHES = 40
+"""Stretches of a known state that are compared with the model, evenly chosen: some 2000 points of the engine."""
 
 MOST_LENGTH = 2.0
 """Of them, over the longest in which something changes: longer ones are another kind of flying."""
@@ -88,10 +88,10 @@ def timed(finding: HiddenFinding, refitted: Identified, evidence: Evidence, raw:
         return finding
     longest = MOST_LENGTH * max(s.length for s in changed)
     known = [s for s in spans if s.is_known and 2.0 * LEFT_OUT * s.half_s < s.length <= longest]
-    chosen = np.unique(np.linspace(0, len(known) - 1, min(len(known), MOST_STRETCHES)).astype(int)) if known else []
+    chosen = np.unique(np.linspace(0, len(known) - 1, min(len(known), MOST_STRETCHES)).astype(int)).tolist()
     stretches = _stretches([*(known[k] for k in chosen), *changed], refitted, evidence, raw)
     alike = [s for span, s in stretches if span.before == span.after]
-    found = {}
+    found: dict[tuple[str, float], tuple[Stretch, Errors]] = {}
     for group in _groups([(span, s) for span, s in stretches if span.before != span.after]):
         errors = _errors_of([s for _, s in group], alike)
         if errors is not None:
