@@ -46,7 +46,7 @@ def row(path: Path) -> str:
             step = min((s for s, _ in RAW_STEPS_S), key=lambda s: abs(s - 0.5 * (low + high)))
             far = max(step - low, high - step) if "b22" in r["flight"] else np.inf
             beside = max(low - step, step - high, 0.0) if "b22" in r["flight"] else np.inf
-            note = f" ({beside:.0f} s beside)" if beside > 0.0 else ""
+            note = f" ({beside:.0f} s beside)" if beside >= 0.5 else ""
             told.append(f"{low:.0f}–{high:.0f}{note}" + ("" if far <= NEAR_S else " *"))
     place = rows[0]["location"]
     return f"| {path.stem} | {place} | {hits} of {len(rows)} | {int(doubtful.sum())} | {', '.join(told)} |"

@@ -6,17 +6,17 @@ at τ leaves
     u_k(τ) = e_k − c_k s_k(τ) − (a line in time through what the steady records on either side leave)
     s_k(τ) = s_before + (s_after − s_before) (1 − exp(−(t_k − τ)/T)) behind τ     T of LAGS_S, each as likely
 
-where the engine moves, the quasi-steady model errs by much more than the instruments, for seconds in a row, and by more
-in one stretch than in another. So u is an autoregression in time, of correlation φ over a second, whose covariance λS
-has a scale λ of its own in every stretch, λ⁻¹ ~ Γ(ν/2, ν/2), which makes a stretch of n records a Student t of
-dimension nm:
+Where the engine moves, the quasi-steady model errs by much more than the instruments, for seconds in a row, and by more
+at one time than at another. So u is an autoregression in time, of correlation φ over a second, whose covariance λS has a
+scale λ of its own in every BLOCK_S, λ⁻¹ ~ Γ(ν/2, ν/2), which makes a block of n records of m readings a Student t:
 
-    −2 ln p(u) = ln det S n + m Σ ln(1 − φ^{2Δt}) + (ν + nm) ln(1 + D²/ν)    D² = Σ vᵀS⁻¹v / (1 − φ^{2Δt})
-    v_k = u_k − φ^Δt u_{k−1}
+    −2 ln p(u) = n ln det S + m Σ ln w_k + (ν + nm) ln(1 + D²/ν) + constant      D² = Σ v_kᵀ S⁻¹ v_k / w_k
+    v_k = u_k − φ^Δt u_{k−1}      w_k = 1 − φ^{2Δt}
 
 S, φ and ν are those of stretches of the same flights on both sides of which the state is the same, hence known
 (expectation–maximisation). They are no law of nature: the posterior of a change that is put into these stretches at
 known times must hold them, and the logarithm of the likelihood is taken times the largest of POWERS at which it does.
+Between two steady records the state is taken to have changed once.
 
 Sources: K. L. Lange, R. J. A. Little and J. M. G. Taylor, "Robust statistical modeling using the t distribution", JASA
 84 (1989) 881–896; C. Liu, D. B. Rubin and Y. N. Wu, "Parameter expansion to accelerate EM", Biometrika 85 (1998)
