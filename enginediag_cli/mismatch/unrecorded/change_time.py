@@ -7,8 +7,8 @@ at τ leaves
     s_k(τ) = s_before + (s_after − s_before) (1 − exp(−(t_k − τ)/T)) behind τ     T of LAGS_S, each as likely
 
 Where the engine moves, the quasi-steady model errs by much more than the instruments, for seconds in a row, and by more
-at one time than at another. So u is an autoregression in time, of correlation φ over a second, whose covariance λS has a
-scale λ of its own in every BLOCK_S, λ⁻¹ ~ Γ(ν/2, ν/2), which makes a block of n records of m readings a Student t:
+at one time than at another. So u is an autoregression in time, of correlation φ over a second, whose covariance λS has
+a scale λ of its own in every BLOCK_S, λ⁻¹ ~ Γ(ν/2, ν/2), which makes a block of n records of m readings a Student t:
 
     −2 ln p(u) = n ln det S + m Σ ln w_k + (ν + nm) ln(1 + D²/ν) + constant      D² = Σ v_kᵀ S⁻¹ v_k / w_k
     v_k = u_k − φ^Δt u_{k−1}      w_k = 1 − φ^{2Δt}
