@@ -13,9 +13,11 @@ import numpy as np
 from scipy.stats import chi2
 
 from enginediag_cli.engine.term import Effect
+from enginediag_cli.intake.intake import Intake
 from enginediag_cli.intervals import NORMAL_95
 from enginediag_cli.mismatch.explain.alias_advice import Advice, advice_between
 from enginediag_cli.mismatch.explain.answer import FAILED, NAMED, NONE, NOTHING, Answer, Coefficient, Explanation
+from enginediag_cli.mismatch.explain.change_times import with_times
 from enginediag_cli.mismatch.explain.curves import Curve, best_places, fitted_curves
 from enginediag_cli.mismatch.explain.explain import UNRECORDED, Search
 from enginediag_cli.mismatch.explain.floor_cost import FloorCost, floor_cost
@@ -49,8 +51,15 @@ class Story:
     switched: tuple[Trial, ...] = ()  # effects that may be the first of `hidden`, refitted at its states, best first
 
 
-def tell(evidence: Evidence, effects: Sequence[Effect] | None = None, *, advise: bool = True) -> Story:
-    """Search and everything around it. `effects`: the library, default all that the model does not carry."""
+def tell(
+    evidence: Evidence,
+    effects: Sequence[Effect] | None = None,
+    *,
+    advise: bool = True,
+    intake: Intake | None = None,
+) -> Story:
+    """Search and everything around it. `effects`: the library, default all that the model does not carry; `intake`: by
+    which records that were left out as unsteady are read, where something has switched between them."""
     evidence = with_own_noise(evidence)
     search = Search(evidence, effects, hidden_search(evidence))
     answer = search.run()
@@ -71,6 +80,9 @@ def tell(evidence: Evidence, effects: Sequence[Effect] | None = None, *, advise:
         best = tuple(replace(e, switch="") for t in trials for e in t.hypothesis.effects)
         at = (best, *(tuple(e for e in effects_at(f.location, engine) if _listed(e, search.effects)) for f in told))
     base = search.base
+    if hidden and intake is not None:
+        trials = refitted[1] if refitted is not None else []
+        hidden = (with_times(hidden[0], trials, base.found, search.along, intake), *hidden[1:])
     curves = (
         fitted_curves(base.found, base.objective, best_places(answer.cells), search.along)
         if answer.status == NONE
