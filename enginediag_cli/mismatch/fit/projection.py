@@ -43,6 +43,9 @@ KEPT_BYTES = 32_000_000
 """Of whitened rows that are kept instead of computed again, which a short recording is quicker for: 4,000 records of
 nine sensors and a hundred columns."""
 
+AT_ONCE = 4096
+"""Rows of a chunk of the dense QR."""
+
 
 class Frame:
     """The rows of a fit: which readings count, and how a (N, m, k) array becomes whitened rows (n, k)."""
@@ -295,13 +298,24 @@ class DenseRows:
     def __init__(self, projection: Projection):
         found, keep = projection.found, projection.frame.keep
         (R, q), p = found.fit.z.shape, len(projection.R)
-        A, e = np.zeros((*keep.shape, p + R * q)), np.zeros(keep.shape)
-        for rows in projection.stream():
-            own = p + rows.recording * q
-            A[rows.span, :, :p], A[rows.span, :, own : own + q], e[rows.span] = rows.A, rows.Z, rows.e
+        k, n = p + R * q, int(keep.sum())
         prior = np.concatenate([found.fit.x[~found.fit.at_bound], found.fit.z.ravel()])
-        self.e = np.concatenate([e[keep], -prior])
-        self.Q, self.R = np.linalg.qr(np.concatenate([A[keep], np.eye(A.shape[2])]))
+        A, self.e, at = np.zeros((n + k, k)), np.concatenate([np.zeros(n), -prior]), 0
+        A[n:] = np.eye(k)
+        for rows in projection.stream():
+            there = keep[rows.span]
+            own, to = p + rows.recording * q, at + int(there.sum())
+            A[at:to, :p], A[at:to, own : own + q], self.e[at:to] = rows.A[there], rows.Z[there], rows.e[there]
+            at = to
+        # in place, by chunks: several copies of these rows would be the most that a search ever holds. Priors' rows
+        # keep every singular value of A above 1, so that A R⁻¹ is orthogonal to rounding
+        self.R = A[n:]
+        for a in range(0, n, AT_ONCE):
+            self.R = _triangle(self.R, A[a : min(a + AT_ONCE, n)])
+        inverse = np.linalg.inv(self.R)
+        for a in range(0, len(A), AT_ONCE):
+            A[a : a + AT_ONCE] = A[a : a + AT_ONCE] @ inverse
+        self.Q = A
 
 
 def _triangle(above: np.ndarray, below: np.ndarray) -> np.ndarray:

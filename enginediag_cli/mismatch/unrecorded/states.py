@@ -88,6 +88,7 @@ class _Rows:
             for x, y in ((along.own, along.own), (along.before, along.before), (along.own, along.before))
         ]
         self.g, self.B = along.gathered(of.left), along.B
+        self.own_rows, self.before_rows = along.own_rows, along.before_rows
 
     def amplitude(self, on: np.ndarray, both: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Of the likeliest effect at given states (S, N), (S,), and what the nuisance explains of it, (S, q)."""
@@ -99,8 +100,8 @@ class _Rows:
     def emission(self, a: np.ndarray, Bs: np.ndarray) -> np.ndarray:
         """ln likelihood of the rows without the nuisance's share, (S, N, 2, 2)."""
         w = self.of.pull - a[:, None] * Bs
-        own = self.own - w @ self.along.own_rows.T
-        return _emission(a[:, None], own, self.before - w @ self.along.before_rows.T, self.lengths)
+        own = self.own - w @ self.own_rows.T
+        return _emission(a[:, None], own, self.before - w @ self.before_rows.T, self.lengths)
 
     def value(self, chain: Posterior, a: np.ndarray, Bs: np.ndarray) -> np.ndarray:
         """LR above, (S,)."""
