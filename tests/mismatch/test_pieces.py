@@ -24,7 +24,7 @@ def linear(e, nuisance, gap):
     left = e - Q[:N] @ pull
     of = Basis(SimpleNamespace(), Q[:N, None], e[:, None], left[:, None], 0.0, pull, Q[N:], gap)
     one, none = np.ones((N, 1)), np.zeros((N, 1))
-    return of, Direction(one, none, np.ones(N), np.zeros(N - 1), Q[:N], np.zeros((N, q)))
+    return of, Direction(one, none, np.ones(N), np.zeros(N - 1), of.rows)
 
 
 def gaps():
