@@ -95,7 +95,7 @@ def test_windows_show_progress_on_a_terminal_and_the_data_are_those_of_a_pipe(fo
     arguments = (command, "-n", "n.yaml", "in.csv", "--window", "60")
     code, shown, piped = on_terminal(folder, *arguments, streams=("stderr",))
     assert code == 0
-    assert b"records judged" in shown
+    assert b"records judged" in shown or b"windows isolated" in shown
     done = subprocess.run(
         [sys.executable, "-m", "enginediag_cli", *arguments], cwd=folder, env=ENVIRONMENT, capture_output=True
     )
