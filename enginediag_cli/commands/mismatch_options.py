@@ -37,7 +37,8 @@ def mismatch_options(function: Callable[..., Any]) -> Callable[..., Any]:
         return function(*args, case=Case(engine_path, source, nominal, accept_changed_engine, asked), **others)
 
     nominal = nominal_options(
-        help="Nominal engine, as written by identify, to start from, and its noise. Without it, as in the engine file."
+        help="Nominal engine, as written by identify, to start from, and its noise. Without it explain identifies the "
+        "flights that it is given; locate and refine start from the engine file."
     )
     engine = click.argument("engine_path", metavar="ENGINE.yaml", type=ConfigFile())
     return engine(source_options(nominal(_search_options(with_case))))
