@@ -70,6 +70,7 @@ def tell(
     at = tuple(tuple(e for e in effects_at(f.location, engine) if _listed(e, search.effects)) for f in hidden)
     if answer.status == FAILED:
         return Story(search.evidence, answer, hidden, at, (), (), (), ())
+    trials: list[Trial] = []
     refitted = effects_that_switch(found, search.effects, search.base, search.along)
     if refitted is not None:
         lead, trials = refitted
@@ -81,7 +82,6 @@ def tell(
         at = (best, *(tuple(e for e in effects_at(f.location, engine) if _listed(e, search.effects)) for f in told))
     base = search.base
     if hidden and intake is not None:
-        trials = refitted[1] if refitted is not None else []
         hidden = (with_times(hidden[0], trials, base.found, search.along, intake), *hidden[1:])
     curves = (
         fitted_curves(base.found, base.objective, best_places(answer.cells), search.along)
@@ -105,7 +105,7 @@ def tell(
         tuple(only_exact),
         tuple(advice),
         tuple(unseen_effects(base, search.library, answer.unseen)),
-        tuple(refitted[1]) if refitted else (),
+        tuple(trials),
     )
 
 
