@@ -79,7 +79,7 @@ def explain(
     loaded = load_case(case, identified=True)
     tell_case(messages, case, loaded)
     effects = list(candidates(loaded.evidence.engine, without))
-    story = tell(loaded.evidence, effects, advise=not no_advice)
+    story = tell(loaded.evidence, effects, advise=not no_advice, intake=loaded.intake)
     head = provenance("explain", case, loaded.intake.provenance, **({"without": ", ".join(without)} if without else {}))
     for line in sentences(story):
         messages.note(line)

@@ -12,13 +12,13 @@ from enginediag_cli.commands.intake_options import compared_options, judging_opt
 from enginediag_cli.commands.isolation_options import Further, further_options
 from enginediag_cli.commands.judging import Compared, ending, judged_files, tell_files
 from enginediag_cli.commands.options import (
-    FiniteRange,
     exit_code_option,
     exit_codes,
     false_alarm_option,
     message_options,
     output_options,
     pass_messages,
+    probability_option,
 )
 from enginediag_cli.presentation.messages import Messages
 from enginediag_cli.presentation.output import Output
@@ -53,38 +53,12 @@ SENTENCES = 10
 )
 @click.option("--faults", metavar="Q", type=click.IntRange(min=1), help="Number of changed parameters, when known.")
 @false_alarm_option
-@click.option(
-    "--inclusion",
-    metavar="P",
-    type=FiniteRange(0, 1, min_open=True, max_open=True),
-    default=0.1,
-    show_default=True,
-    help="Prior probability that a parameter of the engine changed (posterior).",
+@probability_option("--inclusion", 0.1, "Prior probability that a parameter of the engine changed (posterior).")
+@probability_option(
+    "--sensor-inclusion", 0.005, "Prior probability that a sensor is wrong (posterior); no more than two are at once."
 )
-@click.option(
-    "--sensor-inclusion",
-    metavar="P",
-    type=FiniteRange(0, 1, min_open=True, max_open=True),
-    default=0.005,
-    show_default=True,
-    help="Prior probability that a sensor is wrong (posterior); no more than two are at once.",
-)
-@click.option(
-    "--coverage",
-    metavar="P",
-    type=FiniteRange(0, 1, min_open=True, max_open=True),
-    default=0.98,
-    show_default=True,
-    help="Probability that answer and rivals hold together.",
-)
-@click.option(
-    "--confidence",
-    metavar="P",
-    type=FiniteRange(0, 1, min_open=True, max_open=True),
-    default=0.95,
-    show_default=True,
-    help="Level of intervals.",
-)
+@probability_option("--coverage", 0.98, "Probability that answer and rivals hold together.")
+@probability_option("--confidence", 0.95, "Level of intervals.")
 @click.option(
     "--by",
     type=click.Choice(["parameter", "component"]),

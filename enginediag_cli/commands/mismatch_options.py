@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from enginediag_cli.commands.intake_options import model_error_option, nominal_options, source_options
-from enginediag_cli.commands.options import ConfigFile, FiniteRange, seed_option
+from enginediag_cli.commands.options import ConfigFile, probability_option, seed_option
 from enginediag_cli.presentation.messages import Messages
 
 if TYPE_CHECKING:
@@ -37,7 +37,8 @@ def mismatch_options(function: Callable[..., Any]) -> Callable[..., Any]:
         return function(*args, case=Case(engine_path, source, nominal, accept_changed_engine, asked), **others)
 
     nominal = nominal_options(
-        help="Nominal engine, as written by identify, to start from, and its noise. Without it, as in the engine file."
+        help="Nominal engine, as written by identify, to start from, and its noise. Without it explain identifies the "
+        "flights that it is given; locate and refine start from the engine file."
     )
     engine = click.argument("engine_path", metavar="ENGINE.yaml", type=ConfigFile())
     return engine(source_options(nominal(_search_options(with_case))))
@@ -62,14 +63,7 @@ def _search_options(function: Callable[..., Any]) -> Callable[..., Any]:
 
     options = [
         model_error_option,
-        click.option(
-            "--false-finding",
-            metavar="P",
-            type=FiniteRange(0, 1, min_open=True, max_open=True),
-            default=0.05,
-            show_default=True,
-            help="Probability of finding something where nothing is missing.",
-        ),
+        probability_option("--false-finding", 0.05, "Probability of finding something where nothing is missing."),
         click.option(
             "--driver",
             "drivers",

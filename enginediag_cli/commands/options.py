@@ -168,16 +168,15 @@ def _nothing_is_piped() -> bool:
     return sys.stdin is None or sys.stdin.closed or sys.stdin.isatty()
 
 
+def probability_option(name: str, default: float, help: str) -> Callable[[Function], Function]:
+    """An option that is a probability, neither 0 nor 1."""
+    inside = FiniteRange(0, 1, min_open=True, max_open=True)
+    return click.option(name, metavar="P", type=inside, default=default, show_default=True, help=help)
+
+
 def false_alarm_option(function: Function) -> Function:
     """`--false-alarm P`, the probability of an alarm in a window without change."""
-    return click.option(
-        "--false-alarm",
-        metavar="P",
-        type=FiniteRange(0, 1, min_open=True, max_open=True),
-        default=0.01,
-        show_default=True,
-        help="Probability that a test cries wolf.",
-    )(function)
+    return probability_option("--false-alarm", 0.01, "Probability that a test cries wolf.")(function)
 
 
 def seed_option(function: Function) -> Function:

@@ -105,10 +105,12 @@ def trend(
     healthy = judging.reference
     judging = replace(judging, plan=plan, reference=0)  # of the series, not of a window
     monitor = compared.open(messages, source, sensors=not compared.patterns, model_error=judging.model_error)
-    monitor = None if monitor is None else trusting_no_input(monitor)
+    generic = monitor is None or monitor.slopes is not None
+    # what wrong slopes of maps make of a change is asked of the series, not of each window
+    monitor = None if monitor is None else replace(trusting_no_input(monitor), slopes=None)
     files = judged_files(source, monitor, judging, summed=whole)
     files.series = True
-    series = series_of(files)
+    series = series_of(files, of_readings=what == "trend")
     if monitor is None and series.stretches and what == "trend":
         messages.note(
             "without --nominal it is not known which inputs are weather and which set the power: what follows the "
@@ -127,7 +129,7 @@ def trend(
             options = TrendOptions(
                 healthy=series.healthy(engine, healthy),
                 sensors=not no_sensors,
-                generic=monitor is None or monitor.slopes is not None,
+                generic=generic,
                 governed=series.governed,
             )
             story = judge_series(series.readings(engine).joined(most), series.known, options)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from math import isfinite
 
 import numpy as np
@@ -114,8 +114,9 @@ def _clock(stretches: Sequence[Stretch]) -> np.ndarray:
     return np.arange(len(windows), dtype=float)
 
 
-def series_of(files: JudgedFiles) -> Series:
-    """Raises DataError when windows of a flight have different parameters."""
+def series_of(files: JudgedFiles, *, of_readings: bool = False) -> Series:
+    """Raises DataError when windows of a flight have different parameters. `of_readings`: nothing but `readings` will
+    be asked of the series, for which the law of each statistic does not matter, nine tenths of what it holds."""
     found: dict[str, list[Stretch]] = {}
     place: dict[tuple[str, str, str], int] = {}
     known: dict[str, Parameter] = {}
@@ -124,6 +125,9 @@ def series_of(files: JudgedFiles) -> Series:
         if window.statistics is None:
             lost += 1
             continue
+        if of_readings:
+            window = replace(window, statistics=replace(window.statistics, by_sensor=None, rows=None, kurtosis=None))
+        assert window.statistics is not None
         known.update(its_own)
         mine = found.setdefault(window.engine, [])
         key = (window.engine, window.source, window.flight)

@@ -24,6 +24,9 @@ REMEMBERED = 300_000
 """Records whose solution is kept, 200 bytes each: a fit in blocks comes back to the first after the last."""
 KEPT = 5_000_000
 """Numbers of the predictions that are kept, the last ones, 40 MB."""
+MOVED, BATCHES = 0.02, 40
+"""Share of the largest value of each input by which records may have moved to be taken for the same, and batches, the
+last that were solved, among which they are sought. Judgement: from as far as that an iteration converges at once."""
 NEIGHBOURS = 4
 """Batches, the last that were solved, among whose operating points new records look for the nearest."""
 
@@ -54,7 +57,8 @@ class WarmEngine(WrappedModel):
         before = self._found.get(key)
         if before is not None and before.asked.same(asked):
             return before.prediction
-        start = known[1] if known is not None and met else self._nearest(points)
+        start = known[1] if known is not None and met else self._moved(points)
+        start = self._nearest(points) if start is None else start
         ways = {} if self._walk or not met else {"walk": False}
         found: Prediction = self._ask(asked, options={**asked.options, "start": start, **ways})
         # a point that failed keeps the start that it had: the next parameters may suit it again
@@ -73,6 +77,17 @@ class WarmEngine(WrappedModel):
     def _points(self, inputs: Mapping[str, Any]) -> np.ndarray:
         """Operating points (N, d): all inputs that the engine must have."""
         return np.column_stack(np.broadcast_arrays(*(np.atleast_1d(np.asarray(inputs[c], float)) for c in self.inputs)))
+
+    def _moved(self, points: np.ndarray) -> np.ndarray | None:
+        """Unknowns (nx, N) of the remembered batch of which these are the same records, read a little otherwise: as a
+        fit reads its inputs when it seeks their errors. None where there is no such batch."""
+        size = np.maximum(np.abs(points).max(axis=0, initial=0.0), 1e-9)
+        best, found = MOVED, None
+        for key in islice(reversed(self._last), BATCHES):
+            before, x = self._last[key]
+            if before.shape == points.shape and (far := float(np.abs((before - points) / size).max())) < best:
+                best, found = far, x
+        return found
 
     def _nearest(self, points: np.ndarray) -> np.ndarray | None:
         """Unknowns (nx, N) of the nearest remembered operating points; None when there are none."""

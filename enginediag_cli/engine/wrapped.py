@@ -7,6 +7,7 @@ it adds. Wrappers stand in one another: what one does not know it passes on.
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass, field, replace
@@ -43,7 +44,7 @@ class Question:
         )
 
 
-class WrappedModel:
+class WrappedModel(ABC):
     """`model` with parameters of its `own` beside the model's; what a wrapper adds is its `_answer`."""
 
     # what a model has, found at the inner one unless a wrapper has its own
@@ -77,9 +78,9 @@ class WrappedModel:
         own = {name: given.pop(name) for name in tuple(given) if name in self.own}
         return self._answer(Question(inputs, given, own, sensors, tuple(wrt), options))
 
+    @abstractmethod
     def _answer(self, asked: Question) -> Any:
         """The prediction, with what the wrapper adds."""
-        raise NotImplementedError
 
     def _ask(self, asked: Question, **other: Any) -> Any:
         """The answer of the inner model, which knows nothing of `own`; `other`: fields that it is asked otherwise."""

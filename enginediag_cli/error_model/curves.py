@@ -11,6 +11,13 @@ since what training found says nothing there, and
 
 begin, of which training knows next to nothing: an answer at an operating point that it did not see is not shifted but
 wide by itself, up to END, where they stay, too. A constant is the health parameter itself.
+
+Within the range training may have gaps, a climb and a descent without the cruise between them. Three curves along speed
+would span such a gap as if nothing could bend there, however large they may be: nearly certain, and wrong. Finer ones,
+
+    φ_8,9 = FINER √(2j + 1) P_j(x),  j = 4, 5
+
+are fixed where training has been and leave open what it does not say of a gap.
 """
 
 from __future__ import annotations
@@ -24,12 +31,18 @@ from numpy.polynomial import legendre
 SPEED_DEGREE, POSITION_DEGREE = 3, 2
 """Degrees of what a map may err by along speed and across it: shapes that a map's author gets wrong. Judgement; the
 blind trials' map errors are of other shapes on purpose."""
-CURVES = SPEED_DEGREE + POSITION_DEGREE + 2
+FINER_DEGREE = 5
+"""Degree of the finest curve along speed: it swings once within an idle, a climb or a cruise."""
+FINER = 0.5
+"""Standard deviation of the finer curves' amounts over that of the others: a map is rather wrong at large than wavy.
+Judgement; as large as the others they answer as rightly, and cost a little power."""
+CURVES = FINER_DEGREE + POSITION_DEGREE + 2
 """Functions of one map quantity of one machine."""
-BEYOND = [CURVES - 2, CURVES - 1]
+BEYOND = [SPEED_DEGREE + POSITION_DEGREE, SPEED_DEGREE + POSITION_DEGREE + 1]
 """Which of them begin where training ends."""
 FREEDOMS = 1 + SPEED_DEGREE + POSITION_DEGREE
-"""Operating points at which a map quantity may have any errors at all: its constant and the curves within the range."""
+"""Operating points at which a map quantity may have any errors at all: its constant and the curves within the range but
+the finer ones."""
 LEAST_REACH = 0.05
 """Half range of a logarithmic coordinate below which a map is not known to bend: within five per cent of speed or flow
 an error of its shape is a constant and a slope."""
@@ -40,9 +53,12 @@ EDGE = 10.0
 END = 1.6
 """Scaled coordinate beyond which the curves stay: an error of 0.3 % there may be one of 2 %, as wrong as maps ever
 are."""
-LARGEST = np.append(
-    np.sqrt(2.0 * np.array([*range(1, SPEED_DEGREE + 1), *range(1, POSITION_DEGREE + 1)]) + 1.0),
-    [EDGE * (END - 1.0)] * 2,
+LARGEST = np.concatenate(
+    [
+        np.sqrt(2.0 * np.array([*range(1, SPEED_DEGREE + 1), *range(1, POSITION_DEGREE + 1)]) + 1.0),
+        [EDGE * (END - 1.0)] * 2,
+        FINER * np.sqrt(2.0 * np.arange(SPEED_DEGREE + 1, FINER_DEGREE + 1) + 1.0),
+    ]
 )
 """Largest value (CURVES,) of each function, wherever a machine runs."""
 
@@ -63,7 +79,9 @@ class MapCurves:
         u = (coordinates[:, 1] - self.centre[1]) / self.reach[1]
         x = np.clip(np.nan_to_num(x), -END, END)
         r = np.clip(np.nan_to_num(u - np.polynomial.polynomial.polyval(x, self.line)), -END, END)
-        parts = (_within(x, SPEED_DEGREE), _within(r, POSITION_DEGREE), _beyond(x), _beyond(r))
+        along = _within(x, FINER_DEGREE)
+        smooth, finer = along[:, :SPEED_DEGREE], FINER * along[:, SPEED_DEGREE:]
+        parts = (smooth, _within(r, POSITION_DEGREE), _beyond(x), _beyond(r), finer)
         there = np.isfinite(coordinates).all(axis=1)
         return np.where(there[:, None], np.column_stack(parts), 0.0)
 

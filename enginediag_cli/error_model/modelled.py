@@ -85,14 +85,14 @@ class MapErrorModel(WrappedModel):
         along = tuple(n for n in asked.wrt if n not in self.own)
         if len(along) == len(asked.wrt) and not any(a.any() for a in amounts.values()):
             return self._ask(asked)
-        active, inputs = self._groups, asked.inputs
+        inputs = asked.inputs
         columns = tuple(self.model.sensors) if asked.sensors is None else tuple(asked.sensors)
-        frozen = {name: inputs[name] for g in active for name in _frozen_columns(g, columns) if name in inputs}
-        plain = {c: v for c, v in inputs.items() if c not in frozen}
-        if not all(name in frozen for g in active for name in _frozen_columns(g, columns)):
-            frozen = self.frozen(plain, columns)
+        taken = self._taken(columns)
+        plain = {c: v for c, v in inputs.items() if c not in taken}
+        brought = taken.keys() <= inputs.keys()
+        frozen = {name: inputs[name] for name in taken} if brought else self.frozen(plain, columns)
         p = self._ask(asked, inputs=plain, sensors=columns, wrt=along)
-        return _with_errors(p, active, amounts, asked.wrt, frozen)
+        return _with_errors(p, self._groups, amounts, asked.wrt, frozen)
 
     @property
     def amounts(self) -> tuple[str, ...]:
@@ -139,18 +139,20 @@ class MapErrorModel(WrappedModel):
                 effect[:, s, i] = frozen[_effect(g.target, sensor)]
         return np.asarray(effect @ steps)
 
+    def _taken(self, sensors: Sequence[str]) -> dict[str, None]:
+        """Names of the frozen columns, in their order."""
+        return dict.fromkeys(name for g in self._groups for name in _frozen_columns(g, sensors))
+
     def excitation(self, frozen: Mapping[str, np.ndarray]) -> dict[str, float]:
         """Root mean square over the records of the curve of each amount, from frozen columns (N,)."""
-        found: dict[str, float] = {}
-        for g in self._groups:
-            at = np.column_stack([frozen[c] for c in g.machine.coordinate_columns])
-            found.update(zip(g.names, np.sqrt(np.mean(g.curves.at(at) ** 2, axis=0)).tolist(), strict=True))
-        return found
+        curves = _curves_at(self._groups, frozen, len(next(iter(frozen.values()), ())))
+        rms = {machine: np.sqrt(np.mean(values**2, axis=0)).tolist() for machine, values in curves.items()}
+        return {name: size for g in self._groups for name, size in zip(g.names, rms[g.machine.name], strict=True)}
 
     def frozen(self, inputs: Mapping[str, Any], sensors: Sequence[str], **options: Any) -> dict[str, np.ndarray]:
         """Frozen columns (N,) by name of all map errors at these records, 0 where there is no prediction; options: of
         the model's prediction."""
-        taken = {name for g in self._groups for name in _frozen_columns(g, sensors)}
+        taken = self._taken(sensors)
         plain = {c: v for c, v in inputs.items() if c not in taken}
         also = columns_of(g.machine for g in self._groups)
         p = self.model.predict(plain, {}, sensors=tuple(sensors), wrt=self.targets, also=also, **options)

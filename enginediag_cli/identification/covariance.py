@@ -27,7 +27,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from enginediag_cli.identification.gauss_newton import Fit
-from enginediag_cli.identification.normal_equations import accumulate, blocks, eliminate
+from enginediag_cli.identification.normal_equations import Block, accumulate, blocks, eliminate
 from enginediag_cli.identification.pace import NEIGHBOURS, correlated_sum, correlations, inflation
 from enginediag_cli.identification.problem import Problem
 
@@ -50,13 +50,16 @@ class Uncertainty:
 
 @dataclass(frozen=True)
 class _Sums:
-    """Sums over the records of each sensor, (m, p, p), with J̃ the sensitivities and f_k = Σ_l C_kl J̃_l."""
+    """Sums over the records of each sensor, with J̃ the sensitivities and f_k = Σ_l C_kl J̃_l; where a trace is all that
+    is asked for it is taken record by record, which costs one product of matrices less."""
 
-    bread: np.ndarray  # Σ w_k J̃_kᵀ J̃_k
-    plain: np.ndarray  # Σ J̃_kᵀ J̃_k
-    lagged: np.ndarray  # Σ J̃_kᵀ J̃_k−1
-    smooth: np.ndarray  # Σ J̃_kᵀ f_k
-    smooth_lagged: np.ndarray  # Σ J̃_kᵀ f_k−1 + J̃_k−1ᵀ f_k, over neighbours only, as lagged
+    plain: np.ndarray  # (m, p, p) Σ J̃_kᵀ J̃_k
+    lagged: np.ndarray  # (m, p, p) Σ J̃_kᵀ J̃_k−1, over neighbours only
+    meat: np.ndarray  # (p, p) Σ J̃_kᵀ f_k, weighted over all sensors
+    bread: np.ndarray  # (m,) tr A⁻¹ Σ w_k J̃_kᵀ J̃_k
+    smooth: np.ndarray  # (m,) tr A⁻¹ Σ J̃_kᵀ f_k
+    smooth_lagged: np.ndarray  # (m,) tr A⁻¹ Σ (J̃_kᵀ f_k−1 + J̃_k−1ᵀ f_k), over neighbours only
+    offset_use: np.ndarray  # (m,) readings that the offsets use up
 
 
 def uncertainty(problem: Problem, fit: Fit, rho: np.ndarray, used: np.ndarray | None = None) -> Uncertainty:
@@ -88,24 +91,21 @@ def uncertainty(problem: Problem, fit: Fit, rho: np.ndarray, used: np.ndarray | 
     prior_of_offsets = gain @ gain.T
     # an error of the model at an operating point is common to all its records
     scale = b * (1.0 if problem.shared is None else problem.shared) / (problem.sigma * problem.inflation) ** 2
-    sums = _sums(problem, fit, bread, arrow.gain, rho)
-    meat = np.einsum("s,spl->pl", scale, sums.smooth)
     inverse = np.linalg.inv(arrow.S)
+    sums = _sums(problem, fit, bread, (arrow.gain, np.linalg.inv(H_zz + np.eye(q))), rho, scale, inverse)
+    meat = sums.meat
     covariance = inverse @ (meat + prior_of_offsets + np.eye(p)) @ inverse
     covariance = (covariance + covariance.T) / 2
     data = arrow.S - np.eye(p)
-    offset_use = _offset_use(problem, fit, bread, np.linalg.inv(H_zz + np.eye(q))) if q else np.zeros(len(a))
-    dof = np.einsum("pl,slp->s", inverse, sums.bread)
     w, variance = _column_mean(bread, scaled, 0.0), problem.sigma**2
     lost = np.stack(
         [
-            2 * w * np.einsum("pl,slp->s", inverse, sums.smooth)
-            - np.einsum("pl,slp->s", covariance, sums.plain) / variance,
-            w * np.einsum("pl,slp->s", inverse, sums.smooth_lagged)
-            - np.einsum("pl,slp->s", covariance, sums.lagged) / variance,
+            2 * w * sums.smooth - np.einsum("pl,slp->s", covariance, sums.plain) / variance,
+            w * sums.smooth_lagged - np.einsum("pl,slp->s", covariance, sums.lagged) / variance,
         ]
     )
-    dof = dof + offset_use
+    offset_use = sums.offset_use
+    dof = sums.bread + offset_use
     # a mean varies by σ²κ/n and is in every product, of which there are fewer than squares
     neighbours = (np.isfinite(scaled[1:] + scaled[:-1]) & (problem.gap[1:] <= NEIGHBOURS)[:, None]).sum(axis=0)
     products = neighbours / np.maximum(np.isfinite(scaled).sum(axis=0), 1)
@@ -120,13 +120,10 @@ def uncertainty(problem: Problem, fit: Fit, rho: np.ndarray, used: np.ndarray | 
     )
 
 
-def _offset_use(problem: Problem, fit: Fit, bread: np.ndarray, covariance: np.ndarray) -> np.ndarray:
-    """Readings of each sensor (m,) that the offsets use up, of `covariance` (R, q, q) with all else held."""
-    found = np.zeros(len(problem.sensors))
-    for block in blocks(problem, fit.x, fit.z):
-        w, G = bread[block.rows], np.nan_to_num(block.offset_columns(problem))
-        found += np.einsum("nm,nmq,nmq->m", w, G, G @ covariance[problem.recording[block.rows]])
-    return found
+def _offset_use(problem: Problem, block: Block, w: np.ndarray, covariance: np.ndarray) -> np.ndarray:
+    """Readings of each sensor (m,) of a block that the offsets use up, of `covariance` (R, q, q) with all else held."""
+    G = np.nan_to_num(block.offset_columns(problem))
+    return np.asarray(np.einsum("nm,nmq,nmq->m", w, G, G @ covariance[problem.recording[block.rows]]))
 
 
 def _column_mean(values: np.ndarray, valid: np.ndarray, default: float) -> np.ndarray:
@@ -136,12 +133,25 @@ def _column_mean(values: np.ndarray, valid: np.ndarray, default: float) -> np.nd
     return np.where(n > 0, total / np.maximum(n, 1), default)
 
 
-def _sums(problem: Problem, fit: Fit, bread: np.ndarray, gain: np.ndarray, rho: np.ndarray) -> _Sums:
+def _sums(
+    problem: Problem,
+    fit: Fit,
+    bread: np.ndarray,
+    offsets: tuple[np.ndarray, np.ndarray],
+    rho: np.ndarray,
+    scale: np.ndarray,
+    inverse: np.ndarray,
+) -> _Sums:
+    """Sums over all records; offsets: their gain (R, p, q) and covariance (R, q, q); scale (m,): weight of each sensor
+    in the meat; inverse (p, p): S⁻¹, which the traces are taken with."""
     p, m = len(fit.x), len(problem.sensors)
-    by_sensor, plain, lagged, smooth, smooth_lagged = (np.zeros((m, p, p)) for _ in range(5))
-    gap = problem.gap
+    plain, lagged, meat = np.zeros((m, p, p)), np.zeros((m, p, p)), np.zeros((p, p))
+    trace, smooth, smooth_lagged, offset_use = (np.zeros(m) for _ in range(4))
+    gap, (gain, of_offsets) = problem.gap, offsets
     for block in blocks(problem, fit.x, fit.z):
         w, recording = bread[block.rows], problem.recording[block.rows]
+        if of_offsets.shape[1]:
+            offset_use += _offset_use(problem, block, w, of_offsets)
         J = np.where((w > 0)[:, :, None], block.jacobian, 0.0)
         outputs = block.offset_jacobian.shape[1]
         for j, o in enumerate(problem.offsets[:outputs]):
@@ -154,16 +164,18 @@ def _sums(problem: Problem, fit: Fit, bread: np.ndarray, gain: np.ndarray, rho: 
         steps = gap[block.rows].copy()
         steps[0] = np.inf  # what lies in the block before is forgotten: one record in thousands
         f = correlated_sum(J, correlations(steps, rho))
-        neighbours = np.flatnonzero(steps[1:] <= NEIGHBOURS) + 1
+        meat += J.reshape(-1, p).T @ (f * scale[:, None]).reshape(-1, p)
+        f = f @ inverse
+        near = steps[1:] <= NEIGHBOURS
+        smooth += np.einsum("nmp,nmp->nm", J, f).sum(axis=0)
+        smooth_lagged += near @ (np.einsum("nmp,nmp->nm", J[1:], f[:-1]) + np.einsum("nmp,nmp->nm", J[:-1], f[1:]))
         for s in range(m):
-            g, h = np.ascontiguousarray(J[:, s]), np.ascontiguousarray(f[:, s])
+            g = np.ascontiguousarray(J[:, s])
             own = g.T @ g
-            by_sensor[s] += w[:, s].max() * own  # it is the same for all readings that there are
+            trace[s] += w[:, s].max() * np.sum(inverse * own)  # the weight of all readings that there are is one
             plain[s] += own
-            smooth[s] += g.T @ h
-            lagged[s] += g[neighbours].T @ g[neighbours - 1]
-            smooth_lagged[s] += g[neighbours].T @ h[neighbours - 1] + g[neighbours - 1].T @ h[neighbours]
-    return _Sums(by_sensor, plain, lagged, smooth, smooth_lagged)
+            lagged[s] += (g[1:] * near[:, None]).T @ g[:-1]
+    return _Sums(plain, lagged, meat, trace, smooth, smooth_lagged, offset_use)
 
 
 def _data_standard_error(information: np.ndarray, meat: np.ndarray) -> np.ndarray:

@@ -141,7 +141,12 @@ def check_nominal_fits(nominal: Nominal, engine: MonitoredModel, path: str | Pat
     """ConfigError, with every place in the nominal file, unless the engine has what the nominal names: its
     parameters, and their values within the engine's bounds, its sensors and its inputs."""
     wrong: list[tuple[tuple[str | int, ...], str, str]] = []
-    parameters = (nominal.error_model.of(engine) if nominal.error_model else engine).parameters
+    model = nominal.error_model.of(engine) if nominal.error_model else None
+    parameters = (model or engine).parameters
+    lacking = set(model.amounts if model else ()) - {e.name for e in nominal.estimates}
+    if lacking:
+        what = f"{len(lacking)} errors of maps were not identified, {min(lacking)!r} the first: there were fewer then"
+        wrong.append((("estimates",), what, "run identify again"))
     for e in nominal.estimates:
         known = parameters.get(e.name)
         if known is None:

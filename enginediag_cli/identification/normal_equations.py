@@ -91,7 +91,6 @@ def blocks(problem: Problem, x: np.ndarray, z: np.ndarray, *, sensitivities: boo
         p = problem.model.predict(inputs, theta, sensors=problem.sensors, wrt=(*wrt, *along))
         y = np.array(p.y, float)
         along_all = np.asarray(p.jacobian, float)
-        J = along_all[:, :, : len(wrt)] * problem.prior_sigma[: len(wrt)]
         # a point whose derivatives cannot be had cannot take part in the fit, whatever its value
         status = np.where(np.isfinite(along_all.sum(axis=(1, 2))), p.status, np.maximum(p.status, 2)).astype(np.int8)
         y[status > 1] = np.nan
@@ -110,7 +109,7 @@ def blocks(problem: Problem, x: np.ndarray, z: np.ndarray, *, sensitivities: boo
             else:
                 factor[:, s] += value
                 offset_J[:, j] = o.prior_sigma * y[:, s]
-        J *= factor[:, :, None]
+        J = along_all[:, :, : len(wrt)] * (factor[:, :, None] * problem.prior_sigma[: len(wrt)])
         input_J *= factor[:, :, None]
         yield Block(rows, y * factor + shift, J, offset_J, status, input_J)
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -32,6 +32,15 @@ def whole_flights(intake: Intake) -> list[WholeFlight]:
     if not any(len(flight.recording) for flight in flights):
         raise NoVerdictError(f"{', '.join(map(intake.source.label, intake.source.files))}: there is no record")
     return flights
+
+
+def every_record(intake: Intake, files: Collection[str]) -> list[WholeFlight]:
+    """The flights of these files with the records that the recorder has left out because the engine was not steady,
+    nothing averaged; none where there is no such recorder (`Intake.ungated`). Raises DataError."""
+    every = intake.ungated()
+    if every is None:
+        return []
+    return [flight for file in every.files() if file.name in files for flight in _of_file(every, file)]
 
 
 def _of_file(intake: Intake, file: File) -> Iterator[WholeFlight]:

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from enginediag_cli.errors import DataError
 from enginediag_cli.intake.left_out import LeftOut
-from enginediag_cli.intake.source import Source, refuse_repeated
+from enginediag_cli.intake.source import STDIN, Source, refuse_repeated
 from enginediag_cli.intake.wanted import Wanted
 from enginediag_cli.recordings.masking import Judged, Masker
 from enginediag_cli.recordings.peeked import Peeked
@@ -62,6 +62,16 @@ class Intake:
         """Masked chunks of all files in turn. Raises DataError, NoVerdictError."""
         for file in self.files():
             yield from file.masked()
+
+    def ungated(self) -> Intake | None:
+        """The same with every record that was read, steady or not, and no averages; None where nothing but masks leaves
+        records out, or where what has been read cannot be read again."""
+        recorder = self._recorder
+        if recorder is None or not (recorder.steady or recorder.average_s > 0.0) or STDIN in self.source.files:
+            return None
+        every = Intake(self.source, self.wanted, self.fleet)
+        every._recorder = replace(recorder, steady=None, average_s=0.0)
+        return every
 
     def remember(self, recording: Recording) -> None:
         """Keep what the head of a recording says: where it comes from, and its columns."""

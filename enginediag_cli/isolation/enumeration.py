@@ -37,24 +37,28 @@ def all_sets(
 
 def _eliminated(
     beta: np.ndarray, A: np.ndarray, growing: tuple[np.ndarray | slice, ...]
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, list[np.ndarray]]:
     """Quadratic forms and log determinants (w, M) of the sets that grow by the first parameters in turn, and what is
-    then left of β (w, M, r) and A (w, M, r, r) for the others."""
-    w = len(beta)
+    then left of β (w, r, M) and of A for the r others: of each, row by row, its own entry and those to the right.
+
+    The sets lie along the last axis, so that every operation runs over them without a stride.
+    """
+    w, p = beta.shape
     quadratic, log_det = np.zeros((w, 1)), np.zeros((w, 1))
     # what is left of β and A for the undecided parameters, given the decided ones
-    c, G = beta[:, None, :], A[:, None, :, :]
+    c, rows = beta[:, :, None], [A[:, i, i:, None] for i in range(p)]
     for grow in growing:
-        grown_c, grown_G = c[:, grow], G[:, grow]
-        pivot = grown_G[:, :, 0, 0]
-        gain = grown_c[:, :, 0] / pivot
-        column = grown_G[:, :, 1:, 0]
-        quadratic = np.concatenate([quadratic, quadratic[:, grow] + grown_c[:, :, 0] * gain], axis=1)
-        log_det = np.concatenate([log_det, log_det[:, grow] + np.log(pivot)], axis=1)
-        c = np.concatenate([c[:, :, 1:], grown_c[:, :, 1:] - column * gain[:, :, None]], axis=1)
-        taken = column[:, :, :, None] * (column / pivot[:, :, None])[:, :, None, :]
-        G = np.concatenate([G[:, :, 1:, 1:], grown_G[:, :, 1:, 1:] - taken], axis=1)
-    return quadratic, log_det, c, G
+        first = rows[0][:, :, grow]
+        pivot, column = first[:, :1], first[:, 1:]
+        gain, share = c[:, :1, grow] / pivot, column / pivot
+        quadratic = np.concatenate([quadratic, quadratic[:, grow] + (c[:, :1, grow] * gain)[:, 0]], axis=1)
+        log_det = np.concatenate([log_det, log_det[:, grow] + np.log(pivot[:, 0])], axis=1)
+        c = np.concatenate([c[:, 1:], c[:, 1:, grow] - column * gain], axis=2)
+        rows = [
+            np.concatenate([row, row[:, :, grow] - share[:, i : i + 1] * column[:, i:]], axis=2)
+            for i, row in enumerate(rows[1:])
+        ]
+    return quadratic, log_det, c, rows
 
 
 def _with_pairs(
@@ -63,43 +67,55 @@ def _with_pairs(
     """`all_sets` with none, one or two of the `few` parameters (p,)."""
     order = np.argsort(few, kind="stable")
     n, r = int(np.sum(~few)), int(np.sum(few))
-    quadratic, log_det, c, G = _eliminated(beta[:, order], A[:, order][:, :, order], plan(n, limit)[1])
     sets = pair_plan(tuple(few.tolist()), limit, most)
-    quadratics, log_dets = [quadratic[:, sets.alone]], [log_det[:, sets.alone]]
-    if most >= 1:
-        diagonal = G[:, :, range(r), range(r)]
-        gain, log = c**2 / diagonal, np.log(diagonal)
-        rows = sets.with_one
-        quadratics.append((quadratic[:, rows, None] + gain[:, rows]).reshape(len(beta), -1))
-        log_dets.append((log_det[:, rows, None] + log[:, rows]).reshape(len(beta), -1))
-    if most >= PAIRS:
-        rows, (i, j) = sets.with_two, sets.pairs
+    quadratic, log_det, c, G = _eliminated(beta[:, order], A[:, order][:, :, order], plan(n, limit)[1])
+    found = np.empty((2, len(beta), len(sets.masks)))
+    filled = 0
+
+    def fill(quadratics: np.ndarray, log_dets: np.ndarray) -> None:
+        nonlocal filled
+        k = int(np.prod(quadratics.shape[1:]))
+        for whole, part in zip(found, (quadratics, log_dets), strict=True):
+            whole[:, filled : filled + k] = part.reshape(len(beta), k)
+        filled += k
+
+    fill(quadratic, log_det)
+    at: np.ndarray | slice = slice(None)
+    for size, rows in ((1, sets.with_one), (2, sets.with_two)):
+        if most < size or not r:
+            break
         if len(rows) < len(sets.alone):
-            c, G, diagonal, gain, log = (x[:, rows] for x in (c, G, diagonal, gain, log))
-        common = G.reshape(*G.shape[:2], r * r).take(i * r + j, axis=2)
-        across = common / diagonal.take(i, axis=2)
-        pivot = diagonal.take(j, axis=2) - across * common
-        left = c.take(j, axis=2) - c.take(i, axis=2) * across
-        left *= left
-        left /= pivot
-        left += (quadratic[:, rows, None] + gain).take(i, axis=2)
-        quadratics.append(left.reshape(len(beta), -1))
-        more = np.log(pivot, out=pivot)
-        more += (log_det[:, rows, None] + log).take(i, axis=2)
-        log_dets.append(more.reshape(len(beta), -1))
-    return sets.masks, np.concatenate(quadratics, axis=1), np.concatenate(log_dets, axis=1)
+            at = rows
+        gain = [c[:, i, at] ** 2 / G[i][:, 0, at] for i in range(r)]
+        if size == 1:
+            fill(
+                np.stack([quadratic[:, at] + gain[i] for i in range(r)], axis=1),
+                np.stack([log_det[:, at] + np.log(G[i][:, 0, at]) for i in range(r)], axis=1),
+            )
+            continue
+        for i in range(r - 1):
+            own, common = G[i][:, :1, at], G[i][:, 1:, at]
+            across = common / own
+            pivot = np.stack([G[j][:, 0, at] for j in range(i + 1, r)], axis=1)
+            pivot -= across * common
+            left = c[:, i + 1 :, at] - c[:, i : i + 1, at] * across
+            left *= left
+            left /= pivot
+            left += (quadratic[:, at] + gain[i])[:, None]
+            pivot *= own  # one logarithm for both
+            fill(left, np.log(pivot, out=pivot) + log_det[:, None, at])
+    return sets.masks, found[0], found[1]
 
 
 @dataclass(frozen=True)
 class PairPlan:
-    """Sets of at most two of the rare parameters: `masks` (M, p); of the sets of the others, which stand `alone`, get
-    one and get two of the rare beside them, and the `pairs` (2, r (r − 1)/2) of these."""
+    """Sets of at most two of the rare parameters: `masks` (M, p), none of the rare, each of them, each pair in turn; of
+    the sets of the others, which stand `alone`, get one and get two of the rare beside them."""
 
     masks: np.ndarray
     alone: np.ndarray
     with_one: np.ndarray
     with_two: np.ndarray
-    pairs: np.ndarray
 
 
 @lru_cache(maxsize=8)
@@ -117,10 +133,10 @@ def pair_plan(few: tuple[bool, ...], limit: int, most: int) -> PairPlan:
         np.eye(r, dtype=bool)[pairs[0]] | np.eye(r, dtype=bool)[pairs[1]],
     ]
     masks = np.zeros((sum(len(a) * len(b) for a, b in zip(rows, beside, strict=True)), len(few)), bool)
-    masks[:, ~rare] = np.concatenate([np.repeat(other[a], len(b), axis=0) for a, b in zip(rows, beside, strict=True)])
-    masks[:, rare] = np.concatenate([np.tile(b, (len(a), 1)) for a, b in zip(rows, beside, strict=True)])
+    masks[:, ~rare] = np.concatenate([np.tile(other[a], (len(b), 1)) for a, b in zip(rows, beside, strict=True)])
+    masks[:, rare] = np.concatenate([np.repeat(b, len(a), axis=0) for a, b in zip(rows, beside, strict=True)])
     masks.flags.writeable = False
-    return PairPlan(masks, rows[0], rows[1], rows[2], pairs)
+    return PairPlan(masks, rows[0], rows[1], rows[2])
 
 
 @lru_cache(maxsize=8)
@@ -131,6 +147,7 @@ def counted(p: int, limit: int, few: tuple[bool, ...], most: int) -> tuple[np.nd
     return (masks & rare).sum(axis=1), (masks & ~rare).sum(axis=1)
 
 
+@lru_cache(maxsize=256)
 def number_of_sets(p: int, limit: int, few: int = 0, most: int = 0) -> int:
     """How many sets of at most `limit` of p parameters there are, with no more than `most` out of `few` of them."""
     return sum(

@@ -84,6 +84,7 @@ class Isolating:
                     raise DataError(f"{engine.name} has no column {column!r} for a sensor; {near(column, columns)}")
         if self.kept is not None:
             self.files.passing = self.kept.passing
+            self.files.solutions = True
 
     def windows(self) -> Iterator[IsolatedWindow]:
         """All windows in turn. Raises DataError, NoVerdictError."""
@@ -153,11 +154,13 @@ class _Records:
 
     def __call__(self) -> WindowModel | None:
         found = self._kept.of(self._window)
-        return (
-            None
-            if found is None or self._monitor is None
-            else WindowModel(_doubting(self._monitor, self._window).without(self._window.silent), *found)
-        )
+        if found is None or self._monitor is None:
+            return None
+        inputs, y = found
+        start = self._window.solution
+        if start is not None and start.shape[1] != len(y):
+            start = None
+        return WindowModel(_doubting(self._monitor, self._window).without(self._window.silent), inputs, y, start)
 
 
 def _doubting(monitor: Monitor, window: WindowStatistics) -> Monitor:

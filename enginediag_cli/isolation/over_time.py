@@ -40,6 +40,10 @@ OPERATION = 0.5
 """Share of the steps of components, where readings wander, that is a change of operation nobody recorded. Judgement."""
 TOLD = 0.5
 """Probability from which an event is one."""
+DECIDED = 5.0
+"""Log odds by which a change must show by one law of scatter alone, and by which all laws together must speak against
+it, to be plain: laws are read from the series that they judge, and odds between them are worth less than those within
+one (decisive by R. E. Kass and A. E. Raftery, JASA 90 (1995) 773–795)."""
 GENERIC, KNOWN = 0.1, 0.03
 """Share to which the effect of a component on the readings is known where the maps are generic (half the standard
 deviation of their slopes, of which the effect is a part) and where they are the engine's."""
@@ -187,7 +191,20 @@ def _told(readings: Readings, search: Search, chosen: Sequence[Chosen], gains: S
         {c: 1 - m for c, m in missed.items()},
         settled,
         _fit(readings, search, chosen),
+        None if events else _undecided(readings, search, chosen),
     )
+
+
+def _undecided(readings: Readings, search: Search, chosen: Sequence[Chosen]) -> Event | None:
+    """A further event by the law of scatter that shows it, where it is not settled that the other one holds."""
+    log, nothing = search.posterior(chosen)
+    by_law = np.logaddexp.reduce(log, axis=(1, 2))
+    if np.logaddexp.reduce(by_law) - np.logaddexp.reduce(nothing) < -DECIDED:
+        return None
+    shown = by_law - nothing
+    law = int(np.argmax(shown))
+    one = replace(search, tables=(search.tables[law],))
+    return _event(readings, one, chosen) if shown[law] > DECIDED else None
 
 
 def _event(readings: Readings, search: Search, others: Sequence[Chosen], most: float = np.inf) -> Event:

@@ -93,13 +93,15 @@ def set_posterior(
     slabs = np.asarray(prior.slabs, float)
     A = np.eye(p) + slabs[:, None, None] ** 2 * information
     masks, quadratic, log_det = all_sets(slabs[:, None] * b, A, limit, sensors, prior.wrong_sensors)
-    each = 0.5 * (quadratic - log_det)
+    each = quadratic
+    each -= log_det
+    each *= 0.5
     wrong, healthy = counted(p, limit, tuple(sensors.tolist()), prior.wrong_sensors)
     top = np.maximum.reduce(list(each))  # with the prior, a bound of the weight that is no more than ln(slabs) off
     m = int(sensors.sum())
     each_count = np.ogrid[: min(limit, p - m) + 1, : min(prior.wrong_sensors, limit, m) + 1]
     of_counts = prior.log_of_counts(each_count[0], each_count[1], p, m)
-    logs = top + of_counts[healthy, wrong]
+    logs = top + of_counts.ravel().take(healthy * of_counts.shape[1] + wrong)
     sizes = healthy + wrong
     none = int(np.flatnonzero(sizes == 0)[0])
     asked: np.ndarray = np.ones(len(logs), bool) if faults is None else np.asarray(sizes == faults)

@@ -64,10 +64,13 @@ class Fit:
 @dataclass(frozen=True)
 class Story:
     """Events of one series of `flights` flights, surest first; inclusion: component → chance that it changed;
-    converged: the search settled; fit: what is left unexplained."""
+    converged: the search settled; fit: what is left unexplained; undecided: where nothing is told, a change that the
+    series shows plainly if its readings scatter by themselves, and does not if they wander, when it is not settled that
+    they do."""
 
     events: tuple[Event, ...]
     flights: int
     inclusion: Mapping[str, float]
     converged: bool = True
     fit: Fit = Fit(1.0, 1.0)
+    undecided: Event | None = None

@@ -9,8 +9,8 @@ residuals at the change δ, G and G₀ the whitened sensitivities of the monitor
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -49,16 +49,23 @@ class Expansion:
 
 
 class WindowModel:
-    """Likelihood of one window's records; inputs: column -> (N,), y (N, m) with NaN where missing.
+    """Likelihood of one window's records; inputs: column -> (N,), y (N, m) with NaN where missing; start: unknowns
+    (nx, N) of the engine at nominal, where they are known.
 
     Records that the engine cannot compute at nominal are left out; a change at which it cannot compute another
     has log likelihood −inf.
     """
 
-    def __init__(self, monitor: Monitor, inputs: Mapping[str, np.ndarray], y: np.ndarray):
+    def __init__(
+        self,
+        monitor: Monitor,
+        inputs: Mapping[str, np.ndarray],
+        y: np.ndarray,
+        start: np.ndarray | None = None,
+    ):
         self.monitor = monitor
         self.p = len(monitor.monitored)
-        predicted, J, ok, found = monitor.predict(dict(inputs), monitor.theta0)
+        predicted, J, ok, found = monitor.predict(dict(inputs), monitor.theta0, start=start)
         # errors of the maps stay where nominal has the machines, whatever fault is tried
         known = {**inputs, **getattr(found, "frozen", {})}
         self.inputs = {column: np.asarray(values)[ok] for column, values in known.items()}
@@ -72,7 +79,7 @@ class WindowModel:
         self._doubt = G.reshape(-1, G.shape[2]) @ root
         self._inner = np.eye(root.shape[1]) + self._doubt.T @ self._doubt
         self._at_nominal = 0.0
-        self._at_nominal = self._expansion(z, G[:, :, : self.p]).log_likelihood
+        self._at_nominal = float(self._log_likelihood(z.reshape(1, -1))[0])
 
     @property
     def prior_sigma(self) -> np.ndarray:
@@ -91,11 +98,41 @@ class WindowModel:
 
     def log_likelihood(self, changes: np.ndarray) -> np.ndarray:
         """ℓ(δ) − ℓ(0) (w,) of changes (w, p); −inf where the engine cannot compute a record."""
-        return np.array([e.log_likelihood for e in self.expand(changes)])
+        found = []
+        values = replace(self.monitor, monitored=())  # whose predictions come without sensitivities
+        for predicted, _, ok in self._predictions(values, changes):
+            computed = ok.all(axis=1) & ~np.any(self._present & ~np.isfinite(predicted), axis=(1, 2))
+            e = np.where(self._present, self.y - predicted, np.nan)
+            z, _ = whiten(e.reshape(-1, e.shape[2]), np.zeros((e[..., 0].size, e.shape[2], 0)), self.monitor.noise)
+            found.append(np.where(computed, self._log_likelihood(z.reshape(len(e), -1)), -np.inf))
+        return np.concatenate(found) if found else np.zeros(0)
+
+    def _log_likelihood(self, z: np.ndarray) -> np.ndarray:
+        """ℓ − ℓ(0) (w,) of whitened residuals (w, n)."""
+        s = z @ self._doubt
+        known = np.sum(s * np.linalg.solve(self._inner, s.T).T, axis=1)
+        return np.asarray(-0.5 * (np.sum(z**2, axis=1) - known) - self._at_nominal)
 
     def expand(self, changes: np.ndarray) -> list[Expansion]:
         """Expansion about each of w changes (w, p)."""
         found: list[Expansion] = []
+        for predicted, J, ok in self._predictions(self.monitor, changes):
+            for k in range(len(predicted)):
+                computed = np.isfinite(predicted[k]) & np.all(np.isfinite(J[k]), axis=2)
+                if not np.all(ok[k]) or np.any(self._present & ~computed):  # fewer readings would fit better
+                    nothing = np.full((self.p, self.p), np.nan)
+                    found.append(Expansion(-np.inf, nothing[0], nothing))
+                    continue
+                e = np.where(self._present, self.y - predicted[k], np.nan)
+                z, G = whiten(e, J[k], self.monitor.noise)
+                found.append(self._expansion(z, G))
+        return found
+
+    def _predictions(
+        self, monitor: Monitor, changes: np.ndarray
+    ) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray]]:
+        """Predictions (w, N, m), sensitivities (w, N, m, q) to the q that `monitor` watches and whether they could be
+        computed (w, N) at changes (w, p), as many at a time as one call of the engine takes."""
         N, at_once = self.records, max(1, MAX_POINTS // max(self.records, 1))
         for first in range(0, len(changes), at_once):
             part = changes[first : first + at_once]
@@ -103,20 +140,10 @@ class WindowModel:
             theta[:, : self.p] += part
             inputs = {c: np.tile(values, len(part)) for c, values in self.inputs.items()}
             start = None if self._start is None else np.tile(self._start, len(part))
-            predicted, J, ok, _ = self.monitor.predict(
-                inputs, np.repeat(theta, N, axis=0), nuisance=False, **({} if start is None else {"start": start})
-            )
-            for k in range(len(part)):
-                rows = slice(k * N, (k + 1) * N)
-                computed = np.isfinite(predicted[rows]) & np.all(np.isfinite(J[rows][:, :, : self.p]), axis=2)
-                if not np.all(ok[rows]) or np.any(self._present & ~computed):  # fewer readings would fit better
-                    nothing = np.full((self.p, self.p), np.nan)
-                    found.append(Expansion(-np.inf, nothing[0], nothing))
-                    continue
-                e = np.where(self._present, self.y - predicted[rows], np.nan)
-                z, G = whiten(e, J[rows][:, :, : self.p], self.monitor.noise)
-                found.append(self._expansion(z, G))
-        return found
+            predicted, J, ok, _ = monitor.predict(inputs, np.repeat(theta, N, axis=0), nuisance=False, start=start)
+            q = len(monitor.monitored)
+            shape = (len(part), N, predicted.shape[1])
+            yield predicted.reshape(shape), J[:, :, :q].reshape(*shape, q), ok.reshape(len(part), N)
 
     def _expansion(self, z: np.ndarray, G: np.ndarray) -> Expansion:
         columns, residual = G.reshape(-1, self.p), z.ravel()

@@ -89,6 +89,8 @@ def document(story: Story, provenance: tuple[str, ...]) -> dict[str, Any]:
                         "record": s.record + 1,
                         "after_s": _told(s.before_s),
                         "until_s": _told(s.time_s),
+                        "earliest_s": _told(s.earliest_s),
+                        "latest_s": _told(s.latest_s),
                         "on": s.on,
                         "probability": s.probability,
                     }
@@ -145,7 +147,8 @@ def curve_rows(curves: tuple[Curve, ...]) -> Iterator[dict[str, Any]]:
 
 
 def amplitude_rows(story: Story) -> Iterator[dict[str, Any]]:
-    """Amplitude of the first hidden effect, record by record, with its state where it is a switch."""
+    """Amplitude of the first hidden effect, record by record, with its state where it is a switch, and when it
+    changed to that."""
     if not story.hidden:
         return
     f = story.hidden[0]
@@ -153,9 +156,11 @@ def amplitude_rows(story: Story) -> Iterator[dict[str, Any]]:
     sizes = np.array([len(next(iter(x.columns.values()))) for x in flights])
     first = np.concatenate([[0], np.cumsum(sizes)])
     of = np.searchsorted(first, f.number, side="right") - 1
+    changes = {(s.flight, s.record): s for s in f.switches}
     for k, number in enumerate(f.number):
         flight, record = flights[of[k]], int(number - first[of[k]])
         time = flight.columns.get("time_s")
+        change = changes.get((flight.label, record))
         yield {
             "engine": flight.engine,
             "flight": flight.label,
@@ -166,6 +171,8 @@ def amplitude_rows(story: Story) -> Iterator[dict[str, Any]]:
             "standard_error": float(f.standard_error[k]),
             "unit": f.unit,
             "probability_on": None if f.states is None else float(f.states[k]),
+            "changed_from_s": None if change is None else _told(change.between[0]),
+            "changed_to_s": None if change is None else _told(change.between[1]),
         }
 
 

@@ -260,10 +260,18 @@ def _switched(switches: Sequence[Switch]) -> Iterator[str]:
         told = ", ".join(f"{'on' if s.on else 'off'} {moment(s)}" for s in shown if s.flight == flight)
         last = more if flight == shown[-1].flight else ""
         yield f"  In {flight} switched {told}{last}."
+    timed = sum(s.narrowed for s in shown)
+    if timed:
+        rest = "" if timed == len(shown) else "; where that is not said, they do not tell it closer than steady ones"
+        yield f"  Times of 95 % are told by unsteady records between steady ones, to which nothing was fitted{rest}."
 
 
 def moment(s: Switch) -> str:
-    """When a state changed: between the records that are judged, whose times are the middles of what was averaged."""
+    """When a state changed: by the unsteady records, or between those that are judged, whose times are the middles of
+    what was averaged."""
+    if s.narrowed:
+        low, high = math.floor(10.0 * s.earliest_s) / 10.0, math.ceil(10.0 * s.latest_s) / 10.0
+        return f"between {low:.10g} and {high:.10g} s (95 %)"
     if not (math.isfinite(s.before_s) and math.isfinite(s.time_s)):
         return f"at record {s.record + 1}"
     return f"between {s.before_s:.10g} and {s.time_s:.10g} s"

@@ -81,12 +81,13 @@ def _head(engine: str, story: Story, parameter: str) -> dict[str, Any]:
 
 
 def _fit(story: Story) -> dict[str, Any]:
-    verdict = "changed" if story.events else "steady"
+    verdict = "changed" if story.events else "cannot tell" if story.undecided else "steady"
     return {"verdict": verdict, "fit_before": story.fit.before, "fit": story.fit.after}
 
 
 def component_rows(engine: str, story: Story, series: Series) -> Iterator[dict[str, Any]]:
-    """One row per event, with the component or the class of components; one alone where nothing changed."""
+    """One row per event, with the component or the class of components; one alone where nothing changed or it cannot be
+    told whether anything did, with the suspects as rivals."""
     head = {"engine": engine, "flights": story.flights, **_fit(story)}
     for event in story.events:
         yield {
@@ -100,7 +101,8 @@ def component_rows(engine: str, story: Story, series: Series) -> Iterator[dict[s
     if not story.events:
         empty = dict.fromkeys(("kind", *ONSET))
         steady = 1 - max(story.inclusion.values(), default=0.0)
-        yield {**head, "components": [], "probability": steady, **empty, "rivals": []}
+        rivals = [f"{m.component} ({m.probability:.2g})" for m in story.undecided.members] if story.undecided else []
+        yield {**head, "components": [], "probability": steady, **empty, "rivals": rivals}
 
 
 def _rivals(event: Event, member: Member) -> list[str]:
@@ -151,6 +153,12 @@ def tell_story(messages: Messages, engine: str, story: Story, series: Series) ->
         messages.note(
             f"{name}chi2 per degree of freedom, by the scatter of the series: {story.fit.before:.3g} before what "
             f"follows, {story.fit.after:.3g} after"
+        )
+    if story.undecided:
+        suspects = listed([m.component for m in story.undecided.named])
+        messages.note(
+            f"{name}cannot tell: if the readings scatter from each flight to the next alone, {suspects} changed; if "
+            "they wander by themselves, as instruments and unrecorded operation do, nothing did"
         )
     for event in story.events:
         since = _since(event, series.stretches[engine])

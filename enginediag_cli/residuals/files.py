@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 
 from enginediag_cli.errors import DataError
@@ -58,7 +58,7 @@ class JudgedFiles:
     passing: sees the chunks of recordings on their way. summed: windows of a flight are added up. given: names of the
     choices that the user made, which statistics would ignore. economy: chooses the form of the monitor for each file;
     None: always the one for few records. series: windows are compared with each other, see `series_monitor`, which goes
-    without a reference. `ledger`: what was read of statistics."""
+    without a reference. solutions: windows hold the engine's unknowns, too. `ledger`: what was read of statistics."""
 
     intake: Intake
     monitor: Monitor | None
@@ -70,6 +70,7 @@ class JudgedFiles:
     elsewhere: Counter[Elsewhere] = field(default_factory=Counter)
     economy: Economy | None = None
     series: bool = False
+    solutions: bool = False
 
     _few: Monitor | None = field(default=None, repr=False)
 
@@ -82,7 +83,7 @@ class JudgedFiles:
             statistics = file.lines is not None and is_flat(file.lines.columns)
             for window, known in self._flat(file) if statistics else self._condensed(file):
                 self._count(window)
-                yield window, known
+                yield window if self.solutions else replace(window, solution=None), known
 
     def _condensed(self, file: File) -> Iterator[Window]:
         monitor, judging = self.monitor, self.judging

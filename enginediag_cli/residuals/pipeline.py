@@ -31,8 +31,9 @@ from enginediag_cli.residuals.statistics import LocalStatistics
 from enginediag_cli.residuals.windows import WindowPlan
 
 LINEARISE = ("estimate", "nominal")
-BATCH_RECORDS = 5_000
-"""Windows are re-linearised together up to this many records: one call of the engine costs less than many."""
+BATCH_RECORDS = 3_000
+"""Windows wait for each other until they hold this many records, and are then re-linearised together: one call of the
+engine costs less than many. More would save little and hold sensitivities to a hundred parameters of each."""
 SETTLED = 0.2
 """Step of the re-estimate, in standard errors, that is not worth another call of the engine: what it leaves out of
 the statistics is of second order in it."""
@@ -47,7 +48,8 @@ class WindowStatistics:
     the engine; reason: why there is no verdict, or empty. sensors: how many of the `sensors_of` that the nominal has
     gave a reading in a record that was judged (0 of 0: not known); silent: the monitored errors of those that gave
     none, of which nothing can be said and which are no suspects. conditions: mean of each input over the
-    records that were judged.
+    records that were judged. solution: the engine's unknowns (nx, n) at nominal in the records that were judged, where
+    they are known, from which whoever asks the engine again of these records may begin.
     """
 
     source: str
@@ -69,6 +71,7 @@ class WindowStatistics:
     silent: tuple[str, ...] = ()
     elsewhere: Counter[Elsewhere] = field(default_factory=Counter)
     conditions: Mapping[str, float] = field(default_factory=dict)
+    solution: np.ndarray | None = field(default=None, repr=False, compare=False)
 
     @property
     def extrapolated(self) -> int:
@@ -125,7 +128,7 @@ def window_statistics(
     linearise: str = "estimate",
     condense: Condense | None = None,
 ) -> Iterator[WindowStatistics]:
-    """Statistics of each window as soon as it is complete; chunks of one file come in order.
+    """Statistics of each window, a few windows at a time; chunks of one file come in order.
 
     linearise: "estimate" re-linearises every window at its own estimate, "nominal" stays at θ0 as the paper
     does. condense: from the statistics of all parameters of the monitor to those that the window hands over;
@@ -139,7 +142,9 @@ def window_statistics(
     counted = each(recordings, "records judged", size=len)
     for complete in cut(monitor, counted, plan, partial(_pieces, monitor), at_nominal=linearise == "nominal"):
         waiting.extend(complete)
-        yield from _finished(monitor, waiting, linearise, condense)
+        if sum(map(_size, waiting)) >= BATCH_RECORDS:
+            yield from _finished(monitor, waiting, linearise, condense)
+    yield from _finished(monitor, waiting, linearise, condense)
 
 
 def _pieces(
@@ -195,11 +200,16 @@ def _finished(
         size = 0
         while waiting and (not batch or size < BATCH_RECORDS):
             batch.append(waiting.popleft())
-            size += sum(len(piece.y) for piece in batch[-1])
+            size += _size(batch[-1])
         if linearise == "nominal":
             yield from (_at_nominal(monitor, condense, pieces) for pieces in batch)
         else:
             yield from _at_estimate(monitor, batch, condense)
+
+
+def _size(pieces: Sequence[_Piece]) -> int:
+    """Records of a window that are judged."""
+    return sum(len(piece.y) for piece in pieces)
 
 
 def _whole(pieces: Sequence[_Piece]) -> WindowStatistics:
@@ -275,7 +285,7 @@ def _at_nominal(monitor: Monitor, condense: Condense, pieces: Sequence[_Piece]) 
 
 def _at_estimate(monitor: Monitor, batch: Sequence[Sequence[_Piece]], condense: Condense) -> Iterator[WindowStatistics]:
     """Re-linearise all windows of a batch together."""
-    sizes = [sum(len(piece.y) for piece in pieces) for pieces in batch]
+    sizes = [_size(pieces) for pieces in batch]
     window = np.repeat(np.cumsum(np.array(sizes) > 0) - 1, sizes)
     every = [piece for pieces in batch for piece in pieces]
     inputs = {c: np.concatenate([piece.inputs[c] for piece in every]) for c in every[0].inputs}
@@ -313,7 +323,7 @@ def _at_estimate(monitor: Monitor, batch: Sequence[Sequence[_Piece]], condense: 
             yield _with_statistics(monitor, condense, _whole(pieces), None)
             continue
         failed = int(np.sum(~found.ok[rows]))
-        whole = replace(_whole(pieces), failed=failed)
+        whole = replace(_whole(pieces), failed=failed, solution=None if x is None else x[:, rows])
         w = int(window[rows.start])
         statistics = local_statistics(
             found.e[rows],

@@ -18,7 +18,7 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "isolation"))
 
-from turbofan_trials import ENGINE, faulty_window, window_score
+from turbofan_trials import ENGINE, faulty_window, score_and_solution
 
 from enginediag_cli.engine.input_errors import InputErrors
 from enginediag_cli.isolation.diagnosis import DiagnosisOptions, diagnose
@@ -48,11 +48,11 @@ def timed(windows: int, seed: int = 1) -> dict[str, list[float]]:
         change = {str(n): -rng.uniform(0.005, 0.02) for n in names}
         inputs, y = faulty_window(rng, monitor, change, RECORDS)
         begun = [time.process_time()]
-        score = window_score(monitor, inputs, y)
+        score, x = score_and_solution(monitor, inputs, y)
         begun.append(time.process_time())
         set_posterior(score)
         begun.append(time.process_time())
-        diagnose(score, DiagnosisOptions(), lambda inputs=inputs, y=y: WindowModel(monitor, inputs, y))
+        diagnose(score, DiagnosisOptions(), lambda inputs=inputs, y=y, x=x: WindowModel(monitor, inputs, y, x))
         begun.append(time.process_time())
         if k:  # the first plans the sets
             for name, seconds in zip(found, np.diff(begun), strict=True):

@@ -1,10 +1,10 @@
 """False alarms in a regime that identification never saw: python tests/benchmarks/leave_regime_out.py [--nominals N]
 
-Healthy flights of turbofan.yaml are flown by the engine itself and by truths on tables whose shapes are wrong. A
-nominal is identified by default options from flights without one phase; `detect` judges windows of that phase alone, in
-later flights. One row per truth and phase: windows, those without verdict, the realised rate in % at nominal 5 and 1 %
-with its 95 % interval by the scatter between nominals, that at 5 % over nominal and whether it is at most 1.5 times
-that; beside it the rates of nominals that saw the phase.
+Healthy flights of an engine, turbofan.yaml unless another file is given, are flown by the engine itself and by truths
+on tables whose shapes are wrong. A nominal is identified by default options from flights without one phase; `detect`
+judges windows of that phase alone, in later flights. One row per truth and phase: windows, those without verdict, the
+realised rate in % at nominal 5 and 1 % with its 95 % interval by the scatter between nominals, that at 5 % over nominal
+and whether it is at most 1.5 times that; beside it the rates of nominals that saw the phase.
 """
 
 from __future__ import annotations
@@ -131,7 +131,7 @@ def tallies(model: Engine, shape: float, phase: str, nominals: int, seed: int) -
             for tally, rows in zip(found, (phases != phase, phases == phases), strict=True):
                 healthy, nominal = write(folder / "healthy.csv", recording, rows), folder / "nominal.yaml"
                 try:
-                    run("identify", ENGINE, healthy, "-o", nominal)
+                    run("identify", model.path, healthy, "-o", nominal)
                 except RuntimeError:
                     tally.unsettled += 1
                     continue
@@ -143,10 +143,11 @@ def main(arguments: list[str] | None = None) -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--nominals", type=int, default=6, help="identified nominals per row")
     parser.add_argument("--seed", type=int, default=2611)
+    parser.add_argument("--engine", type=Path, default=ENGINE, help="an engine file of an aircraft's engine")
     parser.add_argument("--only", default="", help="this phase alone")
     parser.add_argument("--shape", type=float, action="append", help="errors of map shapes (default: 0, 0.3 % and 1 %)")
     options = parser.parse_args(arguments)
-    model = load_engine(ENGINE)
+    model = load_engine(options.engine)
     print(
         "| truth | left out | windows | at 5 % / 1 % | over nominal, at most 1.5 | with that phase |\n"
         + "|---" * 6

@@ -232,3 +232,11 @@ def test_two_flights_are_no_trend():
 
 def test_three_flights_are_judged():
     assert judged(flights(np.random.default_rng(12), np.zeros((3, 7)))).flights == 3
+
+
+def test_readings_that_wander_leave_open_what_readings_that_scatter_settle():
+    """What a walk of the readings does, wear does, too: nothing is named, and nothing called steady."""
+    calm = [judged(flights(np.random.default_rng(5100 + k), np.zeros((40, 7)))) for k in range(4)]
+    assert all(not story.events and story.undecided is None for story in calm)
+    walks = [judged(flights(np.random.default_rng(5200 + k), np.zeros((40, 7)), 1.0)) for k in range(4)]
+    assert sum(story.undecided is not None for story in walks) >= 3

@@ -6,9 +6,11 @@ import numpy as np
 import pytest
 
 from enginediag_cli.error_model.curves import (
+    BEYOND,
     CURVES,
     EDGE,
     END,
+    FINER,
     LARGEST,
     POSITION_DEGREE,
     SPEED_DEGREE,
@@ -16,8 +18,12 @@ from enginediag_cli.error_model.curves import (
     learn_curves,
 )
 
-WITHIN = SPEED_DEGREE + POSITION_DEGREE
+SMOOTH = SPEED_DEGREE + POSITION_DEGREE
+"""Curves of the range that training covered which are as large as a map's error is stated."""
+WITHIN = [j for j in range(CURVES) if j not in BEYOND]
 """Curves of the range that training covered; the others begin beyond it."""
+SIZES = np.where(np.arange(CURVES) < SMOOTH, 1.0, FINER)[WITHIN]
+"""Of each of them."""
 
 UNIT = MapCurves("hpc", (0.0, 0.0), (1.0, 1.0), (0.0, 0.0, 0.0, 0.0))
 
@@ -28,13 +34,13 @@ def trained(rng, n=400):
     return np.column_stack([speed, 1.0 + 2.0 * (speed - 5.3) ** 2 + 0.08 * rng.uniform(-1, 1, n)])
 
 
-def test_each_curve_has_unit_mean_square_over_the_range_covered_and_no_mean():
+def test_each_curve_has_unit_mean_square_over_the_range_covered_the_finer_ones_less_and_no_mean():
     grid = np.linspace(-1, 1, 20_001)
-    phi = UNIT.at(np.column_stack([grid, grid]))[:, :WITHIN]
+    phi = UNIT.at(np.column_stack([grid, grid]))[:, WITHIN] / SIZES
     np.testing.assert_allclose(np.mean(phi**2, axis=0), 1.0, atol=1e-3)
     np.testing.assert_allclose(phi.mean(axis=0), 0.0, atol=1e-3)  # a constant is the health parameter itself
-    along = phi[:, :3].T @ phi[:, :3] / len(grid)
-    np.testing.assert_allclose(along, np.eye(3), atol=1e-3)
+    speed = np.delete(phi, range(SPEED_DEGREE, SMOOTH), axis=1)
+    np.testing.assert_allclose(speed.T @ speed / len(grid), np.eye(speed.shape[1]), atol=1e-3)
 
 
 def test_learnt_curves_are_about_as_large_over_the_records_that_they_were_learnt_from():
@@ -42,8 +48,9 @@ def test_learnt_curves_are_about_as_large_over_the_records_that_they_were_learnt
     phi = learn_curves("hpc", coordinates).at(coordinates)
     assert phi.shape == (400, CURVES)
     square = np.mean(phi**2, axis=0)
-    assert np.all((0.7 < square[:WITHIN]) & (square[:WITHIN] < 1.3))
-    assert np.all(square[WITHIN:] < 0.01)  # training knows next to nothing of what begins beyond it
+    within = square[WITHIN] / SIZES**2
+    assert np.all((0.7 < within) & (within < 1.3))
+    assert np.all(square[BEYOND] < 0.01)  # training knows next to nothing of what begins beyond it
 
 
 def test_the_position_is_measured_beyond_its_line_over_speed():
@@ -57,10 +64,33 @@ def test_beyond_the_range_others_begin_up_to_the_end_and_those_of_training_stay(
     phi = UNIT.at(far)
     np.testing.assert_array_equal(phi[1:], np.broadcast_to(phi[0], (2, CURVES)))
     inside = UNIT.at(np.array([[1.0, 1.0]]))
-    np.testing.assert_array_equal(phi[0, :WITHIN], inside[0, :WITHIN])
-    assert np.all(inside[0, WITHIN:] == 0.0)
-    np.testing.assert_allclose(phi[0, WITHIN:], EDGE * (END - 1.0))
-    np.testing.assert_allclose(UNIT.at(-far[:1])[0, WITHIN:], -EDGE * (END - 1.0))
+    np.testing.assert_array_equal(phi[0, WITHIN], inside[0, WITHIN])
+    assert np.all(inside[0, BEYOND] == 0.0)
+    np.testing.assert_allclose(phi[0, BEYOND], EDGE * (END - 1.0))
+    np.testing.assert_allclose(UNIT.at(-far[:1])[0, BEYOND], -EDGE * (END - 1.0))
+
+
+def test_a_gap_in_what_training_flew_is_left_as_open_as_smooth_errors_may_bend_there():
+    """Waves of unit mean square, at every phase, known on either side of a gap from forty records with half as
+    much noise: what curves say of its middle is right within their own standard deviation."""
+    sides = np.concatenate([np.linspace(-1.0, -0.4, 40), np.linspace(0.4, 1.0, 40)])
+    waves = np.arange(0.3, 1.21, 0.1)[:, None]  # over the range
+    phases = np.linspace(0.0, 2 * np.pi, 40, endpoint=False)
+    frequency, phase = (v.ravel() for v in np.broadcast_arrays(waves, phases))
+
+    def error(x):
+        return np.sqrt(2.0) * np.sin(np.pi * np.outer(np.atleast_1d(x), frequency) + phase)
+
+    def misses(curves):
+        G = np.column_stack([np.ones(80), UNIT.at(np.column_stack([sides, np.zeros(80)]))[:, curves]])
+        prior = np.append(1e-4, np.ones(len(curves)))  # the constant is a health parameter
+        covariance = np.linalg.inv(np.diag(prior) + 4.0 * G.T @ G)
+        at = np.append(1.0, UNIT.at(np.zeros((1, 2)))[0, curves])
+        wrong = at @ covariance @ (4.0 * G.T @ error(sides)) - error(0.0)[0]
+        return np.sqrt(np.mean(wrong**2) / (at @ covariance @ at))
+
+    assert misses(WITHIN) < 1.0
+    assert misses(list(range(SMOOTH))) > 2.0
 
 
 def test_no_curve_is_anywhere_larger_than_its_largest_value_and_each_reaches_it():

@@ -8,10 +8,14 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from engine_makers import turbofan
 from identification_toy import ToyEngine, fly
 
+from enginediag_cli.error_model.curves import MapCurves
+from enginediag_cli.error_model.error_model import ErrorModel
 from enginediag_cli.errors import ConfigError
 from enginediag_cli.identification.identify import identify
+from enginediag_cli.identification.nominal import Estimate
 from enginediag_cli.identification.nominal_checks import check_nominal_fits, other_instance
 from enginediag_cli.identification.nominal_file import (
     fingerprint,
@@ -150,6 +154,23 @@ def test_a_nominal_of_another_engine_is_refused_with_place_and_near_match(nomina
         check_nominal_fits(nominal, renamed(engine, name, f"{name}2"), path)
     with pytest.raises(ConfigError, match=rf"nominal\.yaml:\d+:\d+: .*no sensor '{column}'"):
         check_nominal_fits(nominal, renamed(engine, column, "P9_Pa"), path)
+
+
+def test_a_nominal_that_knows_fewer_errors_of_maps_than_there_are_is_refused(tmp_path):
+    """Such as one that was written when a map had fewer curves."""
+    engine, path = turbofan(), tmp_path / "nominal.yaml"
+    path.write_text("estimates:\n", encoding="utf-8")
+    curves = (MapCurves("hpc", (0.0, 0.0), (1.0, 1.0), (0.0, 0.0, 0.0, 0.0)),)
+    found = ErrorModel(0.003, curves, {"hpc.efficiency": 0.003})
+    amounts = found.of(engine).amounts
+    estimates = [Estimate(n, "map_error", "1", 0.0, 0.003, 0.0, 0.003, 0.0, "weak") for n in amounts]
+    known = SimpleNamespace(
+        error_model=found, estimates=estimates, sensors=(), inputs=(), envelope=SimpleNamespace(inputs=())
+    )
+    check_nominal_fits(known, engine, path)
+    known.estimates = estimates[:-2]
+    with pytest.raises(ConfigError, match=f"2 errors of maps were not identified, '{amounts[-2]}'.*identify again"):
+        check_nominal_fits(known, engine, path)
 
 
 def test_a_value_beyond_the_bounds_of_the_engine_is_refused(nominal, engine, tmp_path):

@@ -48,6 +48,19 @@ def test_the_expansion_has_the_gradient_of_the_log_likelihood_with_nuisance_take
     np.testing.assert_allclose(here.gradient, (ahead - behind) / 2e-6, rtol=1e-4, atol=1e-2)
 
 
+def test_a_log_likelihood_alone_is_that_of_the_expansion_wherever_the_engine_begins():
+    monitor, rng = turbofan_monitor(), np.random.default_rng(4)
+    inputs, y = faulty_window(rng, monitor, {"hpc.efficiency": -0.02}, 12)
+    y[3, 2] = np.nan
+    x = monitor.predict(inputs, monitor.theta0)[3].x
+    changes = np.zeros((3, len(monitor.monitored)))
+    changes[1, 2], changes[2, :3] = -0.01, 0.005
+    cold, known = WindowModel(monitor, inputs, y), WindowModel(monitor, inputs, y, x)
+    expected = [e.log_likelihood for e in cold.expand(changes)]
+    np.testing.assert_allclose(cold.log_likelihood(changes), expected, rtol=1e-6, atol=1e-6)
+    np.testing.assert_allclose(known.log_likelihood(changes), expected, rtol=1e-6, atol=1e-6)
+
+
 def test_what_is_uncertain_about_nominal_counts_alike_in_the_full_model_and_in_the_statistics():
     """A reading may be off by 5000 K, an efficiency by 10⁻⁴: neither may be lost in rounding."""
     watched = toy_monitor(offset=5e3, uncertain=2.0)

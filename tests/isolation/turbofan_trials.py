@@ -41,6 +41,11 @@ def faulty_window(rng, monitor, change, n=100):
 
 def window_score(monitor, inputs, y) -> Score:
     """The score about the re-estimate, as the tool forms it."""
+    return score_and_solution(monitor, inputs, y)[0]
+
+
+def score_and_solution(monitor, inputs, y) -> tuple[Score, np.ndarray]:
+    """The same with the engine's unknowns (nx, n) at nominal, which a window hands on."""
 
     *nominal, prediction = monitor.predict(inputs, monitor.theta0)
 
@@ -50,4 +55,4 @@ def window_score(monitor, inputs, y) -> Score:
 
     found = relinearise(predict, y, monitor.hold, monitor.noise, nominal=tuple(nominal))
     assert found.converged.all()
-    return fisher_score(local_statistics(found.e, found.J, monitor.noise, monitor.frame))
+    return fisher_score(local_statistics(found.e, found.J, monitor.noise, monitor.frame)), prediction.x

@@ -59,3 +59,6 @@ def test_a_moment_is_told_by_the_clock_where_there_is_one_that_runs_forward():
     assert Flight("a", "", {"time_s": np.array([3.0, 3.0, 4.0])}).moment(1) == "record 2"
     assert moment(Switch("a", 4, True, 1.0, 10.0, 20.5)) == "between 10 and 20.5 s"
     assert moment(Switch("a", 4, True, 1.0)) == "at record 5"
+    narrowed = Switch("a", 4, True, 1.0, 10.0, 20.5, 12.34, 15.01)
+    assert moment(narrowed) == "between 12.3 and 15.1 s (95 %)"
+    assert narrowed.between == (12.34, 15.01)

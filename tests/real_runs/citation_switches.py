@@ -3,14 +3,13 @@
     python tests/real_runs/citation_switches.py AMPLITUDES.csv ...
 
 prints a row of a table for each file: what switched, in how many records the state is right, how many are told as
-doubtful, and the interval of each change beside the raw step. No label exists: fuel flow and ITT step in the raw
-recording of b22, and nowhere in flight_ref.
+doubtful, and the interval of each change, with a star where it reaches further than 10 s from the raw step. No label
+exists: fuel flow and ITT step in the raw recording of b22, and nowhere in flight_ref.
 """
 
 from __future__ import annotations
 
 import sys
-from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -19,6 +18,9 @@ from ground_recordings import table
 
 SURE = 0.45
 """Distance of a probability from one half from which a state counts as told."""
+
+NEAR_S = 10.0
+"""Within which a time is to be told."""
 
 
 def truth(flight: str, time_s: float) -> bool:
@@ -38,14 +40,14 @@ def row(path: Path) -> str:
     doubtful = np.abs(on - 0.5) <= SURE
     hits = int(((on > 0.5) == right).sum())
     told = []
-    for flight in dict.fromkeys(r["flight"] for r in rows):
-        own = [k for k, r in enumerate(rows) if r["flight"] == flight and not doubtful[k]]
-        for a, b in pairwise(own):
-            if (on[a] > 0.5) != (on[b] > 0.5):
-                low, high = (float(rows[k]["time_s"]) for k in (a, b))
-                step = min((s for s, _ in RAW_STEPS_S), key=lambda s: abs(s - 0.5 * (low + high)))
-                beside = max(low - 5.0 - step, step - high - 5.0, 0.0) if "b22" in flight else np.inf
-                told.append(f"{low:.0f}–{high:.0f}" + (f" ({beside:.0f} s beside)" if beside > 0.0 else ""))
+    for r in rows:
+        if r["changed_from_s"]:
+            low, high = float(r["changed_from_s"]), float(r["changed_to_s"])
+            step = min((s for s, _ in RAW_STEPS_S), key=lambda s: abs(s - 0.5 * (low + high)))
+            far = max(step - low, high - step) if "b22" in r["flight"] else np.inf
+            beside = max(low - step, step - high, 0.0) if "b22" in r["flight"] else np.inf
+            note = f" ({beside:.0f} s beside)" if beside >= 0.5 else ""
+            told.append(f"{low:.0f}–{high:.0f}{note}" + ("" if far <= NEAR_S else " *"))
     place = rows[0]["location"]
     return f"| {path.stem} | {place} | {hits} of {len(rows)} | {int(doubtful.sum())} | {', '.join(told)} |"
 

@@ -98,15 +98,16 @@ def test_the_model_reproduces_what_it_was_fitted_to(identified, side):
 
 @pytest.mark.parametrize("side", SIDES)
 def test_contiguous_blocks_left_out_are_predicted(identified, side):
-    """Worst where a block takes all records of low power away, as with three quarters of the flight."""
+    """Worst where a block takes all records of low power away, as with three quarters of the flight. Maps that may bend
+    in such a gap predict N2 a tenth worse there than maps that may not, and raise no false alarms in one."""
     N2, ITT, Wf = rms(identified[side], "cross_validated")
-    assert N2 <= 0.27 and ITT <= 6.0 and Wf <= 1.2
+    assert N2 <= 0.31 and ITT <= 6.0 and Wf <= 1.2
 
 
 @pytest.mark.parametrize("side", SIDES)
 def test_the_quarter_of_the_flight_held_out_is_predicted_within_half_a_per_cent_more(identified, side):
     N2, ITT, Wf = rms(identified[side], "held_out")
-    assert N2 <= 0.2 and ITT <= 6.0 and Wf <= 1.0
+    assert N2 <= 0.23 and ITT <= 6.0 and Wf <= 1.0
 
 
 @pytest.mark.parametrize("side", SIDES)

@@ -81,10 +81,11 @@ def test_no_parameter_ends_at_a_bound_although_vanes_are_missing(identified):
     assert not at_bound(identified["all"])
 
 
-def test_one_engine_without_vanes_fits_all_hours_only_with_a_compressor_map_as_wrong_as_is_believable(identified):
-    """Flow at constant speed follows the vanes, which no column has."""
+def test_one_engine_without_vanes_fits_all_hours_only_with_a_compressor_map_far_more_wrong_than_stated(identified):
+    """Flow at constant speed follows the vanes, which no column has: three times what is stated, or as much as is
+    believable."""
     found = read_nominal(identified["all"]).error_model
-    assert found.sizes["compressor.flow_capacity"] == pytest.approx(LARGEST * found.stated)
+    assert 2.5 * found.stated < found.sizes["compressor.flow_capacity"] <= LARGEST * found.stated
     base = read_nominal(identified["base"]).error_model
     assert max(base.sizes.values()) < 2 * base.stated
 

@@ -1,7 +1,7 @@
 """The score sheet of blind trials as Markdown tables: python tests/trials/score_sheet.py SHEET [--noise | --misfit]
 
-SHEET: what `enginediag prove --format json` wrote. Counts with Wilson 95 % intervals beside the targets, for truths
-from the same model and for truths with map errors; `--noise`: false names where the noise is another than assumed;
+SHEET: what `enginediag prove --format json` wrote. Counts with Wilson 95 % intervals beside the targets, for each
+kind of truths that it has; `--noise`: false names where the noise is another than assumed;
 `--misfit`: χ² per reading of unseen flights.
 """
 
@@ -22,6 +22,7 @@ ROWS = {
     "false_name_without_floor": "… without the floor",
     "none_right": '"none of these" when the effect is not in the library',
     "exact_pair": "exact pair",
+    "right_when_sure": "stated at least 0.9 and right",
     "interval": "95 % intervals that hold the coefficient",
     "held_out_gain": "unseen flights fitted better",
     "locate_driver": "driver first (λ ≥ 40)",
@@ -34,8 +35,13 @@ ROWS = {
     "exact_effect_and_fault": "an effect and a fault together, both named",
     "no_verdict": "did not converge",
 }
-TITLES = {kinds.SAME_MODEL: "truth from the same model", kinds.MAP_ERROR: "truth with 0.3 % map errors, floor on"}
+TITLES = {
+    kinds.SAME_MODEL: "truth from the same model",
+    kinds.MAP_ERROR: "truth with 0.3 % map errors, floor on",
+    kinds.REALISTIC: "realistic truth",
+}
 SIZE = "alias_set_size"
+MEANS = (SIZE, "drivers_told")
 
 Sheet = Mapping[str, Any]
 
@@ -43,9 +49,9 @@ Sheet = Mapping[str, Any]
 def cell(name: str, own: Mapping[str, Any]) -> str:
     if not own["of"]:
         return "–"
-    if name == SIZE:
+    if name in MEANS:
         return f"{own['rate']:.2f} ({own['of']})"
-    if own["low"] is None:
+    if own["low"] is None or own["count"] != int(own["count"]):
         return f"{100 * own['rate']:.1f} % ({own['of']} trials)"
     return f"{own['count']} of {own['of']} ({100 * own['low']:.0f}–{100 * own['high']:.0f} %)"
 
@@ -61,16 +67,23 @@ def target(name: str, words: str | None) -> str:
     return f"{sign.replace('>=', '≥').replace('<=', '≤')} {value}"
 
 
+def own_titles(sheet: Sheet) -> dict[str, str]:
+    """Of the truths that the sheet's trials were drawn from."""
+    return {truth: title for truth, title in TITLES.items() if truth in sheet["truths"]}
+
+
 def scores(sheet: Sheet) -> None:
-    print("| | " + " | ".join(f"target | {title}" for title in TITLES.values()) + " |\n|---|---|---|---|---|")
+    titles = own_titles(sheet)
+    print("| | " + " | ".join(f"target | {title}" for title in titles.values()) + " |")
+    print("|---" * (1 + 2 * len(titles)) + "|")
     for name, words in ROWS.items():
-        cells = [f"{target(name, sheet[name][truth]['target'])} | {cell(name, sheet[name][truth])}" for truth in TITLES]
+        cells = [f"{target(name, sheet[name][truth]['target'])} | {cell(name, sheet[name][truth])}" for truth in titles]
         print(f"| {words} | " + " | ".join(cells) + " |")
 
 
 def noise(sheet: Sheet) -> None:
     print("| false names, null trials with other noise than assumed | count |\n|---|---|")
-    for truth, title in TITLES.items():
+    for truth, title in own_titles(sheet).items():
         own = [
             entry
             for kind, entry in sheet["false_name"][truth]["kinds"].items()
@@ -83,7 +96,7 @@ def misfit(sheet: Sheet) -> None:
     print(
         "| χ² per reading of unseen flights | before | after | with the true effect | trials |\n|---|---|---|---|---|"
     )
-    for truth, title in TITLES.items():
+    for truth, title in own_titles(sheet).items():
         m = sheet["held_out_misfit"][truth]
         values = " | ".join("–" if m[k] is None else f"{m[k]:.3f}" for k in ("before", "after", "true"))
         print(f"| {title} | {values} | {m['trials']} |")

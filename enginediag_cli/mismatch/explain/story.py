@@ -13,9 +13,11 @@ import numpy as np
 from scipy.stats import chi2
 
 from enginediag_cli.engine.term import Effect
+from enginediag_cli.intake.intake import Intake
 from enginediag_cli.intervals import NORMAL_95
 from enginediag_cli.mismatch.explain.alias_advice import Advice, advice_between
 from enginediag_cli.mismatch.explain.answer import FAILED, NAMED, NONE, NOTHING, Answer, Coefficient, Explanation
+from enginediag_cli.mismatch.explain.change_times import with_times
 from enginediag_cli.mismatch.explain.curves import Curve, best_places, fitted_curves
 from enginediag_cli.mismatch.explain.explain import UNRECORDED, Search
 from enginediag_cli.mismatch.explain.floor_cost import FloorCost, floor_cost
@@ -52,9 +54,16 @@ class Story:
     searched: Searched | None = None  # None: all records
 
 
-def tell(evidence: Evidence, effects: Sequence[Effect] | None = None, *, advise: bool = True) -> Story:
-    """Search and everything around it. `effects`: the library, default all that the model does not carry. Of long
-    recordings a share is searched."""
+def tell(
+    evidence: Evidence,
+    effects: Sequence[Effect] | None = None,
+    *,
+    advise: bool = True,
+    intake: Intake | None = None,
+) -> Story:
+    """Search and everything around it. `effects`: the library, default all that the model does not carry; `intake`: by
+    which records that were left out as unsteady are read, where something has switched between them. Of long recordings
+    a share is searched."""
     whole, evidence = evidence, with_own_noise(on_share(evidence))
     search = Search(evidence, effects, hidden_search(evidence))
     answer, searched = search.run(), None
@@ -69,6 +78,7 @@ def tell(evidence: Evidence, effects: Sequence[Effect] | None = None, *, advise:
     at = tuple(tuple(e for e in effects_at(f.location, engine) if _listed(e, search.effects)) for f in hidden)
     if answer.status == FAILED:
         return Story(search.evidence, answer, hidden, at, (), (), (), (), searched=searched)
+    trials: list[Trial] = []
     refitted = effects_that_switch(found, search.effects, search.base, search.along)
     if refitted is not None:
         lead, trials = refitted
@@ -79,6 +89,8 @@ def tell(evidence: Evidence, effects: Sequence[Effect] | None = None, *, advise:
         best = tuple(replace(e, switch="") for t in trials for e in t.hypothesis.effects)
         at = (best, *(tuple(e for e in effects_at(f.location, engine) if _listed(e, search.effects)) for f in told))
     base = search.base
+    if hidden and intake is not None:
+        hidden = (with_times(hidden[0], trials, base.found, search.along, intake), *hidden[1:])
     curves = (
         fitted_curves(base.found, base.objective, best_places(answer.cells), search.along)
         if answer.status == NONE
@@ -101,7 +113,7 @@ def tell(evidence: Evidence, effects: Sequence[Effect] | None = None, *, advise:
         tuple(only_exact),
         tuple(advice),
         tuple(unseen_effects(base, search.library, answer.unseen)),
-        tuple(refitted[1]) if refitted else (),
+        tuple(trials),
         searched,
     )
 

@@ -15,7 +15,8 @@ from enginediag_cli.mismatch.fit.freeform import Location
 class Switch:
     """A change of state: first record of the new state, counted in its flight from 0, and its probability; `before_s`
     and `time_s`: times of the last record of the old state and of that record, between which it changed, NaN where no
-    column tells the time."""
+    column tells the time; `earliest_s` and `latest_s`: between which it changed with 95 % probability, by the unsteady
+    records between these two, NaN where they tell no more."""
 
     flight: str
     record: int
@@ -23,6 +24,18 @@ class Switch:
     probability: float
     before_s: float = np.nan
     time_s: float = np.nan
+    earliest_s: float = np.nan
+    latest_s: float = np.nan
+
+    @property
+    def narrowed(self) -> bool:
+        """Whether unsteady records tell when it changed."""
+        return bool(np.isfinite(self.latest_s - self.earliest_s))
+
+    @property
+    def between(self) -> tuple[float, float]:
+        """The times between which it changed, as far as anything tells them."""
+        return (self.earliest_s, self.latest_s) if self.narrowed else (self.before_s, self.time_s)
 
 
 @dataclass(frozen=True)

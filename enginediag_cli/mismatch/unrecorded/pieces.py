@@ -35,19 +35,22 @@ ROUNDS = 30
 
 @dataclass(frozen=True)
 class _Account:
-    """Evidence of states as above and the amplitude that goes with them, clipped to its bounds."""
+    """Evidence of states as above and the amplitude that goes with them, clipped to its bounds; B (N, q) and g (N,):
+    the nuisance along the place, and what is left gathered there, of all states the same."""
 
     of: Basis
     along: Direction
     bounds: Bounds
+    B: np.ndarray
+    g: np.ndarray
 
     def __call__(self, on: np.ndarray) -> float:
         """ln P(e, s) against no effect, of states (N,) 0 or 1, at the rate of change that suits them best."""
         if not on.any():
             return -np.inf
         Cs = self.along.applied(on)
-        inner = float((Cs**2).sum() - ((on @ self.along.B) ** 2).sum())
-        full, g = inner + self.bounds.sigma**-2, float(self.along.gathered(self.of.left) @ on)
+        inner = float((Cs**2).sum() - ((on @ self.B) ** 2).sum())
+        full, g = inner + self.bounds.sigma**-2, float(self.g @ on)
         a = float(np.clip(g / full, self.bounds.lower, self.bounds.upper))
         fits = a * g - 0.5 * a**2 * full - 0.5 * np.log(self.bounds.sigma**2 * full)
         return float(fits + self._prior(on))
@@ -63,7 +66,7 @@ class _Account:
 def judged(of: Basis, along: Direction, bounds: Bounds, states: States) -> States:
     """The states with each piece as the likelier of its accounts, and its probability from the two; `states` as they
     are where they are told from the first."""
-    account = _Account(of, along, bounds)
+    account = _Account(of, along, bounds, along.B, along.gathered(of.left))
     on = (states.on > 0.5).astype(float)
     best, first = account(on), _pieces(on, of.gap)
     for _ in range(ROUNDS):

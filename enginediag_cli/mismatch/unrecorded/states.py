@@ -22,7 +22,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from enginediag_cli.mismatch.unrecorded.chain import Posterior, forward_backward, transitions
-from enginediag_cli.mismatch.unrecorded.whitened_rows import Basis, Direction
+from enginediag_cli.mismatch.unrecorded.whitened_rows import Basis, Direction, joined
 
 CHANGES = np.array([0.25, 0.1, 0.04, 0.015, 0.005])
 """Probabilities of a change from one record to the next that are tried."""
@@ -87,8 +87,9 @@ class _Rows:
             np.einsum("nm,nm->n", x, y)
             for x, y in ((along.own, along.own), (along.before, along.before), (along.own, along.before))
         ]
-        self.g, self.B = along.gathered(of.left), along.B
+        self.g = along.gathered(of.left)
         self.own_rows, self.before_rows = along.own_rows, along.before_rows
+        self.B = joined(self.own_rows, self.before_rows)
 
     def amplitude(self, on: np.ndarray, both: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Of the likeliest effect at given states (S, N), (S,), and what the nuisance explains of it, (S, q)."""

@@ -124,10 +124,7 @@ class Direction:
     @property
     def B(self) -> np.ndarray:
         """(N, q): QᵀC, transposed."""
-        found = self.own_rows
-        if self.before.any():
-            found[:-1] += self.before_rows[1:]
-        return found
+        return joined(self.own_rows, self.before_rows) if self.before.any() else self.own_rows
 
     def applied(self, amplitude: np.ndarray) -> np.ndarray:
         """Whitened rows (N, m) that an amplitude (N,) makes."""
@@ -140,6 +137,13 @@ class Direction:
         if self.before.any():
             found[:-1] += np.einsum("nm,nm...->n...", self.before[1:], rows[1:])
         return np.asarray(found)
+
+
+def joined(own: np.ndarray, before: np.ndarray) -> np.ndarray:
+    """(N, …): of each amplitude, what it does in its own record and in the next one."""
+    found = own.copy()
+    found[:-1] += before[1:]
+    return found
 
 
 def direction(of: Basis, column: np.ndarray) -> Direction:
