@@ -42,15 +42,15 @@ def estimated_noise(projection: Projection, blocks: Sequence[Scored]) -> Noise:
         rows = rest.sensor == s
         if not rows.any():
             continue
-        left, free = rest.left[rows], rest.free[rows]
+        left, free = rest.left[rows], float(rest.free[s])
         alike = found.evidence.noise.shared.get(column, 1.0)
         # rows are freed of the correlation that the fit knew: what is found in them adds to it
         known, further = (
             float(found.rho[s]),
-            _lag_one(left, rest.record[rows], projection.frame.neighbours, float(free.mean())),
+            _lag_one(left, rest.record[rows], projection.frame.neighbours, free),
         )
         more = (1.0 + known * further) / (1.0 - known * further)
-        sigma[column] = float(found.problem.sigma[s] * np.sqrt(alike * more * (left @ left) / free.sum()))
+        sigma[column] = float(found.problem.sigma[s] * np.sqrt(alike * more * (left @ left) / (free * len(left))))
         rho[column] = min((known + further) / (1.0 + known * further), max(LARGEST_RHO, known))
     return replace(found.evidence.noise, sigma={**found.evidence.noise.sigma, **sigma}, rho=rho)
 

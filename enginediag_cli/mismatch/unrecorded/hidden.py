@@ -27,7 +27,7 @@ from enginediag_cli.mismatch.fit.identified import Identified, Nuisance, nuisanc
 from enginediag_cli.mismatch.fit.neighbours import TIME
 from enginediag_cli.mismatch.fit.noise import doubtful_ratio
 from enginediag_cli.mismatch.fit.projection import Projection
-from enginediag_cli.mismatch.unrecorded.amplitude import Likelihood, Solver, own_error
+from enginediag_cli.mismatch.unrecorded.amplitude import Likelihood, Solver, own_error, taken_for
 from enginediag_cli.mismatch.unrecorded.finding import Doubtful, HiddenFinding, Limit, Remark, Switch
 from enginediag_cli.mismatch.unrecorded.gate import draws_for, largest, likelihoods, threshold
 from enginediag_cli.mismatch.unrecorded.refit import Refit, believed_of, bounds_of, location_columns, refit
@@ -165,11 +165,7 @@ def _geometry(found: Identified, projection: Projection) -> tuple[Basis, list[Lo
 
 
 def _finding(found: Identified, of: Basis, place: Location, d: Direction, f: Likelihood, gate: float) -> HiddenFinding:
-    N = len(of.gap)
-    a, error = np.zeros(N), np.zeros(N)
-    if f.signal > 0.0:
-        a, error = Solver(d, d.B, f.kernel, of.gap, f.signal * own_error(d)).amplitude(d.gathered(of.left))
-    a, error, alone = (of.of_records(v) for v in (a, error, np.sqrt(d.diagonal)))
+    a, error, alone = (of.of_records(v) for v in (f.amplitude, f.error, np.sqrt(d.diagonal)))
     engine = found.evidence.engine
     unit = (place.through.parameters()[0] if place.through else engine.parameters[place.parameter]).unit
     remark = None if found.converged else Remark(Limit.BASE_FIT, found.reason)
@@ -203,7 +199,7 @@ def _rivals(
 
     def explained(name: str) -> float:
         d = known[name][0]
-        solver = Solver(d, d.B, best.kernel, of.gap, best.signal * own_error(d))
+        solver = Solver(d, taken_for(d), best.kernel, of.gap, best.signal * own_error(d))
         return 0.5 * float(solver.quadratic(d.gathered(left)[:, None])[0])
 
     needed = explained(first.location.name) - INSEPARABLE

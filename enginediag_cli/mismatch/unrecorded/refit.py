@@ -148,10 +148,9 @@ def _point(fit: Identified, place: Location, name: str, curve: np.ndarray) -> _P
     projection = Projection(fit)
     coefficient, error = _coefficient(fit, projection, name)
     column = location_columns(fit, [place])[:, :, 0]
-    plain = direction(basis_without(projection, name, np.zeros(column.shape)), column)
     signal = fit.theta[name] * curve[fit.number]
     of = basis_without(projection, name, _rows_of(projection, column, signal))
-    return _Point(fit, coefficient, error, of, plain)
+    return _Point(fit, coefficient, error, of, direction(of, column))
 
 
 def _rows_of(projection: Projection, column: np.ndarray, amplitude: np.ndarray) -> np.ndarray:

@@ -72,7 +72,10 @@ def basis(projection: Projection) -> Basis:
 
 def basis_without(projection: Projection, name: str, signal: np.ndarray) -> Basis:
     """The same with one parameter no longer nuisance, and its part of the prediction, `signal` (N, m) in whitened
-    rows, given back to the residual."""
+    rows, given back to the residual.
+
+    Of the span of A = QR the direction Qu, u ∝ R⁻ᵀ1_j, is across every column but the j-th: a reflection that takes
+    the first axis to u leaves an orthonormal basis of the others, (Q(1 − 2vvᵀ))₂…"""
     p = projection
     j = p.names.index(name)
     e = p.e.copy()
@@ -81,8 +84,12 @@ def basis_without(projection: Projection, name: str, signal: np.ndarray) -> Basi
     if not p.free[j]:
         return _basis(p, p.Q, e)
     column = int(np.cumsum(p.free)[j]) - 1
-    A = np.delete(np.delete(p.Q @ p.dense.R, column, axis=1), n + column, axis=0)
-    return _basis(p, np.linalg.qr(A)[0], np.delete(e, n + column))
+    u = np.linalg.solve(p.dense.R.T, np.eye(len(p.dense.R))[column])
+    v = u / np.linalg.norm(u)
+    v[0] += np.copysign(1.0, v[0])
+    v /= np.linalg.norm(v)
+    Q = p.Q[:, 1:] - np.outer(2.0 * (p.Q @ v), v[1:])
+    return _basis(p, np.delete(Q, n + column, axis=0), np.delete(e, n + column))
 
 
 def _basis(projection: Projection, Q: np.ndarray, e: np.ndarray) -> Basis:
