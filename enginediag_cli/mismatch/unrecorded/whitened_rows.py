@@ -16,7 +16,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from enginediag_cli.mismatch.fit.projection import Frame, Projection
+from enginediag_cli.mismatch.fit.projection import DenseRows, Frame, Projection
 from enginediag_cli.mismatch.unrecorded.aircraft import Grid, grid_of
 
 AT_ONCE = 512
@@ -67,43 +67,29 @@ class Basis:
 
 def basis(projection: Projection) -> Basis:
     """The projection's nuisance and residual."""
-    return _basis(projection, projection.Q, projection.e)
+    return _basis(projection, DenseRows(projection))
 
 
 def basis_without(projection: Projection, name: str, signal: np.ndarray) -> Basis:
     """The same with one parameter no longer nuisance, and its part of the prediction, `signal` (N, m) in whitened
-    rows, given back to the residual.
-
-    Of the span of A = QR the direction Qu, u ∝ R⁻ᵀ1_j, is across every column but the j-th: a reflection that takes
-    the first axis to u leaves an orthonormal basis of the others, (Q(1 − 2vvᵀ))₂…"""
-    p = projection
-    j = p.names.index(name)
-    e = p.e.copy()
-    n = len(e) - p.Q.shape[1]
-    e[:n] += signal[p.frame.keep]
-    if not p.free[j]:
-        return _basis(p, p.Q, e)
-    column = int(np.cumsum(p.free)[j]) - 1
-    u = np.linalg.solve(p.dense.R.T, np.eye(len(p.dense.R))[column])
-    v = u / np.linalg.norm(u)
-    v[0] += np.copysign(1.0, v[0])
-    v /= np.linalg.norm(v)
-    Q = p.Q[:, 1:] - np.outer(2.0 * (p.Q @ v), v[1:])
-    return _basis(p, np.delete(Q, n + column, axis=0), np.delete(e, n + column))
+    rows, given back to the residual."""
+    j, dense = projection.names.index(name), DenseRows(projection)
+    dense.e += signal
+    if projection.free[j]:
+        dense.free(int(np.cumsum(projection.free)[j]) - 1)
+    return _basis(projection, dense)
 
 
-def _basis(projection: Projection, Q: np.ndarray, e: np.ndarray) -> Basis:
-    keep = projection.frame.keep
-    n, q = len(e) - Q.shape[1], Q.shape[1]
-    rows, residual, left = np.zeros((*keep.shape, q)), np.zeros(keep.shape), np.zeros(keep.shape)
-    pull = Q.T @ e
-    rows[keep], residual[keep], left[keep] = Q[:n], e[:n], e[:n] - Q[:n] @ pull
-    objective = float(e @ e - pull @ pull)
+def _basis(projection: Projection, dense: DenseRows) -> Basis:
+    rows, e, q = dense.rows, dense.e, dense.rows.shape[2]
+    pull = rows.reshape(-1, q).T @ e.ravel() + dense.priors.T @ dense.e_priors
+    left = e - (rows.reshape(-1, q) @ pull).reshape(e.shape)
+    objective = float((e**2).sum() + dense.e_priors @ dense.e_priors - pull @ pull)
     grid = grid_of(projection.found)
     gap = projection.frame.neighbours.gap
     if grid is not None:
-        rows, residual, left, gap = grid.laid(rows), grid.laid(residual), grid.laid(left), grid.gap
-    return Basis(projection.frame, rows, residual, left, objective, pull, Q[n:], gap, grid)
+        rows, e, left, gap = grid.laid(rows), grid.laid(e), grid.laid(left), grid.gap
+    return Basis(projection.frame, rows, e, left, objective, pull, dense.priors, gap, grid)
 
 
 @dataclass(frozen=True)
