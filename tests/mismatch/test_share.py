@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from concealed import carried, evidence, flights
+from concealed import carried, evidence, flights, turbofan
 
 from enginediag_cli.mismatch.explain.explain import Search
 from enginediag_cli.mismatch.explain.on_all import judged_on_all
@@ -72,7 +72,7 @@ def answered(e):
     """By a share and then all records, and by all records from the start."""
     search = Search(on_share(e), LIBRARY)
     first = search.run()
-    return first, judged_on_all(search, first, e)[1], Search(e, LIBRARY).run()
+    return first, judged_on_all(search, first, e).answer, Search(e, LIBRARY).run()
 
 
 def test_an_effect_that_a_share_shows_is_named_and_judged_on_all_records(short):
@@ -100,3 +100,26 @@ def test_nothing_missing_is_nothing_on_all_records_and_says_what_only_a_share_wa
     story = tell(flown(0.0, seed=7), LIBRARY, advise=False)
     assert story.answer.status == "nothing" and story.answer.readings > 600 * 5
     assert any("driver is not recorded, only in" in line for line in sentences(story))
+
+
+def with_bleed(flight, on, fraction=0.01):
+    """The flight with air taken from the compressor in the records that are `on`."""
+    engine = turbofan().with_effects(carried(("customer_bleed", "hpc", {})))
+    inputs = {c: flight.columns[c] for c in engine.inputs}
+    before = engine.predict(inputs)
+    after = engine.predict(inputs, {"customer_bleed.hpc.fraction": fraction * on})
+    moved = {c: flight.columns[c] + (after.y - before.y)[:, j] for j, c in enumerate(after.columns)}
+    return replace(flight, columns={**flight.columns, **moved})
+
+
+def test_what_switches_in_a_flight_that_the_share_has_little_of_is_found(short):
+    e = flown(0.0, seed=8)
+    taken = {f.label for f in on_share(e).flights}
+    k = next(k for k, f in enumerate(e.flights) if f.label not in taken)
+    on = (np.arange(80) >= 25) & (np.arange(80) < 55)
+    bled = with_bleed(e.flights[k], on)
+    story = tell(
+        replace(e, flights=tuple(bled if f.label == bled.label else f for f in e.flights)), LIBRARY, advise=False
+    )
+    assert story.answer.status == "hidden"
+    assert {s.flight for s in story.hidden[0].switches} == {bled.label}

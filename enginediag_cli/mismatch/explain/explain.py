@@ -80,7 +80,8 @@ MAIN, UNRECORDED = 0.8, 0.2
 """Shares of the probability of a false alarm, of the gate on recorded drivers and of that on unrecorded ones."""
 
 
-HiddenSearch = Callable[[Trial], Sequence[Hidden]]
+HiddenSearch = Callable[[Trial], tuple[Sequence[Hidden], float]]
+"""Of a trial the findings of a driver that no column shows that are significant, and the gate on their LR."""
 
 
 class Search:
@@ -89,7 +90,7 @@ class Search:
     def __init__(self, evidence: Evidence, effects: Sequence[Effect] | None = None, hidden: HiddenSearch | None = None):
         self.evidence = evidence
         self.effects = list(candidates(evidence.engine)) if effects is None else list(effects)
-        self.hidden = hidden
+        self.hidden, self.hidden_gate = hidden, np.inf
         self.along = nuisance(evidence)
         self.rng = np.random.default_rng(evidence.settings.seed)
         self.rejected: dict[str, Rejected] = {}
@@ -201,7 +202,9 @@ class Search:
     def _unrecorded(self) -> Sequence[Hidden]:
         """Findings of a driver that no column shows: none where a recorded driver gives the same amplitude, nor of what
         nobody commands where nobody vouches for the noise: errors of the model come and go along such an amplitude."""
-        found = self.hidden(self.base) if self.hidden else ()
+        found: Sequence[Hidden] = ()
+        if self.hidden:
+            found, self.hidden_gate = self.hidden(self.base)
         if not found or follows_a_driver(found[0], self.along_drivers):
             return ()
         first, parameters = found[0], self.evidence.engine.parameters
@@ -258,10 +261,12 @@ class Search:
         for trial in trials:
             behind = trial.objective - adequate[0][0].objective if adequate else 0.0
             if behind > ALIAS:
+                trial.projection.rest()
                 self.rejected.setdefault(trial.label, Rejected(Reason.WORSE, behind))
                 elsewhere += float(np.exp(-0.5 * behind))
                 continue
             left, flights, why = self._judge(trial)
+            trial.projection.rest()
             if why:
                 self.rejected[trial.label] = why
             else:

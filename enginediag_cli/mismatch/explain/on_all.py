@@ -10,6 +10,7 @@ rivals that the share does not tell from it surely.
 - What is named must leave nothing over the gates on all records: scores are sums over them. Where it does, sets with
   one more member are tried.
 - Where the share shows nothing, what is missing is looked for on all records: what few do not show, many may.
+- Flights in which something switches that no column shows are found by what the fit to all records leaves of them.
 """
 
 from __future__ import annotations
@@ -20,9 +21,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from enginediag_cli.drivers import TIME
-from enginediag_cli.mismatch.explain.answer import FAILED, NAMED, NONE, NOTHING, Answer
+from enginediag_cli.engine.term import Effect
+from enginediag_cli.mismatch.explain.answer import FAILED, HIDDEN, NAMED, NONE, NOTHING, Answer
 from enginediag_cli.mismatch.explain.explain import EXTENDED, Search
 from enginediag_cli.mismatch.explain.rejected import Reason, Rejected
+from enginediag_cli.mismatch.explain.unrecorded_search import hidden_search, with_own_noise
 from enginediag_cli.mismatch.fit.evidence import Evidence
 from enginediag_cli.mismatch.fit.identified import NO_HYPOTHESIS, drivers_of, identify_with, nearer
 from enginediag_cli.mismatch.fit.options import (
@@ -34,7 +37,9 @@ from enginediag_cli.mismatch.fit.options import (
     with_best_onset,
 )
 from enginediag_cli.mismatch.fit.projection import Projection
+from enginediag_cli.mismatch.fit.share import on_share
 from enginediag_cli.mismatch.fit.trial_fit import Trial, remainder
+from enginediag_cli.mismatch.unrecorded.elsewhere import flights_that_switch
 from enginediag_cli.progress import each
 
 SURELY_BEHIND = 22.0
@@ -47,6 +52,11 @@ MOST = 6
 """Sets that are fitted to all records, best first on the share."""
 
 
+HELD_BYTES = 400_000_000
+"""Rows of all records, by record, beyond which something that switches is told by the share alone. Some copies of them
+are made."""
+
+
 @dataclass(frozen=True)
 class Searched:
     """How many `records` of how many in all, `of`, were searched; `judged`: whether what is told was judged on all."""
@@ -56,22 +66,70 @@ class Searched:
     judged: bool
 
 
-def judged_on_all(share: Search, answer: Answer, whole: Evidence) -> tuple[Search, Answer, Searched]:
-    """The answer of a search of a share, judged on the whole evidence, with the search that it then rests on; as it is
-    where it names no recorded driver: an amplitude of its own in every record, or none of what is listed."""
-    own, settings = share.evidence.noise, share.evidence.settings
-    evidence = replace(whole, noise=own, settings=settings, owed=None)
-    searched = Searched(sum(map(len, share.evidence.flights)), sum(map(len, whole.flights)), False)
+@dataclass(frozen=True)
+class Judged:
+    """An answer with the `search` that it rests on; `fit`: what was fitted to all records, with what is named, None
+    where none was."""
+
+    search: Search
+    answer: Answer
+    searched: Searched
+    fit: Trial | None = None
+
+
+def searched_on_share(whole: Evidence, effects: Sequence[Effect] | None) -> tuple[Judged, Answer]:
+    """The answer of a search of a share of long recordings, judged on all of them; and the share's own.
+
+    Where the fit to all records leaves flights in which something switches, the share is searched again with these
+    whole; where the share has something that switches, all records are, while they can be held."""
+    also: Sequence[int] = ()
+    for _ in range(2):
+        evidence = with_own_noise(on_share(whole, also))
+        share = Search(evidence, effects, hidden_search(evidence))
+        first = share.run()
+        judged = judged_on_all(share, first, whole)
+        if also or judged.fit is None:
+            break
+        also = flights_that_switch(judged.fit.projection, share.hidden_gate)
+        if not also:
+            break
+    if first.status == HIDDEN and _bytes(share, whole) <= HELD_BYTES:
+        evidence = _all_of(share, whole)
+        search = Search(evidence, effects, hidden_search(evidence))
+        first = search.run()
+        judged = Judged(search, first, Searched(whole.records, whole.records, True))
+    return judged, first
+
+
+def judged_on_all(share: Search, answer: Answer, whole: Evidence) -> Judged:
+    """The answer of a search of a share, judged on the whole evidence; as it is where it names no recorded driver: an
+    amplitude of its own in every record, or none of what is listed."""
+    searched = Searched(share.evidence.records, whole.records, False)
     faint = answer.status == NAMED and not answer.hidden and answer.explanations[0].gain < FAINT
     if answer.status == NAMED and not faint:
-        return share, _named(share, answer, evidence), replace(searched, judged=True)
+        told, fit = _named(share, answer, _all_of(share, whole))
+        return Judged(share, told, replace(searched, judged=True), fit)
     if answer.status == NOTHING or faint:
-        search = Search(evidence, share.effects)
-        return search, _anything(search, share), replace(searched, judged=True)
-    return share, answer, searched
+        search = Search(_all_of(share, whole), share.effects)
+        return Judged(search, _anything(search, share), replace(searched, judged=True), search.base)
+    return Judged(share, answer, searched)
 
 
-def _named(share: Search, answer: Answer, evidence: Evidence) -> Answer:
+def _bytes(share: Search, whole: Evidence) -> int:
+    """What the rows of a search of all records by record would take, with the offsets of every flight."""
+    found = share.base.projection.found
+    wide = len(share.base.projection.R) + len(whole.flights) * found.fit.z.shape[1]
+    return 8 * whole.records * len(found.problem.sensors) * wide
+
+
+def _all_of(share: Search, whole: Evidence) -> Evidence:
+    """All records with the noise and the errors that the share's search has found."""
+    own = share.evidence
+    return replace(whole, noise=own.noise, settings=own.settings, owed=None)
+
+
+def _named(share: Search, answer: Answer, evidence: Evidence) -> tuple[Answer, Trial | None]:
+    """The answer, and the best fit to all records of what it names."""
     whole = Search(evidence, share.effects)
     found = nearer(evidence, NO_HYPOTHESIS, whole.along, share.base.found)
     whole.base = Trial((), found, Projection(found))
@@ -84,10 +142,11 @@ def _named(share: Search, answer: Answer, evidence: Evidence) -> Answer:
         wider = [(t, options) for t in _best_first(whole, trials)[:EXTENDED] for options in whole.forward([t])]
         more = [_attempt(whole, options, t) for t, options in each(wider, "fitting to all records", len(wider))]
         named = whole.named([t for t in _best_first(whole, more) if whole.counts(t, None)])
+        trials += more
     rejected = {k: v for k, v in share.rejected.items() if v.reason is not Reason.WORSE or k not in whole.rejected}
     told = {x.label for x in named}
     on_share = {k: replace(v, what=v.what or "on a share of the records") for k, v in rejected.items()}
-    return replace(
+    judged = replace(
         answer,
         status=NAMED if named else NONE,
         reason="" if named else "what explains a share of the records leaves a misfit behind on all of them",
@@ -96,6 +155,7 @@ def _named(share: Search, answer: Answer, evidence: Evidence) -> Answer:
         readings=whole.base.projection.dof,
         rejected={k: v for k, v in {**on_share, **whole.rejected}.items() if k not in told},
     )
+    return judged, next((t for t in trials if named and t.label == named[0].label), None)
 
 
 def _anything(whole: Search, share: Search) -> Answer:

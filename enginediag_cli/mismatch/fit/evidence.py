@@ -100,6 +100,11 @@ class Evidence:
     owed: Owed | None = None  # None where noise and priors come from elsewhere
 
     @property
+    def records(self) -> int:
+        """Of all flights."""
+        return sum(map(len, self.flights))
+
+    @property
     def engines(self) -> tuple[str, ...]:
         return tuple(dict.fromkeys(f.engine for f in self.flights))
 

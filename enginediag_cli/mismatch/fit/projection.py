@@ -236,6 +236,11 @@ class Projection:
         """All records by chunks, in order."""
         yield from self._computed() if self._kept is None else self._kept
 
+    def rest(self) -> None:
+        """Hold no rows: what asks for them again has them computed again."""
+        self._kept = None
+        self.found.model.rest()
+
     def _computed(self) -> Iterator[Rows]:
         problem, fit = self.found.problem, self.found.fit
         whitening, p = Whitening(self.frame), int((~fit.at_bound).sum())

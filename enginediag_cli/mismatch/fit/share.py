@@ -6,12 +6,13 @@ share of their records. Records of a stretch follow each other as they were take
 is and what switches is seen to. Flights are taken evenly from first to last, and stretches evenly over each of them,
 later by another part of the spacing in each, so that no phase is missed in all.
 
-No record is picked by what it reads.
+No record is picked by what it reads, but for flights in which something switches that no column shows: these are added
+whole (`unrecorded/elsewhere.py`).
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -36,11 +37,16 @@ def is_long(flights: Sequence[Flight]) -> bool:
     return sum(map(len, flights)) >= MANY
 
 
-def share_of(flights: Sequence[Flight]) -> list[Flight]:
-    """The flights with some of their records, all of them where they are few."""
+def share_of(flights: Sequence[Flight], whole: Collection[int] = ()) -> list[Flight]:
+    """The flights with some of their records, all of them where they are few, and of the `whole` ones, by position."""
     if not is_long(flights):
         return list(flights)
-    return [_only(f, rows) for f, rows in zip(flights, chosen(list(map(len, flights))), strict=True) if len(rows)]
+    of = [np.arange(len(f)) if k in whole else rows for (k, f), rows in _by_flight(flights)]
+    return [_only(f, rows) for f, rows in zip(flights, of, strict=True) if len(rows)]
+
+
+def _by_flight(flights: Sequence[Flight]) -> Iterator[tuple[tuple[int, Flight], np.ndarray]]:
+    return zip(enumerate(flights), chosen(list(map(len, flights))), strict=True)
 
 
 def chosen(lengths: Sequence[int]) -> list[np.ndarray]:
@@ -62,9 +68,11 @@ def chosen(lengths: Sequence[int]) -> list[np.ndarray]:
     return found
 
 
-def on_share(evidence: Evidence) -> Evidence:
-    """The evidence with a share of its records; itself where they are few."""
-    return replace(evidence, flights=tuple(share_of(evidence.flights))) if is_long(evidence.flights) else evidence
+def on_share(evidence: Evidence, whole: Collection[int] = ()) -> Evidence:
+    """The evidence with a share of its records, and all of some flights; itself where they are few."""
+    return (
+        replace(evidence, flights=tuple(share_of(evidence.flights, whole))) if is_long(evidence.flights) else evidence
+    )
 
 
 def _only(flight: Flight, rows: np.ndarray) -> Flight:

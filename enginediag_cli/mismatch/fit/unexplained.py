@@ -51,12 +51,13 @@ def unexplained(projection: Projection, blocks: Sequence[Scored], largest_share:
     keep = projection.frame.keep & chosen[:, None]
     n, m = int(keep.sum()), keep.shape[1]
     rng = np.random.default_rng((projection.found.evidence.settings.seed, n))
+    signs = rng.choice((-1.0, 1.0), (len(chosen), SIGNS))
     sample = _Sample(projection, blocks, chosen)
     G, pull, signed = np.zeros((sample.width,) * 2), np.zeros(sample.width), np.zeros((m, sample.width, SIGNS))
     for rows, C in sample.chunks():
         G, pull = G + C.T @ C, pull + C.T @ projection.residual[rows].ravel()
         for s, own in enumerate(C.reshape(len(rows), m, -1).transpose(1, 2, 0)):
-            signed[s] += own @ rng.choice((-1.0, 1.0), (len(rows), SIGNS))
+            signed[s] += own @ signs[rows]
     length = np.sqrt(np.diag(G))
     scale = np.where(length > 0, 1.0 / np.maximum(length, 1e-300), 0.0)
     L, order, rank, _ = dpstrf(G * np.outer(scale, scale), tol=DEPENDENT, lower=1)

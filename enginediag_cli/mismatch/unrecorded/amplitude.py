@@ -125,6 +125,8 @@ class Solver:
 def taken_for(along: Direction) -> np.ndarray:
     """B (N, k) of the directions of the nuisance that the location can be taken for."""
     B = np.asfortranarray(along.B)
+    if not B.shape[1]:
+        return B
     d, e, info = dpttrf(along.diagonal + NOTHING * along.diagonal.max(), along.beside)
     if info:
         raise np.linalg.LinAlgError("the amplitudes' own precision is not positive definite")

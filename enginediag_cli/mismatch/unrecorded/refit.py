@@ -170,11 +170,11 @@ def _coefficient(fit: Identified, projection: Projection, name: str) -> tuple[fl
     return fit.theta[name] + float(projection.step[k]) * scale, error * scale
 
 
-def location_columns(found: Identified, places: list[Location]) -> np.ndarray:
-    """∂y/∂θ (N, m, k) of the locations' parameters at the fit."""
+def location_columns(found: Identified, places: list[Location], rows: slice = slice(None)) -> np.ndarray:
+    """∂y/∂θ (n, m, k) of the locations' parameters at the fit."""
     engine, carried = found.evidence.engine, found.hypothesis.effects
     there = {e.label for e in (*engine.effects, *carried)}
     levers = {p.through.label: p.through for p in places if p.through is not None and p.through.label not in there}
     effects = (*engine.effects, *carried, *levers.values())
     model = ExtendedModel(engine.with_effects(effects), found.model.discrepancies)
-    return derivatives(found, [p.parameter for p in places], model)
+    return derivatives(found, [p.parameter for p in places], model, rows)

@@ -141,16 +141,30 @@ def joined(own: np.ndarray, before: np.ndarray) -> np.ndarray:
 
 def direction(of: Basis, column: np.ndarray) -> Direction:
     """Of a location whose derivative of the readings is `column` (N, m), in the readings' units."""
-    f = of.frame
-    scaled = f.scaled(column[:, :, None])[:, :, 0]
-    rho = f.correlation()
-    root = np.sqrt(1.0 - rho**2)
-    before = np.zeros_like(scaled)
-    before[1:] = -rho[1:] * scaled[:-1] / root[1:]
-    own = scaled / root
+    own, before = _whitened(of.frame, column, slice(None))
     if of.grid is not None:
         own, before = of.grid.laid(own), of.grid.laid(before)
         before[0] = 0.0
+    return _direction(own, before, of.rows)
+
+
+def direction_alone(frame: Frame, column: np.ndarray, rows: slice) -> Direction:
+    """Of the records `rows`, a whole recording, as if no nuisance could be taken for it; `column` (n, m) is theirs."""
+    own, before = _whitened(frame, column, rows)
+    return _direction(own, before, np.zeros((*own.shape, 0)))
+
+
+def _whitened(frame: Frame, column: np.ndarray, rows: slice) -> tuple[np.ndarray, np.ndarray]:
+    """`own` and `before` (n, m) of a derivative (n, m)."""
+    scaled = frame.scaled(column[:, :, None], rows)[:, :, 0]
+    rho = frame.correlation(rows)
+    root = np.sqrt(1.0 - rho**2)
+    before = np.zeros_like(scaled)
+    before[1:] = -rho[1:] * scaled[:-1] / root[1:]
+    return scaled / root, before
+
+
+def _direction(own: np.ndarray, before: np.ndarray, rows: np.ndarray) -> Direction:
     diagonal, beside = (own**2).sum(axis=1), (before[1:] * own[1:]).sum(axis=1)
     diagonal[:-1] += (before[1:] ** 2).sum(axis=1)
-    return Direction(own, before, diagonal, beside, of.rows)
+    return Direction(own, before, diagonal, beside, rows)
