@@ -69,8 +69,9 @@ more together is better told as unlisted physics."""
 MOST_FLIGHTS = 0.75
 """Share of the flights, held out in turn, that must gain by an explanation: chance alone gives half of them.
 Judgement."""
-NOISE_PASSES = 2
-"""Estimates of the noise at a fit, each with a fit after it; a third changes nothing that matters."""
+NOISE_PASSES, SAME_NOISE = 2, 0.03
+"""Estimates of the noise at a fit, each with a fit after it, at most: a third changes nothing that matters, nor does one
+more where none has changed by more than this share."""
 
 NEARLY_ALL, PLAINLY = 0.8, 1.5
 """An unrecorded driver that explains this share of the excess χ², and so many times what the best recorded one does,
@@ -187,11 +188,13 @@ class Search:
     def _with_estimated_noise(self, rest: Remainder) -> Remainder:
         """What is left when the noise is what nothing explains; weights and noise in turn."""
         for _ in range(NOISE_PASSES):
-            noise = estimated_noise(self.base.projection, rest.blocks())
+            noise, before = estimated_noise(self.base.projection, rest.blocks()), self.evidence.noise
             self.evidence = with_noise(self.evidence, noise)
             found = identify_with(self.evidence, NO_HYPOTHESIS, self.along, self.base.found)
             self.base = Trial((), found, Projection(found))
             rest = remainder(self.base, self.library, self.along_drivers)
+            if all(abs(v / before.sigma[s] - 1.0) < SAME_NOISE for s, v in noise.sigma.items()):
+                break
         return rest
 
     # fitting

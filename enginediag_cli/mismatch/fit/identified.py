@@ -27,6 +27,8 @@ ITERATIONS, ROUNDS = 25, 4
 CLOSE_BY = 5
 """Iterations of one round of a fit that begins at the optimum of few of its records, within some standard errors of its
 own: a smooth misfit needs two; what more finds is kinks, of which a fresh round tells whether they still matter."""
+NEARER = 2
+"""Iterations towards an optimum at which nothing is judged."""
 SETTLED, SETTLED_SHARE, STUCK_SHARE = 0.1, 1e-3, 0.02
 """Maps read linearly have kinks, at which the search may zigzag: a fit has settled, too, when a fresh round of
 iterations lowers χ² by less than 0.1, or by less than a thousandth of what is unexplained, unless the Newton step
@@ -185,10 +187,10 @@ def identify_with(
 
 
 def nearer(evidence: Evidence, hypothesis: Hypothesis, along: Nuisance, start: Identified) -> Identified:
-    """A few steps of a fit from one of a share of the records: nearer the optimum, which lies far off where the model
-    lacks something."""
+    """NEARER steps of a fit from one of a share of the records: nearer the optimum, which lies far off where the model
+    lacks something. A projection goes the last one."""
     model, problem, rho = problem_with(evidence, hypothesis, along, start)
-    fit = solve(problem, _start(problem, start), max_iterations=CLOSE_BY, tolerance=TOLERANCE)
+    fit = solve(problem, _start(problem, start), max_iterations=NEARER, tolerance=TOLERANCE)
     return Identified(evidence, hypothesis, model, problem, fit, fit.converged, rho)
 
 
