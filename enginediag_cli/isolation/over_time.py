@@ -157,7 +157,7 @@ def _with_own_scatter(suspects: Suspects, log: np.ndarray, instead: Mapping[str,
     top = max(over.values())
     for component, odds in instead.items():
         if np.isfinite(over[component]):
-            log[:, suspects.members(component)] += max(top + min(odds, 0.0) - over[component], 0.0)
+            log[:, suspects.members(component)] += max(top + odds - over[component], 0.0)
     return log
 
 

@@ -107,6 +107,10 @@ class Search:
         total[:, again] = -np.inf  # what a component has done since its onset, of any law, is one event
         return total, np.array(nothing)
 
+    def nothing(self, others: Sequence[Chosen]) -> list[float]:
+        """log likelihood of no event but the others, for each scatter."""
+        return [self._given(t, others)[2] for t in self.tables]
+
     def told(self, others: Sequence[Chosen], group: int) -> list[Sizes]:
         """Sizes of a group beside other events, for each scatter."""
         return [self._sizes(t, others, group) for t in self.tables]
