@@ -18,7 +18,7 @@ import numpy as np
 from enginediag_cli.detection.course import Courses, places, table
 from enginediag_cli.detection.readings import Readings
 from enginediag_cli.detection.wander import Scatter, Wander
-from enginediag_cli.isolation.series_search import SIZE, Chosen, Search
+from enginediag_cli.isolation.series_search import SIZE, Chosen, Search, slabs_of
 from enginediag_cli.isolation.suspects import Suspects
 
 LAWS = (False, True)
@@ -150,45 +150,41 @@ class Looks:
 
     def _again(self, law: Wander, others: Sequence[Chosen], owner: str) -> Iterator[Chosen]:
         """The likeliest event of one suspect by one law of scatter, of one law of growth and of several."""
-        search, log = self._of_one(law, others, owner)
-        place, course = (int(i) for i in np.unravel_index(int(np.argmax(log)), log.shape))
-        group = self.suspects.members(owner)[place]
-        found = Chosen(group, course, tuple(search.told(others, group)[0].mean[course].tolist()))
-        yield found
-        if grown := search.grown(search.tables[0], others, found):
-            yield grown
-
-    def _of_one(self, law: Wander, others: Sequence[Chosen], owner: str) -> tuple[Search, np.ndarray]:
-        """The search of one suspect alone by one law of scatter, and its log probabilities (groups, L)."""
         mine = self.suspects.members(owner)
         members = {i for k in mine for i in self.suspects.groups[k]}
         inside = np.array([i in members for i in range(len(self.at) - 1)])
         t = table(self.readings, law, self.among, places((self.at[:-1, :-1] >= 0) & inside & inside[:, None]))
         search = Search((t,), self.among, self.suspects, self.slabs, self.kinds, self.doubt)
         log = np.stack([search.told(others, k)[0].log for k in mine])
-        return search, log + self.suspects.log_odds[mine, None] + self.kinds[mine] + search.nothing(others)[0]
+        log += self.suspects.log_odds[mine, None] + self.kinds[mine]
+        place, course = (int(i) for i in np.unravel_index(int(np.argmax(log)), log.shape))
+        found = Chosen(mine[place], course, tuple(search.told(others, mine[place])[0].mean[course].tolist()))
+        yield found
+        if grown := search.grown(t, others, found):
+            yield grown
 
     def _instead(self, best: Look, k: int) -> dict[str, float]:
-        """log odds of the suspects that were tried in the place of the k-th event of `best`, the others as they are:
-        of any size and course, each by the scatter that its likeliest event leaves."""
+        """log odds of the suspects that were tried in the place of the k-th event of `best`, the others as they are,
+        each by the scatter that its own event leaves and by how large that is."""
         owner = self.suspects.owner
         rest = Counter(event.place for event in best.chosen) - Counter([best.chosen[k].place])
-        tried: dict[str, tuple[Look, Chosen]] = {}
+        own = best.log + self._log_of_size(best.chosen[k])
+        found: dict[str, float] = {}
         for look in self._looked.values():
             other = Counter(event.place for event in look.chosen) - rest
-            if len(look.chosen) == len(best.chosen) and other.total() == 1 and look.log > best.log - REACH:
+            if len(look.chosen) == len(best.chosen) and other.total() == 1:
                 event = next(event for event in look.chosen if event.place in other)
-                held = tried.get(owner[event.group], (look, event))
-                tried[owner[event.group]] = max(held, (look, event), key=lambda pair: pair[0].log)
-        mine = owner[best.chosen[k].group]
-        own = self._evidence(best, best.chosen[k])
-        return {name: self._evidence(*pair) - own for name, pair in tried.items() if name != mine}
+                name, log = owner[event.group], look.log + self._log_of_size(event) - own
+                if name != owner[best.chosen[k].group]:
+                    found[name] = max(found.get(name, -np.inf), log)
+        return found
 
-    def _evidence(self, look: Look, event: Chosen) -> float:
-        """log probability of the series with some event of this one's suspect, by the scatter that this one leaves."""
-        law = max(look.scatter, key=lambda wander: wander.beside)
-        others = [other for other in look.chosen if other is not event]
-        return float(np.logaddexp.reduce(self._of_one(law, others, self.suspects.owner[event.group])[1], axis=None))
+    def _log_of_size(self, event: Chosen) -> float:
+        """log prior of a change of this size, relative to a small one: the mixture of slabs."""
+        slabs = np.array(slabs_of(self.suspects, event.group, self.slabs))
+        density = -len(event.size) * np.log(slabs)
+        square = float(np.sum(np.square(event.size)))
+        return float(np.logaddexp.reduce(density - 0.5 * square / slabs**2) - np.logaddexp.reduce(density))
 
 
 def effect(readings: Readings, suspects: Suspects, among: Courses, chosen: Sequence[Chosen]) -> np.ndarray:

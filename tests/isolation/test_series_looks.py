@@ -28,7 +28,7 @@ FAN = np.array([1.0, 3.0, -2.0, 1.0])
 
 
 def readings(seed, change, alike):
-    """A series in which the HPC changes by so many prior sigmas (n,); the HPT acts as it does but for `alike` across."""
+    """A series in which the HPC changes by so many prior sigmas (n,); the HPT acts alike but for `alike` across."""
     rng = np.random.default_rng(seed)
     sigma = np.array([p.prior_sigma for p in MEANING.values()])
     J = np.concatenate([np.stack([FAN, HPC, HPC + alike * ACROSS], axis=1), 3 * np.eye(4)], axis=1) / sigma
