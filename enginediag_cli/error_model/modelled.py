@@ -89,10 +89,14 @@ class MapErrorModel(WrappedModel):
         columns = tuple(self.model.sensors) if asked.sensors is None else tuple(asked.sensors)
         taken = self._taken(columns)
         plain = {c: v for c, v in inputs.items() if c not in taken}
-        brought = taken.keys() <= inputs.keys()
+        brought = self.brought(inputs, columns)
         frozen = {name: inputs[name] for name in taken} if brought else self.frozen(plain, columns)
         p = self._ask(asked, inputs=plain, sensors=columns, wrt=along)
         return _with_errors(p, self._groups, amounts, asked.wrt, frozen)
+
+    def brought(self, inputs: Mapping[str, Any], sensors: Sequence[str]) -> bool:
+        """Whether records bring along how errors of the maps act on these sensors."""
+        return self._taken(sensors).keys() <= inputs.keys()
 
     @property
     def amounts(self) -> tuple[str, ...]:
@@ -116,13 +120,20 @@ class MapErrorModel(WrappedModel):
 
     def effects(self, frozen: Mapping[str, np.ndarray], sensors: Sequence[str]) -> np.ndarray:
         """Sensitivities (N, m, k) of the sensors to `amounts`, from frozen columns."""
+        of_maps, curves = self.factors(frozen, sensors)
+        found = of_maps[:, :, :, None] * curves[:, None]
+        return np.asarray(found.reshape(*of_maps.shape[:2], -1))
+
+    def factors(self, frozen: Mapping[str, np.ndarray], sensors: Sequence[str]) -> tuple[np.ndarray, np.ndarray]:
+        """What `effects` are products of: sensitivities (N, m, G) of the sensors to each of G map quantities, and the
+        values (N, G, CURVES) of its curves, from frozen columns."""
         n = len(next(iter(frozen.values())))
-        found = np.empty((n, len(sensors), len(self._groups), CURVES))
         curves = _curves_at(self._groups, frozen, n)
+        of_maps = np.empty((n, len(sensors), len(self._groups)))
         for i, g in enumerate(self._groups):
-            effect = np.column_stack([frozen[_effect(g.target, c)] for c in sensors])
-            np.multiply(effect[:, :, None], curves[g.machine.name][:, None, :], out=found[:, :, i])
-        return found.reshape(n, len(sensors), len(self._groups) * CURVES)
+            for s, sensor in enumerate(sensors):
+                of_maps[:, s, i] = frozen[_effect(g.target, sensor)]
+        return of_maps, np.stack([curves[g.machine.name] for g in self._groups], axis=1)
 
     def effects_along(
         self, frozen: Mapping[str, np.ndarray], sensors: Sequence[str], directions: np.ndarray

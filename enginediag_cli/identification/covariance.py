@@ -29,7 +29,12 @@ import numpy as np
 from enginediag_cli.identification.gauss_newton import Fit
 from enginediag_cli.identification.normal_equations import Block, accumulate, blocks, eliminate
 from enginediag_cli.identification.pace import NEIGHBOURS, correlated_sum, correlations, inflation
+from enginediag_cli.identification.predicted import SUMMED_RECORDS
 from enginediag_cli.identification.problem import Problem
+
+SAMPLE = 1500
+"""Records of which some in this many, in whole stretches, tell what a fit takes out of the noise until the last one. It
+is a small part of the noise, and known by so many to a few per cent of itself."""
 
 
 @dataclass(frozen=True)
@@ -62,11 +67,13 @@ class _Sums:
     offset_use: np.ndarray  # (m,) readings that the offsets use up
 
 
-def uncertainty(problem: Problem, fit: Fit, rho: np.ndarray, used: np.ndarray | None = None) -> Uncertainty:
+def uncertainty(
+    problem: Problem, fit: Fit, rho: np.ndarray, used: np.ndarray | None = None, *, sampled: bool = False
+) -> Uncertainty:
     """Posterior and data-only covariance at the fit for lag-1 correlations `rho` (m,), each in (−1, 1).
 
     `used` (m,): readings of each sensor that the fit has used up, as far as known: residuals are that much smaller
-    than the noise.
+    than the noise. sampled: what the fit takes out of the noise is told by SAMPLE records, where there are many more.
     """
     scaled = fit.equations.residual / problem.sigma
     psi = problem.loss.weight(np.nan_to_num(scaled)) * scaled
@@ -79,7 +86,8 @@ def uncertainty(problem: Problem, fit: Fit, rho: np.ndarray, used: np.ndarray | 
     bread = np.isfinite(scaled) * a / (problem.sigma**2 * problem.inflation)
     p, R, q = len(fit.x), *fit.z.shape
     H_xx, H_xz, H_zz = np.zeros((p, p)), np.zeros((R, p, q)), np.zeros((R, q, q))
-    for block in blocks(problem, fit.x, fit.z):
+    at = fit.equations.at
+    for block in blocks(problem, fit.x, fit.z, at=at, records=SUMMED_RECORDS):
         w = bread[block.rows]
         part = accumulate(problem, block, w, np.zeros_like(w))
         here = part.recordings
@@ -92,7 +100,8 @@ def uncertainty(problem: Problem, fit: Fit, rho: np.ndarray, used: np.ndarray | 
     # an error of the model at an operating point is common to all its records
     scale = b * (1.0 if problem.shared is None else problem.shared) / (problem.sigma * problem.inflation) ** 2
     inverse = np.linalg.inv(arrow.S)
-    sums = _sums(problem, fit, bread, (arrow.gain, np.linalg.inv(H_zz + np.eye(q))), rho, scale, inverse)
+    of_offsets = (arrow.gain, np.linalg.inv(H_zz + np.eye(q)))
+    sums = _sums(problem, fit, bread, of_offsets, (rho, scale), inverse, sampled)
     meat = sums.meat
     covariance = inverse @ (meat + prior_of_offsets + np.eye(p)) @ inverse
     covariance = (covariance + covariance.T) / 2
@@ -120,6 +129,20 @@ def uncertainty(problem: Problem, fit: Fit, rho: np.ndarray, used: np.ndarray | 
     )
 
 
+def _without_offsets(problem: Problem, block: Block, gain: np.ndarray) -> np.ndarray:
+    """J̃ (n, m, p), the sensitivities of a block after elimination of the offsets by their gain (R, p, q); overwrites
+    those of the block."""
+    J, q = block.jacobian, len(problem.offsets)
+    if not q:
+        return J
+    columns, recording = block.offset_columns(problem), problem.recording[block.rows]
+    starts = np.flatnonzero(np.diff(recording, prepend=-1))
+    for first, stop in zip(starts, [*starts[1:], len(recording)], strict=True):
+        taken = columns[first:stop].reshape(-1, q) @ gain[recording[first]].T
+        J[first:stop] -= taken.reshape(J[first:stop].shape)
+    return J
+
+
 def _offset_use(problem: Problem, block: Block, w: np.ndarray, covariance: np.ndarray) -> np.ndarray:
     """Readings of each sensor (m,) of a block that the offsets use up, of `covariance` (R, q, q) with all else held."""
     G = np.nan_to_num(block.offset_columns(problem))
@@ -138,44 +161,42 @@ def _sums(
     fit: Fit,
     bread: np.ndarray,
     offsets: tuple[np.ndarray, np.ndarray],
-    rho: np.ndarray,
-    scale: np.ndarray,
+    noise: tuple[np.ndarray, np.ndarray],
     inverse: np.ndarray,
+    sampled: bool,
 ) -> _Sums:
-    """Sums over all records; offsets: their gain (R, p, q) and covariance (R, q, q); scale (m,): weight of each sensor
-    in the meat; inverse (p, p): S⁻¹, which the traces are taken with."""
+    """Sums over all records, or as told by a sample of them; offsets: their gain (R, p, q) and covariance (R, q, q);
+    noise: correlation (m,) and weight of each sensor in the meat (m,); inverse (p, p): S⁻¹, which the traces are taken
+    with."""
     p, m = len(fit.x), len(problem.sensors)
     plain, lagged, meat = np.zeros((m, p, p)), np.zeros((m, p, p)), np.zeros((p, p))
     trace, smooth, smooth_lagged, offset_use = (np.zeros(m) for _ in range(4))
-    gap, (gain, of_offsets) = problem.gap, offsets
-    for block in blocks(problem, fit.x, fit.z):
-        w, recording = bread[block.rows], problem.recording[block.rows]
+    gap, (gain, of_offsets), (rho, scale) = problem.gap, offsets, noise
+    at, N = fit.equations.at, len(problem.recording)
+    every = max(N // SAMPLE, 1) if sampled and at is not None else 1
+    taken = 0
+    for block in blocks(problem, fit.x, fit.z, at=at, records=SUMMED_RECORDS if every > 1 else None, every=every):
+        taken += len(block.predicted)
+        w = bread[block.rows]
         if of_offsets.shape[1]:
             offset_use += _offset_use(problem, block, w, of_offsets)
-        J = np.where((w > 0)[:, :, None], block.jacobian, 0.0)
-        outputs = block.offset_jacobian.shape[1]
-        for j, o in enumerate(problem.offsets[:outputs]):
-            s = problem.sensors.index(o.sensor)
-            G = np.where(w[:, s] > 0, block.offset_jacobian[:, j], 0.0)
-            J[:, s, :] -= G[:, None] * gain[recording, :, j]
-        if outputs < len(problem.offsets):
-            I = np.where((w > 0)[:, :, None], block.input_jacobian, 0.0)
-            J -= I @ np.swapaxes(gain[recording, :, outputs:], 1, 2)
+        J = _without_offsets(problem, block, gain)
         steps = gap[block.rows].copy()
         steps[0] = np.inf  # what lies in the block before is forgotten: one record in thousands
-        f = correlated_sum(J, correlations(steps, rho))
-        meat += J.reshape(-1, p).T @ (f * scale[:, None]).reshape(-1, p)
-        f = f @ inverse
-        near = steps[1:] <= NEIGHBOURS
-        smooth += np.einsum("nmp,nmp->nm", J, f).sum(axis=0)
-        smooth_lagged += near @ (np.einsum("nmp,nmp->nm", J[1:], f[:-1]) + np.einsum("nmp,nmp->nm", J[:-1], f[1:]))
+        r, near = correlations(steps, rho), steps[1:] <= NEIGHBOURS
         for s in range(m):
-            g = np.ascontiguousarray(J[:, s])
-            own = g.T @ g
-            trace[s] += w[:, s].max() * np.sum(inverse * own)  # the weight of all readings that there are is one
-            plain[s] += own
+            g = np.where((w[:, s] > 0)[:, None], J[:, s], 0.0)
+            f = correlated_sum(g[:, None], r[:, s : s + 1])[:, 0]
+            meat += scale[s] * (g.T @ f)
+            h = g @ inverse
+            smooth[s] += np.vdot(h, f)
+            beside = np.einsum("np,np->n", h[1:], f[:-1]) + np.einsum("np,np->n", h[:-1], f[1:])
+            smooth_lagged[s] += near @ beside
+            trace[s] += w[:, s].max() * np.vdot(h, g)  # the weight of all readings that there are is one
+            plain[s] += g.T @ g
             lagged[s] += (g[1:] * near[:, None]).T @ g[:-1]
-    return _Sums(plain, lagged, meat, trace, smooth, smooth_lagged, offset_use)
+    sums = (plain, lagged, meat, trace, smooth, smooth_lagged, offset_use)
+    return _Sums(*(part * (N / taken) for part in sums)) if every > 1 else _Sums(*sums)
 
 
 def _data_standard_error(information: np.ndarray, meat: np.ndarray) -> np.ndarray:

@@ -6,13 +6,14 @@ do not (P. Burman, E. Chow and D. Nolan, Biometrika 81 (1994) 351–358).
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from enginediag_cli.identification.gauss_newton import Fit, solve
-from enginediag_cli.identification.normal_equations import predict
+from enginediag_cli.identification.normal_equations import NormalEquations, normal_equations
 from enginediag_cli.identification.problem import Problem
+from enginediag_cli.identification.steps import ways
 from enginediag_cli.progress import each
 
 FOLDS = 8
@@ -61,9 +62,33 @@ def cross_validate(problem: Problem, fit: Fit, block: int, max_iterations: int =
         return CrossValidation(predicted, 0, 0)
     for fold in each(folds, "cross-validation, refits", len(folds)):
         out = fold_of == fold
-        part = solve(problem.select(~out), (fit.x, fit.z), max_iterations=max_iterations, tolerance=TOLERANCE)
+        # left out are the readings, not the records: their derivatives are those of the full fit, where these were kept
+        without = replace(problem, measured=np.where(out[:, None], np.nan, problem.measured))
+        part = solve(
+            without,
+            (fit.x, fit.z),
+            max_iterations=max_iterations,
+            tolerance=TOLERANCE,
+            derivatives=ways(problem)[0],
+            begin=_without(problem, fit, out),
+        )
         if part.converged:
-            predicted[out] = predict(problem.select(out), part.x, part.z)[0]
+            predicted[out] = part.equations.predicted[out]
         else:
             failed += 1
     return CrossValidation(predicted, len(folds), failed)
+
+
+def _without(problem: Problem, fit: Fit, out: np.ndarray) -> NormalEquations | None:
+    """Equations at the fit of all records but those `out` (N,), where the fit has kept its derivatives."""
+    whole = fit.equations
+    if whole.at is None:
+        return None
+    part = normal_equations(problem.select(out), fit.x, fit.z, whole.at.select(out))
+    sums = {f: getattr(whole, f) - getattr(part, f) for f in ("H_xx", "H_xz", "H_zz", "g_x", "g_z")}
+    return replace(
+        whole,
+        residual=np.where(out[:, None], np.nan, whole.residual),
+        record_cost=np.where(out, 0.0, whole.record_cost),
+        **sums,
+    )

@@ -23,35 +23,30 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from enginediag_cli.identification.kinks import Kinks, Piece, Pieces
-from enginediag_cli.identification.normal_equations import (
-    Arrow,
-    NormalEquations,
-    eliminate,
-    normal_equations,
-    offset_step,
-)
+from enginediag_cli.identification.kinks import NEAR, Kinks, Piece, Pieces
+from enginediag_cli.identification.normal_equations import NormalEquations, normal_equations, offset_step
 from enginediag_cli.identification.problem import Problem
+from enginediag_cli.identification.steps import (
+    FARTHEST,
+    STALL,
+    Derivatives,
+    corrected,
+    exact,
+    offset_squared,
+    projected_step,
+    reduced,
+    served,
+    taken_at,
+    total,
+    tried,
+)
 from enginediag_cli.progress import each
 
-LOST_FRACTION = 0.02
-"""A step may lose this share of the converged records; one that loses more is rejected as too long."""
-
-FARTHEST = 2.0
-"""Prior standard deviations by which a parameter may change in one step: half of what is believable at all. A first
-step of a badly scaled model would otherwise go where no record has a prediction."""
 SHORTENED, SHORTER, BOLDER = 0.25, 0.5, 4.0
 """Factors of the length of the next step after one that lost records, after one that lowered the misfit too little, and
 after one that kept its promise. Judgement: back at full length in one or two steps."""
-ENOUGH = 0.05
-"""Share of the promised fall that makes a step worth taking; with less its point serves as a piece of the misfit."""
-
 MAX_REJECTED = 24
 """Rejected steps in a row after which nothing is expected of another."""
-STALL = 0.3
-"""Standard errors. An optimum that near is statistically the same answer: its misfit is lower by 0.045, where 0.5 is
-one standard error, and an interval about the place reached would have to be wider by 4 % at most to be as good."""
-NEGLIGIBLE = 1e-9  # relative change of cost that is the solver's own rounding
 
 
 @dataclass(frozen=True)
@@ -102,7 +97,7 @@ class _Here:
     def step(self, boldness: float, x: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
         """The step (p,), as bold as asked (0 to 1)."""
         gradient, _ = self.pieces.combined(boldness)
-        return _projected_step(self.pieces.S / boldness, gradient, self.held, x, low, high)
+        return projected_step(self.pieces.S / boldness, gradient, self.held, x, low, high)
 
 
 def solve(
@@ -111,51 +106,95 @@ def solve(
     *,
     max_iterations: int = 40,
     tolerance: float = 1e-3,
+    derivatives: Derivatives = Derivatives.EACH,
+    begin: NormalEquations | None = None,
 ) -> Fit:
-    """Most probable x and z from `start` (default: prior mean).
+    """Most probable x and z from `start` (default: prior mean); `begin`: the equations there, where they are known.
 
     Converged when the optimum is less than `tolerance` standard errors away, or less than `STALL` where no step lowers
-    the misfit any more. Never raises for a model that does not converge: the reason is in the result.
+    the misfit any more. Never raises for a model that does not converge: the reason is in the result. Derivatives that
+    are kept take the memory of all records.
     """
     p, shape = len(problem.parameters), (len(problem.labels), len(problem.offsets))
     low = (problem.lower - problem.prior_mean) / problem.prior_sigma
     high = (problem.upper - problem.prior_mean) / problem.prior_sigma
     x, z = (np.zeros(p), np.zeros(shape)) if start is None else (start[0].copy(), start[1].copy())
-    x = np.clip(x, low, high)
-    now = normal_equations(problem, x, z)
+    inside, each_point = np.clip(x, low, high), derivatives is Derivatives.EACH
+    if begin is None or not np.array_equal(inside, x):
+        begin = normal_equations(problem, inside, z) if each_point else taken_at(problem, inside, z)
+    x, now = inside, begin
+    del begin
     if not now.ok.any():
         return Fit(x, z, now, np.zeros(p, bool), False, "no record converged at the starting point", ())
     kinks, boldness, rejected, walls = Kinks(), 1.0, 0, 0
-    here = _stand(now, x, z, (low, high), kinks)
-    history = [Iteration(_total(now, x, z), here.decrement, int((~now.ok).sum()), boldness, True)]
+    now, here = _confirmed(problem, now, (x, z), (low, high), kinks, derivatives, tolerance)
+    history = [Iteration(total(now, x, z), here.decrement, int((~now.ok).sum()), boldness, True)]
     for _ in each(range(max_iterations), "iterations of the fit"):
         if here.decrement < tolerance or rejected >= MAX_REJECTED:
             break
         dx = here.step(boldness, x, np.maximum(low, x - FARTHEST), np.minimum(high, x + FARTHEST))
         dz = offset_step(now, z, dx)
-        trial = normal_equations(problem, x + dx, z + dz)
-        lost = int(np.sum(now.ok & ~trial.ok)) > max(1, LOST_FRACTION * now.ok.sum())
-        promised = here.pieces.fall(dx) + 0.5 * here.offsets
-        gain = _gain(now, trial, x, z, dx, dz)
-        floor = NEGLIGIBLE * max(_total(now, x, z), 1.0)
-        accepted = bool(not lost and promised > 0 and (gain > ENOUGH * promised or abs(gain) + promised < floor))
+        step = tried(problem, now, (x, z), (dx, dz), (here.pieces, here.offsets), each_point)
+        if not step.accepted and not exact(now):
+            # no judgement of the step: the derivatives may be what misleads
+            now = taken_at(problem, x, z)
+            here = _stand(now, x, z, (low, high), kinks)
+            history.append(Iteration(total(now, x, z), here.decrement, int((~now.ok).sum()), boldness, False))
+            continue
+        if not step.accepted and not step.lost and not each_point:
+            step = corrected(problem, now, (x, z), step, (low, high))
+        trial, (dx, dz) = step.trial, step.change
+        near = each_point or dx @ here.pieces.S @ dx <= NEAR**2
+        if not each_point and step.accepted:
+            trial = served(problem, np.clip(x + dx, low, high), z + dz, step, exact(now))
+        elif not each_point and near:
+            trial = normal_equations(problem, x + dx, z + dz)
         if not np.array_equal(now.ok, trial.ok):
             kinks.clear()
-        elif accepted:
-            kinks.add(Piece(x, here.gradient, _total(now, x, z)))
-        else:
-            kinks.add(Piece(x + dx, _reduced(trial, x + dx, z + dz).g, _total(trial, x + dx, z + dz)))
-        if accepted:
+        elif step.accepted and exact(now):
+            kinks.add(Piece(x, here.gradient, total(now, x, z)))
+        elif near and not step.accepted:
+            kinks.add(Piece(x + dx, reduced(trial, x + dx, z + dz).g, total(trial, x + dx, z + dz)))
+        if step.accepted:
             x, z, now = np.clip(x + dx, low, high), z + dz, trial
             rejected = 0
-            boldness = min(1.0, boldness * (BOLDER if gain > 0.5 * promised else 1.0))
+            boldness = min(1.0, boldness * (BOLDER if step.gain > 0.5 * step.promised else 1.0))
         else:
-            rejected, walls = rejected + 1, walls + lost
-            boldness *= SHORTENED if lost else SHORTER
-        here = _stand(now, x, z, (low, high), kinks)
-        history.append(Iteration(_total(now, x, z), here.decrement, int((~trial.ok).sum()), boldness, accepted))
+            rejected, walls = rejected + 1, walls + step.lost
+            boldness *= SHORTENED if step.lost else SHORTER
+        now, here = _confirmed(problem, now, (x, z), (low, high), kinks, derivatives, tolerance)
+        history.append(Iteration(total(now, x, z), here.decrement, int((~trial.ok).sum()), boldness, step.accepted))
     end = Fit(x, z, now, here.held & (low < high), False, "", tuple(history))
     return _ended(end, tolerance, rejected, walls)
+
+
+def resumed(
+    problem: Problem, start: tuple[np.ndarray, np.ndarray], fit: Fit | None, *, taken: bool = False
+) -> NormalEquations | None:
+    """Equations of a problem at the place where a fit of the same records to other noise and sizes has ended, (x, z) in
+    the problem's own units, by derivatives that were kept; None where none were, and where they are not those of that
+    very place although they are to be `taken` there."""
+    at = None if fit is None else fit.equations.at
+    if at is None or not at.fits(problem) or (taken and not at.taken):
+        return None
+    return normal_equations(problem, *start, at)
+
+
+def _confirmed(
+    problem: Problem,
+    now: NormalEquations,
+    point: tuple[np.ndarray, np.ndarray],
+    box: tuple[np.ndarray, np.ndarray],
+    kinks: Kinks,
+    derivatives: Derivatives,
+    tolerance: float,
+) -> tuple[NormalEquations, _Here]:
+    """Where the search stands; with derivatives of this point where it would be over and they are asked for."""
+    here = _stand(now, *point, box, kinks)
+    if derivatives is Derivatives.KEPT and not exact(now) and here.decrement < tolerance:
+        now = taken_at(problem, *point)
+        here = _stand(now, *point, box, kinks)
+    return now, here
 
 
 def _ended(fit: Fit, tolerance: float, rejected: int, walls: int) -> Fit:
@@ -182,50 +221,9 @@ def _stand(
     now: NormalEquations, x: np.ndarray, z: np.ndarray, box: tuple[np.ndarray, np.ndarray], kinks: Kinks
 ) -> _Here:
     """What is known at one point."""
-    arrow = _reduced(now, x, z)
+    arrow = reduced(now, x, z)
     held = ((x <= box[0]) & (arrow.g > 0)) | ((x >= box[1]) & (arrow.g < 0))
-    pieces = kinks.about(Piece(x, arrow.g, _total(now, x, z)), arrow.S, ~held)
+    pieces = kinks.about(Piece(x, arrow.g, total(now, x, z)), arrow.S, ~held)
     # z moves with x: what is left of its own gradient is part of the distance to the optimum
-    offsets = _offset_squared(now, z)
+    offsets = offset_squared(now, z)
     return _Here(pieces, arrow.g, held, offsets, float(np.sqrt(pieces.combined()[1] + offsets)))
-
-
-def _reduced(n: NormalEquations, x: np.ndarray, z: np.ndarray) -> Arrow:
-    return eliminate(n.H_xx, n.H_xz, n.H_zz, n.g_x, n.g_z, x, z)
-
-
-def _projected_step(
-    S: np.ndarray, g: np.ndarray, held: np.ndarray, x: np.ndarray, low: np.ndarray, high: np.ndarray
-) -> np.ndarray:
-    """Newton step of the free parameters; one that would cross its bound stops there, the rest re-solve."""
-    fixed, dx = held.copy(), np.zeros_like(x)
-    while not fixed.all():
-        free = ~fixed
-        dx[free] = np.linalg.solve(S[np.ix_(free, free)], -(g[free] + S[np.ix_(free, fixed)] @ dx[fixed]))
-        target = np.clip(x + dx, low, high) - x
-        crossed = free & (target != dx) & (np.abs(target - dx) > 1e-12 * (1 + np.abs(dx)))
-        dx = np.where(crossed, target, dx)
-        if not crossed.any():
-            break
-        fixed |= crossed
-    return np.clip(x + dx, low, high) - x
-
-
-def _offset_squared(n: NormalEquations, z: np.ndarray) -> float:
-    """The offsets' share of the decrement at fixed x, Σ_r (g_z + z)ᵀ(H_zz + 1)⁻¹(g_z + z)."""
-    g = n.g_z + z
-    return float(np.sum(g * np.linalg.solve(n.H_zz + np.eye(z.shape[1]), g[:, :, None])[:, :, 0]))
-
-
-def _total(n: NormalEquations, x: np.ndarray, z: np.ndarray) -> float:
-    return float(n.record_cost[n.ok].sum() + 0.5 * x @ x + 0.5 * np.sum(z**2))
-
-
-def _gain(
-    now: NormalEquations, trial: NormalEquations, x: np.ndarray, z: np.ndarray, dx: np.ndarray, dz: np.ndarray
-) -> float:
-    """Actual fall of the cost, on the records that both points have: a record that fails must not pass for one that
-    fits."""
-    both = now.ok & trial.ok
-    prior = x @ dx + 0.5 * dx @ dx + np.sum(z * dz) + 0.5 * np.sum(dz**2)
-    return float((now.record_cost[both] - trial.record_cost[both]).sum() - prior)

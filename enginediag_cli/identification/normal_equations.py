@@ -13,10 +13,11 @@ so the offsets of any number of recordings are eliminated one recording at a tim
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from enginediag_cli.identification.predicted import SUMMED_RECORDS, Predicted, ask, predict_records, shifted_inputs
 from enginediag_cli.identification.problem import Problem
 
 CHUNK_RECORDS = 2048
@@ -29,18 +30,19 @@ class Block:
 
     rows: slice
     predicted: np.ndarray  # (n, m) with offsets, NaN where the model gave none
-    jacobian: np.ndarray  # (n, m, p) ∂y/∂x
+    jacobian: np.ndarray  # (n, m, p) ∂y/∂x, 0 where the model gave none
     offset_jacobian: np.ndarray  # (n, q − i) ∂y_s/∂z for the one sensor s that each offset of an output acts on
     status: np.ndarray  # (n,) int8, as the engine gives it
     input_jacobian: np.ndarray  # (n, m, i) ∂y/∂z of the offsets of inputs, which come last
 
     def offset_columns(self, problem: Problem) -> np.ndarray:
-        """∂y/∂z (n, m, q) of all offsets of each record's recording."""
+        """∂y/∂z (n, m, q) of all offsets of each record's recording, 0 where the model gave none."""
         n, outputs = len(self.predicted), self.offset_jacobian.shape[1]
-        found = np.zeros((n, len(problem.sensors), outputs))
+        found = np.zeros((n, len(problem.sensors), outputs + self.input_jacobian.shape[2]))
         column = [problem.sensors.index(o.sensor) for o in problem.offsets[:outputs]]
-        found[:, column, range(outputs)] = self.offset_jacobian
-        return np.concatenate([found, self.input_jacobian], axis=2)
+        found[:, column, range(outputs)] = np.where((self.status <= 1)[:, None], self.offset_jacobian, 0.0)
+        found[:, :, outputs:] = self.input_jacobian
+        return found
 
 
 @dataclass(frozen=True)
@@ -56,6 +58,7 @@ class NormalEquations:
     H_zz: np.ndarray
     g_x: np.ndarray  # (p,) gradient of the cost
     g_z: np.ndarray  # (R, q)
+    at: Predicted | None = None  # what they were made of, where that was kept
 
     @property
     def ok(self) -> np.ndarray:
@@ -72,46 +75,61 @@ class Arrow:
     gain: np.ndarray  # (R, p, q) H_xz (H_zz + 1)⁻¹
 
 
-def blocks(problem: Problem, x: np.ndarray, z: np.ndarray, *, sensitivities: bool = True) -> Iterator[Block]:
-    """Predictions and their derivatives, a bounded number of records at a time."""
-    theta = problem.physical(x)
-    wrt = problem.names if sensitivities else ()
+def blocks(
+    problem: Problem,
+    x: np.ndarray,
+    z: np.ndarray,
+    *,
+    sensitivities: bool = True,
+    at: Predicted | None = None,
+    records: int | None = None,
+    every: int = 1,
+) -> Iterator[Block]:
+    """Predictions and their derivatives, a bounded number of records at a time; `at`: what is predicted at (x, z),
+    where that is known, which is then dealt out `records` at a time, one block of `every` so many."""
+    first, p = 0, len(problem.names) if sensitivities else 0
+    if at is not None and sensitivities:
+        N, size = len(problem.recording), records or CHUNK_RECORDS
+        for first in range(0, N, size * every):
+            rows = slice(first, min(first + size, N))
+            J, along = at.by_parameters(problem, rows), at.by_inputs(problem, rows)
+            yield _block(problem, z, rows, (at.y[rows], at.status[rows], J, along))
+        return
+    wrt = (*problem.names, *shifted_inputs(problem)) if sensitivities else ()
+    for part in ask(problem, x, z, wrt, CHUNK_RECORDS):
+        rows = slice(first, first + len(part.y))
+        first = rows.stop
+        D = np.where((part.status <= 1)[:, None, None], part.derivatives, 0.0)
+        yield _block(problem, z, rows, (part.y, part.status, D[:, :, :p], D[:, :, p:]))
+
+
+def _block(
+    problem: Problem, z: np.ndarray, rows: slice, found: tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
+) -> Block:
+    """Readings (n, m), status (n,) and derivatives by parameters, which may be overwritten, and by inputs, with offsets
+    and in prior standard deviations."""
+    y, status, J, along = found
+    outputs, p = len(problem.offsets) - problem.input_offsets, J.shape[2]
+    of_inputs, inputs = problem.offsets[outputs:], shifted_inputs(problem)
     column = {s: i for i, s in enumerate(problem.sensors)}
-    N, outputs = len(problem.recording), len(problem.offsets) - problem.input_offsets
-    of_inputs = problem.offsets[outputs:]
-    along = tuple(dict.fromkeys(o.sensor for o in of_inputs)) if sensitivities else ()
-    for start in range(0, N, CHUNK_RECORDS):
-        rows = slice(start, min(start + CHUNK_RECORDS, N))
-        read = {c: v[rows] for c, v in problem.inputs.items()}
-        inputs = dict(read)
-        for j, o in enumerate(of_inputs, outputs):
-            value = o.prior_sigma * z[problem.recording[rows], j]
-            if np.any(value):
-                inputs[o.sensor] = inputs[o.sensor] - value * (1.0 if o.kind == "bias" else read[o.sensor])
-        p = problem.model.predict(inputs, theta, sensors=problem.sensors, wrt=(*wrt, *along))
-        y = np.array(p.y, float)
-        along_all = np.asarray(p.jacobian, float)
-        # a point whose derivatives cannot be had cannot take part in the fit, whatever its value
-        status = np.where(np.isfinite(along_all.sum(axis=(1, 2))), p.status, np.maximum(p.status, 2)).astype(np.int8)
-        y[status > 1] = np.nan
-        offset_J = np.empty((len(y), outputs))
-        input_J = np.zeros((*y.shape, len(of_inputs)))
-        for j, o in enumerate(of_inputs if sensitivities else ()):
-            read_by = 1.0 if o.kind == "bias" else read[o.sensor][:, None]
-            input_J[:, :, j] = -o.prior_sigma * read_by * along_all[:, :, len(wrt) + along.index(o.sensor)]
-        shift, factor = np.zeros_like(y), np.ones_like(y)
-        for j, o in enumerate(problem.offsets[:outputs]):
-            s = column[o.sensor]
-            value = o.prior_sigma * z[problem.recording[rows], j]
-            if o.kind == "bias":
-                shift[:, s] += value
-                offset_J[:, j] = o.prior_sigma
-            else:
-                factor[:, s] += value
-                offset_J[:, j] = o.prior_sigma * y[:, s]
-        J = along_all[:, :, : len(wrt)] * (factor[:, :, None] * problem.prior_sigma[: len(wrt)])
-        input_J *= factor[:, :, None]
-        yield Block(rows, y * factor + shift, J, offset_J, status, input_J)
+    offset_J = np.empty((len(y), outputs))
+    input_J = np.zeros((*y.shape, len(of_inputs)))
+    for j, o in enumerate(of_inputs if along.shape[2] else ()):
+        read_by = 1.0 if o.kind == "bias" else problem.inputs[o.sensor][rows][:, None]
+        input_J[:, :, j] = -o.prior_sigma * read_by * along[:, :, inputs.index(o.sensor)]
+    shift, factor = np.zeros_like(y), np.ones_like(y)
+    for j, o in enumerate(problem.offsets[:outputs]):
+        s = column[o.sensor]
+        value = o.prior_sigma * z[problem.recording[rows], j]
+        if o.kind == "bias":
+            shift[:, s] += value
+            offset_J[:, j] = o.prior_sigma
+        else:
+            factor[:, s] += value
+            offset_J[:, j] = o.prior_sigma * y[:, s]
+    J *= factor[:, :, None] * problem.prior_sigma[:p]
+    input_J *= factor[:, :, None]
+    return Block(rows, y * factor + shift, J, offset_J, status, input_J)
 
 
 def predict(problem: Problem, x: np.ndarray, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -120,20 +138,20 @@ def predict(problem: Problem, x: np.ndarray, z: np.ndarray) -> tuple[np.ndarray,
     return np.concatenate([b.predicted for b in parts]), np.concatenate([b.status for b in parts])
 
 
-def normal_equations(problem: Problem, x: np.ndarray, z: np.ndarray) -> NormalEquations:
-    """Robust cost, its gradient and its reweighted Gauss–Newton matrix at (x, z)."""
+def predicted_at(problem: Problem, x: np.ndarray, z: np.ndarray, near: Predicted | None = None) -> Predicted:
+    """What the model predicts at (x, z), to be kept: with its derivatives, or those of a point near by."""
+    return predict_records(problem, x, z, CHUNK_RECORDS, near)
+
+
+def normal_equations(problem: Problem, x: np.ndarray, z: np.ndarray, at: Predicted | None = None) -> NormalEquations:
+    """Robust cost, its gradient and its reweighted Gauss–Newton matrix at (x, z); `at`: what is predicted there."""
     N, p, (R, q) = len(problem.recording), len(x), z.shape
     predicted, status = np.empty((N, len(problem.sensors))), np.empty(N, np.int8)
     cost = np.zeros(N)
     H_xx, g_x = np.zeros((p, p)), np.zeros(p)
     H_xz, H_zz, g_z = np.zeros((R, p, q)), np.zeros((R, q, q)), np.zeros((R, q))
-    for b in blocks(problem, x, z):
-        e = problem.measured[b.rows] - b.predicted
-        scaled = np.nan_to_num(e / problem.sigma)  # a missing reading has no residual and no weight
-        there = np.isfinite(e)
-        cost[b.rows] = (problem.loss.cost(scaled) * there / problem.inflation).sum(axis=1)
-        w = problem.loss.weight(scaled) * there / (problem.sigma**2 * problem.inflation)
-        pull = w * scaled * problem.sigma
+    for b in blocks(problem, x, z, at=at, records=SUMMED_RECORDS):
+        cost[b.rows], w, pull = _pull(problem, problem.measured[b.rows] - b.predicted)
         parts = accumulate(problem, b, w, pull)
         here = parts.recordings
         H_xx += parts.H_xx
@@ -142,7 +160,42 @@ def normal_equations(problem: Problem, x: np.ndarray, z: np.ndarray) -> NormalEq
         g_x -= parts.g_x
         g_z[here] -= parts.g_z
         predicted[b.rows], status[b.rows] = b.predicted, b.status
-    return NormalEquations(predicted, problem.measured - predicted, status, cost, H_xx, H_xz, H_zz, g_x, g_z)
+    return NormalEquations(predicted, problem.measured - predicted, status, cost, H_xx, H_xz, H_zz, g_x, g_z, at)
+
+
+def near_equations(problem: Problem, x: np.ndarray, z: np.ndarray, near: NormalEquations) -> NormalEquations:
+    """Cost at (x, z), its gradient with the derivatives of a point near by, and the matrix of that point. `near` must
+    have kept what it was made of."""
+    assert near.at is not None
+    at = predicted_at(problem, x, z, near.at)
+    outputs = len(problem.offsets) - problem.input_offsets
+    nothing = np.empty((*at.y.shape, 0))
+    b = _block(problem, z, slice(None), (at.y, at.status, nothing, at.by_inputs(problem, slice(None))))
+    residual = problem.measured - b.predicted
+    cost, _, pull = _pull(problem, residual)
+    factor = np.ones_like(pull)
+    for j, o in enumerate(problem.offsets[:outputs]):
+        if o.kind == "scale":
+            factor[:, problem.sensors.index(o.sensor)] += o.prior_sigma * z[problem.recording, j]
+    g_x = -at.pulled(problem, pull * factor) * problem.prior_sigma
+    g_z = np.zeros_like(z)
+    columns = [problem.sensors.index(o.sensor) for o in problem.offsets[:outputs]]
+    G = np.where((at.status <= 1)[:, None], b.offset_jacobian, 0.0) * pull[:, columns]
+    of_inputs = np.matmul(pull[:, None, :], b.input_jacobian)[:, 0]
+    for j, column in enumerate(np.concatenate([G, of_inputs], axis=1).T):
+        g_z[:, j] = -np.bincount(problem.recording, column, len(z))
+    return replace(
+        near, predicted=b.predicted, residual=residual, status=at.status, record_cost=cost, g_x=g_x, g_z=g_z, at=at
+    )
+
+
+def _pull(problem: Problem, e: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Cost of each record (n,), weights and pull of each reading (n, m) from residuals (n, m), NaN where missing."""
+    scaled = np.nan_to_num(e / problem.sigma)  # a missing reading has no residual and no weight
+    there = np.isfinite(e)
+    cost = (problem.loss.cost(scaled) * there / problem.inflation).sum(axis=1)
+    w = problem.loss.weight(scaled) * there / (problem.sigma**2 * problem.inflation)
+    return cost, w, w * scaled * problem.sigma
 
 
 @dataclass(frozen=True)
@@ -160,36 +213,25 @@ class Sums:
 
 def accumulate(problem: Problem, block: Block, w: np.ndarray, pull: np.ndarray) -> Sums:
     """Weighted sums of H and of Jᵀ pull for x and z; `w` and `pull` are (n, m), 0 where missing."""
-    p, outputs, q = block.jacobian.shape[2], block.offset_jacobian.shape[1], len(problem.offsets)
-    there = w > 0
-    J = block.jacobian if there.all() else np.where(there[:, :, None], block.jacobian, 0.0)
-    flat = J.reshape(-1, p)
+    n, m, p = block.jacobian.shape
+    q = len(problem.offsets)
+    flat = block.jacobian.reshape(-1, p)
     half = flat * np.sqrt(w).reshape(-1, 1)
     H_xx = half.T @ half
-    g_x = flat.T @ pull.reshape(-1)
+    g_x = pull.reshape(-1) @ flat
     recordings, starts = np.unique(problem.recording[block.rows], return_index=True)  # records of one stand together
     r = len(recordings)
-    H_xz, H_zz, g_z = np.zeros((r, p, q)), np.zeros((r, q, q)), np.zeros((r, q))
-    found = Sums(recordings, H_xx, H_xz, H_zz, g_x, g_z)
+    found = Sums(recordings, H_xx, np.zeros((r, p, q)), np.zeros((r, q, q)), g_x, np.zeros((r, q)))
     if not q:
         return found
-    column = np.array([problem.sensors.index(o.sensor) for o in problem.offsets[:outputs]], int)
-    weight = w[:, column]
-    G = np.where(weight > 0, block.offset_jacobian, 0.0)
-    g_z[:, :outputs] = np.add.reduceat(G * pull[:, column], starts)
-    if q > outputs:
-        I = np.where(there[:, :, None], block.input_jacobian, 0.0)
-        weighted = np.swapaxes(I * w[:, :, None], 1, 2)  # (n, i, m)
-        H_xz[:, :, outputs:] = np.swapaxes(np.add.reduceat(weighted @ J, starts), 1, 2)
-        H_zz[:, outputs:, outputs:] = np.add.reduceat(weighted @ I, starts)
-        both = np.add.reduceat(weighted[:, :, column] * G[:, None, :], starts)
-        H_zz[:, outputs:, :outputs], H_zz[:, :outputs, outputs:] = both, np.swapaxes(both, 1, 2)
-        g_z[:, outputs:] = np.add.reduceat(np.einsum("nmi,nm->ni", I, pull), starts)
-    for j, s in enumerate(column):
-        pulled = (G[:, j] * weight[:, j])[:, None]
-        H_xz[:, :, j] = np.add.reduceat(pulled * J[:, s], starts)
-        same = np.flatnonzero(column == s)
-        H_zz[:, j, same] = np.add.reduceat(pulled * G[:, same], starts)
+    columns = block.offset_columns(problem)  # (n, m, q)
+    weighted = columns * w[:, :, None]
+    pulled = columns * pull[:, :, None]
+    for k, (first, stop) in enumerate(zip(starts, [*starts[1:], n], strict=True)):
+        C = weighted[first:stop].reshape(-1, q)
+        np.matmul(flat[first * m : stop * m].T, C, out=found.H_xz[k])
+        np.matmul(columns[first:stop].reshape(-1, q).T, C, out=found.H_zz[k])
+        np.sum(pulled[first:stop], axis=(0, 1), out=found.g_z[k])
     return found
 
 

@@ -48,10 +48,11 @@ def log_likelihood(data: ArrowData, t: np.ndarray) -> tuple[float, np.ndarray]:
     pull = data.b_z * t
     inverse = np.linalg.inv(A)
     gain = cross @ inverse
-    S = np.eye(len(data.b_x)) + data.H_xx - np.einsum("rpq,rlq->pl", gain, cross)
+    flat_gain, flat_cross = (np.swapaxes(part, 0, 1).reshape(len(data.b_x), -1) for part in (gain, cross))
+    S = np.eye(len(data.b_x)) + data.H_xx - flat_gain @ flat_cross.T
     left = data.b_x - np.einsum("rpq,rq->p", gain, pull)
     L = np.linalg.cholesky(S)
-    W = np.linalg.solve(L, np.swapaxes(gain, 0, 1).reshape(len(S), -1)).reshape(len(S), -1, q)
+    W = np.linalg.solve(L, flat_gain).reshape(len(S), -1, q)
     half = np.linalg.solve(L, left)
     mean = np.einsum("rqk,rk->rq", inverse, pull) - np.einsum("prq,p->rq", W, half)
     variance = np.diagonal(inverse, axis1=1, axis2=2) + np.einsum("prq,prq->rq", W, W)

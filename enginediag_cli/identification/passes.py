@@ -7,12 +7,13 @@ hundred correlated records would overrule every prior.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
 from enginediag_cli.identification.bounds import ROUNDS, given_back
 from enginediag_cli.identification.covariance import Uncertainty, uncertainty
-from enginediag_cli.identification.gauss_newton import Fit, solve
+from enginediag_cli.identification.gauss_newton import Fit, resumed, solve
 from enginediag_cli.identification.map_error import SETTLED as SIZES_SETTLED
 from enginediag_cli.identification.map_error import resized, widths_beyond
 from enginediag_cli.identification.noise import NoiseEstimate, estimate_noise, starting_noise
@@ -24,6 +25,7 @@ from enginediag_cli.identification.problem import Problem
 from enginediag_cli.identification.repeated_points import follows_no_clock, lack_of_fit
 from enginediag_cli.identification.resolution import quantisation_sigma
 from enginediag_cli.identification.settings import IdentificationSettings
+from enginediag_cli.identification.steps import exact, ways
 from enginediag_cli.progress import each
 
 NOISE_PASSES = 20
@@ -96,8 +98,17 @@ def fit_and_noise(problem: Problem, settings: IdentificationSettings, accuracy: 
         problem.sigma, *_tempering(problem, noise, described, predicted, np.zeros(len(stated)))
     )
     rho = noise.rho1
+    lent, kept = ways(problem)
+    fit: Fit | None = None
     for number in each(range(1, NOISE_PASSES + 1), "identifying, passes of fit and noise"):
-        fit = solve(problem, start, max_iterations=settings.max_iterations, tolerance=PASS_TOLERANCE)
+        fit = solve(
+            problem,
+            start,
+            max_iterations=settings.max_iterations,
+            tolerance=PASS_TOLERANCE,
+            derivatives=lent if number == 1 else kept,
+            begin=resumed(problem, start, fit),
+        )
         here = problem
         # noise, sizes and fit feed back on each other; ever shorter steps end a swing between two states
         damping = max(1.0 / max(number - UNDAMPED_PASSES + 1, 1), LEAST_SHARE)
@@ -105,7 +116,7 @@ def fit_and_noise(problem: Problem, settings: IdentificationSettings, accuracy: 
             # offsets take the more of noise the longer it remembers: from above that would confirm itself, up to ρ = 1
             plain = estimate_noise(fit.equations.residual, problem.gap, np.zeros(len(rho)), floor)
             rho = np.minimum(rho, plain.rho1)
-        found = uncertainty(problem, fit, rho, noise.used)
+        found = uncertainty(problem, fit, rho, noise.used, sampled=True)
         noise = estimate_noise(fit.equations.residual, problem.gap, found.lost, floor)
         rho = rho + damping * (noise.rho1 - rho)
         if not fit.converged and not fit.decrement < LOST_PASS:
@@ -120,10 +131,10 @@ def fit_and_noise(problem: Problem, settings: IdentificationSettings, accuracy: 
         inflation = problem.inflation * (inflation / problem.inflation) ** damping
         shared = problem.shared * (shared / problem.shared) ** damping
         equations = fit.equations
-        if np.any(noise.inflation > here.inflation):
+        if np.any(noise.inflation > here.inflation) or not exact(equations):
             # the fit may believe correlated readings more than they deserve (MAX_TEMPERING), sizes must not
             cautious = here.with_noise(here.sigma, np.maximum(noise.inflation, here.inflation), here.shared)
-            equations = normal_equations(cautious, fit.x, fit.z)
+            equations = normal_equations(cautious, fit.x, fit.z, equations.at)
         # sizes that several machines could have wander from pass to pass: what all passes say of them, on average
         share = 1.0 / max(number - UNDAMPED_PASSES + 1, 1)
         problem, x, grown = resized(here, equations, fit.x, fit.z, accuracy, share)
@@ -133,14 +144,15 @@ def fit_and_noise(problem: Problem, settings: IdentificationSettings, accuracy: 
         settled = settled and grown < SIZES_SETTLED and offsets_grown < OFFSETS_SETTLED
         if settled:
             break
-    fit = solve(problem, start, max_iterations=settings.max_iterations, tolerance=FINAL_TOLERANCE)
+    ended = partial(solve, max_iterations=settings.max_iterations, tolerance=FINAL_TOLERANCE, derivatives=kept)
+    fit = ended(problem, start, begin=resumed(problem, start, fit, taken=True))
     found = uncertainty(problem, fit, noise.rho1, noise.used)
     for _ in range(ROUNDS):
         freed = given_back(problem, fit, found)
         if freed is None or not fit.converged:
             break
         problem = freed
-        fit = solve(problem, (fit.x, fit.z), max_iterations=settings.max_iterations, tolerance=FINAL_TOLERANCE)
+        fit = ended(problem, (fit.x, fit.z), begin=resumed(problem, (fit.x, fit.z), fit))
         found = uncertainty(problem, fit, noise.rho1, noise.used)
     widths = widths_beyond(problem, fit.equations, fit.x, fit.z, accuracy)
     if np.any(widths > 1.0):

@@ -50,16 +50,17 @@ class Class:
         return (*self.shared, *first), (*self.shared, *second)
 
 
-def class_of(names: Sequence[str], masks: np.ndarray, probabilities: np.ndarray) -> Class | None:
-    """The class of the leading set among sets (M, p) bool of `names` (p,), by falling probability (M,); None where
-    the leading set is an answer of its own, or is empty."""
-    near = int(np.searchsorted(-probabilities, -probabilities[0] / ODDS, side="right"))
-    sets, leader = masks[:near], masks[0]
+def class_of(names: Sequence[str], masks: np.ndarray, probabilities: np.ndarray, answer: int = 0) -> Class | None:
+    """The class of the `answer`-th set, the leading one, among sets (M, p) bool of `names` (p,), by falling probability
+    (M,); None where that set is an answer of its own, or is empty."""
+    own = float(probabilities[answer])
+    near = int(np.searchsorted(-probabilities, -own / ODDS, side="right"))
+    sets, leader = masks[:near], masks[answer]
     exchanged = (leader & ~sets).any(axis=1) & (sets & ~leader).any(axis=1)
-    held = float(probabilities[0] + probabilities[:near][exchanged].sum())
-    if not leader.any() or not exchanged.any() or probabilities[0] >= CONVINCED * held:
+    held = own + float(probabilities[:near][exchanged].sum())
+    if not leader.any() or not exchanged.any() or own >= CONVINCED * held:
         return None
-    chosen = sets[np.concatenate([[0], np.flatnonzero(exchanged)])]
+    chosen = sets[np.concatenate([[answer], np.flatnonzero(exchanged)])]
     shared = chosen.all(axis=0)
     rest = chosen & ~shared
     minimal = [row for row in rest if not any(_within(other, row) for other in rest)]

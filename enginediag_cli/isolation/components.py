@@ -10,6 +10,9 @@ and of the leading sets the slab prior is cut to the way on which wear goes, as 
 Where the maps of the model are generic this is surer than parameters: efficiency and flow capacity of one component
 trade against each other with the shape of its map, and one parameter of a neighbour can imitate both together.
 A sensor counts as a component of its own, with the prior that sensors have.
+
+Named is what is itself more probable than not, see `more_probable_than_not`: of few components, some of which changed,
+a further one that the data do not speak of is by the prior about as probable as not, and would come and go with noise.
 """
 
 from __future__ import annotations
@@ -19,6 +22,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from enginediag_cli.isolation.adequacy import Adequacy, dispersed, fit_after, judged, tempered
+from enginediag_cli.isolation.advice import ODDS
 from enginediag_cli.isolation.classes import Class, class_of
 from enginediag_cli.isolation.enumeration import plan
 from enginediag_cli.isolation.methods import IsolationOptions
@@ -31,11 +35,15 @@ from enginediag_cli.residuals.statistics import LocalStatistics
 
 MAX_SETS = 5000
 """Enough for all sets of 12 components, or up to three of 30."""
+HALF = 0.5
+"""Probability from which a component is named: as wrong a name as a missing one, both are least often so then."""
 
 
 @dataclass(frozen=True)
 class ComponentIsolation:
-    """`components` that changed, empty when none; `probability` of exactly this set.
+    """`components` that changed, empty when none; `probability` of exactly this set; `all_of_them`: that they all
+    changed, whatever else did; `perhaps`: beside any of them, those that the most probable set holds, too, or that are
+    more probable than not.
 
     rivals: other sets of components, likeliest first, which with the answer hold `coverage`; inclusion:
     probability per component that it is among those that changed; complete: False when the answer is as large
@@ -51,6 +59,8 @@ class ComponentIsolation:
     complete: bool
     adequacy: Adequacy = field(default_factory=Adequacy)
     one_of: Class | None = None
+    perhaps: tuple[str, ...] = ()
+    all_of_them: float = float("nan")
 
 
 def component_posterior(
@@ -94,10 +104,26 @@ def component_posterior(
     return components, sets[order], probabilities / probabilities.sum()
 
 
+def more_probable_than_not(sets: np.ndarray, probabilities: np.ndarray) -> int:
+    """Position of the set that is named among sets (M, c) bool by falling probability (M,): of the members of the most
+    probable one those that are more probable than not, whatever else changed.
+
+    They are the median probability model, which predicts better than the most probable one (Barbieri, M. M. and
+    Berger, J. O. (2004) Annals of Statistics 32, 870–897), less what only other sets hold: a name that is missing does
+    less harm than a wrong one. Where nothing is left, or a set that the data tell from the most probable one (see
+    ODDS), that one is named: its members then stand against others by exchange, of which a class is told.
+    """
+    members = sets[0] & (probabilities @ sets >= HALF)
+    if not members.any():
+        return 0
+    found = np.flatnonzero((sets == members).all(axis=1))
+    return int(found[0]) if found.size and probabilities[found[0]] >= probabilities[0] / ODDS else 0
+
+
 def isolate_components(
     score: Score, options: IsolationOptions | None = None, statistics: LocalStatistics | None = None
 ) -> ComponentIsolation:
-    """Most probable set of changed components; of the options, those of the posterior method count.
+    """The components that changed; of the options, those of the posterior method count.
 
     statistics: those of which `score` was made, for the question whether the answer fits, as in `diagnose`.
     """
@@ -110,21 +136,29 @@ def isolate_components(
             components, sets, probabilities = component_posterior(
                 tempered(score, adequacy.dispersion), options.prior, largest=options.largest
             )
-        names = _parameters(score, components, sets[0])
+    answer = more_probable_than_not(sets, probabilities)
+    own, inclusion = float(probabilities[answer]), probabilities @ sets
+    if statistics is not None:
+        names = _parameters(score, components, sets[answer])
         after = replace(fit_after(score, statistics, names), dispersion=adequacy.dispersion)
-        adequacy = judged(after, score, names, float(probabilities[0]))
+        adequacy = judged(after, score, names, own)
     count = min(int(np.searchsorted(np.cumsum(probabilities), options.coverage - 1e-12)) + 1, len(sets))
-    named = [tuple(c for c, member in zip(components, row, strict=True) if member) for row in sets[:count]]
+
+    def named(row: np.ndarray) -> tuple[str, ...]:
+        return tuple(c for c, member in zip(components, row, strict=True) if member)
+
     limit = int(sets.sum(axis=1).max())
     return ComponentIsolation(
-        named[0],
-        float(probabilities[0]),
-        tuple(Explanation(n, float(q)) for n, q in zip(named[1:], probabilities[1:count], strict=True)),
+        named(sets[answer]),
+        own,
+        tuple(Explanation(named(sets[i]), float(probabilities[i])) for i in range(count) if i != answer),
         options.coverage,
-        dict(zip(components, map(float, probabilities @ sets), strict=True)),
-        len(named[0]) < limit or limit == len(components),
+        dict(zip(components, map(float, inclusion), strict=True)),
+        int(sets[0].sum()) < limit or limit == len(components),
         adequacy,
-        class_of(components, sets, probabilities),
+        class_of(components, sets, probabilities, answer),
+        named((sets[0] | (inclusion >= HALF)) & ~sets[answer] & sets[answer].any()),
+        float(probabilities[sets[:, sets[answer]].all(axis=1)].sum()),
     )
 
 

@@ -7,35 +7,27 @@ one course (`detection/course.py`), and has the prior
 
 Instruments step, at once and for good; components wear or are damaged. All suspects, kinds and onsets are enumerated
 for one event, the others of the series given. What is likeliest is added, or exchanged for another event, and the
-scatter is read again without it: the series and the events together become likelier by it, or it does not stay.
+scatter is read again without it: the series and the events together become likelier by it, or it does not stay
+(`series_looks.py`). No suspect is told to be less probable than it is by the scatter that its own event leaves.
 """
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from enginediag_cli.detection.course import DETERIORATION, STEP, Courses, courses, places, table
+from enginediag_cli.detection.course import DETERIORATION, STEP, courses, places
 from enginediag_cli.detection.readings import Readings
-from enginediag_cli.detection.wander import Scatter, Wander
 from enginediag_cli.isolation.prior import SetPrior
-from enginediag_cli.isolation.series_search import SIZE, Chosen, Search
+from enginediag_cli.isolation.series_looks import Found, Looks, effect
+from enginediag_cli.isolation.series_search import Chosen, Search
 from enginediag_cli.isolation.story import UNRECORDED, Event, Fit, Member, Story
 from enginediag_cli.isolation.suspects import Suspects, log_of_kinds, suspects_of
 from enginediag_cli.parameters import Parameter, meanings
 from enginediag_cli.progress import stage
 
-LAWS = (False, True)
-"""Laws of scatter, each as probable as the other: readings scatter by themselves, or wander."""
-MAX_EVENTS = 4
-"""Events told apart in one series at most: a stop, since each must be more probable than none."""
-PASSES = 8
-"""Exchanges of events at most, each of which makes the series likelier."""
-OWNERS = 3
-"""Suspects of which the first event is tried: the likeliest by the scatter of a series with the event still in it need
-not be the likeliest by that without it."""
 OPERATION = 0.5
 """Share of the steps of components, where readings wander, that is a change of operation nobody recorded. Judgement."""
 TOLD = 0.5
@@ -81,100 +73,16 @@ def judge_series(readings: Readings, meaning: Mapping[str, Parameter], options: 
     doubt = np.where(suspects.instrument, INPUTS, GENERIC if options.generic else KNOWN)
     doubt[of_sensors] = 0.0
     kinds = log_of_kinds(suspects, among)
-    scatter = Scatter(readings)
-    looked: dict[tuple[tuple[int, int, bool], ...], _Look] = {}
-
-    def look(chosen: Sequence[Chosen]) -> _Look:
-        key = tuple(sorted(event.place for event in chosen))
-        if key not in looked:
-            left = scatter.without(_effect(readings, suspects, among, chosen), LAWS)
-            looked[key] = _Look(tuple(chosen), left, _joint(left, suspects, kinds, chosen))
-        return looked[key]
-
-    def search(at_look: _Look) -> Search:
-        tables = tuple(table(readings, wander, among, at) for wander in at_look.scatter)
-        return Search(tables, among, suspects, options.prior.slabs, kinds, doubt)
-
-    best, settled = look(()), False
-    for _ in range(PASSES):
-        searched = search(best)
-        trials = [look(found) for found in _proposals(searched, best.chosen)]
-        better = max(trials, key=lambda trial: trial.log, default=best)
-        settled = better.log <= best.log
-        if settled:
-            break
-        best = better
-    gains = [best.log - look([*best.chosen[:k], *best.chosen[k + 1 :]]).log for k in range(len(best.chosen))]
-    searched = searched if settled else search(best)
-    return _told(readings, replace(searched, tails=True), best.chosen, gains, settled)
+    looks = Looks(readings, suspects, among, kinds, options.prior.slabs, doubt, at)
+    best, searched, settled = looks.likeliest()
+    return _told(readings, replace(searched, tails=True), best.chosen, looks.found(best), settled)
 
 
-@dataclass(frozen=True)
-class _Look:
-    """Events, the laws of the scatter that they leave, and the log probability of both."""
-
-    chosen: tuple[Chosen, ...]
-    scatter: Sequence[Wander]
-    log: float
-
-
-def _joint(scatter: Sequence[Wander], suspects: Suspects, kinds: np.ndarray, chosen: Sequence[Chosen]) -> float:
-    """log probability of the series and of these events, with the scatter that they leave."""
-    prior = sum(float(suspects.log_odds[e.group] + kinds[e.group, e.course]) - SIZE * e.fitted for e in chosen)
-    return float(np.logaddexp.reduce([wander.beside for wander in scatter])) + prior
-
-
-def _proposals(search: Search, chosen: Sequence[Chosen]) -> Iterator[list[Chosen]]:
-    """What may be likelier: one event more, by each law of scatter alone, or another one for any; one less."""
-    for k in range(len(chosen) + 1):
-        others = [*chosen[:k], *chosen[k + 1 :]]
-        if k < len(chosen):
-            yield others
-        elif len(others) >= MAX_EVENTS:
-            continue
-        for t in search.tables:
-            for found in _best(replace(search, tables=(t,)), others, 1 if others else OWNERS):
-                yield [*others, found]
-                if grown := search.grown(t, others, found):
-                    yield [*others, grown]
-
-
-def _effect(readings: Readings, suspects: Suspects, among: Courses, chosen: Sequence[Chosen]) -> np.ndarray:
-    """What the events add to the readings (n, m)."""
-    known = np.zeros_like(readings.z)
-    for event in chosen:
-        group = list(suspects.groups[event.group])
-        effect = readings.J[:, :, group] @ np.array(event.size)
-        if not suspects.shown[event.group]:
-            effect[:, effect.shape[1] - readings.inputs :] = 0.0
-        known += event.along(among)[:, None] * effect
-    return known
-
-
-def _best(search: Search, others: Sequence[Chosen], most: int) -> list[Chosen]:
-    """The likeliest further event of each of the `most` likeliest owners, none where no event at all is likelier."""
-    log, nothing = search.posterior(others)
-    if np.logaddexp.reduce(log, axis=None) <= np.logaddexp.reduce(nothing):
-        return []
-    over = np.logaddexp.reduce(log, axis=0)
-    suspects = search.suspects
-    by_owner = {c: float(np.logaddexp.reduce(over[suspects.members(c)], axis=None)) for c in suspects.components}
-    found = []
-    for owner in sorted(by_owner, key=lambda name: -by_owner[name])[:most]:
-        mine = suspects.members(owner)
-        place, course = np.unravel_index(int(np.argmax(over[mine])), over[mine].shape)
-        group = mine[int(place)]
-        law = int(np.argmax(log[:, group, course]))
-        size = search.told(others, group)[law].mean[course]
-        found.append(Chosen(group, int(course), tuple(size.tolist())))
-    return found
-
-
-def _told(readings: Readings, search: Search, chosen: Sequence[Chosen], gains: Sequence[float], settled: bool) -> Story:
+def _told(readings: Readings, search: Search, chosen: Sequence[Chosen], found: Sequence[Found], settled: bool) -> Story:
     missed = {c: 1.0 for c in search.suspects.components}
     events = []
-    for k in range(len(chosen)):
-        event = _event(readings, search, [*chosen[:k], *chosen[k + 1 :]], gains[k])
+    for one in found:
+        event = _event(readings, search, one.others, one.gain, one.instead)
         if event.probability >= TOLD:
             events.append(event)
         for member in event.members:
@@ -207,9 +115,18 @@ def _undecided(readings: Readings, search: Search, chosen: Sequence[Chosen]) -> 
     return _event(readings, one, chosen) if shown[law] > DECIDED else None
 
 
-def _event(readings: Readings, search: Search, others: Sequence[Chosen], most: float = np.inf) -> Event:
-    """most: log odds of the event where the scatter is read again without it."""
+def _event(
+    readings: Readings,
+    search: Search,
+    others: Sequence[Chosen],
+    most: float = np.inf,
+    instead: Mapping[str, float] | None = None,
+) -> Event:
+    """most: log odds of the event where the scatter is read again without it; instead: of other suspects against the
+    likeliest, where it is read again without theirs. By a scatter that was read without one suspect's change the others
+    leave what it cannot be, whoever it was."""
     log, nothing = search.posterior(others)
+    log = _with_own_scatter(search.suspects, log, instead or {})
     total, none = np.logaddexp.reduce(log, axis=None), np.logaddexp.reduce(nothing)
     weight = np.exp(log - total)
     suspects, among = search.suspects, search.courses
@@ -231,6 +148,17 @@ def _event(readings: Readings, search: Search, others: Sequence[Chosen], most: f
         high,
         odds,
     )
+
+
+def _with_own_scatter(suspects: Suspects, log: np.ndarray, instead: Mapping[str, float]) -> np.ndarray:
+    """log probabilities (h, G, L) with those suspects raised that are likelier by the scatter that they leave."""
+    log = log.copy()
+    over = {c: float(np.logaddexp.reduce(log[:, suspects.members(c)], axis=None)) for c in suspects.components}
+    top = max(over.values())
+    for component, odds in instead.items():
+        if np.isfinite(over[component]):
+            log[:, suspects.members(component)] += max(top + odds - over[component], 0.0)
+    return log
 
 
 def _beside_operation(search: Search, weight: np.ndarray, members: Sequence[Member]) -> list[Member]:
@@ -305,7 +233,7 @@ def _onset(onset: np.ndarray, weight: np.ndarray, readings: Readings) -> tuple[i
 
 def _fit(readings: Readings, search: Search, chosen: Sequence[Chosen]) -> Fit:
     wander = max((t.wander for t in search.tables), key=lambda w: w.log)
-    left = readings.z - _effect(readings, search.suspects, search.courses, chosen)
+    left = readings.z - effect(readings, search.suspects, search.courses, chosen)
     dof = left.size
 
     def chi2(z: np.ndarray) -> float:

@@ -196,8 +196,7 @@ class Search:
         b, S = b[:, :own], S[:, :own]
         mine, info = b[:, :, group], S[:, :, at]
         doubt = self.doubt[k]
-        slabs = [min(slab, OF_INSTRUMENTS) for slab in self.slabs] if self.suspects.instrument[k] else [*self.slabs]
-        slabs += [FAILED] if all(self.suspects.described[i].of_sensor for i in group) else []
+        slabs = slabs_of(self.suspects, k, self.slabs)
         first = _gaussian(mine.sum(axis=1) + read, info.sum(axis=1) + reads, slabs)[1]
         off = np.zeros(len(b))
         if doubt:
@@ -232,6 +231,12 @@ class Search:
         right = ndtr(wear * mean / np.sqrt(np.einsum("lqq->lq", covariance)))
         each = np.where(wear != 0, np.log(2 * ((1 - WRONG_WAY) * right + WRONG_WAY * (1 - right))), 0.0)
         return np.asarray(each.sum(axis=1))
+
+
+def slabs_of(suspects: Suspects, group: int, slabs: Sequence[float]) -> list[float]:
+    """Sizes of a change of one group, in prior standard deviations, each as probable as the others."""
+    found = [min(slab, OF_INSTRUMENTS) for slab in slabs] if suspects.instrument[group] else [*slabs]
+    return found + ([FAILED] if all(suspects.described[i].of_sensor for i in suspects.groups[group]) else [])
 
 
 def _gain(b: np.ndarray, S: np.ndarray, size: np.ndarray) -> np.ndarray:

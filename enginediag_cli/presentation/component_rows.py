@@ -61,6 +61,10 @@ def component_sentence(found: ComponentIsolation, known: Mapping[str, Parameter]
         return listed([spelled(c) for c in components]) or "no component"
 
     told = f"{words(found.components)} changed (probability {probability(found.probability)})"
+    if found.perhaps:
+        besides = [f"{spelled(c)} ({probability(found.inclusion[c])})" for c in found.perhaps]
+        told = f"{words(found.components)} changed (probability {probability(found.all_of_them)})"
+        told += f", perhaps {listed(besides)} as well; exactly this: probability {probability(found.probability)}"
     if found.rivals:
         told += f"; next: {words(found.rivals[0].parameters)} ({probability(found.rivals[0].probability)})"
     if found.one_of is not None:

@@ -10,7 +10,7 @@ from parameter_makers import described, meaning_of
 from scipy.stats import multivariate_normal
 from score_makers import sensitivities
 
-from enginediag_cli.isolation.components import component_posterior, isolate_components
+from enginediag_cli.isolation.components import component_posterior, isolate_components, more_probable_than_not
 from enginediag_cli.isolation.methods import IsolationOptions
 from enginediag_cli.isolation.posterior import set_posterior
 from enginediag_cli.isolation.prior import SetPrior
@@ -93,3 +93,61 @@ def test_a_limit_that_the_answer_reaches_is_told():
     score, _ = score_of(rng, sensitivities(rng), [-0.05, 0, -0.05, 0, 0, 0])
     assert not isolate_components(score, IsolationOptions(largest=1)).complete
     assert isolate_components(score).components == ("fan", "hpc")
+
+
+def sets_of(*weights):
+    """Sets of the components a to d with their probabilities, likeliest first."""
+    order = sorted(weights, key=lambda w: -w[1])
+    return np.array([[c in members for c in "abcd"] for members, _ in order]), np.array([w for _, w in order])
+
+
+def told(*weights):
+    sets, probabilities = sets_of(*weights)
+    named = sets[more_probable_than_not(sets, probabilities)]
+    return "".join(c for c, member in zip("abcd", named, strict=True) if member)
+
+
+def test_of_the_most_probable_set_those_are_named_that_are_more_probable_than_not():
+    assert told(("abc", 0.46), ("ab", 0.44), ("a", 0.1)) == "ab"
+    assert told(("abc", 0.5), ("ab", 0.4), ("a", 0.1)) == "abc"
+
+
+def test_what_is_more_probable_than_not_without_being_in_the_most_probable_set_is_not_named():
+    assert told(("a", 0.4), ("abc", 0.35), ("ab", 0.25)) == "a"
+    assert told(("", 0.4), ("a", 0.35), ("ab", 0.25)) == ""
+
+
+def test_members_that_stand_against_others_by_exchange_are_named_though_none_of_them_is_probable():
+    assert told(("a", 0.4), ("b", 0.35), ("c", 0.25)) == "a"
+    assert told(("ab", 0.4), ("ac", 0.35), ("ad", 0.24), ("a", 0.01)) == "ab"
+
+
+def test_an_answer_that_is_more_probable_than_all_others_together_is_the_most_probable_set():
+    rng = np.random.default_rng(7)
+    sets = np.array([[bool(k >> j & 1) for j in range(4)] for k in range(16)])
+    for _ in range(200):
+        probabilities = np.sort(rng.dirichlet(np.full(16, 0.1)))[::-1]
+        answer = more_probable_than_not(sets[rng.permutation(16)], probabilities)
+        assert answer == 0 or probabilities[0] < 0.5
+
+
+def test_what_is_not_named_of_the_most_probable_set_is_told_as_perhaps_changed():
+    rng = np.random.default_rng(8)
+    names = ("fan.efficiency", "fan.flow_capacity", "hpc.efficiency", "hpc.flow_capacity", "lpt.efficiency")
+    prior, seen = SetPrior(inclusion=0.3), 0
+    for _ in range(400):
+        J = sensitivities(rng, N=1, p=5, size=20.0)
+        score, _ = score_of(rng, J, [-0.03, -0.02, -0.03, 0, -0.01], names)
+        found = isolate_components(score, IsolationOptions(prior=prior))
+        _, _, probabilities = component_posterior(score, prior)
+        assert not set(found.perhaps) & set(found.components)
+        if found.probability == probabilities[0]:
+            continue
+        seen += 1
+        leading = found.rivals[0]
+        assert leading.probability == probabilities[0] and set(found.components) < set(leading.parameters)
+        assert set(leading.parameters) - set(found.components) <= set(found.perhaps)
+        assert all(found.inclusion[c] >= 0.5 for c in found.components)
+        assert found.probability + leading.probability <= found.all_of_them
+        assert found.all_of_them <= min(found.inclusion[c] for c in found.components)
+    assert seen > 3

@@ -148,10 +148,10 @@ def answer(rows: list[dict[str, str]]) -> set[str]:
 
 
 def single(converged: list[dict[str, object]]) -> None:
-    bins: dict[float, list[tuple[float, bool]]] = defaultdict(list)
+    bins: dict[float, list[tuple[float, bool, int]]] = defaultdict(list)
     exact = among = count = covered = intervals = wrong_sensor = 0
     for r in converged:
-        for true, rows in r["single"]:  # type: ignore[attr-defined]
+        for record, (true, rows) in enumerate(r["single"]):  # type: ignore[arg-type]
             count += 1
             named, stated = answer(rows), float(rows[0]["probability"] or 0.0)
             rivals = [set(x.rpartition(" (")[0].split(" & ")) for x in rows[0]["rivals"].split("; ") if x]
@@ -160,7 +160,7 @@ def single(converged: list[dict[str, object]]) -> None:
             among += right or set(true) in rivals
             wrong_sensor += any(n.split(".")[0] in ("sensor", "input") for n in named)
             low = max(b for b in BINS if b <= stated)
-            bins[low].append((stated, right))
+            bins[low].append((stated, right, record))
             for row in rows:
                 if row["parameter"]:
                     intervals += 1
@@ -174,9 +174,23 @@ def single(converged: list[dict[str, object]]) -> None:
         f"intervals {100 * covered / max(intervals, 1):.1f} % of {intervals}"
     )
     for low in sorted(bins):
-        stated = sum(s for s, _ in bins[low]) / len(bins[low])
-        right = sum(ok for _, ok in bins[low]) / len(bins[low])
-        print(f"  stated from {low:.1f}: {len(bins[low])}, mean {stated:.2f}, right {right:.2f}")
+        stated = sum(s for s, _, _ in bins[low]) / len(bins[low])
+        right = sum(ok for _, ok, _ in bins[low]) / len(bins[low])
+        records, error = by_records(bins[low])
+        print(
+            f"  stated from {low:.1f}: {len(bins[low])}, mean {stated:.2f}, right {right:.2f} "
+            f"± {error:.2f} by the {records} records"
+        )
+
+
+def by_records(told: list[tuple[float, bool, int]]) -> tuple[int, float]:
+    """How many records with their own faults there are, and the standard error of how often answers are right: noise
+    seeds of one record are right or wrong together, so that it is the records that were drawn."""
+    off: dict[int, float] = defaultdict(float)
+    mean = sum(ok - stated for stated, ok, _ in told) / len(told)
+    for stated, ok, record in told:
+        off[record] += ok - stated - mean
+    return len(off), sum(x**2 for x in off.values()) ** 0.5 / len(told)
 
 
 if __name__ == "__main__":

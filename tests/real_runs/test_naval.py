@@ -105,17 +105,14 @@ BOTH = {"compressor", "gas_generator_turbine"}
 
 
 def test_where_both_decay_both_are_named_and_no_third_one_surely(answers):
-    """Three records of each state, and maps wrong by several per cent: a third one may be named beside them."""
+    """Three records of each state, and maps wrong by several per cent."""
     assert share(answers, lambda c, t: c <= 0.97 and t <= 0.985, lambda a: BOTH <= a[3]) >= 0.75
     assert share(answers, lambda c, t: c <= 0.97 and t <= 0.985, lambda a: a[3] <= BOTH or a[4] < 0.7) >= 0.95
 
 
-@pytest.mark.xfail(
-    strict=True,
-    reason="a decayed turbine has the power turbine's inlet 3 % hotter, at a higher pressure and with the air flow of "
-    "the heat balance unchanged, at the same power and speed: it gives 3 % less than its inlet would",
-)
 def test_where_both_decay_the_power_turbine_is_not_named_beside_them(answers):
+    """At its old speed and power its inlet is 3 % hotter, as if it gave less: its map may be wrong by as much, so that
+    it is about as probable as it was before the data, and is told as perhaps changed."""
     assert share(answers, lambda c, t: c <= 0.97 and t <= 0.985, lambda a: bool(a[3]) and a[3] <= BOTH) >= 0.95
 
 

@@ -1,0 +1,105 @@
+"""What is kept of a point of a fit: derivatives that serve near by, and sums made of them."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from identification_toy import ToyEngine, fly
+
+from enginediag_cli.engine.warm import warm
+from enginediag_cli.identification.map_error import with_map_error
+from enginediag_cli.identification.normal_equations import near_equations, normal_equations, predicted_at
+from enginediag_cli.identification.problem import TrainingRecording, build_problem
+from enginediag_cli.identification.settings import IdentificationSettings
+from enginediag_cli.physics.engine_file import load_engine
+from enginediag_cli.shipped import shipped
+
+SUMS = ("H_xx", "H_xz", "H_zz", "g_x", "g_z", "record_cost")
+SHARED_SEVEN_DIGITS = 1e-6
+
+
+@pytest.fixture(scope="module")
+def problem():
+    engine, rng = ToyEngine(), np.random.default_rng(5)
+    settings = IdentificationSettings(recording_bias_sigma={"T3_K": 2.0}, recording_scale_sigma={"P3_Pa": 0.01})
+    return build_problem(engine, [fly(engine, rng, 40, "a"), fly(engine, rng, 30, "b")], settings)
+
+
+@pytest.fixture(scope="module")
+def point(problem):
+    rng = np.random.default_rng(6)
+    return 0.2 * rng.standard_normal(len(problem.parameters)), 0.3 * rng.standard_normal((2, len(problem.offsets)))
+
+
+def same(a, b, fields=SUMS):
+    for name in fields:
+        expected = getattr(b, name)
+        size = float(np.abs(expected).max(initial=1e-300))
+        assert getattr(a, name) == pytest.approx(expected, rel=SHARED_SEVEN_DIGITS, abs=SHARED_SEVEN_DIGITS * size)
+
+
+def test_sums_of_what_was_kept_are_those_of_asking_again(problem, point):
+    same(normal_equations(problem, *point, predicted_at(problem, *point)), normal_equations(problem, *point))
+
+
+def test_other_noise_needs_no_new_derivatives(problem, point):
+    other = problem.with_noise(1.7 * problem.sigma, np.full(4, 2.0))
+    same(normal_equations(other, *point, predicted_at(problem, *point)), normal_equations(other, *point))
+
+
+def test_the_gradient_with_kept_derivatives_is_exact_where_they_were_taken(problem, point):
+    here = normal_equations(problem, *point, predicted_at(problem, *point))
+    found = near_equations(problem, *point, here)
+    same(found, here, ("g_x", "g_z", "record_cost"))
+    assert here.at.taken
+    assert not found.at.taken
+
+
+def test_the_cost_near_by_is_exact_and_the_gradient_nearly(problem, point):
+    here = normal_equations(problem, *point, predicted_at(problem, *point))
+    x, z = point[0] + 1e-3, point[1] + 1e-3
+    found, expected = near_equations(problem, x, z, here), normal_equations(problem, x, z)
+    assert found.record_cost == pytest.approx(expected.record_cost, rel=1e-12)
+    assert found.g_x == pytest.approx(expected.g_x, rel=0.02, abs=1e-3 * np.abs(expected.g_x).max())
+
+
+def test_readings_left_out_count_as_missing(problem, point):
+    kept = predicted_at(problem, *point)
+    out = np.arange(len(problem.recording)) % 3 == 0
+    without = replace(problem, measured=np.where(out[:, None], np.nan, problem.measured))
+    whole, part = (
+        normal_equations(p, *point, k) for p, k in ((problem, kept), (problem.select(out), kept.select(out)))
+    )
+    rest = normal_equations(without, *point, kept)
+    for name in SUMS[:-1]:
+        assert getattr(whole, name) - getattr(part, name) == pytest.approx(getattr(rest, name), rel=1e-6, abs=1e-6)
+
+
+def test_a_record_that_fails_has_neither_prediction_nor_weight(point):
+    engine = ToyEngine(fails=lambda u, p: u["N1_pct"] > 96)
+    problem = build_problem(engine, [fly(ToyEngine(), np.random.default_rng(5))], IdentificationSettings())
+    x, z = point[0], np.zeros((1, 0))
+    kept = predicted_at(problem, x, z)
+    assert 0 < np.sum(kept.status > 1) < len(kept.status)
+    assert np.isnan(kept.y[kept.status > 1]).all()
+    same(normal_equations(problem, x, z, kept), normal_equations(problem, x, z))
+
+
+def test_amounts_of_map_error_follow_from_columns_of_the_records():
+    """Asked as directions of the model, and as products of what each record brings along."""
+    engine, rng, n = load_engine(str(shipped("turbojet.yaml"))), np.random.default_rng(1), 40
+    h = rng.uniform(0, 10_000, n)
+    columns = {"altitude_m": h, "mach": 0.3 + 0.5 * h / 11_000, "dT_isa_K": np.full(n, 3.0)}
+    columns[engine.power_setting] = engine.power_from_fraction(rng.uniform(0.3, 1, n), columns)
+    readings = engine.predict(columns, {}, sensors=list(engine.sensors)).y
+    columns |= dict(zip(engine.sensors, readings.T, strict=True))
+    plain = build_problem(warm(engine), [TrainingRecording("flight", columns)], IdentificationSettings())
+    extended = with_map_error(plain, 0.01)
+    x, z = 0.1 * rng.standard_normal(len(extended.parameters)), np.zeros((1, 0))
+    kept = predicted_at(extended, x, z)
+    assert kept.tangent.amounts == len(extended.parameters) - len(plain.parameters) > 0
+    assert kept.fits(extended)
+    assert not kept.fits(plain)
+    same(normal_equations(extended, x, z, kept), normal_equations(extended, x, z))
