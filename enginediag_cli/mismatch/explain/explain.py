@@ -34,7 +34,6 @@ from enginediag_cli.mismatch.explain.rejected import Reason, Rejected
 from enginediag_cli.mismatch.explain.repeated import repeated
 from enginediag_cli.mismatch.explain.shortlist import shortlisted
 from enginediag_cli.mismatch.explain.worth_fitting import worth_fitting
-from enginediag_cli.mismatch.fit.believable import switching
 from enginediag_cli.mismatch.fit.evidence import Evidence
 from enginediag_cli.mismatch.fit.freeform import Cell, places
 from enginediag_cli.mismatch.fit.held_out import flights_gained
@@ -51,7 +50,7 @@ from enginediag_cli.mismatch.fit.projection import Projection
 from enginediag_cli.mismatch.fit.scores import surprise
 from enginediag_cli.mismatch.fit.trial_fit import Gates, Remainder, Trial, attempt, remainder
 from enginediag_cli.mismatch.unrecorded.companions import with_shared_errors
-from enginediag_cli.mismatch.unrecorded.recorded_driver import Hidden, follows_a_driver
+from enginediag_cli.mismatch.unrecorded.recorded_driver import Hidden, HiddenScan, commanded, follows_a_driver
 from enginediag_cli.physics.registry import candidates
 from enginediag_cli.progress import each
 
@@ -70,8 +69,8 @@ MOST_FLIGHTS = 0.75
 """Share of the flights, held out in turn, that must gain by an explanation: chance alone gives half of them.
 Judgement."""
 NOISE_PASSES, SAME_NOISE = 2, 0.03
-"""Estimates of the noise at a fit, each with a fit after it, at most: a third changes nothing that matters, nor does one
-more where none has changed by more than this share."""
+"""Estimates of the noise at a fit, each with a fit after it, at most: a third changes nothing that matters, nor does
+one more where none has changed by more than this share."""
 
 NEARLY_ALL, PLAINLY = 0.8, 1.5
 """An unrecorded driver that explains this share of the excess χ², and so many times what the best recorded one does,
@@ -81,8 +80,12 @@ MAIN, UNRECORDED = 0.8, 0.2
 """Shares of the probability of a false alarm, of the gate on recorded drivers and of that on unrecorded ones."""
 
 
-HiddenSearch = Callable[[Trial], tuple[Sequence[Hidden], float]]
-"""Of a trial the findings of a driver that no column shows that are significant, and the gate on their LR."""
+TWICE = 2.0
+"""A refit as two states seldom more than doubles the LR of a place: as long as twice the largest would not outweigh
+what is recorded, single effects come first."""
+
+
+HiddenSearch = Callable[[Trial], HiddenScan]
 
 
 class Search:
@@ -92,6 +95,8 @@ class Search:
         self.evidence = evidence
         self.effects = list(candidates(evidence.engine)) if effects is None else list(effects)
         self.hidden, self.hidden_gate = hidden, np.inf
+        self._scan: HiddenScan | None = None
+        self._unrecorded: Sequence[Hidden] | None = () if hidden is None else None
         self.along = nuisance(evidence)
         self.rng = np.random.default_rng(evidence.settings.seed)
         self.rejected: dict[str, Rejected] = {}
@@ -117,12 +122,14 @@ class Search:
             if not self.base.converged:
                 return self.answer(FAILED, f"the model could not be fitted: {self.base.found.reason}", rest)
         rest = self.weighed(rest)
-        self.unrecorded = self._unrecorded()
-        if not rest.over(self.detect):
-            if self.unrecorded:
-                return self.answer(HIDDEN, "", rest, hidden=self.unrecorded)
-            return self.answer(NOTHING, "nothing stands out of noise and identified parameters", rest)
-        return self.decide(rest)
+        if self.hidden:
+            self._scan = self.hidden(self.base)
+            self.hidden_gate = self._scan.gate
+        if rest.over(self.detect):
+            return self.decide(rest)
+        if self.unrecorded():
+            return self.answer(HIDDEN, "", rest, hidden=self.unrecorded())
+        return self.answer(NOTHING, "nothing stands out of noise and identified parameters", rest)
 
     def weighed(self, rest: Remainder) -> Remainder:
         """What the base leaves, with the gates that it is judged by: set here."""
@@ -145,11 +152,12 @@ class Search:
         best = rest.cells[0] if rest.cells else None
         scores = [*(s.score for s in rest.scores), *(c.score for c in rest.cells)]
         recorded = max((s.statistic - 2.0 * s.dof for s in scores), default=0.0)
-        hidden, evidence = self.unrecorded, _evidence(self.unrecorded)
         excess = self.base.objective - self.base.projection.dof
         # before single effects: each of them would be bent by a state that they all ignore
-        if evidence > NEARLY_ALL * 0.5 * excess and evidence > PLAINLY * 0.5 * recorded:
-            return self.answer(HIDDEN, "", rest, hidden=hidden)
+        if self._scan is not None and TWICE * self._scan.largest > PLAINLY * 0.5 * recorded:
+            evidence = _evidence(self.unrecorded())
+            if evidence > NEARLY_ALL * 0.5 * excess and evidence > PLAINLY * 0.5 * recorded:
+                return self.answer(HIDDEN, "", rest, hidden=self.unrecorded())
         singles = self._refit([(self._timed(s.option),) for s in shortlisted(rest.scores)])
         if singles is None:
             return self.answer(FAILED, "no explanation could be fitted", rest)
@@ -162,6 +170,7 @@ class Search:
         for wider in self.forward(singles[:EXTENDED]):
             _add(pairs, wider)
         named = self._named_set(pairs, best)
+        hidden, evidence = self.unrecorded(), _evidence(self.unrecorded())
         # an amplitude of its own in every record follows any driver: it must be the better account of the two
         if named and evidence < 0.5 * (named[0].gain - 2.0 * len(named[0].coefficients)):
             return self.answer(NAMED, "", rest, named, hidden)
@@ -202,17 +211,15 @@ class Search:
     def _timed(self, option: Option) -> Option:
         return with_best_onset(self.base.found, self.base.projection, option)
 
-    def _unrecorded(self) -> Sequence[Hidden]:
+    def unrecorded(self) -> Sequence[Hidden]:
         """Findings of a driver that no column shows: none where a recorded driver gives the same amplitude, nor of what
         nobody commands where nobody vouches for the noise: errors of the model come and go along such an amplitude."""
-        found: Sequence[Hidden] = ()
-        if self.hidden:
-            found, self.hidden_gate = self.hidden(self.base)
-        if not found or follows_a_driver(found[0], self.along_drivers):
-            return ()
-        first, parameters = found[0], self.evidence.engine.parameters
-        commanded = first.is_switch and first.states is not None and switching(first.location, parameters)
-        return found if commanded or not self.from_recordings else ()
+        if self._unrecorded is None:
+            found = [f for f in self._scan.refitted() if f.significant] if self._scan else []
+            follows = not found or follows_a_driver(found[0], self.along_drivers)
+            told = not follows and (not self.from_recordings or commanded(found[0], self.evidence.engine.parameters))
+            self._unrecorded, self._scan = found if told else (), None
+        return self._unrecorded
 
     def forward(self, singles: Sequence[Trial]) -> list[tuple[Option, ...]]:
         """Each single option with the effect, and with the change in time, that says most about what it leaves."""
@@ -342,7 +349,7 @@ class Search:
         hidden: Sequence[Hidden] = (),
     ) -> Answer:
         unseen = tuple(s.option.label for s in rest.scores if s.score.absorbed and s.option.driver != TIME)
-        base = self.base
+        base, self._scan = self.base, None  # a look holds rows of every record
         return Answer(
             status,
             reason,

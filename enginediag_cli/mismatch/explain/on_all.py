@@ -164,7 +164,6 @@ def _anything(whole: Search, share: Search) -> Answer:
     whole.base = Trial((), found, Projection(found))
     whole.library = [*map(effect_option, whole.effects), *fault_options(found)]
     whole.along_drivers = drivers_of(whole.evidence, found.theta)
-    whole.unrecorded = ()
     whole.detect, whole.adequate = share.detect, share.adequate
     rest = remainder(whole.base, whole.library, whole.along_drivers)
     if not found.converged:

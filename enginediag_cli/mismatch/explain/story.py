@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.stats import chi2
+from scipy import special
 
 from enginediag_cli.engine.term import Effect
 from enginediag_cli.intake.intake import Intake
@@ -154,7 +154,7 @@ def _only_exact(answer: Answer, floor: Sequence[FloorCost]) -> list[FloorCost]:
     shadows."""
     if answer.status != NOTHING:
         return []
-    gate = float(chi2.isf(np.exp(-answer.gates[0]), 1))
+    gate = float(special.chdtri(1.0, np.exp(-answer.gates[0])))
     return [c for c in floor if c.score <= gate < c.score_without]
 
 

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 
 import numpy as np
 
 from enginediag_cli.mismatch.explain.explain import UNRECORDED
 from enginediag_cli.mismatch.fit.evidence import Evidence
 from enginediag_cli.mismatch.fit.trial_fit import Trial
-from enginediag_cli.mismatch.unrecorded.hidden import HiddenFinding, hidden_amplitudes
+from enginediag_cli.mismatch.unrecorded.hidden import Scan
 from enginediag_cli.mismatch.unrecorded.own_noise import freed_of_switches
+from enginediag_cli.progress import stage
 
 
 def with_own_noise(evidence: Evidence) -> Evidence:
@@ -19,14 +20,13 @@ def with_own_noise(evidence: Evidence) -> Evidence:
     return freed_of_switches(evidence, level=UNRECORDED * evidence.settings.false_alarm, rng=rng)
 
 
-def hidden_search(evidence: Evidence) -> Callable[[Trial], tuple[Sequence[HiddenFinding], float]]:
-    """The search for effects whose driver no column shows: its significant findings at a trial."""
+def hidden_search(evidence: Evidence) -> Callable[[Trial], Scan]:
+    """The search for effects whose driver no column shows, at a trial."""
     rng = np.random.default_rng((evidence.settings.seed, 1))
-
     level = UNRECORDED * evidence.settings.false_alarm
 
-    def search(trial: Trial) -> tuple[Sequence[HiddenFinding], float]:
-        found = hidden_amplitudes(trial.found, trial.projection, level=level, rng=rng)
-        return [f for f in found if f.significant], found[0].threshold if found else np.inf
+    @stage("looking for a driver that is not recorded")
+    def search(trial: Trial) -> Scan:
+        return Scan(trial.found, trial.projection, level, rng)
 
     return search

@@ -27,7 +27,7 @@ ITERATIONS, ROUNDS = 25, 4
 CLOSE_BY = 5
 """Iterations of one round of a fit that begins at the optimum of few of its records, within some standard errors of its
 own: a smooth misfit needs two; what more finds is kinks, of which a fresh round tells whether they still matter."""
-NEARER = 2
+NEARER = 1
 """Iterations towards an optimum at which nothing is judged."""
 SETTLED, SETTLED_SHARE, STUCK_SHARE = 0.1, 1e-3, 0.02
 """Maps read linearly have kinks, at which the search may zigzag: a fit has settled, too, when a fresh round of

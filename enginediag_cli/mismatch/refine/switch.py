@@ -93,8 +93,8 @@ def find_switch(training: Evidence, effect: Effect) -> HiddenFinding | None:
     if not fit.converged:
         return None
     base = Trial((), fit, Projection(fit))
-    for f in hidden_search(training)(base)[0]:
-        if f.is_switch and effect.label in {e.label for e in effects_at(f.location, training.engine)}:
+    for f in hidden_search(training)(base).refitted():
+        if f.significant and f.is_switch and effect.label in {e.label for e in effects_at(f.location, training.engine)}:
             return f
     return None
 
