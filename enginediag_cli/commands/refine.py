@@ -210,7 +210,7 @@ def _explained(
     from enginediag_cli.physics.registry import candidates
     from enginediag_cli.presentation.explanations import sentences
 
-    story = tell(training, list(candidates(training.engine, without)), advise=False)
+    story = tell(training, list(candidates(training.engine, without)), advise=False, every_record=True)
     for line in sentences(story):
         messages.note(line)
     if story.answer.status == HIDDEN and story.hidden[0].is_switch and story.hidden_effects[0]:

@@ -74,6 +74,10 @@ class WarmEngine(WrappedModel):
             self._found.popitem(last=False)
         return found
 
+    def rest(self) -> None:
+        """Forget what was predicted last: the fit is over."""
+        self._found.clear()
+
     def _points(self, inputs: Mapping[str, Any]) -> np.ndarray:
         """Operating points (N, d): all inputs that the engine must have."""
         return np.column_stack(np.broadcast_arrays(*(np.atleast_1d(np.asarray(inputs[c], float)) for c in self.inputs)))

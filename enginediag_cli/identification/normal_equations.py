@@ -20,7 +20,7 @@ import numpy as np
 from enginediag_cli.identification.predicted import SUMMED_RECORDS, Predicted, ask, predict_records, shifted_inputs
 from enginediag_cli.identification.problem import Problem
 
-CHUNK_RECORDS = 2048
+CHUNK_RECORDS = 1024
 """Records per model call: bounds the memory of the sensitivities, (records, m, p), to what a processor has near by."""
 
 

@@ -118,6 +118,7 @@ def document(story: Story, provenance: tuple[str, ...]) -> dict[str, Any]:
         "advice": [_advice(x) for x in story.advice],
         "chi2": a.objective,
         "readings": a.readings,
+        "searched": None if story.searched is None else vars(story.searched),
         "surprise": a.surprise,
         "gates": list(a.gates),
         "provenance": list(provenance),
@@ -163,7 +164,7 @@ def amplitude_rows(story: Story) -> Iterator[dict[str, Any]]:
         yield {
             "engine": flight.engine,
             "flight": flight.label,
-            "record": record + 1,
+            "record": flight.place(record) + 1,
             "time_s": None if time is None else float(time[record]),
             "location": f.location.name,
             "amplitude": float(f.amplitude[k]),

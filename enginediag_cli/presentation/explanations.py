@@ -56,6 +56,28 @@ def sentences(story: Story) -> Iterator[str]:
     for advice in story.advice:
         yield from _advice(advice)
     yield from _unseen(story)
+    yield from _searched(story)
+
+
+def _searched(story: Story) -> Iterator[str]:
+    """Of long recordings, which records were searched and what the others have a say in."""
+    s = story.searched
+    if s is None:
+        return
+    of = f"{count(s.records, 'record')} of {s.of:,}, whole stretches spread over the flights"
+    if story.answer.status == NOTHING:
+        yield (
+            f"Listed effects and changes in time were looked for in all {s.of:,} records; the noise, and effects whose "
+            f"driver is not recorded, only in {of}: what such an effect does at other times, or too little for so few "
+            "records, is not seen."
+        )
+    elif s.judged:
+        yield (
+            f"Searched in {of}; what is named, and rivals not surely worse there, were fitted to all records and "
+            "judged on all. Sizes from which effects show, and effects whose driver is not recorded, are of the share."
+        )
+    else:
+        yield f"Searched in, and judged on, {of}; the other records had no say."
 
 
 def _unseen(story: Story) -> Iterator[str]:

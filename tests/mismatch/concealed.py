@@ -10,6 +10,7 @@ import numpy as np
 from enginediag_cli.engine.engine import Engine
 from enginediag_cli.engine.term import Effect
 from enginediag_cli.mismatch.fit.evidence import Evidence, Flight, Noise, Settings
+from enginediag_cli.mismatch.fit.projection import DenseRows
 from enginediag_cli.physics.engine_file import load_engine
 from enginediag_cli.physics.registry import effect
 from enginediag_cli.shipped import shipped
@@ -69,3 +70,12 @@ def evidence(recorded: Sequence[Flight], *, rho: float = 0.0, **settings: object
     noise = Noise({c: s.noise_sigma for c, s in engine.sensors.items()}, {c: rho for c in engine.sensors})
     chosen = {"map_accuracy": 0.0, **settings}
     return Evidence(engine, tuple(recorded), noise, Settings(nuisance, **chosen))  # type: ignore[arg-type]
+
+
+class WholeRows:
+    """`Q` (n + k, k), `R` and `e` (n + k,) of all whitened rows at once, the priors' last."""
+
+    def __init__(self, projection):
+        dense, keep = DenseRows(projection), projection.frame.keep
+        self.Q, self.R = np.concatenate([dense.rows[keep], dense.priors]), dense.R
+        self.e = np.concatenate([dense.e[keep], dense.e_priors])

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from enginediag_cli.mismatch.unrecorded.amplitude import KERNELS, SIGNAL, Solver, likelihood, own_error
+from enginediag_cli.mismatch.unrecorded.amplitude import KERNELS, SIGNAL, Solver, likelihood, own_error, taken_for
 from enginediag_cli.mismatch.unrecorded.gate import threshold
 from enginediag_cli.mismatch.unrecorded.whitened_rows import Basis, direction
 
@@ -30,7 +31,7 @@ def geometry(rho):
         sigma=sigma,
         correlation=lambda rows=slice(None): before[rows],
         neighbours=SimpleNamespace(gap=GAP),
-        scaled=lambda v: np.where(keep[:, :, None], v, 0.0) / sigma[:, None],
+        scaled=lambda v, rows=slice(None): np.where(keep[rows][:, :, None], v, 0.0) / sigma[:, None],
     )
     n, q = keep.sum(), 4
     A = np.concatenate([rng.normal(size=(n, q)), np.eye(q)])
@@ -83,6 +84,20 @@ def test_the_likelihood_ratio_is_that_of_two_gaussian_laws_of_the_projected_read
         direct.append(0.5 * (left @ left - left @ np.linalg.solve(V, left) - np.linalg.slogdet(V)[1]))
     assert np.allclose(found.first, direct[: len(found.first)], atol=1e-8)
     assert np.isclose(found.best[0], max(0.0, *direct), atol=1e-8)
+
+
+@pytest.mark.parametrize("rho", [0.0, 0.6])
+def test_without_the_nuisance_a_likelihood_ratio_is_never_above_the_right_one(rho):
+    of, along, *_ = geometry(rho)
+    alone = replace(along, rows=np.zeros((N, M, 0)))
+    g = along.gathered(of.left)[:, None] * np.array([1.0, 3.0, 10.0])
+    assert (likelihood(alone, GAP, g).best <= likelihood(along, GAP, g).best + 1e-12).all()
+
+
+def test_directions_that_a_location_cannot_be_taken_for_are_left_out():
+    of, along, *_ = geometry(0.0)
+    rows = np.concatenate([of.rows, 1e-3 * np.ones((N, M, 3))], axis=2)
+    assert taken_for(replace(along, rows=rows)).shape == (N, of.rows.shape[2])
 
 
 def test_drawn_noise_has_no_component_along_the_nuisance():

@@ -2,13 +2,13 @@
 
 import numpy as np
 import pytest
-from concealed import carried, evidence, flights, turbofan
+from concealed import WholeRows, carried, evidence, flights, turbofan
 from scipy import stats
 
 from enginediag_cli.mismatch.fit.held_out import held_out_objectives
 from enginediag_cli.mismatch.fit.identified import NO_HYPOTHESIS, identify_with, nuisance
 from enginediag_cli.mismatch.fit.options import effect_option, option_scores
-from enginediag_cli.mismatch.fit.projection import Projection
+from enginediag_cli.mismatch.fit.projection import DenseRows, Projection
 from enginediag_cli.mismatch.fit.scores import critical_surprise, surprise
 from enginediag_cli.mismatch.fit.trial_fit import attempt
 from enginediag_cli.physics.registry import effect
@@ -58,13 +58,14 @@ def test_whitened_scores_are_those_of_generalised_least_squares():
 def test_held_out_residuals_are_those_of_refits_without_the_flight(small_effect):
     _, _, projection = small_effect
     frame, n = projection.frame, len(projection.frame.record)
-    A = projection.dense.Q @ projection.dense.R
+    dense = WholeRows(projection)
+    A = dense.Q @ dense.R
     direct = []
     for r in range(5):
-        out = np.zeros(len(projection.e), bool)
+        out = np.zeros(len(dense.e), bool)
         out[:n] = projection.found.problem.recording[frame.record] == r
-        x = np.linalg.lstsq(A[~out], projection.e[~out], rcond=None)[0]
-        e = projection.e[out] - A[out] @ x
+        x = np.linalg.lstsq(A[~out], dense.e[~out], rcond=None)[0]
+        e = dense.e[out] - A[out] @ x
         direct.append(e @ e)
     np.testing.assert_allclose(held_out_objectives(projection), direct, rtol=1e-7)
 
@@ -87,3 +88,14 @@ def test_the_objective_without_anything_missing_is_chi_square():
     _, _, projection = _fit(flights([], np.random.default_rng(21)))
     # sd of χ² over its dof is sqrt(2/2700) = 2.7 %: three deviations
     assert projection.objective / projection.dof == pytest.approx(1.0, abs=0.082)
+
+
+def test_a_column_taken_out_of_the_span_leaves_the_basis_of_the_others(small_effect):
+    _, _, projection = small_effect
+    whole, dense = WholeRows(projection), DenseRows(projection)
+    A, column = whole.Q @ whole.R, 7
+    dense.free(column)
+    others = np.delete(np.delete(A, column, axis=1), projection.dof + column, axis=0)
+    Q = np.concatenate([dense.rows[projection.frame.keep], dense.priors])
+    np.testing.assert_allclose(Q.T @ Q, np.eye(Q.shape[1]), atol=1e-9)
+    np.testing.assert_allclose(Q @ (Q.T @ others), others, atol=1e-9 * np.abs(others).max())

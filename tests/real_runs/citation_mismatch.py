@@ -19,7 +19,7 @@ import numpy as np
 from ground_recordings import CONFIGS, enginediag, public_data
 
 from enginediag_cli.intake.source import Source
-from enginediag_cli.mismatch.explain.story import with_own_noise
+from enginediag_cli.mismatch.explain.unrecorded_search import with_own_noise
 from enginediag_cli.mismatch.fit.evidence import Evidence, Flight
 from enginediag_cli.mismatch.fit.identified import NO_HYPOTHESIS, Identified, Nuisance, identify_with, nuisance, stacked
 from enginediag_cli.mismatch.fit.load import Case, load_case

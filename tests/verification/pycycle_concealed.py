@@ -23,7 +23,7 @@ from enginediag_cli.config.reading import outside_allowed
 from enginediag_cli.engine.engine import Engine
 from enginediag_cli.mismatch.explain.answer import HIDDEN, NAMED, Answer
 from enginediag_cli.mismatch.explain.explain import Search
-from enginediag_cli.mismatch.explain.story import hidden_search
+from enginediag_cli.mismatch.explain.unrecorded_search import hidden_search
 from enginediag_cli.mismatch.fit.evidence import Evidence, Flight, Noise, Settings
 from enginediag_cli.mismatch.fit.held_out import held_out_objectives
 from enginediag_cli.mismatch.fit.identified import NO_HYPOTHESIS, identify_with

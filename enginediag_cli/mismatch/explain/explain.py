@@ -34,7 +34,6 @@ from enginediag_cli.mismatch.explain.rejected import Reason, Rejected
 from enginediag_cli.mismatch.explain.repeated import repeated
 from enginediag_cli.mismatch.explain.shortlist import shortlisted
 from enginediag_cli.mismatch.explain.worth_fitting import worth_fitting
-from enginediag_cli.mismatch.fit.believable import switching
 from enginediag_cli.mismatch.fit.evidence import Evidence
 from enginediag_cli.mismatch.fit.freeform import Cell, places
 from enginediag_cli.mismatch.fit.held_out import flights_gained
@@ -51,7 +50,7 @@ from enginediag_cli.mismatch.fit.projection import Projection
 from enginediag_cli.mismatch.fit.scores import surprise
 from enginediag_cli.mismatch.fit.trial_fit import Gates, Remainder, Trial, attempt, remainder
 from enginediag_cli.mismatch.unrecorded.companions import with_shared_errors
-from enginediag_cli.mismatch.unrecorded.recorded_driver import Hidden, follows_a_driver
+from enginediag_cli.mismatch.unrecorded.recorded_driver import Hidden, HiddenScan, commanded, follows_a_driver
 from enginediag_cli.physics.registry import candidates
 from enginediag_cli.progress import each
 
@@ -69,8 +68,9 @@ more together is better told as unlisted physics."""
 MOST_FLIGHTS = 0.75
 """Share of the flights, held out in turn, that must gain by an explanation: chance alone gives half of them.
 Judgement."""
-NOISE_PASSES = 2
-"""Estimates of the noise at a fit, each with a fit after it; a third changes nothing that matters."""
+NOISE_PASSES, SAME_NOISE = 2, 0.03
+"""Estimates of the noise at a fit, each with a fit after it, at most: a third changes nothing that matters, nor does
+one more where none has changed by more than this share."""
 
 NEARLY_ALL, PLAINLY = 0.8, 1.5
 """An unrecorded driver that explains this share of the excess χ², and so many times what the best recorded one does,
@@ -80,7 +80,12 @@ MAIN, UNRECORDED = 0.8, 0.2
 """Shares of the probability of a false alarm, of the gate on recorded drivers and of that on unrecorded ones."""
 
 
-HiddenSearch = Callable[[Trial], Sequence[Hidden]]
+TWICE = 2.0
+"""A refit as two states seldom more than doubles the LR of a place: as long as twice the largest would not outweigh
+what is recorded, single effects come first."""
+
+
+HiddenSearch = Callable[[Trial], HiddenScan]
 
 
 class Search:
@@ -89,10 +94,13 @@ class Search:
     def __init__(self, evidence: Evidence, effects: Sequence[Effect] | None = None, hidden: HiddenSearch | None = None):
         self.evidence = evidence
         self.effects = list(candidates(evidence.engine)) if effects is None else list(effects)
-        self.hidden = hidden
+        self.hidden, self.hidden_gate = hidden, np.inf
+        self._scan: HiddenScan | None = None
+        self._unrecorded: Sequence[Hidden] | None = () if hidden is None else None
         self.along = nuisance(evidence)
         self.rng = np.random.default_rng(evidence.settings.seed)
         self.rejected: dict[str, Rejected] = {}
+        self.fitted: dict[str, Trial] = {}  # by label, without what scores need
 
     def run(self) -> Answer:
         found = identify_with(self.evidence, NO_HYPOTHESIS, self.along)
@@ -105,62 +113,71 @@ class Search:
         self.base = Trial((), found, projection)
         self.detect = self.adequate = Gates()
         if not found.converged:
-            return self._answer(FAILED, f"the model as it is could not be fitted: {found.reason}", Remainder((), ()))
+            return self.answer(FAILED, f"the model as it is could not be fitted: {found.reason}", Remainder((), ()))
         self.library = [*map(effect_option, self.effects), *fault_options(found)]
         self.along_drivers = drivers_of(self.evidence, found.theta)
         rest = remainder(self.base, self.library, self.along_drivers)
         if self.evidence.settings.noise == "estimate":
             rest = self._with_estimated_noise(rest)
             if not self.base.converged:
-                return self._answer(FAILED, f"the model could not be fitted: {self.base.found.reason}", rest)
+                return self.answer(FAILED, f"the model could not be fitted: {self.base.found.reason}", rest)
+        rest = self.weighed(rest)
+        if self.hidden:
+            self._scan = self.hidden(self.base)
+            self.hidden_gate = self._scan.gate
+        if rest.over(self.detect):
+            return self.decide(rest)
+        if self.unrecorded():
+            return self.answer(HIDDEN, "", rest, hidden=self.unrecorded())
+        return self.answer(NOTHING, "nothing stands out of noise and identified parameters", rest)
+
+    def weighed(self, rest: Remainder) -> Remainder:
+        """What the base leaves, with the gates that it is judged by: set here."""
         levels = (MAIN * self.evidence.settings.false_alarm, ADEQUATE)
         self.detect, self.adequate = rest.gates(levels, self.rng)
-        if self.from_recordings:
-            self.detect, self.adequate = (
-                Gates(*(doubtful(g, self.base.projection) for g in (gates.effects, gates.faults, gates.cells)))
-                for gates in (self.detect, self.adequate)
-            )
-            rest = repeated(rest, self.base.projection, self.detect)
-        self.unrecorded = self._unrecorded()
-        if not rest.over(self.detect):
-            if self.unrecorded:
-                return self._answer(HIDDEN, "", rest, hidden=self.unrecorded)
-            return self._answer(NOTHING, "nothing stands out of noise and identified parameters", rest)
-        return self._decide(rest)
+        if not self.from_recordings:
+            return rest
+        self.detect, self.adequate = (
+            Gates(*(doubtful(g, self.base.projection) for g in (gates.effects, gates.faults, gates.cells)))
+            for gates in (self.detect, self.adequate)
+        )
+        return repeated(rest, self.base.projection, self.detect)
 
     @property
     def from_recordings(self) -> bool:
         """Whether the noise is known from recordings alone, not stated."""
         return self.evidence.noise.estimated or self.evidence.settings.noise == "estimate"
 
-    def _decide(self, rest: Remainder) -> Answer:
+    def decide(self, rest: Remainder) -> Answer:
         best = rest.cells[0] if rest.cells else None
         scores = [*(s.score for s in rest.scores), *(c.score for c in rest.cells)]
         recorded = max((s.statistic - 2.0 * s.dof for s in scores), default=0.0)
-        hidden, evidence = self.unrecorded, _evidence(self.unrecorded)
         excess = self.base.objective - self.base.projection.dof
         # before single effects: each of them would be bent by a state that they all ignore
-        if evidence > NEARLY_ALL * 0.5 * excess and evidence > PLAINLY * 0.5 * recorded:
-            return self._answer(HIDDEN, "", rest, hidden=hidden)
+        if self._scan is not None and TWICE * self._scan.largest > PLAINLY * 0.5 * recorded:
+            evidence = _evidence(self.unrecorded())
+            if evidence > NEARLY_ALL * 0.5 * excess and evidence > PLAINLY * 0.5 * recorded:
+                return self.answer(HIDDEN, "", rest, hidden=self.unrecorded())
         singles = self._refit([(self._timed(s.option),) for s in shortlisted(rest.scores)])
         if singles is None:
-            return self._answer(FAILED, "no explanation could be fitted", rest)
-        named = self._named(singles)
+            return self.answer(FAILED, "no explanation could be fitted", rest)
+        named = self.named(singles)
         if named:
-            return self._answer(NAMED, "", rest, named)
+            return self.answer(NAMED, "", rest, named)
         pairs: list[tuple[Option, ...]] = []
         for found in best_pairs(rest.scores, PAIRS):
             _add(pairs, tuple(map(self._timed, found)))
-        for wider in self._forward(singles[:EXTENDED]):
+        for wider in self.forward(singles[:EXTENDED]):
             _add(pairs, wider)
         named = self._named_set(pairs, best)
+        hidden, evidence = self.unrecorded(), _evidence(self.unrecorded())
         # an amplitude of its own in every record follows any driver: it must be the better account of the two
         if named and evidence < 0.5 * (named[0].gain - 2.0 * len(named[0].coefficients)):
-            return self._answer(NAMED, "", rest, named, hidden)
+            return self.answer(NAMED, "", rest, named, hidden)
         # that no column records the driver is only a finding where the best recorded one explains less
         if hidden and (named or evidence > 0.5 * recorded):
-            return self._answer(HIDDEN, "", rest, named, hidden)
-        return self._answer(
+            return self.answer(HIDDEN, "", rest, named, hidden)
+        return self.answer(
             NONE,
             f"no listed effect or change in time, nor up to {LARGEST_SET} together, explains the mismatch",
             rest,
@@ -171,7 +188,7 @@ class Search:
         """The alias set of pairs, or of the larger sets that grow from them; empty when none is adequate."""
         sets = self._refit(pairs) or []
         for size in range(2, LARGEST_SET + 1):
-            named = self._named([s for s in sets if self._counts(s, best)])
+            named = self.named([s for s in sets if self.counts(s, best)])
             if named or size == LARGEST_SET:
                 return named
             sets = self._refit(self._extended(sets[:EXTENDED])) or []
@@ -180,11 +197,13 @@ class Search:
     def _with_estimated_noise(self, rest: Remainder) -> Remainder:
         """What is left when the noise is what nothing explains; weights and noise in turn."""
         for _ in range(NOISE_PASSES):
-            noise = estimated_noise(self.base.projection, rest.blocks())
+            noise, before = estimated_noise(self.base.projection, rest.blocks()), self.evidence.noise
             self.evidence = with_noise(self.evidence, noise)
             found = identify_with(self.evidence, NO_HYPOTHESIS, self.along, self.base.found)
             self.base = Trial((), found, Projection(found))
             rest = remainder(self.base, self.library, self.along_drivers)
+            if all(abs(v / before.sigma[s] - 1.0) < SAME_NOISE for s, v in noise.sigma.items()):
+                break
         return rest
 
     # fitting
@@ -192,17 +211,17 @@ class Search:
     def _timed(self, option: Option) -> Option:
         return with_best_onset(self.base.found, self.base.projection, option)
 
-    def _unrecorded(self) -> Sequence[Hidden]:
+    def unrecorded(self) -> Sequence[Hidden]:
         """Findings of a driver that no column shows: none where a recorded driver gives the same amplitude, nor of what
         nobody commands where nobody vouches for the noise: errors of the model come and go along such an amplitude."""
-        found = self.hidden(self.base) if self.hidden else ()
-        if not found or follows_a_driver(found[0], self.along_drivers):
-            return ()
-        first, parameters = found[0], self.evidence.engine.parameters
-        commanded = first.is_switch and first.states is not None and switching(first.location, parameters)
-        return found if commanded or not self.from_recordings else ()
+        if self._unrecorded is None:
+            found = [f for f in self._scan.refitted() if f.significant] if self._scan else []
+            follows = not found or follows_a_driver(found[0], self.along_drivers)
+            told = not follows and (not self.from_recordings or commanded(found[0], self.evidence.engine.parameters))
+            self._unrecorded, self._scan = found if told else (), None
+        return self._unrecorded
 
-    def _forward(self, singles: Sequence[Trial]) -> list[tuple[Option, ...]]:
+    def forward(self, singles: Sequence[Trial]) -> list[tuple[Option, ...]]:
         """Each single option with the effect, and with the change in time, that says most about what it leaves."""
         wider: list[tuple[Option, ...]] = []
         for trial in singles:
@@ -234,6 +253,7 @@ class Search:
             self.rejected[" + ".join(o.label for o in options)] = told
         for options, of_few in each(near, "fitting candidates", len(near)):
             trial = attempt(options, self.base.found, self.along, of_few)
+            self.fitted[trial.label] = trial
             if trial.converged:
                 trials.append(trial)
             else:
@@ -244,17 +264,19 @@ class Search:
 
     # deciding
 
-    def _named(self, trials: Sequence[Trial]) -> list[Explanation]:
+    def named(self, trials: Sequence[Trial]) -> list[Explanation]:
         """The alias set of the best adequate trial, best first; empty when none is adequate."""
         adequate: list[tuple[Trial, float, float]] = []
         elsewhere = 0.0  # odds of what is too far behind to be told
         for trial in trials:
             behind = trial.objective - adequate[0][0].objective if adequate else 0.0
             if behind > ALIAS:
+                trial.projection.rest()
                 self.rejected.setdefault(trial.label, Rejected(Reason.WORSE, behind))
                 elsewhere += float(np.exp(-0.5 * behind))
                 continue
             left, flights, why = self._judge(trial)
+            trial.projection.rest()
             if why:
                 self.rejected[trial.label] = why
             else:
@@ -294,7 +316,7 @@ class Search:
             left = remainder(trial, self.library, self.along_drivers)
         return repeated(left, trial.projection, self.adequate)
 
-    def _counts(self, trial: Trial, best: Cell | None) -> bool:
+    def counts(self, trial: Trial, best: Cell | None) -> bool:
         """Whether a set is worth judging: every member is needed beside the others, and
         drop − 2·p > T − 2·dof of the best single free-form block, else one unlisted effect is the simpler story."""
         idle = _not_needed(trial, self.adequate.effects)
@@ -318,7 +340,7 @@ class Search:
 
     # around it
 
-    def _answer(
+    def answer(
         self,
         status: str,
         reason: str,
@@ -327,7 +349,7 @@ class Search:
         hidden: Sequence[Hidden] = (),
     ) -> Answer:
         unseen = tuple(s.option.label for s in rest.scores if s.score.absorbed and s.option.driver != TIME)
-        base = self.base
+        base, self._scan = self.base, None  # a look holds rows of every record
         return Answer(
             status,
             reason,

@@ -6,11 +6,11 @@ explanations that these flights cannot.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.stats import chi2
+from scipy import special
 
 from enginediag_cli.engine.term import Effect
 from enginediag_cli.intake.intake import Intake
@@ -19,15 +19,17 @@ from enginediag_cli.mismatch.explain.alias_advice import Advice, advice_between
 from enginediag_cli.mismatch.explain.answer import FAILED, NAMED, NONE, NOTHING, Answer, Coefficient, Explanation
 from enginediag_cli.mismatch.explain.change_times import with_times
 from enginediag_cli.mismatch.explain.curves import Curve, best_places, fitted_curves
-from enginediag_cli.mismatch.explain.explain import UNRECORDED, Search
+from enginediag_cli.mismatch.explain.explain import Search
 from enginediag_cli.mismatch.explain.floor_cost import FloorCost, floor_cost
+from enginediag_cli.mismatch.explain.on_all import Searched, searched_on_share
 from enginediag_cli.mismatch.explain.rejected import Reason
+from enginediag_cli.mismatch.explain.unrecorded_search import hidden_search, with_own_noise
 from enginediag_cli.mismatch.explain.unseen import Unseen, unseen_effects
 from enginediag_cli.mismatch.fit.evidence import Evidence
 from enginediag_cli.mismatch.fit.options import EFFECT
+from enginediag_cli.mismatch.fit.share import is_long
 from enginediag_cli.mismatch.fit.trial_fit import Trial, attempt
-from enginediag_cli.mismatch.unrecorded.hidden import HiddenFinding, effects_at, hidden_amplitudes
-from enginediag_cli.mismatch.unrecorded.own_noise import freed_of_switches
+from enginediag_cli.mismatch.unrecorded.hidden import HiddenFinding, effects_at
 from enginediag_cli.mismatch.unrecorded.switched import effects_that_switch
 
 SURELY_WORSE = 22.0
@@ -49,6 +51,7 @@ class Story:
     advice: tuple[Advice, ...]
     unseen: tuple[Unseen, ...] = ()  # of `answer.unseen`, by the kind of effect that was looked for
     switched: tuple[Trial, ...] = ()  # effects that may be the first of `hidden`, refitted at its states, best first
+    searched: Searched | None = None  # None: all records
 
 
 def tell(
@@ -57,19 +60,27 @@ def tell(
     *,
     advise: bool = True,
     intake: Intake | None = None,
+    every_record: bool = False,
 ) -> Story:
     """Search and everything around it. `effects`: the library, default all that the model does not carry; `intake`: by
-    which records that were left out as unsteady are read, where something has switched between them."""
-    evidence = with_own_noise(evidence)
-    search = Search(evidence, effects, hidden_search(evidence))
-    answer = search.run()
+    which records that were left out as unsteady are read, where something has switched between them. Of long recordings
+    a share is searched, unless `every_record` is to be."""
+    searched: Searched | None = None
+    if is_long(evidence.flights) and not every_record:
+        judged, first = searched_on_share(evidence, effects)
+        search, answer, searched = judged.search, judged.answer, judged.searched
+        first = _still_named(first, answer) if first.status == NAMED else answer
+    else:
+        evidence = with_own_noise(evidence)
+        search = Search(evidence, effects, hidden_search(evidence))
+        answer = first = search.run()
     # of a strong effect nearly every place is significant; those that can be told from the first are its shadows
     found = [f for f in answer.hidden if isinstance(f, HiddenFinding)]
     hidden = tuple(f for f in found if f is found[0] or f.location in found[0].rivals)
     engine = search.evidence.engine
     at = tuple(tuple(e for e in effects_at(f.location, engine) if _listed(e, search.effects)) for f in hidden)
     if answer.status == FAILED:
-        return Story(search.evidence, answer, hidden, at, (), (), (), ())
+        return Story(search.evidence, answer, hidden, at, (), (), (), (), searched=searched)
     trials: list[Trial] = []
     refitted = effects_that_switch(found, search.effects, search.base, search.along)
     if refitted is not None:
@@ -91,8 +102,8 @@ def tell(
     floor = floor_cost(base, search.library)
     only_exact = _only_exact(answer, floor)
     advice = (
-        advice_between(base.found, [*answer.explanations, *_next_best(search, answer)])
-        if advise and answer.status == NAMED
+        advice_between(base.found, [*first.explanations, *_next_best(search, first)])
+        if advise and answer.status == NAMED and first.explanations
         else []
     )
     return Story(
@@ -106,7 +117,14 @@ def tell(
         tuple(advice),
         tuple(unseen_effects(base, search.library, answer.unseen)),
         tuple(trials),
+        searched,
     )
+
+
+def _still_named(share: Answer, answer: Answer) -> Answer:
+    """The answer of a share, as fitted to it, with what all records still name."""
+    named = {x.label for x in answer.explanations}
+    return replace(share, explanations=tuple(x for x in share.explanations if x.label in named))
 
 
 def _next_best(search: Search, answer: Answer) -> list[Explanation]:
@@ -136,27 +154,8 @@ def _only_exact(answer: Answer, floor: Sequence[FloorCost]) -> list[FloorCost]:
     shadows."""
     if answer.status != NOTHING:
         return []
-    gate = float(chi2.isf(np.exp(-answer.gates[0]), 1))
+    gate = float(special.chdtri(1.0, np.exp(-answer.gates[0])))
     return [c for c in floor if c.score <= gate < c.score_without]
-
-
-def with_own_noise(evidence: Evidence) -> Evidence:
-    """The evidence with noise that holds nothing that switches (`freed_of_switches`)."""
-    rng = np.random.default_rng((evidence.settings.seed, 2))
-    return freed_of_switches(evidence, level=UNRECORDED * evidence.settings.false_alarm, rng=rng)
-
-
-def hidden_search(evidence: Evidence) -> Callable[[Trial], Sequence[HiddenFinding]]:
-    """The search for effects whose driver no column shows: its significant findings at a trial."""
-    rng = np.random.default_rng((evidence.settings.seed, 1))
-
-    level = UNRECORDED * evidence.settings.false_alarm
-
-    def search(trial: Trial) -> Sequence[HiddenFinding]:
-        found = hidden_amplitudes(trial.found, trial.projection, level=level, rng=rng)
-        return [f for f in found if f.significant]
-
-    return search
 
 
 def named_effects(story: Story) -> tuple[Effect, ...]:

@@ -15,23 +15,29 @@ from enginediag_cli.identification.offset_prior import OffsetPrior
 @dataclass(frozen=True)
 class Flight:
     """One recording of one engine: columns (N,) by name. `engine` is "" where the recording names none; `file`: which
-    one it is of, "" where it is of none."""
+    one it is of, "" where it is of none; `at` (N,): places of its records in the recording, counted from 0, None where
+    it has all of them."""
 
     label: str
     engine: str
     columns: Mapping[str, np.ndarray]
     file: str = ""
+    at: np.ndarray | None = None
 
     def __len__(self) -> int:
         """N."""
         return len(next(iter(self.columns.values()), ()))
+
+    def place(self, record: int) -> int:
+        """Of a record in the recording, both counted from 0."""
+        return record if self.at is None else int(self.at[record])
 
     def moment(self, record: int) -> str:
         """When a record, counted from 0, was taken: by the flight's clock, where it has one that runs forward."""
         time = np.asarray(self.columns.get("time_s", ()), float)
         if len(time) and np.isfinite(time).all() and (np.diff(time) > 0.0).all():
             return f"{time[record]:.10g} s"
-        return f"record {record + 1}"
+        return f"record {self.place(record) + 1}"
 
 
 @dataclass(frozen=True)
@@ -92,6 +98,11 @@ class Evidence:
     settings: Settings
     drivers: tuple[str, ...] = ()  # further recorded columns that may drive an effect
     owed: Owed | None = None  # None where noise and priors come from elsewhere
+
+    @property
+    def records(self) -> int:
+        """Of all flights."""
+        return sum(map(len, self.flights))
 
     @property
     def engines(self) -> tuple[str, ...]:

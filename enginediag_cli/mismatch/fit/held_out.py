@@ -33,10 +33,10 @@ def held_out_objectives(projection: Projection) -> np.ndarray:
     result = []
     for r, rows in groupby(projection.stream(), key=lambda rows: rows.recording):
         k = p + projection.found.fit.z.shape[1]
-        G, pull, square = np.zeros((k, k)), np.zeros(k), 0.0
+        G, pull, square, offsets = np.zeros((k, k)), np.zeros(k), 0.0, projection.offset_step(r)
         for part in rows:
             X = np.concatenate([part.A, part.Z], axis=2).reshape(-1, k)
-            e = projection.residual[part.span].ravel()
+            e = (part.e - part.A @ projection.step - part.Z @ offsets).ravel()
             G, pull, square = G + X.T @ X, pull + X.T @ e, square + float(e @ e)
         # columns of Q over the recording's rows: those of A with its own offsets eliminated, and of the offsets
         own = projection.offsets[r]

@@ -27,6 +27,8 @@ ITERATIONS, ROUNDS = 25, 4
 CLOSE_BY = 5
 """Iterations of one round of a fit that begins at the optimum of few of its records, within some standard errors of its
 own: a smooth misfit needs two; what more finds is kinks, of which a fresh round tells whether they still matter."""
+NEARER = 1
+"""Iterations towards an optimum at which nothing is judged."""
 SETTLED, SETTLED_SHARE, STUCK_SHARE = 0.1, 1e-3, 0.02
 """Maps read linearly have kinks, at which the search may zigzag: a fit has settled, too, when a fresh round of
 iterations lowers χ² by less than 0.1, or by less than a thousandth of what is unexplained, unless the Newton step
@@ -171,15 +173,25 @@ def identify_with(
     of_few: Fit | None = None,
 ) -> Identified:
     """Fit nuisance and hypothesis together, from another fit where one is given; `of_few`: from what `fit_of_few` has
-    found of the same hypothesis."""
+    found of the same hypothesis. A start from a share of the records is as good as one from few of them."""
     model, problem, rho = problem_with(evidence, hypothesis, along, start)
     first, iterations = _start(problem, start), ITERATIONS
     few = _few(problem)
+    if start is not None and len(start.problem.recording) < len(problem.recording):
+        few, iterations = None, CLOSE_BY
     if few is not None:
         fit, settled = (of_few, True) if of_few is not None else _fit(few, first)
         first, iterations = ((fit.x, fit.z), CLOSE_BY) if settled else (first, ITERATIONS)
     fit, settled = _fit(problem, first, iterations)
     return Identified(evidence, hypothesis, model, problem, fit, settled, rho)
+
+
+def nearer(evidence: Evidence, hypothesis: Hypothesis, along: Nuisance, start: Identified) -> Identified:
+    """NEARER steps of a fit from one of a share of the records: nearer the optimum, which lies far off where the model
+    lacks something. A projection goes the last one."""
+    model, problem, rho = problem_with(evidence, hypothesis, along, start)
+    fit = solve(problem, _start(problem, start), max_iterations=NEARER, tolerance=TOLERANCE)
+    return Identified(evidence, hypothesis, model, problem, fit, fit.converged, rho)
 
 
 def fit_of_few(evidence: Evidence, hypothesis: Hypothesis, along: Nuisance, start: Identified) -> Fit | None:
@@ -292,5 +304,12 @@ def _start(problem: Problem, other: Identified | None) -> tuple[np.ndarray, np.n
     for j, p in enumerate(problem.parameters):
         if p.name in theirs:
             x[j] = (theirs[p.name] - problem.prior_mean[j]) / problem.prior_sigma[j]
-    shape = (len(problem.labels), len(problem.offsets))
-    return x, other.fit.z.copy() if other.fit.z.shape == shape else np.zeros(shape)
+    z = np.zeros((len(problem.labels), len(problem.offsets)))
+    theirs_of = {label: r for r, label in enumerate(other.problem.labels)}
+    if other.fit.z.shape == z.shape:
+        z = other.fit.z.copy()
+    elif other.fit.z.shape[1] == z.shape[1] and len(theirs_of) == len(other.problem.labels):
+        for r, label in enumerate(problem.labels):
+            if label in theirs_of:
+                z[r] = other.fit.z[theirs_of[label]]
+    return x, z

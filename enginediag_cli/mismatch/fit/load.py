@@ -42,6 +42,7 @@ from enginediag_cli.mismatch.fit.evidence import Evidence, Flight, Noise, Owed, 
 from enginediag_cli.mismatch.fit.noise import larger_noise
 from enginediag_cli.mismatch.fit.nuisance import amounts_of
 from enginediag_cli.mismatch.fit.self_identified import SelfIdentified, left_by_the_fit, self_identified
+from enginediag_cli.mismatch.fit.share import share_of
 
 SCALE_SIGMA = 0.002
 """Prior standard deviation of a recorded sensor's scale error that nobody states."""
@@ -86,7 +87,8 @@ def load_case(
 ) -> Loaded:
     """Read everything that a case names. `fitted`: of all flights those by which an engine may be identified, where
     that must be done first. `identified`: what instruments, maps and noise err by is to come from the flights, too,
-    where nobody vouches for the noise. Raises ConfigError and DataError for files and names that do not fit.
+    where nobody vouches for the noise; of long recordings a share tells it. Raises ConfigError and DataError for files
+    and names that do not fit.
     """
     from enginediag_cli.physics.engine_file import load_engine
 
@@ -98,14 +100,15 @@ def load_case(
     whole = whole_flights(intake)
     _known_drivers(case.asked.drivers, intake.columns)
     flights = [Flight(f.recording.label, f.engine, f.recording.columns, f.file) for f in whole]
+    healthy = share_of(fitted(flights)) if identified else fitted(flights)
     nominal: Nominal | SelfIdentified | None = baseline.nominal if baseline else None
     if nominal is None and engine.declared.get("identification"):
         # an engine whose design is not known must be identified before anything can be missing
-        nominal = self_identified(engine, fitted(flights))
+        nominal = self_identified(engine, healthy)
     evidence = build_evidence(engine, flights, case.asked, nominal=nominal)
     if baseline and engine.declared.get("identification"):
         # instruments differ from flight to flight by more than one flight's nominal knows
-        own = build_evidence(engine, flights, case.asked, nominal=self_identified(engine, fitted(flights)))
+        own = build_evidence(engine, flights, case.asked, nominal=self_identified(engine, healthy))
         owed = Owed(evidence.noise, priors=False)
         instruments = evidence.settings.instruments or own.settings.instruments
         settings = replace(evidence.settings, instruments=instruments)
@@ -114,7 +117,7 @@ def load_case(
         stated = build_evidence(engine, flights, case.asked).noise
         evidence = replace(evidence, owed=Owed(stated, priors=True))
     elif identified and case.asked.noise is None:
-        own = build_evidence(engine, flights, case.asked, nominal=self_identified(engine, fitted(flights)))
+        own = build_evidence(engine, flights, case.asked, nominal=self_identified(engine, healthy))
         evidence = _with_errors_of(evidence, own)
     return Loaded(evidence, intake, baseline)
 

@@ -16,7 +16,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from scipy import stats
+from scipy import special
 
 from enginediag_cli.mismatch.fit.evidence import Evidence, Noise
 from enginediag_cli.mismatch.fit.families import Scored
@@ -42,15 +42,15 @@ def estimated_noise(projection: Projection, blocks: Sequence[Scored]) -> Noise:
         rows = rest.sensor == s
         if not rows.any():
             continue
-        left, free = rest.left[rows], rest.free[rows]
+        left, free = rest.left[rows], float(rest.free[s])
         alike = found.evidence.noise.shared.get(column, 1.0)
         # rows are freed of the correlation that the fit knew: what is found in them adds to it
         known, further = (
             float(found.rho[s]),
-            _lag_one(left, rest.record[rows], projection.frame.neighbours, float(free.mean())),
+            _lag_one(left, rest.record[rows], projection.frame.neighbours, free),
         )
         more = (1.0 + known * further) / (1.0 - known * further)
-        sigma[column] = float(found.problem.sigma[s] * np.sqrt(alike * more * (left @ left) / free.sum()))
+        sigma[column] = float(found.problem.sigma[s] * np.sqrt(alike * more * (left @ left) / (free * len(left))))
         rho[column] = min((known + further) / (1.0 + known * further), max(LARGEST_RHO, known))
     return replace(found.evidence.noise, sigma={**found.evidence.noise.sigma, **sigma}, rho=rho)
 
@@ -61,14 +61,19 @@ def doubtful(gate: float, projection: Projection) -> float:
     ρ with the one before it (1 − ρ)/(1 + ρ) is independent; LARGEST_SHARE may be taken by what was fitted."""
     if not np.isfinite(gate):
         return gate
-    return float(surprise(stats.f.isf(np.exp(-gate), 1, independent_readings(projection)), 1))
+    return float(surprise(_exceeded(gate, projection), 1))
 
 
 def doubtful_ratio(ratio: float, projection: Projection) -> float:
     """The same of a gate on a log likelihood ratio, which is half such a statistic."""
     if not 0.0 < ratio < np.inf:
         return ratio
-    return 0.5 * float(stats.f.isf(np.exp(-surprise(2.0 * ratio, 1)), 1, independent_readings(projection)))
+    return 0.5 * _exceeded(float(surprise(2.0 * ratio, 1)), projection)
+
+
+def _exceeded(gate: float, projection: Projection) -> float:
+    """T that F (1, ν) exceeds with −ln p = gate."""
+    return float(special.fdtri(1.0, independent_readings(projection), 1.0 - np.exp(-gate)))
 
 
 def independent_readings(projection: Projection) -> float:

@@ -236,6 +236,11 @@ class Projection:
         """All records by chunks, in order."""
         yield from self._computed() if self._kept is None else self._kept
 
+    def rest(self) -> None:
+        """Hold no rows: what asks for them again has them computed again."""
+        self._kept = None
+        self.found.model.rest()
+
     def _computed(self) -> Iterator[Rows]:
         problem, fit = self.found.problem, self.found.fit
         whitening, p = Whitening(self.frame), int((~fit.at_bound).sum())
@@ -277,45 +282,47 @@ class Projection:
         """e⊥ by row (n,)."""
         return np.asarray(self.residual[self.frame.keep])
 
-    @cached_property
-    def dense(self) -> DenseRows:
-        """All rows of the nuisance at once: for searches that need them by record."""
-        return DenseRows(self)
-
-    @property
-    def Q(self) -> np.ndarray:
-        return self.dense.Q
-
-    @property
-    def e(self) -> np.ndarray:
-        return self.dense.e
-
 
 class DenseRows:
-    """A = QR of all whitened rows, the priors' last, offsets of every recording as columns of their own: Q (n + k, k),
-    R (k, k), e (n + k,). Grows with the records."""
+    """A = QR of all whitened rows, the priors' last, offsets of every recording as columns of their own, for searches
+    that need them by record: Q of the readings `rows` (N, m, k), 0 where there is none, and of the `priors` (k, k),
+    R (k, k), `e` (N, m) and `e_priors` (k,). Grows with the records: of use for a while, not to be kept."""
 
     def __init__(self, projection: Projection):
-        found, keep = projection.found, projection.frame.keep
-        (R, q), p = found.fit.z.shape, len(projection.R)
-        k, n = p + R * q, int(keep.sum())
-        prior = np.concatenate([found.fit.x[~found.fit.at_bound], found.fit.z.ravel()])
-        A, self.e, at = np.zeros((n + k, k)), np.concatenate([np.zeros(n), -prior]), 0
-        A[n:] = np.eye(k)
+        found = projection.found
+        (N, m), (R, q), p = projection.frame.keep.shape, found.fit.z.shape, len(projection.R)
+        k = p + R * q
+        self.rows, self.e = np.zeros((N, m, k)), np.zeros((N, m))
+        self.e_priors = -np.concatenate([found.fit.x[~found.fit.at_bound], found.fit.z.ravel()])
         for rows in projection.stream():
-            there = keep[rows.span]
-            own, to = p + rows.recording * q, at + int(there.sum())
-            A[at:to, :p], A[at:to, own : own + q], self.e[at:to] = rows.A[there], rows.Z[there], rows.e[there]
-            at = to
+            own = p + rows.recording * q
+            self.rows[rows.span, :, :p], self.rows[rows.span, :, own : own + q] = rows.A, rows.Z
+            self.e[rows.span] = rows.e
         # in place, by chunks: several copies of these rows would be the most that a search ever holds. Priors' rows
         # keep every singular value of A above 1, so that A R⁻¹ is orthogonal to rounding
-        self.R = A[n:]
-        for a in range(0, n, AT_ONCE):
-            self.R = _triangle(self.R, A[a : min(a + AT_ONCE, n)])
-        inverse = np.linalg.inv(self.R)
+        A = self.rows.reshape(-1, k)
+        chunks = [slice(a, a + AT_ONCE) for a in range(0, len(A), AT_ONCE)]
+        self.R = np.eye(k)
+        for part in chunks:
+            self.R = _triangle(self.R, A[part])
+        self.priors = np.linalg.inv(self.R)
+        for part in chunks:
+            A[part] = A[part] @ self.priors
+
+    def free(self, column: int) -> None:
+        """Take a column of A out of the span, in place.
+
+        Of the span of A = QR the direction Qu, u ∝ R⁻ᵀ1_j, is across every column but the j-th: a reflection that
+        takes the first axis to u leaves an orthonormal basis of the others, (Q(1 − 2vvᵀ))₂…"""
+        v = self.priors[column] / np.linalg.norm(self.priors[column])
+        v[0] += np.copysign(1.0, v[0])
+        v /= np.linalg.norm(v)
+        A = self.rows.reshape(-1, len(v))
         for a in range(0, len(A), AT_ONCE):
-            A[a : a + AT_ONCE] = A[a : a + AT_ONCE] @ inverse
-        self.Q = A
+            A[a : a + AT_ONCE, 1:] -= np.outer(2.0 * (A[a : a + AT_ONCE] @ v), v[1:])
+        priors = self.priors[:, 1:] - np.outer(2.0 * (self.priors @ v), v[1:])
+        self.rows = self.rows[:, :, 1:]
+        self.priors, self.e_priors = np.delete(priors, column, axis=0), np.delete(self.e_priors, column)
 
 
 def _triangle(above: np.ndarray, below: np.ndarray) -> np.ndarray:

@@ -19,7 +19,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from enginediag_cli.engine.term import Effect
-from enginediag_cli.mismatch.explain.story import hidden_search, with_own_noise
+from enginediag_cli.mismatch.explain.unrecorded_search import hidden_search, with_own_noise
 from enginediag_cli.mismatch.fit.evidence import Evidence, Flight
 from enginediag_cli.mismatch.fit.identified import NO_HYPOTHESIS, Identified, Nuisance, identify_with, nuisance
 from enginediag_cli.mismatch.fit.projection import Frame, Projection
@@ -93,8 +93,8 @@ def find_switch(training: Evidence, effect: Effect) -> HiddenFinding | None:
     if not fit.converged:
         return None
     base = Trial((), fit, Projection(fit))
-    for f in hidden_search(training)(base):
-        if f.is_switch and effect.label in {e.label for e in effects_at(f.location, training.engine)}:
+    for f in hidden_search(training)(base).refitted():
+        if f.significant and f.is_switch and effect.label in {e.label for e in effects_at(f.location, training.engine)}:
             return f
     return None
 

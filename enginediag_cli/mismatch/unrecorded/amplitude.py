@@ -6,8 +6,12 @@ G = CᵀPC the likelihood of the readings against "no such effect" is
     LR(τ²) = ½ [gᵀ M⁻¹ g − ln |I + τ²KG|]        M = (τ²K)⁻¹ + G        â = M⁻¹g        var(a) = diag M⁻¹
 
 K is independent from record to record, or exponential, exp(−Δ/ℓ), within a recording: the covariance of a random
-telegraph of mean dwell 2ℓ is the same. Its inverse is tridiagonal, so S = (τ²K)⁻¹ + T is, and M = S − BᵀB is
+telegraph of mean dwell 2ℓ is the same. Its inverse is tridiagonal, so S = (τ²K)⁻¹ + T is, and M = S − BBᵀ is
 solved through S and a matrix of the nuisance's size (Woodbury): the work grows as N, not N³.
+
+Of the nuisance only that counts which the location can be taken for. S ⪰ T whatever K and τ, so that with
+BᵀT⁻¹B = V diag(b²) Vᵀ a direction of V is worth less than −½ ln(1 − b²) in ln|M|: those of small b are left out, and
+some dozens of hundreds stay.
 """
 
 from __future__ import annotations
@@ -16,7 +20,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve
+from scipy.linalg import cho_factor, cho_solve, eigh
 from scipy.linalg.lapack import dpttrf, dpttrs
 
 from enginediag_cli.mismatch.unrecorded.whitened_rows import Direction
@@ -24,8 +28,13 @@ from enginediag_cli.mismatch.unrecorded.whitened_rows import Direction
 SIGNAL = np.logspace(-1.0, 2.5, 15)
 """Grid of τ, in standard errors of one record's own estimate of its amplitude."""
 
-GIVE_UP = 10.0
-"""LR this far below its best on the way up the grid does not come back."""
+GIVE_UP, DRAW_GIVES_UP = 10.0, 3.0
+"""LR this far below its best on the way up the grid does not come back; nor does, of residuals in which nothing is
+missing, one that has fallen so far."""
+
+SLIGHT, NOTHING = 1e-3, 1e-7
+"""b² up to which a direction of the nuisance counts as none, and what is added to T, over its largest, where a record
+says nothing of its amplitude: less than (τ²K)⁻¹ ever adds."""
 
 
 @dataclass(frozen=True)
@@ -58,12 +67,14 @@ KERNELS = (
 class Likelihood:
     """Largest LR of D residuals (D,), never below 0, which is no effect at all; and of the first residual its LR at
     every point of the grids, (points,), with the best point's kernel and τ in the unit of SIGNAL, 0 where no τ is
-    better than none."""
+    better than none, and the amplitude (N,) there with its standard error (N,), 0 without one."""
 
     best: np.ndarray
     first: np.ndarray
     kernel: Kernel
     signal: float
+    amplitude: np.ndarray
+    error: np.ndarray
 
     @property
     def evidence(self) -> float:
@@ -111,6 +122,18 @@ class Solver:
         return a, np.sqrt(variance)
 
 
+def taken_for(along: Direction) -> np.ndarray:
+    """B (N, k) of the directions of the nuisance that the location can be taken for."""
+    B = np.asfortranarray(along.B)
+    if not B.shape[1]:
+        return B
+    d, e, info = dpttrf(along.diagonal + NOTHING * along.diagonal.max(), along.beside)
+    if info:
+        raise np.linalg.LinAlgError("the amplitudes' own precision is not positive definite")
+    V = eigh(B.T @ dpttrs(d, e, B)[0], subset_by_value=(SLIGHT, np.inf), overwrite_a=True, check_finite=False)[1]
+    return np.asfortranarray(B @ V)
+
+
 def own_error(along: Direction) -> float:
     """Standard error of one record's own estimate of its amplitude, the median of the records that have one."""
     return float(np.median(along.diagonal[along.diagonal > 0]) ** -0.5)
@@ -124,10 +147,12 @@ def likelihood(
     kernels: Sequence[Kernel] = KERNELS,
 ) -> Likelihood:
     """Largest LR over kernels and τ of residuals gathered at the location, g = CᵀPe (N, D), less what it costs that τ
-    is large beside what is `believed`, ½ (τ/believed)²."""
+    is large beside what is `believed`, ½ (τ/believed)². All but the first residual are draws with nothing missing."""
     g = np.asfortranarray(g)
     best, first, top = np.zeros(g.shape[1]), [0.0], (kernels[0], 0.0)
-    B, scale = np.asfortranarray(along.B), own_error(along)
+    B, scale = taken_for(along), own_error(along)
+    gives_up = np.full(g.shape[1], DRAW_GIVES_UP)
+    gives_up[0] = GIVE_UP
     for kernel in kernels:
         own, climbing, rising = np.zeros(g.shape[1]), np.arange(g.shape[1]), g
         for signal in SIGNAL:
@@ -139,10 +164,14 @@ def likelihood(
                 first.append(float(lr[0]))
             own[climbing] = np.maximum(own[climbing], lr)
             # of hundreds of draws with nothing missing few climb as far as what is there
-            on = lr >= own[climbing] - GIVE_UP
+            on = lr >= own[climbing] - gives_up[climbing]
             if not on.all():
                 climbing, rising = climbing[on], np.asfortranarray(rising[:, on])
             if not climbing.size:
                 break
         best = np.maximum(best, own)
-    return Likelihood(best, np.array(first[1:] or first), *top)
+    kernel, found = top
+    a, error = np.zeros(len(g)), np.zeros(len(g))
+    if found > 0.0:
+        a, error = Solver(along, B, kernel, gap, found * scale).amplitude(g[:, 0])
+    return Likelihood(best, np.array(first[1:] or first), kernel, found, a, error)

@@ -27,7 +27,7 @@ from enginediag_cli.mismatch.fit.identified import Identified, Nuisance, nuisanc
 from enginediag_cli.mismatch.fit.neighbours import TIME
 from enginediag_cli.mismatch.fit.noise import doubtful_ratio
 from enginediag_cli.mismatch.fit.projection import Projection
-from enginediag_cli.mismatch.unrecorded.amplitude import Likelihood, Solver, own_error
+from enginediag_cli.mismatch.unrecorded.amplitude import Likelihood, Solver, own_error, taken_for
 from enginediag_cli.mismatch.unrecorded.finding import Doubtful, HiddenFinding, Limit, Remark, Switch
 from enginediag_cli.mismatch.unrecorded.gate import draws_for, largest, likelihoods, threshold
 from enginediag_cli.mismatch.unrecorded.refit import Refit, believed_of, bounds_of, location_columns, refit
@@ -54,6 +54,47 @@ NEAR, SLACK = 0.6, 15.0
 NEAR times the best less SLACK."""
 
 
+class Scan:
+    """Every location's amplitude at a fit that carries no such effect, before any is refitted: `findings`, the
+    likeliest first, and the `gate` that they are judged by; look at `significant`."""
+
+    def __init__(self, found: Identified, projection: Projection, level: float, rng: np.random.Generator):
+        of, places, directions = _geometry(found, projection)
+        draws = of.noise(draws_for(len(of.gap)), rng)
+        both = likelihoods(of, directions, [of.left[:, :, None], draws], believed_of(found, places))
+        self.found, self.of = found, of
+        self.gate = _doubted(threshold(largest(both)[1:], level), found, projection)
+        self.known = {p.name: (d, f) for p, d, f in zip(places, directions, both, strict=True)}
+        self.findings = [_finding(found, of, p, *self.known[p.name], self.gate) for p in places]
+        self.findings.sort(key=lambda f: (not f.believable, -f.lr))
+
+    @property
+    def largest(self) -> float:
+        """LR of the likeliest location; 0 where none is significant."""
+        return self.findings[0].lr if self.findings and self.findings[0].significant else 0.0
+
+    def refitted(self, along: Nuisance | None = None, at_most: int = REFITTED) -> list[HiddenFinding]:
+        """The findings with up to `at_most` locations not far from the best refitted as two states, with the nuisance
+        `along` (default: the evidence's own): these stand first, by their evidence after it and how far the place must
+        vary; the others follow by their LR."""
+        if not self.largest:
+            return self.findings
+        found, of, findings = self.found, self.of, self.findings
+        along = nuisance(found.evidence) if along is None else along
+        enough = max(self.gate, NEAR * self.largest - SLACK)
+        chosen = _worth_a_refit([f for f in findings if f.lr > enough and f.believable], found)[:at_most]
+        again = [_with_states(f, found, of, self.known[f.location.name][0], along) for f in chosen]
+        again.sort(key=lambda f: (not f.believable, -f.worth))
+        done = {f.location.name for f in chosen}
+        findings = again + [f for f in findings if f.location.name not in done]
+        rivals = _rivals(findings, of, self.known)
+        parameters = found.evidence.engine.parameters
+        if findings[0].is_switch and switching(findings[0].location, parameters):
+            # a part that breathes, by as much as maps err, does not come and go like something that is commanded
+            rivals = tuple(r for r in rivals if switching(r, parameters))
+        return [replace(findings[0], rivals=rivals), *findings[1:]]
+
+
 @stage("looking for a driver that is not recorded")
 def hidden_amplitudes(
     found: Identified,
@@ -66,34 +107,11 @@ def hidden_amplitudes(
 ) -> list[HiddenFinding]:
     """Every location's amplitude, the likeliest first, at a fit that carries no such effect; look at `significant`.
 
-    `level`: probability that any location is significant when nothing is missing. Up to `refitted` locations not far
-    from the best are refitted as two states, with the nuisance `along` (default: the evidence's own), and stand
-    first, by their evidence after it and how far the place must vary; the others follow by their LR. A fit that has not
-    converged gives findings that are not significant and say so.
+    `level`: probability that any location is significant when nothing is missing; up to `refitted` locations are
+    refitted as two states (`Scan.refitted`). A fit that has not converged gives findings that are not significant and
+    say so.
     """
-    of, places, directions = _geometry(found, projection)
-    draws = of.noise(draws_for(len(of.gap)), rng)
-    believed = believed_of(found, places)
-    both = likelihoods(of, directions, [of.left[:, :, None], draws], believed)
-    gate = _doubted(threshold(largest(both)[1:], level), found, projection)
-    findings = [_finding(found, of, place, d, f, gate) for place, d, f in zip(places, directions, both, strict=True)]
-    findings.sort(key=lambda f: (not f.believable, -f.lr))
-    if not findings or not findings[0].significant:
-        return findings
-    along = nuisance(found.evidence) if along is None else along
-    known = {p.name: (d, f) for p, d, f in zip(places, directions, both, strict=True)}
-    enough = max(gate, NEAR * findings[0].lr - SLACK)
-    chosen = _worth_a_refit([f for f in findings if f.lr > enough and f.believable], found)[:refitted]
-    again = [_with_states(f, found, of, known[f.location.name][0], along) for f in chosen]
-    again.sort(key=lambda f: (not f.believable, -f.worth))
-    done = {f.location.name for f in chosen}
-    findings = again + [f for f in findings if f.location.name not in done]
-    rivals = _rivals(findings, of, known)
-    parameters = found.evidence.engine.parameters
-    if findings[0].is_switch and switching(findings[0].location, parameters):
-        # a part that breathes, by as much as maps err, does not come and go like something that is commanded
-        rivals = tuple(r for r in rivals if switching(r, parameters))
-    return [replace(findings[0], rivals=rivals), *findings[1:]]
+    return Scan(found, projection, level, rng).refitted(along, refitted)
 
 
 def _worth_a_refit(findings: list[HiddenFinding], found: Identified) -> list[HiddenFinding]:
@@ -165,11 +183,7 @@ def _geometry(found: Identified, projection: Projection) -> tuple[Basis, list[Lo
 
 
 def _finding(found: Identified, of: Basis, place: Location, d: Direction, f: Likelihood, gate: float) -> HiddenFinding:
-    N = len(of.gap)
-    a, error = np.zeros(N), np.zeros(N)
-    if f.signal > 0.0:
-        a, error = Solver(d, d.B, f.kernel, of.gap, f.signal * own_error(d)).amplitude(d.gathered(of.left))
-    a, error, alone = (of.of_records(v) for v in (a, error, np.sqrt(d.diagonal)))
+    a, error, alone = (of.of_records(v) for v in (f.amplitude, f.error, np.sqrt(d.diagonal)))
     engine = found.evidence.engine
     unit = (place.through.parameters()[0] if place.through else engine.parameters[place.parameter]).unit
     remark = None if found.converged else Remark(Limit.BASE_FIT, found.reason)
@@ -203,7 +217,7 @@ def _rivals(
 
     def explained(name: str) -> float:
         d = known[name][0]
-        solver = Solver(d, d.B, best.kernel, of.gap, best.signal * own_error(d))
+        solver = Solver(d, taken_for(d), best.kernel, of.gap, best.signal * own_error(d))
         return 0.5 * float(solver.quadratic(d.gathered(left)[:, None])[0])
 
     needed = explained(first.location.name) - INSEPARABLE
@@ -278,7 +292,7 @@ def _switches(new: Refit) -> tuple[Switch, ...]:
         found.append(
             Switch(
                 flights[recording[k]].label,
-                int(number[k] - first[recording[k]]),
+                flights[recording[k]].place(int(number[k] - first[recording[k]])),
                 bool(on[k]),
                 float(changed[k]),
                 float(time[last[-1] if last.size else k - 1]),

@@ -7,15 +7,16 @@ polynomial of fourth degree for a continuous amplitude, as a threshold for two s
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Protocol
 
 import numpy as np
-from scipy import stats
 
 from enginediag_cli.drivers import polynomials
 from enginediag_cli.engine.driver import DriverValues
+from enginediag_cli.mismatch.fit.believable import switching
 from enginediag_cli.mismatch.fit.freeform import Location
+from enginediag_cli.parameters import Parameter
 
 DEGREE = 4
 """Of the amplitude along a recorded driver: shapes that an effect may have; more would follow anything."""
@@ -29,6 +30,8 @@ ORDERED = 0.95
 class Hidden(Protocol):
     """What the decision needs of a finding of an unrecorded driver; records of the fit, (N,) each."""
 
+    @property
+    def significant(self) -> bool: ...
     @property
     def lr(self) -> float: ...
     @property
@@ -45,6 +48,21 @@ class Hidden(Protocol):
     def standard_error(self) -> np.ndarray: ...
     @property
     def number(self) -> np.ndarray: ...
+
+
+class HiddenScan(Protocol):
+    """What a look for drivers that no column shows has found at a trial, before and after refits."""
+
+    @property
+    def gate(self) -> float: ...
+    @property
+    def largest(self) -> float: ...
+    def refitted(self) -> Sequence[Hidden]: ...
+
+
+def commanded(first: Hidden, parameters: Mapping[str, Parameter]) -> bool:
+    """Whether the finding is of something that somebody switches on and off."""
+    return first.is_switch and first.states is not None and switching(first.location, parameters)
 
 
 def follows_a_driver(found: Hidden, drivers: Sequence[DriverValues]) -> bool:
@@ -65,7 +83,9 @@ def _ordering(on: np.ndarray, values: np.ndarray) -> float:
     a, b = values[good & on], values[good & ~on]
     if not a.size or not b.size:
         return 0.0
-    area = float(stats.mannwhitneyu(a, b).statistic) / (a.size * b.size)
+    from scipy.stats import mannwhitneyu
+
+    area = float(mannwhitneyu(a, b).statistic) / (a.size * b.size)
     return max(area, 1.0 - area)
 
 

@@ -148,10 +148,9 @@ def _point(fit: Identified, place: Location, name: str, curve: np.ndarray) -> _P
     projection = Projection(fit)
     coefficient, error = _coefficient(fit, projection, name)
     column = location_columns(fit, [place])[:, :, 0]
-    plain = direction(basis_without(projection, name, np.zeros(column.shape)), column)
     signal = fit.theta[name] * curve[fit.number]
     of = basis_without(projection, name, _rows_of(projection, column, signal))
-    return _Point(fit, coefficient, error, of, plain)
+    return _Point(fit, coefficient, error, of, direction(of, column))
 
 
 def _rows_of(projection: Projection, column: np.ndarray, amplitude: np.ndarray) -> np.ndarray:
@@ -171,11 +170,11 @@ def _coefficient(fit: Identified, projection: Projection, name: str) -> tuple[fl
     return fit.theta[name] + float(projection.step[k]) * scale, error * scale
 
 
-def location_columns(found: Identified, places: list[Location]) -> np.ndarray:
-    """∂y/∂θ (N, m, k) of the locations' parameters at the fit."""
+def location_columns(found: Identified, places: list[Location], rows: slice = slice(None)) -> np.ndarray:
+    """∂y/∂θ (n, m, k) of the locations' parameters at the fit."""
     engine, carried = found.evidence.engine, found.hypothesis.effects
     there = {e.label for e in (*engine.effects, *carried)}
     levers = {p.through.label: p.through for p in places if p.through is not None and p.through.label not in there}
     effects = (*engine.effects, *carried, *levers.values())
     model = ExtendedModel(engine.with_effects(effects), found.model.discrepancies)
-    return derivatives(found, [p.parameter for p in places], model)
+    return derivatives(found, [p.parameter for p in places], model, rows)

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from enginediag_cli.mismatch.fit.projection import Frame, Projection
+from enginediag_cli.mismatch.fit.projection import DenseRows, Frame, Projection
 from enginediag_cli.mismatch.unrecorded.aircraft import Grid, grid_of
 
 AT_ONCE = 512
@@ -67,36 +67,29 @@ class Basis:
 
 def basis(projection: Projection) -> Basis:
     """The projection's nuisance and residual."""
-    return _basis(projection, projection.Q, projection.e)
+    return _basis(projection, DenseRows(projection))
 
 
 def basis_without(projection: Projection, name: str, signal: np.ndarray) -> Basis:
     """The same with one parameter no longer nuisance, and its part of the prediction, `signal` (N, m) in whitened
     rows, given back to the residual."""
-    p = projection
-    j = p.names.index(name)
-    e = p.e.copy()
-    n = len(e) - p.Q.shape[1]
-    e[:n] += signal[p.frame.keep]
-    if not p.free[j]:
-        return _basis(p, p.Q, e)
-    column = int(np.cumsum(p.free)[j]) - 1
-    A = np.delete(np.delete(p.Q @ p.dense.R, column, axis=1), n + column, axis=0)
-    return _basis(p, np.linalg.qr(A)[0], np.delete(e, n + column))
+    j, dense = projection.names.index(name), DenseRows(projection)
+    dense.e += signal
+    if projection.free[j]:
+        dense.free(int(np.cumsum(projection.free)[j]) - 1)
+    return _basis(projection, dense)
 
 
-def _basis(projection: Projection, Q: np.ndarray, e: np.ndarray) -> Basis:
-    keep = projection.frame.keep
-    n, q = len(e) - Q.shape[1], Q.shape[1]
-    rows, residual, left = np.zeros((*keep.shape, q)), np.zeros(keep.shape), np.zeros(keep.shape)
-    pull = Q.T @ e
-    rows[keep], residual[keep], left[keep] = Q[:n], e[:n], e[:n] - Q[:n] @ pull
-    objective = float(e @ e - pull @ pull)
+def _basis(projection: Projection, dense: DenseRows) -> Basis:
+    rows, e, q = dense.rows, dense.e, dense.rows.shape[2]
+    pull = rows.reshape(-1, q).T @ e.ravel() + dense.priors.T @ dense.e_priors
+    left = e - (rows.reshape(-1, q) @ pull).reshape(e.shape)
+    objective = float((e**2).sum() + dense.e_priors @ dense.e_priors - pull @ pull)
     grid = grid_of(projection.found)
     gap = projection.frame.neighbours.gap
     if grid is not None:
-        rows, residual, left, gap = grid.laid(rows), grid.laid(residual), grid.laid(left), grid.gap
-    return Basis(projection.frame, rows, residual, left, objective, pull, Q[n:], gap, grid)
+        rows, e, left, gap = grid.laid(rows), grid.laid(e), grid.laid(left), grid.gap
+    return Basis(projection.frame, rows, e, left, objective, pull, dense.priors, gap, grid)
 
 
 @dataclass(frozen=True)
@@ -148,16 +141,30 @@ def joined(own: np.ndarray, before: np.ndarray) -> np.ndarray:
 
 def direction(of: Basis, column: np.ndarray) -> Direction:
     """Of a location whose derivative of the readings is `column` (N, m), in the readings' units."""
-    f = of.frame
-    scaled = f.scaled(column[:, :, None])[:, :, 0]
-    rho = f.correlation()
-    root = np.sqrt(1.0 - rho**2)
-    before = np.zeros_like(scaled)
-    before[1:] = -rho[1:] * scaled[:-1] / root[1:]
-    own = scaled / root
+    own, before = _whitened(of.frame, column, slice(None))
     if of.grid is not None:
         own, before = of.grid.laid(own), of.grid.laid(before)
         before[0] = 0.0
+    return _direction(own, before, of.rows)
+
+
+def direction_alone(frame: Frame, column: np.ndarray, rows: slice) -> Direction:
+    """Of the records `rows`, a whole recording, as if no nuisance could be taken for it; `column` (n, m) is theirs."""
+    own, before = _whitened(frame, column, rows)
+    return _direction(own, before, np.zeros((*own.shape, 0)))
+
+
+def _whitened(frame: Frame, column: np.ndarray, rows: slice) -> tuple[np.ndarray, np.ndarray]:
+    """`own` and `before` (n, m) of a derivative (n, m)."""
+    scaled = frame.scaled(column[:, :, None], rows)[:, :, 0]
+    rho = frame.correlation(rows)
+    root = np.sqrt(1.0 - rho**2)
+    before = np.zeros_like(scaled)
+    before[1:] = -rho[1:] * scaled[:-1] / root[1:]
+    return scaled / root, before
+
+
+def _direction(own: np.ndarray, before: np.ndarray, rows: np.ndarray) -> Direction:
     diagonal, beside = (own**2).sum(axis=1), (before[1:] * own[1:]).sum(axis=1)
     diagonal[:-1] += (before[1:] ** 2).sum(axis=1)
-    return Direction(own, before, diagonal, beside, of.rows)
+    return Direction(own, before, diagonal, beside, rows)

@@ -18,7 +18,7 @@ from typing import Any
 from enginediag_cli.intake.source import Source
 from enginediag_cli.mismatch.explain.answer import Answer, Explanation
 from enginediag_cli.mismatch.explain.explain import explain
-from enginediag_cli.mismatch.explain.story import hidden_search, with_own_noise
+from enginediag_cli.mismatch.explain.unrecorded_search import hidden_search, with_own_noise
 from enginediag_cli.mismatch.fit.evidence import Evidence, Noise
 from enginediag_cli.mismatch.fit.freeform import Cell
 from enginediag_cli.mismatch.fit.load import Asked, Case, load_case
