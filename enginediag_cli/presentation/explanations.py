@@ -62,7 +62,7 @@ def sentences(story: Story) -> Iterator[str]:
 def _searched(story: Story) -> Iterator[str]:
     """Of long recordings, which records were searched and what the others have a say in."""
     s = story.searched
-    if s is None:
+    if s is None or s.records == s.of:
         return
     of = f"{count(s.records, 'record')} of {s.of:,}, whole stretches spread over the flights"
     if story.answer.status == NOTHING:

@@ -50,8 +50,6 @@ FAINT = 100.0
 on all records: a share may show one of two rivals, and not the other. Judgement."""
 MOST = 6
 """Sets that are fitted to all records, best first on the share."""
-
-
 HELD_BYTES = 400_000_000
 """Rows of all records, by record, beyond which something that switches is told by the share alone. Some copies of them
 are made."""
@@ -111,7 +109,8 @@ def judged_on_all(share: Search, answer: Answer, whole: Evidence) -> Judged:
         return Judged(share, told, replace(searched, judged=True), fit)
     if answer.status == NOTHING or faint:
         search = Search(_all_of(share, whole), share.effects)
-        return Judged(search, _anything(search, share), replace(searched, judged=True), search.base)
+        told = _anything(search, share)
+        return Judged(search, told, replace(searched, judged=True), search.base if search.base.converged else None)
     return Judged(share, answer, searched)
 
 
