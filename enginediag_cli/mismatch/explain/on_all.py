@@ -66,10 +66,11 @@ class Searched:
 
 @dataclass(frozen=True)
 class Judged:
-    """An answer with the `search` that it rests on; `fit`: what was fitted to all records, with what is named, None
-    where none was."""
+    """An answer with the `search` that it rests on, and that of the `share`, whose records can be held one by one;
+    `fit`: what was fitted to all records, with what is named, None where none was."""
 
     search: Search
+    share: Search
     answer: Answer
     searched: Searched
     fit: Trial | None = None
@@ -95,7 +96,7 @@ def searched_on_share(whole: Evidence, effects: Sequence[Effect] | None) -> tupl
         evidence = _all_of(share, whole)
         search = Search(evidence, effects, hidden_search(evidence))
         first = search.run()
-        judged = Judged(search, first, Searched(whole.records, whole.records, True))
+        judged = Judged(search, search, first, Searched(whole.records, whole.records, True))
     return judged, first
 
 
@@ -106,12 +107,13 @@ def judged_on_all(share: Search, answer: Answer, whole: Evidence) -> Judged:
     faint = answer.status == NAMED and not answer.hidden and answer.explanations[0].gain < FAINT
     if answer.status == NAMED and not faint:
         told, fit = _named(share, answer, _all_of(share, whole))
-        return Judged(share, told, replace(searched, judged=True), fit)
+        return Judged(share, share, told, replace(searched, judged=True), fit)
     if answer.status == NOTHING or faint:
         search = Search(_all_of(share, whole), share.effects)
         told = _anything(search, share)
-        return Judged(search, told, replace(searched, judged=True), search.base if search.base.converged else None)
-    return Judged(share, answer, searched)
+        fit = search.base if search.base.converged else None
+        return Judged(search, share, told, replace(searched, judged=True), fit)
+    return Judged(share, share, answer, searched)
 
 
 def _bytes(share: Search, whole: Evidence) -> int:

@@ -68,11 +68,11 @@ def tell(
     searched: Searched | None = None
     if is_long(evidence.flights) and not every_record:
         judged, first = searched_on_share(evidence, effects)
-        search, answer, searched = judged.search, judged.answer, judged.searched
+        search, share, answer, searched = judged.search, judged.share, judged.answer, judged.searched
         first = _still_named(first, answer) if first.status == NAMED else answer
     else:
         evidence = with_own_noise(evidence)
-        search = Search(evidence, effects, hidden_search(evidence))
+        search = share = Search(evidence, effects, hidden_search(evidence))
         answer = first = search.run()
     # of a strong effect nearly every place is significant; those that can be told from the first are its shadows
     found = [f for f in answer.hidden if isinstance(f, HiddenFinding)]
@@ -102,7 +102,7 @@ def tell(
     floor = floor_cost(base, search.library)
     only_exact = _only_exact(answer, floor)
     advice = (
-        advice_between(base.found, [*first.explanations, *_next_best(search, first)])
+        advice_between(share.base.found, [*first.explanations, *_next_best(share, first)])
         if advise and answer.status == NAMED and first.explanations
         else []
     )
@@ -115,7 +115,7 @@ def tell(
         tuple(floor),
         tuple(only_exact),
         tuple(advice),
-        tuple(unseen_effects(base, search.library, answer.unseen)),
+        tuple(unseen_effects(share.base, share.library, answer.unseen)),
         tuple(trials),
         searched,
     )
