@@ -1,13 +1,15 @@
 """The residual of a fit off the space of all that may be missing, of a bounded number of records.
 
 Columns of nuisance and candidates C = [Q, C⊥], each of unit length, span the space; of CᵀC = LLᵀ, by the strongest
-column first (Cholesky with pivots), those that the ones before them leave something of are its basis. Only sums (CᵀC
-and Cᵀe) and the rows of one chunk are ever held. The share of its readings that the space takes of a sensor,
+column first (Cholesky with pivots), those that the ones before them leave something of are its basis, S = CB with
+B = L⁻ᵀ. Where it may take no more than a share of the rows it is of the strongest directions: of CᵀC = V Λ Vᵀ,
+B = V Λ^(−1/2). Only sums (CᵀC and Cᵀe) and the rows of one chunk are ever held. The share of its readings that the
+space takes of a sensor is a sum over the rows of S, or of many rows is drawn, which needs the same sums:
 
-    Σ_{rows of s} h_ii = tr(P_s H) = E[zᵀP_s H P_s z] = E[|L⁻¹ Cᵀ P_s z|²]      z of random signs, H = C (CᵀC)⁻¹ Cᵀ
+    Σ_{rows of s} h_ii = tr(P_s H) = E[zᵀP_s H P_s z] = E[|BᵀCᵀP_s z|²]      z of random signs, H = SSᵀ
 
-needs the same sums. Source: M. F. Hutchinson, "A Stochastic Estimator of the Trace of the Influence Matrix for
-Laplacian Smoothing Splines", Commun. Stat. Simul. Comput. 19 (1990) 433–450.
+Source: M. F. Hutchinson, "A Stochastic Estimator of the Trace of the Influence Matrix for Laplacian Smoothing
+Splines", Commun. Stat. Simul. Comput. 19 (1990) 433–450.
 """
 
 from __future__ import annotations
@@ -16,7 +18,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import solve_triangular
+from scipy.linalg import eigh, solve_triangular
 from scipy.linalg.lapack import dpstrf
 
 from enginediag_cli.mismatch.fit.families import AT_ONCE, Scored, Sums
@@ -29,8 +31,9 @@ evenly over all. 3,000 readings of a sensor give its σ to 1.3 %."""
 DEPENDENT = 1e-8
 """Of its squared length: a column of which less is left beside others is a combination of them."""
 
-SIGNS = 16
-"""Draws of z: a sensor of which the space takes 200 readings is told it to 2 %, which is 0.2 % of its σ²."""
+DRAWN, SIGNS = 6000, 16
+"""Rows from which on the share is drawn, and draws of z: a sensor of 700 readings, of which the space takes 100, is
+told it to 4 %, which is 0.6 % of its σ²."""
 
 
 @dataclass(frozen=True)
@@ -58,23 +61,30 @@ def unexplained(projection: Projection, blocks: Sequence[Scored], largest_share:
         G, pull = G + C.T @ C, pull + C.T @ projection.residual[rows].ravel()
         for s, own in enumerate(C.reshape(len(rows), m, -1).transpose(1, 2, 0)):
             signed[s] += own @ signs[rows]
-    length = np.sqrt(np.diag(G))
-    scale = np.where(length > 0, 1.0 / np.maximum(length, 1e-300), 0.0)
-    L, order, rank, _ = dpstrf(G * np.outer(scale, scale), tol=DEPENDENT, lower=1)
-    k = min(int(rank), int(largest_share * n))
-    order = order[:k] - 1
-
-    def freed(columns: np.ndarray) -> np.ndarray:
-        return np.asarray(solve_triangular(L[:k, :k], scale[order, None] * columns[order], lower=True))
-
-    along = np.zeros(sample.width)
-    along[order] = scale[order] * solve_triangular(L[:k, :k], freed(pull[:, None])[:, 0], lower=True, trans=1)
+    B = _basis(G, int(largest_share * n))
+    along = B @ (B.T @ pull)
     left = projection.residual.copy()
     for rows, found in sample.combined(along):
         left[rows] -= found
-    taken = np.array([(freed(own) ** 2).sum() / SIGNS for own in signed])
+    taken = np.array([((B.T @ own) ** 2).sum() / SIGNS for own in signed])
+    if n < DRAWN:
+        taken = sum(((C @ B).reshape(len(rows), m, -1) ** 2).sum(axis=(0, 2)) for rows, C in sample.chunks())
     record, sensor = np.nonzero(keep)
     return Unexplained(left[keep], 1.0 - taken / np.maximum(keep.sum(axis=0), 1), record, sensor)
+
+
+def _basis(G: np.ndarray, most: int) -> np.ndarray:
+    """B (width, k) of at most so many directions, from CᵀC."""
+    length = np.sqrt(np.diag(G))
+    scale = np.where(length > 0, 1.0 / np.maximum(length, 1e-300), 0.0)
+    unit = G * np.outer(scale, scale)
+    L, order, rank, _ = dpstrf(unit, tol=DEPENDENT, lower=1)
+    if rank > most:
+        values, vectors = eigh(unit, subset_by_index=(len(G) - most, len(G) - 1))
+        return np.asarray(scale[:, None] * vectors / np.sqrt(values))
+    B = np.zeros((len(G), int(rank)))
+    B[order[:rank] - 1] = solve_triangular(L[:rank, :rank], np.eye(rank), lower=True, trans=1)
+    return scale[:, None] * B
 
 
 def _chosen(N: int) -> np.ndarray:
