@@ -136,7 +136,7 @@ def test_what_is_left_off_the_space_of_all_candidates_is_that_of_all_rows(found)
     of_sensor = [free[sensor == s].mean() for s in range(len(got.free))]
     np.testing.assert_allclose(got.free, of_sensor, atol=0.02)
     unit, taken = A / np.linalg.norm(A, axis=0), projection.left - got.left
-    np.testing.assert_allclose(unit.T @ got.left, 0.0, atol=1e-3)
+    np.testing.assert_allclose(unit.T @ got.left, 0.0, atol=1e-3 * np.linalg.norm(got.left))
     np.testing.assert_allclose(unit @ np.linalg.lstsq(unit, taken, rcond=None)[0], taken, atol=1e-5)
 
 

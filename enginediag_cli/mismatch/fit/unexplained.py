@@ -28,7 +28,7 @@ SAMPLED, STRETCH = 3000, 250
 """Records that are looked at, at most, and those of a stretch of neighbours: with more recorded, stretches are taken
 evenly over all. 3,000 readings of a sensor give its σ to 1.3 %."""
 
-DEPENDENT = 1e-8
+DEPENDENT = 1e-6
 """Of its squared length: a column of which less is left beside others is a combination of them."""
 
 DRAWN, SIGNS = 6000, 16
