@@ -30,7 +30,8 @@ evenly over all. 3,000 readings of a sensor give its σ to 1.3 %."""
 
 DEPENDENT = 1e-6
 """Of its squared length: a column of which less is left beside others is a combination of them. With 1e-8 the
-model's curvature makes directions of its own, which take up what is missing: noise comes out some per cent too small."""
+model's curvature makes directions of its own, which take up what is missing: noise comes out some per cent too
+small."""
 
 DRAWN, SIGNS = 6000, 16
 """Rows from which on the share is drawn, and draws of z: a sensor of 700 readings, of which the space takes 100, is
