@@ -84,7 +84,6 @@ TWICE = 2.0
 """A refit as two states seldom more than doubles the LR of a place: as long as twice the largest would not outweigh
 what is recorded, single effects come first."""
 
-
 HiddenSearch = Callable[[Trial], HiddenScan]
 
 

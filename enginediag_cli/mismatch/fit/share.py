@@ -12,7 +12,7 @@ whole (`unrecorded/elsewhere.py`).
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -41,12 +41,10 @@ def share_of(flights: Sequence[Flight], whole: Collection[int] = ()) -> list[Fli
     """The flights with some of their records, all of them where they are few, and of the `whole` ones, by position."""
     if not is_long(flights):
         return list(flights)
-    of = [np.arange(len(f)) if k in whole else rows for (k, f), rows in _by_flight(flights)]
-    return [_only(f, rows) for f, rows in zip(flights, of, strict=True) if len(rows)]
-
-
-def _by_flight(flights: Sequence[Flight]) -> Iterator[tuple[tuple[int, Flight], np.ndarray]]:
-    return zip(enumerate(flights), chosen(list(map(len, flights))), strict=True)
+    rows = chosen(list(map(len, flights)))
+    for k in whole:
+        rows[k] = np.arange(len(flights[k]))
+    return [_only(f, own) for f, own in zip(flights, rows, strict=True) if len(own)]
 
 
 def chosen(lengths: Sequence[int]) -> list[np.ndarray]:
@@ -70,9 +68,9 @@ def chosen(lengths: Sequence[int]) -> list[np.ndarray]:
 
 def on_share(evidence: Evidence, whole: Collection[int] = ()) -> Evidence:
     """The evidence with a share of its records, and all of some flights; itself where they are few."""
-    return (
-        replace(evidence, flights=tuple(share_of(evidence.flights, whole))) if is_long(evidence.flights) else evidence
-    )
+    if not is_long(evidence.flights):
+        return evidence
+    return replace(evidence, flights=tuple(share_of(evidence.flights, whole)))
 
 
 def _only(flight: Flight, rows: np.ndarray) -> Flight:
