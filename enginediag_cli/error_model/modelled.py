@@ -139,16 +139,12 @@ class MapErrorModel(WrappedModel):
         self, frozen: Mapping[str, np.ndarray], sensors: Sequence[str], directions: np.ndarray
     ) -> np.ndarray:
         """`effects` @ directions (k, r), (N, m, r): of each map the curves first, which are fewer than the sensors."""
-        n = len(next(iter(frozen.values())))
-        curves = _curves_at(self._groups, frozen, n)
-        of_maps = directions.reshape(len(self._groups), CURVES, -1)
-        steps = np.empty((n, len(self._groups), directions.shape[1]))
-        effect = np.empty((n, len(sensors), len(self._groups)))
-        for i, g in enumerate(self._groups):
-            steps[:, i] = curves[g.machine.name] @ of_maps[i]
-            for s, sensor in enumerate(sensors):
-                effect[:, s, i] = frozen[_effect(g.target, sensor)]
-        return np.asarray(effect @ steps)
+        of_maps, curves = self.factors(frozen, sensors)
+        by_map = directions.reshape(len(self._groups), CURVES, -1)
+        steps = np.empty((*curves.shape[:2], directions.shape[1]))
+        for i, own in enumerate(by_map):
+            steps[:, i] = curves[:, i] @ own
+        return np.asarray(of_maps @ steps)
 
     def _taken(self, sensors: Sequence[str]) -> dict[str, None]:
         """Names of the frozen columns, in their order."""

@@ -113,8 +113,7 @@ class Search:
         self.detect = self.adequate = Gates()
         if not found.converged:
             return self.answer(FAILED, f"the model as it is could not be fitted: {found.reason}", Remainder((), ()))
-        self.library = [*map(effect_option, self.effects), *fault_options(found)]
-        self.along_drivers = drivers_of(self.evidence, found.theta)
+        self.look_from(self.base)
         rest = remainder(self.base, self.library, self.along_drivers)
         if self.evidence.settings.noise == "estimate":
             rest = self._with_estimated_noise(rest)
@@ -129,6 +128,12 @@ class Search:
         if self.unrecorded():
             return self.answer(HIDDEN, "", rest, hidden=self.unrecorded())
         return self.answer(NOTHING, "nothing stands out of noise and identified parameters", rest)
+
+    def look_from(self, base: Trial) -> None:
+        """Look for what this fit lacks: options and drivers are those of its records."""
+        self.base = base
+        self.library = [*map(effect_option, self.effects), *fault_options(base.found)]
+        self.along_drivers = drivers_of(self.evidence, base.found.theta)
 
     def weighed(self, rest: Remainder) -> Remainder:
         """What the base leaves, with the gates that it is judged by: set here."""

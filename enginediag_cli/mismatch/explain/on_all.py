@@ -27,11 +27,9 @@ from enginediag_cli.mismatch.explain.explain import EXTENDED, Search
 from enginediag_cli.mismatch.explain.rejected import Reason, Rejected
 from enginediag_cli.mismatch.explain.unrecorded_search import hidden_search, with_own_noise
 from enginediag_cli.mismatch.fit.evidence import Evidence
-from enginediag_cli.mismatch.fit.identified import NO_HYPOTHESIS, drivers_of, identify_with, nearer
+from enginediag_cli.mismatch.fit.identified import NO_HYPOTHESIS, identify_with, nearer
 from enginediag_cli.mismatch.fit.options import (
     Option,
-    effect_option,
-    fault_options,
     option_scores,
     together,
     with_best_onset,
@@ -133,9 +131,7 @@ def _named(share: Search, answer: Answer, evidence: Evidence) -> tuple[Answer, T
     """The answer, and the best fit to all records of what it names."""
     whole = Search(evidence, share.effects)
     found = nearer(evidence, NO_HYPOTHESIS, whole.along, share.base.found)
-    whole.base = Trial((), found, Projection(found))
-    whole.library = [*map(effect_option, whole.effects), *fault_options(found)]
-    whole.along_drivers = drivers_of(evidence, found.theta)
+    whole.look_from(Trial((), found, Projection(found)))
     whole.detect, whole.adequate = share.detect, share.adequate
     trials = [_fitted(whole, t) for t in each(_worth_it(share, answer), "fitting to all records")]
     named = whole.named(_best_first(whole, trials))
@@ -162,9 +158,7 @@ def _named(share: Search, answer: Answer, evidence: Evidence) -> tuple[Answer, T
 def _anything(whole: Search, share: Search) -> Answer:
     """What all records show where a share shows nothing; of an unrecorded driver, what the share did."""
     found = identify_with(whole.evidence, NO_HYPOTHESIS, whole.along, share.base.found)
-    whole.base = Trial((), found, Projection(found))
-    whole.library = [*map(effect_option, whole.effects), *fault_options(found)]
-    whole.along_drivers = drivers_of(whole.evidence, found.theta)
+    whole.look_from(Trial((), found, Projection(found)))
     whole.detect, whole.adequate = share.detect, share.adequate
     rest = remainder(whole.base, whole.library, whole.along_drivers)
     if not found.converged:

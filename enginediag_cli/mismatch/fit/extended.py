@@ -62,10 +62,6 @@ class ExtendedModel(WrappedModel):
         # what effects read beside the engine's own inputs travels along: they are looked for at fits without them
         self.optional_inputs = {**library_inputs(), **engine.optional_inputs, NUMBER: -1.0, **curves}
 
-    def rest(self) -> None:
-        """Forget what was predicted last."""
-        self.model.rest()
-
     def _parameter(self, d: Discrepancy) -> Parameter:
         p = self.engine.parameters[d.target]
         told, words = f"{d.target} along {d.curve}", f"{p.words} along {d.curve}"

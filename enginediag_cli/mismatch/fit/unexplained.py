@@ -56,20 +56,22 @@ def unexplained(projection: Projection, blocks: Sequence[Scored], largest_share:
     keep = projection.frame.keep & chosen[:, None]
     n, m = int(keep.sum()), keep.shape[1]
     rng = np.random.default_rng((projection.found.evidence.settings.seed, n))
-    signs = rng.choice((-1.0, 1.0), (len(chosen), SIGNS))
+    signs = rng.choice((-1.0, 1.0), (len(chosen), SIGNS)) if n >= DRAWN else None
     sample = _Sample(projection, blocks, chosen)
     G, pull, signed = np.zeros((sample.width,) * 2), np.zeros(sample.width), np.zeros((m, sample.width, SIGNS))
     for rows, C in sample.chunks():
-        G, pull = G + C.T @ C, pull + C.T @ projection.residual[rows].ravel()
-        for s, own in enumerate(C.reshape(len(rows), m, -1).transpose(1, 2, 0)):
-            signed[s] += own @ signs[rows]
+        G += C.T @ C
+        pull += C.T @ projection.residual[rows].ravel()
+        if signs is not None:
+            signed += C.reshape(len(rows), m, -1).transpose(1, 2, 0) @ signs[rows]
     B = _basis(G, int(largest_share * n))
     along = B @ (B.T @ pull)
     left = projection.residual.copy()
     for rows, found in sample.combined(along):
         left[rows] -= found
-    taken = np.array([((B.T @ own) ** 2).sum() / SIGNS for own in signed])
-    if n < DRAWN:
+    if signs is not None:
+        taken = ((B.T @ signed) ** 2).sum(axis=(1, 2)) / SIGNS
+    else:
         taken = sum(((C @ B).reshape(len(rows), m, -1) ** 2).sum(axis=(0, 2)) for rows, C in sample.chunks())
     record, sensor = np.nonzero(keep)
     return Unexplained(left[keep], 1.0 - taken / np.maximum(keep.sum(axis=0), 1), record, sensor)
