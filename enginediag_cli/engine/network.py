@@ -53,6 +53,7 @@ class Network:
         self.loaded_shafts = {c.values["shaft"] for c in components if isinstance(c, Load)}
         self.speed_columns = {f"{s['speed_label']}_rpm": name for name, s in self.shafts.items()}
         self.burners = [c.name for c in components if isinstance(c, Burner)]
+        self.neutral: dict[str, Value] = {a.name: a.neutral for c in components for a in c.actuators()}
         self.design_theta2 = 1.0
         self.design_setting = 1.0  # corrected power setting of the design point
         self._start = dict(start)
@@ -183,7 +184,7 @@ class Network:
         self, inputs: Mapping[str, Value], parameters: Mapping[str, Value], x: Mapping[str, Value]
     ) -> dict[str, Value]:
         """All leaves of a pass: input columns under the names that the components read, parameters, unknowns."""
-        found: dict[str, Value] = {**parameters, **x, **inputs}
+        found: dict[str, Value] = {**self.neutral, **parameters, **x, **inputs}
         if self.given_leaf:
             found[self.given_leaf] = inputs[self.power_setting]
         for column, name in self.speed_columns.items():

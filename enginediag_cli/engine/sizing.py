@@ -44,7 +44,7 @@ def _run(network: Network, values: Mapping[str, Any]) -> None:
     inputs = {c: np.array([values["design"].get(c, 0.0)]) for c in network.inputs()}
     x: dict[str, Any] = {u.name: np.array([u.start]) for c in network.components for u in c.unknowns()}
     x |= {f"{name}.corrected_speed": np.array([1.0]) for name in network.shafts}
-    leaves: dict[str, Any] = {**{p.name: p.nominal for p in network.parameters()}, **x, **inputs}
+    leaves: dict[str, Any] = {**network.neutral, **{p.name: p.nominal for p in network.parameters()}, **x, **inputs}
     e = Evaluation(network.gas, 1, leaves)
     with np.errstate(all="ignore"):
         network.size(e)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from enginediag_cli.engine.components.ambient import Ambient
-from enginediag_cli.engine.components.base import Component, Unknown
+from enginediag_cli.engine.components.base import Actuator, Component, Unknown
 from enginediag_cli.engine.components.bleed import Bleed
 from enginediag_cli.engine.components.burner import Burner
 from enginediag_cli.engine.components.compressor import Compressor
@@ -21,4 +21,4 @@ COMPONENTS: dict[str, type[Component]] = {
     for c in (Ambient, Inlet, Compressor, Splitter, Bleed, Duct, Burner, Turbine, Mixer, Nozzle, Exhaust, Load)
 }
 
-__all__ = ["COMPONENTS", "Component", "Unknown"]
+__all__ = ["COMPONENTS", "Actuator", "Component", "Unknown"]

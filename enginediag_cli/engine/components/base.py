@@ -56,6 +56,20 @@ class Unknown:
     is_flow: bool = False
 
 
+@dataclass(frozen=True)
+class Actuator:
+    """A position that a control, a schedule or a recorded column may set: leaf `name`, in `unit`; it stands at
+    `neutral` where nothing sets it, and no mechanism moves it beyond `lower` and `upper`. `words`: as an engineer
+    says it ("HPC guide vanes, closing")."""
+
+    name: str
+    unit: str
+    neutral: float
+    lower: float
+    upper: float
+    words: str
+
+
 class Component(ABC):
     """A part of the engine. Subclasses say what they are in TYPE and SECTION and implement `evaluate`."""
 
@@ -137,6 +151,10 @@ class Component(ABC):
         return ()
 
     def unknowns(self) -> tuple[Unknown, ...]:
+        return ()
+
+    def actuators(self) -> tuple[Actuator, ...]:
+        """What of it may be moved in operation; `evaluate` reads the position as a leaf, which is always there."""
         return ()
 
     @abstractmethod
