@@ -258,8 +258,7 @@ class Engine:
         points = {c: np.array([1.0 if d is None else d]) for c, d in self.network.inputs().items()}
         x = np.array([[u.start] for u in self.unknowns])
         e = solver.evaluate(self.network, points, self._nominal, x, frozenset())
-        stations = (f"{w}{s}{u}" for s in e.flows for w, u in (("T", "_K"), ("P", "_Pa"), ("W", "_kg_s"), ("FAR", "")))
-        return tuple(e.balances), (*e.outputs, *stations, "OPR", "SFC_kg_Ns")
+        return tuple(e.balances), self.network.columns(e)
 
     def _directions(self, wrt: Sequence[str]) -> frozenset[str]:
         """The leaves along which outputs are differentiated: none, or the unknowns and `wrt`."""

@@ -8,10 +8,12 @@ from typing import Any
 import numpy as np
 
 from enginediag_cli.config.checked import Checked
+from enginediag_cli.config.hints import near
 from enginediag_cli.engine.components import Component
 from enginediag_cli.engine.components.compressor import Compressor
 from enginediag_cli.engine.components.mixer import Mixer, PressureMismatchError
 from enginediag_cli.engine.components.splitter import Splitter
+from enginediag_cli.engine.controls.orientation import orient
 from enginediag_cli.engine.evaluation import Evaluation
 from enginediag_cli.engine.network import Network
 from enginediag_cli.errors import ConfigError, Problem
@@ -38,6 +40,23 @@ def size(network: Network, values: Mapping[str, Any], checked: Checked) -> None:
         raise ConfigError([problem]) from error
     except ValueError as error:
         raise ConfigError([Problem(checked.mark(("design",)), f"the design point cannot be met: {error}")]) from error
+    _controls(network, values, checked)
+
+
+def _controls(network: Network, values: Mapping[str, Any], checked: Checked) -> None:
+    """Set points and signs of the controls, at the sized design point."""
+    assert network.design_point is not None
+    leaves = dict(network.design_point.leaves)
+    try:
+        orient(network, leaves)
+    except ValueError as error:
+        raise ConfigError([Problem(checked.mark(("controls",)), str(error))]) from error
+    except KeyError as error:
+        columns = network.columns(network.design_point)
+        problem = Problem(
+            checked.mark(("controls",)), f"the model has no column '{error.args[0]}'", near(error.args[0], columns)
+        )
+        raise ConfigError([problem]) from error
 
 
 def _run(network: Network, values: Mapping[str, Any]) -> None:

@@ -38,7 +38,7 @@ POWER_UNITS = {"rpm": "rpm", "K": "T4_K"}
 
 def correction(column: str, theta: Array, delta: Array) -> Array:
     """What a power setting is divided by to correct it to ISA sea level."""
-    a, b = POWER_EXPONENTS[POWER_UNITS.get(split_column(column)[1], column)]
+    a, b = POWER_EXPONENTS.get(POWER_UNITS.get(split_column(column)[1], column), (0, 0))  # a lever is not corrected
     return delta**a * theta ** (0.5 * b)
 
 

@@ -7,6 +7,7 @@ from typing import Any
 
 from enginediag_cli.config.checked import Checked
 from enginediag_cli.config.hints import near
+from enginediag_cli.engine.controls.build import lever
 from enginediag_cli.errors import Problem
 
 RECEIVERS = ("receives", "cooling_before_rotor", "cooling_after_rotor")
@@ -116,6 +117,7 @@ def _whole(values: Mapping[str, Any], checked: Checked) -> Iterator[Problem]:
     known += ["T4_K"] if any("4" in outlets(c) for c in values["components"]) else []
     known += ["Fn_N"] if "nozzle" in types else []
     known += ["power_W"] if "load" in types else []
+    known += [lever(values)] if lever(values) else []
     if values["power_setting"] not in known:
         yield Problem(
             checked.mark(("power_setting",)),

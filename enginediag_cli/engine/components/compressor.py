@@ -145,6 +145,7 @@ class Compressor(Component):
         capacity = e[f"{self.name}.flow_capacity"]
         corrected_flow = inlet.W * root / (inlet.P * (1.0 / P_ISA))
         efficiency = e[f"{self.name}.efficiency"]
+        e.outputs[f"{self.name}_corrected_rpm"] = corrected_speed
         if self.table is None:
             n = corrected_speed * (1.0 / self.speed_scale)
             w = corrected_flow * (1.0 / self.flow_scale) / capacity
