@@ -8,6 +8,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from enginediag_cli.engine.components import Component, Unknown
 from enginediag_cli.engine.components.base import scalar
 from enginediag_cli.engine.components.burner import Burner
@@ -15,7 +17,7 @@ from enginediag_cli.engine.components.inlet import Inlet
 from enginediag_cli.engine.components.load import Load
 from enginediag_cli.engine.controls.control import Control, Derived
 from enginediag_cli.engine.controls.governor import Governor
-from enginediag_cli.engine.dual import Value, sqrt
+from enginediag_cli.engine.dual import Array, Value, sqrt
 from enginediag_cli.engine.evaluation import Evaluation, Shaft
 from enginediag_cli.engine.flow import Flow
 from enginediag_cli.engine.gas import Gas
@@ -288,6 +290,11 @@ class Network:
             e.balances[f"power setting {self.power_setting}"] = self.read(e, self.power_setting) / target - 1.0
 
     # outputs
+
+    def acting(self, e: Evaluation) -> dict[str, Array]:
+        """Limits and stops that act somewhere, and where (N,), at a solution."""
+        found = (control.acting(e, self) for control in self.controls)
+        return {name: mask for one in found for name, mask in one.items() if np.any(mask)}
 
     def columns(self, e: Evaluation) -> tuple[str, ...]:
         """Every column that the model gives, as an evaluation shows."""

@@ -154,5 +154,7 @@ def _pieces(engine: EngineLike, course: _Course, instruments: Instruments, chunk
         recorded = instruments.read({**given, **outputs}, course.clocks.slice(start, start + chunk))
         status = np.asarray(prediction.status)
         recorded["status"] = STATUS_WORDS[status]
+        if getattr(engine, "controlled", False):
+            recorded["active_limit"] = prediction.active_limit
         reasons = Counter(_reason(prediction.reason(int(k))) for k in np.flatnonzero(status))
         yield Simulated(recorded, {name: value[piece] for name, value in course.hidden.items()}, dict(reasons))
