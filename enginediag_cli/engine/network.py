@@ -238,11 +238,14 @@ class Network:
     def evaluate(self, e: Evaluation) -> None:
         """All components in order, then the shafts' power balances, the control balance and net thrust."""
         self.open_loop(e)
+        if self.given_leaf is None and self.governor is None:
+            asked = e[self.power_setting]
+            e.balances[f"power setting {self.power_setting}"] = self.read(e, self.power_setting) / asked - 1.0
         for control in self.controls:
             control.close(e, self)
 
     def open_loop(self, e: Evaluation) -> None:
-        """The same without the controls: all but `fuel_unknown` and their actuators is in balance."""
+        """The same without what holds the power setting and without the controls."""
         e.make_shaft = self._shaft
         for c in self.components:
             c.evaluate(e)
@@ -285,9 +288,6 @@ class Network:
                 )
         if "gross_thrust_N" in e.outputs:
             e.outputs["Fn_N"] = e.outputs["gross_thrust_N"] - e.outputs["ram_drag_N"]
-        if self.given_leaf is None and self.governor is None:
-            target = e[self.power_setting]
-            e.balances[f"power setting {self.power_setting}"] = self.read(e, self.power_setting) / target - 1.0
 
     # outputs
 

@@ -40,6 +40,8 @@ def orient(network: Network, leaves: Mapping[str, Any]) -> None:
         along = fuel if governs else control.actuator.name
         free = [n for n in unknowns if not (governs and n == fuel)]
         rows = {**e.balances, **({} if governs else asked)}
+        if len(rows) != len(free):
+            return  # the engine does not close: the check of its unknowns and balances says where
         F, F_x = _slopes(e, rows, free), _slopes(e, rows, [along])[:, 0]
         dz = -np.linalg.solve(F, F_x)
         way = 1.0 if governs else _way(control)
