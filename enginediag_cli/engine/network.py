@@ -37,6 +37,12 @@ UNSIZED_W = 1.0
 """Spread of an off-take before the engine is sized, and the least there is: any positive number would do."""
 
 
+def position_column(leaf: str) -> str:
+    """Model column with the position of a controlled actuator: `compressor.vane_closing_deg` is
+    `compressor_vane_closing_deg`."""
+    return leaf.replace(".", "_")
+
+
 class Network:
     """Collects unknowns and balances from the components; no engine has code of its own."""
 
@@ -227,6 +233,10 @@ class Network:
                 found[f"{name}.speed_rpm"] = self.shafts[name]["design_speed_rpm"]
         return found
 
+    def has_input(self, column: str) -> bool:
+        """Whether a column is an input, under its own name or as a leaf."""
+        return column in self.inputs()
+
     def leaf_of(self, column: str) -> str:
         """The leaf that an input column sets, for derivatives with respect to inputs."""
         if column == self.power_setting and self.given_leaf:
@@ -243,6 +253,8 @@ class Network:
             e.balances[f"power setting {self.power_setting}"] = self.read(e, self.power_setting) / asked - 1.0
         for control in self.controls:
             control.close(e, self)
+            for leaf in control.position():
+                e.outputs[position_column(leaf)] = e[leaf]
 
     def open_loop(self, e: Evaluation) -> None:
         """The same without what holds the power setting and without the controls."""

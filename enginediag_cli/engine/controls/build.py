@@ -14,7 +14,9 @@ from enginediag_cli.engine.controls.control import Control
 from enginediag_cli.engine.controls.governor import Governor
 from enginediag_cli.engine.controls.held import Held
 from enginediag_cli.engine.controls.recorded import Recorded
+from enginediag_cli.engine.controls.release import Release
 from enginediag_cli.engine.controls.schedule import Schedule
+from enginediag_cli.engine.controls.release import Release
 from enginediag_cli.engine.controls.scheduled import Scheduled
 from enginediag_cli.engine.controls.section import FUEL
 from enginediag_cli.engine.controls.stops import Stops
@@ -66,7 +68,7 @@ def _control(
     stops = Stops(name, actuator, *_ends(entry, actuator))
     if entry["schedule"]:
         return Scheduled(name, stops, Schedule.declared(name, entry["schedule"], actuator.unit, inputs))
-    return Held(name, stops, _first(entry, "", inputs), tuple(_limits(entry, inputs)))
+    return Held(name, stops, _first(entry, "", inputs), tuple(_limits(entry, inputs)), _release(entry, stops))
 
 
 def _ends(entry: Mapping[str, Any], actuator: Actuator) -> tuple[float, float]:
@@ -91,6 +93,14 @@ def _first(entry: Mapping[str, Any], power_setting: str, inputs: Mapping[str, fl
         return Aim(name, "set_point", column, schedule=Schedule.declared(f"{name}.set_point", schedule, unit, inputs))
     demand = not entry["hold"] and entry["set_point"] is None
     return Aim(name, "set_point", column, value=entry["set_point"], demand=demand)
+
+
+def _release(entry: Mapping[str, Any], stops: Stops) -> Release | None:
+    told = entry["acts_while"]
+    if told is None:
+        return None
+    nearer = abs(stops.actuator.neutral - stops.low) <= abs(stops.actuator.neutral - stops.high)
+    return Release(told["column"], told["side"], told["value"], 1.0 if nearer else -1.0)
 
 
 def _limits(entry: Mapping[str, Any], inputs: Mapping[str, float | None]) -> Iterator[Aim]:

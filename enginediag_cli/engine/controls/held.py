@@ -11,6 +11,7 @@ from enginediag_cli.engine.components.base import Unknown
 from enginediag_cli.engine.controls.aim import Aim, selected
 from enginediag_cli.engine.controls.complementarity import between_stops
 from enginediag_cli.engine.controls.control import AT_LIMIT, Control, Derived
+from enginediag_cli.engine.controls.release import Release
 from enginediag_cli.engine.controls.stops import Stops
 from enginediag_cli.engine.dual import Array, value
 from enginediag_cli.engine.evaluation import Evaluation
@@ -24,9 +25,9 @@ class Held(Control):
     """ψ(u − 1, 2 − u, F) = 0: the column stands at its set point, or the actuator at a stop; F as `selected` gives
     it."""
 
-    def __init__(self, name: str, stops: Stops, aim: Aim, limits: tuple[Aim, ...]):
+    def __init__(self, name: str, stops: Stops, aim: Aim, limits: tuple[Aim, ...], release: Release | None = None):
         super().__init__(name, stops.actuator)
-        self.stops, self.aim, self.limits = stops, aim, limits
+        self.stops, self.aim, self.limits, self.release = stops, aim, limits, release
 
     def aims(self) -> tuple[Aim, ...]:
         return (self.aim, *self.limits)
@@ -46,6 +47,8 @@ class Held(Control):
     def close(self, e: Evaluation, network: Network) -> None:
         u = e[self.stops.unknown]
         F = selected(self.aim, self.limits, e, network)
+        if self.release is not None:
+            F = self.release.of(F, e, network)
         e.balances[f"{self.name} position"] = between_stops(u - 1.0, 2.0 - u, F)
 
     def acting(self, e: Evaluation, network: Network) -> Mapping[str, Array]:

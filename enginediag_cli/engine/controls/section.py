@@ -30,6 +30,15 @@ LIMIT = Section(
         Field("schedule", "section", "the limit as a table or polynomial", None, section=SCHEDULE),
     ),
 )
+WHILE = Section(
+    "acts_while",
+    "when a control acts; else its actuator rests at the stop nearest to where nothing sets it",
+    (
+        Field("column", "text", "model column or input of the engine that tells"),
+        Field("side", "choice", "it acts while the column is", choices=SIDES),
+        Field("value", "number", "this, in the column's unit"),
+    ),
+)
 CONTROL = Section(
     "control",
     "what moves an actuator of the engine",
@@ -48,7 +57,10 @@ CONTROL = Section(
         Field("low", "number", "lower stop of the actuator, in its unit; default: the component's", None),
         Field("high", "number", "upper stop of the actuator, in its unit; default: the component's", None),
         Field("limits", "named_sections", "limits, the later ones before the earlier ones", (), section=LIMIT),
+        Field("acts_while", "section", "when it acts; default always", None, section=WHILE),
         Field("schedule", "section", "position as a table or polynomial, instead of holding", None, section=SCHEDULE),
+        Field("source", "text", "where it comes from", ""),
+        Field("standard_errors", "number_map", "of the set point and the stops, as identified", {}),
         Field("recorded", "text", "input column that holds the position, instead of holding", ""),
     ),
 )
