@@ -16,7 +16,6 @@ from enginediag_cli.engine.controls.held import Held
 from enginediag_cli.engine.controls.recorded import Recorded
 from enginediag_cli.engine.controls.release import Release
 from enginediag_cli.engine.controls.schedule import Schedule
-from enginediag_cli.engine.controls.release import Release
 from enginediag_cli.engine.controls.scheduled import Scheduled
 from enginediag_cli.engine.controls.section import FUEL
 from enginediag_cli.engine.controls.stops import Stops

@@ -1,4 +1,4 @@
-"""What every control is to the network: unknowns, equations and parameters of its own, and where its actuator stands."""
+"""What every control is to the network: unknowns, equations and parameters of its own, and its actuator's position."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ class Control(ABC):
     def position(self) -> Mapping[str, Derived]:
         """The actuator's leaf and how it is found in an evaluation; nothing where it is an unknown already."""
 
-    def close(self, e: Evaluation, network: Network) -> None:
+    def close(self, e: Evaluation, network: Network) -> None:  # noqa: B027  most add one, what is given needs none
         """Adds its equation to the balances of `e`."""
 
     def aims(self) -> tuple[Aim, ...]:

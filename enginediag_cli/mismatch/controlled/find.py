@@ -82,7 +82,6 @@ def find_law(described: EngineDescription, engine: Engine, flights: Sequence[Fli
     no law predicts the other readings better."""
     records = records_of(engine, flights)
     noise = {s: engine.sensors[s].noise_sigma for s in records.sensors}
-    some, _ = records.some()
     predicted = engine.predict(records.inputs, sensors=records.sensors)
     still = still_readings(records.sensors, noise, records.measured, np.asarray(predicted.y))
     if not still:
@@ -118,10 +117,7 @@ def _tried(
     fit = fitted(with_law, flights)
     if fit is None or not fit.converged:
         return None
-    numbers = {
-        q: fit.values[f"{law.name}.{q}"] for q in ("set_point", "low", "high") if f"{law.name}.{q}" in fit.values
-    }
-    return Tried(law.at(**numbers), fit, *gain(fit, without))
+    return Tried(law.fitted(fit.values), fit, *gain(fit.errors, without.errors))
 
 
 def _found(
@@ -141,11 +137,10 @@ def _found(
     ok = np.maximum(now.ok.sum(), 1)
     released = np.zeros(len(records.measured), dtype=bool)
     if law.enabled is not None:
-        x = records.inputs[law.enabled.column]
-        released = x > law.enabled.value if law.enabled.side == "at_most" else x < law.enabled.value
+        released = law.enabled.released(records.inputs[law.enabled.column])
     at_limit = {n.rpartition(".")[2]: float((m & ~released).sum() / ok) for n, m in now.limits.items()}
     held = 1.0 - float((released & now.ok).sum() / ok) - sum(at_limit.values())
-    errors = {n.rpartition(".")[2]: e for n, e in fit.errors.items() if n in law.parameters}
+    errors = law.errors(fit.standard_errors)
     return Found(
         best, errors, with_law, law.written(described.text, described.file), held, at_limit,
         float((released & now.ok).sum() / ok), near, worse, still, without,

@@ -6,8 +6,11 @@ What is fitted is then what is written.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
+
+import numpy as np
 
 from enginediag_cli.config.document import Node, parse_document
 from enginediag_cli.config.dump import dump
@@ -32,6 +35,10 @@ class Enabled:
     side: str
     value: float
     wrong: float = 0.0
+
+    def released(self, x: np.ndarray) -> np.ndarray:
+        """Where it does not act, by values of the column (N,)."""
+        return np.asarray(x > self.value if self.side == "at_most" else x < self.value)
 
 
 @dataclass(frozen=True)
@@ -64,11 +71,16 @@ class ControlLaw:
         ends = [q for q, v in (("low", self.low), ("high", self.high)) if v != self.actuator.neutral]
         return tuple(f"{self.name}.{q}" for q in ("set_point", *ends))
 
-    def at(self, **values: float) -> ControlLaw:
-        """The same law with other numbers."""
-        return replace(self, **values)  # type: ignore[arg-type]
+    def fitted(self, values: Mapping[str, float]) -> ControlLaw:
+        """The same law with its numbers among these parameters' values."""
+        found = {q: values.get(f"{self.name}.{q}", getattr(self, q)) for q in ("set_point", "low", "high")}
+        return replace(self, **found)
 
-    def entry(self, source: str = "", errors: dict[str, float] | None = None) -> list[str]:
+    def errors(self, values: Mapping[str, float]) -> dict[str, float]:
+        """What of these, by parameter, belongs to the keys of the entry."""
+        return {n.rpartition(".")[2]: v for n, v in values.items() if n in self.parameters}
+
+    def entry(self, source: str = "", errors: Mapping[str, float] | None = None) -> list[str]:
         """Lines of the item under `controls:`, indented by two."""
         block: dict[str, Any] = {"name": self.name, "actuator": self.actuator.name, "hold": self.hold}
         block |= {k: float(f"{getattr(self, k):.{DIGITS}g}") for k in ("set_point", "low", "high")}
@@ -82,7 +94,7 @@ class ControlLaw:
         text = dump(block, width=100).splitlines()
         return [("  - " if k == 0 else "    ") + line for k, line in enumerate(text)]
 
-    def written(self, text: str, file: str, source: str = "", errors: dict[str, float] | None = None) -> str:
+    def written(self, text: str, file: str, source: str = "", errors: Mapping[str, float] | None = None) -> str:
         """The engine file's text with the law, its actuator, and its numbers among what `identify` estimates where the
         file lists that. Raises ConfigError, DataError for text that cannot be edited."""
         text = text.removeprefix("\ufeff").replace("\r\n", "\n")

@@ -1,4 +1,4 @@
-"""Readings that stand still where the model says that they should move: the mark that a control leaves in a recording."""
+"""Readings that stand still where the model says that they should move: the mark of a control in a recording."""
 
 from __future__ import annotations
 

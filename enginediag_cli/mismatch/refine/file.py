@@ -31,10 +31,16 @@ def refined_text(path: str, effects: Sequence[Effect], errors: Mapping[str, floa
     `errors`: standard errors by parameter name; `source`: data and command. Raises ConfigError for a file that cannot
     be read, DataError for one whose text cannot be edited.
     """
+    return appended(moved_text(path, place), path, "physics", [_entry(e, errors, source) for e in effects])
+
+
+def moved_text(path: str, place: str) -> str:
+    """Text of the engine file at `path` as it is to stand in the folder of `place`. Raises ConfigError for a file that
+    cannot be read."""
     root = load_document(path)
     lines = Path(path).read_bytes().decode("utf-8-sig").replace("\r\n", "\n").splitlines()
     _move_tables(lines, root, Path(path).parent, _folder(place))
-    return appended("\n".join(lines) + "\n", path, "physics", [_entry(e, errors, source) for e in effects])
+    return "\n".join(lines) + "\n"
 
 
 def write_refined(text: str, place: str, wanted: Engine) -> None:
