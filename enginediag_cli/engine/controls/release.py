@@ -29,7 +29,8 @@ class Release:
 
     def released(self, e: Evaluation, network: Network) -> Array:
         """Records (N,) in which the control does not act."""
-        x = e[network.leaf_of(self.column)] if network.has_input(self.column) else network.read(e, self.column)
+        # of an input what is recorded, whatever effects make of it: that is what the control itself goes by
+        x = e.leaves[network.leaf_of(self.column)] if network.has_input(self.column) else network.read(e, self.column)
         plain = np.broadcast_to(np.asarray(value(x)), (e.size,))
         return plain > self.value if self.side == "at_most" else plain < self.value
 
