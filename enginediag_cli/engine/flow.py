@@ -78,7 +78,8 @@ class Flow:
 
 
 def mix(first: Flow, *others: Flow) -> Flow:
-    """Flows mixed at the pressure of the first: mass, fuel, water and enthalpy add."""
+    """Flows mixed at the pressure of the first: mass, fuel, water and enthalpy add. A row to which the others bring
+    nothing (their valves are closed) keeps the first flow to the last digit."""
     others = tuple(f for f in others if not _is_zero(f.W))
     if not others:
         return first
@@ -88,16 +89,32 @@ def mix(first: Flow, *others: Flow) -> Flow:
     for f in flows:
         W = W + f.W
         H = H + f.W * f.h
+    h = H / W
+    idle = np.asarray(sum(np.abs(value(f.W)) for f in others) == 0.0)
+    if idle.any():
+        h = kept(idle, first.h, h)
     mixture = DRY_AIR
     if any(f.mixture.kind > 1 for f in flows):
         dry = [f.W / f.mixture.per_dry_air() for f in flows]
         total: Value = 0.0
         for d in dry:
             total = total + d
-        mixture = Mixture(
-            _share([f.mixture.far for f in flows], dry, total), _share([f.mixture.war for f in flows], dry, total)
-        )
-    return Flow(first.gas, mixture, W, first.P, h=H / W)
+        far = _share([f.mixture.far for f in flows], dry, total)
+        war = _share([f.mixture.war for f in flows], dry, total)
+        if idle.any():
+            far = _kept_share(idle, first.mixture.far, far)
+            war = _kept_share(idle, first.mixture.war, war)
+        mixture = Mixture(far, war)
+    return Flow(first.gas, mixture, W, first.P, h=h)
+
+
+def kept(rows: np.ndarray, old: Value, new: Value) -> Value:
+    """`new` with the values of `old` in the rows (N,) where both are one but for rounding; derivatives of `new`."""
+    return chain(np.where(rows, value(old), value(new)), (np.asarray(1.0), new))
+
+
+def _kept_share(rows: np.ndarray, old: Value | None, new: Value | None) -> Value | None:
+    return None if new is None else kept(rows, 0.0 if old is None else old, new)
 
 
 def _share(ratios: list[Value | None], dry: list[Value], total: Value) -> Value | None:

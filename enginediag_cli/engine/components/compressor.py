@@ -14,10 +14,11 @@ from enginediag_cli.engine.components.base import (
     NAME,
     PART_ROAMS,
     TO,
+    VALVE,
     Actuator,
-    Component,
     Design,
     Unknown,
+    Valves,
     scalar,
 )
 from enginediag_cli.engine.dual import Value, exp, locally, log, sqrt, value
@@ -38,6 +39,7 @@ PORT = Section(
             "work_fraction", "number", "share of the enthalpy rise done on the bleed air", 1.0, minimum=0.0, maximum=1.0
         ),
         Field("pressure_fraction", "number", "share of the pressure rise at the port", 1.0, minimum=0.0, maximum=1.0),
+        VALVE,
     ),
 )
 TABLE = Section(
@@ -57,7 +59,7 @@ TABLE = Section(
 SHAPE = Section("map", "coefficients of the parametric map", compressor_map.FIELDS)
 
 
-class Compressor(Component):
+class Compressor(Valves):
     """Enthalpy rise Δh and pressure ratio from corrected speed and flow.
 
     With a parametric map (work and flow) the isentropic work gives the pressure: φ(T_s) − φ_in = R ln PR.
@@ -104,8 +106,9 @@ class Compressor(Component):
     def actuators(self) -> tuple[Actuator, ...]:
         vanes = self.values["vanes"]
         if not vanes:
-            return ()
+            return super().actuators()
         return (
+            *super().actuators(),
             Actuator(
                 f"{self.name}.vane_closing_deg",
                 "deg",
@@ -209,7 +212,7 @@ class Compressor(Component):
         outlet = Flow(inlet.gas, inlet.mixture, inlet.W, inlet.P * ratio, h=inlet.h + rise)
         demand = inlet.W * rise
         for port in self.values["ports"]:
-            taken = inlet.W * e[f"{self.name}.{port['name']}.fraction"]
+            taken = inlet.W * self.bled(e, port)
             part = port["work_fraction"]
             P = inlet.P + (outlet.P - inlet.P) * port["pressure_fraction"]
             e.bleeds[port["name"]] = Flow(inlet.gas, inlet.mixture, taken, P, h=inlet.h + rise * part)

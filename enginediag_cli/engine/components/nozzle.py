@@ -2,23 +2,33 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from typing import Any
+
 import numpy as np
 
 from enginediag_cli.config.fields import Field, Section
-from enginediag_cli.engine.components.base import FROM, NAME, Component, Design, scalar
+from enginediag_cli.engine.components.base import FROM, NAME, Actuator, Component, Design, scalar
 from enginediag_cli.engine.dual import Value, exp, log, maximum, select, sqrt, value
 from enginediag_cli.engine.evaluation import Evaluation
 from enginediag_cli.engine.flow import Flow
-from enginediag_cli.parameters import Parameter
+from enginediag_cli.parameters import Parameter, spelled
 
 SMALLEST_LOG_RATIO = 1e-4  # within it the flow passes linearly through zero
+OPENING = Field(
+    "opening_range",
+    "range",
+    "least and greatest throat area over that of the design point, of a nozzle whose area the actuator "
+    "<nozzle>.opening varies; default a fixed area",
+    None,
+)
 
 
 class Nozzle(Component):
     """Throat flow ρ V A C_d at ambient pressure, or at the critical pressure once choked.
 
     Throat state from φ_th = φ − R ln(P/p_th), V² = 2 (h − h_th); critical where h − h_* = γ_* R T_*/2. Gross
-    thrust W V C_v + A C_d (p_th − p_0).
+    thrust W V C_v + A C_d (p_th − p_0). A nozzle whose area can be varied has its throat times the opening.
     """
 
     TYPE = "nozzle"
@@ -33,9 +43,22 @@ class Nozzle(Component):
             ),
             Field("discharge_coefficient", "number", "C_d", 1.0, minimum=0.5, maximum=1.05),
             Field("velocity_coefficient", "number", "C_v", 1.0, minimum=0.5, maximum=1.05),
+            OPENING,
         ),
     )
     reference_area_m2 = 1.0
+
+    def __init__(self, values: Mapping[str, Any]):
+        super().__init__(values)
+        stops = self.values["opening_range"]
+        if stops and not 0.0 < stops[0] <= 1.0 <= stops[1]:
+            raise ValueError(f"{self.name}: opening_range must hold 1, the area of the design point, and be above 0")
+
+    def actuators(self) -> tuple[Actuator, ...]:
+        stops = self.values["opening_range"]
+        if not stops:
+            return ()
+        return (Actuator(f"{self.name}.opening", "1", 1.0, stops[0], stops[1], f"{spelled(self.name)} opening"),)
 
     def parameters(self) -> tuple[Parameter, ...]:
         return (
@@ -50,11 +73,16 @@ class Nozzle(Component):
         p0 = e.outputs["P0_Pa"]
         log_ratio = log(flow.P / p0)
         flux, V, p_throat = throat(flow, log_ratio, p0)
-        area = e[f"{self.name}.area"] * (self.reference_area_m2 * self.values["discharge_coefficient"])
+        area = self._throat_area(e)
         e.balances[f"{self.name} flow"] = 1.0 - flux * area / flow.W
         C_v = e[f"{self.name}.velocity_coefficient"]
         e.add_output("gross_thrust_N", flow.W * V * C_v + area * (p_throat - p0))
         e.outputs[f"{self.name}_pressure_ratio"] = exp(log_ratio)
+
+    def _throat_area(self, e: Evaluation) -> Value:
+        """A C_d [m²] as the factor on it and the opening leave it."""
+        area = e[f"{self.name}.area"] * (self.reference_area_m2 * self.values["discharge_coefficient"])
+        return area * e[f"{self.name}.opening"] if self.values["opening_range"] else area
 
     def size(self, e: Evaluation) -> None:
         flow = e.flows[self.values["from"]]
