@@ -72,9 +72,20 @@ SINGLE_SHAFT = """\
   - {type: load, name: generator, shaft: rotor, law: surplus, efficiency: 0.97}
 """
 SINGLE_SHAFT_SHAFTS = "  - {name: rotor, speed_label: N1, design_speed_rpm: 11000, speed: constant}\n"
+AFTERBURNING = MIXED_FLOW.replace(
+    """  - {type: nozzle, name: nozzle, from: "6"}
+""",
+    """  - {type: afterburner, name: afterburner, from: "6", to: "7", set_by: fuel_air_ratio, inlet_mach: 0.25}
+  - {type: nozzle, name: nozzle, from: "7", opening_range: [0.9, 1.8]}
+""",
+)
 ENGINES = tuple(
     f"{HEAD}components:\n{components}shafts:\n{shafts}"
-    for components, shafts in ((MIXED_FLOW, MIXED_FLOW_SHAFTS), (SINGLE_SHAFT, SINGLE_SHAFT_SHAFTS))
+    for components, shafts in (
+        (MIXED_FLOW, MIXED_FLOW_SHAFTS),
+        (SINGLE_SHAFT, SINGLE_SHAFT_SHAFTS),
+        (AFTERBURNING, MIXED_FLOW_SHAFTS),
+    )
 )
 
 

@@ -111,10 +111,14 @@ def _whole(values: Mapping[str, Any], checked: Checked) -> Iterator[Problem]:
             yield Problem(
                 checked.mark(("components",)),
                 f"an engine needs exactly one {needed}, this one has {types.count(needed)}",
+                "a second burner is an afterburner" if needed == "burner" and types.count(needed) > 1 else "",
             )
+    for k, c in enumerate(values["components"]):
+        if c["type"] == "afterburner" and "burner" not in types[:k]:
+            yield Problem(checked.mark(("components", k)), f"{c['name']}: an afterburner comes behind the burner")
     known = ["Wf_kg_s", *(f"{s['speed_label']}_rpm" for s in values["shafts"] if s["speed"] == "balance")]
     known += ["T4_K"] if any("4" in outlets(c) for c in values["components"]) else []
-    known += ["Fn_N"] if "nozzle" in types else []
+    known += ["Fn_N"] if {"nozzle", "condi_nozzle"} & set(types) else []
     known += ["power_W"] if "load" in types else []
     if values["power_setting"] not in known:
         yield Problem(

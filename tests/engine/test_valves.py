@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from copy import copy
-
 import numpy as np
 import pytest
 from engine_makers import GAS, component, evaluation, flow, gradient, operating_points
 from mixed_flow import MIXED_FLOW
+from standing import standing
 
 from enginediag_cli.engine.flow import mix
 from enginediag_cli.physics.engine_file import load_engine
@@ -28,16 +27,6 @@ def made(tmp_path, text):
     path = tmp_path / "engine.yaml"
     path.write_text(text, encoding="utf-8")
     return load_engine(path)
-
-
-def standing(engine, **positions):
-    """The engine with its actuators elsewhere than in their neutral positions."""
-    other = copy(engine)
-    other.network = copy(engine.network)
-    other.network.neutral = {**engine.network.neutral, **{k.replace("__", "."): v for k, v in positions.items()}}
-    other._strategy = copy(engine._strategy)
-    other._strategy.network = other.network
-    return other
 
 
 def points_of(engine, n=20):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from enginediag_cli.engine.components.afterburner import Afterburner
 from enginediag_cli.engine.components.ambient import Ambient
 from enginediag_cli.engine.components.base import Actuator, Component, Unknown
 from enginediag_cli.engine.components.bleed import Bleed
@@ -16,9 +17,21 @@ from enginediag_cli.engine.components.nozzle import Nozzle
 from enginediag_cli.engine.components.splitter import Splitter
 from enginediag_cli.engine.components.turbine import Turbine
 
-COMPONENTS: dict[str, type[Component]] = {
-    c.TYPE: c
-    for c in (Ambient, Inlet, Compressor, Splitter, Bleed, Duct, Burner, Turbine, Mixer, Nozzle, Exhaust, Load)
-}
+_TYPES: tuple[type[Component], ...] = (
+    Ambient,
+    Inlet,
+    Compressor,
+    Splitter,
+    Bleed,
+    Duct,
+    Burner,
+    Afterburner,
+    Turbine,
+    Mixer,
+    Nozzle,
+    Exhaust,
+    Load,
+)
+COMPONENTS: dict[str, type[Component]] = {c.TYPE: c for c in _TYPES}
 
 __all__ = ["COMPONENTS", "Actuator", "Component", "Unknown"]
