@@ -76,7 +76,7 @@ AFTERBURNING = MIXED_FLOW.replace(
     """  - {type: nozzle, name: nozzle, from: "6"}
 """,
     """  - {type: afterburner, name: afterburner, from: "6", to: "7", set_by: fuel_air_ratio, inlet_mach: 0.25}
-  - {type: nozzle, name: nozzle, from: "7", opening_range: [0.9, 1.8]}
+  - {type: condi_nozzle, name: nozzle, from: "7", area_ratio: 1.3, opening_range: [0.9, 1.8]}
 """,
 )
 ENGINES = tuple(

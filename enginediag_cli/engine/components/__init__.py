@@ -8,6 +8,7 @@ from enginediag_cli.engine.components.base import Actuator, Component, Unknown
 from enginediag_cli.engine.components.bleed import Bleed
 from enginediag_cli.engine.components.burner import Burner
 from enginediag_cli.engine.components.compressor import Compressor
+from enginediag_cli.engine.components.condi_nozzle import CondiNozzle
 from enginediag_cli.engine.components.duct import Duct
 from enginediag_cli.engine.components.exhaust import Exhaust
 from enginediag_cli.engine.components.inlet import Inlet
@@ -29,6 +30,7 @@ _TYPES: tuple[type[Component], ...] = (
     Turbine,
     Mixer,
     Nozzle,
+    CondiNozzle,
     Exhaust,
     Load,
 )

@@ -129,10 +129,10 @@ class Afterburner(Component):
             hot = Flow(hot.gas, hot.mixture, hot.W, hot.P, h=kept(off, cold.h, hot.h))
         if self.values["inlet_mach"] is not None:
             hot = self._heated(cold, hot, off)
-        e.mark_outside(
-            f"{self.name} (more fuel than its air can burn)",
-            np.broadcast_to(np.asarray(value(hot.mixture.far) > e.gas.stoichiometric_far), (e.size,)),
-        )
+        far = hot.mixture.far
+        assert far is not None  # it has been burnt in
+        rich = np.asarray(value(far) > e.gas.stoichiometric_far)
+        e.mark_outside(f"{self.name} (more fuel than its air can burn)", np.broadcast_to(rich, (e.size,)))
         e.flows[self.values["to"]] = hot
         e.outputs[f"{self.name}_fuel_kg_s"] = fuel
         e.outputs["Wf_total_kg_s"] = e.outputs.get("Wf_total_kg_s", e.outputs["Wf_kg_s"]) + fuel
@@ -176,7 +176,7 @@ def fuel_for(inlet: Flow, exit_temperature_K: Value, released: Value) -> Value:
     lit = np.asarray(wanted > value(inlet.T))
     plain = Flow(inlet.gas, inlet.mixture.plain, value(inlet.W), value(inlet.P), h=value(inlet.h))
     heat = value(released)
-    fuel = np.zeros(np.broadcast_shapes(np.shape(wanted), np.shape(value(inlet.T))))
+    fuel: Any = np.zeros(np.broadcast_shapes(np.shape(wanted), np.shape(value(inlet.T))))
     moved = np.full(fuel.shape, np.inf)
     for _ in range(FUEL_ITERATIONS):
         last, fuel = fuel, heating_fuel(plain, wanted, heat, fuel)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -22,6 +22,16 @@ OPENING = Field(
     "<nozzle>.opening varies; default a fixed area",
     None,
 )
+
+
+class Expansion(NamedTuple):
+    """What a nozzle makes of a flow, arrays (N,): mass flux at the throat [kg/(s m²)], velocity at the exit [m/s], the
+    force of the exit's pressure above ambient per throat area [Pa], and exit over throat area where they differ."""
+
+    flux: Value
+    V: Value
+    excess_Pa: Value
+    area_ratio: Value | None = None
 
 
 class Nozzle(Component):
@@ -47,6 +57,7 @@ class Nozzle(Component):
         ),
     )
     reference_area_m2 = 1.0
+    converges = True  # its throat is its exit
 
     def __init__(self, values: Mapping[str, Any]):
         super().__init__(values)
@@ -72,12 +83,21 @@ class Nozzle(Component):
         flow = e.flows[self.values["from"]]
         p0 = e.outputs["P0_Pa"]
         log_ratio = log(flow.P / p0)
-        flux, V, p_throat = throat(flow, log_ratio, p0)
+        found = self._expanded(flow, log_ratio, p0)
         area = self._throat_area(e)
-        e.balances[f"{self.name} flow"] = 1.0 - flux * area / flow.W
+        e.balances[f"{self.name} flow"] = 1.0 - found.flux * area / flow.W
         C_v = e[f"{self.name}.velocity_coefficient"]
-        e.add_output("gross_thrust_N", flow.W * V * C_v + area * (p_throat - p0))
+        e.add_output("gross_thrust_N", self._thrust(flow.W * found.V * C_v + area * found.excess_Pa))
         e.outputs[f"{self.name}_pressure_ratio"] = exp(log_ratio)
+        if found.area_ratio is not None:
+            e.outputs[f"{self.name}_area_ratio"] = found.area_ratio
+
+    def _expanded(self, flow: Flow, log_ratio: Value, p0: Value) -> Expansion:
+        flux, V, p_throat = throat(flow, log_ratio, p0)
+        return Expansion(flux, V, p_throat - p0)
+
+    def _thrust(self, gross: Value) -> Value:
+        return gross
 
     def _throat_area(self, e: Evaluation) -> Value:
         """A C_d [m²] as the factor on it and the opening leave it."""
@@ -94,7 +114,7 @@ class Nozzle(Component):
                 f"{ambient / scalar(flow.P):.3f} times as much is the least; compressors give more at a higher "
                 "pressure_ratio, and turbines take less from gas of a higher exit_temperature_K"
             )
-        flux, _, _ = throat(flow, log_ratio, e.outputs["P0_Pa"])
+        flux = self._expanded(flow, log_ratio, e.outputs["P0_Pa"]).flux
         needed = scalar(flow.W / flux) / self.values["discharge_coefficient"]
         self.reference_area_m2 = self.values["area_m2"] or needed
         self.evaluate(e)
