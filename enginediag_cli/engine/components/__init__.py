@@ -12,9 +12,11 @@ from enginediag_cli.engine.components.condi_nozzle import CondiNozzle
 from enginediag_cli.engine.components.duct import Duct
 from enginediag_cli.engine.components.exhaust import Exhaust
 from enginediag_cli.engine.components.inlet import Inlet
+from enginediag_cli.engine.components.intercooler import Intercooler
 from enginediag_cli.engine.components.load import Load
 from enginediag_cli.engine.components.mixer import Mixer
 from enginediag_cli.engine.components.nozzle import Nozzle
+from enginediag_cli.engine.components.recuperator import Recuperator, RecuperatorHotSide
 from enginediag_cli.engine.components.splitter import Splitter
 from enginediag_cli.engine.components.turbine import Turbine
 
@@ -25,9 +27,12 @@ _TYPES: tuple[type[Component], ...] = (
     Splitter,
     Bleed,
     Duct,
+    Intercooler,
+    Recuperator,
     Burner,
     Afterburner,
     Turbine,
+    RecuperatorHotSide,
     Mixer,
     Nozzle,
     CondiNozzle,

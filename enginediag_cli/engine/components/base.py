@@ -163,9 +163,17 @@ class Component(ABC):
     def evaluate(self, e: Evaluation) -> None:
         """Reads its inlet flows from `e`, writes its outlet flows, powers and balances."""
 
+    def at_design(self) -> dict[str, float]:
+        """Its own input columns at the design point."""
+        return {}
+
     def size(self, e: Evaluation) -> None:
         """Sets its design references (areas, map scales) at the design point, then evaluates itself there."""
         self.evaluate(e)
+
+    def settled(self) -> bool:
+        """Whether what it assumed in sizing has come out; otherwise all are sized once more."""
+        return True
 
 
 VALVE = Field(

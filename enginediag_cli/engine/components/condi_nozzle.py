@@ -38,7 +38,7 @@ class CondiNozzle(Nozzle):
     TYPE = "condi_nozzle"
     SECTION = Section(
         "condi_nozzle",
-        "convergent–divergent nozzle to ambient",
+        "convergent–divergent nozzle",
         (
             NAME,
             FROM,
