@@ -88,7 +88,8 @@ RECUPERATED = """\
   - {type: compressor, name: high, from: "25", to: "3", shaft: rotor, pressure_ratio: 2.5,
      isentropic_efficiency: 0.85}
   - {type: recuperator, name: recuperator, from: "3", to: "35", effectiveness: 0.88, effectiveness_law: ntu}
-  - {type: burner, name: burner, from: "35", to: "4", exit_temperature_K: 1350}
+  - {type: water_injection, name: steam, from: "35", to: "36", phase: steam, temperature_K: 600}
+  - {type: burner, name: burner, from: "36", to: "4", exit_temperature_K: 1350}
   - {type: turbine, name: turbine, from: "4", to: "5", shaft: rotor, pressure_ratio: 5.4, isentropic_efficiency: 0.88}
   - {type: recuperator_hot, name: gas_side, from: "5", to: "6", recuperator: recuperator, pressure_loss: 0.03}
   - {type: exhaust, name: exhaust, from: "6"}

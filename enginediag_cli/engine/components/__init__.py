@@ -19,6 +19,7 @@ from enginediag_cli.engine.components.nozzle import Nozzle
 from enginediag_cli.engine.components.recuperator import Recuperator, RecuperatorHotSide
 from enginediag_cli.engine.components.splitter import Splitter
 from enginediag_cli.engine.components.turbine import Turbine
+from enginediag_cli.engine.components.water_injection import WaterInjection
 
 _TYPES: tuple[type[Component], ...] = (
     Ambient,
@@ -29,6 +30,7 @@ _TYPES: tuple[type[Component], ...] = (
     Duct,
     Intercooler,
     Recuperator,
+    WaterInjection,
     Burner,
     Afterburner,
     Turbine,

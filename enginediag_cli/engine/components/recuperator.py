@@ -10,7 +10,7 @@ import numpy as np
 from enginediag_cli.config.fields import Field, Section
 from enginediag_cli.engine.components.base import FROM, NAME, TO, Unknown, scalar
 from enginediag_cli.engine.components.loss import LAW, Lossy
-from enginediag_cli.engine.dual import Value, exp, log, power, select, value
+from enginediag_cli.engine.dual import Value, exp, power, select, value
 from enginediag_cli.engine.evaluation import Evaluation
 from enginediag_cli.engine.flow import Flow
 from enginediag_cli.parameters import Parameter
@@ -187,4 +187,4 @@ def transfer_units(effectiveness: float, capacity_ratio: float) -> float:
     if abs(1.0 - capacity_ratio) < SETTLED:
         return effectiveness / (1.0 - effectiveness)
     ratio = (1.0 - effectiveness * capacity_ratio) / (1.0 - effectiveness)
-    return float(log(np.asarray(ratio))) / (1.0 - capacity_ratio)
+    return float(np.log(ratio)) / (1.0 - capacity_ratio)
