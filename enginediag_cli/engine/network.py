@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from enginediag_cli.engine.components import Component, Unknown
+from enginediag_cli.engine.components.afterburner import Afterburner
 from enginediag_cli.engine.components.base import scalar
 from enginediag_cli.engine.components.burner import Burner
 from enginediag_cli.engine.components.inlet import Inlet
@@ -64,7 +65,8 @@ class Network:
         self.design = dict(design)
         self.loaded_shafts = {c.values["shaft"] for c in components if isinstance(c, Load)}
         self.speed_columns = {f"{s['speed_label']}_rpm": name for name, s in self.shafts.items()}
-        self.burners = [c.name for c in components if isinstance(c, Burner)]
+        # the first is the one whose fuel the power setting sets or leaves open
+        self.burners = [c.name for kind in (Burner, Afterburner) for c in components if isinstance(c, kind)]
         self.neutral: dict[str, Value] = {a.name: a.neutral for c in components for a in c.actuators()}
         self.design_theta2 = 1.0
         self.design_setting = 1.0  # corrected power setting of the design point
@@ -320,7 +322,7 @@ class Network:
         if column == "OPR":
             return e.flows["3"].P / e.flows["2"].P
         if column == "SFC_kg_Ns":
-            return e.outputs["Wf_kg_s"] / e.outputs["Fn_N"]
+            return e.outputs.get("Wf_total_kg_s", e.outputs["Wf_kg_s"]) / e.outputs["Fn_N"]
         match = STATION_COLUMN.fullmatch(column)
         if match is None or match["station"] not in e.flows:
             raise KeyError(column)

@@ -14,10 +14,11 @@ from enginediag_cli.engine.components.base import (
     NAME,
     PART_ROAMS,
     TO,
+    VALVE,
     Actuator,
-    Component,
     Design,
     Unknown,
+    Valves,
     scalar,
 )
 from enginediag_cli.engine.dual import Value, exp, locally, log, sqrt, value
@@ -25,6 +26,7 @@ from enginediag_cli.engine.evaluation import Evaluation
 from enginediag_cli.engine.flow import Flow
 from enginediag_cli.engine.maps import compressor_map
 from enginediag_cli.engine.maps.guide_vanes import VANES, closed_efficiency, closed_flow
+from enginediag_cli.engine.maps.surge_line import SURGE_LINE, SurgeLine
 from enginediag_cli.engine.maps.table_map import RULES, TableMap, make_table, read_table
 from enginediag_cli.parameters import Parameter, spelled
 
@@ -38,6 +40,7 @@ PORT = Section(
             "work_fraction", "number", "share of the enthalpy rise done on the bleed air", 1.0, minimum=0.0, maximum=1.0
         ),
         Field("pressure_fraction", "number", "share of the pressure rise at the port", 1.0, minimum=0.0, maximum=1.0),
+        VALVE,
     ),
 )
 TABLE = Section(
@@ -57,7 +60,7 @@ TABLE = Section(
 SHAPE = Section("map", "coefficients of the parametric map", compressor_map.FIELDS)
 
 
-class Compressor(Component):
+class Compressor(Valves):
     """Enthalpy rise Δh and pressure ratio from corrected speed and flow.
 
     With a parametric map (work and flow) the isentropic work gives the pressure: φ(T_s) − φ_in = R ln PR.
@@ -80,6 +83,13 @@ class Compressor(Component):
             Field("table", "section", "tabulated map", None, section=TABLE),
             Field("ports", "sections", "interstage bleed ports", (), section=PORT),
             Field("vanes", "section", "guide vanes; default none", None, section=VANES),
+            Field(
+                "surge_line",
+                "section",
+                "adds the output <compressor>_surge_margin = PR_surge/PR − 1 at constant corrected flow",
+                None,
+                section=SURGE_LINE,
+            ),
         ),
     )
 
@@ -95,6 +105,10 @@ class Compressor(Component):
             self.table = make_table(x, y, q, t["interpolation"], t["interpolation"])
         self.speed_scale = self.flow_scale = self.ratio_scale = self.efficiency_scale = 1.0
         self.work_scale = self.design_loss = 1.0
+        try:
+            self.surge_line = SurgeLine(self.values["surge_line"]) if self.values["surge_line"] else None
+        except ValueError as error:
+            raise ValueError(f"{self.name}: {error}") from error
         vanes = self.values["vanes"]
         if vanes and not vanes["open_stop_deg"] <= 0.0 <= vanes["closed_stop_deg"]:
             raise ValueError(
@@ -104,8 +118,9 @@ class Compressor(Component):
     def actuators(self) -> tuple[Actuator, ...]:
         vanes = self.values["vanes"]
         if not vanes:
-            return ()
+            return super().actuators()
         return (
+            *super().actuators(),
             Actuator(
                 f"{self.name}.vane_closing_deg",
                 "deg",
@@ -200,7 +215,17 @@ class Compressor(Component):
             log_ratio = log(1.0 + (pr - 1.0) * self.ratio_scale)
             ideal = inlet.expanded_enthalpy(-log_ratio) - inlet.h
             rise = ideal / (eta * self.efficiency_scale * efficiency)
-        self._deliver(e, inlet, rise, exp(log_ratio))
+        ratio = exp(log_ratio)
+        self._deliver(e, inlet, rise, ratio)
+        if self.surge_line is not None:
+            e.outputs[f"{self.name}_surge_margin"] = self._surge_ratio(corrected_flow / capacity) / ratio - 1.0
+
+    def _surge_ratio(self, flow: Value) -> Value:
+        """Pressure ratio of surge at a corrected flow [kg/s] of the map: vanes and wear move the line with the map."""
+        assert self.surge_line is not None
+        if self.table is None:
+            return self.surge_line.at(flow)
+        return 1.0 + (self.surge_line.at(flow * (1.0 / self.flow_scale)) - 1.0) * self.ratio_scale
 
     def _work_and_loss(self, n: Value, w: Value, *shape: Value) -> tuple[Value, Value]:
         return compressor_map.work_and_loss(n, w, self.design_loss, dict(zip(compressor_map.NAMES, shape, strict=True)))
@@ -210,7 +235,7 @@ class Compressor(Component):
         outlet = Flow(inlet.gas, inlet.mixture, inlet.W, inlet.P * ratio, h=inlet.h + rise)
         demand = inlet.W * rise
         for port in self.values["ports"]:
-            taken = inlet.W * e[f"{self.name}.{port['name']}.fraction"]
+            taken = inlet.W * self.bled(e, port)
             part = port["work_fraction"]
             P = inlet.P + (outlet.P - inlet.P) * port["pressure_fraction"]
             e.bleeds[port["name"]] = Flow(inlet.gas, inlet.mixture, taken, P, h=inlet.h + rise * part)
