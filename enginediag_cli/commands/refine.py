@@ -166,6 +166,7 @@ def _control(
 ) -> ExitCode:
     """Put the control that the engine lacks into its file, if unseen flights gain; `to`: the file, the report and its
     head."""
+    from enginediag_cli.mismatch.fit.load import as_recordings
     from enginediag_cli.mismatch.refine.controlled import refine_control
     from enginediag_cli.mismatch.refine.file import moved_text, write_refined
     from enginediag_cli.presentation import refined_controls
@@ -176,7 +177,7 @@ def _control(
     assert loaded.control is not None and loaded.as_described is not None
     place, report, head = to
     described, engine = loaded.as_described
-    flights = loaded.evidence.flights
+    flights = as_recordings(loaded.evidence.flights)
     training = [f for k, f in enumerate(flights) if k not in unseen]
     found = refine_control(loaded.control, described, engine, training, [flights[k] for k in unseen])
     for line in (*control_sentences(loaded.control), *refined_controls.sentences(found)):

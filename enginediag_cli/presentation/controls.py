@@ -44,7 +44,8 @@ def control_sentences(f: Found) -> Iterator[str]:
         side = "at most" if e.side == "at_most" else "at least"
         yield (
             f"  It acts while {e.column} is {side} {rounded(e.value, digits=5)}, which tells all but {_share(e.wrong)} "
-            f"of the records; else the {law.actuator.words} stand at {rounded(law.actuator.neutral)} {law.actuator.unit}."
+            f"of the records; else the {law.actuator.words} stand at {rounded(law.actuator.neutral)} "
+            f"{law.actuator.unit}."
         )
     for key, error in f.standard_errors.items():
         of = unit if key == "set_point" else law.actuator.unit
@@ -56,8 +57,8 @@ def control_sentences(f: Found) -> Iterator[str]:
             f"{rounded(law.high)} {law.actuator.unit} stand for {rounded(law.high)} % of the flow, about."
         )
     yield (
-        f"  Identified with it, errors on records that the fit had not seen are {rounded(_times(f.best))} times smaller "
-        f"(mean over the sensors), in {_share(f.best.blocks)} of {BLOCKS} runs of records."
+        f"  Identified with it, errors on records that the fit had not seen are {rounded(_times(f.best))} times "
+        f"smaller (mean over the sensors), in {_share(f.best.blocks)} of {BLOCKS} runs of records."
     )
     if f.rivals:
         yield f"These flights cannot tell it from {listed([headline(t.law) for t in f.rivals], 'or')}."

@@ -66,7 +66,7 @@ def _control(
         return Recorded(name, actuator, entry["recorded"])
     stops = Stops(name, actuator, *_ends(entry, actuator))
     if entry["schedule"]:
-        return Scheduled(name, stops, Schedule.declared(name, entry["schedule"], actuator.unit, inputs))
+        return Scheduled(name, stops, Schedule.declared((name,), entry["schedule"], actuator.unit, inputs))
     return Held(name, stops, _first(entry, "", inputs), tuple(_limits(entry, inputs)), _release(entry, stops))
 
 
@@ -89,7 +89,7 @@ def _first(entry: Mapping[str, Any], power_setting: str, inputs: Mapping[str, fl
     if schedule and entry["set_point"] is not None:
         raise ValueError("give set_point or set_point_schedule, not both")
     if schedule:
-        return Aim(name, "set_point", column, schedule=Schedule.declared(f"{name}.set_point", schedule, unit, inputs))
+        return Aim(name, "set_point", column, schedule=Schedule.declared((name, "set_point"), schedule, unit, inputs))
     demand = not entry["hold"] and entry["set_point"] is None
     return Aim(name, "set_point", column, value=entry["set_point"], demand=demand)
 
@@ -107,8 +107,8 @@ def _limits(entry: Mapping[str, Any], inputs: Mapping[str, float | None]) -> Ite
         if (limit["value"] is None) == (limit["schedule"] is None):
             raise ValueError(f"limit {limit['name']} needs either a value or a schedule")
         unit = split_column(limit["column"])[1]
-        owner = f"{entry['name']}.{limit['name']}"
-        schedule = Schedule.declared(owner, limit["schedule"], unit, inputs) if limit["schedule"] else None
+        of = (entry["name"], limit["name"])
+        schedule = Schedule.declared(of, limit["schedule"], unit, inputs) if limit["schedule"] else None
         yield Aim(entry["name"], limit["name"], limit["column"], limit["side"], limit["value"], schedule)
 
 

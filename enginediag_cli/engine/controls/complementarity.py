@@ -1,19 +1,18 @@
-"""What a control between stops solves: the smooth form of "held, or at a stop that lets it be no nearer"."""
+"""What a control between stops solves: "held, or at a stop that lets it be no nearer"."""
 
 from __future__ import annotations
 
-from enginediag_cli.engine.dual import Value, sqrt
-
-TINY = 1e-30
-"""Keeps the derivative finite where both arguments are zero; no residual is that small."""
+from enginediag_cli.engine.dual import Value, maximum
 
 
-def fischer_burmeister(a: Value, b: Value) -> Value:
-    """φ(a, b) = a + b − √(a² + b²): zero where a ≥ 0, b ≥ 0 and a b = 0 (A. Fischer, Optimization 24, 1992), (N,)."""
-    return a + b - sqrt(a * a + b * b + TINY)
+def minimum(a: Value, b: Value) -> Value:
+    return -1.0 * maximum(-1.0 * a, -1.0 * b)
 
 
 def between_stops(above_low: Value, below_high: Value, surplus: Value) -> Value:
-    """ψ = φ(a, −φ(b, −F)): zero where F = 0 between the stops, F ≥ 0 at the low one (a = 0) and F ≤ 0 at the high one
-    (b = 0); F rises with the position (S. C. Billups, 1995). All (N,)."""
-    return fischer_burmeister(above_low, -1.0 * fischer_burmeister(below_high, -1.0 * surplus))
+    """The middle one of a, −b and F: zero where F = 0 between the stops, F ≥ 0 at the low one (a = 0) and F ≤ 0 at the
+    high one (b = 0); F rises with the position. All (N,).
+
+    Source: J.-S. Pang, Math. Oper. Res. 15 (1990) 311–341 (the natural residual of a mixed complementarity problem).
+    """
+    return maximum(-1.0 * below_high, minimum(above_low, surplus))

@@ -25,10 +25,11 @@ REACH = 10.0
 class Schedule:
     """v(x): straight lines through (`points`, values), the end values beyond them, or Σ c_i x^i.
 
-    x is `column`, in its unit: an input (`is_input`) or a model column. Values, coefficients and their parameters
-    `<owner>.value_1`, … are in `unit`.
+    `part`: the control that it belongs to. x is `column`, in its unit: an input (`is_input`) or a model column. Values
+    or coefficients, with their parameters `<owner>.value_1`, … are in `unit`.
     """
 
+    part: str
     owner: str
     column: str
     is_input: bool
@@ -37,8 +38,9 @@ class Schedule:
     unit: str
 
     @staticmethod
-    def declared(owner: str, values: Mapping[str, Any], unit: str, inputs: Mapping[str, Any]) -> Schedule:
-        """From the file; `inputs`: of the engine without controls. ValueError says what is wrong."""
+    def declared(of: tuple[str, ...], values: Mapping[str, Any], unit: str, inputs: Mapping[str, Any]) -> Schedule:
+        """From the file; `of`: the control, and what of it follows the schedule; `inputs`: of the engine without
+        controls. ValueError says what is wrong."""
         points, table, law = (tuple(float(v) for v in values[k]) for k in ("points", "values", "polynomial"))
         if bool(values["against"]) == bool(values["input"]):
             raise ValueError("a schedule names what it follows, either `against` a model column or an `input`")
@@ -47,7 +49,9 @@ class Schedule:
         if table and (len(points) != len(table) or len(points) < 2 or (np.diff(points) <= 0.0).any()):
             raise ValueError("`points` must rise, with one of `values` for each, at least two")
         column = values["against"] or values["input"]
-        return Schedule(owner, column, bool(values["input"]) or column in inputs, points, table or law, unit)
+        return Schedule(
+            of[0], ".".join(of), column, bool(values["input"]) or column in inputs, points, table or law, unit
+        )
 
     def names(self) -> tuple[str, ...]:
         return tuple(f"{self.owner}.value_{k + 1}" for k in range(len(self.values)))
@@ -58,7 +62,6 @@ class Schedule:
         for k, (name, v) in enumerate(zip(self.names(), self.values, strict=True)):
             sigma = PRIOR_SHARE * (size if self.points else abs(v) or size)
             told = f"at {self.points[k]:g}" if self.points else f"coefficient of power {k}"
-            part = self.owner.partition(".")[0]
             found.append(
                 Parameter(
                     name,
@@ -69,10 +72,10 @@ class Schedule:
                     sigma,
                     self.unit,
                     f"value of the schedule {told}",
-                    part,
+                    self.part,
                     f"value_{k + 1}",
                     f"{spelled(self.owner)} {told}",
-                    spelled(part),
+                    spelled(self.part),
                 )
             )
         return tuple(found)

@@ -16,12 +16,12 @@ import numpy as np
 from enginediag_cli.engine.description import EngineDescription
 from enginediag_cli.engine.engine import Engine
 from enginediag_cli.errors import ConfigError
+from enginediag_cli.identification.problem import TrainingRecording
 from enginediag_cli.mismatch.controlled.actuators import free_actuators
-from enginediag_cli.mismatch.controlled.fitted import Fitted, fitted, gain
+from enginediag_cli.mismatch.controlled.fitted import Fitted, fitted, gain, length
 from enginediag_cli.mismatch.controlled.law import ControlLaw
 from enginediag_cli.mismatch.controlled.start import Records, begin, ranked
 from enginediag_cli.mismatch.controlled.still import Still, still_readings
-from enginediag_cli.mismatch.fit.evidence import Flight
 from enginediag_cli.progress import stage
 
 TRIED = 4
@@ -64,20 +64,20 @@ class Found:
     without: Fitted
 
 
-def records_of(engine: Engine, flights: Sequence[Flight]) -> Records:
+def records_of(engine: Engine, flights: Sequence[TrainingRecording]) -> Records:
     """Inputs and readings of all flights; an input that is not recorded has the value that stands for that."""
     sensors = tuple(s for s in engine.sensors if any(s in f.columns for f in flights))
     defaults = {**dict.fromkeys(engine.inputs, np.nan), **engine.optional_inputs}
     inputs = {
-        c: np.concatenate([np.broadcast_to(f.columns.get(c, np.full(len(f), d)), (len(f),)) for f in flights])
+        c: np.concatenate([np.broadcast_to(f.columns.get(c, np.full(length(f), d)), (length(f),)) for f in flights])
         for c, d in defaults.items()
     }
-    read = [np.concatenate([f.columns.get(s, np.full(len(f), np.nan)) for f in flights]) for s in sensors]
+    read = [np.concatenate([f.columns.get(s, np.full(length(f), np.nan)) for f in flights]) for s in sensors]
     return Records(inputs, sensors, np.column_stack(read))
 
 
 @stage("looking for a control")
-def find_law(described: EngineDescription, engine: Engine, flights: Sequence[Flight]) -> Found | None:
+def find_law(described: EngineDescription, engine: Engine, flights: Sequence[TrainingRecording]) -> Found | None:
     """The control law that the flights show and the engine lacks; None where nothing stands still without a reason, or
     no law predicts the other readings better."""
     records = records_of(engine, flights)
@@ -101,14 +101,14 @@ def find_law(described: EngineDescription, engine: Engine, flights: Sequence[Fli
     tried.sort(key=lambda t: -t.gain)
     if not tried or tried[0].gain < LEAST_GAIN or tried[0].blocks < MOST_BLOCKS:
         return None
-    best = tried[0]
-    near = tuple(t for t in tried[1:] if best.gain - t.gain < SEPARATED)
-    told = next(s for s in still if s.sensor == best.law.hold)
-    return _found(best, described, engine, records, told, near, tuple(t for t in tried[1:] if t not in near), without)
+    near = tuple(t for t in tried[1:] if tried[0].gain - t.gain < SEPARATED)
+    stood = next(s for s in still if s.sensor == tried[0].law.hold)
+    worse = tuple(t for t in tried[1:] if t not in near)
+    return _found((described, engine, records), tried[0], near, worse, stood, without)
 
 
 def _tried(
-    law: ControlLaw, described: EngineDescription, engine: Engine, flights: Sequence[Flight], without: Fitted
+    law: ControlLaw, described: EngineDescription, engine: Engine, flights: Sequence[TrainingRecording], without: Fitted
 ) -> Tried | None:
     try:
         with_law = law.engine(described, engine.power_setting)
@@ -121,27 +121,37 @@ def _tried(
 
 
 def _found(
+    of: tuple[EngineDescription, Engine, Records],
     best: Tried,
-    described: EngineDescription,
-    engine: Engine,
-    records: Records,
-    still: Still,
     near: tuple[Tried, ...],
     worse: tuple[Tried, ...],
+    still: Still,
     without: Fitted,
 ) -> Found:
+    described, engine, records = of
     law, fit = best.law, best.fit
     with_law = law.engine(described, engine.power_setting)
     values = {n: v for n, v in fit.values.items() if n in with_law.parameters}
     now = with_law.predict(records.inputs, values, sensors=records.sensors)
-    ok = np.maximum(now.ok.sum(), 1)
+    ok = max(int(now.ok.sum()), 1)
     released = np.zeros(len(records.measured), dtype=bool)
     if law.enabled is not None:
         released = law.enabled.released(records.inputs[law.enabled.column])
-    at_limit = {n.rpartition(".")[2]: float((m & ~released).sum() / ok) for n, m in now.limits.items()}
-    held = 1.0 - float((released & now.ok).sum() / ok) - sum(at_limit.values())
-    errors = law.errors(fit.standard_errors)
+    at_limit = {
+        end: float((now.limits[name] & ~released).sum() / ok) if name in now.limits else 0.0
+        for end, name in law.stops.items()
+    }
+    away = float((released & now.ok).sum() / ok)
     return Found(
-        best, errors, with_law, law.written(described.text, described.file), held, at_limit,
-        float((released & now.ok).sum() / ok), near, worse, still, without,
-    )  # fmt: skip
+        best,
+        law.errors(fit.standard_errors),
+        with_law,
+        law.written(described.text, described.file),
+        1.0 - away - sum(at_limit.values()),
+        at_limit,
+        away,
+        near,
+        worse,
+        still,
+        without,
+    )

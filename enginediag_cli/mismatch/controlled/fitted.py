@@ -13,7 +13,6 @@ from enginediag_cli.identification.identify import IdentificationResult, identif
 from enginediag_cli.identification.on_unseen import on_unseen
 from enginediag_cli.identification.problem import TrainingRecording
 from enginediag_cli.identification.settings import settings_from_mapping
-from enginediag_cli.mismatch.fit.evidence import Flight
 
 BLOCKS = 16
 """Runs of records, of which each says for itself which engine fits better: hours of a day say the same."""
@@ -65,28 +64,31 @@ class Fitted:
     def standard_errors(self) -> dict[str, float]:
         return {e.name: e.standard_error for e in self.found.estimates}
 
-    def unseen(self, engine: Engine, flights: Sequence[Flight]) -> tuple[Errors, dict[str, np.ndarray]]:
+    def unseen(self, engine: Engine, flights: Sequence[TrainingRecording]) -> tuple[Errors, dict[str, np.ndarray]]:
         """On flights that were not fitted, and the inputs (N,) of their records."""
         settings = settings_from_mapping(engine.declared.get("identification"))
         problem = self.found.problem
-        other, predicted = on_unseen(
-            problem, self.found.fit, recordings(flights), replace(settings, sensors=problem.sensors)
-        )
+        other, predicted = on_unseen(problem, self.found.fit, flights, replace(settings, sensors=problem.sensors))
         error = Errors(tuple(other.sensors), other.measured - predicted, predicted)
         return error, {c: v for c, v in other.inputs.items() if c in engine.inputs}
 
 
-def recordings(flights: Sequence[Flight], step: int = 1) -> list[TrainingRecording]:
-    """Every `step`-th record of each flight, for `identify`."""
+def length(flight: TrainingRecording) -> int:
+    """Records of a flight."""
+    return len(next(iter(flight.columns.values())))
+
+
+def thinned(flights: Sequence[TrainingRecording], step: int) -> list[TrainingRecording]:
+    """Every `step`-th record of each flight."""
     return [TrainingRecording(f.label, {c: v[::step] for c, v in f.columns.items()}, engine=f.engine) for f in flights]
 
 
-def fitted(engine: Engine, flights: Sequence[Flight], compared: int | None = COMPARED) -> Fitted | None:
+def fitted(engine: Engine, flights: Sequence[TrainingRecording], compared: int | None = COMPARED) -> Fitted | None:
     """The engine identified on the flights, by the file's own settings; None where it has no prediction. `compared`:
     of so many records at most."""
-    step = max(1, -(-sum(map(len, flights)) // compared)) if compared else 1
+    step = max(1, -(-sum(map(length, flights)) // compared)) if compared else 1
     try:
-        found = identify(engine, recordings(flights, step))
+        found = identify(engine, thinned(flights, step))
     except EngineDiagError:
         return None
     p = found.problem

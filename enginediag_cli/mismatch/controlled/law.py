@@ -68,8 +68,17 @@ class ControlLaw:
     @property
     def parameters(self) -> tuple[str, ...]:
         """What of it is identified: the set point, and the stops that are not where nothing sets the actuator."""
-        ends = [q for q, v in (("low", self.low), ("high", self.high)) if v != self.actuator.neutral]
-        return tuple(f"{self.name}.{q}" for q in ("set_point", *ends))
+        return tuple(self._named.values())
+
+    @property
+    def stops(self) -> dict[str, str]:
+        """Name of the limit that acts there, by the stop's key."""
+        return {q: f"{self.name}.{q}" for q in ("low", "high")}
+
+    @property
+    def _named(self) -> dict[str, str]:
+        ends = {q: n for q, n in self.stops.items() if getattr(self, q) != self.actuator.neutral}
+        return {"set_point": f"{self.name}.set_point", **ends}
 
     def fitted(self, values: Mapping[str, float]) -> ControlLaw:
         """The same law with its numbers among these parameters' values."""
@@ -78,7 +87,7 @@ class ControlLaw:
 
     def errors(self, values: Mapping[str, float]) -> dict[str, float]:
         """What of these, by parameter, belongs to the keys of the entry."""
-        return {n.rpartition(".")[2]: v for n, v in values.items() if n in self.parameters}
+        return {q: values[n] for q, n in self._named.items() if n in values}
 
     def entry(self, source: str = "", errors: Mapping[str, float] | None = None) -> list[str]:
         """Lines of the item under `controls:`, indented by two."""

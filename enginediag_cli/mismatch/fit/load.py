@@ -33,6 +33,7 @@ from enginediag_cli.errors import DataError
 from enginediag_cli.identification.nominal import Nominal
 from enginediag_cli.identification.offset_prior import OffsetPrior
 from enginediag_cli.identification.other_accuracy import with_accuracy
+from enginediag_cli.identification.problem import TrainingRecording
 from enginediag_cli.identification.settings import IdentificationSettings, settings_from_mapping
 from enginediag_cli.intake.baseline import Baseline, open_baseline
 from enginediag_cli.intake.flights import whole_flights
@@ -115,7 +116,7 @@ def load_case(
     nominal: Nominal | SelfIdentified | None = baseline.nominal if baseline else None
     control, described = None, (_described(engine, baseline), engine)
     if controls:
-        control = find_law(*described, healthy)
+        control = find_law(*described, as_recordings(healthy))
         if control is not None:
             # a nominal state of the engine without it knows neither its noise nor its maps
             engine, nominal, baseline = control.engine, None, None
@@ -137,6 +138,11 @@ def load_case(
         own = build_evidence(engine, flights, case.asked, nominal=self_identified(engine, healthy))
         evidence = _with_errors_of(evidence, own)
     return Loaded(evidence, intake, baseline, control, described)
+
+
+def as_recordings(flights: Sequence[Flight]) -> list[TrainingRecording]:
+    """Flights as `identify` takes them."""
+    return [TrainingRecording(f.label, f.columns, engine=f.engine) for f in flights]
 
 
 def _described(engine: Engine, baseline: Baseline | None) -> EngineDescription:

@@ -9,11 +9,11 @@ import numpy as np
 
 from enginediag_cli.engine.description import EngineDescription
 from enginediag_cli.engine.engine import Engine
+from enginediag_cli.identification.problem import TrainingRecording
 from enginediag_cli.identification.quality import SensorQuality, sensor_quality
 from enginediag_cli.mismatch.controlled.find import MOST_BLOCKS, Found
 from enginediag_cli.mismatch.controlled.fitted import Errors, Fitted, fitted, gain
 from enginediag_cli.mismatch.controlled.law import ControlLaw
-from enginediag_cli.mismatch.fit.evidence import Flight
 from enginediag_cli.progress import stage
 
 HOLDS, RELEASED = "held", "released"
@@ -43,7 +43,11 @@ class ControlRefinement:
 
 @stage("fitting with and without the control")
 def refine_control(
-    found: Found, described: EngineDescription, engine: Engine, training: Sequence[Flight], unseen: Sequence[Flight]
+    found: Found,
+    described: EngineDescription,
+    engine: Engine,
+    training: Sequence[TrainingRecording],
+    unseen: Sequence[TrainingRecording],
 ) -> ControlRefinement:
     """The law that was found, fitted to all training flights and put to the unseen ones, beside the engine without."""
     law = found.best.law
@@ -79,8 +83,9 @@ def _regimes(engine: Engine, law: ControlLaw, fit: Fitted, inputs: dict[str, np.
     values = {n: v for n, v in fit.values.items() if n in engine.parameters}
     now = engine.predict(inputs, values, sensors=())
     regimes = np.full(len(now.status), HOLDS, dtype=object)
-    for name, mask in now.limits.items():
-        regimes[mask] = f"at the {name.rpartition('.')[2]} stop"
+    for end, name in law.stops.items():
+        if name in now.limits:
+            regimes[now.limits[name]] = f"at the {end} stop"
     if law.enabled is not None:
         regimes[law.enabled.released(inputs[law.enabled.column])] = RELEASED
     return regimes.astype(str)
