@@ -99,7 +99,16 @@ def _release(entry: Mapping[str, Any], stops: Stops) -> Release | None:
     if told is None:
         return None
     nearer = abs(stops.actuator.neutral - stops.low) <= abs(stops.actuator.neutral - stops.high)
-    return Release(told["column"], told["side"], told["value"], 1.0 if nearer else -1.0)
+    wander = f"{entry['name']}_off_rest_{stops.actuator.unit}" if told["rest_sigma"] > 0.0 else ""
+    return Release(
+        told["column"],
+        told["side"],
+        told["value"],
+        1.0 if nearer else -1.0,
+        told["margin"],
+        wander,
+        told["rest_sigma"],
+    )
 
 
 def _limits(entry: Mapping[str, Any], inputs: Mapping[str, float | None]) -> Iterator[Aim]:

@@ -13,7 +13,7 @@ from enginediag_cli.engine.controls.complementarity import between_stops
 from enginediag_cli.engine.controls.control import AT_LIMIT, Control, Derived
 from enginediag_cli.engine.controls.release import Release
 from enginediag_cli.engine.controls.stops import Stops
-from enginediag_cli.engine.dual import Array, value
+from enginediag_cli.engine.dual import Array, Value, value
 from enginediag_cli.engine.evaluation import Evaluation
 from enginediag_cli.parameters import Parameter
 
@@ -33,7 +33,8 @@ class Held(Control):
         return (self.aim, *self.limits)
 
     def inputs(self) -> dict[str, float | None]:
-        return inputs_of(self.aims())
+        wander = {self.release.wander: 0.0} if self.release is not None and self.release.wander else {}
+        return inputs_of(self.aims()) | wander
 
     def parameters(self) -> tuple[Parameter, ...]:
         return (*self.stops.parameters(), *(p for aim in self.aims() for p in aim.parameters()))
@@ -42,7 +43,13 @@ class Held(Control):
         return self.stops.unknowns()
 
     def position(self) -> Mapping[str, Derived]:
-        return {self.actuator.name: self.stops.position}
+        return {self.actuator.name: self._stands}
+
+    def _stands(self, e: Evaluation) -> Value:
+        """Between the stops, or, released, as far off its rest as the wander says."""
+        position = self.stops.position(e)
+        r = self.release
+        return position + r.off_rest(e) if r is not None and r.wander else position
 
     def close(self, e: Evaluation, network: Network) -> None:
         u = e[self.stops.unknown]

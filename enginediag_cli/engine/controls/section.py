@@ -37,6 +37,14 @@ WHILE = Section(
         Field("column", "text", "model column or input of the engine that tells"),
         Field("side", "choice", "it acts while the column is", choices=SIDES),
         Field("value", "number", "this, in the column's unit"),
+        Field("margin", "number", "nearer to it than this nobody can tell whether it acts", 0.0, minimum=0.0),
+        Field(
+            "rest_sigma",
+            "number",
+            "how far from its rest the actuator wanders from day to day while released (standard deviation)",
+            0.0,
+            minimum=0.0,
+        ),
     ),
 )
 CONTROL = Section(

@@ -144,7 +144,7 @@ def _found(
     away = float((released & now.ok).sum() / ok)
     return Found(
         best,
-        law.errors(fit.standard_errors),
+        {"set_point": still.standard_error, **law.errors(fit.standard_errors)},
         with_law,
         law.written(described.text, described.file),
         1.0 - away - sum(at_limit.values()),

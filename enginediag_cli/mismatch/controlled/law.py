@@ -29,12 +29,19 @@ DIGITS = 7
 @dataclass(frozen=True)
 class Enabled:
     """A control acts while `column` is `side` ("at_most", "at_least") of `value`; `wrong`: share of the records of
-    which that tells otherwise than their readings."""
+    which that tells otherwise than their readings; within `margin` of the value nothing is told. `rest_sigma`: by how
+    much the actuator wanders about its rest while released, in its unit, 0 where that is not known."""
 
     column: str
     side: str
     value: float
     wrong: float = 0.0
+    margin: float = 0.0
+    rest_sigma: float = 0.0
+
+    def decided(self, x: np.ndarray) -> np.ndarray:
+        """Values of the column (N,) that tell whether it acts."""
+        return np.asarray(np.abs(x - self.value) >= self.margin)
 
     def released(self, x: np.ndarray) -> np.ndarray:
         """Where it does not act, by values of the column (N,)."""
@@ -67,7 +74,8 @@ class ControlLaw:
 
     @property
     def parameters(self) -> tuple[str, ...]:
-        """What of it is identified: the set point, and the stops that are not where nothing sets the actuator."""
+        """What of it is identified: the stops that are not where nothing sets the actuator. The set point is what the
+        reading stands at: an offset of that instrument would be taken for it."""
         return tuple(self._named.values())
 
     @property
@@ -77,12 +85,11 @@ class ControlLaw:
 
     @property
     def _named(self) -> dict[str, str]:
-        ends = {q: n for q, n in self.stops.items() if getattr(self, q) != self.actuator.neutral}
-        return {"set_point": f"{self.name}.set_point", **ends}
+        return {q: n for q, n in self.stops.items() if getattr(self, q) != self.actuator.neutral}
 
     def fitted(self, values: Mapping[str, float]) -> ControlLaw:
         """The same law with its numbers among these parameters' values."""
-        found = {q: values.get(f"{self.name}.{q}", getattr(self, q)) for q in ("set_point", "low", "high")}
+        found = {q: values.get(n, getattr(self, q)) for q, n in self._named.items()}
         return replace(self, **found)
 
     def errors(self, values: Mapping[str, float]) -> dict[str, float]:
@@ -96,6 +103,8 @@ class ControlLaw:
         if self.enabled is not None:
             e = self.enabled
             block["acts_while"] = {"column": e.column, "side": e.side, "value": float(f"{e.value:.{DIGITS}g}")}
+            told = {k: float(f"{v:.4g}") for k, v in (("margin", e.margin), ("rest_sigma", e.rest_sigma)) if v > 0.0}
+            block["acts_while"] |= told
         if errors:
             block["standard_errors"] = {k: float(f"{v:.3g}") for k, v in errors.items()}
         if source:

@@ -27,6 +27,10 @@ LEAST_RELEASED = 0.02
 """Share of the records that must be seen to be released before a release is sought."""
 WRONG = 0.05
 """Share of either kind of record that a threshold may tell wrongly."""
+WITHIN = 0.98
+"""Of the gap that nothing was seen in, what is certainly inside, whatever digits are written."""
+NO_WAY = 1e-3
+"""Share of an actuator's way that is none."""
 COMPARED = 2000
 """Records, evenly chosen, from which a start is found."""
 
@@ -128,7 +132,9 @@ def _threshold(
             )
             k = int(np.argmin(wrong))
             if wrong[k] < (best.wrong if best else WRONG):
-                best = Enabled(column, side, float(sign * cuts[k]), float(wrong[k]))
+                # nothing was seen between the last that acts and the first that is released, midway of which it lies
+                unseen = float(r[r > cuts[k]].min(initial=np.inf) - a[a <= cuts[k]].max(initial=-np.inf))
+                best = Enabled(column, side, float(sign * cuts[k]), float(wrong[k]), WITHIN * 0.5 * unseen)
     return best
 
 
@@ -141,7 +147,9 @@ def _at(engine: Engine, some: Records, values: Mapping[str, float], rows: np.nda
 
 
 def _fixed(law: ControlLaw, position: float) -> dict[str, float]:
-    return {f"{law.name}.low": position, f"{law.name}.high": position}
+    """As good as fixed: without any way between its stops the actuator would move nothing, and nothing find it."""
+    low, high = law.stops.values()
+    return {low: position, high: position + NO_WAY * (law.actuator.upper - law.actuator.lower)}
 
 
 def _distance(predicted: np.ndarray, measured: np.ndarray) -> np.ndarray:

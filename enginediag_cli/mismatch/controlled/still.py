@@ -18,6 +18,8 @@ SHARE, LEAST = 0.08, 40
 """Share of the records, and number, that must stand still."""
 MOVES = 4.0
 """What the model says that the reading does over these records, in what it does."""
+RUNS = 16
+"""Of the records that stand still: hours that follow each other say the same."""
 ROBUST = 1.4826
 """Standard deviation of a normal spread over the median of its absolute deviations."""
 
@@ -25,13 +27,14 @@ ROBUST = 1.4826
 @dataclass(frozen=True)
 class Still:
     """`sensor` stands at `value` in the records `at` (N,), where it scatters by `scatter` and the model as it is says
-    `predicted`; in its unit."""
+    `predicted`; in its unit. `standard_error` of the value, by what runs of records say of it."""
 
     sensor: str
     value: float
     at: np.ndarray
     scatter: float
     predicted: float
+    standard_error: float
 
 
 def still_readings(
@@ -57,7 +60,9 @@ def still_readings(
             continue
         own, expected = _scatter(y[at]), _scatter(model[at])
         if expected > MOVES * max(own, noise[sensor]):
-            found.append(Still(sensor, middle, at, own, expected))
+            means = [float(np.mean(part)) for part in np.array_split(y[at], RUNS)]
+            error = float(np.std(means, ddof=1) / np.sqrt(RUNS))
+            found.append(Still(sensor, middle, at, own, expected, error))
     return sorted(found, key=lambda f: -int(f.at.sum()))
 
 

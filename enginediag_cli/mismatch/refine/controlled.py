@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -16,6 +16,12 @@ from enginediag_cli.mismatch.controlled.fitted import Errors, Fitted, fitted, ga
 from enginediag_cli.mismatch.controlled.law import ControlLaw
 from enginediag_cli.progress import stage
 
+WINDOW = 12
+"""Records of a stretch in which an actuator stands still while released: half a day of hours."""
+LEAST_STRETCHES = 8
+"""From which a standard deviation is known to a quarter."""
+TRIMMED = (0.025, 0.975)
+"""Quantiles beyond which a stretch counts as these: an event is no wander."""
 HOLDS, RELEASED = "held", "released"
 """Regimes of a control, beside its stops."""
 
@@ -57,9 +63,11 @@ def refine_control(
         reason = "no record has a prediction" if after is None else after.found.reason
         return ControlRefinement(law, found.standard_errors, failed=f"the fit with the control failed: {reason}")
     law = law.fitted(after.values)
-    errors = law.errors(after.standard_errors)
+    errors = {**found.standard_errors, **law.errors(after.standard_errors)}
     if bound := [b.name for b in after.found.bounds if b.name in law.parameters]:
         return ControlRefinement(law, errors, failed=f"{', '.join(bound)} ends at a physical bound")
+    law = _with_wander(law, with_law, after)
+    unseen = _decided(law, unseen)
     one, _ = found.without.unseen(engine, unseen)
     other, inputs = after.unseen(with_law, unseen)
     regimes = _regimes(with_law, law, after, inputs)
@@ -71,6 +79,41 @@ def refine_control(
         *gain(other, one),
         unconverged=not found.without.converged,
     )
+
+
+def _decided(law: ControlLaw, flights: Sequence[TrainingRecording]) -> list[TrainingRecording]:
+    """The records of which it is told whether the control acts: of the others it says nothing."""
+    if law.enabled is None:
+        return list(flights)
+    kept = []
+    for f in flights:
+        rows = law.enabled.decided(np.asarray(f.columns[law.enabled.column], dtype=float))
+        kept.append(f._replace(columns={c: np.asarray(v)[rows] for c, v in f.columns.items()}))
+    return kept
+
+
+def _with_wander(law: ControlLaw, engine: Engine, fit: Fitted) -> ControlLaw:
+    """The law with how far the actuator stands off its rest while released, from one stretch of WINDOW such records to
+    the next: δ = cᵀe / cᵀc with c = ∂y/∂position and what the fit leaves, both in its noise."""
+    if law.enabled is None:
+        return law
+    problem = fit.found.problem
+    released = law.enabled.released(problem.inputs[law.enabled.column])
+    values = {n: v for n, v in fit.values.items() if n in engine.parameters}
+    rest = law.stops["low" if law.low == law.actuator.neutral else "high"]
+    inputs = {c: v[released] for c, v in problem.inputs.items()}
+    found = engine.predict(inputs, values, sensors=problem.sensors, wrt=(rest,))
+    sigma = fit.found.noise.sigma
+    e = np.nan_to_num(fit.found.fit.equations.residual[released] / sigma)
+    c = np.nan_to_num(found.jacobian[:, :, 0] / sigma) * (e != 0.0)
+    count = max(len(e) // WINDOW, 1)
+    stretch = np.arange(len(e)) * count // max(len(e), 1)
+    above, below = (np.bincount(stretch, (c * x).sum(axis=1), minlength=count) for x in (e, c))
+    off = above[below > 0.0] / below[below > 0.0]
+    if off.size < LEAST_STRETCHES:
+        return law
+    sigma_rest = float(np.sqrt(np.mean(np.clip(off, *np.quantile(off, TRIMMED)) ** 2)))
+    return replace(law, enabled=replace(law.enabled, rest_sigma=sigma_rest))
 
 
 def _quality(errors: Errors, regimes: np.ndarray, engine: Engine) -> tuple[SensorQuality, ...]:
