@@ -268,3 +268,34 @@ def test_an_afterburner_before_the_burner_and_two_burners_are_refused(tmp_path):
     )
     with pytest.raises(ConfigError, match="behind the burner"):
         made(tmp_path, first)
+
+
+FLOWN = ("Fn_N", "T7_K", "Wf_total_kg_s", "N1_rpm", "T5_K")
+SUPERSONIC = LIT.replace("SET", "fuel_air_ratio").replace(
+    'type: nozzle, name: nozzle, from: "7",', 'type: condi_nozzle, name: nozzle, from: "7", area_ratio: 1.3,'
+)
+
+
+def test_sensitivities_of_a_lit_engine_match_differences_of_full_solves(tmp_path):
+    engine = standing(made(tmp_path, SUPERSONIC), afterburner__fuel_air_ratio=0.02, nozzle__opening=1.4)
+    U = operating_points(engine, 20, 4, altitude=(0.0, 10000.0), mach=(0.3, 0.9), power=(0.6, 1.0))
+    names = ("afterburner.efficiency", "afterburner.pressure_loss", "nozzle.area", "lpt.efficiency")
+    p = engine.predict(U, wrt=names, sensors=FLOWN)
+    assert p.status.max() == 0
+    step = 1e-3
+    for k, name in enumerate(names):
+
+        def moved(t, name=name):
+            return engine.predict(U, {name: engine.parameters[name].nominal * (1.0 + t)}, start=p.x, sensors=FLOWN).y
+
+        numeric = (moved(-2 * step) - 8 * moved(-step) + 8 * moved(step) - moved(2 * step)) / (12 * step)
+        error = np.abs(p.jacobian[:, :, k] * engine.parameters[name].nominal - numeric).max(axis=0)
+        assert (error <= 1e-6 * np.abs(numeric).max(axis=0) + 1e-9 * np.abs(p.y).max(axis=0)).all(), name
+
+
+@pytest.mark.parametrize(("ratio", "opening"), [(0.0, 1.0), (0.015, 1.3), (0.03, 1.6)])
+def test_a_thousand_points_of_the_envelope_all_converge(tmp_path, ratio, opening):
+    engine = standing(made(tmp_path, SUPERSONIC), afterburner__fuel_air_ratio=ratio, nozzle__opening=opening)
+    U = operating_points(engine, 1000, 5, altitude=(0.0, 10000.0), mach=(0.2, 0.9), power=(0.3, 1.0))
+    p = engine.predict(U, sensors=FLOWN)
+    assert p.status.max() == 0, p.reason(int(p.status.argmax()))
