@@ -88,7 +88,9 @@ def test_fuel_over_air_is_over_the_dry_air_that_enters():
 def test_more_fuel_than_the_air_can_burn_is_marked():
     for far, marked in ((0.04, False), (0.05, True)):
         _, e = burning("fuel_air_ratio", far)
-        assert [bool(m.any()) for m in e.outside.values()] == [marked]
+        assert {what: bool(m.any()) for what, m in e.outside.items()} == {
+            "what the air of afterburner can burn": marked
+        }
 
 
 def test_heating_in_a_constant_area_conserves_momentum():

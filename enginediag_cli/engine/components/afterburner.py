@@ -146,7 +146,7 @@ class Afterburner(Component):
         far = hot.mixture.far
         assert far is not None  # it has been burnt in
         rich = np.asarray(value(far) > e.gas.stoichiometric_far)
-        e.mark_outside(f"{self.name} (more fuel than its air can burn)", np.broadcast_to(rich, (e.size,)))
+        e.mark_outside(self.name, np.broadcast_to(rich, (e.size,)), f"what the air of {self.name} can burn")
         e.flows[self.values["to"]] = hot
         e.outputs[f"{self.name}_fuel_kg_s"] = fuel
         e.outputs["Wf_total_kg_s"] = e.outputs.get("Wf_total_kg_s", e.outputs["Wf_kg_s"]) + fuel
