@@ -362,9 +362,7 @@ class _Rows:
 
 def _marked(e: Evaluation) -> dict[str, Array]:
     """Components met outside their maps, and temperatures outside the gas data; masks (N,)."""
-    marked = {
-        f"the map of {name}": np.broadcast_to(mask, (e.size,)) for name, mask in e.outside.items() if np.any(mask)
-    }
+    marked = {what: np.broadcast_to(mask, (e.size,)) for what, mask in e.outside.items() if np.any(mask)}
     beyond = np.zeros(e.size, dtype=bool)
     for flow in e.flows.values():
         if flow.known_temperature is not None:

@@ -86,5 +86,6 @@ class Evaluation:
         """Adds to an output that several components contribute to (thrust, power)."""
         self.outputs[name] = self.outputs[name] + x if name in self.outputs else x
 
-    def mark_outside(self, component: str, mask: Array) -> None:
-        self.outside[component] = mask
+    def mark_outside(self, component: str, mask: Array, what: str = "") -> None:
+        """Points (N,) that lie outside `what`, by default the map of a component."""
+        self.outside[what or f"the map of {component}"] = mask

@@ -12,14 +12,17 @@ from enginediag_cli.engine.dual import value
 from enginediag_cli.engine.gas import DRY_AIR, Mixture
 from enginediag_cli.physics.engine_file import load_engine
 
-STEAM = '  - {type: water_injection, name: steam, from: "35", to: "36", phase: steam, temperature_K: 600}\n'
+STEAM = """\
+  - {type: water_injection, name: steam, from: "35", to: "36", phase: steam, temperature_K: 600,
+     largest_flow_kg_s: 0.05}
+"""
 ENGINE = WITHOUT.replace('from: "35", to: "4"', 'from: "36", to: "4"').replace(
     "  - {type: burner", f"{STEAM}  - {{type: burner"
 )
 
 
 def injected(water, T=700.0, P=1e6, W=20.0, war=None, far=None, wrt=(), **options):
-    part = component("water_injection", to="31", **{"from": "3"}, **options)
+    part = component("water_injection", to="31", largest_flow_kg_s=1.0, **{"from": "3"}, **options)
     e = evaluation([part], size=np.size(water), wrt=wrt, water_injection__flow_kg_s=np.atleast_1d(water))
     n = np.size(water)
     e.flows["3"] = flow(np.full(n, T), np.full(n, P), np.full(n, W), far=far, war=war)
@@ -71,6 +74,7 @@ def test_a_row_without_water_keeps_its_enthalpy_to_the_last_digit():
 
 def test_more_water_than_the_air_can_hold_is_marked():
     cold = injected([0.05, 0.5], T=300.0, P=101325.0)
+    assert list(cold.outside) == ["what air behind water_injection holds as vapour"]
     assert next(iter(cold.outside.values())).tolist() == [False, True]
     hot = injected([0.05, 0.5])
     assert not next(iter(hot.outside.values())).any()

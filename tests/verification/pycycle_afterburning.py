@@ -72,7 +72,9 @@ def engine(scratch: Path, tables: dict[str, Any] | None = None, lit_K: float | N
         compressor["table"] = about | {"design_speed": at["NcMap"], "design_rline": at["RlineMap"]}
         at = tables["LPT2269"]["defaults"]
         turbine["table"] = {"file": "turb.csv", "design_speed": at["NpMap"], "design_pressure_ratio": at["PRmap"]}
-    afterburner = {"pressure_loss": 0.06, **heat} | ({"exit_temperature_K": lit_K} if lit_K else {})
+    afterburner = {"set_by": "fuel_flow", "upper_stop": 5.0, "pressure_loss": 0.06, **heat} | (
+        {"exit_temperature_K": lit_K} if lit_K else {}
+    )
     made = {
         "kind": "engine",
         "description": "pyCycle afterburning turbojet",

@@ -15,8 +15,6 @@ from enginediag_cli.parameters import spelled
 
 HEAT_OF_EVAPORATION = 2.4426e6  # J/kg at 298.15 K: −241.826 and −285.830 kJ/mol of vapour and water (CODATA)
 WATER_CP = 4182.0  # J/(kg K), of the liquid near room temperature
-LARGEST_FLOW_KG_S = 100.0
-"""Upper stop: more than any engine takes. A control that holds something by it states its own."""
 
 
 class WaterInjection(Component):
@@ -34,6 +32,9 @@ class WaterInjection(Component):
             NAME,
             FROM,
             TO,
+            Field(
+                "largest_flow_kg_s", "number", "upper stop of its actuator <name>.flow_kg_s", unit="kg/s", minimum=1e-9
+            ),
             Field("phase", "choice", "what is injected", "water", choices=("water", "steam")),
             Field("temperature_K", "number", "of the water or steam", T_ISA, unit="K", minimum=273.0, maximum=1000.0),
         ),
@@ -41,7 +42,7 @@ class WaterInjection(Component):
 
     def actuators(self) -> tuple[Actuator, ...]:
         words = f"{spelled(self.name)} flow"
-        return (Actuator(f"{self.name}.flow_kg_s", "kg/s", 0.0, 0.0, LARGEST_FLOW_KG_S, words),)
+        return (Actuator(f"{self.name}.flow_kg_s", "kg/s", 0.0, 0.0, self.values["largest_flow_kg_s"], words),)
 
     def evaluate(self, e: Evaluation) -> None:
         inlet = e.flows[self.values["from"]]
@@ -62,7 +63,7 @@ class WaterInjection(Component):
         if self.values["phase"] == "water":
             most = value(saturated_water(value(moist.T), value(moist.P)))  # negative: it boils, and there is no most
             wet = np.asarray((most > 0.0) & (value(war) > most) & ~off)
-            e.mark_outside(f"{self.name} (more water than the air can hold)", np.broadcast_to(wet, (e.size,)))
+            e.mark_outside(self.name, np.broadcast_to(wet, (e.size,)), f"what air behind {self.name} holds as vapour")
         return moist
 
     def _enthalpy(self, gas: Gas) -> float:
