@@ -259,7 +259,7 @@ class Engine:
         x = np.array([[u.start] for u in self.unknowns])
         e = solver.evaluate(self.network, points, self._nominal, x, frozenset())
         stations = (f"{w}{s}{u}" for s in e.flows for w, u in (("T", "_K"), ("P", "_Pa"), ("W", "_kg_s"), ("FAR", "")))
-        return tuple(e.balances), (*e.outputs, *stations, "OPR", "SFC_kg_Ns")
+        return tuple(e.balances), (*e.outputs, *stations, "OPR", "EPR", "SFC_kg_Ns")
 
     def _directions(self, wrt: Sequence[str]) -> frozenset[str]:
         """The leaves along which outputs are differentiated: none, or the unknowns and `wrt`."""

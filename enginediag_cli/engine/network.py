@@ -13,6 +13,7 @@ from enginediag_cli.engine.components.base import scalar
 from enginediag_cli.engine.components.burner import Burner
 from enginediag_cli.engine.components.inlet import Inlet
 from enginediag_cli.engine.components.load import Load
+from enginediag_cli.engine.components.turbine import Turbine
 from enginediag_cli.engine.dual import Value, sqrt
 from enginediag_cli.engine.evaluation import Evaluation, Shaft
 from enginediag_cli.engine.flow import Flow
@@ -53,6 +54,8 @@ class Network:
         self.loaded_shafts = {c.values["shaft"] for c in components if isinstance(c, Load)}
         self.speed_columns = {f"{s['speed_label']}_rpm": name for name, s in self.shafts.items()}
         self.burners = [c.name for c in components if isinstance(c, Burner)]
+        self.inlet_exit = next((c.values["to"] for c in components if isinstance(c, Inlet)), "")
+        self.last_turbine_exit = next((c.values["to"] for c in reversed(components) if isinstance(c, Turbine)), "")
         self.neutral: dict[str, Value] = {a.name: a.neutral for c in components for a in c.actuators()}
         self.design_theta2 = 1.0
         self.design_setting = 1.0  # corrected power setting of the design point
@@ -246,13 +249,17 @@ class Network:
     # outputs
 
     def read(self, e: Evaluation, column: str) -> Value:
-        """A model column: T<station>_K, P<station>_Pa, W<station>_kg_s, FAR<station>, speeds, thrust, fuel, …"""
+        """A model column: T<station>_K, P<station>_Pa, W<station>_kg_s, FAR<station>, speeds, thrust, fuel, …
+
+        EPR is the total pressure behind the last turbine over that at the engine's inlet, as instruments take it."""
         if column in e.outputs:
             return e.outputs[column]
         if column == "OPR":
             return e.flows["3"].P / e.flows["2"].P
         if column == "SFC_kg_Ns":
             return e.outputs["Wf_kg_s"] / e.outputs["Fn_N"]
+        if column == "EPR":
+            return e.flows[self.last_turbine_exit].P / e.flows[self.inlet_exit].P
         match = STATION_COLUMN.fullmatch(column)
         if match is None or match["station"] not in e.flows:
             raise KeyError(column)

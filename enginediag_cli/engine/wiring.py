@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 from enginediag_cli.config.checked import Checked
@@ -112,13 +112,35 @@ def _whole(values: Mapping[str, Any], checked: Checked) -> Iterator[Problem]:
                 checked.mark(("components",)),
                 f"an engine needs exactly one {needed}, this one has {types.count(needed)}",
             )
-    known = ["Wf_kg_s", *(f"{s['speed_label']}_rpm" for s in values["shafts"] if s["speed"] == "balance")]
-    known += ["T4_K"] if any("4" in outlets(c) for c in values["components"]) else []
-    known += ["Fn_N"] if "nozzle" in types else []
-    known += ["power_W"] if "load" in types else []
+    known = power_settings(values)
     if values["power_setting"] not in known:
         yield Problem(
             checked.mark(("power_setting",)),
             f"'{values['power_setting']}' cannot be the power setting",
             near(values["power_setting"], known),
         )
+
+
+def power_settings(values: Mapping[str, Any]) -> list[str]:
+    """Columns that may set the power of this engine: fuel flow, the speeds that follow from a balance, the total
+    temperature of any station that burnt gas reaches, engine pressure ratio, thrust, and power and torque of what its
+    shafts drive."""
+    components = values["components"]
+    types = {c["type"] for c in components}
+    found = ["Wf_kg_s", *(f"{s['speed_label']}_rpm" for s in values["shafts"] if s["speed"] == "balance")]
+    found += [f"T{station}_K" for station in _hot_stations(components)]
+    found += ["EPR"] if "turbine" in types else []
+    found += ["Fn_N"] if "nozzle" in types else []
+    loads = [c["name"] for c in components if c["type"] == "load"]
+    found += ["power_W"] if loads else []
+    return [*found, *(f"{name}_{column}" for name in loads for column in ("power_W", "torque_N_m"))]
+
+
+def _hot_stations(components: Sequence[Mapping[str, Any]]) -> list[str]:
+    """Stations that gas from a burner reaches, those between vanes and rotor of a turbine among them."""
+    hot: list[str] = []
+    for c in components:
+        if c["type"] == "burner" or any(c[key] in hot for key in inlets(c)):
+            inside = c.get("rotor_inlet_station")
+            hot += [*([inside] if inside else []), *outlets(c)]
+    return hot

@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+import math
+
 from enginediag_cli.config.fields import Field, Section
 from enginediag_cli.engine.components.base import NAME, Component, Design, scalar
 from enginediag_cli.engine.evaluation import Evaluation
 from enginediag_cli.parameters import Parameter
+
+RAD_S_PER_RPM = math.pi / 30.0
+"""Of angular speed: a turn is 2π rad, a minute 60 s."""
 
 
 class Load(Component):
@@ -57,6 +62,7 @@ class Load(Component):
             e.balances[f"{name} power"] = (surplus - absorbed) / shaft.supply_W
             surplus = absorbed
         delivered = surplus * e[f"{self.name}.efficiency"]
+        e.outputs[f"{self.name}_torque_N_m"] = surplus / (shaft.speed_rpm * RAD_S_PER_RPM)
         e.outputs[f"{self.name}_power_W"] = delivered
         e.add_output("power_W", delivered)
 
