@@ -19,11 +19,13 @@ from enginediag_cli.engine.hooks import Hooks, Stations
 
 @dataclass
 class Shaft:
-    """What turns together: rotational speed and the powers put in and taken out so far [W]."""
+    """What turns together: rotational speed and the powers put in and taken out so far [W]: by turbines, by
+    compressors, and by what it drives outside the gas path."""
 
     speed_rpm: Value
     supply_W: Value = 0.0
     demand_W: Value = 0.0
+    load_W: Value = 0.0
 
 
 @dataclass

@@ -12,8 +12,8 @@ from enginediag_cli.engine.components import Component, Unknown
 from enginediag_cli.engine.components.base import scalar
 from enginediag_cli.engine.components.burner import Burner
 from enginediag_cli.engine.components.inlet import Inlet
-from enginediag_cli.engine.components.load import Load
 from enginediag_cli.engine.components.turbine import Turbine
+from enginediag_cli.engine.coupling import Coupling
 from enginediag_cli.engine.dual import Value, sqrt
 from enginediag_cli.engine.evaluation import Evaluation, Shaft
 from enginediag_cli.engine.flow import Flow
@@ -51,7 +51,8 @@ class Network:
         self.shafts = {s["name"]: s for s in shafts}
         self.power_setting = power_setting
         self.design = dict(design)
-        self.loaded_shafts = {c.values["shaft"] for c in components if isinstance(c, Load)}
+        self.coupling = Coupling(self.shafts, components)
+        self.loaded_shafts = self.coupling.loaded
         self.speed_columns = {f"{s['speed_label']}_rpm": name for name, s in self.shafts.items()}
         self.burners = [c.name for c in components if isinstance(c, Burner)]
         self.inlet_exit = next((c.values["to"] for c in components if isinstance(c, Inlet)), "")
@@ -108,8 +109,11 @@ class Network:
         for c in self.components:
             if not (isinstance(c, Burner) and given == f"{c.name}.fuel_flow"):
                 found.extend(c.unknowns())
-        for name, s in self.shafts.items():
-            if s["speed"] == "balance" and given != f"{name}.speed_rpm":
+        for name in self.shafts:
+            turning = self.coupling.turning_with(name)
+            if name == turning[0] and not any(
+                self.shafts[m]["speed"] != "balance" or given == f"{m}.speed_rpm" for m in turning
+            ):
                 found.append(Unknown(f"{name}.corrected_speed", lower=0.05, upper=2.0))
         return tuple(replace(u, start=self._start.get(u.name, u.start)) for u in found)
 
@@ -160,7 +164,8 @@ class Network:
         if self.design_point is None:
             return UNSIZED_W
         shaft = self.design_point.shaft(name)
-        return max(OFFTAKE_SHARE * (scalar(shaft.demand_W) or scalar(shaft.supply_W)), UNSIZED_W)
+        carried = (scalar(w) for w in (shaft.demand_W, shaft.supply_W, shaft.load_W))
+        return max(OFFTAKE_SHARE * next((w for w in carried if w), 0.0), UNSIZED_W)
 
     def _cooling_ports(self, component: Component) -> list[str]:
         """Bleed ports of a component whose air a turbine takes in again."""
@@ -220,6 +225,8 @@ class Network:
             if isinstance(c, Inlet):
                 self.design_theta2 = scalar(e.theta2)
         self._close(e)
+        self.coupling.check_design(e)
+        self.neutral = {a.name: a.neutral for c in self.components for a in c.actuators()}
         theta, delta = total_ratios({c: e.leaves[c] for c in self.inputs() if c in e.leaves})
         self.design_setting = scalar(self.read(e, self.power_setting) / correction(self.power_setting, theta, delta))
         self.design_point = e
@@ -228,20 +235,21 @@ class Network:
         """Given speed, or design speed times the unknown times √(θ₂/θ₂,design)."""
         if e.has(f"{name}.speed_rpm"):
             return Shaft(e[f"{name}.speed_rpm"])
+        for other in self.coupling.turning_with(name):
+            if e.has(f"{other}.speed_rpm"):
+                return Shaft(e[f"{other}.speed_rpm"] * self.coupling.ratio(name, other))
         root = sqrt(e.theta2 * (1.0 / self.design_theta2))
-        return Shaft(e[f"{name}.corrected_speed"] * (root * self.shafts[name]["design_speed_rpm"]))
+        leading = self.coupling.turning_with(name)[0]
+        return Shaft(e[f"{leading}.corrected_speed"] * (root * self.shafts[name]["design_speed_rpm"]))
 
     def _close(self, e: Evaluation) -> None:
         for name, s in self.shafts.items():
             shaft = e.shaft(name)
             e.outputs[f"{s['speed_label']}_rpm"] = shaft.speed_rpm
-            if name not in self.loaded_shafts:
-                offtake = e[f"{name}.power_offtake_W"]
-                e.balances[f"{name} power"] = (
-                    e[f"{name}.mechanical_efficiency"] - (shaft.demand_W + offtake) / shaft.supply_W
-                )
+            if name in self.coupling.balanced:
+                e.balances[f"{name} power"] = self.coupling.missing(e, name)
         if "gross_thrust_N" in e.outputs:
-            e.outputs["Fn_N"] = e.outputs["gross_thrust_N"] - e.outputs["ram_drag_N"]
+            e.add_output("Fn_N", e.outputs["gross_thrust_N"] - e.outputs["ram_drag_N"])
         if self.given_leaf is None:
             target = e[self.power_setting]
             e.balances[f"power setting {self.power_setting}"] = self.read(e, self.power_setting) / target - 1.0

@@ -7,6 +7,7 @@ from typing import Any
 
 from enginediag_cli.config.checked import Checked
 from enginediag_cli.config.hints import near
+from enginediag_cli.engine.driving import driving_problems
 from enginediag_cli.errors import Problem
 
 RECEIVERS = ("receives", "cooling_before_rotor", "cooling_after_rotor")
@@ -14,7 +15,13 @@ RECEIVERS = ("receives", "cooling_before_rotor", "cooling_after_rotor")
 
 def wiring_problems(values: Mapping[str, Any], checked: Checked) -> list[Problem]:
     """Everything about the network that is wrong, before it is built."""
-    return [*_stations(values, checked), *_bleeds(values, checked), *_shafts(values, checked), *_whole(values, checked)]
+    return [
+        *_stations(values, checked),
+        *_bleeds(values, checked),
+        *_shafts(values, checked),
+        *driving_problems(values, checked),
+        *_whole(values, checked),
+    ]
 
 
 def inlets(component: Mapping[str, Any]) -> list[str]:
@@ -76,28 +83,16 @@ def _bleeds(values: Mapping[str, Any], checked: Checked) -> Iterator[Problem]:
 
 
 def _shafts(values: Mapping[str, Any], checked: Checked) -> Iterator[Problem]:
-    """Components name shafts that exist; a shaft has a turbine, and its load comes behind its turbines."""
+    """Components name shafts that exist; a shaft has a turbine or a gearbox that drives it."""
     shafts = [s["name"] for s in values["shafts"]]
     driven: set[str] = set()
-    loads: dict[str, str] = {}
     for k, c in enumerate(values["components"]):
-        if "shaft" not in c:
-            continue
-        place = checked.mark(("components", k, "shaft"))
-        if c["shaft"] not in shafts:
-            yield Problem(place, f"{c['name']}: there is no shaft '{c['shaft']}'", near(c["shaft"], shafts))
-        elif c["type"] == "load" and c["shaft"] not in driven:
-            yield Problem(place, f"{c['name']}: a load comes behind the turbine that drives its shaft")
-        if c["type"] == "load" and c["shaft"] in loads:
-            yield Problem(
-                place,
-                f"{c['name']}: shaft '{c['shaft']}' drives {loads[c['shaft']]} already, which takes what it has",
-                "state what the smaller one takes as the shaft's power_offtake_W",
-            )
-        if c["type"] == "load":
-            loads[c["shaft"]] = c["name"]
-        if c["type"] == "turbine":
-            driven.add(c["shaft"])
+        for key in ("shaft", "drives"):
+            if key in c and c[key] not in shafts:
+                place = checked.mark(("components", k, key))
+                yield Problem(place, f"{c['name']}: there is no shaft '{c[key]}'", near(c[key], shafts))
+        if c["type"] in ("turbine", "gearbox"):
+            driven.add(c["drives" if c["type"] == "gearbox" else "shaft"])
     for name in shafts:
         if name not in driven:
             yield Problem(checked.mark(("shafts", name)), f"shaft '{name}' has no turbine")
@@ -130,10 +125,11 @@ def power_settings(values: Mapping[str, Any]) -> list[str]:
     found = ["Wf_kg_s", *(f"{s['speed_label']}_rpm" for s in values["shafts"] if s["speed"] == "balance")]
     found += [f"T{station}_K" for station in _hot_stations(components)]
     found += ["EPR"] if "turbine" in types else []
-    found += ["Fn_N"] if "nozzle" in types else []
-    loads = [c["name"] for c in components if c["type"] == "load"]
-    found += ["power_W"] if loads else []
-    return [*found, *(f"{name}_{column}" for name in loads for column in ("power_W", "torque_N_m"))]
+    found += ["Fn_N"] if types & {"nozzle", "propeller"} else []
+    # what is demanded of a machine cannot be wanted once more
+    machines = [c["name"] for c in components if c["type"] in ("load", "propeller") and c.get("law") != "given"]
+    found += ["power_W"] if machines else []
+    return [*found, *(f"{name}_{column}" for name in machines for column in ("power_W", "torque_N_m"))]
 
 
 def _hot_stations(components: Sequence[Mapping[str, Any]]) -> list[str]:

@@ -9,16 +9,33 @@ from enginediag_cli.engine.components.burner import Burner
 from enginediag_cli.engine.components.compressor import Compressor
 from enginediag_cli.engine.components.duct import Duct
 from enginediag_cli.engine.components.exhaust import Exhaust
+from enginediag_cli.engine.components.gearbox import Gearbox
 from enginediag_cli.engine.components.inlet import Inlet
 from enginediag_cli.engine.components.load import Load
 from enginediag_cli.engine.components.mixer import Mixer
 from enginediag_cli.engine.components.nozzle import Nozzle
+from enginediag_cli.engine.components.propeller import Propeller
 from enginediag_cli.engine.components.splitter import Splitter
 from enginediag_cli.engine.components.turbine import Turbine
 
 COMPONENTS: dict[str, type[Component]] = {
     c.TYPE: c
-    for c in (Ambient, Inlet, Compressor, Splitter, Bleed, Duct, Burner, Turbine, Mixer, Nozzle, Exhaust, Load)
+    for c in (
+        Ambient,
+        Inlet,
+        Compressor,
+        Splitter,
+        Bleed,
+        Duct,
+        Burner,
+        Turbine,
+        Mixer,
+        Nozzle,
+        Exhaust,
+        Load,
+        Gearbox,
+        Propeller,
+    )
 }
 
 __all__ = ["COMPONENTS", "Actuator", "Component", "Unknown"]
