@@ -16,6 +16,9 @@ from enginediag_cli.engine.flow import Flow
 from enginediag_cli.engine.gas import Gas
 from enginediag_cli.engine.hooks import Hooks, Stations
 
+Exchange = Callable[["Evaluation", Flow], Flow]
+"""What a heat exchanger makes of the flow that enters its hot side."""
+
 
 @dataclass
 class Shaft:
@@ -39,6 +42,7 @@ class Evaluation:
     directions: dict[str, int] = field(default_factory=dict)
     flows: dict[str, Flow] = field(default_factory=dict)
     bleeds: dict[str, Flow] = field(default_factory=dict)
+    exchanges: dict[str, Exchange] = field(default_factory=dict)  # by the exchanger whose cold side has been passed
     shafts: dict[str, Shaft] = field(default_factory=dict)
     balances: dict[str, Value] = field(default_factory=dict)
     outputs: dict[str, Value] = field(default_factory=dict)

@@ -95,11 +95,35 @@ TURBOPROP_SHAFTS = """\
   - {name: power_turbine, speed_label: N2, design_speed_rpm: 30000}
   - {name: propeller, speed_label: N3, design_speed_rpm: 2000}
 """
+AFTERBURNING = MIXED_FLOW.replace(
+    """  - {type: nozzle, name: nozzle, from: "6"}
+""",
+    """  - {type: afterburner, name: afterburner, from: "6", to: "7", set_by: fuel_air_ratio, inlet_mach: 0.25}
+  - {type: condi_nozzle, name: nozzle, from: "7", area_ratio: 1.3, opening_range: [0.9, 1.8]}
+""",
+)
+RECUPERATED = """\
+  - {type: ambient, name: ambient, to: "1", conditions: ground}
+  - {type: inlet, name: inlet, from: "1", to: "2", corrected_flow_kg_s: 20}
+  - {type: compressor, name: low, from: "2", to: "24", shaft: rotor, pressure_ratio: 2.5,
+     isentropic_efficiency: 0.85}
+  - {type: intercooler, name: intercooler, from: "24", to: "25", effectiveness: 0.85}
+  - {type: compressor, name: high, from: "25", to: "3", shaft: rotor, pressure_ratio: 2.5,
+     isentropic_efficiency: 0.85}
+  - {type: recuperator, name: recuperator, from: "3", to: "35", effectiveness: 0.88, effectiveness_law: ntu}
+  - {type: burner, name: burner, from: "35", to: "4", exit_temperature_K: 1350}
+  - {type: turbine, name: turbine, from: "4", to: "5", shaft: rotor, pressure_ratio: 5.4, isentropic_efficiency: 0.88}
+  - {type: recuperator_hot, name: gas_side, from: "5", to: "6", recuperator: recuperator, pressure_loss: 0.03}
+  - {type: exhaust, name: exhaust, from: "6"}
+  - {type: load, name: generator, shaft: rotor, law: surplus, efficiency: 0.97}
+"""
 ENGINES = tuple(
     f"{HEAD}components:\n{components}shafts:\n{shafts}"
     for components, shafts in (
         (MIXED_FLOW, MIXED_FLOW_SHAFTS),
         (SINGLE_SHAFT, SINGLE_SHAFT_SHAFTS),
+        (AFTERBURNING, MIXED_FLOW_SHAFTS),
+        (RECUPERATED, SINGLE_SHAFT_SHAFTS),
         (TURBOPROP, TURBOPROP_SHAFTS),
     )
 )

@@ -78,7 +78,8 @@ class Flow:
 
 
 def mix(first: Flow, *others: Flow) -> Flow:
-    """Flows mixed at the pressure of the first: mass, fuel, water and enthalpy add."""
+    """Flows mixed at the pressure of the first: mass, fuel, water and enthalpy add. A row to which the others bring
+    nothing (their valves are closed) keeps the first flow to the last digit."""
     others = tuple(f for f in others if not _is_zero(f.W))
     if not others:
         return first
@@ -88,16 +89,32 @@ def mix(first: Flow, *others: Flow) -> Flow:
     for f in flows:
         W = W + f.W
         H = H + f.W * f.h
+    h = H / W
+    idle = np.asarray(sum(np.abs(value(f.W)) for f in others) == 0.0)
+    if idle.any():
+        h = kept(idle, first.h, h)
     mixture = DRY_AIR
     if any(f.mixture.kind > 1 for f in flows):
         dry = [f.W / f.mixture.per_dry_air() for f in flows]
         total: Value = 0.0
         for d in dry:
             total = total + d
-        mixture = Mixture(
-            _share([f.mixture.far for f in flows], dry, total), _share([f.mixture.war for f in flows], dry, total)
-        )
-    return Flow(first.gas, mixture, W, first.P, h=H / W)
+        far = _share([f.mixture.far for f in flows], dry, total)
+        war = _share([f.mixture.war for f in flows], dry, total)
+        if idle.any():
+            far = _kept_share(idle, first.mixture.far, far)
+            war = _kept_share(idle, first.mixture.war, war)
+        mixture = Mixture(far, war)
+    return Flow(first.gas, mixture, W, first.P, h=h)
+
+
+def kept(rows: np.ndarray, old: Value, new: Value) -> Value:
+    """`new` with the values of `old` in the rows (N,) where both are one but for rounding; derivatives of `new`."""
+    return chain(np.where(rows, value(old), value(new)), (np.asarray(1.0), new))
+
+
+def _kept_share(rows: np.ndarray, old: Value | None, new: Value | None) -> Value | None:
+    return None if new is None else kept(rows, 0.0 if old is None else old, new)
 
 
 def _share(ratios: list[Value | None], dry: list[Value], total: Value) -> Value | None:
@@ -132,7 +149,7 @@ def static_pressure(flow: Flow, area_m2: Value, iterations: int = 30) -> tuple[V
     cp = value(gas.heat_capacity(flow.T, mixture))
     mach = np.clip(value(flow.W) * np.sqrt(R * T) / (value(flow.P) * value(area_m2)), 1e-6, 0.6)
     T_s = T - 0.5 * mach**2 * R * T / cp
-    plain = Mixture(*(None if x is None else value(x) for x in (mixture.far, mixture.war)))
+    plain = mixture.plain
     for _ in range(iterations):
         h_s, phi_s = gas.enthalpy_and_entropy(T_s, plain)
         V = np.sqrt(np.maximum(2.0 * (value(flow.h) - h_s), 1e-12))
@@ -152,3 +169,47 @@ def static_pressure(flow: Flow, area_m2: Value, iterations: int = 30) -> tuple[V
     f_exact, _, _ = excess(T_s)
     _, V_exact, log_p = excess(chain(T_s, (-1.0 / slope, f_exact)))
     return exp(log_p), V_exact
+
+
+def at_mach(flow: Flow, mach: float) -> tuple[Value, Value]:
+    """Static pressure [Pa] of a total state at a Mach number, with γ of its total temperature, and the area [m²] that
+    its flow then takes; arrays (N,)."""
+    cp, R = flow.gas.heat_capacity(flow.T, flow.mixture), flow.R
+    gamma = cp / (cp - R)
+    T_s = flow.T / (1.0 + 0.5 * (gamma - 1.0) * mach * mach)
+    h_s, phi_s = flow.gas.enthalpy_and_entropy(T_s, flow.mixture)
+    p = flow.P * exp((phi_s - flow.phi) / R)
+    V = sqrt(2.0 * (flow.h - h_s))
+    return p, flow.W * R * T_s / (p * V)
+
+
+def at_impulse(flow: Flow, impulse: Value, area: float, iterations: int = 30) -> tuple[Flow, np.ndarray]:
+    """The flow at the total pressure that impulse I = W V + p A [N] leaves it in an area [m²], and where it is
+    subsonic (N,): elsewhere it is choked, and means nothing.
+
+    V from W = ρ V A, T from h − V²/2 and I, by Newton's method on values; one step more in derivative arithmetic gives
+    the exact derivatives.
+    """
+    gas, mixture = flow.gas, flow.mixture
+    plain = mixture.plain
+
+    def state(V: Value, W: Value, h: Value, R: Value, total: Value, m: Mixture) -> tuple[Value, Value, Value, Value]:
+        T_s, phi_s = gas.at_enthalpy(h - 0.5 * (V * V), m)
+        p = (total - W * V) * (1.0 / area)
+        return p * V * area - W * R * T_s, T_s, p, phi_s  # zero: W = p V A / (R T)
+
+    W, h, R, total = (value(x) for x in (flow.W, flow.h, flow.R, impulse))
+    V = W * R * value(flow.T) / total
+    for _ in range(iterations):
+        f, T_s, _, _ = state(V, W, h, R, total, plain)
+        cp = gas.heat_capacity(T_s, plain)
+        slope = total - 2.0 * W * V + W * R * V / cp  # (γ R T − V²) W/(γ V), positive while subsonic
+        V = V - f / slope
+        if np.all(np.abs(value(f)) < 1e-12 * np.abs(total * V)):
+            break
+    subsonic = np.asarray((slope > 0.0) & (np.abs(value(f)) < 1e-8 * np.abs(total * V)))
+    f_exact, _, _, _ = state(V, flow.W, flow.h, flow.R, impulse, mixture)
+    V_exact = chain(V - value(f_exact) / slope, (-1.0 / slope, f_exact))
+    _, _, p, phi_s = state(V_exact, flow.W, flow.h, flow.R, impulse, mixture)
+    P = p * exp((flow.phi - phi_s) / flow.R)
+    return flow.with_(P=P), subsonic

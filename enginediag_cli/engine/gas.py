@@ -17,11 +17,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 
 import numpy as np
 
-from enginediag_cli.engine.dual import Array, Dual, Value, chain, value
+from enginediag_cli.engine.dual import Array, Dual, Value, chain, select, value
 from enginediag_cli.engine.nasa9 import (
     DRY_AIR_MOLE_FRACTION,
     MOLAR_MASS,
@@ -32,6 +32,7 @@ from enginediag_cli.engine.nasa9 import (
 T_REFERENCE = 298.15  # K, zero of h and φ
 T_FIT = (200.0, 2400.0)  # K
 T_NOZZLE = (180.0, 1700.0)  # K, total temperatures at which nozzles are met
+T_HOT_NOZZLE = (1600.0, 2600.0)  # K, the same behind an afterburner
 FIT_DEGREES = (10, 9, 8, 8, 6)  # in x, of the terms (1, far, far², war, war·far)
 T_LIMIT = (150.0, 2500.0)  # K, where an operating point is still called inside the gas data
 DEGREE = 9
@@ -54,6 +55,11 @@ class Mixture:
         """How many pseudo-species it needs: 1 dry air, 2 with fuel, 3 with water."""
         return 3 if self.war is not None else 2 if self.far is not None else 1
 
+    @property
+    def plain(self) -> Mixture:
+        """The same without derivatives."""
+        return Mixture(*(None if x is None else value(x) for x in (self.far, self.war)))
+
     def per_dry_air(self) -> Value:
         """kg of gas per kg of dry air, 1 + far + war."""
         total: Value = 1.0
@@ -71,6 +77,7 @@ class Gas:
 
     def __init__(self, hydrogen_carbon_ratio: float = 1.9185):
         species = _pseudo_species(hydrogen_carbon_ratio)
+        self._oxygen = tuple(s.get("O2", 0.0) for s in species[:2])
         self.R_species = np.array([UNIVERSAL_GAS_CONSTANT * sum(s.values()) for s in species])
         T = 0.5 * (T_FIT[0] + T_FIT[1]) - 0.5 * (T_FIT[1] - T_FIT[0]) * np.cos(np.linspace(0, np.pi, 800))
         cp = np.stack([sum(n * molar_heat_capacity(name, T) for name, n in s.items()) for s in species])
@@ -95,8 +102,12 @@ class Gas:
         self._start_h = self._fitted(*T_LIMIT, lambda T, m: (self._mixed(T, m, (H,))[0][0] * 1e-6, T))
         self._start_phi = self._fitted(*T_LIMIT, lambda T, m: (self._mixed(T, m, (PHI,))[0][0] * 1e-3, np.log(T)))
         self._critical = self._fitted(*T_NOZZLE, lambda T, m: (T * 1e-3, self._critical_exactly(T, m)))
-        self._critical_slope = np.zeros_like(self._critical)
-        self._critical_slope[:, :-1] = self._critical[:, 1:] * np.arange(1, 11)
+        self._critical_slope = _derivative(self._critical)
+
+    @cached_property
+    def _critical_hot(self) -> tuple[Array, Array]:
+        found = self._fitted(*T_HOT_NOZZLE, lambda T, m: (T * 1e-3, self._critical_exactly(T, m)))
+        return found, _derivative(found)
 
     def constant(self, mixture: Mixture) -> Value:
         """Gas constant R [J/(kg K)]."""
@@ -157,13 +168,21 @@ class Gas:
         """ln(P/p_*) of an isentropic expansion from total temperature T [K] to Mach 1.
 
         A polynomial in T and composition fitted to the exact solution of h(T) − h(T_*) = γ(T_*) R T_*/2
-        with these gas data (to 2e-5, which moves the choked flow by 1e-10), so that nozzles need no iteration.
+        with these gas data (to 2e-5, which moves the choked flow by 1e-10), so that nozzles need no iteration. Above
+        T_NOZZLE, where no gas is before an afterburner burns, another one.
         """
+        hot = np.asarray(value(T) > T_NOZZLE[1])
+        found = self._critical_from(self._critical, self._critical_slope, T, mixture)
+        if hot.any():
+            found = select(hot, self._critical_from(*self._critical_hot, T, mixture), found)
+        return found
+
+    def _critical_from(self, coefficients: Array, derivative: Array, T: Value, mixture: Mixture) -> Value:
         t = value(T) * 1e-3
         P = _powers(t, False)
         kind = mixture.kind
-        rows = self._critical[: (1, 3, 5)[kind - 1]] @ P
-        slopes = self._critical_slope[: (1, 3, 5)[kind - 1]] @ P
+        rows = coefficients[: (1, 3, 5)[kind - 1]] @ P
+        slopes = derivative[: (1, 3, 5)[kind - 1]] @ P
         far = value(mixture.far) if mixture.far is not None else 0.0
         war_value: Value = 0.0 if mixture.war is None else mixture.war
         war = value(war_value)
@@ -198,6 +217,11 @@ class Gas:
                     mix += war * part[2]
                 part[0] = mix * inverse
         return parts
+
+    @property
+    def stoichiometric_far(self) -> float:
+        """Fuel per dry air that takes all of its oxygen."""
+        return -self._oxygen[0] / self._oxygen[1]
 
     @staticmethod
     def _composition(parts: Array, mixture: Mixture) -> Iterator[tuple[Array, Value]]:
@@ -299,6 +323,13 @@ def _quantity_rows(T: Array, cp: Array) -> Array:
     rows[H, :, 0] -= at_reference[H]
     rows[PHI, :, 0] -= at_reference[PHI]
     return rows
+
+
+def _derivative(coefficients: Array) -> Array:
+    """Of polynomials (k, 11), in the same powers."""
+    found = np.zeros_like(coefficients)
+    found[:, :-1] = coefficients[:, 1:] * np.arange(1, coefficients.shape[1])
+    return found
 
 
 def _powers(t: Array, with_log: bool) -> Array:

@@ -9,6 +9,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from enginediag_cli.engine.components import Component, Unknown
+from enginediag_cli.engine.components.afterburner import Afterburner
 from enginediag_cli.engine.components.base import scalar
 from enginediag_cli.engine.components.burner import Burner
 from enginediag_cli.engine.components.inlet import Inlet
@@ -54,7 +55,8 @@ class Network:
         self.coupling = Coupling(self.shafts, components)
         self.loaded_shafts = self.coupling.loaded
         self.speed_columns = {f"{s['speed_label']}_rpm": name for name, s in self.shafts.items()}
-        self.burners = [c.name for c in components if isinstance(c, Burner)]
+        # the first is the one whose fuel the power setting sets or leaves open
+        self.burners = [c.name for kind in (Burner, Afterburner) for c in components if isinstance(c, kind)]
         self.inlet_exit = next((c.values["to"] for c in components if isinstance(c, Inlet)), "")
         self.last_turbine_exit = next((c.values["to"] for c in reversed(components) if isinstance(c, Turbine)), "")
         self.neutral: dict[str, Value] = {a.name: a.neutral for c in components for a in c.actuators()}
@@ -225,7 +227,6 @@ class Network:
             if isinstance(c, Inlet):
                 self.design_theta2 = scalar(e.theta2)
         self._close(e)
-        self.coupling.check_design(e)
         self.neutral = {a.name: a.neutral for c in self.components for a in c.actuators()}
         theta, delta = total_ratios({c: e.leaves[c] for c in self.inputs() if c in e.leaves})
         self.design_setting = scalar(self.read(e, self.power_setting) / correction(self.power_setting, theta, delta))
@@ -265,7 +266,7 @@ class Network:
         if column == "OPR":
             return e.flows["3"].P / e.flows["2"].P
         if column == "SFC_kg_Ns":
-            return e.outputs["Wf_kg_s"] / e.outputs["Fn_N"]
+            return e.outputs.get("Wf_total_kg_s", e.outputs["Wf_kg_s"]) / e.outputs["Fn_N"]
         if column == "EPR":
             return e.flows[self.last_turbine_exit].P / e.flows[self.inlet_exit].P
         match = STATION_COLUMN.fullmatch(column)

@@ -20,6 +20,9 @@ FAN_RATIOS = (1.05, 12.0)
 """Pressure ratios between which that of a fan is sought: from hardly any compression to more than any fan gives."""
 BYPASS_RATIOS = (0.02, 20.0)
 """Where a value that lets two flows mix is looked for."""
+SIZING_PASSES = 60
+"""Of all components, where one assumes what another gives: each gains a digit or more, since a burner's exit
+temperature hardly leaves a way back."""
 HALVINGS = 40
 """Of that range: far more than the digits that are told."""
 
@@ -41,13 +44,20 @@ def size(network: Network, values: Mapping[str, Any], checked: Checked) -> None:
 
 
 def _run(network: Network, values: Mapping[str, Any]) -> None:
-    inputs = {c: np.array([values["design"].get(c, 0.0)]) for c in network.inputs()}
+    own = {column: x for c in network.components for column, x in c.at_design().items()}
+    inputs = {c: np.array([values["design"].get(c, own.get(c, 0.0))]) for c in network.inputs()}
     x: dict[str, Any] = {u.name: np.array([u.start]) for c in network.components for u in c.unknowns()}
     x |= {f"{name}.corrected_speed": np.array([1.0]) for name in network.shafts}
     leaves: dict[str, Any] = {**network.neutral, **{p.name: p.nominal for p in network.parameters()}, **x, **inputs}
-    e = Evaluation(network.gas, 1, leaves)
-    with np.errstate(all="ignore"):
-        network.size(e)
+    for _ in range(SIZING_PASSES):
+        with np.errstate(all="ignore"):
+            network.size(Evaluation(network.gas, 1, leaves))
+        if all(c.settled() for c in network.components):
+            assert network.design_point is not None
+            network.coupling.check_design(network.design_point)
+            return
+    open_still = ", ".join(c.name for c in network.components if not c.settled())
+    raise ValueError(f"{open_still}: no temperature behind it agrees with what follows from it")
 
 
 def _equal_pressures(network: Network, values: Mapping[str, Any], error: PressureMismatchError) -> str:

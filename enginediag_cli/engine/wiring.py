@@ -15,13 +15,8 @@ RECEIVERS = ("receives", "cooling_before_rotor", "cooling_after_rotor")
 
 def wiring_problems(values: Mapping[str, Any], checked: Checked) -> list[Problem]:
     """Everything about the network that is wrong, before it is built."""
-    return [
-        *_stations(values, checked),
-        *_bleeds(values, checked),
-        *_shafts(values, checked),
-        *driving_problems(values, checked),
-        *_whole(values, checked),
-    ]
+    parts = (_stations, _bleeds, _exchangers, _shafts, driving_problems, _whole)
+    return [problem for part in parts for problem in part(values, checked)]
 
 
 def inlets(component: Mapping[str, Any]) -> list[str]:
@@ -82,6 +77,30 @@ def _bleeds(values: Mapping[str, Any], checked: Checked) -> Iterator[Problem]:
             bleeds.append(port["name"])
 
 
+def _exchangers(values: Mapping[str, Any], checked: Checked) -> Iterator[Problem]:
+    """A recuperator has one hot side, which comes behind it."""
+    cold: dict[str, int] = {}
+    hot: dict[str, str] = {}
+    for k, c in enumerate(values["components"]):
+        if c["type"] == "recuperator":
+            cold[c["name"]] = k
+        if c["type"] != "recuperator_hot":
+            continue
+        place, of = checked.mark(("components", k, "recuperator")), c["recuperator"]
+        if of not in cold:
+            yield Problem(place, f"{c['name']}: there is no recuperator '{of}' before it", near(of, list(cold)))
+        elif of in hot:
+            yield Problem(place, f"{c['name']}: recuperator '{of}' has a hot side already, {hot[of]}")
+        hot[of] = c["name"]
+    for name, k in cold.items():
+        if name not in hot:
+            yield Problem(
+                checked.mark(("components", k)),
+                f"{name}: nothing heats it",
+                "give it a component of type recuperator_hot behind a turbine",
+            )
+
+
 def _shafts(values: Mapping[str, Any], checked: Checked) -> Iterator[Problem]:
     """Components name shafts that exist; a shaft has a turbine or a gearbox that drives it."""
     shafts = [s["name"] for s in values["shafts"]]
@@ -106,7 +125,11 @@ def _whole(values: Mapping[str, Any], checked: Checked) -> Iterator[Problem]:
             yield Problem(
                 checked.mark(("components",)),
                 f"an engine needs exactly one {needed}, this one has {types.count(needed)}",
+                "a second burner is an afterburner" if needed == "burner" and types.count(needed) > 1 else "",
             )
+    for k, c in enumerate(values["components"]):
+        if c["type"] == "afterburner" and "burner" not in types[:k]:
+            yield Problem(checked.mark(("components", k)), f"{c['name']}: an afterburner comes behind the burner")
     known = power_settings(values)
     if values["power_setting"] not in known:
         yield Problem(
@@ -125,7 +148,7 @@ def power_settings(values: Mapping[str, Any]) -> list[str]:
     found = ["Wf_kg_s", *(f"{s['speed_label']}_rpm" for s in values["shafts"] if s["speed"] == "balance")]
     found += [f"T{station}_K" for station in _hot_stations(components)]
     found += ["EPR"] if "turbine" in types else []
-    found += ["Fn_N"] if types & {"nozzle", "propeller"} else []
+    found += ["Fn_N"] if types & {"nozzle", "condi_nozzle", "propeller"} else []
     # what is demanded of a machine cannot be wanted once more
     machines = [c["name"] for c in components if c["type"] in ("load", "propeller") and c.get("law") != "given"]
     found += ["power_W"] if machines else []

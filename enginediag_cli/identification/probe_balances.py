@@ -143,6 +143,8 @@ def _burners(engine: Engine, columns: frozenset[str], model: Readings) -> Iterat
     if len(burners) != 1 or len(nozzles) != 1 or FUEL not in columns:
         return
     burner, nozzle = burners[0], nozzles[0]
+    if nozzle.actuators() or not nozzle.converges:  # its area, or what flows through it, is not known
+        return
     T3, T4 = (recorded_at(engine, "T", burner.values[key]) for key in ("from", "to"))
     throat_at = nozzle.values["from"]
     T7, P7 = recorded_at(engine, "T", throat_at), recorded_at(engine, "P", throat_at)

@@ -68,18 +68,23 @@ def component(kind, **values):
     for f in COMPONENTS[kind].SECTION.fields:
         if not f.required:
             filled[f.name] = default_value(f)
-        if f.name in ("map", "table") and values.get(f.name):
-            values[f.name] = {
-                **{g.name: default_value(g) for g in f.section.fields if not g.required},
-                **values[f.name],
-            }
+        if f.kind == "section" and values.get(f.name):
+            values[f.name] = _filled(f.section, values[f.name])
+        if f.kind == "sections" and values.get(f.name):
+            values[f.name] = [_filled(f.section, given) for given in values[f.name]]
     return COMPONENTS[kind]({**filled, "directory": ".", **values})
 
 
+def _filled(section, given):
+    return {**{g.name: default_value(g) for g in section.fields if not g.required}, **given}
+
+
 def evaluation(parts, *, size=1, wrt=(), **leaves):
-    """A pass whose leaves are the nominal parameters and start values of components, and what is given."""
+    """A pass whose leaves are the nominal parameters, neutral positions and start values of components, and what is
+    given."""
     given: dict = {}
     for part in parts:
+        given |= {a.name: a.neutral for a in part.actuators()}
         given |= {p.name: p.nominal for p in part.parameters()}
         given |= {u.name: np.full(size, u.start) for u in part.unknowns()}
     given |= {k.replace("__", "."): v for k, v in leaves.items()}

@@ -24,6 +24,8 @@ PART_ROAMS = 0.3
 """The same of a loss, an area or a bleed, as a part of itself."""
 LEAST_BLEED = 0.01
 """A bleed that is smaller, or closed, may still vary like one of this share of the flow."""
+WIDEST_OPENING = 3.0
+"""Of a valve whose stated fraction is the usual one, not that of the valve fully open: no more is expected."""
 RECOVERY_ROAMS = 0.01
 """The same of a pressure recovery, which is near 1 whatever happens."""
 
@@ -161,9 +163,50 @@ class Component(ABC):
     def evaluate(self, e: Evaluation) -> None:
         """Reads its inlet flows from `e`, writes its outlet flows, powers and balances."""
 
+    def at_design(self) -> dict[str, float]:
+        """Its own input columns at the design point."""
+        return {}
+
     def size(self, e: Evaluation) -> None:
         """Sets its design references (areas, map scales) at the design point, then evaluates itself there."""
         self.evaluate(e)
+
+    def settled(self) -> bool:
+        """Whether what it assumed in sizing has come out; otherwise all are sized once more."""
+        return True
+
+
+VALVE = Field(
+    "valve",
+    "choice",
+    "moved by the actuator <component>.<port>.opening: `throttle` stands at 1, the stated fraction; `closed` at 0, and "
+    "the fraction is that of the open valve (a handling bleed)",
+    "none",
+    choices=("none", "throttle", "closed"),
+)
+
+
+class Valves(Component):
+    """A component whose `ports` may have valves."""
+
+    def actuators(self) -> tuple[Actuator, ...]:
+        return tuple(
+            Actuator(
+                f"{self.name}.{port['name']}.opening",
+                "1",
+                0.0 if port["valve"] == "closed" else 1.0,
+                0.0,
+                1.0 if port["valve"] == "closed" else WIDEST_OPENING,
+                self._told(f"{port['name']}.opening", f"{spelled(port['name'])} valve, opening"),
+            )
+            for port in self.values["ports"]
+            if port["valve"] != "none"
+        )
+
+    def bled(self, e: Evaluation, port: Mapping[str, Any]) -> Value:
+        """Share of the flow that a port takes."""
+        fraction = e[f"{self.name}.{port['name']}.fraction"]
+        return fraction if port["valve"] == "none" else fraction * e[f"{self.name}.{port['name']}.opening"]
 
 
 def scalar(x: Value) -> float:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from enginediag_cli.config.fields import Field, Section
-from enginediag_cli.engine.components.base import FROM, LEAST_BLEED, NAME, PART_ROAMS, TO, Component, Design
+from enginediag_cli.engine.components.base import FROM, LEAST_BLEED, NAME, PART_ROAMS, TO, VALVE, Design, Valves
 from enginediag_cli.engine.evaluation import Evaluation
 from enginediag_cli.parameters import Parameter
 
@@ -13,11 +13,12 @@ PORT = Section(
     (
         Field("name", "text", "name of the bleed; a bleed that no component receives goes overboard"),
         Field("fraction", "number", "bleed flow over the station's flow", minimum=0.0, maximum=0.6),
+        VALVE,
     ),
 )
 
 
-class Bleed(Component):
+class Bleed(Valves):
     """W_out = W (1 − Σ fractions); each bleed leaves at the station's total state."""
 
     TYPE = "bleed"
@@ -51,7 +52,7 @@ class Bleed(Component):
         inlet.h  # noqa: B018  computed once here for every branch
         W = inlet.W
         for port in self.values["ports"]:
-            taken = inlet.W * e[f"{self.name}.{port['name']}.fraction"]
+            taken = inlet.W * self.bled(e, port)
             e.bleeds[port["name"]] = inlet.with_(W=taken)
             W = W - taken
         e.flows[self.values["to"]] = inlet.with_(W=W)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from enginediag_cli.config.fields import Field, Section
 from enginediag_cli.engine.components.base import FROM, NAME, TO, Component, Design, Unknown, scalar
-from enginediag_cli.engine.dual import sqrt
+from enginediag_cli.engine.dual import Value, sqrt
 from enginediag_cli.engine.evaluation import Evaluation
 from enginediag_cli.engine.flow import Flow
 from enginediag_cli.engine.gas import Mixture
@@ -81,15 +81,10 @@ class Burner(Component):
             fuel = e[f"{self.name}.corrected_fuel"] * (e.delta2 * sqrt(e.theta2) * self.corrected_fuel_kg_s)
         v = self.values
         inlet = e.flows[v["from"]]
-        dry = inlet.W / inlet.mixture.per_dry_air()
-        far = fuel / dry if inlet.mixture.far is None else inlet.mixture.far + fuel / dry
         released = e[f"{self.name}.lower_heating_value_J_kg"] * (
             e[f"{self.name}.efficiency"] * v["combustion_efficiency"]
         )
-        W = inlet.W + fuel
-        h = (inlet.W * inlet.h + fuel * released) / W
-        P = inlet.P * (1.0 - e[f"{self.name}.pressure_loss"])
-        e.flows[v["to"]] = Flow(e.gas, Mixture(far, inlet.mixture.war), W, P, h=h)
+        e.flows[v["to"]] = burnt(inlet, fuel, released, inlet.P * (1.0 - e[f"{self.name}.pressure_loss"]))
         e.outputs["Wf_kg_s"] = fuel
 
     def size(self, e: Evaluation) -> None:
@@ -98,14 +93,32 @@ class Burner(Component):
         inlet = e.flows[v["from"]]
         fuel = 0.02 * inlet.W
         released = v["lower_heating_value_J_kg"] * v["combustion_efficiency"]
-        dry = inlet.W / inlet.mixture.per_dry_air()
         for _ in range(SIZING_ITERATIONS):
-            far = fuel / dry if inlet.mixture.far is None else inlet.mixture.far + fuel / dry
-            h4 = e.gas.enthalpy(inlet.W * 0.0 + v["exit_temperature_K"], Mixture(far, inlet.mixture.war))
-            last, fuel = fuel, inlet.W * (h4 - inlet.h) / (released - h4)
+            last, fuel = fuel, heating_fuel(inlet, v["exit_temperature_K"], released, fuel)
             if abs(scalar(fuel) - scalar(last)) <= 1e-14 * abs(scalar(fuel)):
                 break
         else:
             raise ValueError(f"{self.name}: no fuel flow gives {v['exit_temperature_K']:.0f} K at its exit")
         self.corrected_fuel_kg_s = scalar(fuel / (e.delta2 * sqrt(e.theta2)))
         self.evaluate(e)
+
+
+def with_fuel(inlet: Flow, fuel: Value) -> Mixture:
+    """Composition of air, or of gas that is burnt already, with this fuel [kg/s] burnt in it."""
+    dry = inlet.W / inlet.mixture.per_dry_air()
+    far = fuel / dry if inlet.mixture.far is None else inlet.mixture.far + fuel / dry
+    return Mixture(far, inlet.mixture.war)
+
+
+def burnt(inlet: Flow, fuel: Value, released: Value, P: Value) -> Flow:
+    """A flow with fuel [kg/s] burnt in it that releases `released` [J/kg] above 298.15 K, at pressure P [Pa]."""
+    W = inlet.W + fuel
+    h = (inlet.W * inlet.h + fuel * released) / W
+    return Flow(inlet.gas, with_fuel(inlet, fuel), W, P, h=h)
+
+
+def heating_fuel(inlet: Flow, exit_temperature_K: Value, released: Value, fuel: Value) -> Value:
+    """Fuel [kg/s] that heats a flow to a temperature, its gas of the composition that another fuel makes: a fixed point
+    of it is the fuel that does."""
+    h4 = inlet.gas.enthalpy(inlet.W * 0.0 + exit_temperature_K, with_fuel(inlet, fuel))
+    return inlet.W * (h4 - inlet.h) / (released - h4)

@@ -14,17 +14,20 @@ from enginediag_cli.engine.components.base import (
     NAME,
     PART_ROAMS,
     TO,
-    Component,
+    VALVE,
+    Actuator,
     Design,
     Unknown,
+    Valves,
     scalar,
 )
 from enginediag_cli.engine.dual import Value, exp, locally, log, sqrt, value
 from enginediag_cli.engine.evaluation import Evaluation
 from enginediag_cli.engine.flow import Flow
 from enginediag_cli.engine.maps import compressor_map
+from enginediag_cli.engine.maps.guide_vanes import VANES, closed_efficiency, closed_flow
 from enginediag_cli.engine.maps.table_map import RULES, TableMap, make_table, read_table
-from enginediag_cli.parameters import Parameter
+from enginediag_cli.parameters import Parameter, spelled
 
 PORT = Section(
     "port",
@@ -36,6 +39,7 @@ PORT = Section(
             "work_fraction", "number", "share of the enthalpy rise done on the bleed air", 1.0, minimum=0.0, maximum=1.0
         ),
         Field("pressure_fraction", "number", "share of the pressure rise at the port", 1.0, minimum=0.0, maximum=1.0),
+        VALVE,
     ),
 )
 TABLE = Section(
@@ -55,12 +59,12 @@ TABLE = Section(
 SHAPE = Section("map", "coefficients of the parametric map", compressor_map.FIELDS)
 
 
-class Compressor(Component):
+class Compressor(Valves):
     """Enthalpy rise Δh and pressure ratio from corrected speed and flow.
 
     With a parametric map (work and flow) the isentropic work gives the pressure: φ(T_s) − φ_in = R ln PR.
     With a table the R-line is unknown and the balance is map flow = actual flow. Health parameters scale
-    isentropic efficiency and corrected flow.
+    isentropic efficiency and corrected flow; vanes closed by Δφ degrees make it W_c exp(−a Δφ) and η/(1 + b Δφ²).
     """
 
     TYPE = "compressor"
@@ -77,6 +81,7 @@ class Compressor(Component):
             Field("map", "section", "parametric map (used when there is no table)", {}, section=SHAPE),
             Field("table", "section", "tabulated map", None, section=TABLE),
             Field("ports", "sections", "interstage bleed ports", (), section=PORT),
+            Field("vanes", "section", "guide vanes; default none", None, section=VANES),
         ),
     )
 
@@ -92,6 +97,27 @@ class Compressor(Component):
             self.table = make_table(x, y, q, t["interpolation"], t["interpolation"])
         self.speed_scale = self.flow_scale = self.ratio_scale = self.efficiency_scale = 1.0
         self.work_scale = self.design_loss = 1.0
+        vanes = self.values["vanes"]
+        if vanes and not vanes["open_stop_deg"] <= 0.0 <= vanes["closed_stop_deg"]:
+            raise ValueError(
+                f"{self.name}: open_stop_deg must be at most 0 and closed_stop_deg at least 0, where the map holds"
+            )
+
+    def actuators(self) -> tuple[Actuator, ...]:
+        vanes = self.values["vanes"]
+        if not vanes:
+            return super().actuators()
+        return (
+            *super().actuators(),
+            Actuator(
+                f"{self.name}.vane_closing_deg",
+                "deg",
+                0.0,
+                vanes["open_stop_deg"],
+                vanes["closed_stop_deg"],
+                f"{spelled(self.name)} guide vanes, closing",
+            ),
+        )
 
     @property
     def map_shapes(self) -> tuple[str, ...]:
@@ -115,6 +141,8 @@ class Compressor(Component):
                         f.help,
                     )
                 )
+        if self.values["vanes"]:
+            found += self._vane_parameters(self.values["vanes"])
         for port in self.values["ports"]:
             found.append(
                 self.design(
@@ -128,6 +156,13 @@ class Compressor(Component):
                 )
             )
         return tuple(found)
+
+    def _vane_parameters(self, vanes: Mapping[str, Any]) -> list[Parameter]:
+        a, b = vanes["flow_per_deg"], vanes["loss_per_deg2"]
+        return [
+            self.design("flow_per_deg", Design(a, 0.003, 0.0, 0.05), "1/deg", "fall of flow per degree", of="vanes"),
+            self.design("loss_per_deg2", Design(b, 1e-4, 0.0, 5e-3), "1/deg2", "fall of efficiency", of="vanes"),
+        ]
 
     def unknowns(self) -> tuple[Unknown, ...]:
         if self.table is None:
@@ -145,6 +180,10 @@ class Compressor(Component):
         capacity = e[f"{self.name}.flow_capacity"]
         corrected_flow = inlet.W * root / (inlet.P * (1.0 / P_ISA))
         efficiency = e[f"{self.name}.efficiency"]
+        if self.values["vanes"]:
+            closing = e[f"{self.name}.vane_closing_deg"]
+            capacity = closed_flow(capacity, e[f"{self.name}.vanes.flow_per_deg"], closing)
+            efficiency = closed_efficiency(efficiency, e[f"{self.name}.vanes.loss_per_deg2"], closing)
         if self.table is None:
             n = corrected_speed * (1.0 / self.speed_scale)
             w = corrected_flow * (1.0 / self.flow_scale) / capacity
@@ -173,7 +212,7 @@ class Compressor(Component):
         outlet = Flow(inlet.gas, inlet.mixture, inlet.W, inlet.P * ratio, h=inlet.h + rise)
         demand = inlet.W * rise
         for port in self.values["ports"]:
-            taken = inlet.W * e[f"{self.name}.{port['name']}.fraction"]
+            taken = inlet.W * self.bled(e, port)
             part = port["work_fraction"]
             P = inlet.P + (outlet.P - inlet.P) * port["pressure_fraction"]
             e.bleeds[port["name"]] = Flow(inlet.gas, inlet.mixture, taken, P, h=inlet.h + rise * part)

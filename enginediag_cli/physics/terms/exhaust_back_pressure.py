@@ -51,7 +51,7 @@ class ExhaustBackPressure(Term):
         for c in network.components:
             if isinstance(c, Exhaust) and c.design_loss > 0.0 and not c.values["measured_back_pressure"]:
                 yield Site(c.name, c.name, (f"{c.name}.loss_factor",))
-            if isinstance(c, Nozzle):
+            if isinstance(c, Nozzle) and c.converges:
                 yield Site(c.name, c.name, (f"{c.name}.area",))
 
     def install(self, at: Place) -> None:

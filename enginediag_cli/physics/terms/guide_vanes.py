@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING
 
 from enginediag_cli.drivers import CORRECTED_SPEED
 from enginediag_cli.engine.components.compressor import Compressor
-from enginediag_cli.engine.dual import Value, exp
+from enginediag_cli.engine.dual import Value
 from enginediag_cli.engine.evaluation import Evaluation
+from enginediag_cli.engine.maps.guide_vanes import closed_efficiency, closed_flow
 from enginediag_cli.engine.term import Coefficient, Place, Site, Term
 from enginediag_cli.physics.parts import Ratio, core_compressor, relative_corrected_speed
 
@@ -89,11 +90,10 @@ def install_vanes(at: Place, compressor: str, closing: Ratio) -> None:
     """Flow and efficiency with the vanes closed by `closing(e)` degrees; coefficients as of GuideVanes."""
 
     def capacity(e: Evaluation, factor: Value) -> Value:
-        return factor * exp(-1.0 * (at.c(e, "flow_per_deg") * closing(e)))
+        return closed_flow(factor, at.c(e, "flow_per_deg"), closing(e))
 
     def efficiency(e: Evaluation, factor: Value) -> Value:
-        angle = closing(e)
-        return factor / (1.0 + at.c(e, "loss_per_deg2") * (angle * angle))
+        return closed_efficiency(factor, at.c(e, "loss_per_deg2"), closing(e))
 
     at.on_leaf(f"{compressor}.flow_capacity", capacity)
     at.on_leaf(f"{compressor}.efficiency", efficiency)

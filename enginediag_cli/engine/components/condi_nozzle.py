@@ -1,0 +1,161 @@
+"""Convergent–divergent nozzle: supersonic exit, over- and under-expanded."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from enginediag_cli.config.fields import Field, Section
+from enginediag_cli.engine.components.base import FROM, NAME
+from enginediag_cli.engine.components.nozzle import OPENING, Expansion, Nozzle, throat
+from enginediag_cli.engine.dual import Value, chain, exp, log, select, sqrt, value
+from enginediag_cli.engine.flow import Flow
+
+SMALLEST_AREA_RATIO = 1.01
+"""Of exit over throat: nearer to 1 it is a convergent nozzle, and the Mach number behind the throat has no derivative
+by the area."""
+LARGEST_AREA_RATIO = 20.0
+"""Far more than any nozzle in air needs."""
+ALWAYS_CHOKED = 50.0
+"""A logarithm of pressure ratio at which any nozzle is."""
+ITERATIONS = 30
+"""Newton's method on the exit's pressure comes from one side and doubles its digits; a handful are needed."""
+
+
+class CondiNozzle(Nozzle):
+    """Throat as of a convergent nozzle; the exit is ε = A_e/(A C_d) times as large.
+
+    Exit state, from the flow and h − V²/2: supersonic, at the pressure p_e that ε leaves; or with a normal shock inside
+    at ambient pressure, where that has the larger impulse W V + p A; or subsonic at ambient pressure with a throat that
+    is not choked. Without ε the exit follows ideal expansion, p_e = p_0, up to `largest_area_ratio`. Gross thrust
+    C_fg [W V C_v + ε A C_d (p_e − p_0)]: where the shock leaves the nozzle V jumps, and with it what C_v takes; C_fg
+    takes evenly. The flow fills the nozzle: separation from the wall is not modelled, with which a far over-expanded
+    nozzle has more thrust.
+    """
+
+    TYPE = "condi_nozzle"
+    SECTION = Section(
+        "condi_nozzle",
+        "convergent–divergent nozzle",
+        (
+            NAME,
+            FROM,
+            Field(
+                "area_m2", "number", "throat area; default: what the design point needs", None, unit="m2", minimum=1e-6
+            ),
+            Field(
+                "area_ratio",
+                "number",
+                "exit over effective throat area, fixed; default: it follows ideal expansion",
+                None,
+                minimum=SMALLEST_AREA_RATIO,
+                maximum=LARGEST_AREA_RATIO,
+            ),
+            Field(
+                "largest_area_ratio",
+                "number",
+                "how far an exit that follows ideal expansion opens; default: as far as it takes",
+                None,
+                minimum=SMALLEST_AREA_RATIO,
+                maximum=LARGEST_AREA_RATIO,
+            ),
+            Field("discharge_coefficient", "number", "C_d", 1.0, minimum=0.5, maximum=1.05),
+            Field("velocity_coefficient", "number", "C_v, on the velocity at the exit", 1.0, minimum=0.5, maximum=1.05),
+            Field("thrust_coefficient", "number", "C_fg, on the whole gross thrust", 1.0, minimum=0.5, maximum=1.05),
+            OPENING,
+        ),
+    )
+    converges = False
+
+    def __init__(self, values: Mapping[str, Any]):
+        super().__init__(values)
+        if self.values["area_ratio"] and self.values["largest_area_ratio"]:
+            raise ValueError(f"{self.name}: area_ratio is fixed, so that largest_area_ratio has no meaning; give one")
+
+    def _expanded(self, flow: Flow, log_ratio: Value, p0: Value) -> Expansion:
+        choking, _, _ = throat(flow, log_ratio * 0.0 + ALWAYS_CHOKED, p0)
+        flux, V, p = throat(flow, log_ratio, p0)
+        choked = np.asarray(value(p) > value(p0))
+        if self.values["area_ratio"]:
+            return _fixed(flow, p0, choking, select(choked, choking, flux), self.values["area_ratio"])
+        return self._ideal(flow, log_ratio, p0, Expansion(flux, V, p))
+
+    def _thrust(self, gross: Value) -> Value:
+        return gross * self.values["thrust_coefficient"]
+
+    def _ideal(self, flow: Flow, log_ratio: Value, p0: Value, at_throat: Expansion) -> Expansion:
+        """The exit at ambient pressure; as far as it opens."""
+        choked = np.asarray(value(at_throat.excess_Pa) > value(p0))
+        T, h = flow.gas.at_entropy(flow.phi - flow.R * log_ratio, flow.mixture)
+        drop = select(choked, flow.h - h, 0.5 * (at_throat.V * at_throat.V))
+        V = select(choked, sqrt(2.0 * drop), at_throat.V)
+        ratio = select(choked, at_throat.flux * flow.R * T / (p0 * V), 1.0)
+        excess: Value = 0.0
+        limit = self.values["largest_area_ratio"]
+        beyond = np.asarray(value(ratio) > limit) if limit else np.zeros(1, dtype=bool)
+        if beyond.any():
+            V_e, p_e = _supersonic(flow, at_throat.flux * (1.0 / limit), limit)
+            V, excess = select(beyond, V_e, V), select(beyond, (p_e - p0) * limit, 0.0)
+            ratio = select(beyond, limit, ratio)
+        return Expansion(at_throat.flux, V, excess, ratio)
+
+
+def _fixed(flow: Flow, p0: Value, choking: Value, flux: Value, ratio: float) -> Expansion:
+    """Exit over throat area `ratio`; `choking`: the flux of a choked throat, `flux`: that of a convergent nozzle."""
+    venturi = np.asarray(value(flux) * ratio < value(choking))  # subsonic to the exit, at ambient pressure there
+    flux = select(venturi, flux * ratio, choking)
+    out = flux * (1.0 / ratio)
+    T_2, V_2 = _at_pressure(flow, out, p0)
+    V_1, p_1 = _supersonic(flow, choking * (1.0 / ratio), ratio)
+    cp, R = value(flow.gas.heat_capacity(value(T_2), flow.mixture.plain)), value(flow.R)
+    subsonic = value(V_2) ** 2 < cp / (cp - R) * R * value(T_2)
+    shock = subsonic & np.asarray(value(out * V_2 + p0) > value(out * V_1 + p_1))
+    at_ambient = venturi | shock
+    V, excess = select(at_ambient, V_2, V_1), select(at_ambient, 0.0 * p_1, (p_1 - p0) * ratio)
+    return Expansion(flux, V, excess, ratio)
+
+
+def _at_pressure(flow: Flow, flux: Value, p: Value) -> tuple[Value, Value]:
+    """Static temperature and velocity where a flow of total enthalpy h has this flux and static pressure, whatever its
+    losses before: h_s + V²/2 = h with V = flux R T/p."""
+    k = flux * flow.R / p
+    gas, plain, kv, h = flow.gas, flow.mixture.plain, value(k), value(flow.h)
+    T = value(flow.T)
+    for _ in range(ITERATIONS):
+        slope = value(gas.heat_capacity(T, plain)) + kv * kv * T
+        step = (value(gas.enthalpy(T, plain)) + 0.5 * (kv * T) ** 2 - h) / slope
+        T = T - step
+        if np.all(np.abs(step) < 1e-12 * T):
+            break
+    V = k * T
+    T_exact = chain(T, (-1.0 / slope, gas.enthalpy(T, flow.mixture) + 0.5 * (V * V) - flow.h))
+    return T_exact, k * T_exact
+
+
+def _supersonic(flow: Flow, flux: Value, ratio: float) -> tuple[Value, Value]:
+    """Velocity and static pressure of the isentropic supersonic flow of this flux; `ratio`: of the choked flux to it.
+
+    ln(ρ V) is concave in x = ln(P/p) behind the throat, with slope R T/V² − 1/γ: Newton's method from a larger x.
+    """
+    gas, R, T_0 = flow.gas, value(flow.R), value(flow.T)
+    plain, far = flow.mixture.plain, np.log(ratio)
+    target, start = value(flux), value(gas.critical_log_pressure_ratio(T_0, plain))
+    x = start + 1.05 * (1.25 * np.sqrt(far) + 1.35 * far)
+    for _ in range(ITERATIONS):
+        T, h = gas.at_entropy(value(flow.phi) - R * x, plain)
+        V = np.sqrt(2.0 * (value(flow.h) - h))
+        slope = R * T / V**2 - 1.0 + R / value(gas.heat_capacity(T, plain))
+        step = np.log(value(flow.P) * np.exp(-x) * V / (R * T * target)) / slope
+        x = x - step
+        if np.all(np.abs(step) < 1e-13):
+            break
+
+    def state(x: Value) -> tuple[Value, Value, Value]:
+        T, h = gas.at_entropy(flow.phi - flow.R * x, flow.mixture)
+        return T, sqrt(2.0 * (flow.h - h)), flow.P * exp(-1.0 * x)
+
+    T_e, V_e, p_e = state(x)
+    _, V_e, p_e = state(chain(x, (-1.0 / slope, log(p_e * V_e / (flow.R * T_e * flux)))))
+    return V_e, p_e
