@@ -12,6 +12,7 @@ from enginediag_cli.engine.components import Component, Unknown
 from enginediag_cli.engine.components.afterburner import Afterburner
 from enginediag_cli.engine.components.base import scalar
 from enginediag_cli.engine.components.burner import Burner
+from enginediag_cli.engine.components.compressor import Compressor
 from enginediag_cli.engine.components.inlet import Inlet
 from enginediag_cli.engine.components.turbine import Turbine
 from enginediag_cli.engine.coupling import Coupling
@@ -79,6 +80,20 @@ class Network:
         if self.power_setting in self.speed_columns:
             return f"{self.speed_columns[self.power_setting]}.speed_rpm"
         return None
+
+    @property
+    def air_speed_column(self) -> str | None:
+        """The recorded speed of the shaft that turns the first compressor, which air flow follows; None if none is."""
+        for c in self.components:
+            if isinstance(c, Compressor):
+                turning = self.coupling.turning_with(c.values["shaft"])
+                found = [s for s in turning if self.shafts[s]["speed"] == "input"]
+                return f"{self.shafts[found[0]]['speed_label']}_rpm" if found else None
+        return None
+
+    def design_corrected_speed(self, column: str) -> float:
+        """N/√θ₂ [rpm] of a speed column at the design point."""
+        return float(self.shafts[self.speed_columns[column]]["design_speed_rpm"] / self.design_theta2**0.5)
 
     def inputs(self) -> dict[str, float | None]:
         """Input columns and the default of those that may be left out."""
