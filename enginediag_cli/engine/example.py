@@ -98,7 +98,7 @@ TURBOPROP_SHAFTS = """\
 AFTERBURNING = MIXED_FLOW.replace(
     """  - {type: nozzle, name: nozzle, from: "6"}
 """,
-    """  - {type: afterburner, name: afterburner, from: "6", to: "7", set_by: fuel_air_ratio, inlet_mach: 0.25}
+    """  - {type: afterburner, name: afterburner, from: "6", to: "7", inlet_mach: 0.25}
   - {type: condi_nozzle, name: nozzle, from: "7", area_ratio: 1.3, opening_range: [0.9, 1.8]}
 """,
 )
@@ -111,7 +111,8 @@ RECUPERATED = """\
   - {type: compressor, name: high, from: "25", to: "3", shaft: rotor, pressure_ratio: 2.5,
      isentropic_efficiency: 0.85}
   - {type: recuperator, name: recuperator, from: "3", to: "35", effectiveness: 0.88, effectiveness_law: ntu}
-  - {type: burner, name: burner, from: "35", to: "4", exit_temperature_K: 1350}
+  - {type: water_injection, name: steam, from: "35", to: "36", largest_flow_kg_s: 1, phase: steam}
+  - {type: burner, name: burner, from: "36", to: "4", exit_temperature_K: 1350}
   - {type: turbine, name: turbine, from: "4", to: "5", shaft: rotor, pressure_ratio: 5.4, isentropic_efficiency: 0.88}
   - {type: recuperator_hot, name: gas_side, from: "5", to: "6", recuperator: recuperator, pressure_loss: 0.03}
   - {type: exhaust, name: exhaust, from: "6"}

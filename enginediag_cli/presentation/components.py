@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 from enginediag_cli.config.fields import Field, Section, Variants
 
 if TYPE_CHECKING:
-    from enginediag_cli.engine.components import Component
+    from enginediag_cli.engine.components import Actuator, Component
     from enginediag_cli.engine.example import Shown
     from enginediag_cli.parameters import Parameter
 
@@ -31,6 +31,7 @@ def component_row(kind: type[Component], shown: Shown) -> dict[str, Any]:
         "inputs": list(c.inputs()),
         "unknowns": [u.name for u in c.unknowns()],
         "balances": list(shown.balances),
+        "actuators": [a.name for a in c.actuators()],
         "health_parameters": [p.name for p in c.parameters() if p.family == "health"],
         "outputs": list(shown.outputs),
         "description": description(kind),
@@ -90,6 +91,7 @@ def page(kind: type[Component], shown: Shown) -> str:
     lines += _labelled("reads", ", ".join(_input(name, default) for name, default in c.inputs().items()))
     lines += _labelled("unknowns", ", ".join(u.name for u in c.unknowns()))
     lines += _labelled("balances", ", ".join(shown.balances))
+    lines += _labelled("moved by", ", ".join(_actuator(a) for a in c.actuators()))
     if "shaft" in c.values:
         lines += _labelled("shaft", f"its power counts in the balance of shaft '{c.values['shaft']}'")
     lines += _labelled("columns", ", ".join((*shown.outputs, *_station_columns(c))))
@@ -132,6 +134,11 @@ def _default(field: Field) -> str:
 
 def _bracketed(unit: str) -> str:
     return f" [{unit}]" if unit else ""
+
+
+def _actuator(a: Actuator) -> str:
+    unit = "" if a.unit == "1" else f" {a.unit}"
+    return f"{a.name} ({a.lower:g} to {a.upper:g}{unit}, {a.neutral:g} where nothing sets it)"
 
 
 def _input(name: str, default: float | None) -> str:

@@ -17,7 +17,7 @@ from enginediag_cli.physics.engine_file import load_engine
 LHV = 42.8e6
 LIT = MIXED_FLOW.replace(
     '  - {type: nozzle, name: nozzle, from: "6"}\n',
-    '  - {type: afterburner, name: afterburner, from: "6", to: "7", set_by: SET, inlet_mach: 0.2}\n'
+    '  - {type: afterburner, name: afterburner, from: "6", to: "7", set_by: SET, upper_stop: 2400, inlet_mach: 0.2}\n'
     '  - {type: nozzle, name: nozzle, from: "7", opening_range: [0.8, 2.0]}\n',
 )
 
@@ -30,7 +30,7 @@ def made(tmp_path, text, name="engine"):
 
 def burning(quantity="fuel_kg_s", setting=0.0, wrt=(), sized=True, T=900.0, P=3e5, W=50.0, far=0.02, **options):
     set_by = {"fuel_kg_s": "fuel_flow", "exit_temperature_K": "exit_temperature"}.get(quantity, quantity)
-    part = component("afterburner", to="7", set_by=set_by, **{"from": "6"}, **options)
+    part = component("afterburner", to="7", set_by=set_by, upper_stop=2300.0, **{"from": "6"}, **options)
     for step in (part.size, part.evaluate) if sized else (part.evaluate,):
         given = {f"afterburner__{quantity}": setting} if step == part.evaluate else {}
         e = evaluation([part], size=np.size(W), wrt=wrt if step == part.evaluate else (), **given)
@@ -233,7 +233,7 @@ def test_sequential_combustion_is_a_burner_between_two_turbines(tmp_path):
     text = MIXED_FLOW.replace(
         '  - {type: turbine, name: lpt, from: "45",',
         '  - {type: afterburner, name: second, from: "45", to: "46", exit_temperature_K: 1350, '
-        "combustion_efficiency: 0.995}\n"
+        "combustion_efficiency: 0.995, set_by: fuel_flow, upper_stop: 1}\n"
         '  - {type: turbine, name: lpt, from: "46",',
     ).replace("pressure_ratio: 2.5", "pressure_ratio: 3.2")
     engine = standing(made(tmp_path, text), second__fuel_kg_s=0.25)
@@ -242,6 +242,19 @@ def test_sequential_combustion_is_a_burner_between_two_turbines(tmp_path):
     p = engine.predict(U, sensors=("T45_K", "T46_K", "FAR46", "FAR45", "second_fuel_kg_s"))
     assert p.status[0] == 0, p.reason(0)
     assert p.y[0, 1] > p.y[0, 0] + 100.0 and p.y[0, 2] > p.y[0, 3] and p.y[0, 4] == 0.25
+
+
+def test_its_actuator_has_a_stop_that_a_fuel_flow_must_state():
+    found = {}
+    for set_by in ("fuel_air_ratio", "exit_temperature"):
+        (a,) = component("afterburner", to="7", set_by=set_by, **{"from": "6"}).actuators()
+        found[a.name] = (a.neutral, a.lower, a.upper)
+    assert found == {
+        "afterburner.fuel_air_ratio": (0.0, 0.0, 0.07),
+        "afterburner.exit_temperature_K": (0.0, 0.0, 2400.0),
+    }
+    with pytest.raises(ValueError, match="needs an upper_stop"):
+        component("afterburner", to="7", set_by="fuel_flow", **{"from": "6"})
 
 
 def test_an_afterburner_before_the_burner_and_two_burners_are_refused(tmp_path):
@@ -255,3 +268,34 @@ def test_an_afterburner_before_the_burner_and_two_burners_are_refused(tmp_path):
     )
     with pytest.raises(ConfigError, match="behind the burner"):
         made(tmp_path, first)
+
+
+FLOWN = ("Fn_N", "T7_K", "Wf_total_kg_s", "N1_rpm", "T5_K")
+SUPERSONIC = LIT.replace("SET", "fuel_air_ratio").replace(
+    'type: nozzle, name: nozzle, from: "7",', 'type: condi_nozzle, name: nozzle, from: "7", area_ratio: 1.3,'
+)
+
+
+def test_sensitivities_of_a_lit_engine_match_differences_of_full_solves(tmp_path):
+    engine = standing(made(tmp_path, SUPERSONIC), afterburner__fuel_air_ratio=0.02, nozzle__opening=1.4)
+    U = operating_points(engine, 20, 4, altitude=(0.0, 10000.0), mach=(0.3, 0.9), power=(0.6, 1.0))
+    names = ("afterburner.efficiency", "afterburner.pressure_loss", "nozzle.area", "lpt.efficiency")
+    p = engine.predict(U, wrt=names, sensors=FLOWN)
+    assert p.status.max() == 0
+    step = 1e-3
+    for k, name in enumerate(names):
+
+        def moved(t, name=name):
+            return engine.predict(U, {name: engine.parameters[name].nominal * (1.0 + t)}, start=p.x, sensors=FLOWN).y
+
+        numeric = (moved(-2 * step) - 8 * moved(-step) + 8 * moved(step) - moved(2 * step)) / (12 * step)
+        error = np.abs(p.jacobian[:, :, k] * engine.parameters[name].nominal - numeric).max(axis=0)
+        assert (error <= 1e-6 * np.abs(numeric).max(axis=0) + 1e-9 * np.abs(p.y).max(axis=0)).all(), name
+
+
+@pytest.mark.parametrize(("ratio", "opening"), [(0.0, 1.0), (0.015, 1.3), (0.03, 1.6)])
+def test_a_thousand_points_of_the_envelope_all_converge(tmp_path, ratio, opening):
+    engine = standing(made(tmp_path, SUPERSONIC), afterburner__fuel_air_ratio=ratio, nozzle__opening=opening)
+    U = operating_points(engine, 1000, 5, altitude=(0.0, 10000.0), mach=(0.2, 0.9), power=(0.3, 1.0))
+    p = engine.predict(U, sensors=FLOWN)
+    assert p.status.max() == 0, p.reason(int(p.status.argmax()))

@@ -21,6 +21,7 @@ from enginediag_cli.engine.components.propeller import Propeller
 from enginediag_cli.engine.components.recuperator import Recuperator, RecuperatorHotSide
 from enginediag_cli.engine.components.splitter import Splitter
 from enginediag_cli.engine.components.turbine import Turbine
+from enginediag_cli.engine.components.water_injection import WaterInjection
 
 _TYPES: tuple[type[Component], ...] = (
     Ambient,
@@ -31,6 +32,7 @@ _TYPES: tuple[type[Component], ...] = (
     Duct,
     Intercooler,
     Recuperator,
+    WaterInjection,
     Burner,
     Afterburner,
     Turbine,

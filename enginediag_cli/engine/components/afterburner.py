@@ -16,25 +16,23 @@ from enginediag_cli.engine.flow import Flow, at_impulse, at_mach, kept, static_p
 from enginediag_cli.engine.gas import T_FIT
 from enginediag_cli.parameters import Parameter, spelled
 
-LARGEST_FUEL_KG_S = 100.0
-"""Upper stop of a fuel flow: more than any engine burns. A control that holds something by it states its own."""
 LARGEST_FAR = 0.07
 """Upper stop of fuel over air: no fuel burns beyond it."""
 FUEL_ITERATIONS = 60
 """Of the fixed point of the fuel that an exit temperature needs, which gains a digit or more an iteration."""
-SETTINGS = {
-    "fuel_flow": ("fuel_kg_s", "kg/s", LARGEST_FUEL_KG_S, "fuel flow"),
+SETTINGS: dict[str, tuple[str, str, float | None, str]] = {
     "fuel_air_ratio": ("fuel_air_ratio", "1", LARGEST_FAR, "fuel–air ratio"),
+    "fuel_flow": ("fuel_kg_s", "kg/s", None, "fuel flow"),
     "exit_temperature": ("exit_temperature_K", "K", T_FIT[1], "exit temperature"),
 }
-"""What may be set: quantity of the actuator, its unit, its upper stop, and words."""
+"""What may be set: quantity of the actuator, its unit, its upper stop where every engine has the same, and words."""
 
 
 class Afterburner(Component):
     """W_out h_out = W h + W_f (η LHV), enthalpies from 298.15 K; P_out = P (1 − loss) × heating loss.
 
-    Its fuel is an actuator that stands at zero, where it is a duct with the same loss: a flow, fuel over the dry air
-    that enters, or the exit temperature that the fuel shall reach (no fuel where the gas is as hot). Heating in a
+    Its fuel is an actuator that stands at zero, where it is a duct with the same loss: fuel over the dry air that
+    enters, a flow, or the exit temperature that the fuel shall reach (no fuel where the gas is as hot). Heating in a
     constant area costs total pressure (Rayleigh): W V + p A is the same before and behind it. `Wf_kg_s` remains the
     fuel of the burner; Wf_total_kg_s is all fuel, and SFC is told with it.
     """
@@ -50,9 +48,16 @@ class Afterburner(Component):
             Field(
                 "set_by",
                 "choice",
-                "what its actuator is: <name>.fuel_kg_s, <name>.fuel_air_ratio or <name>.exit_temperature_K",
-                "fuel_flow",
+                "what its actuator is: <name>.fuel_air_ratio, <name>.fuel_kg_s or <name>.exit_temperature_K",
+                "fuel_air_ratio",
                 choices=tuple(SETTINGS),
+            ),
+            Field(
+                "upper_stop",
+                "number",
+                "of its actuator, in its unit; fuel_flow needs one; default 0.07 of fuel over air, and 2400 K",
+                None,
+                minimum=0.0,
             ),
             Field(
                 "exit_temperature_K",
@@ -82,7 +87,11 @@ class Afterburner(Component):
 
     def __init__(self, values: Mapping[str, Any]):
         super().__init__(values)
-        self.quantity, self.unit, self.largest, self.words = SETTINGS[self.values["set_by"]]
+        self.quantity, self.unit, most, self.words = SETTINGS[self.values["set_by"]]
+        stop = self.values["upper_stop"] or most
+        if stop is None:
+            raise ValueError(f"{self.name}: set_by fuel_flow needs an upper_stop, the largest fuel flow in kg/s")
+        self.upper_stop: float = stop
 
     def parameters(self) -> tuple[Parameter, ...]:
         v = self.values
@@ -101,7 +110,12 @@ class Afterburner(Component):
     def actuators(self) -> tuple[Actuator, ...]:
         return (
             Actuator(
-                f"{self.name}.{self.quantity}", self.unit, 0.0, 0.0, self.largest, f"{spelled(self.name)} {self.words}"
+                f"{self.name}.{self.quantity}",
+                self.unit,
+                0.0,
+                0.0,
+                self.upper_stop,
+                f"{spelled(self.name)} {self.words}",
             ),
         )
 

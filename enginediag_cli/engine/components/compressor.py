@@ -26,6 +26,7 @@ from enginediag_cli.engine.evaluation import Evaluation
 from enginediag_cli.engine.flow import Flow
 from enginediag_cli.engine.maps import compressor_map
 from enginediag_cli.engine.maps.guide_vanes import VANES, closed_efficiency, closed_flow
+from enginediag_cli.engine.maps.surge_line import SURGE_LINE, SurgeLine
 from enginediag_cli.engine.maps.table_map import RULES, TableMap, make_table, read_table
 from enginediag_cli.parameters import Parameter, spelled
 
@@ -82,6 +83,13 @@ class Compressor(Valves):
             Field("table", "section", "tabulated map", None, section=TABLE),
             Field("ports", "sections", "interstage bleed ports", (), section=PORT),
             Field("vanes", "section", "guide vanes; default none", None, section=VANES),
+            Field(
+                "surge_line",
+                "section",
+                "adds the output <compressor>_surge_margin = PR_surge/PR − 1 at constant corrected flow",
+                None,
+                section=SURGE_LINE,
+            ),
         ),
     )
 
@@ -97,6 +105,10 @@ class Compressor(Valves):
             self.table = make_table(x, y, q, t["interpolation"], t["interpolation"])
         self.speed_scale = self.flow_scale = self.ratio_scale = self.efficiency_scale = 1.0
         self.work_scale = self.design_loss = 1.0
+        try:
+            self.surge_line = SurgeLine(self.values["surge_line"]) if self.values["surge_line"] else None
+        except ValueError as error:
+            raise ValueError(f"{self.name}: {error}") from error
         vanes = self.values["vanes"]
         if vanes and not vanes["open_stop_deg"] <= 0.0 <= vanes["closed_stop_deg"]:
             raise ValueError(
@@ -202,7 +214,17 @@ class Compressor(Valves):
             log_ratio = log(1.0 + (pr - 1.0) * self.ratio_scale)
             ideal = inlet.expanded_enthalpy(-log_ratio) - inlet.h
             rise = ideal / (eta * self.efficiency_scale * efficiency)
-        self._deliver(e, inlet, rise, exp(log_ratio))
+        ratio = exp(log_ratio)
+        self._deliver(e, inlet, rise, ratio)
+        if self.surge_line is not None:
+            e.outputs[f"{self.name}_surge_margin"] = self._surge_ratio(corrected_flow / capacity) / ratio - 1.0
+
+    def _surge_ratio(self, flow: Value) -> Value:
+        """Pressure ratio of surge at a corrected flow [kg/s] of the map: vanes and wear move the line with the map."""
+        assert self.surge_line is not None
+        if self.table is None:
+            return self.surge_line.at(flow)
+        return 1.0 + (self.surge_line.at(flow * (1.0 / self.flow_scale)) - 1.0) * self.ratio_scale
 
     def _work_and_loss(self, n: Value, w: Value, *shape: Value) -> tuple[Value, Value]:
         return compressor_map.work_and_loss(n, w, self.design_loss, dict(zip(compressor_map.NAMES, shape, strict=True)))
