@@ -6,6 +6,7 @@ from collections.abc import Iterator, Mapping
 from typing import Any
 
 from enginediag_cli.engine.components.load import SURPLUS
+from enginediag_cli.engine.components.propeller import Propeller
 from enginediag_cli.engine.network import Network
 from enginediag_cli.engine.wiring import inlets, outlets
 
@@ -28,7 +29,8 @@ def _loads(network: Network) -> Iterator[str]:
     """A load takes what is left at a speed that is given, or a given law at a speed that follows."""
     for machine in network.coupling.machines:
         shaft, law = machine.values["shaft"], machine.values.get("law")
-        given, balanced = _given(network, shaft), shaft in network.coupling.balanced
+        given = _given(network, shaft)
+        balanced = network.coupling.turning_with(shaft)[0] in network.coupling.balanced
         if law == SURPLUS and not given:
             yield (
                 f"{machine.name} takes what shaft '{shaft}' has to spare, which leaves its speed open: give "
@@ -36,9 +38,10 @@ def _loads(network: Network) -> Iterator[str]:
                 "load 'law: cube'"
             )
         elif law != SURPLUS and given and balanced:
+            cure = "a pitch that a control moves" if isinstance(machine, Propeller) else "'law: surplus'"
             yield (
                 f"{machine.name} takes power by a law, from which the speed of shaft '{shaft}' follows, but that is "
-                "given: take 'law: surplus', or 'speed: balance'"
+                f"given: take {cure}, or 'speed: balance'"
             )
 
 

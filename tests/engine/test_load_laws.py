@@ -83,6 +83,16 @@ def test_a_demanded_power_is_an_input_and_fuel_follows(tmp_path):
     assert answers(given, ["Wf_kg_s"], N2_rpm=20900.0, power_W=demand)[0] == pytest.approx(fuel, rel=1e-8)
 
 
+def test_a_demand_that_states_its_design_power_sets_the_turbine_behind_it(tmp_path):
+    core = CORE.replace("law: given, design_power_W: 6000", "law: given, demand: input, design_power_W: 6000")
+    engine = loaded(tmp_path, turboprop(core=core))
+    points = {"altitude_m": 1000.0, "mach": 0.1, "dT_isa_K": 0.0, "Wf_kg_s": np.array([0.04, 0.06])}
+    one = loaded(tmp_path, turboprop()).predict(points, sensors=["N1_rpm"]).y
+    column = "starter_generator_power_demand_W"
+    assert engine.predict({**points, column: 6000.0}, sensors=["N1_rpm"]).y == pytest.approx(one, rel=1e-9)
+    assert (engine.predict({**points, column: 0.0}, sensors=["N1_rpm"]).y > one).all()
+
+
 def test_derivatives_with_respect_to_demand_and_efficiency_match_differences(tmp_path):
     engine = loaded(tmp_path, driving("name: gear, law: given, demand: input, efficiency: 0.98"), "N2_rpm")
     points = {**POINT, "N2_rpm": 20900.0, "gear_power_demand_W": np.linspace(0.5e6, 1.1e6, 6)}

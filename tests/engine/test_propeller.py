@@ -165,6 +165,12 @@ def test_a_propeller_that_cannot_take_the_power_is_refused_with_its_range_and_a_
     assert "propeller: at 2000 rpm it takes" in told and "m is the nearest that would do" in told
 
 
+def test_a_propeller_at_a_given_speed_is_refused_with_what_would_close(tmp_path):
+    text = turboprop().replace("design_speed_rpm: 2000,", "design_speed_rpm: 2000, speed: constant,")
+    told = message(tmp_path, text)
+    assert "propeller takes power by a law" in told and "a pitch that a control moves" in told
+
+
 def test_a_propeller_behind_its_turbine_takes_what_the_shaft_has_to_spare(tmp_path):
     """On a shaft of its own, without gears: the pitch is sized by what the turbine's stated ratio gives."""
     text = turboprop(propeller="").replace(

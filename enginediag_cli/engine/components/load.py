@@ -90,6 +90,10 @@ class Load(Component):
     def inputs(self) -> dict[str, float | None]:
         return {self.demand_column: None} if self.demand_column else {}
 
+    def at_design(self) -> dict[str, float]:
+        stated = self.values["design_power_W"]
+        return {self.demand_column: stated} if self.demand_column and stated is not None else {}
+
     def parameters(self) -> tuple[Parameter, ...]:
         return (
             self.design(
