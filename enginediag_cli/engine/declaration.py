@@ -94,8 +94,8 @@ ENGINE_FILE = Section(
             "power_setting",
             "text",
             "column that sets the power: Wf_kg_s, a shaft speed such as N1_rpm, the temperature of a station behind "
-            "the burner such as T4_K or T5_K, EPR, Fn_N, power_W (of all loads together), or one load's "
-            "<load>_power_W or <load>_torque_N_m; given as input, the rest are outputs",
+            "the burner such as T4_K or T5_K, EPR, Fn_N, power_W (of all loads together), or one machine's "
+            "<name>_power_W or <name>_torque_N_m; given as input, the rest are outputs",
         ),
         Field("components", "named_sections", "in the order of the gas path", section=COMPONENT),
         Field("shafts", "named_sections", "the shafts", section=SHAFT),

@@ -152,6 +152,7 @@ def power_settings(values: Mapping[str, Any]) -> list[str]:
     # what is demanded of a machine cannot be wanted once more
     machines = [c["name"] for c in components if c["type"] in ("load", "propeller") and c.get("law") != "given"]
     found += ["power_W"] if machines else []
+    machines += [c["name"] for c in components if c["type"] == "gearbox"]
     return [*found, *(f"{name}_{column}" for name in machines for column in ("power_W", "torque_N_m"))]
 
 

@@ -68,6 +68,16 @@ def test_a_speed_of_either_shaft_may_set_the_power(tmp_path, setting):
     assert back.y[:, 0] == pytest.approx(points["Wf_kg_s"], rel=1e-7)
 
 
+def test_torque_behind_a_gearbox_may_set_the_power(tmp_path):
+    engine, other = loaded(tmp_path, GEARED_FAN), loaded(tmp_path, GEARED_FAN, "fan_gear_torque_N_m")
+    points = flight(engine)
+    answers = engine.predict(points, sensors=["fan_gear_torque_N_m"])
+    given = {c: points[c] for c in other.inputs if c in points}
+    back = other.predict({**given, "fan_gear_torque_N_m": answers.y[:, 0]}, sensors=["Wf_kg_s"])
+    assert back.ok.all()
+    assert back.y[:, 0] == pytest.approx(points["Wf_kg_s"], rel=1e-7)
+
+
 def test_a_worse_gearbox_takes_thrust_at_given_fuel_and_its_derivative_is_right(tmp_path):
     engine = loaded(tmp_path, GEARED_FAN)
     points = flight(engine, 40)
