@@ -193,7 +193,7 @@ ALIASES: dict[str, str] = {
 _NOT_SUFFIXES = frozenset({"1", "C", "F", "R", "ratio"})
 """Never read as a unit at the end of a column name: `flag_1`, `class_C` are names, not quantities."""
 
-UNITLESS_COLUMNS = frozenset({"mach", "BPR", "OPR"})
+UNITLESS_COLUMNS = frozenset({"mach", "BPR", "OPR", "EPR"})
 """Columns that hold a number although their name carries no unit."""
 
 

@@ -5,44 +5,49 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import Any
 
+from enginediag_cli.engine.components.load import SURPLUS
+from enginediag_cli.engine.components.propeller import Propeller
 from enginediag_cli.engine.network import Network
 from enginediag_cli.engine.wiring import inlets, outlets
 
 
 def missing_closure(network: Network, values: Mapping[str, Any]) -> str:
     """What to change, in words."""
-    found = [*_loads(network, values), *_shafts(network, values), *_ends(values)]
+    found = [*_loads(network), *_shafts(network), *_ends(values)]
     return "; ".join(found) or "every flow must end in a nozzle, exhaust or mixer, every shaft have one power balance"
 
 
-def _given(network: Network, shaft: Mapping[str, Any]) -> bool:
-    """Whether the speed of a shaft is known from outside."""
-    return shaft["speed"] != "balance" or network.power_setting == f"{shaft['speed_label']}_rpm"
+def _given(network: Network, name: str) -> bool:
+    """Whether the speed of a shaft is known from outside, itself or through a gearbox."""
+    return any(
+        network.shafts[s]["speed"] != "balance" or network.power_setting == f"{network.shafts[s]['speed_label']}_rpm"
+        for s in network.coupling.turning_with(name)
+    )
 
 
-def _loads(network: Network, values: Mapping[str, Any]) -> Iterator[str]:
+def _loads(network: Network) -> Iterator[str]:
     """A load takes what is left at a speed that is given, or a given law at a speed that follows."""
-    shafts = {s["name"]: s for s in values["shafts"]}
-    for c in values["components"]:
-        if c["type"] != "load":
-            continue
-        given = _given(network, shafts[c["shaft"]])
-        if c["law"] == "surplus" and not given:
+    for machine in network.coupling.machines:
+        shaft, law = machine.values["shaft"], machine.values.get("law")
+        given = _given(network, shaft)
+        balanced = network.coupling.turning_with(shaft)[0] in network.coupling.balanced
+        if law == SURPLUS and not given:
             yield (
-                f"{c['name']} takes what shaft '{c['shaft']}' has to spare, which leaves its speed open: give "
+                f"{machine.name} takes what shaft '{shaft}' has to spare, which leaves its speed open: give "
                 f"the shaft 'speed: constant' (a generator on the grid) or 'speed: input' (a recorded column), or the "
                 "load 'law: cube'"
             )
-        elif c["law"] == "cube" and given:
+        elif law != SURPLUS and given and balanced:
+            cure = "a pitch that a control moves" if isinstance(machine, Propeller) else "'law: surplus'"
             yield (
-                f"{c['name']} takes power by a law, from which the speed of shaft '{c['shaft']}' follows, but that is "
-                "given: take 'law: surplus', or 'speed: balance'"
+                f"{machine.name} takes power by a law, from which the speed of shaft '{shaft}' follows, but that is "
+                f"given: take {cure}, or 'speed: balance'"
             )
 
 
-def _shafts(network: Network, values: Mapping[str, Any]) -> Iterator[str]:
-    for name, shaft in network.shafts.items():
-        if name not in network.loaded_shafts and shaft["speed"] != "balance":
+def _shafts(network: Network) -> Iterator[str]:
+    for name in network.coupling.balanced:
+        if name not in network.loaded_shafts and network.shafts[name]["speed"] != "balance":
             yield (
                 f"the speed of shaft '{name}' is given, but nothing takes what its turbine has to spare: give it a "
                 "load, or 'speed: balance'"

@@ -94,8 +94,9 @@ ENGINE_FILE = Section(
         Field(
             "power_setting",
             "text",
-            "column that sets the power: Wf_kg_s, a shaft speed such as N1_rpm, T4_K, Fn_N or "
-            "power_W (of all loads together); given as input, the rest are outputs",
+            "column that sets the power: Wf_kg_s, a shaft speed such as N1_rpm, the temperature of a station behind "
+            "the burner such as T4_K or T5_K, EPR, Fn_N, power_W (of all loads together), or one machine's "
+            "<name>_power_W or <name>_torque_N_m; given as input, the rest are outputs",
         ),
         Field("components", "named_sections", "in the order of the gas path", section=COMPONENT),
         Field("shafts", "named_sections", "the shafts", section=SHAFT),
@@ -109,7 +110,9 @@ ENGINE_FILE = Section(
         ),
         Field("envelope", "section_map", "largest range of every input column, {low, high}", section=RANGE),
         Field(
-            "power_range", "range", "corrected power setting from idle to rating (W_f/(δ√θ), N/√θ, T/θ, F/δ, P/(δ√θ))"
+            "power_range",
+            "range",
+            "corrected power setting from idle to rating (W_f/(δ√θ), N/√θ, T/θ, EPR, F/δ, P/(δ√θ), torque/δ)",
         ),
         Field("start", "number_map", "starting values of unknowns, relative to design", {}),
         Field("physics", "sections", "effects that the model carries beyond its components", (), section=EFFECT),

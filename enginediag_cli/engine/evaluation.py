@@ -23,11 +23,13 @@ Exchange = Callable[["Evaluation", Flow], Flow]
 
 @dataclass
 class Shaft:
-    """What turns together: rotational speed and the powers put in and taken out so far [W]."""
+    """What turns together: rotational speed and the powers put in and taken out so far [W]: by turbines, by
+    compressors, and by what it drives outside the gas path."""
 
     speed_rpm: Value
     supply_W: Value = 0.0
     demand_W: Value = 0.0
+    load_W: Value = 0.0
 
 
 @dataclass

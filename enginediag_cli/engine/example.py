@@ -72,6 +72,29 @@ SINGLE_SHAFT = """\
   - {type: load, name: generator, shaft: rotor, law: surplus, efficiency: 0.97}
 """
 SINGLE_SHAFT_SHAFTS = "  - {name: rotor, speed_label: N1, design_speed_rpm: 11000, speed: constant}\n"
+TURBOPROP = """\
+  - {type: ambient, name: ambient, to: "1"}
+  - {type: inlet, name: inlet, from: "1", to: "2", corrected_flow_kg_s: 4}
+  - {type: compressor, name: compressor, from: "2", to: "3", shaft: gas_generator, pressure_ratio: 9,
+     isentropic_efficiency: 0.81}
+  - {type: burner, name: burner, from: "3", to: "4", exit_temperature_K: 1300}
+  - type: load
+    name: starter_generator
+    shaft: gas_generator
+    law: given
+    design_power_W: 6000
+    efficiency: 0.85
+  - {type: turbine, name: gas_generator_turbine, from: "4", to: "45", shaft: gas_generator, isentropic_efficiency: 0.84}
+  - {type: propeller, name: propeller, shaft: propeller, diameter_m: 2.5, solidity: 0.11, design_power_W: 6.0e5}
+  - {type: gearbox, name: reduction_gear, shaft: power_turbine, drives: propeller, ratio: 15, efficiency: 0.985}
+  - {type: turbine, name: power_turbine, from: "45", to: "5", shaft: power_turbine, isentropic_efficiency: 0.87}
+  - {type: nozzle, name: nozzle, from: "5"}
+"""
+TURBOPROP_SHAFTS = """\
+  - {name: gas_generator, speed_label: N1, design_speed_rpm: 37500}
+  - {name: power_turbine, speed_label: N2, design_speed_rpm: 30000}
+  - {name: propeller, speed_label: N3, design_speed_rpm: 2000}
+"""
 AFTERBURNING = MIXED_FLOW.replace(
     """  - {type: nozzle, name: nozzle, from: "6"}
 """,
@@ -102,6 +125,7 @@ ENGINES = tuple(
         (SINGLE_SHAFT, SINGLE_SHAFT_SHAFTS),
         (AFTERBURNING, MIXED_FLOW_SHAFTS),
         (RECUPERATED, SINGLE_SHAFT_SHAFTS),
+        (TURBOPROP, TURBOPROP_SHAFTS),
     )
 )
 

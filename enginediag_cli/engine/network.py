@@ -14,10 +14,12 @@ from enginediag_cli.engine.components import Component, Unknown
 from enginediag_cli.engine.components.afterburner import Afterburner
 from enginediag_cli.engine.components.base import scalar
 from enginediag_cli.engine.components.burner import Burner
+from enginediag_cli.engine.components.compressor import Compressor
 from enginediag_cli.engine.components.inlet import Inlet
-from enginediag_cli.engine.components.load import Load
+from enginediag_cli.engine.components.turbine import Turbine
 from enginediag_cli.engine.controls.control import Control, Derived
 from enginediag_cli.engine.controls.governor import Governor
+from enginediag_cli.engine.coupling import Coupling
 from enginediag_cli.engine.dual import Array, Value, sqrt
 from enginediag_cli.engine.evaluation import Evaluation, Shaft
 from enginediag_cli.engine.flow import Flow
@@ -63,10 +65,13 @@ class Network:
         self.shafts = {s["name"]: s for s in shafts}
         self.power_setting = power_setting
         self.design = dict(design)
-        self.loaded_shafts = {c.values["shaft"] for c in components if isinstance(c, Load)}
+        self.coupling = Coupling(self.shafts, components)
+        self.loaded_shafts = self.coupling.loaded
         self.speed_columns = {f"{s['speed_label']}_rpm": name for name, s in self.shafts.items()}
         # the first is the one whose fuel the power setting sets or leaves open
         self.burners = [c.name for kind in (Burner, Afterburner) for c in components if isinstance(c, kind)]
+        self.inlet_exit = next((c.values["to"] for c in components if isinstance(c, Inlet)), "")
+        self.last_turbine_exit = next((c.values["to"] for c in reversed(components) if isinstance(c, Turbine)), "")
         self.neutral: dict[str, Value] = {a.name: a.neutral for c in components for a in c.actuators()}
         self.design_theta2 = 1.0
         self.design_setting = 1.0  # corrected power setting of the design point
@@ -100,6 +105,20 @@ class Network:
     def derived(self) -> dict[str, Derived]:
         """Positions that controls set, by the leaf of the actuator."""
         return {leaf: at for c in self.controls for leaf, at in c.position().items()}
+
+    @property
+    def air_speed_column(self) -> str | None:
+        """The recorded speed of the shaft that turns the first compressor, which air flow follows; None if none is."""
+        for c in self.components:
+            if isinstance(c, Compressor):
+                turning = self.coupling.turning_with(c.values["shaft"])
+                found = [s for s in turning if self.shafts[s]["speed"] == "input"]
+                return f"{self.shafts[found[0]]['speed_label']}_rpm" if found else None
+        return None
+
+    def design_corrected_speed(self, column: str) -> float:
+        """N/√θ₂ [rpm] of a speed column at the design point."""
+        return float(self.shafts[self.speed_columns[column]]["design_speed_rpm"] / self.design_theta2**0.5)
 
     def inputs(self) -> dict[str, float | None]:
         """Input columns and the default of those that may be left out."""
@@ -144,8 +163,11 @@ class Network:
         for c in self.components:
             if not (isinstance(c, Burner) and given == f"{c.name}.fuel_flow"):
                 found.extend(c.unknowns())
-        for name, s in self.shafts.items():
-            if s["speed"] == "balance" and given != f"{name}.speed_rpm":
+        for name in self.shafts:
+            turning = self.coupling.turning_with(name)
+            if name == turning[0] and not any(
+                self.shafts[m]["speed"] != "balance" or given == f"{m}.speed_rpm" for m in turning
+            ):
                 found.append(Unknown(f"{name}.corrected_speed", lower=0.05, upper=2.0))
         found += [u for control in self.controls for u in control.unknowns()]
         return tuple(replace(u, start=self._start.get(u.name, u.start)) for u in found)
@@ -198,7 +220,8 @@ class Network:
         if self.design_point is None:
             return UNSIZED_W
         shaft = self.design_point.shaft(name)
-        return max(OFFTAKE_SHARE * (scalar(shaft.demand_W) or scalar(shaft.supply_W)), UNSIZED_W)
+        carried = (scalar(w) for w in (shaft.demand_W, shaft.supply_W, shaft.load_W))
+        return max(OFFTAKE_SHARE * next((w for w in carried if w), 0.0), UNSIZED_W)
 
     def _cooling_ports(self, component: Component) -> list[str]:
         """Bleed ports of a component whose air a turbine takes in again."""
@@ -273,6 +296,7 @@ class Network:
             if isinstance(c, Inlet):
                 self.design_theta2 = scalar(e.theta2)
         self._close(e)
+        self.neutral = {a.name: a.neutral for c in self.components for a in c.actuators()}
         theta, delta = total_ratios({c: e.leaves[c] for c in self.inputs() if c in e.leaves})
         self.design_setting = self._setting_at(e) / scalar(correction(self.power_setting, theta, delta))
         self.design_point = e
@@ -288,20 +312,21 @@ class Network:
         """Given speed, or design speed times the unknown times √(θ₂/θ₂,design)."""
         if e.has(f"{name}.speed_rpm"):
             return Shaft(e[f"{name}.speed_rpm"])
+        for other in self.coupling.turning_with(name):
+            if e.has(f"{other}.speed_rpm"):
+                return Shaft(e[f"{other}.speed_rpm"] * self.coupling.ratio(name, other))
         root = sqrt(e.theta2 * (1.0 / self.design_theta2))
-        return Shaft(e[f"{name}.corrected_speed"] * (root * self.shafts[name]["design_speed_rpm"]))
+        leading = self.coupling.turning_with(name)[0]
+        return Shaft(e[f"{leading}.corrected_speed"] * (root * self.shafts[name]["design_speed_rpm"]))
 
     def _close(self, e: Evaluation) -> None:
         for name, s in self.shafts.items():
             shaft = e.shaft(name)
             e.outputs[f"{s['speed_label']}_rpm"] = shaft.speed_rpm
-            if name not in self.loaded_shafts:
-                offtake = e[f"{name}.power_offtake_W"]
-                e.balances[f"{name} power"] = (
-                    e[f"{name}.mechanical_efficiency"] - (shaft.demand_W + offtake) / shaft.supply_W
-                )
+            if name in self.coupling.balanced:
+                e.balances[f"{name} power"] = self.coupling.missing(e, name)
         if "gross_thrust_N" in e.outputs:
-            e.outputs["Fn_N"] = e.outputs["gross_thrust_N"] - e.outputs["ram_drag_N"]
+            e.add_output("Fn_N", e.outputs["gross_thrust_N"] - e.outputs["ram_drag_N"])
 
     # outputs
 
@@ -313,16 +338,20 @@ class Network:
     def columns(self, e: Evaluation) -> tuple[str, ...]:
         """Every column that the model gives, as an evaluation shows."""
         stations = (f"{w}{s}{u}" for s in e.flows for w, u in (("T", "_K"), ("P", "_Pa"), ("W", "_kg_s"), ("FAR", "")))
-        return (*e.outputs, *stations, "OPR", "SFC_kg_Ns")
+        return (*e.outputs, *stations, "OPR", "EPR", "SFC_kg_Ns")
 
     def read(self, e: Evaluation, column: str) -> Value:
-        """A model column: T<station>_K, P<station>_Pa, W<station>_kg_s, FAR<station>, speeds, thrust, fuel, …"""
+        """A model column: T<station>_K, P<station>_Pa, W<station>_kg_s, FAR<station>, speeds, thrust, fuel, …
+
+        EPR is the total pressure behind the last turbine over that at the engine's inlet, as instruments take it."""
         if column in e.outputs:
             return e.outputs[column]
         if column == "OPR":
             return e.flows["3"].P / e.flows["2"].P
         if column == "SFC_kg_Ns":
             return e.outputs.get("Wf_total_kg_s", e.outputs["Wf_kg_s"]) / e.outputs["Fn_N"]
+        if column == "EPR":
+            return e.flows[self.last_turbine_exit].P / e.flows[self.inlet_exit].P
         match = STATION_COLUMN.fullmatch(column)
         if match is None or match["station"] not in e.flows:
             raise KeyError(column)

@@ -80,6 +80,8 @@ def _run(network: Network, values: Mapping[str, Any]) -> None:
         with np.errstate(all="ignore"):
             network.size(Evaluation(network.gas, 1, leaves))
         if all(c.settled() for c in network.components):
+            assert network.design_point is not None
+            network.coupling.check_design(network.design_point)
             return
     open_still = ", ".join(c.name for c in network.components if not c.settled())
     raise ValueError(f"{open_still}: no temperature behind it agrees with what follows from it")

@@ -24,21 +24,22 @@ DEGREE = 8.0
 WEIGHTS = {"power": 1.0, "mach": 1.3, "theta": 3.0, "delta": 5.0, "other": 3.0, "fixed": 1e9}
 """What a power of each coordinate costs of the degree: the engine bends most with power and Mach, hardly with what is
 left of θ and δ after correction, not at all with what does not vary. Judgement."""
-POWER_EXPONENTS = {  # of (δ, √θ) in the corrected power setting
-    "Wf_kg_s": (1, 1),
+POWER_EXPONENTS = {
+    "kg_s": (1, 1),
     "rpm": (0, 1),
-    "T4_K": (0, 2),
-    "Fn_N": (1, 0),
-    "power_W": (1, 1),
+    "K": (0, 2),
+    "N": (1, 0),
+    "W": (1, 1),
+    "N_m": (1, 0),
+    "": (0, 0),
 }
-
-POWER_UNITS = {"rpm": "rpm", "K": "T4_K"}
-"""Units that say which of these a column is corrected like: any speed, any temperature."""
+"""Of (δ, √θ) in the corrected power setting, by the unit of its column: any flow of fuel, speed, temperature, thrust,
+power and torque (power over speed); a pressure ratio is corrected as it stands."""
 
 
 def correction(column: str, theta: Array, delta: Array) -> Array:
     """What a power setting is divided by to correct it to ISA sea level."""
-    a, b = POWER_EXPONENTS.get(POWER_UNITS.get(split_column(column)[1], column), (0, 0))  # a lever is not corrected
+    a, b = POWER_EXPONENTS.get(split_column(column)[1], (0, 0))  # a lever is not corrected
     return delta**a * theta ** (0.5 * b)
 
 

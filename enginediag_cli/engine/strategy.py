@@ -107,13 +107,15 @@ class Strategy:
         return x
 
     def _plain(self, points: Mapping[str, Any], size: int) -> Array:
-        """The design point; where speed is given, air flow ∝ speed^FLOW_EXPONENT."""
+        """The design point; where the speed of a compressor is given, air flow ∝ speed^FLOW_EXPONENT."""
         x = self._design(size)
         setting = self.network.power_setting
-        if setting in self.network.speed_columns:
+        column = setting if setting in self.network.speed_columns else self.network.air_speed_column
+        if column is not None:
+            design = self.network.design_setting if column == setting else self.network.design_corrected_speed(column)
             flow = next(k for k, u in enumerate(self.network.unknowns()) if u.is_flow)
             with np.errstate(all="ignore"):
-                ratio = points[setting] / (self.network.design_setting * correction(setting, *total_ratios(points)))
+                ratio = points[column] / (design * correction(column, *total_ratios(points)))
             x[flow] *= np.nan_to_num(np.clip(ratio, 0.1, 1.2), nan=1.0) ** FLOW_EXPONENT
         return x
 

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 from enginediag_cli.config.checked import Checked
 from enginediag_cli.config.hints import near
 from enginediag_cli.engine.controls.build import lever
+from enginediag_cli.engine.driving import driving_problems
 from enginediag_cli.errors import Problem
 
 RECEIVERS = ("receives", "cooling_before_rotor", "cooling_after_rotor")
@@ -15,7 +16,7 @@ RECEIVERS = ("receives", "cooling_before_rotor", "cooling_after_rotor")
 
 def wiring_problems(values: Mapping[str, Any], checked: Checked) -> list[Problem]:
     """Everything about the network that is wrong, before it is built."""
-    parts = (_stations, _bleeds, _exchangers, _shafts, _whole)
+    parts = (_stations, _bleeds, _exchangers, _shafts, driving_problems, _whole)
     return [problem for part in parts for problem in part(values, checked)]
 
 
@@ -102,28 +103,16 @@ def _exchangers(values: Mapping[str, Any], checked: Checked) -> Iterator[Problem
 
 
 def _shafts(values: Mapping[str, Any], checked: Checked) -> Iterator[Problem]:
-    """Components name shafts that exist; a shaft has a turbine, and its load comes behind its turbines."""
+    """Components name shafts that exist; a shaft has a turbine or a gearbox that drives it."""
     shafts = [s["name"] for s in values["shafts"]]
     driven: set[str] = set()
-    loads: dict[str, str] = {}
     for k, c in enumerate(values["components"]):
-        if "shaft" not in c:
-            continue
-        place = checked.mark(("components", k, "shaft"))
-        if c["shaft"] not in shafts:
-            yield Problem(place, f"{c['name']}: there is no shaft '{c['shaft']}'", near(c["shaft"], shafts))
-        elif c["type"] == "load" and c["shaft"] not in driven:
-            yield Problem(place, f"{c['name']}: a load comes behind the turbine that drives its shaft")
-        if c["type"] == "load" and c["shaft"] in loads:
-            yield Problem(
-                place,
-                f"{c['name']}: shaft '{c['shaft']}' drives {loads[c['shaft']]} already, which takes what it has",
-                "state what the smaller one takes as the shaft's power_offtake_W",
-            )
-        if c["type"] == "load":
-            loads[c["shaft"]] = c["name"]
-        if c["type"] == "turbine":
-            driven.add(c["shaft"])
+        for key in ("shaft", "drives"):
+            if key in c and c[key] not in shafts:
+                place = checked.mark(("components", k, key))
+                yield Problem(place, f"{c['name']}: there is no shaft '{c[key]}'", near(c[key], shafts))
+        if c["type"] in ("turbine", "gearbox"):
+            driven.add(c["drives" if c["type"] == "gearbox" else "shaft"])
     for name in shafts:
         if name not in driven:
             yield Problem(checked.mark(("shafts", name)), f"shaft '{name}' has no turbine")
@@ -142,14 +131,38 @@ def _whole(values: Mapping[str, Any], checked: Checked) -> Iterator[Problem]:
     for k, c in enumerate(values["components"]):
         if c["type"] == "afterburner" and "burner" not in types[:k]:
             yield Problem(checked.mark(("components", k)), f"{c['name']}: an afterburner comes behind the burner")
-    known = ["Wf_kg_s", *(f"{s['speed_label']}_rpm" for s in values["shafts"] if s["speed"] == "balance")]
-    known += ["T4_K"] if any("4" in outlets(c) for c in values["components"]) else []
-    known += ["Fn_N"] if {"nozzle", "condi_nozzle"} & set(types) else []
-    known += ["power_W"] if "load" in types else []
-    known += [lever(values)] if lever(values) else []
+    known = power_settings(values)
+    known = [*known, lever(values)] if lever(values) else list(known)
     if values["power_setting"] not in known:
         yield Problem(
             checked.mark(("power_setting",)),
             f"'{values['power_setting']}' cannot be the power setting",
             near(values["power_setting"], known),
         )
+
+
+def power_settings(values: Mapping[str, Any]) -> list[str]:
+    """Columns that may set the power of this engine: fuel flow, the speeds that follow from a balance, the total
+    temperature of any station that burnt gas reaches, engine pressure ratio, thrust, and power and torque of what its
+    shafts drive."""
+    components = values["components"]
+    types = {c["type"] for c in components}
+    found = ["Wf_kg_s", *(f"{s['speed_label']}_rpm" for s in values["shafts"] if s["speed"] == "balance")]
+    found += [f"T{station}_K" for station in _hot_stations(components)]
+    found += ["EPR"] if "turbine" in types else []
+    found += ["Fn_N"] if types & {"nozzle", "condi_nozzle", "propeller"} else []
+    # what is demanded of a machine cannot be wanted once more
+    machines = [c["name"] for c in components if c["type"] in ("load", "propeller") and c.get("law") != "given"]
+    found += ["power_W"] if machines else []
+    machines += [c["name"] for c in components if c["type"] == "gearbox"]
+    return [*found, *(f"{name}_{column}" for name in machines for column in ("power_W", "torque_N_m"))]
+
+
+def _hot_stations(components: Sequence[Mapping[str, Any]]) -> list[str]:
+    """Stations that gas from a burner reaches, those between vanes and rotor of a turbine among them."""
+    hot: list[str] = []
+    for c in components:
+        if c["type"] == "burner" or any(c[key] in hot for key in inlets(c)):
+            inside = c.get("rotor_inlet_station")
+            hot += [*([inside] if inside else []), *outlets(c)]
+    return hot

@@ -44,7 +44,9 @@ def test_a_type_is_shown_in_full(run, name):
     assert max(map(len, ended.stdout.splitlines())) <= 120
 
 
-@pytest.mark.parametrize("text", ENGINES, ids=["mixed flow", "single shaft", "afterburning", "recuperated"])
+@pytest.mark.parametrize(
+    "text", ENGINES, ids=["mixed flow", "single shaft", "afterburning", "recuperated", "turboprop"]
+)
 def test_the_examples_are_engines_that_pass(tmp_path, text):
     path = tmp_path / "engine.yaml"
     path.write_text(text, encoding="utf-8")

@@ -62,7 +62,7 @@ def evaluated(engine, U):
 
 def exits_of(engine, e):
     """All flows that leave the engine: nozzles, exhaust, and bleeds that no component receives."""
-    ends = [c for c in engine.network.components if c.TYPE in ("nozzle", "exhaust")]
+    ends = [c for c in engine.network.components if c.TYPE in ("nozzle", "condi_nozzle", "exhaust")]
     return [*(e.flows[c.values["from"]] for c in ends), *e.bleeds.values()]
 
 

@@ -243,12 +243,14 @@ def test_a_surplus_load_takes_what_the_shaft_can_spare():
     assert not e.balances
 
 
-def test_a_cube_load_absorbs_the_cube_of_speed():
+def test_a_cube_load_absorbs_the_cube_of_speed_and_leaves_the_balance_to_its_shaft():
     surplus = 0.99 * 12e6 - 5e6 - 1e5
-    assert load("cube").balances["power power"][0] == pytest.approx(0.0, abs=1e-15)
+    e = load("cube")
+    assert e.shafts["power"].load_W == pytest.approx(surplus, rel=1e-15)
+    assert not e.balances
     e = load("cube", rpm=1500.0)
     assert e.outputs["power_W"][0] == pytest.approx(0.97 * surplus / 8.0, rel=1e-13)
-    assert e.balances["power power"][0] == pytest.approx(surplus * (1 - 1 / 8) / 12e6, rel=1e-12)
+    assert e.shafts["power"].load_W[0] == pytest.approx(surplus / 8.0, rel=1e-13)
 
 
 def test_gas_data_of_the_helpers_are_those_of_kerosene():

@@ -67,6 +67,6 @@ def test_a_second_load_on_one_shaft_is_refused_at_its_place_with_what_to_do(tmp_
 
 def test_another_shafts_speed_that_cannot_set_the_power_is_refused_with_those_that_can(tmp_path):
     with pytest.raises(ConfigError) as caught:
-        engine(tmp_path, ONE.replace("power_setting: N1_rpm", "power_setting: gearbox_power_W"))
+        engine(tmp_path, ONE.replace("power_setting: N1_rpm", "power_setting: compressor_power_W"))
     [problem] = caught.value.problems
     assert "cannot be the power setting" in problem.message and "power_W" in problem.hint

@@ -19,7 +19,17 @@ def draw(n, seed=1):
 
 @pytest.mark.parametrize(
     ("column", "expected"),
-    [("Wf_kg_s", 0.5 * 0.9), ("N1_rpm", 0.9), ("T4_K", 0.81), ("Fn_N", 0.5), ("power_W", 0.5 * 0.9)],
+    [
+        ("Wf_kg_s", 0.5 * 0.9),
+        ("N1_rpm", 0.9),
+        ("T4_K", 0.81),
+        ("T45_K", 0.81),
+        ("Fn_N", 0.5),
+        ("power_W", 0.5 * 0.9),
+        ("gearbox_power_W", 0.5 * 0.9),
+        ("gearbox_torque_N_m", 0.5),
+        ("EPR", 1.0),
+    ],
 )
 def test_a_power_setting_is_corrected_by_its_own_powers_of_theta_and_delta(column, expected):
     assert correction(column, np.array(0.81), np.array(0.5)) == pytest.approx(expected)

@@ -11,11 +11,13 @@ from enginediag_cli.engine.components.compressor import Compressor
 from enginediag_cli.engine.components.condi_nozzle import CondiNozzle
 from enginediag_cli.engine.components.duct import Duct
 from enginediag_cli.engine.components.exhaust import Exhaust
+from enginediag_cli.engine.components.gearbox import Gearbox
 from enginediag_cli.engine.components.inlet import Inlet
 from enginediag_cli.engine.components.intercooler import Intercooler
 from enginediag_cli.engine.components.load import Load
 from enginediag_cli.engine.components.mixer import Mixer
 from enginediag_cli.engine.components.nozzle import Nozzle
+from enginediag_cli.engine.components.propeller import Propeller
 from enginediag_cli.engine.components.recuperator import Recuperator, RecuperatorHotSide
 from enginediag_cli.engine.components.splitter import Splitter
 from enginediag_cli.engine.components.turbine import Turbine
@@ -40,6 +42,8 @@ _TYPES: tuple[type[Component], ...] = (
     CondiNozzle,
     Exhaust,
     Load,
+    Gearbox,
+    Propeller,
 )
 COMPONENTS: dict[str, type[Component]] = {c.TYPE: c for c in _TYPES}
 

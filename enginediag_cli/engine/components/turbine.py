@@ -186,7 +186,8 @@ class Turbine(Component):
         shaft = e.shaft(self.values["shaft"])
         name = self.values["shaft"]
         wanted = scalar(
-            (shaft.demand_W + e[f"{name}.power_offtake_W"]) / e[f"{name}.mechanical_efficiency"] - shaft.supply_W
+            (shaft.demand_W + e[f"{name}.power_offtake_W"] + shaft.load_W) / e[f"{name}.mechanical_efficiency"]
+            - shaft.supply_W
         )
         streams = [inlet, *(e.bleeds[name] for name in self.values["cooling_before_rotor"])]
 

@@ -28,7 +28,7 @@ def free_actuators(engine: Engine) -> list[Free]:
     moved = {leaf for control in network.controls for leaf in control.position()}
     found = [Free(a, c.name) for c in network.components for a in c.actuators() if a.name not in moved]
     for c in core_compressor(network):
-        if not c.actuators():
+        if not c.values["vanes"]:
             words = f"{spelled(c.name)} guide vanes"
             vanes = Actuator(f"{c.name}.vane_closing_deg", "deg", 0.0, 0.0, WIDEST_DEG, words)
             found.append(Free(vanes, c.name, added=True))
