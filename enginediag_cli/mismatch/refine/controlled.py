@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy import stats
 
 from enginediag_cli.engine.description import EngineDescription
 from enginediag_cli.engine.engine import Engine
@@ -20,8 +21,9 @@ WINDOW = 12
 """Records of a stretch in which an actuator stands still while released: half a day of hours."""
 LEAST_STRETCHES = 8
 """From which a standard deviation is known to a quarter."""
-TRIMMED = (0.025, 0.975)
-"""Quantiles beyond which a stretch counts as these: an event is no wander."""
+LEVEL = 0.01
+"""Of false alarms that windows are judged by, as usual in `detect`: an actuator that is left partly closed for a day now
+and then wanders by no normal law, so the standard deviation is that of the one which goes as far at this level."""
 HOLDS, RELEASED = "held", "released"
 """Regimes of a control, beside its stops."""
 
@@ -94,7 +96,7 @@ def _decided(law: ControlLaw, flights: Sequence[TrainingRecording]) -> list[Trai
 
 def _with_wander(law: ControlLaw, engine: Engine, fit: Fitted) -> ControlLaw:
     """The law with how far the actuator stands off its rest while released, from one stretch of WINDOW such records to
-    the next: δ = cᵀe / cᵀc with c = ∂y/∂position and what the fit leaves, both in its noise."""
+    the next: δ = cᵀe / cᵀc with c = ∂y/∂position and what the fit leaves, both in its noise. See LEVEL."""
     if law.enabled is None:
         return law
     problem = fit.found.problem
@@ -112,7 +114,8 @@ def _with_wander(law: ControlLaw, engine: Engine, fit: Fitted) -> ControlLaw:
     off = above[below > 0.0] / below[below > 0.0]
     if off.size < LEAST_STRETCHES:
         return law
-    sigma_rest = float(np.sqrt(np.mean(np.clip(off, *np.quantile(off, TRIMMED)) ** 2)))
+    tail = float(np.quantile(np.abs(off), 1.0 - LEVEL)) / float(stats.norm.isf(0.5 * LEVEL))
+    sigma_rest = max(float(np.sqrt(np.mean(off**2))), tail)
     return replace(law, enabled=replace(law.enabled, rest_sigma=sigma_rest))
 
 
