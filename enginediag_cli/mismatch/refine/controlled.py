@@ -22,8 +22,8 @@ WINDOW = 12
 LEAST_STRETCHES = 8
 """From which a standard deviation is known to a quarter."""
 LEVEL = 0.01
-"""Of false alarms that windows are judged by, as usual in `detect`: an actuator that is left partly closed for a day now
-and then wanders by no normal law, so the standard deviation is that of the one which goes as far at this level."""
+"""Of false alarms that windows are judged by, as usual in `detect`: an actuator that is left partly closed for a day
+now and then wanders by no normal law: the standard deviation is that of the one which goes as far at this level."""
 HOLDS, RELEASED = "held", "released"
 """Regimes of a control, beside its stops."""
 
