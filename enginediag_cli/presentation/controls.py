@@ -51,11 +51,8 @@ def control_sentences(f: Found) -> Iterator[str]:
         of = unit if key == "set_point" else law.actuator.unit
         told = key.replace("_", " ") if key == "set_point" else f"{key} stop"
         yield f"  {told}: {with_unit(getattr(law, key), of, error)}"
-    if law.added:
-        yield (
-            "  Position and the fall of flow per degree are only known together: 1 % per degree is assumed, so that "
-            f"{rounded(law.high)} {law.actuator.unit} stand for {rounded(law.high)} % of the flow, about."
-        )
+    if law.assumed:
+        yield f"  Positions rest on {law.assumed}, which is assumed: readings only know what they give together."
     yield (
         f"  Identified with it, errors on records that the fit had not seen are {rounded(_times(f.best))} times "
         f"smaller (mean over the sensors), in {_share(f.best.blocks)} of {BLOCKS} runs of records."

@@ -19,9 +19,6 @@ from enginediag_cli.engine.components.base import Actuator
 from enginediag_cli.engine.description import EngineDescription
 from enginediag_cli.engine.engine import Engine
 
-FLOW_PER_DEG = 0.01
-"""Fall of a compressor's flow per degree of closing where nobody states it: 0.5 to 1.5 %/deg (NLR GSP and GasTurb
-variable-geometry inputs). Position and this number are only known together; readings know what they give."""
 DIGITS = 7
 """Significant digits of set points and stops."""
 
@@ -51,7 +48,8 @@ class Enabled:
 @dataclass(frozen=True)
 class ControlLaw:
     """`actuator` of `component` holds the reading `hold` at `set_point` between `low` and `high`, in its unit, while
-    `enabled` (None: always). `added`: the component has no such actuator in the file yet."""
+    `enabled` (None: always). `key`: what the component's entry must say before it has the actuator; `assumed`: what of
+    that readings do not tell."""
 
     actuator: Actuator
     component: str
@@ -60,7 +58,8 @@ class ControlLaw:
     low: float
     high: float
     enabled: Enabled | None = None
-    added: bool = False
+    key: str = ""
+    assumed: str = ""
 
     @property
     def name(self) -> str:
@@ -116,11 +115,8 @@ class ControlLaw:
         """The engine file's text with the law, its actuator, and its numbers among what `identify` estimates where the
         file lists that. Raises ConfigError, DataError for text that cannot be edited."""
         text = text.removeprefix("\ufeff").replace("\r\n", "\n")
-        if self.added:
-            component = self._component(parse_document(text, file))
-            reach = f"closed_stop_deg: {self.actuator.upper:g}"
-            vanes = f"vanes: {{flow_per_deg: {FLOW_PER_DEG:g}, loss_per_deg2: 0, {reach}}}"
-            text = with_key(text, component, "name", vanes)
+        if self.key:
+            text = with_key(text, self._component(parse_document(text, file)), "name", self.key)
         for name in self.parameters:
             block = parse_document(text, file).value.get("identification")
             listed = block.value.get("parameters") if block is not None and block.is_mapping else None

@@ -27,6 +27,9 @@ LEAST_RELEASED = 0.02
 """Share of the records that must be seen to be released before a release is sought."""
 WRONG = 0.05
 """Share of either kind of record that a threshold may tell wrongly."""
+SURELY = 0.25
+"""Share of its way that an actuator must have gone for a reading to be at its set point for that reason. Judgement: as
+much as the maps' errors move where it seems to stand."""
 WITHIN = 0.98
 """Of the gap that nothing was seen in, what is certainly inside, whatever digits are written."""
 NO_WAY = 1e-3
@@ -64,7 +67,7 @@ class Begun:
 def begin(described: EngineDescription, engine: Engine, free: Free, still: Still, records: Records) -> Begun | None:
     """None where the actuator does not move the reading, or nothing tells when the law acts."""
     a = free.actuator
-    law = ControlLaw(a, free.component, still.sensor, still.value, a.lower, a.upper, added=free.added)
+    law = ControlLaw(a, free.component, still.sensor, still.value, a.lower, a.upper, key=free.key, assumed=free.assumed)
     try:
         with_law = law.engine(described, engine.power_setting)
     except ConfigError:
@@ -80,19 +83,33 @@ def begin(described: EngineDescription, engine: Engine, free: Free, still: Still
     others = [j for j, s in enumerate(some.sensors) if s != still.sensor]
     left = _misfit(there[0][:, others], some.measured[held][:, others])
     without = _misfit(_at(engine, some, {}, held)[0][:, others], some.measured[held][:, others])
-    far = float(np.quantile(position[known], FARTHEST if np.median(position[known]) >= a.neutral else 1.0 - FARTHEST))
-    low, high = (a.neutral, far) if far > a.neutral else (far, a.neutral)
-    if not high - low > 1e-3 * (a.upper - a.lower):
+    ends = np.quantile(position[known], [1.0 - FARTHEST, FARTHEST])
+    slack = NO_WAY * (a.upper - a.lower)
+    low, high = min(float(ends[0]), a.neutral), max(float(ends[1]), a.neutral)
+    if not high - low > slack:
         return None
-    law = replace(law, low=low, high=high)
-    return _enabled(Begun(law, left, without), with_law, some, still, held, values)
+    begun = Begun(replace(law, low=low, high=high), left, without)
+    if low < a.neutral - slack and high > a.neutral + slack:
+        return begun  # it goes both ways from where nothing sets it, and rests at neither end
+    one_way = (low, a.neutral) if low < a.neutral - slack else (a.neutral, high)
+    begun = replace(begun, law=replace(begun.law, low=one_way[0], high=one_way[1]))
+    moved = np.zeros(len(held), dtype=bool)
+    moved[held] = np.abs(position - a.neutral) > SURELY * (high - low)
+    return _enabled(begun, with_law, some, still, (held, moved), values)
 
 
 def _enabled(
-    begun: Begun, engine: Engine, some: Records, still: Still, held: np.ndarray, values: Mapping[str, float]
+    begun: Begun,
+    engine: Engine,
+    some: Records,
+    still: Still,
+    rows: tuple[np.ndarray, np.ndarray],
+    values: Mapping[str, float],
 ) -> Begun | None:
     """The law with what tells when it acts; None where the records say that it does not always act and no input says
-    when."""
+    when. `rows`: records (N,) at the set point, and those of them that are there because the actuator has moved: others
+    may be there by chance."""
+    held, moved = rows
     law, away = begun.law, ~held
     j = some.sensors.index(still.sensor)
     rest, far = (law.low, law.high) if law.low == law.actuator.neutral else (law.high, law.low)
@@ -107,7 +124,7 @@ def _enabled(
     released[np.flatnonzero(away)[nearer_rest & short]] = True
     if released.mean() < LEAST_RELEASED:
         return begun
-    acting = held.copy()
+    acting = moved.copy()
     acting[np.flatnonzero(away)[~nearer_rest & short]] = True
     enabled = _threshold(some.inputs, engine, acting, released)
     return None if enabled is None else replace(begun, law=replace(law, enabled=enabled))
@@ -155,7 +172,9 @@ def _fixed(law: ControlLaw, position: float) -> dict[str, float]:
 def _distance(predicted: np.ndarray, measured: np.ndarray) -> np.ndarray:
     """Mean |ln ratio| of the readings of each record (n,)."""
     with np.errstate(all="ignore"):
-        return np.asarray(np.nanmean(np.abs(np.log(predicted / measured)), axis=1))
+        far = np.abs(np.log(predicted / measured))
+    read = np.isfinite(far)
+    return np.asarray(np.where(read, far, 0.0).sum(axis=1) / np.where(read.any(axis=1), read.sum(axis=1), np.nan))
 
 
 def _misfit(predicted: np.ndarray, measured: np.ndarray) -> float:
