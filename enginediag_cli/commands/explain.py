@@ -69,17 +69,20 @@ def explain(
     fault, which begins in time; an effect whose driver is not recorded; none of these, with where, along what and
     how. Sentences go to standard error, coefficients as rows (or all of it as one JSON object) to standard output.
     """
-    from enginediag_cli.mismatch.explain.answer import FAILED, NOTHING
+    from dataclasses import replace
+
+    from enginediag_cli.mismatch.explain.answer import FAILED
     from enginediag_cli.mismatch.explain.story import tell
     from enginediag_cli.mismatch.fit.load import load_case
     from enginediag_cli.physics.registry import candidates
     from enginediag_cli.presentation.explanation_rows import amplitude_rows, curve_rows
     from enginediag_cli.presentation.explanations import sentences
 
-    loaded = load_case(case, identified=True)
+    loaded = load_case(case, identified=True, controls=True)
     tell_case(messages, case, loaded)
     effects = list(candidates(loaded.evidence.engine, without))
     story = tell(loaded.evidence, effects, advise=not no_advice, intake=loaded.intake)
+    story = replace(story, control=loaded.control)
     head = provenance("explain", case, loaded.intake.provenance, **({"without": ", ".join(without)} if without else {}))
     for line in sentences(story):
         messages.note(line)
@@ -90,9 +93,9 @@ def explain(
     ):
         if path and not Output(path, "csv").write_rows(rows, provenance=head):
             messages.note(f"{path}: no {what} was found, the file has no rows")
-    if story.answer.status == FAILED:
+    if story.answer.status == FAILED and story.control is None:
         return ExitCode.NO_VERDICT
-    return ExitCode.FINDING if exit_code and story.answer.status != NOTHING else ExitCode.DONE
+    return ExitCode.FINDING if exit_code and not story.found_nothing else ExitCode.DONE
 
 
 def _present(output: Output, story: Story, head: tuple[str, ...]) -> None:

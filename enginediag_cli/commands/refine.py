@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
     from enginediag_cli.engine.term import Effect
     from enginediag_cli.mismatch.fit.evidence import Evidence, Flight
-    from enginediag_cli.mismatch.fit.load import Case
+    from enginediag_cli.mismatch.fit.load import Case, Loaded
     from enginediag_cli.mismatch.refine.refine import Refinement
     from enginediag_cli.mismatch.unrecorded.hidden import HiddenFinding
 
@@ -118,10 +118,14 @@ def refine(
     from enginediag_cli.mismatch.refine.switch import judged_by_trained_noise
     from enginediag_cli.presentation.refinements import refusal
 
-    evidence, unseen, inherited = _evidence(messages, case, holdout_last, tests)
+    loaded, unseen, inherited = _loaded(messages, case, holdout_last, tests, controls=not terms)
+    evidence = loaded.evidence
     hidden: HiddenFinding | None = None
     if len(unseen) == len(evidence.flights):
         raise click.UsageError("no flight is left to fit the effects to")
+    if loaded.control is not None:
+        head = provenance("refine", case, inherited, unseen=", ".join(evidence.flights[k].label for k in unseen))
+        return _control(messages, case, loaded, unseen, (output_path, report, head))
     evidence = judged_by_trained_noise(evidence, unseen)
     training = evidence.only([k for k in range(len(evidence.flights)) if k not in unseen])
     if terms:
@@ -157,9 +161,49 @@ def refine(
     return ExitCode.DONE
 
 
-def _evidence(
-    messages: Messages, case: Case, last: int | None, tests: tuple[str, ...]
-) -> tuple[Evidence, list[int], tuple[str, ...]]:
+def _control(
+    messages: Messages, case: Case, loaded: Loaded, unseen: list[int], to: tuple[str, str | None, tuple[str, ...]]
+) -> ExitCode:
+    """Put the control that the engine lacks into its file, if unseen flights gain; `to`: the file, the report and its
+    head."""
+    from enginediag_cli.mismatch.fit.load import as_recordings
+    from enginediag_cli.mismatch.refine.controlled import refine_control
+    from enginediag_cli.mismatch.refine.file import moved_text, write_refined
+    from enginediag_cli.presentation import refined_controls
+    from enginediag_cli.presentation.controls import control_sentences
+    from enginediag_cli.presentation.output import SUFFIX_FORMATS, Output, table_suffix
+    from enginediag_cli.presentation.summaries import REFINE
+
+    assert loaded.control is not None and loaded.as_described is not None
+    place, report, head = to
+    described, engine = loaded.as_described
+    flights = as_recordings(loaded.evidence.flights)
+    training = [f for k, f in enumerate(flights) if k not in unseen]
+    found = refine_control(loaded.control, described, engine, training, [flights[k] for k in unseen])
+    for line in (*control_sentences(loaded.control), *refined_controls.sentences(found)):
+        messages.note(line)
+    if report:
+        out = Output(report, "auto" if table_suffix(report) in SUFFIX_FORMATS else "table")
+        rows = list(refined_controls.rows(found))
+        out.write_document(
+            lambda: refined_controls.document(found, head),
+            rows,
+            refined_controls.COLUMNS,
+            summary=REFINE,
+            provenance=head,
+        )
+    if not found.accepted:
+        messages.error(f"{refined_controls.refusal(found)}; {place} is not written")
+        return ExitCode.NO_VERDICT
+    source = _source(case, loaded.evidence, unseen)
+    text = found.law.written(moved_text(case.engine, place), case.engine, source, found.standard_errors)
+    write_refined(text, place, found.law.engine(described, engine.power_setting))
+    return ExitCode.DONE
+
+
+def _loaded(
+    messages: Messages, case: Case, last: int | None, tests: tuple[str, ...], *, controls: bool
+) -> tuple[Loaded, list[int], tuple[str, ...]]:
     """All flights, the positions of those to judge by, and the recordings' heads."""
     from dataclasses import replace
 
@@ -176,9 +220,9 @@ def _evidence(
         return [f for k, f in enumerate(flights) if k not in without] or list(flights)
 
     source = replace(case.source, files=(*case.source.files, *tests))
-    loaded = load_case(replace(case, source=source), fitted)
+    loaded = load_case(replace(case, source=source), fitted, controls=controls)
     tell_case(messages, case, loaded)
-    return loaded.evidence, unseen(loaded.evidence.flights), tuple(loaded.intake.provenance)
+    return loaded, unseen(loaded.evidence.flights), tuple(loaded.intake.provenance)
 
 
 def _asked(evidence: Evidence, terms: tuple[str, ...]) -> list[Effect]:

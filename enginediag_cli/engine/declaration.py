@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from enginediag_cli.config.fields import Field, Section, Variants
 from enginediag_cli.engine.components import COMPONENTS
+from enginediag_cli.engine.controls.section import CONTROL
 from enginediag_cli.engine.identification_block import IDENTIFICATION
 from enginediag_cli.engine.mismatch_block import MISMATCH
 from enginediag_cli.engine.physics_block import EFFECT
@@ -99,6 +100,7 @@ ENGINE_FILE = Section(
         ),
         Field("components", "named_sections", "in the order of the gas path", section=COMPONENT),
         Field("shafts", "named_sections", "the shafts", section=SHAFT),
+        Field("controls", "named_sections", "what moves the engine's actuators", (), section=CONTROL),
         Field("sensors", "section_map", "measured outputs by column", section=SENSOR),
         Field(
             "monitored",

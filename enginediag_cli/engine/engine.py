@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from copy import copy
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
 
@@ -34,7 +34,8 @@ points along eighty directions take 2.4 times as long at once as in passes of th
 @dataclass(frozen=True)
 class Prediction:
     """Φ at N points: y (N, m), jacobian (N, m, p), status (N,) as in STATUS; y is NaN where status > 1. `also` (N, k):
-    further columns that were asked for, values only."""
+    further columns that were asked for, values only. `limits`: limits and stops of controls that act somewhere → where
+    (N,)."""
 
     y: Array
     jacobian: Array
@@ -46,6 +47,15 @@ class Prediction:
     passes: Array
     also: Array
     _reasons: Mapping[int, str]
+    limits: Mapping[str, Array] = field(default_factory=dict)
+
+    @property
+    def active_limit(self) -> Array:
+        """Names (N,) of the limits and stops that act, joined by `+`; empty where every control holds what it is to."""
+        told = np.full(len(self.status), "", dtype=object)
+        for name, mask in self.limits.items():
+            told[mask] = np.array([f"{t}+{name}" if t else name for t in told[mask]], dtype=object)
+        return told.astype(str)
 
     @property
     def ok(self) -> Array:
@@ -93,6 +103,26 @@ class Engine:
     def effects(self) -> tuple[Effect, ...]:
         """Physical effects that the model carries."""
         return self.network.effects
+
+    @property
+    def controlled(self) -> bool:
+        """Whether controls move anything, so that limits may act."""
+        return bool(self.network.controls)
+
+    @property
+    def wanders(self) -> dict[str, float]:
+        """Input columns with what an actuator stands off its rest by, and by how much that differs from day to day."""
+        found = (getattr(c, "release", None) for c in self.network.controls)
+        return {r.wander: r.rest_sigma for r in found if r is not None and r.wander}
+
+    def undecided(self, inputs: Mapping[str, Any]) -> dict[str, Array]:
+        """Control → records (N,) whose inputs do not tell whether it acts."""
+        found = {}
+        for c in self.network.controls:
+            release = getattr(c, "release", None)
+            if release is not None and release.margin > 0.0 and release.column in inputs:
+                found[c.name] = release.undecided(np.asarray(inputs[release.column], dtype=float))
+        return found
 
     @property
     def switches(self) -> tuple[str, ...]:
@@ -169,6 +199,7 @@ class Engine:
         x, beside = np.full((len(self.unknowns), size), np.nan), np.full((size, len(also)), np.nan)
         residual, passes = np.full(size, np.inf), np.zeros(size, dtype=int)
         status = np.full(size, INVALID_INPUT, dtype=np.int8)
+        limits: dict[str, Array] = {}
         if start is None:
             self._strategy.prepare(points, valid)
         final = self._directions(wrt)
@@ -188,11 +219,15 @@ class Engine:
                     beside[rows, c] = np.broadcast_to(value(self._read(e.evaluation, column)), (e.evaluation.size,))[
                         e.rows
                     ]
+                for name, mask in self.network.acting(e.evaluation).items():
+                    limits.setdefault(name, np.zeros(size, dtype=bool))[rows] = np.broadcast_to(
+                        mask, (e.evaluation.size,)
+                    )[e.rows]
                 for name, mask in flags.items():
                     status[rows[mask]] = OUTSIDE_MAP
                     for i in rows[mask].tolist():
                         reasons[i] = f"{reasons[i]}, {name}" if i in reasons else f"outside {name}"
-        return Prediction(y, J, status, columns, wrt, x, residual, passes, beside, reasons)
+        return Prediction(y, J, status, columns, wrt, x, residual, passes, beside, reasons, limits)
 
     # inside
 
@@ -258,8 +293,7 @@ class Engine:
         points = {c: np.array([1.0 if d is None else d]) for c, d in self.network.inputs().items()}
         x = np.array([[u.start] for u in self.unknowns])
         e = solver.evaluate(self.network, points, self._nominal, x, frozenset())
-        stations = (f"{w}{s}{u}" for s in e.flows for w, u in (("T", "_K"), ("P", "_Pa"), ("W", "_kg_s"), ("FAR", "")))
-        return tuple(e.balances), (*e.outputs, *stations, "OPR", "EPR", "SFC_kg_Ns")
+        return tuple(e.balances), self.network.columns(e)
 
     def _directions(self, wrt: Sequence[str]) -> frozenset[str]:
         """The leaves along which outputs are differentiated: none, or the unknowns and `wrt`."""
@@ -328,9 +362,7 @@ class _Rows:
 
 def _marked(e: Evaluation) -> dict[str, Array]:
     """Components met outside their maps, and temperatures outside the gas data; masks (N,)."""
-    marked = {
-        f"the map of {name}": np.broadcast_to(mask, (e.size,)) for name, mask in e.outside.items() if np.any(mask)
-    }
+    marked = {what: np.broadcast_to(mask, (e.size,)) for what, mask in e.outside.items() if np.any(mask)}
     beyond = np.zeros(e.size, dtype=bool)
     for flow in e.flows.values():
         if flow.known_temperature is not None:

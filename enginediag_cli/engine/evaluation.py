@@ -1,7 +1,8 @@
 """One evaluation of the network: the leaves it reads, and the flows, powers and balances that it makes.
 
-Everything that a model reads is a *leaf*: an input column, a parameter, or an unknown. A leaf named in
-`wrt` becomes a direction of differentiation when it is first read, so directions follow the gas path.
+Everything that a model reads is a *leaf*: an input column, a parameter, or an unknown, or it is `derived` from such
+leaves when it is first read, as the position of an actuator that a control sets. A leaf named in `wrt` becomes a
+direction of differentiation when it is first read, so directions follow the gas path.
 """
 
 from __future__ import annotations
@@ -51,6 +52,7 @@ class Evaluation:
     delta2: Value = 1.0
     make_shaft: Callable[[Evaluation, str], Shaft] | None = None
     hooks: Hooks | None = None
+    derived: Mapping[str, Callable[[Evaluation], Value]] = field(default_factory=dict)
     _read: dict[str, Value] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -61,7 +63,7 @@ class Evaluation:
         """A leaf's value, as the effects on it leave it; a direction of differentiation if it is asked for."""
         if name in self._read:
             return self._read[name]
-        x = self.leaves[name]
+        x = self.derived[name](self) if name in self.derived else self.leaves[name]
         if name in self.wrt:
             k = self.directions[name] = len(self.directions)
             d = np.zeros((k + 1, self.size))
@@ -86,5 +88,6 @@ class Evaluation:
         """Adds to an output that several components contribute to (thrust, power)."""
         self.outputs[name] = self.outputs[name] + x if name in self.outputs else x
 
-    def mark_outside(self, component: str, mask: Array) -> None:
-        self.outside[component] = mask
+    def mark_outside(self, component: str, mask: Array, what: str = "") -> None:
+        """Points (N,) that lie outside `what`, by default the map of a component."""
+        self.outside[what or f"the map of {component}"] = mask

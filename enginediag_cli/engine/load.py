@@ -13,6 +13,7 @@ from enginediag_cli.config.kinds import check_document, load_checked
 from enginediag_cli.config.reading import file_inside
 from enginediag_cli.engine.closure import missing_closure
 from enginediag_cli.engine.components import COMPONENTS, Component
+from enginediag_cli.engine.controls.build import controls_of
 from enginediag_cli.engine.description import EngineDescription
 from enginediag_cli.engine.engine import Engine
 from enginediag_cli.engine.gas import gas_for
@@ -66,6 +67,7 @@ def build_engine(source: str | Path | EngineDescription, carried: Carried, power
         values["power_setting"],
         values["design"],
         values["start"],
+        controls_of(values, components, checked),
     )
     size(network, values, checked)
     engine = Engine(network, values, path)

@@ -8,6 +8,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from enginediag_cli.engine.components import Component, Unknown
 from enginediag_cli.engine.components.afterburner import Afterburner
 from enginediag_cli.engine.components.base import scalar
@@ -15,8 +17,10 @@ from enginediag_cli.engine.components.burner import Burner
 from enginediag_cli.engine.components.compressor import Compressor
 from enginediag_cli.engine.components.inlet import Inlet
 from enginediag_cli.engine.components.turbine import Turbine
+from enginediag_cli.engine.controls.control import Control, Derived
+from enginediag_cli.engine.controls.governor import Governor
 from enginediag_cli.engine.coupling import Coupling
-from enginediag_cli.engine.dual import Value, sqrt
+from enginediag_cli.engine.dual import Array, Value, sqrt
 from enginediag_cli.engine.evaluation import Evaluation, Shaft
 from enginediag_cli.engine.flow import Flow
 from enginediag_cli.engine.gas import Gas
@@ -36,6 +40,12 @@ UNSIZED_W = 1.0
 """Spread of an off-take before the engine is sized, and the least there is: any positive number would do."""
 
 
+def position_column(leaf: str) -> str:
+    """Model column with the position of a controlled actuator: `compressor.vane_closing_deg` is
+    `compressor_vane_closing_deg`."""
+    return leaf.replace(".", "_")
+
+
 class Network:
     """Collects unknowns and balances from the components; no engine has code of its own."""
 
@@ -47,8 +57,10 @@ class Network:
         power_setting: str,
         design: Mapping[str, float],
         start: Mapping[str, float],
+        controls: Sequence[Control] = (),
     ):
         self.gas = gas
+        self.controls = tuple(controls)
         self.components = tuple(components)
         self.shafts = {s["name"]: s for s in shafts}
         self.power_setting = power_setting
@@ -74,12 +86,25 @@ class Network:
 
     @property
     def given_leaf(self) -> str | None:
-        """The leaf that the power setting fixes; None when it fixes an output through a balance."""
+        """The leaf that the power setting fixes; None when it fixes an output through a balance, or asks the fuel
+        control for it."""
+        if self.governor is not None:
+            return None
         if self.power_setting == "Wf_kg_s":
             return f"{self.burners[0]}.fuel_flow"
         if self.power_setting in self.speed_columns:
             return f"{self.speed_columns[self.power_setting]}.speed_rpm"
         return None
+
+    @property
+    def governor(self) -> Governor | None:
+        """The fuel control, where one is declared."""
+        return next((c for c in self.controls if isinstance(c, Governor)), None)
+
+    @property
+    def derived(self) -> dict[str, Derived]:
+        """Positions that controls set, by the leaf of the actuator."""
+        return {leaf: at for c in self.controls for leaf, at in c.position().items()}
 
     @property
     def air_speed_column(self) -> str | None:
@@ -104,6 +129,8 @@ class Network:
             if self.shafts[name]["speed"] == "input":
                 found[column] = None
         found[self.power_setting] = None
+        for control in self.controls:
+            found.update(control.inputs())
         for effect in self.effects:
             for column, default in effect.term.INPUTS.items():
                 found.setdefault(column, default)
@@ -115,6 +142,16 @@ class Network:
         if self._unknowns is None:
             self._unknowns = self._collected_unknowns()
         return self._unknowns
+
+    def open_unknowns(self) -> tuple[Unknown, ...]:
+        """Unknowns of the engine without its controls."""
+        own = {u.name for control in self.controls for u in control.unknowns()}
+        return tuple(u for u in self.unknowns() if u.name not in own)
+
+    @property
+    def fuel_unknown(self) -> str:
+        """The unknown that stands for fuel flow where that is not given."""
+        return f"{self.burners[0]}.corrected_fuel"
 
     def possible_unknowns(self) -> list[str]:
         """Names of the unknowns of any power setting."""
@@ -132,6 +169,7 @@ class Network:
                 self.shafts[m]["speed"] != "balance" or given == f"{m}.speed_rpm" for m in turning
             ):
                 found.append(Unknown(f"{name}.corrected_speed", lower=0.05, upper=2.0))
+        found += [u for control in self.controls for u in control.unknowns()]
         return tuple(replace(u, start=self._start.get(u.name, u.start)) for u in found)
 
     def parameters(self) -> tuple[Parameter, ...]:
@@ -173,6 +211,7 @@ class Network:
                     switches=True,
                 )
             )
+        found += [p for control in self.controls for p in control.parameters()]
         return (*found, *(p for effect in self.effects for p in effect.parameters()))
 
     def _offtake_spread(self, name: str) -> float:
@@ -219,6 +258,10 @@ class Network:
                 found[f"{name}.speed_rpm"] = self.shafts[name]["design_speed_rpm"]
         return found
 
+    def has_input(self, column: str) -> bool:
+        """Whether a column is an input, under its own name or as a leaf."""
+        return column in self.inputs()
+
     def leaf_of(self, column: str) -> str:
         """The leaf that an input column sets, for derivatives with respect to inputs."""
         if column == self.power_setting and self.given_leaf:
@@ -229,6 +272,17 @@ class Network:
 
     def evaluate(self, e: Evaluation) -> None:
         """All components in order, then the shafts' power balances, the control balance and net thrust."""
+        self.open_loop(e)
+        if self.given_leaf is None and self.governor is None:
+            asked = e[self.power_setting]
+            e.balances[f"power setting {self.power_setting}"] = self.read(e, self.power_setting) / asked - 1.0
+        for control in self.controls:
+            control.close(e, self)
+            for leaf in control.position():
+                e.outputs[position_column(leaf)] = e[leaf]
+
+    def open_loop(self, e: Evaluation) -> None:
+        """The same without what holds the power setting and without the controls."""
         e.make_shaft = self._shaft
         for c in self.components:
             c.evaluate(e)
@@ -244,8 +298,15 @@ class Network:
         self._close(e)
         self.neutral = {a.name: a.neutral for c in self.components for a in c.actuators()}
         theta, delta = total_ratios({c: e.leaves[c] for c in self.inputs() if c in e.leaves})
-        self.design_setting = scalar(self.read(e, self.power_setting) / correction(self.power_setting, theta, delta))
+        self.design_setting = self._setting_at(e) / scalar(correction(self.power_setting, theta, delta))
         self.design_point = e
+
+    def _setting_at(self, e: Evaluation) -> float:
+        """The power setting of a sized design point: what a lever must ask for, or what the model has in its column."""
+        asked = self.governor.aim.schedule if self.governor is not None else None
+        if self.governor is not None and asked is not None and asked.column == self.power_setting:
+            return asked.inverse(scalar(self.read(e, self.governor.aim.column)))
+        return scalar(self.read(e, self.power_setting))
 
     def _shaft(self, e: Evaluation, name: str) -> Shaft:
         """Given speed, or design speed times the unknown times √(θ₂/θ₂,design)."""
@@ -266,11 +327,18 @@ class Network:
                 e.balances[f"{name} power"] = self.coupling.missing(e, name)
         if "gross_thrust_N" in e.outputs:
             e.add_output("Fn_N", e.outputs["gross_thrust_N"] - e.outputs["ram_drag_N"])
-        if self.given_leaf is None:
-            target = e[self.power_setting]
-            e.balances[f"power setting {self.power_setting}"] = self.read(e, self.power_setting) / target - 1.0
 
     # outputs
+
+    def acting(self, e: Evaluation) -> dict[str, Array]:
+        """Limits and stops that act somewhere, and where (N,), at a solution."""
+        found = (control.acting(e, self) for control in self.controls)
+        return {name: mask for one in found for name, mask in one.items() if np.any(mask)}
+
+    def columns(self, e: Evaluation) -> tuple[str, ...]:
+        """Every column that the model gives, as an evaluation shows."""
+        stations = (f"{w}{s}{u}" for s in e.flows for w, u in (("T", "_K"), ("P", "_Pa"), ("W", "_kg_s"), ("FAR", "")))
+        return (*e.outputs, *stations, "OPR", "EPR", "SFC_kg_Ns")
 
     def read(self, e: Evaluation, column: str) -> Value:
         """A model column: T<station>_K, P<station>_Pa, W<station>_kg_s, FAR<station>, speeds, thrust, fuel, …

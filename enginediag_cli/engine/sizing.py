@@ -8,11 +8,16 @@ from typing import Any
 import numpy as np
 
 from enginediag_cli.config.checked import Checked
+from enginediag_cli.config.hints import near
 from enginediag_cli.engine.components import Component
+from enginediag_cli.engine.components.burner import Burner
 from enginediag_cli.engine.components.compressor import Compressor
 from enginediag_cli.engine.components.mixer import Mixer, PressureMismatchError
+from enginediag_cli.engine.components.recuperator import ColdGasError
 from enginediag_cli.engine.components.splitter import Splitter
+from enginediag_cli.engine.controls.orientation import orient
 from enginediag_cli.engine.evaluation import Evaluation
+from enginediag_cli.engine.gas import T_FIT
 from enginediag_cli.engine.network import Network
 from enginediag_cli.errors import ConfigError, Problem
 
@@ -39,8 +44,30 @@ def size(network: Network, values: Mapping[str, Any], checked: Checked) -> None:
             _equal_pressures(network, values, error),
         )
         raise ConfigError([problem]) from error
+    except ColdGasError as error:
+        problem = Problem(
+            checked.mark(("design",)), f"the design point cannot be met: {error}", _warm_enough(network, values)
+        )
+        raise ConfigError([problem]) from error
     except ValueError as error:
         raise ConfigError([Problem(checked.mark(("design",)), f"the design point cannot be met: {error}")]) from error
+    _controls(network, values, checked)
+
+
+def _controls(network: Network, values: Mapping[str, Any], checked: Checked) -> None:
+    """Set points and signs of the controls, at the sized design point."""
+    assert network.design_point is not None
+    leaves = dict(network.design_point.leaves)
+    try:
+        orient(network, leaves)
+    except ValueError as error:
+        raise ConfigError([Problem(checked.mark(("controls",)), str(error))]) from error
+    except KeyError as error:
+        columns = network.columns(network.design_point)
+        problem = Problem(
+            checked.mark(("controls",)), f"the model has no column '{error.args[0]}'", near(error.args[0], columns)
+        )
+        raise ConfigError([problem]) from error
 
 
 def _run(network: Network, values: Mapping[str, Any]) -> None:
@@ -79,6 +106,29 @@ def _equal_pressures(network: Network, values: Mapping[str, Any], error: Pressur
         if value is not None:
             found.append(f"{component.name}: {key}: {value:.3f}")
     return f"both flows have one total pressure with {' or with '.join(found)}" if found else ""
+
+
+def _warm_enough(network: Network, values: Mapping[str, Any]) -> str:
+    """The burner's exit temperature from which on the gas of a recuperator is warmer than its air."""
+    burner = next(c for c in network.components if isinstance(c, Burner))
+    kept = burner.values["exit_temperature_K"]
+
+    def surplus(x: float) -> float:
+        burner.values["exit_temperature_K"] = x
+        try:
+            _run(network, values)
+        except ColdGasError as error:
+            return error.surplus_K
+        except ValueError:
+            return np.nan
+        finally:
+            burner.values["exit_temperature_K"] = kept
+        return 1.0
+
+    value = _bisected(surplus, kept, T_FIT[1])
+    if value is None:
+        return "a lower pressure_ratio of the compressors would let it"
+    return f"it is as warm with {burner.name}: exit_temperature_K: {value:.0f}, or with less pressure_ratio before it"
 
 
 def _feeding(network: Network, splitter: Splitter) -> Compressor | None:

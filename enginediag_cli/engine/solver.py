@@ -58,7 +58,7 @@ def evaluate(
     """One pass at unknowns x (nx, N)."""
     names = [u.name for u in network.unknowns()]
     leaves = network.leaves(inputs, parameters, dict(zip(names, x, strict=True)))
-    e = Evaluation(network.gas, x.shape[1], leaves, wrt, hooks=network.hooks)
+    e = Evaluation(network.gas, x.shape[1], leaves, wrt, hooks=network.hooks, derived=network.derived)
     with np.errstate(all="ignore"):
         network.evaluate(e)
     return e

@@ -39,7 +39,7 @@ power and torque (power over speed); a pressure ratio is corrected as it stands.
 
 def correction(column: str, theta: Array, delta: Array) -> Array:
     """What a power setting is divided by to correct it to ISA sea level."""
-    a, b = POWER_EXPONENTS[split_column(column)[1]]
+    a, b = POWER_EXPONENTS.get(split_column(column)[1], (0, 0))  # a lever is not corrected
     return delta**a * theta ** (0.5 * b)
 
 

@@ -7,6 +7,7 @@ from typing import Any
 
 from enginediag_cli.config.checked import Checked
 from enginediag_cli.config.hints import near
+from enginediag_cli.engine.controls.build import lever
 from enginediag_cli.engine.driving import driving_problems
 from enginediag_cli.errors import Problem
 
@@ -131,6 +132,7 @@ def _whole(values: Mapping[str, Any], checked: Checked) -> Iterator[Problem]:
         if c["type"] == "afterburner" and "burner" not in types[:k]:
             yield Problem(checked.mark(("components", k)), f"{c['name']}: an afterburner comes behind the burner")
     known = power_settings(values)
+    known = [*known, lever(values)] if lever(values) else list(known)
     if values["power_setting"] not in known:
         yield Problem(
             checked.mark(("power_setting",)),

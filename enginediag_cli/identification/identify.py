@@ -27,11 +27,10 @@ from enginediag_cli.identification.gauss_newton import Fit
 from enginediag_cli.identification.map_error import MapErrorSize, map_error_sizes
 from enginediag_cli.identification.noise import NoiseEstimate
 from enginediag_cli.identification.nominal import Estimate, Nominal, SensorNoise, status_of
-from enginediag_cli.identification.normal_equations import predict
 from enginediag_cli.identification.offsets_between import with_offsets
+from enginediag_cli.identification.on_unseen import on_unseen, with_regimes
 from enginediag_cli.identification.problem import Model, Problem, TrainingRecording, build_problem
 from enginediag_cli.identification.quality import SensorQuality, sensor_quality
-from enginediag_cli.identification.regimes import assign_regimes
 from enginediag_cli.identification.settings import IdentificationSettings, settings_from_mapping
 from enginediag_cli.identification.unidentified import Combination, unidentified_combinations
 from enginediag_cli.identification.unseen import noise_on_unseen
@@ -172,7 +171,9 @@ def identify(
     )
     held_quality: tuple[SensorQuality, ...] = ()
     if converged and held_out:
-        held_quality = _judge(problem, fit, noise, held_out, replace(settings, sensors=problem.sensors))
+        other, predicted = on_unseen(problem, fit, held_out, replace(settings, sensors=problem.sensors))
+        sigma = noise.sigma[[problem.sensors.index(s) for s in other.sensors]]
+        held_quality = sensor_quality(other.sensors, other.measured - predicted, predicted, sigma, other.regimes)
     open_combinations = _left_open(problem, found)
     seen = {
         c: v[fit.equations.ok] if fit.equations.ok.any() else v for c, v in problem.inputs.items() if c in engine.inputs
@@ -220,15 +221,6 @@ def _left_open(problem: Problem, found: Uncertainty) -> tuple[Combination, ...]:
     return unidentified_combinations(information, covariance, problem.prior_sigma[own], names)
 
 
-def with_regimes(engine: Model, recordings: Sequence[TrainingRecording]) -> list[TrainingRecording]:
-    """The recordings with a regime for each record; regimes that are given stay."""
-    recordings = [TrainingRecording(*r) for r in recordings]
-    found = assign_regimes([r.columns for r in recordings], engine.inputs) if recordings else []
-    return [
-        r if r.regimes is not None else r._replace(regimes=label) for r, label in zip(recordings, found, strict=True)
-    ]
-
-
 def _estimates(problem: Problem, fit: Fit, found: Uncertainty) -> tuple[Estimate, ...]:
     values = problem.physical(fit.x)
     errors = np.sqrt(np.diag(found.covariance)) * problem.prior_sigma
@@ -247,34 +239,6 @@ def _estimates(problem: Problem, fit: Fit, found: Uncertainty) -> tuple[Estimate
         )
         for i, q in enumerate(problem.parameters)
     )
-
-
-def _judge(
-    problem: Problem,
-    fit: Fit,
-    noise: NoiseEstimate,
-    held_out: Sequence[TrainingRecording],
-    settings: IdentificationSettings,
-) -> tuple[SensorQuality, ...]:
-    """Quality on recordings that the fit has not seen."""
-    other = build_problem(problem.model, with_regimes(problem.model, held_out), settings)
-    other = replace(
-        other,
-        parameters=problem.parameters,
-        prior_mean=problem.prior_mean,
-        prior_sigma=problem.prior_sigma,
-        lower=problem.lower,
-        upper=problem.upper,
-    )
-    z = np.zeros((len(other.labels), len(other.offsets)))
-    known = {(o.sensor, o.kind): j for j, o in enumerate(problem.offsets)}
-    for r, label in enumerate(other.labels):
-        if label in problem.labels:
-            for j, o in enumerate(other.offsets):
-                z[r, j] = fit.z[problem.labels.index(label), known[o.sensor, o.kind]]
-    predicted, _ = predict(other, fit.x, z)
-    sigma = noise.sigma[[problem.sensors.index(s) for s in other.sensors]]
-    return sensor_quality(other.sensors, other.measured - predicted, predicted, sigma, other.regimes)
 
 
 def _failures(problem: Problem, fit: Fit) -> dict[str, int]:

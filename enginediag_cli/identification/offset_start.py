@@ -14,13 +14,14 @@ from enginediag_cli.identification.problem import Problem
 def first_offsets(problem: Problem, predicted: np.ndarray) -> np.ndarray:
     """Offsets (R, q) in prior standard deviations by the medians of each recording; `predicted` (N, m) without them.
 
-    Of a sensor with a bias and a scale the first has it all; offsets whose size is yet to be estimated begin at zero.
+    Of a sensor with a bias and a scale the first has it all; offsets of inputs, and those whose size is yet to be
+    estimated, begin at zero.
     """
     z = np.zeros((len(problem.labels), len(problem.offsets)))
     starts = np.flatnonzero(np.diff(problem.recording, prepend=-1) != 0)
     taken: set[str] = set()
     for j, o in enumerate(problem.offsets):
-        if o.sensor in taken or o.recordings:
+        if o.sensor in taken or o.recordings or o.sensor not in problem.sensors:
             continue
         taken.add(o.sensor)
         s = problem.sensors.index(o.sensor)

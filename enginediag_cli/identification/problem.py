@@ -209,6 +209,11 @@ def _recorded_sensors(
     return recorded
 
 
+def _nothing(values: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """Of a model without controls every record tells."""
+    return {}
+
+
 def _offsets(sensors: tuple[str, ...], settings: IdentificationSettings) -> tuple[OffsetPrior, ...]:
     wanted = [("bias", settings.recording_bias_sigma), ("scale", settings.recording_scale_sigma)]
     return tuple(
@@ -243,6 +248,9 @@ def _stack(model: Model, recordings: Sequence[TrainingRecording], sensors: tuple
         for c in values:
             dropped[f"no {c}"] += int(np.sum(keep & ~np.isfinite(values[c])))
             keep &= np.isfinite(values[c])
+        for control, unclear in getattr(model, "undecided", _nothing)(values).items():
+            dropped[f"whether {control} acts"] += int(np.sum(keep & unclear))
+            keep &= ~unclear
         y = np.column_stack([np.asarray(item.columns.get(s, np.full(n, np.nan)), float) for s in sensors])
         y[~np.isfinite(y)] = np.nan
         empty = np.isnan(y).all(axis=1)

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from enginediag_cli.mismatch.explain.answer import HIDDEN, NONE
+from enginediag_cli.mismatch.explain.answer import HIDDEN, NAMED, NONE
+from enginediag_cli.presentation.controls import control_document, control_rows
 from enginediag_cli.presentation.explanations import headline, sentences, suggestion, why_rejected
 
 if TYPE_CHECKING:
@@ -45,6 +46,8 @@ def rows(story: Story) -> Iterator[dict[str, Any]]:
     """One row per coefficient of every explanation; of unlisted physics one per fitted place; else one row."""
     a = story.answer
     empty = dict.fromkeys(COLUMNS) | {"status": a.status}
+    if story.control is not None:
+        yield from ({**empty, "status": NAMED, **row} for row in control_rows(story.control))
     if a.explanations:
         for rank, x in enumerate(a.explanations, start=1):
             yield from ({**empty, "rank": rank, **row} for row in _explanation_rows(x))
@@ -75,6 +78,7 @@ def document(story: Story, provenance: tuple[str, ...]) -> dict[str, Any]:
         "reason": a.reason,
         "kind": a.kind,
         "sentences": list(sentences(story)),
+        "control": None if story.control is None else control_document(story.control),
         "explanations": [_explanation(x) for x in a.explanations],
         "rejected": {label: why_rejected(r) for label, r in a.rejected.items()},
         "places": [_place(c) for c in a.cells[:CELLS]],

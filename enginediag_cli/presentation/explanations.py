@@ -11,6 +11,7 @@ from enginediag_cli.intervals import NORMAL_95
 from enginediag_cli.mismatch.explain.answer import FAILED, HIDDEN, NAMED, NOTHING
 from enginediag_cli.mismatch.explain.rejected import Reason
 from enginediag_cli.mismatch.unrecorded.finding import Limit
+from enginediag_cli.presentation.controls import control_sentences
 from enginediag_cli.presentation.names import listed, spelled
 from enginediag_cli.presentation.numbers import probability, rounded, with_unit
 from enginediag_cli.presentation.sentences import change, count
@@ -36,6 +37,8 @@ MOST_SWITCHES = 12
 def sentences(story: Story) -> Iterator[str]:
     """The story, a paragraph at a time."""
     a = story.answer
+    if story.control is not None:
+        yield from control_sentences(story.control)
     if a.status == FAILED:
         yield f"no verdict: {a.reason}"
         return

@@ -86,7 +86,7 @@ def judged_inputs(monitor: Monitor, recording: Recording, *, widening: bool = Tr
     y = np.column_stack([recording.columns.get(c, np.full(N, np.nan)) for c in monitor.sensors])
     y = np.where(np.isfinite(y), y, np.nan)
     complete = np.all([np.isfinite(inputs[c]) for c in engine.inputs], axis=0) & np.isfinite(y).any(axis=1)
-    outside, beyond, by, columns = np.zeros(N, bool), np.zeros(N, bool), np.full(N, -1), ()
+    outside, beyond, by, columns = np.zeros(N, bool), np.zeros(N, bool), np.full(N, -1), tuple[str, ...]()
     envelope = monitor.envelope
     if envelope is not None and N:
         columns = envelope.inputs
@@ -97,6 +97,10 @@ def judged_inputs(monitor: Monitor, recording: Recording, *, widening: bool = Tr
             if widening and isinstance(monitor.engine, MapErrorModel):
                 outside = complete & ~envelope.within_reach(inputs, distance)
             by[beyond] = envelope.farthest_input({c: inputs[c][beyond] for c in columns})
+    for control, unclear in getattr(engine, "undecided", lambda _: {})(inputs).items():
+        columns = (*columns, f"whether {control} acts")
+        by[complete & unclear] = len(columns) - 1
+        outside, beyond = outside | complete & unclear, beyond | complete & unclear
     return JudgedInputs(inputs, y, ~complete, outside, beyond, by, columns)
 
 

@@ -19,6 +19,7 @@ from enginediag_cli.engine.input_errors import InputErrors
 from enginediag_cli.engine.model import MonitoredModel
 from enginediag_cli.error_model.slopes import MapSlopes, map_slopes
 from enginediag_cli.errors import DataError
+from enginediag_cli.identification.offset_prior import OffsetPrior
 from enginediag_cli.parameters import Parameter
 from enginediag_cli.residuals.frame import Frame
 from enginediag_cli.residuals.noise import NoiseModel
@@ -186,6 +187,8 @@ def monitor_from_nominal(
     uncertain = tuple(e.name for e in nominal.estimates if e.standard_error > 0 and e.name not in monitored)
     slopes = _slopes(plain, nominal, monitored)
     known_offsets = [o for o in nominal.offsets if o.sensor in used or o.sensor in nominal.inputs]
+    # a window is short beside the wander of an actuator; the recordings that were identified were not
+    known_offsets += [OffsetPrior(column, "bias", s) for column, s in getattr(engine, "wanders", {}).items()]
     offsets = tuple(
         Offset(used.index(o.sensor), o.kind) if o.sensor in used else Offset(-1, o.kind, o.sensor)
         for o in known_offsets

@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from enginediag_cli.engine.engine import Engine
 from enginediag_cli.engine.model import EngineLike
 from enginediag_cli.errors import DataError
 from enginediag_cli.faults.component_faults import FaultSet, check_faults, parameter_values
@@ -154,5 +155,7 @@ def _pieces(engine: EngineLike, course: _Course, instruments: Instruments, chunk
         recorded = instruments.read({**given, **outputs}, course.clocks.slice(start, start + chunk))
         status = np.asarray(prediction.status)
         recorded["status"] = STATUS_WORDS[status]
+        if isinstance(engine, Engine) and engine.controlled:
+            recorded["active_limit"] = prediction.active_limit  # type: ignore[attr-defined]
         reasons = Counter(_reason(prediction.reason(int(k))) for k in np.flatnonzero(status))
         yield Simulated(recorded, {name: value[piece] for name, value in course.hidden.items()}, dict(reasons))

@@ -8,6 +8,7 @@ from engine_makers import GAS, component, evaluation, flow, fourth_order, gradie
 from mixed_flow import MIXED_FLOW
 from standing import standing
 
+from enginediag_cli.engine.components.afterburner import fuel_for
 from enginediag_cli.engine.components.burner import burnt
 from enginediag_cli.engine.dual import value
 from enginediag_cli.engine.flow import static_pressure
@@ -88,7 +89,9 @@ def test_fuel_over_air_is_over_the_dry_air_that_enters():
 def test_more_fuel_than_the_air_can_burn_is_marked():
     for far, marked in ((0.04, False), (0.05, True)):
         _, e = burning("fuel_air_ratio", far)
-        assert [bool(m.any()) for m in e.outside.values()] == [marked]
+        assert {what: bool(m.any()) for what, m in e.outside.items()} == {
+            "what the air of afterburner can burn": marked
+        }
 
 
 def test_heating_in_a_constant_area_conserves_momentum():
@@ -299,3 +302,14 @@ def test_a_thousand_points_of_the_envelope_all_converge(tmp_path, ratio, opening
     U = operating_points(engine, 1000, 5, altitude=(0.0, 10000.0), mach=(0.2, 0.9), power=(0.3, 1.0))
     p = engine.predict(U, sensors=FLOWN)
     assert p.status.max() == 0, p.reason(int(p.status.argmax()))
+
+
+def test_the_fuel_of_a_row_does_not_depend_on_how_long_others_take():
+    wanted, T = np.linspace(800.0, 2200.0, 40), np.linspace(1100.0, 700.0, 40)
+
+    def needed(wanted, T):
+        return fuel_for(flow(T, 3e5, np.full(40, 50.0), far=np.full(40, 0.02)), wanted, LHV)
+
+    whole = needed(wanted, T)
+    for k in range(0, 40, 7):
+        assert whole[k] == needed(np.full(40, wanted[k]), np.full(40, T[k]))[k]

@@ -214,3 +214,18 @@ def test_an_engine_flies_with_it(tmp_path, keys):
     p = engine.predict(U, wrt=("nozzle.area", "lpt.efficiency"), sensors=("Fn_N", "nozzle_area_ratio"))
     assert p.status.max() == 0
     assert np.isfinite(p.jacobian).all()
+
+
+@pytest.mark.parametrize("options", [{"area_ratio": 1.5}, {"largest_area_ratio": 1.2}])
+def test_a_row_does_not_depend_on_how_long_others_take(options):
+    part = component("condi_nozzle", **{"from": "7"}, **options)
+    npr, T = np.linspace(1.05, 12.0, 40), np.linspace(300.0, 2000.0, 40)
+
+    def expanded(npr, T):
+        found = part._expanded(flow(T, P0 * npr), np.log(npr), np.full(40, P0))
+        return np.array([np.broadcast_to(x, (40,)) for x in (found.flux, found.V, found.excess_Pa)])
+
+    whole = expanded(npr, T)
+    for k in range(0, 40, 7):
+        among_its_like = expanded(np.full(40, npr[k]), np.full(40, T[k]))
+        assert np.array_equal(whole[:, k], among_its_like[:, k])

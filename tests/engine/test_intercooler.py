@@ -58,6 +58,27 @@ def test_a_coolant_that_is_warmer_heats():
     assert cooled(coolant=450.0).flows["25"].T[0] > 430.0
 
 
+@pytest.mark.parametrize(("exponent", "expected"), [(0.0, 1.0 - 0.2**0.5), (0.8, 1.0 - 0.2 ** (2.0**-0.2))])
+def test_a_given_conductance_is_less_effective_at_twice_the_flow(exponent, expected):
+    """ε = 1 − e^−NTU is 0.8 at the design flow; NTU ∝ W^(m − 1)."""
+    part = component(
+        "intercooler",
+        to="25",
+        effectiveness=0.8,
+        effectiveness_law="ntu",
+        conductance_exponent=exponent,
+        **{"from": "24"},
+    )
+    found = []
+    for W, step in ((20.0, part.size), (20.0, part.evaluate), (40.0, part.evaluate)):
+        e = evaluation([part])
+        e.flows["24"], e.outputs["T0_K"] = flow(430.0, 3e5, W), np.array([288.15])
+        step(e)
+        h_in, h_c, h = (GAS.enthalpy(np.atleast_1d(T), DRY_AIR)[0] for T in (430.0, 288.15, e.flows["25"].T[0]))
+        found.append((h_in - h) / (h_in - h_c))
+    assert found == pytest.approx([0.8, 0.8, expected], rel=1e-9)
+
+
 def test_its_derivatives_match_differences():
     names = {"intercooler.effectiveness": 1.0, "intercooler.pressure_loss": 0.02}
     e = cooled(wrt=tuple(names))

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 import pytest
 from engine_makers import GAS
 from recuperated import RECUPERATED, WITHOUT
 
-from enginediag_cli.engine.components.recuperator import counterflow, transfer_units
+from enginediag_cli.engine.components.exchange import counterflow, transfer_units
 from enginediag_cli.engine.dual import Dual
 from enginediag_cli.engine.gas import DRY_AIR, Mixture
 from enginediag_cli.errors import ConfigError
@@ -163,8 +165,13 @@ def test_gas_that_is_colder_than_the_air_cannot_heat_it(tmp_path):
     text = RECUPERATED.replace("pressure_ratio: 4.2", "pressure_ratio: 30").replace(
         "pressure_ratio: 3.7", "pressure_ratio: 25"
     )
-    with pytest.raises(ConfigError, match="cannot heat the air"):
+    with pytest.raises(ConfigError, match="cannot heat the air") as raised:
         made(tmp_path, text)
+    hint = raised.value.problems[0].hint
+    needed = int(re.search(r"exit_temperature_K: (\d+)", hint).group(1))
+    assert made(tmp_path, text.replace("exit_temperature_K: 1200", f"exit_temperature_K: {needed + 1}")).sensors
+    with pytest.raises(ConfigError, match="cannot heat the air"):
+        made(tmp_path, text.replace("exit_temperature_K: 1200", f"exit_temperature_K: {needed - 1}"))
 
 
 def test_endless_conductance_is_refused(tmp_path):

@@ -74,6 +74,7 @@ def test_a_row_without_water_keeps_its_enthalpy_to_the_last_digit():
 
 def test_more_water_than_the_air_can_hold_is_marked():
     cold = injected([0.05, 0.5], T=300.0, P=101325.0)
+    assert list(cold.outside) == ["what air behind water_injection holds as vapour"]
     assert next(iter(cold.outside.values())).tolist() == [False, True]
     hot = injected([0.05, 0.5])
     assert not next(iter(hot.outside.values())).any()

@@ -20,6 +20,8 @@ LARGEST_FAR = 0.07
 """Upper stop of fuel over air: no fuel burns beyond it."""
 FUEL_ITERATIONS = 60
 """Of the fixed point of the fuel that an exit temperature needs, which gains a digit or more an iteration."""
+SETTLED = 1e-14
+"""Relative change of that fuel at which it has settled; rounding moves it by less."""
 SETTINGS: dict[str, tuple[str, str, float | None, str]] = {
     "fuel_air_ratio": ("fuel_air_ratio", "1", LARGEST_FAR, "fuel–air ratio"),
     "fuel_flow": ("fuel_kg_s", "kg/s", None, "fuel flow"),
@@ -146,7 +148,7 @@ class Afterburner(Component):
         far = hot.mixture.far
         assert far is not None  # it has been burnt in
         rich = np.asarray(value(far) > e.gas.stoichiometric_far)
-        e.mark_outside(f"{self.name} (more fuel than its air can burn)", np.broadcast_to(rich, (e.size,)))
+        e.mark_outside(self.name, np.broadcast_to(rich, (e.size,)), f"what the air of {self.name} can burn")
         e.flows[self.values["to"]] = hot
         e.outputs[f"{self.name}_fuel_kg_s"] = fuel
         e.outputs["Wf_total_kg_s"] = e.outputs.get("Wf_total_kg_s", e.outputs["Wf_kg_s"]) + fuel
@@ -191,13 +193,15 @@ def fuel_for(inlet: Flow, exit_temperature_K: Value, released: Value) -> Value:
     plain = Flow(inlet.gas, inlet.mixture.plain, value(inlet.W), value(inlet.P), h=value(inlet.h))
     heat = value(released)
     fuel: Any = np.zeros(np.broadcast_shapes(np.shape(wanted), np.shape(value(inlet.T))))
-    moved = np.full(fuel.shape, np.inf)
+    open_still = np.broadcast_to(lit, fuel.shape)
     for _ in range(FUEL_ITERATIONS):
-        last, fuel = fuel, heating_fuel(plain, wanted, heat, fuel)
-        moved = np.abs(fuel - last)
-        if not (lit & (moved > 1e-15 * np.abs(fuel))).any():
+        last = fuel
+        # a row stays as it was once it has settled, however long others take
+        fuel = np.where(open_still, value(heating_fuel(plain, wanted, heat, fuel)), fuel)
+        open_still = open_still & ~(np.abs(fuel - last) <= SETTLED * np.abs(fuel))
+        if not open_still.any():
             break
-    fuel = np.where(moved <= 1e-12 * np.abs(fuel), fuel, np.nan)
+    fuel = np.where(open_still, np.nan, fuel)
     slope = heating_fuel(plain, wanted, heat, Dual(fuel, np.ones((1, fuel.size))))
     assert isinstance(slope, Dual)
     again = heating_fuel(inlet, exit_temperature_K, released, fuel)

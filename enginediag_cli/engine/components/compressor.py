@@ -196,6 +196,7 @@ class Compressor(Valves):
             closing = e[f"{self.name}.vane_closing_deg"]
             capacity = closed_flow(capacity, e[f"{self.name}.vanes.flow_per_deg"], closing)
             efficiency = closed_efficiency(efficiency, e[f"{self.name}.vanes.loss_per_deg2"], closing)
+        e.outputs[f"{self.name}_corrected_rpm"] = corrected_speed
         if self.table is None:
             n = corrected_speed * (1.0 / self.speed_scale)
             w = corrected_flow * (1.0 / self.flow_scale) / capacity

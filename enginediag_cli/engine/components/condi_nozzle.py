@@ -23,6 +23,9 @@ ALWAYS_CHOKED = 50.0
 ITERATIONS = 30
 """Newton's method on the exit's pressure comes from one side and doubles its digits; a handful are needed."""
 
+SETTLED = 1e-12
+"""Last step of it: the next would be below rounding. A row that has settled stays, however long others take."""
+
 
 class CondiNozzle(Nozzle):
     """Throat as of a convergent nozzle; the exit is ε = A_e/(A C_d) times as large.
@@ -123,11 +126,13 @@ def _at_pressure(flow: Flow, flux: Value, p: Value) -> tuple[Value, Value]:
     k = flux * flow.R / p
     gas, plain, kv, h = flow.gas, flow.mixture.plain, value(k), value(flow.h)
     T = value(flow.T)
+    open_still = np.ones(np.shape(T), dtype=bool)
     for _ in range(ITERATIONS):
         slope = value(gas.heat_capacity(T, plain)) + kv * kv * T
         step = (value(gas.enthalpy(T, plain)) + 0.5 * (kv * T) ** 2 - h) / slope
-        T = T - step
-        if np.all(np.abs(step) < 1e-12 * T):
+        T = np.where(open_still, T - step, T)
+        open_still = open_still & (np.abs(step) > SETTLED * T)
+        if not open_still.any():
             break
     V = k * T
     T_exact = chain(T, (-1.0 / slope, gas.enthalpy(T, flow.mixture) + 0.5 * (V * V) - flow.h))
@@ -143,13 +148,15 @@ def _supersonic(flow: Flow, flux: Value, ratio: float) -> tuple[Value, Value]:
     plain, far = flow.mixture.plain, np.log(ratio)
     target, start = value(flux), value(gas.critical_log_pressure_ratio(T_0, plain))
     x = start + 1.05 * (1.25 * np.sqrt(far) + 1.35 * far)
+    open_still = np.ones(np.shape(x), dtype=bool)
     for _ in range(ITERATIONS):
         T, h = gas.at_entropy(value(flow.phi) - R * x, plain)
         V = np.sqrt(2.0 * (value(flow.h) - h))
         slope = R * T / V**2 - 1.0 + R / value(gas.heat_capacity(T, plain))
         step = np.log(value(flow.P) * np.exp(-x) * V / (R * T * target)) / slope
-        x = x - step
-        if np.all(np.abs(step) < 1e-13):
+        x = np.where(open_still, x - step, x)
+        open_still = open_still & (np.abs(step) > SETTLED)
+        if not open_still.any():
             break
 
     def state(x: Value) -> tuple[Value, Value, Value]:

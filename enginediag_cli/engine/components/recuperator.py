@@ -9,8 +9,15 @@ import numpy as np
 
 from enginediag_cli.config.fields import Field, Section
 from enginediag_cli.engine.components.base import FROM, NAME, TO, Unknown, scalar
+from enginediag_cli.engine.components.exchange import (
+    CONDUCTANCE_EXPONENT,
+    EFFECTIVENESS_LAW,
+    check_conductance,
+    counterflow,
+    transfer_units,
+)
 from enginediag_cli.engine.components.loss import LAW, Lossy
-from enginediag_cli.engine.dual import Value, exp, power, select, value
+from enginediag_cli.engine.dual import Value, power, select, value
 from enginediag_cli.engine.evaluation import Evaluation
 from enginediag_cli.engine.flow import Flow
 from enginediag_cli.parameters import Parameter
@@ -18,8 +25,14 @@ from enginediag_cli.parameters import Parameter
 AIR_CP = 1005.0  # J/(kg K), of which a heat balance is told in parts, so that it is of order one
 SETTLED = 1e-12
 """Relative change of the temperature behind the cold side at which a design point has settled."""
-NEARLY_BALANCED = 1e-3
-"""NTU (1 − C_r) below which (1 − e^−x)/x is its series: exact to 1e-15 there."""
+
+
+class ColdGasError(ValueError):
+    """The gas of a recuperator is colder than its air at design; `surplus_K`: by how much, negative."""
+
+    def __init__(self, message: str, surplus_K: float):
+        super().__init__(message)
+        self.surplus_K = surplus_K
 
 
 class Recuperator(Lossy):
@@ -40,21 +53,8 @@ class Recuperator(Lossy):
             FROM,
             TO,
             Field("effectiveness", "number", "ε at the design point", minimum=0.0, maximum=1.0),
-            Field(
-                "effectiveness_law",
-                "choice",
-                "constant, or that of a counterflow exchanger of given conductance, which falls with flow",
-                "constant",
-                choices=("constant", "ntu"),
-            ),
-            Field(
-                "conductance_exponent",
-                "number",
-                "m of conductance ∝ W_c^m, for law ntu: 0 laminar, 0.6 to 0.8 turbulent",
-                0.0,
-                minimum=0.0,
-                maximum=1.0,
-            ),
+            EFFECTIVENESS_LAW,
+            CONDUCTANCE_EXPONENT,
             Field("pressure_loss", "number", "ΔP/P of the cold side at design", 0.02, minimum=0.0, maximum=0.5),
             LAW,
         ),
@@ -65,8 +65,7 @@ class Recuperator(Lossy):
         self.design_exit_K: float | None = None  # assumed while the design point has not settled
         self._settled = False
         self.design_ntu, self.design_capacity, self.design_flow = 0.0, 1.0, 1.0
-        if self.values["effectiveness_law"] == "ntu" and self.values["effectiveness"] == 1.0:
-            raise ValueError(f"{self.name}: an effectiveness of 1 needs endless conductance; law ntu needs less than 1")
+        check_conductance(self.values)
 
     def parameters(self) -> tuple[Parameter, ...]:
         return (
@@ -118,16 +117,16 @@ class Recuperator(Lossy):
             self.design_ntu = 0.0
             wanted, (into, out) = self._heat(e, inlet, hot)
             low, high = sorted((scalar(into), scalar(out)))
+            if not low > 0.0:
+                raise ColdGasError(
+                    f"{self.name}: the gas at {scalar(hot.T):.0f} K cannot heat the air at {scalar(inlet.T):.0f} K at "
+                    "design",
+                    scalar(hot.T - inlet.T),
+                )
             if self.values["effectiveness_law"] == "ntu":
                 self.design_flow = scalar(inlet.W)
                 self.design_capacity = low / scalar(hot.T - inlet.T)
                 self.design_ntu = transfer_units(self.values["effectiveness"], low / high)
-            if not low > 0.0:
-                raise ValueError(
-                    f"{self.name}: the gas at {scalar(hot.T):.0f} K cannot heat the air at {scalar(inlet.T):.0f} K at "
-                    "design; a lower pressure_ratio of the compressors or a higher exit_temperature_K of the burner "
-                    "would let it"
-                )
             there = scalar(inlet.gas.at_enthalpy(inlet.h + wanted / inlet.W, inlet.mixture)[0])
             self._settled = abs(there / scalar(outlet.T) - 1.0) <= SETTLED
             self.design_exit_K = there
@@ -169,22 +168,3 @@ class RecuperatorHotSide(Lossy):
     def size(self, e: Evaluation) -> None:
         self.size_loss(e.flows[self.values["from"]])
         self.evaluate(e)
-
-
-def counterflow(ntu: Value, capacity_ratio: Value) -> Value:
-    """ε of a counterflow exchanger, (N,): with g = (1 − e^−x)/x, x = NTU (1 − C_r), it is NTU g/(1 + C_r NTU g), which
-    has no hole at C_r = 1."""
-    x = ntu * (1.0 - capacity_ratio)
-    near = np.asarray(np.abs(value(x)) < NEARLY_BALANCED)
-    apart = select(near, 1.0, x)
-    series = 1.0 - x * (0.5 - x * (1.0 / 6.0 - x * (1.0 / 24.0)))
-    g = select(near, series, (1.0 - exp(-1.0 * apart)) / apart)
-    return ntu * g / (1.0 + capacity_ratio * (ntu * g))
-
-
-def transfer_units(effectiveness: float, capacity_ratio: float) -> float:
-    """NTU of a counterflow exchanger of this effectiveness: the inverse of `counterflow`."""
-    if abs(1.0 - capacity_ratio) < SETTLED:
-        return effectiveness / (1.0 - effectiveness)
-    ratio = (1.0 - effectiveness * capacity_ratio) / (1.0 - effectiveness)
-    return float(np.log(ratio)) / (1.0 - capacity_ratio)

@@ -63,7 +63,7 @@ class WaterInjection(Component):
         if self.values["phase"] == "water":
             most = value(saturated_water(value(moist.T), value(moist.P)))  # negative: it boils, and there is no most
             wet = np.asarray((most > 0.0) & (value(war) > most) & ~off)
-            e.mark_outside(f"{self.name} (more water than the air can hold)", np.broadcast_to(wet, (e.size,)))
+            e.mark_outside(self.name, np.broadcast_to(wet, (e.size,)), f"what air behind {self.name} holds as vapour")
         return moist
 
     def _enthalpy(self, gas: Gas) -> float:

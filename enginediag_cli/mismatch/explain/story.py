@@ -15,6 +15,7 @@ from scipy import special
 from enginediag_cli.engine.term import Effect
 from enginediag_cli.intake.intake import Intake
 from enginediag_cli.intervals import NORMAL_95
+from enginediag_cli.mismatch.controlled.find import Found
 from enginediag_cli.mismatch.explain.alias_advice import Advice, advice_between
 from enginediag_cli.mismatch.explain.answer import FAILED, NAMED, NONE, NOTHING, Answer, Coefficient, Explanation
 from enginediag_cli.mismatch.explain.change_times import with_times
@@ -52,6 +53,11 @@ class Story:
     unseen: tuple[Unseen, ...] = ()  # of `answer.unseen`, by the kind of effect that was looked for
     switched: tuple[Trial, ...] = ()  # effects that may be the first of `hidden`, refitted at its states, best first
     searched: Searched | None = None  # None: all records
+    control: Found | None = None  # that the engine file lacks and the engine that was searched has
+
+    @property
+    def found_nothing(self) -> bool:
+        return self.control is None and self.answer.status == NOTHING
 
 
 def tell(

@@ -12,7 +12,7 @@ from enginediag_cli.engine.driver import DriverValues
 from enginediag_cli.engine.term import Effect
 from enginediag_cli.errors import NoVerdictError
 from enginediag_cli.identification.gauss_newton import Fit, solve
-from enginediag_cli.identification.identify import with_regimes
+from enginediag_cli.identification.on_unseen import with_regimes
 from enginediag_cli.identification.problem import Problem, TrainingRecording, build_problem
 from enginediag_cli.identification.settings import IdentificationSettings
 from enginediag_cli.mismatch.fit.evidence import Evidence

@@ -25,6 +25,7 @@ from typing import Any
 import numpy as np
 
 from enginediag_cli.config.hints import near
+from enginediag_cli.engine.description import EngineDescription
 from enginediag_cli.engine.engine import Engine
 from enginediag_cli.engine.mismatch_block import MISMATCH
 from enginediag_cli.error_model.error_model import map_accuracy_of
@@ -32,12 +33,14 @@ from enginediag_cli.errors import DataError
 from enginediag_cli.identification.nominal import Nominal
 from enginediag_cli.identification.offset_prior import OffsetPrior
 from enginediag_cli.identification.other_accuracy import with_accuracy
+from enginediag_cli.identification.problem import TrainingRecording
 from enginediag_cli.identification.settings import IdentificationSettings, settings_from_mapping
 from enginediag_cli.intake.baseline import Baseline, open_baseline
 from enginediag_cli.intake.flights import whole_flights
 from enginediag_cli.intake.intake import Intake
 from enginediag_cli.intake.source import Source
 from enginediag_cli.intake.wanted import columns_of
+from enginediag_cli.mismatch.controlled.find import Found, find_law
 from enginediag_cli.mismatch.fit.evidence import Evidence, Flight, Noise, Owed, Settings
 from enginediag_cli.mismatch.fit.noise import larger_noise
 from enginediag_cli.mismatch.fit.nuisance import amounts_of
@@ -75,19 +78,28 @@ class Case:
 
 @dataclass(frozen=True)
 class Loaded:
-    """The evidence, the intake that it came through, which knows what was left out, and the nominal state, if any."""
+    """The evidence, the intake that it came through, which knows what was left out, and the nominal state, if any.
+    `control`: the control that the engine of the file lacks and that of the evidence has, None without one;
+    `as_described`: the engine without it, and its description."""
 
     evidence: Evidence
     intake: Intake
     baseline: Baseline | None = None
+    control: Found | None = None
+    as_described: tuple[EngineDescription, Engine] | None = None
 
 
 def load_case(
-    case: Case, fitted: Callable[[Sequence[Flight]], list[Flight]] = list, *, identified: bool = False
+    case: Case,
+    fitted: Callable[[Sequence[Flight]], list[Flight]] = list,
+    *,
+    identified: bool = False,
+    controls: bool = False,
 ) -> Loaded:
     """Read everything that a case names. `fitted`: of all flights those by which an engine may be identified, where
     that must be done first. `identified`: what instruments, maps and noise err by is to come from the flights, too,
-    where nobody vouches for the noise; of long recordings a share tells it. Raises ConfigError and DataError for files
+    where nobody vouches for the noise; of long recordings a share tells it. `controls`: a control that the engine
+    lacks is sought first, since nothing can be fitted without it. Raises ConfigError and DataError for files
     and names that do not fit.
     """
     from enginediag_cli.physics.engine_file import load_engine
@@ -102,6 +114,12 @@ def load_case(
     flights = [Flight(f.recording.label, f.engine, f.recording.columns, f.file) for f in whole]
     healthy = share_of(fitted(flights)) if identified else fitted(flights)
     nominal: Nominal | SelfIdentified | None = baseline.nominal if baseline else None
+    control, described = None, (_described(engine, baseline), engine)
+    if controls:
+        control = find_law(*described, as_recordings(healthy))
+        if control is not None:
+            # a nominal state of the engine without it knows neither its noise nor its maps
+            engine, nominal, baseline = control.engine, None, None
     if nominal is None and engine.declared.get("identification"):
         # an engine whose design is not known must be identified before anything can be missing
         nominal = self_identified(engine, healthy)
@@ -119,7 +137,19 @@ def load_case(
     elif identified and case.asked.noise is None:
         own = build_evidence(engine, flights, case.asked, nominal=self_identified(engine, healthy))
         evidence = _with_errors_of(evidence, own)
-    return Loaded(evidence, intake, baseline)
+    return Loaded(evidence, intake, baseline, control, described)
+
+
+def as_recordings(flights: Sequence[Flight]) -> list[TrainingRecording]:
+    """Flights as `identify` takes them."""
+    return [TrainingRecording(f.label, f.columns, engine=f.engine) for f in flights]
+
+
+def _described(engine: Engine, baseline: Baseline | None) -> EngineDescription:
+    """The engine's text: of the file that was named, or what travels in the nominal file."""
+    if baseline is not None and baseline.nominal.description is not None:
+        return baseline.nominal.description
+    return EngineDescription.of(engine.path, engine.declared)
 
 
 def _with_errors_of(evidence: Evidence, own: Evidence) -> Evidence:

@@ -15,6 +15,7 @@ import numpy as np
 
 from enginediag_cli.config.document import Node, load_document
 from enginediag_cli.config.dump import dump
+from enginediag_cli.config.edit import appended
 from enginediag_cli.engine.engine import Engine
 from enginediag_cli.engine.term import Effect
 from enginediag_cli.errors import DataError
@@ -30,28 +31,16 @@ def refined_text(path: str, effects: Sequence[Effect], errors: Mapping[str, floa
     `errors`: standard errors by parameter name; `source`: data and command. Raises ConfigError for a file that cannot
     be read, DataError for one whose text cannot be edited.
     """
+    return appended(moved_text(path, place), path, "physics", [_entry(e, errors, source) for e in effects])
+
+
+def moved_text(path: str, place: str) -> str:
+    """Text of the engine file at `path` as it is to stand in the folder of `place`. Raises ConfigError for a file that
+    cannot be read."""
     root = load_document(path)
     lines = Path(path).read_bytes().decode("utf-8-sig").replace("\r\n", "\n").splitlines()
     _move_tables(lines, root, Path(path).parent, _folder(place))
-    entries = [_entry(e, errors, source) for e in effects]
-    physics = root.value.get("physics")
-    if physics is None or not physics.is_list or not physics.value:
-        if physics is not None:  # `physics: []`, or nothing behind it
-            start, end = _extent(root, "physics", len(lines))
-            del lines[start:end]
-        while lines and not lines[-1].strip():
-            lines.pop()
-        return "\n".join([*lines, "", "physics:", *(line for e in entries for line in e)]) + "\n"
-    start, end = _extent(root, "physics", len(lines))
-    if "[" in lines[start].partition("#")[0]:
-        raise DataError(
-            f"{path}:{start + 1}: write the list under `physics:` with a `- ` for each effect, and refine again"
-        )
-    while end > start + 1 and (not lines[end - 1].strip() or lines[end - 1].startswith("#")):
-        end -= 1  # what stands above the next key belongs to it
-    indent = " " * (physics.value[0].mark.column - 1 - 2)
-    added = [indent + line[2:] for e in entries for line in e]
-    return "\n".join([*lines[:end], *added, *lines[end:]]) + "\n"
+    return "\n".join(lines) + "\n"
 
 
 def write_refined(text: str, place: str, wanted: Engine) -> None:
@@ -100,13 +89,6 @@ def _entry(e: Effect, errors: Mapping[str, float], source: str) -> list[str]:
     block["source"] = source
     text = dump(block, width=100).splitlines()
     return [("  - " if k == 0 else "    ") + line for k, line in enumerate(text)]
-
-
-def _extent(root: Node, key: str, total: int) -> tuple[int, int]:
-    """Lines [start, end) of a key of the file and all that stands below it, counted from 0."""
-    starts = sorted(mark.line - 1 for mark in root.key_marks.values())
-    start = root.key_marks[key].line - 1
-    return start, next((s for s in starts if s > start), total)
 
 
 def _move_tables(lines: list[str], root: Node, old: Path, new: Path) -> None:
