@@ -197,12 +197,17 @@ UNITLESS_COLUMNS = frozenset({"mach", "BPR", "OPR", "EPR"})
 """Columns that hold a number although their name carries no unit."""
 
 
+def known_unit(name: str) -> Unit | None:
+    """The unit of that name or alias; None where there is none."""
+    return UNITS.get(ALIASES.get(name, name))
+
+
 def find_unit(name: str) -> Unit:
     """The unit of that name or alias.
 
     Raises UnitError with a near match.
     """
-    unit = UNITS.get(ALIASES.get(name, name))
+    unit = known_unit(name)
     if unit is not None:
         return unit
     import difflib

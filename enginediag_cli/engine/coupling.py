@@ -29,20 +29,22 @@ class Coupling:
         }  # driven shaft → the one that drives it
         self.loaded = {c.values["shaft"] for c in (*self.machines, *self.gears)} | set(self.driving)
         took = {c.values["shaft"] for c in self.machines if c.values.get("law") == SURPLUS}
+        self._turning = {name: self._group(name) for name in shafts}
         self.balanced = [s for s in shafts if s not in took and s not in self.driving]
 
     def turning_with(self, name: str) -> list[str]:
         """The shafts that turn with this one at fixed ratios, that which drives the others first."""
-        first = name
-        while first in self.driving:
-            first = self.driving[first]
-        found = [first]
-        for driven in (s for s in self.shafts if s in self.driving):
-            at = driven
-            while at in self.driving:
-                at = self.driving[at]
-            found += [driven] if at == first else []
-        return found
+        return self._turning[name]
+
+    def _group(self, name: str) -> list[str]:
+        first = self._first(name)
+        return [first, *(s for s in self.shafts if s in self.driving and self._first(s) == first)]
+
+    def _first(self, name: str) -> str:
+        """The shaft at the beginning of the gears that drive this one."""
+        while name in self.driving:
+            name = self.driving[name]
+        return name
 
     def ratio(self, name: str, other: str) -> float:
         """Speed of a shaft over that of another which turns with it."""

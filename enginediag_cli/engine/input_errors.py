@@ -19,7 +19,7 @@ import numpy as np
 from enginediag_cli.engine.model import MonitoredModel
 from enginediag_cli.engine.wrapped import Question, WrappedModel
 from enginediag_cli.parameters import Parameter
-from enginediag_cli.units import UNITS, Unit, split_column
+from enginediag_cli.units import UNITS, Unit, known_unit, split_column
 
 FAMILY = "input"
 PROBE_K, PROBE_SHARE = 2.5, 0.0075
@@ -95,7 +95,7 @@ class InputErrors(WrappedModel):
 def suspected(engine: MonitoredModel, column: str) -> InputError | None:
     """The error of an input channel, by the dimension of its column; None where no instrument of the engine is read."""
     quantity, unit = split_column(column)
-    kind = UNITS[unit] if unit in UNITS else None
+    kind = known_unit(unit)
     if quantity in AIR_DATA:
         return _of_air_data(engine, column)
     if kind is None or (kind.dimension != "temperature" and kind.dimension not in SHARES):

@@ -149,7 +149,8 @@ def power_settings(values: Mapping[str, Any]) -> list[str]:
     types = {c["type"] for c in components}
     found = ["Wf_kg_s", *(f"{s['speed_label']}_rpm" for s in values["shafts"] if s["speed"] == "balance")]
     found += [f"T{station}_K" for station in _hot_stations(components)]
-    found += ["EPR"] if "turbine" in types else []
+    # behind a turbine that discharges through a stack, pressure tells nearly nothing of the power
+    found += ["EPR"] if types & {"nozzle", "condi_nozzle"} else []
     found += ["Fn_N"] if types & {"nozzle", "condi_nozzle", "propeller"} else []
     # what is demanded of a machine cannot be wanted once more
     machines = [c["name"] for c in components if c["type"] in ("load", "propeller") and c.get("law") != "given"]

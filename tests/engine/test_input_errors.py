@@ -44,6 +44,11 @@ def test_air_data_are_plausibly_wrong_by_the_same_in_any_unit():
     assert errors["input.mach.bias"].prior_sigma == 0.01 and errors["input.mach.bias"].nominal == 0.0
 
 
+def test_a_torque_meter_that_sets_the_power_is_a_suspect():
+    errors = InputErrors.of(load_engine(str(shipped("turboprop.yaml")))).parameters
+    assert errors["input.reduction_gear_torque.scale"].prior_sigma == pytest.approx(0.01)
+
+
 def test_power_plant_suspects_the_reading_that_sets_its_power():
     plant = InputErrors.of(load_engine(str(shipped("power_plant.yaml"))))
     error = plant.parameters["input.T4.bias"]

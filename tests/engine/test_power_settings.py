@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from engine_makers import CONFIGS
 
+from enginediag_cli.engine.controls.held import Held
 from enginediag_cli.engine.wiring import power_settings
 from enginediag_cli.errors import ConfigError
 from enginediag_cli.physics.engine_file import load_engine
@@ -39,10 +40,23 @@ def round_trip(name, setting, points, answers, columns):
 
 @pytest.mark.parametrize("name", ENGINES)
 def test_every_power_setting_given_back_makes_the_same_point_over_the_whole_envelope(name):
+    comes_back(name, N, 0.998)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", sorted(path.stem for path in CONFIGS.glob("*.yaml")))
+def test_of_many_points_of_every_shipped_engine_all_but_a_few_at_a_fold_come_back(name):
+    comes_back(name, 15_000, 1.0 - 10 / 15_000)
+
+
+def comes_back(name, n, share):
     engine = engine_of(name)
-    points = whole_envelope(engine, N)
-    settings = [s for s in power_settings(engine.declared) if s != engine.power_setting]
-    assert {"EPR", "T4_K", "T5_K"} <= {*settings, engine.power_setting}
+    points = whole_envelope(engine, n)
+    held = {c.aim.column for c in engine.network.controls if isinstance(c, Held)}
+    turning = {s for c in held & set(engine.network.speed_columns) for s in turning_with(engine, c)}
+    settings = [s for s in power_settings(engine.declared) if s not in {engine.power_setting, *held, *turning}]
+    jet = any(c.TYPE in ("nozzle", "condi_nozzle") for c in engine.network.components)
+    assert {"T4_K", "T5_K", *(["EPR"] if jet else [])} <= {*settings, engine.power_setting}
     columns = list(dict.fromkeys(["P3_Pa", "W2_kg_s", *settings]))
     answers = engine.predict(points, sensors=columns, wrt=[engine.power_setting])
     assert answers.ok.all()
@@ -50,11 +64,18 @@ def test_every_power_setting_given_back_makes_the_same_point_over_the_whole_enve
         k = columns.index(setting)
         # a column that falls with power belongs to two points, and one that is not positive is no power setting
         told = (answers.jacobian[:, k, 0] > 0.0) & (answers.y[:, k] > 0.0)
-        assert told.mean() > 0.9, setting
+        assert told.mean() > 0.85, setting
         back = round_trip(name, setting, points, answers, columns)
-        assert back.ok[told].mean() >= 0.998, setting
+        assert back.ok[told].mean() >= share, setting
         same = np.abs(back.y / answers.y - 1.0).max(axis=1) < 1e-6
-        assert same[told & back.ok].mean() >= 0.998, setting
+        assert same[told & back.ok].mean() >= share, setting
+
+
+def turning_with(engine, column):
+    """Speed columns of the shafts that turn with the one of this column."""
+    shafts = engine.network.shafts
+    found = engine.network.coupling.turning_with(engine.network.speed_columns[column])
+    return {f"{shafts[s]['speed_label']}_rpm" for s in found}
 
 
 def test_of_two_points_with_one_exhaust_temperature_the_one_is_found_at_which_it_rises_with_power():
@@ -102,6 +123,13 @@ def test_derivatives_hold_whatever_sets_the_power():
 
         numeric = (moved(-2 * h) - 8 * moved(-h) + 8 * moved(h) - moved(2 * h)) / (12 * h)
         assert p.jacobian[:, :, k] == pytest.approx(numeric, rel=2e-6, abs=1e-7 * np.abs(numeric).max())
+
+
+def test_EPR_sets_no_power_where_a_turbine_discharges_through_a_stack():
+    """There it is nearly one whatever the power, and may belong to gas of 2,600 K as well as of 900 K."""
+    for name in ("turboshaft", "power_plant", "naval_gas_generator", "recuperated_micro_gas_turbine"):
+        engine = engine_of(name)
+        assert "EPR" in engine.model_columns and "EPR" not in power_settings(engine.declared)
 
 
 @pytest.mark.parametrize("setting", ["T3_K", "T25_K", "P3_Pa", "compressor_power_W", "N9_rpm"])
