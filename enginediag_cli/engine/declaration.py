@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from enginediag_cli.config.fields import Field, Section, Variants
 from enginediag_cli.engine.components import COMPONENTS
+from enginediag_cli.engine.demand import DEMAND
 from enginediag_cli.engine.identification_block import IDENTIFICATION
 from enginediag_cli.engine.mismatch_block import MISMATCH
 from enginediag_cli.engine.physics_block import EFFECT
@@ -96,6 +97,7 @@ ENGINE_FILE = Section(
             "column that sets the power: Wf_kg_s, a shaft speed such as N1_rpm, T4_K, Fn_N or "
             "power_W (of all loads together); given as input, the rest are outputs",
         ),
+        Field("power_demand", "section", "a recorded set point that the power setting follows", None, section=DEMAND),
         Field("components", "named_sections", "in the order of the gas path", section=COMPONENT),
         Field("shafts", "named_sections", "the shafts", section=SHAFT),
         Field("sensors", "section_map", "measured outputs by column", section=SENSOR),

@@ -45,6 +45,7 @@ class Evaluation:
     delta2: Value = 1.0
     make_shaft: Callable[[Evaluation, str], Shaft] | None = None
     hooks: Hooks | None = None
+    signals: dict[str, Value] = field(default_factory=dict)  # of what is remembered, by the name of the memory
     _read: dict[str, Value] = field(default_factory=dict)
 
     def __post_init__(self) -> None:

@@ -13,6 +13,7 @@ from enginediag_cli.config.kinds import check_document, load_checked
 from enginediag_cli.config.reading import file_inside
 from enginediag_cli.engine.closure import missing_closure
 from enginediag_cli.engine.components import COMPONENTS, Component
+from enginediag_cli.engine.demand import Demand
 from enginediag_cli.engine.description import EngineDescription
 from enginediag_cli.engine.engine import Engine
 from enginediag_cli.engine.gas import gas_for
@@ -40,7 +41,7 @@ def build_engine(source: str | Path | EngineDescription, carried: Carried, power
     if power_setting and power_setting != values["power_setting"]:
         # the file's range and envelope are of its own power setting
         values["envelope"] = {c: r for c, r in values["envelope"].items() if c != values["power_setting"]}
-        values["power_setting"], values["power_range"] = power_setting, None
+        values["power_setting"], values["power_range"], values["power_demand"] = power_setting, None, None
     problems = wiring_problems(values, checked)
     if problems:
         raise ConfigError(problems)
@@ -68,6 +69,11 @@ def build_engine(source: str | Path | EngineDescription, carried: Carried, power
         values["start"],
     )
     size(network, values, checked)
+    if values["power_demand"] is not None:
+        try:
+            network.demand = Demand.declared(values["power_demand"], values["power_setting"])
+        except ValueError as error:
+            raise ConfigError([Problem(checked.mark(("power_demand",)), str(error))]) from error
     engine = Engine(network, values, path)
     effects, problems = carried(values["physics"], network, checked)
     if problems:

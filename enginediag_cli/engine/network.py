@@ -13,6 +13,7 @@ from enginediag_cli.engine.components.base import scalar
 from enginediag_cli.engine.components.burner import Burner
 from enginediag_cli.engine.components.inlet import Inlet
 from enginediag_cli.engine.components.load import Load
+from enginediag_cli.engine.demand import Demand
 from enginediag_cli.engine.dual import Value, sqrt
 from enginediag_cli.engine.evaluation import Evaluation, Shaft
 from enginediag_cli.engine.flow import Flow
@@ -23,6 +24,7 @@ from enginediag_cli.engine.term import Effect, Place
 from enginediag_cli.parameters import Parameter, spelled
 
 if TYPE_CHECKING:
+    from enginediag_cli.engine.moving.memory import Memory
     from enginediag_cli.engine.sensors import Sensor
 
 STATION_COLUMN = re.compile(r"(?P<what>T|P|W|FAR)(?P<station>.+?)(?:_K|_Pa|_kg_s)?")
@@ -58,9 +60,11 @@ class Network:
         self.design_setting = 1.0  # corrected power setting of the design point
         self._start = dict(start)
         self._unknowns: tuple[Unknown, ...] | None = None
+        self.states: tuple[str, ...] = ()  # leaves of what is remembered: 0 in equilibrium
         self.hooks: Hooks | None = None  # of the effects that the model carries
         self.effects: tuple[Effect, ...] = ()
         self.design_point: Evaluation | None = None  # the sized engine there, before any effect
+        self.demand: Demand | None = None  # what sets the power setting, where that is not a column itself
         self.sensors: Mapping[str, Sensor] = {}  # of the engine that this is, by column: where effects on readings act
 
     # what is given and what is sought
@@ -74,8 +78,13 @@ class Network:
             return f"{self.speed_columns[self.power_setting]}.speed_rpm"
         return None
 
+    @property
+    def memories(self) -> tuple[Memory, ...]:
+        """What the effects remember of the past, in their order."""
+        return tuple(self.hooks.memories) if self.hooks is not None else ()
+
     def inputs(self) -> dict[str, float | None]:
-        """Input columns and the default of those that may be left out."""
+        """Input columns and the default of those that may be left out, as the network itself reads them."""
         found: dict[str, float | None] = {}
         for c in self.components:
             found.update(c.inputs())
@@ -149,6 +158,8 @@ class Network:
                     switches=True,
                 )
             )
+        if self.demand is not None:
+            found += self.demand.parameters()
         return (*found, *(p for effect in self.effects for p in effect.parameters()))
 
     def _offtake_spread(self, name: str) -> float:
@@ -173,9 +184,11 @@ class Network:
         """The same sized components, carrying these effects and no others."""
         other = copy.copy(self)
         other.effects, other.hooks = tuple(effects), Hooks() if effects else None
+        other.states = ()
         for effect in effects:
             assert other.hooks is not None
             effect.term.install(Place(other, effect, other.hooks))
+        other.states = tuple(m.name for m in other.memories if not m.column)
         return other
 
     # one evaluation
@@ -184,7 +197,7 @@ class Network:
         self, inputs: Mapping[str, Value], parameters: Mapping[str, Value], x: Mapping[str, Value]
     ) -> dict[str, Value]:
         """All leaves of a pass: input columns under the names that the components read, parameters, unknowns."""
-        found: dict[str, Value] = {**self.neutral, **parameters, **x, **inputs}
+        found: dict[str, Value] = {**self.neutral, **dict.fromkeys(self.states, 0.0), **parameters, **x, **inputs}
         if self.given_leaf:
             found[self.given_leaf] = inputs[self.power_setting]
         for column, name in self.speed_columns.items():

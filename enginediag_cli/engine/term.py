@@ -8,16 +8,18 @@ and the model is unchanged to the last digit: hooks of an effect that is absent 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
 from enginediag_cli.engine.driver import Driver
-from enginediag_cli.engine.dual import Value
+from enginediag_cli.engine.dual import Array, Value
 from enginediag_cli.engine.evaluation import Evaluation
 from enginediag_cli.engine.hooks import FlowHook, Hooks, ValueHook
+from enginediag_cli.engine.moving.filters.base import Filter
+from enginediag_cli.engine.moving.memory import Memory
 from enginediag_cli.parameters import Parameter, spelled
 
 if TYPE_CHECKING:
@@ -66,6 +68,8 @@ class Term(ABC):
 
     `DRIVER` is what the effect varies with: one of `enginediag_cli.drivers`, or one that the term brings.
     `INPUTS` are columns that it reads beside the engine's own, with the value that stands for "not recorded".
+    `TRIALS`: sizes at which a search tries the effect, where its derivative at absence tells nothing: a rate limit that
+    nothing meets, a delay whose length matters.
     `SWITCHES`: commanded, so it may be on or off without any column showing it.
     """
 
@@ -77,6 +81,7 @@ class Term(ABC):
     COEFFICIENTS: ClassVar[tuple[Coefficient, ...]]
     REFERENCE: ClassVar[str]
     INPUTS: ClassVar[Mapping[str, float]] = {}
+    TRIALS: ClassVar[tuple[Mapping[str, float], ...]] = ()
     SWITCHES: ClassVar[bool] = False
 
     def __init_subclass__(cls, **given: object) -> None:
@@ -115,6 +120,11 @@ class Effect:
     values: Mapping[str, float]
     switch: str = ""
     limits: Mapping[str, float] = field(default_factory=dict)
+
+    @property
+    def tried(self) -> tuple[str, ...]:
+        """Names of the directions along which the term's trials lie."""
+        return tuple(self.parameter_name(f"trial_{k}") for k in range(1, len(self.term.TRIALS) + 1))
 
     @property
     def label(self) -> str:
@@ -174,6 +184,42 @@ class Place:
     def active(self, e: Evaluation) -> bool:
         """Whether the effect is there, or sought: any amplitude not absent or a direction of differentiation."""
         return any(n in e.wrt or np.any(e.leaves[n] != a) for n, a in self._absent.items())
+
+    def on_input(self, column: str, filter: Filter, coefficients: Sequence[str]) -> None:
+        """The network is told what `filter` makes of an input column, or of what sets the power."""
+        self._hooks.memories.append(replace(self._memory(filter, coefficients), column=column))
+
+    def remember(
+        self,
+        filter: Filter,
+        coefficients: Sequence[str] = (),
+        *,
+        recorded: str = "",
+        measured: Callable[[Array], Array] = np.asarray,
+        sensor: str = "",
+    ) -> Callable[[Evaluation, Value], Value]:
+        """remembered(e, signal): what `filter` makes of the signal's past, 0 in equilibrium; to be called by a hook in
+        every evaluation. `recorded`, `measured`, `sensor`: as of `Memory`."""
+        memory = replace(self._memory(filter, coefficients), recorded=recorded, measured=measured, sensor=sensor)
+        self._hooks.memories.append(memory)
+
+        def remembered(e: Evaluation, signal: Value) -> Value:
+            e.signals[memory.name] = signal
+            return e[memory.name]
+
+        return remembered
+
+    def _memory(self, filter: Filter, coefficients: Sequence[str]) -> Memory:
+        effect = self.effect
+        absent = {c.name: c.absent for c in effect.term.COEFFICIENTS}
+        tried = {
+            name: tuple(float({**absent, **trial}[c]) for c in coefficients)
+            for name, trial in zip(effect.tried, effect.term.TRIALS, strict=True)
+        }
+        names = tuple(map(effect.parameter_name, coefficients))
+        name = effect.parameter_name("memory")
+        further = sum(m.name.startswith(name) for m in self._hooks.memories)
+        return Memory(f"{name}_{further + 1}" if further else name, filter, names, self._absent, tried=tried)
 
     def on_leaf(self, leaf: str, change: ValueHook) -> None:
         """`change(e, x)` gives the leaf's new value from its old one."""

@@ -1,0 +1,27 @@
+"""Second-order lag: two first-order ones in a row."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from enginediag_cli.engine.dual import Array
+from enginediag_cli.engine.moving.filters.base import Clock, Filter, Filtered
+from enginediag_cli.engine.moving.filters.lag import Lag
+
+
+class SecondOrder(Filter):
+    """τ₁τ₂ m'' + (τ₁ + τ₂) m' + m = u, as two lags. The output of the first is taken straight between the records,
+    which costs of the order of (h/τ)² of what changes within a step h."""
+
+    COEFFICIENTS = 2
+
+    def __call__(self, clock: Clock, signal: Array, along: Array, coefficients: Sequence[float]) -> Filtered:
+        lag = Lag()
+        one = lag(clock, signal, along, coefficients[:1])
+        behind = np.concatenate([along + one.along, one.own])
+        two = lag(clock, signal + one.value, behind, coefficients[1:])
+        k = len(along)
+        own = np.concatenate([one.own + two.along[k:], two.own])
+        return Filtered(one.value + two.value, one.along + two.along[:k], own)

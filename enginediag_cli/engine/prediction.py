@@ -1,0 +1,50 @@
+"""The answer of an engine: values, derivatives and the status of every point."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+from enginediag_cli.engine.dual import Array
+from enginediag_cli.engine.moving.recall import Known
+
+OK, OUTSIDE_MAP, NOT_CONVERGED, INVALID_INPUT = range(4)
+"""Status of a point, the better the smaller: up to OUTSIDE_MAP it has values."""
+STATUS = ("ok", "outside the maps", "did not converge", "invalid input")
+
+
+@dataclass(frozen=True)
+class Prediction:
+    """Φ at N points: y (N, m), jacobian (N, m, p), status (N,) as in STATUS; y is NaN where status > 1. `also` (N, k):
+    further columns that were asked for, values only."""
+
+    y: Array
+    jacobian: Array
+    status: Array
+    columns: tuple[str, ...]
+    wrt: tuple[str, ...]
+    x: Array
+    residual: Array
+    passes: Array
+    also: Array
+    _reasons: Mapping[int, str]
+
+    @property
+    def ok(self) -> Array:
+        """Points whose values can be used (N,)."""
+        return self.status <= OUTSIDE_MAP
+
+    def reason(self, k: int) -> str:
+        """Why point k is flagged: the component or the balance; empty where all is well."""
+        return self._reasons.get(k, "")
+
+
+def through(found: Prediction, known: Mapping[str, Known], wrt: tuple[str, ...]) -> Prediction:
+    """Derivatives along `wrt` through leaves that were known beforehand, which were directions of their own."""
+    J = found.jacobian[:, :, : len(wrt)].copy()
+    at = {n: j for j, n in enumerate(found.wrt)}
+    for leaf, of in known.items():
+        for j, n in enumerate(wrt):
+            if n in of.slopes:
+                J[:, :, j] += found.jacobian[:, :, at[leaf]] * of.slopes[n][:, None]
+    return replace(found, jacobian=J, wrt=wrt)

@@ -1,0 +1,62 @@
+"""Rate limit of a load controller."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import TYPE_CHECKING
+
+from enginediag_cli.drivers import RATE
+from enginediag_cli.engine.moving.filters.per_full import PerFull
+from enginediag_cli.engine.moving.filters.rate_limit import RateLimit
+from enginediag_cli.engine.moving.tape import PAST
+from enginediag_cli.engine.term import Coefficient, Place, Site, Term
+from enginediag_cli.physics.demanded import full, load_site
+
+if TYPE_CHECKING:
+    from enginediag_cli.engine.network import Network
+
+
+class LoadRateLimit(Term):
+    """−P_full/t_down ≤ dP/dt ≤ P_full/t_up: the load follows what is demanded, but not faster."""
+
+    NAME = "load_rate_limit"
+    TITLE = "Rate limit of the load controller"
+    STATEMENT = (
+        "The controller of the load takes up and gives away power at a limited rate, whatever the size of the step "
+        "that is demanded: a larger step takes longer, in proportion."
+    )
+    EQUATION = "dP/dt = min(max(dP_demanded/dt, −P_full/t_down), P_full/t_up) until P = P_demanded"
+    DRIVER = RATE
+    COEFFICIENTS = (
+        Coefficient(
+            "rise",
+            "s",
+            "t_up, time in which the load may rise by the design power; 0: at once",
+            0.0,
+            0.0,
+            1e5,
+            1000.0,
+            100.0,
+            assumed=True,
+        ),
+        Coefficient(
+            "fall",
+            "s",
+            "t_down, time in which the load may fall by the design power; 0: at once",
+            0.0,
+            0.0,
+            1e5,
+            1000.0,
+            100.0,
+            assumed=True,
+        ),
+    )
+    REFERENCE = "IEEE Std 421.5 and IEEE Task Force on turbine-governor modelling: ramp limiters; ranges assumed"
+    INPUTS = PAST
+    TRIALS = tuple({"rise": t, "fall": t} for t in (3.0, 10.0, 30.0, 100.0, 300.0, 1000.0))
+
+    def sites(self, network: Network) -> Iterable[Site]:
+        return load_site(network)
+
+    def install(self, at: Place) -> None:
+        at.on_input(at.network.power_setting, PerFull(RateLimit(), full(at)), ("rise", "fall"))
