@@ -7,7 +7,7 @@ recording, those included that are judged by nobody.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import dataclass, field
 from types import MappingProxyType
 
@@ -93,13 +93,13 @@ class Tapes:
 
     names: tuple[str, ...]
     tapes: list[Tape] = field(default_factory=list)
-    parts: dict[str, tuple[int, list[Mapping[str, Array]]]] = field(default_factory=dict)
+    parts: dict[Hashable, tuple[int, list[Mapping[str, Array]]]] = field(default_factory=dict)
 
     def add(self, columns: Mapping[str, Array]) -> Array:
         """Remember a recording (N records); its MOMENT (N,)."""
         return self._moments(columns, None, 0)
 
-    def extend(self, key: str, columns: Mapping[str, Array]) -> Array:
+    def extend(self, key: Hashable, columns: Mapping[str, Array]) -> Array:
         """Remember further records (N) of the recording `key`; their MOMENT (N,). What was known of earlier records
         stays as it is: only filters that look ahead would know more."""
         number, parts = self.parts.setdefault(key, (len(self.tapes), []))

@@ -42,7 +42,7 @@ from enginediag_cli.mismatch.fit.noise import doubtful, estimated_noise, with_no
 from enginediag_cli.mismatch.fit.options import (
     EFFECT,
     Option,
-    effect_option,
+    effect_options,
     fault_options,
     with_best_onset,
 )
@@ -132,7 +132,7 @@ class Search:
     def look_from(self, base: Trial) -> None:
         """Look for what this fit lacks: options and drivers are those of its records."""
         self.base = base
-        self.library = [*map(effect_option, self.effects), *fault_options(base.found)]
+        self.library = [*effect_options(self.effects), *fault_options(base.found)]
         self.along_drivers = drivers_of(self.evidence, base.found.theta)
 
     def weighed(self, rest: Remainder) -> Remainder:

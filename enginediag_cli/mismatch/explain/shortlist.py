@@ -16,7 +16,8 @@ worth a refit: the score at a fit without the option errs, but not by that. Judg
 
 
 def shortlisted(scores: Sequence[OptionScore]) -> list[OptionScore]:
-    """The best few, T > SHARE_OF_BEST T_max − BEHIND_BEST; of the onsets of one parameter only the best."""
+    """The best few, T > SHARE_OF_BEST T_max − BEHIND_BEST; of the onsets of one parameter, and of
+    the trials of one effect, only the best."""
     top = max((s.score.statistic for s in scores if s.surprise > 0), default=0.0)
     chosen: list[OptionScore] = []
     for s in scores:
@@ -25,7 +26,7 @@ def shortlisted(scores: Sequence[OptionScore]) -> list[OptionScore]:
             and s.option.component == c.option.component
             and s.option.hypothesis.discrepancies[0].target == c.option.hypothesis.discrepancies[0].target
             for c in chosen
-        )
+        ) or any(c.option.label == s.option.label for c in chosen)
         if s.surprise > 0 and s.score.statistic > SHARE_OF_BEST * top - BEHIND_BEST and not same:
             chosen.append(s)
         if len(chosen) == SHORTLIST:
