@@ -29,6 +29,9 @@ READ_WRONG = ("bias", "scale")
 """Errors of a sensor that may step in time."""
 ONSETS_AT_ONCE = 400
 """Onsets, evenly spaced, of one look about an option's own; where they lie apart, the best is looked about again."""
+UNSEEN = 1e-3
+"""Standard deviations, root sum of squares over all readings, that an effect of the largest size would move them by:
+less is rounding, of which a score would make anything."""
 LEAST_RECORDS = 8  # on either side of an onset
 MOST_ONSETS = 24
 """Onsets that are tried in all; with many flights every second or third flight's are."""
@@ -252,7 +255,15 @@ def _changes_scored(projection: Projection, J: Columns, options: Sequence[Option
 
 def _scored(option: Option, sums: Sums, candidates: Candidates) -> OptionScore:
     score = sums.score(candidates)
+    if option.hypothesis.effects and score.length * _largest(option) < UNSEEN:
+        score = replace(score, dof=0, statistic=0.0, surprise=0.0, share=0.0)
     return OptionScore(sums, candidates, score, option, _feasible(option, score))
+
+
+def _largest(option: Option) -> float:
+    """How far the coefficient that an option is scored by first can move."""
+    first = option.hypothesis.effects[0].term.amplitudes()[0]
+    return 1.0 if option.tried else first.upper - first.lower
 
 
 def _feasible(option: Option, score: Score) -> bool:
