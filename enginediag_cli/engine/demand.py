@@ -85,6 +85,12 @@ class Demand:
             for name, (x, p) in zip(self.names, self.points, strict=True)
         )
 
+    def set_point(self, setting: Array) -> Array:
+        """The set point that asks for a power setting (N,), by the table as it is stated; at its ends beyond them."""
+        x, p = zip(*self.points, strict=True)
+        order = np.argsort(p)
+        return np.interp(setting, np.array(p)[order], np.array(x)[order])
+
     def __call__(self, x: Array, theta: Mapping[str, Any]) -> tuple[Array, dict[str, Array], Array]:
         """Power setting at set points (N,), its derivatives (N,) by each of `names`, and by the set point."""
         at = np.array([x for x, _ in self.points])

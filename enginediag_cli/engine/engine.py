@@ -50,7 +50,8 @@ class Engine:
         self.description: str = declared["description"]
         self._told = network.inputs()  # what the network itself reads
         found = dict(self._told)
-        self.power_setting: str = network.power_setting
+        # the column that sets the power: where a set point asks for it, its column
+        self.power_setting: str = network.demand.column if network.demand is not None else network.power_setting
         self.sensors = {c: Sensor.declared(c, v) for c, v in declared["sensors"].items() if c != network.power_setting}
         network.sensors = self.sensors
         for s in self.sensors.values():
@@ -116,7 +117,8 @@ class Engine:
 
     @np.errstate(all="ignore")  # what a wild input gives is not finite, and flagged as such
     def power_from_fraction(self, fraction: float | Array, inputs: Mapping[str, Any]) -> Array:
-        """Power setting (N,) at a fraction of the corrected power range, 0 idle to 1 rating.
+        """Power setting (N,), or the set point that asks for it, at a fraction of the corrected power range, 0 idle
+        to 1 rating.
 
         Raises ValueError when the engine file states no range for this power setting.
         """
@@ -124,7 +126,8 @@ class Engine:
             raise ValueError(f"{self.name}: the engine file gives no power range for {self.power_setting}")
         low, high = self.power_range
         theta, delta = total_ratios(inputs)
-        return (low + (high - low) * np.asarray(fraction)) * correction(self.power_setting, theta, delta)
+        asked = (low + (high - low) * np.asarray(fraction)) * correction(self.network.power_setting, theta, delta)
+        return asked if self.network.demand is None else self.network.demand.set_point(asked)
 
     @np.errstate(all="ignore")  # what a wild input gives is not finite, and flagged as such
     def predict(
@@ -161,7 +164,7 @@ class Engine:
         if self.network.demand is not None or self.network.memories:
             known, unsettled = self._recall.known(self, points, theta, wrt, size)
             points = {c: v for c, v in points.items() if c in self._told} | {n: k.value for n, k in known.items()}
-            wrong = [np.isfinite(k.value) if n != self.power_setting else k.value > 0.0 for n, k in known.items()]
+            wrong = [np.isfinite(k.value) if n != self.network.power_setting else k.value > 0.0 for n, k in known.items()]
             for k in np.flatnonzero(valid & unsettled).tolist():
                 reasons[k] = "what it remembers of its past did not settle"
             valid &= np.logical_and.reduce([~unsettled, *wrong])
@@ -189,7 +192,7 @@ class Engine:
         """Signals of memories, or other columns, at points that the network is told, with nothing remembered but what
         stands in them."""
         valid = np.logical_and.reduce([np.broadcast_to(np.isfinite(v), (size,)) for v in points.values()])
-        valid = valid & (np.nan_to_num(points[self.power_setting]) > 0.0)
+        valid = valid & (np.nan_to_num(points[self.network.power_setting]) > 0.0)
         return self._answer(points, theta, (valid, {}), _Asked(tuple(columns), tuple(wrt), start, (), True))
 
     # inside
@@ -266,7 +269,7 @@ class Engine:
         valid, reasons = np.ones(size, dtype=bool), {}
         for name, v in (*points.items(), *((p, theta[p]) for p in parameters)):
             good = np.broadcast_to(np.isfinite(v), (size,))
-            if name == self.power_setting:
+            if name == self.network.power_setting:
                 good = good & (np.nan_to_num(v) > 0.0)
             for k in np.flatnonzero(valid & ~good).tolist():
                 reasons[k] = f"{name} is {np.broadcast_to(v, (size,))[k]:g}"

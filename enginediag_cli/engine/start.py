@@ -32,13 +32,15 @@ POWER_EXPONENTS = {  # of (δ, √θ) in the corrected power setting
     "power_W": (1, 1),
 }
 
+UNCORRECTED = (0, 0)
+"""Of a set point, which asks for the same power whatever the air is."""
 POWER_UNITS = {"rpm": "rpm", "K": "T4_K"}
 """Units that say which of these a column is corrected like: any speed, any temperature."""
 
 
 def correction(column: str, theta: Array, delta: Array) -> Array:
     """What a power setting is divided by to correct it to ISA sea level."""
-    a, b = POWER_EXPONENTS[POWER_UNITS.get(split_column(column)[1], column)]
+    a, b = POWER_EXPONENTS.get(POWER_UNITS.get(split_column(column)[1], column), UNCORRECTED)
     return delta**a * theta ** (0.5 * b)
 
 

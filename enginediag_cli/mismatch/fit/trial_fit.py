@@ -9,6 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from enginediag_cli.engine.driver import DriverValues
+from enginediag_cli.engine.term import Effect
 from enginediag_cli.identification.gauss_newton import Fit
 from enginediag_cli.mismatch.fit.believable import along_driver, with_belief
 from enginediag_cli.mismatch.fit.columns import Columns
@@ -21,6 +22,8 @@ from enginediag_cli.mismatch.fit.options import (
     SENSOR_FAULT,
     Option,
     OptionScore,
+    effect_option,
+    effect_options,
     effects_of,
     option_scores,
     parameters_of,
@@ -159,6 +162,18 @@ def attempt(options: Sequence[Option], start: Identified, along: Nuisance, of_fe
     state: the other fit, without the options, is bent by what they explain; or where a fit `of_few` records ended."""
     found = identify_with(start.evidence, together(*options), along, of_few=of_few)
     return Trial(tuple(options), found, Projection(found))
+
+
+def begun(effects: Sequence[Effect], found: Identified) -> list[Option]:
+    """Options of these effects, those that are tried at some size at the one that says most about what a fit without
+    them leaves."""
+    projection = Projection(found)
+    best = []
+    for effect in effects:
+        scores = option_scores(found, projection, effect_options([effect])) if effect.tried else []
+        told = max(scores, key=lambda s: s.score.statistic if s.feasible else -1.0, default=None)
+        best.append(told.option if told is not None else effect_option(effect))
+    return best
 
 
 @stage("scoring effects")
