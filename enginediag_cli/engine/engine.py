@@ -75,7 +75,9 @@ class Engine:
         self._moved: Mapping[str, float] = {}
         self._strategy = Strategy(network, self._nominal)
         # what recordings show of the past; speeds are known from it where they are measured
-        self.tapes = Tapes((*self.inputs, *self.optional_inputs, *network.speed_columns))
+        # and the power where it is set
+        shows = (s.column for s in self.sensors.values() if dict(s.reads) == {network.power_setting: 1.0})
+        self.tapes = Tapes((*self.inputs, *self.optional_inputs, *network.speed_columns, *shows))
         self._recall = Recall(self.tapes)
         self._signals = {m.name: m.sensor for m in network.memories}
         self._trials = {n for m in network.memories for n in m.tried}
@@ -164,7 +166,9 @@ class Engine:
         if self.network.demand is not None or self.network.memories:
             known, unsettled = self._recall.known(self, points, theta, wrt, size)
             points = {c: v for c, v in points.items() if c in self._told} | {n: k.value for n, k in known.items()}
-            wrong = [np.isfinite(k.value) if n != self.network.power_setting else k.value > 0.0 for n, k in known.items()]
+            wrong = [
+                np.isfinite(k.value) if n != self.network.power_setting else k.value > 0.0 for n, k in known.items()
+            ]
             for k in np.flatnonzero(valid & unsettled).tolist():
                 reasons[k] = "what it remembers of its past did not settle"
             valid &= np.logical_and.reduce([~unsettled, *wrong])

@@ -187,7 +187,14 @@ class Place:
 
     def on_input(self, column: str, filter: Filter, coefficients: Sequence[str]) -> None:
         """The network is told what `filter` makes of an input column, or of what sets the power."""
-        self._hooks.memories.append(replace(self._memory(filter, coefficients), column=column))
+        self._hooks.memories.append(
+            replace(self._memory(filter, coefficients), column=column, shown_by=self._shown(column))
+        )
+
+    def _shown(self, column: str) -> str:
+        """The sensor that reads a model column and nothing else."""
+        sensors = self.network.sensors.values()
+        return next((s.column for s in sensors if dict(s.reads) == {column: 1.0} and not s.over), "")
 
     def remember(
         self,

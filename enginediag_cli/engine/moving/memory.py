@@ -20,8 +20,9 @@ class Memory:
     values at which nothing is remembered. `column`: input column whose value it changes before the network is told,
     which then is its signal; else the signal is what an evaluation leaves in `Evaluation.signals`. `recorded`: column
     from which `measured` makes the signal where the recording has it. `sensor`: column of the reading that shows the
-    signal, if it is one. `tried`: names of directions along which the effect is tried at one size each, with the
-    values of `coefficients`.
+    signal, if it is one. `shown_by`: column of the
+    recordings that shows what the filter makes, if there is one: it tells where it begins. `tried`: names of
+    directions along which the effect is tried at one size each, with the values of `coefficients`.
     """
 
     name: str
@@ -31,5 +32,6 @@ class Memory:
     column: str = ""
     recorded: str = ""
     sensor: str = ""
+    shown_by: str = ""
     measured: Callable[[Array], Array] = np.asarray
     tried: Mapping[str, tuple[float, ...]] = field(default_factory=dict)

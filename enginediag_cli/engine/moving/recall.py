@@ -263,14 +263,15 @@ def filtered(
     names = list(signal.slopes)
     rows = np.stack([signal.slopes[n] for n in names]) if names else np.zeros((0, len(tape)))
     coefficients = [float(np.mean(theta[c])) for c in m.coefficients]
-    one = m.filter(tape.clock, signal.value, rows, coefficients)
+    clock = tape.clock(m.shown_by)
+    one = m.filter(clock, signal.value, rows, coefficients)
     slopes = dict(zip(names, one.along, strict=True))
     for c, row in zip(m.coefficients, one.own, strict=True):
         if c in wrt:
             slopes[c] = slopes[c] + row if c in slopes else row
     for name, values in m.tried.items():
         if name in wrt:
-            slopes[name] = m.filter(tape.clock, signal.value, np.zeros((0, len(tape))), values).value - one.value
+            slopes[name] = m.filter(clock, signal.value, np.zeros((0, len(tape))), values).value - one.value
     return one.value, slopes
 
 

@@ -352,7 +352,9 @@ class Search:
         named: Sequence[Explanation] = (),
         hidden: Sequence[Hidden] = (),
     ) -> Answer:
-        unseen = tuple(s.option.label for s in rest.scores if s.score.absorbed and s.option.driver != TIME)
+        seen = {s.option.label for s in rest.scores if not s.score.absorbed}
+        absorbed = (s.option.label for s in rest.scores if s.option.driver != TIME and s.option.label not in seen)
+        unseen = tuple(dict.fromkeys(absorbed))
         base, self._scan = self.base, None  # a look holds rows of every record
         return Answer(
             status,

@@ -130,6 +130,28 @@ def test_a_limited_ramp_turns_where_it_meets_a_falling_signal():
     assert m == pytest.approx([0.0, 1.0, 4.0, 4.0, -2.0])
 
 
+@pytest.mark.parametrize(
+    "filter, coefficients, expected",
+    [
+        (Lag(), (5.0,), lambda t: 20.0 - 15.0 * np.exp(-t / 5.0)),
+        (RateLimit(), (0.5, 0.5), lambda t: np.minimum(5.0 + 2.0 * t, 20.0)),
+        (PerFull(RateLimit(), 40.0), (20.0, 20.0), lambda t: np.minimum(5.0 + 2.0 * t, 20.0)),
+        (Delay(), (4.0,), lambda t: np.where(t < 4.0, 5.0, 20.0)),
+        (SecondOrder(), (5.0, 0.0), lambda t: 20.0 - 15.0 * np.exp(-t / 5.0)),
+    ],
+)
+def test_an_output_that_is_known_at_the_beginning_goes_on_from_there(filter, coefficients, expected):
+    time = np.arange(0.0, 40.0)
+    start = np.append(5.0, np.full(39, np.nan))
+    clock = Clock(time, time == 0.0, start)
+    u, along = np.full(40, 20.0), np.ones((1, 40))
+    found = filter(clock, u, along, coefficients)
+    assert u + found.value == pytest.approx(expected(time), abs=1e-9)
+    h = 1e-6
+    moved = [filter(clock, u + side * h, along, coefficients).value for side in (1, -1)]
+    assert found.along[0] == pytest.approx((moved[0] - moved[1]) / (2 * h), abs=1e-5)
+
+
 def test_a_delayed_ramp_is_lower_by_slope_times_delay():
     time = np.cumsum(np.random.default_rng(2).uniform(0.2, 1.5, 100))
     v = alone(Delay(), clock_of(time), 3.0 * time, 2.0).value

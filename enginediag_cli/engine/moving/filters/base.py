@@ -2,7 +2,8 @@
 
 A *signal* is known at the records of a tape and runs in straight lines between them; a filter answers with its output
 at the same records, and how that changes with the signal and with the filter's own coefficients. At its start, and
-after every gap (`Clock.first`), it is in equilibrium: nothing is known of what was before.
+after every gap (`Clock.first`), it is in equilibrium, unless its output is known there (`Clock.start`): nothing else
+is known of what was before.
 """
 
 from __future__ import annotations
@@ -20,10 +21,12 @@ from enginediag_cli.engine.dual import Array
 
 @dataclass(frozen=True)
 class Clock:
-    """Times (N,) s of the records of a tape, rising within each stretch; `first` (N,): where a stretch begins."""
+    """Times (N,) s of the records of a tape, rising within each stretch; `first` (N,): where a stretch begins; `start`
+    (N,): what the output is known to be there, NaN where it is not; None: nowhere."""
 
     time: Array
     first: Array
+    start: Array | None = None
 
     @cached_property
     def step(self) -> Array:
@@ -35,6 +38,14 @@ class Clock:
         """The stretches."""
         edges = [*np.flatnonzero(self.first).tolist(), len(self.time)]
         return tuple(slice(a, b) for a, b in pairwise(edges))
+
+    def begin(self, signal: Array, along: Array) -> tuple[Array, Array]:
+        """Deviation of a known output from the signal at the beginnings of stretches (N,), with its derivatives along
+        those of the signal (K, N); 0 where the output is not known."""
+        if self.start is None:
+            return np.zeros_like(signal), np.zeros_like(along)
+        known = self.first & np.isfinite(self.start)
+        return np.where(known, np.nan_to_num(self.start) - signal, 0.0), np.where(known, -along, 0.0)
 
     def rise(self, signal: Array) -> Array:
         """Slope of a signal (..., N) over the step to each record, per second; 0 at the beginning of a stretch."""

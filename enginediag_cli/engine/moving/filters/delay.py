@@ -31,6 +31,10 @@ class Delay(Filter):
             at = np.clip(t - d, t[0], t[-1])
             before = after - 1
             moved[:, span] = rows[:, span][:, before] + rise[:, span][:, after] * (at - t[before])
+            if clock.start is not None and np.isfinite(clock.start[span.start]) and d > 0.0:
+                # what was before the beginning comes out until it has passed
+                early = np.arange(span.start, span.stop)[t - d < t[0]]
+                moved[0, early], moved[1:, early] = clock.start[span.start], 0.0
             inside = (t - d >= t[0]) & (t - d <= t[-1])
             slope[span] = np.where(inside, rise[0, span][after], 0.0)
         return Filtered(moved[0] - signal, moved[1:] - along, -slope[None])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 from enginediag_cli.engine.dual import Array
 from enginediag_cli.engine.moving.filters.base import Clock, Filter, Filtered
@@ -16,5 +17,7 @@ class PerFull(Filter):
         self.COEFFICIENTS = inner.COEFFICIENTS
 
     def __call__(self, clock: Clock, signal: Array, along: Array, coefficients: Sequence[float]) -> Filtered:
+        if clock.start is not None:
+            clock = replace(clock, start=clock.start / self.full)
         one = self.inner(clock, signal / self.full, along / self.full, coefficients)
         return Filtered(one.value * self.full, one.along * self.full, one.own * self.full)

@@ -33,9 +33,10 @@ class RateLimit(Filter):
         value, d = np.zeros(N), np.zeros((K + 2, N))
         rise, d_rise = clock.rise(signal), clock.rise(along) if K else along
         fast = (rise > rates[0]) | (rise < rates[1])
+        start = clock.begin(signal, along)[0]
         for span in clock.spans:
             ramps = _Ramps(clock.time[span], signal[span], along[:, span], rise[span], d_rise[:, span], rates)
-            ramps.follow(np.flatnonzero(fast[span]), value[span], d[:, span])
+            ramps.follow(np.flatnonzero(fast[span]), float(start[span.start]), value[span], d[:, span])
         return Filtered(value, d[:K], d[K:])
 
 
@@ -46,10 +47,20 @@ class _Ramps:
         self.t, self.u, self.du, self.rise, self.d_rise, self.rates = t, u, du, rise, d_rise, rates
         self.K = len(du)
 
-    def follow(self, fast: Array, value: Array, d: Array) -> None:
+    def follow(self, fast: Array, start: float, value: Array, d: Array) -> None:
         """Deviations m − u into `value` (N,) and their derivatives into `d` (K + 2, N); `fast`: records to which the
-        signal runs too fast."""
+        signal runs too fast; `start`: the deviation at the beginning."""
         at = 0  # of `fast`: those before have been dealt with
+        if start != 0.0 and np.isfinite(self.rates[0 if start < 0.0 else 1]) and len(self.t) > 1:
+            value[0], d[: self.K, 0] = start, -self.du[:, 0]
+            none = np.zeros(self.K + 2)
+            known: tuple[int, float, float, Array, Array] | None = (0, float(self.t[0]), self.u[0] + start, none, none)
+            last = 0
+            up: bool | None = start < 0.0
+            while known is not None:
+                known, last = self._ramp(known, value, d, up=up)
+                up = None
+            at = int(np.searchsorted(fast, last, side="right"))
         while at < len(fast):
             k = int(fast[at]) - 1
             begin: tuple[int, float, float, Array, Array] | None = (
@@ -65,12 +76,13 @@ class _Ramps:
             at = int(np.searchsorted(fast, last, side="right"))
 
     def _ramp(
-        self, begin: tuple[int, float, float, Array, Array], value: Array, d: Array
+        self, begin: tuple[int, float, float, Array, Array], value: Array, d: Array, up: bool | None = None
     ) -> tuple[tuple[int, float, float, Array, Array] | None, int]:
         """One ramp from (step that begins at record k, t₀, v, dv, dt₀): writes it down, and where the next one begins
-        at once, or None, with the record up to which all has been dealt with."""
+        at once, or None, with the record up to which all has been dealt with; `up`: its side, that of the signal where
+        it begins on it."""
         k, t0, v, dv, dt0 = begin
-        up = self.rise[k + 1] > 0.0
+        up = self.rise[k + 1] > 0.0 if up is None else up
         r = float(self.rates[0 if up else 1])
         dr = np.zeros(self.K + 2)
         dr[self.K + (0 if up else 1)] = -r * abs(r)

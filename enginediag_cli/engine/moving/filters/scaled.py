@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -20,6 +21,7 @@ class Scaled(Filter):
 
     def __call__(self, clock: Clock, signal: Array, along: Array, coefficients: Sequence[float]) -> Filtered:
         size = float(coefficients[0])
+        clock = replace(clock, start=None)  # a power or a heat flow is not what is read
         one = self.inner(clock, signal, along, coefficients[1:])
         own = np.concatenate([one.value[None], size * one.own])
         return Filtered(size * one.value, size * one.along, own)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -20,6 +21,7 @@ class SecondOrder(Filter):
     def __call__(self, clock: Clock, signal: Array, along: Array, coefficients: Sequence[float]) -> Filtered:
         lag = Lag()
         one = lag(clock, signal, along, coefficients[:1])
+        clock = replace(clock, start=None)  # the output of the second is that of the first where that is known
         behind = np.concatenate([along + one.along, one.own])
         two = lag(clock, signal + one.value, behind, coefficients[1:])
         k = len(along)
