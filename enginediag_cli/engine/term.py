@@ -34,7 +34,8 @@ class Coefficient:
     `absent`: the value at which the effect is not there; `lower`, `upper`: physical bounds, whose sign is
     knowledge (a bleed takes air); `sigma`: prior standard deviation when the term is searched for; `typical`: a
     plausible size, with its sign. `shape`: a number that matters only when another coefficient is not absent
-    (a threshold, an exponent that is not sought); it keeps its `absent` value in a search. `assumed`: the range
+    (a threshold, an exponent that is not sought); it keeps its `absent` value in a search, but where it is
+    `free`: sought with the others, though by itself it is no effect (a time constant). `assumed`: the range
     is engineering judgement, not read in a source.
     """
 
@@ -48,6 +49,7 @@ class Coefficient:
     typical: float
     assumed: bool = False
     shape: bool = False
+    free: bool = False
 
 
 @dataclass(frozen=True)
@@ -139,6 +141,11 @@ class Effect:
         """Names of the parameters that are sought."""
         return tuple(self.parameter_name(c.name) for c in self.term.amplitudes())
 
+    @property
+    def sizes(self) -> tuple[str, ...]:
+        """Names of those without which the effect is absent."""
+        return tuple(self.parameter_name(c.name) for c in self.term.amplitudes() if not c.free)
+
     def parameters(self) -> tuple[Parameter, ...]:
         return tuple(
             Parameter(
@@ -172,7 +179,8 @@ class Place:
         self.component: Component | None = next((c for c in network.components if c.name == self.site.name), None)
         assert network.design_point is not None
         self.design: Evaluation = network.design_point
-        self._absent = {effect.parameter_name(c.name): c.absent for c in effect.term.amplitudes()}
+        self._states: list[str] = []
+        self._absent = {effect.parameter_name(c.name): c.absent for c in effect.term.amplitudes() if not c.free}
 
     def c(self, e: Evaluation, coefficient: str) -> Value:
         """Value of a coefficient in this evaluation: absent where the effect is switched off."""
@@ -183,7 +191,10 @@ class Place:
 
     def active(self, e: Evaluation) -> bool:
         """Whether the effect is there, or sought: any amplitude not absent or a direction of differentiation."""
-        return any(n in e.wrt or np.any(e.leaves[n] != a) for n, a in self._absent.items())
+        if any(n in e.wrt or np.any(e.leaves[n] != a) for n, a in self._absent.items()):
+            return True
+        # what is remembered is known, or its signal is asked for
+        return any(not isinstance(e.leaves[n], float) for n in self._states)
 
     def on_input(self, column: str, filter: Filter, coefficients: Sequence[str]) -> None:
         """The network is told what `filter` makes of an input column, or of what sets the power."""
@@ -209,6 +220,7 @@ class Place:
         every evaluation. `recorded`, `measured`, `sensor`: as of `Memory`."""
         memory = replace(self._memory(filter, coefficients), recorded=recorded, measured=measured, sensor=sensor)
         self._hooks.memories.append(memory)
+        self._states.append(memory.name)
 
         def remembered(e: Evaluation, signal: Value) -> Value:
             e.signals[memory.name] = signal

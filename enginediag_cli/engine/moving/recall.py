@@ -185,13 +185,20 @@ class Recall:
         start = self._starts.get((k, N))
         s = np.zeros((N, len(states)))
         recalled.settled = False
-        # where no signal comes from the solution, nothing has to be solved for its value
+        measured = [bool(m.recorded and tape.tells(m.recorded)) for m in states]
+        if all(measured):  # no signal comes from the solution: nothing has to be solved
+            nothing = np.full(N, np.nan)
+            found = {m.name: filtered(m, tape, Known(_signal(m, tape, nothing), {}), theta, wrt) for m in states}
+            recalled.values |= {n: value for n, (value, _) in found.items()}
+            recalled.slopes |= {n: slopes for n, (_, slopes) in found.items()}
+            recalled.settled = True
+            return
         for _ in range(SWEEPS):
             p = engine.solved({**points, **m_now}, theta, N, names, (), start)
             start = np.where(np.isfinite(p.x), p.x, np.nan)
             s = np.stack([_signal(m, tape, p.y[:, i]) for i, m in enumerate(states)], axis=1)
             new = {m.name: filtered(m, tape, Known(s[:, i], {}), theta, ())[0] for i, m in enumerate(states)}
-            change = [_change(new[n], m_now[n], s[:, i]) for i, n in enumerate(names)]
+            change = [_change(new[n], m_now[n]) for n in names]
             m_now = new
             if max(change) < SETTLED:
                 recalled.settled = True
@@ -211,7 +218,6 @@ class Recall:
             for n, slope in slopes.items():
                 s_theta[n] = s_theta[n] + J[:, :, at[leaf]] * slope[:, None]
         s_m = {n: J[:, :, at[n]] for n in names}
-        measured = [bool(m.recorded and tape.tells(m.recorded)) for m in states]
         m_theta: dict[str, dict[str, Array]] = {n: {} for n in names}
         for _ in range(SWEEPS):
             total: dict[str, Array] = {}
@@ -225,13 +231,11 @@ class Recall:
             for i, m in enumerate(states):
                 own = {} if measured[i] else {n: _bridged(x[:, i]) for n, x in total.items()}
                 new_slopes[m.name] = filtered(m, tape, Known(s[:, i], own), theta, wrt)[1]
-            moved = max(
-                _change(d, m_theta[name].get(n, np.zeros(N)), d)
-                for name, of_m in new_slopes.items()
-                for n, d in of_m.items()
-            )
+            moved = [
+                _change(d, m_theta[name].get(n, np.zeros(N))) for name, of in new_slopes.items() for n, d in of.items()
+            ]
             m_theta = new_slopes
-            if moved < SETTLED:
+            if max(moved, default=0.0) < SETTLED:
                 break
         recalled.slopes |= m_theta
 
@@ -260,12 +264,14 @@ def filtered(
     m: Memory, tape: Tape, signal: Known, theta: Mapping[str, Any], wrt: Sequence[str]
 ) -> tuple[Array, dict[str, Array]]:
     """What a memory makes of its signal: values (N,) and derivatives (N,) by name, of its trials as well."""
-    names = list(signal.slopes)
+    # absent, it passes nothing on
+    there = any(float(np.mean(theta[n])) != absent for n, absent in m.absent.items())
+    names = list(signal.slopes) if there else []
     rows = np.stack([signal.slopes[n] for n in names]) if names else np.zeros((0, len(tape)))
     coefficients = [float(np.mean(theta[c])) for c in m.coefficients]
     clock = tape.clock(m.shown_by)
     one = m.filter(clock, signal.value, rows, coefficients)
-    slopes = dict(zip(names, one.along, strict=True))
+    slopes = {n: row for n, row in zip(names, one.along, strict=True) if row.any()}
     for c, row in zip(m.coefficients, one.own, strict=True):
         if c in wrt:
             slopes[c] = slopes[c] + row if c in slopes else row
@@ -300,7 +306,7 @@ def _bridged(x: Array) -> Array:
     return np.interp(np.arange(len(x)), np.flatnonzero(good), x[good])
 
 
-def _change(new: Array, old: Array, signal: Array) -> float:
-    """Largest change, of the largest value there is."""
+def _change(new: Array, old: Array) -> float:
+    """Largest change, of the largest value there is; 0 where both are 0."""
     size = max(float(np.abs(new).max(initial=0.0)), 1e-300)
     return float(np.abs(new - old).max(initial=0.0)) / size

@@ -377,7 +377,7 @@ class Search:
 def _not_needed(trial: Trial, least: float) -> str:
     """An option of the trial whose coefficients are all within −ln p = `least` of nothing; empty without one."""
     for option in trial.options:
-        own = [trial.coefficients[n] for n in option.hypothesis.names]
+        own = [trial.coefficients[n] for n in option.hypothesis.sizes]
         z2 = max(((v / s) ** 2 for v, s in own if s > 0), default=0.0)
         if surprise(z2, 1) < least:
             return option.label

@@ -60,6 +60,11 @@ class Hypothesis:
         return (*(a for e in self.effects for a in e.amplitudes), *(d.name for d in self.discrepancies))
 
     @property
+    def sizes(self) -> tuple[str, ...]:
+        """Those without which there is nothing of it."""
+        return (*(a for e in self.effects for a in e.sizes), *(d.name for d in self.discrepancies))
+
+    @property
     def label(self) -> str:
         return " + ".join((*(e.label for e in self.effects), *(d.name for d in self.discrepancies))) or "nothing"
 

@@ -65,7 +65,9 @@ class Trial:
     def at_bound(self) -> tuple[str, ...]:
         """Coefficients of the options that ended at a physical bound."""
         held = dict(zip(self.found.problem.names, self.found.fit.at_bound, strict=True))
-        return tuple(n for n in self.hypothesis.names if held[n])
+        # of two rates one may have no limit: that is no bound that holds the fit
+        absent = {n for e in self.hypothesis.effects if e.tried and not all(held[s] for s in e.sizes) for n in e.sizes}
+        return tuple(n for n in self.hypothesis.names if held[n] and n not in absent)
 
     @property
     def hypothesis(self) -> Hypothesis:
