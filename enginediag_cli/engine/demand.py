@@ -78,11 +78,11 @@ class Demand:
                 unit,
                 f"{self.setting} asked for at {x:g} {of} of {what}",
                 "power_demand",
-                name.partition(".")[2],
+                f"point_{k}",
                 f"power demand at {x:g} {of}",
                 spelled("power_demand"),
             )
-            for name, (x, p) in zip(self.names, self.points, strict=True)
+            for k, (name, (x, p)) in enumerate(zip(self.names, self.points, strict=True), start=1)
         )
 
     def set_point(self, setting: Array) -> Array:

@@ -13,7 +13,6 @@ import numpy as np
 from enginediag_cli.engine import solver
 from enginediag_cli.engine.dual import Array, Value, value
 from enginediag_cli.engine.evaluation import Evaluation
-from enginediag_cli.engine.gas import T_LIMIT
 from enginediag_cli.engine.moving.recall import Known, Recall
 from enginediag_cli.engine.moving.tape import Tape, Tapes
 from enginediag_cli.engine.network import Network
@@ -24,6 +23,7 @@ from enginediag_cli.engine.prediction import (
     OUTSIDE_MAP,
     STATUS,
     Prediction,
+    marked,
     through,
 )
 from enginediag_cli.engine.sensors import Sensor
@@ -355,7 +355,7 @@ class Engine:
                 for weight, balance in zip(row, F_theta, strict=True):
                     out -= weight * balance
             J = np.ascontiguousarray(G_theta.transpose(2, 0, 1))
-        flags = {name: mask[e.rows] for name, mask in _marked(e.evaluation).items()}
+        flags = {name: mask[e.rows] for name, mask in marked(e.evaluation).items()}
         return y[e.rows], J, {name: mask for name, mask in flags.items() if mask.any()}
 
     def _read(self, e: Evaluation, column: str) -> Value:
@@ -384,21 +384,6 @@ class _Rows:
 
     evaluation: Evaluation
     rows: Array | slice
-
-
-def _marked(e: Evaluation) -> dict[str, Array]:
-    """Components met outside their maps, and temperatures outside the gas data; masks (N,)."""
-    marked = {
-        f"the map of {name}": np.broadcast_to(mask, (e.size,)) for name, mask in e.outside.items() if np.any(mask)
-    }
-    beyond = np.zeros(e.size, dtype=bool)
-    for flow in e.flows.values():
-        if flow.known_temperature is not None:
-            T = value(flow.known_temperature)
-            beyond |= np.broadcast_to((T > T_LIMIT[1]) | (T < T_LIMIT[0]), (e.size,))
-    if beyond.any():
-        marked["the gas data"] = beyond
-    return marked
 
 
 def _chunks(index: Array, size: int) -> Iterator[Array]:

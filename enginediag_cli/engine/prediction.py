@@ -5,7 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
-from enginediag_cli.engine.dual import Array
+import numpy as np
+
+from enginediag_cli.engine.dual import Array, value
+from enginediag_cli.engine.evaluation import Evaluation
+from enginediag_cli.engine.gas import T_LIMIT
 from enginediag_cli.engine.moving.recall import Known
 
 OK, OUTSIDE_MAP, NOT_CONVERGED, INVALID_INPUT = range(4)
@@ -48,3 +52,18 @@ def through(found: Prediction, known: Mapping[str, Known], wrt: tuple[str, ...])
             if n in of.slopes:
                 J[:, :, j] += found.jacobian[:, :, at[leaf]] * of.slopes[n][:, None]
     return replace(found, jacobian=J, wrt=wrt)
+
+
+def marked(e: Evaluation) -> dict[str, Array]:
+    """Components met outside their maps, and temperatures outside the gas data; masks (N,)."""
+    marked = {
+        f"the map of {name}": np.broadcast_to(mask, (e.size,)) for name, mask in e.outside.items() if np.any(mask)
+    }
+    beyond = np.zeros(e.size, dtype=bool)
+    for flow in e.flows.values():
+        if flow.known_temperature is not None:
+            T = value(flow.known_temperature)
+            beyond |= np.broadcast_to((T > T_LIMIT[1]) | (T < T_LIMIT[0]), (e.size,))
+    if beyond.any():
+        marked["the gas data"] = beyond
+    return marked

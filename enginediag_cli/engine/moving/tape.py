@@ -19,6 +19,7 @@ from enginediag_cli.engine.moving.filters.base import Clock
 MOMENT = "moment"
 """Input column that says which record of which tape a record is; −1: its past is not known, it is taken as steady."""
 NO_MOMENT = -1.0
+"""Of a record whose past is not known."""
 PAST: Mapping[str, float] = MappingProxyType({MOMENT: NO_MOMENT})
 """What terms with memory read beside the engine's own inputs."""
 RECORDS = 2**26

@@ -352,9 +352,6 @@ class Search:
         named: Sequence[Explanation] = (),
         hidden: Sequence[Hidden] = (),
     ) -> Answer:
-        seen = {s.option.label for s in rest.scores if not s.score.absorbed}
-        absorbed = (s.option.label for s in rest.scores if s.option.driver != TIME and s.option.label not in seen)
-        unseen = tuple(dict.fromkeys(absorbed))
         base, self._scan = self.base, None  # a look holds rows of every record
         return Answer(
             status,
@@ -362,7 +359,7 @@ class Search:
             tuple(named),
             rest.cells,
             tuple(places(rest.cells)),
-            unseen,
+            rest.unseen,
             tuple(hidden),
             (self.detect.effects, self.adequate.effects),
             rest.best(EFFECT),

@@ -8,6 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
+from enginediag_cli.drivers import TIME
 from enginediag_cli.engine.driver import DriverValues
 from enginediag_cli.engine.term import Effect
 from enginediag_cli.identification.gauss_newton import Fit
@@ -122,6 +123,13 @@ class Remainder:
     def unranked(self) -> bool:
         """Whether nothing of what was looked for can be ranked."""
         return bool(self.scores or self.cells) and not self.blocks()
+
+    @property
+    def unseen(self) -> tuple[str, ...]:
+        """Labels of the effects of which nothing can be ranked."""
+        seen = {s.option.label for s in self.scores if not s.score.absorbed}
+        of_effects = (s.option.label for s in self.scores if s.option.driver != TIME)
+        return tuple(dict.fromkeys(label for label in of_effects if label not in seen))
 
     def over(self, gates: Gates) -> bool:
         """Whether anything that is left is significant."""
