@@ -171,7 +171,10 @@ class Engine:
             ]
             for k in np.flatnonzero(valid & unsettled).tolist():
                 reasons[k] = "what it remembers of its past did not settle"
-            valid &= np.logical_and.reduce([~unsettled, *wrong])
+            valid &= ~unsettled
+            for (n, of), good in zip(known.items(), wrong, strict=True):
+                reasons |= {k: f"{n} is {of.value[k]:g}" for k in np.flatnonzero(valid & ~good).tolist()}
+                valid &= good
         further = tuple(n for n, k in known.items() if n not in wrt and k.slopes)
         found = self._answer(points, theta, (valid, reasons), _Asked(columns, (*wrt, *further), start, also, walk))
         return through(found, known, wrt) if known else found

@@ -39,8 +39,9 @@ def build_engine(source: str | Path | EngineDescription, carried: Carried, power
         checked = check_document(parse_document(described.text.removeprefix("\ufeff"), path), "engine")
     values = dict(checked.values)
     if power_setting and power_setting != values["power_setting"]:
-        # the file's range and envelope are of its own power setting
-        values["envelope"] = {c: r for c, r in values["envelope"].items() if c != values["power_setting"]}
+        # the file's range and envelope are of its own power setting, or of the set point that asks for it
+        own = (values["power_setting"], (values["power_demand"] or {}).get("column"))
+        values["envelope"] = {c: r for c, r in values["envelope"].items() if c not in own}
         values["power_setting"], values["power_range"], values["power_demand"] = power_setting, None, None
     problems = wiring_problems(values, checked)
     if problems:

@@ -52,7 +52,7 @@ class HeatSoak(Term):
             0.5,
             3600.0,
             600.0,
-            60.0,
+            30.0,
             assumed=True,
             free=True,
         ),
