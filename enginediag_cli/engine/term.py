@@ -35,8 +35,9 @@ class Coefficient:
     knowledge (a bleed takes air); `sigma`: prior standard deviation when the term is searched for; `typical`: a
     plausible size, with its sign. `shape`: a number that matters only when another coefficient is not absent
     (a threshold, an exponent that is not sought); it keeps its `absent` value in a search, but where it is
-    `free`: sought with the others, though by itself it is no effect (a time constant). `assumed`: the range
-    is engineering judgement, not read in a source.
+    `free`: sought with the others, though by itself it is no effect (a time constant); `closed`: it may
+    well lie at one of its bounds. `per_full`: the time for a full scale, see `Site.full`. `assumed`: the range is
+    engineering judgement, not read in a source.
     """
 
     name: str
@@ -50,6 +51,8 @@ class Coefficient:
     assumed: bool = False
     shape: bool = False
     free: bool = False
+    per_full: bool = False
+    closed: bool = False
 
 
 @dataclass(frozen=True)
@@ -57,12 +60,20 @@ class Site:
     """Where a term can act: `name` (hpc, hp, T45, …) completes its parameters' names; `component` is the part of
     the engine that an engineer would look at ("hpc", "hp", "sensor.T45", "ambient"); `acts_on` are the leaves
     ("hpc.efficiency"), stations ("station 3") or readings ("reading T45_K") that it changes. `everywhere`: it
-    is the air around the engine, which needs no naming."""
+    is the air around the engine, which needs no naming. `full`: size and unit of a full scale there, for coefficients
+    that are times for it."""
 
     name: str
     component: str
     acts_on: tuple[str, ...]
     everywhere: bool = False
+    full: tuple[float, str] | None = None
+
+    def rate(self, coefficient: Coefficient, seconds: float) -> tuple[float, str] | None:
+        """The rate and its unit that a time for the full scale stands for; None where it is no such time, or none."""
+        if self.full is None or not coefficient.per_full or seconds <= 0.0:
+            return None
+        return self.full[0] / seconds, f"{self.full[1]}/s"
 
 
 class Term(ABC):

@@ -36,7 +36,12 @@ TERMS = {
         "the load is behind", "micro_gas_turbine", "generator", "power_W", -1, {"time_constant": 20.0}
     ),
     "load_second_order_lag": Fact(
-        "the load is behind", "micro_gas_turbine", "generator", "power_W", -1, {"first": 10.0, "second": 5.0}
+        "the load is behind",
+        "micro_gas_turbine",
+        "generator",
+        "power_W",
+        -1,
+        {"time_constant": 15.0, "second_share": 0.3},
     ),
     "load_control_delay": Fact("the load is late", "micro_gas_turbine", "generator", "power_W", -1, {"delay": 7.0}),
     "fuel_control_lag": Fact("less fuel as yet: cooler", "turbojet", "burner", "T5_K", -1, {"time_constant": 5.0}),

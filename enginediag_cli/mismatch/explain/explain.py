@@ -264,7 +264,7 @@ class Search:
                 self.rejected[trial.label] = Rejected(Reason.NOT_CONVERGED, what=trial.found.reason)
         if sets and not trials:
             return None
-        return sorted(trials, key=lambda t: t.objective)
+        return sorted(trials, key=lambda t: t.weighed)
 
     # deciding
 
@@ -273,7 +273,7 @@ class Search:
         adequate: list[tuple[Trial, float, float]] = []
         elsewhere = 0.0  # odds of what is too far behind to be told
         for trial in trials:
-            behind = trial.objective - adequate[0][0].objective if adequate else 0.0
+            behind = trial.weighed - adequate[0][0].weighed if adequate else 0.0
             if behind > ALIAS:
                 trial.projection.rest()
                 self.rejected.setdefault(trial.label, Rejected(Reason.WORSE, behind))
@@ -287,7 +287,7 @@ class Search:
                 adequate.append((trial, left, flights))
         if not adequate:
             return []
-        odds = np.exp([-0.5 * (t.objective - adequate[0][0].objective) for t, _, _ in adequate])
+        odds = np.exp([-0.5 * (t.weighed - adequate[0][0].weighed) for t, _, _ in adequate])
         return [
             self._explanation(t, p, left, flights)
             for (t, left, flights), p in zip(adequate, odds / (odds.sum() + elsewhere), strict=True)

@@ -39,6 +39,9 @@ SHARES = (0.5, 0.2, 0.3)
 """Of the probability of a false alarm: listed effects, changes in time, free form. What can be named is what is looked
 for, and there are fewer of them."""
 
+MEMORY_PRICE = 6.0
+"""χ² that a further coefficient of an effect with memory must gain to put it before one that needs none: by chance it
+gains so much one time in seventy. Judgement: effects with memory are nested in each other, others are not."""
 FAULTS = (FAULT, SENSOR_FAULT)
 
 
@@ -62,13 +65,21 @@ class Trial:
     def objective(self) -> float:
         return self.projection.objective
 
+    @property
+    def weighed(self) -> float:
+        """The objective by which explanations are put in order: with a price for what makes one kind of memory another
+        (the second of two lags), which always gains a little."""
+        more = (len(e.amplitudes) - 1 for e in self.hypothesis.effects if e.tried)
+        return self.objective + MEMORY_PRICE * sum(more)
+
     @cached_property
     def at_bound(self) -> tuple[str, ...]:
         """Coefficients of the options that ended at a physical bound."""
         held = dict(zip(self.found.problem.names, self.found.fit.at_bound, strict=True))
         # of two rates one may have no limit: that is no bound that holds the fit
         absent = {n for e in self.hypothesis.effects if e.tried and not all(held[s] for s in e.sizes) for n in e.sizes}
-        return tuple(n for n in self.hypothesis.names if held[n] and n not in absent)
+        closed = {e.parameter_name(c.name) for e in self.hypothesis.effects for c in e.term.COEFFICIENTS if c.closed}
+        return tuple(n for n in self.hypothesis.names if held[n] and n not in absent | closed)
 
     @property
     def hypothesis(self) -> Hypothesis:

@@ -37,6 +37,7 @@ class FuelRateLimit(Term):
             100.0,
             10.0,
             assumed=True,
+            per_full=True,
         ),
         Coefficient(
             "fall",
@@ -48,6 +49,7 @@ class FuelRateLimit(Term):
             100.0,
             10.0,
             assumed=True,
+            per_full=True,
         ),
     )
     REFERENCE = (
@@ -55,10 +57,12 @@ class FuelRateLimit(Term):
         "Performance, ch. 8; ranges assumed"
     )
     INPUTS = PAST
-    TRIALS = tuple({"rise": t, "fall": t} for t in (1.0, 3.0, 10.0, 30.0))
+    TRIALS = tuple(
+        {"rise": rise * t, "fall": fall * t} for t in (2.0, 5.0, 12.0, 30.0) for rise, fall in ((1, 1), (1, 0), (0, 1))
+    )
 
     def sites(self, network: Network) -> Iterable[Site]:
         return fuel_site(network)
 
     def install(self, at: Place) -> None:
-        at.on_input(at.network.power_setting, PerFull(RateLimit(), full(at)), ("rise", "fall"))
+        at.on_input(at.network.power_setting, PerFull(RateLimit(), full(at.network)), ("rise", "fall"))

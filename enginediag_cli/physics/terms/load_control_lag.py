@@ -29,7 +29,7 @@ class LoadControlLag(Term):
     COEFFICIENTS = (Coefficient("time_constant", "s", "τ; 0: at once", 0.0, 0.0, 5000.0, 500.0, 30.0, assumed=True),)
     REFERENCE = "first-order governor models: Rowen, J. Eng. Power 105 (1983) 865; range assumed"
     INPUTS = PAST
-    TRIALS = tuple({"time_constant": t} for t in (1.0, 5.0, 20.0, 60.0, 200.0))
+    TRIALS = tuple({"time_constant": t} for t in (1.0, 2.0, 4.0, 8.0, 16.0, 32.0, 64.0, 128.0, 256.0))
 
     def sites(self, network: Network) -> Iterable[Site]:
         return load_site(network)

@@ -38,6 +38,7 @@ class LoadRateLimit(Term):
             1000.0,
             100.0,
             assumed=True,
+            per_full=True,
         ),
         Coefficient(
             "fall",
@@ -49,14 +50,19 @@ class LoadRateLimit(Term):
             1000.0,
             100.0,
             assumed=True,
+            per_full=True,
         ),
     )
     REFERENCE = "IEEE Std 421.5 and IEEE Task Force on turbine-governor modelling: ramp limiters; ranges assumed"
     INPUTS = PAST
-    TRIALS = tuple({"rise": t, "fall": t} for t in (3.0, 10.0, 30.0, 100.0, 300.0, 1000.0))
+    TRIALS = tuple(
+        {"rise": rise * t, "fall": fall * t}
+        for t in (4.0, 10.0, 25.0, 60.0, 150.0, 400.0, 1000.0)
+        for rise, fall in ((1, 1), (1, 0), (0, 1))
+    )
 
     def sites(self, network: Network) -> Iterable[Site]:
         return load_site(network)
 
     def install(self, at: Place) -> None:
-        at.on_input(at.network.power_setting, PerFull(RateLimit(), full(at)), ("rise", "fall"))
+        at.on_input(at.network.power_setting, PerFull(RateLimit(), full(at.network)), ("rise", "fall"))

@@ -27,15 +27,37 @@ class LoadSecondOrderLag(Term):
     EQUATION = "τ₁τ₂ d²P/dt² + (τ₁ + τ₂) dP/dt + P = P_demanded"
     DRIVER = RATE
     COEFFICIENTS = (
-        Coefficient("first", "s", "τ₁; 0: at once", 0.0, 0.0, 5000.0, 500.0, 20.0, assumed=True),
-        Coefficient("second", "s", "τ₂; 0: at once", 0.0, 0.0, 5000.0, 500.0, 20.0, assumed=True),
+        Coefficient(
+            "time_constant",
+            "s",
+            "τ = τ₁ + τ₂, of both together; 0: at once",
+            0.0,
+            0.0,
+            5000.0,
+            500.0,
+            40.0,
+            assumed=True,
+        ),
+        Coefficient(
+            "second_share",
+            "1",
+            "τ₂/τ, share of the quicker one; 0: a lag of first order",
+            0.5,
+            0.0,
+            0.5,
+            0.5,
+            0.4,
+            assumed=True,
+            free=True,
+            closed=True,
+        ),
     )
     REFERENCE = "governor and actuator in series: Rowen, J. Eng. Power 105 (1983) 865; range assumed"
     INPUTS = PAST
-    TRIALS = tuple({"first": t, "second": t} for t in (1.0, 5.0, 20.0, 60.0, 200.0))
+    TRIALS = tuple({"time_constant": t, "second_share": 0.4} for t in (2.0, 5.0, 12.0, 30.0, 75.0, 190.0, 480.0))
 
     def sites(self, network: Network) -> Iterable[Site]:
         return load_site(network)
 
     def install(self, at: Place) -> None:
-        at.on_input(at.network.power_setting, SecondOrder(), ("first", "second"))
+        at.on_input(at.network.power_setting, SecondOrder(), ("time_constant", "second_share"))

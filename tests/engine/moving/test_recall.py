@@ -53,7 +53,10 @@ def on_tape(engine, columns):
 MOVING = {
     "load_rate_limit": ("micro_gas_turbine", {"load_rate_limit__generator": {"rise": 30.0, "fall": 20.0}}),
     "load_control_lag": ("micro_gas_turbine", {"load_control_lag__generator": {"time_constant": 7.0}}),
-    "load_second_order_lag": ("micro_gas_turbine", {"load_second_order_lag__generator": {"first": 7.0, "second": 3.0}}),
+    "load_second_order_lag": (
+        "micro_gas_turbine",
+        {"load_second_order_lag__generator": {"time_constant": 10.0, "second_share": 0.3}},
+    ),
     "load_control_delay": ("micro_gas_turbine", {"load_control_delay__generator": {"delay": 3.3}}),
     "fuel_control_lag": ("turbojet", {"fuel_control_lag__burner": {"time_constant": 3.0}}),
     "fuel_rate_limit": ("turbojet", {"fuel_rate_limit__burner": {"rise": 30.0, "fall": 20.0}}),
