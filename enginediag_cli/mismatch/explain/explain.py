@@ -137,6 +137,7 @@ class Search:
 
     def weighed(self, rest: Remainder) -> Remainder:
         """What the base leaves, with the gates that it is judged by: set here."""
+        self.plain = rest.scores
         levels = (MAIN * self.evidence.settings.false_alarm, ADEQUATE)
         self.detect, self.adequate = rest.gates(levels, self.rng)
         if not self.from_recordings:
@@ -162,7 +163,7 @@ class Search:
             evidence = _evidence(self.unrecorded())
             if evidence > NEARLY_ALL * 0.5 * excess and evidence > PLAINLY * 0.5 * recorded:
                 return self.answer(HIDDEN, "", rest, hidden=self.unrecorded())
-        singles = self._refit([(self._timed(s.option),) for s in shortlisted(rest.scores)])
+        singles = self._refit([(self._timed(s.option),) for s in shortlisted(rest.scores, self.plain)])
         if singles is None:
             return self.answer(FAILED, "no explanation could be fitted", rest)
         named = self.named(singles)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from enginediag_cli.drivers import TIME
+from enginediag_cli.drivers import RATE, TIME
 from enginediag_cli.mismatch.fit.options import OptionScore
 
 SHORTLIST = 6
@@ -15,9 +15,10 @@ SHARE_OF_BEST, BEHIND_BEST = 0.3, 30.0
 worth a refit: the score at a fit without the option errs, but not by that. Judgement."""
 
 
-def shortlisted(scores: Sequence[OptionScore]) -> list[OptionScore]:
+def shortlisted(scores: Sequence[OptionScore], plain: Sequence[OptionScore] = ()) -> list[OptionScore]:
     """The best few, T > SHARE_OF_BEST T_max − BEHIND_BEST; of the onsets of one parameter, and of
-    the trials of one effect, only the best."""
+    the trials of one effect, only the best. `plain`: the scores before they were weighed by how they repeat; of effects of
+    what changes, whose linear score spreads where they are large, the best by these are worth a refit, too."""
     top = max((s.score.statistic for s in scores if s.surprise > 0), default=0.0)
     chosen: list[OptionScore] = []
     for s in scores:
@@ -31,4 +32,10 @@ def shortlisted(scores: Sequence[OptionScore]) -> list[OptionScore]:
             chosen.append(s)
         if len(chosen) == SHORTLIST:
             break
+    moving = sorted((s for s in plain if s.option.driver == RATE and s.surprise > 0), key=lambda s: -s.score.statistic)
+    for s in moving:
+        if s.score.statistic < SHARE_OF_BEST * moving[0].score.statistic:
+            break
+        if not any(c.option.label == s.option.label for c in chosen) and len(chosen) < 2 * SHORTLIST:
+            chosen.append(s)
     return chosen

@@ -16,6 +16,10 @@ if TYPE_CHECKING:
     from enginediag_cli.engine.network import Network
 
 
+ONE_SIDED = 0.1
+"""Of the time in one direction, that of the other in trials of one direction: at 0 nothing would show whether it is."""
+
+
 class FuelRateLimit(Term):
     """−W_full/t_down ≤ dW_f/dt ≤ W_full/t_up: the fuel follows what is commanded, but not faster."""
 
@@ -58,7 +62,9 @@ class FuelRateLimit(Term):
     )
     INPUTS = PAST
     TRIALS = tuple(
-        {"rise": rise * t, "fall": fall * t} for t in (2.0, 5.0, 12.0, 30.0) for rise, fall in ((1, 1), (1, 0), (0, 1))
+        {"rise": rise * t, "fall": fall * t}
+        for t in (2.0, 5.0, 12.0, 30.0)
+        for rise, fall in ((1.0, 1.0), (1.0, ONE_SIDED), (ONE_SIDED, 1.0))
     )
 
     def sites(self, network: Network) -> Iterable[Site]:

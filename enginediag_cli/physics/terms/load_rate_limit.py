@@ -16,6 +16,10 @@ if TYPE_CHECKING:
     from enginediag_cli.engine.network import Network
 
 
+ONE_SIDED = 0.1
+"""Of the time in one direction, that of the other in trials of one direction: at 0 nothing would show whether it is."""
+
+
 class LoadRateLimit(Term):
     """−P_full/t_down ≤ dP/dt ≤ P_full/t_up: the load follows what is demanded, but not faster."""
 
@@ -58,7 +62,7 @@ class LoadRateLimit(Term):
     TRIALS = tuple(
         {"rise": rise * t, "fall": fall * t}
         for t in (4.0, 10.0, 25.0, 60.0, 150.0, 400.0, 1000.0)
-        for rise, fall in ((1, 1), (1, 0), (0, 1))
+        for rise, fall in ((1.0, 1.0), (1.0, ONE_SIDED), (ONE_SIDED, 1.0))
     )
 
     def sites(self, network: Network) -> Iterable[Site]:
