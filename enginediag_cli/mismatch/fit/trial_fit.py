@@ -42,6 +42,8 @@ for, and there are fewer of them."""
 MEMORY_PRICE = 6.0
 """χ² that a further coefficient of an effect with memory must gain to put it before one that needs none: by chance it
 gains so much one time in seventy. Judgement: effects with memory are nested in each other, others are not."""
+LEFT_BEHIND = 0.2
+"""Of two limits one that is found this much below the other may be where it is because nothing showed it. Judgement."""
 FAULTS = (FAULT, SENSOR_FAULT)
 
 
@@ -182,7 +184,25 @@ def attempt(options: Sequence[Option], start: Identified, along: Nuisance, of_fe
     """Fit nuisance and options together to the evidence of another fit. It begins at the prior means, the nominal
     state: the other fit, without the options, is bent by what they explain; or where a fit `of_few` records ended."""
     found = identify_with(start.evidence, together(*options), along, of_few=of_few)
-    return Trial(tuple(options), found, Projection(found))
+    trial = Trial(tuple(options), found, Projection(found))
+    evened = [_evened(o, found.theta) for o in options]
+    if all(o is None for o in evened):
+        return trial
+    # where nothing met one of two limits, no derivative shows it: it is tried at the size of the other
+    other = [e or o for e, o in zip(evened, options, strict=True)]
+    again = identify_with(start.evidence, together(*other), along)
+    second = Trial(tuple(other), again, Projection(again))
+    return second if second.converged and second.objective < trial.objective else trial
+
+
+def _evened(option: Option, theta: Mapping[str, float]) -> Option | None:
+    """The option begun with all sizes alike, where one of them ended far below another; None elsewhere."""
+    for e in option.hypothesis.effects:
+        found = [theta[n] for n in e.sizes]
+        if e.tried and len(found) > 1 and min(found) < LEFT_BEHIND * max(found):
+            alike = {c.name: max(found) for c in e.term.amplitudes() if not c.free}
+            return replace(option, hypothesis=Hypothesis((replace(e, values={**e.values, **alike}),)))
+    return None
 
 
 def begun(effects: Sequence[Effect], found: Identified) -> list[Option]:
