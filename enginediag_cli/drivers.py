@@ -217,6 +217,7 @@ COMPRESSOR_PRESSURE = Driver(
     columns=lambda engine: tuple(filter(None, [_last_compressor(engine)])),
     values=_compressor_pressure,
 )
+RATE = Driver("rate", "how fast what is commanded, or the engine, changes")
 TIME = Driver("time", "time: a change that began at some record and stays", "step")
 
 DRIVERS = (
@@ -235,6 +236,7 @@ DRIVERS = (
     NOZZLE_PRESSURE_RATIO,
     BYPASS_RATIO,
     COMPRESSOR_PRESSURE,
+    RATE,
 )
 """Those that terms name, as they are told."""
 

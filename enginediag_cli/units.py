@@ -87,6 +87,7 @@ _TABLE: dict[tuple[str, str], dict[str, float]] = {
     ("rotational speed", "rpm"): {"rpm": 1.0, "rad_s": 30 / math.pi, "Hz": 60.0},
     ("power", "W"): {"W": 1.0, "kW": 1e3, "MW": 1e6, "hp": 550 * _FT * _LBF},
     ("torque", "Nm"): {"Nm": 1.0, "kNm": 1e3, "lbf_ft": _LBF * _FT},
+    ("voltage", "V"): {"V": 1.0, "mV": 1e-3},
     ("force", "N"): {"N": 1.0, "kN": 1e3, "lbf": _LBF},
     ("mass", "kg"): {"kg": 1.0, "lb": _LB},
     ("time", "s"): {"s": 1.0, "min": 60.0, "h": 3600.0},

@@ -5,6 +5,7 @@ from __future__ import annotations
 from enginediag_cli.config.fields import Field, Section, Variants
 from enginediag_cli.engine.components import COMPONENTS
 from enginediag_cli.engine.controls.section import CONTROL
+from enginediag_cli.engine.demand import DEMAND
 from enginediag_cli.engine.identification_block import IDENTIFICATION
 from enginediag_cli.engine.mismatch_block import MISMATCH
 from enginediag_cli.engine.physics_block import EFFECT
@@ -98,6 +99,7 @@ ENGINE_FILE = Section(
             "the burner such as T4_K or T5_K, EPR, Fn_N, power_W (of all loads together), or one machine's "
             "<name>_power_W or <name>_torque_N_m; given as input, the rest are outputs",
         ),
+        Field("power_demand", "section", "a recorded set point that the power setting follows", None, section=DEMAND),
         Field("components", "named_sections", "in the order of the gas path", section=COMPONENT),
         Field("shafts", "named_sections", "the shafts", section=SHAFT),
         Field("controls", "named_sections", "what moves the engine's actuators", (), section=CONTROL),

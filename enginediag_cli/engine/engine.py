@@ -4,67 +4,39 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from copy import copy
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from enginediag_cli.engine import solver
 from enginediag_cli.engine.dual import Array, Value, value
 from enginediag_cli.engine.evaluation import Evaluation
-from enginediag_cli.engine.gas import T_LIMIT
+from enginediag_cli.engine.moving.recall import Known, Recall
+from enginediag_cli.engine.moving.tape import Tape, Tapes
 from enginediag_cli.engine.network import Network
+from enginediag_cli.engine.prediction import (
+    INVALID_INPUT,
+    NOT_CONVERGED,
+    OK,
+    OUTSIDE_MAP,
+    STATUS,
+    Prediction,
+    marked,
+    through,
+)
 from enginediag_cli.engine.sensors import Sensor
 from enginediag_cli.engine.start import correction, total_ratios
 from enginediag_cli.engine.strategy import Strategy
 from enginediag_cli.engine.term import Effect
 from enginediag_cli.parameters import Parameter
 
-OK, OUTSIDE_MAP, NOT_CONVERGED, INVALID_INPUT = range(4)
-"""Status of a point, the better the smaller: up to OUTSIDE_MAP it has values."""
-STATUS = ("ok", "outside the maps", "did not converge", "invalid input")
 CHUNK = (1_000, 10_000)
 """Least and most points of a pass: enough to hide the overhead of calls, few enough for memory."""
 IN_CACHE = 150_000
 """Points × directions of a pass: the derivatives of a quantity, 1.2 MB, stay about in the cache of a core. Ten thousand
 points along eighty directions take 2.4 times as long at once as in passes of this size."""
-
-
-@dataclass(frozen=True)
-class Prediction:
-    """Φ at N points: y (N, m), jacobian (N, m, p), status (N,) as in STATUS; y is NaN where status > 1. `also` (N, k):
-    further columns that were asked for, values only. `limits`: limits and stops of controls that act somewhere → where
-    (N,)."""
-
-    y: Array
-    jacobian: Array
-    status: Array
-    columns: tuple[str, ...]
-    wrt: tuple[str, ...]
-    x: Array
-    residual: Array
-    passes: Array
-    also: Array
-    _reasons: Mapping[int, str]
-    limits: Mapping[str, Array] = field(default_factory=dict)
-
-    @property
-    def active_limit(self) -> Array:
-        """Names (N,) of the limits and stops that act, joined by `+`; empty where every control holds what it is to."""
-        told = np.full(len(self.status), "", dtype=object)
-        for name, mask in self.limits.items():
-            told[mask] = np.array([f"{t}+{name}" if t else name for t in told[mask]], dtype=object)
-        return told.astype(str)
-
-    @property
-    def ok(self) -> Array:
-        """Points whose values can be used (N,)."""
-        return self.status <= OUTSIDE_MAP
-
-    def reason(self, k: int) -> str:
-        """Why point k is flagged: the component or the balance; empty where all is well."""
-        return self._reasons.get(k, "")
 
 
 class Engine:
@@ -76,13 +48,17 @@ class Engine:
         self.declared = declared
         self.name: str = declared["name"]
         self.description: str = declared["description"]
-        found = network.inputs()
-        self.power_setting: str = network.power_setting
+        self._told = network.inputs()  # what the network itself reads
+        found = dict(self._told)
+        # the column that sets the power: where a set point asks for it, its column
+        self.power_setting: str = network.demand.column if network.demand is not None else network.power_setting
         self.sensors = {c: Sensor.declared(c, v) for c, v in declared["sensors"].items() if c != network.power_setting}
         network.sensors = self.sensors
         for s in self.sensors.values():
             if s.soak:
                 found.setdefault(s.soak, 0.0)
+        if network.demand is not None:
+            found = {network.demand.column if c == network.power_setting else c: d for c, d in found.items()}
         self.inputs = tuple(c for c, default in found.items() if default is None)
         self.optional_inputs = {c: d for c, d in found.items() if d is not None}
         parameters = [*network.parameters(), *(p for s in self.sensors.values() for p in s.parameters())]
@@ -98,6 +74,13 @@ class Engine:
         self._nominal = {p.name: p.nominal for p in parameters}
         self._moved: Mapping[str, float] = {}
         self._strategy = Strategy(network, self._nominal)
+        # what recordings show of the past; speeds are known from it where they are measured
+        # and the power where it is set
+        shows = (s.column for s in self.sensors.values() if dict(s.reads) == {network.power_setting: 1.0})
+        self.tapes = Tapes((*self.inputs, *self.optional_inputs, *network.speed_columns, *shows))
+        self._recall = Recall(self.tapes)
+        self._signals = {m.name: m.sensor for m in network.memories}
+        self._trials = {n for m in network.memories for n in m.tried}
 
     @property
     def effects(self) -> tuple[Effect, ...]:
@@ -135,6 +118,8 @@ class Engine:
             return self
         other = Engine(self.network.with_effects(effects), self.declared, self.path)
         other._strategy.fit = self._strategy.fit
+        other.tapes = self.tapes
+        other._recall = Recall(self.tapes)
         return other.at({n: v for n, v in self._moved.items() if n in other.parameters})
 
     def at(self, values: Mapping[str, float]) -> Engine:
@@ -150,10 +135,12 @@ class Engine:
     def forget_start(self) -> None:
         """Forgets the fitted start, as if the engine had just been loaded."""
         self._strategy.fit = None
+        self._recall.forget()
 
     @np.errstate(all="ignore")  # what a wild input gives is not finite, and flagged as such
     def power_from_fraction(self, fraction: float | Array, inputs: Mapping[str, Any]) -> Array:
-        """Power setting (N,) at a fraction of the corrected power range, 0 idle to 1 rating.
+        """Power setting (N,), or the set point that asks for it, at a fraction of the corrected power range, 0 idle
+        to 1 rating.
 
         Raises ValueError when the engine file states no range for this power setting.
         """
@@ -161,7 +148,8 @@ class Engine:
             raise ValueError(f"{self.name}: the engine file gives no power range for {self.power_setting}")
         low, high = self.power_range
         theta, delta = total_ratios(inputs)
-        return (low + (high - low) * np.asarray(fraction)) * correction(self.power_setting, theta, delta)
+        asked = (low + (high - low) * np.asarray(fraction)) * correction(self.network.power_setting, theta, delta)
+        return asked if self.network.demand is None else self.network.demand.set_point(asked)
 
     @np.errstate(all="ignore")  # what a wild input gives is not finite, and flagged as such
     def predict(
@@ -194,6 +182,54 @@ class Engine:
         points, theta, size, valid, reasons = self._checked(inputs, parameters or {}, (*columns, *also), wrt)
         if start is not None and np.shape(start) != (len(self.unknowns), size):
             raise ValueError(f"`start` must have shape ({len(self.unknowns)}, {size}), not {np.shape(start)}")
+        known: dict[str, Known] = {}
+        if self.network.demand is not None or self.network.memories:
+            known, unsettled = self._recall.known(self, points, theta, wrt, size)
+            points = {c: v for c, v in points.items() if c in self._told} | {n: k.value for n, k in known.items()}
+            wrong = [
+                np.isfinite(k.value) if n != self.network.power_setting else k.value > 0.0 for n, k in known.items()
+            ]
+            for k in np.flatnonzero(valid & unsettled).tolist():
+                reasons[k] = "what it remembers of its past did not settle"
+            valid &= ~unsettled
+            for (n, of), good in zip(known.items(), wrong, strict=True):
+                reasons |= {k: f"{n} is {of.value[k]:g}" for k in np.flatnonzero(valid & ~good).tolist()}
+                valid &= good
+        further = tuple(n for n, k in known.items() if n not in wrt and k.slopes)
+        found = self._answer(points, theta, (valid, reasons), _Asked(columns, (*wrt, *further), start, also, walk))
+        return through(found, known, wrt) if known else found
+
+    def points_of(self, tape: Tape) -> dict[str, Any]:
+        """What the network is told at the records (N,) of a tape, as far as that stands in columns; neutral else."""
+        points: dict[str, Any] = {}
+        for c, default in self._told.items():
+            lacking = np.full(len(tape), np.nan if default is None else default)
+            points[c] = tape.columns.get(c, lacking)
+        return points
+
+    def solved(
+        self,
+        points: Mapping[str, Any],
+        theta: Mapping[str, Any],
+        size: int,
+        columns: Sequence[str],
+        wrt: Sequence[str],
+        start: Array | None,
+    ) -> Prediction:
+        """Signals of memories, or other columns, at points that the network is told, with nothing remembered but what
+        stands in them."""
+        valid = np.logical_and.reduce([np.broadcast_to(np.isfinite(v), (size,)) for v in points.values()])
+        valid = valid & (np.nan_to_num(points[self.network.power_setting]) > 0.0)
+        return self._answer(points, theta, (valid, {}), _Asked(tuple(columns), tuple(wrt), start, (), True))
+
+    # inside
+
+    def _answer(
+        self, points: Mapping[str, Any], theta: Mapping[str, Any], checked: tuple[Array, dict[int, str]], asked: _Asked
+    ) -> Prediction:
+        """The prediction at points that the network is told, of which the valid ones are solved."""
+        (valid, reasons), (columns, wrt, start, also, walk) = checked, asked
+        size = len(valid)
         m, p = len(columns), len(wrt)
         y, J = np.full((size, m), np.nan), np.full((size, m, p), np.nan)
         x, beside = np.full((len(self.unknowns), size), np.nan), np.full((size, len(also)), np.nan)
@@ -229,8 +265,6 @@ class Engine:
                         reasons[i] = f"{reasons[i]}, {name}" if i in reasons else f"outside {name}"
         return Prediction(y, J, status, columns, wrt, x, residual, passes, beside, reasons, limits)
 
-    # inside
-
     def _checked(
         self, inputs: Mapping[str, Any], parameters: Mapping[str, Any], columns: tuple[str, ...], wrt: tuple[str, ...]
     ) -> tuple[dict[str, Any], dict[str, Any], int, Array, dict[int, str]]:
@@ -239,7 +273,12 @@ class Engine:
             raise KeyError(f"input columns missing: {', '.join(missing)}")
         unknown = [n for n in parameters if n not in self.parameters]
         unknown += [
-            n for n in wrt if n not in self.parameters and n not in self.inputs and n not in self.optional_inputs
+            n
+            for n in wrt
+            if n not in self.parameters
+            and n not in self.inputs
+            and n not in self.optional_inputs
+            and n not in self._trials
         ]
         if unknown:
             raise KeyError(f"{self.name} has no parameter {', '.join(unknown)}")
@@ -262,7 +301,7 @@ class Engine:
         valid, reasons = np.ones(size, dtype=bool), {}
         for name, v in (*points.items(), *((p, theta[p]) for p in parameters)):
             good = np.broadcast_to(np.isfinite(v), (size,))
-            if name == self.power_setting:
+            if name == self.network.power_setting:
                 good = good & (np.nan_to_num(v) > 0.0)
             for k in np.flatnonzero(valid & ~good).tolist():
                 reasons[k] = f"{name} is {np.broadcast_to(v, (size,))[k]:g}"
@@ -343,13 +382,27 @@ class Engine:
                 for weight, balance in zip(row, F_theta, strict=True):
                     out -= weight * balance
             J = np.ascontiguousarray(G_theta.transpose(2, 0, 1))
-        flags = {name: mask[e.rows] for name, mask in _marked(e.evaluation).items()}
+        flags = {name: mask[e.rows] for name, mask in marked(e.evaluation).items()}
         return y[e.rows], J, {name: mask for name, mask in flags.items() if mask.any()}
 
     def _read(self, e: Evaluation, column: str) -> Value:
+        if column in self._signals:
+            if column not in e.signals:
+                self.sensors[self._signals[column]].read(self.network, e)
+            return e.signals[column]
         if column in self.sensors:
             return self.sensors[column].read(self.network, e)
         return self.network.read(e, column)
+
+
+class _Asked(NamedTuple):
+    """What of a prediction is asked for, as of `Engine.predict`."""
+
+    columns: tuple[str, ...]
+    wrt: tuple[str, ...]
+    start: Array | None
+    also: Sequence[str]
+    walk: bool
 
 
 @dataclass(frozen=True)
@@ -358,19 +411,6 @@ class _Rows:
 
     evaluation: Evaluation
     rows: Array | slice
-
-
-def _marked(e: Evaluation) -> dict[str, Array]:
-    """Components met outside their maps, and temperatures outside the gas data; masks (N,)."""
-    marked = {what: np.broadcast_to(mask, (e.size,)) for what, mask in e.outside.items() if np.any(mask)}
-    beyond = np.zeros(e.size, dtype=bool)
-    for flow in e.flows.values():
-        if flow.known_temperature is not None:
-            T = value(flow.known_temperature)
-            beyond |= np.broadcast_to((T > T_LIMIT[1]) | (T < T_LIMIT[0]), (e.size,))
-    if beyond.any():
-        marked["the gas data"] = beyond
-    return marked
 
 
 def _chunks(index: Array, size: int) -> Iterator[Array]:

@@ -53,6 +53,7 @@ class Evaluation:
     make_shaft: Callable[[Evaluation, str], Shaft] | None = None
     hooks: Hooks | None = None
     derived: Mapping[str, Callable[[Evaluation], Value]] = field(default_factory=dict)
+    signals: dict[str, Value] = field(default_factory=dict)  # of what is remembered, by the name of the memory
     _read: dict[str, Value] = field(default_factory=dict)
 
     def __post_init__(self) -> None:

@@ -17,6 +17,7 @@ from enginediag_cli.engine.dual import Value
 if TYPE_CHECKING:
     from enginediag_cli.engine.evaluation import Evaluation
     from enginediag_cli.engine.flow import Flow
+    from enginediag_cli.engine.moving.memory import Memory
 
 ValueHook = Callable[["Evaluation", Value], Value]
 FlowHook = Callable[["Evaluation", "Flow"], "Flow"]
@@ -29,6 +30,7 @@ class Hooks:
     leaves: dict[str, list[ValueHook]] = field(default_factory=dict)
     stations: dict[str, list[FlowHook]] = field(default_factory=dict)
     readings: dict[str, list[ValueHook]] = field(default_factory=dict)
+    memories: list[Memory] = field(default_factory=list)
 
     def leaf(self, e: Evaluation, name: str, x: Value) -> Value:
         for hook in self.leaves.get(name, ()):

@@ -14,6 +14,7 @@ from enginediag_cli.config.reading import file_inside
 from enginediag_cli.engine.closure import missing_closure
 from enginediag_cli.engine.components import COMPONENTS, Component
 from enginediag_cli.engine.controls.build import controls_of
+from enginediag_cli.engine.demand import Demand
 from enginediag_cli.engine.description import EngineDescription
 from enginediag_cli.engine.engine import Engine
 from enginediag_cli.engine.gas import gas_for
@@ -39,9 +40,10 @@ def build_engine(source: str | Path | EngineDescription, carried: Carried, power
         checked = check_document(parse_document(described.text.removeprefix("\ufeff"), path), "engine")
     values = dict(checked.values)
     if power_setting and power_setting != values["power_setting"]:
-        # the file's range and envelope are of its own power setting
-        values["envelope"] = {c: r for c, r in values["envelope"].items() if c != values["power_setting"]}
-        values["power_setting"], values["power_range"] = power_setting, None
+        # the file's range and envelope are of its own power setting, or of the set point that asks for it
+        own = (values["power_setting"], (values["power_demand"] or {}).get("column"))
+        values["envelope"] = {c: r for c, r in values["envelope"].items() if c not in own}
+        values["power_setting"], values["power_range"], values["power_demand"] = power_setting, None, None
     problems = wiring_problems(values, checked)
     if problems:
         raise ConfigError(problems)
@@ -70,6 +72,11 @@ def build_engine(source: str | Path | EngineDescription, carried: Carried, power
         controls_of(values, components, checked),
     )
     size(network, values, checked)
+    if values["power_demand"] is not None:
+        try:
+            network.demand = Demand.declared(values["power_demand"], values["power_setting"])
+        except ValueError as error:
+            raise ConfigError([Problem(checked.mark(("power_demand",)), str(error))]) from error
     engine = Engine(network, values, path)
     effects, problems = carried(values["physics"], network, checked)
     if problems:

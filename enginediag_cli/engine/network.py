@@ -20,6 +20,7 @@ from enginediag_cli.engine.components.turbine import Turbine
 from enginediag_cli.engine.controls.control import Control, Derived
 from enginediag_cli.engine.controls.governor import Governor
 from enginediag_cli.engine.coupling import Coupling
+from enginediag_cli.engine.demand import Demand
 from enginediag_cli.engine.dual import Array, Value, sqrt
 from enginediag_cli.engine.evaluation import Evaluation, Shaft
 from enginediag_cli.engine.flow import Flow
@@ -30,6 +31,7 @@ from enginediag_cli.engine.term import Effect, Place
 from enginediag_cli.parameters import Parameter, spelled
 
 if TYPE_CHECKING:
+    from enginediag_cli.engine.moving.memory import Memory
     from enginediag_cli.engine.sensors import Sensor
 
 STATION_COLUMN = re.compile(r"(?P<what>T|P|W|FAR)(?P<station>.+?)(?:_K|_Pa|_kg_s)?")
@@ -77,9 +79,11 @@ class Network:
         self.design_setting = 1.0  # corrected power setting of the design point
         self._start = dict(start)
         self._unknowns: tuple[Unknown, ...] | None = None
+        self.states: tuple[str, ...] = ()  # leaves of what is remembered: 0 in equilibrium
         self.hooks: Hooks | None = None  # of the effects that the model carries
         self.effects: tuple[Effect, ...] = ()
         self.design_point: Evaluation | None = None  # the sized engine there, before any effect
+        self.demand: Demand | None = None  # what sets the power setting, where that is not a column itself
         self.sensors: Mapping[str, Sensor] = {}  # of the engine that this is, by column: where effects on readings act
 
     # what is given and what is sought
@@ -120,8 +124,13 @@ class Network:
         """N/√θ₂ [rpm] of a speed column at the design point."""
         return float(self.shafts[self.speed_columns[column]]["design_speed_rpm"] / self.design_theta2**0.5)
 
+    @property
+    def memories(self) -> tuple[Memory, ...]:
+        """What the effects remember of the past, in their order."""
+        return tuple(self.hooks.memories) if self.hooks is not None else ()
+
     def inputs(self) -> dict[str, float | None]:
-        """Input columns and the default of those that may be left out."""
+        """Input columns and the default of those that may be left out, as the network itself reads them."""
         found: dict[str, float | None] = {}
         for c in self.components:
             found.update(c.inputs())
@@ -212,6 +221,8 @@ class Network:
                 )
             )
         found += [p for control in self.controls for p in control.parameters()]
+        if self.demand is not None:
+            found += self.demand.parameters()
         return (*found, *(p for effect in self.effects for p in effect.parameters()))
 
     def _offtake_spread(self, name: str) -> float:
@@ -237,9 +248,11 @@ class Network:
         """The same sized components, carrying these effects and no others."""
         other = copy.copy(self)
         other.effects, other.hooks = tuple(effects), Hooks() if effects else None
+        other.states = ()
         for effect in effects:
             assert other.hooks is not None
             effect.term.install(Place(other, effect, other.hooks))
+        other.states = tuple(m.name for m in other.memories if not m.column)
         return other
 
     # one evaluation
@@ -248,7 +261,7 @@ class Network:
         self, inputs: Mapping[str, Value], parameters: Mapping[str, Value], x: Mapping[str, Value]
     ) -> dict[str, Value]:
         """All leaves of a pass: input columns under the names that the components read, parameters, unknowns."""
-        found: dict[str, Value] = {**self.neutral, **parameters, **x, **inputs}
+        found: dict[str, Value] = {**self.neutral, **dict.fromkeys(self.states, 0.0), **parameters, **x, **inputs}
         if self.given_leaf:
             found[self.given_leaf] = inputs[self.power_setting]
         for column, name in self.speed_columns.items():

@@ -35,11 +35,13 @@ POWER_EXPONENTS = {
 }
 """Of (δ, √θ) in the corrected power setting, by the unit of its column: any flow of fuel, speed, temperature, thrust,
 power and torque (power over speed); a pressure ratio is corrected as it stands."""
+UNCORRECTED = (0, 0)
+"""Of a set point, which asks for the same power whatever the air is."""
 
 
 def correction(column: str, theta: Array, delta: Array) -> Array:
     """What a power setting is divided by to correct it to ISA sea level."""
-    a, b = POWER_EXPONENTS.get(split_column(column)[1], (0, 0))  # a lever is not corrected
+    a, b = POWER_EXPONENTS.get(split_column(column)[1], UNCORRECTED)
     return delta**a * theta ** (0.5 * b)
 
 

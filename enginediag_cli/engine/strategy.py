@@ -172,6 +172,7 @@ class Strategy:
         return best
 
     def _coordinates(self, points: Mapping[str, Any], size: int) -> tuple[tuple[str, ...], Array]:
-        moving = {c: v for c, v in points.items() if isinstance(v, np.ndarray)}
+        states = self.network.states
+        moving = {c: v for c, v in points.items() if isinstance(v, np.ndarray) and c not in states}
         with np.errstate(invalid="ignore"):
             return coordinates(self.network.power_setting, moving, size)

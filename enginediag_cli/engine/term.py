@@ -8,16 +8,18 @@ and the model is unchanged to the last digit: hooks of an effect that is absent 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
 from enginediag_cli.engine.driver import Driver
-from enginediag_cli.engine.dual import Value
+from enginediag_cli.engine.dual import Array, Value
 from enginediag_cli.engine.evaluation import Evaluation
 from enginediag_cli.engine.hooks import FlowHook, Hooks, ValueHook
+from enginediag_cli.engine.moving.filters.base import Filter
+from enginediag_cli.engine.moving.memory import Memory
 from enginediag_cli.parameters import Parameter, spelled
 
 if TYPE_CHECKING:
@@ -32,8 +34,10 @@ class Coefficient:
     `absent`: the value at which the effect is not there; `lower`, `upper`: physical bounds, whose sign is
     knowledge (a bleed takes air); `sigma`: prior standard deviation when the term is searched for; `typical`: a
     plausible size, with its sign. `shape`: a number that matters only when another coefficient is not absent
-    (a threshold, an exponent that is not sought); it keeps its `absent` value in a search. `assumed`: the range
-    is engineering judgement, not read in a source.
+    (a threshold, an exponent that is not sought); it keeps its `absent` value in a search, but where it is
+    `free`: sought with the others, though by itself it is no effect (a time constant); `closed`: it may
+    well lie at one of its bounds. `per_full`: the time for a full scale, see `Site.full`. `assumed`: the range is
+    engineering judgement, not read in a source.
     """
 
     name: str
@@ -46,6 +50,9 @@ class Coefficient:
     typical: float
     assumed: bool = False
     shape: bool = False
+    free: bool = False
+    per_full: bool = False
+    closed: bool = False
 
 
 @dataclass(frozen=True)
@@ -53,12 +60,20 @@ class Site:
     """Where a term can act: `name` (hpc, hp, T45, …) completes its parameters' names; `component` is the part of
     the engine that an engineer would look at ("hpc", "hp", "sensor.T45", "ambient"); `acts_on` are the leaves
     ("hpc.efficiency"), stations ("station 3") or readings ("reading T45_K") that it changes. `everywhere`: it
-    is the air around the engine, which needs no naming."""
+    is the air around the engine, which needs no naming. `full`: size and unit of a full scale there, for coefficients
+    that are times for it."""
 
     name: str
     component: str
     acts_on: tuple[str, ...]
     everywhere: bool = False
+    full: tuple[float, str] | None = None
+
+    def rate(self, coefficient: Coefficient, seconds: float) -> tuple[float, str] | None:
+        """The rate and its unit that a time for the full scale stands for; None where it is no such time, or none."""
+        if self.full is None or not coefficient.per_full or seconds <= 0.0:
+            return None
+        return self.full[0] / seconds, f"{self.full[1]}/s"
 
 
 class Term(ABC):
@@ -66,6 +81,8 @@ class Term(ABC):
 
     `DRIVER` is what the effect varies with: one of `enginediag_cli.drivers`, or one that the term brings.
     `INPUTS` are columns that it reads beside the engine's own, with the value that stands for "not recorded".
+    `TRIALS`: sizes at which a search tries the effect, where its derivative at absence tells nothing: a rate limit that
+    nothing meets, a delay whose length matters.
     `SWITCHES`: commanded, so it may be on or off without any column showing it.
     """
 
@@ -77,6 +94,7 @@ class Term(ABC):
     COEFFICIENTS: ClassVar[tuple[Coefficient, ...]]
     REFERENCE: ClassVar[str]
     INPUTS: ClassVar[Mapping[str, float]] = {}
+    TRIALS: ClassVar[tuple[Mapping[str, float], ...]] = ()
     SWITCHES: ClassVar[bool] = False
 
     def __init_subclass__(cls, **given: object) -> None:
@@ -117,6 +135,11 @@ class Effect:
     limits: Mapping[str, float] = field(default_factory=dict)
 
     @property
+    def tried(self) -> tuple[str, ...]:
+        """Names of the directions along which the term's trials lie."""
+        return tuple(self.parameter_name(f"trial_{k}") for k in range(1, len(self.term.TRIALS) + 1))
+
+    @property
     def label(self) -> str:
         """`reynolds_efficiency@hpc`: how commands and answers call it."""
         return f"{self.term.NAME}@{self.site.name}"
@@ -128,6 +151,11 @@ class Effect:
     def amplitudes(self) -> tuple[str, ...]:
         """Names of the parameters that are sought."""
         return tuple(self.parameter_name(c.name) for c in self.term.amplitudes())
+
+    @property
+    def sizes(self) -> tuple[str, ...]:
+        """Names of those without which the effect is absent."""
+        return tuple(self.parameter_name(c.name) for c in self.term.amplitudes() if not c.free)
 
     def parameters(self) -> tuple[Parameter, ...]:
         return tuple(
@@ -162,7 +190,8 @@ class Place:
         self.component: Component | None = next((c for c in network.components if c.name == self.site.name), None)
         assert network.design_point is not None
         self.design: Evaluation = network.design_point
-        self._absent = {effect.parameter_name(c.name): c.absent for c in effect.term.amplitudes()}
+        self._states: list[str] = []
+        self._absent = {effect.parameter_name(c.name): c.absent for c in effect.term.amplitudes() if not c.free}
 
     def c(self, e: Evaluation, coefficient: str) -> Value:
         """Value of a coefficient in this evaluation: absent where the effect is switched off."""
@@ -173,7 +202,54 @@ class Place:
 
     def active(self, e: Evaluation) -> bool:
         """Whether the effect is there, or sought: any amplitude not absent or a direction of differentiation."""
-        return any(n in e.wrt or np.any(e.leaves[n] != a) for n, a in self._absent.items())
+        if any(n in e.wrt or np.any(e.leaves[n] != a) for n, a in self._absent.items()):
+            return True
+        # what is remembered is known, or its signal is asked for
+        return any(not isinstance(e.leaves[n], float) for n in self._states)
+
+    def on_input(self, column: str, filter: Filter, coefficients: Sequence[str]) -> None:
+        """The network is told what `filter` makes of an input column, or of what sets the power."""
+        self._hooks.memories.append(
+            replace(self._memory(filter, coefficients), column=column, shown_by=self._shown(column))
+        )
+
+    def _shown(self, column: str) -> str:
+        """The sensor that reads a model column and nothing else."""
+        sensors = self.network.sensors.values()
+        return next((s.column for s in sensors if dict(s.reads) == {column: 1.0} and not s.over), "")
+
+    def remember(
+        self,
+        filter: Filter,
+        coefficients: Sequence[str] = (),
+        *,
+        recorded: str = "",
+        measured: Callable[[Array], Array] = np.asarray,
+        sensor: str = "",
+    ) -> Callable[[Evaluation, Value], Value]:
+        """remembered(e, signal): what `filter` makes of the signal's past, 0 in equilibrium; to be called by a hook in
+        every evaluation. `recorded`, `measured`, `sensor`: as of `Memory`."""
+        memory = replace(self._memory(filter, coefficients), recorded=recorded, measured=measured, sensor=sensor)
+        self._hooks.memories.append(memory)
+        self._states.append(memory.name)
+
+        def remembered(e: Evaluation, signal: Value) -> Value:
+            e.signals[memory.name] = signal
+            return e[memory.name]
+
+        return remembered
+
+    def _memory(self, filter: Filter, coefficients: Sequence[str]) -> Memory:
+        effect = self.effect
+        absent = {c.name: c.absent for c in effect.term.COEFFICIENTS}
+        tried = {
+            name: tuple(float({**absent, **trial}[c]) for c in coefficients)
+            for name, trial in zip(effect.tried, effect.term.TRIALS, strict=True)
+        }
+        names = tuple(map(effect.parameter_name, coefficients))
+        name = effect.parameter_name("memory")
+        further = sum(m.name.startswith(name) for m in self._hooks.memories)
+        return Memory(f"{name}_{further + 1}" if further else name, filter, names, self._absent, tried=tried)
 
     def on_leaf(self, leaf: str, change: ValueHook) -> None:
         """`change(e, x)` gives the leaf's new value from its old one."""

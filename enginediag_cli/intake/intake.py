@@ -10,6 +10,7 @@ import numpy as np
 
 from enginediag_cli.errors import DataError
 from enginediag_cli.intake.left_out import LeftOut
+from enginediag_cli.intake.past import Past
 from enginediag_cli.intake.source import STDIN, Source, refuse_repeated
 from enginediag_cli.intake.wanted import Wanted
 from enginediag_cli.recordings.masking import Judged, Masker
@@ -105,6 +106,7 @@ class File:
         intake.left_out.append(left)
         wanted = intake.wanted
         masker: Masker | None = None
+        past = Past(wanted.tapes)
         chunks = read(self.lines, declared=wanted.declared, chunk_records=CHUNK)
         for chunk in of_engine(chunks, intake.source.engine_instance):
             if masker is None:
@@ -112,9 +114,9 @@ class File:
                 left.absent = wanted.absent(chunk)
                 masker = Masker(judged_columns(wanted, chunk))
             left.records += len(chunk)
-            yield from self._counted(masker.add(chunk), masker, left)
+            yield from (past.told("", part) for part in self._counted(masker.add(chunk), masker, left))
         if masker is not None:
-            yield from self._counted(masker.end(), masker, left)
+            yield from (past.told("", part) for part in self._counted(masker.end(), masker, left))
 
     @staticmethod
     def _counted(chunks: list[Recording], masker: Masker, left: LeftOut) -> Iterator[Recording]:
@@ -130,14 +132,16 @@ class File:
         left_out = {name: LeftOut(self.name, name) for name in stream.engines}
         intake.left_out += left_out.values()
         named = dict.fromkeys(stream.engines, False)
+        past = Past(intake.wanted.tapes)
+        past.whole(recorder, self.name, intake.wanted.given, tuple(stream.engines))
         for name, recording in stream:
             if not left_out[name].records:
                 intake.remember(recording)
                 left_out[name].absent = intake.wanted.absent(recording)
             left_out[name].mapped(stream.engines[name])
-            part = recording
+            part = past.told(name, recording)
             if wanted and name != wanted:
-                part = recording.select(named_rows(recording, wanted))
+                part = part.select(named_rows(recording, wanted))
                 named[name] |= bool(len(part))
             yield part
         for name, live in stream.engines.items():

@@ -8,6 +8,7 @@ from typing import Any
 
 from enginediag_cli.intake.intake import Intake, engines_wanted, judged_columns, named_rows, of_engine
 from enginediag_cli.intake.left_out import LeftOut
+from enginediag_cli.intake.past import Past
 from enginediag_cli.intake.source import STDIN
 from enginediag_cli.recordings.growing import GrowingFile
 from enginediag_cli.recordings.live import LiveRecorder
@@ -30,6 +31,7 @@ def _own(intake: Intake, source: Any, block: int) -> Iterator[Recording]:
     left = LeftOut(str(getattr(source, "name", source)))
     intake.left_out.append(left)
     masker: LiveMasker | None = None
+    past = Past(wanted.tapes)
     chunks = read(source, declared=wanted.declared, chunk_records=block)
     for chunk in of_engine(chunks, intake.source.engine_instance):
         if masker is None:
@@ -39,7 +41,7 @@ def _own(intake: Intake, source: Any, block: int) -> Iterator[Recording]:
         left.records += len(chunk)
         found = masker.add(chunk)
         left.masked(masker.counts)
-        yield from (piece for piece in found if len(piece))
+        yield from (past.told("", piece) for piece in found if len(piece))
 
 
 def _mapped(intake: Intake, source: Any, block: int) -> Iterator[Recording]:
@@ -51,6 +53,7 @@ def _mapped(intake: Intake, source: Any, block: int) -> Iterator[Recording]:
     live, left = LiveRecorder(recorder, engine, inputs=columns.given), LeftOut(name, engine)
     intake.left_out.append(left)
     held: list[Recording] = []
+    past = Past(None if recorder.steady or recorder.average_s > 0.0 else columns.tapes)
     last: Recording | None = None
     for chunk in chain(read(source, chunk_records=block, **recorder.reading), [None]):
         if last is None:
@@ -64,5 +67,5 @@ def _mapped(intake: Intake, source: Any, block: int) -> Iterator[Recording]:
             if chunk is None or sum(map(len, held)) >= block:
                 piece, held = concat(held), []
                 if len(piece):
-                    yield piece
+                    yield past.told(engine, piece)
         last = chunk

@@ -6,24 +6,28 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from enginediag_cli.engine.moving.tape import MOMENT
 from enginediag_cli.errors import DataError
 from enginediag_cli.recordings.read import Absent, absent_columns
 
 if TYPE_CHECKING:
     from enginediag_cli.engine.model import Model
+    from enginediag_cli.engine.moving.tape import Tapes
     from enginediag_cli.recordings.table import Recording
 
 
 @dataclass(frozen=True)
 class Wanted:
     """Columns by what they are to the engine: `inputs` must be there; `optional` inputs have a value that stands for
-    "not recorded"; of the `sensors` one must be there; `others` are further columns asked for by name."""
+    "not recorded"; of the `sensors` one must be there; `others` are further columns asked for by name. `tapes`: where
+    the past of every record is kept, for an engine that may remember it; None for one that does not."""
 
     inputs: tuple[str, ...]
     sensors: tuple[str, ...]
     optional: tuple[str, ...] = ()
     others: tuple[str, ...] = ()
     engine: str = "the engine"
+    tapes: Tapes | None = None
 
     @property
     def declared(self) -> tuple[str, ...]:
@@ -48,11 +52,20 @@ class Wanted:
         return sensors
 
 
-def columns_of(engine: Model, sensors: Iterable[str] | None = None, others: Sequence[str] = ()) -> Wanted:
-    """What this engine reads; `sensors`: only these of its own."""
+def columns_of(
+    engine: Model, sensors: Iterable[str] | None = None, others: Sequence[str] = (), *, past: bool = False
+) -> Wanted:
+    """What this engine reads; `sensors`: only these of its own; `past`: its tapes are kept although it remembers
+    nothing as it is."""
     name = str(getattr(engine, "name", "the engine"))
+    tapes = getattr(engine, "tapes", None) if past or MOMENT in engine.optional_inputs else None
     chosen = tuple(engine.sensors) if sensors is None else tuple(sensors)
-    return Wanted(tuple(engine.inputs), chosen, tuple(engine.optional_inputs), tuple(others), name)
+    return Wanted(tuple(engine.inputs), chosen, _recorded(engine), tuple(others), name, tapes)
+
+
+def _recorded(engine: Model) -> tuple[str, ...]:
+    """Optional inputs that a recording may have; where a record stands on its tape nobody but the door knows."""
+    return tuple(c for c in engine.optional_inputs if c != MOMENT)
 
 
 def _with_hint(absent: Absent) -> str:

@@ -217,7 +217,26 @@ def _explanation(x: Explanation) -> dict[str, Any]:
         "flights_gained": x.flights,
         "left": x.left,
         "coefficients": [vars(c) for c in x.coefficients],
+        "rates": list(_rates(x)),
     }
+
+
+def _rates(x: Explanation) -> Iterator[dict[str, Any]]:
+    """Coefficients that are times for a full scale, as the rates that they stand for."""
+    by_name = {c.name: c for c in x.coefficients}
+    for effect in (e for o in x.options for e in o.hypothesis.effects):
+        for declared in effect.term.amplitudes():
+            c = by_name[effect.parameter_name(declared.name)]
+            rate = effect.site.rate(declared, c.value)
+            if rate is not None:
+                low, high = (effect.site.rate(declared, bound) for bound in (c.high, c.low))
+                yield {
+                    "coefficient": c.name,
+                    "rate": rate[0],
+                    "low": low[0] if low else None,
+                    "high": high[0] if high else None,
+                    "unit": rate[1],
+                }
 
 
 def _place(c: Cell) -> dict[str, Any]:

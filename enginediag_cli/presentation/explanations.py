@@ -18,6 +18,7 @@ from enginediag_cli.presentation.sentences import change, count
 from enginediag_cli.units import split_column
 
 if TYPE_CHECKING:
+    from enginediag_cli.engine.term import Coefficient as Declared
     from enginediag_cli.engine.term import Effect
     from enginediag_cli.mismatch.explain.alias_advice import Advice, Suggestion
     from enginediag_cli.mismatch.explain.answer import Coefficient, Explanation
@@ -150,7 +151,21 @@ def coefficient(c: Coefficient, effect: Effect) -> str:
     what = declared.description if declared else c.name
     size = f"{rounded(c.value, c.standard_error)}{f' {unit}' if unit else ''}"
     interval = f"{rounded(c.low, c.standard_error)} to {rounded(c.high, c.standard_error)}"
-    return f"{declared.name if declared else c.name} = {size}, 95 % interval {interval}: {what}."
+    if declared and effect.tried and c.value == declared.absent:
+        return f"{declared.name} = {declared.absent:g}: not seen to be anything else ({what})."
+    told = as_rate(effect, declared, (c.value, c.low, c.high)) if declared else ""
+    return f"{declared.name if declared else c.name} = {size}, 95 % interval {interval}: {what}{told}."
+
+
+def as_rate(effect: Effect, declared: Declared, times: tuple[float, float, float]) -> str:
+    """A time for a full scale, with its bounds, as the rate that it stands for; empty where it is none."""
+    rates = [effect.site.rate(declared, max(t, 0.0)) for t in times]
+    if rates[0] is None:
+        return ""
+    (rate, unit), slowest, fastest = rates[0], rates[2], rates[1]
+    error = (rate - slowest[0]) / NORMAL_95 if slowest else None
+    top = rounded(fastest[0], error) if fastest else "any"
+    return f"; a rate of {rounded(rate, error)} {unit} ({rounded(slowest[0], error) if slowest else '0'} to {top})"
 
 
 def _whole(value: float) -> str:

@@ -6,6 +6,7 @@ import textwrap
 from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
+from enginediag_cli.engine.moving.tape import MOMENT
 from enginediag_cli.presentation.numbers import with_unit
 
 if TYPE_CHECKING:
@@ -16,6 +17,7 @@ WIDTH = 100
 LABEL = 14
 """Letters that are kept for the labels."""
 ASSUMED = "range assumed: engineering judgement, not read in a source"
+MEMORY = "the past of each record, by its column time_s; a record without one is taken as steady"
 SWITCH = "commanded: may be on or off while no recorded column shows it"
 
 Carried = Mapping[str, Mapping[str, Any]]
@@ -81,7 +83,8 @@ def page(term: Term, driver: str, places: Mapping[str, Sequence[Site]], carried:
     if term.SWITCHES:
         lines += _labelled("switch", SWITCH)
     for column, default in term.INPUTS.items():
-        lines += _labelled("reads", f"column {column}; {default:g} where it is not recorded")
+        reads = f"column {column}; {default:g} where it is not recorded"
+        lines += _labelled("reads", MEMORY if column == MOMENT else reads)
     lines += _labelled("reference", term.REFERENCE)
     lines += ["", "coefficients"]
     for c in term.COEFFICIENTS:
@@ -116,7 +119,9 @@ def _indented(text: str, by: int) -> list[str]:
 
 def _facts(c: Coefficient) -> Iterator[str]:
     within = f"within {c.lower:g} to {c.upper:g}"
-    if c.shape:
+    if c.free:
+        yield f"{c.absent:g} unless the engine file says otherwise, {within}; sought with the others"
+    elif c.shape:
         yield f"{c.absent:g} unless the engine file says otherwise, {within}; not sought"
     else:
         yield f"absent at {c.absent:g}, typically {c.typical:g}, {within}; prior standard deviation {c.sigma:g}"

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from enginediag_cli.intervals import NORMAL_95
 from enginediag_cli.mismatch.refine.criteria import BETTER, LEVEL, Criterion, Records, Significance, Verdict
+from enginediag_cli.presentation.explanations import as_rate
 from enginediag_cli.presentation.names import spelled
 from enginediag_cli.presentation.numbers import p_value, rounded, with_unit
 from enginediag_cli.presentation.sentences import count
@@ -56,7 +57,9 @@ def sentences(r: Refinement) -> Iterator[str]:
         yield f"{named_effect(e)}:"
         for c in e.term.COEFFICIENTS:
             if c.name in e.values:
-                yield f"  {_coefficient(c, e.values[c.name], r.standard_errors.get(e.parameter_name(c.name)))}"
+                error = r.standard_errors.get(e.parameter_name(c.name))
+                half, value = NORMAL_95 * (error or 0.0), e.values[c.name]
+                yield f"  {_coefficient(c, value, error)}{as_rate(e, c, (value, value - half, value + half))}"
     yield from map(criterion_in_words, r.criteria)
     if r.unseen is not None:
         yield f"{unseen_in_words(r)}."

@@ -59,6 +59,9 @@ def evaluated(engine, U):
     points = {**{c: np.asarray(d) for c, d in engine.optional_inputs.items()}, **U}
     points = {c: np.broadcast_to(v, p.status.shape) for c, v in points.items()}
     nominal = {n: q.nominal for n, q in engine.parameters.items()}
+    demand = engine.network.demand
+    if demand is not None:
+        points[engine.network.power_setting] = demand(points[demand.column], nominal)[0]
     return p, solver.evaluate(engine.network, points, nominal, p.x, frozenset())
 
 

@@ -42,7 +42,7 @@ from enginediag_cli.mismatch.fit.noise import doubtful, estimated_noise, with_no
 from enginediag_cli.mismatch.fit.options import (
     EFFECT,
     Option,
-    effect_option,
+    effect_options,
     fault_options,
     with_best_onset,
 )
@@ -132,11 +132,12 @@ class Search:
     def look_from(self, base: Trial) -> None:
         """Look for what this fit lacks: options and drivers are those of its records."""
         self.base = base
-        self.library = [*map(effect_option, self.effects), *fault_options(base.found)]
+        self.library = [*effect_options(self.effects), *fault_options(base.found)]
         self.along_drivers = drivers_of(self.evidence, base.found.theta)
 
     def weighed(self, rest: Remainder) -> Remainder:
         """What the base leaves, with the gates that it is judged by: set here."""
+        self.plain = rest.scores
         levels = (MAIN * self.evidence.settings.false_alarm, ADEQUATE)
         self.detect, self.adequate = rest.gates(levels, self.rng)
         if not self.from_recordings:
@@ -162,7 +163,7 @@ class Search:
             evidence = _evidence(self.unrecorded())
             if evidence > NEARLY_ALL * 0.5 * excess and evidence > PLAINLY * 0.5 * recorded:
                 return self.answer(HIDDEN, "", rest, hidden=self.unrecorded())
-        singles = self._refit([(self._timed(s.option),) for s in shortlisted(rest.scores)])
+        singles = self._refit([(self._timed(s.option),) for s in shortlisted(rest.scores, self.plain)])
         if singles is None:
             return self.answer(FAILED, "no explanation could be fitted", rest)
         named = self.named(singles)
@@ -264,7 +265,7 @@ class Search:
                 self.rejected[trial.label] = Rejected(Reason.NOT_CONVERGED, what=trial.found.reason)
         if sets and not trials:
             return None
-        return sorted(trials, key=lambda t: t.objective)
+        return sorted(trials, key=lambda t: t.weighed)
 
     # deciding
 
@@ -273,7 +274,7 @@ class Search:
         adequate: list[tuple[Trial, float, float]] = []
         elsewhere = 0.0  # odds of what is too far behind to be told
         for trial in trials:
-            behind = trial.objective - adequate[0][0].objective if adequate else 0.0
+            behind = trial.weighed - adequate[0][0].weighed if adequate else 0.0
             if behind > ALIAS:
                 trial.projection.rest()
                 self.rejected.setdefault(trial.label, Rejected(Reason.WORSE, behind))
@@ -287,7 +288,7 @@ class Search:
                 adequate.append((trial, left, flights))
         if not adequate:
             return []
-        odds = np.exp([-0.5 * (t.objective - adequate[0][0].objective) for t, _, _ in adequate])
+        odds = np.exp([-0.5 * (t.weighed - adequate[0][0].weighed) for t, _, _ in adequate])
         return [
             self._explanation(t, p, left, flights)
             for (t, left, flights), p in zip(adequate, odds / (odds.sum() + elsewhere), strict=True)
@@ -352,7 +353,6 @@ class Search:
         named: Sequence[Explanation] = (),
         hidden: Sequence[Hidden] = (),
     ) -> Answer:
-        unseen = tuple(s.option.label for s in rest.scores if s.score.absorbed and s.option.driver != TIME)
         base, self._scan = self.base, None  # a look holds rows of every record
         return Answer(
             status,
@@ -360,7 +360,7 @@ class Search:
             tuple(named),
             rest.cells,
             tuple(places(rest.cells)),
-            unseen,
+            rest.unseen,
             tuple(hidden),
             (self.detect.effects, self.adequate.effects),
             rest.best(EFFECT),
@@ -375,7 +375,7 @@ class Search:
 def _not_needed(trial: Trial, least: float) -> str:
     """An option of the trial whose coefficients are all within −ln p = `least` of nothing; empty without one."""
     for option in trial.options:
-        own = [trial.coefficients[n] for n in option.hypothesis.names]
+        own = [trial.coefficients[n] for n in option.hypothesis.sizes]
         z2 = max(((v / s) ** 2 for v, s in own if s > 0), default=0.0)
         if surprise(z2, 1) < least:
             return option.label

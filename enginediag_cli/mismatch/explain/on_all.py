@@ -222,4 +222,4 @@ def _best_first(whole: Search, trials: Sequence[Trial]) -> list[Trial]:
     for t in trials:
         if not t.converged:
             whole.rejected[t.label] = Rejected(Reason.NOT_CONVERGED, what=t.found.reason)
-    return sorted((t for t in trials if t.converged), key=lambda t: t.objective)
+    return sorted((t for t in trials if t.converged), key=lambda t: t.weighed)

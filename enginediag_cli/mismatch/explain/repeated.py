@@ -24,9 +24,11 @@ from typing import TypeVar
 
 import numpy as np
 
+from enginediag_cli.drivers import RATE
 from enginediag_cli.mismatch.fit.by_unit import UnitSums, unit_sums
 from enginediag_cli.mismatch.fit.families import Scored, Sums, grid
 from enginediag_cli.mismatch.fit.neighbours import operating
+from enginediag_cli.mismatch.fit.options import OptionScore
 from enginediag_cli.mismatch.fit.projection import Projection, Score
 from enginediag_cli.mismatch.fit.scores import surprise
 from enginediag_cli.mismatch.fit.trial_fit import Gates, Remainder
@@ -70,11 +72,18 @@ def _scores(blocks: Sequence[Scored], projection: Projection) -> dict[int, Score
         for unit in units:
             by_unit = _Joined(sums, unit)
             for b, candidates in zip(own, at, strict=True):
-                T = found[id(b)].statistic * by_unit.share(candidates)
+                # a transient is most of its stretch and of its operating point: the one spread is the other
+                whole = b.score if _moves(b) else found[id(b)]
+                T = whole.statistic * by_unit.share(candidates)
                 if T < found[id(b)].statistic:
                     told = float(surprise(min(T, found[id(b)].statistic), b.score.dof))
                     found[id(b)] = replace(b.score, statistic=T, surprise=told)
     return found
+
+
+def _moves(block: Scored) -> bool:
+    """Whether it is an effect of what changes, which is there only while it does."""
+    return isinstance(block, OptionScore) and block.option.driver == RATE
 
 
 def _only(sums: Sums, blocks: Sequence[Scored]) -> tuple[Sums, list[np.ndarray]]:

@@ -29,7 +29,7 @@ from enginediag_cli.mismatch.explain.unseen import Unseen, unseen_effects
 from enginediag_cli.mismatch.fit.evidence import Evidence
 from enginediag_cli.mismatch.fit.options import EFFECT
 from enginediag_cli.mismatch.fit.share import is_long
-from enginediag_cli.mismatch.fit.trial_fit import Trial, attempt
+from enginediag_cli.mismatch.fit.trial_fit import Trial, attempt, begun
 from enginediag_cli.mismatch.unrecorded.hidden import HiddenFinding, effects_at
 from enginediag_cli.mismatch.unrecorded.switched import effects_that_switch
 
@@ -145,6 +145,8 @@ def _next_best(search: Search, answer: Answer) -> list[Explanation]:
     option = next((o for o in search.library if o.label == label), None)
     if option is None:
         return []
+    if option.tried:
+        (option,) = begun(option.hypothesis.effects, search.base.found)
     trial = attempt([option], search.base.found, search.along)
     if not trial.converged or trial.objective - answer.explanations[0].objective > SURELY_WORSE:
         return []

@@ -60,6 +60,11 @@ class Hypothesis:
         return (*(a for e in self.effects for a in e.amplitudes), *(d.name for d in self.discrepancies))
 
     @property
+    def sizes(self) -> tuple[str, ...]:
+        """Those without which there is nothing of it."""
+        return (*(a for e in self.effects for a in e.sizes), *(d.name for d in self.discrepancies))
+
+    @property
     def label(self) -> str:
         return " + ".join((*(e.label for e in self.effects), *(d.name for d in self.discrepancies))) or "nothing"
 
@@ -175,7 +180,7 @@ def identify_with(
     """Fit nuisance and hypothesis together, from another fit where one is given; `of_few`: from what `fit_of_few` has
     found of the same hypothesis. A start from a share of the records is as good as one from few of them."""
     model, problem, rho = problem_with(evidence, hypothesis, along, start)
-    first, iterations = _start(problem, start), ITERATIONS
+    first, iterations = _start(problem, start, hypothesis) or _begun(problem, hypothesis), ITERATIONS
     few = _few(problem)
     if start is not None and len(start.problem.recording) < len(problem.recording):
         few, iterations = None, CLOSE_BY
@@ -190,7 +195,7 @@ def nearer(evidence: Evidence, hypothesis: Hypothesis, along: Nuisance, start: I
     """NEARER steps of a fit from one of a share of the records: nearer the optimum, which lies far off where the model
     lacks something. A projection goes the last one."""
     model, problem, rho = problem_with(evidence, hypothesis, along, start)
-    fit = solve(problem, _start(problem, start), max_iterations=NEARER, tolerance=TOLERANCE)
+    fit = solve(problem, _start(problem, start, hypothesis), max_iterations=NEARER, tolerance=TOLERANCE)
     return Identified(evidence, hypothesis, model, problem, fit, fit.converged, rho)
 
 
@@ -202,7 +207,8 @@ def fit_of_few(evidence: Evidence, hypothesis: Hypothesis, along: Nuisance, star
     few = _few(problem)
     if few is None:
         return None
-    fit, settled = _fit(few, _start(problem, start) if hypothesis.names == start.hypothesis.names else None)
+    same = hypothesis.names == start.hypothesis.names
+    fit, settled = _fit(few, _start(problem, start) if same else _begun(problem, hypothesis))
     return fit if settled else None
 
 
@@ -254,7 +260,8 @@ def problem_with(
     settings = IdentificationSettings(
         parameters=tuple(names),
         prior_sigma=dict(along.sigma),
-        prior_mean={n: v for n, v in s.prior_mean.items() if n in model.parameters},
+        # an effect that is tried at a size begins there, but nothing is known before of its size
+        prior_mean={n: v for n, v in s.prior_mean.items() if n in model.parameters} | _absent(hypothesis),
         noise_sigma={c: evidence.noise.sigma[c] for c in recorded},
         noise="specified",
         loss=s.loss,
@@ -295,15 +302,36 @@ def _recordings(evidence: Evidence, curves: Mapping[str, np.ndarray]) -> list[Tr
     return found
 
 
-def _start(problem: Problem, other: Identified | None) -> tuple[np.ndarray, np.ndarray] | None:
+def _absent(hypothesis: Hypothesis) -> dict[str, float]:
+    """Amplitudes of the effects that are tried at some size: where they are absent."""
+    return {e.parameter_name(c.name): c.absent for e in hypothesis.effects if e.tried for c in e.term.amplitudes()}
+
+
+def _begun(problem: Problem, hypothesis: Hypothesis) -> tuple[np.ndarray, np.ndarray] | None:
+    """The prior means, but effects at the size that they are tried at; None where none is."""
+    tried = _absent(hypothesis)
+    if not tried:
+        return None
+    x = [
+        (p.nominal - problem.prior_mean[j]) / problem.prior_sigma[j] if p.name in tried else 0.0
+        for j, p in enumerate(problem.parameters)
+    ]
+    return np.array(x), np.zeros((len(problem.labels), len(problem.offsets)))
+
+
+def _start(
+    problem: Problem, other: Identified | None, hypothesis: Hypothesis = NO_HYPOTHESIS
+) -> tuple[np.ndarray, np.ndarray] | None:
     """The other fit's values for what both estimate."""
     if other is None:
         return None
-    theirs = other.theta
+    theirs, begun = other.theta, _begun(problem, hypothesis)
     x = np.zeros(len(problem.parameters))
     for j, p in enumerate(problem.parameters):
         if p.name in theirs:
             x[j] = (theirs[p.name] - problem.prior_mean[j]) / problem.prior_sigma[j]
+        elif begun is not None:
+            x[j] = begun[0][j]
     z = np.zeros((len(problem.labels), len(problem.offsets)))
     theirs_of = {label: r for r, label in enumerate(other.problem.labels)}
     if other.fit.z.shape == z.shape:

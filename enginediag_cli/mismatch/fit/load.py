@@ -108,7 +108,10 @@ def load_case(
     if case.nominal:
         baseline = open_baseline(case.nominal, case.engine, accept_changed_engine=case.accept_changed_engine)
     engine = baseline.engine if baseline else load_engine(case.engine)
-    intake = Intake(case.source, columns_of(engine, others=case.asked.drivers), fleet=True)
+    gated = case.source.recorder is not None and Intake(case.source, None).ungated() is not None
+    # what moves is looked for where it was recorded: a gate has left it out
+    past = not gated
+    intake = Intake(case.source, columns_of(engine, others=case.asked.drivers, past=past), fleet=True)
     whole = whole_flights(intake)
     _known_drivers(case.asked.drivers, intake.columns)
     flights = [Flight(f.recording.label, f.engine, f.recording.columns, f.file) for f in whole]

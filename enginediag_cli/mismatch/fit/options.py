@@ -6,8 +6,8 @@ Onsets are tried at the flights' beginnings and at the quarters of each flight, 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -29,6 +29,9 @@ READ_WRONG = ("bias", "scale")
 """Errors of a sensor that may step in time."""
 ONSETS_AT_ONCE = 400
 """Onsets, evenly spaced, of one look about an option's own; where they lie apart, the best is looked about again."""
+UNSEEN = 1e-3
+"""Standard deviations, root sum of squares over all readings, that an effect of the largest size would move them by:
+less is rounding, of which a score would make anything."""
 LEAST_RECORDS = 8  # on either side of an onset
 MOST_ONSETS = 24
 """Onsets that are tried in all; with many flights every second or third flight's are."""
@@ -38,7 +41,8 @@ MOST_ONSETS = 24
 class Option:
     """One thing that may be added to the model. `component`: where an engineer would look; `driver`: what the effect
     varies with, or TIME; `target`: the parameter
-    that a fault changes."""
+    that a fault changes; `tried`: the direction of the trial that an effect is scored by, and whose size a fit of it
+    begins at, where its derivative at absence tells nothing."""
 
     kind: str
     label: str
@@ -46,6 +50,12 @@ class Option:
     driver: Driver
     hypothesis: Hypothesis
     target: Parameter | None = None
+    tried: str = ""
+
+    @property
+    def directions(self) -> list[str]:
+        """What an option of effects is scored along: its trial, or the amplitudes of its effects."""
+        return [self.tried] if self.tried else [a for e in self.hypothesis.effects for a in e.amplitudes]
 
 
 @dataclass(frozen=True)
@@ -68,6 +78,19 @@ class OptionScore(Scored):
 
 def effect_option(effect: Effect) -> Option:
     return Option(EFFECT, effect.label, effect.site.component, effect.term.DRIVER, Hypothesis((effect,)))
+
+
+def effect_options(effects: Iterable[Effect]) -> list[Option]:
+    """One option of each effect, or one of each of its trials."""
+    found: list[Option] = []
+    for effect in effects:
+        option = effect_option(effect)
+        for tried, values in zip(effect.tried, effect.term.TRIALS, strict=True):
+            begun = replace(effect, values={**effect.values, **values})
+            found.append(replace(option, hypothesis=Hypothesis((begun,)), tried=tried))
+        if not effect.tried:
+            found.append(option)
+    return found
 
 
 def together(*options: Option) -> Hypothesis:
@@ -177,13 +200,14 @@ def with_best_onset(found: Identified, projection: Projection, option: Option) -
 
 
 def effects_of(options: Sequence[Option]) -> list[Effect]:
-    return [e for o in options for e in o.hypothesis.effects]
+    """Absent, where they are scored by a trial."""
+    return [replace(e, values={}) if o.tried else e for o in options for e in o.hypothesis.effects]
 
 
 def parameters_of(options: Sequence[Option]) -> list[str]:
     """Amplitudes of the options' effects and targets of their discrepancies."""
     targets = (d.target for o in options for d in o.hypothesis.discrepancies)
-    return [*(a for e in effects_of(options) for a in e.amplitudes), *dict.fromkeys(targets)]
+    return [*(a for o in options for a in o.directions), *dict.fromkeys(targets)]
 
 
 def option_scores(
@@ -204,12 +228,12 @@ def option_scores(
 
 def _effects_scored(projection: Projection, J: Columns, options: Sequence[Option]) -> dict[int, OptionScore]:
     """By the option's identity."""
-    names = [a for e in effects_of(options) for a in e.amplitudes]
+    names = [a for o in options for a in o.directions]
     if not names:
         return {}
     sums = Sums(projection, J, grid(names, np.ones((len(projection.found.number), 1)), [[0]]).whole)
     at = {n: k for k, n in enumerate(names)}
-    blocks = (np.array([[at[a], 0] for e in o.hypothesis.effects for a in e.amplitudes]) for o in options)
+    blocks = (np.array([[at[a], 0] for a in o.directions]) for o in options)
     return {id(o): _scored(o, sums, own) for o, own in zip(options, blocks, strict=True)}
 
 
@@ -231,13 +255,23 @@ def _changes_scored(projection: Projection, J: Columns, options: Sequence[Option
 
 def _scored(option: Option, sums: Sums, candidates: Candidates) -> OptionScore:
     score = sums.score(candidates)
+    if option.hypothesis.effects and score.length * _largest(option) < UNSEEN:
+        score = replace(score, dof=0, statistic=0.0, surprise=0.0, share=0.0)
     return OptionScore(sums, candidates, score, option, _feasible(option, score))
+
+
+def _largest(option: Option) -> float:
+    """How far the coefficient that an option is scored by first can move."""
+    first = option.hypothesis.effects[0].term.amplitudes()[0]
+    return 1.0 if option.tried else first.upper - first.lower
 
 
 def _feasible(option: Option, score: Score) -> bool:
     """Whether the first coefficient of an effect moves to where physics lets it."""
     if not score.dof:
         return False
+    if option.tried:
+        return bool(score.coefficients[0] > 0.0)
     for effect in option.hypothesis.effects:
         first = effect.term.amplitudes()[0]
         at, to = first.absent, first.absent + score.coefficients[0]

@@ -17,6 +17,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from enginediag_cli.engine.moving.tape import MOMENT
 from enginediag_cli.mismatch.fit.evidence import Evidence, Flight
 
 MANY, SHARE = 8000, 2000
@@ -28,6 +29,9 @@ FLIGHTS = 8
 records do, and more flights of the same kind say little more about what all flights share."""
 STRETCH = 75
 """Records of a stretch: noise that is correlated by 0.9 with the next record has lost all of it after 40. Judgement."""
+MOVING = (6000, 15)
+"""Share and stretch where records know their past: transients are short and far between, and a stretch that misses
+them tells nothing; more and shorter ones do not. What came before a stretch is on its tape. Judgement."""
 GOLDEN = 0.5 * (5.0**0.5 - 1.0)
 """Shares of multiples of it spread evenly, however many there are."""
 
@@ -41,25 +45,26 @@ def share_of(flights: Sequence[Flight], whole: Collection[int] = ()) -> list[Fli
     """The flights with some of their records, all of them where they are few, and of the `whole` ones, by position."""
     if not is_long(flights):
         return list(flights)
-    rows = chosen(list(map(len, flights)))
+    moving = all(MOMENT in f.columns and bool(np.all(f.columns[MOMENT] >= 0.0)) for f in flights)
+    rows = chosen(list(map(len, flights)), *(MOVING if moving else (SHARE, STRETCH)))
     for k in whole:
         rows[k] = np.arange(len(flights[k]))
     return [_only(f, own) for f, own in zip(flights, rows, strict=True) if len(own)]
 
 
-def chosen(lengths: Sequence[int]) -> list[np.ndarray]:
-    """Records of each flight of so many that are taken, in order."""
+def chosen(lengths: Sequence[int], share: int = SHARE, stretch: int = STRETCH) -> list[np.ndarray]:
+    """Records of each flight of so many that are taken, in order: a share in stretches of so many."""
     R = len(lengths)
-    flights = min(R, max(FLIGHTS, -(-SHARE * R // max(1, sum(lengths)))))
+    flights = min(R, max(FLIGHTS, -(-share * R // max(1, sum(lengths)))))
     taken = {int(k) for k in np.linspace(0, R - 1, flights).round()}
-    part = min(1.0, SHARE / max(1, sum(lengths[k] for k in taken)))
+    part = min(1.0, share / max(1, sum(lengths[k] for k in taken)))
     found: list[np.ndarray] = []
     for k, n in enumerate(lengths):
         if k not in taken:
             found.append(np.zeros(0, int))
             continue
-        count = max(1, round(n * part / STRETCH))
-        size = min(n, STRETCH)
+        count = max(1, round(n * part / stretch))
+        size = min(n, stretch)
         room = max(0.0, (n - count * size) / count)  # between one stretch and the next
         first = (np.arange(count) * (size + room) + room * ((k * GOLDEN) % 1.0)).astype(int)
         found.append(np.unique(np.minimum(first[:, None] + np.arange(size), n - 1)))

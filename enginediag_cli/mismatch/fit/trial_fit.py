@@ -8,7 +8,9 @@ from functools import cached_property
 
 import numpy as np
 
+from enginediag_cli.drivers import TIME
 from enginediag_cli.engine.driver import DriverValues
+from enginediag_cli.engine.term import Effect
 from enginediag_cli.identification.gauss_newton import Fit
 from enginediag_cli.mismatch.fit.believable import along_driver, with_belief
 from enginediag_cli.mismatch.fit.columns import Columns
@@ -21,6 +23,8 @@ from enginediag_cli.mismatch.fit.options import (
     SENSOR_FAULT,
     Option,
     OptionScore,
+    effect_option,
+    effect_options,
     effects_of,
     option_scores,
     parameters_of,
@@ -35,6 +39,11 @@ SHARES = (0.5, 0.2, 0.3)
 """Of the probability of a false alarm: listed effects, changes in time, free form. What can be named is what is looked
 for, and there are fewer of them."""
 
+MEMORY_PRICE = 6.0
+"""χ² that a further coefficient of an effect with memory must gain to put it before one that needs none: by chance it
+gains so much one time in seventy. Judgement: effects with memory are nested in each other, others are not."""
+LEFT_BEHIND = 0.2
+"""Of two limits one that is found this much below the other may be where it is because nothing showed it. Judgement."""
 FAULTS = (FAULT, SENSOR_FAULT)
 
 
@@ -58,11 +67,21 @@ class Trial:
     def objective(self) -> float:
         return self.projection.objective
 
+    @property
+    def weighed(self) -> float:
+        """The objective by which explanations are put in order: with a price for what makes one kind of memory another
+        (the second of two lags), which always gains a little."""
+        more = (len(e.amplitudes) - 1 for e in self.hypothesis.effects if e.tried)
+        return self.objective + MEMORY_PRICE * sum(more)
+
     @cached_property
     def at_bound(self) -> tuple[str, ...]:
         """Coefficients of the options that ended at a physical bound."""
         held = dict(zip(self.found.problem.names, self.found.fit.at_bound, strict=True))
-        return tuple(n for n in self.hypothesis.names if held[n])
+        # of two rates one may have no limit: that is no bound that holds the fit
+        absent = {n for e in self.hypothesis.effects if e.tried and not all(held[s] for s in e.sizes) for n in e.sizes}
+        closed = {e.parameter_name(c.name) for e in self.hypothesis.effects for c in e.term.COEFFICIENTS if c.closed}
+        return tuple(n for n in self.hypothesis.names if held[n] and n not in absent | closed)
 
     @property
     def hypothesis(self) -> Hypothesis:
@@ -118,6 +137,13 @@ class Remainder:
         """Whether nothing of what was looked for can be ranked."""
         return bool(self.scores or self.cells) and not self.blocks()
 
+    @property
+    def unseen(self) -> tuple[str, ...]:
+        """Labels of the effects of which nothing can be ranked."""
+        seen = {s.option.label for s in self.scores if not s.score.absorbed}
+        of_effects = (s.option.label for s in self.scores if s.option.driver != TIME)
+        return tuple(dict.fromkeys(label for label in of_effects if label not in seen))
+
     def over(self, gates: Gates) -> bool:
         """Whether anything that is left is significant."""
         return (
@@ -158,7 +184,37 @@ def attempt(options: Sequence[Option], start: Identified, along: Nuisance, of_fe
     """Fit nuisance and options together to the evidence of another fit. It begins at the prior means, the nominal
     state: the other fit, without the options, is bent by what they explain; or where a fit `of_few` records ended."""
     found = identify_with(start.evidence, together(*options), along, of_few=of_few)
-    return Trial(tuple(options), found, Projection(found))
+    trial = Trial(tuple(options), found, Projection(found))
+    evened = [_evened(o, found.theta) for o in options]
+    if all(o is None for o in evened):
+        return trial
+    # where nothing met one of two limits, no derivative shows it: it is tried at the size of the other
+    other = [e or o for e, o in zip(evened, options, strict=True)]
+    again = identify_with(start.evidence, together(*other), along)
+    second = Trial(tuple(other), again, Projection(again))
+    return second if second.converged and second.objective < trial.objective else trial
+
+
+def _evened(option: Option, theta: Mapping[str, float]) -> Option | None:
+    """The option begun with all sizes alike, where one of them ended far below another; None elsewhere."""
+    for e in option.hypothesis.effects:
+        found = [theta[n] for n in e.sizes]
+        if e.tried and len(found) > 1 and min(found) < LEFT_BEHIND * max(found):
+            alike = {c.name: max(found) for c in e.term.amplitudes() if not c.free}
+            return replace(option, hypothesis=Hypothesis((replace(e, values={**e.values, **alike}),)))
+    return None
+
+
+def begun(effects: Sequence[Effect], found: Identified) -> list[Option]:
+    """Options of these effects, those that are tried at some size at the one that says most about what a fit without
+    them leaves."""
+    projection = Projection(found)
+    best = []
+    for effect in effects:
+        scores = option_scores(found, projection, effect_options([effect])) if effect.tried else []
+        told = max(scores, key=lambda s: s.score.statistic if s.feasible else -1.0, default=None)
+        best.append(told.option if told is not None else effect_option(effect))
+    return best
 
 
 @stage("scoring effects")

@@ -15,9 +15,9 @@ from enginediag_cli.engine.term import Effect
 from enginediag_cli.mismatch.fit.evidence import Evidence, Flight
 from enginediag_cli.mismatch.fit.identified import NO_HYPOTHESIS, Nuisance, drivers_of, identify_with, nuisance
 from enginediag_cli.mismatch.fit.noise import estimated_noise, with_noise
-from enginediag_cli.mismatch.fit.options import effect_option
+from enginediag_cli.mismatch.fit.options import effect_options
 from enginediag_cli.mismatch.fit.projection import Projection
-from enginediag_cli.mismatch.fit.trial_fit import Trial, attempt, remainder
+from enginediag_cli.mismatch.fit.trial_fit import Trial, attempt, begun, remainder
 from enginediag_cli.mismatch.refine.alarms import Alarms, alarms
 from enginediag_cli.mismatch.refine.criteria import Criterion, Prediction, Verdict, verdict
 from enginediag_cli.mismatch.refine.significance import significance
@@ -111,7 +111,7 @@ def refine(
 def fit_both(hidden: Evidence, effects: Sequence[Effect], along: Nuisance) -> tuple[Trial, Trial]:
     """The model as it is and with the effects, fitted to the same flights."""
     found = identify_with(hidden, NO_HYPOTHESIS, along)
-    after = attempt([effect_option(e) for e in effects], found, along)
+    after = attempt(begun(effects, found), found, along)
     return Trial((), found, Projection(found)), after
 
 
@@ -121,7 +121,7 @@ def _with_estimated_noise(
     """The evidence with the noise that the fitted flights show where nothing explains the readings."""
     for _ in range(NOISE_PASSES):
         after = fit_both(concealed(evidence, unseen), effects, along)[1]
-        library = [effect_option(e) for e in candidates(evidence.engine)]
+        library = effect_options(candidates(evidence.engine))
         rest = remainder(after, library, drivers_of(after.found.evidence, after.found.theta))
         evidence = with_noise(evidence, estimated_noise(after.projection, rest.blocks()))
     return evidence
@@ -131,7 +131,7 @@ def still_missing(after: Trial) -> str:
     """The most surprising thing that the fitted flights show beyond the effects; empty when nothing stands out."""
     engine = after.found.evidence.engine
     carried = {e.label for e in after.hypothesis.effects}
-    library = [effect_option(e) for e in candidates(engine) if e.label not in carried]
+    library = effect_options(e for e in candidates(engine) if e.label not in carried)
     rest = remainder(after, library, drivers_of(after.found.evidence, after.found.theta))
     if rest.surprise <= STANDS_OUT:
         return ""

@@ -30,11 +30,11 @@ def significance(effects: Sequence[Effect], trial: Trial) -> tuple[Significance,
 def _of_one(e: Effect, trial: Trial) -> Significance:
     problem, projection = trial.found.problem, trial.projection
     place = np.cumsum(projection.free[: len(problem.names)]) - 1
-    index = [problem.names.index(n) for n in e.amplitudes]
+    index = [problem.names.index(n) for n in e.sizes]
     h = place[index]
     scale = problem.prior_sigma[index]
-    absent = np.array([c.absent for c in e.term.amplitudes()])
-    value = (np.array([trial.coefficients[n][0] for n in e.amplitudes]) - absent) / scale
+    absent = np.array([c.absent for c in e.term.amplitudes() if not c.free])
+    value = (np.array([trial.coefficients[n][0] for n in e.sizes]) - absent) / scale
     C = projection.covariance()
     inner = np.linalg.inv(C[np.ix_(h, h)])
     along = C[:, h] @ inner  # (p, k)

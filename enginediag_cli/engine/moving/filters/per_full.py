@@ -1,0 +1,23 @@
+"""A filter with its signal counted in full scales, so that its coefficients do not depend on the size of a machine."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+from enginediag_cli.engine.dual import Array
+from enginediag_cli.engine.moving.filters.base import Clock, Filter, Filtered
+
+
+class PerFull(Filter):
+    """`inner` of the signal over `full`, times `full`: slownesses of a rate limit are then seconds for a full scale."""
+
+    def __init__(self, inner: Filter, full: float):
+        self.inner, self.full = inner, full
+        self.COEFFICIENTS = inner.COEFFICIENTS
+
+    def __call__(self, clock: Clock, signal: Array, along: Array, coefficients: Sequence[float]) -> Filtered:
+        if clock.start is not None:
+            clock = replace(clock, start=clock.start / self.full)
+        one = self.inner(clock, signal / self.full, along / self.full, coefficients)
+        return Filtered(one.value * self.full, one.along * self.full, one.own * self.full)

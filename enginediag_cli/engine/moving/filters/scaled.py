@@ -1,0 +1,27 @@
+"""So much of what another filter makes."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from enginediag_cli.engine.dual import Array
+from enginediag_cli.engine.moving.filters.base import Clock, Filter, Filtered
+
+
+class Scaled(Filter):
+    """The first coefficient times what `inner` makes with the others: a power is an inertia times a rate, a heat flow a
+    conductance times a difference of temperatures."""
+
+    def __init__(self, inner: Filter):
+        self.inner = inner
+        self.COEFFICIENTS = 1 + inner.COEFFICIENTS
+
+    def __call__(self, clock: Clock, signal: Array, along: Array, coefficients: Sequence[float]) -> Filtered:
+        size = float(coefficients[0])
+        clock = replace(clock, start=None)  # a power or a heat flow is not what is read
+        one = self.inner(clock, signal, along, coefficients[1:])
+        own = np.concatenate([one.value[None], size * one.own])
+        return Filtered(size * one.value, size * one.along, own)

@@ -1,0 +1,312 @@
+"""What the effects of an engine remember at the records that are asked for.
+
+Two kinds of memory, filters of what is known before anything is solved (a set point, an input column) and filters of
+the solution itself (a gas temperature). The first are one pass along the tape. For the second the whole tape is solved
+in sweeps: the quasi-steady network for all records at once, its signals filtered along time, again with what that
+gives, until nothing changes. What goes back from a memory to its signal is small, a few per cent of the gas's power,
+so each sweep gains one to two digits. Derivatives go the same way: with the signals s(θ, m) and m = F(s, c),
+
+    dm/dθ = F'(∂s/∂θ + ∂s/∂m dm/dθ) + ∂F/∂c dc/dθ
+
+is repeated until it stands, without any solve. Predictions are then those of the records asked for with m as further
+leaves: dy/dθ = ∂y/∂θ + ∂y/∂m dm/dθ.
+"""
+
+from __future__ import annotations
+
+from collections import OrderedDict
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from enginediag_cli.engine.dual import Array
+from enginediag_cli.engine.moving.memory import Memory
+from enginediag_cli.engine.moving.tape import MOMENT, Tape, Tapes
+
+if TYPE_CHECKING:
+    from enginediag_cli.engine.engine import Engine
+
+SWEEPS = 12
+"""Solves of a tape at most. Judgement: a memory that gives back a tenth of its signal needs nine."""
+SETTLED = 1e-9
+"""Of the largest value of a memory: a sweep that changes less was the last."""
+KEPT = 20_000_000
+"""Numbers that are kept of what was remembered last, 160 MB: a fit in blocks asks for the same tapes again."""
+
+
+@dataclass(frozen=True)
+class Known:
+    """Values (N,) of a leaf that is known before the network is solved, and their derivatives (N,) by name."""
+
+    value: Array
+    slopes: Mapping[str, Array]
+
+
+@dataclass
+class Recalled:
+    """What memories hold at all records of a tape: by name values (N,) and derivatives (N,). `settled`: whether the
+    last sweep changed nothing any more."""
+
+    values: dict[str, Array]
+    slopes: dict[str, dict[str, Array]]
+    settled: bool = True
+
+    @property
+    def size(self) -> int:
+        return sum(v.size for v in self.values.values()) + sum(
+            s.size for of in self.slopes.values() for s in of.values()
+        )
+
+
+@dataclass
+class Recall:
+    """Remembers for one engine, and its copies at other parameters."""
+
+    tapes: Tapes
+    _found: OrderedDict[tuple[Any, ...], Recalled] = field(default_factory=OrderedDict)
+    _starts: dict[tuple[int, int], Array] = field(default_factory=dict)
+
+    def forget(self) -> None:
+        self._found.clear()
+        self._starts.clear()
+
+    def known(
+        self, engine: Engine, points: Mapping[str, Any], theta: Mapping[str, Any], wrt: Sequence[str], size: int
+    ) -> tuple[dict[str, Known], Array]:
+        """Leaves that follow from set points and from the past of `size` records, and the records (N,) of a tape whose
+        memories did not settle."""
+        network = engine.network
+        found: dict[str, Known] = {}
+        unsettled = np.zeros(size, dtype=bool)
+        if network.demand is not None:
+            found[network.power_setting] = asked_for(engine, points, theta, wrt, size)
+        memories = [m for m in network.memories if active(m, theta, wrt)]
+        if not memories:
+            return found, unsettled
+        number, place = self.tapes.found(np.broadcast_to(points[MOMENT], (size,)))
+        for m in memories:
+            base = found.get(m.column) if m.column else None
+            if base is None:
+                start = np.broadcast_to(np.asarray(points[m.column], float), (size,)) if m.column else np.zeros(size)
+                base = Known(start, {})
+            found[m.column or m.name] = Known(base.value.copy(), {n: s.copy() for n, s in base.slopes.items()})
+        for k in np.unique(number[number >= 0]).tolist():
+            rows = np.flatnonzero(number == k)
+            at = place[rows]
+            recalled = self._recalled(engine, k, theta, wrt, memories, (rows, at))
+            unsettled[rows] = not recalled.settled
+            for m in memories:
+                leaf = found[m.column or m.name]
+                leaf.value[rows] += recalled.values[m.name][at]
+                slopes: dict[str, Array] = dict(leaf.slopes)
+                for n, s in recalled.slopes[m.name].items():
+                    slopes.setdefault(n, np.zeros(size))[rows] += s[at]
+                found[m.column or m.name] = Known(leaf.value, slopes)
+        return found, unsettled
+
+    def _recalled(
+        self,
+        engine: Engine,
+        k: int,
+        theta: Mapping[str, Any],
+        wrt: Sequence[str],
+        memories: Sequence[Memory],
+        asked: tuple[Array, Array],
+    ) -> Recalled:
+        """Of one tape, from what was found last where nothing has changed."""
+        tape = self.tapes.tapes[k]
+        states = [m for m in memories if not m.column]
+        names = list(theta) if states else [*_asking(engine), *(c for m in memories for c in m.coefficients)]
+        numbers = tuple(theta[n].tobytes() if np.ndim(theta[n]) else theta[n] for n in names)
+        rows = asked[1].tobytes() if any(np.ndim(theta[n]) for n in names) else b""
+        key = (k, len(tape), tuple(m.name for m in memories), tuple(wrt), numbers, rows)
+        if key in self._found:
+            self._found.move_to_end(key)
+            return self._found[key]
+        along = {n: _on_tape(theta[n], asked, len(tape)) if np.ndim(theta[n]) else theta[n] for n in theta}
+        recalled = self._of_inputs(engine, tape, along, wrt, [m for m in memories if m.column])
+        if states:
+            self._sweep(engine, (k, tape), along, wrt, states, recalled)
+        self._found[key] = recalled
+        while len(self._found) > 1 and sum(f.size for f in self._found.values()) > KEPT:
+            self._found.popitem(last=False)
+        return recalled
+
+    def _of_inputs(
+        self, engine: Engine, tape: Tape, theta: Mapping[str, Any], wrt: Sequence[str], memories: Sequence[Memory]
+    ) -> Recalled:
+        """Memories of what the network is told, one behind the other where they are of one column."""
+        found = Recalled({}, {})
+        told: dict[str, Known] = {}
+        if engine.network.demand is not None:
+            told[engine.network.power_setting] = asked_for(engine, tape.columns, theta, wrt, len(tape))
+        for m in memories:
+            signal = told.get(m.column)
+            if signal is None:
+                signal = Known(tape.columns.get(m.column, np.zeros(len(tape))), {})
+            value, slopes = filtered(m, tape, signal, theta, wrt)
+            found.values[m.name], found.slopes[m.name] = value, slopes
+            every = dict.fromkeys((*signal.slopes, *slopes))
+            zero = np.zeros(len(tape))
+            told[m.column] = Known(
+                signal.value + value, {n: signal.slopes.get(n, zero) + slopes.get(n, zero) for n in every}
+            )
+        return found
+
+    def _sweep(
+        self,
+        engine: Engine,
+        of: tuple[int, Tape],
+        theta: Mapping[str, Any],
+        wrt: Sequence[str],
+        states: Sequence[Memory],
+        recalled: Recalled,
+    ) -> None:
+        """Memories of the solution into `recalled`."""
+        k, tape = of
+        N = len(tape)
+        points = engine.points_of(tape)
+        if engine.network.demand is not None:
+            points[engine.network.power_setting] = asked_for(engine, tape.columns, theta, (), N).value
+        given: dict[str, dict[str, Array]] = {}  # derivatives of what the network is told
+        if engine.network.demand is not None:
+            given[engine.network.power_setting] = dict(asked_for(engine, tape.columns, theta, wrt, N).slopes)
+        for m in engine.network.memories:
+            if m.name in recalled.values:
+                points[m.column] = points[m.column] + recalled.values[m.name]
+                before = given.get(m.column, {})
+                zero = np.zeros(N)
+                both = dict.fromkeys((*before, *recalled.slopes[m.name]))
+                given[m.column] = {n: before.get(n, zero) + recalled.slopes[m.name].get(n, zero) for n in both}
+        names = tuple(m.name for m in states)
+        m_now = {n: np.zeros(N) for n in names}
+        start = self._starts.get((k, N))
+        s = np.zeros((N, len(states)))
+        recalled.settled = False
+        measured = [bool(m.recorded and tape.tells(m.recorded)) for m in states]
+        if all(measured):  # no signal comes from the solution: nothing has to be solved
+            nothing = np.full(N, np.nan)
+            found = {m.name: filtered(m, tape, Known(_signal(m, tape, nothing), {}), theta, wrt) for m in states}
+            recalled.values |= {n: value for n, (value, _) in found.items()}
+            recalled.slopes |= {n: slopes for n, (_, slopes) in found.items()}
+            recalled.settled = True
+            return
+        for _ in range(SWEEPS):
+            p = engine.solved({**points, **m_now}, theta, N, names, (), start)
+            start = np.where(np.isfinite(p.x), p.x, np.nan)
+            s = np.stack([_signal(m, tape, p.y[:, i]) for i, m in enumerate(states)], axis=1)
+            new = {m.name: filtered(m, tape, Known(s[:, i], {}), theta, ())[0] for i, m in enumerate(states)}
+            change = [_change(new[n], m_now[n]) for n in names]
+            m_now = new
+            if max(change) < SETTLED:
+                recalled.settled = True
+                break
+        if start is not None:
+            self._starts[k, N] = start
+        recalled.values |= m_now
+        recalled.slopes |= {n: {} for n in names}
+        if not wrt:
+            return
+        leaves = tuple(dict.fromkeys((*given, *names)))
+        p = engine.solved({**points, **m_now}, theta, N, names, (*wrt, *(n for n in leaves if n not in wrt)), start)
+        J = p.jacobian  # (N, states, directions)
+        at = {n: j for j, n in enumerate(p.wrt)}
+        s_theta = {n: J[:, :, at[n]].copy() for n in wrt}
+        for leaf, slopes in given.items():
+            for n, slope in slopes.items():
+                s_theta[n] = s_theta[n] + J[:, :, at[leaf]] * slope[:, None]
+        s_m = {n: J[:, :, at[n]] for n in names}
+        m_theta: dict[str, dict[str, Array]] = {n: {} for n in names}
+        for _ in range(SWEEPS):
+            total: dict[str, Array] = {}
+            for n in wrt:
+                x = s_theta[n]
+                for name in names:
+                    if n in m_theta[name]:
+                        x = x + s_m[name] * m_theta[name][n][:, None]
+                total[n] = x
+            new_slopes = {}
+            for i, m in enumerate(states):
+                own = {} if measured[i] else {n: _bridged(x[:, i]) for n, x in total.items()}
+                new_slopes[m.name] = filtered(m, tape, Known(s[:, i], own), theta, wrt)[1]
+            moved = [
+                _change(d, m_theta[name].get(n, np.zeros(N))) for name, of in new_slopes.items() for n, d in of.items()
+            ]
+            m_theta = new_slopes
+            if max(moved, default=0.0) < SETTLED:
+                break
+        recalled.slopes |= m_theta
+
+
+def active(m: Memory, theta: Mapping[str, Any], wrt: Sequence[str]) -> bool:
+    """Whether anything is remembered, or sought."""
+    sought = any(n in wrt for n in (*m.absent, *m.tried))
+    return sought or any(bool(np.any(theta[n] != absent)) for n, absent in m.absent.items())
+
+
+def asked_for(
+    engine: Engine, points: Mapping[str, Any], theta: Mapping[str, Any], wrt: Sequence[str], size: int
+) -> Known:
+    """The power setting that set points ask for."""
+    demand = engine.network.demand
+    assert demand is not None
+    x = np.broadcast_to(np.asarray(points[demand.column], float), (size,))
+    value, slopes, own = demand(x, theta)
+    kept = {n: s for n, s in slopes.items() if n in wrt}
+    if demand.column in wrt:
+        kept[demand.column] = own
+    return Known(value, kept)
+
+
+def filtered(
+    m: Memory, tape: Tape, signal: Known, theta: Mapping[str, Any], wrt: Sequence[str]
+) -> tuple[Array, dict[str, Array]]:
+    """What a memory makes of its signal: values (N,) and derivatives (N,) by name, of its trials as well."""
+    # absent, it passes nothing on
+    there = any(float(np.mean(theta[n])) != absent for n, absent in m.absent.items())
+    names = list(signal.slopes) if there else []
+    rows = np.stack([signal.slopes[n] for n in names]) if names else np.zeros((0, len(tape)))
+    coefficients = [float(np.mean(theta[c])) for c in m.coefficients]
+    clock = tape.clock(m.shown_by)
+    one = m.filter(clock, signal.value, rows, coefficients)
+    slopes = {n: row for n, row in zip(names, one.along, strict=True) if row.any()}
+    for c, row in zip(m.coefficients, one.own, strict=True):
+        if c in wrt:
+            slopes[c] = slopes[c] + row if c in slopes else row
+    for name, values in m.tried.items():
+        if name in wrt:
+            slopes[name] = m.filter(clock, signal.value, np.zeros((0, len(tape))), values).value - one.value
+    return one.value, slopes
+
+
+def _asking(engine: Engine) -> tuple[str, ...]:
+    return engine.network.demand.names if engine.network.demand is not None else ()
+
+
+def _on_tape(values: Array, asked: tuple[Array, Array], N: int) -> Array:
+    """A parameter that varies from record to record, at all records of a tape: straight between those asked for."""
+    rows, at = asked
+    order = np.argsort(at, kind="stable")
+    return np.interp(np.arange(N), at[order], np.asarray(values, float)[rows][order])
+
+
+def _signal(m: Memory, tape: Tape, solved: Array) -> Array:
+    if m.recorded and tape.tells(m.recorded):
+        return m.measured(tape.columns[m.recorded])
+    return _bridged(solved)
+
+
+def _bridged(x: Array) -> Array:
+    """Records without a solution lie on straight lines between those that have one."""
+    good = np.isfinite(x)
+    if good.all() or not good.any():
+        return np.where(good, x, 0.0)
+    return np.interp(np.arange(len(x)), np.flatnonzero(good), x[good])
+
+
+def _change(new: Array, old: Array) -> float:
+    """Largest change, of the largest value there is; 0 where both are 0."""
+    size = max(float(np.abs(new).max(initial=0.0)), 1e-300)
+    return float(np.abs(new - old).max(initial=0.0)) / size

@@ -1,0 +1,74 @@
+"""Rate limit of a fuel actuator."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import TYPE_CHECKING
+
+from enginediag_cli.drivers import RATE
+from enginediag_cli.engine.moving.filters.per_full import PerFull
+from enginediag_cli.engine.moving.filters.rate_limit import RateLimit
+from enginediag_cli.engine.moving.tape import PAST
+from enginediag_cli.engine.term import Coefficient, Place, Site, Term
+from enginediag_cli.physics.demanded import fuel_site, full
+
+if TYPE_CHECKING:
+    from enginediag_cli.engine.network import Network
+
+
+ONE_SIDED = 0.1
+"""Of the time in one direction, that of the other in trials of one direction: at 0 nothing would show whether it is."""
+
+
+class FuelRateLimit(Term):
+    """−W_full/t_down ≤ dW_f/dt ≤ W_full/t_up: the fuel follows what is commanded, but not faster."""
+
+    NAME = "fuel_rate_limit"
+    TITLE = "Rate limit of the fuel actuator"
+    STATEMENT = (
+        "The fuel valve or its schedule opens and closes at a limited rate: a larger step takes longer, in proportion."
+    )
+    EQUATION = "dW_f/dt = min(max(dW_f,commanded/dt, −W_full/t_down), W_full/t_up) until W_f = W_f,commanded"
+    DRIVER = RATE
+    COEFFICIENTS = (
+        Coefficient(
+            "rise",
+            "s",
+            "t_up, time in which the fuel may rise by the design flow; 0: at once",
+            0.0,
+            0.0,
+            1e5,
+            100.0,
+            10.0,
+            assumed=True,
+            per_full=True,
+        ),
+        Coefficient(
+            "fall",
+            "s",
+            "t_down, time in which the fuel may fall by the design flow; 0: at once",
+            0.0,
+            0.0,
+            1e5,
+            100.0,
+            10.0,
+            assumed=True,
+            per_full=True,
+        ),
+    )
+    REFERENCE = (
+        "acceleration and deceleration limiters of fuel controls: Walsh and Fletcher, Gas Turbine "
+        "Performance, ch. 8; ranges assumed"
+    )
+    INPUTS = PAST
+    TRIALS = tuple(
+        {"rise": rise * t, "fall": fall * t}
+        for t in (2.0, 5.0, 12.0, 30.0)
+        for rise, fall in ((1.0, 1.0), (1.0, ONE_SIDED), (ONE_SIDED, 1.0))
+    )
+
+    def sites(self, network: Network) -> Iterable[Site]:
+        return fuel_site(network)
+
+    def install(self, at: Place) -> None:
+        at.on_input(at.network.power_setting, PerFull(RateLimit(), full(at.network)), ("rise", "fall"))

@@ -1,0 +1,97 @@
+"""Physics with memory is named from recordings of transients: which kind it is, and its numbers."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+import pytest
+
+from enginediag_cli.engine.moving.tape import MOMENT
+from enginediag_cli.intake.source import Source
+from enginediag_cli.mismatch.explain.answer import NAMED, NOTHING
+from enginediag_cli.mismatch.explain.story import tell
+from enginediag_cli.mismatch.fit.load import Case, load_case
+from enginediag_cli.mismatch.refine.refine import refine
+from enginediag_cli.physics.engine_file import load_engine
+from enginediag_cli.physics.registry import effect
+from enginediag_cli.presentation.explanations import sentences
+from enginediag_cli.shipped import shipped
+
+ENGINE = str(shipped("micro_gas_turbine.yaml"))
+RECORDS = 400
+
+
+@cache
+def engine():
+    return load_engine(ENGINE)
+
+
+def voltage(rng):
+    """Steps of several sizes and a ramp."""
+    at = np.sort(rng.choice(np.arange(20, RECORDS - 20), 5, replace=False))
+    x = rng.uniform(3.0, 10.0, 6)[np.searchsorted(at, np.arange(RECORDS))]
+    k = int(rng.integers(40, RECORDS - 80))
+    x[k : k + 60] = np.linspace(x[k], x[k + 60], 60)
+    return x
+
+
+def recorded(folder, truth, seed):
+    """Three runs of an engine with these effects, as files."""
+    rng = np.random.default_rng(seed)
+    true = engine().with_effects([effect(engine(), *label.split("@"), values) for label, values in truth.items()])
+    files = []
+    for run in range(3):
+        columns = {
+            "time_s": np.arange(float(RECORDS)),
+            "ambient_pressure_Pa": np.full(RECORDS, 101325.0),
+            "ambient_temperature_K": np.full(RECORDS, 288.15),
+            "input_voltage_V": voltage(rng),
+        }
+        inputs = {c: v for c, v in columns.items() if c in true.inputs}
+        past = {MOMENT: true.tapes.add(columns)} if truth else {}
+        power = true.predict({**inputs, **past}, sensors=("el_power_W",)).y[:, 0]
+        columns["el_power_W"] = power + rng.normal(scale=50.0, size=RECORDS)
+        path = folder / f"run_{run}.csv"
+        table = np.column_stack(list(columns.values()))
+        np.savetxt(path, table, fmt="%.8g", delimiter=",", header=",".join(columns), comments="")
+        files.append(str(path))
+    return tuple(files)
+
+
+def explained(files):
+    evidence = load_case(Case(ENGINE, Source(files)), identified=True).evidence
+    return tell(evidence, advise=False)
+
+
+@pytest.mark.parametrize(
+    "truth",
+    [
+        {"load_rate_limit@generator": {"rise": 120.0, "fall": 80.0}},
+        {"load_control_lag@generator": {"time_constant": 20.0}},
+        {"load_control_delay@generator": {"delay": 8.0}},
+    ],
+    ids=["rate limit", "lag", "delay"],
+)
+def test_the_kind_of_memory_and_its_numbers_are_named(truth, tmp_path):
+    story = explained(recorded(tmp_path, truth, seed=5))
+    (label, values) = next(iter(truth.items()))
+    best = story.answer.explanations[0]
+    assert story.answer.status == NAMED and best.label == label
+    for c in best.coefficients:
+        true = values[c.name.rpartition(".")[2]]
+        assert c.low - 3.0 * c.standard_error < true < c.high + 3.0 * c.standard_error
+
+
+def test_nothing_is_named_where_power_follows_its_set_point(tmp_path):
+    assert explained(recorded(tmp_path, {}, seed=6)).answer.status == NOTHING
+
+
+def test_a_rate_limit_is_told_as_rates_and_refined_on_unseen_runs(tmp_path):
+    files = recorded(tmp_path, {"load_rate_limit@generator": {"rise": 120.0, "fall": 80.0}}, seed=7)
+    assert any(" W/s (" in line for line in sentences(explained(files)))
+    evidence = load_case(Case(ENGINE, Source(files))).evidence
+    found = refine(evidence, [2], [effect(engine(), "load_rate_limit", "generator")])
+    assert found.effects[0].values["rise"] == pytest.approx(120.0, rel=0.1)
+    assert found.effects[0].values["fall"] == pytest.approx(80.0, rel=0.1)
+    assert found.unseen is not None and found.unseen.chi2_after < 0.3 * found.unseen.chi2_before
