@@ -85,6 +85,9 @@ class Recall:
         memories = [m for m in network.memories if active(m, theta, wrt)]
         if not memories:
             return found, unsettled
+        # a reading error of an input is one of the records that are asked for: their past is what the tape shows
+        tried = {n for m in memories for n in m.tried}
+        wrt = tuple(n for n in wrt if n in theta or n in tried)
         number, place = self.tapes.found(np.broadcast_to(points[MOMENT], (size,)))
         for m in memories:
             base = found.get(m.column) if m.column else None
