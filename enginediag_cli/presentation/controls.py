@@ -61,7 +61,6 @@ def control_sentences(f: Found) -> Iterator[str]:
         yield f"These flights cannot tell it from {listed([headline(t.law) for t in f.rivals], 'or')}."
     for t in f.worse:
         yield f"Tried and worse: {headline(t.law)} ({rounded(_times(t))} times smaller)."
-    yield "The rest is of the engine with that control:"
 
 
 def control_rows(f: Found) -> Iterator[dict[str, Any]]:

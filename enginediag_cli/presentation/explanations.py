@@ -40,6 +40,7 @@ def sentences(story: Story) -> Iterator[str]:
     a = story.answer
     if story.control is not None:
         yield from control_sentences(story.control)
+        yield "The rest is of the engine with that control:"
     if a.status == FAILED:
         yield f"no verdict: {a.reason}"
         return

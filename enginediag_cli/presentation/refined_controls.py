@@ -14,6 +14,8 @@ from enginediag_cli.presentation.numbers import rounded, with_unit
 if TYPE_CHECKING:
     from enginediag_cli.mismatch.refine.controlled import ControlRefinement
 
+FEWEST = 30
+"""Records of a regime below which its figures are not told in a sentence; rows have them."""
 COLUMNS = ("what", "of", "where", "unit", "before", "after", "n")
 
 
@@ -30,10 +32,14 @@ def sentences(r: ControlRefinement) -> Iterator[str]:
     """What unseen flights say."""
     if r.unconverged:
         yield "The model without the control could not be fitted; its errors are those where the fit ended."
-    for row in rows(r):
-        where = "" if row["where"] == EVERYTHING else f", {row['where']}"
+    told = [row for row in rows(r) if row["n"] >= FEWEST]
+    names = [f"{row['of']}{'' if row['where'] == EVERYTHING else ', ' + row['where']}" for row in told]
+    width = max(map(len, names), default=0)
+    if told:
+        yield f"{'RMS on unseen flights':{width}}  {'before':>10}  {'after':>10}  {'records':>8}"
+    for name, row in zip(names, told, strict=True):
         one, other = (with_unit(row[k], row["unit"]) for k in ("before", "after"))
-        yield f"RMS of {row['of']} on unseen flights{where}: {one} before, {other} after ({row['n']:,} records)."
+        yield f"{name:{width}}  {one:>10}  {other:>10}  {row['n']:>8,}"
     if math.isfinite(r.fall):
         yield (
             f"Errors on unseen flights are {rounded(math.exp(r.fall))} times smaller (mean over the sensors), in "
