@@ -19,7 +19,7 @@ from enginediag_cli.engine.atmosphere import P_ISA, T_ISA, standard_atmosphere
 from enginediag_cli.engine.dual import Array, value
 from enginediag_cli.units import split_column
 
-DEGREE = 8.0
+DEGREE = 9.0
 """Weighted degree of the fitted start. Judgement between a start near enough and the number of terms."""
 WEIGHTS = {"power": 1.0, "mach": 1.3, "theta": 3.0, "delta": 5.0, "other": 3.0, "fixed": 1e9}
 """What a power of each coordinate costs of the degree: the engine bends most with power and Mach, hardly with what is
