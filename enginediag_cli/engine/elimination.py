@@ -25,25 +25,32 @@ def factors(A: Array) -> tuple[Array, Array]:
         if c < k - 1:
             _exchange(LU, order, c)
         LU[c, c] = 1.0 / LU[c, c]
-        for r in range(c + 1, k):
-            LU[r, c] *= LU[c, c]
-            LU[r, c + 1 :] -= LU[r, c] * LU[c, c + 1 :]
+        LU[c + 1 :, c] *= LU[c, c]
+        LU[c + 1 :, c + 1 :] -= LU[c + 1 :, c, None] * LU[c, None, c + 1 :]
     return LU, order
 
 
 @np.errstate(all="ignore")
 def substituted(LU: Array, order: Array, B: Array) -> Array:
     """A⁻¹ B (k, n) or (k, m, n) for the factors of A and B of that shape."""
-    X = np.take_along_axis(B, order if B.ndim == 2 else order[:, None], axis=0)
+    vectors = B.ndim == 2
+    X = np.take_along_axis(B, order if vectors else order[:, None], axis=0)
+    L = LU if vectors else LU[:, :, None]
     k = len(LU)
-    for r in range(1, k):
-        for c in range(r):
-            X[r] -= LU[r, c] * X[c]
-    for r in range(k - 1, -1, -1):
-        for c in range(r + 1, k):
-            X[r] -= LU[r, c] * X[c]
-        X[r] *= LU[r, r]
+    for c in range(k - 1):
+        X[c + 1 :] -= L[c + 1 :, c] * X[c]
+    for c in range(k - 1, -1, -1):
+        X[c] *= L[c, c]
+        X[:c] -= L[:c, c] * X[c]
     return X
+
+
+def directly(A: Array, B: Array) -> Array:
+    """A⁻¹ B (k, n) for A (k, k, n) and B (k, n), by LAPACK: for so few points that calls cost more than computing."""
+    try:
+        return np.linalg.solve(A.transpose(2, 0, 1), B.T[:, :, None])[:, :, 0].T
+    except np.linalg.LinAlgError:  # of one point, which says nothing about the others
+        return substituted(*factors(A), B)
 
 
 def _exchange(LU: Array, order: Array, c: int) -> None:

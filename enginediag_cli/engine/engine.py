@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
-import os
 import numpy as np
 
 from enginediag_cli.engine import anchors, solver
@@ -22,10 +21,10 @@ from enginediag_cli.engine.term import Effect
 from enginediag_cli.parameters import Parameter
 
 STATUS = ("ok", "outside the maps", "did not converge", "invalid input")
-CHUNK = (1_000, int(os.environ.get('CH','10000')))
+CHUNK = (1_000, 10_000)
 """Least and most points of a pass: enough to hide the overhead of calls, few enough for memory."""
-IN_CACHE = int(os.environ.get('IC','90000'))
-"""Points × directions of a pass: the derivatives of a quantity, 1.2 MB, stay about in the cache of a core. Ten thousand
+IN_CACHE = 90_000
+"""Points × directions of a pass: the derivatives of a quantity, 0.7 MB, stay in the cache of a core. Ten thousand
 points along eighty directions take 2.4 times as long at once as in passes of this size."""
 
 
@@ -177,7 +176,7 @@ class Engine:
             x[:, at], residual[at], passes[at] = solved.x, solved.residual, solved.passes
             failed = ~solved.converged
             out.status[at[failed]] = NOT_CONVERGED
-            for k in np.flatnonzero(failed):
+            for k in np.flatnonzero(failed).tolist():
                 balance = self._balance_names[solved.worst(k)]
                 out.reasons[int(at[k])] = f"{balance} not met (residual {solved.residual[k]:.1e})"
             rest = np.flatnonzero(solved.converged & ~solved.read)

@@ -27,6 +27,9 @@ from enginediag_cli.engine.evaluation import Evaluation
 from enginediag_cli.engine.network import Network
 
 TOLERANCE = 1e-10  # on every balance, all of order one
+AIM = 0.01
+"""Share of TOLERANCE that the iteration aims at, so that differences of solutions 1e-5 apart are good to
+a ten-millionth. A point that cannot come nearer, for rounding, and meets TOLERANCE is solved all the same."""
 MAX_ITERATIONS = 60
 """Passes at most: a good start needs a few; what has not converged by then does not. Judgement."""
 LARGEST_STEP = 0.4
@@ -45,7 +48,7 @@ LARGEST_SHARE = 0.5
 """Largest s'·t'/s'·s' that is believed: near 1 the step would have no end."""
 TINY = 1e-300
 """In place of a square that is zero, of a step that was not taken."""
-SURE = 2e-11
+SURE = 2e-13
 """Expected residual at which a pass is taken to confirm the solution, and is differentiated as outputs are wanted: the
 expectation is right to a factor of about five."""
 MOST = 0.75
@@ -67,12 +70,17 @@ class Reader(Protocol):
 
 @dataclass(frozen=True)
 class Effort:
-    """How far an iteration goes: passes at most, largest residual left; `by_differences`: with Jacobians from forward
-    differences in one widened batch, which for a few points costs one plain pass."""
+    """How far an iteration goes: passes at most, largest residual left (None: by AIM); `by_differences`: with Jacobians
+    from forward differences in one widened batch, which for a few points costs one plain pass."""
 
     max_iterations: int = MAX_ITERATIONS
-    tolerance: float = TOLERANCE
+    tolerance: float | None = None
     by_differences: bool = False
+
+    @property
+    def aim(self) -> float:
+        """The largest residual at which a point is left alone."""
+        return AIM * TOLERANCE if self.tolerance is None else self.tolerance
 
 
 @dataclass
@@ -156,7 +164,7 @@ def newton(
         norm = np.abs(R).max(axis=0)
         norm[~np.isfinite(norm)] = np.inf
         best.note(p, R, norm, iteration + 1)
-        left = norm > effort.tolerance
+        left = norm > effort.aim
         if not left.any():
             break
         if not left.all():
@@ -174,8 +182,8 @@ def newton(
 @dataclass
 class _OpenPoints:
     """Points that have not converged: where the last accepted step began, the step and the one before; LU (nx, nx, n)
-    and order (nx, n) of the Jacobian; whether the next pass is to give a fresh one, and what residual is expected of
-    it."""
+    and order (nx, n) of the Jacobian, or the Jacobian of few points in place of LU; whether the next pass is to give a
+    fresh one, and what residual is expected of it."""
 
     index: Array
     x: Array
@@ -211,7 +219,8 @@ class _OpenPoints:
         stay open (n,)."""
         # a step that made things worse is halved, a few times in a row
         rejected = (norm > self.base_norm) & (self.halvings < MAX_HALVINGS)
-        going = ~rejected & np.isfinite(norm)
+        stalled = (norm <= TOLERANCE) & (norm > GAINS * self.base_norm)
+        going = ~rejected & ~stalled & np.isfinite(norm)
         disappointed = going & ~self.fresh & (norm > GAINS * self.base_norm)
         accepted = going & ~disappointed
         if accepted.any():
@@ -222,17 +231,22 @@ class _OpenPoints:
         self.base[:, disappointed], self.step[:, disappointed] = self.x[:, disappointed], 0.0
         self.base_norm[disappointed] = np.inf
         self.fresh |= rejected | disappointed
-        return np.asarray((going | rejected) & np.isfinite(self.step).all(axis=0))
+        return np.asarray((going | rejected) & ~stalled & np.isfinite(self.step).all(axis=0))
 
     @np.errstate(all="ignore")  # what cannot be solved leaves the batch
     def _accept(self, taken: Array | slice, R: Array, norm: Array, effort: Effort) -> None:
         """Steps of the accepted points."""
         fresh, norm, before, x = self.fresh[taken], norm[taken], self.base_norm[taken], self.x[:, taken]
-        step = -elimination.substituted(self.LU[:, :, taken], self.order[:, taken], R[:, taken])
+        if effort.by_differences:
+            step = -elimination.directly(self.LU[:, :, taken], R[:, taken])
+        else:
+            step = -elimination.substituted(self.LU[:, :, taken], self.order[:, taken], R[:, taken])
         if not fresh.all():
             first, last = self.earlier[:, taken], self.step[:, taken]
             # a step is corrected by those since its Jacobian was computed
-            step += last * np.where(fresh, 0.0, (first * step).sum(axis=0) / np.maximum((first * first).sum(axis=0), TINY))
+            step += last * np.where(
+                fresh, 0.0, (first * step).sum(axis=0) / np.maximum((first * first).sum(axis=0), TINY)
+            )
             share = np.where(fresh, 0.0, (last * step).sum(axis=0) / (last * last).sum(axis=0))
             step /= np.where(share < LARGEST_SHARE, 1.0 - share, 1.0)
             self.earlier[:, taken] = np.where(fresh, 0.0, last)
@@ -279,14 +293,17 @@ class _Balances:
             along: frozenset[str] = frozenset()
             if fresh:
                 e, R[:, here], J = self._with_jacobian(u, t, x)
-                p.LU[:, :, here], p.order[:, here] = elimination.factors(J)
+                if self.effort.by_differences:
+                    p.LU[:, :, here] = J
+                else:
+                    p.LU[:, :, here], p.order[:, here] = elimination.factors(J)
                 p.fresh[here], p.earlier[:, here] = True, 0.0
             else:
                 along = self._along(p.expected[here])
                 e = evaluate(self.network, u, t, x, along)
                 R[:, here] = _balances(e)
             if self.reader is not None and self.reader.along == along:
-                met = np.flatnonzero((np.abs(R[:, here]) <= TOLERANCE).all(axis=0))
+                met = np.flatnonzero((np.abs(R[:, here]) <= self.effort.aim).all(axis=0))
                 if met.size:
                     self.reader.read(e, met, index[met])
                     best.read[index[met]] = True

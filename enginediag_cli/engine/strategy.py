@@ -82,7 +82,7 @@ class Strategy:
         """Fits a start to the solutions of these points, if half of them have one."""
         names, z = self._coordinates(anchors, next(np.size(v) for v in anchors.values() if np.ndim(v)))
         solved = solver.newton(self.network, anchors, self.nominal, self._plain(anchors, z.shape[1]), LEARNING)
-        good = (solved.residual <= LEARNING.tolerance) & np.isfinite(z).all(axis=0)  # a wild input may have no coordinate
+        good = (solved.residual <= LEARNING.aim) & np.isfinite(z).all(axis=0)  # a wild input may have no coordinate
         if good.mean() >= 0.5:
             self.fit = StartFit.fit(names, z[:, good], solved.x[:, good])
 
