@@ -22,11 +22,11 @@ def whiten(e: np.ndarray, J: np.ndarray, noise: NoiseModel) -> tuple[np.ndarray,
     e (N, m) in sensor units, NaN where a sensor is missing; J (N, m, p) in sensor unit per parameter unit. A
     row of J that is not finite is dropped with its measurement.
     """
-    z, G, _ = _whitened(e, J, noise)
+    z, G, _ = whitened(e, J, noise)
     return z, G
 
 
-def _whitened(e: np.ndarray, J: np.ndarray, noise: NoiseModel) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def whitened(e: np.ndarray, J: np.ndarray, noise: NoiseModel) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """As `whiten`, and which measurements there are (N, m)."""
     with np.errstate(invalid="ignore"):
         present = np.isfinite(e) & np.isfinite(J.sum(axis=2))
@@ -66,7 +66,7 @@ def block_statistics(
     information: F (B, p, p) of the blocks, where it is known.
     """
     N, _, p = J.shape
-    z, G, present = _whitened(e, J, noise)
+    z, G, present = whitened(e, J, noise)
     lags = np.ones(N) if lags is None else lags
     stops = np.append(starts[1:], N)
     share = 1 / noise.inflation  # variance of one whitened residual

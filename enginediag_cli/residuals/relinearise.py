@@ -12,12 +12,12 @@ with the sensitivities at nominal, where identification left them, and is elimin
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from enginediag_cli.residuals.local import whiten
+from enginediag_cli.residuals.local import whiten, whitened
 from enginediag_cli.residuals.noise import NoiseModel
 
 Predict = Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray, np.ndarray]]
@@ -64,8 +64,9 @@ class Relinearised:
 
 @dataclass
 class _State:
-    """Working point of w windows: theta (w, p), residuals and sensitivities of their records, and per window
-    the sums z·z (w,), s = Gᵀz (w, p) and F = GᵀG (w, p, p) of whitened residuals and sensitivities."""
+    """Working point of w windows: theta (w, p), residuals and sensitivities of their records (of a trial only to what
+    moves, where the others are those at nominal), and per window the sums z·z (w,), s = Gᵀz (w, p) and F = GᵀG
+    (w, p, p) of whitened residuals and sensitivities."""
 
     theta: np.ndarray
     e: np.ndarray
@@ -161,7 +162,9 @@ class _Loop:
         start = np.tile(self.theta0, (W, 1))
         y0, self.J0, ok = nominal if nominal is not None else predict(start[window], np.arange(N))
         self.ok = np.asarray(ok).copy()
-        self.state = _summed(start, np.where(self.ok[:, None], y - y0, np.nan), self.J0, window, noise)
+        e0 = np.where(self.ok[:, None], y - y0, np.nan)
+        z0, self.G0, self.present = whitened(e0, self.J0, noise)
+        self.state = _State(start, e0, self.J0, *_sums(z0, self.G0, window, W))
         self.cost = self._cost(self.state)
         self.at_nominal = self.cost.copy()
         self.damping, self.decrement, self.active = np.zeros(W), np.full(W, np.inf), np.ones(W, bool)
@@ -228,8 +231,7 @@ class _Loop:
         predicted, J, fine = self.predict(steps.target[slot], rows)
         lost = self._drop_failing(fine, chosen, rows, slot)
         e = np.where((self.ok[rows] & fine)[:, None], self.y[rows] - predicted, np.nan)
-        J = np.concatenate([J[:, :, :q], self.J0[rows, :, q:]], axis=2)
-        trial = _summed(steps.target, e, J, slot, self.noise)
+        trial = self._trial(steps, e, J[:, :, :q], rows, slot)
         trial_cost = self._cost(trial)
         before = self.cost[chosen]
         accepted = ~lost & (trial_cost <= before)
@@ -243,6 +245,24 @@ class _Loop:
         self.decrement[chosen] = steps.length
         self.active[chosen[self.damping[chosen] > MAX_DAMPING]] = False
 
+    def _trial(self, steps: _Steps, e: np.ndarray, J: np.ndarray, rows: np.ndarray, slot: np.ndarray) -> _State:
+        """Where the steps lead, with residuals e (n, m) and sensitivities J (n, m, q) there. The other parameters keep
+        their sensitivities, and the sums over them, as long as the same measurements count."""
+        q, chosen = self.q, steps.chosen
+        z, G, present = whitened(e, J, self.noise)
+        if not np.array_equal(present, self.present[rows]):
+            return _summed(steps.target, e, np.concatenate([J, self.J0[rows, :, q:]], axis=2), slot, self.noise)
+        zz = np.bincount(slot, np.sum(z**2, axis=1), minlength=len(chosen))
+        s, F = np.empty_like(self.state.s[chosen]), self.state.F[chosen]
+        for i, (first, stop) in enumerate(_runs(slot, len(chosen))):
+            part = slice(rows[first], rows[stop - 1] + 1)  # the records of a window follow each other
+            moved, whole = G[first:stop].reshape(-1, q), self.G0[part].reshape(-1, self.G0.shape[2])
+            residual = z[first:stop].ravel()
+            s[i, :q], s[i, q:] = moved.T @ residual, (residual @ whole)[q:]
+            F[i, :q, q:] = (moved.T @ whole)[:, q:]
+            F[i, q:, :q], F[i, :q, :q] = F[i, :q, q:].T, moved.T @ moved
+        return _State(steps.target, e, J, zz, s, F)
+
     def _across_kinks(
         self, trial: _State, chosen: np.ndarray, rows: np.ndarray, slot: np.ndarray, refused: np.ndarray
     ) -> None:
@@ -251,9 +271,9 @@ class _Loop:
         if not refused.any():
             return
         bent = refused[slot]
-        mean = 0.5 * (self.state.J[rows] + trial.J)
-        J = np.where(np.isfinite(trial.J), mean, self.state.J[rows])
-        J = np.where(bent[:, None, None], J, self.state.J[rows])
+        J, width = self.state.J[rows], trial.J.shape[2]
+        mean = 0.5 * (J[:, :, :width] + trial.J)
+        J[:, :, :width] = np.where(np.isfinite(trial.J) & bent[:, None, None], mean, J[:, :, :width])
         again = _summed(self.state.theta[chosen], self.state.e[rows], J, slot, self.noise)
         self._accept(again, chosen, rows, slot, refused)
 
@@ -279,7 +299,8 @@ class _Loop:
         moved = accepted[slot]
         if self.state.J is self.J0:  # which is the caller's, and has what is not re-estimated
             self.state.J = self.J0.copy()
-        self.state.e[rows[moved]], self.state.J[rows[moved]] = trial.e[moved], trial.J[moved]
+        self.state.e[rows[moved]] = trial.e[moved]
+        self.state.J[rows[moved], :, : trial.J.shape[2]] = trial.J[moved]
         for name in ("theta", "zz", "s", "F"):
             getattr(self.state, name)[chosen[accepted]] = getattr(trial, name)[accepted]
 
@@ -312,12 +333,21 @@ class _Loop:
 
 def _summed(theta: np.ndarray, e: np.ndarray, J: np.ndarray, slot: np.ndarray, noise: NoiseModel) -> _State:
     """Working point at theta (w, p) with the sums over the records (n,) of each window `slot` (n,)."""
-    w, p = theta.shape
-    z, G = whiten(e, J, noise)
+    return _State(theta, e, J, *_sums(*whiten(e, J, noise), slot, len(theta)))
+
+
+def _sums(z: np.ndarray, G: np.ndarray, slot: np.ndarray, w: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """z·z (w,), Gᵀz (w, p) and GᵀG (w, p, p) of whitened residuals (n, m) and sensitivities (n, m, p)."""
+    p = G.shape[2]
     zz = np.bincount(slot, np.sum(z**2, axis=1), minlength=w)
     s, F = np.zeros((w, p)), np.zeros((w, p, p))
-    starts, stops = (np.searchsorted(slot, np.arange(w), side=side) for side in ("left", "right"))
-    for i, (first, stop) in enumerate(zip(starts, stops, strict=True)):
+    for i, (first, stop) in enumerate(_runs(slot, w)):
         columns = G[first:stop].reshape(-1, p)
         s[i], F[i] = columns.T @ z[first:stop].ravel(), columns.T @ columns
-    return _State(theta, e, J, zz, s, F)
+    return zz, s, F
+
+
+def _runs(slot: np.ndarray, w: int) -> Iterator[tuple[int, int]]:
+    """First record of each window, and the one after its last."""
+    starts, stops = (np.searchsorted(slot, np.arange(w), side=side) for side in ("left", "right"))
+    return zip(starts.tolist(), stops.tolist(), strict=True)
