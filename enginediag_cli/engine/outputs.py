@@ -57,7 +57,8 @@ class Outputs:
         for c, x in enumerate(found.values()):
             self.y[points, c] = _values(e, x)[rows]
         if self.wrt and self.columns:
-            self.jacobian[points] = self._sensitivities(e, found, rows)
+            self.jacobian[points], left = self._sensitivities(e, found, rows)
+            self.y[points] += np.where(np.isfinite(left), left, 0.0)  # a singular point keeps what it has
         self.status[points] = OK
         for name, mask in _marked(e).items():
             marked = points[mask[rows]]
@@ -65,8 +66,8 @@ class Outputs:
             for i in marked.tolist():
                 self.reasons[i] = f"{self.reasons[i]}, {name}" if i in self.reasons else f"outside {name}"
 
-    def _sensitivities(self, e: Evaluation, outputs: Mapping[str, Value], rows: Array) -> Array:
-        """dy/dθ (n, m, p) of some rows."""
+    def _sensitivities(self, e: Evaluation, outputs: Mapping[str, Value], rows: Array) -> tuple[Array, Array]:
+        """dy/dθ (n, m, p) of some rows, and −G_x F_x⁻¹ F (n, m): what the outputs lack for balances F not zero."""
         some = slice(None) if len(rows) == e.size else rows
         F_x, G_x = (solver.directed(e, r, self._unknowns)[..., some] for r in (e.balances, outputs))
         # G_x F_x⁻¹ first: there are fewer outputs than parameters
@@ -75,7 +76,9 @@ class Outputs:
         for weight, balance in zip(weights, F_theta, strict=True):
             for out, w in zip(G_theta, weight, strict=True):
                 out -= w * balance
-        return G_theta.transpose(2, 0, 1)
+        F = [_values(e, balance)[some] for balance in e.balances.values()]
+        left = sum(weight * balance for weight, balance in zip(weights, F, strict=True))
+        return G_theta.transpose(2, 0, 1), -np.asarray(left).T
 
     def _read(self, e: Evaluation, column: str) -> Value:
         if column in self.sensors:

@@ -48,15 +48,12 @@ LARGEST_SHARE = 0.5
 """Largest s'·t'/s'·s' that is believed: near 1 the step would have no end."""
 TINY = 1e-300
 """In place of a square that is zero, of a step that was not taken."""
-SURE = 2e-13
-"""Expected residual at which a pass is taken to confirm the solution, and is differentiated as outputs are wanted: the
-expectation is right to a factor of about five."""
-MOST = 0.75
-"""Share of the points of a pass that must be sure to converge for all to be differentiated: a pass along all that is
-wanted costs about four plain ones."""
+SURE = 4e-11
+"""Expected residual at which a point is taken to be solved and waits for the pass along all that is wanted, which all
+points make together at the end: the expectation is right to a factor of about two, and outputs are carried from what is
+left to zero by their derivatives."""
 FEW_POINTS = 40
-"""Points up to which the overhead of calls costs more than computing them: Jacobians come from differences there, and
-fewer that are sure to converge wait for the end to be differentiated together."""
+"""Points up to which the overhead of calls costs more than computing them: Jacobians come from differences there."""
 
 
 class Reader(Protocol):
@@ -94,7 +91,7 @@ class Solution:
     passes: Array
     read: Array
 
-    def note(self, p: _OpenPoints, R: Array, norm: Array, passes: int) -> None:
+    def note(self, p: _OpenPoints, R: Array, norm: Array, passes: int | Array) -> None:
         """Keeps what is better than before."""
         at: Array | slice = slice(None) if len(p.index) == len(self.residual) else p.index
         self.passes[at] = passes
@@ -147,7 +144,8 @@ def newton(
 ) -> Solution:
     """Solves the balances from starting unknowns x (nx, N); inputs and parameters are floats or (N,).
 
-    A point that converges in a pass along all that the reader wants is handed to it; the others are left to the caller.
+    What the reader wants of the points that converge is handed to it, where the last pass gives it; the others are left
+    to the caller.
     """
     effort = effort or Effort()
     unknowns = network.unknowns()
@@ -158,7 +156,8 @@ def newton(
         x.copy(), np.full(n, np.inf), np.full_like(x, np.nan), np.zeros(n, dtype=int), np.zeros(n, dtype=bool)
     )
     p = _OpenPoints.at(x)
-    balances = _Balances(network, inputs, parameters, effort, reader)
+    balances = _Balances(network, inputs, parameters, effort, reader, n)
+    waiting = np.zeros(n, dtype=bool)
     for iteration in range(effort.max_iterations):
         R = balances.at(p, best)
         norm = np.abs(R).max(axis=0)
@@ -176,7 +175,33 @@ def newton(
         p.x = np.clip(p.base + p.step, lower, upper)
         # what was cut short has not gone where its Jacobian leads
         p.fresh |= (p.x != p.base + p.step).any(axis=0)
+        sure = (
+            ~p.fresh & (p.expected < SURE) if reader is not None and reader.along else np.zeros(len(norm), dtype=bool)
+        )
+        if sure.any():
+            waiting[p.index[sure]], best.x[:, p.index[sure]] = True, p.x[:, sure]
+            if sure.all():
+                break
+            p = p.kept(~sure)
+    if waiting.any():
+        _confirm(balances, best, np.flatnonzero(waiting))
     return best
+
+
+def _confirm(balances: _Balances, best: Solution, waiting: Array) -> None:
+    """One pass along all that is wanted at points that are expected to be solved; those that are not go on without."""
+    best.residual[waiting] = np.inf
+    p = _OpenPoints.at(best.x[:, waiting])
+    p.index = waiting
+    R = balances.wanted(p, best)
+    norm = np.abs(R).max(axis=0)
+    best.note(p, R, np.where(np.isfinite(norm), norm, np.inf), best.passes[waiting] + 1)
+    rest = waiting[~(norm <= TOLERANCE)]
+    if rest.size:
+        b = balances
+        found = newton(b.network, take(b.inputs, rest), take(b.parameters, rest), best.x[:, rest], b.effort)
+        best.x[:, rest], best.residual[rest], best.balances[:, rest] = found.x, found.residual, found.balances
+        best.passes[rest] += found.passes
 
 
 @dataclass
@@ -276,6 +301,7 @@ class _Balances:
     parameters: Mapping[str, Value]
     effort: Effort
     reader: Reader | None
+    size: int
 
     def at(self, p: _OpenPoints, best: Solution) -> Array:
         """Balances (nx, n) of the points, whose Jacobians are put where they belong."""
@@ -286,35 +312,39 @@ class _Balances:
             if not rows.size:
                 continue
             here = slice(None) if len(rows) == len(p.index) else rows
-            index, x = p.index[here], p.x[:, here]
-            whole = len(index) == len(best.residual)
-            u = self.inputs if whole else take(self.inputs, index)
-            t = self.parameters if whole else take(self.parameters, index)
-            along: frozenset[str] = frozenset()
+            u, t = self._leaves(p.index[here])
             if fresh:
-                e, R[:, here], J = self._with_jacobian(u, t, x)
+                e, R[:, here], J = self._with_jacobian(u, t, p.x[:, here])
                 if self.effort.by_differences:
                     p.LU[:, :, here] = J
                 else:
                     p.LU[:, :, here], p.order[:, here] = elimination.factors(J)
                 p.fresh[here], p.earlier[:, here] = True, 0.0
             else:
-                along = self._along(p.expected[here])
-                e = evaluate(self.network, u, t, x, along)
+                e = evaluate(self.network, u, t, p.x[:, here], frozenset())
                 R[:, here] = _balances(e)
-            if self.reader is not None and self.reader.along == along:
-                met = np.flatnonzero((np.abs(R[:, here]) <= self.effort.aim).all(axis=0))
-                if met.size:
-                    self.reader.read(e, met, index[met])
-                    best.read[index[met]] = True
+            if self.reader is not None and not self.reader.along:
+                self._read(e, R[:, here], self.effort.aim, p.index[here], best)
         return R
 
-    def _along(self, expected: Array) -> frozenset[str]:
-        """The leaves along which a pass without Jacobian is differentiated: all that is wanted, where it will confirm
-        nearly all points and there are many."""
-        sure = np.count_nonzero(expected < SURE)
-        worth = sure > max(FEW_POINTS, MOST * len(expected))
-        return self.reader.along if worth and self.reader is not None else frozenset()
+    def wanted(self, p: _OpenPoints, best: Solution) -> Array:
+        """Balances (nx, n) of points from a pass along all that the reader wants, who has it where they are met."""
+        assert self.reader is not None
+        e = evaluate(self.network, *self._leaves(p.index), p.x, self.reader.along)
+        R = _balances(e)
+        self._read(e, R, TOLERANCE, p.index, best)
+        return R
+
+    def _leaves(self, index: Array) -> tuple[Mapping[str, Value], Mapping[str, Value]]:
+        if len(index) == self.size:
+            return self.inputs, self.parameters
+        return take(self.inputs, index), take(self.parameters, index)
+
+    def _read(self, e: Evaluation, R: Array, tolerance: float, index: Array, best: Solution) -> None:
+        met = np.flatnonzero((np.abs(R) <= tolerance).all(axis=0))
+        if met.size and self.reader is not None:
+            self.reader.read(e, met, index[met])
+            best.read[index[met]] = True
 
     def _with_jacobian(
         self, inputs: Mapping[str, Value], parameters: Mapping[str, Value], x: Array
