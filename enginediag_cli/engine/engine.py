@@ -21,11 +21,8 @@ from enginediag_cli.engine.term import Effect
 from enginediag_cli.parameters import Parameter
 
 STATUS = ("ok", "outside the maps", "did not converge", "invalid input")
-CHUNK = (1_000, 10_000)
-"""Least and most points of a pass: enough to hide the overhead of calls, few enough for memory."""
-IN_CACHE = 90_000
-"""Points × directions of a pass: the derivatives of a quantity, 0.7 MB, stay in the cache of a core. Ten thousand
-points along eighty directions take 2.4 times as long at once as in passes of this size."""
+CHUNK = 10_000
+"""Most points that are solved together: enough to hide the overhead of calls, few enough for memory."""
 
 
 @dataclass(frozen=True)
@@ -168,8 +165,7 @@ class Engine:
         by_differences = size <= solver.FEW_POINTS
         if start is None:
             self._strategy.prepare(points, valid)
-        fitting = IN_CACHE // (len(self.unknowns) + len(wrt))
-        for at in _chunks(np.flatnonzero(valid), min(max(fitting, CHUNK[0]), CHUNK[1])):
+        for at in _chunks(np.flatnonzero(valid), CHUNK):
             u, t, reader = solver.take(points, at), solver.take(theta, at), out.of(at)
             first = None if start is None else start[:, at]
             solved = self._strategy.solve(u, t, first, reader, Tries(by_differences, walk))
@@ -180,10 +176,11 @@ class Engine:
                 balance = self._balance_names[solved.worst(k)]
                 out.reasons[int(at[k])] = f"{balance} not met (residual {solved.residual[k]:.1e})"
             rest = np.flatnonzero(solved.converged & ~solved.read)
-            if rest.size:
-                u, t = solver.take(u, rest), solver.take(t, rest)
-                e = solver.evaluate(self.network, u, t, solved.x[:, rest], out.along)
-                reader.read(e, np.arange(rest.size), rest)
+            for some in solver.blocks(rest, out.along):
+                e = solver.evaluate(
+                    self.network, solver.take(u, some), solver.take(t, some), solved.x[:, some], out.along
+                )
+                reader.read(e, np.arange(some.size), some)
         return Prediction(out.y, out.jacobian, out.status, columns, wrt, x, residual, passes, out.also, out.reasons)
 
     # inside

@@ -15,7 +15,7 @@ in every batch of more than `FEW_POINTS`.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, fields
 from typing import Protocol
 
@@ -52,6 +52,11 @@ SURE = 4e-11
 """Expected residual at which a point is taken to be solved and waits for the pass along all that is wanted, which all
 points make together at the end: the expectation is right to a factor of about two, and outputs are carried from what is
 left to zero by their derivatives."""
+LEAST_POINTS = 1_000
+"""Points of a pass that hide the overhead of calls."""
+IN_CACHE = 90_000
+"""Points × directions of a pass: the derivatives of a quantity, 0.7 MB, stay in the cache of a core. Ten thousand
+points along eighty directions take 2.4 times as long at once as in passes of this size."""
 FEW_POINTS = 40
 """Points up to which the overhead of calls costs more than computing them: Jacobians come from differences there."""
 
@@ -190,13 +195,15 @@ def newton(
 
 def _confirm(balances: _Balances, best: Solution, waiting: Array) -> None:
     """One pass along all that is wanted at points that are expected to be solved; those that are not go on without."""
+    assert balances.reader is not None
     best.residual[waiting] = np.inf
-    p = _OpenPoints.at(best.x[:, waiting])
-    p.index = waiting
-    R = balances.wanted(p, best)
-    norm = np.abs(R).max(axis=0)
-    best.note(p, R, np.where(np.isfinite(norm), norm, np.inf), best.passes[waiting] + 1)
-    rest = waiting[~(norm <= TOLERANCE)]
+    for some in blocks(waiting, balances.reader.along):
+        p = _OpenPoints.at(best.x[:, some])
+        p.index = some
+        R = balances.wanted(p, best)
+        norm = np.abs(R).max(axis=0)
+        best.note(p, R, np.where(np.isfinite(norm), norm, np.inf), best.passes[some] + 1)
+    rest = waiting[~(best.residual[waiting] <= TOLERANCE)]
     if rest.size:
         b = balances
         found = newton(b.network, take(b.inputs, rest), take(b.parameters, rest), best.x[:, rest], b.effort)
@@ -368,6 +375,13 @@ class _Balances:
 def _balances(e: Evaluation) -> Array:
     """Values of all balances (nx, n)."""
     return np.stack([np.broadcast_to(value(b), (e.size,)) for b in e.balances.values()])
+
+
+def blocks(points: Array, along: Collection[str]) -> Iterator[Array]:
+    """Points in parts whose derivatives along so many directions stay in the cache."""
+    size = max(IN_CACHE // max(len(along), 1), LEAST_POINTS)
+    for k in range(0, len(points), size):
+        yield points[k : k + size]
 
 
 def take(leaves: Mapping[str, Value], index: Array) -> dict[str, Value]:
