@@ -10,25 +10,19 @@ from typing import Any
 
 import numpy as np
 
-from enginediag_cli.engine import solver
-from enginediag_cli.engine.dual import Array, Value, value
-from enginediag_cli.engine.evaluation import Evaluation
-from enginediag_cli.engine.gas import T_LIMIT
+from enginediag_cli.engine import anchors, solver
+from enginediag_cli.engine.dual import Array
 from enginediag_cli.engine.network import Network
+from enginediag_cli.engine.outputs import INVALID_INPUT, NOT_CONVERGED, OK, OUTSIDE_MAP, Outputs
 from enginediag_cli.engine.sensors import Sensor
 from enginediag_cli.engine.start import correction, total_ratios
-from enginediag_cli.engine.strategy import Strategy
+from enginediag_cli.engine.strategy import Strategy, Tries
 from enginediag_cli.engine.term import Effect
 from enginediag_cli.parameters import Parameter
 
-OK, OUTSIDE_MAP, NOT_CONVERGED, INVALID_INPUT = range(4)
-"""Status of a point, the better the smaller: up to OUTSIDE_MAP it has values."""
 STATUS = ("ok", "outside the maps", "did not converge", "invalid input")
-CHUNK = (1_000, 10_000)
-"""Least and most points of a pass: enough to hide the overhead of calls, few enough for memory."""
-IN_CACHE = 150_000
-"""Points × directions of a pass: the derivatives of a quantity, 1.2 MB, stay about in the cache of a core. Ten thousand
-points along eighty directions take 2.4 times as long at once as in passes of this size."""
+CHUNK = 10_000
+"""Most points that are solved together: enough to hide the overhead of calls, few enough for memory."""
 
 
 @dataclass(frozen=True)
@@ -87,7 +81,7 @@ class Engine:
         self.unknowns = network.unknowns()
         self._nominal = {p.name: p.nominal for p in parameters}
         self._moved: Mapping[str, float] = {}
-        self._strategy = Strategy(network, self._nominal)
+        self._strategy = Strategy(network, self._nominal, self._anchors())
 
     @property
     def effects(self) -> tuple[Effect, ...]:
@@ -164,37 +158,43 @@ class Engine:
         points, theta, size, valid, reasons = self._checked(inputs, parameters or {}, (*columns, *also), wrt)
         if start is not None and np.shape(start) != (len(self.unknowns), size):
             raise ValueError(f"`start` must have shape ({len(self.unknowns)}, {size}), not {np.shape(start)}")
-        m, p = len(columns), len(wrt)
-        y, J = np.full((size, m), np.nan), np.full((size, m, p), np.nan)
-        x, beside = np.full((len(self.unknowns), size), np.nan), np.full((size, len(also)), np.nan)
+        out = Outputs(self.network, self.sensors, columns, wrt, tuple(also), size)
+        out.reasons.update(reasons)
+        x = np.full((len(self.unknowns), size), np.nan)
         residual, passes = np.full(size, np.inf), np.zeros(size, dtype=int)
-        status = np.full(size, INVALID_INPUT, dtype=np.int8)
+        by_differences = size <= solver.FEW_POINTS
         if start is None:
             self._strategy.prepare(points, valid)
-        final = self._directions(wrt)
-        fitting = IN_CACHE // (len(self.unknowns) + p)
-        for at in _chunks(np.flatnonzero(valid), min(max(fitting, CHUNK[0]), CHUNK[1])):
-            u, t = solver.take(points, at), solver.take(theta, at)
-            solved = self._strategy.solve(u, t, len(at), None if start is None else start[:, at], final, walk)
+        for at in _chunks(np.flatnonzero(valid), CHUNK):
+            u, t, reader = solver.take(points, at), solver.take(theta, at), out.of(at)
+            first = None if start is None else start[:, at]
+            solved = self._strategy.solve(u, t, first, reader, Tries(by_differences, walk))
             x[:, at], residual[at], passes[at] = solved.x, solved.residual, solved.passes
-            status[at] = np.where(solved.converged, OK, NOT_CONVERGED)
-            for k in np.flatnonzero(~solved.converged):
-                balance = self._balance_names[solved.worst[k]]
-                reasons[int(at[k])] = f"{balance} not met (residual {solved.residual[k]:.1e})"
-            for e, good in self._evaluations(u, t, solved, final):
-                rows = at[good]
-                y[rows], J[rows], flags = self._outputs(e, columns, wrt)
-                for c, column in enumerate(also):
-                    beside[rows, c] = np.broadcast_to(value(self._read(e.evaluation, column)), (e.evaluation.size,))[
-                        e.rows
-                    ]
-                for name, mask in flags.items():
-                    status[rows[mask]] = OUTSIDE_MAP
-                    for i in rows[mask].tolist():
-                        reasons[i] = f"{reasons[i]}, {name}" if i in reasons else f"outside {name}"
-        return Prediction(y, J, status, columns, wrt, x, residual, passes, beside, reasons)
+            failed = ~solved.converged
+            out.status[at[failed]] = NOT_CONVERGED
+            for k in np.flatnonzero(failed).tolist():
+                balance = self._balance_names[solved.worst(k)]
+                out.reasons[int(at[k])] = f"{balance} not met (residual {solved.residual[k]:.1e})"
+            rest = np.flatnonzero(solved.converged & ~solved.read)
+            for some in solver.blocks(rest, out.along):
+                e = solver.evaluate(
+                    self.network, solver.take(u, some), solver.take(t, some), solved.x[:, some], out.along
+                )
+                reader.read(e, np.arange(some.size), some)
+        return Prediction(out.y, out.jacobian, out.status, columns, wrt, x, residual, passes, out.also, out.reasons)
 
     # inside
+
+    def _anchors(self) -> dict[str, Array]:
+        """Operating points over the envelope and the range of power; none where the engine file does not give them."""
+        power = self.power_setting
+        ranges = {**self.envelope, **({} if self.power_range is None else {power: (0.0, 1.0)})}
+        if any(c not in ranges for c in self.inputs):
+            return {}
+        found = anchors.over(ranges, self.inputs)
+        if self.power_range is not None:
+            found[power] = self.power_from_fraction(found[power], found)
+        return found
 
     def _checked(
         self, inputs: Mapping[str, Any], parameters: Mapping[str, Any], columns: tuple[str, ...], wrt: tuple[str, ...]
@@ -261,89 +261,10 @@ class Engine:
         stations = (f"{w}{s}{u}" for s in e.flows for w, u in (("T", "_K"), ("P", "_Pa"), ("W", "_kg_s"), ("FAR", "")))
         return tuple(e.balances), (*e.outputs, *stations, "OPR", "SFC_kg_Ns")
 
-    def _directions(self, wrt: Sequence[str]) -> frozenset[str]:
-        """The leaves along which outputs are differentiated: none, or the unknowns and `wrt`."""
-        if not wrt:
-            return frozenset()
-        return frozenset([u.name for u in self.unknowns] + [self.network.leaf_of(w) for w in wrt])
-
-    def _evaluations(
-        self, points: Mapping[str, Any], theta: Mapping[str, Any], solved: solver.Solution, final: frozenset[str]
-    ) -> Iterator[tuple[_Rows, Array]]:
-        """Evaluations at the solution, with the converged points that each stands for: the confirming pass
-        of the solver, whose other rows are ignored, and one more for points that it does not cover."""
-        left = solved.converged.copy()
-        if solved.evaluation is not None and solved.evaluated is not None:
-            covered = np.full(len(left), -1)
-            covered[solved.evaluated] = np.arange(len(solved.evaluated))
-            current = solver.largest_balance(solved.evaluation) <= solver.TOLERANCE
-            good = np.flatnonzero(left & (covered >= 0))
-            good = good[current[covered[good]]]
-            yield _Rows(solved.evaluation, covered[good]), good
-            left[good] = False
-        rest = np.flatnonzero(left)
-        if rest.size:
-            e = solver.evaluate(
-                self.network, solver.take(points, rest), solver.take(theta, rest), solved.x[:, rest], final
-            )
-            yield _Rows(e, slice(None)), rest
-
-    def _outputs(
-        self, e: _Rows, columns: tuple[str, ...], wrt: tuple[str, ...]
-    ) -> tuple[Array, Array, dict[str, Array]]:
-        """y (n, m), dy/dθ = G_θ − G_x F_x⁻¹ F_θ (implicit function theorem) and the marked components."""
-        names = tuple(u.name for u in self.unknowns)
-        with np.errstate(all="ignore"):
-            rows = {c: self._read(e.evaluation, c) for c in columns}
-        n = e.evaluation.size
-        y = np.stack([np.broadcast_to(value(r), (n,)) for r in rows.values()], axis=1) if rows else np.empty((n, 0))
-        J = np.empty((n, len(columns), len(wrt)))[e.rows]
-        if wrt and columns:
-            along = tuple(self.network.leaf_of(w) for w in wrt)
-            balances = e.evaluation.balances
-            F_x, G_x = (solver.matrix(e.evaluation, r, names)[e.rows] for r in (balances, rows))
-            # G_x F_x⁻¹ first: there are fewer outputs than parameters
-            weights = solver.linear_solve(F_x.transpose(0, 2, 1), G_x.transpose(0, 2, 1)).transpose(2, 1, 0)
-            F_theta, G_theta = (solver.directed(e.evaluation, r, along)[..., e.rows] for r in (balances, rows))
-            for row, out in zip(weights, G_theta, strict=True):
-                for weight, balance in zip(row, F_theta, strict=True):
-                    out -= weight * balance
-            J = np.ascontiguousarray(G_theta.transpose(2, 0, 1))
-        flags = {name: mask[e.rows] for name, mask in _marked(e.evaluation).items()}
-        return y[e.rows], J, {name: mask for name, mask in flags.items() if mask.any()}
-
-    def _read(self, e: Evaluation, column: str) -> Value:
-        if column in self.sensors:
-            return self.sensors[column].read(self.network, e)
-        return self.network.read(e, column)
-
-
-@dataclass(frozen=True)
-class _Rows:
-    """Some points of an evaluation."""
-
-    evaluation: Evaluation
-    rows: Array | slice
-
-
-def _marked(e: Evaluation) -> dict[str, Array]:
-    """Components met outside their maps, and temperatures outside the gas data; masks (N,)."""
-    marked = {
-        f"the map of {name}": np.broadcast_to(mask, (e.size,)) for name, mask in e.outside.items() if np.any(mask)
-    }
-    beyond = np.zeros(e.size, dtype=bool)
-    for flow in e.flows.values():
-        if flow.known_temperature is not None:
-            T = value(flow.known_temperature)
-            beyond |= np.broadcast_to((T > T_LIMIT[1]) | (T < T_LIMIT[0]), (e.size,))
-    if beyond.any():
-        marked["the gas data"] = beyond
-    return marked
-
 
 def _chunks(index: Array, size: int) -> Iterator[Array]:
     for k in range(0, len(index), size):
         yield index[k : k + size]
 
 
-__all__ = ["STATUS", "Engine", "Prediction"]
+__all__ = ["INVALID_INPUT", "NOT_CONVERGED", "OK", "OUTSIDE_MAP", "STATUS", "Engine", "Prediction"]

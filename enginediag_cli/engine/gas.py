@@ -37,6 +37,9 @@ T_LIMIT = (150.0, 2500.0)  # K, where an operating point is still called inside 
 DEGREE = 9
 """Of the polynomial for cp: over T_FIT it leaves 20 J/kg, 0.02 K, in h for air."""
 START_LIMIT = ((130.0, 2700.0), (np.log(130.0), np.log(2700.0)))  # K, ln K
+COLUMNS = 4
+"""Matrix products are made of a multiple of so many columns: what they give for a point does not depend on the others
+then, to the last digit."""
 H, PHI, CP, DCP = range(4)
 """Rows of the fitted properties."""
 MOLAR_MASS_C, MOLAR_MASS_H = 12.0107e-3, 1.00794e-3  # kg/mol
@@ -162,8 +165,8 @@ class Gas:
         t = value(T) * 1e-3
         P = _powers(t, False)
         kind = mixture.kind
-        rows = self._critical[: (1, 3, 5)[kind - 1]] @ P
-        slopes = self._critical_slope[: (1, 3, 5)[kind - 1]] @ P
+        rows = (self._critical[: (1, 3, 5)[kind - 1]] @ P)[:, : t.size]
+        slopes = (self._critical_slope[: (1, 3, 5)[kind - 1]] @ P)[:, : t.size]
         far = value(mixture.far) if mixture.far is not None else 0.0
         war_value: Value = 0.0 if mixture.war is None else mixture.war
         war = value(war_value)
@@ -186,7 +189,7 @@ class Gas:
 
     def _mixed(self, T: Array, mixture: Mixture, quantities: tuple[int, ...]) -> list[Array]:
         kind = mixture.kind
-        X = self._blocks[kind, quantities] @ _powers(T * 1e-3, PHI in quantities)
+        X = (self._blocks[kind, quantities] @ _powers(T * 1e-3, PHI in quantities))[:, : T.size]
         parts = [X[i * kind : (i + 1) * kind] for i in range(len(quantities))]
         if kind > 1:
             far = value(mixture.far) if mixture.far is not None else 0.0
@@ -224,7 +227,7 @@ class Gas:
     def _start(self, coefficients: Array, x: Array, mixture: Mixture) -> Array:
         """Starting T or ln T from a polynomial in x = h or φ (scaled), corrected for fuel and water."""
         kind = mixture.kind
-        rows = coefficients[: (1, 3, 5)[kind - 1]] @ _powers(x, False)
+        rows = (coefficients[: (1, 3, 5)[kind - 1]] @ _powers(x, False))[:, : x.size]
         start = rows[0]
         if kind > 1 and mixture.far is not None:
             far = value(mixture.far)
@@ -242,7 +245,7 @@ class Gas:
         nodes = 0.5 * (low + high) - 0.5 * (high - low) * np.cos(np.linspace(0, np.pi, 60))
         T, far, war = (g.ravel() for g in np.meshgrid(nodes, np.linspace(0, 0.05, 4), [0.0, 0.02], indexing="ij"))
         x, y = make(T, Mixture(far, war))
-        powers = _powers(x, False)
+        powers = _powers(x, False)[:, : x.size]
         weights = (np.ones_like(T), far, far**2, war, war * far)
         columns = [w * powers[k] for w, d in zip(weights, FIT_DEGREES, strict=True) for k in range(d + 1)]
         solution = np.linalg.lstsq(np.stack(columns, axis=1), y, rcond=None)[0]
@@ -303,13 +306,16 @@ def _quantity_rows(T: Array, cp: Array) -> Array:
 
 def _powers(t: Array, with_log: bool) -> Array:
     """(1, t, …, t^(DEGREE+1), ln t), shape (DEGREE + 3, N); without the logarithm one row less."""
-    P = np.empty((DEGREE + 2 + with_log, t.size))
+    n = t.size
+    # matrix products sum differently at the end of a number of columns that is odd
+    P = np.empty((DEGREE + 2 + with_log, -(-n // COLUMNS) * COLUMNS))
+    P[:, n:] = 1.0
     P[0] = 1.0
-    P[1] = t
-    np.multiply(t, t, out=P[2])
+    P[1, :n] = t
+    np.multiply(P[1], P[1], out=P[2])
     np.multiply(P[1:3], P[2], out=P[3:5])
     np.multiply(P[1:5], P[4], out=P[5:9])
     np.multiply(P[1:3], P[8], out=P[9:11])
     if with_log:
-        np.log(t, out=P[11])
+        np.log(P[1], out=P[11])
     return P

@@ -10,22 +10,27 @@ is beyond its choking flow at every other start.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from enginediag_cli.engine import solver
+from enginediag_cli.engine.anchors import ANCHORS
 from enginediag_cli.engine.dual import Array
 from enginediag_cli.engine.network import Network
+from enginediag_cli.engine.outputs import OfPoints
 from enginediag_cli.engine.start import StartFit, coordinates, correction, total_ratios
 
-FIT_FROM = 500  # points from which a fitted start pays
-ANCHORS = 200
-"""Points that are solved first for a fitted start to be learnt from: some times its terms."""
+FIT_FROM = 500  # points from which a fitted start of their own pays
+COVERED = 0.98
+"""Share of the points that a fitted start must cover to serve. Judgement."""
+LEARNING = solver.Effort(max_iterations=9, tolerance=1e-5, by_differences=True)
+"""Of the anchors: a start need not be exact, and anchors that take longer can be spared."""
 WALK_STEP = {"rpm": 0.12, "other": 0.6}  # largest change of ln(corrected power setting) in one step of a walk
 MAX_WALK_STEPS = 12
 """Steps of a walk from the design point at most; further points take longer steps."""
-WALK_ITERATIONS = 6
+WALK = solver.Effort(max_iterations=6)
 """Iterations on the way, where a point is only a start of the next one and need not converge."""
 RETRY_ITERATIONS = 30
 """Iterations of a second try from another start: half of the usual number, since most of these points have no solution.
@@ -37,46 +42,67 @@ LARGEST_NEIGHBOUR_TABLE = 2_000_000
 LESS_FLOW = (0.9, 0.8, 0.7, 0.6, 0.5)  # of the design point's
 
 
+@dataclass(frozen=True)
+class Tries:
+    """`by_differences`: as in `solver.Effort`; `every_way`: points that fail are tried again in every way, or only from
+    their neighbours."""
+
+    by_differences: bool = False
+    every_way: bool = True
+
+
 class Strategy:
     """Solves batches of operating points of one network; remembers only its fitted start."""
 
-    def __init__(self, network: Network, nominal: Mapping[str, float]) -> None:
+    def __init__(self, network: Network, nominal: Mapping[str, float], envelope: Mapping[str, Array]) -> None:
+        """`envelope`: anchors (n,) by input column, none where it is not known."""
         self.network = network
         self.nominal = nominal
+        self.envelope = envelope
         self.fit: StartFit | None = None
 
     def prepare(self, points: Mapping[str, Any], valid: Array) -> None:
-        """Fits a start from anchors among the points (N,) when they are many and the remembered one does not
-        cover them."""
+        """Fits a start, where the remembered one does not cover many points (N,): from anchors over the envelope, so
+        that it is the same for every batch; where that does not cover them or is not known, from some of their own."""
         at = np.flatnonzero(valid)
-        if not at.size:
+        if at.size <= solver.FEW_POINTS:
             return
+        if self.fit is None and self.envelope:
+            u = {c: self.envelope.get(c, v) for c, v in points.items() if c in self.envelope or np.ndim(v) == 0}
+            if len(u) == len(points):
+                self._learn(u)
         names, z = self._coordinates(solver.take(points, at), at.size)
-        if at.size < FIT_FROM or (self.fit is not None and self.fit.covers(names, z).mean() > 0.98):
+        if at.size < FIT_FROM or (self.fit is not None and self.fit.covers(names, z).mean() > COVERED):
             return
         drawn = np.random.default_rng(0).choice(at.size, min(ANCHORS, at.size), replace=False)
         anchors = np.array(sorted({*drawn.tolist(), *z.argmin(axis=1).tolist(), *z.argmax(axis=1).tolist()}))
-        u = solver.take(points, at[anchors])
-        solved = solver.newton(self.network, u, self.nominal, self._first(u, anchors.size))
-        good = solved.converged & np.isfinite(z[:, anchors]).all(axis=0)  # a wild input may have no coordinate
+        self._learn(solver.take(points, at[anchors]))
+
+    def _learn(self, anchors: Mapping[str, Any]) -> None:
+        """Fits a start to the solutions of these points, if half of them have one."""
+        names, z = self._coordinates(anchors, next(np.size(v) for v in anchors.values() if np.ndim(v)))
+        solved = solver.newton(self.network, anchors, self.nominal, self._plain(anchors, z.shape[1]), LEARNING)
+        good = (solved.residual <= LEARNING.aim) & np.isfinite(z).all(axis=0)  # a wild input may have no coordinate
         if good.mean() >= 0.5:
-            self.fit = StartFit.fit(names, z[:, anchors[good]], solved.x[:, good])
+            self.fit = StartFit.fit(names, z[:, good], solved.x[:, good])
 
     def solve(
         self,
         points: Mapping[str, Any],
         theta: Mapping[str, Any],
-        size: int,
         start: Array | None,
-        final: frozenset[str],
-        walk: bool = True,
+        reader: OfPoints,
+        tries: Tries,
     ) -> solver.Solution:
-        """Unknowns of `size` points; `start` (nx, size) or None; `final` as in `solver.newton`; `walk`: go all ways to
-        points that fail, or only from their neighbours."""
+        """Unknowns of all points of the reader, which takes what it wants of those that converge; start (nx, n) or
+        None."""
+        size = len(reader.points)
         first = self._first(points, size) if start is None else np.where(np.isfinite(start), start, self._design(size))
-        solved = solver.newton(self.network, points, theta, first, final)
+        effort = solver.Effort(by_differences=tries.by_differences)
+        solved = solver.newton(self.network, points, theta, first, effort, reader)
+        again_effort = replace(effort, max_iterations=RETRY_ITERATIONS)
         ways = (self._from_design, self._by_walking, self._from_neighbours, self._from_less_flow)
-        for again in ways if walk else (self._from_neighbours,):
+        for again in ways if tries.every_way else (self._from_neighbours,):
             failed = np.flatnonzero(~solved.converged)
             if not failed.size:
                 break
@@ -84,12 +110,13 @@ class Strategy:
             if x is None:
                 continue
             u, t = solver.take(points, failed), solver.take(theta, failed)
-            retried = solver.newton(self.network, u, t, x, max_iterations=RETRY_ITERATIONS)
+            retried = solver.newton(self.network, u, t, x, again_effort, reader.of(failed))
             better = retried.residual < solved.residual[failed]
             at = failed[better]
             solved.x[:, at], solved.residual[at] = retried.x[:, better], retried.residual[better]
-            solved.worst[at] = retried.worst[better]
+            solved.balances[:, at] = retried.balances[:, better]
             solved.passes[failed] += retried.passes
+            solved.read[failed] |= retried.read
         return solved
 
     # starts (nx, n)
@@ -129,7 +156,7 @@ class Strategy:
         x = self._design(size)
         for k in range(steps):
             here = {**points, setting: origin * np.exp(ratio * (k / steps))}
-            found = solver.newton(self.network, here, theta, x, max_iterations=WALK_ITERATIONS)
+            found = solver.newton(self.network, here, theta, x, WALK)
             x = np.where(found.residual < 0.1, found.x, x)
         return x
 
@@ -164,7 +191,7 @@ class Strategy:
         for factor in LESS_FLOW:
             x = self._plain(u, failed.size)
             x[flow] *= factor
-            found = solver.newton(self.network, u, t, x, max_iterations=WALK_ITERATIONS)
+            found = solver.newton(self.network, u, t, x, WALK)
             better = found.residual < left
             best[:, better], left[better] = found.x[:, better], found.residual[better]
         return best
