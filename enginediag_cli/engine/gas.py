@@ -40,6 +40,8 @@ START_LIMIT = ((130.0, 2700.0), (np.log(130.0), np.log(2700.0)))  # K, ln K
 COLUMNS = 4
 """Matrix products are made of a multiple of so many columns: what they give for a point does not depend on the others
 then, to the last digit."""
+FEW_COLUMNS = 32
+"""Columns up to which one operation along the powers is cheaper than one for each; the digits are the same."""
 H, PHI, CP, DCP = range(4)
 """Rows of the fitted properties."""
 TERMS = (0, 1, 3, 5)
@@ -354,21 +356,17 @@ def _powers(t: Array, with_log: bool) -> Array:
     n = t.size
     # matrix products sum differently at the end of a number of columns that is odd
     P = np.empty((DEGREE + 2 + with_log, -(-n // COLUMNS) * COLUMNS))
-    one, p1, p2, p3, p4, p5, p6, p7, p8, p9, p10 = P[:11]
-    one[:] = 1.0
-    if P.shape[1] != n:
-        p1[n:] = 1.0
-    p1[:n] = t
-    times = np.multiply
-    times(p1, p1, p2)
-    times(p1, p2, p3)
-    times(p2, p2, p4)
-    times(p1, p4, p5)
-    times(p2, p4, p6)
-    times(p3, p4, p7)
-    times(p4, p4, p8)
-    times(p1, p8, p9)
-    times(p2, p8, p10)
+    P[1, :n] = t
+    P[1, n:] = 1.0
+    t = P[1]
+    if n <= FEW_COLUMNS:
+        P[2 : DEGREE + 2] = t
+        np.multiply.accumulate(P[1 : DEGREE + 2], axis=0, out=P[1 : DEGREE + 2])
+    else:
+        rows = tuple(P)
+        for k in range(2, DEGREE + 2):
+            np.multiply(rows[k - 1], t, rows[k])
+    P[0] = 1.0
     if with_log:
-        np.log(p1, P[11])
+        np.log(t, P[DEGREE + 2])
     return P
