@@ -47,10 +47,14 @@ def substituted(LU: Array, order: Array, B: Array) -> Array:
 
 def directly(A: Array, B: Array) -> Array:
     """A⁻¹ B (k, n) for A (k, k, n) and B (k, n), by LAPACK: for so few points that calls cost more than computing."""
+    matrices, vectors = A.transpose(2, 0, 1), B.T[:, :, None]
     try:
-        return np.linalg.solve(A.transpose(2, 0, 1), B.T[:, :, None])[:, :, 0].T
+        return np.linalg.solve(matrices, vectors)[:, :, 0].T
     except np.linalg.LinAlgError:  # of one point, which says nothing about the others
-        return substituted(*factors(A), B)
+        bad = ~(np.abs(np.linalg.det(matrices)) > 0.0)
+        X = np.linalg.solve(np.where(bad[:, None, None], np.eye(len(A)), matrices), vectors)[:, :, 0].T
+        X[:, bad] = np.nan
+        return X
 
 
 def _exchange(LU: Array, order: Array, c: int) -> None:

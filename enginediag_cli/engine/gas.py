@@ -21,7 +21,9 @@ from typing import Any
 
 import numpy as np
 
+from enginediag_cli.engine import gas_point
 from enginediag_cli.engine.dual import Array, Dual, Value, chain, value
+from enginediag_cli.engine.gas_point import COLUMNS
 from enginediag_cli.engine.nasa9 import (
     DRY_AIR_MOLE_FRACTION,
     MOLAR_MASS,
@@ -37,9 +39,6 @@ T_LIMIT = (150.0, 2500.0)  # K, where an operating point is still called inside 
 DEGREE = 9
 """Of the polynomial for cp: over T_FIT it leaves 20 J/kg, 0.02 K, in h for air."""
 START_LIMIT = ((130.0, 2700.0), (np.log(130.0), np.log(2700.0)))  # K, ln K
-COLUMNS = 4
-"""Matrix products are made of a multiple of so many columns: what they give for a point does not depend on the others
-then, to the last digit."""
 FEW_COLUMNS = 32
 """Columns up to which one operation along the powers is cheaper than one for each; the digits are the same."""
 H, PHI, CP, DCP = range(4)
@@ -52,7 +51,7 @@ MOLAR_MASS_C, MOLAR_MASS_H = 12.0107e-3, 1.00794e-3  # kg/mol
 class Mixture:
     """Composition of a working gas; None is exactly zero and costs nothing. What follows from it is computed once."""
 
-    __slots__ = ("_constant", "_dry", "_plain", "duals", "far", "kind", "war")
+    __slots__ = ("_constant", "_dry", "_floats", "_plain", "duals", "far", "kind", "war")
 
     def __init__(self, far: Value | None = None, war: Value | None = None):
         self.far, self.war = far, war
@@ -62,6 +61,7 @@ class Mixture:
         """Row of the pseudo-species, and its amount, of those that carry derivatives."""
         self._dry: Value | None = None
         self._plain: tuple[Any, Any, Any] | None = None
+        self._floats: tuple[float, float, float] | None = None
         self._constant: tuple[Gas, Value] | None = None
 
     def per_dry_air(self) -> Value:
@@ -80,6 +80,13 @@ class Mixture:
             far, war = (0.0 if x is None else value(x) for x in (self.far, self.war))
             self._plain = far, war, 1.0 / value(self.per_dry_air())
         return self._plain
+
+    def floats(self) -> tuple[float, float, float]:
+        """The same of one point."""
+        if self._floats is None:
+            far, war, inverse = (np.asarray(x).item() for x in self.values())
+            self._floats = far, war, inverse
+        return self._floats
 
     def constant(self, gas: Gas) -> Value:
         """Gas constant R [J/(kg K)] with the pseudo-species of `gas`."""
@@ -163,6 +170,8 @@ class Gas:
     def at_enthalpy(self, h: Value, mixture: Mixture) -> tuple[Value, Value]:
         """T [K] and φ where h(T) = h: polynomial start and one Halley step (1e-8 K; 4e-7 K in very humid air);
         dφ = dh/T, from the start at the temperature between."""
+        if (one := self._at_one_point(gas_point.at_enthalpy, self._start_h, START_LIMIT[0], h, mixture)) is not None:
+            return one
         target = value(h)
         T0 = self._start(self._start_h, target * 1e-6, mixture, START_LIMIT[0])
         X = self._species(T0, mixture, (H, PHI, CP, DCP))
@@ -177,6 +186,8 @@ class Gas:
 
     def at_entropy(self, phi: Value, mixture: Mixture) -> tuple[Value, Value]:
         """T [K] and h where φ(T) = phi, likewise; dh = T dφ."""
+        if (one := self._at_one_point(gas_point.at_entropy, self._start_phi, START_LIMIT[1], phi, mixture)) is not None:
+            return one
         target = value(phi)
         T0 = np.exp(self._start(self._start_phi, target * 1e-3, mixture, START_LIMIT[1]))
         X = self._species(T0, mixture, (H, PHI, CP, DCP))
@@ -206,11 +217,8 @@ class Gas:
         terms: list[tuple[Array, Value]] = [(self._composed(slopes, mixture) * 1e-3, T)]
         far, war, _ = mixture.values()
         for row, part in mixture.duals:
-            if row == 2:
-                terms.append((rows[3] + far * rows[4], part))
-            else:
-                dfar = rows[1] + 2.0 * far * rows[2]
-                terms.append((dfar + war * rows[4] if mixture.kind == 3 else dfar, part))
+            slope = rows[3] + far * rows[4] if row == 2 else rows[1] + 2.0 * far * rows[2]
+            terms.append((slope + war * rows[4] if row == 1 and mixture.kind == 3 else slope, part))
         return chain(q, *terms)
 
     # Of the pseudo-species (dry air, fuel, water), by quantity: (q, kind, N); of the mixture: (q, N).
@@ -271,6 +279,24 @@ class Gas:
             chain(T, (dT_dq, q), *((-dT_dq * gq, part) for gq, _, part in of)),
             chain(r, (dr_dq, q), *((gr - dr_dq * gq, part) for gq, gr, part in of)),
         )
+
+    def _at_one_point(
+        self,
+        invert: Callable[..., tuple[Array, Array]],
+        start: Array,
+        limit: tuple[float, float],
+        given: Value,
+        mixture: Mixture,
+    ) -> tuple[Array, Array] | None:
+        """The inverse in plain floats; None where there are more points, derivatives, or no such floats."""
+        if isinstance(given, Dual) or mixture.duals or np.size(given) != 1:
+            return None
+        kind = mixture.kind
+        try:
+            number = np.asarray(given).item()
+            return invert(start[: TERMS[kind]], self._blocks[kind, (H, PHI, CP, DCP)], limit, number, mixture.floats())
+        except (ArithmeticError, ValueError):
+            return None
 
     def _start(self, coefficients: Array, x: Array, mixture: Mixture, limit: tuple[float, float]) -> Array:
         """Starting T or ln T from a polynomial in x = h or φ (scaled), corrected for fuel and water."""

@@ -17,7 +17,7 @@ import numpy as np
 
 from enginediag_cli.engine.atmosphere import P_ISA, T_ISA, standard_atmosphere
 from enginediag_cli.engine.dual import Array, value
-from enginediag_cli.engine.gas import COLUMNS
+from enginediag_cli.engine.gas_point import COLUMNS
 from enginediag_cli.units import split_column
 
 DEGREE = 9.0

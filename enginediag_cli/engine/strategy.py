@@ -30,8 +30,8 @@ LEARNING = solver.Effort(max_iterations=9, tolerance=1e-5, by_differences=True)
 WALK_STEP = {"rpm": 0.12, "other": 0.6}  # largest change of ln(corrected power setting) in one step of a walk
 MAX_WALK_STEPS = 12
 """Steps of a walk from the design point at most; further points take longer steps."""
-WALK = solver.Effort(max_iterations=6)
-"""Iterations on the way, where a point is only a start of the next one and need not converge."""
+WALK = solver.Effort(max_iterations=6, tolerance=1e-3, by_differences=True)
+"""On the way, where a point is only a start of the next one and need not converge."""
 RETRY_ITERATIONS = 30
 """Iterations of a second try from another start: half of the usual number, since most of these points have no solution.
 Judgement."""
@@ -82,9 +82,15 @@ class Strategy:
         """Fits a start to the solutions of these points, if half of them have one."""
         names, z = self._coordinates(anchors, next(np.size(v) for v in anchors.values() if np.ndim(v)))
         solved = solver.newton(self.network, anchors, self.nominal, self._plain(anchors, z.shape[1]), LEARNING)
-        good = (solved.residual <= LEARNING.aim) & np.isfinite(z).all(axis=0)  # a wild input may have no coordinate
+        x, good = solved.x, solved.residual <= LEARNING.aim
+        if not good.all():
+            far = np.flatnonzero(~good)
+            u = solver.take(anchors, far)
+            solved = solver.newton(self.network, u, self.nominal, self._walk(u, self.nominal, far.size), LEARNING)
+            x[:, far], good[far] = solved.x, solved.residual <= LEARNING.aim
+        good &= np.isfinite(z).all(axis=0)  # a wild input may have no coordinate
         if good.mean() >= 0.5:
-            self.fit = StartFit.fit(names, z[:, good], solved.x[:, good])
+            self.fit = StartFit.fit(names, z[:, good], x[:, good])
 
     def solve(
         self,
@@ -100,8 +106,10 @@ class Strategy:
         first = self._first(points, size) if start is None else np.where(np.isfinite(start), start, self._design(size))
         effort = solver.Effort(by_differences=tries.by_differences)
         solved = solver.newton(self.network, points, theta, first, effort, reader)
-        again_effort = replace(effort, max_iterations=RETRY_ITERATIONS)
-        ways = (self._from_design, self._by_walking, self._from_neighbours, self._from_less_flow)
+        # few points, or they would not be worth the effort; in the same way in every batch
+        again_effort = replace(effort, max_iterations=RETRY_ITERATIONS, by_differences=True)
+        # neighbours last, on which alone a point depends
+        ways = (self._from_design, self._by_walking, self._from_less_flow, self._from_neighbours)
         for again in ways if tries.every_way else (self._from_neighbours,):
             failed = np.flatnonzero(~solved.converged)
             if not failed.size:
@@ -152,12 +160,14 @@ class Strategy:
             origin = self.network.design_setting * correction(setting, *total_ratios(points))
             ratio = np.nan_to_num(np.log(target / origin), nan=0.0, posinf=0.0, neginf=0.0)
         largest = WALK_STEP["rpm" if setting in self.network.speed_columns else "other"]
-        steps = int(np.clip(np.ceil(np.max(np.abs(ratio)) / largest), 1, MAX_WALK_STEPS))
+        steps = np.clip(np.ceil(np.abs(ratio) / largest), 1, MAX_WALK_STEPS)
         x = self._design(size)
-        for k in range(steps):
+        for k in range(int(steps.max())):
+            on = np.flatnonzero(k < steps)
             here = {**points, setting: origin * np.exp(ratio * (k / steps))}
-            found = solver.newton(self.network, here, theta, x, WALK)
-            x = np.where(found.residual < 0.1, found.x, x)
+            u, t = solver.take(here, on), solver.take(theta, on)
+            found = solver.newton(self.network, u, t, x[:, on], WALK)
+            x[:, on] = np.where(found.residual < 0.1, found.x, x[:, on])
         return x
 
     def _from_design(
