@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 TOLERANCE = 1e-10  # on every balance, all of order one
-AIM = 0.01
+AIM = 1e-3
 """Share of TOLERANCE that the iteration aims at, so that differences of solutions 1e-5 apart are good to
 a ten-millionth. A point that cannot come nearer, for rounding, and meets TOLERANCE is solved all the same."""
 MAX_ITERATIONS = 60

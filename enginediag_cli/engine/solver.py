@@ -28,7 +28,7 @@ from enginediag_cli.engine.open_points import SMALL, OpenPoints
 DIFFERENCE = 1e-7  # of an unknown of order one
 LATE = 12
 """Passes after which Jacobians come from differences: few points are left then."""
-SURE = 4e-11
+SURE = 1e-12
 """Expected residual at which a point is taken to be solved and waits for the pass along all that is wanted, which all
 points make together at the end: the expectation is right to a factor of about two, and outputs are carried from what is
 left to zero by their derivatives."""
