@@ -285,7 +285,7 @@ class _Balances:
         h = DIFFERENCE * np.maximum(np.abs(x), SMALL)
         wide = np.repeat(x[:, None, :], nx + 1, axis=1)
         wide[np.arange(nx), np.arange(1, nx + 1)] += h
-        u, t = _repeated(inputs, nx + 1), _repeated(parameters, nx + 1)
+        u, t = repeated(inputs, nx + 1), repeated(parameters, nx + 1)
         e = evaluate(self.network, u, t, wide.reshape(nx, -1), frozenset())
         R = _balances(e).reshape(-1, nx + 1, n)
         with np.errstate(invalid="ignore", over="ignore"):
@@ -311,5 +311,6 @@ def take(leaves: Mapping[str, Value], index: Array) -> dict[str, Value]:
     return {k: v[index] if isinstance(v, np.ndarray) and v.ndim else v for k, v in leaves.items()}
 
 
-def _repeated(leaves: Mapping[str, Value], times: int) -> dict[str, Value]:
+def repeated(leaves: Mapping[str, Value], times: int) -> dict[str, Value]:
+    """Of a batch so many times one after the other."""
     return {k: np.tile(v, times) if isinstance(v, np.ndarray) and v.ndim else v for k, v in leaves.items()}

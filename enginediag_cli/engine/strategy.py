@@ -32,6 +32,8 @@ MAX_WALK_STEPS = 12
 """Steps of a walk from the design point at most; further points take longer steps."""
 WALK = solver.Effort(max_iterations=6, tolerance=1e-3, by_differences=True)
 """On the way, where a point is only a start of the next one and need not converge."""
+LOST = 2
+"""Steps of a walk that lead nowhere, one after the other, before it is given up."""
 RETRY_ITERATIONS = 30
 """Iterations of a second try from another start: half of the usual number, since most of these points have no solution.
 Judgement."""
@@ -161,13 +163,17 @@ class Strategy:
             ratio = np.nan_to_num(np.log(target / origin), nan=0.0, posinf=0.0, neginf=0.0)
         largest = WALK_STEP["rpm" if setting in self.network.speed_columns else "other"]
         steps = np.clip(np.ceil(np.abs(ratio) / largest), 1, MAX_WALK_STEPS)
-        x = self._design(size)
+        x, lost = self._design(size), np.zeros(size, dtype=int)
         for k in range(int(steps.max())):
-            on = np.flatnonzero(k < steps)
+            on = np.flatnonzero((k < steps) & (lost < LOST))
+            if not on.size:
+                break
             here = {**points, setting: origin * np.exp(ratio * (k / steps))}
             u, t = solver.take(here, on), solver.take(theta, on)
             found = solver.newton(self.network, u, t, x[:, on], WALK)
-            x[:, on] = np.where(found.residual < 0.1, found.x, x[:, on])
+            there = found.residual < 0.1
+            x[:, on] = np.where(there, found.x, x[:, on])
+            lost[on] = np.where(there, 0, lost[on] + 1)
         return x
 
     def _from_design(
@@ -197,14 +203,12 @@ class Strategy:
     ) -> Array:
         u, t = solver.take(points, failed), solver.take(theta, failed)
         flow = [k for k, x in enumerate(self.network.unknowns()) if x.is_flow]
-        best, left = self._plain(u, failed.size), np.full(failed.size, np.inf)
-        for factor in LESS_FLOW:
-            x = self._plain(u, failed.size)
-            x[flow] *= factor
-            found = solver.newton(self.network, u, t, x, WALK)
-            better = found.residual < left
-            best[:, better], left[better] = found.x[:, better], found.residual[better]
-        return best
+        x = np.repeat(self._plain(u, failed.size)[:, None], len(LESS_FLOW), axis=1)
+        x[flow] *= np.array(LESS_FLOW)[:, None]
+        u, t = solver.repeated(u, len(LESS_FLOW)), solver.repeated(t, len(LESS_FLOW))
+        found = solver.newton(self.network, u, t, x.reshape(len(x), -1), WALK)
+        best = found.residual.reshape(len(LESS_FLOW), -1).argmin(axis=0)
+        return found.x.reshape(x.shape)[:, best, np.arange(failed.size)]
 
     def _coordinates(self, points: Mapping[str, Any], size: int) -> tuple[tuple[str, ...], Array]:
         moving = {c: v for c, v in points.items() if isinstance(v, np.ndarray)}
