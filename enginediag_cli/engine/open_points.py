@@ -112,12 +112,11 @@ class OpenPoints:
                 self._correct(step, taken, fresh)
         largest = np.max(np.abs(step) / np.maximum(np.abs(x), SMALL), axis=0)
         step *= np.minimum(1.0, LARGEST_STEP / np.maximum(largest, TINY))
+        # with its own Jacobian the next residual is about the square of this, with the last one's it shrinks as before
+        self.expected[taken] = norm * np.where(fresh | ~np.isfinite(before), norm, norm / before)
         self.base[:, taken], self.step[:, taken] = x, step
         self.base_norm[taken], self.halvings[taken] = norm, 0
-        # with its own Jacobian the next residual is about the square of this, with the last one's it shrinks as before
-        expected = norm * np.where(fresh | ~np.isfinite(before), norm, norm / before)
         self.fresh[taken] = (norm >= effort.near) | (largest > LARGEST_STEP)
-        self.expected[taken] = expected
 
     def _correct(self, step: Array, taken: Array | slice, fresh: Array) -> None:
         """Corrects steps by those since their Jacobian was computed."""
