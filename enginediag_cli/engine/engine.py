@@ -98,7 +98,7 @@ class Engine:
         if not effects and not self.effects:
             return self
         other = Engine(self.network.with_effects(effects), self.declared, self.path)
-        other._strategy.fit = self._strategy.fit
+        other._strategy.fit, other._strategy.everywhere = self._strategy.fit, self._strategy.everywhere
         return other.at({n: v for n, v in self._moved.items() if n in other.parameters})
 
     def at(self, values: Mapping[str, float]) -> Engine:
@@ -113,7 +113,7 @@ class Engine:
 
     def forget_start(self) -> None:
         """Forgets the fitted start, as if the engine had just been loaded."""
-        self._strategy.fit = None
+        self._strategy.forget()
 
     @np.errstate(all="ignore")  # what a wild input gives is not finite, and flagged as such
     def power_from_fraction(self, fraction: float | Array, inputs: Mapping[str, Any]) -> Array:

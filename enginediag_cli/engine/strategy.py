@@ -62,17 +62,26 @@ class Strategy:
         self.nominal = nominal
         self.envelope = envelope
         self.fit: StartFit | None = None
+        self.everywhere = False  # the fit serves beyond its anchors too, by its edge
+
+    def forget(self) -> None:
+        """Forgets the fitted start."""
+        self.fit, self.everywhere = None, False
 
     def prepare(self, points: Mapping[str, Any], valid: Array) -> None:
-        """Fits a start, where the remembered one does not cover many points (N,): from anchors over the envelope, so
-        that it is the same for every batch; where that does not cover them or is not known, from some of their own."""
+        """Fits a start for many points (N,), once, from anchors over the envelope, so that it is the same for every
+        batch; where that is not known, from some of their own, again when the remembered one does not cover them."""
         at = np.flatnonzero(valid)
         if at.size <= solver.FEW_POINTS:
             return
         if self.fit is None and self.envelope:
-            u = {c: self.envelope.get(c, v) for c, v in points.items() if c in self.envelope or np.ndim(v) == 0}
-            if len(u) == len(points):
-                self._learn(u)
+            defaults = {c: v for c, v in self.network.inputs().items() if v is not None}
+            self._learn({**defaults, **self.envelope})
+            self.everywhere = self.fit is not None
+            if not self.everywhere:
+                self.envelope = {}
+        if self.everywhere:
+            return
         names, z = self._coordinates(solver.take(points, at), at.size)
         if at.size < FIT_FROM or (self.fit is not None and self.fit.covers(names, z).mean() > COVERED):
             return
@@ -138,9 +147,13 @@ class Strategy:
         x = self._plain(points, size)
         if self.fit is not None:
             names, z = self._coordinates(points, size)
-            covered = self.fit.covers(names, z)
-            if covered.any():
-                x[:, covered] = self.fit.predict(z[:, covered])
+            if self.everywhere:  # of further inputs it knows nothing
+                z = z[[names.index(n) for n in self.fit.names]]
+                known = np.isfinite(z).all(axis=0)
+            else:
+                known = self.fit.covers(names, z)
+            if known.any():
+                x[:, known] = self.fit.predict(z[:, known])
         return x
 
     def _plain(self, points: Mapping[str, Any], size: int) -> Array:

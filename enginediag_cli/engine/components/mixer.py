@@ -97,12 +97,14 @@ def _mixed_out(flow: Flow, impulse: Value, area: float) -> Flow:
 
     W, h, R, total = (value(x) for x in (flow.W, flow.h, flow.R, impulse))
     V = W * R * value(flow.T) / total
+    slope, going = np.ones(np.shape(V)), np.ones(np.shape(V), dtype=bool)
     for _ in range(30):
         f, T_s, _, _ = state(V, W, h, R, total, plain)
         cp = gas.heat_capacity(T_s, plain)
-        slope = total - 2.0 * W * V + W * R * V / cp
-        V = V - f / slope
-        if np.all(np.abs(value(f)) < 1e-12 * np.abs(total * V)):
+        slope = np.where(going, total - 2.0 * W * V + W * R * V / cp, slope)
+        V = np.where(going, V - f / slope, V)
+        going &= ~(np.abs(value(f)) < 1e-12 * np.abs(total * V))  # a point that is there is left as it is
+        if not going.any():
             break
     f_exact, _, _, _ = state(V, flow.W, flow.h, flow.R, impulse, mixture)
     V_exact = chain(V - value(f_exact) / slope, (-1.0 / slope, f_exact))
