@@ -34,7 +34,8 @@ def factors(A: Array) -> tuple[Array, Array]:
 def substituted(LU: Array, order: Array, B: Array) -> Array:
     """A⁻¹ B (k, n) or (k, m, n) for the factors of A and B of that shape."""
     vectors = B.ndim == 2
-    X = np.take_along_axis(B, order if vectors else order[:, None], axis=0)
+    n = LU.shape[2]
+    X = B.ravel().take(order * n + np.arange(n)) if vectors else np.take_along_axis(B, order[:, None], axis=0)
     L = LU if vectors else LU[:, :, None]
     k = len(LU)
     for c in range(k - 1):

@@ -84,7 +84,9 @@ class OpenPoints:
         disappointed = going & ~self.fresh & (norm > effort.gains * self.base_norm)
         accepted = going & ~disappointed
         if accepted.any():
-            self._accept(slice(None) if accepted.all() else np.flatnonzero(accepted), R, norm, effort)
+            # what is computed of all, for what is taken of some
+            whole = 2 * np.count_nonzero(accepted) >= len(accepted)
+            self._accept(slice(None) if whole else np.flatnonzero(accepted), accepted, R, norm, effort)
         self.step[:, rejected] *= 0.5
         self.halvings[rejected] += 1
         # asked again where it is, with the Jacobian
@@ -101,38 +103,46 @@ class OpenPoints:
         return self.waited <= PATIENCE
 
     @np.errstate(all="ignore")  # what cannot be solved leaves the batch
-    def _accept(self, taken: Array | slice, R: Array, norm: Array, effort: Effort) -> None:
-        """Steps of the accepted points."""
-        fresh, norm, before, x = self.fresh[taken], norm[taken], self.base_norm[taken], self.x[:, taken]
+    def _accept(self, some: Array | slice, accepted: Array, R: Array, norm: Array, effort: Effort) -> None:
+        """Steps of the accepted points, which are among `some`."""
+        fresh, before, x = self.fresh[some], self.base_norm[some], self.x[:, some]
         if effort.by_differences:
-            step = self._updated(taken, R[:, taken])
+            step = self._updated(some, accepted, R[:, some])
         else:
-            step = -elimination.substituted(self.LU[:, :, taken], self.order[:, taken], R[:, taken])
+            step = -elimination.substituted(self.LU[:, :, some], self.order[:, some], R[:, some])
             if not fresh.all():
-                self._correct(step, taken, fresh)
+                self._correct(step, some, fresh)
         largest = np.max(np.abs(step) / np.maximum(np.abs(x), SMALL), axis=0)
         step *= np.minimum(1.0, LARGEST_STEP / np.maximum(largest, TINY))
+        norm = norm[some]
         # with its own Jacobian the next residual is about the square of this, with the last one's it shrinks as before
-        self.expected[taken] = norm * np.where(fresh | ~np.isfinite(before), norm, norm / before)
+        expected = norm * np.where(fresh | ~np.isfinite(before), norm, norm / before)
+        again = (norm >= effort.near) | (largest > LARGEST_STEP)
+        taken = some
+        if not accepted[some].all():
+            those = np.flatnonzero(accepted[some])
+            taken, x, step = np.flatnonzero(accepted), x[:, those], step[:, those]
+            norm, expected, again, fresh = norm[those], expected[those], again[those], fresh[those]
+        if not effort.by_differences:
+            self.earlier[:, taken] = np.where(fresh, 0.0, self.step[:, taken])
         self.base[:, taken], self.step[:, taken] = x, step
         self.base_norm[taken], self.halvings[taken] = norm, 0
-        self.fresh[taken] = (norm >= effort.near) | (largest > LARGEST_STEP)
+        self.expected[taken], self.fresh[taken] = expected, again
 
-    def _correct(self, step: Array, taken: Array | slice, fresh: Array) -> None:
+    def _correct(self, step: Array, some: Array | slice, fresh: Array) -> None:
         """Corrects steps by those since their Jacobian was computed."""
-        first, last = self.earlier[:, taken], self.step[:, taken]
+        first, last = self.earlier[:, some], self.step[:, some]
         step += last * np.where(fresh, 0.0, (first * step).sum(axis=0) / np.maximum((first * first).sum(axis=0), TINY))
         share = np.where(fresh, 0.0, (last * step).sum(axis=0) / (last * last).sum(axis=0))
         step /= np.where(share < LARGEST_SHARE, 1.0 - share, 1.0)
-        self.earlier[:, taken] = np.where(fresh, 0.0, last)
 
-    def _updated(self, taken: Array | slice, R: Array) -> Array:
+    def _updated(self, some: Array | slice, accepted: Array, R: Array) -> Array:
         """Steps -J⁻¹ R of points whose Jacobians are at hand themselves, J + R sᵀ / s·s after a step s that left R."""
-        J, last = self.LU[:, :, taken], self.step[:, taken]
-        square = np.where(self.fresh[taken], 0.0, (last * last).sum(axis=0))
+        J, last = self.LU[:, :, some], self.step[:, some]
+        square = np.where(self.fresh[some] | ~accepted[some], 0.0, (last * last).sum(axis=0))
         if square.any():
             J = J + R[:, None] * (last * np.where(square > 0.0, 1.0 / np.maximum(square, TINY), 0.0))
-            self.LU[:, :, taken] = J
+            self.LU[:, :, some] = J
         return -elimination.directly(J, R)
 
     def kept(self, keep: Array) -> OpenPoints:

@@ -173,9 +173,7 @@ def newton(
             jacobians.keep(p, np.ones(len(left), dtype=bool))
         if not left.any():
             break
-        if not left.all():
-            p, R, norm = p.kept(left), R[:, left], norm[left]
-        keep = p.step_on(R, norm, effort) & p.hopeful(norm)
+        keep = p.step_on(R, norm, effort) & p.hopeful(norm) & left
         if not keep.any():
             break
         p = p.kept(keep)
@@ -232,10 +230,10 @@ class _Balances:
             self._pass(p, slice(None), R, True, best)
             return R
         for rows in blocks(fresh, range(len(p.x))):
-            self._pass(p, rows, R, True, best)
+            self._pass(p, _span(rows), R, True, best)
         rest = np.flatnonzero(~p.fresh)
         if rest.size:
-            self._pass(p, slice(None) if rest.size == len(p.index) else rest, R, False, best)
+            self._pass(p, _span(rest), R, False, best)
         return R
 
     def _pass(self, p: OpenPoints, here: Array | slice, R: Array, fresh: bool, best: Solution) -> None:
@@ -298,6 +296,12 @@ def _balances(e: Evaluation) -> Array:
     for row, b in zip(R, e.balances.values(), strict=True):
         row[:] = value(b)
     return R
+
+
+def _span(rows: Array) -> Array | slice:
+    """Rows that follow each other as a slice, which copies nothing."""
+    first, last = int(rows[0]), int(rows[-1])
+    return slice(first, last + 1) if last - first + 1 == len(rows) else rows
 
 
 def blocks(points: Array, along: Collection[Any]) -> Iterator[Array]:

@@ -25,11 +25,13 @@ from enginediag_cli.engine.start import StartFit, coordinates, correction, total
 FIT_FROM = 500  # points from which a fitted start of their own pays
 COVERED = 0.98
 """Share of the points that a fitted start must cover to serve. Judgement."""
-LEARNING = solver.Effort(max_iterations=9, tolerance=1e-5, by_differences=True)
+LEARNING = solver.Effort(max_iterations=9, tolerance=1e-3, by_differences=True)
 """Of the anchors: a start need not be exact, and anchors that take longer can be spared."""
 WALK_STEP = {"rpm": 0.12, "other": 0.6}  # largest change of ln(corrected power setting) in one step of a walk
 MAX_WALK_STEPS = 12
 """Steps of a walk from the design point at most; further points take longer steps."""
+ENOUGH = 0.9
+"""Share of the anchors that is enough for a fit. Judgement: of fewer, those at the ends of the range are missing."""
 WALK = solver.Effort(max_iterations=6, tolerance=1e-3, by_differences=True)
 """On the way, where a point is only a start of the next one and need not converge."""
 LOST = 2
@@ -94,7 +96,7 @@ class Strategy:
         names, z = self._coordinates(anchors, next(np.size(v) for v in anchors.values() if np.ndim(v)))
         solved = solver.newton(self.network, anchors, self.nominal, self._plain(anchors, z.shape[1]), LEARNING)
         x, good = solved.x, solved.residual <= LEARNING.aim
-        if not good.all():
+        if good.mean() < ENOUGH:
             far = np.flatnonzero(~good)
             u = solver.take(anchors, far)
             solved = solver.newton(self.network, u, self.nominal, self._walk(u, self.nominal, far.size), LEARNING)
