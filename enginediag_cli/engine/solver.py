@@ -13,7 +13,7 @@ more than `FEW_POINTS`, whose Jacobians come from the pass itself, and of fewer,
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any, Protocol
 
 import numpy as np
@@ -26,8 +26,9 @@ from enginediag_cli.engine.network import Network
 from enginediag_cli.engine.open_points import SMALL, OpenPoints
 
 DIFFERENCE = 1e-7  # of an unknown of order one
-LATE = 12
-"""Passes after which Jacobians come from differences: few points are left then."""
+LATE = 4
+"""Passes after which fresh Jacobians come from differences, in one pass with what needs none: few points need one then.
+"""
 SURE = 1e-12
 """Expected residual at which a point is taken to be solved and waits for the pass along all that is wanted, which all
 points make together at the end: the expectation is right to a factor of about two, and outputs are carried from what is
@@ -158,13 +159,7 @@ def newton(
     balances = _Balances(network, inputs, parameters, effort, reader, n)
     waiting = np.zeros(n, dtype=bool)
     for iteration in range(effort.max_iterations):
-        if iteration == LATE and not effort.by_differences:
-            effort = replace(effort, by_differences=True)
-            balances = replace(balances, effort=effort)
-            p.fresh[:] = True
-            if jacobians is not None:
-                jacobians.known[p.index], jacobians = False, None
-        R = balances.at(p, best)
+        R = balances.at(p, best, effort.by_differences or iteration >= LATE)
         norm = np.abs(R).max(axis=0)
         norm[~np.isfinite(norm)] = np.inf
         best.note(p, R, norm, iteration + 1)
@@ -222,14 +217,12 @@ class _Balances:
     reader: Reader | None
     size: int
 
-    def at(self, p: OpenPoints, best: Solution) -> Array:
+    def at(self, p: OpenPoints, best: Solution, by_differences: bool) -> Array:
         """Balances (nx, n) of the points, whose Jacobians are put where they belong."""
+        if by_differences:
+            return self._by_differences(p, best)
         R = np.empty_like(p.x)
-        fresh = np.flatnonzero(p.fresh)
-        if fresh.size == len(p.index) and (self.effort.by_differences or fresh.size <= LEAST_POINTS):
-            self._pass(p, slice(None), R, True, best)
-            return R
-        for rows in blocks(fresh, range(len(p.x))):
+        for rows in blocks(np.flatnonzero(p.fresh), range(len(p.x))):
             self._pass(p, _span(rows), R, True, best)
         rest = np.flatnonzero(~p.fresh)
         if rest.size:
@@ -238,56 +231,69 @@ class _Balances:
 
     def _pass(self, p: OpenPoints, here: Array | slice, R: Array, fresh: bool, best: Solution) -> None:
         """One pass at some of the open points, with fresh Jacobians or without."""
-        u, t = self._leaves(p.index[here])
+        names = tuple(u.name for u in self.network.unknowns()) if fresh else ()
+        e = evaluate(self.network, *self._leaves(p.index[here]), p.x[:, here], frozenset(names))
+        R[:, here] = _balances(e)
         if fresh:
-            e, R[:, here], J = self._with_jacobian(u, t, p.x[:, here])
+            p.LU[:, :, here], p.order[:, here] = elimination.factors(directed(e, e.balances, names))
+            p.earlier[:, here] = 0.0
+        self._read(e, R[:, here], np.arange(e.size), p.index[here], best)
+
+    def _by_differences(self, p: OpenPoints, best: Solution) -> Array:
+        """One pass at all open points, and beside those that need a fresh Jacobian for forward differences."""
+        nx, n = p.x.shape
+        fresh, rest = np.flatnonzero(p.fresh), np.flatnonzero(~p.fresh)
+        f = fresh.size
+        x, rows = p.x, np.arange(n)
+        u, t = self._leaves(p.index) if not f else (self.inputs, self.parameters)
+        if f:
+            here = p.x[:, fresh]
+            h = DIFFERENCE * np.maximum(np.abs(here), SMALL)
+            wide = np.repeat(here[:, None, :], nx + 1, axis=1)
+            wide[np.arange(nx), np.arange(1, nx + 1)] += h
+            x = np.concatenate([wide.reshape(nx, -1), p.x[:, rest]], axis=1)
+            index = np.concatenate([np.tile(p.index[fresh], nx + 1), p.index[rest]])
+            u, t = take(u, index), take(t, index)
+            rows[fresh], rows[rest] = np.arange(f), np.arange((nx + 1) * f, x.shape[1])
+        e = evaluate(self.network, u, t, x, frozenset())
+        found = _balances(e)
+        R = found[:, rows]
+        if f:
+            with np.errstate(invalid="ignore", over="ignore"):
+                beside = found[:, : (nx + 1) * f].reshape(-1, nx + 1, f)
+                J = (beside[:, 1:] - beside[:, :1]) / h
             if self.effort.by_differences:
-                p.LU[:, :, here] = J
+                p.LU[:, :, fresh] = J
             else:
-                p.LU[:, :, here], p.order[:, here] = elimination.factors(J)
-            p.fresh[here], p.earlier[:, here] = True, 0.0
-        else:
-            e = evaluate(self.network, u, t, p.x[:, here], frozenset())
-            R[:, here] = _balances(e)
-        if self.reader is not None and not self.reader.along:
-            self._read(e, R[:, here], self.effort.aim, p.index[here], best)
+                p.LU[:, :, fresh], p.order[:, fresh] = elimination.factors(J)
+            p.earlier[:, fresh] = 0.0
+        self._read(e, R, rows, p.index, best)
+        return R
 
     def wanted(self, p: OpenPoints, best: Solution) -> Array:
         """Balances (nx, n) of points from a pass along all that the reader wants, who has it where they are met."""
         assert self.reader is not None
         e = evaluate(self.network, *self._leaves(p.index), p.x, self.reader.along)
         R = _balances(e)
-        self._read(e, R, TOLERANCE, p.index, best)
+        self._hand_over(e, R, np.arange(e.size), p.index, TOLERANCE, best)
         return R
 
     def _leaves(self, index: Array) -> tuple[Mapping[str, Value], Mapping[str, Value]]:
-        if len(index) == self.size:
+        if len(index) == self.size:  # points stay in order
             return self.inputs, self.parameters
         return take(self.inputs, index), take(self.parameters, index)
 
-    def _read(self, e: Evaluation, R: Array, tolerance: float, index: Array, best: Solution) -> None:
+    def _read(self, e: Evaluation, R: Array, rows: Array, index: Array, best: Solution) -> None:
+        """Lets the reader have what needs no derivatives."""
+        if self.reader is not None and not self.reader.along:
+            self._hand_over(e, R, rows, index, self.effort.aim, best)
+
+    def _hand_over(self, e: Evaluation, R: Array, rows: Array, index: Array, tolerance: float, best: Solution) -> None:
+        """Points `index`, which are these rows of the evaluation, where their balances R are met."""
         met = np.flatnonzero((np.abs(R) <= tolerance).all(axis=0))
         if met.size and self.reader is not None:
-            self.reader.read(e, met, index[met])
+            self.reader.read(e, rows[met], index[met])
             best.read[index[met]] = True
-
-    def _with_jacobian(
-        self, inputs: Mapping[str, Value], parameters: Mapping[str, Value], x: Array
-    ) -> tuple[Evaluation, Array, Array]:
-        """The pass, its balances (nx, n) and their derivatives (nx, nx, n)."""
-        if not self.effort.by_differences:
-            names = tuple(u.name for u in self.network.unknowns())
-            e = evaluate(self.network, inputs, parameters, x, frozenset(names))
-            return e, _balances(e), directed(e, e.balances, names)
-        nx, n = x.shape
-        h = DIFFERENCE * np.maximum(np.abs(x), SMALL)
-        wide = np.repeat(x[:, None, :], nx + 1, axis=1)
-        wide[np.arange(nx), np.arange(1, nx + 1)] += h
-        u, t = repeated(inputs, nx + 1), repeated(parameters, nx + 1)
-        e = evaluate(self.network, u, t, wide.reshape(nx, -1), frozenset())
-        R = _balances(e).reshape(-1, nx + 1, n)
-        with np.errstate(invalid="ignore", over="ignore"):
-            return e, R[:, 0], (R[:, 1:] - R[:, :1]) / h
 
 
 def _balances(e: Evaluation) -> Array:
