@@ -220,15 +220,21 @@ class Engine:
         size = sizes.pop()
         for c in (*self.inputs, *self.optional_inputs):
             v = np.asarray(inputs.get(c, self.optional_inputs.get(c)), dtype=float)
-            points[c] = np.broadcast_to(v.ravel() if v.ndim else v, (size,)) if c in inputs else float(v)
+            if c not in inputs:
+                points[c] = float(v)
+            else:
+                points[c] = v.ravel() if v.size == size else np.broadcast_to(v.ravel(), (size,))
         theta: dict[str, Any] = dict(self._nominal)
         for name, given in parameters.items():
             theta[name] = np.asarray(given, dtype=float) if np.size(given) == size > 1 else float(np.ravel(given)[0])
         valid, reasons = np.ones(size, dtype=bool), {}
         for name, v in (*points.items(), *((p, theta[p]) for p in parameters)):
-            good = np.broadcast_to(np.isfinite(v), (size,))
+            good = np.isfinite(v)
             if name == self.power_setting:
                 good = good & (np.nan_to_num(v) > 0.0)
+            if np.all(good):
+                continue
+            good = np.broadcast_to(good, (size,))
             for k in np.flatnonzero(valid & ~good).tolist():
                 reasons[k] = f"{name} is {np.broadcast_to(v, (size,))[k]:g}"
             valid &= good

@@ -101,7 +101,8 @@ class OfPoints:
 
 
 def _values(e: Evaluation, x: Value) -> Array:
-    return np.broadcast_to(value(x), (e.size,))
+    v = value(x)
+    return v if isinstance(v, np.ndarray) and v.shape == (e.size,) else np.broadcast_to(v, (e.size,))
 
 
 def _marked(e: Evaluation) -> dict[str, Array]:
@@ -113,7 +114,8 @@ def _marked(e: Evaluation) -> dict[str, Array]:
     for flow in e.flows.values():
         if flow.known_temperature is not None:
             T = value(flow.known_temperature)
-            beyond |= np.broadcast_to((T > T_LIMIT[1]) | (T < T_LIMIT[0]), (e.size,))
+            if not (np.max(T) <= T_LIMIT[1] and np.min(T) >= T_LIMIT[0]):
+                beyond |= (T > T_LIMIT[1]) | (T < T_LIMIT[0])
     if beyond.any():
         marked["the gas data"] = beyond
     return marked
