@@ -3,7 +3,8 @@
 A `Dual` carries a value `v` of shape (N,) and the derivatives `d` of shape (m, N) with respect to the
 first m *directions* of a pass. Directions are numbered in the order in which the model first reads their
 leaves, so a quantity early in the gas path carries few rows; quantities with different m combine on the
-common prefix. The model functions below accept floats, arrays (N,) or Duals alike.
+common prefix. The model functions below accept floats, arrays (N,) or Duals alike; the value of a Dual is what plain
+numbers would give, to the last digit.
 """
 
 from __future__ import annotations
@@ -74,16 +75,14 @@ class Dual:
 
     def __truediv__(self, other: Value) -> Dual:
         if not isinstance(other, Dual):
-            inverse = 1.0 / other
-            return Dual(self.v * inverse, self.d * inverse)
+            return Dual(self.v / other, self.d * (1.0 / other))
         inverse = 1.0 / other.v
-        v = self.v * inverse
+        v = self.v / other.v
         return _combine(v, self, inverse, other, -v * inverse)
 
     def __rtruediv__(self, other: float | Array) -> Dual:
-        inverse = 1.0 / self.v
-        v = other * inverse
-        return Dual(v, self.d * (-v * inverse))
+        v = other / self.v
+        return Dual(v, self.d * (-v / self.v))
 
 
 def _combine(v: Array, a: Dual, da: Array, b: Dual, db: Array) -> Dual:
@@ -149,16 +148,16 @@ def sqrt(x: Value) -> Value:
 
 def power(x: Value, exponent: Value) -> Value:
     """x**exponent for x > 0; exponents 1 and 2 cost multiplications only."""
-    if isinstance(exponent, Dual):
-        return exp(exponent * log(x))
+    v = value(x) ** value(exponent)
+    if not isinstance(x, Dual) and not isinstance(exponent, Dual):
+        return v
+    terms: list[tuple[Array, Value]] = []
     if isinstance(x, Dual):
-        lower = (
-            x.v ** (exponent - 1.0)
-            if np.ndim(exponent) or exponent not in (1.0, 2.0)
-            else (1.0 if exponent == 1.0 else x.v)
-        )
-        return Dual(lower * x.v, x.d * (exponent * lower))
-    return x**exponent
+        square = np.ndim(value(exponent)) == 0 and value(exponent) == 2.0
+        terms.append((2.0 * x.v if square else value(exponent) * (v / x.v), x))
+    if isinstance(exponent, Dual):
+        terms.append((v * np.log(value(x)), exponent))
+    return chain(v, *terms)
 
 
 def select(condition: Array, a: Value, b: Value) -> Value:

@@ -4,18 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from copy import copy
-from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from enginediag_cli.engine import solver
-from enginediag_cli.engine.dual import Array, Value, value
-from enginediag_cli.engine.evaluation import Evaluation
+from enginediag_cli.engine import anchors, solver
+from enginediag_cli.engine.dual import Array
 from enginediag_cli.engine.moving.recall import Known, Recall
 from enginediag_cli.engine.moving.tape import Tape, Tapes
 from enginediag_cli.engine.network import Network
+from enginediag_cli.engine.outputs import Outputs
 from enginediag_cli.engine.prediction import (
     INVALID_INPUT,
     NOT_CONVERGED,
@@ -23,20 +22,16 @@ from enginediag_cli.engine.prediction import (
     OUTSIDE_MAP,
     STATUS,
     Prediction,
-    marked,
     through,
 )
 from enginediag_cli.engine.sensors import Sensor
 from enginediag_cli.engine.start import correction, total_ratios
-from enginediag_cli.engine.strategy import Strategy
+from enginediag_cli.engine.strategy import Strategy, Tries
 from enginediag_cli.engine.term import Effect
 from enginediag_cli.parameters import Parameter
 
-CHUNK = (1_000, 10_000)
-"""Least and most points of a pass: enough to hide the overhead of calls, few enough for memory."""
-IN_CACHE = 150_000
-"""Points × directions of a pass: the derivatives of a quantity, 1.2 MB, stay about in the cache of a core. Ten thousand
-points along eighty directions take 2.4 times as long at once as in passes of this size."""
+CHUNK = 10_000
+"""Most points that are solved together: enough to hide the overhead of calls, few enough for memory."""
 
 
 class Engine:
@@ -73,13 +68,12 @@ class Engine:
         self.unknowns = network.unknowns()
         self._nominal = {p.name: p.nominal for p in parameters}
         self._moved: Mapping[str, float] = {}
-        self._strategy = Strategy(network, self._nominal)
+        self._strategy = Strategy(network, self._nominal, self._anchors())
         # what recordings show of the past; speeds are known from it where they are measured
         # and the power where it is set
         shows = (s.column for s in self.sensors.values() if dict(s.reads) == {network.power_setting: 1.0})
         self.tapes = Tapes((*self.inputs, *self.optional_inputs, *network.speed_columns, *shows))
         self._recall = Recall(self.tapes)
-        self._signals = {m.name: m.sensor for m in network.memories}
         self._trials = {n for m in network.memories for n in m.tried}
 
     @property
@@ -117,7 +111,7 @@ class Engine:
         if not effects and not self.effects:
             return self
         other = Engine(self.network.with_effects(effects), self.declared, self.path)
-        other._strategy.fit = self._strategy.fit
+        other._strategy.fit, other._strategy.everywhere = self._strategy.fit, self._strategy.everywhere
         other.tapes = self.tapes
         other._recall = Recall(self.tapes)
         return other.at({n: v for n, v in self._moved.items() if n in other.parameters})
@@ -134,7 +128,7 @@ class Engine:
 
     def forget_start(self) -> None:
         """Forgets the fitted start, as if the engine had just been loaded."""
-        self._strategy.fit = None
+        self._strategy.forget()
         self._recall.forget()
 
     @np.errstate(all="ignore")  # what a wild input gives is not finite, and flagged as such
@@ -230,40 +224,44 @@ class Engine:
         """The prediction at points that the network is told, of which the valid ones are solved."""
         (valid, reasons), (columns, wrt, start, also, walk) = checked, asked
         size = len(valid)
-        m, p = len(columns), len(wrt)
-        y, J = np.full((size, m), np.nan), np.full((size, m, p), np.nan)
-        x, beside = np.full((len(self.unknowns), size), np.nan), np.full((size, len(also)), np.nan)
+        out = Outputs(self.network, self.sensors, columns, wrt, also, size)
+        out.reasons.update(reasons)
+        x = np.full((len(self.unknowns), size), np.nan)
         residual, passes = np.full(size, np.inf), np.zeros(size, dtype=int)
-        status = np.full(size, INVALID_INPUT, dtype=np.int8)
-        limits: dict[str, Array] = {}
+        by_differences = size <= solver.FEW_POINTS
         if start is None:
             self._strategy.prepare(points, valid)
-        final = self._directions(wrt)
-        fitting = IN_CACHE // (len(self.unknowns) + p)
-        for at in _chunks(np.flatnonzero(valid), min(max(fitting, CHUNK[0]), CHUNK[1])):
-            u, t = solver.take(points, at), solver.take(theta, at)
-            solved = self._strategy.solve(u, t, len(at), None if start is None else start[:, at], final, walk)
+        for at in _chunks(np.flatnonzero(valid), CHUNK):
+            u, t, reader = solver.take(points, at), solver.take(theta, at), out.of(at)
+            first = None if start is None else start[:, at]
+            solved = self._strategy.solve(u, t, first, reader, Tries(by_differences, walk))
             x[:, at], residual[at], passes[at] = solved.x, solved.residual, solved.passes
-            status[at] = np.where(solved.converged, OK, NOT_CONVERGED)
-            for k in np.flatnonzero(~solved.converged):
-                balance = self._balance_names[solved.worst[k]]
-                reasons[int(at[k])] = f"{balance} not met (residual {solved.residual[k]:.1e})"
-            for e, good in self._evaluations(u, t, solved, final):
-                rows = at[good]
-                y[rows], J[rows], flags = self._outputs(e, columns, wrt)
-                for c, column in enumerate(also):
-                    beside[rows, c] = np.broadcast_to(value(self._read(e.evaluation, column)), (e.evaluation.size,))[
-                        e.rows
-                    ]
-                for name, mask in self.network.acting(e.evaluation).items():
-                    limits.setdefault(name, np.zeros(size, dtype=bool))[rows] = np.broadcast_to(
-                        mask, (e.evaluation.size,)
-                    )[e.rows]
-                for name, mask in flags.items():
-                    status[rows[mask]] = OUTSIDE_MAP
-                    for i in rows[mask].tolist():
-                        reasons[i] = f"{reasons[i]}, {name}" if i in reasons else f"outside {name}"
-        return Prediction(y, J, status, columns, wrt, x, residual, passes, beside, reasons, limits)
+            failed = ~solved.converged
+            out.status[at[failed]] = NOT_CONVERGED
+            for k in np.flatnonzero(failed).tolist():
+                balance = self._balance_names[solved.worst(k)]
+                out.reasons[int(at[k])] = f"{balance} not met (residual {solved.residual[k]:.1e})"
+            rest = np.flatnonzero(solved.converged & ~solved.read)
+            for some in solver.blocks(rest, out.along):
+                e = solver.evaluate(
+                    self.network, solver.take(u, some), solver.take(t, some), solved.x[:, some], out.along
+                )
+                reader.read(e, np.arange(some.size), some)
+        read = out.y, out.jacobian, out.status
+        return Prediction(*read, columns, wrt, x, residual, passes, out.also, out.reasons, out.limits)
+
+    def _anchors(self) -> dict[str, Array]:
+        """What the network is told at operating points over the envelope and the range of power; none where the engine
+        file does not give them."""
+        power, needed = self.network.power_setting, tuple(c for c, d in self._told.items() if d is None)
+        ranges = {**self.envelope, **({} if self.power_range is None else {power: (0.0, 1.0)})}
+        if any(c not in ranges for c in needed):
+            return {}
+        found = anchors.over(ranges, needed)
+        if self.power_range is not None:
+            low, high = self.power_range
+            found[power] = (low + (high - low) * found[power]) * correction(power, *total_ratios(found))
+        return found
 
     def _checked(
         self, inputs: Mapping[str, Any], parameters: Mapping[str, Any], columns: tuple[str, ...], wrt: tuple[str, ...]
@@ -294,15 +292,21 @@ class Engine:
         size = sizes.pop()
         for c in (*self.inputs, *self.optional_inputs):
             v = np.asarray(inputs.get(c, self.optional_inputs.get(c)), dtype=float)
-            points[c] = np.broadcast_to(v.ravel() if v.ndim else v, (size,)) if c in inputs else float(v)
+            if c not in inputs:
+                points[c] = float(v)
+            else:
+                points[c] = v.ravel() if v.size == size else np.broadcast_to(v.ravel(), (size,))
         theta: dict[str, Any] = dict(self._nominal)
         for name, given in parameters.items():
             theta[name] = np.asarray(given, dtype=float) if np.size(given) == size > 1 else float(np.ravel(given)[0])
         valid, reasons = np.ones(size, dtype=bool), {}
         for name, v in (*points.items(), *((p, theta[p]) for p in parameters)):
-            good = np.broadcast_to(np.isfinite(v), (size,))
+            good = np.isfinite(v)
             if name == self.network.power_setting:
                 good = good & (np.nan_to_num(v) > 0.0)
+            if np.all(good):
+                continue
+            good = np.broadcast_to(good, (size,))
             for k in np.flatnonzero(valid & ~good).tolist():
                 reasons[k] = f"{name} is {np.broadcast_to(v, (size,))[k]:g}"
             valid &= good
@@ -334,66 +338,6 @@ class Engine:
         e = solver.evaluate(self.network, points, self._nominal, x, frozenset())
         return tuple(e.balances), self.network.columns(e)
 
-    def _directions(self, wrt: Sequence[str]) -> frozenset[str]:
-        """The leaves along which outputs are differentiated: none, or the unknowns and `wrt`."""
-        if not wrt:
-            return frozenset()
-        return frozenset([u.name for u in self.unknowns] + [self.network.leaf_of(w) for w in wrt])
-
-    def _evaluations(
-        self, points: Mapping[str, Any], theta: Mapping[str, Any], solved: solver.Solution, final: frozenset[str]
-    ) -> Iterator[tuple[_Rows, Array]]:
-        """Evaluations at the solution, with the converged points that each stands for: the confirming pass
-        of the solver, whose other rows are ignored, and one more for points that it does not cover."""
-        left = solved.converged.copy()
-        if solved.evaluation is not None and solved.evaluated is not None:
-            covered = np.full(len(left), -1)
-            covered[solved.evaluated] = np.arange(len(solved.evaluated))
-            current = solver.largest_balance(solved.evaluation) <= solver.TOLERANCE
-            good = np.flatnonzero(left & (covered >= 0))
-            good = good[current[covered[good]]]
-            yield _Rows(solved.evaluation, covered[good]), good
-            left[good] = False
-        rest = np.flatnonzero(left)
-        if rest.size:
-            e = solver.evaluate(
-                self.network, solver.take(points, rest), solver.take(theta, rest), solved.x[:, rest], final
-            )
-            yield _Rows(e, slice(None)), rest
-
-    def _outputs(
-        self, e: _Rows, columns: tuple[str, ...], wrt: tuple[str, ...]
-    ) -> tuple[Array, Array, dict[str, Array]]:
-        """y (n, m), dy/dθ = G_θ − G_x F_x⁻¹ F_θ (implicit function theorem) and the marked components."""
-        names = tuple(u.name for u in self.unknowns)
-        with np.errstate(all="ignore"):
-            rows = {c: self._read(e.evaluation, c) for c in columns}
-        n = e.evaluation.size
-        y = np.stack([np.broadcast_to(value(r), (n,)) for r in rows.values()], axis=1) if rows else np.empty((n, 0))
-        J = np.empty((n, len(columns), len(wrt)))[e.rows]
-        if wrt and columns:
-            along = tuple(self.network.leaf_of(w) for w in wrt)
-            balances = e.evaluation.balances
-            F_x, G_x = (solver.matrix(e.evaluation, r, names)[e.rows] for r in (balances, rows))
-            # G_x F_x⁻¹ first: there are fewer outputs than parameters
-            weights = solver.linear_solve(F_x.transpose(0, 2, 1), G_x.transpose(0, 2, 1)).transpose(2, 1, 0)
-            F_theta, G_theta = (solver.directed(e.evaluation, r, along)[..., e.rows] for r in (balances, rows))
-            for row, out in zip(weights, G_theta, strict=True):
-                for weight, balance in zip(row, F_theta, strict=True):
-                    out -= weight * balance
-            J = np.ascontiguousarray(G_theta.transpose(2, 0, 1))
-        flags = {name: mask[e.rows] for name, mask in marked(e.evaluation).items()}
-        return y[e.rows], J, {name: mask for name, mask in flags.items() if mask.any()}
-
-    def _read(self, e: Evaluation, column: str) -> Value:
-        if column in self._signals:
-            if column not in e.signals:
-                self.sensors[self._signals[column]].read(self.network, e)
-            return e.signals[column]
-        if column in self.sensors:
-            return self.sensors[column].read(self.network, e)
-        return self.network.read(e, column)
-
 
 class _Asked(NamedTuple):
     """What of a prediction is asked for, as of `Engine.predict`."""
@@ -405,17 +349,9 @@ class _Asked(NamedTuple):
     walk: bool
 
 
-@dataclass(frozen=True)
-class _Rows:
-    """Some points of an evaluation."""
-
-    evaluation: Evaluation
-    rows: Array | slice
-
-
 def _chunks(index: Array, size: int) -> Iterator[Array]:
     for k in range(0, len(index), size):
         yield index[k : k + size]
 
 
-__all__ = ["STATUS", "Engine", "Prediction"]
+__all__ = ["INVALID_INPUT", "NOT_CONVERGED", "OK", "OUTSIDE_MAP", "STATUS", "Engine", "Prediction"]

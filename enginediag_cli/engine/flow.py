@@ -134,7 +134,8 @@ def static_pressure(flow: Flow, area_m2: Value, iterations: int = 30) -> tuple[V
     """Static pressure [Pa] and velocity [m/s] of a subsonic total state passing through an area [m²].
 
     Solves ρ V A = W with V² = 2 (h − h_s), p_s = P exp((φ_s − φ)/R) for T_s by Newton's method on values;
-    one Newton step in derivative arithmetic then gives the exact derivatives. NaN where the area chokes.
+    one Newton step in derivative arithmetic then gives the exact derivatives. NaN where the area chokes. A point that
+    is there is left as it is while others go on.
     """
     gas, mixture = flow.gas, flow.mixture
 
@@ -150,20 +151,24 @@ def static_pressure(flow: Flow, area_m2: Value, iterations: int = 30) -> tuple[V
     mach = np.clip(value(flow.W) * np.sqrt(R * T) / (value(flow.P) * value(area_m2)), 1e-6, 0.6)
     T_s = T - 0.5 * mach**2 * R * T / cp
     plain = mixture.plain
+    f = slope = np.full(np.shape(T_s), np.nan)
+    going = np.ones(np.shape(T_s), dtype=bool)
     for _ in range(iterations):
         h_s, phi_s = gas.enthalpy_and_entropy(T_s, plain)
         V = np.sqrt(np.maximum(2.0 * (value(flow.h) - h_s), 1e-12))
-        f = (
+        left = (
             np.log(value(flow.P))
             + (phi_s - value(flow.phi)) / R
             - np.log(R * T_s)
             + np.log(V * value(area_m2) / value(flow.W))
         )
         cp = gas.heat_capacity(T_s, plain)
-        slope = cp / (R * T_s) - 1.0 / T_s - cp / V**2  # negative while subsonic
-        step = np.clip(-f / slope, -0.5 * (T - T_s), 0.5 * (T - T_s))
+        # negative while subsonic
+        f, slope = np.where(going, left, f), np.where(going, cp / (R * T_s) - 1.0 / T_s - cp / V**2, slope)
+        step = np.where(going, np.clip(-f / slope, -0.5 * (T - T_s), 0.5 * (T - T_s)), 0.0)
         T_s = T_s + step
-        if np.all(np.abs(step) < 1e-11 * T):
+        going &= ~(np.abs(step) < 1e-11 * T)
+        if not going.any():
             break
     T_s = np.where((slope < 0.0) & (np.abs(f) < 1e-8), T_s, np.nan)
     f_exact, _, _ = excess(T_s)
@@ -200,12 +205,15 @@ def at_impulse(flow: Flow, impulse: Value, area: float, iterations: int = 30) ->
 
     W, h, R, total = (value(x) for x in (flow.W, flow.h, flow.R, impulse))
     V = W * R * value(flow.T) / total
+    slope, going = np.ones(np.shape(V)), np.ones(np.shape(V), dtype=bool)
     for _ in range(iterations):
         f, T_s, _, _ = state(V, W, h, R, total, plain)
         cp = gas.heat_capacity(T_s, plain)
-        slope = total - 2.0 * W * V + W * R * V / cp  # (γ R T − V²) W/(γ V), positive while subsonic
-        V = V - f / slope
-        if np.all(np.abs(value(f)) < 1e-12 * np.abs(total * V)):
+        # (γ R T − V²) W/(γ V), positive while subsonic
+        slope = np.where(going, total - 2.0 * W * V + W * R * V / cp, slope)
+        V = np.where(going, V - f / slope, V)
+        going &= ~(np.abs(value(f)) < 1e-12 * np.abs(total * V))  # a point that is there is left as it is
+        if not going.any():
             break
     subsonic = np.asarray((slope > 0.0) & (np.abs(value(f)) < 1e-8 * np.abs(total * V)))
     f_exact, _, _, _ = state(V, flow.W, flow.h, flow.R, impulse, mixture)

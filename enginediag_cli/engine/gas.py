@@ -15,13 +15,15 @@ are stated; the entropy is s = φ − R ln P.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from collections.abc import Callable
 from functools import cached_property, lru_cache
+from typing import Any
 
 import numpy as np
 
+from enginediag_cli.engine import gas_point
 from enginediag_cli.engine.dual import Array, Dual, Value, chain, select, value
+from enginediag_cli.engine.gas_point import COLUMNS
 from enginediag_cli.engine.nasa9 import (
     DRY_AIR_MOLE_FRACTION,
     MOLAR_MASS,
@@ -38,22 +40,30 @@ T_LIMIT = (150.0, 2500.0)  # K, where an operating point is still called inside 
 DEGREE = 9
 """Of the polynomial for cp: over T_FIT it leaves 20 J/kg, 0.02 K, in h for air."""
 START_LIMIT = ((130.0, 2700.0), (np.log(130.0), np.log(2700.0)))  # K, ln K
+FEW_COLUMNS = 32
+"""Columns up to which one operation along the powers is cheaper than one for each; the digits are the same."""
 H, PHI, CP, DCP = range(4)
 """Rows of the fitted properties."""
+TERMS = (0, 1, 3, 5)
+"""Terms (1, far, far², war, war·far) of a fitted polynomial, by the number of pseudo-species."""
 MOLAR_MASS_C, MOLAR_MASS_H = 12.0107e-3, 1.00794e-3  # kg/mol
 
 
-@dataclass(frozen=True)
 class Mixture:
-    """Composition of a working gas; None is exactly zero and costs nothing."""
+    """Composition of a working gas; None is exactly zero and costs nothing. What follows from it is computed once."""
 
-    far: Value | None = None
-    war: Value | None = None
+    __slots__ = ("_constant", "_dry", "_floats", "_plain", "duals", "far", "kind", "war")
 
-    @property
-    def kind(self) -> int:
+    def __init__(self, far: Value | None = None, war: Value | None = None):
+        self.far, self.war = far, war
+        self.kind = 3 if war is not None else 2 if far is not None else 1
         """How many pseudo-species it needs: 1 dry air, 2 with fuel, 3 with water."""
-        return 3 if self.war is not None else 2 if self.far is not None else 1
+        self.duals = tuple((row, x) for row, x in ((1, far), (2, war)) if isinstance(x, Dual))
+        """Row of the pseudo-species, and its amount, of those that carry derivatives."""
+        self._dry: Value | None = None
+        self._plain: tuple[Any, Any, Any] | None = None
+        self._floats: tuple[float, float, float] | None = None
+        self._constant: tuple[Gas, Value] | None = None
 
     @property
     def plain(self) -> Mixture:
@@ -62,11 +72,39 @@ class Mixture:
 
     def per_dry_air(self) -> Value:
         """kg of gas per kg of dry air, 1 + far + war."""
-        total: Value = 1.0
-        for part in (self.far, self.war):
-            if part is not None:
-                total = total + part
-        return total
+        if self._dry is None:
+            total: Value = 1.0
+            for part in (self.far, self.war):
+                if part is not None:
+                    total = total + part
+            self._dry = total
+        return self._dry
+
+    def values(self) -> tuple[Any, Any, Any]:
+        """Plain fuel and water per dry air, 0 where there is none, and dry air per gas."""
+        if self._plain is None:
+            far, war = (0.0 if x is None else value(x) for x in (self.far, self.war))
+            self._plain = far, war, 1.0 / value(self.per_dry_air())
+        return self._plain
+
+    def floats(self) -> tuple[float, float, float]:
+        """The same of one point."""
+        if self._floats is None:
+            far, war, inverse = (np.asarray(x).item() for x in self.values())
+            self._floats = far, war, inverse
+        return self._floats
+
+    def constant(self, gas: Gas) -> Value:
+        """Gas constant R [J/(kg K)] with the pseudo-species of `gas`."""
+        if self._constant is None or self._constant[0] is not gas:
+            Ra, Rf, Rw = gas.R_species
+            R: Value = Ra
+            if self.far is not None:
+                R = R + self.far * Rf
+            if self.war is not None:
+                R = R + self.war * Rw
+            self._constant = gas, R if self.kind == 1 else R / self.per_dry_air()
+        return self._constant[1]
 
 
 DRY_AIR = Mixture()
@@ -90,17 +128,19 @@ class Gas:
             for quantities in (
                 (H,),
                 (PHI,),
+                (CP,),
                 (H, PHI),
                 (H, CP),
                 (CP, DCP),
                 (H, PHI, CP),
                 (H, CP, DCP),
                 (H, PHI, CP, DCP),
-                (PHI, H, CP, DCP),
             )
         }
-        self._start_h = self._fitted(*T_LIMIT, lambda T, m: (self._mixed(T, m, (H,))[0][0] * 1e-6, T))
-        self._start_phi = self._fitted(*T_LIMIT, lambda T, m: (self._mixed(T, m, (PHI,))[0][0] * 1e-3, np.log(T)))
+        self._start_h = self._fitted(*T_LIMIT, lambda T, m: (value(self.enthalpy(T, m)) * 1e-6, T))
+        self._start_phi = self._fitted(
+            *T_LIMIT, lambda T, m: (self._mixed(self._species(T, m, (PHI,)), m)[0] * 1e-3, np.log(T))
+        )
         self._critical = self._fitted(*T_NOZZLE, lambda T, m: (T * 1e-3, self._critical_exactly(T, m)))
         self._critical_slope = _derivative(self._critical)
 
@@ -111,58 +151,66 @@ class Gas:
 
     def constant(self, mixture: Mixture) -> Value:
         """Gas constant R [J/(kg K)]."""
-        Ra, Rf, Rw = self.R_species
-        R: Value = Ra
-        if mixture.far is None and mixture.war is None:
-            return R
-        if mixture.far is not None:
-            R = R + mixture.far * Rf
-        if mixture.war is not None:
-            R = R + mixture.war * Rw
-        return R / mixture.per_dry_air()
+        return mixture.constant(self)
 
     def enthalpy(self, T: Value, mixture: Mixture) -> Value:
         """h(T) [J/kg]."""
-        h, cp = self._mixed(value(T), mixture, (H, CP))
-        return self._chain(h, cp[0], T, mixture)
+        if not isinstance(T, Dual) and not mixture.duals:
+            return self._mixed(self._species(T, mixture, (H,)), mixture)[0]
+        X = self._species(value(T), mixture, (H, CP))
+        h, cp = self._mixed(X, mixture)
+        return self._chain(h, X[0], cp, T, mixture)
 
     def enthalpy_and_entropy(self, T: Value, mixture: Mixture) -> tuple[Value, Value]:
         """h(T) [J/kg] and φ(T) = ∫cp/T dT [J/(kg K)]."""
-        h, phi, cp = self._mixed(value(T), mixture, (H, PHI, CP))
-        return self._chain(h, cp[0], T, mixture), self._chain(phi, cp[0] / value(T), T, mixture)
+        if not isinstance(T, Dual) and not mixture.duals:
+            h, phi = self._mixed(self._species(T, mixture, (H, PHI)), mixture)
+            return h, phi
+        X = self._species(value(T), mixture, (H, PHI, CP))
+        h, phi, cp = self._mixed(X, mixture)
+        return self._chain(h, X[0], cp, T, mixture), self._chain(phi, X[1], cp / value(T), T, mixture)
 
     def heat_capacity(self, T: Value, mixture: Mixture) -> Value:
         """cp(T) [J/(kg K)]."""
-        cp, dcp = self._mixed(value(T), mixture, (CP, DCP))
-        return self._chain(cp, dcp[0], T, mixture)
+        if not isinstance(T, Dual) and not mixture.duals:
+            return self._mixed(self._species(T, mixture, (CP,)), mixture)[0]
+        X = self._species(value(T), mixture, (CP, DCP))
+        cp, dcp = self._mixed(X, mixture)
+        return self._chain(cp, X[0], dcp, T, mixture)
 
     def at_enthalpy(self, h: Value, mixture: Mixture) -> tuple[Value, Value]:
         """T [K] and φ where h(T) = h: polynomial start and one Halley step (1e-8 K; 4e-7 K in very humid air);
-        dφ = dh/T."""
+        dφ = dh/T, from the start at the temperature between."""
+        if (one := self._at_one_point(gas_point.at_enthalpy, self._start_h, START_LIMIT[0], h, mixture)) is not None:
+            return one
         target = value(h)
-        T0 = self._start(self._start_h, target * 1e-6, mixture)
-        q, phi, cp, dcp = self._mixed(T0, mixture, (H, PHI, CP, DCP))
-        f = q[0] - target
-        dT = f / (0.5 * f * dcp[0] / cp[0] - cp[0])
+        T0 = self._start(self._start_h, target * 1e-6, mixture, START_LIMIT[0])
+        X = self._species(T0, mixture, (H, PHI, CP, DCP))
+        q, phi, cp, dcp = self._mixed(X, mixture)
+        f = q - target
+        dT = f / (0.5 * f * dcp / cp - cp)
         T = T0 + dT
-        phi += (cp + 0.5 * dT * (dcp - cp / T0)) * (dT / T0)
-        q += (cp + 0.5 * dT * dcp) * dT
-        cp = cp[0] + dcp[0] * dT
-        return self._inverse(T, 1.0 / cp, h, q, mixture), self._transfer(phi, 1.0 / T, h, q, mixture)
+        phi = phi - f / (T0 + 0.5 * dT)
+        if not isinstance(h, Dual) and not mixture.duals:
+            return T, phi
+        return self._inverted(T, phi, 1.0 / (cp + dcp * dT), 1.0 / T, h, self._shifted(X, dT, T0, mixture, H), mixture)
 
     def at_entropy(self, phi: Value, mixture: Mixture) -> tuple[Value, Value]:
         """T [K] and h where φ(T) = phi, likewise; dh = T dφ."""
+        if (one := self._at_one_point(gas_point.at_entropy, self._start_phi, START_LIMIT[1], phi, mixture)) is not None:
+            return one
         target = value(phi)
-        T0 = np.exp(self._start(self._start_phi, target * 1e-3, mixture))
-        q, h, cp, dcp = self._mixed(T0, mixture, (PHI, H, CP, DCP))
-        f = q[0] - target
-        slope = cp[0] / T0
-        dT = f / (0.5 * f * (dcp[0] - slope) / cp[0] - slope)
+        T0 = np.exp(self._start(self._start_phi, target * 1e-3, mixture, START_LIMIT[1]))
+        X = self._species(T0, mixture, (H, PHI, CP, DCP))
+        h, q, cp, dcp = self._mixed(X, mixture)
+        f = q - target
+        slope = cp / T0
+        dT = f / (0.5 * f * (dcp - slope) / cp - slope)
         T = T0 + dT
-        q += (cp + 0.5 * dT * (dcp - cp / T0)) * (dT / T0)
-        h += (cp + 0.5 * dT * dcp) * dT
-        cp = cp[0] + dcp[0] * dT
-        return self._inverse(T, T / cp, phi, q, mixture), self._transfer(h, T, phi, q, mixture)
+        h = h - f * (T0 + 0.5 * dT)
+        if not isinstance(phi, Dual) and not mixture.duals:
+            return T, h
+        return self._inverted(T, h, T / (cp + dcp * dT), T, phi, self._shifted(X, dT, T0, mixture, PHI), mixture)
 
     def critical_log_pressure_ratio(self, T: Value, mixture: Mixture) -> Value:
         """ln(P/p_*) of an isentropic expansion from total temperature T [K] to Mach 1.
@@ -180,43 +228,24 @@ class Gas:
     def _critical_from(self, coefficients: Array, derivative: Array, T: Value, mixture: Mixture) -> Value:
         t = value(T) * 1e-3
         P = _powers(t, False)
-        kind = mixture.kind
-        rows = coefficients[: (1, 3, 5)[kind - 1]] @ P
-        slopes = derivative[: (1, 3, 5)[kind - 1]] @ P
-        far = value(mixture.far) if mixture.far is not None else 0.0
-        war_value: Value = 0.0 if mixture.war is None else mixture.war
-        war = value(war_value)
-        q, dq = rows[0], slopes[0]
-        terms: list[tuple[Array, Value]] = []
-        if kind > 1:
-            q = q + far * (rows[1] + far * rows[2])
-            dq = dq + far * (slopes[1] + far * slopes[2])
-            dfar = rows[1] + 2.0 * far * rows[2]
-            if kind == 3:
-                q = q + war * (rows[3] + far * rows[4])
-                dq = dq + war * (slopes[3] + far * slopes[4])
-                dfar = dfar + war * rows[4]
-                terms.append((rows[3] + far * rows[4], war_value))
-            if mixture.far is not None:
-                terms.append((dfar, mixture.far))
-        return chain(q, (dq * 1e-3, T), *terms)
+        rows = coefficients[: TERMS[mixture.kind]].dot(P)[:, : t.size]
+        q = self._composed(rows, mixture)
+        if not isinstance(T, Dual) and not mixture.duals:
+            return q
+        slopes = derivative[: TERMS[mixture.kind]].dot(P)[:, : t.size]
+        terms: list[tuple[Array, Value]] = [(self._composed(slopes, mixture) * 1e-3, T)]
+        far, war, _ = mixture.values()
+        for row, part in mixture.duals:
+            slope = rows[3] + far * rows[4] if row == 2 else rows[1] + 2.0 * far * rows[2]
+            terms.append((slope + war * rows[4] if row == 1 and mixture.kind == 3 else slope, part))
+        return chain(q, *terms)
 
-    # A mixed quantity is (kind, N): row 0 the mixture's value, rows 1.. the pseudo-species' own (fuel, water).
+    # Of the pseudo-species (dry air, fuel, water), by quantity: (q, kind, N); of the mixture: (q, N).
 
-    def _mixed(self, T: Array, mixture: Mixture, quantities: tuple[int, ...]) -> list[Array]:
-        kind = mixture.kind
-        X = self._blocks[kind, quantities] @ _powers(T * 1e-3, PHI in quantities)
-        parts = [X[i * kind : (i + 1) * kind] for i in range(len(quantities))]
-        if kind > 1:
-            far = value(mixture.far) if mixture.far is not None else 0.0
-            war = value(mixture.war) if mixture.war is not None else 0.0
-            inverse = 1.0 / value(mixture.per_dry_air())
-            for part in parts:
-                mix = part[0] + far * part[1]
-                if kind == 3:
-                    mix += war * part[2]
-                part[0] = mix * inverse
-        return parts
+    def _species(self, T: Value, mixture: Mixture, quantities: tuple[int, ...]) -> Array:
+        T = np.asarray(T)
+        X = self._blocks[mixture.kind, quantities].dot(_powers(T * 1e-3, PHI in quantities))
+        return X[:, : T.size].reshape(len(quantities), mixture.kind, T.size)
 
     @property
     def stoichiometric_far(self) -> float:
@@ -224,41 +253,88 @@ class Gas:
         return -self._oxygen[0] / self._oxygen[1]
 
     @staticmethod
-    def _composition(parts: Array, mixture: Mixture) -> Iterator[tuple[Array, Value]]:
-        """∂q/∂far and ∂q/∂war at constant T, (q_species − q)/(1 + far + war), with what they multiply."""
-        if mixture.kind > 1:
-            inverse = 1.0 / value(mixture.per_dry_air())
-            for row, part in ((1, mixture.far), (2, mixture.war)):
-                if isinstance(part, Dual):
-                    yield (parts[row] - parts[0]) * inverse, part
+    def _mixed(X: Array, mixture: Mixture) -> Array:
+        if mixture.kind == 1:
+            return X[:, 0]
+        far, war, inverse = mixture.values()
+        mixed = X[:, 1] * far
+        mixed += X[:, 0]
+        if mixture.kind == 3:
+            mixed += X[:, 2] * war
+        mixed *= inverse
+        return np.asarray(mixed)
 
-    def _chain(self, parts: Array, slope: Array, T: Value, mixture: Mixture) -> Value:
-        """q(T, far, war)."""
-        return chain(parts[0], (slope, T), *self._composition(parts, mixture))
+    @staticmethod
+    def _chain(q: Array, X: Array, slope: Array, T: Value, mixture: Mixture) -> Value:
+        """q(T, far, war), whose pseudo-species have X (kind, N): ∂q/∂far = (q_fuel − q)/(1 + far + war)."""
+        inverse = mixture.values()[2]
+        return chain(q, (slope, T), *(((X[row] - q) * inverse, part) for row, part in mixture.duals))
 
-    def _inverse(self, T: Array, dT_dq: Array, q: Value, parts: Array, mixture: Mixture) -> Value:
-        """T(q, far, war): dT = dT_dq · (dq − ∂q/∂far dfar − ∂q/∂war dwar)."""
-        return chain(T, (dT_dq, q), *((-dT_dq * g, x) for g, x in self._composition(parts, mixture)))
+    @staticmethod
+    def _shifted(X: Array, dT: Array, T0: Array, mixture: Mixture, given: int) -> list[tuple[Array, Array]]:
+        """∂q/∂x and ∂r/∂x at constant T0 + dT for every part x of the composition that carries derivatives, of h and φ
+        or φ and h in the order given, from h, φ, cp, dcp/dT of the pseudo-species at T0."""
+        if not mixture.duals:
+            return []
+        h, phi, cp, dcp = X
+        h = h + (cp + 0.5 * dT * dcp) * dT
+        phi = phi + (cp + 0.5 * dT * (dcp - cp / T0)) * (dT / T0)
+        inverse = mixture.values()[2]
+        found = []
+        for q in (h, phi):
+            mixed = Gas._mixed(q[None], mixture)[0]
+            found.append([(q[row] - mixed) * inverse for row, _ in mixture.duals])
+        return list(zip(*(found if given == H else found[::-1]), strict=True))
 
-    def _transfer(self, other: Array, slope: Array, q: Value, parts: Array, mixture: Mixture) -> Value:
-        """Another quantity r at given q: dr = slope · (dq − ∂q/∂far dfar …) + ∂r/∂far dfar …"""
-        composition = zip(self._composition(other, mixture), self._composition(parts, mixture), strict=True)
-        return chain(other[0], (slope, q), *((gr - slope * gq, x) for (gr, x), (gq, _) in composition))
+    @staticmethod
+    def _inverted(
+        T: Array,
+        r: Array,
+        dT_dq: Array,
+        dr_dq: Array,
+        q: Value,
+        parts: list[tuple[Array, Array]],
+        mixture: Mixture,
+    ) -> tuple[Value, Value]:
+        """T(q, far, war) and another quantity r there: dT = dT_dq · (dq − ∂q/∂far dfar …), dr likewise + ∂r/∂far dfar
+        …"""
+        of = [(gq, gr, part) for (gq, gr), (_, part) in zip(parts, mixture.duals, strict=True)]
+        return (
+            chain(T, (dT_dq, q), *((-dT_dq * gq, part) for gq, _, part in of)),
+            chain(r, (dr_dq, q), *((gr - dr_dq * gq, part) for gq, gr, part in of)),
+        )
 
-    def _start(self, coefficients: Array, x: Array, mixture: Mixture) -> Array:
-        """Starting T or ln T from a polynomial in x = h or φ (scaled), corrected for fuel and water."""
+    def _at_one_point(
+        self,
+        invert: Callable[..., tuple[Array, Array]],
+        start: Array,
+        limit: tuple[float, float],
+        given: Value,
+        mixture: Mixture,
+    ) -> tuple[Array, Array] | None:
+        """The inverse in plain floats; None where there are more points, derivatives, or no such floats."""
+        if isinstance(given, Dual) or mixture.duals or np.size(given) != 1:
+            return None
         kind = mixture.kind
-        rows = coefficients[: (1, 3, 5)[kind - 1]] @ _powers(x, False)
-        start = rows[0]
-        if kind > 1 and mixture.far is not None:
-            far = value(mixture.far)
-            start = start + far * (rows[1] + far * rows[2])
-        if kind == 3:
-            far = 0.0 if mixture.far is None else value(mixture.far)
-            war = 0.0 if mixture.war is None else value(mixture.war)
-            start = start + war * (rows[3] + far * rows[4])
-        low, high = START_LIMIT[coefficients is self._start_phi]
-        return np.minimum(np.maximum(start, low), high)
+        try:
+            number = np.asarray(given).item()
+            return invert(start[: TERMS[kind]], self._blocks[kind, (H, PHI, CP, DCP)], limit, number, mixture.floats())
+        except (ArithmeticError, ValueError):
+            return None
+
+    def _start(self, coefficients: Array, x: Array, mixture: Mixture, limit: tuple[float, float]) -> Array:
+        """Starting T or ln T from a polynomial in x = h or φ (scaled), corrected for fuel and water."""
+        rows = coefficients[: TERMS[mixture.kind]].dot(_powers(x, False))[:, : x.size]
+        return np.minimum(np.maximum(self._composed(rows, mixture), limit[0]), limit[1])
+
+    @staticmethod
+    def _composed(rows: Array, mixture: Mixture) -> Array:
+        """Terms (1, far, far², war, war·far) · rows, as many as the mixture has."""
+        if mixture.kind == 1:
+            return rows[0]
+        far, war, _ = mixture.values()
+        q = rows[0] + far * (rows[1] + far * rows[2])
+        return q if mixture.kind == 2 else q + war * (rows[3] + far * rows[4])
 
     def _fitted(self, low: float, high: float, make: Callable[[Array, Mixture], tuple[Array, Array]]) -> Array:
         """Least-squares coefficients (5, 11) of y on powers of x times (1, far, far², war, war·far), where
@@ -266,7 +342,7 @@ class Gas:
         nodes = 0.5 * (low + high) - 0.5 * (high - low) * np.cos(np.linspace(0, np.pi, 60))
         T, far, war = (g.ravel() for g in np.meshgrid(nodes, np.linspace(0, 0.05, 4), [0.0, 0.02], indexing="ij"))
         x, y = make(T, Mixture(far, war))
-        powers = _powers(x, False)
+        powers = _powers(x, False)[:, : x.size]
         weights = (np.ones_like(T), far, far**2, war, war * far)
         columns = [w * powers[k] for w, d in zip(weights, FIT_DEGREES, strict=True) for k in range(d + 1)]
         solution = np.linalg.lstsq(np.stack(columns, axis=1), y, rcond=None)[0]
@@ -280,14 +356,14 @@ class Gas:
     def _critical_exactly(self, T: Array, mixture: Mixture) -> Array:
         """ln(P/p_*) by Newton's method on T_*."""
         R = value(self.constant(mixture))
-        h, phi = (q[0] for q in self._mixed(T, mixture, (H, PHI)))
+        h, phi = self._mixed(self._species(T, mixture, (H, PHI)), mixture)
         T_star = T / 1.17
         for _ in range(6):
-            h_star, cp, dcp = (q[0] for q in self._mixed(T_star, mixture, (H, CP, DCP)))
+            h_star, cp, dcp = self._mixed(self._species(T_star, mixture, (H, CP, DCP)), mixture)
             half_gamma_R = 0.5 * cp * R / (cp - R)
             slope = -cp - half_gamma_R * (1.0 - T_star * dcp * R / (cp * (cp - R)))
             T_star = T_star - (h - h_star - half_gamma_R * T_star) / slope
-        return (phi - self._mixed(T_star, mixture, (PHI,))[0][0]) / R
+        return (phi - self._mixed(self._species(T_star, mixture, (PHI,)), mixture)[0]) / R
 
 
 @lru_cache(maxsize=8)
@@ -334,13 +410,20 @@ def _derivative(coefficients: Array) -> Array:
 
 def _powers(t: Array, with_log: bool) -> Array:
     """(1, t, …, t^(DEGREE+1), ln t), shape (DEGREE + 3, N); without the logarithm one row less."""
-    P = np.empty((DEGREE + 2 + with_log, t.size))
+    n = t.size
+    # matrix products sum differently at the end of a number of columns that is odd
+    P = np.empty((DEGREE + 2 + with_log, -(-n // COLUMNS) * COLUMNS))
+    P[1, :n] = t
+    P[1, n:] = 1.0
+    t = P[1]
+    if n <= FEW_COLUMNS:
+        P[2 : DEGREE + 2] = t
+        np.multiply.accumulate(P[1 : DEGREE + 2], axis=0, out=P[1 : DEGREE + 2])
+    else:
+        rows = tuple(P)
+        for k in range(2, DEGREE + 2):
+            np.multiply(rows[k - 1], t, rows[k])
     P[0] = 1.0
-    P[1] = t
-    np.multiply(t, t, out=P[2])
-    np.multiply(P[1:3], P[2], out=P[3:5])
-    np.multiply(P[1:5], P[4], out=P[5:9])
-    np.multiply(P[1:3], P[8], out=P[9:11])
     if with_log:
-        np.log(t, out=P[11])
+        np.log(t, P[DEGREE + 2])
     return P

@@ -71,7 +71,8 @@ def marked(e: Evaluation) -> dict[str, Array]:
     for flow in e.flows.values():
         if flow.known_temperature is not None:
             T = value(flow.known_temperature)
-            beyond |= np.broadcast_to((T > T_LIMIT[1]) | (T < T_LIMIT[0]), (e.size,))
+            if not (np.max(T) <= T_LIMIT[1] and np.min(T) >= T_LIMIT[0]):
+                beyond |= (T > T_LIMIT[1]) | (T < T_LIMIT[0])
     if beyond.any():
         marked["the gas data"] = beyond
     return marked

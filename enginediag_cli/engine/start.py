@@ -17,9 +17,10 @@ import numpy as np
 
 from enginediag_cli.engine.atmosphere import P_ISA, T_ISA, standard_atmosphere
 from enginediag_cli.engine.dual import Array, value
+from enginediag_cli.engine.gas_point import COLUMNS
 from enginediag_cli.units import split_column
 
-DEGREE = 8.0
+DEGREE = 9.0
 """Weighted degree of the fitted start. Judgement between a start near enough and the number of terms."""
 WEIGHTS = {"power": 1.0, "mach": 1.3, "theta": 3.0, "delta": 5.0, "other": 3.0, "fixed": 1e9}
 """What a power of each coordinate costs of the degree: the engine bends most with power and Mach, hardly with what is
@@ -127,7 +128,9 @@ class StartFit:
     @np.errstate(all="ignore")
     def predict(self, z: Array) -> Array:
         """Starting unknowns (nx, N)."""
-        return np.exp(self.coefficients @ _features(self.kinds, self.degree, self.low, self.high, z))
+        n = z.shape[1]
+        z = np.pad(z, ((0, 0), (0, -n % COLUMNS)), mode="edge")
+        return np.exp((self.coefficients @ _features(self.kinds, self.degree, self.low, self.high, z))[:, :n])
 
 
 def _features(kinds: tuple[str, ...], degree: float, low: Array, high: Array, z: Array) -> Array:

@@ -10,23 +10,32 @@ is beyond its choking flow at every other start.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from enginediag_cli.engine import solver
+from enginediag_cli.engine.anchors import ANCHORS
 from enginediag_cli.engine.dual import Array
 from enginediag_cli.engine.network import Network
+from enginediag_cli.engine.outputs import OfPoints
 from enginediag_cli.engine.start import StartFit, coordinates, correction, total_ratios
 
-FIT_FROM = 500  # points from which a fitted start pays
-ANCHORS = 200
-"""Points that are solved first for a fitted start to be learnt from: some times its terms."""
+FIT_FROM = 500  # points from which a fitted start of their own pays
+COVERED = 0.98
+"""Share of the points that a fitted start must cover to serve. Judgement."""
+LEARNING = solver.Effort(max_iterations=9, tolerance=1e-3, by_differences=True)
+"""Of the anchors: a start need not be exact, and anchors that take longer can be spared."""
 WALK_STEP = {"rpm": 0.12, "other": 0.6}  # largest change of ln(corrected power setting) in one step of a walk
 MAX_WALK_STEPS = 12
 """Steps of a walk from the design point at most; further points take longer steps."""
-WALK_ITERATIONS = 6
-"""Iterations on the way, where a point is only a start of the next one and need not converge."""
+ENOUGH = 0.9
+"""Share of the anchors that is enough for a fit. Judgement: of fewer, those at the ends of the range are missing."""
+WALK = solver.Effort(max_iterations=6, tolerance=1e-3, by_differences=True)
+"""On the way, where a point is only a start of the next one and need not converge."""
+LOST = 2
+"""Steps of a walk that lead nowhere, one after the other, before it is given up."""
 RETRY_ITERATIONS = 30
 """Iterations of a second try from another start: half of the usual number, since most of these points have no solution.
 Judgement."""
@@ -37,46 +46,84 @@ LARGEST_NEIGHBOUR_TABLE = 2_000_000
 LESS_FLOW = (0.9, 0.8, 0.7, 0.6, 0.5)  # of the design point's
 
 
+@dataclass(frozen=True)
+class Tries:
+    """`by_differences`: as in `solver.Effort`; `every_way`: points that fail are tried again in every way, or only from
+    their neighbours."""
+
+    by_differences: bool = False
+    every_way: bool = True
+
+
 class Strategy:
     """Solves batches of operating points of one network; remembers only its fitted start."""
 
-    def __init__(self, network: Network, nominal: Mapping[str, float]) -> None:
+    def __init__(self, network: Network, nominal: Mapping[str, float], envelope: Mapping[str, Array]) -> None:
+        """`envelope`: anchors (n,) by input column, none where it is not known."""
         self.network = network
         self.nominal = nominal
+        self.envelope = envelope
         self.fit: StartFit | None = None
+        self.everywhere = False  # the fit serves beyond its anchors too, by its edge
+
+    def forget(self) -> None:
+        """Forgets the fitted start."""
+        self.fit, self.everywhere = None, False
 
     def prepare(self, points: Mapping[str, Any], valid: Array) -> None:
-        """Fits a start from anchors among the points (N,) when they are many and the remembered one does not
-        cover them."""
+        """Fits a start for many points (N,), once, from anchors over the envelope, so that it is the same for every
+        batch; where that is not known, from some of their own, again when the remembered one does not cover them."""
         at = np.flatnonzero(valid)
-        if not at.size:
+        if at.size <= solver.FEW_POINTS:
+            return
+        if self.fit is None and self.envelope:
+            defaults = {c: v for c, v in self.network.inputs().items() if v is not None}
+            self._learn({**defaults, **self.envelope})
+            self.everywhere = self.fit is not None
+            if not self.everywhere:
+                self.envelope = {}
+        if self.everywhere:
             return
         names, z = self._coordinates(solver.take(points, at), at.size)
-        if at.size < FIT_FROM or (self.fit is not None and self.fit.covers(names, z).mean() > 0.98):
+        if at.size < FIT_FROM or (self.fit is not None and self.fit.covers(names, z).mean() > COVERED):
             return
         drawn = np.random.default_rng(0).choice(at.size, min(ANCHORS, at.size), replace=False)
         anchors = np.array(sorted({*drawn.tolist(), *z.argmin(axis=1).tolist(), *z.argmax(axis=1).tolist()}))
-        u = solver.take(points, at[anchors])
-        solved = solver.newton(self.network, u, self.nominal, self._first(u, anchors.size))
-        good = solved.converged & np.isfinite(z[:, anchors]).all(axis=0)  # a wild input may have no coordinate
+        self._learn(solver.take(points, at[anchors]))
+
+    def _learn(self, anchors: Mapping[str, Any]) -> None:
+        """Fits a start to the solutions of these points, if half of them have one."""
+        names, z = self._coordinates(anchors, next(np.size(v) for v in anchors.values() if np.ndim(v)))
+        solved = solver.newton(self.network, anchors, self.nominal, self._plain(anchors, z.shape[1]), LEARNING)
+        x, good = solved.x, solved.residual <= LEARNING.aim
+        if good.mean() < ENOUGH:
+            far = np.flatnonzero(~good)
+            u = solver.take(anchors, far)
+            solved = solver.newton(self.network, u, self.nominal, self._walk(u, self.nominal, far.size), LEARNING)
+            x[:, far], good[far] = solved.x, solved.residual <= LEARNING.aim
+        good &= np.isfinite(z).all(axis=0)  # a wild input may have no coordinate
         if good.mean() >= 0.5:
-            self.fit = StartFit.fit(names, z[:, anchors[good]], solved.x[:, good])
+            self.fit = StartFit.fit(names, z[:, good], x[:, good])
 
     def solve(
         self,
         points: Mapping[str, Any],
         theta: Mapping[str, Any],
-        size: int,
         start: Array | None,
-        final: frozenset[str],
-        walk: bool = True,
+        reader: OfPoints,
+        tries: Tries,
     ) -> solver.Solution:
-        """Unknowns of `size` points; `start` (nx, size) or None; `final` as in `solver.newton`; `walk`: go all ways to
-        points that fail, or only from their neighbours."""
+        """Unknowns of all points of the reader, which takes what it wants of those that converge; start (nx, n) or
+        None."""
+        size = len(reader.points)
         first = self._first(points, size) if start is None else np.where(np.isfinite(start), start, self._design(size))
-        solved = solver.newton(self.network, points, theta, first, final)
-        ways = (self._from_design, self._by_walking, self._from_neighbours, self._from_less_flow)
-        for again in ways if walk else (self._from_neighbours,):
+        effort = solver.Effort(by_differences=tries.by_differences)
+        solved = solver.newton(self.network, points, theta, first, effort, reader)
+        # few points, or they would not be worth the effort; in the same way in every batch
+        again_effort = replace(effort, max_iterations=RETRY_ITERATIONS, by_differences=True)
+        # neighbours last, on which alone a point depends
+        ways = (self._from_design, self._by_walking, self._from_less_flow, self._from_neighbours)
+        for again in ways if tries.every_way else (self._from_neighbours,):
             failed = np.flatnonzero(~solved.converged)
             if not failed.size:
                 break
@@ -84,12 +131,13 @@ class Strategy:
             if x is None:
                 continue
             u, t = solver.take(points, failed), solver.take(theta, failed)
-            retried = solver.newton(self.network, u, t, x, max_iterations=RETRY_ITERATIONS)
+            retried = solver.newton(self.network, u, t, x, again_effort, reader.of(failed))
             better = retried.residual < solved.residual[failed]
             at = failed[better]
             solved.x[:, at], solved.residual[at] = retried.x[:, better], retried.residual[better]
-            solved.worst[at] = retried.worst[better]
+            solved.balances[:, at] = retried.balances[:, better]
             solved.passes[failed] += retried.passes
+            solved.read[failed] |= retried.read
         return solved
 
     # starts (nx, n)
@@ -101,9 +149,13 @@ class Strategy:
         x = self._plain(points, size)
         if self.fit is not None:
             names, z = self._coordinates(points, size)
-            covered = self.fit.covers(names, z)
-            if covered.any():
-                x[:, covered] = self.fit.predict(z[:, covered])
+            if self.everywhere:  # of further inputs it knows nothing
+                z = z[[names.index(n) for n in self.fit.names]]
+                known = np.isfinite(z).all(axis=0)
+            else:
+                known = self.fit.covers(names, z)
+            if known.any():
+                x[:, known] = self.fit.predict(z[:, known])
         return x
 
     def _plain(self, points: Mapping[str, Any], size: int) -> Array:
@@ -127,12 +179,18 @@ class Strategy:
             origin = self.network.design_setting * correction(setting, *total_ratios(points))
             ratio = np.nan_to_num(np.log(target / origin), nan=0.0, posinf=0.0, neginf=0.0)
         largest = WALK_STEP["rpm" if setting in self.network.speed_columns else "other"]
-        steps = int(np.clip(np.ceil(np.max(np.abs(ratio)) / largest), 1, MAX_WALK_STEPS))
-        x = self._design(size)
-        for k in range(steps):
+        steps = np.clip(np.ceil(np.abs(ratio) / largest), 1, MAX_WALK_STEPS)
+        x, lost = self._design(size), np.zeros(size, dtype=int)
+        for k in range(int(steps.max())):
+            on = np.flatnonzero((k < steps) & (lost < LOST))
+            if not on.size:
+                break
             here = {**points, setting: origin * np.exp(ratio * (k / steps))}
-            found = solver.newton(self.network, here, theta, x, max_iterations=WALK_ITERATIONS)
-            x = np.where(found.residual < 0.1, found.x, x)
+            u, t = solver.take(here, on), solver.take(theta, on)
+            found = solver.newton(self.network, u, t, x[:, on], WALK)
+            there = found.residual < 0.1
+            x[:, on] = np.where(there, found.x, x[:, on])
+            lost[on] = np.where(there, 0, lost[on] + 1)
         return x
 
     def _from_design(
@@ -162,14 +220,12 @@ class Strategy:
     ) -> Array:
         u, t = solver.take(points, failed), solver.take(theta, failed)
         flow = [k for k, x in enumerate(self.network.unknowns()) if x.is_flow]
-        best, left = self._plain(u, failed.size), np.full(failed.size, np.inf)
-        for factor in LESS_FLOW:
-            x = self._plain(u, failed.size)
-            x[flow] *= factor
-            found = solver.newton(self.network, u, t, x, max_iterations=WALK_ITERATIONS)
-            better = found.residual < left
-            best[:, better], left[better] = found.x[:, better], found.residual[better]
-        return best
+        x = np.repeat(self._plain(u, failed.size)[:, None], len(LESS_FLOW), axis=1)
+        x[flow] *= np.array(LESS_FLOW)[:, None]
+        u, t = solver.repeated(u, len(LESS_FLOW)), solver.repeated(t, len(LESS_FLOW))
+        found = solver.newton(self.network, u, t, x.reshape(len(x), -1), WALK)
+        best = found.residual.reshape(len(LESS_FLOW), -1).argmin(axis=0)
+        return found.x.reshape(x.shape)[:, best, np.arange(failed.size)]
 
     def _coordinates(self, points: Mapping[str, Any], size: int) -> tuple[tuple[str, ...], Array]:
         states = self.network.states

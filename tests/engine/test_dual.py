@@ -9,7 +9,7 @@ import pytest
 from engine_makers import fourth_order, gradient, seeds
 
 from enginediag_cli.engine import dual
-from enginediag_cli.engine.dual import Dual, chain, value
+from enginediag_cli.engine.dual import Dual, chain, exp, log, power, sqrt, value
 
 A, B = np.array([0.7, 1.3, 2.9, 4.1]), np.array([1.9, 0.4, 2.2, 3.3])
 BINARY = {
@@ -135,3 +135,22 @@ def test_a_long_expression_has_the_derivatives_of_differences():
 
     a, b = seeds(A, B)
     assert np.allclose(gradient(f(a, b), 2), numeric(f, A, B), rtol=1e-8)
+
+
+def test_the_value_of_a_dual_is_that_of_plain_numbers_to_the_last_digit():
+    rng = np.random.default_rng(4)
+    a, b = rng.uniform(0.5, 3.0, (2, 200))
+    x, y = Dual(a, np.ones((1, 200))), Dual(b, np.ones((2, 200)))
+    for of in (
+        lambda x, y: x / y,
+        lambda x, y: 1.7 / x,
+        lambda x, y: x / 1.7,
+        lambda x, y: x / b,
+        lambda x, y: power(x, 3.3),
+        lambda x, y: power(x, 2.0),
+        lambda x, y: power(x, y),
+        lambda x, y: power(x, b),
+        lambda x, y: power(1.3, y),
+        lambda x, y: x * y - sqrt(x) + log(y) * exp(x),
+    ):
+        assert np.array_equal(value(of(x, y)), of(a, b))

@@ -207,3 +207,21 @@ def test_the_stoichiometric_flame_without_dissociation_is_near_2400_K():
 def test_a_gas_turbine_combustor_from_800_K_to_1500_K_needs_a_fifth_of_stoichiometric_fuel_and_a_half():
     # W & F and other texts: fuel–air ratio 0.020–0.021 for a rise of 700 K from 800 K
     assert flame_temperature(0.0205 / 0.0682, 800.0) == pytest.approx(1500.0, abs=15.0)
+
+
+@pytest.mark.parametrize("name", MIXTURES)
+def test_one_point_in_plain_floats_is_one_of_many_to_the_last_digit(name):
+    m = mixture(*MIXTURES[name])
+    h, phi = GAS.enthalpy_and_entropy(T, m)
+    many = *GAS.at_enthalpy(h, m), *GAS.at_entropy(phi, m)
+    for k in range(0, T.size, 20):
+        one = Mixture(*(None if x is None else x[k : k + 1] for x in (m.far, m.war)))
+        found = *GAS.at_enthalpy(h[k : k + 1], one), *GAS.at_entropy(phi[k : k + 1], one)
+        assert all(a.shape == (1,) and a[0] == b[k] for a, b in zip(found, many, strict=True))
+
+
+def test_one_point_that_is_no_number_stays_none():
+    found = GAS.at_enthalpy(np.array([np.nan]), DRY_AIR)
+    assert np.isnan(found[0]).all() and np.isnan(found[1]).all()
+    with np.errstate(all="ignore"):
+        assert GAS.at_enthalpy(np.array([np.inf]), DRY_AIR)[0].shape == (1,)

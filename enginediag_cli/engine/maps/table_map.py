@@ -21,11 +21,12 @@ from __future__ import annotations
 import csv
 import io
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
 
-from enginediag_cli.engine.dual import Array, Value, chain, value
+from enginediag_cli.engine.dual import Array, Dual, Value, chain, value
 from enginediag_cli.errors import ConfigError, Mark, Problem
 
 RULES = ("linear", "quadratic")
@@ -48,34 +49,39 @@ class TableMap:
         i = np.searchsorted(self.x, xv, side="right")
         j = np.searchsorted(self.y, yv, side="right")
         outside = (i == 0) | (j == 0) | (xv > self.x[-1]) | (yv > self.y[-1])
-        C = self._rows[i * (len(self.y) + 1) + j]  # (N, q·a·b)
         _, _, q, a, b = self.cells.shape
-        C = C.T.reshape(q, a, b, -1)
-        u = xv - self._x_origin[i]
-        v = yv - self._y_origin[j]
-        # Horner in v for each power of u, with derivative
-        s, sv = C[:, :, b - 1], np.zeros_like(C[:, :, 0])
+        C = self._columns.take(i * (len(self.y) + 1) + j, axis=1).reshape(q, a, b, -1)
+        u = xv - self.x[np.maximum(i - 1, 0)]
+        v = yv - self.y[np.maximum(j - 1, 0)]
+        # Horner in v for each power of u, then in u
+        s = C[:, :, b - 1]
         for k in range(b - 2, -1, -1):
-            sv = sv * v + s
             s = s * v + C[:, :, k]
-        t, tu, tv = s[:, a - 1], np.zeros_like(s[:, 0]), sv[:, a - 1]
+        t = s[:, a - 1]
         for k in range(a - 2, -1, -1):
-            tu = tu * u + t
             t = t * u + s[:, k]
-            tv = tv * u + sv[:, k]
-        return [chain(t[m], (tu[m], x), (tv[m], y)) for m in range(q)], outside
+        slopes: list[list[tuple[Array, Value]]] = [[] for _ in range(q)]
+        if isinstance(x, Dual):
+            tu = np.zeros_like(t)
+            for k in range(a - 1, 0, -1):
+                tu = tu * u + k * s[:, k]
+            for m in range(q):
+                slopes[m].append((tu[m], x))
+        if isinstance(y, Dual):
+            sv = np.zeros_like(s)
+            for k in range(b - 1, 0, -1):
+                sv = sv * v + k * C[:, :, k]
+            tv = sv[:, a - 1]
+            for k in range(a - 2, -1, -1):
+                tv = tv * u + sv[:, k]
+            for m in range(q):
+                slopes[m].append((tv[m], y))
+        return [chain(t[m], *slopes[m]) for m in range(q)], outside
 
-    @property
-    def _rows(self) -> Array:
-        return self.cells.reshape(self.cells.shape[0] * self.cells.shape[1], -1)
-
-    @property
-    def _x_origin(self) -> Array:
-        return np.concatenate([self.x[:1], self.x])
-
-    @property
-    def _y_origin(self) -> Array:
-        return np.concatenate([self.y[:1], self.y])
+    @cached_property
+    def _columns(self) -> Array:
+        """Coefficients (q·a·b, cells), a row for each, to be taken for all points at once."""
+        return np.ascontiguousarray(self.cells.reshape(self.cells.shape[0] * self.cells.shape[1], -1).T)
 
 
 def make_table(x: Array, y: Array, tables: Array, rule_x: str, rule_y: str) -> TableMap:

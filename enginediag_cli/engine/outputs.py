@@ -1,0 +1,112 @@
+"""What is wanted of an engine at operating points that are solved, read from the passes that confirmed them.
+
+Outputs are y = G(x, θ) where the balances F(x, θ) = 0, so that by the implicit function theorem
+
+    dy/dθ = G_θ − G_x F_x⁻¹ F_θ.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from enginediag_cli.engine import elimination, solver
+from enginediag_cli.engine.dual import Array, Value, value
+from enginediag_cli.engine.evaluation import Evaluation
+from enginediag_cli.engine.network import Network
+from enginediag_cli.engine.prediction import INVALID_INPUT, OK, OUTSIDE_MAP, marked
+from enginediag_cli.engine.sensors import Sensor
+
+
+class Outputs:
+    """Values y (N, m) of `columns` and their derivatives jacobian (N, m, p) along `wrt`, values also (N, k) of further
+    columns, status (N,) and reasons by point: NaN and INVALID_INPUT until they are read; limits: those that act → where
+    (N,)."""
+
+    def __init__(
+        self,
+        network: Network,
+        sensors: Mapping[str, Sensor],
+        columns: tuple[str, ...],
+        wrt: tuple[str, ...],
+        also: Sequence[str],
+        size: int,
+    ):
+        self.network, self.sensors, self.columns, self.wrt, self.columns_also = network, sensors, columns, wrt, also
+        self.y, self.also = np.full((size, len(columns)), np.nan), np.full((size, len(also)), np.nan)
+        self.jacobian = np.full((size, len(columns), len(wrt)), np.nan)
+        self.status = np.full(size, INVALID_INPUT, dtype=np.int8)
+        self.reasons: dict[int, str] = {}
+        self.limits: dict[str, Array] = {}
+        self._signals = {m.name: m.sensor for m in network.memories}
+        self._unknowns = tuple(u.name for u in network.unknowns())
+        self._along = tuple(network.leaf_of(w) for w in wrt)
+        self.along = frozenset((*self._unknowns, *self._along)) if wrt else frozenset()
+
+    def of(self, points: Array) -> OfPoints:
+        """A reader for a batch that is these points (n,) of all."""
+        return OfPoints(self, points)
+
+    def read(self, e: Evaluation, rows: Array, points: Array) -> None:
+        """Takes over what `rows` of an evaluation at their solution say of `points`."""
+        with np.errstate(all="ignore"):
+            found = {c: self._read(e, c) for c in self.columns}
+            for c, column in enumerate(self.columns_also):
+                self.also[points, c] = _values(e, self._read(e, column))[rows]
+        for c, x in enumerate(found.values()):
+            self.y[points, c] = _values(e, x)[rows]
+        if self.wrt and self.columns:
+            self.jacobian[points], left = self._sensitivities(e, found, rows)
+            self.y[points] += np.where(np.isfinite(left), left, 0.0)  # a singular point keeps what it has
+        self.status[points] = OK
+        for name, mask in self.network.acting(e).items():
+            acts = self.limits.setdefault(name, np.zeros(len(self.status), dtype=bool))
+            acts[points] = np.broadcast_to(mask, (e.size,))[rows]
+        for name, mask in marked(e).items():
+            outside = points[mask[rows]]
+            self.status[outside] = OUTSIDE_MAP
+            for i in outside.tolist():
+                self.reasons[i] = f"{self.reasons[i]}, {name}" if i in self.reasons else f"outside {name}"
+
+    def _sensitivities(self, e: Evaluation, outputs: Mapping[str, Value], rows: Array) -> tuple[Array, Array]:
+        """dy/dθ (n, m, p) of some rows, and −G_x F_x⁻¹ F (n, m): what the outputs lack for balances F not zero."""
+        some = slice(None) if len(rows) == e.size else rows
+        F_x, G_x = (solver.directed(e, r, self._unknowns)[..., some] for r in (e.balances, outputs))
+        # G_x F_x⁻¹ first: there are fewer outputs than parameters
+        weights = elimination.substituted(*elimination.factors(F_x.transpose(1, 0, 2)), G_x.transpose(1, 0, 2))
+        F_theta, G_theta = (solver.directed(e, r, self._along)[..., some] for r in (e.balances, outputs))
+        for weight, balance in zip(weights, F_theta, strict=True):
+            for out, w in zip(G_theta, weight, strict=True):
+                out -= w * balance
+        F = [_values(e, balance)[some] for balance in e.balances.values()]
+        left = sum(weight * balance for weight, balance in zip(weights, F, strict=True))
+        return G_theta.transpose(2, 0, 1), -np.asarray(left).T
+
+    def _read(self, e: Evaluation, column: str) -> Value:
+        if column in self._signals:
+            if column not in e.signals:
+                self.sensors[self._signals[column]].read(self.network, e)
+            return e.signals[column]
+        if column in self.sensors:
+            return self.sensors[column].read(self.network, e)
+        return self.network.read(e, column)
+
+
+class OfPoints:
+    """The reader of a batch that is part of all points."""
+
+    def __init__(self, outputs: Outputs, points: Array):
+        self.outputs, self.points, self.along = outputs, points, outputs.along
+
+    def of(self, some: Array) -> OfPoints:
+        """The reader of some of its points."""
+        return OfPoints(self.outputs, self.points[some])
+
+    def read(self, e: Evaluation, rows: Array, points: Array) -> None:
+        self.outputs.read(e, rows, self.points[points])
+
+
+def _values(e: Evaluation, x: Value) -> Array:
+    v = value(x)
+    return v if isinstance(v, np.ndarray) and v.shape == (e.size,) else np.broadcast_to(v, (e.size,))
