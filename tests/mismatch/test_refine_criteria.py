@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from enginediag_cli.mismatch.fit.stretches import by_stretches, correlation_time, cut
 from enginediag_cli.mismatch.refine.criteria import Prediction, Records, Significance, Verdict, verdict
-from enginediag_cli.mismatch.refine.stretches import by_stretches, correlation_time, cut
 
 
 def drifting(rng, rho, flights=40, records=100):

@@ -29,9 +29,9 @@ FLIGHTS = 8
 records do, and more flights of the same kind say little more about what all flights share."""
 STRETCH = 75
 """Records of a stretch: noise that is correlated by 0.9 with the next record has lost all of it after 40. Judgement."""
-MOVING = (6000, 15)
-"""Share and stretch where records know their past: transients are short and far between, and a stretch that misses
-them tells nothing; more and shorter ones do not. What came before a stretch is on its tape. Judgement."""
+MOVING = (6000, STRETCH)
+"""Share and stretch where records know their past: transients are far between, and stretches that miss them tell
+nothing of what changes; more of them do not. What came before a stretch is on its tape. Judgement."""
 GOLDEN = 0.5 * (5.0**0.5 - 1.0)
 """Shares of multiples of it spread evenly, however many there are."""
 

@@ -32,6 +32,7 @@ from enginediag_cli.mismatch.fit.options import (
 )
 from enginediag_cli.mismatch.fit.projection import Projection
 from enginediag_cli.mismatch.fit.scores import critical_surprise
+from enginediag_cli.mismatch.fit.spread import spread_of
 from enginediag_cli.parameters import Parameter
 from enginediag_cli.progress import stage
 
@@ -104,7 +105,24 @@ class Trial:
                 value += float(projection.step[free[j]]) * scale
                 value = float(np.clip(value, problem.lower[j], problem.upper[j]))
             result[n] = float(value), float(error[free[j]] * scale) if projection.free[j] else 0.0
-        return result
+        return result | self._spread(result)
+
+    def _spread(self, found: Mapping[str, tuple[float, float]]) -> dict[str, tuple[float, float]]:
+        """Coefficients of effects with memory whose estimates spread more over stretches of the records than
+        independent readings would: what a model leaves of a transient is no noise."""
+        if not self.converged:
+            return {}
+        problem = self.found.problem
+        wider: dict[str, tuple[float, float]] = {}
+        free = dict(zip(problem.names, self.projection.free[: len(problem.names)], strict=True))
+        for e in self.hypothesis.effects:
+            names = [n for n in e.amplitudes if free[n]] if e.tried else []
+            if not names:
+                continue
+            scale = problem.prior_sigma[[problem.names.index(n) for n in names]]
+            error = np.sqrt(np.diag(spread_of(self.projection, names)[1].covariance)) * scale
+            wider |= {n: (found[n][0], max(found[n][1], float(s))) for n, s in zip(names, error, strict=True)}
+        return wider
 
 
 @dataclass(frozen=True)

@@ -24,7 +24,7 @@ from enum import Enum
 import numpy as np
 from scipy import stats
 
-from enginediag_cli.mismatch.refine.stretches import TINY
+from enginediag_cli.mismatch.fit.stretches import TINY
 
 LEVEL = 0.05
 """Of each criterion: the usual one. All must be met."""

@@ -15,8 +15,8 @@ import numpy as np
 
 from enginediag_cli.mismatch.fit.identified import Identified
 from enginediag_cli.mismatch.fit.projection import Frame
+from enginediag_cli.mismatch.fit.stretches import by_stretches
 from enginediag_cli.mismatch.refine.criteria import Prediction, Records
-from enginediag_cli.mismatch.refine.stretches import by_stretches
 
 FREE = 1e3
 """Prior standard deviation of an instrument's zero that is left free, in those of its noise."""

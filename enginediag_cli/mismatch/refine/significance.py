@@ -17,9 +17,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from enginediag_cli.engine.term import Effect
+from enginediag_cli.mismatch.fit.spread import spread_of
 from enginediag_cli.mismatch.fit.trial_fit import Trial
 from enginediag_cli.mismatch.refine.criteria import Significance
-from enginediag_cli.mismatch.refine.stretches import by_stretches
 
 
 def significance(effects: Sequence[Effect], trial: Trial) -> tuple[Significance, ...]:
@@ -29,26 +29,13 @@ def significance(effects: Sequence[Effect], trial: Trial) -> tuple[Significance,
 
 def _of_one(e: Effect, trial: Trial) -> Significance:
     problem, projection = trial.found.problem, trial.projection
-    place = np.cumsum(projection.free[: len(problem.names)]) - 1
     index = [problem.names.index(n) for n in e.sizes]
-    h = place[index]
-    scale = problem.prior_sigma[index]
     absent = np.array([c.absent for c in e.term.amplitudes() if not c.free])
-    value = (np.array([trial.coefficients[n][0] for n in e.sizes]) - absent) / scale
-    C = projection.covariance()
-    inner = np.linalg.inv(C[np.ix_(h, h)])
-    along = C[:, h] @ inner  # (p, k)
-    left = projection.residual
-    scores, information = np.zeros((len(left), len(h))), np.zeros((len(left), len(h), len(h)))
-    for rows in projection.stream():
-        own = projection.offsets[rows.recording]
-        columns = (rows.A - rows.Z @ np.linalg.solve(own.R, own.along)) @ along  # (n, m, k)
-        scores[rows.span] = np.einsum("nmk,nm->nk", columns, left[rows.span])
-        information[rows.span] = np.einsum("nmk,nml->nkl", columns, columns)
-    found = by_stretches(scores, information, inner, problem.recording)
+    value = (np.array([trial.coefficients[n][0] for n in e.sizes]) - absent) / problem.prior_sigma[index]
+    inner, found = spread_of(projection, e.sizes)
     return Significance(
         e.label,
-        len(h),
+        len(index),
         float(value @ inner @ value),
         projection.objective / projection.dof,
         float(value @ np.linalg.pinv(found.covariance) @ value),
