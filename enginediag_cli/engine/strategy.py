@@ -64,7 +64,7 @@ class Strategy:
         self.nominal = nominal
         self.envelope = envelope
         self.fit: StartFit | None = None
-        self.everywhere = False  # the fit serves beyond its anchors too, by its edge
+        self.everywhere = False  # the fit is of the envelope, and of no batch
 
     def forget(self) -> None:
         """Forgets the fitted start."""
@@ -121,8 +121,8 @@ class Strategy:
         solved = solver.newton(self.network, points, theta, first, effort, reader)
         # few points, or they would not be worth the effort; in the same way in every batch
         again_effort = replace(effort, max_iterations=RETRY_ITERATIONS, by_differences=True)
-        # neighbours last, on which alone a point depends
-        ways = (self._from_design, self._by_walking, self._from_less_flow, self._from_neighbours)
+        # less air flow last: from there the way may lead to a solution that no engine runs at
+        ways = (self._from_design, self._by_walking, self._from_neighbours, self._from_less_flow)
         for again in ways if tries.every_way else (self._from_neighbours,):
             failed = np.flatnonzero(~solved.converged)
             if not failed.size:
@@ -150,10 +150,9 @@ class Strategy:
         if self.fit is not None:
             names, z = self._coordinates(points, size)
             if self.everywhere:  # of further inputs it knows nothing
-                z = z[[names.index(n) for n in self.fit.names]]
-                known = np.isfinite(z).all(axis=0)
-            else:
-                known = self.fit.covers(names, z)
+                names, z = self.fit.names, z[[names.index(n) for n in self.fit.names]]
+            # far from its anchors it may lead to a solution that no engine runs at
+            known = self.fit.covers(names, z)
             if known.any():
                 x[:, known] = self.fit.predict(z[:, known])
         return x
