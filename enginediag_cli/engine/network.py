@@ -258,6 +258,10 @@ class Network:
             for leaf in control.position():
                 e.outputs[position_column(leaf)] = e[leaf]
 
+    def rate(self, e: Evaluation, column: str) -> Value:
+        """d(column)/dt, in the column's unit per second: nothing moves in a steady engine."""
+        return 0.0
+
     def open_loop(self, e: Evaluation) -> None:
         """The same without what holds the power setting and without the controls."""
         e.make_shaft = self._shaft
