@@ -29,6 +29,8 @@ MAX_HALVINGS = 6
 CONFIRM_BELOW = 3e-5
 """Residual below which the next Newton step, which squares it, leaves about TOLERANCE, so that one pass confirms all
 points."""
+DIFFERENCE = 1e-7
+"""Share of an unknown by which it is moved for a difference: the root of rounding, about."""
 FEW_POINTS = 40
 """Points up to which the overhead of choosing among them costs more than computing them all."""
 
@@ -116,9 +118,9 @@ def newton(
         e = None
         if confirming:
             e = evaluate(network, u, t, p.x, final)
-            R, J = _balances(e), None
+            R, J = balances(e), None
         else:
-            R, J = _values_and_jacobian(network, u, t, p.x)
+            R, J = values_and_jacobian(network, u, t, p.x)
         size = np.where(np.isfinite(R), np.abs(R), np.inf)
         worst = np.argmax(size, axis=0)
         norm = size[worst, np.arange(len(p.index))]
@@ -175,35 +177,35 @@ class _OpenPoints:
         )
 
 
-def _balances(e: Evaluation) -> Array:
+def balances(e: Evaluation) -> Array:
     """Values of all balances (nx, n)."""
     return np.stack([np.broadcast_to(value(b), (e.size,)) for b in e.balances.values()])
 
 
 def largest_balance(e: Evaluation) -> Array:
     """Largest residual of each point (N,), infinite where one is not finite."""
-    R = _balances(e)
+    R = balances(e)
     return np.where(np.isfinite(R), np.abs(R), np.inf).max(axis=0)
 
 
-def _values_and_jacobian(
+def values_and_jacobian(
     network: Network, inputs: Mapping[str, Value], parameters: Mapping[str, Value], x: Array
 ) -> tuple[Array, Array]:
     """Balances (nx, n) and their derivatives (n, nx, nx): exact, or for a few points by forward differences
     in one widened batch, which costs one plain pass where the overhead of calls dominates."""
     nx, n = x.shape
     if n <= FEW_POINTS:
-        h = 1e-7 * np.maximum(np.abs(x), SMALL)
+        h = DIFFERENCE * np.maximum(np.abs(x), SMALL)
         wide = np.repeat(x[:, None, :], nx + 1, axis=1)
         wide[np.arange(nx), np.arange(1, nx + 1)] += h
         tile = {k: np.tile(v, nx + 1) if isinstance(v, np.ndarray) and v.ndim else v for k, v in inputs.items()}
         theta = {k: np.tile(v, nx + 1) if isinstance(v, np.ndarray) and v.ndim else v for k, v in parameters.items()}
-        R = _balances(evaluate(network, tile, theta, wide.reshape(nx, -1), frozenset())).reshape(-1, nx + 1, n)
+        R = balances(evaluate(network, tile, theta, wide.reshape(nx, -1), frozenset())).reshape(-1, nx + 1, n)
         with np.errstate(invalid="ignore", over="ignore"):
             return R[:, 0], np.ascontiguousarray(((R[:, 1:] - R[:, :1]) / h).transpose(2, 0, 1))
     names = tuple(u.name for u in network.unknowns())
     e = evaluate(network, inputs, parameters, x, frozenset(names))
-    return _balances(e), matrix(e, e.balances, names)
+    return balances(e), matrix(e, e.balances, names)
 
 
 def _linear_solve(J: Array, R: Array) -> Array:

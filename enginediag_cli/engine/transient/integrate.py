@@ -34,15 +34,16 @@ REFUSED = 0.25
 
 @dataclass
 class Track:
-    """What was found of each run: at its steps' ends `time` (k,), states, their derivatives (ns, k) and unknowns (nx,
-    k); `stopped`: when there was no way on, else infinite."""
+    """What was found of each run: at its steps' ends `time` (k,), states, their derivatives (ns, k), unknowns (nx,
+    k) and the energy (ns, k) [J] that each state has taken up since the beginning, summed as the states are;
+    `stopped`: when there was no way on, else infinite."""
 
     time: list[float] = field(default_factory=list)
     states: list[Array] = field(default_factory=list)
     slopes: list[Array] = field(default_factory=list)
     unknowns: list[Array] = field(default_factory=list)
+    work: list[Array] = field(default_factory=list)
     stopped: float = np.inf
-    work: Array | None = None
 
 
 @dataclass
@@ -54,6 +55,7 @@ class _Now:
     step: Array
     states: Array
     slopes: Array
+    work: Array
     x: Array
     past: list[tuple[Array, Array]]  # seconds before now (R,), and unknowns (nx, R) there, of the last step
 
@@ -75,6 +77,7 @@ def integrate(
         np.full(R, FIRST_STEP_S),
         states.copy(),
         np.zeros_like(states),
+        np.zeros_like(states),
         x.copy(),
         [(np.full(R, s), x.copy()) for s in (-1.0, -0.5)],  # it has stood still
     )
@@ -85,7 +88,7 @@ def integrate(
             _note(tracks[r], now, r)
         else:
             tracks[r].stopped = -np.inf
-    stages = Stages(network, R)
+    stages = Stages(network, R, tolerance)
     floor = np.maximum(np.abs(states), 1e-12)
     while going.any():
         at = np.flatnonzero(going)
@@ -104,6 +107,7 @@ def integrate(
         for (ago, unknowns), (share, stage) in zip(now.past, step.on_the_way, strict=True):
             ago[ok], unknowns[:, ok] = (share - 1.0) * h[taken], stage[:, taken]
         now.x[:, ok], now.states[:, ok], now.slopes[:, ok] = (v[:, taken] for v in (step.x, step.states, step.slopes))
+        now.work[:, ok] += step.work[:, taken]
         reached = taken & (h >= left)
         now.time[ok] += h[taken]
         now.time[at[reached]] = end[reached]
@@ -126,6 +130,7 @@ class _Step:
     x: Array
     states: Array
     slopes: Array
+    work: Array
     error: Array
     good: Array
     on_the_way: list[tuple[float, Array]]  # share of the step, and unknowns (nx, n) there
@@ -145,6 +150,7 @@ def _step(
     t = solver.take(theta, at)
     known = [(ago[at] / h, unknowns[:, at]) for ago, unknowns in now.past]
     known.append((np.zeros_like(h), now.x[:, at]))
+    taken_up = [network.power(begun, f[0])]
     x, states, good = now.x[:, at], begun, np.ones(len(at), dtype=bool)
     for i in range(1, len(NODES)):
         base = begun + h * sum(a * d for a, d in zip(STAGES[i], f, strict=False))
@@ -153,13 +159,15 @@ def _step(
         for state, b in zip(network.states, base, strict=True):
             inputs[state.base] = b
         guess = _through(known[-3:], np.full_like(h, NODES[i]))
-        solved = stages.solve(at, inputs, t, guess)
+        solved = stages.solve(at, inputs, t, guess, fresh=i == 1)
         x, states, good = solved.x, solved.states, good & solved.good
         f.append((states - base) / (GAMMA * h))
         known.append((np.full_like(h, NODES[i]), x))
+        taken_up.append(network.power(states, f[-1]))
+    work = h * sum(b * p for b, p in zip(STAGES[-1], taken_up, strict=True))
     error = h * sum((a - b) * d for a, b, d in zip(STAGES[-1], EMBEDDED, f, strict=True))
     way = [(0.0, now.x[:, at]), (NODES[2], known[-2][1])]
-    return _Step(x, states, f[-1], error, good & np.isfinite(error).all(axis=0), way)
+    return _Step(x, states, f[-1], work, error, good & np.isfinite(error).all(axis=0), way)
 
 
 def _through(known: list[tuple[Array, Array]], share: Array) -> Array:
@@ -178,6 +186,7 @@ def _note(track: Track, now: _Now, r: int) -> None:
     track.time.append(float(now.time[r]))
     track.states.append(now.states[:, r].copy())
     track.slopes.append(now.slopes[:, r].copy())
+    track.work.append(now.work[:, r].copy())
     track.unknowns.append(now.x[:, r].copy())
 
 

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-from enginediag_cli.engine.dual import Value
+import numpy as np
+
+from enginediag_cli.engine.dual import Array, Value
 from enginediag_cli.engine.evaluation import Evaluation
 from enginediag_cli.engine.hooks import Hooks
 from enginediag_cli.engine.network import Network
@@ -29,6 +31,10 @@ class MovingNetwork(Network):
         """d(column)/dt of a shaft's speed."""
         shaft = self.speed_columns.get(column, "")
         return self.rotors[shaft].acceleration(e) * (1.0 / RAD_S) if shaft in self.rotors else 0.0
+
+    def power(self, states: Array, slopes: Array) -> Array:
+        """What each state takes up (ns, N) [W] while it changes by `slopes` (ns, N) per second."""
+        return np.stack([s.power(x, d) for s, x, d in zip(self.states, states, slopes, strict=True)])
 
 
 class GivenNetwork(MovingNetwork):

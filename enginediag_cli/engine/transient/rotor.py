@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from math import pi
 from typing import TYPE_CHECKING
 
-from enginediag_cli.engine.dual import Value
+from enginediag_cli.engine.dual import Array, Value
 from enginediag_cli.engine.evaluation import Evaluation
 from enginediag_cli.engine.hooks import Hooks
 from enginediag_cli.engine.transient.state import STEP, State
@@ -34,6 +35,13 @@ class Rotor(State):
 
     def value(self, e: Evaluation) -> Value:
         return e.shaft(self.shaft).speed_rpm * RAD_S
+
+    def power(self, x: Array, slope: Array) -> Array:
+        return self.inertia_kg_m2 * x * slope
+
+    def moved(self, x: Array, names: Sequence[str], before: Array, after: Array) -> Array:
+        k = names.index(f"{self.shaft}.corrected_speed")
+        return x * (after[k] / before[k])
 
     def acceleration(self, e: Evaluation) -> Value:
         """dω/dt (N,) in rad/s²: of a stage, or, where the speed is given, from the power that is left over."""

@@ -10,6 +10,7 @@ import numpy as np
 
 from enginediag_cli.engine import solver
 from enginediag_cli.engine.dual import Array, Value, value
+from enginediag_cli.engine.evaluation import Evaluation
 from enginediag_cli.engine.transient.networks import MovingNetwork
 from enginediag_cli.engine.transient.state import STEP
 
@@ -19,6 +20,14 @@ STEP_CHANGE = 1.3
 """So does a step that is as many times as long, or as short, as the one whose Jacobian is kept. Judgement."""
 LEAST_SHOWN = 0.1
 """A move that changed less than this of what the kept Jacobian says corrects nothing."""
+SHARE = 1e-3
+"""Of the error that a step may have, what the iteration of its stages may leave."""
+CAREFUL = 3.0
+"""Times the pace of the last stage is what a first move is trusted to be followed at."""
+STEADY_PACE = 0.5
+"""A move that is shorter than the last one by less tells nothing of how short the next will be."""
+FEW = 8
+"""Engines up to which a Jacobian costs hardly more than a pass, so that every step begins with a new one."""
 PASSES = 12
 """With kept Jacobians; what has not converged then goes the way of the steady engine's solver."""
 
@@ -33,80 +42,99 @@ class Solved:
 
 
 class Stages:
-    """Of N engines; keeps the inverse of each one's last Jacobian and its step."""
+    """Of N engines, to `SHARE` of a step's `tolerance`; keeps the inverse of each one's last Jacobian and its step."""
 
-    def __init__(self, network: MovingNetwork, size: int):
+    def __init__(self, network: MovingNetwork, size: int, tolerance: float):
         self.network = network
         nx = len(network.unknowns())
         self._inverse = np.full((size, nx, nx), np.nan)
         self._step = np.full(size, np.nan)
+        self._pace = np.ones(size)  # how much shorter each one's moves became, last
         self._lower = np.array([[u.lower] for u in network.unknowns()])
         self._upper = np.array([[u.upper] for u in network.unknowns()])
+        self._names = [u.name for u in network.unknowns()]
+        self.left = SHARE * tolerance
         self.passes = 0
 
-    def solve(self, rows: Array, inputs: Mapping[str, Value], theta: Mapping[str, Value], x: Array) -> Solved:
-        """Of engines `rows` (n,), from unknowns x (nx, n); `inputs` hold base and step of the stage too."""
+    def solve(
+        self, rows: Array, inputs: Mapping[str, Value], theta: Mapping[str, Value], x: Array, *, fresh: bool
+    ) -> Solved:
+        """Of engines `rows` (n,), from unknowns x (nx, n); `inputs` hold base and step of the stage too. `fresh`: with
+        new Jacobians from the start."""
         n = len(rows)
         step = np.asarray(inputs[STEP])
         with np.errstate(invalid="ignore"):
             ratio = step / self._step[rows]
-        stale = ~((ratio < STEP_CHANGE) & (ratio > 1.0 / STEP_CHANGE))
+        stale = ~((ratio < STEP_CHANGE) & (ratio > 1.0 / STEP_CHANGE)) | (fresh and n <= FEW)
         found = Solved(x.copy(), np.zeros((len(self.network.states), n)), np.zeros(n, dtype=bool))
-        at, now, last = np.arange(n), x.copy(), np.full(n, np.inf)
+        at, now = np.arange(n), x.copy()
+        residual, length = np.full(n, np.inf), np.full(n, np.inf)
         came: tuple[Array, Array] | None = None  # how far the last pass moved (nx, n), and from which residuals
         for _ in range(PASSES):
-            fresh = stale[at]
+            renewed = stale[at]
             whole = len(at) == n
             u, t = (inputs, theta) if whole else (solver.take(inputs, at), solver.take(theta, at))
-            if fresh.any():
-                R, J = self._jacobian(u, t, now, fresh)
-                self._inverse[rows[at[fresh]]] = _inverse(J)
-                self._step[rows[at[fresh]]] = step[at[fresh]]
-                e = None
-            else:
-                e = solver.evaluate(self.network, u, t, now, frozenset())
-                R = solver._balances(e)
+            e, R, J = self._pass(u, t, now, renewed)
+            if J is not None:
+                self._inverse[rows[at[renewed]]] = _inverse(J)
+                self._step[rows[at[renewed]]] = step[at[renewed]]
             self.passes += len(at)
-            size = np.where(np.isfinite(R), np.abs(R), np.inf).max(axis=0)
-            if e is not None:
-                done = size <= solver.TOLERANCE
-                if done.any():
-                    states = [np.broadcast_to(value(s.value(e)), (len(at),)) for s in self.network.states]
-                    found.x[:, at[done]], found.good[at[done]] = now[:, done], True
-                    found.states[:, at[done]] = np.stack(states)[:, done]
-            else:
-                done = np.zeros(len(at), dtype=bool)
             if came is not None:
-                self._correct(rows[at], came[0], R - came[1], ~fresh)
+                self._correct(rows[at], came[0], R - came[1], ~renewed)
+            size = np.where(np.isfinite(R), np.abs(R), np.inf).max(axis=0)
             # a Jacobian that has just been made is not made again
-            stale[at] = ~fresh & (size > SLOW * last[at])
-            last[at] = size
-            left = ~done & np.isfinite(size)
-            if not left.any():
-                break
-            at, now, R = at[left], now[:, left], R[:, left]
-            move = np.einsum("nij,jn->in", self._inverse[rows[at]], R)
-            largest = np.max(np.abs(move) / np.maximum(np.abs(now), solver.SMALL), axis=0)
-            move *= np.minimum(1.0, solver.LARGEST_STEP / np.maximum(largest, 1e-300))
-            then = np.clip(now - move, self._lower, self._upper)
-            left = np.isfinite(then).all(axis=0)
-            came = then[:, left] - now[:, left], R[:, left]
-            at, now = at[left], then[:, left]
+            stale[at] = ~renewed & (size > SLOW * residual[at])
+            residual[at] = size
+            with np.errstate(invalid="ignore"):
+                move = -np.einsum("nij,jn->in", self._inverse[rows[at]], R)
+                far = np.max(np.abs(move) / np.maximum(np.abs(now), solver.SMALL), axis=0)
+                begun = np.isfinite(length[at])
+                pace = np.where(begun, far / length[at], np.minimum(CAREFUL * self._pace[rows[at]], 1.0))
+                pace[renewed] = 1.0  # nobody has seen it yet
+            self._pace[rows[at[begun]]] = pace[begun]
+            move *= np.minimum(1.0, solver.LARGEST_STEP / np.maximum(far, 1e-300))
+            then = np.clip(now + move, self._lower, self._upper)
+            usable = np.isfinite(then).all(axis=0)
+            # what the moves after this one will add up to, going on at this pace
+            done = usable & ((size <= solver.TOLERANCE) | ((pace < STEADY_PACE) & (pace * far < self.left)))
+            if done.any():
+                k = at[done]
+                found.x[:, k], found.good[k] = then[:, done], True
+                for i, state in enumerate(self.network.states):
+                    reached = np.broadcast_to(value(state.value(e)), (e.size,))[: len(at)]
+                    found.states[i, k] = state.moved(reached, self._names, now, then)[done]
+            length[at] = far
+            going = usable & ~done
+            came = then[:, going] - now[:, going], R[:, going]
+            at, now = at[going], then[:, going]
             if not at.size:
                 break
         self._again(rows, inputs, theta, x, found)
         return found
 
-    def _jacobian(self, u: Mapping[str, Value], t: Mapping[str, Value], x: Array, fresh: Array) -> tuple[Array, Array]:
-        """Balances of all (nx, n), Jacobians of those that are `fresh` (n,)."""
-        if fresh.all():
-            return solver._values_and_jacobian(self.network, u, t, x)
-        R = np.empty_like(x)
-        a, b = np.flatnonzero(fresh), np.flatnonzero(~fresh)
-        R[:, a], J = solver._values_and_jacobian(self.network, solver.take(u, a), solver.take(t, a), x[:, a])
-        e = solver.evaluate(self.network, solver.take(u, b), solver.take(t, b), x[:, b], frozenset())
-        R[:, b] = solver._balances(e)
-        return R, J
+    def _pass(
+        self, u: Mapping[str, Value], t: Mapping[str, Value], x: Array, renewed: Array
+    ) -> tuple[Evaluation, Array, Array | None]:
+        """An evaluation at x (nx, n), its balances (nx, n), and the Jacobians of those that are `renewed` (n,)."""
+        n = x.shape[1]
+        if not renewed.any():
+            e = solver.evaluate(self.network, u, t, x, frozenset())
+            return e, solver.balances(e), None
+        k = np.flatnonzero(renewed)
+        if n > solver.FEW_POINTS:
+            e = solver.evaluate(self.network, u, t, x, frozenset())
+            _, J = solver.values_and_jacobian(self.network, solver.take(u, k), solver.take(t, k), x[:, k])
+            return e, solver.balances(e), J
+        # one pass for all: the points first, then those that are renewed, a little further along each unknown
+        nx, h = len(x), solver.DIFFERENCE * np.maximum(np.abs(x[:, k]), solver.SMALL)
+        index = np.concatenate([np.arange(n), np.tile(k, nx)])
+        wide = x[:, index]
+        wide[np.repeat(np.arange(nx), len(k)), np.arange(n, len(index))] += h.ravel()
+        e = solver.evaluate(self.network, solver.take(u, index), solver.take(t, index), wide, frozenset())
+        R = solver.balances(e)
+        with np.errstate(invalid="ignore", over="ignore"):
+            slopes = (R[:, n:].reshape(nx, nx, len(k)) - R[:, None, k]) / h
+        return e, R[:, :n], np.ascontiguousarray(slopes.transpose(2, 0, 1))
 
     def _correct(self, rows: Array, moved: Array, changed: Array, which: Array) -> None:
         """The kept inverses of engines `rows` (n,) that are of `which` (n,), so that they explain how balances

@@ -8,9 +8,12 @@ In a *stage* of the integration x is implicit, x = base + step · f: the network
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from enginediag_cli.engine.dual import Value
+import numpy as np
+
+from enginediag_cli.engine.dual import Array, Value
 from enginediag_cli.engine.evaluation import Evaluation
 from enginediag_cli.engine.hooks import Hooks
 
@@ -40,3 +43,11 @@ class State(ABC):
     @abstractmethod
     def value(self, e: Evaluation) -> Value:
         """x (N,) at the solution of a stage, or of a steady engine."""
+
+    def power(self, x: Array, slope: Array) -> Array:
+        """Energy (N,) [W] that the state takes up while it changes by `slope` (N,) per second; a signal takes none."""
+        return np.zeros_like(x)
+
+    def moved(self, x: Array, names: Sequence[str], before: Array, after: Array) -> Array:
+        """x (N,) behind a last small move of the unknowns `names`, from `before` (nx, N) to `after`."""
+        return x
