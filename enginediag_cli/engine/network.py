@@ -262,6 +262,10 @@ class Network:
         """d(column)/dt, in the column's unit per second: nothing moves in a steady engine."""
         return 0.0
 
+    def paced(self, control: Control, e: Evaluation, surplus: Value) -> Value:
+        """What a control has to bring to zero, from by how much its actuator stands too far up: that, when steady."""
+        return surplus
+
     def open_loop(self, e: Evaluation) -> None:
         """The same without what holds the power setting and without the controls."""
         e.make_shaft = self._shaft

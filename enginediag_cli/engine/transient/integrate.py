@@ -90,6 +90,7 @@ def integrate(
             tracks[r].stopped = -np.inf
     stages = Stages(network, R, tolerance)
     floor = np.maximum(np.abs(states), 1e-12)
+    allowed = tolerance * np.array([[s.coarser] for s in network.states])
     while going.any():
         at = np.flatnonzero(going)
         end = course.time[now.corner[at] + 1]
@@ -97,7 +98,7 @@ def integrate(
         h = np.minimum(now.step[at], left)
         h = np.where(left - h < 0.1 * h, left, h)  # no crumbs
         step = _step(network, course, theta, stages, now, at, h)
-        error = np.abs(step.error) / (tolerance * np.maximum(np.abs(now.states[:, at]), floor[:, at]))
+        error = np.abs(step.error) / (allowed * np.maximum(np.abs(now.states[:, at]), floor[:, at]))
         size = np.where(step.good, error.max(axis=0, initial=0.0), np.inf)
         taken = size <= 1.0
         with np.errstate(divide="ignore"):
@@ -146,6 +147,7 @@ def _step(
     h: Array,
 ) -> _Step:
     """One step of length h (n,) of the runs `at` (n,)."""
+    passed = now.states[:, at]
     begun, f = now.states[:, at], [now.slopes[:, at]]
     t = solver.take(theta, at)
     known = [(ago[at] / h, unknowns[:, at]) for ago, unknowns in now.past]
@@ -160,14 +162,25 @@ def _step(
             inputs[state.base] = b
         guess = _through(known[-3:], np.full_like(h, NODES[i]))
         solved = stages.solve(at, inputs, t, guess, fresh=i == 1)
+        passed = states if i == len(NODES) - 1 else passed
         x, states, good = solved.x, solved.states, good & solved.good
         f.append((states - base) / (GAMMA * h))
         known.append((np.full_like(h, NODES[i]), x))
         taken_up.append(network.power(states, f[-1]))
     work = h * sum(b * p for b, p in zip(STAGES[-1], taken_up, strict=True))
     error = h * sum((a - b) * d for a, b, d in zip(STAGES[-1], EMBEDDED, f, strict=True))
+    # of the same order and size, but where one of the two happens to vanish the other does not
+    beside = _cubic(NODES[-2], h, (begun, states), (f[0], f[-1])) - passed
+    error = np.maximum(np.abs(error), np.abs(beside))
     way = [(0.0, now.x[:, at]), (NODES[2], known[-2][1])]
     return _Step(x, states, f[-1], work, error, good & np.isfinite(error).all(axis=0), way)
+
+
+def _cubic(share: Array | float, h: Array, ends: tuple[Array, Array], slopes: tuple[Array, Array]) -> Array:
+    """On the cubic through both ends of a step with their slopes, at a share of its length."""
+    s = share
+    value = ends[0] * ((1.0 + 2.0 * s) * (1.0 - s) ** 2) + ends[1] * (s**2 * (3.0 - 2.0 * s))
+    return value + h * (slopes[0] * (s * (1.0 - s) ** 2) - slopes[1] * (s**2 * (1.0 - s)))
 
 
 def _through(known: list[tuple[Array, Array]], share: Array) -> Array:
@@ -200,11 +213,7 @@ def between(track: Track, time: Array) -> tuple[Array, Array]:
     k = np.clip(np.searchsorted(T, time, side="right") - 1, 0, len(T) - 2)
     h = T[k + 1] - T[k]
     s = (time - T[k]) / h
-    states = (
-        S[:, k] * (1.0 + 2.0 * s) * (1.0 - s) ** 2
-        + S[:, k + 1] * s**2 * (3.0 - 2.0 * s)
-        + h * (F[:, k] * s * (1.0 - s) ** 2 - F[:, k + 1] * s**2 * (1.0 - s))
-    )
+    states = _cubic(s, h, (S[:, k], S[:, k + 1]), (F[:, k], F[:, k + 1]))
     unknowns = X[:, k] + (X[:, k + 1] - X[:, k]) * s
     out = time > T[-1]
     states[:, out] = np.nan

@@ -9,9 +9,11 @@ from typing import Any
 import numpy as np
 
 from enginediag_cli.engine import solver
+from enginediag_cli.engine.controls.control import Pace
 from enginediag_cli.engine.dual import Array, value
 from enginediag_cli.engine.engine import Engine, Prediction
 from enginediag_cli.engine.network import Network
+from enginediag_cli.engine.transient.actuator import Actuator
 from enginediag_cli.engine.transient.course import course_of
 from enginediag_cli.engine.transient.integrate import TOLERANCE, Track, between, integrate
 from enginediag_cli.engine.transient.networks import GivenNetwork, MovingNetwork
@@ -25,6 +27,7 @@ def states_of(network: Network) -> tuple[State, ...]:
     for name, shaft in network.shafts.items():
         if shaft["inertia_kg_m2"] > 0.0 and shaft["speed"] == "balance":
             found.append(Rotor(name, shaft["inertia_kg_m2"]))
+    found += [Actuator(c, network) for c in network.controls if c.pace != Pace()]
     return tuple(found)
 
 
@@ -46,6 +49,13 @@ class MovingEngine:
         network = engine.network
         self.states = states_of(network)
         self.network = MovingNetwork(network, self.states)
+        held = network.governor.aim if network.governor is not None else None
+        shaft = network.speed_columns.get(held.column, "") if held is not None else ""
+        if held is not None and shaft in self.network.rotors and not held.lead_s:
+            raise ValueError(
+                f"{engine.name}: {held.owner} is to hold {held.column} at once, which no fuel can with an inertia; "
+                "give it lead_s, in seconds, for its time constant"
+            )
         given = network.given_leaf or ""
         for rotor in self.network.rotors.values():
             if given == f"{rotor.shaft}.speed_rpm":

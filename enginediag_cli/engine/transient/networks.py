@@ -6,10 +6,12 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from enginediag_cli.engine.controls.control import Control
 from enginediag_cli.engine.dual import Array, Value
 from enginediag_cli.engine.evaluation import Evaluation
 from enginediag_cli.engine.hooks import Hooks
 from enginediag_cli.engine.network import Network
+from enginediag_cli.engine.transient.actuator import Actuator
 from enginediag_cli.engine.transient.rotor import RAD_S, Rotor, surplus_column
 from enginediag_cli.engine.transient.state import State
 
@@ -21,6 +23,7 @@ class MovingNetwork(Network):
     def __init__(self, network: Network, states: Sequence[State]):
         self.__dict__.update(vars(network))
         self.states = tuple(states)
+        self.paces = {s.control: s for s in states if isinstance(s, Actuator)}
         self.rotors = {s.shaft: s for s in states if isinstance(s, Rotor)}
         carried = network.hooks or Hooks()
         self.hooks = Hooks(*({k: list(v) for k, v in of.items()} for of in vars(carried).values()))
@@ -31,6 +34,9 @@ class MovingNetwork(Network):
         """d(column)/dt of a shaft's speed."""
         shaft = self.speed_columns.get(column, "")
         return self.rotors[shaft].acceleration(e) * (1.0 / RAD_S) if shaft in self.rotors else 0.0
+
+    def paced(self, control: Control, e: Evaluation, surplus: Value) -> Value:
+        return self.paces[control].balance(e, surplus) if control in self.paces else surplus
 
     def power(self, states: Array, slopes: Array) -> Array:
         """What each state takes up (ns, N) [W] while it changes by `slopes` (ns, N) per second."""
@@ -55,6 +61,10 @@ class GivenNetwork(MovingNetwork):
         for name, rotor in self.rotors.items():
             found[f"{name}.speed_rpm"] = inputs[rotor.name] * (1.0 / RAD_S)
         return found
+
+    def acting(self, e: Evaluation) -> dict[str, Array]:
+        rates = {f"{control.name}.rate": s.hurried(e, self) for control, s in self.paces.items()}
+        return super().acting(e) | {name: mask for name, mask in rates.items() if mask.any()}
 
     def open_loop(self, e: Evaluation) -> None:
         super().open_loop(e)

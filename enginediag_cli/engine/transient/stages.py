@@ -26,8 +26,6 @@ CAREFUL = 3.0
 """Times the pace of the last stage is what a first move is trusted to be followed at."""
 STEADY_PACE = 0.5
 """A move that is shorter than the last one by less tells nothing of how short the next will be."""
-FEW = 8
-"""Engines up to which a Jacobian costs hardly more than a pass, so that every step begins with a new one."""
 PASSES = 12
 """With kept Jacobians; what has not converged then goes the way of the steady engine's solver."""
 
@@ -60,12 +58,12 @@ class Stages:
         self, rows: Array, inputs: Mapping[str, Value], theta: Mapping[str, Value], x: Array, *, fresh: bool
     ) -> Solved:
         """Of engines `rows` (n,), from unknowns x (nx, n); `inputs` hold base and step of the stage too. `fresh`: with
-        new Jacobians from the start."""
+        new Jacobians from the start, as every step begins, so that an engine goes its way whatever its batch is."""
         n = len(rows)
         step = np.asarray(inputs[STEP])
         with np.errstate(invalid="ignore"):
             ratio = step / self._step[rows]
-        stale = ~((ratio < STEP_CHANGE) & (ratio > 1.0 / STEP_CHANGE)) | (fresh and n <= FEW)
+        stale = ~((ratio < STEP_CHANGE) & (ratio > 1.0 / STEP_CHANGE)) | fresh
         found = Solved(x.copy(), np.zeros((len(self.network.states), n)), np.zeros(n, dtype=bool))
         at, now = np.arange(n), x.copy()
         residual, length = np.full(n, np.inf), np.full(n, np.inf)
@@ -117,6 +115,10 @@ class Stages:
     ) -> tuple[Evaluation, Array, Array | None]:
         """An evaluation at x (nx, n), its balances (nx, n), and the Jacobians of those that are `renewed` (n,)."""
         n = x.shape[1]
+        if renewed.all() and n > solver.FEW_POINTS:
+            names = tuple(self._names)
+            e = solver.evaluate(self.network, u, t, x, frozenset(names))
+            return e, solver.balances(e), solver.matrix(e, e.balances, names)
         if not renewed.any():
             e = solver.evaluate(self.network, u, t, x, frozenset())
             return e, solver.balances(e), None

@@ -30,6 +30,8 @@ class State(ABC):
     name: str
     unit: str
     words: str
+    coarser = 1.0
+    """Times as far from right as a rotor's speed it may be."""
 
     @property
     def base(self) -> str:
