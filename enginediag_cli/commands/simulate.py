@@ -77,6 +77,11 @@ CONFIG_FILE = ConfigFile()
     type=OutputFile(CSV_SUFFIXES),
     help="Write what is really wrong, record by record, to FILE.",
 )
+@click.option(
+    "--steady",
+    is_flag=True,
+    help="Take every record as steady, also of an engine with states (inertias and the like).",
+)
 @seed_option
 @output_options
 @message_options
@@ -91,6 +96,7 @@ def simulate(
     flights: int | None,
     records: int | None,
     truth: str | None,
+    steady: bool,
     seed: int,
     output: Output,
 ) -> None:
@@ -101,6 +107,7 @@ def simulate(
     enginediag simulate configs/turbofan.yaml --fault configs/faults/hpc_fouling.yaml --truth true.csv | head
     enginediag simulate configs/turbofan.yaml --flight configs/flights/sweep.yaml --records 1000 --noise none
 
+    An engine whose file gives states (inertia_kg_m2 of a shaft) is flown along the time of its records.
     Points that the engine cannot reach keep their row, with empty readings and the reason in `status`. The
     same seed gives the same flights and the same noise, with faults or without. The header names the fault
     files; leave it out with --no-header where the diagnosis is to be blind.
@@ -110,6 +117,7 @@ def simulate(
     from enginediag_cli.faults.fault_file import load_faults
     from enginediag_cli.physics.engine_file import load_engine
     from enginediag_cli.recordings.provenance import header_lines
+    from enginediag_cli.simulation.moving import moves, told_states
     from enginediag_cli.simulation.simulate import simulate_in_chunks
 
     _check_usage(flight, conditions, flights, truth, output)
@@ -118,8 +126,9 @@ def simulate(
     flying, noisy = (np.random.default_rng([seed, stream]) for stream in (0, 1))
     given, noise_of_columns, inherited = _flown(engine, flight, conditions, flights, records, noise, flying)
     _warn_outside(messages, engine, given)
-    pieces = simulate_in_chunks(engine, given, wrong, noise_of_columns, noisy)
-    asked = {"noise": noise, "flights": flights, "records": records}
+    pieces = simulate_in_chunks(engine, given, wrong, noise_of_columns, noisy, steady=steady)
+    moving = not steady and moves(engine, given)
+    asked = {"noise": noise, "flights": flights, "records": records, "states": told_states(engine) if moving else None}
     notes = {"engine": engine.name, **{key: str(value) for key, value in asked.items() if value is not None}}
     head = header_lines(
         "simulate",
@@ -130,6 +139,8 @@ def simulate(
     )
     reasons = _write(pieces, output, truth, head)
     _report(messages, reasons, len(given))
+    if moving:
+        messages.note(f"integrated along time with the states {told_states(engine)}; --steady takes records as steady")
 
 
 def _check_usage(

@@ -34,6 +34,14 @@ SHAFT = Section(
             maximum=1.0,
         ),
         Field("power_offtake_W", "number", "power taken from the shaft", 0.0, unit="W"),
+        Field(
+            "inertia_kg_m2",
+            "number",
+            "polar moment of inertia of all that turns with the shaft; 0: its speed follows at once",
+            0.0,
+            unit="kg m2",
+            minimum=0.0,
+        ),
     ),
 )
 SENSOR = Section(

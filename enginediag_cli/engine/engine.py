@@ -126,6 +126,16 @@ class Engine:
         other._nominal = {**self._nominal, **values}
         return other
 
+    @property
+    def nominal(self) -> Mapping[str, float]:
+        """Parameters at their nominal values."""
+        return dict(self._nominal)
+
+    @property
+    def moved(self) -> Mapping[str, float]:
+        """Those that were given other nominal values than the file's."""
+        return dict(self._moved)
+
     def forget_start(self) -> None:
         """Forgets the fitted start, as if the engine had just been loaded."""
         self._strategy.forget()

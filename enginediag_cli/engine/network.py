@@ -79,7 +79,7 @@ class Network:
         self.design_setting = 1.0  # corrected power setting of the design point
         self._start = dict(start)
         self._unknowns: tuple[Unknown, ...] | None = None
-        self.states: tuple[str, ...] = ()  # leaves of what is remembered: 0 in equilibrium
+        self.remembered: tuple[str, ...] = ()  # leaves of what is remembered: 0 in equilibrium
         self.hooks: Hooks | None = None  # of the effects that the model carries
         self.effects: tuple[Effect, ...] = ()
         self.design_point: Evaluation | None = None  # the sized engine there, before any effect
@@ -248,11 +248,11 @@ class Network:
         """The same sized components, carrying these effects and no others."""
         other = copy.copy(self)
         other.effects, other.hooks = tuple(effects), Hooks() if effects else None
-        other.states = ()
+        other.remembered = ()
         for effect in effects:
             assert other.hooks is not None
             effect.term.install(Place(other, effect, other.hooks))
-        other.states = tuple(m.name for m in other.memories if not m.column)
+        other.remembered = tuple(m.name for m in other.memories if not m.column)
         return other
 
     # one evaluation
@@ -261,7 +261,7 @@ class Network:
         self, inputs: Mapping[str, Value], parameters: Mapping[str, Value], x: Mapping[str, Value]
     ) -> dict[str, Value]:
         """All leaves of a pass: input columns under the names that the components read, parameters, unknowns."""
-        found: dict[str, Value] = {**self.neutral, **dict.fromkeys(self.states, 0.0), **parameters, **x, **inputs}
+        found: dict[str, Value] = {**self.neutral, **dict.fromkeys(self.remembered, 0.0), **parameters, **x, **inputs}
         if self.given_leaf:
             found[self.given_leaf] = inputs[self.power_setting]
         for column, name in self.speed_columns.items():
@@ -293,6 +293,14 @@ class Network:
             control.close(e, self)
             for leaf in control.position():
                 e.outputs[position_column(leaf)] = e[leaf]
+
+    def rate(self, e: Evaluation, column: str) -> Value:
+        """d(column)/dt, in the column's unit per second: nothing moves in a steady engine."""
+        return 0.0
+
+    def paced(self, control: Control, e: Evaluation, surplus: Value) -> Value:
+        """What a control has to bring to zero, from by how much its actuator stands too far up: that, when steady."""
+        return surplus
 
     def open_loop(self, e: Evaluation) -> None:
         """The same without what holds the power setting and without the controls."""

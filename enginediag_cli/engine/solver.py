@@ -233,7 +233,7 @@ class _Balances:
         """One pass at some of the open points, with fresh Jacobians or without."""
         names = tuple(u.name for u in self.network.unknowns()) if fresh else ()
         e = evaluate(self.network, *self._leaves(p.index[here]), p.x[:, here], frozenset(names))
-        R[:, here] = _balances(e)
+        R[:, here] = balances(e)
         if fresh:
             p.LU[:, :, here], p.order[:, here] = elimination.factors(directed(e, e.balances, names))
             p.earlier[:, here] = 0.0
@@ -256,7 +256,7 @@ class _Balances:
             u, t = take(u, index), take(t, index)
             rows[fresh], rows[rest] = np.arange(f), np.arange((nx + 1) * f, x.shape[1])
         e = evaluate(self.network, u, t, x, frozenset())
-        found = _balances(e)
+        found = balances(e)
         R = found[:, rows]
         if f:
             with np.errstate(invalid="ignore", over="ignore"):
@@ -274,7 +274,7 @@ class _Balances:
         """Balances (nx, n) of points from a pass along all that the reader wants, who has it where they are met."""
         assert self.reader is not None
         e = evaluate(self.network, *self._leaves(p.index), p.x, self.reader.along)
-        R = _balances(e)
+        R = balances(e)
         self._hand_over(e, R, np.arange(e.size), p.index, TOLERANCE, best)
         return R
 
@@ -296,7 +296,7 @@ class _Balances:
             best.read[index[met]] = True
 
 
-def _balances(e: Evaluation) -> Array:
+def balances(e: Evaluation) -> Array:
     """Values of all balances (nx, n)."""
     R = np.empty((len(e.balances), e.size))
     for row, b in zip(R, e.balances.values(), strict=True):

@@ -227,7 +227,7 @@ class Strategy:
         return found.x.reshape(x.shape)[:, best, np.arange(failed.size)]
 
     def _coordinates(self, points: Mapping[str, Any], size: int) -> tuple[tuple[str, ...], Array]:
-        states = self.network.states
+        states = self.network.remembered
         moving = {c: v for c, v in points.items() if isinstance(v, np.ndarray) and c not in states}
         with np.errstate(invalid="ignore"):
             return coordinates(self.network.power_setting, moving, size)

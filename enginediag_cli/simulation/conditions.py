@@ -18,9 +18,15 @@ LABELS = ("flight", "time_s", "phase")
 
 @dataclass(frozen=True)
 class Conditions:
-    """Columns of equal length N in the order in which they are written; `flight` and `phase` may be text."""
+    """Columns of equal length N in the order in which they are written; `flight` and `phase` may be text.
+
+    `series`: whether records follow each other in time, rather than being points that were drawn one by one. `way`:
+    what is flown between them, too, where that has corners: the same columns at more points of time.
+    """
 
     columns: Mapping[str, NDArray]
+    series: bool = True
+    way: Conditions | None = None
 
     def __post_init__(self) -> None:
         lengths = {name: len(values) for name, values in self.columns.items()}
@@ -32,7 +38,8 @@ class Conditions:
 
     def slice(self, start: int, stop: int) -> Conditions:
         """Records `start` to `stop` (exclusive, counted from 0)."""
-        return Conditions({name: values[start:stop] for name, values in self.columns.items()})
+        cut = {name: values[start:stop] for name, values in self.columns.items()}
+        return Conditions(cut, self.series, self.way)
 
 
 def engine_inputs(engine: EngineLike, conditions: Conditions) -> dict[str, NDArray[np.float64]]:

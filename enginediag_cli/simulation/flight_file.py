@@ -3,10 +3,16 @@
 from __future__ import annotations
 
 from enginediag_cli.config.fields import Field, Section, Variants
-from enginediag_cli.simulation.missions import airliner, ground, snapshots, sweep
+from enginediag_cli.simulation.missions import airliner, ground, manoeuvres, snapshots, sweep
 from enginediag_cli.simulation.noise_section import NOISE
 
-MISSIONS = {"airliner": airliner, "snapshots": snapshots, "sweep": sweep, "ground": ground}
+MISSIONS = {
+    "airliner": airliner,
+    "snapshots": snapshots,
+    "sweep": sweep,
+    "ground": ground,
+    "manoeuvres": manoeuvres,
+}
 
 FLIGHT_FILE = Section(
     "flight",

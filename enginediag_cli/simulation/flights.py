@@ -13,6 +13,7 @@ from enginediag_cli.engine.model import EngineLike
 from enginediag_cli.errors import DataError
 from enginediag_cli.simulation.conditions import LABELS, Conditions
 from enginediag_cli.simulation.flight_file import MISSIONS
+from enginediag_cli.simulation.missions import UNRECORDED
 
 MAX_FLIGHTS_FOR_RECORDS = 100_000
 """Flights that are made for a wanted number of records at most: a stop for what should not happen."""
@@ -40,7 +41,7 @@ def generate_flights(
         first = generate(mission, 1, engine, _copy(rng))
         count = min(1 + records // max(len(first["time_s"]) // 2, 1), MAX_FLIGHTS_FOR_RECORDS)
     columns = generate(mission, count, engine, rng)
-    conditions = with_power(columns, engine, plan["constants"])
+    conditions = _recorded(with_power(columns, engine, plan["constants"]), columns, MISSIONS[mission["type"]].SERIES)
     return conditions if records is None else conditions.slice(0, records)
 
 
@@ -75,6 +76,14 @@ def with_power(
         )
     wanted = (*engine.inputs, *(name for name in engine.optional_inputs if name in given))
     return Conditions({name: given[name] for name in (*LABELS, *wanted)})
+
+
+def _recorded(way: Conditions, columns: Mapping[str, NDArray], series: bool) -> Conditions:
+    """The records among all points that a mission gives."""
+    if UNRECORDED not in columns:
+        return Conditions(way.columns, series)
+    kept = columns[UNRECORDED] == 0
+    return Conditions({name: values[kept] for name, values in way.columns.items()}, series, way)
 
 
 def _copy(rng: np.random.Generator) -> np.random.Generator:

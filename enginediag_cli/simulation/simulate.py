@@ -10,12 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from enginediag_cli.engine.engine import Engine
-from enginediag_cli.engine.model import EngineLike
+from enginediag_cli.engine.model import EngineLike, PredictionLike
 from enginediag_cli.errors import DataError
 from enginediag_cli.faults.component_faults import FaultSet, check_faults, parameter_values
 from enginediag_cli.faults.laws import Clocks, clocks_of
 from enginediag_cli.faults.sensor_faults import BEFORE_NOISE, SensorFaultState, sensor_truth
 from enginediag_cli.simulation.conditions import LABELS, Conditions, engine_inputs
+from enginediag_cli.simulation.moving import Flying, flying, moves
 from enginediag_cli.simulation.noise import ColumnNoise, noise_sources
 
 CHUNK = 2000
@@ -70,11 +71,14 @@ def simulate_in_chunks(
     rng: np.random.Generator,
     *,
     chunk: int = CHUNK,
+    steady: bool = False,
 ) -> Iterator[Simulated]:
     """The recording in pieces of at most `chunk` records, one at least; the noise does not depend on `chunk`.
 
     A reading is made in this order: engine output, sensor bias and scale, noise and rounding, stuck or
     dropped. A point that the engine cannot solve keeps its row, with NaN readings and the reason in `status`.
+    An engine with states flies along the time of its records, unless every record is to be `steady`; a point
+    that its flight does not reach has no readings either.
     Raises ConfigError for a fault on something that the engine does not have, DataError for a missing input
     column or a parameter beyond its bounds, before the first piece.
     """
@@ -88,18 +92,32 @@ def simulate_in_chunks(
         **values,
         **sensor_truth(faults.sensors, clocks),
     }
-    return _pieces(engine, _Course(conditions, inputs, values, hidden, clocks), instruments, chunk)
+    flown = None
+    if not steady and moves(engine, conditions):
+        assert isinstance(engine, Engine)
+        flown = flying(engine, conditions, inputs, values)
+    return _pieces(engine, _Course(conditions, inputs, values, hidden, clocks, flown), instruments, chunk)
 
 
 @dataclass(frozen=True)
 class _Course:
-    """What is set for every record: conditions, the engine's inputs and parameters, what is true of them, the time."""
+    """What is set for every record: conditions, the engine's inputs and parameters, what is true of them, the time, and
+    the states of an engine that moves."""
 
     conditions: Conditions
     inputs: Mapping[str, NDArray[np.float64]]
     values: Mapping[str, NDArray[np.float64]]
     hidden: Mapping[str, NDArray]
     clocks: Clocks
+    flown: Flying | None = None
+
+    def predict(self, engine: EngineLike, piece: slice) -> PredictionLike:
+        """What the engine shows at records `piece`."""
+        inputs = {name: column[piece] for name, column in self.inputs.items()}
+        values = {name: value[piece] for name, value in self.values.items()}
+        if self.flown is not None:
+            return self.flown.predict(inputs, values, piece)
+        return engine.predict(inputs, values, sensors=tuple(engine.sensors))
 
 
 class Instruments:
@@ -146,11 +164,7 @@ def _pieces(engine: EngineLike, course: _Course, instruments: Instruments, chunk
     for start in range(0, max(len(course.conditions), 1), chunk):
         piece = slice(start, start + chunk)
         given = course.conditions.slice(start, start + chunk).columns
-        prediction = engine.predict(
-            {name: column[piece] for name, column in course.inputs.items()},
-            {name: value[piece] for name, value in course.values.items()},
-            sensors=tuple(engine.sensors),
-        )
+        prediction = course.predict(engine, piece)
         outputs = dict(zip(prediction.columns, np.asarray(prediction.y).T, strict=True))
         recorded = instruments.read({**given, **outputs}, course.clocks.slice(start, start + chunk))
         status = np.asarray(prediction.status)

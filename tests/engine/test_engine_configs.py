@@ -105,6 +105,8 @@ def test_the_file_opens_with_what_engine_it_is_and_with_its_sources(path):
 def test_the_design_point_is_reproduced_exactly(path):
     """Given the design point's T4, every unknown comes out as what the components were sized with."""
     engine = engine_of(path, "T4_K")
+    if engine.network.governor is not None:
+        pytest.skip("its fuel control holds something else than T4")
     U = design_inputs(engine)
     U["T4_K"] = np.array([burner_of(engine).values["exit_temperature_K"]])
     p = engine.predict(U, start=np.full((len(engine.unknowns), 1), 1.02))
@@ -166,6 +168,8 @@ def test_shaft_power_balances_close(path):
 @every_engine
 def test_more_fuel_makes_the_engine_hotter_faster_and_stronger(path):
     given = engine_of(path)
+    if given.network.governor is not None:
+        pytest.skip("its fuel control holds something else than fuel")
     fuel = given.predict(middle(given), sensors=["Wf_kg_s"]).y[0, 0]
     engine = engine_of(path, "Wf_kg_s")
     shafts = engine.network.shafts

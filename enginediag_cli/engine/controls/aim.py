@@ -27,7 +27,9 @@ class Aim:
     reading of the column itself that the operating point states (`demand`: the power setting).
 
     `side`: "" where it is held, else "at_most" or "at_least". `sign`: +1 where the column rises with the actuator,
-    −1 where it falls; found at the design point, where a value that is not stated is taken from, too.
+    −1 where it falls; `lead_s`: times the rate of change of the column is added to it in transients, so that a
+    governor acts before the speed is there; found at the design point, where a value that is not stated is taken from,
+    too.
     """
 
     owner: str
@@ -38,6 +40,7 @@ class Aim:
     schedule: Schedule | None = None
     demand: bool = False
     sign: float = 1.0
+    lead_s: float = 0.0
 
     @property
     def name(self) -> str:
@@ -86,7 +89,10 @@ class Aim:
 
     def surplus(self, e: Evaluation, network: Network) -> Value:
         """± (column / target − 1), (N,): above zero where the actuator stands too far up."""
-        return self.sign * (network.read(e, self.column) / self.target(e, network) - 1.0)
+        found = network.read(e, self.column)
+        if self.lead_s:
+            found = found + network.rate(e, self.column) * self.lead_s
+        return self.sign * (found / self.target(e, network) - 1.0)
 
     def sized(self, e: Evaluation, network: Network, slope: float) -> None:
         """At the design point `e`, where the column changes by `slope` with the actuator."""

@@ -10,7 +10,7 @@ from enginediag_cli.config.hints import near
 from enginediag_cli.engine.components import Component
 from enginediag_cli.engine.components.base import Actuator
 from enginediag_cli.engine.controls.aim import Aim
-from enginediag_cli.engine.controls.control import Control
+from enginediag_cli.engine.controls.control import Control, Pace
 from enginediag_cli.engine.controls.governor import Governor
 from enginediag_cli.engine.controls.held import Held
 from enginediag_cli.engine.controls.recorded import Recorded
@@ -43,7 +43,9 @@ def controls_of(values: Mapping[str, Any], components: Sequence[Component], chec
             problems.append(Problem(place, f"'{leaf}' is moved by {taken[leaf]} already"))
         taken[leaf] = entry["name"]
         try:
-            found.append(_control(entry, actuators.get(leaf), values["power_setting"], inputs))
+            control = _control(entry, actuators.get(leaf), values["power_setting"], inputs)
+            control.pace = Pace(entry["time_constant_s"], entry["rate_per_s"])
+            found.append(control)
         except ValueError as error:
             problems.append(Problem(checked.mark(("controls", k)), f"{entry['name']}: {error}"))
     if problems:
@@ -89,9 +91,10 @@ def _first(entry: Mapping[str, Any], power_setting: str, inputs: Mapping[str, fl
     if schedule and entry["set_point"] is not None:
         raise ValueError("give set_point or set_point_schedule, not both")
     if schedule:
-        return Aim(name, "set_point", column, schedule=Schedule.declared((name, "set_point"), schedule, unit, inputs))
+        followed = Schedule.declared((name, "set_point"), schedule, unit, inputs)
+        return Aim(name, "set_point", column, schedule=followed, lead_s=entry["lead_s"])
     demand = not entry["hold"] and entry["set_point"] is None
-    return Aim(name, "set_point", column, value=entry["set_point"], demand=demand)
+    return Aim(name, "set_point", column, value=entry["set_point"], demand=demand, lead_s=entry["lead_s"])
 
 
 def _release(entry: Mapping[str, Any], stops: Stops) -> Release | None:
@@ -118,7 +121,8 @@ def _limits(entry: Mapping[str, Any], inputs: Mapping[str, float | None]) -> Ite
         unit = split_column(limit["column"])[1]
         of = (entry["name"], limit["name"])
         schedule = Schedule.declared(of, limit["schedule"], unit, inputs) if limit["schedule"] else None
-        yield Aim(entry["name"], limit["name"], limit["column"], limit["side"], limit["value"], schedule)
+        kept = limit["column"], limit["side"], limit["value"], schedule
+        yield Aim(entry["name"], limit["name"], *kept, lead_s=limit["lead_s"])
 
 
 def lever(values: Mapping[str, Any]) -> str:

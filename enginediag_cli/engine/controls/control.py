@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from enginediag_cli.engine.components.base import Actuator, Unknown
@@ -21,8 +22,19 @@ AT_LIMIT = 1e-6
 Derived = Callable[[Evaluation], Value]
 
 
+@dataclass(frozen=True)
+class Pace:
+    """How fast an actuator follows in transients: its control's time constant, s, and its largest rate, in its unit per
+    second; 0: at once."""
+
+    time_constant_s: float = 0.0
+    rate_per_s: float = 0.0
+
+
 class Control(ABC):
     """One actuator and what moves it."""
+
+    pace = Pace()
 
     def __init__(self, name: str, actuator: Actuator):
         self.name, self.actuator = name, actuator

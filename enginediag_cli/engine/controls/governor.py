@@ -39,7 +39,7 @@ class Governor(Control):
         return {}
 
     def close(self, e: Evaluation, network: Network) -> None:
-        e.balances[f"{self.name} fuel"] = selected(self.aim, self.limits, e, network)
+        e.balances[f"{self.name} fuel"] = network.paced(self, e, selected(self.aim, self.limits, e, network))
 
     def acting(self, e: Evaluation, network: Network) -> Mapping[str, Array]:
         return limits_acting(self.limits, e, network)

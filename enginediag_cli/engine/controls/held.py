@@ -56,7 +56,7 @@ class Held(Control):
         F = selected(self.aim, self.limits, e, network)
         if self.release is not None:
             F = self.release.of(F, e, network)
-        e.balances[f"{self.name} position"] = between_stops(u - 1.0, 2.0 - u, F)
+        e.balances[f"{self.name} position"] = network.paced(self, e, between_stops(u - 1.0, 2.0 - u, F))
 
     def acting(self, e: Evaluation, network: Network) -> Mapping[str, Array]:
         found = dict(self.stops.acting(e, AT_LIMIT))

@@ -42,7 +42,7 @@ class Scheduled(Control):
     def close(self, e: Evaluation, network: Network) -> None:
         if not self.schedule.is_input:
             wanted = self.stops.unknown_at(e, self._stopped(e, self.schedule.at(e, network)))
-            e.balances[f"{self.name} position"] = e[self.stops.unknown] - wanted
+            e.balances[f"{self.name} position"] = network.paced(self, e, e[self.stops.unknown] - wanted)
 
     def acting(self, e: Evaluation, network: Network) -> Mapping[str, Array]:
         u = np.asarray(value(self.stops.unknown_at(e, self.schedule.at(e, network))))

@@ -19,6 +19,8 @@ from enginediag_cli.simulation.airspeed import FOOT_M, KNOT_M_S, mach_from_cas
 from enginediag_cli.simulation.missions import atmosphere
 from enginediag_cli.simulation.missions.profile import Profile
 
+SERIES = True
+
 SECTION = Section(
     "airliner",
     "whole flights: ground, take-off, climb, cruise with step climbs, descent",

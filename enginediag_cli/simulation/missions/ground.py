@@ -11,6 +11,8 @@ from numpy.typing import NDArray
 from enginediag_cli.config.fields import Field, Section
 from enginediag_cli.engine.atmosphere import P_ISA, standard_atmosphere
 
+SERIES = True
+
 SECTION = Section(
     "ground",
     "a ground or ship turbine: ambient temperature by day and season, load by hour",

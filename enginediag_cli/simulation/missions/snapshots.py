@@ -12,6 +12,8 @@ from enginediag_cli.config.fields import Field, Section
 from enginediag_cli.simulation.airspeed import FOOT_M
 from enginediag_cli.simulation.missions import atmosphere
 
+SERIES = False
+
 SECTION = Section(
     "snapshots",
     "one take-off and one cruise record per flight",

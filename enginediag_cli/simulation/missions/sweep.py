@@ -12,6 +12,8 @@ from enginediag_cli.config.fields import Field, Section
 from enginediag_cli.engine.model import EngineLike
 from enginediag_cli.simulation.airspeed import KNOT_M_S, mach_from_cas
 
+SERIES = False
+
 SECTION = Section(
     "sweep",
     "uniform random operating points over the engine's envelope",

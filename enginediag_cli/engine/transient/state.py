@@ -1,0 +1,55 @@
+"""What a state is to the network: a quantity x with dx/dt = f(x, …) that stands while the rest of the engine is in
+balance.
+
+In a *stage* of the integration x is implicit, x = base + step · f: the network finds it, and reads the leaves
+`<state>.base` and `step_s`. Where the state is *given* (at the records that are told) the leaf `<state>` holds it.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from enginediag_cli.engine.dual import Array, Value
+from enginediag_cli.engine.evaluation import Evaluation
+from enginediag_cli.engine.hooks import Hooks
+
+if TYPE_CHECKING:
+    from enginediag_cli.engine.network import Network
+
+STEP = "step_s"
+"""Leaf with γ h of a stage, s."""
+
+
+class State(ABC):
+    """One state, called `name`, in `unit`."""
+
+    name: str
+    unit: str
+    words: str
+    coarser = 1.0
+    """Times as far from right as a rotor's speed it may be."""
+
+    @property
+    def base(self) -> str:
+        """The leaf from which a stage begins."""
+        return f"{self.name}.base"
+
+    @abstractmethod
+    def install(self, hooks: Hooks, network: Network) -> None:
+        """Where it takes hold of the network, in stages and where it is given."""
+
+    @abstractmethod
+    def value(self, e: Evaluation) -> Value:
+        """x (N,) at the solution of a stage, or of a steady engine."""
+
+    def power(self, x: Array, slope: Array) -> Array:
+        """Energy (N,) [W] that the state takes up while it changes by `slope` (N,) per second; a signal takes none."""
+        return np.zeros_like(x)
+
+    def moved(self, x: Array, names: Sequence[str], before: Array, after: Array) -> Array:
+        """x (N,) behind a last small move of the unknowns `names`, from `before` (nx, N) to `after`."""
+        return x

@@ -1,0 +1,232 @@
+"""Engines flown along time: closed forms, balances, steady ends, batches, limits."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from pathlib import Path
+from typing import ClassVar
+
+import numpy as np
+import pytest
+
+from enginediag_cli.engine.engine import Engine
+from enginediag_cli.engine.evaluation import Evaluation, Shaft
+from enginediag_cli.engine.gas import Gas
+from enginediag_cli.engine.hooks import Hooks
+from enginediag_cli.engine.transient import tableau
+from enginediag_cli.engine.transient.course import course_of
+from enginediag_cli.engine.transient.integrate import between, integrate
+from enginediag_cli.engine.transient.moving_engine import Flight, MovingEngine
+from enginediag_cli.engine.transient.networks import MovingNetwork
+from enginediag_cli.engine.transient.rotor import Rotor
+from enginediag_cli.physics.engine_file import load_engine
+
+CONFIGS = Path(__file__).parents[3] / "configs"
+INERTIA = 6.0
+BODIE = {"time": (0.0, 1.0, 1.5, 5.0, 5.5, 18.0), "power": (1.0, 1.0, 0.0, 0.0, 1.0, 1.0)}
+
+
+@lru_cache
+def turbojet(folder: Path, inertia: float = INERTIA) -> Engine:
+    text = (CONFIGS / "turbojet.yaml").read_text(encoding="utf-8")
+    old = "design_speed_rpm: 16500,"
+    assert old in text
+    place = folder / f"turbojet_{inertia:g}.yaml"
+    place.write_text(text.replace(old, f"{old} inertia_kg_m2: {inertia},"), encoding="utf-8")
+    return load_engine(place)
+
+
+@lru_cache
+def governed() -> MovingEngine:
+    return MovingEngine(load_engine(CONFIGS / "turbofan_governed.yaml"))
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("engines")
+
+
+def flight(engine: Engine, time, power, records=None, dT: float = 0.0, **more: float) -> Flight:
+    t = np.asarray(time, dtype=float)
+    still = np.zeros(len(t))
+    inputs = {"altitude_m": still, "mach": still, "dT_isa_K": still + dT}
+    inputs[engine.power_setting] = engine.power_from_fraction(np.asarray(power, dtype=float), inputs)
+    columns = {**inputs, **{name: still + v for name, v in more.items()}}
+    return Flight(t, columns, t if records is None else np.asarray(records, dtype=float))
+
+
+def read(m: MovingEngine, f: Flight, states, unknowns, also):
+    """Columns (N, k) at a flight's records."""
+    inputs = {c: np.interp(f.records, f.time, v) for c, v in f.columns.items()}
+    return m.predict(inputs, {}, (states, unknowns), sensors=tuple(also))
+
+
+class ConstantPower:
+    """A rotor to which a constant power is left over: I ω dω/dt = P."""
+
+    hooks: Hooks
+    derived: ClassVar[dict] = {}
+    gas = Gas()
+    power_W, supply_W, inertia, design_rpm = 2.0e4, 1.0e6, 3.0, 10_000.0
+
+    def __init__(self):
+        self.states = (Rotor("spool", self.inertia),)
+        self.hooks = Hooks()
+        self.states[0].install(self.hooks, self)
+
+    def unknowns(self):
+        from enginediag_cli.engine.components.base import Unknown
+
+        return (Unknown("spool.corrected_speed", lower=0.05, upper=5.0),)
+
+    def leaves(self, inputs, parameters, x):
+        return {**parameters, **x, **inputs, "spool.power_offtake_W": 0.0}
+
+    def evaluate(self, e: Evaluation) -> None:
+        e.make_shaft = lambda e, name: Shaft(e["spool.corrected_speed"] * self.design_rpm)
+        taken = e["spool.power_offtake_W"]
+        e.balances["spool power"] = (self.power_W - taken) / self.supply_W
+
+    power = MovingNetwork.power
+
+
+def test_under_constant_power_the_square_of_the_speed_grows_in_proportion_to_time():
+    n, t = ConstantPower(), np.array([0.0, 60.0])
+    course = course_of([(t, {"nothing": np.zeros(2)})])
+    omega = np.array([[0.5 * n.design_rpm * np.pi / 30.0]])
+    track = integrate(n, course, {}, np.array([[0.5]]), omega, 1e-9)[0]
+    records = np.linspace(0.0, 60.0, 31)
+    found = between(track, records)[0][0] ** 2
+    # the start is taken for steady, with no acceleration: one short step finds it
+    since = found[1]
+    assert found[1:] == pytest.approx(since + 2.0 * n.power_W / n.inertia * (records[1:] - records[1]), rel=1e-7)
+
+
+def test_the_method_meets_its_conditions_of_order():
+    A, b, c, d = tableau.STAGES, tableau.STAGES[-1], tableau.NODES, tableau.EMBEDDED
+    assert np.allclose(A.sum(axis=1), c, atol=1e-15)
+    assert np.allclose([b.sum(), b @ c, b @ c**2, b @ A @ c], [1, 1 / 2, 1 / 3, 1 / 6], atol=1e-14)
+    assert np.allclose([d.sum(), d @ c], [1, 1 / 2], atol=1e-14)
+    # L-stable: of dx/dt = z x nothing is left behind a step where z is large and negative
+    for z, left in ((-1e3, 1e-2), (-1e8, 1e-7)):
+        x = np.linalg.solve(np.eye(4) - z * A, np.ones(4))
+        assert abs(x[-1]) < left
+
+
+def test_an_engine_that_is_left_alone_ends_on_its_steady_solution(folder):
+    engine = turbojet(folder)
+    m, f = MovingEngine(engine), flight(engine, (0, 2, 3, 120), (0.1, 0.1, 0.9, 0.9))
+    states, x = m.fly([f])[0]
+    steady = engine.predict({c: v[-1:] for c, v in f.columns.items()}, sensors=("N1_rpm", "T5_K", "P3_Pa"))
+    end = read(m, f, states, x, ("N1_rpm", "T5_K", "P3_Pa"))
+    assert np.allclose(end.y[-1], steady.y[0], rtol=1e-6)
+    assert np.allclose(end.y[0], engine.predict({c: v[:1] for c, v in f.columns.items()}, sensors=end.columns).y[0])
+
+
+def test_energy_and_angular_momentum_balance_over_a_bodie_manoeuvre(folder):
+    engine = turbojet(folder)
+    m, f = MovingEngine(engine, 1e-9), flight(engine, **BODIE)
+    track = m.tracks([f])[0]
+    omega, work = np.array(track.states)[:, 0], np.array(track.work)[:, 0]
+    energy = 0.5 * INERTIA * omega**2
+    # what the network's powers summed to, against what the rotor holds
+    assert np.abs(work - (energy - energy[0])).max() < 1e-8 * np.ptp(energy)
+    # and from outside: torque of an engine whose speed is given, by Gauss's quadrature between the ends of steps
+    nodes, weights = np.polynomial.legendre.leggauss(3)
+    T = np.array(track.time)
+    h = np.diff(T)
+    at = Flight(f.time, f.columns, (T[:-1, None] + h[:, None] * (1.0 + nodes) / 2.0).ravel())
+    states, x = between(track, at.records)
+    surplus = read(m, at, states, x, ("spool_surplus_W",)).y[:, 0]
+    torque = (surplus / states[0]).reshape(-1, 3) @ weights * h / 2.0
+    momentum = INERTIA * (omega - omega[0])
+    assert np.abs(np.cumsum(torque) - momentum[1:]).max() < 1e-6 * np.ptp(momentum)
+
+
+def test_a_smaller_tolerance_comes_nearer_in_proportion(folder):
+    engine = turbojet(folder)
+    f = flight(engine, **BODIE, records=np.linspace(0.0, 18.0, 101))
+    exact = MovingEngine(engine, 1e-9).fly([f])[0][0][0]
+    off = [np.abs(MovingEngine(engine, tol).fly([f])[0][0][0] / exact - 1.0).max() for tol in (1e-5, 1e-6, 1e-7)]
+    assert off[0] < 3e-4 and off[1] < off[0] / 3.0 and off[2] < off[1] / 3.0
+
+
+def test_records_do_not_bend_the_course(folder):
+    engine = turbojet(folder)
+    m = MovingEngine(engine)
+    few, many = (flight(engine, **BODIE, records=r) for r in (BODIE["time"], np.linspace(0.0, 18.0, 1801)))
+    at = np.searchsorted(many.records, BODIE["time"])
+    assert np.array_equal(m.fly([few])[0][0], m.fly([many])[0][0][:, at])
+
+
+def test_each_engine_of_a_batch_flies_as_it_does_alone(folder):
+    engine = turbojet(folder)
+    m, rng = MovingEngine(engine), np.random.default_rng(4)
+    records = np.linspace(0.0, 18.0, 51)
+    flights = [
+        flight(
+            engine,
+            BODIE["time"],
+            np.array(BODIE["power"]) * rng.uniform(0.6, 1.0),
+            records,
+            dT=rng.uniform(-15, 15),
+            **{"compressor.efficiency": rng.uniform(0.96, 1.0)},
+        )
+        for _ in range(60)
+    ]
+    together = m.fly(flights)
+    for k in (0, 29, 59):
+        alone = m.fly([flights[k]])[0][0]
+        assert np.allclose(together[k][0], alone, rtol=1e-7), k
+
+
+def test_a_heavier_rotor_moves_more_slowly_in_proportion(folder):
+    light, heavy = turbojet(folder), turbojet(folder, 2.0 * INERTIA)
+    t = np.linspace(0.0, 4.0, 41)
+    step = ((0.0, 1e-3, 40.0), (0.5, 0.6, 0.6))
+    a = MovingEngine(light, 1e-8).fly([flight(light, *step, records=t)])[0][0]
+    b = MovingEngine(heavy, 1e-8).fly([flight(heavy, *step, records=2.0 * t)])[0][0]
+    assert np.allclose(a, b, rtol=1e-5)  # but for the millisecond of the step itself
+
+
+def test_without_inertia_an_engine_has_no_states():
+    from enginediag_cli.engine.transient.moving_engine import states_of
+
+    assert states_of(load_engine(CONFIGS / "turbojet.yaml").network) == ()
+
+
+def test_the_fuel_control_respects_its_limits_at_every_record_of_a_bodie_manoeuvre():
+    m = governed()
+    f = flight(m.engine, **BODIE, records=np.linspace(0.0, 18.0, 361))
+    states, x = m.fly([f])[0]
+    p = read(m, f, states, x, ("T4_K", "FAR4", "Wf_kg_s", "N1_rpm"))
+    T4, far, fuel, N1 = p.y.T
+    assert p.ok.all()
+    assert T4.max() < 1600.0 * (1 + 1e-6) and far.min() > 0.008 * (1 - 1e-6)
+    assert np.abs(np.diff(fuel) / np.diff(f.records)).max() < 2.0 * 1.01  # kg/s per second
+    assert {str(name) for name in p.active_limit} == {"", "fuel_control.lean", "fuel_control.hot", "fuel_control.rate"}
+    assert N1[-1] == pytest.approx(f.columns["N1_demand_rpm"][-1], rel=1e-5)
+
+
+def test_the_named_limit_is_the_one_that_is_met():
+    m = governed()
+    f = flight(m.engine, **BODIE, records=np.linspace(0.0, 18.0, 361))
+    states, x = m.fly([f])[0]
+    p = read(m, f, states, x, ("T4_K", "FAR4"))
+    for name, column, limit in (("hot", 0, 1600.0), ("lean", 1, 0.008)):
+        named = np.char.find(p.active_limit, name) >= 0
+        assert named.sum() > 20
+        assert np.abs(p.y[named, column] / limit - 1.0).max() < 1e-5
+
+
+def test_a_governor_of_speed_needs_a_lead(tmp_path):
+    text = (CONFIGS / "turbofan_governed.yaml").read_text(encoding="utf-8")
+    (tmp_path / "engine.yaml").write_text(text.replace("    lead_s: 0.5\n", ""), encoding="utf-8")
+    with pytest.raises(ValueError, match="give it lead_s"):
+        MovingEngine(load_engine(tmp_path / "engine.yaml"))
+
+
+def test_a_speed_that_is_given_leaves_its_inertia_nothing_to_move(folder):
+    engine = load_engine(turbojet(folder).path, "N1_rpm")
+    with pytest.raises(ValueError, match="its inertia has nothing to move"):
+        MovingEngine(engine)
