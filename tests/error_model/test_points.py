@@ -62,7 +62,8 @@ def test_sensitivities_are_those_of_the_engine_and_differences_of_the_prediction
     name = model.groups["T3_K"][0]
     p = model.predict(flown, {name: 2.0}, wrt=(name, "hpc.efficiency"))
     assert np.array_equal(p.jacobian[:, :, 1], engine.predict(flown, wrt=("hpc.efficiency",)).jacobian[:, :, 0])
-    assert np.allclose(p.jacobian[:, :, 0], model.predict(flown, {name: 3.0}).y - p.y)
+    # points are solved to their tolerance, from starts that may differ
+    assert np.allclose(p.jacobian[:, :, 0], model.predict(flown, {name: 3.0}).y - p.y, atol=1e-12 * np.abs(p.y).max())
     assert p.wrt == (name, "hpc.efficiency")
 
 

@@ -29,7 +29,9 @@ CAREFUL = 3.0
 """Times the pace of the last stage is what a first move is trusted to be followed at."""
 STEADY_PACE = 0.5
 """A move that is shorter than the last one by less tells nothing of how short the next will be."""
-PASSES = 12
+SHORT_S = 0.1
+"""Stages shorter than this take smaller differences of speeds, in proportion."""
+PASSES = 20
 """With kept Jacobians; what has not converged then goes the way of the steady engine's solver."""
 
 
@@ -53,6 +55,8 @@ class Stages:
         self._pace = np.ones(size)  # how much shorter each one's moves became, last
         self._lower = np.array([[u.lower] for u in network.unknowns()])
         self._upper = np.array([[u.upper] for u in network.unknowns()])
+        speeds = {f"{shaft}.corrected_speed" for shaft in network.rotors}
+        self._turns = np.array([u.name in speeds for u in network.unknowns()])
         self._names = [u.name for u in network.unknowns()]
         self.left = SHARE * tolerance
         self.passes = 0
@@ -83,8 +87,10 @@ class Stages:
             if came is not None:
                 self._correct(rows[at], came[0], R - came[1], ~renewed)
             size = np.where(np.isfinite(R), np.abs(R), np.inf).max(axis=0)
-            # a Jacobian that has just been made is not made again
-            stale[at] = ~renewed & (size > SLOW * residual[at])
+            # where another limit acts the Jacobian is another one: it is made there before anything moves
+            slow = size > SLOW * residual[at]
+            waits = slow & ~renewed
+            stale[at] = slow
             residual[at] = size
             with np.errstate(invalid="ignore"):
                 move = -np.einsum("nij,jn->in", self._inverse[rows[at]], R)
@@ -93,11 +99,12 @@ class Stages:
                 pace = np.where(begun, far / length[at], np.minimum(CAREFUL * self._pace[rows[at]], 1.0))
                 pace[renewed] = 1.0  # nobody has seen it yet
             self._pace[rows[at[begun]]] = pace[begun]
+            move[:, waits] = 0.0
             move *= np.minimum(1.0, LARGEST_STEP / np.maximum(far, 1e-300))
             then = np.clip(now + move, self._lower, self._upper)
             usable = np.isfinite(then).all(axis=0)
             # what the moves after this one will add up to, going on at this pace
-            done = usable & ((size <= TOLERANCE) | ((pace < STEADY_PACE) & (pace * far < self.left)))
+            done = usable & ~waits & ((size <= TOLERANCE) | ((pace < STEADY_PACE) & (pace * far < self.left)))
             if done.any():
                 k = at[done]
                 found.x[:, k], found.good[k] = then[:, done], True
@@ -132,6 +139,9 @@ class Stages:
             return e, solver.balances(e), J
         # one pass for all: the points first, then those that are renewed, a little further along each unknown
         nx, h = len(x), solver.DIFFERENCE * np.maximum(np.abs(x[:, k]), SMALL)
+        # a speed that moves a little in a short stage is a large acceleration, and may bring another limit into play
+        short = np.minimum(1.0, np.broadcast_to(np.asarray(u[STEP]), (n,))[k] / SHORT_S)
+        h = np.where(self._turns[:, None], h * short, h)
         index = np.concatenate([np.arange(n), np.tile(k, nx)])
         wide = x[:, index]
         wide[np.repeat(np.arange(nx), len(k)), np.arange(n, len(index))] += h.ravel()

@@ -30,7 +30,7 @@ class ClockShift(Term):
     COEFFICIENTS = (
         Coefficient("delay", "s", "d; negative: it is ahead of the others", 0.0, -60.0, 60.0, 10.0, 1.0, assumed=True),
     )
-    REFERENCE = "the commonest mismatch of recordings that several boxes make; range assumed"
+    REFERENCE = "the commonest mismatch of recordings that several boxes make; the range is assumed"
     INPUTS = PAST
 
     def sites(self, network: Network) -> Iterable[Site]:

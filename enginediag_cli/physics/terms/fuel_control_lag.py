@@ -24,7 +24,7 @@ class FuelControlLag(Term):
     EQUATION = "τ dW_f/dt = W_f,commanded − W_f"
     DRIVER = RATE
     COEFFICIENTS = (Coefficient("time_constant", "s", "τ; 0: at once", 0.0, 0.0, 60.0, 2.0, 0.5, assumed=True),)
-    REFERENCE = "Rowen, J. Eng. Power 105 (1983) 865: valve 0.05 s, fuel system 0.4 s; range assumed"
+    REFERENCE = "Rowen, J. Eng. Power 105 (1983) 865: valve 0.05 s, fuel system 0.4 s; the range is assumed"
     INPUTS = PAST
     TRIALS = tuple({"time_constant": t} for t in (0.5, 2.0, 8.0))
 

@@ -27,7 +27,7 @@ class LoadControlDelay(Term):
     EQUATION = "P(t) = P_demanded(t − d)"
     DRIVER = RATE
     COEFFICIENTS = (Coefficient("delay", "s", "d; 0: at once", 0.0, 0.0, 3600.0, 100.0, 10.0, assumed=True),)
-    REFERENCE = "transport and sampling delays of control loops; range assumed"
+    REFERENCE = "transport and sampling delays of control loops; the range is assumed"
     INPUTS = PAST
     TRIALS = tuple({"delay": t} for t in (1.0, 2.0, 4.0, 8.0, 16.0, 32.0, 64.0, 128.0, 256.0))
 

@@ -27,7 +27,7 @@ class LoadControlLag(Term):
     EQUATION = "τ dP/dt = P_demanded − P"
     DRIVER = RATE
     COEFFICIENTS = (Coefficient("time_constant", "s", "τ; 0: at once", 0.0, 0.0, 5000.0, 500.0, 30.0, assumed=True),)
-    REFERENCE = "first-order governor models: Rowen, J. Eng. Power 105 (1983) 865; range assumed"
+    REFERENCE = "first-order governor models: Rowen, J. Eng. Power 105 (1983) 865; the range is assumed"
     INPUTS = PAST
     TRIALS = tuple({"time_constant": t} for t in (1.0, 2.0, 4.0, 8.0, 16.0, 32.0, 64.0, 128.0, 256.0))
 

@@ -52,7 +52,7 @@ class LoadSecondOrderLag(Term):
             closed=True,
         ),
     )
-    REFERENCE = "governor and actuator in series: Rowen, J. Eng. Power 105 (1983) 865; range assumed"
+    REFERENCE = "governor and actuator in series: Rowen, J. Eng. Power 105 (1983) 865; the range is assumed"
     INPUTS = PAST
     TRIALS = tuple({"time_constant": t, "second_share": 0.4} for t in (2.0, 5.0, 12.0, 30.0, 75.0, 190.0, 480.0))
 

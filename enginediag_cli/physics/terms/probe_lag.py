@@ -28,7 +28,7 @@ class ProbeLag(Term):
     EQUATION = "τ dT_read/dt = T − T_read"
     DRIVER = RATE
     COEFFICIENTS = (Coefficient("time_constant", "s", "τ; 0: at once", 0.0, 0.0, 300.0, 30.0, 4.0, assumed=True),)
-    REFERENCE = "SAE AIR46: 0.5 to 10 s for shielded thermocouples in gas streams; range assumed"
+    REFERENCE = "SAE AIR46: 0.5 to 10 s for shielded thermocouples in gas streams; the range is assumed"
     INPUTS = PAST
     TRIALS = tuple({"time_constant": t} for t in (1.0, 4.0, 16.0))
 

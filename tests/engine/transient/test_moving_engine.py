@@ -72,6 +72,7 @@ class ConstantPower:
     def __init__(self):
         self.states = (Rotor("spool", self.inertia),)
         self.hooks = Hooks()
+        self.rotors = {"spool": self.states[0]}
         self.states[0].install(self.hooks, self)
 
     def unknowns(self):
