@@ -43,15 +43,15 @@ class Engine:
         self.declared = declared
         self.name: str = declared["name"]
         self.description: str = declared["description"]
-        self._told = network.inputs()  # what the network itself reads
-        found = dict(self._told)
+        self._told = dict(network.inputs())  # what the network and the readings of its sensors are told
         # the column that sets the power: where a set point asks for it, its column
         self.power_setting: str = network.demand.column if network.demand is not None else network.power_setting
         self.sensors = {c: Sensor.declared(c, v) for c, v in declared["sensors"].items() if c != network.power_setting}
         network.sensors = self.sensors
         for s in self.sensors.values():
             if s.soak:
-                found.setdefault(s.soak, 0.0)
+                self._told.setdefault(s.soak, 0.0)
+        found = self._told
         if network.demand is not None:
             found = {network.demand.column if c == network.power_setting else c: d for c, d in found.items()}
         self.inputs = tuple(c for c, default in found.items() if default is None)

@@ -181,3 +181,15 @@ def test_metal_that_warms_takes_heat_from_the_gas_and_gives_it_back_in_the_end()
     assert more[11] > 0.002  # fuel also heats the metal
     assert np.all(np.diff(more[11:]) < 0.0)
     assert abs(more[-1]) < 1e-4
+
+
+def test_a_reading_keeps_its_soak_term_beside_what_an_engine_remembers():
+    plain = engine_of("citation_jt15d")
+    engine = moving("citation_jt15d", rotor_inertia__hp={"inertia": 0.1})
+    columns = flight(plain, 20) | {"N1_soak_rpm": np.linspace(-300.0, 500.0, 20)}
+    inputs = on_tape(engine, columns) | {"N1_soak_rpm": columns["N1_soak_rpm"]}
+    with_soak, without = (
+        engine.predict(inputs, {"sensor.ITT.soak": c}, sensors=["ITT_K"], wrt=["sensor.ITT.soak"]) for c in (-0.02, 0.0)
+    )
+    np.testing.assert_allclose((with_soak.y - without.y)[:, 0], -0.02 * columns["N1_soak_rpm"], atol=1e-9)
+    np.testing.assert_allclose(with_soak.jacobian[:, 0, 0], columns["N1_soak_rpm"], atol=1e-9)
