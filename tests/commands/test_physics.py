@@ -63,7 +63,7 @@ def test_a_term_is_shown_in_full(run, name):
         assert f"within {c.lower:g} to {c.upper:g}" in shown
     assert shown.count("range assumed") == sum(c.assumed for c in found.COEFFICIENTS)
     assert "  turbofan: " in ended.stdout and "  power_plant: " in ended.stdout
-    assert max(map(len, ended.stdout.splitlines())) <= 100
+    assert max(map(len, ended.stdout.splitlines())) <= 105
 
 
 def test_a_terms_coefficients_are_rows_of_a_csv(run):
