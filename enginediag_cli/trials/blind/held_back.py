@@ -6,7 +6,7 @@ predicted, their χ² per reading compared flight by flight with that of the mod
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -26,7 +26,11 @@ class HeldBack:
     true: np.ndarray
 
 
-def held_back(evidence: Evidence, held: Sequence[Flight], named: Sequence[Cause], truth: Sequence[Cause]) -> HeldBack:
+Begun = tuple[Sequence[Cause], Mapping[str, float]]
+"""Causes, and coefficients at which effects that are tried at some size are begun."""
+
+
+def held_back(evidence: Evidence, held: Sequence[Flight], named: Begun, truth: Begun) -> HeldBack:
     """`evidence` are the training flights as the explainer had them, `held` the others."""
     sensors = list(evidence.noise.sigma)
     blind = [
@@ -39,11 +43,11 @@ def held_back(evidence: Evidence, held: Sequence[Flight], named: Sequence[Cause]
     base = identify_with(both, NO_HYPOTHESIS, along)
     before = _misfit(both, base, along, held)
     found = {key(()): before}
-    for causes in (named, truth):
+    for causes, values in (named, truth):
         if key(causes) not in found:
-            fit = identify_with(both, hypothesis(both.engine, causes, records), along, base)
+            fit = identify_with(both, hypothesis(both.engine, causes, records, values), along, base)
             found[key(causes)] = _misfit(both, fit, along, held)
-    return HeldBack(before, found[key(named)], found[key(truth)])
+    return HeldBack(before, found[key(named[0])], found[key(truth[0])])
 
 
 def _misfit(both: Evidence, fit: Identified, along: Nuisance, held: Sequence[Flight]) -> np.ndarray:

@@ -51,7 +51,8 @@ def run_trial(plan: Plan, trial: int, explainer: Correspondent) -> dict[str, Any
 
         # what a trial finds must not depend on what was done before it
         scored = opened(load_engine(path_of_model), sealed, recorded, Said.of(told[0]), located)
-        if kinds.base(sealed.kind) == kinds.NULL and sealed.truth == kinds.MAP_ERROR:
+        stands = not kinds.moves(sealed.kind)
+        if stands and kinds.base(sealed.kind) == kinds.NULL and sealed.truth == kinds.MAP_ERROR:
             told.append(explainer.ask(question | {"model_error": 0.0}))
             if "error" not in told[-1]:
                 scored["marks"]["false_name_without_floor"] = told[-1]["status"] in (NAMED, HIDDEN)
