@@ -34,8 +34,9 @@ KINDS = tuple(WEIGHTS)
 DYNAMIC = "dynamic"
 """Of null, single and pair trials: recordings that move, and effects that remember. All of them, as one choice."""
 DYNAMIC_WEIGHTS: Mapping[str, int] = {f"{NULL}_{DYNAMIC}": 20, f"{SINGLE}_{DYNAMIC}": 60, f"{PAIR}_{DYNAMIC}": 20}
+"""Their shares: names are what is asked for most."""
 DYNAMIC_KINDS = tuple(DYNAMIC_WEIGHTS)
-"""Trials that are drawn only where they are chosen, with their shares."""
+"""Trials that are drawn only where they are chosen."""
 CHOICES = (*KINDS, DYNAMIC, *DYNAMIC_KINDS)
 """What may be chosen."""
 

@@ -16,7 +16,7 @@ from enginediag_cli.trials.blind.flights import DAY_SIGMA_K, GOVERNED, check_eng
 STEP_S = 1.0
 """Between records: what a continuous recorder keeps."""
 TRAINING, HELD_BACK = (3, 5), 2  # flights
-RECORDS = (150, 400)
+RECORDS = (120, 300)
 """Of a flight, from and to: some minutes. Judgement: as many as show what passes in seconds and in a minute or two, and
 no more than a trial can afford."""
 POWER = (0.25, 1.0)
@@ -26,6 +26,7 @@ LEAST_CHANGE = 0.2
 HOLD_S, RAMP_S, SLAM_S, STAIR_S = (10.0, 60.0), (10.0, 60.0), (6.0, 20.0), (6.0, 20.0)
 """A level's length, a ramp's, how long a slam stays up, a stair's, from and to. Judgement: test beds and circuits."""
 STAIRS = (3, 5)
+"""Of a staircase, from and to: with fewer it is a step, with more a flight is over."""
 AT_ONCE_S, SPEED_S = 1.0, 8.0
 """In which a change at once is over: of what is commanded from one record to the next; of a rotor's speed over the
 whole range in what a spool takes to accelerate, since no rotor steps."""

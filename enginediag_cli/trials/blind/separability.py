@@ -107,7 +107,8 @@ def separability(
     for k, (left, options) in enumerate(rivals):
         if (moving and k < REFITTED_MOVING) or (k < REFITTED and left < NEAR + 0.05 * total):
             left, good = _left(evidence, together(*options), along, base)
-            ok &= good
+            # a rival that moves may have a valley without end: what it has reached is what it leaves, or a little more
+            ok &= good or moving
         judged.append((left, key(causes_of(options))))
     nearest, name = min(judged, key=lambda j: j[0], default=(total, frozenset({"nothing"})))
     return Separability(

@@ -58,6 +58,8 @@ def run_trial(plan: Plan, trial: int, explainer: Correspondent) -> dict[str, Any
                 scored["marks"]["false_name_without_floor"] = told[-1]["status"] in (NAMED, HIDDEN)
     if sealed.realistic is not None:
         scored |= {"engine": engine.name, "shape": sealed.realistic.shape, "airline": sealed.realistic.airline}
+    if kinds.moves(sealed.kind):
+        scored |= {"engine": engine.name}
     explaining = sum(t.get("seconds", 0.0) for t in told)
     return scored | {"seconds": round(process_time() - begun, 3), "explainer_seconds": round(explaining, 3)}
 
