@@ -39,6 +39,8 @@ class Cause:
         return cls(str(values["name"]), int(values["first"]))
 
 
+Begun = tuple[Sequence[Cause], Mapping[str, float]]
+"""Causes, and coefficients at which effects that are tried at some size are begun."""
 Key = frozenset[str]
 """A set of causes by name: when a step began is no part of its identity."""
 

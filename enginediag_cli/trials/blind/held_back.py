@@ -6,14 +6,14 @@ predicted, their χ² per reading compared flight by flight with that of the mod
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from enginediag_cli.mismatch.fit.evidence import Evidence, Flight
 from enginediag_cli.mismatch.fit.identified import NO_HYPOTHESIS, Identified, Nuisance, identify_with, nuisance, stacked
-from enginediag_cli.trials.blind.causes import Cause, hypothesis, key
+from enginediag_cli.trials.blind.causes import Begun, hypothesis, key
 
 
 @dataclass(frozen=True)
@@ -24,10 +24,6 @@ class HeldBack:
     before: np.ndarray
     after: np.ndarray
     true: np.ndarray
-
-
-Begun = tuple[Sequence[Cause], Mapping[str, float]]
-"""Causes, and coefficients at which effects that are tried at some size are begun."""
 
 
 def held_back(evidence: Evidence, held: Sequence[Flight], named: Begun, truth: Begun) -> HeldBack:

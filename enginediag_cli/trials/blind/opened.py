@@ -14,7 +14,7 @@ from enginediag_cli.mismatch.explain.answer import NAMED
 from enginediag_cli.mismatch.fit.evidence import Evidence, Flight, Noise
 from enginediag_cli.mismatch.fit.load import Asked, build_evidence
 from enginediag_cli.trials.blind import kinds
-from enginediag_cli.trials.blind.causes import Cause, components
+from enginediag_cli.trials.blind.causes import Begun, Cause, components
 from enginediag_cli.trials.blind.flights import hour_columns
 from enginediag_cli.trials.blind.held_back import held_back
 from enginediag_cli.trials.blind.recorded import Recorded, readings
@@ -75,7 +75,7 @@ def opened(
     if kind == kinds.HIDDEN_SWITCH:
         snr = _signal_to_noise(engine, sealed)
     elif truth:
-        far = separability(clean, truth, dict(sealed.health), sealed.without, sealed.values)
+        far = separability(clean, truth, dict(sealed.health), sealed.without, sealed.values, _said(said))
     found = marks(sealed, far, said)
     held: dict[str, Any] = {}
     if kind == kinds.HIDDEN_SWITCH and sealed.states is not None:
@@ -104,12 +104,19 @@ def opened(
 def _held_back(
     engine: Engine, sealed: Sealed, recorded: Recorded, truth: Sequence[Cause], said: Said
 ) -> dict[str, Any]:
-    named = [Cause.from_json(c) for c in said.raw["explanations"][0]["causes"]]
+    named = _said(said)
     evidence = evidence_of(engine, sealed, recorded, clean=False)
     held = with_past(engine, sealed, recorded.noisy)[sealed.training :]
-    found = {n: c[0] for n, c in said.raw["explanations"][0]["coefficients"].items()}
-    h = held_back(evidence, held, (named, found), (truth, sealed.values))
+    h = held_back(evidence, held, named, (truth, sealed.values))
     return {"before": h.before.tolist(), "after": h.after.tolist(), "true": h.true.tolist()}
+
+
+def _said(said: Said) -> Begun:
+    """Causes and coefficients of the first explanation; none where nothing was named."""
+    if said.status != NAMED:
+        return (), {}
+    first = said.raw["explanations"][0]
+    return [Cause.from_json(c) for c in first["causes"]], {n: c[0] for n, c in first["coefficients"].items()}
 
 
 def _signal_to_noise(engine: Engine, sealed: Sealed) -> np.ndarray:

@@ -38,7 +38,7 @@ from enginediag_cli.mismatch.fit.options import (
 )
 from enginediag_cli.mismatch.fit.projection import Projection
 from enginediag_cli.physics.registry import candidates
-from enginediag_cli.trials.blind.causes import Cause, Key, causes_of, hypothesis, key
+from enginediag_cli.trials.blind.causes import Begun, Cause, Key, causes_of, hypothesis, key
 
 ALIAS = 11.0
 """λ_sep below which the right of two explanations wins less than 19 times out of 20."""
@@ -76,10 +76,12 @@ def separability(
     health: dict[str, float],
     without: Sequence[str],
     values: Mapping[str, float] | None = None,
+    said: Begun | None = None,
 ) -> Separability:
     """Of the truth on noise-free evidence; `health`: true values of what is identified, `values`: true coefficients,
     where effects of the truth that are tried at some size begin. Where records know their past, rivals that are tried
-    begin at the size that says most, and more of them are refitted, since scores know such effects only roughly."""
+    begin at the size that says most, and more of them are refitted, since scores know such effects only roughly; so is
+    what was `said`: whether that can be told from the truth is a fact that no ranking of rivals may miss."""
     known = {n: health[n] for n in evidence.settings.nuisance if n in health}
     evidence = replace(evidence, settings=replace(evidence.settings, prior_mean=known))
     along = nuisance(evidence)
@@ -110,6 +112,9 @@ def separability(
             # a rival that moves may have a valley without end: what it has reached is what it leaves, or a little more
             ok &= good or moving
         judged.append((left, key(causes_of(options))))
+    if moving and said is not None and said[0] and key(said[0]) != key(truth) and len(said[0]) <= len(truth):
+        left, _ = _left(evidence, hypothesis(evidence.engine, said[0], n, said[1]), along, base)
+        judged.append((left, key(said[0])))
     nearest, name = min(judged, key=lambda j: j[0], default=(total, frozenset({"nothing"})))
     return Separability(
         total,
