@@ -29,7 +29,7 @@ from enginediag_cli.commands.proving import (
 )
 from enginediag_cli.presentation.messages import Messages
 from enginediag_cli.presentation.output import Output
-from enginediag_cli.trials.blind.kinds import KINDS, TRUTHS
+from enginediag_cli.trials.blind.kinds import CHOICES, DYNAMIC_KINDS, KINDS, TRUTHS
 from enginediag_cli.trials.isolated import kinds as isolated
 
 if TYPE_CHECKING:
@@ -68,10 +68,11 @@ if TYPE_CHECKING:
     "--kind",
     "chosen",
     multiple=True,
-    type=click.Choice(tuple(dict.fromkeys((*KINDS, *isolated.KINDS)))),
+    type=click.Choice(tuple(dict.fromkeys((*CHOICES, *isolated.KINDS)))),
     metavar="KIND",
-    help=f"Only trials of this kind; may be given several times. To explain, one of {', '.join(KINDS)}; to isolate, "
-    f"one of {', '.join(isolated.KINDS)}.",
+    help=f"Only trials of this kind; may be given several times. To explain, one of {', '.join(KINDS)}, or, "
+    f"never drawn unasked, dynamic: recordings that move and effects that remember ({', '.join(DYNAMIC_KINDS)}); to "
+    f"isolate, one of {', '.join(isolated.KINDS)}.",
 )
 @click.option(
     "--jobs",

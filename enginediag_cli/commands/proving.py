@@ -23,6 +23,14 @@ EXPLAIN, ISOLATE = "explain", "isolate"
 BOTH = "both"
 SEVERAL_ENGINES = ("turbofan.yaml", "turbojet.yaml", "power_plant.yaml", "turboshaft.yaml")
 """Engines that are flown when nobody names one and a truth is realistic."""
+MOVING_ENGINES = (
+    "turbofan.yaml",
+    "turbojet.yaml",
+    "turboshaft.yaml",
+    "naval_gas_generator.yaml",
+    "micro_gas_turbine.yaml",
+)
+"""Engines that are flown when nobody names one and recordings move: power set by fuel, by speed and by a load."""
 
 Record = Mapping[str, Any]
 Running = Callable[[Iterable[int], int], Generator[tuple[int, dict[str, Any]], None, None]]
@@ -39,13 +47,20 @@ class Asked:
 
     def check(self) -> None:
         """Raises click.UsageError for choices that do not go together."""
-        known = isolated if self.question == ISOLATE else explained
-        for option, values, own in (("--kind", self.chosen, known.KINDS), ("--truth", self.truths, known.TRUTHS)):
+        isolating = self.question == ISOLATE
+        kinds = isolated.KINDS if isolating else explained.CHOICES
+        truths = isolated.TRUTHS if isolating else explained.TRUTHS
+        for option, values, own in (("--kind", self.chosen, kinds), ("--truth", self.truths, truths)):
             odd = [v for v in values if v not in own]
             if odd:
                 raise click.UsageError(
                     f"{option} {odd[0]} does not go with --question {self.question}; one of {', '.join(own)} does"
                 )
+        if self.moving and explained.REALISTIC in self.truths:
+            raise click.UsageError(
+                f"--kind {explained.DYNAMIC} does not go with --truth {explained.REALISTIC}, whose clocks and probes "
+                f"are behind themselves; one of {', '.join((*explained.USUAL, BOTH))} does"
+            )
 
     @property
     def truths(self) -> tuple[str, ...]:
@@ -57,7 +72,14 @@ class Asked:
 
     @property
     def kinds(self) -> tuple[str, ...]:
-        return self.chosen or (isolated if self.question == ISOLATE else explained).KINDS
+        if self.question == ISOLATE:
+            return self.chosen or isolated.KINDS
+        return explained.all_of(self.chosen) or explained.KINDS
+
+    @property
+    def moving(self) -> bool:
+        """Whether recordings move in some of the trials."""
+        return self.question == EXPLAIN and any(map(explained.moves, self.kinds))
 
     def engines(self, given: str | None) -> tuple[str, ...]:
         """The engine file given, or those that come with the program. Raises DataError."""
@@ -65,6 +87,8 @@ class Asked:
 
         if given:
             return (given,)
+        if self.moving:
+            return tuple(str(shipped(name)) for name in MOVING_ENGINES)
         several = explained.REALISTIC in self.truths
         return tuple(str(shipped(name)) for name in (SEVERAL_ENGINES if several else SEVERAL_ENGINES[:1]))
 

@@ -1,8 +1,9 @@
-"""The score sheet of blind trials as Markdown tables: python tests/trials/score_sheet.py SHEET [--noise | --misfit]
+"""Score sheet of blind trials as tables: python tests/trials/score_sheet.py SHEET [--noise | --misfit | --dynamic]
+--dynamic]
 
 SHEET: what `enginediag prove --format json` wrote. Counts with Wilson 95 % intervals beside the targets, for each
 kind of truths that it has; `--noise`: false names where the noise is another than assumed;
-`--misfit`: χ² per reading of unseen flights.
+`--misfit`: χ² per reading of unseen flights; `--dynamic`: of trials whose recordings move.
 """
 
 from __future__ import annotations
@@ -35,13 +36,25 @@ ROWS = {
     "exact_effect_and_fault": "an effect and a fault together, both named",
     "no_verdict": "did not converge",
 }
+DYNAMIC_ROWS = {
+    "dynamic_exact": "right name first, λ_sep ≥ 22",
+    "dynamic_covered": "right name in the alias set",
+    "dynamic_alias_set_size": "mean size of that set",
+    "dynamic_wrongly_none": '"none of these", though the library has it',
+    "dynamic_wrong_name": "wrong name where something is concealed",
+    "dynamic_false_name": "false names when nothing is missing",
+    "dynamic_exact_pair": "exact pair, λ_sep ≥ 22",
+    "dynamic_interval": "95 % intervals that hold the coefficient",
+    "dynamic_held_out_gain": "unseen flights fitted better",
+    "dynamic_no_verdict": "did not converge",
+}
 TITLES = {
     kinds.SAME_MODEL: "truth from the same model",
     kinds.MAP_ERROR: "truth with 0.3 % map errors, floor on",
     kinds.REALISTIC: "realistic truth",
 }
 SIZE = "alias_set_size"
-MEANS = (SIZE, "drivers_told")
+MEANS = (SIZE, "dynamic_alias_set_size", "drivers_told")
 
 Sheet = Mapping[str, Any]
 
@@ -72,13 +85,17 @@ def own_titles(sheet: Sheet) -> dict[str, str]:
     return {truth: title for truth, title in TITLES.items() if truth in sheet["truths"]}
 
 
-def scores(sheet: Sheet) -> None:
+def scores(sheet: Sheet, rows: Mapping[str, str] = ROWS) -> None:
     titles = own_titles(sheet)
     print("| | " + " | ".join(f"target | {title}" for title in titles.values()) + " |")
     print("|---" * (1 + 2 * len(titles)) + "|")
-    for name, words in ROWS.items():
+    for name, words in rows.items():
         cells = [f"{target(name, sheet[name][truth]['target'])} | {cell(name, sheet[name][truth])}" for truth in titles]
         print(f"| {words} | " + " | ".join(cells) + " |")
+
+
+def dynamic(sheet: Sheet) -> None:
+    scores(sheet, DYNAMIC_ROWS)
 
 
 def noise(sheet: Sheet) -> None:
@@ -105,7 +122,9 @@ def misfit(sheet: Sheet) -> None:
 def main() -> None:
     with open(sys.argv[1], encoding="utf-8") as stream:
         sheet = json.load(stream)
-    what = {"--noise": noise, "--misfit": misfit}.get(sys.argv[2] if len(sys.argv) > 2 else "", scores)
+    what = {"--noise": noise, "--misfit": misfit, "--dynamic": dynamic}.get(
+        sys.argv[2] if len(sys.argv) > 2 else "", scores
+    )
     what(sheet)
 
 

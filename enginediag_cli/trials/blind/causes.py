@@ -6,7 +6,7 @@ The same words for the sealed truth and for an explainer's answer, so that the s
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -39,6 +39,8 @@ class Cause:
         return cls(str(values["name"]), int(values["first"]))
 
 
+Begun = tuple[Sequence[Cause], Mapping[str, float]]
+"""Causes, and coefficients at which effects that are tried at some size are begun."""
 Key = frozenset[str]
 """A set of causes by name: when a step began is no part of its identity."""
 
@@ -62,13 +64,23 @@ def effect_of(engine: Engine, cause: Cause) -> Effect:
     return effect(engine, term, site)
 
 
-def hypothesis(engine: Engine, causes: Sequence[Cause], records: int) -> Hypothesis:
-    """The causes as something to fit to evidence of so many records of one engine."""
-    effects = tuple(effect_of(engine, c) for c in causes if not c.is_step)
+def hypothesis(
+    engine: Engine, causes: Sequence[Cause], records: int, values: Mapping[str, float] | None = None
+) -> Hypothesis:
+    """The causes as something to fit to evidence of so many records of one engine. `values`: coefficients by parameter
+    at which effects begin whose derivative at absence tells nothing."""
+    effects = tuple(_begun(effect_of(engine, c), values or {}) for c in causes if not c.is_step)
     steps = [c for c in causes if c.is_step]
     curves = {f"since record {c.first}": (np.arange(records) >= c.first).astype(float) for c in steps}
     found = tuple(Discrepancy(c.name, f"since record {c.first}", engine.parameters[c.name].prior_sigma) for c in steps)
     return Hypothesis(effects, found, curves)
+
+
+def _begun(effect: Effect, values: Mapping[str, float]) -> Effect:
+    if not effect.tried:
+        return effect
+    known = {c.name: effect.parameter_name(c.name) for c in effect.term.amplitudes()}
+    return replace(effect, values={**effect.values, **{c: values[n] for c, n in known.items() if n in values}})
 
 
 def components(engine: Engine, cause: Cause) -> frozenset[str]:

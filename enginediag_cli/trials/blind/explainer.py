@@ -30,6 +30,8 @@ from enginediag_cli.trials.blind.answering import answer_questions
 from enginediag_cli.trials.blind.causes import causes_of
 from enginediag_cli.trials.blind.correspondent import LOCATE
 
+SPECIFIED = "specified"
+"""What a question says of noise that is as the engine file states it."""
 CELLS = 10
 """Places that are kept in the answer; marks look at the first few."""
 
@@ -66,8 +68,12 @@ def _with_known_noise(evidence: Evidence, question: Mapping[str, Any]) -> Eviden
     even its size is said, all is as by default."""
     if question["noise"] is None:
         return evidence
-    rho = dict.fromkeys(evidence.noise.sigma, question["rho"]) if question["rho"] else {}
-    noise = Noise(evidence.noise.sigma, rho, question["input_noise"], question["input_noise_share"])
+    sigma = evidence.noise.sigma
+    if question["noise"] == SPECIFIED and evidence.owed is not None:
+        # of an engine that is identified first noise is what that fit left, and holds what is looked for
+        sigma = evidence.owed.least.sigma
+    rho = dict.fromkeys(sigma, question["rho"]) if question["rho"] else {}
+    noise = Noise(sigma, rho, question["input_noise"], question["input_noise_share"])
     return replace(evidence, noise=noise)
 
 

@@ -39,7 +39,7 @@ def draw_flights(engine: Engine, rng: np.random.Generator) -> tuple[list[dict[st
     draw, step = (ground.ground_days, ground.STEP_S) if stays else (_flight, STEP_S)
     training = int(rng.integers(TRAINING[0], TRAINING[1] + 1))
     count = training + HELD_BACK
-    hours = {c: _hours(count, rng) for c in hour_columns()}
+    hours = {c: hours_at_flights(count, rng) for c in hour_columns()}
     flights = []
     for k in range(count):
         n = int(rng.integers(RECORDS[0], RECORDS[1] + 1))
@@ -50,7 +50,7 @@ def draw_flights(engine: Engine, rng: np.random.Generator) -> tuple[list[dict[st
     return flights, training
 
 
-def _hours(count: int, rng: np.random.Generator) -> np.ndarray:
+def hours_at_flights(count: int, rng: np.random.Generator) -> np.ndarray:
     """Hours since a wash or a change of filter at the begin of every flight; it is done again before one of them."""
     clock = rng.uniform(*HOURS) + np.cumsum(rng.uniform(*BETWEEN_FLIGHTS_H, count))
     again = int(rng.integers(1, count))

@@ -13,7 +13,7 @@ import numpy as np
 
 from enginediag_cli.mismatch.fit.evidence import Evidence, Flight
 from enginediag_cli.mismatch.fit.identified import NO_HYPOTHESIS, Identified, Nuisance, identify_with, nuisance, stacked
-from enginediag_cli.trials.blind.causes import Cause, hypothesis, key
+from enginediag_cli.trials.blind.causes import Begun, hypothesis, key
 
 
 @dataclass(frozen=True)
@@ -26,7 +26,7 @@ class HeldBack:
     true: np.ndarray
 
 
-def held_back(evidence: Evidence, held: Sequence[Flight], named: Sequence[Cause], truth: Sequence[Cause]) -> HeldBack:
+def held_back(evidence: Evidence, held: Sequence[Flight], named: Begun, truth: Begun) -> HeldBack:
     """`evidence` are the training flights as the explainer had them, `held` the others."""
     sensors = list(evidence.noise.sigma)
     blind = [
@@ -39,11 +39,11 @@ def held_back(evidence: Evidence, held: Sequence[Flight], named: Sequence[Cause]
     base = identify_with(both, NO_HYPOTHESIS, along)
     before = _misfit(both, base, along, held)
     found = {key(()): before}
-    for causes in (named, truth):
+    for causes, values in (named, truth):
         if key(causes) not in found:
-            fit = identify_with(both, hypothesis(both.engine, causes, records), along, base)
+            fit = identify_with(both, hypothesis(both.engine, causes, records, values), along, base)
             found[key(causes)] = _misfit(both, fit, along, held)
-    return HeldBack(before, found[key(named)], found[key(truth)])
+    return HeldBack(before, found[key(named[0])], found[key(truth[0])])
 
 
 def _misfit(both: Evidence, fit: Identified, along: Nuisance, held: Sequence[Flight]) -> np.ndarray:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 SAME_MODEL, MAP_ERROR, REALISTIC = "same_model", "map_error", "realistic"
 TRUTHS = (SAME_MODEL, MAP_ERROR, REALISTIC)
@@ -31,13 +31,22 @@ WEIGHTS: Mapping[str, int] = {
 KINDS = tuple(WEIGHTS)
 """Trials by kind, with their shares when nobody chooses."""
 
+DYNAMIC = "dynamic"
+"""Of null, single and pair trials: recordings that move, and effects that remember. All of them, as one choice."""
+DYNAMIC_WEIGHTS: Mapping[str, int] = {f"{NULL}_{DYNAMIC}": 20, f"{SINGLE}_{DYNAMIC}": 60, f"{PAIR}_{DYNAMIC}": 20}
+"""Their shares: names are what is asked for most."""
+DYNAMIC_KINDS = tuple(DYNAMIC_WEIGHTS)
+"""Trials that are drawn only where they are chosen."""
+CHOICES = (*KINDS, DYNAMIC, *DYNAMIC_KINDS)
+"""What may be chosen."""
+
 MODEL_ERROR: Mapping[str, float | None] = {SAME_MODEL: 0.0, MAP_ERROR: 0.003, REALISTIC: None}
 """Accuracy of the maps that the explainer is told; None: that of the engine file, which the truth does not keep."""
 
 
 def base(kind: str) -> str:
-    """The kind without its variant of noise: null_input_noise is null."""
-    for variant in VARIANTS:
+    """The kind without its variant: null_input_noise is null."""
+    for variant in (*VARIANTS, DYNAMIC):
         kind = kind.removesuffix(f"_{variant}")
     return kind
 
@@ -45,3 +54,18 @@ def base(kind: str) -> str:
 def variant(kind: str) -> str:
     """The variant of noise; "" where there is none."""
     return next((v for v in VARIANTS if kind.endswith(v)), "")
+
+
+def moves(kind: str) -> bool:
+    """Whether the recordings of this kind of trial move."""
+    return kind in DYNAMIC_KINDS
+
+
+def all_of(chosen: Sequence[str]) -> tuple[str, ...]:
+    """The kinds of trials that choices stand for."""
+    return tuple(dict.fromkeys(k for c in chosen for k in (DYNAMIC_KINDS if c == DYNAMIC else (c,))))
+
+
+def weight(kind: str) -> int:
+    """Its share among those that are chosen."""
+    return WEIGHTS[kind] if kind in WEIGHTS else DYNAMIC_WEIGHTS[kind]

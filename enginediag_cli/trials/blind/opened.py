@@ -9,11 +9,12 @@ from typing import Any
 import numpy as np
 
 from enginediag_cli.engine.engine import Engine
+from enginediag_cli.engine.moving.tape import MOMENT
 from enginediag_cli.mismatch.explain.answer import NAMED
-from enginediag_cli.mismatch.fit.evidence import Evidence, Noise
+from enginediag_cli.mismatch.fit.evidence import Evidence, Flight, Noise
 from enginediag_cli.mismatch.fit.load import Asked, build_evidence
 from enginediag_cli.trials.blind import kinds
-from enginediag_cli.trials.blind.causes import Cause, components
+from enginediag_cli.trials.blind.causes import Begun, Cause, components
 from enginediag_cli.trials.blind.flights import hour_columns
 from enginediag_cli.trials.blind.held_back import held_back
 from enginediag_cli.trials.blind.recorded import Recorded, readings
@@ -38,7 +39,7 @@ Cells = Sequence[Mapping[str, Any]]
 
 def evidence_of(engine: Engine, sealed: Sealed, recorded: Recorded, *, clean: bool) -> Evidence:
     """The training flights as the explainer has them, or without noise, with the noise that they really have."""
-    flights = (recorded.clean if clean else recorded.noisy)[: sealed.training]
+    flights = with_past(engine, sealed, recorded.clean if clean else recorded.noisy)[: sealed.training]
     model_error, drawn = kinds.MODEL_ERROR[sealed.truth], sealed.realistic
     if clean and drawn is not None:  # what can be told at all is judged by how wrong the maps really are
         model_error = drawn.shape
@@ -54,6 +55,13 @@ def evidence_of(engine: Engine, sealed: Sealed, recorded: Recorded, *, clean: bo
     return replace(evidence, noise=noise)
 
 
+def with_past(engine: Engine, sealed: Sealed, flights: Sequence[Flight]) -> Sequence[Flight]:
+    """The flights, on tapes of the engine where they move: as whoever reads the recordings has them."""
+    if not kinds.moves(sealed.kind):
+        return flights
+    return [replace(f, columns={**f.columns, MOMENT: engine.tapes.add(f.columns)}) for f in flights]
+
+
 def opened(
     engine: Engine, sealed: Sealed, recorded: Recorded, said: Said, ask_located: Callable[[], Mapping[str, Any]]
 ) -> dict[str, Any]:
@@ -67,7 +75,7 @@ def opened(
     if kind == kinds.HIDDEN_SWITCH:
         snr = _signal_to_noise(engine, sealed)
     elif truth:
-        far = separability(clean, truth, dict(sealed.health), sealed.without)
+        far = separability(clean, truth, dict(sealed.health), sealed.without, sealed.values, _said(said))
     found = marks(sealed, far, said)
     held: dict[str, Any] = {}
     if kind == kinds.HIDDEN_SWITCH and sealed.states is not None:
@@ -76,7 +84,7 @@ def opened(
         found |= hidden_marks(components(engine, truth[0]), sealed.states[kept], snr, said)
     elif far is not None and far.ok and min(far.given) >= VISIBLE:
         found |= interval_marks(sealed, said)
-        if kind in (kinds.SINGLE, kinds.WITHHELD) and far.total >= LOCATABLE:
+        if kind in (kinds.SINGLE, kinds.WITHHELD) and not kinds.moves(sealed.kind) and far.total >= LOCATABLE:
             told = ask_located()
             cells, drivers = tuple(told.get("cells", ())), told.get("drivers", ())
             driver = sealed.effects[0].term.DRIVER
@@ -96,10 +104,19 @@ def opened(
 def _held_back(
     engine: Engine, sealed: Sealed, recorded: Recorded, truth: Sequence[Cause], said: Said
 ) -> dict[str, Any]:
-    named = [Cause.from_json(c) for c in said.raw["explanations"][0]["causes"]]
+    named = _said(said)
     evidence = evidence_of(engine, sealed, recorded, clean=False)
-    h = held_back(evidence, recorded.noisy[sealed.training :], named, truth)
+    held = with_past(engine, sealed, recorded.noisy)[sealed.training :]
+    h = held_back(evidence, held, named, (truth, sealed.values))
     return {"before": h.before.tolist(), "after": h.after.tolist(), "true": h.true.tolist()}
+
+
+def _said(said: Said) -> Begun:
+    """Causes and coefficients of the first explanation; none where nothing was named."""
+    if said.status != NAMED:
+        return (), {}
+    first = said.raw["explanations"][0]
+    return [Cause.from_json(c) for c in first["causes"]], {n: c[0] for n, c in first["coefficients"].items()}
 
 
 def _signal_to_noise(engine: Engine, sealed: Sealed) -> np.ndarray:

@@ -10,9 +10,11 @@ from pathlib import Path
 import numpy as np
 
 from enginediag_cli.engine.engine import Engine
+from enginediag_cli.engine.moving.tape import MOMENT
 from enginediag_cli.mismatch.fit.evidence import Flight
 from enginediag_cli.recordings.table import Recording
 from enginediag_cli.recordings.write import CsvWriter, output
+from enginediag_cli.trials.blind import kinds
 from enginediag_cli.trials.blind.causes import Cause
 from enginediag_cli.trials.blind.flights import hour_columns, stack
 from enginediag_cli.trials.blind.sealed import Sealed
@@ -52,6 +54,10 @@ def readings(engine: Engine, sealed: Sealed, *, exact_model: bool) -> np.ndarray
                 name = e.parameter_name(c.name)
                 theta[name] = c.absent + (sealed.values[name] - c.absent) * sealed.states
     inputs = {c: u[c] for c in (*truth.inputs, *truth.optional_inputs) if c in u}
+    if kinds.moves(sealed.kind):
+        # the truth remembers what it was told, not what was read of it
+        told = [{c: f[c] for c in ("time_s", *truth.inputs)} for f in sealed.flights]
+        inputs[MOMENT] = np.concatenate([truth.tapes.add(f) for f in told])
     if errors:
         theta.update(errors.parameters)
         inputs["humidity_kg_kg"] = np.full(n, errors.water)

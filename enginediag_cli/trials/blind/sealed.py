@@ -13,6 +13,8 @@ from enginediag_cli.trials.blind import kinds
 from enginediag_cli.trials.blind.causes import Cause
 from enginediag_cli.trials.blind.flights import draw_flights
 from enginediag_cli.trials.blind.map_error import MapErrors, draw_map_errors
+from enginediag_cli.trials.blind.memories import draw_memories
+from enginediag_cli.trials.blind.moving_flights import draw_moving_flights
 from enginediag_cli.trials.blind.truths.realistic import Realistic, draw_realistic
 from enginediag_cli.trials.blind.visible import drawable, weights
 
@@ -92,17 +94,17 @@ def draw(engine: Engine, seed: int, trial: int, truths: Sequence[str], chosen: S
     """Trial number `trial` of a seed, of one of these truths and kinds."""
     rng = stream(seed, trial)
     truth = str(rng.choice(list(truths)))
-    weights = np.array([kinds.WEIGHTS[k] for k in chosen], float)
+    weights = np.array([kinds.weight(k) for k in chosen], float)
     kind = str(rng.choice(list(chosen), p=weights / weights.sum()))
     health = draw_health(engine, rng)
-    flights, training = draw_flights(engine, rng)
+    flights, training = draw_moving_flights(engine, rng) if kinds.moves(kind) else draw_flights(engine, rng)
     realistic = None
     if truth == kinds.REALISTIC:
         realistic, kind = draw_realistic(engine, len(flights), stream(seed, trial, TRUTH_STREAM)), kinds.base(kind)
     sizes = [len(f["time_s"]) for f in flights]
     n = sum(sizes[:training])
     what = kinds.base(kind)
-    effects, values = _effects(engine, what, rng)
+    effects, values = _effects(engine, kind, rng)
     causes = [Cause(e.label) for e in effects]
     change = 0.0
     if what in (kinds.FAULT, kinds.EFFECT_AND_FAULT):
@@ -148,8 +150,11 @@ def _scales(engine: Engine, columns: Sequence[str]) -> list[str]:
     return [f"sensor.{engine.sensors[c].quantity}.scale" for c in columns]
 
 
-def _effects(engine: Engine, what: str, rng: np.random.Generator) -> tuple[tuple[Effect, ...], dict[str, float]]:
+def _effects(engine: Engine, kind: str, rng: np.random.Generator) -> tuple[tuple[Effect, ...], dict[str, float]]:
+    what = kinds.base(kind)
     count = {kinds.NULL: 0, kinds.FAULT: 0, kinds.PAIR: 2}.get(what, 1)
+    if kinds.moves(kind):
+        return draw_memories(engine, count, rng)
     library = drawable(engine)
     if what == kinds.HIDDEN_SWITCH:
         library = [e for e in library if e.term.SWITCHES]

@@ -10,12 +10,13 @@ All rivals of the same or smaller size are judged by projection at the fit witho
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
 
+from enginediag_cli.engine.moving.tape import MOMENT
 from enginediag_cli.mismatch.fit.evidence import Evidence
 from enginediag_cli.mismatch.fit.families import first_products
 from enginediag_cli.mismatch.fit.identified import (
@@ -30,13 +31,14 @@ from enginediag_cli.mismatch.fit.options import (
     Option,
     OptionScore,
     effect_option,
+    effect_options,
     fault_options,
     option_scores,
     together,
 )
 from enginediag_cli.mismatch.fit.projection import Projection
 from enginediag_cli.physics.registry import candidates
-from enginediag_cli.trials.blind.causes import Cause, Key, causes_of, hypothesis, key
+from enginediag_cli.trials.blind.causes import Begun, Cause, Key, causes_of, hypothesis, key
 
 ALIAS = 11.0
 """λ_sep below which the right of two explanations wins less than 19 times out of 20."""
@@ -44,6 +46,8 @@ ALIAS = 11.0
 REFITTED = 3
 """Rivals, nearest by projection first, that are refitted. Judgement between cost and the chance that a fourth is
 nearer."""
+REFITTED_MOVING = 5
+"""Where records know their past, whatever the projection says: a limit or a long delay is no line through nothing."""
 NEAR = 30.0
 """λ_sep by projection, beyond 5 % of λ, from which a rival is not worth a refit."""
 
@@ -67,9 +71,17 @@ class Separability:
 
 
 def separability(
-    evidence: Evidence, truth: Sequence[Cause], health: dict[str, float], without: Sequence[str]
+    evidence: Evidence,
+    truth: Sequence[Cause],
+    health: dict[str, float],
+    without: Sequence[str],
+    values: Mapping[str, float] | None = None,
+    said: Begun | None = None,
 ) -> Separability:
-    """Of the truth on noise-free evidence; `health`: true values of what is identified."""
+    """Of the truth on noise-free evidence; `health`: true values of what is identified, `values`: true coefficients,
+    where effects of the truth that are tried at some size begin. Where records know their past, rivals that are tried
+    begin at the size that says most, and more of them are refitted, since scores know such effects only roughly; so is
+    what was `said`: whether that can be told from the truth is a fact that no ranking of rivals may miss."""
     known = {n: health[n] for n in evidence.settings.nuisance if n in health}
     evidence = replace(evidence, settings=replace(evidence.settings, prior_mean=known))
     along = nuisance(evidence)
@@ -83,20 +95,26 @@ def separability(
         if not others:
             given.append(total)
             continue
-        left, good = _left(evidence, hypothesis(evidence.engine, others, n), along, base)
+        left, good = _left(evidence, hypothesis(evidence.engine, others, n, values), along, base)
         given.append(left)
         ok &= good
     if not truth or not base.converged:
         return Separability(total, tuple(given), np.nan, "", frozenset(), ok)
-    effects = [effect_option(e) for e in candidates(evidence.engine, without)]
+    moving = all(MOMENT in f.columns for f in evidence.flights)
+    library = list(candidates(evidence.engine, without))
+    effects = effect_options(library) if moving else [effect_option(e) for e in library]
     scores = option_scores(base, projection, [*effects, *fault_options(base)])
     rivals = sorted(_rivals(scores, total, len(truth), key(truth)), key=lambda r: r[0])
     judged: list[tuple[float, Key]] = []
     for k, (left, options) in enumerate(rivals):
-        if k < REFITTED and left < NEAR + 0.05 * total:
+        if (moving and k < REFITTED_MOVING) or (k < REFITTED and left < NEAR + 0.05 * total):
             left, good = _left(evidence, together(*options), along, base)
-            ok &= good
+            # a rival that moves may have a valley without end: what it has reached is what it leaves, or a little more
+            ok &= good or moving
         judged.append((left, key(causes_of(options))))
+    if moving and said is not None and said[0] and key(said[0]) != key(truth) and len(said[0]) <= len(truth):
+        left, _ = _left(evidence, hypothesis(evidence.engine, said[0], n, said[1]), along, base)
+        judged.append((left, key(said[0])))
     nearest, name = min(judged, key=lambda j: j[0], default=(total, frozenset({"nothing"})))
     return Separability(
         total,
@@ -156,6 +174,8 @@ def _joint(a: OptionScore, b: OptionScore, r: float) -> float:
 
 def _possible(s: OptionScore, z: float) -> bool:
     """Whether an effect's first coefficient, in units of its own length, would be within its physical bounds."""
+    if s.option.tried:
+        return s.feasible
     for e in s.option.hypothesis.effects:
         c = e.term.amplitudes()[0]
         value = c.absent + z / max(s.score.length, 1e-300)

@@ -66,6 +66,27 @@ SCORES: Mapping[str, Score] = {
     "no_verdict": Score("no_verdict", _ALL, "<= 0.01", "<= 0.02"),
 }
 
+_SINGLE_DYNAMIC, _PAIR_DYNAMIC, _NULL_DYNAMIC = (
+    (f"{kind}_{kinds.DYNAMIC}",) for kind in (kinds.SINGLE, kinds.PAIR, kinds.NULL)
+)
+_CONCEALED = (*_SINGLE_DYNAMIC, *_PAIR_DYNAMIC)
+DYNAMIC_SCORES: Mapping[str, Score] = {
+    "dynamic_exact": Score("exact", _SINGLE_DYNAMIC, ">= 0.90", ">= 0.90"),
+    "dynamic_covered": Score("covered", _SINGLE_DYNAMIC),
+    "dynamic_alias_set_size": Score("alias_set_size", _SINGLE_DYNAMIC, size=True),
+    "dynamic_found": Score("found", _SINGLE_DYNAMIC),
+    "dynamic_wrongly_none": Score("wrongly_none", _SINGLE_DYNAMIC),
+    "dynamic_wrong_name": Score("false_name", _CONCEALED),
+    "dynamic_false_name": Score("false_name", _NULL_DYNAMIC, "<= 0.05", "<= 0.05"),
+    "dynamic_false_finding": Score("false_finding", _NULL_DYNAMIC),
+    "dynamic_exact_pair": Score("exact", _PAIR_DYNAMIC),
+    "dynamic_pair_covered": Score("covered", _PAIR_DYNAMIC),
+    "dynamic_interval": Score("interval", _CONCEALED, "0.92 to 0.98", "0.92 to 0.98"),
+    "dynamic_held_out_gain": Score("held_out_gain", _CONCEALED, ">= 0.95", ">= 0.95"),
+    "dynamic_no_verdict": Score("no_verdict", kinds.DYNAMIC_KINDS),
+}
+"""Told of trials whose recordings move, apart from the others."""
+
 FALSE_SENSOR = Score("false_sensor", _ALL, realistic="<= 0.03")
 """Asked of realistic truths, beside what is asked of every truth."""
 SURE, PROBABLE = 0.9, 0.7
@@ -99,6 +120,8 @@ def sheet(records: Sequence[Record]) -> dict[str, Any]:
     """Every score: the headline over all truths, then per truth, with all kinds of trials that it has. Of realistic
     truths also whether names are right as often as they are said to be, and whether instruments are named wrongly."""
     found = {name: _score(score, records) for name, score in SCORES.items()}
+    if any(kinds.moves(r["kind"]) for r in records):
+        found |= {name: _score(score, records) for name, score in DYNAMIC_SCORES.items()}
     if kinds.REALISTIC not in truths_of(records):
         return found
     said = [(p, bool(right)) for p, right in (r["marks"]["answered"] for r in records if "answered" in r["marks"])]
@@ -131,7 +154,8 @@ def _score(score: Score, records: Sequence[Record]) -> dict[str, Any]:
     for truth in truths_of(records):
         own = [r for r in records if r["truth"] == truth]
         entry = _rate(score, [r for r in own if r["kind"] in score.headline])
-        by_kind = {k: _rate(score, [r for r in own if r["kind"] == k]) for k in kinds.KINDS}
+        known = kinds.DYNAMIC_KINDS if set(score.headline) <= set(kinds.DYNAMIC_KINDS) else kinds.KINDS
+        by_kind = {k: _rate(score, [r for r in own if r["kind"] == k]) for k in known}
         whole[truth] = entry | {
             "target": score.target[truth] or None,
             "kinds": {k: v for k, v in by_kind.items() if v["of"]},

@@ -51,12 +51,15 @@ def run_trial(plan: Plan, trial: int, explainer: Correspondent) -> dict[str, Any
 
         # what a trial finds must not depend on what was done before it
         scored = opened(load_engine(path_of_model), sealed, recorded, Said.of(told[0]), located)
-        if kinds.base(sealed.kind) == kinds.NULL and sealed.truth == kinds.MAP_ERROR:
+        stands = not kinds.moves(sealed.kind)
+        if stands and kinds.base(sealed.kind) == kinds.NULL and sealed.truth == kinds.MAP_ERROR:
             told.append(explainer.ask(question | {"model_error": 0.0}))
             if "error" not in told[-1]:
                 scored["marks"]["false_name_without_floor"] = told[-1]["status"] in (NAMED, HIDDEN)
     if sealed.realistic is not None:
         scored |= {"engine": engine.name, "shape": sealed.realistic.shape, "airline": sealed.realistic.airline}
+    if kinds.moves(sealed.kind):
+        scored |= {"engine": engine.name}
     explaining = sum(t.get("seconds", 0.0) for t in told)
     return scored | {"seconds": round(process_time() - begun, 3), "explainer_seconds": round(explaining, 3)}
 
