@@ -1,5 +1,5 @@
-"""Recordings of the Citation in transients, where they lie beside the checkout: inertias and lags found on half a flight
-of one engine, on flights and an engine that they were not fitted to."""
+"""Recordings of the Citation in transients, where they lie beside the checkout: inertias and lags found on half a
+flight of one engine, on flights and an engine that they were not fitted to."""
 
 from __future__ import annotations
 
