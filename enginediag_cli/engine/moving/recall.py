@@ -28,8 +28,9 @@ from enginediag_cli.engine.moving.tape import MOMENT, Tape, Tapes
 if TYPE_CHECKING:
     from enginediag_cli.engine.engine import Engine
 
-SWEEPS = 12
-"""Solves of a tape at most. Judgement: a memory that gives back a tenth of its signal needs nine."""
+SWEEPS = 30
+"""Solves of a tape at most. A memory that gives back a tenth of its signal needs nine; heat soak that takes a quarter,
+half of what its range allows, more than twelve on a real flight."""
 SETTLED = 1e-9
 """Of the largest value of a memory: a sweep that changes less was the last."""
 KEPT = 20_000_000

@@ -193,3 +193,8 @@ def test_a_reading_keeps_its_soak_term_beside_what_an_engine_remembers():
     )
     np.testing.assert_allclose((with_soak.y - without.y)[:, 0], -0.02 * columns["N1_soak_rpm"], atol=1e-9)
     np.testing.assert_allclose(with_soak.jacobian[:, 0, 0], columns["N1_soak_rpm"], atol=1e-9)
+
+
+def test_heat_soak_that_takes_a_quarter_of_the_heat_settles():
+    engine = moving("citation_jt15d", heat_soak__lpt={"exchange": 0.25, "time_constant": 27.0})
+    assert engine.predict(on_tape(engine, flight(engine, 40)), sensors=["ITT_K"]).ok.all()
