@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import click
 
@@ -19,13 +19,22 @@ from enginediag_cli.errors import ExitCode
 from enginediag_cli.presentation.messages import Messages
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Callable, Sequence
 
     from enginediag_cli.engine.term import Effect
     from enginediag_cli.mismatch.fit.evidence import Evidence, Flight
     from enginediag_cli.mismatch.fit.load import Case, Loaded
     from enginediag_cli.mismatch.refine.refine import Refinement
     from enginediag_cli.mismatch.unrecorded.hidden import HiddenFinding
+
+
+class Written(NamedTuple):
+    """Files to write: the engine file, the report and the picture, if any, and the head of what is written."""
+
+    place: str
+    report: str | None
+    picture: str | None
+    head: tuple[str, ...]
 
 
 @click.command(short_help="Put a missing effect into the model, if unseen flights gain by it.", epilog=exit_codes())
@@ -125,7 +134,9 @@ def refine(
         raise click.UsageError("no flight is left to fit the effects to")
     if loaded.control is not None:
         head = provenance("refine", case, inherited, unseen=", ".join(evidence.flights[k].label for k in unseen))
-        return _control(messages, case, loaded, unseen, (output_path, report, head))
+        if states:
+            messages.note(f"{states}: not written; what a control does in a record is in active_limit of simulate")
+        return _control(messages, case, loaded, unseen, Written(output_path, report, picture, head))
     evidence = judged_by_trained_noise(evidence, unseen)
     training = evidence.only([k for k in range(len(evidence.flights)) if k not in unseen])
     if terms:
@@ -146,7 +157,7 @@ def refine(
     except ValueError as error:
         raise click.UsageError(str(error)) from None
     head = provenance("refine", case, inherited, unseen=", ".join(evidence.flights[k].label for k in unseen))
-    _present(messages, found, report, picture, head)
+    _present(messages, found, Written(output_path, report, picture, head))
     told = refusal(found)
     if told:
         messages.error(f"{told}; {output_path} is not written")
@@ -161,43 +172,34 @@ def refine(
     return ExitCode.DONE
 
 
-def _control(
-    messages: Messages, case: Case, loaded: Loaded, unseen: list[int], to: tuple[str, str | None, tuple[str, ...]]
-) -> ExitCode:
-    """Put the control that the engine lacks into its file, if unseen flights gain; `to`: the file, the report and its
-    head."""
-    from enginediag_cli.mismatch.fit.load import as_recordings
+def _control(messages: Messages, case: Case, loaded: Loaded, unseen: list[int], to: Written) -> ExitCode:
+    """Put the control that the engine lacks into its file, if unseen flights gain."""
+    from enginediag_cli.mismatch.fit.evidence import as_recordings
     from enginediag_cli.mismatch.refine.controlled import refine_control
     from enginediag_cli.mismatch.refine.file import moved_text, write_refined
     from enginediag_cli.presentation import refined_controls
     from enginediag_cli.presentation.controls import control_sentences
-    from enginediag_cli.presentation.output import SUFFIX_FORMATS, Output, table_suffix
-    from enginediag_cli.presentation.summaries import REFINE
 
     assert loaded.control is not None and loaded.as_described is not None
-    place, report, head = to
     described, engine = loaded.as_described
     flights = as_recordings(loaded.evidence.flights)
     training = [f for k, f in enumerate(flights) if k not in unseen]
     found = refine_control(loaded.control, described, engine, training, [flights[k] for k in unseen])
     for line in (*control_sentences(loaded.control), *refined_controls.sentences(found)):
         messages.note(line)
-    if report:
-        out = Output(report, "auto" if table_suffix(report) in SUFFIX_FORMATS else "table")
-        rows = list(refined_controls.rows(found))
-        out.write_document(
-            lambda: refined_controls.document(found, head),
-            rows,
-            refined_controls.COLUMNS,
-            summary=REFINE,
-            provenance=head,
-        )
+    rows = list(refined_controls.rows(found))
+    _report(to, rows, refined_controls.COLUMNS, lambda: refined_controls.document(found, to.head))
+    if to.picture and found.after:
+        from enginediag_cli.presentation.output import Output
+        from enginediag_cli.presentation.refined_control_picture import picture
+
+        Output(to.picture).write_text(picture(found))
     if not found.accepted:
-        messages.error(f"{refined_controls.refusal(found)}; {place} is not written")
+        messages.error(f"{refined_controls.refusal(found)}; {to.place} is not written")
         return ExitCode.NO_VERDICT
     source = _source(case, loaded.evidence, unseen)
-    text = found.law.written(moved_text(case.engine, place), case.engine, source, found.standard_errors)
-    write_refined(text, place, found.law.engine(described, engine.power_setting))
+    text = found.law.written(moved_text(case.engine, to.place), case.engine, source, found.standard_errors)
+    write_refined(text, to.place, found.law.engine(described, engine.power_setting))
     return ExitCode.DONE
 
 
@@ -265,12 +267,8 @@ def _explained(
     return effects, None
 
 
-def _present(
-    messages: Messages, found: Refinement, report: str | None, picture: str | None, head: tuple[str, ...]
-) -> None:
+def _present(messages: Messages, found: Refinement, to: Written) -> None:
     from enginediag_cli.presentation import refinements
-    from enginediag_cli.presentation.output import SUFFIX_FORMATS, Output, table_suffix
-    from enginediag_cli.presentation.summaries import REFINE
     from enginediag_cli.presentation.tables import short_cell
 
     rows = list(refinements.rows(found))
@@ -283,15 +281,23 @@ def _present(
             messages.note(f"{what:{width}}  {short_cell(r['before']):>10}  {short_cell(r['after']):>10}{unit}")
     for line in refinements.sentences(found):
         messages.note(line)
-    if report:
-        out = Output(report, "auto" if table_suffix(report) in SUFFIX_FORMATS else "table")
-        out.write_document(
-            lambda: refinements.document(found, head), rows, refinements.COLUMNS, summary=REFINE, provenance=head
-        )
-    if picture and found.unseen is not None:
-        from enginediag_cli.presentation.refinement_picture import picture as draw
+    _report(to, rows, refinements.COLUMNS, lambda: refinements.document(found, to.head))
+    if to.picture and found.unseen is not None:
+        from enginediag_cli.presentation.output import Output
+        from enginediag_cli.presentation.refinement_picture import picture
 
-        Output(picture).write_text(draw(found))
+        Output(to.picture).write_text(picture(found))
+
+
+def _report(
+    to: Written, rows: list[dict[str, Any]], columns: Sequence[str], document: Callable[[], dict[str, Any]]
+) -> None:
+    from enginediag_cli.presentation.output import SUFFIX_FORMATS, Output, table_suffix
+    from enginediag_cli.presentation.summaries import REFINE
+
+    if to.report:
+        out = Output(to.report, "auto" if table_suffix(to.report) in SUFFIX_FORMATS else "table")
+        out.write_document(document, rows, columns, summary=REFINE, provenance=to.head)
 
 
 def _write(evidence: Evidence, found: Refinement, case: Case, unseen: list[int], place: str) -> None:

@@ -176,3 +176,7 @@ def select(condition: Array, a: Value, b: Value) -> Value:
 
 def maximum(a: Value, b: Value) -> Value:
     return select(np.asarray(value(a) >= value(b)), a, b)
+
+
+def minimum(a: Value, b: Value) -> Value:
+    return select(np.asarray(value(a) <= value(b)), a, b)

@@ -89,14 +89,14 @@ class Engine:
     @property
     def wanders(self) -> dict[str, float]:
         """Input columns with what an actuator stands off its rest by, and by how much that differs from day to day."""
-        found = (getattr(c, "release", None) for c in self.network.controls)
+        found = (c.release for c in self.network.controls)
         return {r.wander: r.rest_sigma for r in found if r is not None and r.wander}
 
     def undecided(self, inputs: Mapping[str, Any]) -> dict[str, Array]:
         """Control → records (N,) whose inputs do not tell whether it acts."""
         found = {}
         for c in self.network.controls:
-            release = getattr(c, "release", None)
+            release = c.release
             if release is not None and release.margin > 0.0 and release.column in inputs:
                 found[c.name] = release.undecided(np.asarray(inputs[release.column], dtype=float))
         return found

@@ -63,6 +63,9 @@ class Network:
     ):
         self.gas = gas
         self.controls = tuple(controls)
+        # the fuel control, where one is declared, and positions that controls set, by the leaf of the actuator
+        self.governor = next((c for c in self.controls if isinstance(c, Governor)), None)
+        self.derived: dict[str, Derived] = {leaf: at for c in self.controls for leaf, at in c.position().items()}
         self.components = tuple(components)
         self.shafts = {s["name"]: s for s in shafts}
         self.power_setting = power_setting
@@ -99,16 +102,6 @@ class Network:
         if self.power_setting in self.speed_columns:
             return f"{self.speed_columns[self.power_setting]}.speed_rpm"
         return None
-
-    @property
-    def governor(self) -> Governor | None:
-        """The fuel control, where one is declared."""
-        return next((c for c in self.controls if isinstance(c, Governor)), None)
-
-    @property
-    def derived(self) -> dict[str, Derived]:
-        """Positions that controls set, by the leaf of the actuator."""
-        return {leaf: at for c in self.controls for leaf, at in c.position().items()}
 
     @property
     def air_speed_column(self) -> str | None:
@@ -270,10 +263,6 @@ class Network:
             elif self.shafts[name]["speed"] == "constant":
                 found[f"{name}.speed_rpm"] = self.shafts[name]["design_speed_rpm"]
         return found
-
-    def has_input(self, column: str) -> bool:
-        """Whether a column is an input, under its own name or as a leaf."""
-        return column in self.inputs()
 
     def leaf_of(self, column: str) -> str:
         """The leaf that an input column sets, for derivatives with respect to inputs."""

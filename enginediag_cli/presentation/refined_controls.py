@@ -40,6 +40,11 @@ def sentences(r: ControlRefinement) -> Iterator[str]:
     for name, row in zip(names, told, strict=True):
         one, other = (with_unit(row[k], row["unit"]) for k in ("before", "after"))
         yield f"{name:{width}}  {one:>10}  {other:>10}  {row['n']:>8,}"
+    yield from fall_in_words(r)
+
+
+def fall_in_words(r: ControlRefinement) -> Iterator[str]:
+    """By how much errors on unseen flights fall, where that was judged."""
     if math.isfinite(r.fall):
         yield (
             f"Errors on unseen flights are {rounded(math.exp(r.fall))} times smaller (mean over the sensors), in "

@@ -12,12 +12,17 @@ from enginediag_cli.presentation.pictures.svg import BLUE, FAINT, HEADING, INK, 
 from enginediag_cli.presentation.refinements import alarms_in_words, named_effect, unseen_in_words
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from enginediag_cli.identification.quality import SensorQuality
     from enginediag_cli.mismatch.refine.refine import Refinement
 
 WIDTH, MARGIN, LEFT, RIGHT = 844.0, 16.0, 180.0, 220.0
 """Pixels of the whole, of its margin, and of the names and numbers on either side of the bars."""
 ROW, BAR, LETTER = 22.0, 12.0, 6.6
 """Pixels of a row, of the bar in it, and of a letter of the notes, generously."""
+HEAD, LINE, BESIDE_ROWS = 60.0, 17.0, 92.0
+"""Pixels of the title, of a line of the notes, and of what stands above and below the rows of the sensors."""
 SPAN = WIDTH - LEFT - RIGHT
 MOST_FLIGHTS, MOST_LETTERS = 15, 25
 """What fits on a page: flights, and letters of a flight's name."""
@@ -30,26 +35,35 @@ def picture(r: Refinement) -> str:
         raise ValueError("a refinement without unseen flights has no picture")
     title = f"{' and '.join(e.label for e in r.effects)}: before and after, on flights that were not fitted"
     told = [f"In the model now: {named_effect(e)}" for e in r.effects] + [unseen_in_words(r), alarms_in_words(r)]
-    told = [re.sub(r" (?=%|= )|(?<=[=<]) ", "\u00a0", text) for text in told]  # no line ends between number and unit
-    lines = [line for text in told for line in textwrap.wrap(text, int((WIDTH - 2 * MARGIN) / LETTER))]
+    lines = lines_of(told)
     gains = list(zip(u.labels, u.flight_gains.tolist(), strict=True))
     shown = gains if len(gains) <= MOST_FLIGHTS else gains[: MOST_FLIGHTS - 1]
-    top = 60.0 + 17 * len(lines)
-    below = top + 92 + ROW * len(u.quality_before)
+    top = HEAD + LINE * len(lines)
+    below = top + BESIDE_ROWS + ROW * len(u.quality_before)
     left_out = gains[len(shown) :]
-    on = Drawing(WIDTH, below + 24 + ROW * (len(shown) + bool(left_out)), title)
-    on.words(MARGIN, 28, title, letters=TITLE)
-    for number, line in enumerate(lines):
-        on.words(MARGIN, 52 + 17 * number, line)
-    _sensors(on, r, top)
+    on = headed(title, lines, below + 24 + ROW * (len(shown) + bool(left_out)))
+    draw_sensors(on, list(zip(u.quality_before, u.quality_after, strict=True)), top)
     _gains(on, shown, left_out, below)
     return on.text()
 
 
-def _sensors(on: Drawing, r: Refinement, top: float) -> None:
-    """RMS of every sensor's residual in its standard deviations, and in its unit."""
-    assert r.unseen is not None
-    pairs = list(zip(r.unseen.quality_before, r.unseen.quality_after, strict=True))
+def lines_of(told: Sequence[str]) -> list[str]:
+    """Notes as lines of the picture's width."""
+    together = [re.sub(r" (?=%|= )|(?<=[=<]) ", "\u00a0", text) for text in told]  # number and unit stay together
+    return [line for text in together for line in textwrap.wrap(text, int((WIDTH - 2 * MARGIN) / LETTER))]
+
+
+def headed(title: str, lines: Sequence[str], height: float) -> Drawing:
+    """A page with its title and notes."""
+    on = Drawing(WIDTH, height, title)
+    on.words(MARGIN, 28, title, letters=TITLE)
+    for number, line in enumerate(lines):
+        on.words(MARGIN, 52 + LINE * number, line)
+    return on
+
+
+def draw_sensors(on: Drawing, pairs: Sequence[tuple[SensorQuality, SensorQuality]], top: float) -> None:
+    """RMS of every sensor's residual before and after, in its standard deviations and in its unit."""
     values = [q.chi2**0.5 for pair in pairs for q in pair if q.n]
     low, high = padded([*values, 1.0], 0.08)
 

@@ -20,6 +20,9 @@ HELD = (
 )
 
 
+AIMED = "{name: v, actuator: compressor.vane_closing_deg, hold: T5_K"
+
+
 def made(folder: Path, file: Path, *edits: tuple[str, str], more: str = "") -> Engine:
     text = file.read_text(encoding="utf-8")
     for old, new in edits:
@@ -177,6 +180,11 @@ def test_without_limits_met_the_fuel_control_changes_nothing(tmp_path: Path) -> 
         ("{name: v, actuator: compressor.vane_closing_deg, hold: P0_Pa}", "does not move P0_Pa"),
         ("{name: v, actuator: compressor.vane_closing_deg, hold: T5_K, low: 50, high: 10}", "must rise"),
         ("{name: v, actuator: fuel, hold: T4_K, low: 0}", "no schedule, record or stops"),
+        (f"{AIMED}, acts_while: {{column: T44_K, side: at_most, value: 900}}}}", "the model has no column 'T44_K'"),
+        (
+            f"{AIMED}, acts_while: {{column: P3_Pa, side: at_most, value: 1e6, rest_sigma: 1}}}}",
+            "rest_sigma needs an input",
+        ),
     ],
 )
 def test_a_control_that_cannot_be_says_where_and_why(tmp_path: Path, more: str, told: str) -> None:

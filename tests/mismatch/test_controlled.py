@@ -17,6 +17,7 @@ from enginediag_cli.mismatch.controlled.find import Found, find_law
 from enginediag_cli.mismatch.controlled.still import still_readings
 from enginediag_cli.mismatch.refine.controlled import refine_control
 from enginediag_cli.physics.engine_file import load_engine
+from enginediag_cli.presentation.refined_control_picture import picture
 
 CONFIGS = Path(__file__).parents[2] / "configs"
 PLANT = CONFIGS / "power_plant.yaml"
@@ -106,6 +107,8 @@ def test_unseen_hours_judge_the_control() -> None:
     after = {(q.sensor, q.regime): q.rms for q in r.after}
     assert after["T5_K", "held"] < 1.3  # the sensor's noise is 1 K
     assert after["P3_Pa", "held"] < 1.0 and after["power_W", "held"] < 1.0  # per cent
+    drawn = picture(r)
+    assert "P3_Pa" in drawn and "compressor guide vanes" in drawn.replace("&#160;", " ").lower()
     other = refine_control(found(), description, engine, [hours(machine, 700, 1)], [hours(truth(""), 400, 5)])
     assert not other.accepted  # a machine without it
 

@@ -8,13 +8,13 @@ from typing import Any
 import numpy as np
 
 from enginediag_cli.config.fields import Field, Section
-from enginediag_cli.engine.components.base import FROM, NAME, TO, Actuator, Component, Design, scalar
-from enginediag_cli.engine.components.burner import burnt, heating_fuel
+from enginediag_cli.engine.components.base import FROM, NAME, TO, Actuator, scalar
+from enginediag_cli.engine.components.burner import Combustor, burnt, heating_fuel
 from enginediag_cli.engine.dual import Dual, Value, chain, select, value
 from enginediag_cli.engine.evaluation import Evaluation
 from enginediag_cli.engine.flow import Flow, at_impulse, at_mach, kept, static_pressure
 from enginediag_cli.engine.gas import T_FIT
-from enginediag_cli.parameters import Parameter, spelled
+from enginediag_cli.parameters import spelled
 
 LARGEST_FAR = 0.07
 """Upper stop of fuel over air: no fuel burns beyond it."""
@@ -30,7 +30,7 @@ SETTINGS: dict[str, tuple[str, str, float | None, str]] = {
 """What may be set: quantity of the actuator, its unit, its upper stop where every engine has the same, and words."""
 
 
-class Afterburner(Component):
+class Afterburner(Combustor):
     """W_out h_out = W h + W_f (η LHV), enthalpies from 298.15 K; P_out = P (1 − loss) × heating loss.
 
     Its fuel is an actuator that stands at zero, where it is a duct with the same loss: fuel over the dry air that
@@ -86,6 +86,7 @@ class Afterburner(Component):
         ),
     )
     area_m2 = 1.0
+    efficiency_sigma = 0.02
 
     def __init__(self, values: Mapping[str, Any]):
         super().__init__(values)
@@ -94,20 +95,6 @@ class Afterburner(Component):
         if stop is None:
             raise ValueError(f"{self.name}: set_by fuel_flow needs an upper_stop, the largest fuel flow in kg/s")
         self.upper_stop: float = stop
-
-    def parameters(self) -> tuple[Parameter, ...]:
-        v = self.values
-        return (
-            self.health("efficiency", "combustion efficiency, factor", 0.02, words="combustion efficiency", wear=-1),
-            self.design("pressure_loss", Design(v["pressure_loss"], 0.01, 0.0, 0.3, part=True), "1", "ΔP/P"),
-            self.design(
-                "lower_heating_value_J_kg",
-                Design(v["lower_heating_value_J_kg"], 0.3e6, 1e6, 150e6),
-                "J/kg",
-                "lower heating value of the fuel",
-                words="lower heating value",
-            ),
-        )
 
     def actuators(self) -> tuple[Actuator, ...]:
         return (
@@ -129,17 +116,12 @@ class Afterburner(Component):
         elif self.quantity == "fuel_air_ratio":
             fuel = setting * (inlet.W / inlet.mixture.per_dry_air())
         else:
-            fuel = fuel_for(inlet, setting, self._released(e))
+            fuel = fuel_for(inlet, setting, self.released(e))
         self._deliver(e, inlet, fuel)
-
-    def _released(self, e: Evaluation) -> Value:
-        return e[f"{self.name}.lower_heating_value_J_kg"] * (
-            e[f"{self.name}.efficiency"] * self.values["combustion_efficiency"]
-        )
 
     def _deliver(self, e: Evaluation, inlet: Flow, fuel: Value) -> None:
         cold = inlet.with_(P=inlet.P * (1.0 - e[f"{self.name}.pressure_loss"]))
-        hot = burnt(inlet, fuel, self._released(e), cold.P)
+        hot = burnt(inlet, fuel, self.released(e), cold.P)
         off = np.broadcast_to(np.asarray(value(fuel) == 0.0), (e.size,))
         if off.any():
             hot = Flow(hot.gas, hot.mixture, hot.W, hot.P, h=kept(off, cold.h, hot.h))
@@ -173,7 +155,7 @@ class Afterburner(Component):
                 f"exit_temperature_K, {v['exit_temperature_K']:.0f} K; leave that out for an afterburner that is not "
                 "lit there"
             )
-        fuel = fuel_for(inlet, inlet.T * 0.0 + v["exit_temperature_K"], self._released(e))
+        fuel = fuel_for(inlet, inlet.T * 0.0 + v["exit_temperature_K"], self.released(e))
         far = scalar(fuel / (inlet.W / inlet.mixture.per_dry_air()))
         there = 0.0 if inlet.mixture.far is None else scalar(inlet.mixture.far)
         if not far + there <= e.gas.stoichiometric_far:

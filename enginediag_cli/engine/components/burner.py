@@ -15,7 +15,40 @@ SIZING_ITERATIONS = 80
 gives."""
 
 
-class Burner(Component):
+class Combustor(Component):
+    """What every burner has: heat that its fuel releases, and a loss of pressure.
+
+    `efficiency_sigma`: how far its combustion efficiency plausibly lies from what is stated.
+    """
+
+    efficiency_sigma = 0.01
+
+    def parameters(self) -> tuple[Parameter, ...]:
+        v, sigma = self.values, self.efficiency_sigma
+        return (
+            self.health("efficiency", "combustion efficiency, factor", sigma, words="combustion efficiency", wear=-1),
+            self.design(
+                "pressure_loss",
+                Design(v["pressure_loss"], 0.01, 0.0, 0.3, part=True),
+                "1",
+                "ΔP/P",
+            ),
+            self.design(
+                "lower_heating_value_J_kg",
+                Design(v["lower_heating_value_J_kg"], 0.3e6, 1e6, 150e6),
+                "J/kg",
+                "lower heating value of the fuel",
+                words="lower heating value",
+            ),
+        )
+
+    def released(self, e: Evaluation) -> Value:
+        """Heat of a kilogram of fuel (N,) above 298.15 K, J/kg."""
+        share = e[f"{self.name}.efficiency"] * self.values["combustion_efficiency"]
+        return e[f"{self.name}.lower_heating_value_J_kg"] * share
+
+
+class Burner(Combustor):
     """W₄ h₄ = W₃ h₃ + W_f (η LHV), enthalpies from 298.15 K; P₄ = P₃ (1 − loss).
 
     The fuel flow is an input when it is the power setting, else unknown, solved for as corrected flow
@@ -52,25 +85,6 @@ class Burner(Component):
     )
     corrected_fuel_kg_s = 1.0
 
-    def parameters(self) -> tuple[Parameter, ...]:
-        v = self.values
-        return (
-            self.health("efficiency", "combustion efficiency, factor", 0.01, words="combustion efficiency", wear=-1),
-            self.design(
-                "pressure_loss",
-                Design(v["pressure_loss"], 0.01, 0.0, 0.3, part=True),
-                "1",
-                "ΔP/P",
-            ),
-            self.design(
-                "lower_heating_value_J_kg",
-                Design(v["lower_heating_value_J_kg"], 0.3e6, 1e6, 150e6),
-                "J/kg",
-                "lower heating value of the fuel",
-                words="lower heating value",
-            ),
-        )
-
     def unknowns(self) -> tuple[Unknown, ...]:
         return (Unknown(f"{self.name}.corrected_fuel", lower=0.01, upper=5.0),)
 
@@ -81,10 +95,7 @@ class Burner(Component):
             fuel = e[f"{self.name}.corrected_fuel"] * (e.delta2 * sqrt(e.theta2) * self.corrected_fuel_kg_s)
         v = self.values
         inlet = e.flows[v["from"]]
-        released = e[f"{self.name}.lower_heating_value_J_kg"] * (
-            e[f"{self.name}.efficiency"] * v["combustion_efficiency"]
-        )
-        e.flows[v["to"]] = burnt(inlet, fuel, released, inlet.P * (1.0 - e[f"{self.name}.pressure_loss"]))
+        e.flows[v["to"]] = burnt(inlet, fuel, self.released(e), inlet.P * (1.0 - e[f"{self.name}.pressure_loss"]))
         e.outputs["Wf_kg_s"] = fuel
 
     def size(self, e: Evaluation) -> None:

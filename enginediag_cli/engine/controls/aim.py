@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from enginediag_cli.engine.components.base import scalar
 from enginediag_cli.engine.controls.schedule import Schedule
-from enginediag_cli.engine.dual import Value, maximum
+from enginediag_cli.engine.dual import Value, maximum, minimum
 from enginediag_cli.engine.evaluation import Evaluation
 from enginediag_cli.parameters import Parameter, spelled
 from enginediag_cli.units import split_column
@@ -106,5 +106,5 @@ def selected(first: Aim, limits: tuple[Aim, ...], e: Evaluation, network: Networ
     F = first.surplus(e, network)
     for limit in limits:
         one = limit.surplus(e, network)
-        F = maximum(F, one) if limit.caps else -1.0 * maximum(-1.0 * F, -1.0 * one)
+        F = maximum(F, one) if limit.caps else minimum(F, one)
     return F

@@ -2,11 +2,7 @@
 
 from __future__ import annotations
 
-from enginediag_cli.engine.dual import Value, maximum
-
-
-def minimum(a: Value, b: Value) -> Value:
-    return -1.0 * maximum(-1.0 * a, -1.0 * b)
+from enginediag_cli.engine.dual import Value, maximum, minimum
 
 
 def between_stops(above_low: Value, below_high: Value, surplus: Value) -> Value:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 from enginediag_cli.engine.components.base import Actuator, Unknown
 from enginediag_cli.engine.controls.aim import Aim
+from enginediag_cli.engine.controls.release import Release
 from enginediag_cli.engine.dual import Array, Value
 from enginediag_cli.engine.evaluation import Evaluation
 from enginediag_cli.parameters import Parameter
@@ -35,6 +36,7 @@ class Control(ABC):
     """One actuator and what moves it."""
 
     pace = Pace()
+    release: Release | None = None  # when it acts, where it does not always
 
     def __init__(self, name: str, actuator: Actuator):
         self.name, self.actuator = name, actuator

@@ -20,7 +20,8 @@ UNMOVED = 1e-9
 
 def orient(network: Network, leaves: Mapping[str, Any]) -> None:
     """Gives every aim of every control its sign and, where it has none, its set point. Raises ValueError for an
-    actuator that does not move what it is to hold, KeyError for a column that the model does not have.
+    actuator that does not move what it is to hold and for a wander without an input that releases it, KeyError for a
+    column that the model does not have.
 
     dq/dx = q_x − q_z F_z⁻¹ F_x along the balances F and unknowns z of the engine without controls, all other actuators
     at neutral and, but for the fuel control itself, at constant power setting.
@@ -36,6 +37,8 @@ def orient(network: Network, leaves: Mapping[str, Any]) -> None:
     held = network.governor.aim.column if network.governor is not None else network.power_setting
     asked = {} if network.given_leaf else {held: network.read(e, held)}
     for control in network.controls:
+        if control.release is not None:
+            control.release.check(e, network)
         governs = not control.position()
         along = fuel if governs else control.actuator.name
         free = [n for n in unknowns if not (governs and n == fuel)]

@@ -35,8 +35,19 @@ class Release:
     def released(self, e: Evaluation, network: Network) -> Array:
         """Records (N,) in which the control does not act."""
         # of an input what is recorded, whatever effects make of it: that is what the control itself goes by
-        x = e.leaves[network.leaf_of(self.column)] if network.has_input(self.column) else network.read(e, self.column)
+        x = e.leaves[self.column] if self.column in e.leaves else network.read(e, self.column)
         return self._beyond(x, e.size)
+
+    def check(self, e: Evaluation, network: Network) -> None:
+        """Raises KeyError for a column that the model does not have, ValueError for a wander without an input."""
+        if self.column in network.inputs():
+            return
+        network.read(e, self.column)
+        if self.wander:
+            raise ValueError(
+                f"rest_sigma needs an input in acts_while, one of {', '.join(network.inputs())}: when the actuator "
+                f"wanders must be recorded, and {self.column} is what the model finds"
+            )
 
     def _beyond(self, x: Value, size: int) -> Array:
         plain = np.broadcast_to(np.asarray(value(x)), (size,))

@@ -11,7 +11,7 @@ from enginediag_cli.engine.components.base import Unknown
 from enginediag_cli.engine.controls.control import AT_LIMIT, Control, Derived
 from enginediag_cli.engine.controls.schedule import Schedule
 from enginediag_cli.engine.controls.stops import Stops
-from enginediag_cli.engine.dual import Array, Value, maximum, value
+from enginediag_cli.engine.dual import Array, Value, maximum, minimum, value
 from enginediag_cli.engine.evaluation import Evaluation
 from enginediag_cli.parameters import Parameter
 
@@ -53,4 +53,4 @@ class Scheduled(Control):
 
     def _stopped(self, e: Evaluation, position: Value) -> Value:
         low, high = e[f"{self.name}.low"], e[f"{self.name}.high"]
-        return -1.0 * maximum(-1.0 * maximum(position, low), -1.0 * high)
+        return minimum(maximum(position, low), high)

@@ -35,10 +35,11 @@ SEPARATED = 0.05
 
 @dataclass(frozen=True)
 class Tried:
-    """A law as fitted: `gain`: mean fall of ln error against the model without it, in `blocks` of the blocks; `fit` of
-    the records that laws are compared by."""
+    """A law as fitted: `gain`: mean fall of ln error against the model without it, in `blocks` of the blocks; `engine`:
+    with it; `fit` of the records that laws are compared by."""
 
     law: ControlLaw
+    engine: Engine
     fit: Fitted
     gain: float
     blocks: float
@@ -46,15 +47,13 @@ class Tried:
 
 @dataclass(frozen=True)
 class Found:
-    """`best`: the law that is found, with its numbers as fitted; `standard_errors` by key of its entry; `engine`: with
-    it; `at_limit`: share of the records at each stop, `released`: of those in which it does not act; `held`: of those
-    in which it holds the reading; `rivals`: not told from it; `worse`: other laws that were fitted; `still`: what stood
+    """`best`: the law that is found, with its numbers as fitted; `standard_errors` by key of its entry; `at_limit`:
+    share of the records at each stop, `released`: of those in which it does not act; `held`: of those in which it
+    holds the reading; `rivals`: not told from it; `worse`: other laws that were fitted; `still`: what stood
     still; `without`: the fit of the model without a law."""
 
     best: Tried
     standard_errors: dict[str, float]
-    engine: Engine
-    text: str
     held: float
     at_limit: dict[str, float]
     released: float
@@ -65,7 +64,7 @@ class Found:
 
 
 def records_of(engine: Engine, flights: Sequence[TrainingRecording]) -> Records:
-    """Inputs and readings of all flights; an input that is not recorded has the value that stands for that."""
+    """Of all flights; an input that is not recorded has the value that stands for that."""
     sensors = tuple(s for s in engine.sensors if any(s in f.columns for f in flights))
     defaults = {**dict.fromkeys(engine.inputs, np.nan), **engine.optional_inputs}
     inputs = {
@@ -73,7 +72,8 @@ def records_of(engine: Engine, flights: Sequence[TrainingRecording]) -> Records:
         for c, d in defaults.items()
     }
     read = [np.concatenate([f.columns.get(s, np.full(length(f), np.nan)) for f in flights]) for s in sensors]
-    return Records(inputs, sensors, np.column_stack(read))
+    found = engine.predict(inputs, sensors=sensors)
+    return Records(inputs, sensors, np.column_stack(read), np.where(found.ok[:, None], found.y, np.nan))
 
 
 @stage("looking for a control")
@@ -82,8 +82,7 @@ def find_law(described: EngineDescription, engine: Engine, flights: Sequence[Tra
     no law predicts the other readings better."""
     records = records_of(engine, flights)
     noise = {s: engine.sensors[s].noise_sigma for s in records.sensors}
-    predicted = engine.predict(records.inputs, sensors=records.sensors)
-    still = still_readings(records.sensors, noise, records.measured, np.asarray(predicted.y))
+    still = still_readings(records.sensors, noise, records.measured, records.described)
     if not still:
         return None
     begun = ranked(
@@ -104,7 +103,7 @@ def find_law(described: EngineDescription, engine: Engine, flights: Sequence[Tra
     near = tuple(t for t in tried[1:] if tried[0].gain - t.gain < SEPARATED)
     stood = next(s for s in still if s.sensor == tried[0].law.hold)
     worse = tuple(t for t in tried[1:] if t not in near)
-    return _found((described, engine, records), tried[0], near, worse, stood, without)
+    return _found(records, tried[0], near, worse, stood, without)
 
 
 def _tried(
@@ -117,22 +116,20 @@ def _tried(
     fit = fitted(with_law, flights)
     if fit is None or not fit.converged:
         return None
-    return Tried(law.fitted(fit.values), fit, *gain(fit.errors, without.errors))
+    return Tried(law.fitted(fit.values), with_law, fit, *gain(fit.errors, without.errors))
 
 
 def _found(
-    of: tuple[EngineDescription, Engine, Records],
+    records: Records,
     best: Tried,
     near: tuple[Tried, ...],
     worse: tuple[Tried, ...],
     still: Still,
     without: Fitted,
 ) -> Found:
-    described, engine, records = of
     law, fit = best.law, best.fit
-    with_law = law.engine(described, engine.power_setting)
-    values = {n: v for n, v in fit.values.items() if n in with_law.parameters}
-    now = with_law.predict(records.inputs, values, sensors=records.sensors)
+    values = {n: v for n, v in fit.values.items() if n in best.engine.parameters}
+    now = best.engine.predict(records.inputs, values, sensors=records.sensors)
     ok = max(int(now.ok.sum()), 1)
     released = np.zeros(len(records.measured), dtype=bool)
     if law.enabled is not None:
@@ -145,8 +142,6 @@ def _found(
     return Found(
         best,
         {"set_point": still.standard_error, **law.errors(fit.standard_errors)},
-        with_law,
-        law.written(described.text, described.file),
         1.0 - away - sum(at_limit.values()),
         at_limit,
         away,

@@ -39,7 +39,7 @@ class Errors:
 def gain(after: Errors, before: Errors) -> tuple[float, float]:
     """Mean fall of ln error over sensors and runs, and the share of the runs in which it falls."""
     common = [s for s in after.sensors if s in before.sensors]
-    a, b = (np.array([f.left()[f.sensors.index(s)] for s in common]) for f in (after, before))
+    a, b = (f.left()[[f.sensors.index(s) for s in common]] for f in (after, before))
     fall = np.nanmean(b - a, axis=0)
     return float(np.nanmean(fall)), float(np.mean(fall[np.isfinite(fall)] > 0.0))
 

@@ -40,18 +40,20 @@ COMPARED = 2000
 
 @dataclass(frozen=True)
 class Records:
-    """What is known of N records: inputs (N,) by column and readings (N, m) of `sensors`, in their units."""
+    """What is known of N records: inputs (N,) by column, readings (N, m) of `sensors`, in their units, and what the
+    engine as described says of them, NaN where it has no solution."""
 
     inputs: Mapping[str, np.ndarray]
     sensors: tuple[str, ...]
     measured: np.ndarray
+    described: np.ndarray
 
     def some(self) -> tuple[Records, np.ndarray]:
         """COMPARED of them at most, and which."""
         n = len(self.measured)
         at = np.unique(np.linspace(0, n - 1, min(n, COMPARED)).astype(int))
         inputs = {c: np.broadcast_to(v, (n,))[at] for c, v in self.inputs.items()}
-        return Records(inputs, self.sensors, self.measured[at]), at
+        return Records(inputs, self.sensors, self.measured[at], self.described[at]), at
 
 
 @dataclass(frozen=True)
@@ -82,7 +84,7 @@ def begin(described: EngineDescription, engine: Engine, free: Free, still: Still
         return None
     others = [j for j, s in enumerate(some.sensors) if s != still.sensor]
     left = _misfit(there[0][:, others], some.measured[held][:, others])
-    without = _misfit(_at(engine, some, {}, held)[0][:, others], some.measured[held][:, others])
+    without = _misfit(some.described[held][:, others], some.measured[held][:, others])
     ends = np.quantile(position[known], [1.0 - FARTHEST, FARTHEST])
     slack = NO_WAY * (a.upper - a.lower)
     low, high = min(float(ends[0]), a.neutral), max(float(ends[1]), a.neutral)

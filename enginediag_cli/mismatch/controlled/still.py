@@ -58,7 +58,7 @@ def still_readings(
         peak = at.sum() / max(beside / (FLANKS - 1.0), 1.0)
         if at.sum() < max(LEAST, SHARE * known.sum()) or peak < PEAK:
             continue
-        own, expected = _scatter(y[at]), _scatter(model[at])
+        own, expected = robust_scatter(y[at]), robust_scatter(model[at])
         if expected > MOVES * max(own, noise[sensor]):
             means = [float(np.mean(part)) for part in np.array_split(y[at], RUNS)]
             error = float(np.std(means, ddof=1) / np.sqrt(RUNS))
@@ -66,5 +66,6 @@ def still_readings(
     return sorted(found, key=lambda f: -int(f.at.sum()))
 
 
-def _scatter(values: np.ndarray) -> float:
-    return float(ROBUST * np.median(np.abs(values - np.median(values))))
+def robust_scatter(values: np.ndarray) -> float:
+    """Standard deviation of most of the values (N,), NaN aside: from the median of absolute deviations."""
+    return float(ROBUST * np.nanmedian(np.abs(values - np.nanmedian(values))))

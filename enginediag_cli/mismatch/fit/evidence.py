@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -10,6 +10,7 @@ import numpy as np
 from enginediag_cli.engine.engine import Engine
 from enginediag_cli.error_model.error_model import ErrorModel
 from enginediag_cli.identification.offset_prior import OffsetPrior
+from enginediag_cli.identification.problem import TrainingRecording
 
 
 @dataclass(frozen=True)
@@ -38,6 +39,11 @@ class Flight:
         if len(time) and np.isfinite(time).all() and (np.diff(time) > 0.0).all():
             return f"{time[record]:.10g} s"
         return f"record {self.place(record) + 1}"
+
+
+def as_recordings(flights: Sequence[Flight]) -> list[TrainingRecording]:
+    """Flights as `identify` takes them."""
+    return [TrainingRecording(f.label, f.columns, engine=f.engine) for f in flights]
 
 
 @dataclass(frozen=True)

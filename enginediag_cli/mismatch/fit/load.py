@@ -33,7 +33,6 @@ from enginediag_cli.errors import DataError
 from enginediag_cli.identification.nominal import Nominal
 from enginediag_cli.identification.offset_prior import OffsetPrior
 from enginediag_cli.identification.other_accuracy import with_accuracy
-from enginediag_cli.identification.problem import TrainingRecording
 from enginediag_cli.identification.settings import IdentificationSettings, settings_from_mapping
 from enginediag_cli.intake.baseline import Baseline, open_baseline
 from enginediag_cli.intake.flights import whole_flights
@@ -41,7 +40,7 @@ from enginediag_cli.intake.intake import Intake
 from enginediag_cli.intake.source import Source
 from enginediag_cli.intake.wanted import columns_of
 from enginediag_cli.mismatch.controlled.find import Found, find_law
-from enginediag_cli.mismatch.fit.evidence import Evidence, Flight, Noise, Owed, Settings
+from enginediag_cli.mismatch.fit.evidence import Evidence, Flight, Noise, Owed, Settings, as_recordings
 from enginediag_cli.mismatch.fit.noise import larger_noise
 from enginediag_cli.mismatch.fit.nuisance import amounts_of
 from enginediag_cli.mismatch.fit.self_identified import SelfIdentified, left_by_the_fit, self_identified
@@ -80,7 +79,7 @@ class Case:
 class Loaded:
     """The evidence, the intake that it came through, which knows what was left out, and the nominal state, if any.
     `control`: the control that the engine of the file lacks and that of the evidence has, None without one;
-    `as_described`: the engine without it, and its description."""
+    `as_described`: the engine without it, and its description, where one was sought."""
 
     evidence: Evidence
     intake: Intake
@@ -117,12 +116,14 @@ def load_case(
     flights = [Flight(f.recording.label, f.engine, f.recording.columns, f.file) for f in whole]
     healthy = share_of(fitted(flights)) if identified else fitted(flights)
     nominal: Nominal | SelfIdentified | None = baseline.nominal if baseline else None
-    control, described = None, (_described(engine, baseline), engine)
+    control: Found | None = None
+    described: tuple[EngineDescription, Engine] | None = None
     if controls:
+        described = _described(engine, baseline), engine
         control = find_law(*described, as_recordings(healthy))
         if control is not None:
             # a nominal state of the engine without it knows neither its noise nor its maps
-            engine, nominal, baseline = control.engine, None, None
+            engine, nominal, baseline = control.best.engine, None, None
     if nominal is None and engine.declared.get("identification"):
         # an engine whose design is not known must be identified before anything can be missing
         nominal = self_identified(engine, healthy)
@@ -141,11 +142,6 @@ def load_case(
         own = build_evidence(engine, flights, case.asked, nominal=self_identified(engine, healthy))
         evidence = _with_errors_of(evidence, own)
     return Loaded(evidence, intake, baseline, control, described)
-
-
-def as_recordings(flights: Sequence[Flight]) -> list[TrainingRecording]:
-    """Flights as `identify` takes them."""
-    return [TrainingRecording(f.label, f.columns, engine=f.engine) for f in flights]
 
 
 def _described(engine: Engine, baseline: Baseline | None) -> EngineDescription:

@@ -22,8 +22,8 @@ from enginediag_cli.engine.engine import Engine
 from enginediag_cli.error_model.error_model import ErrorModel
 from enginediag_cli.identification.identify import identify
 from enginediag_cli.identification.nominal import Nominal
-from enginediag_cli.identification.problem import Problem, TrainingRecording
-from enginediag_cli.mismatch.fit.evidence import Flight
+from enginediag_cli.identification.problem import Problem
+from enginediag_cli.mismatch.fit.evidence import Flight, as_recordings
 from enginediag_cli.mismatch.fit.noise import LEAST_RHO
 
 LARGEST_RHO = 0.9
@@ -89,7 +89,7 @@ def left_by_the_fit(found: Nominal | SelfIdentified, sensors: Sequence[str]) -> 
 
 
 def _of_one(engine: Engine, flights: Sequence[Flight]) -> Nominal | SelfIdentified:
-    found = identify(engine, [TrainingRecording(f.label, f.columns, engine=f.engine) for f in flights])
+    found = identify(engine, as_recordings(flights))
     if found.converged:
         return found.nominal(engine.path, "", {})
     p, fit = found.problem, found.fit

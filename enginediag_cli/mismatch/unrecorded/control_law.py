@@ -13,6 +13,7 @@ from itertools import pairwise
 
 import numpy as np
 
+from enginediag_cli.mismatch.controlled.still import robust_scatter
 from enginediag_cli.mismatch.fit.evidence import Evidence, Flight
 from enginediag_cli.mismatch.fit.identified import Nuisance, stacked
 from enginediag_cli.mismatch.unrecorded.per_record import PerRecord, amplitudes_at
@@ -78,7 +79,7 @@ def _bands(
         own = a[at & (band == k)]
         if len(own) > 2:
             middle = float(np.median(own))
-            bands.append((float(low), float(top), len(own), middle, _scatter(own)))
+            bands.append((float(low), float(top), len(own), middle, robust_scatter(own)))
     return tuple(bands)
 
 
@@ -96,13 +97,8 @@ def held_readings(evidence: Evidence, fit: PerRecord, along: Nuisance, stop: Sto
     found = []
     for j, s in enumerate(fit.sensors):
         y, free = measured[~stop.at, j], at_stop[~stop.at, j]
-        found.append(Held(s, float(np.nanmedian(y)), _scatter(y), _scatter(free)))
+        found.append(Held(s, float(np.nanmedian(y)), robust_scatter(y), robust_scatter(free)))
     return sorted(found, key=lambda h: h.scatter / h.free_scatter)
-
-
-def _scatter(values: np.ndarray) -> float:
-    """Standard deviation of most of the values: from the median of absolute deviations."""
-    return float(1.4826 * np.nanmedian(np.abs(values - np.nanmedian(values))))
 
 
 def by_law(

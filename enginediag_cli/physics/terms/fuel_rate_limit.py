@@ -9,15 +9,11 @@ from enginediag_cli.drivers import RATE
 from enginediag_cli.engine.moving.filters.per_full import PerFull
 from enginediag_cli.engine.moving.filters.rate_limit import RateLimit
 from enginediag_cli.engine.moving.tape import PAST
-from enginediag_cli.engine.term import Coefficient, Place, Site, Term
-from enginediag_cli.physics.demanded import fuel_site, full
+from enginediag_cli.engine.term import Place, Site, Term
+from enginediag_cli.physics.demanded import fuel_site, full, rate_limits, rate_trials
 
 if TYPE_CHECKING:
     from enginediag_cli.engine.network import Network
-
-
-ONE_SIDED = 0.1
-"""Of the time in one direction, that of the other in trials of one direction: at 0 nothing would show whether it is."""
 
 
 class FuelRateLimit(Term):
@@ -30,42 +26,13 @@ class FuelRateLimit(Term):
     )
     EQUATION = "dW_f/dt = min(max(dW_f,commanded/dt, −W_full/t_down), W_full/t_up) until W_f = W_f,commanded"
     DRIVER = RATE
-    COEFFICIENTS = (
-        Coefficient(
-            "rise",
-            "s",
-            "t_up, time in which the fuel may rise by the design flow; 0: at once",
-            0.0,
-            0.0,
-            1e5,
-            100.0,
-            10.0,
-            assumed=True,
-            per_full=True,
-        ),
-        Coefficient(
-            "fall",
-            "s",
-            "t_down, time in which the fuel may fall by the design flow; 0: at once",
-            0.0,
-            0.0,
-            1e5,
-            100.0,
-            10.0,
-            assumed=True,
-            per_full=True,
-        ),
-    )
+    COEFFICIENTS = rate_limits("fuel", "flow", 100.0, 10.0)
     REFERENCE = (
         "acceleration and deceleration limiters of fuel controls: Walsh and Fletcher, Gas Turbine "
         "Performance, ch. 8; ranges assumed"
     )
     INPUTS = PAST
-    TRIALS = tuple(
-        {"rise": rise * t, "fall": fall * t}
-        for t in (2.0, 5.0, 12.0, 30.0)
-        for rise, fall in ((1.0, 1.0), (1.0, ONE_SIDED), (ONE_SIDED, 1.0))
-    )
+    TRIALS = rate_trials(2.0, 5.0, 12.0, 30.0)
 
     def sites(self, network: Network) -> Iterable[Site]:
         return fuel_site(network)
