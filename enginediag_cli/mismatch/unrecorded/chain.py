@@ -35,13 +35,17 @@ class Posterior:
     changed: np.ndarray
 
 
-def transitions(gap: np.ndarray, probability: np.ndarray) -> np.ndarray:
-    """ln P(s_k = j | s_{k−1} = i), (S, N, 2, 2), for S probabilities of a change from one record to the next, of
-    records so far apart (N,): the chance of having changed after Δ is ½ (1 − (1 − 2p)^Δ), ½ where nothing is known
+def changing(gap: np.ndarray, probability: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """ln P(s_k = s_{k−1}) and ln P(s_k ≠ s_{k−1}), (S, N), for S probabilities of a change from one record to the next,
+    of records so far apart (N,): the chance of having changed after Δ is ½ (1 − (1 − 2p)^Δ), ½ where nothing is known
     of the record before (gap 0)."""
     stay = np.where(gap > 0, (1.0 - 2.0 * probability[:, None]) ** gap, 0.0)
-    change = np.log(0.5 * (1.0 - stay))
-    same = np.log(0.5 * (1.0 + stay))
+    return np.log(0.5 * (1.0 + stay)), np.log(0.5 * (1.0 - stay))
+
+
+def transitions(gap: np.ndarray, probability: np.ndarray) -> np.ndarray:
+    """The same as matrices ln P(s_k = j | s_{k−1} = i), (S, N, 2, 2)."""
+    same, change = changing(gap, probability)
     return np.stack([np.stack([same, change], -1), np.stack([change, same], -1)], -2)
 
 

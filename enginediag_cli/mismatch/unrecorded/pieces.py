@@ -12,12 +12,12 @@ Of two accounts that differ by less than TIED the one with fewer changes stands,
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 
 import numpy as np
 
-from enginediag_cli.mismatch.unrecorded.chain import transitions
+from enginediag_cli.mismatch.unrecorded.chain import changing
 from enginediag_cli.mismatch.unrecorded.states import CHANGES, Bounds, States
 from enginediag_cli.mismatch.unrecorded.whitened_rows import Basis, Direction
 
@@ -36,13 +36,21 @@ ROUNDS = 30
 @dataclass(frozen=True)
 class _Account:
     """Evidence of states as above and the amplitude that goes with them, clipped to its bounds; B (N, q) and g (N,):
-    the nuisance along the place, and what is left gathered there, of all states the same."""
+    the nuisance along the place, and what is left gathered there, of all states the same; `unchanged` (S,): ln P(s) of
+    states that never change, `more` (S, N): what a change before a record adds."""
 
     of: Basis
     along: Direction
     bounds: Bounds
     B: np.ndarray
     g: np.ndarray
+    unchanged: np.ndarray = field(init=False)
+    more: np.ndarray = field(init=False)
+
+    def __post_init__(self) -> None:
+        same, change = changing(self.of.gap, CHANGES)
+        object.__setattr__(self, "unchanged", same.sum(axis=1))
+        object.__setattr__(self, "more", change - same)
 
     def __call__(self, on: np.ndarray) -> float:
         """ln P(e, s) against no effect, of states (N,) 0 or 1, at the rate of change that suits them best."""
@@ -57,10 +65,9 @@ class _Account:
 
     def _prior(self, on: np.ndarray) -> float:
         """ln P(s), largest over CHANGES."""
-        steps = transitions(self.of.gap, CHANGES)
-        now = on.astype(int)
-        before = np.concatenate([[0], now[:-1]])
-        return float(steps[:, np.arange(len(now)), before, now].sum(axis=1).max())
+        # of the record before the first nothing is known: a change there adds nothing
+        changed = np.flatnonzero(np.diff(on)) + 1
+        return float((self.unchanged + self.more[:, changed].sum(axis=1)).max())
 
 
 def judged(of: Basis, along: Direction, bounds: Bounds, states: States) -> States:
