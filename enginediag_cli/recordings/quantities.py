@@ -83,7 +83,18 @@ def target_of(quantity: str, targets: Collection[str] = ()) -> tuple[str, Sequen
         found = _at_station(*station.groups())
     else:
         found = _described(words)
-    return found if found and (not targets or found[0] in {*targets, *HELPERS}) else None
+    if not found or not targets or found[0] in {*targets, *HELPERS}:
+        return found
+    # a torque is that of the gearbox, where an engine has no other
+    quantity, unit = split_column(found[0])
+    own = [t for t in targets if _is_of(t, quantity, unit or "1")]
+    return (own[0], found[1]) if len(own) == 1 else None
+
+
+def _is_of(target: str, quantity: str, unit: str) -> bool:
+    """Whether a column is that quantity of some part: `reduction_gear_torque_N_m` is a torque."""
+    name, own = split_column(target)
+    return name.endswith(f"_{quantity}") and find_unit(own or "1").dimension == find_unit(unit).dimension
 
 
 def _at_station(kind: str, number: str) -> tuple[str, Sequence[str]]:

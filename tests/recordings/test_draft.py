@@ -10,6 +10,7 @@ from shared_recordings import REPOSITORY, shared_data
 from enginediag_cli.commands.main import enginediag
 from enginediag_cli.errors import DataError
 from enginediag_cli.recordings.draft import draft
+from enginediag_cli.recordings.quantities import target_of
 from enginediag_cli.recordings.recorder import load_recorder
 from enginediag_cli.recordings.sniff import sniff
 
@@ -122,3 +123,9 @@ def test_the_citation_s_draft_names_what_the_shipped_recorder_maps():
 def test_public_recordings_are_drafted_and_the_drafts_read_them(tmp_path, file):
     _, recordings = drafted(tmp_path, shared_data(file).read_bytes())
     assert all(len(r) > 100 for r in recordings)
+
+
+def test_a_quantity_is_that_of_the_one_part_of_the_engine_that_has_it():
+    targets = ("reduction_gear_torque_N_m", "power_turbine_power_W", "fan_power_W", "Wf_kg_s")
+    assert target_of("Torque", targets) is not None and target_of("Torque", targets)[0] == "reduction_gear_torque_N_m"
+    assert target_of("shaft power", targets) is None  # of which of the two

@@ -9,8 +9,9 @@ by its own spread as well. Of a block with g = C⊥ᵀe and G = C⊥ᵀC⊥, sum
 
 the jackknife of whole units, in which errors may be alike however they like; the maximum is along the axes of V in
 units of G. What the block itself explains is no spread. Units are stretches of time, which hold what passes, and
-regions of the operating points, flown whenever, which hold what the model does wrong there each time; the larger
-spread counts. Engines side by side are in the same units.
+regions of the operating points, flown whenever, which hold what the model does wrong there each time; each leaves its
+share of T, one after the other. Of an effect of what changes, which is most of its stretch and of its operating point
+at once, the larger spread alone counts. Engines side by side are in the same units.
 
 Source: R. M. Bell and D. F. McCaffrey, "Bias Reduction in Standard Errors for Linear Regression with Multi-Stage
 Samples", Survey Methodology 28 (2002) 169–181 (the jackknife of clusters).
