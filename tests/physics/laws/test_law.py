@@ -11,6 +11,9 @@ from enginediag_cli.engine.components.base import scalar
 from enginediag_cli.engine.description import EngineDescription
 from enginediag_cli.engine.engine import Engine
 from enginediag_cli.errors import ConfigError
+from enginediag_cli.identification.identify import identify
+from enginediag_cli.identification.problem import TrainingRecording
+from enginediag_cli.identification.settings import IdentificationSettings
 from enginediag_cli.physics.engine_file import load_engine
 
 CONFIGS = Path(__file__).parents[3] / "configs"
@@ -131,6 +134,22 @@ def test_a_switched_law_is_there_where_it_is_on() -> None:
     on = np.arange(40) % 2
     off = np.abs(engine.predict({**u, "lit": on.astype(float)}).y - plain.predict(u).y).max(axis=1)
     assert (off[on == 0] == 0.0).all() and (off[on == 1] > 0.0).all()
+
+
+def test_identification_finds_the_coefficients_of_a_law() -> None:
+    engine = carrying("turbojet", DROOP.format(at="compressor"))
+    names = ("droop.compressor.efficiency.a", "droop.compressor.efficiency.b")
+    r = np.random.default_rng(4)
+    flights = []
+    for k in range(3):
+        u = points(engine, 60, seed=k)
+        y = engine.predict(u, dict(zip(names, (0.03, -0.2), strict=True))).y
+        noisy = {c: y[:, j] + r.normal(0.0, s.noise_sigma, 60) for j, (c, s) in enumerate(engine.sensors.items())}
+        flights.append(TrainingRecording(f"flight {k}", {**u, **noisy}))
+    settings = IdentificationSettings(parameters=(*names, "compressor.flow_capacity", "turbine.efficiency"))
+    found = {e.name: e for e in identify(engine, flights, settings=settings).estimates}
+    for name, truth in zip(names, (0.03, -0.2), strict=True):
+        assert abs(found[name].value - truth) < 3.0 * found[name].standard_error < 0.2 * abs(truth) + 0.05
 
 
 def bad(
