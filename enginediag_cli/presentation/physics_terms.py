@@ -98,7 +98,7 @@ def carried_blocks(engine: Engine) -> dict[str, Mapping[str, Any]]:
 def variable_rows(network: Network) -> Iterator[dict[str, Any]]:
     """What a law of an engine may vary with, and what that is at the engine's design point."""
     for v in variables_of(network).values():
-        unit = "ratio to the design point" if v.ratio else v.driver.unit
+        unit = v.driver.unit if v.recorded else "ratio to the design point"
         yield {"variable": v.name, "at_design": v.reference, "unit": unit, "words": v.words}
 
 

@@ -153,7 +153,7 @@ def _nothing_problems(entry: _Entry, law: Law, values: Mapping[str, float]) -> I
     with np.errstate(all="ignore"):
         there = float(value(f.at({**reference, **values})))
         draws = np.random.default_rng(0).uniform(FROM, TO, (len(reference), TRIED))
-        at = {n: draws[k] * r if law.variables[n].ratio else draws[k] for k, (n, r) in enumerate(reference.items())}
+        at = {n: draws[k] if law.variables[n].recorded else draws[k] * r for k, (n, r) in enumerate(reference.items())}
         absent = {c.name: c.absent for c in law.COEFFICIENTS}
         left = np.broadcast_to(np.asarray(value(f.at({**at, **absent}))), (TRIED,))
         size = float(np.nanmax(np.abs(np.asarray(value(f.at({**at, **values})))), initial=0.0))

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING
 
 from enginediag_cli.drivers import CONSTANT
@@ -85,14 +86,15 @@ class Law(Term):
         """Leaf of the unknown by the name of each variable that is not known yet where the law acts."""
         if self.acts.reading or not self.variables:
             return {}
-        late = at.not_yet(self.acts.leaf, {n: v.at for n, v in self.variables.items()})
-        return {n: at.solved_for(n, self.variables[n].at, self.variables[n].reference) for n in late}
+        reads = {n: partial(v.at, network=at.network) for n, v in self.variables.items()}
+        late = at.not_yet(self.acts.leaf, reads)
+        return {n: at.solved_for(n, reads[n], self.variables[n].reference) for n in late}
 
     def _hook(self, at: Place, unknown: Mapping[str, str]) -> ValueHook:
         names = tuple(c.name for c in self.COEFFICIENTS if c.name in self.expression.names)
 
         def change(e: Evaluation, x: Value) -> Value:
-            values = {n: e[unknown[n]] if n in unknown else v.at(e) for n, v in self.variables.items()}
+            values = {n: e[unknown[n]] if n in unknown else v.at(e, at.network) for n, v in self.variables.items()}
             f = self.expression.at(values | {n: at.c(e, n) for n in names})
             return x * (1.0 + f) if self.acts.factor else x + f
 

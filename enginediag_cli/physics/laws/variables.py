@@ -1,13 +1,16 @@
-"""What a law may vary with: named numbers without a unit, which an evaluation of the engine gives.
+"""What a law may vary with: named numbers without a unit, each a formula of a few columns of the model.
 
 All but Mach number and humidity, which have no unit, are over what they are at the engine's design point: 1 there.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from operator import truediv
 from typing import TYPE_CHECKING
+
+import numpy as np
 
 from enginediag_cli.drivers import (
     AMBIENT_PRESSURE,
@@ -30,106 +33,116 @@ from enginediag_cli.engine.components.nozzle import Nozzle
 from enginediag_cli.engine.driver import Driver
 from enginediag_cli.engine.dual import Value, sqrt
 from enginediag_cli.engine.evaluation import Evaluation
-from enginediag_cli.engine.similarity import reynolds_index
+from enginediag_cli.engine.similarity import reynolds_index_of
 from enginediag_cli.units import split_column
 
 if TYPE_CHECKING:
     from enginediag_cli.engine.network import Network
 
-Read = Callable[[Evaluation], Value]
+Formula = Callable[..., Value]
 
 
 @dataclass(frozen=True)
 class Variable:
-    """`name` in formulas; `words`: what it is; `driver`: of what kind. `read`: from an evaluation, KeyError as long as
-    the gas path has not come so far; `design`: the same at the design point; `ratio`: whether a formula takes it over
-    that."""
+    """`name` in formulas; `words`: what it is; `driver`: of what kind. It is `of` columns of
+    the model over what that is at the design point, `design`; or, `recorded`, an input as it stands."""
 
     name: str
     words: str
     driver: Driver
-    read: Read
-    design: float
-    ratio: bool = True
+    columns: tuple[str, ...]
+    of: Formula
+    design: float = 1.0
+    recorded: bool = False
 
     @property
     def reference(self) -> float:
         """What a formula takes at the design point."""
-        return 1.0 if self.ratio else self.design
+        return self.design if self.recorded else 1.0
 
-    def at(self, e: Evaluation) -> Value:
+    def at(self, e: Evaluation, network: Network) -> Value:
         """What a formula takes (N,). Raises KeyError as long as the gas path has not come so far."""
-        x = self.read(e)
-        return x * (1.0 / self.design) if self.ratio else x
+        return self._taken(self._read(e, network))
+
+    def values(self, columns: Mapping[str, np.ndarray]) -> np.ndarray:
+        """The same of columns (N,) that are known."""
+        with np.errstate(all="ignore"):
+            return np.asarray(self._taken([columns[c] for c in self.columns]))
+
+    def _taken(self, columns: Sequence[Value]) -> Value:
+        x = self.of(*columns)
+        return x if self.recorded else x * (1.0 / self.design)
+
+    def _read(self, e: Evaluation, network: Network) -> list[Value]:
+        return [e[c] if self.recorded else _column(e, network, c) for c in self.columns]
+
+    def at_design(self, network: Network) -> Variable:
+        """The same with its design value. Raises KeyError where the engine has no such columns."""
+        assert network.design_point is not None
+        with np.errstate(all="ignore"):
+            return replace(self, design=scalar(self.of(*self._read(network.design_point, network))))
 
 
 def variables_of(network: Network) -> dict[str, Variable]:
-    """By the name in formulas, those that the engine has and that are not 0 at its design point."""
-    assert network.design_point is not None
+    """By the name in formulas, those that the engine has and that are something at its design point."""
+    point = network.design_point
+    assert point is not None
     found: dict[str, Variable] = {}
-    for name, words, driver, read, ratio in _declared(network):
+    for v in _declared(network, tuple(point.flows)):
         try:
-            design = scalar(read(network.design_point))
+            known = v.at_design(network)
         except KeyError:
             continue
-        if design != 0.0 or not ratio:
-            found[name] = Variable(name, words, driver, read, design, ratio)
+        if known.recorded or (np.isfinite(known.design) and known.design != 0.0):
+            found[v.name] = known
     return found
 
 
-def _declared(network: Network) -> Iterator[tuple[str, str, Driver, Read, bool]]:
-    inlet = network.inlet_exit
+def _declared(network: Network, stations: tuple[str, ...]) -> Iterator[Variable]:
+    """As if every engine had all of them."""
     hot = next(c.values["to"] for c in network.components if isinstance(c, Burner))
-    yield "mach", MACH.words, MACH, lambda e: e["mach"], False
-    yield "humidity", "water in the air, kg/kg", HUMIDITY, lambda e: e["humidity_kg_kg"], False
-    yield "ambient_pressure", "ambient pressure", AMBIENT_PRESSURE, _output("P0_Pa"), True
-    yield "inlet_temperature", INLET_TEMPERATURE.words, INLET_TEMPERATURE, _temperature(inlet), True
-    yield "power", POWER.words, POWER, lambda e: e.flows[hot].T / e.flows[inlet].T, True
-    yield "burner_temperature", BURNER_TEMPERATURE.words, BURNER_TEMPERATURE, _temperature(hot), True
-    yield "reynolds_index", "Reynolds number index at the inlet", REYNOLDS_INDEX, _reynolds(inlet), True
-    yield "turbine_reynolds_index", "Reynolds number index at the turbines", REYNOLDS_INDEX, _reynolds(hot), True
-    assert network.design_point is not None
-    for station in network.design_point.flows:
-        words = f"Reynolds number index at station {station}"
-        yield f"reynolds_index_{station}", words, REYNOLDS_INDEX, _reynolds(station), True
-    for column, shaft in network.speed_columns.items():
+    T2, T4 = f"T{network.inlet_exit}_K", f"T{hot}_K"
+    yield Variable("mach", MACH.words, MACH, ("mach",), _itself, recorded=True)
+    yield Variable("humidity", "water in the air, kg/kg", HUMIDITY, ("humidity_kg_kg",), _itself, recorded=True)
+    yield Variable("ambient_pressure", "ambient pressure", AMBIENT_PRESSURE, ("P0_Pa",), _itself)
+    yield Variable("inlet_temperature", INLET_TEMPERATURE.words, INLET_TEMPERATURE, (T2,), _itself)
+    yield Variable("power", POWER.words, POWER, (T4, T2), truediv)
+    yield Variable("burner_temperature", BURNER_TEMPERATURE.words, BURNER_TEMPERATURE, (T4,), _itself)
+    yield _reynolds("reynolds_index", "at the inlet", network.inlet_exit)
+    yield _reynolds("turbine_reynolds_index", "at the turbines", hot)
+    for station in stations:
+        yield _reynolds(f"reynolds_index_{station}", f"at station {station}", station)
+    for column in network.speed_columns:
         label = split_column(column)[0]
-        yield f"corrected_{label}", f"corrected {label}", CORRECTED_SPEED, _corrected(shaft, inlet), True
-        yield label, f"{label}", SHAFT_SPEED, _speed(shaft, inlet), True
+        yield Variable(f"corrected_{label}", f"corrected {label}", CORRECTED_SPEED, (column, T2), _corrected)
+        yield Variable(label, label, SHAFT_SPEED, (column,), _itself)
     for c in network.components:
         if isinstance(c, Nozzle):
-            column = f"{c.name}_pressure_ratio"
-            yield column, f"pressure ratio of {c.name}", NOZZLE_PRESSURE_RATIO, _output(column), True
-    yield "bypass_ratio", BYPASS_RATIO.words, BYPASS_RATIO, _output("BPR"), True
+            name = f"{c.name}_pressure_ratio"
+            yield Variable(name, f"pressure ratio of {c.name}", NOZZLE_PRESSURE_RATIO, (name,), _itself)
+    yield Variable("bypass_ratio", BYPASS_RATIO.words, BYPASS_RATIO, ("BPR",), _itself)
     behind = [c.values["to"] for c in network.components if isinstance(c, Compressor)]
     if behind:
-        yield "compressor_pressure", COMPRESSOR_PRESSURE.words, COMPRESSOR_PRESSURE, _pressure(behind[-1]), True
+        column = f"P{behind[-1]}_Pa"
+        yield Variable("compressor_pressure", COMPRESSOR_PRESSURE.words, COMPRESSOR_PRESSURE, (column,), _itself)
 
 
-def _output(column: str) -> Read:
-    return lambda e: e.outputs[column]
+def _reynolds(name: str, where: str, station: str) -> Variable:
+    columns = (f"T{station}_K", f"P{station}_Pa")
+    return Variable(name, f"Reynolds number index {where}", REYNOLDS_INDEX, columns, reynolds_index_of)
 
 
-def _temperature(station: str) -> Read:
-    return lambda e: e.flows[station].T
+def _itself(x: Value) -> Value:
+    return x
 
 
-def _pressure(station: str) -> Read:
-    return lambda e: e.flows[station].P
+def _corrected(speed: Value, T_K: Value) -> Value:
+    return speed / sqrt(T_K)
 
 
-def _reynolds(station: str) -> Read:
-    return lambda e: reynolds_index(e.flows[station])
-
-
-def _speed(shaft: str, inlet: str) -> Read:
-    def read(e: Evaluation) -> Value:
-        e.flows[inlet]  # a shaft that turns is told by the air that has come in
-        return e.shaft(shaft).speed_rpm
-
-    return read
-
-
-def _corrected(shaft: str, inlet: str) -> Read:
-    speed = _speed(shaft, inlet)
-    return lambda e: speed(e) / sqrt(e.flows[inlet].T)
+def _column(e: Evaluation, network: Network, column: str) -> Value:
+    """A column while the gas path is gone along. Raises KeyError for one that is not known yet."""
+    if column in network.speed_columns:
+        e.flows[network.inlet_exit]  # how fast a shaft turns is told by the air that has come in
+        return e.shaft(network.speed_columns[column]).speed_rpm
+    return network.read(e, column)
