@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from enginediag_cli.config.fields import Field, Section, Variants
+from enginediag_cli.config.fields import AnySection, Either, Field, Variants
 
 FLOATS = ("number", "numbers", "range", "number_map")
 
@@ -29,11 +29,14 @@ def plain(value: Any, *, floats: bool = False) -> Any:
     return float(value) if floats and isinstance(value, int) else value
 
 
-def _filled(section: Section | Variants, given: Mapping[str, Any]) -> dict[str, Any]:
+def _filled(section: AnySection, given: Mapping[str, Any]) -> dict[str, Any]:
     if isinstance(section, Variants):
         chosen = section.options.get(str(given.get(section.key)))
         head = {section.key: given[section.key]} if section.key in given else {}
         return head | (_filled(chosen, given) if chosen is not None else plain(given))
+    if isinstance(section, Either):
+        known = section.of(given)
+        return _filled(known, given) if known is not None else dict(plain(given))
     return {field.name: _given_or_default(field, given) for field in section.fields}
 
 

@@ -7,7 +7,7 @@ declares its own fields beside the code that reads them, so there is one list of
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -45,7 +45,7 @@ class Field:
     minimum: float | None = None
     maximum: float | None = None
     choices: tuple[str, ...] = ()
-    section: Section | Variants | None = None
+    section: AnySection | None = None
 
     @property
     def required(self) -> bool:
@@ -62,6 +62,20 @@ class Section:
 
 
 @dataclass(frozen=True)
+class Either:
+    """A mapping of which one key tells which section it is, by being there: `term:` or `law:`."""
+
+    name: str
+    help: str
+    options: Mapping[str, Section]
+
+    def of(self, keys: Collection[str]) -> Section | None:
+        """The one whose key is among these; None where there is none, or more than one."""
+        found = [section for key, section in self.options.items() if key in keys]
+        return found[0] if len(found) == 1 else None
+
+
+@dataclass(frozen=True)
 class Variants:
     """A mapping whose key `key` names which section it is, e.g. `type: compressor`."""
 
@@ -69,3 +83,6 @@ class Variants:
     help: str
     options: Mapping[str, Section]
     key: str = "type"
+
+
+AnySection = Section | Variants | Either

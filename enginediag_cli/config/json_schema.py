@@ -10,7 +10,7 @@ from collections.abc import Callable
 from typing import Any
 
 from enginediag_cli.config.defaults import plain
-from enginediag_cli.config.fields import Field, Section, Variants
+from enginediag_cli.config.fields import AnySection, Either, Field, Section
 from enginediag_cli.config.validate import NAME
 
 DIALECT = "http://json-schema.org/draft-07/schema#"
@@ -18,16 +18,19 @@ DIALECT = "http://json-schema.org/draft-07/schema#"
 Schema = dict[str, Any]
 
 
-def json_schema(section: Section | Variants, title: str | None = None) -> Schema:
+def json_schema(section: AnySection, title: str | None = None) -> Schema:
     """The schema of a whole file whose top level is `section`."""
     return {"$schema": DIALECT, "title": title or section.name, **section_schema(section)}
 
 
-def section_schema(section: Section | Variants, named: bool = False) -> Schema:
+def section_schema(section: AnySection, named: bool = False) -> Schema:
     """Schema of one mapping; `named` mappings have a `name` besides their declared fields."""
     extra = [NAME] if named else []
     if isinstance(section, Section):
         return _mapping(section, extra)
+    if isinstance(section, Either):
+        either = [{**_mapping(option, []), "required": [key]} for key, option in section.options.items()]
+        return {"description": section.help, "oneOf": either}
     names = list(section.options)
     return {
         "type": "object",

@@ -12,7 +12,7 @@ from enginediag_cli.config.checked import Checked
 from enginediag_cli.config.defaults import default_value
 from enginediag_cli.config.document import Node, document_problems
 from enginediag_cli.config.excerpt import render
-from enginediag_cli.config.fields import Field, Section, Variants
+from enginediag_cli.config.fields import AnySection, Either, Field, Section, Variants
 from enginediag_cli.config.hints import near, unknown_key
 from enginediag_cli.config.leaves import LEAVES, expectation
 from enginediag_cli.errors import MOST_PROBLEMS, ConfigError, Mark, Problem
@@ -21,7 +21,7 @@ from enginediag_cli.safe_text import shortened
 __all__ = ["Checked", "near", "render", "validate"]
 
 
-def validate(document: Node, section: Section | Variants) -> Checked:
+def validate(document: Node, section: AnySection) -> Checked:
     """The values of a document, defaults filled in.
 
     Lists and ranges become lists, numbers floats, mappings dicts; an optional key whose default is None may
@@ -47,7 +47,7 @@ class _Walk:
     def report(self, mark: Mark, message: str, hint: str = "") -> None:
         self.problems.append(Problem(mark, message, hint))
 
-    def mapping(self, node: Node, section: Section | Variants, where: str, named: bool = False) -> dict[str, Any]:
+    def mapping(self, node: Node, section: AnySection, where: str, named: bool = False) -> dict[str, Any]:
         """`where` is the dotted path for messages; `named` mappings have a `name:` besides their fields."""
         if not node.is_mapping:
             self.report(
@@ -57,6 +57,13 @@ class _Walk:
             )
             return {}
         extra = [NAME] if named else []
+        if isinstance(section, Either):
+            known = section.of(node.value)
+            if known is None:
+                told = f"one of {', '.join(section.options)} says what it is{_in(where)}"
+                self.report(node.mark, told, f"there must be exactly one of them: {section.help}")
+                return {}
+            section = known
         if isinstance(section, Variants):
             chosen = self._variant(node, section, where)
             if chosen is None:
@@ -94,7 +101,7 @@ class _Walk:
             return self._section_map(node, field, field.section, where)
         return self._sections(node, field, field.section, where)
 
-    def _sections(self, node: Node, field: Field, section: Section | Variants, where: str) -> list[Any]:
+    def _sections(self, node: Node, field: Field, section: AnySection, where: str) -> list[Any]:
         named = field.kind == "named_sections"
         if not node.is_list:
             hint = "begin each entry with '- '" if node.is_mapping else field.help
@@ -119,7 +126,7 @@ class _Walk:
                 places[name] = item.value["name"].mark
         return values
 
-    def _section_map(self, node: Node, field: Field, section: Section | Variants, where: str) -> dict[str, Any]:
+    def _section_map(self, node: Node, field: Field, section: AnySection, where: str) -> dict[str, Any]:
         if not node.is_mapping:
             self.report(node.mark, f"{where} must be a mapping of names, not {node.describe()}", field.help)
             return {}

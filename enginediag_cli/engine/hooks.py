@@ -23,14 +23,26 @@ ValueHook = Callable[["Evaluation", Value], Value]
 FlowHook = Callable[["Evaluation", "Flow"], "Flow"]
 
 
+@dataclass(frozen=True)
+class Solved:
+    """An unknown `name` that stands for what `read` gives at the end of a pass, above 0: x / read = 1; `start`: of the
+    iteration."""
+
+    name: str
+    read: Callable[[Evaluation], Value]
+    start: float
+
+
 @dataclass
 class Hooks:
-    """Functions by the name of the leaf, the station or the sensor column that they change, in order."""
+    """Functions by the name of the leaf, the station or the sensor column that they change, in order; what is
+    remembered and what is solved for."""
 
     leaves: dict[str, list[ValueHook]] = field(default_factory=dict)
     stations: dict[str, list[FlowHook]] = field(default_factory=dict)
     readings: dict[str, list[ValueHook]] = field(default_factory=dict)
     memories: list[Memory] = field(default_factory=list)
+    solved: list[Solved] = field(default_factory=list)
 
     def leaf(self, e: Evaluation, name: str, x: Value) -> Value:
         for hook in self.leaves.get(name, ()):

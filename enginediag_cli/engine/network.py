@@ -172,6 +172,8 @@ class Network:
             ):
                 found.append(Unknown(f"{name}.corrected_speed", lower=0.05, upper=2.0))
         found += [u for control in self.controls for u in control.unknowns()]
+        if self.hooks is not None:
+            found += [Unknown(s.name, s.start) for s in self.hooks.solved]
         return tuple(replace(u, start=self._start.get(u.name, u.start)) for u in found)
 
     def parameters(self) -> tuple[Parameter, ...]:
@@ -242,10 +244,12 @@ class Network:
         other = copy.copy(self)
         other.effects, other.hooks = tuple(effects), Hooks() if effects else None
         other.remembered = ()
+        other._unknowns = None
         for effect in effects:
             assert other.hooks is not None
             effect.term.install(Place(other, effect, other.hooks))
         other.remembered = tuple(m.name for m in other.memories if not m.column)
+        other._unknowns = None
         return other
 
     # one evaluation
@@ -282,6 +286,8 @@ class Network:
             control.close(e, self)
             for leaf in control.position():
                 e.outputs[position_column(leaf)] = e[leaf]
+        for solved in self.hooks.solved if self.hooks is not None else ():
+            e.balances[solved.name] = e[solved.name] / solved.read(e) - 1.0
 
     def rate(self, e: Evaluation, column: str) -> Value:
         """d(column)/dt, in the column's unit per second: nothing moves in a steady engine."""

@@ -154,7 +154,9 @@ class Strategy:
             # far from its anchors it may lead to a solution that no engine runs at
             known = self.fit.covers(names, z)
             if known.any():
-                x[:, known] = self.fit.predict(z[:, known])
+                # of what effects solve for beside the engine's own a fit that is shared may know nothing
+                found = self.fit.predict(z[:, known])
+                x[: len(found), known] = found
         return x
 
     def _plain(self, points: Mapping[str, Any], size: int) -> Array:

@@ -10,14 +10,15 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, ClassVar
+from types import MappingProxyType
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from enginediag_cli.engine.driver import Driver
 from enginediag_cli.engine.dual import Array, Value
 from enginediag_cli.engine.evaluation import Evaluation
-from enginediag_cli.engine.hooks import FlowHook, Hooks, ValueHook
+from enginediag_cli.engine.hooks import FlowHook, Hooks, Solved, ValueHook
 from enginediag_cli.engine.moving.filters.base import Filter
 from enginediag_cli.engine.moving.memory import Memory
 from enginediag_cli.parameters import Parameter, spelled
@@ -83,19 +84,21 @@ class Term(ABC):
     `INPUTS` are columns that it reads beside the engine's own, with the value that stands for "not recorded".
     `TRIALS`: sizes at which a search tries the effect, where its derivative at absence tells nothing: a rate limit that
     nothing meets, a delay whose length matters.
-    `SWITCHES`: commanded, so it may be on or off without any column showing it.
+    `SWITCHES`: commanded, so it may be on or off without any column showing it. `OF_A_FILE`: an engine file states it,
+    and no library holds it.
     """
 
-    NAME: ClassVar[str]
-    TITLE: ClassVar[str]
-    STATEMENT: ClassVar[str]
-    EQUATION: ClassVar[str]
-    DRIVER: ClassVar[Driver]
-    COEFFICIENTS: ClassVar[tuple[Coefficient, ...]]
-    REFERENCE: ClassVar[str]
-    INPUTS: ClassVar[Mapping[str, float]] = {}
-    TRIALS: ClassVar[tuple[Mapping[str, float], ...]] = ()
-    SWITCHES: ClassVar[bool] = False
+    NAME: str
+    TITLE: str
+    STATEMENT: str
+    EQUATION: str
+    DRIVER: Driver
+    COEFFICIENTS: tuple[Coefficient, ...]
+    REFERENCE: str
+    INPUTS: Mapping[str, float] = MappingProxyType({})
+    TRIALS: tuple[Mapping[str, float], ...] = ()
+    SWITCHES: bool = False
+    OF_A_FILE: bool = False
 
     def __init_subclass__(cls, **given: object) -> None:
         """Raises TypeError for a term whose driver is none: words would be missing where it is told."""
@@ -108,10 +111,13 @@ class Term(ABC):
                 "enginediag_cli.engine.driver"
             )
 
-    @classmethod
-    def amplitudes(cls) -> tuple[Coefficient, ...]:
+    def amplitudes(self) -> tuple[Coefficient, ...]:
         """The coefficients that are sought."""
-        return tuple(c for c in cls.COEFFICIENTS if not c.shape)
+        return tuple(c for c in self.COEFFICIENTS if not c.shape)
+
+    def varies_with(self) -> str:
+        """In words."""
+        return self.DRIVER.words
 
     @abstractmethod
     def sites(self, network: Network) -> Iterable[Site]:
@@ -250,6 +256,29 @@ class Place:
         name = effect.parameter_name("memory")
         further = sum(m.name.startswith(name) for m in self._hooks.memories)
         return Memory(f"{name}_{further + 1}" if further else name, filter, names, self._absent, tried=tried)
+
+    def not_yet(self, leaf: str, reads: Mapping[str, Callable[[Evaluation], Value]]) -> tuple[str, ...]:
+        """Names of what cannot be read yet when the gas path comes to a leaf: reads raise KeyError."""
+        late: list[str] = []
+
+        def look(e: Evaluation, x: Value) -> Value:
+            for name, read in reads.items():
+                try:
+                    read(e)
+                except KeyError:
+                    late.append(name)
+            return x
+
+        passing = Evaluation(self.network.gas, self.design.size, self.design.leaves, hooks=Hooks({leaf: [look]}))
+        with np.errstate(all="ignore"):
+            self.network.open_loop(passing)
+        return tuple(late)
+
+    def solved_for(self, name: str, read: Callable[[Evaluation], Value], start: float) -> str:
+        """Leaf of an unknown of the network that stands for what can be read further down the gas path, above 0."""
+        leaf = self.effect.parameter_name(name)
+        self._hooks.solved.append(Solved(leaf, read, start))
+        return leaf
 
     def on_leaf(self, leaf: str, change: ValueHook) -> None:
         """`change(e, x)` gives the leaf's new value from its old one."""

@@ -9,6 +9,7 @@ from enginediag_cli.config.checked import Checked
 from enginediag_cli.config.hints import near
 from enginediag_cli.engine.term import Effect
 from enginediag_cli.errors import Problem
+from enginediag_cli.physics.laws.declared import law_effect
 from enginediag_cli.physics.registry import term, term_names
 
 if TYPE_CHECKING:
@@ -23,6 +24,13 @@ def carried_effects(
     problems: list[Problem] = []
     for k, block in enumerate(blocks):
         at = ("physics", k)
+        if "law" in block:
+            effect, told = law_effect(block, at, checked, network)
+            problems += told
+            if effect is not None:
+                problems += _twice(effect, effects, at, checked)
+                effects.append(effect)
+            continue
         if block["term"] not in term_names():
             problems.append(
                 Problem(
@@ -43,10 +51,13 @@ def carried_effects(
             continue
         problems += _coefficient_problems(found.COEFFICIENTS, block, at, checked)
         effect = Effect(found, sites[block["at"]], dict(block["coefficients"]), block["switch"])
-        if any(e.label == effect.label for e in effects):
-            problems.append(Problem(checked.mark(at), f"{effect.label} is listed twice"))
+        problems += _twice(effect, effects, at, checked)
         effects.append(effect)
     return ([] if problems else effects), problems
+
+
+def _twice(effect: Effect, before: Sequence[Effect], at: tuple[str | int, ...], checked: Checked) -> list[Problem]:
+    return [Problem(checked.mark(at), f"{effect.label} is listed twice") for e in before if e.label == effect.label]
 
 
 def _coefficient_problems(

@@ -7,7 +7,7 @@ import textwrap
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any
 
-from enginediag_cli.config.fields import Field, Section, Variants
+from enginediag_cli.config.fields import Field, Section
 
 if TYPE_CHECKING:
     from enginediag_cli.engine.components import Actuator, Component
@@ -107,7 +107,7 @@ def page(kind: type[Component], shown: Shown) -> str:
 def _keys(section: Section, before: str = "") -> Iterator[tuple[str, Field]]:
     for field in section.fields:
         yield before + field.name, field
-        if field.section is not None and not isinstance(field.section, Variants):
+        if isinstance(field.section, Section):
             yield from _keys(field.section, f"{before}{field.name}.")
 
 

@@ -6,10 +6,15 @@ import textwrap
 from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from enginediag_cli.engine.moving.tape import MOMENT
+from enginediag_cli.physics.laws.variables import variables_of
 from enginediag_cli.presentation.numbers import with_unit
 
 if TYPE_CHECKING:
+    from enginediag_cli.engine.engine import Engine
+    from enginediag_cli.engine.network import Network
     from enginediag_cli.engine.term import Coefficient, Site, Term
 
 WIDTH = 100
@@ -24,13 +29,13 @@ Carried = Mapping[str, Mapping[str, Any]]
 """By label `term@site`: the block of the engine file with coefficients, standard errors and source."""
 
 
-def term_row(term: Term, driver: str) -> dict[str, Any]:
-    """One term of the list; `driver` is what it varies with, in words."""
+def term_row(term: Term) -> dict[str, Any]:
+    """One term of the list."""
     return {
         "term": term.NAME,
         "title": term.TITLE,
         "driver": term.DRIVER.word,
-        "varies_with": driver,
+        "varies_with": term.varies_with(),
         "coefficients": [c.name for c in term.COEFFICIENTS],
         "assumed": [c.name for c in term.COEFFICIENTS if c.assumed],
         "columns": list(term.INPUTS),
@@ -75,11 +80,33 @@ def site_row(term: Term, site: Site, carried: Carried) -> dict[str, Any]:
     }
 
 
-def page(term: Term, driver: str, places: Mapping[str, Sequence[Site]], carried: Mapping[str, Carried]) -> str:
+def carried_blocks(engine: Engine) -> dict[str, Mapping[str, Any]]:
+    """What the engine file says of each effect that it carries, by label."""
+    found: dict[str, Mapping[str, Any]] = {}
+    for block in engine.declared["physics"]:
+        if "law" in block:
+            declared = block["coefficients"]
+            values = {name: c["value"] for name, c in declared.items()}
+            errors = {name: c["standard_error"] for name, c in declared.items() if c["standard_error"] is not None}
+            told = {"coefficients": values, "standard_errors": errors, "source": block["source"]}
+            found[f"{block['law']}@{block['at']}"] = told
+        else:
+            found[f"{block['term']}@{block['at']}"] = block
+    return found
+
+
+def variable_rows(network: Network) -> Iterator[dict[str, Any]]:
+    """What a law of an engine may vary with, and what that is at the engine's design point."""
+    for v in variables_of(network).values():
+        unit = v.driver.unit if v.recorded else "ratio to the design point"
+        yield {"variable": v.name, "at_design": v.reference, "unit": unit, "words": v.words}
+
+
+def page(term: Term, places: Mapping[str, Sequence[Site]], carried: Mapping[str, Carried]) -> str:
     """The term for a reader; `places` are its sites by the name of the engine, `carried` what each engine carries."""
     lines = [f"{term.NAME}: {term.TITLE}", "", *textwrap.wrap(term.STATEMENT, WIDTH), ""]
     lines += _labelled("equation", term.EQUATION)
-    lines += _labelled("varies with", driver)
+    lines += _labelled("varies with", term.varies_with())
     if term.SWITCHES:
         lines += _labelled("switch", SWITCH)
     for column, default in term.INPUTS.items():
@@ -94,7 +121,7 @@ def page(term: Term, driver: str, places: Mapping[str, Sequence[Site]], carried:
     lines += ["", "places"]
     for engine, sites in places.items():
         lines += _sites(engine, sites, term, carried[engine])
-    example = next((s.name for sites in places.values() for s in sites), None)
+    example = next((s.name for sites in places.values() for s in sites if not term.OF_A_FILE), None)
     if example:
         values = ", ".join(f"{c.name}: {c.typical:g}" for c in term.amplitudes())
         lines += [
@@ -118,7 +145,7 @@ def _indented(text: str, by: int) -> list[str]:
 
 
 def _facts(c: Coefficient) -> Iterator[str]:
-    within = f"within {c.lower:g} to {c.upper:g}"
+    within = f"within {c.lower:g} to {c.upper:g}" if np.isfinite([c.lower, c.upper]).any() else "without bounds"
     if c.free:
         yield f"{c.absent:g} unless the engine file says otherwise, {within}; sought with the others"
     elif c.shape:

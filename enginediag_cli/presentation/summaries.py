@@ -88,4 +88,6 @@ SIMULATE = ("time_s", "flight", "altitude_m", "mach", "status")
 
 TERMS = ("term", "title", "varies_with")
 
+VARIABLES = ("variable", "at_design", "unit", "words")
+
 SITES = ("term", "at", "acts_on", "carried", "coefficients")

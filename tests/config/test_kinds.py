@@ -13,7 +13,7 @@ from config_declarations import GOOD
 from enginediag_cli.config import kinds
 from enginediag_cli.config.defaults import default_value
 from enginediag_cli.config.document import parse_document
-from enginediag_cli.config.fields import KINDS, Field, Section, Variants
+from enginediag_cli.config.fields import KINDS, AnySection, Field, Section
 from enginediag_cli.config.json_schema import json_schema
 from enginediag_cli.config.validate import validate
 from enginediag_cli.errors import ConfigError, Mark, Problem
@@ -105,9 +105,9 @@ def test_every_kind_is_known_by_its_own_name() -> None:
     assert all(name == kind.name and kind.help for name, kind in kinds.FILE_KINDS.items())
 
 
-def sections_in(section: Section | Variants, path: str) -> Iterator[tuple[str, Section]]:
+def sections_in(section: AnySection, path: str) -> Iterator[tuple[str, Section]]:
     """Every section that a declaration reaches, with the path of keys to it."""
-    options = section.options.values() if isinstance(section, Variants) else [section]
+    options = [section] if isinstance(section, Section) else section.options.values()
     for option in options:
         inside = f"{path}.{option.name}"
         yield inside, option

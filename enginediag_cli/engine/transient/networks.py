@@ -31,6 +31,7 @@ class MovingNetwork(Network):
             {k: list(v) for k, v in carried.stations.items()},
             {k: list(v) for k, v in carried.readings.items()},
             list(carried.memories),
+            list(carried.solved),
         )
         for state in states:
             state.install(self.hooks, self)

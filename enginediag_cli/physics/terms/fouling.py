@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
-from typing import TYPE_CHECKING, ClassVar
+from collections.abc import Iterable
+from types import MappingProxyType
+from typing import TYPE_CHECKING
 
 from enginediag_cli.drivers import HOURS
 from enginediag_cli.engine.dual import Value, exp
@@ -51,7 +52,7 @@ class Fouling(Term):
         "Aker & Saravanamuttoo 1989, J. Eng. Gas Turbines Power 111, 343; Mathioudakis 2024; flow to "
         "efficiency 3:1 to 1:1; time assumed"
     )
-    INPUTS: ClassVar[Mapping[str, float]] = {SINCE_WASH: 0.0}
+    INPUTS = MappingProxyType({SINCE_WASH: 0.0})
 
     def sites(self, network: Network) -> Iterable[Site]:
         for c in compressors(network):

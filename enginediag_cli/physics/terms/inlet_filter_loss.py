@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
-from typing import TYPE_CHECKING, ClassVar
+from collections.abc import Iterable
+from types import MappingProxyType
+from typing import TYPE_CHECKING
 
 from enginediag_cli.drivers import CORRECTED_SPEED
 from enginediag_cli.engine.components.inlet import Inlet
@@ -47,7 +48,7 @@ class InletFilterLoss(Term):
         ),
     )
     REFERENCE = "Walsh & Fletcher, Gas Turbine Performance, 2nd ed. 2004; 0 to 3 % (0 to 30 mbar) assumed"
-    INPUTS: ClassVar[Mapping[str, float]] = {HOURS: 0.0}
+    INPUTS = MappingProxyType({HOURS: 0.0})
 
     def sites(self, network: Network) -> Iterable[Site]:
         for c in network.components:

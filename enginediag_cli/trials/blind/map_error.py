@@ -114,7 +114,7 @@ class MapError(Term):
     REFERENCE = "none: drawn"
 
     def __init__(self, quantity: str, shape: Shape):
-        self.NAME = f"map_error_{quantity}"  # type: ignore[misc]
+        self.NAME = f"map_error_{quantity}"
         self.quantity, self.shape = quantity, shape
 
     def sites(self, network: Network) -> Iterable[Site]:

@@ -1,0 +1,192 @@
+"""A formula as text → a function of named values, with exact derivatives and checked units.
+
+What may stand in it is listed here and nothing else: numbers, names, + − * / and **, parentheses and FUNCTIONS. The
+text is parsed and never run.
+"""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from enginediag_cli.engine.dual import Value, chain, exp, log, maximum, minimum, power, sqrt, value
+
+LONGEST = 500
+"""Letters of a formula."""
+DEEPEST = 40
+"""Parentheses and operations within each other."""
+WHOLE = 9
+"""Whole exponents up to this are products, which have derivatives where the base is 0 or below, too."""
+
+Unit = Mapping[str, int]
+"""Exponent by the name of a unit; nothing for a number without one."""
+
+
+class ExpressionError(ValueError):
+    """A formula that cannot be; `column`: letter at which it goes wrong, counted from 0."""
+
+    def __init__(self, told: str, column: int = 0):
+        super().__init__(told)
+        self.column = column
+
+
+def tanh(x: Value) -> Value:
+    v = np.tanh(value(x))
+    return chain(v, (1.0 - v**2, x))
+
+
+FUNCTIONS: Mapping[str, tuple[Callable[..., Value], int]] = {
+    "exp": (exp, 1),
+    "ln": (log, 1),
+    "sqrt": (sqrt, 1),
+    "tanh": (tanh, 1),
+    "min": (minimum, 2),
+    "max": (maximum, 2),
+}
+"""Function and how many arguments it takes."""
+
+
+@dataclass(frozen=True)
+class Expression:
+    """`names`: what its values must be given for."""
+
+    text: str
+    names: frozenset[str]
+    _root: ast.expr
+
+    @staticmethod
+    def parsed(text: str) -> Expression:
+        """Raises ExpressionError for what is no formula."""
+        if len(text) > LONGEST:
+            raise ExpressionError(f"the formula has {len(text)} letters, more than {LONGEST}")
+        try:
+            root = ast.parse(text.strip(), mode="eval").body
+        except (SyntaxError, ValueError, RecursionError, MemoryError) as error:
+            at = getattr(error, "offset", None) or 1
+            raise ExpressionError(f"'{text}' is no formula", at - 1) from error
+        names: set[str] = set()
+        _check(root, names, 0)
+        return Expression(text, frozenset(names), root)
+
+    def at(self, values: Mapping[str, Value]) -> Value:
+        """Its value (N,) or scalar where its names have these."""
+        return _value(self._root, values)
+
+    def unit(self, units: Mapping[str, Unit]) -> Unit:
+        """Its unit where its names have these. Raises ExpressionError where they do not go together."""
+        return _unit(self._root, units)
+
+
+def unit_of(text: str) -> Unit:
+    """Of a unit's name, "1" for none."""
+    return {} if text in ("", "1") else {text: 1}
+
+
+def words_of(unit: Unit) -> str:
+    """As a reader sees it."""
+    return " ".join(name if n == 1 else f"{name}^{n}" for name, n in unit.items()) or "1"
+
+
+def _check(node: ast.expr, names: set[str], depth: int) -> None:
+    if depth > DEEPEST:
+        raise ExpressionError(f"more than {DEEPEST} operations stand within each other", node.col_offset)
+    match node:
+        case ast.Constant(value=bool()) | ast.Constant(value=complex()):
+            raise ExpressionError("a formula has numbers, no other constants", node.col_offset)
+        case ast.Constant(value=int() | float()):
+            return
+        case ast.Name(id=name):
+            names.add(name)
+        case ast.UnaryOp(op=ast.USub() | ast.UAdd(), operand=a):
+            _check(a, names, depth + 1)
+        case ast.BinOp(left=a, op=ast.Add() | ast.Sub() | ast.Mult() | ast.Div() | ast.Pow(), right=b):
+            _check(a, names, depth + 1)
+            _check(b, names, depth + 1)
+        case ast.Call(func=ast.Name(id=name), args=arguments, keywords=[]) if name in FUNCTIONS:
+            if len(arguments) != FUNCTIONS[name][1]:
+                raise ExpressionError(f"{name} takes {FUNCTIONS[name][1]}, not {len(arguments)}", node.col_offset)
+            for a in arguments:
+                _check(a, names, depth + 1)
+        case _:
+            allowed = f"numbers, names, + - * / **, parentheses and {', '.join(FUNCTIONS)}"
+            raise ExpressionError(f"a formula has {allowed}, nothing else", node.col_offset)
+
+
+def _value(node: ast.expr, values: Mapping[str, Value]) -> Value:
+    match node:
+        case ast.Constant(value=number):
+            return float(number)  # type: ignore[arg-type]  # checked
+        case ast.Name(id=name):
+            return values[name]
+        case ast.UnaryOp(op=op, operand=a):
+            return _value(a, values) * (-1.0 if isinstance(op, ast.USub) else 1.0)
+        case ast.BinOp(left=a, op=ast.Pow(), right=b):
+            return _power(_value(a, values), _value(b, values))
+        case ast.BinOp(left=a, op=op, right=b):
+            x, y = _value(a, values), _value(b, values)
+            match op:
+                case ast.Add():
+                    return x + y
+                case ast.Sub():
+                    return x - y
+                case ast.Mult():
+                    return x * y
+            return x / y
+        case ast.Call(func=ast.Name(id=name), args=arguments):
+            return FUNCTIONS[name][0](*(_value(a, values) for a in arguments))
+    raise AssertionError("checked when it was parsed")
+
+
+def _power(x: Value, exponent: Value) -> Value:
+    """x**exponent; of whole numbers as products."""
+    if isinstance(exponent, float) and exponent.is_integer() and 1.0 <= abs(exponent) <= WHOLE:
+        product = x
+        for _ in range(int(abs(exponent)) - 1):
+            product = product * x
+        return product if exponent > 0.0 else 1.0 / product
+    return power(x, exponent)
+
+
+def _unit(node: ast.expr, units: Mapping[str, Unit]) -> Unit:
+    match node:
+        case ast.Name(id=name):
+            return units[name]
+        case ast.UnaryOp(operand=a):
+            return _unit(a, units)
+        case ast.BinOp(left=a, op=op, right=b):
+            return _combined(node, op, _unit(a, units), _unit(b, units))
+        case ast.Call(func=ast.Name(id=name), args=arguments):
+            found = [_unit(a, units) for a in arguments]
+            if FUNCTIONS[name][0] in (minimum, maximum):
+                if found[0] != found[1]:
+                    raise ExpressionError(_unlike(found[0], found[1]), node.col_offset)
+                return found[0]
+            if found[0]:
+                raise ExpressionError(f"{name} takes a number, not {words_of(found[0])}", node.col_offset)
+    return {}
+
+
+def _combined(node: ast.BinOp, op: ast.operator, a: Unit, b: Unit) -> Unit:
+    if isinstance(op, ast.Add | ast.Sub):
+        if a != b:
+            raise ExpressionError(_unlike(a, b), node.col_offset)
+        return a
+    if isinstance(op, ast.Pow):
+        if b:
+            raise ExpressionError(f"an exponent is a number, not {words_of(b)}", node.col_offset)
+        if not a:
+            return a
+        match node.right:
+            case ast.Constant(value=int() as n):
+                return {name: k * n for name, k in a.items()}
+        raise ExpressionError(f"{words_of(a)} can be raised to a whole number only", node.col_offset)
+    sign = 1 if isinstance(op, ast.Mult) else -1
+    found = {name: a.get(name, 0) + sign * b.get(name, 0) for name in {**a, **b}}
+    return {name: n for name, n in found.items() if n}
+
+
+def _unlike(a: Unit, b: Unit) -> str:
+    return f"{words_of(a)} and {words_of(b)} do not go together"

@@ -1,0 +1,101 @@
+"""A law: an effect that is stated by a formula, as an engine file may carry it.
+
+    θ → θ (1 + f)    where θ is a factor of nominal 1 (an efficiency, a flow capacity, the scale of a reading)
+    θ → θ + f        any other parameter, and a reading; f in its unit
+
+f is a formula of variables and coefficients. What a variable that lies further down the gas path than the parameter is,
+is an unknown of the network, and that it is so is its balance.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from functools import partial
+from typing import TYPE_CHECKING
+
+from enginediag_cli.drivers import CONSTANT
+from enginediag_cli.engine.dual import Value
+from enginediag_cli.engine.evaluation import Evaluation
+from enginediag_cli.engine.hooks import ValueHook
+from enginediag_cli.engine.term import Coefficient, Place, Site, Term
+from enginediag_cli.physics.laws.expression import Expression
+from enginediag_cli.physics.laws.variables import Variable
+
+if TYPE_CHECKING:
+    from enginediag_cli.engine.network import Network
+
+
+@dataclass(frozen=True)
+class Acts:
+    """Where a law acts: on the leaf of a parameter or, with `reading`, on what the sensor of that column reads;
+    `factor`: whether it is a share of what is there, else it is added in `unit`."""
+
+    leaf: str
+    component: str
+    unit: str
+    factor: bool
+    reading: bool = False
+
+    @property
+    def site(self) -> Site:
+        return Site(self.leaf, self.component, (f"reading {self.leaf}" if self.reading else self.leaf,))
+
+
+class Law(Term):
+    """`expression` f of `variables` and `coefficients`, at `acts`."""
+
+    OF_A_FILE = True
+
+    def __init__(
+        self,
+        name: str,
+        acts: Acts,
+        expression: Expression,
+        variables: Mapping[str, Variable],
+        coefficients: tuple[Coefficient, ...],
+        statement: str = "",
+        reference: str = "",
+    ):
+        self.acts, self.expression = acts, expression
+        self.variables = {n: v for n, v in variables.items() if n in expression.names}
+        self.NAME, self.COEFFICIENTS = name, coefficients
+        self.TITLE = f"Law at {acts.leaf}"
+        self.STATEMENT = statement or f"{self.TITLE} that varies with {self.varies_with()}."
+        how = f"{acts.leaf} (1 + f)" if acts.factor else f"{acts.leaf} + f"
+        self.EQUATION = f"{how},  f = {expression.text}"
+        self.DRIVER = next((v.driver for v in self.variables.values()), CONSTANT)
+        self.REFERENCE = reference or "the engine file that states it"
+
+    def varies_with(self) -> str:
+        """All that its formula has."""
+        return ", ".join(v.words for v in self.variables.values()) or CONSTANT.words
+
+    def sites(self, network: Network) -> Iterable[Site]:
+        yield self.acts.site
+
+    def install(self, at: Place) -> None:
+        given = self._reads(at)
+        hook = self._hook(at, given)
+        if self.acts.reading:
+            at.on_reading(self.acts.leaf, hook)
+        else:
+            at.on_leaf(self.acts.leaf, hook)
+
+    def _reads(self, at: Place) -> dict[str, str]:
+        """Leaf of the unknown by the name of each variable that is not known yet where the law acts."""
+        if self.acts.reading or not self.variables:
+            return {}
+        reads = {n: partial(v.at, network=at.network) for n, v in self.variables.items()}
+        late = at.not_yet(self.acts.leaf, reads)
+        return {n: at.solved_for(n, reads[n], self.variables[n].reference) for n in late}
+
+    def _hook(self, at: Place, unknown: Mapping[str, str]) -> ValueHook:
+        names = tuple(c.name for c in self.COEFFICIENTS if c.name in self.expression.names)
+
+        def change(e: Evaluation, x: Value) -> Value:
+            values = {n: e[unknown[n]] if n in unknown else v.at(e, at.network) for n, v in self.variables.items()}
+            f = self.expression.at(values | {n: at.c(e, n) for n in names})
+            return x * (1.0 + f) if self.acts.factor else x + f
+
+        return change
