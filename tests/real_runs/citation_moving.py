@@ -9,8 +9,8 @@ records, and the bleed that switches there, found in steady records as `explain`
 them. The other engine is the same machine with other instruments: scales of N2 and ITT, bias of ITT and the curve of
 its fuel meter are taken from those records of its flight_ref that do not move. Before: each engine's own steady
 nominal, flight offsets and bleed alike. Moving: |dN1/dt| > 30 rpm/s; steady: what the recorder's gate keeps; both in
-the air as the gate means it; with ground: all moving records of the engine's envelope. `--flight`: judge these flights
-of the folder instead of flight_b22.
+the air as the gate means it; with ground: all moving records of the engine's envelope. `--flight`: judge these flights,
+of the folder or by their path, instead of flight_b22.
 """
 
 from __future__ import annotations
@@ -226,7 +226,7 @@ def bled(flights: Path, run: Run, folder: Path) -> np.ndarray:
     first = found.first
     if first.states is None or first.switch_lr < max(first.threshold, first.continuous_lr):
         return np.zeros(len(run.time))
-    own = found.of(run.flight)
+    own = found.of(Path(run.flight).name)
     at, states = stacked(found.evidence, "time_s")[own], found.states[own]
     edges = 0.5 * (at[1:] + at[:-1])
     return states[np.searchsorted(edges, run.time)] * run.air
@@ -312,11 +312,11 @@ def story(flights: Path, folder: Path, side: str = SIDES[0], others: Sequence[st
         steady = read_nominal(nominal(folder, flights, engine))
         before, _ = errors_of(Model(Path(ENGINE), steady, run, on), THE_SAME)
         after, bleed = errors_of(Model(path, state, run, on), own[engine])
-        label = f"{engine}, {flight.partition('.')[0]}"
+        label = f"{engine}, {Path(flight).stem}"
         label = f"trained: {label}" if (engine, flight) == (side, REF) else label
         there[label], bleeds[label] = judged({"before": before, "after": after}, run), bleed
     return {
-        "trained": f"{side}, {REF.partition('.')[0]}",
+        "trained": f"{side}, {Path(REF).stem}",
         "coefficients": {n: [float(f"{state.theta0[n]:.4g}"), float(f"{errors[n]:.2g}")] for n in names},
         "instruments_of_the_other_engine": {n: float(f"{v:.4g}") for n, v in own[other].values.items()},
         "its_fuel_meter_pct": {
