@@ -33,7 +33,7 @@ def told_states(engine: Engine) -> str:
 
 @dataclass(frozen=True)
 class Flying:
-    """States (ns, N) and unknowns (nx, N) of an engine at the records of a recording."""
+    """What is known of an engine at the records of a recording: states (ns + 1, N), unknowns (nx, N)."""
 
     engine: MovingEngine
     states: NDArray[np.float64]
@@ -64,7 +64,7 @@ def flying(engine: Engine, conditions: Conditions, inputs: Columns, values: Colu
         given = {c: v[on_way] for c, v in at_way.items()} | {n: np.interp(t, time, v[index]) for n, v in values.items()}
         flights.append(Flight(t, given, time))
     found = moving.fly(flights)
-    states = np.full((len(moving.states), len(conditions)), np.nan)
+    states = np.full((len(moving.states) + 1, len(conditions)), np.nan)
     unknowns = np.full((len(moving.network.unknowns()), len(conditions)), np.nan)
     for index, (s, x) in zip(records.values(), found, strict=True):
         states[:, index], unknowns[:, index] = s, x

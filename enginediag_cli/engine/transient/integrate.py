@@ -16,7 +16,7 @@ from enginediag_cli.engine.dual import Array, Value
 from enginediag_cli.engine.transient.course import Course
 from enginediag_cli.engine.transient.networks import MovingNetwork
 from enginediag_cli.engine.transient.stages import Stages
-from enginediag_cli.engine.transient.state import STEP
+from enginediag_cli.engine.transient.state import ELAPSED, STEP
 from enginediag_cli.engine.transient.tableau import EMBEDDED, GAMMA, NODES, ORDER, STAGES
 
 TOLERANCE = 1e-6
@@ -154,10 +154,12 @@ def _step(
     known.append((np.zeros_like(h), now.x[:, at]))
     taken_up = [network.power(begun, f[0])]
     x, states, good = now.x[:, at], begun, np.ones(len(at), dtype=bool)
+    follows = np.array([[s.follows] for s in network.states])
+    on = [begun]
     for i in range(1, len(NODES)):
-        base = begun + h * sum(a * d for a, d in zip(STAGES[i], f, strict=False))
+        base = np.where(follows, begun, begun + h * sum(a * d for a, d in zip(STAGES[i], f, strict=False)))
         inputs: dict[str, Value] = dict(course.at(now.corner[at], now.time[at] + NODES[i] * h))
-        inputs[STEP] = GAMMA * h
+        inputs[STEP], inputs[ELAPSED] = GAMMA * h, NODES[i] * h
         for state, b in zip(network.states, base, strict=True):
             inputs[state.base] = b
         guess = _through(known[-3:], np.full_like(h, NODES[i]))
@@ -166,12 +168,18 @@ def _step(
         x, states, good = solved.x, solved.states, good & solved.good
         f.append((states - base) / (GAMMA * h))
         known.append((np.full_like(h, NODES[i]), x))
+        on.append(states)
         taken_up.append(network.power(states, f[-1]))
     work = h * sum(b * p for b, p in zip(STAGES[-1], taken_up, strict=True))
     error = h * sum((a - b) * d for a, b, d in zip(STAGES[-1], EMBEDDED, f, strict=True))
     # of the same order and size, but where one of the two happens to vanish the other does not
     beside = _cubic(NODES[-2], h, (begun, states), (f[0], f[-1])) - passed
     error = np.maximum(np.abs(error), np.abs(beside))
+    order = np.argsort(NODES)
+    times = NODES[order, None] * h
+    for k, state in enumerate(network.states):
+        if state.follows:
+            error[k] = state.overrun(times, np.stack([on[i][k] for i in order]))
     way = [(0.0, now.x[:, at]), (NODES[2], known[-2][1])]
     return _Step(x, states, f[-1], work, error, good & np.isfinite(error).all(axis=0), way)
 
@@ -203,17 +211,20 @@ def _note(track: Track, now: _Now, r: int) -> None:
     track.unknowns.append(now.x[:, r].copy())
 
 
-def between(track: Track, time: Array) -> tuple[Array, Array]:
-    """States (ns, n) and unknowns (nx, n) of a run at `time` (n,): cubic between the ends of steps, with their
-    derivatives, and straight for the unknowns, which are only a start. NaN where the run does not reach."""
+def between(track: Track, time: Array, follows: Array) -> tuple[Array, Array]:
+    """States and unknowns (nx, n) of a run at `time` (n,). States (ns + 1, n): cubic between the ends of steps, with
+    their derivatives; what `follows` (ns,) as it was at the beginning of the step; last, the time since then. Straight
+    for the unknowns, which are only a start. NaN where the run does not reach."""
     T = np.asarray(track.time)
     S, F, X = (np.stack(v, axis=1) for v in (track.states, track.slopes, track.unknowns))
     if len(T) == 1:
-        return np.repeat(S, len(time), axis=1), np.repeat(X, len(time), axis=1)
+        alone = np.vstack([np.repeat(S, len(time), axis=1), np.zeros(len(time))])
+        return alone, np.repeat(X, len(time), axis=1)
     k = np.clip(np.searchsorted(T, time, side="right") - 1, 0, len(T) - 2)
     h = T[k + 1] - T[k]
     s = (time - T[k]) / h
     states = _cubic(s, h, (S[:, k], S[:, k + 1]), (F[:, k], F[:, k + 1]))
+    states = np.vstack([np.where(follows[:, None], S[:, k], states), time - T[k]])
     unknowns = X[:, k] + (X[:, k + 1] - X[:, k]) * s
     out = time > T[-1]
     states[:, out] = np.nan

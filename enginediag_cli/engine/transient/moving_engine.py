@@ -18,7 +18,7 @@ from enginediag_cli.engine.transient.course import course_of
 from enginediag_cli.engine.transient.integrate import TOLERANCE, Track, between, integrate
 from enginediag_cli.engine.transient.networks import GivenNetwork, MovingNetwork
 from enginediag_cli.engine.transient.rotor import Rotor
-from enginediag_cli.engine.transient.state import State
+from enginediag_cli.engine.transient.state import ELAPSED, State
 
 
 def states_of(network: Network) -> tuple[State, ...]:
@@ -67,9 +67,11 @@ class MovingEngine:
         self._given = _as_given(engine, GivenNetwork(network, self.states))
 
     def fly(self, flights: Sequence[Flight]) -> list[tuple[Array, Array]]:
-        """States (ns, N) and unknowns (nx, N) at the records of each flight, NaN where it did not get; each begins in
-        its steady state. All flights have the same columns."""
-        return [between(track, f.records) for track, f in zip(self.tracks(flights), flights, strict=True)]
+        """What is known at the records of each flight (`between`): states, with the time since the step's beginning (ns
+        + 1, N), and unknowns (nx, N), NaN where it did not get; each begins in its steady state. All flights have the
+        same columns."""
+        follows = np.array([s.follows for s in self.states], dtype=bool)
+        return [between(track, f.records, follows) for track, f in zip(self.tracks(flights), flights, strict=True)]
 
     def tracks(self, flights: Sequence[Flight]) -> list[Track]:
         """The same as it was found, step by step."""
@@ -96,11 +98,11 @@ class MovingEngine:
         sensors: Sequence[str],
         also: Sequence[str] = (),
     ) -> Prediction:
-        """What the engine shows at records, from their states and unknowns (`flown`: (ns, n), (nx, n))."""
+        """What the engine shows at records, from what is known of them (`flown`: (ns + 1, n), (nx, n))."""
         states, unknowns = flown
         names = [u.name for u in self.network.unknowns()]
         start = unknowns[[names.index(u.name) for u in self._given.unknowns]]
-        given = {s.name: v for s, v in zip(self.states, states, strict=True)}
+        given = dict(zip((*(s.given for s in self.states), ELAPSED), states, strict=True))
         return self._given.predict({**inputs, **given}, parameters, sensors=sensors, start=start, also=also)
 
     def _steady(self, points: Mapping[str, Any], theta: Mapping[str, Any], x: Array) -> Array:

@@ -13,7 +13,7 @@ from enginediag_cli.engine.hooks import Hooks
 from enginediag_cli.engine.network import Network
 from enginediag_cli.engine.transient.actuator import Actuator
 from enginediag_cli.engine.transient.rotor import RAD_S, Rotor, surplus_column
-from enginediag_cli.engine.transient.state import State
+from enginediag_cli.engine.transient.state import ELAPSED, State
 
 
 class MovingNetwork(Network):
@@ -57,7 +57,7 @@ class GivenNetwork(MovingNetwork):
         self._unknowns = None
 
     def inputs(self) -> dict[str, float | None]:
-        return super().inputs() | {s.name: None for s in self.states}
+        return super().inputs() | {s.given: None for s in self.states} | {ELAPSED: None}
 
     def leaves(
         self, inputs: Mapping[str, Value], parameters: Mapping[str, Value], x: Mapping[str, Value]

@@ -22,6 +22,8 @@ if TYPE_CHECKING:
 
 STEP = "step_s"
 """Leaf with γ h of a stage, s."""
+ELAPSED = "elapsed_s"
+"""Leaf with the time since the beginning of the step, s."""
 
 
 class State(ABC):
@@ -32,11 +34,19 @@ class State(ABC):
     words: str
     coarser = 1.0
     """Times as far from right as a rotor's speed it may be."""
+    follows = False
+    """Whether it goes with the rest of the engine at once, as far as it can from where it stood at the beginning of the
+    step: that is then its base, and what is given of it."""
 
     @property
     def base(self) -> str:
         """The leaf from which a stage begins."""
         return f"{self.name}.base"
+
+    @property
+    def given(self) -> str:
+        """The leaf with what is known of it at a record."""
+        return self.base if self.follows else self.name
 
     @abstractmethod
     def install(self, hooks: Hooks, network: Network) -> None:
@@ -49,6 +59,10 @@ class State(ABC):
     def power(self, x: Array, slope: Array) -> Array:
         """Energy (N,) [W] that the state takes up while it changes by `slope` (N,) per second; a signal takes none."""
         return np.zeros_like(x)
+
+    def overrun(self, time: Array, x: Array) -> Array:
+        """By how much x (k, N), at rising `time` (k, N), moved further than it can: the error (N,) of what follows."""
+        return np.zeros(x.shape[1])
 
     def moved(self, x: Array, names: Sequence[str], before: Array, after: Array) -> Array:
         """x (N,) behind a last small move of the unknowns `names`, from `before` (nx, N) to `after`."""
