@@ -17,7 +17,8 @@ from typing import Any
 import numpy as np
 
 from enginediag_cli.engine import solver
-from enginediag_cli.engine.transient.moving_engine import Flight, MovingEngine
+from enginediag_cli.engine.transient.moving_engine import MovingEngine
+from enginediag_cli.engine.transient.told import Flight
 from enginediag_cli.physics.engine_file import load_engine
 
 FILE = Path(__file__).parents[2] / "configs" / "turbofan_governed.yaml"
@@ -78,10 +79,10 @@ def main() -> None:
         "plain_evaluation_ms": 1e3 * plain,
         "one_engine_hour_at_1_Hz_s": one,
         "one_engine_evaluations_per_record": one / plain / 3601,
-        "hour_reached": bool(np.isfinite(found[0][0]).all()),
+        "hour_reached": bool(np.isfinite(found[0].states).all()),
         "engines": engines,
         "engine_seconds_per_cpu_second": engines * BODIE["time"][-1] / many,
-        "share_reached": float(np.mean([np.isfinite(states).all() for states, _ in together])),
+        "share_reached": float(np.mean([np.isfinite(flown.states).all() for flown in together])),
     }
     print(json.dumps(report, indent=2))
 

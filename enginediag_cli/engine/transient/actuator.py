@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -79,6 +80,6 @@ class Actuator(State):
         reach = e[STEP] * self._rate / size
         return between_stops(moved + reach, reach - moved, total)
 
-    def overrun(self, time: Array, x: Array) -> Array:
+    def overrun(self, time: Array, x: Array, leaves: Mapping[str, Value]) -> Array:
         moved = np.abs(np.diff(x, axis=0)) - self._rate * np.diff(time, axis=0)
         return np.asarray(np.maximum(moved.max(axis=0), 0.0))

@@ -36,7 +36,7 @@ REFUSED = 0.25
 class Track:
     """What was found of each run: at its steps' ends `time` (k,), states, their derivatives (ns, k), unknowns (nx,
     k) and the energy (ns, k) [J] that each state has taken up since the beginning, summed as the states are;
-    `stopped`: when there was no way on, else infinite."""
+    `stopped`: when there was no way on, else infinite, and `why` that was."""
 
     time: list[float] = field(default_factory=list)
     states: list[Array] = field(default_factory=list)
@@ -44,6 +44,7 @@ class Track:
     unknowns: list[Array] = field(default_factory=list)
     work: list[Array] = field(default_factory=list)
     stopped: float = np.inf
+    why: str = ""
 
 
 @dataclass
@@ -90,7 +91,7 @@ def integrate(
             tracks[r].stopped = -np.inf
     stages = Stages(network, R, tolerance)
     floor = np.maximum(np.abs(states), 1e-12)
-    allowed = tolerance * np.array([[s.coarser] for s in network.states])
+    allowed = tolerance * np.reshape([s.coarser for s in network.states], (-1, 1))
     while going.any():
         at = np.flatnonzero(going)
         end = course.time[now.corner[at] + 1]
@@ -121,6 +122,7 @@ def integrate(
         lost = ~taken & (now.step[at] < SHORTEST_S)
         for r in at[lost].tolist():
             tracks[r].stopped = float(now.time[r])
+            tracks[r].why = stages.missed.get(r, "") or "it changes too fast to be followed"
         going[at[lost]] = False
         going[at[now.corner[at] >= course.last[at]]] = False
     return tracks
@@ -154,7 +156,7 @@ def _step(
     known.append((np.zeros_like(h), now.x[:, at]))
     taken_up = [network.power(begun, f[0])]
     x, states, good = now.x[:, at], begun, np.ones(len(at), dtype=bool)
-    follows = np.array([[s.follows] for s in network.states])
+    follows = np.reshape([s.follows for s in network.states], (-1, 1)).astype(bool)
     on = [begun]
     for i in range(1, len(NODES)):
         base = np.where(follows, begun, begun + h * sum(a * d for a, d in zip(STAGES[i], f, strict=False)))
@@ -179,7 +181,7 @@ def _step(
     times = NODES[order, None] * h
     for k, state in enumerate(network.states):
         if state.follows:
-            error[k] = state.overrun(times, np.stack([on[i][k] for i in order]))
+            error[k] = state.overrun(times, np.stack([on[i][k] for i in order]), {**t, **inputs})
     way = [(0.0, now.x[:, at]), (NODES[2], known[-2][1])]
     return _Step(x, states, f[-1], work, error, good & np.isfinite(error).all(axis=0), way)
 

@@ -12,6 +12,7 @@ from enginediag_cli.engine.evaluation import Evaluation
 from enginediag_cli.engine.hooks import Hooks
 from enginediag_cli.engine.network import Network
 from enginediag_cli.engine.transient.actuator import Actuator
+from enginediag_cli.engine.transient.remembered import Remembered
 from enginediag_cli.engine.transient.rotor import RAD_S, Rotor, surplus_column
 from enginediag_cli.engine.transient.state import ELAPSED, State
 
@@ -30,8 +31,10 @@ class MovingNetwork(Network):
             {k: list(v) for k, v in carried.leaves.items()},
             {k: list(v) for k, v in carried.stations.items()},
             {k: list(v) for k, v in carried.readings.items()},
-            list(carried.memories),
+            [m for m in carried.memories if not any(s.stands_for(m) for s in states)],
         )
+        # an effect whose memory is a state is there, whatever it remembers
+        self._own = {s.memory.name for s in states if isinstance(s, Remembered)}
         for state in states:
             state.install(self.hooks, self)
 
@@ -43,9 +46,14 @@ class MovingNetwork(Network):
     def paced(self, control: Control, e: Evaluation, surplus: Value) -> Value:
         return self.paces[control].balance(e, surplus) if control in self.paces else surplus
 
+    def leaves(
+        self, inputs: Mapping[str, Value], parameters: Mapping[str, Value], x: Mapping[str, Value]
+    ) -> dict[str, Value]:
+        return super().leaves(inputs, parameters, x) | {name: np.zeros(()) for name in self._own}
+
     def power(self, states: Array, slopes: Array) -> Array:
         """What each state takes up (ns, N) [W] while it changes by `slopes` (ns, N) per second."""
-        return np.stack([s.power(x, d) for s, x, d in zip(self.states, states, slopes, strict=True)])
+        return np.reshape([s.power(x, d) for s, x, d in zip(self.states, states, slopes, strict=True)], states.shape)
 
 
 class GivenNetwork(MovingNetwork):

@@ -12,6 +12,7 @@ from enginediag_cli.engine.hooks import Hooks
 from enginediag_cli.engine.transient.state import STEP, State
 
 if TYPE_CHECKING:
+    from enginediag_cli.engine.moving.memory import Memory
     from enginediag_cli.engine.network import Network
 
 RAD_S = pi / 30.0
@@ -32,6 +33,9 @@ class Rotor(State):
 
     def install(self, hooks: Hooks, network: Network) -> None:
         hooks.leaves.setdefault(f"{self.shaft}.power_offtake_W", []).append(self._taken)
+
+    def stands_for(self, memory: Memory) -> bool:
+        return memory.turns == self.shaft
 
     def value(self, e: Evaluation) -> Value:
         return e.shaft(self.shaft).speed_rpm * RAD_S

@@ -8,7 +8,7 @@ In a *stage* of the integration x is implicit, x = base + step · f: the network
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -18,6 +18,7 @@ from enginediag_cli.engine.evaluation import Evaluation
 from enginediag_cli.engine.hooks import Hooks
 
 if TYPE_CHECKING:
+    from enginediag_cli.engine.moving.memory import Memory
     from enginediag_cli.engine.network import Network
 
 STEP = "step_s"
@@ -56,12 +57,17 @@ class State(ABC):
     def value(self, e: Evaluation) -> Value:
         """x (N,) at the solution of a stage, or of a steady engine."""
 
+    def stands_for(self, memory: Memory) -> bool:
+        """Whether it is what a term remembers."""
+        return False
+
     def power(self, x: Array, slope: Array) -> Array:
         """Energy (N,) [W] that the state takes up while it changes by `slope` (N,) per second; a signal takes none."""
         return np.zeros_like(x)
 
-    def overrun(self, time: Array, x: Array) -> Array:
-        """By how much x (k, N), at rising `time` (k, N), moved further than it can: the error (N,) of what follows."""
+    def overrun(self, time: Array, x: Array, leaves: Mapping[str, Value]) -> Array:
+        """By how much x (k, N), at rising `time` (k, N), moved further than it can: the error (N,) of what follows.
+        `leaves`: inputs and parameters of the step."""
         return np.zeros(x.shape[1])
 
     def moved(self, x: Array, names: Sequence[str], before: Array, after: Array) -> Array:
