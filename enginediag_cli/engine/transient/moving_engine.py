@@ -84,10 +84,7 @@ class MovingEngine:
         for track, flight in zip(self.tracks(flights), flights, strict=True):
             states, unknowns = between(track, flight.records, self._follows)
             moment = self._moments(track, flight)
-            lost = "" if track.stopped == np.inf else f"there is no way beyond {track.stopped:.2f} s: {track.why}"
-            if track.stopped == -np.inf:
-                lost = f"it cannot stand still where it begins: {track.why}"
-            found.append(Flown(np.vstack([states, moment]), unknowns, lost))
+            found.append(Flown(np.vstack([states, moment]), unknowns, _lost(track)))
         return found
 
     def tracks(self, flights: Sequence[Flight]) -> list[Track]:
@@ -157,3 +154,11 @@ class MovingEngine:
         """States (ns, R) of steady solutions with unknowns x (nx, R)."""
         e = solver.evaluate(self.engine.network, points, theta, x, frozenset())
         return np.reshape([np.broadcast_to(value(s.value(e)), (x.shape[1],)) for s in self.states], (-1, x.shape[1]))
+
+
+def _lost(track: Track) -> str:
+    if track.stopped == np.inf:
+        return ""
+    if track.stopped == -np.inf:
+        return f"it cannot stand still where its flight begins: {track.why}"
+    return f"there is no way beyond {track.stopped:.2f} s: {track.why}; ask for less, or more slowly"

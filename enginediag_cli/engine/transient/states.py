@@ -31,8 +31,8 @@ def states_of(engine: Engine, varied: Sequence[str] = ()) -> tuple[State, ...]:
     for m in memories:
         if m.turns in inertias:
             raise ValueError(
-                f"{engine.name}: the inertia of shaft {m.turns} is given twice, as inertia_kg_m2 of the shaft and by "
-                f"the term {m.coefficients[0].rpartition('.')[0]}; leave one of them out"
+                f"{engine.name}: the inertia of shaft {m.turns} is given twice, as inertia_kg_m2 of the shaft and as "
+                f"{m.coefficients[0]} of its physics; leave one of them out"
             )
         if m.turns and set(m.coefficients) & set(varied):
             raise ValueError(f"{engine.name}: {m.coefficients[0]} cannot change while the engine is flown along time")
