@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from enginediag_cli.engine.controls.aim import selected
-from enginediag_cli.engine.controls.complementarity import between_stops
+from enginediag_cli.engine.controls.complementarity import between_stops, minimum
 from enginediag_cli.engine.controls.control import AT_LIMIT, Control
 from enginediag_cli.engine.controls.governor import Governor
 from enginediag_cli.engine.controls.held import Held
-from enginediag_cli.engine.dual import Array, Value, value
+from enginediag_cli.engine.dual import Array, Value, maximum, value
 from enginediag_cli.engine.evaluation import Evaluation
 from enginediag_cli.engine.hooks import Hooks
 from enginediag_cli.engine.transient.state import ELAPSED, STEP, State
@@ -72,6 +72,7 @@ class Actuator(State):
             moved, reach = (x - e[self.base]) / size, e[ELAPSED] * self._rate / size
             return between_stops(moved + reach, reach - moved, surplus)
         if not e.has(self.base):
+            e.signals[self.name] = surplus
             return (x - e[self.name]) / size
         moved = (x - e[self.base]) / size
         total = surplus + moved * (pace.time_constant_s / e[STEP])
@@ -79,6 +80,13 @@ class Actuator(State):
             return total
         reach = e[STEP] * self._rate / size
         return between_stops(moved + reach, reach - moved, total)
+
+    def slope(self, e: Evaluation) -> Value:
+        size = self.value(e) if self.governs else 1.0
+        free = e.signals[self.name] * size * (-1.0 / self.control.pace.time_constant_s)
+        if not self.control.pace.rate_per_s:
+            return free
+        return maximum(minimum(free, self._rate), -self._rate)
 
     def overrun(self, time: Array, x: Array, leaves: Mapping[str, Value]) -> Array:
         moved = np.abs(np.diff(x, axis=0)) - self._rate * np.diff(time, axis=0)

@@ -14,6 +14,7 @@ import numpy as np
 from enginediag_cli.engine import solver
 from enginediag_cli.engine.dual import Array, Value
 from enginediag_cli.engine.transient.course import Course
+from enginediag_cli.engine.transient.dense import cubic, quartic, slope
 from enginediag_cli.engine.transient.networks import MovingNetwork
 from enginediag_cli.engine.transient.stages import Stages
 from enginediag_cli.engine.transient.state import ELAPSED, STEP
@@ -36,6 +37,7 @@ REFUSED = 0.25
 class Track:
     """What was found of each run: at its steps' ends `time` (k,), states, their derivatives (ns, k), unknowns (nx,
     k) and the energy (ns, k) [J] that each state has taken up since the beginning, summed as the states are;
+    `within`: derivatives (2, ns) at the inner nodes of each step, where they are known;
     `stopped`: when there was no way on, else infinite, and `why` that was."""
 
     time: list[float] = field(default_factory=list)
@@ -43,6 +45,7 @@ class Track:
     slopes: list[Array] = field(default_factory=list)
     unknowns: list[Array] = field(default_factory=list)
     work: list[Array] = field(default_factory=list)
+    within: list[Array] = field(default_factory=list)
     stopped: float = np.inf
     why: str = ""
 
@@ -175,7 +178,7 @@ def _step(
     work = h * sum(b * p for b, p in zip(STAGES[-1], taken_up, strict=True))
     error = h * sum((a - b) * d for a, b, d in zip(STAGES[-1], EMBEDDED, f, strict=True))
     # of the same order and size, but where one of the two happens to vanish the other does not
-    beside = _cubic(NODES[-2], h, (begun, states), (f[0], f[-1])) - passed
+    beside = cubic(NODES[-2], h, (begun, states), (f[0], f[-1])) - passed
     error = np.maximum(np.abs(error), np.abs(beside))
     order = np.argsort(NODES)
     times = NODES[order, None] * h
@@ -184,13 +187,6 @@ def _step(
             error[k] = state.overrun(times, np.stack([on[i][k] for i in order]), {**t, **inputs})
     way = [(0.0, now.x[:, at]), (NODES[2], known[-2][1])]
     return _Step(x, states, f[-1], work, error, good & np.isfinite(error).all(axis=0), way)
-
-
-def _cubic(share: Array | float, h: Array, ends: tuple[Array, Array], slopes: tuple[Array, Array]) -> Array:
-    """On the cubic through both ends of a step with their slopes, at a share of its length."""
-    s = share
-    value = ends[0] * ((1.0 + 2.0 * s) * (1.0 - s) ** 2) + ends[1] * (s**2 * (3.0 - 2.0 * s))
-    return value + h * (slopes[0] * (s * (1.0 - s) ** 2) - slopes[1] * (s**2 * (1.0 - s)))
 
 
 def _through(known: list[tuple[Array, Array]], share: Array) -> Array:
@@ -214,8 +210,8 @@ def _note(track: Track, now: _Now, r: int) -> None:
 
 
 def between(track: Track, time: Array, follows: Array) -> tuple[Array, Array]:
-    """States and unknowns (nx, n) of a run at `time` (n,). States (ns + 1, n): cubic between the ends of steps, with
-    their derivatives; what `follows` (ns,) as it was at the beginning of the step; last, the time since then. Straight
+    """States and unknowns (nx, n) of a run at `time` (n,). States (ns + 1, n): between the ends of steps with their
+    derivatives; what `follows` (ns,) as it was at the beginning of the step; last, the time since then. Straight
     for the unknowns, which are only a start. NaN where the run does not reach."""
     T = np.asarray(track.time)
     S, F, X = (np.stack(v, axis=1) for v in (track.states, track.slopes, track.unknowns))
@@ -225,9 +221,23 @@ def between(track: Track, time: Array, follows: Array) -> tuple[Array, Array]:
     k = np.clip(np.searchsorted(T, time, side="right") - 1, 0, len(T) - 2)
     h = T[k + 1] - T[k]
     s = (time - T[k]) / h
-    states = _cubic(s, h, (S[:, k], S[:, k + 1]), (F[:, k], F[:, k + 1]))
+    ends = S[:, k], S[:, k + 1]
+    if track.within:
+        inner = np.stack(track.within)[k].transpose(1, 2, 0)
+        states = quartic(s, h, ends[0], np.concatenate([F[None, :, k], inner, F[None, :, k + 1]]))
+    else:
+        states = cubic(s, h, ends, (F[:, k], F[:, k + 1]))
     states = np.vstack([np.where(follows[:, None], S[:, k], states), time - T[k]])
     unknowns = X[:, k] + (X[:, k + 1] - X[:, k]) * s
     out = time > T[-1]
     states[:, out] = np.nan
     return states, unknowns
+
+
+def slopes_at(track: Track, time: Array) -> Array:
+    """How fast states change (ns, n) at `time` (n,) of a run that has derivatives within its steps."""
+    T, F = np.asarray(track.time), np.stack(track.slopes, axis=1)
+    k = np.clip(np.searchsorted(T, time, side="left") - 1, 0, len(T) - 2)
+    inner = np.stack(track.within)[k].transpose(1, 2, 0)
+    share = (time - T[k]) / (T[k + 1] - T[k])
+    return slope(share, np.concatenate([F[None, :, k], inner, F[None, :, k + 1]]))

@@ -12,7 +12,8 @@ from enginediag_cli.engine import solver
 from enginediag_cli.engine.dual import Array, value
 from enginediag_cli.engine.engine import NOT_CONVERGED, Engine, Prediction
 from enginediag_cli.engine.moving.tape import MOMENT, NO_MOMENT
-from enginediag_cli.engine.transient.course import course_of
+from enginediag_cli.engine.transient.collocation import made_exact
+from enginediag_cli.engine.transient.course import Course, course_of
 from enginediag_cli.engine.transient.integrate import TOLERANCE, Track, between, integrate
 from enginediag_cli.engine.transient.networks import GivenNetwork, MovingNetwork
 from enginediag_cli.engine.transient.rotor import Rotor
@@ -88,7 +89,13 @@ class MovingEngine:
         return found
 
     def tracks(self, flights: Sequence[Flight]) -> list[Track]:
-        """The same as it was found, step by step."""
+        """The same step by step."""
+        found, course, theta = self.integrated(flights)
+        made_exact(self._given, self.network, course, theta, found)
+        return found
+
+    def integrated(self, flights: Sequence[Flight]) -> tuple[list[Track], Course, dict[str, Any]]:
+        """Runs as error-controlled steps leave them, what they were asked for, and parameters that hold throughout."""
         engine = self.engine
         inputs = (*engine.inputs, *engine.optional_inputs)
         first = {c: np.array([f.columns[c][0] for f in flights]) for c in flights[0].columns}
@@ -105,7 +112,7 @@ class MovingEngine:
         found = integrate(self.network, course, theta, x, self._steady(points, theta, x), self.tolerance)
         for r in np.flatnonzero(~begin.ok).tolist():
             found[r].why = begin.reason(r)
-        return found
+        return found, course, theta
 
     def predict(
         self,

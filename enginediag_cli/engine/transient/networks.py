@@ -63,6 +63,7 @@ class GivenNetwork(MovingNetwork):
         super().__init__(network, states)
         self.shafts = {n: {**s, "speed": "given"} if n in self.rotors else s for n, s in self.shafts.items()}
         self._unknowns = None
+        self.known = {s.known: s for s in self.states}
 
     def inputs(self) -> dict[str, float | None]:
         return super().inputs() | {s.given: None for s in self.states} | {ELAPSED: None}
@@ -74,6 +75,17 @@ class GivenNetwork(MovingNetwork):
         for name, rotor in self.rotors.items():
             found[f"{name}.speed_rpm"] = inputs[rotor.name] * (1.0 / RAD_S)
         return found
+
+    def leaf_of(self, column: str) -> str:
+        """A rotor that is given sets its shaft's speed."""
+        found = next((name for name, rotor in self.rotors.items() if rotor.name == column), None)
+        return super().leaf_of(column) if found is None else f"{found}.speed_rpm"
+
+    def read(self, e: Evaluation, column: str) -> Value:
+        state = self.known.get(column)
+        if state is None:
+            return super().read(e, column)
+        return state.value(e) if state.follows else state.slope(e)
 
     def acting(self, e: Evaluation) -> dict[str, Array]:
         rates = {f"{control.name}.rate": s.hurried(e, self) for control, s in self.paces.items()}

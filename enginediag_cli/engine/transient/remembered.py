@@ -26,7 +26,8 @@ class Remembered(State):
     def __init__(self, memory: Memory, number: int, network: Network):
         self.memory, self.number = memory, number
         self.follows = memory.filter.FOLLOWS
-        self.name = f"{memory.name}.state_{number + 1}"
+        self.beside = tuple(f"{memory.name}.state_{k + 1}" for k in range(memory.filter.STATES))
+        self.name = self.beside[number]
         self.words, self.unit = spelled(memory.name), ""
         self.leaf = network.leaf_of(memory.column) if memory.column else memory.name
 
@@ -45,6 +46,11 @@ class Remembered(State):
         if self.name in e.signals:
             return e.signals[self.name]
         return e[self.leaf] if self.memory.column else e.signals[self.memory.name]
+
+    def slope(self, e: Evaluation) -> Value:
+        m = self.memory
+        states = [e.signals[name] for name in self.beside]
+        return m.filter.slopes(e.signals[m.name], states, [e[c] for c in m.coefficients])[self.number]
 
     def overrun(self, time: Array, x: Array, leaves: Mapping[str, Value]) -> Array:
         return self.memory.filter.overrun(time, x, [value(leaves[c]) for c in self.memory.coefficients])
@@ -67,6 +73,7 @@ class Filtering:
             states = filter.stage(signal, [e[s.base] for s in self.states], step, coefficients)
         else:
             states = tuple(e[s.name] for s in self.states)
+        e.signals[m.name] = signal
         e.signals |= {s.name: now for s, now in zip(self.states, states, strict=True)}
         change = filter.deviation(signal, states, coefficients)
         return signal + change if m.column else change

@@ -26,6 +26,7 @@ class Rotor(State):
     """
 
     unit = "rad/s"
+    per_given = 1.0 / RAD_S
 
     def __init__(self, shaft: str, inertia_kg_m2: float):
         self.shaft, self.inertia_kg_m2 = shaft, inertia_kg_m2
@@ -53,6 +54,9 @@ class Rotor(State):
         if e.has(self.base):
             return (omega - e[self.base]) / e[STEP]
         return e.outputs[surplus_column(self.shaft)] / (omega * self.inertia_kg_m2)
+
+    def slope(self, e: Evaluation) -> Value:
+        return self.acceleration(e)
 
     def _taken(self, e: Evaluation, load_W: Value) -> Value:
         if not e.has(self.base):

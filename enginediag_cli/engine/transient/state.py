@@ -57,6 +57,18 @@ class State(ABC):
     def value(self, e: Evaluation) -> Value:
         """x (N,) at the solution of a stage, or of a steady engine."""
 
+    @property
+    def known(self) -> str:
+        """Model column, where the state is given, with how fast it changes; of what follows, with what it is."""
+        return f"{self.name}.known"
+
+    per_given = 1.0
+    """By how much the leaf changes that it sets, where it is given."""
+
+    def slope(self, e: Evaluation) -> Value:
+        """dx/dt (N,) at a solution where it is given."""
+        raise NotImplementedError
+
     def stands_for(self, memory: Memory) -> bool:
         """Whether it is what a term remembers."""
         return False

@@ -13,7 +13,7 @@ from enginediag_cli.engine.engine import Engine
 from enginediag_cli.engine.evaluation import Evaluation, Shaft
 from enginediag_cli.engine.gas import Gas
 from enginediag_cli.engine.hooks import Hooks
-from enginediag_cli.engine.transient import tableau
+from enginediag_cli.engine.transient import collocation, dense, tableau
 from enginediag_cli.engine.transient.course import course_of
 from enginediag_cli.engine.transient.integrate import between, integrate
 from enginediag_cli.engine.transient.moving_engine import Flown, MovingEngine
@@ -126,33 +126,55 @@ def test_an_engine_that_is_left_alone_ends_on_its_steady_solution(folder):
     assert np.allclose(end.y[0], engine.predict({c: v[:1] for c, v in f.columns.items()}, sensors=end.columns).y[0])
 
 
-def test_energy_and_angular_momentum_balance_over_a_bodie_manoeuvre(folder):
-    engine = turbojet(folder)
-    m, f = MovingEngine(engine, 1e-9), flight(engine, **BODIE)
+@pytest.mark.parametrize("name", ["turbojet", "governed turbofan"])
+def test_energy_and_angular_momentum_balance_over_a_bodie_manoeuvre_at_default_options(folder, name):
+    m = MovingEngine(turbojet(folder)) if name == "turbojet" else governed()
+    f = flight(m.engine, **BODIE)
     track = m.tracks([f])[0]
-    omega, work = np.array(track.states)[:, 0], np.array(track.work)[:, 0]
-    energy = 0.5 * INERTIA * omega**2
-    # what the network's powers summed to, against what the rotor holds
-    assert np.abs(work - (energy - energy[0])).max() < 1e-8 * np.ptp(energy)
-    # and from outside: torque of an engine whose speed is given, by Gauss's quadrature between the ends of steps
-    nodes, weights = np.polynomial.legendre.leggauss(3)
-    T = np.array(track.time)
-    h = np.diff(T)
-    at = Flight(f.time, f.columns, (T[:-1, None] + h[:, None] * (1.0 + nodes) / 2.0).ravel())
-    states, x = between(track, at.records, np.array([False]))
+    follows = np.array([s.follows for s in m.states])
+    # from outside: powers of an engine whose speeds are given, by Gauss's quadrature between the ends of steps
+    nodes, weights = np.polynomial.legendre.leggauss(5)
+    h = np.diff(track.time)
+    at = Flight(f.time, f.columns, (np.array(track.time)[:-1, None] + h[:, None] * (1.0 + nodes) / 2.0).ravel())
+    states, x = between(track, at.records, follows)
     flown = Flown(np.vstack([states, np.full(states.shape[1], -1.0)]), x)
-    surplus = read(m, at, flown, ("spool_surplus_W",)).y[:, 0]
-    torque = (surplus / states[0]).reshape(-1, 3) @ weights * h / 2.0
-    momentum = INERTIA * (omega - omega[0])
-    assert np.abs(np.cumsum(torque) - momentum[1:]).max() < 1e-6 * np.ptp(momentum)
+    for k, rotor in enumerate(m.network.rotors.values()):
+        surplus = read(m, at, flown, (f"{rotor.shaft}_surplus_W",)).y[:, 0]
+        omega, work = np.array(track.states)[:, k], np.array(track.work)[:, k]
+        energy, momentum = 0.5 * rotor.inertia_kg_m2 * omega**2, rotor.inertia_kg_m2 * omega
+        given = np.cumsum(surplus.reshape(-1, 5) @ weights * h / 2.0)
+        torque = np.cumsum((surplus / states[k]).reshape(-1, 5) @ weights * h / 2.0)
+        assert np.abs(given - (energy[1:] - energy[0])).max() < 1e-8 * np.ptp(energy)
+        assert np.abs(torque - (momentum[1:] - momentum[0])).max() < 1e-8 * np.ptp(momentum)
+        # and what the run itself has added up
+        assert np.abs(work - (energy - energy[0])).max() < 2e-9 * np.ptp(energy)
 
 
-def test_a_smaller_tolerance_comes_nearer_in_proportion(folder):
+def test_the_tolerance_of_the_steps_is_not_that_of_the_run(folder):
     engine = turbojet(folder)
     f = flight(engine, **BODIE, records=np.linspace(0.0, 18.0, 101))
-    exact = MovingEngine(engine, 1e-9).fly([f])[0][0][0]
-    off = [np.abs(MovingEngine(engine, tol).fly([f])[0][0][0] / exact - 1.0).max() for tol in (1e-5, 1e-6, 1e-7)]
+    follows, found, left = np.array([False]), [], []
+    for tolerance in (1e-5, 1e-6, 1e-7, 1e-9):
+        m = MovingEngine(engine, tolerance)
+        found.append(m.fly([f])[0].states[0])
+        left.append(between(m.integrated([f])[0][0], f.records, follows)[0][0])
+    exact = found[-1]
+    # steps alone come nearer in proportion to their tolerance, and the run is made right whatever it was
+    off = [np.abs(one / exact - 1.0).max() for one in left]
     assert off[0] < 3e-4 and off[1] < off[0] / 3.0 and off[2] < off[1] / 3.0
+    assert max(np.abs(one / exact - 1.0).max() for one in found) < 1e-7
+
+
+def test_radaus_method_meets_its_conditions_of_order():
+    A, b, c = collocation.WEIGHTS, collocation.WEIGHTS[-1], dense.RADAU
+    assert np.allclose([b @ c**k for k in range(5)], [1.0 / (k + 1) for k in range(5)], atol=1e-15)
+    assert np.allclose([A @ c**k for k in range(3)], [c ** (k + 1) / (k + 1) for k in range(3)], atol=1e-15)
+    # halving its steps leaves 1/32 of the error of dx/dt = -x
+    off = []
+    for n in (4, 8):
+        x = np.linalg.solve(np.eye(3) + A / n, np.ones(3))[-1] ** n
+        off.append(abs(x - np.exp(-1.0)))
+    assert off[0] / off[1] == pytest.approx(32.0, rel=0.1)
 
 
 def test_records_do_not_bend_the_course(folder):
@@ -212,7 +234,7 @@ def test_the_fuel_control_respects_its_limits_at_every_record_of_a_bodie_manoeuv
 
 def test_a_valve_that_follows_at_once_takes_one_step_from_corner_to_corner():
     m, t = governed(), np.arange(25.0)
-    track = m.tracks([flight(m.engine, t, 0.5 + 0.002 * np.sin(t / 3.0))])[0]
+    track = m.integrated([flight(m.engine, t, 0.5 + 0.002 * np.sin(t / 3.0))])[0][0]
     assert len(track.time) - 1 < 1.25 * 24
 
 

@@ -83,6 +83,10 @@ class Filter(ABC):
         signal."""
         raise NotImplementedError
 
+    def slopes(self, signal: Value, states: Sequence[Value], coefficients: Sequence[Value]) -> tuple[Value, ...]:
+        """dx/dt of the states; not of one that follows."""
+        raise NotImplementedError
+
     def deviation(self, signal: Value, states: Sequence[Value], coefficients: Sequence[Value]) -> Value:
         """The same as a call gives, from the states."""
         raise NotImplementedError

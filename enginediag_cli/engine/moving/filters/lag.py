@@ -43,5 +43,8 @@ class Lag(Filter):
         tau = coefficients[0]
         return ((base[0] * tau + signal * step) / (step + tau),)
 
+    def slopes(self, signal: Value, states: Sequence[Value], coefficients: Sequence[Value]) -> tuple[Value, ...]:
+        return ((signal - states[0]) / coefficients[0],)
+
     def deviation(self, signal: Value, states: Sequence[Value], coefficients: Sequence[Value]) -> Value:
         return states[0] - signal

@@ -30,6 +30,11 @@ class PerFull(Filter):
         states = self.inner.stage(signal * share, [b * share for b in base], step, coefficients)
         return tuple(x * self.full for x in states)
 
+    def slopes(self, signal: Value, states: Sequence[Value], coefficients: Sequence[Value]) -> tuple[Value, ...]:
+        share = 1.0 / self.full
+        inner = self.inner.slopes(signal * share, [x * share for x in states], coefficients)
+        return tuple(x * self.full for x in inner)
+
     def deviation(self, signal: Value, states: Sequence[Value], coefficients: Sequence[Value]) -> Value:
         share = 1.0 / self.full
         return self.inner.deviation(signal * share, [x * share for x in states], coefficients) * self.full

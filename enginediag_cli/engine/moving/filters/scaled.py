@@ -32,6 +32,9 @@ class Scaled(Filter):
     ) -> tuple[Value, ...]:
         return self.inner.stage(signal, base, step, coefficients[1:])
 
+    def slopes(self, signal: Value, states: Sequence[Value], coefficients: Sequence[Value]) -> tuple[Value, ...]:
+        return self.inner.slopes(signal, states, coefficients[1:])
+
     def deviation(self, signal: Value, states: Sequence[Value], coefficients: Sequence[Value]) -> Value:
         return self.inner.deviation(signal, states, coefficients[1:]) * coefficients[0]
 

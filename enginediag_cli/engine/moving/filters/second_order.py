@@ -38,5 +38,9 @@ class SecondOrder(Filter):
         first = Lag().stage(signal, base[:1], step, (total * (1.0 - share),))
         return first + Lag().stage(first[0], base[1:], step, (total * share,))
 
+    def slopes(self, signal: Value, states: Sequence[Value], coefficients: Sequence[Value]) -> tuple[Value, ...]:
+        (first, second), (total, share) = states, coefficients
+        return (signal - first) / (total * (1.0 - share)), (first - second) / (total * share)
+
     def deviation(self, signal: Value, states: Sequence[Value], coefficients: Sequence[Value]) -> Value:
         return states[1] - signal
