@@ -154,7 +154,7 @@ def test_the_tolerance_of_the_steps_is_not_that_of_the_run(folder):
     engine = turbojet(folder)
     f = flight(engine, **BODIE, records=np.linspace(0.0, 18.0, 101))
     follows, found, left = np.array([False]), [], []
-    for tolerance in (1e-5, 1e-6, 1e-7, 1e-9):
+    for tolerance in (1e-5, 1e-6, 1e-7):
         m = MovingEngine(engine, tolerance)
         found.append(m.fly([f])[0].states[0])
         left.append(between(m.integrated([f])[0][0], f.records, follows)[0][0])
@@ -262,6 +262,32 @@ def test_the_named_limit_is_the_one_that_is_met():
         named = np.char.find(p.active_limit, name) >= 0
         assert named.sum() > 20
         assert np.abs(p.y[named, column] / limit - 1.0).max() < 1e-5
+
+
+@pytest.mark.parametrize("rate", [0.0, 0.1])
+def test_a_fuel_valve_with_a_time_constant_follows_its_closed_form(tmp_path, rate):
+    text = (CONFIGS / "turbojet.yaml").read_text(encoding="utf-8").replace("16500,", "16500, inertia_kg_m2: 6,")
+    for old in ("power_setting: Wf_kg_s", "  Wf_kg_s: {low"):
+        assert old in text
+        text = text.replace(old, old.replace("Wf_kg_s", "asked_kg_s"))
+    pace = "time_constant_s: 0.5" + (f", rate_per_s: {rate}" if rate else "")
+    law = "set_point_schedule: {input: asked_kg_s, polynomial: [0, 1]}"
+    text += f"\ncontrols:\n  - {{name: valve, actuator: fuel, hold: Wf_kg_s, {pace}, {law}}}\n"
+    (tmp_path / "e.yaml").write_text(text, encoding="utf-8")
+    m = MovingEngine(load_engine(tmp_path / "e.yaml"))
+    time, still = np.array([0.0, 1.0, 1.0 + 1e-6, 5.0]), np.zeros(4)
+    asked = np.array([0.2, 0.2, 0.3, 0.3])
+    columns = {"altitude_m": still, "mach": still, "dT_isa_K": still, "asked_kg_s": asked}
+    f = Flight(time, columns, np.linspace(1.0, 5.0, 81))
+    fuel = read(m, f, m.fly([f])[0], ("Wf_kg_s",)).y[:, 0]
+    # tau d ln x/dt = 1 - x/x_asked: a logistic curve; at a rate, straight until that is slower
+    t, x0 = f.records - 1.0, 0.2
+    if rate:
+        x0 = 0.15 + np.sqrt(0.15**2 - 0.3 * 0.5 * rate)
+        met = (x0 - 0.2) / rate
+        assert met > 0.3 and fuel[t < met] == pytest.approx(0.2 + rate * t[t < met], rel=1e-5)
+        t, fuel = t[t > met] - met, fuel[t > met]
+    assert fuel == pytest.approx(0.3 / (1.0 + (0.3 / x0 - 1.0) * np.exp(-t / 0.5)), rel=1e-5)
 
 
 def test_a_governor_of_speed_needs_a_lead(tmp_path):
