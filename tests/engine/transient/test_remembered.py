@@ -153,3 +153,23 @@ def test_a_flight_that_ends_early_says_when_and_why():
     p = m.predict(told, {}, m.fly([Flight(time, corners, records)])[0], sensors=COLUMNS)
     assert p.ok[:2].all() and not p.ok[-1]
     assert p.reason(19).startswith("there is no way beyond 1.14 s: spool power cannot be met; ask for less")
+
+
+@pytest.mark.parametrize(
+    ("name", "values"),
+    [
+        ("load_rate_limit", {"rise": 300.0, "fall": 300.0}),
+        ("load_second_order_lag", {"time_constant": 20.0, "share": 0.3}),
+    ],
+)
+def test_a_load_that_a_set_point_asks_for_moves_as_the_recording_recalls_it(name, values):
+    loaded = load_engine(CONFIGS / "micro_gas_turbine.yaml")
+    engine = loaded.with_effects([effect(loaded, name, "generator", values)])
+    m, time, records = MovingEngine(engine), np.array([0.0, 10, 11, 100, 102, 300]), np.arange(300.0)
+    corners = {c: np.full(6, engine.declared["design"].get(c, 0.0)) for c in engine.inputs}
+    corners["input_voltage_V"] = np.array([5.0, 5, 9, 9, 4, 4])
+    told = {c: np.interp(records, time, v) for c, v in corners.items()}
+    simulated = m.predict(told, {}, m.fly([Flight(time, corners, records)])[0], sensors=("power_W",)).y
+    moment = engine.tapes.add({**told, "time_s": records})
+    recalled = engine.predict({**told, MOMENT: moment}, sensors=("power_W",)).y
+    assert np.abs(simulated - recalled).max() < 2e-3 * np.ptp(recalled)  # set points ask for a curve, within a second
