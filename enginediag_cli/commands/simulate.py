@@ -107,7 +107,7 @@ def simulate(
     enginediag simulate configs/turbofan.yaml --fault configs/faults/hpc_fouling.yaml --truth true.csv | head
     enginediag simulate configs/turbofan.yaml --flight configs/flights/sweep.yaml --records 1000 --noise none
 
-    An engine whose file gives states (inertia_kg_m2 of a shaft) is flown along the time of its records.
+    An engine whose file gives states (inertia_kg_m2 of a shaft, terms that remember) is flown along time.
     Points that the engine cannot reach keep their row, with empty readings and the reason in `status`. The
     same seed gives the same flights and the same noise, with faults or without. The header names the fault
     files; leave it out with --no-header where the diagnosis is to be blind.

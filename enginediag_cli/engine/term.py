@@ -232,10 +232,13 @@ class Place:
         recorded: str = "",
         measured: Callable[[Array], Array] = np.asarray,
         sensor: str = "",
+        turns: str = "",
     ) -> Callable[[Evaluation, Value], Value]:
         """remembered(e, signal): what `filter` makes of the signal's past, 0 in equilibrium; to be called by a hook in
-        every evaluation. `recorded`, `measured`, `sensor`: as of `Memory`."""
-        memory = replace(self._memory(filter, coefficients), recorded=recorded, measured=measured, sensor=sensor)
+        every evaluation. `recorded`, `measured`, `sensor`, `turns`: as of `Memory`."""
+        memory = replace(
+            self._memory(filter, coefficients), recorded=recorded, measured=measured, sensor=sensor, turns=turns
+        )
         self._hooks.memories.append(memory)
         self._states.append(memory.name)
 

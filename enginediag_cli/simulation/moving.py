@@ -2,54 +2,55 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from enginediag_cli.engine.engine import Engine, Prediction
-from enginediag_cli.engine.transient.moving_engine import Flight, MovingEngine, states_of
+from enginediag_cli.engine.transient.moving_engine import Flown, MovingEngine
+from enginediag_cli.engine.transient.states import remembered, states_of
+from enginediag_cli.engine.transient.told import Flight
 from enginediag_cli.errors import DataError
+from enginediag_cli.parameters import spelled
 from enginediag_cli.simulation.conditions import Conditions, engine_inputs
 
 Columns = Mapping[str, NDArray[np.float64]]
 
 
-def moves(engine: object, conditions: Conditions) -> bool:
-    """Whether an engine has states, and the records follow each other in time."""
-    return (
-        isinstance(engine, Engine)
-        and conditions.series
-        and "time_s" in conditions.columns
-        and bool(states_of(engine.network))
-    )
+def moves(engine: object, conditions: Conditions, varied: Sequence[str] = ()) -> bool:
+    """Whether an engine has states, or remembers anything, and the records follow each other in time."""
+    if not (isinstance(engine, Engine) and conditions.series and "time_s" in conditions.columns):
+        return False
+    return bool(remembered(engine, varied)) or bool(states_of(engine))
 
 
 def told_states(engine: Engine) -> str:
-    """Names of an engine's states."""
-    return ", ".join(s.words for s in states_of(engine.network))
+    """Names of an engine's states, and of what readings remember."""
+    states = states_of(engine)
+    further = [m for m in remembered(engine) if not any(s.stands_for(m) for s in states)]
+    return ", ".join(dict.fromkeys([*(s.words for s in states), *(spelled(m.name) for m in further)]))
 
 
 @dataclass(frozen=True)
 class Flying:
-    """States (ns, N) and unknowns (nx, N) of an engine at the records of a recording."""
+    """What is known of an engine at the records of a recording."""
 
     engine: MovingEngine
-    states: NDArray[np.float64]
-    unknowns: NDArray[np.float64]
+    known: Flown
 
     def predict(self, inputs: Columns, parameters: Columns, piece: slice) -> Prediction:
         """Of the records `piece`."""
-        at = self.states[:, piece], self.unknowns[:, piece]
-        return self.engine.predict(inputs, parameters, at, sensors=tuple(self.engine.engine.sensors))
+        sensors = tuple(self.engine.engine.sensors)
+        return self.engine.predict(inputs, parameters, self.known.at(piece), sensors=sensors)
 
 
 def flying(engine: Engine, conditions: Conditions, inputs: Columns, values: Columns) -> Flying:
     """Flies the conditions; `inputs` and parameters `values` (N,) are those of the records. Raises DataError for a
     time that does not rise within a flight, and for an engine whose power setting leaves its states no room."""
     try:
-        moving = MovingEngine(engine)
+        moving = MovingEngine(engine, varied=tuple(values))
     except ValueError as error:
         raise DataError(str(error)) from error
     way = conditions if conditions.way is None else conditions.way
@@ -64,11 +65,12 @@ def flying(engine: Engine, conditions: Conditions, inputs: Columns, values: Colu
         given = {c: v[on_way] for c, v in at_way.items()} | {n: np.interp(t, time, v[index]) for n, v in values.items()}
         flights.append(Flight(t, given, time))
     found = moving.fly(flights)
-    states = np.full((len(moving.states), len(conditions)), np.nan)
+    states = np.full((len(moving.states) + 2, len(conditions)), np.nan)
     unknowns = np.full((len(moving.network.unknowns()), len(conditions)), np.nan)
-    for index, (s, x) in zip(records.values(), found, strict=True):
-        states[:, index], unknowns[:, index] = s, x
-    return Flying(moving, states, unknowns)
+    lost = np.full(len(conditions), "", dtype=object)
+    for index, (s, x, why) in zip(records.values(), found, strict=True):
+        states[:, index], unknowns[:, index], lost[index] = s, x, why
+    return Flying(moving, Flown(states, unknowns, lost))
 
 
 def _time(conditions: Conditions) -> NDArray[np.float64]:

@@ -93,7 +93,7 @@ def simulate_in_chunks(
         **sensor_truth(faults.sensors, clocks),
     }
     flown = None
-    if not steady and moves(engine, conditions):
+    if not steady and moves(engine, conditions, tuple(values)):
         assert isinstance(engine, Engine)
         flown = flying(engine, conditions, inputs, values)
     return _pieces(engine, _Course(conditions, inputs, values, hidden, clocks, flown), instruments, chunk)

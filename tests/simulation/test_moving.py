@@ -79,6 +79,26 @@ def test_a_time_that_stands_still_is_told_with_the_way_out(engine):
     assert np.ptp(drawn.columns["N1_rpm"]) < 1e-6
 
 
+def test_what_terms_remember_moves_without_any_inertia_too(tmp_path, capsys):
+    text = (CONFIGS / "turbojet.yaml").read_text(encoding="utf-8")
+    terms = """
+physics:
+  - {term: heat_soak, at: turbine, coefficients: {exchange: 0.05, time_constant: 20}}
+  - {term: probe_lag, at: T5, coefficients: {time_constant: 4}}
+"""
+    (tmp_path / "engine.yaml").write_text(text + terms, encoding="utf-8")
+    asked = ["simulate", str(tmp_path / "engine.yaml"), "--flight", str(CONFIGS / "flights" / "run_up.yaml")]
+    asked += ["--noise", "none", "-o", str(tmp_path / "moving.csv")]
+    assert main(asked) == 0
+    said = capsys.readouterr().err
+    assert "heat soak turbine memory" in said and "probe lag T5 memory" in said
+    T5 = np.array([float(row["T5_K"]) for row in rows(tmp_path / "moving.csv")])
+    assert main([*asked[:-1], str(tmp_path / "steady.csv"), "--steady"]) == 0
+    steady = np.array([float(row["T5_K"]) for row in rows(tmp_path / "steady.csv")])
+    assert T5[:30] == pytest.approx(steady[:30], rel=1e-9) and np.abs(T5 - steady).max() > 50.0
+    assert abs(T5[30:] - steady[30:]).min() < 1.0
+
+
 def rows(path):
     with open(path, encoding="utf-8") as stream:
         return list(csv.DictReader(line for line in stream if not line.startswith("#")))

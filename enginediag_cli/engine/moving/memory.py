@@ -22,7 +22,8 @@ class Memory:
     from which `measured` makes the signal where the recording has it. `sensor`: column of the reading that shows the
     signal, if it is one. `shown_by`: column of the
     recordings that shows what the filter makes, if there is one: it tells where it begins. `tried`: names of
-    directions along which the effect is tried at one size each, with the values of `coefficients`.
+    directions along which the effect is tried at one size each, with the values of `coefficients`. `turns`: the shaft
+    of which the first coefficient is the inertia, where the effect is that; simulations have its speed as a state.
     """
 
     name: str
@@ -35,3 +36,4 @@ class Memory:
     shown_by: str = ""
     measured: Callable[[Array], Array] = np.asarray
     tried: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
+    turns: str = ""

@@ -14,9 +14,10 @@ import numpy as np
 from enginediag_cli.engine import solver
 from enginediag_cli.engine.dual import Array, Value
 from enginediag_cli.engine.transient.course import Course
+from enginediag_cli.engine.transient.dense import cubic, quartic, slope
 from enginediag_cli.engine.transient.networks import MovingNetwork
 from enginediag_cli.engine.transient.stages import Stages
-from enginediag_cli.engine.transient.state import STEP
+from enginediag_cli.engine.transient.state import ELAPSED, STEP
 from enginediag_cli.engine.transient.tableau import EMBEDDED, GAMMA, NODES, ORDER, STAGES
 
 TOLERANCE = 1e-6
@@ -36,14 +37,17 @@ REFUSED = 0.25
 class Track:
     """What was found of each run: at its steps' ends `time` (k,), states, their derivatives (ns, k), unknowns (nx,
     k) and the energy (ns, k) [J] that each state has taken up since the beginning, summed as the states are;
-    `stopped`: when there was no way on, else infinite."""
+    `within`: derivatives (2, ns) at the inner nodes of each step, where they are known;
+    `stopped`: when there was no way on, else infinite, and `why` that was."""
 
     time: list[float] = field(default_factory=list)
     states: list[Array] = field(default_factory=list)
     slopes: list[Array] = field(default_factory=list)
     unknowns: list[Array] = field(default_factory=list)
     work: list[Array] = field(default_factory=list)
+    within: list[Array] = field(default_factory=list)
     stopped: float = np.inf
+    why: str = ""
 
 
 @dataclass
@@ -90,7 +94,7 @@ def integrate(
             tracks[r].stopped = -np.inf
     stages = Stages(network, R, tolerance)
     floor = np.maximum(np.abs(states), 1e-12)
-    allowed = tolerance * np.array([[s.coarser] for s in network.states])
+    allowed = tolerance * np.reshape([s.coarser for s in network.states], (-1, 1))
     while going.any():
         at = np.flatnonzero(going)
         end = course.time[now.corner[at] + 1]
@@ -121,6 +125,7 @@ def integrate(
         lost = ~taken & (now.step[at] < SHORTEST_S)
         for r in at[lost].tolist():
             tracks[r].stopped = float(now.time[r])
+            tracks[r].why = stages.missed.get(r, "") or "it changes too fast to be followed"
         going[at[lost]] = False
         going[at[now.corner[at] >= course.last[at]]] = False
     return tracks
@@ -154,10 +159,12 @@ def _step(
     known.append((np.zeros_like(h), now.x[:, at]))
     taken_up = [network.power(begun, f[0])]
     x, states, good = now.x[:, at], begun, np.ones(len(at), dtype=bool)
+    follows = np.reshape([s.follows for s in network.states], (-1, 1)).astype(bool)
+    on = [begun]
     for i in range(1, len(NODES)):
-        base = begun + h * sum(a * d for a, d in zip(STAGES[i], f, strict=False))
+        base = np.where(follows, begun, begun + h * sum(a * d for a, d in zip(STAGES[i], f, strict=False)))
         inputs: dict[str, Value] = dict(course.at(now.corner[at], now.time[at] + NODES[i] * h))
-        inputs[STEP] = GAMMA * h
+        inputs[STEP], inputs[ELAPSED] = GAMMA * h, NODES[i] * h
         for state, b in zip(network.states, base, strict=True):
             inputs[state.base] = b
         guess = _through(known[-3:], np.full_like(h, NODES[i]))
@@ -166,21 +173,20 @@ def _step(
         x, states, good = solved.x, solved.states, good & solved.good
         f.append((states - base) / (GAMMA * h))
         known.append((np.full_like(h, NODES[i]), x))
+        on.append(states)
         taken_up.append(network.power(states, f[-1]))
     work = h * sum(b * p for b, p in zip(STAGES[-1], taken_up, strict=True))
     error = h * sum((a - b) * d for a, b, d in zip(STAGES[-1], EMBEDDED, f, strict=True))
     # of the same order and size, but where one of the two happens to vanish the other does not
-    beside = _cubic(NODES[-2], h, (begun, states), (f[0], f[-1])) - passed
+    beside = cubic(NODES[-2], h, (begun, states), (f[0], f[-1])) - passed
     error = np.maximum(np.abs(error), np.abs(beside))
+    order = np.argsort(NODES)
+    times = NODES[order, None] * h
+    for k, state in enumerate(network.states):
+        if state.follows:
+            error[k] = state.overrun(times, np.stack([on[i][k] for i in order]), {**t, **inputs})
     way = [(0.0, now.x[:, at]), (NODES[2], known[-2][1])]
     return _Step(x, states, f[-1], work, error, good & np.isfinite(error).all(axis=0), way)
-
-
-def _cubic(share: Array | float, h: Array, ends: tuple[Array, Array], slopes: tuple[Array, Array]) -> Array:
-    """On the cubic through both ends of a step with their slopes, at a share of its length."""
-    s = share
-    value = ends[0] * ((1.0 + 2.0 * s) * (1.0 - s) ** 2) + ends[1] * (s**2 * (3.0 - 2.0 * s))
-    return value + h * (slopes[0] * (s * (1.0 - s) ** 2) - slopes[1] * (s**2 * (1.0 - s)))
 
 
 def _through(known: list[tuple[Array, Array]], share: Array) -> Array:
@@ -203,18 +209,35 @@ def _note(track: Track, now: _Now, r: int) -> None:
     track.unknowns.append(now.x[:, r].copy())
 
 
-def between(track: Track, time: Array) -> tuple[Array, Array]:
-    """States (ns, n) and unknowns (nx, n) of a run at `time` (n,): cubic between the ends of steps, with their
-    derivatives, and straight for the unknowns, which are only a start. NaN where the run does not reach."""
+def between(track: Track, time: Array, follows: Array) -> tuple[Array, Array]:
+    """States and unknowns (nx, n) of a run at `time` (n,). States (ns + 1, n): between the ends of steps with their
+    derivatives; what `follows` (ns,) as it was at the beginning of the step; last, the time since then. Straight
+    for the unknowns, which are only a start. NaN where the run does not reach."""
     T = np.asarray(track.time)
     S, F, X = (np.stack(v, axis=1) for v in (track.states, track.slopes, track.unknowns))
     if len(T) == 1:
-        return np.repeat(S, len(time), axis=1), np.repeat(X, len(time), axis=1)
+        alone = np.vstack([np.repeat(S, len(time), axis=1), np.zeros(len(time))])
+        return alone, np.repeat(X, len(time), axis=1)
     k = np.clip(np.searchsorted(T, time, side="right") - 1, 0, len(T) - 2)
     h = T[k + 1] - T[k]
     s = (time - T[k]) / h
-    states = _cubic(s, h, (S[:, k], S[:, k + 1]), (F[:, k], F[:, k + 1]))
+    ends = S[:, k], S[:, k + 1]
+    if track.within:
+        inner = np.stack(track.within)[k].transpose(1, 2, 0)
+        states = quartic(s, h, ends[0], np.concatenate([F[None, :, k], inner, F[None, :, k + 1]]))
+    else:
+        states = cubic(s, h, ends, (F[:, k], F[:, k + 1]))
+    states = np.vstack([np.where(follows[:, None], S[:, k], states), time - T[k]])
     unknowns = X[:, k] + (X[:, k + 1] - X[:, k]) * s
     out = time > T[-1]
     states[:, out] = np.nan
     return states, unknowns
+
+
+def slopes_at(track: Track, time: Array) -> Array:
+    """How fast states change (ns, n) at `time` (n,) of a run that has derivatives within its steps."""
+    T, F = np.asarray(track.time), np.stack(track.slopes, axis=1)
+    k = np.clip(np.searchsorted(T, time, side="left") - 1, 0, len(T) - 2)
+    inner = np.stack(track.within)[k].transpose(1, 2, 0)
+    share = (time - T[k]) / (T[k + 1] - T[k])
+    return slope(share, np.concatenate([F[None, :, k], inner, F[None, :, k + 1]]))

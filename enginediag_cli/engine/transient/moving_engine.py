@@ -3,51 +3,61 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import replace
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from enginediag_cli.engine import solver
-from enginediag_cli.engine.controls.control import Pace
 from enginediag_cli.engine.dual import Array, value
-from enginediag_cli.engine.engine import Engine, Prediction
-from enginediag_cli.engine.network import Network
-from enginediag_cli.engine.transient.actuator import Actuator
-from enginediag_cli.engine.transient.course import course_of
+from enginediag_cli.engine.engine import NOT_CONVERGED, Engine, Prediction
+from enginediag_cli.engine.moving.tape import MOMENT, NO_MOMENT
+from enginediag_cli.engine.transient.collocation import made_exact
+from enginediag_cli.engine.transient.course import Course, course_of
 from enginediag_cli.engine.transient.integrate import TOLERANCE, Track, between, integrate
 from enginediag_cli.engine.transient.networks import GivenNetwork, MovingNetwork
 from enginediag_cli.engine.transient.rotor import Rotor
-from enginediag_cli.engine.transient.state import State
+from enginediag_cli.engine.transient.state import ELAPSED
+from enginediag_cli.engine.transient.states import remembered, states_of
+from enginediag_cli.engine.transient.told import Flight, told
+
+BETWEEN = 8
+"""Points of each step at which what is remembered of readings is followed, beside the records: a probe then errs by a
+hundredth of what the gas bends within a step."""
 
 
-def states_of(network: Network) -> tuple[State, ...]:
-    """The states that an engine file gives: rotors whose speed follows from a balance of power."""
-    found: list[State] = []
-    for name, shaft in network.shafts.items():
-        if shaft["inertia_kg_m2"] > 0.0 and shaft["speed"] == "balance":
-            found.append(Rotor(name, shaft["inertia_kg_m2"]))
-    found += [Actuator(c, network) for c in network.controls if c.pace != Pace()]
-    return tuple(found)
+class Flown(NamedTuple):
+    """What is known of an engine at N records: states (ns, N), the time since the beginning of the step and the moment
+    on the tape of the run, (ns + 2, N) in all, and unknowns (nx, N), NaN where it did not get; `lost`: why it did
+    not."""
 
+    states: Array
+    unknowns: Array
+    lost: Any = ""
 
-@dataclass(frozen=True)
-class Flight:
-    """What one engine is asked for: columns (C,) of inputs and, where they are not nominal, parameters at rising
-    `time` (C,) s, straight between; `records` (N,): times at which its states are wanted."""
-
-    time: Array
-    columns: Mapping[str, Array]
-    records: Array
+    def at(self, piece: slice) -> Flown:
+        """Of the records `piece`."""
+        return Flown(self.states[:, piece], self.unknowns[:, piece], np.asarray(self.lost)[piece])
 
 
 class MovingEngine:
-    """`engine` with its states. Raises ValueError for a power setting that says what a state is to be."""
+    """`engine` with its states; `varied`: parameters that flights change. Raises ValueError for a power setting that
+    says what a state is to be, for what cannot be followed along time and for what is stated twice."""
 
-    def __init__(self, engine: Engine, tolerance: float = TOLERANCE):
+    def __init__(self, engine: Engine, tolerance: float = TOLERANCE, varied: Sequence[str] = ()):
         self.engine, self.tolerance = engine, tolerance
         network = engine.network
-        self.states = states_of(network)
+        self.states = states_of(engine, varied)
+        self._follows = np.array([s.follows for s in self.states], dtype=bool)
+        # an inertia that a term gives is the rotor's now
+        turning = [s for s in self.states if isinstance(s, Rotor)]
+        self._theirs = {
+            n: absent
+            for m in remembered(engine, varied)
+            for s in turning
+            if s.stands_for(m)
+            for n, absent in m.absent.items()
+        }
         self.network = MovingNetwork(network, self.states)
         held = network.governor.aim if network.governor is not None else None
         shaft = network.speed_columns.get(held.column, "") if held is not None else ""
@@ -64,51 +74,98 @@ class MovingEngine:
                     "that its inertia has nothing to move; let a fuel control meet it (`controls:` with actuator fuel "
                     "and lead_s)"
                 )
-        self._given = _as_given(engine, GivenNetwork(network, self.states))
+        at_records = Engine(GivenNetwork(network, self.states), engine.declared, engine.path)
+        known = {**engine.moved, **self._theirs}
+        self._given = at_records.at({n: v for n, v in known.items() if n in at_records.parameters})
 
-    def fly(self, flights: Sequence[Flight]) -> list[tuple[Array, Array]]:
-        """States (ns, N) and unknowns (nx, N) at the records of each flight, NaN where it did not get; each begins in
-        its steady state. All flights have the same columns."""
-        return [between(track, f.records) for track, f in zip(self.tracks(flights), flights, strict=True)]
+    def fly(self, flights: Sequence[Flight]) -> list[Flown]:
+        """What is known at the records of each flight; each begins in its steady state. All flights have the same
+        columns."""
+        found = []
+        for track, flight in zip(self.tracks(flights), flights, strict=True):
+            states, unknowns = between(track, flight.records, self._follows)
+            moment = self._moments(track, flight)
+            found.append(Flown(np.vstack([states, moment]), unknowns, _lost(track)))
+        return found
 
     def tracks(self, flights: Sequence[Flight]) -> list[Track]:
-        """The same as it was found, step by step."""
+        """The same step by step."""
+        found, course, theta = self.integrated(flights)
+        made_exact(self._given, self.network, course, theta, found)
+        return found
+
+    def integrated(self, flights: Sequence[Flight]) -> tuple[list[Track], Course, dict[str, Any]]:
+        """Runs as error-controlled steps leave them, what they were asked for, and parameters that hold throughout."""
         engine = self.engine
-        course = course_of([(f.time, f.columns) for f in flights])
         inputs = (*engine.inputs, *engine.optional_inputs)
-        first = {c: v[course.first] for c, v in course.columns.items()}
+        first = {c: np.array([f.columns[c][0] for f in flights]) for c in flights[0].columns}
         begin = engine.predict(
             {c: v for c, v in first.items() if c in inputs},
             {c: v for c, v in first.items() if c not in inputs},
             sensors=(),
         )
-        defaults = {**engine.nominal, **engine.optional_inputs}
-        theta = {n: v for n, v in defaults.items() if n not in first}
+        course = course_of([told(engine, f) for f in flights])
+        points = {c: v[course.first] for c, v in course.columns.items()}
+        defaults = {**engine.nominal, **engine.optional_inputs, **self._theirs}
+        theta = {n: v for n, v in defaults.items() if n not in points}
         x = np.where(begin.ok, begin.x, np.nan)
-        return integrate(self.network, course, theta, x, self._steady(first, theta, x), self.tolerance)
+        found = integrate(self.network, course, theta, x, self._steady(points, theta, x), self.tolerance)
+        for r in np.flatnonzero(~begin.ok).tolist():
+            found[r].why = begin.reason(r)
+        return found, course, theta
 
     def predict(
         self,
         inputs: Mapping[str, Any],
         parameters: Mapping[str, Any],
-        flown: tuple[Array, Array],
+        flown: Flown,
         *,
         sensors: Sequence[str],
         also: Sequence[str] = (),
     ) -> Prediction:
-        """What the engine shows at records, from their states and unknowns (`flown`: (ns, n), (nx, n))."""
-        states, unknowns = flown
+        """What the engine shows at records, from what is known of them."""
+        states, unknowns, lost = flown
         names = [u.name for u in self.network.unknowns()]
         start = unknowns[[names.index(u.name) for u in self._given.unknowns]]
-        given = {s.name: v for s, v in zip(self.states, states, strict=True)}
-        return self._given.predict({**inputs, **given}, parameters, sensors=sensors, start=start, also=also)
+        given = dict(zip((*(s.given for s in self.states), ELAPSED, MOMENT), states, strict=True))
+        if MOMENT not in self._given.optional_inputs:
+            del given[MOMENT]
+        found = self._given.predict({**inputs, **given}, parameters, sensors=sensors, start=start, also=also)
+        away = np.flatnonzero(np.isnan(states[len(self.states)]))
+        if not away.size:
+            return found
+        why = np.broadcast_to(np.asarray(lost), (states.shape[1],))
+        status = found.status.copy()
+        status[away] = NOT_CONVERGED
+        reasons = {k: found.reason(k) for k in np.flatnonzero(status).tolist()}
+        return replace(found, status=status, _reasons=reasons | {k: str(why[k]) for k in away.tolist()})
+
+    def _moments(self, track: Track, flight: Flight) -> Array:
+        """Where the records of a flight (N,) stand on the tape of its run, whose past readings remember; NO_MOMENT
+        where nothing is remembered, or the run did not get."""
+        moment = np.full(len(flight.records), NO_MOMENT)
+        if not self._given.network.memories or not track.time:
+            return moment
+        ends = np.asarray(track.time)
+        reached = flight.records <= ends[-1]
+        within = np.interp(np.arange(BETWEEN * (len(ends) - 1) + 1) / BETWEEN, np.arange(len(ends)), ends)
+        time = np.union1d(within, np.concatenate([flight.time[flight.time <= ends[-1]], flight.records[reached]]))
+        states, _ = between(track, time, self._follows)
+        columns = {c: np.interp(time, flight.time, v) for c, v in flight.columns.items()}
+        columns |= dict(zip((*(s.given for s in self.states), ELAPSED), states, strict=True))
+        on_tape = self._given.tapes.add({**columns, "time_s": time})
+        moment[reached] = on_tape[np.searchsorted(time, flight.records[reached])]
+        return moment
 
     def _steady(self, points: Mapping[str, Any], theta: Mapping[str, Any], x: Array) -> Array:
         """States (ns, R) of steady solutions with unknowns x (nx, R)."""
         e = solver.evaluate(self.engine.network, points, theta, x, frozenset())
-        return np.stack([np.broadcast_to(value(s.value(e)), (x.shape[1],)) for s in self.states])
+        return np.reshape([np.broadcast_to(value(s.value(e)), (x.shape[1],)) for s in self.states], (-1, x.shape[1]))
 
 
-def _as_given(engine: Engine, network: GivenNetwork) -> Engine:
-    found = Engine(network, engine.declared, engine.path)
-    return found.at({n: v for n, v in engine.moved.items() if n in found.parameters})
+def _lost(track: Track) -> str:
+    if track.stopped == np.inf:
+        return ""
+    if track.stopped == -np.inf:
+        return f"it cannot stand still where its flight begins: {track.why}"
+    return f"there is no way beyond {track.stopped:.2f} s: {track.why}; ask for less, or more slowly"

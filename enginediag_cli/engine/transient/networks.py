@@ -12,8 +12,9 @@ from enginediag_cli.engine.evaluation import Evaluation
 from enginediag_cli.engine.hooks import Hooks
 from enginediag_cli.engine.network import Network
 from enginediag_cli.engine.transient.actuator import Actuator
+from enginediag_cli.engine.transient.remembered import Remembered
 from enginediag_cli.engine.transient.rotor import RAD_S, Rotor, surplus_column
-from enginediag_cli.engine.transient.state import State
+from enginediag_cli.engine.transient.state import ELAPSED, State
 
 
 class MovingNetwork(Network):
@@ -30,9 +31,11 @@ class MovingNetwork(Network):
             {k: list(v) for k, v in carried.leaves.items()},
             {k: list(v) for k, v in carried.stations.items()},
             {k: list(v) for k, v in carried.readings.items()},
-            list(carried.memories),
+            [m for m in carried.memories if not any(s.stands_for(m) for s in states)],
             list(carried.solved),
         )
+        # an effect whose memory is a state is there, whatever it remembers
+        self._own = {s.memory.name for s in states if isinstance(s, Remembered)}
         for state in states:
             state.install(self.hooks, self)
 
@@ -44,9 +47,14 @@ class MovingNetwork(Network):
     def paced(self, control: Control, e: Evaluation, surplus: Value) -> Value:
         return self.paces[control].balance(e, surplus) if control in self.paces else surplus
 
+    def leaves(
+        self, inputs: Mapping[str, Value], parameters: Mapping[str, Value], x: Mapping[str, Value]
+    ) -> dict[str, Value]:
+        return super().leaves(inputs, parameters, x) | {name: np.zeros(()) for name in self._own}
+
     def power(self, states: Array, slopes: Array) -> Array:
         """What each state takes up (ns, N) [W] while it changes by `slopes` (ns, N) per second."""
-        return np.stack([s.power(x, d) for s, x, d in zip(self.states, states, slopes, strict=True)])
+        return np.reshape([s.power(x, d) for s, x, d in zip(self.states, states, slopes, strict=True)], states.shape)
 
 
 class GivenNetwork(MovingNetwork):
@@ -56,9 +64,10 @@ class GivenNetwork(MovingNetwork):
         super().__init__(network, states)
         self.shafts = {n: {**s, "speed": "given"} if n in self.rotors else s for n, s in self.shafts.items()}
         self._unknowns = None
+        self.known = {s.known: s for s in self.states}
 
     def inputs(self) -> dict[str, float | None]:
-        return super().inputs() | {s.name: None for s in self.states}
+        return super().inputs() | {s.given: None for s in self.states} | {ELAPSED: None}
 
     def leaves(
         self, inputs: Mapping[str, Value], parameters: Mapping[str, Value], x: Mapping[str, Value]
@@ -67,6 +76,17 @@ class GivenNetwork(MovingNetwork):
         for name, rotor in self.rotors.items():
             found[f"{name}.speed_rpm"] = inputs[rotor.name] * (1.0 / RAD_S)
         return found
+
+    def leaf_of(self, column: str) -> str:
+        """A rotor that is given sets its shaft's speed."""
+        found = next((name for name, rotor in self.rotors.items() if rotor.name == column), None)
+        return super().leaf_of(column) if found is None else f"{found}.speed_rpm"
+
+    def read(self, e: Evaluation, column: str) -> Value:
+        state = self.known.get(column)
+        if state is None:
+            return super().read(e, column)
+        return state.value(e) if state.follows else state.slope(e)
 
     def acting(self, e: Evaluation) -> dict[str, Array]:
         rates = {f"{control.name}.rate": s.hurried(e, self) for control, s in self.paces.items()}

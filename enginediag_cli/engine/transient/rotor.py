@@ -12,6 +12,7 @@ from enginediag_cli.engine.hooks import Hooks
 from enginediag_cli.engine.transient.state import STEP, State
 
 if TYPE_CHECKING:
+    from enginediag_cli.engine.moving.memory import Memory
     from enginediag_cli.engine.network import Network
 
 RAD_S = pi / 30.0
@@ -25,6 +26,7 @@ class Rotor(State):
     """
 
     unit = "rad/s"
+    per_given = 1.0 / RAD_S
 
     def __init__(self, shaft: str, inertia_kg_m2: float):
         self.shaft, self.inertia_kg_m2 = shaft, inertia_kg_m2
@@ -32,6 +34,9 @@ class Rotor(State):
 
     def install(self, hooks: Hooks, network: Network) -> None:
         hooks.leaves.setdefault(f"{self.shaft}.power_offtake_W", []).append(self._taken)
+
+    def stands_for(self, memory: Memory) -> bool:
+        return memory.turns == self.shaft
 
     def value(self, e: Evaluation) -> Value:
         return e.shaft(self.shaft).speed_rpm * RAD_S
@@ -49,6 +54,9 @@ class Rotor(State):
         if e.has(self.base):
             return (omega - e[self.base]) / e[STEP]
         return e.outputs[surplus_column(self.shaft)] / (omega * self.inertia_kg_m2)
+
+    def slope(self, e: Evaluation) -> Value:
+        return self.acceleration(e)
 
     def _taken(self, e: Evaluation, load_W: Value) -> Value:
         if not e.has(self.base):

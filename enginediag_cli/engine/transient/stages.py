@@ -59,6 +59,7 @@ class Stages:
         self._turns = np.array([u.name in speeds for u in network.unknowns()])
         self._names = [u.name for u in network.unknowns()]
         self.left = SHARE * tolerance
+        self.missed: dict[int, str] = {}  # engine → the balance that its last stage without a solution missed
         self.passes = 0
 
     def solve(
@@ -180,12 +181,16 @@ class Stages:
         u, t = solver.take(inputs, bad), solver.take(theta, bad)
         solved = solver.newton(self.network, u, t, x[:, bad])
         good = solved.converged
+        if not good.all():
+            balances = tuple(solver.evaluate(self.network, u, t, solved.x, frozenset()).balances)
+            for k in np.flatnonzero(~good).tolist():
+                self.missed[int(rows[bad[k]])] = f"{balances[solved.worst(k)]} cannot be met"
         self._step[rows[bad]] = np.nan
         if good.any():
             e = solver.evaluate(self.network, u, t, solved.x, frozenset())
             states = [np.broadcast_to(value(s.value(e)), (len(bad),)) for s in self.network.states]
             found.x[:, bad[good]], found.good[bad[good]] = solved.x[:, good], True
-            found.states[:, bad[good]] = np.stack(states)[:, good]
+            found.states[:, bad[good]] = np.reshape(states, (-1, len(bad)))[:, good]
 
 
 def _inverse(J: Array) -> Array:

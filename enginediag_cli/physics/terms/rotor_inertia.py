@@ -62,7 +62,7 @@ class RotorInertia(Term):
             return 0.5 * (RAD_S * speed_rpm) ** 2
 
         column = next(c for c, shaft in at.network.speed_columns.items() if shaft == name)
-        power = at.remember(Scaled(RateOfChange()), ("inertia",), recorded=column, measured=energy)
+        power = at.remember(Scaled(RateOfChange()), ("inertia",), recorded=column, measured=energy, turns=name)
 
         def offtake(e: Evaluation, load_W: Value) -> Value:
             omega = e.shaft(name).speed_rpm * RAD_S

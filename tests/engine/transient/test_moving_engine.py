@@ -13,12 +13,14 @@ from enginediag_cli.engine.engine import Engine
 from enginediag_cli.engine.evaluation import Evaluation, Shaft
 from enginediag_cli.engine.gas import Gas
 from enginediag_cli.engine.hooks import Hooks
-from enginediag_cli.engine.transient import tableau
+from enginediag_cli.engine.transient import collocation, dense, tableau
 from enginediag_cli.engine.transient.course import course_of
 from enginediag_cli.engine.transient.integrate import between, integrate
-from enginediag_cli.engine.transient.moving_engine import Flight, MovingEngine
+from enginediag_cli.engine.transient.moving_engine import Flown, MovingEngine
 from enginediag_cli.engine.transient.networks import MovingNetwork
 from enginediag_cli.engine.transient.rotor import Rotor
+from enginediag_cli.engine.transient.states import states_of
+from enginediag_cli.engine.transient.told import Flight
 from enginediag_cli.physics.engine_file import load_engine
 
 CONFIGS = Path(__file__).parents[3] / "configs"
@@ -55,10 +57,10 @@ def flight(engine: Engine, time, power, records=None, dT: float = 0.0, **more: f
     return Flight(t, columns, t if records is None else np.asarray(records, dtype=float))
 
 
-def read(m: MovingEngine, f: Flight, states, unknowns, also):
+def read(m: MovingEngine, f: Flight, flown, also):
     """Columns (N, k) at a flight's records."""
     inputs = {c: np.interp(f.records, f.time, v) for c, v in f.columns.items()}
-    return m.predict(inputs, {}, (states, unknowns), sensors=tuple(also))
+    return m.predict(inputs, {}, flown, sensors=tuple(also))
 
 
 class ConstantPower:
@@ -97,7 +99,7 @@ def test_under_constant_power_the_square_of_the_speed_grows_in_proportion_to_tim
     omega = np.array([[0.5 * n.design_rpm * np.pi / 30.0]])
     track = integrate(n, course, {}, np.array([[0.5]]), omega, 1e-9)[0]
     records = np.linspace(0.0, 60.0, 31)
-    found = between(track, records)[0][0] ** 2
+    found = between(track, records, np.array([False]))[0][0] ** 2
     # the start is taken for steady, with no acceleration: one short step finds it
     since = found[1]
     assert found[1:] == pytest.approx(since + 2.0 * n.power_W / n.inertia * (records[1:] - records[1]), rel=1e-7)
@@ -117,39 +119,62 @@ def test_the_method_meets_its_conditions_of_order():
 def test_an_engine_that_is_left_alone_ends_on_its_steady_solution(folder):
     engine = turbojet(folder)
     m, f = MovingEngine(engine), flight(engine, (0, 2, 3, 120), (0.1, 0.1, 0.9, 0.9))
-    states, x = m.fly([f])[0]
+    flown = m.fly([f])[0]
     steady = engine.predict({c: v[-1:] for c, v in f.columns.items()}, sensors=("N1_rpm", "T5_K", "P3_Pa"))
-    end = read(m, f, states, x, ("N1_rpm", "T5_K", "P3_Pa"))
+    end = read(m, f, flown, ("N1_rpm", "T5_K", "P3_Pa"))
     assert np.allclose(end.y[-1], steady.y[0], rtol=1e-6)
     assert np.allclose(end.y[0], engine.predict({c: v[:1] for c, v in f.columns.items()}, sensors=end.columns).y[0])
 
 
-def test_energy_and_angular_momentum_balance_over_a_bodie_manoeuvre(folder):
-    engine = turbojet(folder)
-    m, f = MovingEngine(engine, 1e-9), flight(engine, **BODIE)
+@pytest.mark.parametrize("name", ["turbojet", "governed turbofan"])
+def test_energy_and_angular_momentum_balance_over_a_bodie_manoeuvre_at_default_options(folder, name):
+    m = MovingEngine(turbojet(folder)) if name == "turbojet" else governed()
+    f = flight(m.engine, **BODIE)
     track = m.tracks([f])[0]
-    omega, work = np.array(track.states)[:, 0], np.array(track.work)[:, 0]
-    energy = 0.5 * INERTIA * omega**2
-    # what the network's powers summed to, against what the rotor holds
-    assert np.abs(work - (energy - energy[0])).max() < 1e-8 * np.ptp(energy)
-    # and from outside: torque of an engine whose speed is given, by Gauss's quadrature between the ends of steps
-    nodes, weights = np.polynomial.legendre.leggauss(3)
-    T = np.array(track.time)
-    h = np.diff(T)
-    at = Flight(f.time, f.columns, (T[:-1, None] + h[:, None] * (1.0 + nodes) / 2.0).ravel())
-    states, x = between(track, at.records)
-    surplus = read(m, at, states, x, ("spool_surplus_W",)).y[:, 0]
-    torque = (surplus / states[0]).reshape(-1, 3) @ weights * h / 2.0
-    momentum = INERTIA * (omega - omega[0])
-    assert np.abs(np.cumsum(torque) - momentum[1:]).max() < 1e-6 * np.ptp(momentum)
+    follows = np.array([s.follows for s in m.states])
+    # from outside: powers of an engine whose speeds are given, by Gauss's quadrature between the ends of steps
+    nodes, weights = np.polynomial.legendre.leggauss(5)
+    h = np.diff(track.time)
+    at = Flight(f.time, f.columns, (np.array(track.time)[:-1, None] + h[:, None] * (1.0 + nodes) / 2.0).ravel())
+    states, x = between(track, at.records, follows)
+    flown = Flown(np.vstack([states, np.full(states.shape[1], -1.0)]), x)
+    for k, rotor in enumerate(m.network.rotors.values()):
+        surplus = read(m, at, flown, (f"{rotor.shaft}_surplus_W",)).y[:, 0]
+        omega, work = np.array(track.states)[:, k], np.array(track.work)[:, k]
+        energy, momentum = 0.5 * rotor.inertia_kg_m2 * omega**2, rotor.inertia_kg_m2 * omega
+        given = np.cumsum(surplus.reshape(-1, 5) @ weights * h / 2.0)
+        torque = np.cumsum((surplus / states[k]).reshape(-1, 5) @ weights * h / 2.0)
+        assert np.abs(given - (energy[1:] - energy[0])).max() < 1e-8 * np.ptp(energy)
+        assert np.abs(torque - (momentum[1:] - momentum[0])).max() < 1e-8 * np.ptp(momentum)
+        # and what the run itself has added up
+        assert np.abs(work - (energy - energy[0])).max() < 2e-9 * np.ptp(energy)
 
 
-def test_a_smaller_tolerance_comes_nearer_in_proportion(folder):
+def test_the_tolerance_of_the_steps_is_not_that_of_the_run(folder):
     engine = turbojet(folder)
     f = flight(engine, **BODIE, records=np.linspace(0.0, 18.0, 101))
-    exact = MovingEngine(engine, 1e-9).fly([f])[0][0][0]
-    off = [np.abs(MovingEngine(engine, tol).fly([f])[0][0][0] / exact - 1.0).max() for tol in (1e-5, 1e-6, 1e-7)]
+    follows, found, left = np.array([False]), [], []
+    for tolerance in (1e-5, 1e-6, 1e-7):
+        m = MovingEngine(engine, tolerance)
+        found.append(m.fly([f])[0].states[0])
+        left.append(between(m.integrated([f])[0][0], f.records, follows)[0][0])
+    exact = found[-1]
+    # steps alone come nearer in proportion to their tolerance, and the run is made right whatever it was
+    off = [np.abs(one / exact - 1.0).max() for one in left]
     assert off[0] < 3e-4 and off[1] < off[0] / 3.0 and off[2] < off[1] / 3.0
+    assert max(np.abs(one / exact - 1.0).max() for one in found) < 1e-7
+
+
+def test_radaus_method_meets_its_conditions_of_order():
+    A, b, c = collocation.WEIGHTS, collocation.WEIGHTS[-1], dense.RADAU
+    assert np.allclose([b @ c**k for k in range(5)], [1.0 / (k + 1) for k in range(5)], atol=1e-15)
+    assert np.allclose([A @ c**k for k in range(3)], [c ** (k + 1) / (k + 1) for k in range(3)], atol=1e-15)
+    # halving its steps leaves 1/32 of the error of dx/dt = -x
+    off = []
+    for n in (4, 8):
+        x = np.linalg.solve(np.eye(3) + A / n, np.ones(3))[-1] ** n
+        off.append(abs(x - np.exp(-1.0)))
+    assert off[0] / off[1] == pytest.approx(32.0, rel=0.1)
 
 
 def test_records_do_not_bend_the_course(folder):
@@ -178,7 +203,7 @@ def test_each_engine_of_a_batch_flies_as_it_does_alone(folder):
     together = m.fly(flights)
     for k in (0, 29, 59):
         alone = m.fly([flights[k]])[0][0]
-        assert np.allclose(together[k][0], alone, rtol=1e-7), k
+        assert np.allclose(together[k][0][0], alone[0], rtol=1e-7), k
 
 
 def test_a_heavier_rotor_moves_more_slowly_in_proportion(folder):
@@ -187,20 +212,18 @@ def test_a_heavier_rotor_moves_more_slowly_in_proportion(folder):
     step = ((0.0, 1e-3, 40.0), (0.5, 0.6, 0.6))
     a = MovingEngine(light, 1e-8).fly([flight(light, *step, records=t)])[0][0]
     b = MovingEngine(heavy, 1e-8).fly([flight(heavy, *step, records=2.0 * t)])[0][0]
-    assert np.allclose(a, b, rtol=1e-5)  # but for the millisecond of the step itself
+    assert np.allclose(a[0], b[0], rtol=1e-5)  # but for the millisecond of the step itself
 
 
 def test_without_inertia_an_engine_has_no_states():
-    from enginediag_cli.engine.transient.moving_engine import states_of
-
-    assert states_of(load_engine(CONFIGS / "turbojet.yaml").network) == ()
+    assert states_of(load_engine(CONFIGS / "turbojet.yaml")) == ()
 
 
 def test_the_fuel_control_respects_its_limits_at_every_record_of_a_bodie_manoeuvre():
     m = governed()
     f = flight(m.engine, **BODIE, records=np.linspace(0.0, 18.0, 361))
-    states, x = m.fly([f])[0]
-    p = read(m, f, states, x, ("T4_K", "FAR4", "Wf_kg_s", "N1_rpm"))
+    flown = m.fly([f])[0]
+    p = read(m, f, flown, ("T4_K", "FAR4", "Wf_kg_s", "N1_rpm"))
     T4, far, fuel, N1 = p.y.T
     assert p.ok.all()
     assert T4.max() < 1600.0 * (1 + 1e-6) and far.min() > 0.008 * (1 - 1e-6)
@@ -209,15 +232,62 @@ def test_the_fuel_control_respects_its_limits_at_every_record_of_a_bodie_manoeuv
     assert N1[-1] == pytest.approx(f.columns["N1_demand_rpm"][-1], rel=1e-5)
 
 
+def test_a_valve_that_follows_at_once_takes_one_step_from_corner_to_corner():
+    m, t = governed(), np.arange(25.0)
+    track = m.integrated([flight(m.engine, t, 0.5 + 0.002 * np.sin(t / 3.0))])[0][0]
+    assert len(track.time) - 1 < 1.25 * 24
+
+
+def test_a_valve_at_its_rate_moves_straight_and_reaches_the_law_exactly():
+    m = governed()
+    records = np.linspace(4.95, 6.5, 156)
+    f = flight(m.engine, (0.0, 5.0, 5.01, 8.0), (0.4, 0.4, 0.6, 0.6), records=records)
+    flown = m.fly([f])[0]
+    p = read(m, f, flown, ("Wf_kg_s", "N1_rpm"))
+    fuel, hurried = p.y[:, 0], p.active_limit == "fuel_control.rate"
+    step = np.diff(fuel)[hurried[1:] & hurried[:-1]] / np.diff(records)[hurried[1:] & hurried[:-1]]
+    assert len(step) > 5 and np.allclose(np.abs(step), 2.0, rtol=1e-8)
+    N1, asked = p.y[:, 1], np.interp(records, f.time, f.columns["N1_demand_rpm"])
+    rate = np.gradient(N1, records)
+    free = (p.active_limit == "") & (records > 5.02)
+    assert np.abs(N1 + 0.5 * rate - asked)[free][3:-1].max() < 0.1  # the law, but for the differences here
+
+
 def test_the_named_limit_is_the_one_that_is_met():
     m = governed()
     f = flight(m.engine, **BODIE, records=np.linspace(0.0, 18.0, 361))
-    states, x = m.fly([f])[0]
-    p = read(m, f, states, x, ("T4_K", "FAR4"))
+    flown = m.fly([f])[0]
+    p = read(m, f, flown, ("T4_K", "FAR4"))
     for name, column, limit in (("hot", 0, 1600.0), ("lean", 1, 0.008)):
         named = np.char.find(p.active_limit, name) >= 0
         assert named.sum() > 20
         assert np.abs(p.y[named, column] / limit - 1.0).max() < 1e-5
+
+
+@pytest.mark.parametrize("rate", [0.0, 0.1])
+def test_a_fuel_valve_with_a_time_constant_follows_its_closed_form(tmp_path, rate):
+    text = (CONFIGS / "turbojet.yaml").read_text(encoding="utf-8").replace("16500,", "16500, inertia_kg_m2: 6,")
+    for old in ("power_setting: Wf_kg_s", "  Wf_kg_s: {low"):
+        assert old in text
+        text = text.replace(old, old.replace("Wf_kg_s", "asked_kg_s"))
+    pace = "time_constant_s: 0.5" + (f", rate_per_s: {rate}" if rate else "")
+    law = "set_point_schedule: {input: asked_kg_s, polynomial: [0, 1]}"
+    text += f"\ncontrols:\n  - {{name: valve, actuator: fuel, hold: Wf_kg_s, {pace}, {law}}}\n"
+    (tmp_path / "e.yaml").write_text(text, encoding="utf-8")
+    m = MovingEngine(load_engine(tmp_path / "e.yaml"))
+    time, still = np.array([0.0, 1.0, 1.0 + 1e-6, 5.0]), np.zeros(4)
+    asked = np.array([0.2, 0.2, 0.3, 0.3])
+    columns = {"altitude_m": still, "mach": still, "dT_isa_K": still, "asked_kg_s": asked}
+    f = Flight(time, columns, np.linspace(1.0, 5.0, 81))
+    fuel = read(m, f, m.fly([f])[0], ("Wf_kg_s",)).y[:, 0]
+    # tau d ln x/dt = 1 - x/x_asked: a logistic curve; at a rate, straight until that is slower
+    t, x0 = f.records - 1.0, 0.2
+    if rate:
+        x0 = 0.15 + np.sqrt(0.15**2 - 0.3 * 0.5 * rate)
+        met = (x0 - 0.2) / rate
+        assert met > 0.3 and fuel[t < met] == pytest.approx(0.2 + rate * t[t < met], rel=1e-5)
+        t, fuel = t[t > met] - met, fuel[t > met]
+    assert fuel == pytest.approx(0.3 / (1.0 + (0.3 / x0 - 1.0) * np.exp(-t / 0.5)), rel=1e-5)
 
 
 def test_a_governor_of_speed_needs_a_lead(tmp_path):

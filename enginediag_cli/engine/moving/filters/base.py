@@ -16,7 +16,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from enginediag_cli.engine.dual import Array
+from enginediag_cli.engine.dual import Array, Value
 
 
 @dataclass(frozen=True)
@@ -63,14 +63,41 @@ class Filtered:
 
 
 class Filter(ABC):
-    """`neutral`: the output in equilibrium is 0 (a deviation, a rate), not the signal itself."""
+    """On a recording it is called along the whole time; in a simulation its `STATES` are integrated with those of the
+    engine. Without any, it is called along the run that has been integrated."""
 
     COEFFICIENTS: int
+    STATES = 0
+    FOLLOWS = False
+    """Whether its state goes with the signal at once, as far as it can from where a step of the integration began."""
 
     @abstractmethod
     def __call__(self, clock: Clock, signal: Array, along: Array, coefficients: Sequence[float]) -> Filtered:
         """The deviation of the output from the signal, or a rate: 0 in equilibrium. `signal` (N,) finite; `along`
         (K, N) its derivatives."""
+
+    def stage(
+        self, signal: Value, base: Sequence[Value], step: Value, coefficients: Sequence[Value]
+    ) -> tuple[Value, ...]:
+        """States x = base + step · dx/dt of an implicit stage, while the signal is this; in equilibrium all are the
+        signal."""
+        raise NotImplementedError
+
+    def slopes(self, signal: Value, states: Sequence[Value], coefficients: Sequence[Value]) -> tuple[Value, ...]:
+        """dx/dt of the states; not of one that follows."""
+        raise NotImplementedError
+
+    def deviation(self, signal: Value, states: Sequence[Value], coefficients: Sequence[Value]) -> Value:
+        """The same as a call gives, from the states."""
+        raise NotImplementedError
+
+    def overrun(self, time: Array, x: Array, coefficients: Sequence[float]) -> Array:
+        """By how much a state that follows, x (k, N) at rising `time` (k, N), moved further than it can (N,)."""
+        return np.zeros(x.shape[1])
+
+    def bends(self, time: Array, coefficients: Sequence[float]) -> Array:
+        """Times at which the output of a filter without states bends, for a signal that bends at `time` (N,)."""
+        return time
 
 
 def recursion(a: Array, g: Array) -> Array:

@@ -38,3 +38,6 @@ class Delay(Filter):
             inside = (t - d >= t[0]) & (t - d <= t[-1])
             slope[span] = np.where(inside, rise[0, span][after], 0.0)
         return Filtered(moved[0] - signal, moved[1:] - along, -slope[None])
+
+    def bends(self, time: Array, coefficients: Sequence[float]) -> Array:
+        return np.asarray(time + float(coefficients[0]))

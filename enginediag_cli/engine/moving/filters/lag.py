@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from enginediag_cli.engine.dual import Array
+from enginediag_cli.engine.dual import Array, Value
 from enginediag_cli.engine.moving.filters.base import Clock, Filter, Filtered, recursion
 
 LONGEST = 700.0
@@ -20,6 +20,7 @@ class Lag(Filter):
     """
 
     COEFFICIENTS = 1
+    STATES = 1
 
     def __call__(self, clock: Clock, signal: Array, along: Array, coefficients: Sequence[float]) -> Filtered:
         tau = max(float(coefficients[0]), 0.0)
@@ -35,3 +36,15 @@ class Lag(Filter):
         bend = np.where(a > 0.0, a * periods / tau if tau else 0.0, 0.0)
         own = recursion(a, (bend * before - (1.0 - a - a * periods) * rows[0])[None])
         return Filtered(v[0], v[1:], own)
+
+    def stage(
+        self, signal: Value, base: Sequence[Value], step: Value, coefficients: Sequence[Value]
+    ) -> tuple[Value, ...]:
+        tau = coefficients[0]
+        return ((base[0] * tau + signal * step) / (step + tau),)
+
+    def slopes(self, signal: Value, states: Sequence[Value], coefficients: Sequence[Value]) -> tuple[Value, ...]:
+        return ((signal - states[0]) / coefficients[0],)
+
+    def deviation(self, signal: Value, states: Sequence[Value], coefficients: Sequence[Value]) -> Value:
+        return states[0] - signal

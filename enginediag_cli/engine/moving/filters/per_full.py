@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-from enginediag_cli.engine.dual import Array
+from enginediag_cli.engine.dual import Array, Value
 from enginediag_cli.engine.moving.filters.base import Clock, Filter, Filtered
 
 
@@ -15,9 +15,32 @@ class PerFull(Filter):
     def __init__(self, inner: Filter, full: float):
         self.inner, self.full = inner, full
         self.COEFFICIENTS = inner.COEFFICIENTS
+        self.STATES, self.FOLLOWS = inner.STATES, inner.FOLLOWS
 
     def __call__(self, clock: Clock, signal: Array, along: Array, coefficients: Sequence[float]) -> Filtered:
         if clock.start is not None:
             clock = replace(clock, start=clock.start / self.full)
         one = self.inner(clock, signal / self.full, along / self.full, coefficients)
         return Filtered(one.value * self.full, one.along * self.full, one.own * self.full)
+
+    def stage(
+        self, signal: Value, base: Sequence[Value], step: Value, coefficients: Sequence[Value]
+    ) -> tuple[Value, ...]:
+        share = 1.0 / self.full
+        states = self.inner.stage(signal * share, [b * share for b in base], step, coefficients)
+        return tuple(x * self.full for x in states)
+
+    def slopes(self, signal: Value, states: Sequence[Value], coefficients: Sequence[Value]) -> tuple[Value, ...]:
+        share = 1.0 / self.full
+        inner = self.inner.slopes(signal * share, [x * share for x in states], coefficients)
+        return tuple(x * self.full for x in inner)
+
+    def deviation(self, signal: Value, states: Sequence[Value], coefficients: Sequence[Value]) -> Value:
+        share = 1.0 / self.full
+        return self.inner.deviation(signal * share, [x * share for x in states], coefficients) * self.full
+
+    def overrun(self, time: Array, x: Array, coefficients: Sequence[float]) -> Array:
+        return self.inner.overrun(time, x / self.full, coefficients) * self.full
+
+    def bends(self, time: Array, coefficients: Sequence[float]) -> Array:
+        return self.inner.bends(time, coefficients)

@@ -6,11 +6,13 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from enginediag_cli.engine.dual import Array
+from enginediag_cli.engine.dual import Array, Value, maximum, value
 from enginediag_cli.engine.moving.filters.base import Clock, Filter, Filtered
 
 WINDOW = 256
 """Records that are looked through at once for the end of a ramp; each further look is over twice as many."""
+NEVER = 1e-300
+"""Seconds per unit that are as good as none: no limit."""
 
 
 class RateLimit(Filter):
@@ -24,6 +26,8 @@ class RateLimit(Filter):
     """
 
     COEFFICIENTS = 2
+    STATES = 1
+    FOLLOWS = True
 
     def __call__(self, clock: Clock, signal: Array, along: Array, coefficients: Sequence[float]) -> Filtered:
         slowness = [max(float(c), 0.0) for c in coefficients]
@@ -38,6 +42,22 @@ class RateLimit(Filter):
             ramps = _Ramps(clock.time[span], signal[span], along[:, span], rise[span], d_rise[:, span], rates)
             ramps.follow(np.flatnonzero(fast[span]), float(start[span.start]), value[span], d[:, span])
         return Filtered(value, d[:K], d[K:])
+
+    def stage(
+        self, signal: Value, base: Sequence[Value], step: Value, coefficients: Sequence[Value]
+    ) -> tuple[Value, ...]:
+        # `step` is the time since the base
+        up, down = (step / np.maximum(value(c), NEVER) for c in coefficients)
+        under_top = -1.0 * maximum(signal * -1.0, (base[0] + up) * -1.0)
+        return (maximum(under_top, base[0] - down),)
+
+    def deviation(self, signal: Value, states: Sequence[Value], coefficients: Sequence[Value]) -> Value:
+        return states[0] - signal
+
+    def overrun(self, time: Array, x: Array, coefficients: Sequence[float]) -> Array:
+        moved, h = np.diff(x, axis=0), np.diff(time, axis=0)
+        up, down = (h / np.maximum(c, NEVER) for c in coefficients)
+        return np.asarray(np.maximum(np.maximum(moved - up, -down - moved).max(axis=0), 0.0))
 
 
 class _Ramps:

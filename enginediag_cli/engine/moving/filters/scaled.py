@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from enginediag_cli.engine.dual import Array
+from enginediag_cli.engine.dual import Array, Value
 from enginediag_cli.engine.moving.filters.base import Clock, Filter, Filtered
 
 
@@ -18,6 +18,7 @@ class Scaled(Filter):
     def __init__(self, inner: Filter):
         self.inner = inner
         self.COEFFICIENTS = 1 + inner.COEFFICIENTS
+        self.STATES, self.FOLLOWS = inner.STATES, inner.FOLLOWS
 
     def __call__(self, clock: Clock, signal: Array, along: Array, coefficients: Sequence[float]) -> Filtered:
         size = float(coefficients[0])
@@ -25,3 +26,20 @@ class Scaled(Filter):
         one = self.inner(clock, signal, along, coefficients[1:])
         own = np.concatenate([one.value[None], size * one.own])
         return Filtered(size * one.value, size * one.along, own)
+
+    def stage(
+        self, signal: Value, base: Sequence[Value], step: Value, coefficients: Sequence[Value]
+    ) -> tuple[Value, ...]:
+        return self.inner.stage(signal, base, step, coefficients[1:])
+
+    def slopes(self, signal: Value, states: Sequence[Value], coefficients: Sequence[Value]) -> tuple[Value, ...]:
+        return self.inner.slopes(signal, states, coefficients[1:])
+
+    def deviation(self, signal: Value, states: Sequence[Value], coefficients: Sequence[Value]) -> Value:
+        return self.inner.deviation(signal, states, coefficients[1:]) * coefficients[0]
+
+    def overrun(self, time: Array, x: Array, coefficients: Sequence[float]) -> Array:
+        return self.inner.overrun(time, x, coefficients[1:])
+
+    def bends(self, time: Array, coefficients: Sequence[float]) -> Array:
+        return self.inner.bends(time, coefficients[1:])

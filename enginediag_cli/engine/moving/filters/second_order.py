@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from enginediag_cli.engine.dual import Array
+from enginediag_cli.engine.dual import Array, Value
 from enginediag_cli.engine.moving.filters.base import Clock, Filter, Filtered
 from enginediag_cli.engine.moving.filters.lag import Lag
 
@@ -17,6 +17,7 @@ class SecondOrder(Filter):
     taken straight between the records, which costs of the order of (h/τ)² of what changes within a step h."""
 
     COEFFICIENTS = 2
+    STATES = 2
 
     def __call__(self, clock: Clock, signal: Array, along: Array, coefficients: Sequence[float]) -> Filtered:
         lag = Lag()
@@ -29,3 +30,17 @@ class SecondOrder(Filter):
         first, second = one.own + two.along[k:], two.own
         own = np.concatenate([(1.0 - share) * first + share * second, total * (second - first)])
         return Filtered(one.value + two.value, one.along + two.along[:k], own)
+
+    def stage(
+        self, signal: Value, base: Sequence[Value], step: Value, coefficients: Sequence[Value]
+    ) -> tuple[Value, ...]:
+        total, share = coefficients
+        first = Lag().stage(signal, base[:1], step, (total * (1.0 - share),))
+        return first + Lag().stage(first[0], base[1:], step, (total * share,))
+
+    def slopes(self, signal: Value, states: Sequence[Value], coefficients: Sequence[Value]) -> tuple[Value, ...]:
+        (first, second), (total, share) = states, coefficients
+        return (signal - first) / (total * (1.0 - share)), (first - second) / (total * share)
+
+    def deviation(self, signal: Value, states: Sequence[Value], coefficients: Sequence[Value]) -> Value:
+        return states[1] - signal
