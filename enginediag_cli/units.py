@@ -15,6 +15,8 @@ import numpy as np
 
 Value = TypeVar("Value", float, np.ndarray)
 
+RAD_S_PER_RPM = math.pi / 30.0
+"""Of angular speed: a turn is 2π rad, a minute 60 s."""
 _LB = 0.45359237
 """International avoirdupois pound, exact (NIST SP 811)."""
 _LBF = _LB * 9.80665

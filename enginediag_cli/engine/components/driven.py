@@ -2,13 +2,9 @@
 
 from __future__ import annotations
 
-import math
-
 from enginediag_cli.engine.dual import Value
 from enginediag_cli.engine.evaluation import Evaluation, Shaft
-
-RAD_S_PER_RPM = math.pi / 30.0
-"""Of angular speed: a turn is 2π rad, a minute 60 s."""
+from enginediag_cli.units import RAD_S_PER_RPM
 
 
 def spare(e: Evaluation, shaft: str) -> Value:

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from enginediag_cli.config.fields import Field, Section
 from enginediag_cli.engine.components.base import NAME, Component, Design
-from enginediag_cli.engine.components.driven import RAD_S_PER_RPM
 from enginediag_cli.engine.evaluation import Evaluation
 from enginediag_cli.parameters import Parameter
+from enginediag_cli.units import RAD_S_PER_RPM
 
 
 class Gearbox(Component):

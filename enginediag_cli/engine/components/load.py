@@ -9,10 +9,11 @@ import numpy as np
 
 from enginediag_cli.config.fields import Field, Section
 from enginediag_cli.engine.components.base import NAME, Component, Design, scalar
-from enginediag_cli.engine.components.driven import RAD_S_PER_RPM, spare, tell
+from enginediag_cli.engine.components.driven import spare, tell
 from enginediag_cli.engine.dual import Value, chain, power, value
 from enginediag_cli.engine.evaluation import Evaluation
 from enginediag_cli.parameters import Parameter
+from enginediag_cli.units import RAD_S_PER_RPM
 
 SURPLUS = "surplus"
 """The law of a load that takes what is left."""

@@ -13,8 +13,9 @@ from enginediag_cli.engine.hooks import Hooks
 from enginediag_cli.engine.network import Network
 from enginediag_cli.engine.transient.actuator import Actuator
 from enginediag_cli.engine.transient.remembered import Remembered
-from enginediag_cli.engine.transient.rotor import RAD_S, Rotor, surplus_column
+from enginediag_cli.engine.transient.rotor import Rotor, surplus_column
 from enginediag_cli.engine.transient.state import ELAPSED, State
+from enginediag_cli.units import RAD_S_PER_RPM
 
 
 class MovingNetwork(Network):
@@ -42,7 +43,7 @@ class MovingNetwork(Network):
     def rate(self, e: Evaluation, column: str) -> Value:
         """d(column)/dt of a shaft's speed."""
         shaft = self.speed_columns.get(column, "")
-        return self.rotors[shaft].acceleration(e) * (1.0 / RAD_S) if shaft in self.rotors else 0.0
+        return self.rotors[shaft].acceleration(e) * (1.0 / RAD_S_PER_RPM) if shaft in self.rotors else 0.0
 
     def paced(self, control: Control, e: Evaluation, surplus: Value) -> Value:
         return self.paces[control].balance(e, surplus) if control in self.paces else surplus
@@ -74,7 +75,7 @@ class GivenNetwork(MovingNetwork):
     ) -> dict[str, Value]:
         found = super().leaves(inputs, parameters, x)
         for name, rotor in self.rotors.items():
-            found[f"{name}.speed_rpm"] = inputs[rotor.name] * (1.0 / RAD_S)
+            found[f"{name}.speed_rpm"] = inputs[rotor.name] * (1.0 / RAD_S_PER_RPM)
         return found
 
     def leaf_of(self, column: str) -> str:

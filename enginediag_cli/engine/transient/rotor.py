@@ -3,20 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from math import pi
 from typing import TYPE_CHECKING
 
 from enginediag_cli.engine.dual import Array, Value
 from enginediag_cli.engine.evaluation import Evaluation
 from enginediag_cli.engine.hooks import Hooks
 from enginediag_cli.engine.transient.state import STEP, State
+from enginediag_cli.units import RAD_S_PER_RPM
 
 if TYPE_CHECKING:
     from enginediag_cli.engine.moving.memory import Memory
     from enginediag_cli.engine.network import Network
-
-RAD_S = pi / 30.0
-"""Of one revolution per minute."""
 
 
 class Rotor(State):
@@ -26,7 +23,7 @@ class Rotor(State):
     """
 
     unit = "rad/s"
-    per_given = 1.0 / RAD_S
+    per_given = 1.0 / RAD_S_PER_RPM
 
     def __init__(self, shaft: str, inertia_kg_m2: float):
         self.shaft, self.inertia_kg_m2 = shaft, inertia_kg_m2
@@ -39,7 +36,7 @@ class Rotor(State):
         return memory.turns == self.shaft
 
     def value(self, e: Evaluation) -> Value:
-        return e.shaft(self.shaft).speed_rpm * RAD_S
+        return e.shaft(self.shaft).speed_rpm * RAD_S_PER_RPM
 
     def power(self, x: Array, slope: Array) -> Array:
         return self.inertia_kg_m2 * x * slope

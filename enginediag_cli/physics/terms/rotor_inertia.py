@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from math import pi
 from typing import TYPE_CHECKING
 
 from enginediag_cli.drivers import RATE
@@ -13,12 +12,10 @@ from enginediag_cli.engine.moving.filters.rate_of_change import RateOfChange
 from enginediag_cli.engine.moving.filters.scaled import Scaled
 from enginediag_cli.engine.moving.tape import PAST
 from enginediag_cli.engine.term import Coefficient, Place, Site, Term
+from enginediag_cli.units import RAD_S_PER_RPM
 
 if TYPE_CHECKING:
     from enginediag_cli.engine.network import Network
-
-RAD_S = pi / 30.0
-"""Of one revolution per minute."""
 
 
 class RotorInertia(Term):
@@ -59,13 +56,13 @@ class RotorInertia(Term):
         name = at.site.name
 
         def energy(speed_rpm: Array) -> Array:
-            return 0.5 * (RAD_S * speed_rpm) ** 2
+            return 0.5 * (RAD_S_PER_RPM * speed_rpm) ** 2
 
         column = next(c for c, shaft in at.network.speed_columns.items() if shaft == name)
         power = at.remember(Scaled(RateOfChange()), ("inertia",), recorded=column, measured=energy, turns=name)
 
         def offtake(e: Evaluation, load_W: Value) -> Value:
-            omega = e.shaft(name).speed_rpm * RAD_S
+            omega = e.shaft(name).speed_rpm * RAD_S_PER_RPM
             return load_W + power(e, omega * omega * 0.5)
 
         at.on_leaf(f"{name}.power_offtake_W", offtake)

@@ -26,7 +26,8 @@ from enginediag_cli.physics.terms.load_control_lag import LoadControlLag
 from enginediag_cli.physics.terms.load_rate_limit import LoadRateLimit
 from enginediag_cli.physics.terms.load_second_order_lag import LoadSecondOrderLag
 from enginediag_cli.physics.terms.probe_lag import ProbeLag
-from enginediag_cli.physics.terms.rotor_inertia import RAD_S, RotorInertia
+from enginediag_cli.physics.terms.rotor_inertia import RotorInertia
+from enginediag_cli.units import RAD_S_PER_RPM
 
 SIZES: Mapping[str, Mapping[str, tuple[float, float]]] = MappingProxyType(
     {
@@ -76,7 +77,7 @@ def _size(engine: Engine, effect: Effect, c: Coefficient, rng: np.random.Generat
     if isinstance(effect.term, RotorInertia):
         assert engine.network.design_point is not None
         shaft = engine.network.design_point.shafts[effect.site.name]
-        omega = RAD_S * scalar(shaft.speed_rpm)
+        omega = RAD_S_PER_RPM * scalar(shaft.speed_rpm)
         return _between(*ACCELERATION_S, rng) * scalar(shaft.supply_W) / omega**2
     # of an effect that this file does not know, the size that it calls typical
     low, high = SIZES.get(effect.term.NAME, {}).get(c.name, (0.5 * c.typical, c.typical))
