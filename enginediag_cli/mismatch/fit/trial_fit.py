@@ -31,7 +31,7 @@ from enginediag_cli.mismatch.fit.options import (
     together,
 )
 from enginediag_cli.mismatch.fit.projection import Projection
-from enginediag_cli.mismatch.fit.scores import critical_surprise
+from enginediag_cli.mismatch.fit.scores import critical_surprise, surprise
 from enginediag_cli.mismatch.fit.spread import spread_of
 from enginediag_cli.parameters import Parameter
 from enginediag_cli.progress import stage
@@ -198,17 +198,24 @@ class Remainder:
         return [b for b in (*self.scores, *self.cells) if not b.score.absorbed]
 
 
-def attempt(options: Sequence[Option], start: Identified, along: Nuisance, of_few: Fit | None = None) -> Trial:
+def attempt(
+    options: Sequence[Option],
+    start: Identified,
+    along: Nuisance,
+    of_few: Fit | None = None,
+    hopeless: float = np.inf,
+) -> Trial:
     """Fit nuisance and options together to the evidence of another fit. It begins at the prior means, the nominal
-    state: the other fit, without the options, is bent by what they explain; or where a fit `of_few` records ended."""
-    found = identify_with(start.evidence, together(*options), along, of_few=of_few)
+    state: the other fit, without the options, is bent by what they explain; or where a fit `of_few` records ended. It
+    is given up where it is `hopeless` (`identify_with`)."""
+    found = identify_with(start.evidence, together(*options), along, of_few=of_few, hopeless=hopeless)
     trial = Trial(tuple(options), found, Projection(found))
     evened = [_evened(o, found.theta) for o in options]
     if all(o is None for o in evened):
         return trial
     # where nothing met one of two limits, no derivative shows it: it is tried at the size of the other
     other = [e or o for e, o in zip(evened, options, strict=True)]
-    again = identify_with(start.evidence, together(*other), along)
+    again = identify_with(start.evidence, together(*other), along, hopeless=hopeless)
     second = Trial(tuple(other), again, Projection(again))
     return second if second.converged and second.objective < trial.objective else trial
 
@@ -233,6 +240,16 @@ def begun(effects: Sequence[Effect], found: Identified) -> list[Option]:
         told = max(scores, key=lambda s: s.score.statistic if s.feasible else -1.0, default=None)
         best.append(told.option if told is not None else effect_option(effect))
     return best
+
+
+def not_needed(trial: Trial, least: float) -> str:
+    """An option of the trial whose coefficients are all within −ln p = `least` of nothing; empty without one."""
+    for option in trial.options:
+        own = [trial.coefficients[n] for n in option.hypothesis.sizes]
+        z2 = max(((v / s) ** 2 for v, s in own if s > 0), default=0.0)
+        if surprise(z2, 1) < least:
+            return option.label
+    return ""
 
 
 @stage("scoring effects")
