@@ -10,6 +10,7 @@ import numpy as np
 
 from enginediag_cli.drivers import TIME
 from enginediag_cli.engine.driver import DriverValues
+from enginediag_cli.engine.moving.tape import MOMENT
 from enginediag_cli.engine.term import Effect
 from enginediag_cli.identification.gauss_newton import Fit
 from enginediag_cli.mismatch.fit.believable import along_driver, with_belief
@@ -207,7 +208,28 @@ def attempt(
 ) -> Trial:
     """Fit nuisance and options together to the evidence of another fit. It begins at the prior means, the nominal
     state: the other fit, without the options, is bent by what they explain; or where a fit `of_few` records ended. It
-    is given up where it is `hopeless` (`identify_with`)."""
+    is given up where it is `hopeless` (`identify_with`).
+
+    Of effects that remember and act at one place, one works on what the other makes: a limit behind a lag is not a lag
+    behind a limit. Both orders are fitted, and the better one is the trial."""
+    trial = _attempt(options, start, along, of_few, hopeless)
+    if not _one_behind_the_other(options):
+        return trial
+    turned = _attempt(options[::-1], start, along, None, hopeless)
+    better = turned.converged and (not trial.converged or turned.objective < trial.objective)
+    return turned if better else trial
+
+
+def _one_behind_the_other(options: Sequence[Option]) -> bool:
+    """Whether two of the options remember and act on the same thing."""
+    acts_on = [n for o in options for e in o.hypothesis.effects if MOMENT in e.term.INPUTS for n in e.site.acts_on]
+    return len(acts_on) > len(set(acts_on))
+
+
+def _attempt(
+    options: Sequence[Option], start: Identified, along: Nuisance, of_few: Fit | None, hopeless: float
+) -> Trial:
+    """The options in this order."""
     found = identify_with(start.evidence, together(*options), along, of_few=of_few, hopeless=hopeless)
     trial = Trial(tuple(options), found, Projection(found))
     evened = [_evened(o, found.theta) for o in options]
