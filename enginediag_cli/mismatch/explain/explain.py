@@ -18,7 +18,6 @@ import numpy as np
 
 from enginediag_cli.drivers import TIME
 from enginediag_cli.engine.term import Effect
-from enginediag_cli.intervals import NORMAL_95
 from enginediag_cli.mismatch.explain.answer import (
     FAILED,
     HIDDEN,
@@ -341,10 +340,7 @@ class Search:
 
     def _explanation(self, t: Trial, probability: float, left: float, flights: float) -> Explanation:
         parameters = t.found.model.parameters
-        found = tuple(
-            Coefficient(n, parameters[n].unit, v, s, v - NORMAL_95 * s, v + NORMAL_95 * s)
-            for n, (v, s) in t.coefficients.items()
-        )
+        found = tuple(Coefficient(n, parameters[n].unit, v, s, *t.intervals[n]) for n, (v, s) in t.coefficients.items())
         gain = self.base.objective - t.objective
         return Explanation(t.options, found, t.objective, gain, float(probability), left, flights, t.at_bound)
 

@@ -13,6 +13,7 @@ from enginediag_cli.engine.driver import DriverValues
 from enginediag_cli.engine.moving.tape import MOMENT
 from enginediag_cli.engine.term import Effect
 from enginediag_cli.identification.gauss_newton import Fit
+from enginediag_cli.intervals import NORMAL_95
 from enginediag_cli.mismatch.fit.believable import along_driver, with_belief
 from enginediag_cli.mismatch.fit.columns import Columns
 from enginediag_cli.mismatch.fit.families import Scored, correlations
@@ -34,6 +35,7 @@ from enginediag_cli.mismatch.fit.options import (
 from enginediag_cli.mismatch.fit.projection import Projection
 from enginediag_cli.mismatch.fit.scores import critical_surprise, surprise
 from enginediag_cli.mismatch.fit.spread import spread_of
+from enginediag_cli.mismatch.fit.unmet import UNTOLD, largest
 from enginediag_cli.parameters import Parameter
 from enginediag_cli.progress import stage
 
@@ -107,6 +109,31 @@ class Trial:
                 value = float(np.clip(value, problem.lower[j], problem.upper[j]))
             result[n] = float(value), float(error[free[j]] * scale) if projection.free[j] else 0.0
         return result | self._spread(result)
+
+    @cached_property
+    def intervals(self) -> dict[str, tuple[float, float]]:
+        """95 % interval of each of the options' coefficients. That of one of an effect that remembers keeps to its
+        bounds; where the records tell nothing of its derivative, as of a limit that nothing met, it ends at the size
+        from which on they would."""
+        found = {n: (v - NORMAL_95 * s, v + NORMAL_95 * s) for n, (v, s) in self.coefficients.items()}
+        parameters = self.found.model.parameters
+        for n in (n for e in self.hypothesis.effects if e.tried for n in e.amplitudes):
+            p, (low, high) = parameters[n], found[n]
+            found[n] = max(low, p.lower), min(high, p.upper)
+            if self.coefficients[n][1] > UNTOLD * p.prior_sigma and self._absent.get(n) == p.lower:
+                found[n] = p.lower, largest(self.projection, n)
+        return found
+
+    @property
+    def _absent(self) -> dict[str, float]:
+        """Sizes of effects that remember, with the value at which each is absent."""
+        return {
+            e.parameter_name(c.name): c.absent
+            for e in self.hypothesis.effects
+            if e.tried
+            for c in e.term.amplitudes()
+            if not c.free
+        }
 
     def _spread(self, found: Mapping[str, tuple[float, float]]) -> dict[str, tuple[float, float]]:
         """Coefficients of effects with memory whose estimates spread more over stretches of the records than
