@@ -46,6 +46,7 @@ from enginediag_cli.mismatch.fit.options import (
     with_best_onset,
 )
 from enginediag_cli.mismatch.fit.projection import Projection
+from enginediag_cli.mismatch.fit.response import response_error
 from enginediag_cli.mismatch.fit.trial_fit import Gates, Remainder, Trial, attempt, not_needed, remainder
 from enginediag_cli.mismatch.unrecorded.companions import with_shared_errors
 from enginediag_cli.mismatch.unrecorded.recorded_driver import Hidden, HiddenScan, commanded, follows_a_driver
@@ -319,6 +320,11 @@ class Search:
     def _left(self, trial: Trial) -> Remainder:
         """What a trial leaves, no further than to the first that is over the gates."""
         left = remainder(trial, self.library, self.along_drivers, self.adequate)
+        share = response_error(trial.found) ** 2 * max(self.base.objective - trial.objective, 0.0)
+        if share > 0.0 and left.over(self.adequate):
+            if not left.cells:
+                left = remainder(trial, self.library, self.along_drivers)
+            left = left.tolerant(share)
         if not self.from_recordings or not left.over(self.adequate):
             return left
         if not left.cells and not repeated(left, trial.projection, self.adequate).over(self.adequate):

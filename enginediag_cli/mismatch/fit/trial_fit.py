@@ -33,6 +33,7 @@ from enginediag_cli.mismatch.fit.options import (
     together,
 )
 from enginediag_cli.mismatch.fit.projection import Projection
+from enginediag_cli.mismatch.fit.response import response_error, tolerated
 from enginediag_cli.mismatch.fit.scores import critical_surprise, surprise
 from enginediag_cli.mismatch.fit.spread import spread_of
 from enginediag_cli.mismatch.fit.unmet import UNTOLD, largest
@@ -94,7 +95,8 @@ class Trial:
     @cached_property
     def coefficients(self) -> dict[str, tuple[float, float]]:
         """Value and standard error of each of the options' coefficients, in its unit. One whitened Newton step is
-        added where noise is correlated in time, since the fit itself only tempers it."""
+        added where noise is correlated in time, since the fit itself only tempers it. Errors of the maps are wrong
+        responses, which those of effects that remember take up."""
         problem, projection = self.found.problem, self.projection
         index = {n: j for j, n in enumerate(problem.names)}
         free = np.cumsum(projection.free) - 1
@@ -108,7 +110,9 @@ class Trial:
                 value += float(projection.step[free[j]]) * scale
                 value = float(np.clip(value, problem.lower[j], problem.upper[j]))
             result[n] = float(value), float(error[free[j]] * scale) if projection.free[j] else 0.0
-        return result | self._spread(result)
+        result |= self._spread(result)
+        share, remembered = response_error(self.found), {n for e in self.hypothesis.effects for n in _remembered(e)}
+        return {n: (v, float(np.hypot(s, share * v)) if n in remembered else s) for n, (v, s) in result.items()}
 
     @cached_property
     def intervals(self) -> dict[str, tuple[float, float]]:
@@ -216,6 +220,13 @@ class Remainder:
         ]
         return tuple(Gates(*g) for g in zip(*found, strict=True))
 
+    def tolerant(self, share: float) -> Remainder:
+        """What is left beyond a non-centrality of `share`."""
+        return Remainder(
+            tuple(replace(s, score=tolerated(s, share)) for s in self.scores),
+            tuple(replace(c, score=tolerated(c, share)) for c in self.cells),
+        )
+
     def judged_by(self, gates: Gates) -> list[tuple[Scored, float]]:
         """Everything that was looked for, with its gate."""
         of = [(s, gates.effects if s.option.kind == EFFECT else gates.faults) for s in self.scores if s.feasible]
@@ -247,9 +258,14 @@ def attempt(
     return turned if better else trial
 
 
+def _remembered(effect: Effect) -> tuple[str, ...]:
+    """Coefficients of an effect that remembers; none of any other."""
+    return effect.amplitudes if MOMENT in effect.term.INPUTS else ()
+
+
 def _one_behind_the_other(options: Sequence[Option]) -> bool:
     """Whether two of the options remember and act on the same thing."""
-    acts_on = [n for o in options for e in o.hypothesis.effects if MOMENT in e.term.INPUTS for n in e.site.acts_on]
+    acts_on = [n for o in options for e in o.hypothesis.effects if _remembered(e) for n in e.site.acts_on]
     return len(acts_on) > len(set(acts_on))
 
 
