@@ -61,7 +61,19 @@ def sentences(story: Story) -> Iterator[str]:
     for advice in story.advice:
         yield from _advice(advice)
     yield from _unseen(story)
+    yield from _gated(story)
     yield from _searched(story)
+
+
+def _gated(story: Story) -> Iterator[str]:
+    """What was not looked for because the records that would show it were left out."""
+    g = story.gated
+    if g is not None:
+        yield (
+            f"Not looked for: {count(len(g.effects), 'effect')} with memory ({', '.join(g.effects)}), which would show "
+            f"in the {g.records:,} of {g.of:,} {g.unit} that the recorder left out as not steady. A recorder file "
+            "without `steady:` and `average_s:` lets them be looked for."
+        )
 
 
 def _searched(story: Story) -> Iterator[str]:
