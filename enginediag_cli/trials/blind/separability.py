@@ -17,7 +17,7 @@ from itertools import combinations
 import numpy as np
 
 from enginediag_cli.engine.moving.tape import MOMENT
-from enginediag_cli.mismatch.explain.worth_fitting import reach_of
+from enginediag_cli.mismatch.explain.worth_fitting import PLAINLY_WORSE
 from enginediag_cli.mismatch.fit.evidence import Evidence
 from enginediag_cli.mismatch.fit.families import first_products
 from enginediag_cli.mismatch.fit.identified import (
@@ -110,8 +110,8 @@ def separability(
     nearest = np.inf
     for k, (left, options) in enumerate(rivals):
         if (moving and k < REFITTED_MOVING) or (k < REFITTED and left < NEAR + 0.05 * total):
-            # what is plainly farther than another one need not be known
-            reach = reach_of(nearest, total) if moving else np.inf
+            # how far what is farther than another one is need not be known
+            reach = nearest + PLAINLY_WORSE if moving else np.inf
             left, good = _left(evidence, together(*options), along, base, reach)
             nearest = min(nearest, left)
             # a rival that moves may have a valley without end: what it has reached is what it leaves, or a little more
