@@ -219,12 +219,13 @@ class Engine:
         columns: Sequence[str],
         wrt: Sequence[str],
         start: Array | None,
+        walk: bool = True,
     ) -> Prediction:
         """Signals of memories, or other columns, at points that the network is told, with nothing remembered but what
-        stands in them."""
+        stands in them; `walk` as of `predict`."""
         valid = np.logical_and.reduce([np.broadcast_to(np.isfinite(v), (size,)) for v in points.values()])
         valid = valid & (np.nan_to_num(points[self.network.power_setting]) > 0.0)
-        return self._answer(points, theta, (valid, {}), _Asked(tuple(columns), tuple(wrt), start, (), True))
+        return self._answer(points, theta, (valid, {}), _Asked(tuple(columns), tuple(wrt), start, (), walk))
 
     # inside
 

@@ -47,6 +47,10 @@ SHORTENED, SHORTER, BOLDER = 0.25, 0.5, 4.0
 after one that kept its promise. Judgement: back at full length in one or two steps."""
 MAX_REJECTED = 24
 """Rejected steps in a row after which nothing is expected of another."""
+LOOKED, HOPE = 4, 10.0
+"""Iterations before a search may be given up as hopeless, and how many times what the next step promises may still be
+gained in all. Judgement: far from the optimum promises are of the right size, in a bent valley several times too
+small."""
 
 
 @dataclass(frozen=True)
@@ -108,8 +112,11 @@ def solve(
     tolerance: float = 1e-3,
     derivatives: Derivatives = Derivatives.EACH,
     begin: NormalEquations | None = None,
+    hopeless: float = np.inf,
 ) -> Fit:
-    """Most probable x and z from `start` (default: prior mean); `begin`: the equations there, where they are known.
+    """Most probable x and z from `start` (default: prior mean); `begin`: the equations there, where they are known;
+    `hopeless`: χ² of readings and priors (twice the cost) above which nobody is interested in the optimum: the search
+    is given up, not converged, where HOPE times what is promised does not lead below it.
 
     Converged when the optimum is less than `tolerance` standard errors away, or less than `STALL` where no step lowers
     the misfit any more. Never raises for a model that does not converge: the reason is in the result. Derivatives that
@@ -131,6 +138,8 @@ def solve(
     history = [Iteration(total(now, x, z), here.decrement, int((~now.ok).sum()), boldness, True)]
     for _ in each(range(max_iterations), "iterations of the fit"):
         if here.decrement < tolerance or rejected >= MAX_REJECTED:
+            break
+        if len(history) > LOOKED and 2.0 * total(now, x, z) - HOPE * here.decrement**2 > hopeless:
             break
         dx = here.step(boldness, x, np.maximum(low, x - FARTHEST), np.minimum(high, x + FARTHEST))
         dz = offset_step(now, z, dx)

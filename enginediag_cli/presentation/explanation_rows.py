@@ -123,6 +123,7 @@ def document(story: Story, provenance: tuple[str, ...]) -> dict[str, Any]:
         "chi2": a.objective,
         "readings": a.readings,
         "searched": None if story.searched is None else vars(story.searched),
+        "gated": None if story.gated is None else vars(story.gated),
         "surprise": a.surprise,
         "gates": list(a.gates),
         "provenance": list(provenance),

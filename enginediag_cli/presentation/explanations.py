@@ -12,6 +12,7 @@ from enginediag_cli.mismatch.explain.answer import FAILED, HIDDEN, NAMED, NOTHIN
 from enginediag_cli.mismatch.explain.rejected import Reason
 from enginediag_cli.mismatch.unrecorded.finding import Limit
 from enginediag_cli.presentation.controls import control_sentences
+from enginediag_cli.presentation.gated import gated_sentences
 from enginediag_cli.presentation.names import listed, spelled
 from enginediag_cli.presentation.numbers import probability, rounded, with_unit
 from enginediag_cli.presentation.sentences import change, count
@@ -61,6 +62,7 @@ def sentences(story: Story) -> Iterator[str]:
     for advice in story.advice:
         yield from _advice(advice)
     yield from _unseen(story)
+    yield from gated_sentences(story.gated)
     yield from _searched(story)
 
 
@@ -153,7 +155,12 @@ def coefficient(c: Coefficient, effect: Effect) -> str:
     size = f"{rounded(c.value, c.standard_error)}{f' {unit}' if unit else ''}"
     interval = f"{rounded(c.low, c.standard_error)} to {rounded(c.high, c.standard_error)}"
     if declared and effect.tried and c.value == declared.absent:
-        return f"{declared.name} = {declared.absent:g}: not seen to be anything else ({what})."
+        most = (
+            f"; up to {rounded(c.high)}{f' {unit}' if unit else ''} it would not show"
+            if c.high < declared.upper
+            else ""
+        )
+        return f"{declared.name} = {declared.absent:g}: not seen to be anything else{most} ({what})."
     told = as_rate(effect, declared, (c.value, c.low, c.high)) if declared else ""
     return f"{declared.name if declared else c.name} = {size}, 95 % interval {interval}: {what}{told}."
 

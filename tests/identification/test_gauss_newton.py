@@ -114,3 +114,16 @@ def test_the_cost_never_rises_over_accepted_steps():
     fit = solve(problem_of(engine, [fly(engine, np.random.default_rng(8))]))
     costs = [i.cost for i in fit.iterations]
     assert all(b <= a * (1 + 1e-9) for a, b in pairwise(costs))
+
+
+def test_a_search_that_cannot_come_within_reach_is_given_up_and_one_that_can_is_not():
+    engine = ToyEngine()
+    problem = problem_of(engine, [fly(engine, np.random.default_rng(1))])
+    whole = solve(problem, max_iterations=60, tolerance=1e-12)
+    reached = 2.0 * whole.iterations[-1].cost
+    assert len(solve(problem, max_iterations=60, tolerance=1e-12, hopeless=reached + 1.0).iterations) == len(
+        whole.iterations
+    )
+    given_up = solve(problem, max_iterations=60, tolerance=0.0, hopeless=0.5 * reached)
+    assert not given_up.converged
+    assert len(given_up.iterations) < 10

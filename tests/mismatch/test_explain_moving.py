@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -11,7 +12,10 @@ from enginediag_cli.engine.moving.tape import MOMENT
 from enginediag_cli.intake.source import Source
 from enginediag_cli.mismatch.explain.answer import NAMED, NOTHING
 from enginediag_cli.mismatch.explain.story import tell
+from enginediag_cli.mismatch.fit.evidence import Noise
+from enginediag_cli.mismatch.fit.identified import NO_HYPOTHESIS, identify_with, nuisance
 from enginediag_cli.mismatch.fit.load import Case, load_case
+from enginediag_cli.mismatch.fit.trial_fit import attempt, begun
 from enginediag_cli.mismatch.refine.refine import refine
 from enginediag_cli.physics.engine_file import load_engine
 from enginediag_cli.physics.registry import effect
@@ -95,3 +99,62 @@ def test_a_rate_limit_is_told_as_rates_and_refined_on_unseen_runs(tmp_path):
     assert found.effects[0].values["rise"] == pytest.approx(120.0, rel=0.1)
     assert found.effects[0].values["fall"] == pytest.approx(80.0, rel=0.1)
     assert found.unseen is not None and found.unseen.chi2_after < 0.3 * found.unseen.chi2_before
+
+
+RECORDER = """kind: recorder
+description: the runs as they are, where nothing moves
+sources: ["this test"]
+columns:
+  time_s: {from: time_s, unit: s}
+  ambient_pressure_Pa: {from: ambient_pressure_Pa, unit: Pa}
+  ambient_temperature_K: {from: ambient_temperature_K, unit: K}
+  input_voltage_V: {from: input_voltage_V, unit: V}
+  el_power_W: {from: el_power_W, unit: W}
+masks: {outlier_sigma: 0, stuck_records: 0}
+"""
+GATE = """steady:
+  window_s: 20
+  spread: {input_voltage_V: 0.01}
+"""
+
+
+def test_what_a_gate_has_left_out_is_told_and_not_called_absorbed(tmp_path):
+    files = recorded(tmp_path, {"load_control_delay@generator": {"delay": 8.0}}, seed=8)
+    (tmp_path / "gated.yaml").write_text(RECORDER + GATE)
+    loaded = load_case(Case(ENGINE, Source(files, recorder=str(tmp_path / "gated.yaml"))), identified=True)
+    story = tell(loaded.evidence, advise=False, intake=loaded.intake)
+    assert story.gated is not None and story.gated.of == 3 * RECORDS
+    assert story.gated.records == 3 * RECORDS - loaded.evidence.records > 0
+    assert "load_control_delay@generator" in story.gated.effects
+    told = [line for line in sentences(story) if "load_control_delay@generator" in line]
+    assert len(told) == 1 and f"{story.gated.records:,} of {story.gated.of:,} records" in told[0]
+
+
+def test_no_gate_is_told_where_there_is_none(tmp_path):
+    files = recorded(tmp_path, {}, seed=6)
+    loaded = load_case(Case(ENGINE, Source(files)), identified=True)
+    assert tell(loaded.evidence, advise=False, intake=loaded.intake).gated is None
+
+
+@pytest.mark.parametrize(
+    "first, second", [("load_control_lag", "load_rate_limit"), ("load_rate_limit", "load_control_lag")]
+)
+def test_two_effects_on_one_thing_are_fitted_in_the_order_in_which_they_act(first, second, tmp_path):
+    sizes = {"load_control_lag": {"time_constant": 15.0}, "load_rate_limit": {"rise": 250.0, "fall": 180.0}}
+    truth = {f"{name}@generator": sizes[name] for name in (first, second)}
+    evidence = load_case(Case(ENGINE, Source(recorded(tmp_path, truth, seed=9)))).evidence
+    evidence = replace(evidence, noise=Noise({"el_power_W": 50.0}))
+    along = nuisance(evidence)
+    base = identify_with(evidence, NO_HYPOTHESIS, along)
+    for order in ((first, second), (second, first)):
+        trial = attempt(begun([effect(engine(), name, "generator") for name in order], base), base, along)
+        assert trial.converged
+        assert [o.label for o in trial.options] == list(truth)
+
+
+def test_the_interval_of_a_limit_that_nothing_met_ends_where_it_would_have_been_met(tmp_path):
+    story = explained(recorded(tmp_path, {"load_rate_limit@generator": {"rise": 0.0, "fall": 80.0}}, seed=7))
+    rise = next(c for c in story.answer.explanations[0].coefficients if c.name.endswith("rise"))
+    assert rise.value == pytest.approx(0.0, abs=5.0)
+    assert rise.low >= 0.0
+    assert rise.high < 50.0

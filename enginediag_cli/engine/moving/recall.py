@@ -197,8 +197,9 @@ class Recall:
             recalled.slopes |= {n: slopes for n, (_, slopes) in found.items()}
             recalled.settled = True
             return
-        for _ in range(SWEEPS):
-            p = engine.solved({**points, **m_now}, theta, N, names, (), start)
+        for sweep in range(SWEEPS):
+            # what no way has led to is tried again from its neighbours, not in every way once a sweep
+            p = engine.solved({**points, **m_now}, theta, N, names, (), start, walk=sweep == 0)
             start = np.where(np.isfinite(p.x), p.x, np.nan)
             s = np.stack([_signal(m, tape, p.y[:, i]) for i, m in enumerate(states)], axis=1)
             new = {m.name: filtered(m, tape, Known(s[:, i], {}), theta, ())[0] for i, m in enumerate(states)}
@@ -214,7 +215,9 @@ class Recall:
         if not wrt:
             return
         leaves = tuple(dict.fromkeys((*given, *names)))
-        p = engine.solved({**points, **m_now}, theta, N, names, (*wrt, *(n for n in leaves if n not in wrt)), start)
+        p = engine.solved(
+            {**points, **m_now}, theta, N, names, (*wrt, *(n for n in leaves if n not in wrt)), start, walk=False
+        )
         J = p.jacobian  # (N, states, directions)
         at = {n: j for j, n in enumerate(p.wrt)}
         s_theta = {n: J[:, :, at[n]].copy() for n in wrt}

@@ -18,7 +18,6 @@ import numpy as np
 
 from enginediag_cli.drivers import TIME
 from enginediag_cli.engine.term import Effect
-from enginediag_cli.intervals import NORMAL_95
 from enginediag_cli.mismatch.explain.answer import (
     FAILED,
     HIDDEN,
@@ -33,11 +32,11 @@ from enginediag_cli.mismatch.explain.pairs import best_pairs
 from enginediag_cli.mismatch.explain.rejected import Reason, Rejected
 from enginediag_cli.mismatch.explain.repeated import repeated
 from enginediag_cli.mismatch.explain.shortlist import shortlisted
-from enginediag_cli.mismatch.explain.worth_fitting import worth_fitting
+from enginediag_cli.mismatch.explain.worth_fitting import reach_of, worth_fitting
 from enginediag_cli.mismatch.fit.evidence import Evidence
 from enginediag_cli.mismatch.fit.freeform import Cell, places
 from enginediag_cli.mismatch.fit.held_out import flights_gained
-from enginediag_cli.mismatch.fit.identified import NO_HYPOTHESIS, drivers_of, identify_with, nuisance
+from enginediag_cli.mismatch.fit.identified import NO_HYPOTHESIS, drivers_of, identify_with, nuisance, objective_of
 from enginediag_cli.mismatch.fit.noise import doubtful, estimated_noise, with_noise
 from enginediag_cli.mismatch.fit.options import (
     EFFECT,
@@ -47,8 +46,8 @@ from enginediag_cli.mismatch.fit.options import (
     with_best_onset,
 )
 from enginediag_cli.mismatch.fit.projection import Projection
-from enginediag_cli.mismatch.fit.scores import surprise
-from enginediag_cli.mismatch.fit.trial_fit import Gates, Remainder, Trial, attempt, remainder
+from enginediag_cli.mismatch.fit.response import response_error
+from enginediag_cli.mismatch.fit.trial_fit import Gates, Remainder, Trial, attempt, not_needed, remainder
 from enginediag_cli.mismatch.unrecorded.companions import with_shared_errors
 from enginediag_cli.mismatch.unrecorded.recorded_driver import Hidden, HiddenScan, commanded, follows_a_driver
 from enginediag_cli.physics.registry import candidates
@@ -256,11 +255,17 @@ class Search:
         for options, worse in behind:
             told = Rejected(Reason.WORSE, worse, "on a few of the records")
             self.rejected[" + ".join(o.label for o in options)] = told
+        alone, best = objective_of(self.base.found.fit), np.inf
         for options, of_few in each(near, "fitting candidates", len(near)):
-            trial = attempt(options, self.base.found, self.along, of_few)
+            reach = reach_of(best, alone)
+            trial = attempt(options, self.base.found, self.along, of_few, reach)
+            reached = objective_of(trial.found.fit)
             self.fitted[trial.label] = trial
             if trial.converged:
                 trials.append(trial)
+                best = min(best, reached)
+            elif reached > reach:
+                self.rejected[trial.label] = Rejected(Reason.WORSE, reached - best)
             else:
                 self.rejected[trial.label] = Rejected(Reason.NOT_CONVERGED, what=trial.found.reason)
         if sets and not trials:
@@ -299,7 +304,7 @@ class Search:
         if trial.at_bound:
             return np.nan, np.nan, Rejected(Reason.AT_BOUND, what=", ".join(trial.at_bound))
         # what leaves no more than is allowed to be left may still have explained nothing
-        idle = _not_needed(trial, -np.log(ADEQUATE))
+        idle = not_needed(trial, -np.log(ADEQUATE))
         if idle:
             return np.nan, np.nan, Rejected(Reason.NOT_NEEDED, what=idle)
         left = self._left(trial)
@@ -315,6 +320,11 @@ class Search:
     def _left(self, trial: Trial) -> Remainder:
         """What a trial leaves, no further than to the first that is over the gates."""
         left = remainder(trial, self.library, self.along_drivers, self.adequate)
+        share = response_error(trial.found) ** 2 * max(self.base.objective - trial.objective, 0.0)
+        if share > 0.0 and left.over(self.adequate):
+            if not left.cells:
+                left = remainder(trial, self.library, self.along_drivers)
+            left = left.tolerant(share)
         if not self.from_recordings or not left.over(self.adequate):
             return left
         if not left.cells and not repeated(left, trial.projection, self.adequate).over(self.adequate):
@@ -324,7 +334,7 @@ class Search:
     def counts(self, trial: Trial, best: Cell | None) -> bool:
         """Whether a set is worth judging: every member is needed beside the others, and
         drop − 2·p > T − 2·dof of the best single free-form block, else one unlisted effect is the simpler story."""
-        idle = _not_needed(trial, self.adequate.effects)
+        idle = not_needed(trial, self.adequate.effects)
         if idle:
             self.rejected[trial.label] = Rejected(Reason.NOT_NEEDED, what=idle)
             return False
@@ -336,10 +346,7 @@ class Search:
 
     def _explanation(self, t: Trial, probability: float, left: float, flights: float) -> Explanation:
         parameters = t.found.model.parameters
-        found = tuple(
-            Coefficient(n, parameters[n].unit, v, s, v - NORMAL_95 * s, v + NORMAL_95 * s)
-            for n, (v, s) in t.coefficients.items()
-        )
+        found = tuple(Coefficient(n, parameters[n].unit, v, s, *t.intervals[n]) for n, (v, s) in t.coefficients.items())
         gain = self.base.objective - t.objective
         return Explanation(t.options, found, t.objective, gain, float(probability), left, flights, t.at_bound)
 
@@ -370,16 +377,6 @@ class Search:
             base.found.theta,
             base.found.number,
         )
-
-
-def _not_needed(trial: Trial, least: float) -> str:
-    """An option of the trial whose coefficients are all within −ln p = `least` of nothing; empty without one."""
-    for option in trial.options:
-        own = [trial.coefficients[n] for n in option.hypothesis.sizes]
-        z2 = max(((v / s) ** 2 for v, s in own if s > 0), default=0.0)
-        if surprise(z2, 1) < least:
-            return option.label
-    return ""
 
 
 def _add(sets: list[tuple[Option, ...]], new: tuple[Option, ...]) -> None:

@@ -22,6 +22,7 @@ from enginediag_cli.mismatch.explain.change_times import with_times
 from enginediag_cli.mismatch.explain.curves import Curve, best_places, fitted_curves
 from enginediag_cli.mismatch.explain.explain import Search
 from enginediag_cli.mismatch.explain.floor_cost import FloorCost, floor_cost
+from enginediag_cli.mismatch.explain.gated import Gated, gated_out
 from enginediag_cli.mismatch.explain.on_all import Searched, searched_on_share
 from enginediag_cli.mismatch.explain.rejected import Reason
 from enginediag_cli.mismatch.explain.unrecorded_search import hidden_search, with_own_noise
@@ -54,6 +55,7 @@ class Story:
     switched: tuple[Trial, ...] = ()  # effects that may be the first of `hidden`, refitted at its states, best first
     searched: Searched | None = None  # None: all records
     control: Found | None = None  # that the engine file lacks and the engine that was searched has
+    gated: Gated | None = None  # what was left out of the search with the records that are not steady
 
     @property
     def found_nothing(self) -> bool:
@@ -97,7 +99,7 @@ def tell(
         hidden = (replace(lead, rivals=tuple(f.location for f in told)), *told)
         best = tuple(replace(e, switch="") for t in trials for e in t.hypothesis.effects)
         at = (best, *(tuple(e for e in effects_at(f.location, engine) if _listed(e, search.effects)) for f in told))
-    base = search.base
+    base, gated = search.base, gated_out(evidence, search.effects, intake)
     if hidden and intake is not None:
         hidden = (with_times(hidden[0], trials, base.found, search.along, intake), *hidden[1:])
     curves = (
@@ -121,10 +123,16 @@ def tell(
         tuple(floor),
         tuple(only_exact),
         tuple(advice),
-        tuple(unseen_effects(share.base, share.library, answer.unseen)),
+        # what a gate has left out is not taken up by identification
+        tuple(unseen_effects(share.base, share.library, [n for n in answer.unseen if n not in _labels(gated)])),
         tuple(trials),
         searched,
+        gated=gated,
     )
+
+
+def _labels(gated: Gated | None) -> tuple[str, ...]:
+    return gated.effects if gated is not None else ()
 
 
 def _still_named(share: Answer, answer: Answer) -> Answer:

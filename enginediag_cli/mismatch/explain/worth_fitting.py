@@ -15,6 +15,11 @@ is not fitted to all: five times ALIAS, and more than the choice of the records 
 Set = tuple[Option, ...]
 
 
+def reach_of(best: float, alone: float) -> float:
+    """The objective beyond which a set is plainly worse than the best one, which has lowered it from `alone`."""
+    return best + PLAINLY_WORSE + PLAINLY_SHARE * max(alone - best, 0.0)
+
+
 def worth_fitting(
     sets: Sequence[Set], base: Identified, along: Nuisance
 ) -> tuple[list[tuple[Set, Fit | None]], list[tuple[Set, float]]]:
@@ -25,7 +30,7 @@ def worth_fitting(
         return [(options, None) for options in sets], []
     found = [(options, fit_of_few(base.evidence, together(*options), along, base)) for options in sets]
     best = min((objective_of(f) for _, f in found if f is not None), default=objective_of(alone))
-    reach = PLAINLY_WORSE + PLAINLY_SHARE * max(objective_of(alone) - best, 0.0)
+    reach = reach_of(best, objective_of(alone)) - best
     behind = [objective_of(f) - best if f is not None else 0.0 for _, f in found]
     near = [pair for pair, worse in zip(found, behind, strict=True) if worse <= reach]
     return near, [(options, worse) for (options, _), worse in zip(found, behind, strict=True) if worse > reach]

@@ -11,7 +11,7 @@ from enginediag_cli.drivers import drivers
 from enginediag_cli.engine.driver import DriverValues
 from enginediag_cli.engine.term import Effect
 from enginediag_cli.errors import NoVerdictError
-from enginediag_cli.identification.gauss_newton import Fit, solve
+from enginediag_cli.identification.gauss_newton import HOPE, Fit, solve
 from enginediag_cli.identification.on_unseen import with_regimes
 from enginediag_cli.identification.problem import Problem, TrainingRecording, build_problem
 from enginediag_cli.identification.settings import IdentificationSettings
@@ -176,9 +176,11 @@ def identify_with(
     along: Nuisance,
     start: Identified | None = None,
     of_few: Fit | None = None,
+    hopeless: float = np.inf,
 ) -> Identified:
     """Fit nuisance and hypothesis together, from another fit where one is given; `of_few`: from what `fit_of_few` has
-    found of the same hypothesis. A start from a share of the records is as good as one from few of them."""
+    found of the same hypothesis. A start from a share of the records is as good as one from few of them. `hopeless`:
+    the objective (`objective_of`) above which the fit is given up."""
     model, problem, rho = problem_with(evidence, hypothesis, along, start)
     first, iterations = _start(problem, start, hypothesis) or _begun(problem, hypothesis), ITERATIONS
     few = _few(problem)
@@ -187,7 +189,7 @@ def identify_with(
     if few is not None:
         fit, settled = (of_few, True) if of_few is not None else _fit(few, first)
         first, iterations = ((fit.x, fit.z), CLOSE_BY) if settled else (first, ITERATIONS)
-    fit, settled = _fit(problem, first, iterations)
+    fit, settled = _fit(problem, first, iterations, hopeless)
     return Identified(evidence, hypothesis, model, problem, fit, settled, rho)
 
 
@@ -213,7 +215,7 @@ def fit_of_few(evidence: Evidence, hypothesis: Hypothesis, along: Nuisance, star
 
 
 def objective_of(fit: Fit) -> float:
-    """χ² of readings and priors of a fit to few records."""
+    """χ² of readings and priors that a fit has searched the lowest of."""
     return 2.0 * fit.iterations[-1].cost
 
 
@@ -224,20 +226,25 @@ def _few(problem: Problem) -> Problem | None:
 
 
 def _fit(
-    problem: Problem, start: tuple[np.ndarray, np.ndarray] | None, iterations: int = ITERATIONS
+    problem: Problem,
+    start: tuple[np.ndarray, np.ndarray] | None,
+    iterations: int = ITERATIONS,
+    hopeless: float = np.inf,
 ) -> tuple[Fit, bool]:
     """The fit, and whether it has converged or settled. As many iterations at most as ROUNDS of ITERATIONS, in rounds
-    of `iterations`."""
-    fit = solve(problem, start, max_iterations=iterations, tolerance=TOLERANCE)
+    of `iterations`; given up where it is `hopeless`."""
+    fit = solve(problem, start, max_iterations=iterations, tolerance=TOLERANCE, hopeless=hopeless)
     readings = int(np.isfinite(problem.measured).sum())
     for _ in range(ROUNDS * ITERATIONS // iterations):
         if fit.converged:
             return fit, True
         if not fit.iterations:
             raise NoVerdictError("the engine has no prediction for any record that could be fitted")
-        before = 2.0 * fit.iterations[-1].cost
-        fit = solve(problem, (fit.x, fit.z), max_iterations=iterations, tolerance=TOLERANCE)
-        fall = before - 2.0 * fit.iterations[-1].cost
+        before = objective_of(fit)
+        if before - HOPE * fit.decrement**2 > hopeless:
+            return fit, False
+        fit = solve(problem, (fit.x, fit.z), max_iterations=iterations, tolerance=TOLERANCE, hopeless=hopeless)
+        fall = before - objective_of(fit)
         near = fit.decrement**2 < STUCK_SHARE * max(before, readings)
         # the same fall by iteration, however long the rounds
         if near and fall < max(SETTLED, SETTLED_SHARE * (before - readings)) * iterations / ITERATIONS:

@@ -10,8 +10,10 @@ import numpy as np
 
 from enginediag_cli.drivers import TIME
 from enginediag_cli.engine.driver import DriverValues
+from enginediag_cli.engine.moving.tape import MOMENT
 from enginediag_cli.engine.term import Effect
 from enginediag_cli.identification.gauss_newton import Fit
+from enginediag_cli.intervals import NORMAL_95
 from enginediag_cli.mismatch.fit.believable import along_driver, with_belief
 from enginediag_cli.mismatch.fit.columns import Columns
 from enginediag_cli.mismatch.fit.families import Scored, correlations
@@ -31,8 +33,10 @@ from enginediag_cli.mismatch.fit.options import (
     together,
 )
 from enginediag_cli.mismatch.fit.projection import Projection
-from enginediag_cli.mismatch.fit.scores import critical_surprise
+from enginediag_cli.mismatch.fit.response import response_error, tolerated
+from enginediag_cli.mismatch.fit.scores import critical_surprise, surprise
 from enginediag_cli.mismatch.fit.spread import spread_of
+from enginediag_cli.mismatch.fit.unmet import UNTOLD, largest
 from enginediag_cli.parameters import Parameter
 from enginediag_cli.progress import stage
 
@@ -91,7 +95,8 @@ class Trial:
     @cached_property
     def coefficients(self) -> dict[str, tuple[float, float]]:
         """Value and standard error of each of the options' coefficients, in its unit. One whitened Newton step is
-        added where noise is correlated in time, since the fit itself only tempers it."""
+        added where noise is correlated in time, since the fit itself only tempers it. Errors of the maps are wrong
+        responses, which those of effects that remember take up."""
         problem, projection = self.found.problem, self.projection
         index = {n: j for j, n in enumerate(problem.names)}
         free = np.cumsum(projection.free) - 1
@@ -105,7 +110,34 @@ class Trial:
                 value += float(projection.step[free[j]]) * scale
                 value = float(np.clip(value, problem.lower[j], problem.upper[j]))
             result[n] = float(value), float(error[free[j]] * scale) if projection.free[j] else 0.0
-        return result | self._spread(result)
+        result |= self._spread(result)
+        share, remembered = response_error(self.found), {n for e in self.hypothesis.effects for n in _remembered(e)}
+        return {n: (v, float(np.hypot(s, share * v)) if n in remembered else s) for n, (v, s) in result.items()}
+
+    @cached_property
+    def intervals(self) -> dict[str, tuple[float, float]]:
+        """95 % interval of each of the options' coefficients. That of one of an effect that remembers keeps to its
+        bounds; where the records tell nothing of its derivative, as of a limit that nothing met, it ends at the size
+        from which on they would."""
+        found = {n: (v - NORMAL_95 * s, v + NORMAL_95 * s) for n, (v, s) in self.coefficients.items()}
+        parameters = self.found.model.parameters
+        for n in (n for e in self.hypothesis.effects if e.tried for n in e.amplitudes):
+            p, (low, high) = parameters[n], found[n]
+            found[n] = max(low, p.lower), min(high, p.upper)
+            if self.coefficients[n][1] > UNTOLD * p.prior_sigma and self._absent.get(n) == p.lower:
+                found[n] = p.lower, largest(self.projection, n)
+        return found
+
+    @property
+    def _absent(self) -> dict[str, float]:
+        """Sizes of effects that remember, with the value at which each is absent."""
+        return {
+            e.parameter_name(c.name): c.absent
+            for e in self.hypothesis.effects
+            if e.tried
+            for c in e.term.amplitudes()
+            if not c.free
+        }
 
     def _spread(self, found: Mapping[str, tuple[float, float]]) -> dict[str, tuple[float, float]]:
         """Coefficients of effects with memory whose estimates spread more over stretches of the records than
@@ -188,6 +220,13 @@ class Remainder:
         ]
         return tuple(Gates(*g) for g in zip(*found, strict=True))
 
+    def tolerant(self, share: float) -> Remainder:
+        """What is left beyond a non-centrality of `share`."""
+        return Remainder(
+            tuple(replace(s, score=tolerated(s, share)) for s in self.scores),
+            tuple(replace(c, score=tolerated(c, share)) for c in self.cells),
+        )
+
     def judged_by(self, gates: Gates) -> list[tuple[Scored, float]]:
         """Everything that was looked for, with its gate."""
         of = [(s, gates.effects if s.option.kind == EFFECT else gates.faults) for s in self.scores if s.feasible]
@@ -198,17 +237,50 @@ class Remainder:
         return [b for b in (*self.scores, *self.cells) if not b.score.absorbed]
 
 
-def attempt(options: Sequence[Option], start: Identified, along: Nuisance, of_few: Fit | None = None) -> Trial:
+def attempt(
+    options: Sequence[Option],
+    start: Identified,
+    along: Nuisance,
+    of_few: Fit | None = None,
+    hopeless: float = np.inf,
+) -> Trial:
     """Fit nuisance and options together to the evidence of another fit. It begins at the prior means, the nominal
-    state: the other fit, without the options, is bent by what they explain; or where a fit `of_few` records ended."""
-    found = identify_with(start.evidence, together(*options), along, of_few=of_few)
+    state: the other fit, without the options, is bent by what they explain; or where a fit `of_few` records ended. It
+    is given up where it is `hopeless` (`identify_with`).
+
+    Of effects that remember and act at one place, one works on what the other makes: a limit behind a lag is not a lag
+    behind a limit. Both orders are fitted, and the better one is the trial."""
+    trial = _attempt(options, start, along, of_few, hopeless)
+    if not _one_behind_the_other(options):
+        return trial
+    turned = _attempt(options[::-1], start, along, None, hopeless)
+    better = turned.converged and (not trial.converged or turned.objective < trial.objective)
+    return turned if better else trial
+
+
+def _remembered(effect: Effect) -> tuple[str, ...]:
+    """Coefficients of an effect that remembers; none of any other."""
+    return effect.amplitudes if MOMENT in effect.term.INPUTS else ()
+
+
+def _one_behind_the_other(options: Sequence[Option]) -> bool:
+    """Whether two of the options remember and act on the same thing."""
+    acts_on = [n for o in options for e in o.hypothesis.effects if _remembered(e) for n in e.site.acts_on]
+    return len(acts_on) > len(set(acts_on))
+
+
+def _attempt(
+    options: Sequence[Option], start: Identified, along: Nuisance, of_few: Fit | None, hopeless: float
+) -> Trial:
+    """The options in this order."""
+    found = identify_with(start.evidence, together(*options), along, of_few=of_few, hopeless=hopeless)
     trial = Trial(tuple(options), found, Projection(found))
     evened = [_evened(o, found.theta) for o in options]
     if all(o is None for o in evened):
         return trial
     # where nothing met one of two limits, no derivative shows it: it is tried at the size of the other
     other = [e or o for e, o in zip(evened, options, strict=True)]
-    again = identify_with(start.evidence, together(*other), along)
+    again = identify_with(start.evidence, together(*other), along, hopeless=hopeless)
     second = Trial(tuple(other), again, Projection(again))
     return second if second.converged and second.objective < trial.objective else trial
 
@@ -233,6 +305,16 @@ def begun(effects: Sequence[Effect], found: Identified) -> list[Option]:
         told = max(scores, key=lambda s: s.score.statistic if s.feasible else -1.0, default=None)
         best.append(told.option if told is not None else effect_option(effect))
     return best
+
+
+def not_needed(trial: Trial, least: float) -> str:
+    """An option of the trial whose coefficients are all within −ln p = `least` of nothing; empty without one."""
+    for option in trial.options:
+        own = [trial.coefficients[n] for n in option.hypothesis.sizes]
+        z2 = max(((v / s) ** 2 for v, s in own if s > 0), default=0.0)
+        if surprise(z2, 1) < least:
+            return option.label
+    return ""
 
 
 @stage("scoring effects")

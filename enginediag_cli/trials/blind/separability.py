@@ -17,6 +17,7 @@ from itertools import combinations
 import numpy as np
 
 from enginediag_cli.engine.moving.tape import MOMENT
+from enginediag_cli.mismatch.explain.worth_fitting import PLAINLY_WORSE
 from enginediag_cli.mismatch.fit.evidence import Evidence
 from enginediag_cli.mismatch.fit.families import first_products
 from enginediag_cli.mismatch.fit.identified import (
@@ -106,9 +107,13 @@ def separability(
     scores = option_scores(base, projection, [*effects, *fault_options(base)])
     rivals = sorted(_rivals(scores, total, len(truth), key(truth)), key=lambda r: r[0])
     judged: list[tuple[float, Key]] = []
+    nearest = np.inf
     for k, (left, options) in enumerate(rivals):
         if (moving and k < REFITTED_MOVING) or (k < REFITTED and left < NEAR + 0.05 * total):
-            left, good = _left(evidence, together(*options), along, base)
+            # how far what is farther than another one is need not be known
+            reach = nearest + PLAINLY_WORSE if moving else np.inf
+            left, good = _left(evidence, together(*options), along, base, reach)
+            nearest = min(nearest, left)
             # a rival that moves may have a valley without end: what it has reached is what it leaves, or a little more
             ok &= good or moving
         judged.append((left, key(causes_of(options))))
@@ -126,9 +131,11 @@ def separability(
     )
 
 
-def _left(evidence: Evidence, other: Hypothesis, along: Nuisance, base: Identified) -> tuple[float, bool]:
-    """χ² with another hypothesis, and whether that fit converged."""
-    found = identify_with(evidence, other, along, base)
+def _left(
+    evidence: Evidence, other: Hypothesis, along: Nuisance, base: Identified, hopeless: float = np.inf
+) -> tuple[float, bool]:
+    """χ² with another hypothesis, and whether that fit converged; it is given up where it is `hopeless`."""
+    found = identify_with(evidence, other, along, base, hopeless=hopeless)
     return Projection(found).objective, found.converged
 
 
