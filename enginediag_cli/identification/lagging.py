@@ -24,6 +24,9 @@ LONGEST_STEP_S = 4.0
 """Between records, of a recording that shows how an engine moves: of the order of the shortest of the lags."""
 COARSE = 0.01
 """Share of the steps of a recording that may be longer."""
+WHOLE = 0.8
+"""Share of the records between the first and the last that take part, of a recording that shows how an engine moves: a
+gate has left those out of the others that would."""
 STRETCH_S = 120.0
 """Of a recording that is left out at once: two of the longest lag."""
 LEAST_STRETCHES = 6
@@ -84,11 +87,14 @@ def together(first: tuple[LaggingReading, ...], more: tuple[LaggingReading, ...]
 
 
 def _stretches(tapes: Tapes, moment: np.ndarray) -> np.ndarray:
-    """Number of the stretch of each record (N,), −1 on tapes that are too coarse to show how an engine moves."""
+    """Number of the stretch of each record (N,), −1 on tapes that do not show how an engine moves, too coarse
+    ones or gated."""
     number, place = tapes.found(moment)
     stretch, first = np.full(len(moment), -1), 0
     for k in np.unique(number[number >= 0]).tolist():
         tape, rows = tapes.tapes[k], number == k
+        if np.count_nonzero(rows) < WHOLE * (np.ptp(place[rows]) + 1):
+            continue
         steps = np.diff(tape.time)[~tape.first[1:]]
         if not len(steps) or np.mean(steps > LONGEST_STEP_S) > COARSE:
             continue

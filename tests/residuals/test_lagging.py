@@ -111,6 +111,16 @@ def test_recordings_without_time_know_of_no_lag():
     assert identify(engine, training, cross_validation=False).lagging == ()
 
 
+def test_recordings_behind_a_gate_know_of_no_lag():
+    engine, flights = flown(LAG_S, 6, 6)
+    kept = [np.arange(len(f["time_s"])) % 60 < 40 for f in flights]
+    training = [
+        TrainingRecording(f"{k}", {c: v[keep] for c, v in f.items()}, None)
+        for k, (f, keep) in enumerate(zip(flights, kept, strict=True))
+    ]
+    assert identify(engine, training, cross_validation=False).lagging == ()
+
+
 def test_a_healthy_engine_raises_no_alarm_for_the_lag_that_its_model_lacks():
     engine, result, later = identified(LAG_S)
     nominal = result.nominal("engine.yaml", "0" * 64, {})
