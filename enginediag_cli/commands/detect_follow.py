@@ -89,10 +89,11 @@ def run_follow(
     from enginediag_cli.presentation.detection_rows import block_row
     from enginediag_cli.presentation.left_out import tell_left_out
     from enginediag_cli.recordings.provenance import header_lines
+    from enginediag_cli.residuals.lagging import with_lagging
 
     block = digits_of(follow.window) or BLOCK
     intake = open_intake(source, monitor)
-    following = Following(intake, monitor, false_alarm, block, follow.idle_s)
+    following = Following(intake, with_lagging(monitor), false_alarm, block, follow.idle_s)
     alarms: dict[tuple[str, str, str], bool] = {}
     judged = 0
 

@@ -109,7 +109,7 @@ def identify(
 
     engine = load_engine(engine_path)
     described = EngineDescription.of(engine_path, engine.declared)
-    intake = Intake(source, columns_of(engine))
+    intake = Intake(source, columns_of(engine, past=True))
     training = [flight.recording for flight in whole_flights(intake)]
     tell_left_out(messages, intake.left_out)
     training, repeats = without_repeats(training, (*engine.inputs, *engine.sensors))

@@ -196,6 +196,7 @@ class Engine:
             for k in np.flatnonzero(valid & unsettled).tolist():
                 reasons[k] = "what it remembers of its past did not settle"
             valid &= ~unsettled
+            start = self._recall.begin({**inputs}, size) if start is None else start
             for (n, of), good in zip(known.items(), wrong, strict=True):
                 reasons |= {k: f"{n} is {of.value[k]:g}" for k in np.flatnonzero(valid & ~good).tolist()}
                 valid &= good

@@ -24,6 +24,8 @@ from enginediag_cli.identification.covariance import Uncertainty
 from enginediag_cli.identification.crossvalidation import CrossValidation, cross_validate
 from enginediag_cli.identification.envelope import Envelope, learn_envelope
 from enginediag_cli.identification.gauss_newton import Fit
+from enginediag_cli.identification.lagging import lagged, lagging_readings, together
+from enginediag_cli.identification.lagging_reading import LaggingReading
 from enginediag_cli.identification.map_error import MapErrorSize, map_error_sizes
 from enginediag_cli.identification.noise import NoiseEstimate
 from enginediag_cli.identification.nominal import Estimate, Nominal, SensorNoise, status_of
@@ -40,6 +42,10 @@ OUTSIDE_MAPS = "of these outside the maps"
 
 MAX_FAILED = 0.5
 """A fit for which more than this share of the records has no prediction is no verdict about the engine."""
+
+
+FREED = 2
+"""Times that readings are freed of what they lag by, each with a fit after it: the first fit has bent to it."""
 
 
 @dataclass(frozen=True)
@@ -64,6 +70,7 @@ class IdentificationResult:
     noise_passes: int
     map_errors: tuple[MapErrorSize, ...] = ()
     given_up: tuple[GivenUp, ...] = ()
+    lagging: tuple[LaggingReading, ...] = ()
 
     @property
     def bounds(self) -> tuple[AtBound, ...]:
@@ -115,6 +122,7 @@ class IdentificationResult:
             records=self.records,
             provenance=provenance,
             error_model=self._error_model(),
+            lagging=self.lagging,
         )
 
     def _error_model(self) -> ErrorModel | None:
@@ -151,7 +159,15 @@ def identify(
     stated = map_accuracy_of(engine) if map_accuracy is None else map_accuracy
     problem = with_offsets(problem, recordings) if offsets else problem
     attempt = best_attempt(problem, settings, stated)
-    passes = attempt.passes
+    passes, behind, as_read = attempt.passes, tuple[LaggingReading, ...](), problem.measured
+    for _ in range(FREED):
+        more = lagging_readings(passes.problem, passes.fit) if passes.converged else ()
+        if not more:
+            break
+        behind = together(behind, more)
+        problem = replace(problem, measured=as_read - lagged(passes.problem, passes.fit, behind))
+        attempt = best_attempt(problem, settings, stated)
+        passes = attempt.passes
     problem, fit, noise, found = passes.problem, passes.fit, passes.noise, passes.found
     converged, reason = passes.converged, passes.reason
     failed = float(np.mean(fit.failed))
@@ -205,6 +221,7 @@ def identify(
         passes.number,
         map_error_sizes(problem, stated),
         attempt.given_up,
+        behind,
     )
 
 

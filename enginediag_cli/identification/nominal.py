@@ -12,6 +12,7 @@ from enginediag_cli.error_model.error_model import ErrorModel
 from enginediag_cli.error_model.modelled import FAMILY
 from enginediag_cli.error_model.points import POINT_FAMILY
 from enginediag_cli.identification.envelope import Envelope
+from enginediag_cli.identification.lagging_reading import LaggingReading
 from enginediag_cli.identification.offset_prior import OffsetPrior
 from enginediag_cli.identification.quality import SensorQuality
 from enginediag_cli.identification.unidentified import Combination
@@ -72,6 +73,7 @@ class Nominal:
     between sensors in one record. `recording_offsets`: recording → "column bias" or "column scale" → value.
     `smooth`: whether a fit over the operating points stands for what is uncertain about it (see `residuals.compact`),
     None where that was not tried. `error_model`: by how much the maps may be wrong, None for a model without maps.
+    `lagging`: readings that lag behind the model where the engine moves.
     `description`: the engine that was identified, as text, which stands for its file; None in older files.
     `sealed`: false when it was read from a file without a checksum, which may have been
     edited by anyone.
@@ -97,6 +99,7 @@ class Nominal:
     smooth: bool | None = None
     error_model: ErrorModel | None = None
     description: EngineDescription | None = None
+    lagging: tuple[LaggingReading, ...] = ()
 
     @property
     def engine_instance(self) -> str:

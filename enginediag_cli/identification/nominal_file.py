@@ -21,6 +21,7 @@ from enginediag_cli.error_model.error_model import ErrorModel
 from enginediag_cli.error_model.points import OperatingPoints
 from enginediag_cli.errors import ConfigError, Mark, Problem
 from enginediag_cli.identification.envelope import Envelope
+from enginediag_cli.identification.lagging_reading import LaggingReading
 from enginediag_cli.identification.nominal import Estimate, Nominal, SensorNoise
 from enginediag_cli.identification.nominal_checks import (
     CHECKSUM,
@@ -32,6 +33,7 @@ from enginediag_cli.identification.nominal_checks import (
 from enginediag_cli.identification.nominal_sections import (
     COMBINATION,
     ESTIMATE,
+    LAGGING,
     NOISE,
     NOMINAL_FILE,
     OFFSET,
@@ -99,6 +101,7 @@ def read_nominal(path: str | Path) -> Nominal:
         sealed=bool(v[CHECKSUM]),
         smooth={"yes": True, "no": False}.get(v["smooth"]),
         error_model=_error_model(v["error_model"]),
+        lagging=tuple(_lagging(x) for x in v["lagging"]),
         description=_description(v["engine_description"], Path(path).parent / v["engine"]),
     )
 
@@ -227,6 +230,7 @@ def _as_values(n: Nominal) -> dict[str, Any]:
         "unidentified": [_fields(c, COMBINATION) for c in n.unidentified],
         "offsets": [_fields(o, OFFSET) for o in n.offsets],
         "recording_offsets": [{"label": k, "values": dict(v)} for k, v in n.recording_offsets.items()],
+        **({"lagging": [_fields(x, LAGGING) for x in n.lagging]} if n.lagging else {}),
         "noise_correlation": _triangle(n.noise_correlation),
         **_covariance_values(n.covariance),
         **({} if n.error_model is None else {"error_model": _error_values(n.error_model)}),
@@ -268,6 +272,11 @@ def _point_values(points: OperatingPoints, misses: Mapping[str, float]) -> dict[
 
 def _description_values(described: EngineDescription) -> dict[str, Any]:
     return {"text": described.text, "tables": dict(described.tables)}
+
+
+def _lagging(v: Mapping[str, Any]) -> LaggingReading:
+    lags, amounts, spread = (tuple(map(float, v[name])) for name in ("lags_s", "amounts", "spread"))
+    return LaggingReading(v["sensor"], lags, amounts, spread, v["moved"], v["left"])
 
 
 def _fields(item: Any, section: Section) -> dict[str, Any]:

@@ -59,6 +59,18 @@ OFFSET = Section(
         Field("recordings", "integer", "recordings whose scatter says so; 0: it was stated", default=0, minimum=0),
     ),
 )
+LAGGING = Section(
+    "lagging reading",
+    "A reading that lags behind the model where the engine moves.",
+    (
+        Field("sensor", "text", "column of a sensor"),
+        Field("lags_s", "numbers", "time constants of lags of the power setting"),
+        Field("amounts", "numbers", "of each lag less the power setting itself, in the column's unit per unit of it"),
+        Field("spread", "numbers", "standard deviation of the amounts from stretch to stretch"),
+        Field("moved", "number", "RMS of reading minus model where the engine moves", minimum=0.0),
+        Field("left", "number", "the same without what it lags by", minimum=0.0),
+    ),
+)
 OFFSETS_FOUND = Section(
     "offsets of a recording",
     "Offsets found in one recording.",
@@ -182,6 +194,7 @@ NOMINAL_FILE = Section(
             default=(),
             section=OFFSETS_FOUND,
         ),
+        Field("lagging", "sections", "readings that lag where the engine moves", default=(), section=LAGGING),
         Field("in_sample", "sections", "fit on the records used", default=(), section=QUALITY),
         Field("cross_validated", "sections", "fit on left-out blocks of them", default=(), section=QUALITY),
         Field("held_out", "sections", "fit on records that were not used", default=(), section=QUALITY),

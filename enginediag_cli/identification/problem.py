@@ -22,6 +22,7 @@ import numpy as np
 
 from enginediag_cli.config.hints import near
 from enginediag_cli.engine.model import Model
+from enginediag_cli.engine.moving.tape import MOMENT, PAST
 from enginediag_cli.errors import DataError
 from enginediag_cli.identification.loss import Loss
 from enginediag_cli.identification.offset_prior import OffsetPrior
@@ -234,7 +235,10 @@ class _Stack(NamedTuple):
 
 def _stack(model: Model, recordings: Sequence[TrainingRecording], sensors: tuple[str, ...]) -> _Stack:
     dropped: Counter[str] = Counter()
-    inputs: dict[str, list[np.ndarray]] = {c: [] for c in (*model.inputs, *model.optional_inputs)}
+    optional = dict(model.optional_inputs)
+    if any(MOMENT in item.columns for item in recordings):  # what lags is seen by those without memory, too
+        optional |= PAST
+    inputs: dict[str, list[np.ndarray]] = {c: [] for c in (*model.inputs, *optional)}
     measured, recording, positions, regimes = [], [], [], []
     for index, item in enumerate(recordings):
         missing = [c for c in model.inputs if c not in item.columns]
@@ -243,7 +247,7 @@ def _stack(model: Model, recordings: Sequence[TrainingRecording], sensors: tuple
         n = len(item.columns[model.inputs[0]])
         keep = np.ones(n, bool)
         values = {c: np.asarray(item.columns[c], float) for c in model.inputs}
-        for c, default in model.optional_inputs.items():
+        for c, default in optional.items():
             values[c] = np.asarray(item.columns.get(c, np.full(n, default)), float)
         for c in values:
             dropped[f"no {c}"] += int(np.sum(keep & ~np.isfinite(values[c])))

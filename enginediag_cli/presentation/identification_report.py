@@ -29,6 +29,8 @@ GIVEN_UP = {
 """What is said of what an identification gave up."""
 NOTEWORTHY = 1.1
 """Size of a map error, as a multiple of what is stated, from which it is told."""
+PLAINLY = 0.9
+"""Share of a reading's error while power changes that is left without what it lags by, below which that is told."""
 SHOWN_COMBINATIONS = 12
 """Unidentified combinations that are listed; the rest are counted."""
 FEW_RECORDS = 20.0
@@ -51,6 +53,7 @@ def report_lines(result: IdentificationResult) -> Iterator[str]:
     yield from map_error_lines(result)
     yield from point_error_lines(result)
     yield from offset_lines(result)
+    yield from lagging_lines(result)
     yield ""
     yield from combination_lines(result)
 
@@ -190,6 +193,20 @@ def offset_lines(result: IdentificationResult) -> Iterator[str]:
         by_column.setdefault(o.sensor, []).append(size)
     named = ", ".join(f"{column} {' and '.join(sizes)}" for column, sizes in by_column.items())
     yield f"instruments differ between the {found[0].recordings} recordings by (1 standard deviation): {named}"
+
+
+def lagging_lines(result: IdentificationResult) -> Iterator[str]:
+    """Readings that lag behind the model where the engine moves."""
+    if not result.lagging:
+        return
+    most = min(result.lagging, key=lambda r: r.left / r.moved if r.moved else 1.0)
+    told = [r for r in result.lagging if r.left < PLAINLY * r.moved] or [most]
+    named = ", ".join(f"{r.sensor} {rounded(r.moved)}, {rounded(r.left)} without that" for r in told)
+    yield (
+        f"readings lag behind the model when power changes (RMS while it does: {named}): it lacks something that "
+        "remembers, such as heat soak or the lag of a probe; counted as uncertain when recordings are judged, and "
+        "looked for by `enginediag explain`"
+    )
 
 
 def combination_lines(result: IdentificationResult) -> list[str]:

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from itertools import chain
 
 from enginediag_cli.recordings.table import Recording
+from enginediag_cli.residuals.lagging import with_lagging
 from enginediag_cli.residuals.monitor import Monitor
 from enginediag_cli.residuals.reduced import reduced
 
@@ -39,10 +40,10 @@ class Economy:
     def _form(self) -> Monitor:
         if self.monitor.smooth is False or (self.monitor.smooth and self._records < MANY):
             if self._few is None:
-                self._few = reduced(self.monitor)
+                self._few = with_lagging(reduced(self.monitor))
             return self._few
         if self._many is None:
             from enginediag_cli.residuals.compact import compact
 
-            self._many = compact(self.monitor, self._few)
+            self._many = with_lagging(compact(self.monitor, None if self.monitor.lagging else self._few))
         return self._many

@@ -14,6 +14,7 @@ from enginediag_cli.recordings.table import Recording
 from enginediag_cli.residuals.admission import Elsewhere
 from enginediag_cli.residuals.economy import Economy
 from enginediag_cli.residuals.flat import is_flat
+from enginediag_cli.residuals.lagging import with_lagging
 from enginediag_cli.residuals.monitor import Monitor
 from enginediag_cli.residuals.pipeline import WindowStatistics, window_statistics
 from enginediag_cli.residuals.reduced import reduced
@@ -93,7 +94,7 @@ class JudgedFiles:
         if self.economy is not None:
             monitor, recordings = self.economy.of(recordings)
         else:
-            self._few = monitor = self._few or reduced(monitor)
+            self._few = monitor = self._few or with_lagging(reduced(monitor))
         if self.series:
             later = last_records(recordings, judging.last) if judging.last else recordings
             condense = partial(monitored_as_read, monitor)

@@ -17,8 +17,10 @@ import numpy as np
 
 from enginediag_cli.engine.input_errors import InputErrors
 from enginediag_cli.engine.model import MonitoredModel
+from enginediag_cli.engine.moving.lagging import Lagging
 from enginediag_cli.error_model.slopes import MapSlopes, map_slopes
 from enginediag_cli.errors import DataError
+from enginediag_cli.identification.lagging_reading import LaggingReading
 from enginediag_cli.identification.offset_prior import OffsetPrior
 from enginediag_cli.parameters import Parameter
 from enginediag_cli.residuals.frame import Frame
@@ -42,11 +44,14 @@ isolation takes for plausible."""
 @dataclass(frozen=True)
 class Offset:
     """An instrument's error, constant in one recording: `bias` in the column's unit or `scale`, a fraction. Of the
-    output number `sensor`, or, where it is named, of the input `column`; that is linear in its size, and stays at 0."""
+    output number `sensor`, or, where it is named, of the input `column`; that is linear in its size, and stays at 0.
+    Of kind `lagging` it is what a reading lags by, amounts `lags` of the deviations that `Lagging` tells; that
+    is linear, too."""
 
     sensor: int
     kind: str
     column: str = ""
+    lags: tuple[float, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -56,7 +61,8 @@ class Monitor:
     base: values of all identified parameters; meaning: what the monitored are, by name; theta0, prior_sigma, lower,
     upper (p,); uncertainty (p, p). nominal: the fingerprint of the nominal state, to which statistics are bound.
     smooth: whether `compact` finds its fit good enough, None where that is not known. slopes: how wrong the maps may
-    make the effect of a change, None where they are taken to be right.
+    make the effect of a change, None where they are taken to be right. lagging: readings that lag where the engine
+    moves, which `with_lagging` makes part of what is uncertain.
     """
 
     engine: MonitoredModel
@@ -76,6 +82,7 @@ class Monitor:
     nominal: str = ""
     smooth: bool | None = None
     slopes: MapSlopes | None = None
+    lagging: tuple[LaggingReading, ...] = ()
 
     @cached_property
     def precision(self) -> np.ndarray:
@@ -147,12 +154,18 @@ class Monitor:
         if self.offsets:
             factor, shift = np.ones_like(y), np.zeros_like(y)
             extra = np.zeros((*y.shape, len(self.offsets)))
+            behind: np.ndarray | None = None
             for i, offset in enumerate(self.offsets):
                 if offset.column and nuisance:
                     by = inputs[offset.column][:, None] if offset.kind == "scale" else 1.0
                     extra[:, :, i] = -by * along[:, :, read.index(offset.column)]
                 elif offset.column:
                     continue
+                elif offset.kind == "lagging":
+                    if nuisance:
+                        if behind is None:
+                            behind = self.engine.deviations(inputs, self.sensors, len(y))  # type: ignore[attr-defined]
+                        extra[:, offset.sensor, i] = behind[:, offset.sensor] @ offset.lags
                 elif offset.kind == "bias":
                     shift[:, offset.sensor] += theta[..., q + i]
                     extra[:, offset.sensor, i] = 1.0
@@ -179,6 +192,8 @@ def monitor_from_nominal(
     absent = [c for c in used if c not in nominal.sensors]
     if absent:
         raise DataError(f"no noise was identified for {', '.join(absent)}; nominal has {', '.join(nominal.sensors)}")
+    if nominal.lagging:
+        engine = Lagging(engine, nominal.theta0, nominal.lagging[0].lags_s)
     plain = engine
     if nominal.error_model is not None:
         engine = nominal.error_model.of(engine)
@@ -223,6 +238,7 @@ def monitor_from_nominal(
         nominal=fingerprint(nominal),
         smooth=None if patterns else nominal.smooth,
         slopes=slopes,
+        lagging=nominal.lagging,
     )
 
 

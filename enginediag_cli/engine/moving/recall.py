@@ -4,7 +4,8 @@ Two kinds of memory, filters of what is known before anything is solved (a set p
 the solution itself (a gas temperature). The first are one pass along the tape. For the second the whole tape is solved
 in sweeps: the quasi-steady network for all records at once, its signals filtered along time, again with what that
 gives, until nothing changes. What goes back from a memory to its signal is small, a few per cent of the gas's power,
-so each sweep gains one to two digits. Derivatives go the same way: with the signals s(θ, m) and m = F(s, c),
+and is known from the first sweep: each further one has but its change to correct, and gains two to four digits.
+Derivatives go the same way: with the signals s(θ, m) and m = F(s, c),
 
     dm/dθ = F'(∂s/∂θ + ∂s/∂m dm/dθ) + ∂F/∂c dc/dθ
 
@@ -68,6 +69,18 @@ class Recall:
     tapes: Tapes
     _found: OrderedDict[tuple[Any, ...], Recalled] = field(default_factory=OrderedDict)
     _starts: dict[tuple[int, int], Array] = field(default_factory=dict)
+
+    def begin(self, points: Mapping[str, Any], size: int) -> Array | None:
+        """Unknowns (nx, size) of the last sweep in the records asked for, NaN where there was none; None without any:
+        from there the answer is near."""
+        if not self._starts or MOMENT not in points:
+            return None
+        number, place = self.tapes.found(np.broadcast_to(points[MOMENT], (size,)))
+        start = np.full((len(next(iter(self._starts.values()))), size), np.nan)
+        for (k, _), x in self._starts.items():
+            rows = np.flatnonzero((number == k) & (place < x.shape[1]))
+            start[:, rows] = x[:, place[rows]]
+        return start if np.isfinite(start).any() else None
 
     def forget(self) -> None:
         self._found.clear()
@@ -197,12 +210,15 @@ class Recall:
             recalled.slopes |= {n: slopes for n, (_, slopes) in found.items()}
             recalled.settled = True
             return
+        back = np.zeros((N, len(states), len(states)))  # how signals follow what is remembered, at the first sweep
         for sweep in range(SWEEPS):
             # what no way has led to is tried again from its neighbours, not in every way once a sweep
-            p = engine.solved({**points, **m_now}, theta, N, names, (), start, walk=sweep == 0)
+            p = engine.solved({**points, **m_now}, theta, N, names, () if sweep else names, start, walk=sweep == 0)
             start = np.where(np.isfinite(p.x), p.x, np.nan)
+            if not sweep:
+                back = np.nan_to_num(p.jacobian) * ~np.array(measured)[:, None]
             s = np.stack([_signal(m, tape, p.y[:, i]) for i, m in enumerate(states)], axis=1)
-            new = {m.name: filtered(m, tape, Known(s[:, i], {}), theta, ())[0] for i, m in enumerate(states)}
+            new = _consistent(states, tape, theta, s, back, m_now)
             change = [_change(new[n], m_now[n]) for n in names]
             m_now = new
             if max(change) < SETTLED:
@@ -245,6 +261,28 @@ class Recall:
             if max(moved, default=0.0) < SETTLED:
                 break
         recalled.slopes |= m_theta
+
+
+def _consistent(
+    states: Sequence[Memory],
+    tape: Tape,
+    theta: Mapping[str, Any],
+    s: Array,
+    back: Array,
+    at: Mapping[str, Array],
+) -> dict[str, Array]:
+    """What is remembered of signals (N, K) that follow it by `back` (N, K, K) from where they were solved, `at`:
+    without a further solve, which then has little left to correct."""
+    m_now = dict(at)
+    for _ in range(SWEEPS):
+        moved = np.stack([m_now[m.name] - at[m.name] for m in states], axis=1)
+        here = s + np.einsum("nij,nj->ni", back, moved)
+        new = {m.name: filtered(m, tape, Known(here[:, i], {}), theta, ())[0] for i, m in enumerate(states)}
+        change = max(_change(new[m.name], m_now[m.name]) for m in states)
+        m_now = new
+        if change < SETTLED / 10.0:
+            break
+    return m_now
 
 
 def active(m: Memory, theta: Mapping[str, Any], wrt: Sequence[str]) -> bool:
