@@ -36,6 +36,9 @@ NOISE_KINDS = ("none", "gaussian", "uniform", "correlated", "quantised")
 REASONS_SHOWN = 5
 """Reasons that are told one by one; there are rarely more kinds, the rest are counted."""
 
+LOOSE = "the run of these could not be made exact: energy balances to about 1e-6 there"
+"""Of records of moving engines."""
+
 CONFIG_FILE = ConfigFile()
 
 
@@ -214,6 +217,8 @@ def _write(
         def told() -> Iterator[Simulated]:
             for piece in each(chain([first], pieces), "records simulated", size=_length):
                 reasons.update(piece.reasons)
+                if piece.loose:
+                    reasons[LOOSE] += piece.loose
                 if hidden is not None:
                     hidden.write(recording_of(piece.truth))
                 yield piece

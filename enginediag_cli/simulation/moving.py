@@ -40,6 +40,10 @@ class Flying:
     engine: MovingEngine
     known: Flown
 
+    def loose(self, piece: slice) -> int:
+        """Of the records `piece`, how many are of runs that are only as exact as error-controlled steps are."""
+        return int(np.asarray(self.known.loose)[piece].sum())
+
     def predict(self, inputs: Columns, parameters: Columns, piece: slice) -> Prediction:
         """Of the records `piece`."""
         sensors = tuple(self.engine.engine.sensors)
@@ -67,10 +71,10 @@ def flying(engine: Engine, conditions: Conditions, inputs: Columns, values: Colu
     found = moving.fly(flights)
     states = np.full((len(moving.states) + 2, len(conditions)), np.nan)
     unknowns = np.full((len(moving.network.unknowns()), len(conditions)), np.nan)
-    lost = np.full(len(conditions), "", dtype=object)
-    for index, (s, x, why) in zip(records.values(), found, strict=True):
-        states[:, index], unknowns[:, index], lost[index] = s, x, why
-    return Flying(moving, Flown(states, unknowns, lost))
+    lost, loose = np.full(len(conditions), "", dtype=object), np.zeros(len(conditions), dtype=bool)
+    for index, of in zip(records.values(), found, strict=True):
+        states[:, index], unknowns[:, index], lost[index], loose[index] = of
+    return Flying(moving, Flown(states, unknowns, lost, loose))
 
 
 def _time(conditions: Conditions) -> NDArray[np.float64]:

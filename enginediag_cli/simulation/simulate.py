@@ -31,12 +31,14 @@ class Simulated:
     """Records of a recording, and what is true of them and must not be in it.
 
     columns: what is recorded, (N,) each, in the order of writing; truth: changed parameters and sensor
-    faults, (N,) each; reasons: why points have no value or lie outside the maps → how many.
+    faults, (N,) each; reasons: why points have no value or lie outside the maps → how many; loose: of how many
+    records the states could be integrated with ordinary accuracy only.
     """
 
     columns: Mapping[str, NDArray]
     truth: Mapping[str, NDArray]
     reasons: Mapping[str, int] = field(default_factory=dict)
+    loose: int = 0
 
     def __len__(self) -> int:
         return len(next(iter(self.columns.values()), ()))
@@ -60,6 +62,7 @@ def simulate(
         {name: np.concatenate([part.columns[name] for part in parts]) for name in parts[0].columns},
         {name: np.concatenate([part.truth[name] for part in parts]) for name in parts[0].truth},
         dict(reasons),
+        sum(part.loose for part in parts),
     )
 
 
@@ -172,4 +175,6 @@ def _pieces(engine: EngineLike, course: _Course, instruments: Instruments, chunk
         if isinstance(engine, Engine) and engine.controlled:
             recorded["active_limit"] = prediction.active_limit  # type: ignore[attr-defined]
         reasons = Counter(_reason(prediction.reason(int(k))) for k in np.flatnonzero(status))
-        yield Simulated(recorded, {name: value[piece] for name, value in course.hidden.items()}, dict(reasons))
+        hidden = {name: value[piece] for name, value in course.hidden.items()}
+        loose = course.flown.loose(piece) if course.flown is not None else 0
+        yield Simulated(recorded, hidden, dict(reasons), loose)

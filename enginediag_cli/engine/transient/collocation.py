@@ -92,7 +92,7 @@ def made_exact(
 ) -> None:
     """Moves the states of tracks onto the solution, with their slopes and energies, and adds those within the steps;
     steps that do not keep the balance of a state are divided. `given`: the engine with its states given. A run that
-    does not settle stays as it was."""
+    does not settle stays as it was, and is not `exact`."""
     states = sorted(network.states, key=lambda state: state.follows)
     order = [network.states.index(state) for state in states]
     nf = sum(not state.follows for state in states)
@@ -110,6 +110,7 @@ def made_exact(
         settled = _collocate(of, at, len(tracks))
         for r in going:
             if settled[r]:
+                tracks[r].exact = True
                 _write(tracks[r], network, order, nf, at, np.flatnonzero(steps.run == r))
             elif r in before:  # as it was with longer steps
                 vars(tracks[r]).update(vars(before[r]))

@@ -38,7 +38,8 @@ class Track:
     """What was found of each run: at its steps' ends `time` (k,), states, their derivatives (ns, k), unknowns (nx,
     k) and the energy (ns, k) [J] that each state has taken up since the beginning, summed as the states are;
     `within`: derivatives (2, ns) at the inner nodes of each step, where they are known;
-    `stopped`: when there was no way on, else infinite, and `why` that was."""
+    `stopped`: when there was no way on, else infinite, and `why` that was; `exact`: whether states are on the solution
+    of the whole run, and not as error-controlled steps leave them."""
 
     time: list[float] = field(default_factory=list)
     states: list[Array] = field(default_factory=list)
@@ -48,6 +49,7 @@ class Track:
     within: list[Array] = field(default_factory=list)
     stopped: float = np.inf
     why: str = ""
+    exact: bool = False
 
 
 @dataclass

@@ -29,15 +29,17 @@ hundredth of what the gas bends within a step."""
 class Flown(NamedTuple):
     """What is known of an engine at N records: states (ns, N), the time since the beginning of the step and the moment
     on the tape of the run, (ns + 2, N) in all, and unknowns (nx, N), NaN where it did not get; `lost`: why it did
-    not."""
+    not; `loose`: states of its run are only as exact as error-controlled steps are."""
 
     states: Array
     unknowns: Array
     lost: Any = ""
+    loose: Any = False
 
     def at(self, piece: slice) -> Flown:
         """Of the records `piece`."""
-        return Flown(self.states[:, piece], self.unknowns[:, piece], np.asarray(self.lost)[piece])
+        lost, loose = (np.asarray(x)[piece] for x in (self.lost, self.loose))
+        return Flown(self.states[:, piece], self.unknowns[:, piece], lost, loose)
 
 
 class MovingEngine:
@@ -85,7 +87,8 @@ class MovingEngine:
         for track, flight in zip(self.tracks(flights), flights, strict=True):
             states, unknowns = between(track, flight.records, self._follows)
             moment = self._moments(track, flight)
-            found.append(Flown(np.vstack([states, moment]), unknowns, _lost(track)))
+            loose = bool(self.network.states) and len(track.time) > 1 and not track.exact
+            found.append(Flown(np.vstack([states, moment]), unknowns, _lost(track), loose))
         return found
 
     def tracks(self, flights: Sequence[Flight]) -> list[Track]:
@@ -124,7 +127,7 @@ class MovingEngine:
         also: Sequence[str] = (),
     ) -> Prediction:
         """What the engine shows at records, from what is known of them."""
-        states, unknowns, lost = flown
+        states, unknowns, lost = flown.states, flown.unknowns, flown.lost
         names = [u.name for u in self.network.unknowns()]
         start = unknowns[[names.index(u.name) for u in self._given.unknowns]]
         given = dict(zip((*(s.given for s in self.states), ELAPSED, MOMENT), states, strict=True))
