@@ -218,6 +218,7 @@ COMPRESSOR_PRESSURE = Driver(
     values=_compressor_pressure,
 )
 RATE = Driver("rate", "how fast what is commanded, or the engine, changes")
+LAGGING = Driver("lagging", "what follows the power setting with a lag", "ln")
 TIME = Driver("time", "time: a change that began at some record and stays", "step")
 
 DRIVERS = (

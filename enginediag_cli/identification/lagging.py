@@ -43,7 +43,7 @@ def lagging_readings(problem: Problem, fit: Fit) -> tuple[LaggingReading, ...]:
     moment, tapes = problem.inputs.get(MOMENT), getattr(problem.model, "tapes", None)
     if moment is None or tapes is None:
         return ()
-    stretch = _stretches(tapes, moment)
+    stretch = stretches(tapes, moment)
     if stretch.max(initial=-1) + 1 < LEAST_STRETCHES:
         return ()
     D = deviations(problem, fit)
@@ -86,7 +86,7 @@ def together(first: tuple[LaggingReading, ...], more: tuple[LaggingReading, ...]
     )
 
 
-def _stretches(tapes: Tapes, moment: np.ndarray) -> np.ndarray:
+def stretches(tapes: Tapes, moment: np.ndarray) -> np.ndarray:
     """Number of the stretch of each record (N,), −1 on tapes that do not show how an engine moves, too coarse
     ones or gated."""
     number, place = tapes.found(moment)

@@ -35,12 +35,12 @@ def fuel_site(network: Network) -> Iterator[Site]:
 
 
 def rate_limits(what: str, of: str, sigma: float, typical: float) -> tuple[Coefficient, ...]:
-    """Times [s] in which what is demanded, `what`, may rise and fall by all `of` the design point."""
+    """Times [s] in which what is demanded, `what`, may rise and fall by `of`."""
     return tuple(
         Coefficient(
             name,
             "s",
-            f"{sign}, time in which the {what} may {name} by the design {of}; 0: at once",
+            f"{sign}, time in which the {what} may {name} by {of}; 0: at once",
             0.0,
             0.0,
             LONGEST_S,

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 from enginediag_cli.drivers import CONSTANT
 from enginediag_cli.intervals import NORMAL_95
+from enginediag_cli.mismatch.explain.alias_advice import MANOEUVRE
 from enginediag_cli.mismatch.explain.answer import FAILED, HIDDEN, NAMED, NOTHING
 from enginediag_cli.mismatch.explain.rejected import Reason
 from enginediag_cli.mismatch.unrecorded.finding import Limit
@@ -374,6 +375,10 @@ def _advice(advice: Advice) -> Iterator[str]:
 
 def suggestion(s: Suggestion) -> str:
     """One recording that would help, and how soon."""
+    if s.kind == MANOEUVRE:
+        if s.records == float("inf"):
+            return f"{s.what}: would not separate them"
+        return f"{s.what}, recorded once a second: {count(int(s.records), 'time')} (each adds {rounded(s.gain)})"
     where = {
         "same": "more records like these",
         "switch": f"records like these with {s.what} switched off, and on",

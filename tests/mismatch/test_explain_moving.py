@@ -10,7 +10,9 @@ import pytest
 
 from enginediag_cli.engine.moving.tape import MOMENT
 from enginediag_cli.intake.source import Source
-from enginediag_cli.mismatch.explain.answer import NAMED, NOTHING
+from enginediag_cli.mismatch.explain.alias_advice import MANOEUVRE, SEPARATED
+from enginediag_cli.mismatch.explain.answer import NAMED, NOTHING, Coefficient, Explanation
+from enginediag_cli.mismatch.explain.moving_advice import advise_manoeuvres
 from enginediag_cli.mismatch.explain.story import tell
 from enginediag_cli.mismatch.fit.evidence import Noise
 from enginediag_cli.mismatch.fit.identified import NO_HYPOTHESIS, identify_with, nuisance
@@ -19,7 +21,7 @@ from enginediag_cli.mismatch.fit.trial_fit import attempt, begun
 from enginediag_cli.mismatch.refine.refine import refine
 from enginediag_cli.physics.engine_file import load_engine
 from enginediag_cli.physics.registry import effect
-from enginediag_cli.presentation.explanations import sentences
+from enginediag_cli.presentation.explanations import sentences, suggestion
 from enginediag_cli.shipped import shipped
 
 ENGINE = str(shipped("micro_gas_turbine.yaml"))
@@ -158,3 +160,26 @@ def test_the_interval_of_a_limit_that_nothing_met_ends_where_it_would_have_been_
     assert rise.value == pytest.approx(0.0, abs=5.0)
     assert rise.low >= 0.0
     assert rise.high < 50.0
+
+
+def fitted(base, along, label):
+    """An explanation by one effect, as a search would tell it."""
+    trial = attempt(begun([effect(engine(), *label.split("@"))], base), base, along)
+    parameters = trial.found.model.parameters
+    told = [Coefficient(n, parameters[n].unit, v, s, v - 2 * s, v + 2 * s) for n, (v, s) in trial.coefficients.items()]
+    return Explanation(trial.options, tuple(told), trial.objective, 0.0, 0.5, 0.0, np.nan)
+
+
+def test_a_step_of_another_size_tells_a_rate_limit_from_a_lag(tmp_path):
+    files = recorded(tmp_path, {"load_control_lag@generator": {"time_constant": 20.0}}, seed=9)
+    evidence = load_case(Case(ENGINE, Source(files))).evidence
+    along = nuisance(evidence)
+    base = identify_with(evidence, NO_HYPOTHESIS, along)
+    lag, limit = (fitted(base, along, f"{name}@generator") for name in ("load_control_lag", "load_rate_limit"))
+    advice = advise_manoeuvres(base, lag, limit)
+    assert advice is not None and advice.separates
+    best = advice.suggestions[0]
+    assert best.kind == MANOEUVRE and best.records == 1.0 and best.gain > SEPARATED
+    assert "of power" in suggestion(best) or "power raised" in suggestion(best)
+    # the same thing twice is told apart by nothing
+    assert not advise_manoeuvres(base, lag, lag).separates

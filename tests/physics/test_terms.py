@@ -314,7 +314,7 @@ def test_a_term_says_what_it_is(name):
 @pytest.mark.parametrize("name", term_names())
 def test_a_term_acts_where_it_says_it_does(name):
     sites = 0
-    for engine_name in ENGINES:
+    for engine_name in (*ENGINES, "afterburning_turbofan"):
         engine = shipped(engine_name)
         for e in effects_of(engine, name):
             sites += 1

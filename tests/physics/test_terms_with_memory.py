@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from term_makers import shipped
 
+from enginediag_cli.engine.controls.recorded import Recorded
 from enginediag_cli.engine.moving.tape import MOMENT
 from enginediag_cli.physics.registry import effect, term, term_names
 
@@ -58,6 +59,22 @@ TERMS = {
         {"exchange": 0.02, "time_constant": 40.0},
     ),
     "clock_shift": Fact("a late reading shows what was", "turbojet", "P3", "P3_Pa", -1, {"delay": 8.0}),
+    "clearance_transient": Fact(
+        "discs that are still cold leave the gap wide: hotter",
+        "turbojet",
+        "turbine",
+        "T5_K",
+        +1,
+        {"loss": 0.03, "time_constant": 60.0},
+    ),
+    "actuator_rate_limit": Fact(
+        "the afterburner's fuel is behind",
+        "afterburning_turbofan",
+        "afterburner_fuel",
+        "Fn_N",
+        -1,
+        {"rise": 30.0, "fall": 30.0},
+    ),
     "rotor_inertia": Fact("speeding up takes fuel", "citation_jt15d", "hp", "Wf_kg_s", +1, {"inertia": 0.1}),
 }
 
@@ -70,6 +87,9 @@ def step(engine, ramp=0.0):
     columns = {c: np.full(RECORDS, 0.5 * sum(engine.envelope[c])) for c in engine.inputs if c in engine.envelope}
     if "mach" in columns:
         columns |= {"altitude_m": np.zeros(RECORDS), "mach": np.full(RECORDS, 0.1), "dT_isa_K": np.zeros(RECORDS)}
+    for position in (c.column for c in engine.network.controls if isinstance(c, Recorded)):
+        low, high = engine.envelope[position]
+        columns[position] = low + (high - low) * fraction
     columns[engine.power_setting] = engine.power_from_fraction(fraction, columns)
     return {"time_s": time, **columns}
 

@@ -13,7 +13,7 @@ envelope; records with a switched effect off; readings that the model can predic
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -49,13 +49,14 @@ NOISE = {"K": 0.002, "Pa": 0.004, "rpm": 0.001}
 SCALE = 0.002
 """Assumed scale error of a further sensor, standard deviation."""
 
-SAME, CONDITION, SWITCH, SENSOR = "same", "condition", "switch", "sensor"
+SAME, CONDITION, SWITCH, SENSOR, MANOEUVRE = "same", "condition", "switch", "sensor", "manoeuvre"
 
 
 @dataclass(frozen=True)
 class Suggestion:
     """One recording judged: λ_sep that RECORDS records add, and records that it takes to add SEPARATED (inf: more
-    than MOST_RECORDS). `what`: effect to be switched off, or column of the sensor; `values`: operating condition."""
+    than MOST_RECORDS). `what`: effect to be switched off, or column of the sensor; `values`: operating condition. Of a
+    manoeuvre, `what` in words: λ_sep that one adds, and how many it takes."""
 
     kind: str
     what: str
@@ -304,9 +305,3 @@ def _sensors(
         wider[-1, -1] = SCALE * mean / noise
         result.append((column, X, wider))
     return result
-
-
-def advice_between(base: Identified, explanations: Sequence[Explanation], most: int = 2) -> list[Advice]:
-    """Between the best explanation and the next `most` of its alias set."""
-    found = [advise(base, explanations[0], e) for e in explanations[1 : most + 1]]
-    return [a for a in found if a is not None]

@@ -16,13 +16,14 @@ from enginediag_cli.engine.term import Effect
 from enginediag_cli.intake.intake import Intake
 from enginediag_cli.intervals import NORMAL_95
 from enginediag_cli.mismatch.controlled.find import Found
-from enginediag_cli.mismatch.explain.alias_advice import Advice, advice_between
+from enginediag_cli.mismatch.explain.alias_advice import Advice
 from enginediag_cli.mismatch.explain.answer import FAILED, NAMED, NONE, NOTHING, Answer, Coefficient, Explanation
 from enginediag_cli.mismatch.explain.change_times import with_times
 from enginediag_cli.mismatch.explain.curves import Curve, best_places, fitted_curves
 from enginediag_cli.mismatch.explain.explain import Search
 from enginediag_cli.mismatch.explain.floor_cost import FloorCost, floor_cost
 from enginediag_cli.mismatch.explain.gated import Gated, gated_out
+from enginediag_cli.mismatch.explain.moving_advice import advice_between
 from enginediag_cli.mismatch.explain.on_all import Searched, searched_on_share
 from enginediag_cli.mismatch.explain.rejected import Reason
 from enginediag_cli.mismatch.explain.unrecorded_search import hidden_search, with_own_noise

@@ -34,6 +34,7 @@ from enginediag_cli.mismatch.fit.identified import (
 from enginediag_cli.mismatch.fit.noise import estimated_noise, with_noise
 from enginediag_cli.mismatch.fit.projection import Projection
 from enginediag_cli.mismatch.fit.scores import surprise
+from enginediag_cli.mismatch.locate.moving_drivers import moving_drivers
 from enginediag_cli.mismatch.locate.presence import HIDDEN_SHARE, Presence, presence
 from enginediag_cli.mismatch.locate.stability import resampled_surprise
 from enginediag_cli.mismatch.locate.time_steps import step_drivers
@@ -137,7 +138,7 @@ def locate(evidence: Evidence) -> Located:
     if not found.converged:
         return Located(False, found.reason, found)
     projection = Projection(found)
-    conditions = drivers_of(evidence, found.theta)
+    conditions = [*drivers_of(evidence, found.theta), *moving_drivers(evidence)]
     everything = [*conditions, *step_drivers(evidence)]
     cells = free_form(found, projection, everything)
     if evidence.settings.noise == "estimate":

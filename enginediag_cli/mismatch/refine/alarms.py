@@ -20,6 +20,7 @@ from enginediag_cli.identification.settings import settings_from_mapping
 from enginediag_cli.mismatch.fit.evidence import Evidence, Flight
 from enginediag_cli.recordings.table import Recording
 from enginediag_cli.residuals.compact import compact
+from enginediag_cli.residuals.lagging import with_lagging
 from enginediag_cli.residuals.monitor import monitor_from_nominal
 from enginediag_cli.residuals.pipeline import window_statistics
 from enginediag_cli.residuals.windows import WindowPlan
@@ -75,7 +76,7 @@ def alarms(engine: Engine, evidence: Evidence, unseen: Sequence[int], window: in
         if not result.converged:
             reasons.append(f"{name or 'the engine'} could not be identified: {result.reason}")
             continue
-        monitor = compact(monitor_from_nominal(engine, result.nominal("", "", {})))
+        monitor = with_lagging(compact(monitor_from_nominal(engine, result.nominal("", "", {}))))
         plan = WindowPlan(window, window)
         for w in window_statistics(monitor, [_recording(f) for f in test], plan):
             verdict = judge(w, NOMINAL_RATE)

@@ -26,7 +26,7 @@ class FuelRateLimit(Term):
     )
     EQUATION = "dW_f/dt = min(max(dW_f,commanded/dt, −W_full/t_down), W_full/t_up) until W_f = W_f,commanded"
     DRIVER = RATE
-    COEFFICIENTS = rate_limits("fuel", "flow", 100.0, 10.0)
+    COEFFICIENTS = rate_limits("fuel", "the design flow", 100.0, 10.0)
     REFERENCE = (
         "acceleration and deceleration limiters of fuel controls: Walsh and Fletcher, Gas Turbine "
         "Performance, ch. 8; ranges assumed"

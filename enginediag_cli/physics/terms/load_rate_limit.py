@@ -27,7 +27,7 @@ class LoadRateLimit(Term):
     )
     EQUATION = "dP/dt = min(max(dP_demanded/dt, −P_full/t_down), P_full/t_up) until P = P_demanded"
     DRIVER = RATE
-    COEFFICIENTS = rate_limits("load", "power", 1000.0, 100.0)
+    COEFFICIENTS = rate_limits("load", "the design power", 1000.0, 100.0)
     REFERENCE = "IEEE Std 421.5 and IEEE Task Force on turbine-governor modelling: ramp limiters; ranges assumed"
     INPUTS = PAST
     TRIALS = rate_trials(4.0, 10.0, 25.0, 60.0, 150.0, 400.0, 1000.0)

@@ -62,6 +62,7 @@ MOVING = {
     "fuel_rate_limit": ("turbojet", {"fuel_rate_limit__burner": {"rise": 30.0, "fall": 20.0}}),
     "probe_lag": ("citation_jt15d", {"probe_lag__ITT": {"time_constant": 4.0}}),
     "heat_soak": ("citation_jt15d", {"heat_soak__hpt": {"exchange": 0.03, "time_constant": 20.0}}),
+    "clearance_transient": ("citation_jt15d", {"clearance_transient__hpt": {"loss": 0.03, "time_constant": 20.0}}),
     "clock_shift": ("citation_jt15d", {"clock_shift__Wf": {"delay": 0.7}}),
     "rotor_inertia": ("citation_jt15d", {"rotor_inertia__lp": {"inertia": 0.3}}),
 }

@@ -61,6 +61,7 @@ def off(engine: Engine, interval: float) -> np.ndarray:
     ("terms", "error"),
     [
         (SOAK, 2e-4),
+        ((("clearance_transient", "turbine", {"loss": 0.03, "time_constant": 10.0}),), 2e-4),
         ((("probe_lag", "T5", {"time_constant": 4.0}),), 4e-3),
         ((("clock_shift", "T5", {"delay": 2.0}),), 1e-9),
         ((FUEL_LAG,), 1e-5),
