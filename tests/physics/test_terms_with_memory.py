@@ -16,6 +16,10 @@ BEFORE, AFTER, RECORDS = 20, 3, 400  # records of 1 s before a step of power, be
 LOW, HIGH = 0.5, 0.8  # fractions of the power range
 
 
+ON_A_RAMP = {"rotor_inertia": 1, "bleed_valve_hysteresis": 3}
+"""What shows on the way only, records before its end: a speed cannot step, and a valve closes once it is passed."""
+
+
 @dataclass(frozen=True)
 class Fact:
     """AFTER records behind a step up of power the term moves `column` by `sign` from where it is in the steady state;
@@ -67,6 +71,14 @@ TERMS = {
         +1,
         {"loss": 0.03, "time_constant": 60.0},
     ),
+    "bleed_valve_hysteresis": Fact(
+        "a valve that is still open leaves less air to the turbine: hotter",
+        "turbojet",
+        "compressor",
+        "T5_K",
+        +1,
+        {"fraction": 0.01, "open_below": 0.93, "band": 0.03},
+    ),
     "actuator_rate_limit": Fact(
         "the afterburner's fuel is behind",
         "afterburning_turbofan",
@@ -99,13 +111,12 @@ def test_after_a_step_the_effect_has_the_direction_that_physics_gives_it_and_fad
     fact = TERMS[name]
     plain = shipped(fact.engine)
     engine = plain.with_effects([*plain.effects, effect(plain, name, fact.site, fact.values)])
-    # a speed cannot step: a rotor is accelerated while its speed is seen to rise
-    columns = step(engine, ramp=10.0 if name == "rotor_inertia" else 0.0)
+    columns = step(engine, ramp=10.0 if name in ON_A_RAMP else 0.0)
     inputs = {c: v for c, v in columns.items() if c in engine.inputs}
     steady = engine.predict(inputs, sensors=(fact.column,)).y[:, 0]
     moved = engine.predict({**inputs, MOMENT: engine.tapes.add(columns)}, sensors=(fact.column,)).y[:, 0]
     change = (moved - steady) / np.ptp(steady)
-    at = BEFORE + AFTER - (name == "rotor_inertia")
+    at = BEFORE + AFTER - ON_A_RAMP.get(name, 0)
     assert fact.sign * change[at] > 1e-3, f"{fact.statement}: {change[at]}"
     assert abs(change[-1]) < 1e-3
 

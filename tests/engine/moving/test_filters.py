@@ -7,6 +7,7 @@ import pytest
 
 from enginediag_cli.engine.moving.filters.base import Clock
 from enginediag_cli.engine.moving.filters.delay import Delay
+from enginediag_cli.engine.moving.filters.hysteresis import Hysteresis
 from enginediag_cli.engine.moving.filters.lag import Lag
 from enginediag_cli.engine.moving.filters.per_full import PerFull
 from enginediag_cli.engine.moving.filters.rate_limit import RateLimit
@@ -192,3 +193,18 @@ def test_constant_signals_leave_nothing_to_remember():
     clock, u, _ = uneven()
     for filter, coefficients in FILTERS.values():
         assert not alone(filter, clock, np.full_like(u, 7.0), *coefficients).value.any()
+
+
+def test_hysteresis_is_what_a_valve_that_is_watched_record_by_record_does():
+    clock, u, along = uneven(seed=3)
+    low, band = 20.0, 8.0
+    wanted, still_open = np.zeros(len(u)), False
+    for k, x in enumerate(u):
+        if clock.first[k]:
+            still_open = False  # nobody knows
+        if x < low or x >= low + band:
+            still_open = x < low
+        wanted[k] = still_open and x >= low
+    found = Hysteresis()(clock, u, along, (low, band))
+    assert np.array_equal(found.value, wanted) and 0.0 < wanted.mean() < 0.5
+    assert not found.along.any() and not found.own.any()

@@ -1,0 +1,85 @@
+"""Handling bleed that closes at a higher speed than it opens at."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from itertools import product
+from typing import TYPE_CHECKING
+
+from enginediag_cli.drivers import RATE
+from enginediag_cli.engine.components.compressor import Compressor
+from enginediag_cli.engine.evaluation import Evaluation
+from enginediag_cli.engine.flow import Flow
+from enginediag_cli.engine.moving.filters.hysteresis import Hysteresis
+from enginediag_cli.engine.moving.filters.scaled import Scaled
+from enginediag_cli.engine.moving.tape import PAST
+from enginediag_cli.engine.term import Coefficient, Place, Site, Term
+from enginediag_cli.physics.parts import relative_corrected_speed
+from enginediag_cli.physics.terms.handling_bleed import valve
+
+if TYPE_CHECKING:
+    from enginediag_cli.engine.network import Network
+
+
+class BleedValveHysteresis(Term):
+    """W = W_exit (1 − b) while n_open ≤ n < n_open + Δn after n < n_open, n = N_c/N_c,design of the site's compressor.
+
+    What a valve bleeds below n_open is another effect (`handling_bleed`), which needs no memory.
+    """
+
+    NAME = "bleed_valve_hysteresis"
+    TITLE = "Bleed valve that closes later than it opens"
+    STATEMENT = (
+        "A valve that was open at low speed stays open until a higher speed than that at which it opens: in between "
+        "the engine bleeds after an acceleration, and does not after a deceleration."
+    )
+    EQUATION = "W = W_exit (1 − b)  while n_open ≤ N_c/N_c,design < n_open + Δn, having come from below"
+    DRIVER = RATE
+    COEFFICIENTS = (
+        Coefficient("fraction", "1", "b, bleed over flow while the valve is still open", 0.0, 0.0, 0.25, 0.05, 0.05),
+        Coefficient(
+            "open_below",
+            "1",
+            "n_open, relative corrected speed below which the valve opens",
+            0.85,
+            0.4,
+            1.1,
+            0.05,
+            0.85,
+            assumed=True,
+            shape=True,
+        ),
+        Coefficient(
+            "band",
+            "1",
+            "Δn, by how much higher it closes",
+            0.05,
+            0.0,
+            0.3,
+            0.03,
+            0.05,
+            assumed=True,
+            shape=True,
+        ),
+    )
+    REFERENCE = (
+        "bleed valve schedules with hysteresis: Walsh and Fletcher, Gas Turbine Performance, ch. 5 and 8; assumed"
+    )
+    INPUTS = PAST
+    TRIALS = tuple({"fraction": 0.05, "open_below": n, "band": b} for n, b in product((0.7, 0.8, 0.9), (0.05, 0.1)))
+
+    def sites(self, network: Network) -> Iterable[Site]:
+        c = valve(network)
+        if c is not None:
+            yield Site(c.name, c.name, (f"station {c.values['to']}",))
+
+    def install(self, at: Place) -> None:
+        c = at.component
+        assert isinstance(c, Compressor)
+        speed = relative_corrected_speed(at, c)
+        bled = at.remember(Scaled(Hysteresis()), ("fraction", "open_below", "band"))
+
+        def exit_flow(e: Evaluation, flow: Flow) -> Flow:
+            return flow.with_(W=flow.W * (1.0 - bled(e, speed(e))))
+
+        at.on_station(c.values["to"], exit_flow)
