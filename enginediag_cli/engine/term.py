@@ -85,7 +85,7 @@ class Term(ABC):
     `TRIALS`: sizes at which a search tries the effect, where its derivative at absence tells nothing: a rate limit that
     nothing meets, a delay whose length matters.
     `SWITCHES`: commanded, so it may be on or off without any column showing it. `OF_A_FILE`: an engine file states it,
-    and no library holds it.
+    and no library holds it. `SOUGHT`: whether a search tries it, or only engine files carry it.
     """
 
     NAME: str
@@ -99,6 +99,7 @@ class Term(ABC):
     TRIALS: tuple[Mapping[str, float], ...] = ()
     SWITCHES: bool = False
     OF_A_FILE: bool = False
+    SOUGHT: bool = True
 
     def __init_subclass__(cls, **given: object) -> None:
         """Raises TypeError for a term whose driver is none: words would be missing where it is told."""

@@ -58,7 +58,7 @@ def effect(engine: Engine, name: str, site: str, values: Mapping[str, float] | N
 
 
 def candidates(engine: Engine, without: Sequence[str] = ()) -> Iterator[Effect]:
-    """Every term at every site of the engine that its model does not carry, absent.
+    """Every term that is sought, at every site of the engine that its model does not carry, absent.
 
     `without`: terms, or labels `term@site`, that are left out.
     """
@@ -67,7 +67,7 @@ def candidates(engine: Engine, without: Sequence[str] = ()) -> Iterator[Effect]:
         if name in without:
             continue
         found = term(name)
-        for site in found.sites(engine.network):
+        for site in found.sites(engine.network) if found.SOUGHT else ():
             e = Effect(found, site, {}, limits=limits(engine))
             if e.label not in carried and e.label not in without:
                 yield e

@@ -24,7 +24,8 @@ if TYPE_CHECKING:
 class BleedValveHysteresis(Term):
     """W = W_exit (1 − b) while n_open ≤ n < n_open + Δn after n < n_open, n = N_c/N_c,design of the site's compressor.
 
-    What a valve bleeds below n_open is another effect (`handling_bleed`), which needs no memory.
+    What a valve bleeds below n_open is another effect (`handling_bleed`), which needs no memory. No search tries it: it
+    jumps where nobody knows its thresholds. What it does in a recording is found as a switch that no column records.
     """
 
     NAME = "bleed_valve_hysteresis"
@@ -66,6 +67,7 @@ class BleedValveHysteresis(Term):
         "bleed valve schedules with hysteresis: Walsh and Fletcher, Gas Turbine Performance, ch. 5 and 8; assumed"
     )
     INPUTS = PAST
+    SOUGHT = False
     TRIALS = tuple({"fraction": 0.05, "open_below": n, "band": b} for n, b in product((0.7, 0.8, 0.9), (0.05, 0.1)))
 
     def sites(self, network: Network) -> Iterable[Site]:
