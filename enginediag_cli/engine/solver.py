@@ -52,25 +52,6 @@ class Reader(Protocol):
 
 
 @dataclass
-class Jacobians:
-    """Of the points of a batch, for another that begins where it ended: LU (nx, nx, N) and order (nx, N), or J itself
-    in place of LU where they come from differences; `known` (N,)."""
-
-    LU: Array
-    order: Array
-    known: Array
-
-    @staticmethod
-    def none(nx: int, n: int) -> Jacobians:
-        return Jacobians(np.zeros((nx, nx, n)), np.zeros((nx, n), dtype=int), np.zeros(n, dtype=bool))
-
-    def keep(self, p: OpenPoints, which: Array) -> None:
-        """Those of some of the open points."""
-        at = p.index[which]
-        self.LU[:, :, at], self.order[:, at], self.known[at] = p.LU[:, :, which], p.order[:, which], True
-
-
-@dataclass
 class Solution:
     """Unknowns (nx, N), largest residual (N,), balances (nx, N) and passes used (N,); `read` (N,): points that the
     reader has; `tolerance`: the residual of a point that has converged."""
@@ -132,13 +113,11 @@ def newton(
     x: Array,
     effort: Effort | None = None,
     reader: Reader | None = None,
-    jacobians: Jacobians | None = None,
 ) -> Solution:
     """Solves the balances from starting unknowns x (nx, N); inputs and parameters are floats or (N,).
 
     What the reader wants of the points that converge is handed to it, where the last pass gives it; the others are left
-    to the caller. `jacobians`: those to begin with, in which the last ones are left (of an effort `by_differences` or
-    not, as the one that left them).
+    to the caller.
     """
     effort = effort or Effort()
     unknowns = network.unknowns()
@@ -154,8 +133,6 @@ def newton(
         max(TOLERANCE, effort.aim),
     )
     p = OpenPoints.at(x)
-    if jacobians is not None:
-        p.LU, p.order, p.fresh = jacobians.LU.copy(), jacobians.order.copy(), ~jacobians.known
     balances = _Balances(network, inputs, parameters, effort, reader, n)
     waiting = np.zeros(n, dtype=bool)
     for iteration in range(effort.max_iterations):
@@ -164,8 +141,6 @@ def newton(
         norm[~np.isfinite(norm)] = np.inf
         best.note(p, R, norm, iteration + 1)
         left = norm > effort.aim
-        if jacobians is not None:
-            jacobians.keep(p, np.ones(len(left), dtype=bool))
         if not left.any():
             break
         keep = p.step_on(R, norm, effort) & p.hopeful(norm) & left
