@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from dataclasses import replace
 from itertools import product
 from typing import TYPE_CHECKING
 
@@ -15,7 +16,7 @@ from enginediag_cli.engine.moving.filters.scaled import Scaled
 from enginediag_cli.engine.moving.tape import PAST
 from enginediag_cli.engine.term import Coefficient, Place, Site, Term
 from enginediag_cli.physics.parts import relative_corrected_speed
-from enginediag_cli.physics.terms.handling_bleed import valve
+from enginediag_cli.physics.terms.handling_bleed import OPEN_BELOW, valve
 
 if TYPE_CHECKING:
     from enginediag_cli.engine.network import Network
@@ -38,18 +39,7 @@ class BleedValveHysteresis(Term):
     DRIVER = RATE
     COEFFICIENTS = (
         Coefficient("fraction", "1", "b, bleed over flow while the valve is still open", 0.0, 0.0, 0.25, 0.05, 0.05),
-        Coefficient(
-            "open_below",
-            "1",
-            "n_open, relative corrected speed below which the valve opens",
-            0.85,
-            0.4,
-            1.1,
-            0.05,
-            0.85,
-            assumed=True,
-            shape=True,
-        ),
+        replace(OPEN_BELOW, description="n_open, relative corrected speed below which the valve opens"),
         Coefficient(
             "band",
             "1",

@@ -17,6 +17,20 @@ if TYPE_CHECKING:
     from enginediag_cli.engine.network import Network
 
 
+OPEN_BELOW = Coefficient(
+    "open_below",
+    "1",
+    "n_open, relative corrected speed at which the valve is half open",
+    0.85,
+    0.4,
+    1.1,
+    0.05,
+    0.85,
+    assumed=True,
+    shape=True,
+)
+
+
 class HandlingBleed(Term):
     """W_out = W [1 − b s(n)], s = 1/(1 + exp[(n − n_open)/Δn]), n = N_c/N_c,design of the site's compressor.
 
@@ -34,18 +48,7 @@ class HandlingBleed(Term):
     DRIVER = CORRECTED_SPEED
     COEFFICIENTS = (
         Coefficient("fraction", "1", "b, bleed over flow with the valve open", 0.0, 0.0, 0.25, 0.05, 0.08),
-        Coefficient(
-            "open_below",
-            "1",
-            "n_open, relative corrected speed at which the valve is half open",
-            0.85,
-            0.4,
-            1.1,
-            0.05,
-            0.85,
-            assumed=True,
-            shape=True,
-        ),
+        OPEN_BELOW,
         Coefficient(
             "width",
             "1",
