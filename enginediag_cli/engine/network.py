@@ -244,7 +244,6 @@ class Network:
         other = copy.copy(self)
         other.effects, other.hooks = tuple(effects), Hooks() if effects else None
         other.remembered = ()
-        other._unknowns = None
         for effect in effects:
             assert other.hooks is not None
             effect.term.install(Place(other, effect, other.hooks))

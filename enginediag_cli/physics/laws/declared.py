@@ -94,8 +94,7 @@ def _coefficients(declared: Mapping[str, Mapping[str, Any]]) -> tuple[Coefficien
         size = c["absent"] is not None
         absent = c["absent"] if size else c["value"]
         sigma = c["prior_sigma"] or 0.0
-        low = -np.inf if c["lower"] is None else c["lower"]
-        high = np.inf if c["upper"] is None else c["upper"]
+        low, high = _bounds(c)
         free, kept = not size and sigma > 0.0, not size and sigma == 0.0
         found.append(
             Coefficient(
@@ -114,12 +113,17 @@ def _coefficients(declared: Mapping[str, Mapping[str, Any]]) -> tuple[Coefficien
     return tuple(found)
 
 
+def _bounds(coefficient: Mapping[str, Any]) -> tuple[float, float]:
+    """As declared; none is infinite."""
+    low, high = coefficient["lower"], coefficient["upper"]
+    return -np.inf if low is None else low, np.inf if high is None else high
+
+
 def _coefficient_problems(entry: _Entry) -> list[Problem]:
     problems = []
     declared = entry.block["coefficients"]
     for name, c in declared.items():
-        low, high = (np.inf if c[k] is None else c[k] for k in ("lower", "upper"))
-        low = -low if c["lower"] is None else low
+        low, high = _bounds(c)
         for key in ("value", "absent"):
             if c[key] is not None and not low <= c[key] <= high:
                 told = f"{name}: {key} is {c[key]:g}, outside its bounds {low:g} to {high:g}"
