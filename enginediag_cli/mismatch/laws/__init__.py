@@ -1,0 +1,1 @@
+"""Laws for what no library holds: place × formula in dimensionless variables."""

@@ -1,0 +1,42 @@
+"""A formula at a place as a law that an engine file can carry, absent, with its shape as the scan has found it."""
+
+from __future__ import annotations
+
+import re
+
+import numpy as np
+
+from enginediag_cli.engine.term import Coefficient, Effect
+from enginediag_cli.mismatch.laws.grammar import span
+from enginediag_cli.mismatch.laws.scan import Candidate
+from enginediag_cli.parameters import Parameter
+from enginediag_cli.physics.laws.expression import Expression
+from enginediag_cli.physics.laws.law import Acts, Law
+
+AMPLITUDE = "a"
+"""The letter of every form that is its size."""
+DIGITS = 6
+"""Significant digits of what stands in a formula as a number."""
+
+
+def proposed(candidate: Candidate, parameter: Parameter, name: str) -> Effect:
+    """The law of a candidate at `parameter`, which is its place's; its amplitude is absent."""
+    formula = candidate.formula
+    letters = dict(zip("xy", formula.of, strict=False))
+    written = {n: k.variable.name for n, k in letters.items()}
+    written |= {f"{n}0": f"{k.variable.reference:.{DIGITS}g}" for n, k in letters.items()}
+    text = re.sub(r"\b[xy]0?\b", lambda m: written[m[0]], formula.form.text)
+    factor = parameter.nominal == 1.0 and parameter.unit in ("", "1")
+    unit = "1" if factor else parameter.unit or "1"
+    size = candidate.location.scale / float(np.std(formula.curve))
+    coefficients = [Coefficient(AMPLITUDE, unit, "size", 0.0, -np.inf, np.inf, size, candidate.amplitude)]
+    x = formula.of[0].values
+    for s in formula.form.shapes:
+        at = formula.shape[s.letter]
+        sigma = s.share * (span(x) if s.of_range else 1.0)
+        low = 0.02 * span(x) if s.of_range and at > 0.0 and s.letter == "w" else -np.inf
+        coefficients.append(Coefficient(s.letter, "1", "shape", at, low, np.inf, sigma, at, free=True))
+    acts = Acts(parameter.name, parameter.component, unit, factor)
+    variables = {k.variable.name: k.variable for k in formula.of}
+    law = Law(name, acts, Expression.parsed(text), variables, tuple(coefficients))
+    return Effect(law, acts.site, {})

@@ -1,0 +1,144 @@
+"""Every place with every formula, by linearisation: which laws are worth fitting.
+
+A formula at a place is one column, ∂y/∂θ times its curve over the records, scored beside everything that identification may
+absorb. With an amplitude a ~ N(0, τ²) its evidence against nothing is that of a linear model,
+
+    ln B = ½ g² τ²/(1 + G τ²) − ½ ln(1 + G τ²),    g = c⊥ᵀe,  G = c⊥ᵀc⊥,    τ = scale of the place / rms of the curve
+
+Source: D. J. C. MacKay, Neural Computation 4 (1992) 415–447.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import combinations, product
+
+import numpy as np
+
+from enginediag_cli.drivers import SAME
+from enginediag_cli.engine.driver import STILL
+from enginediag_cli.mismatch.fit.columns import Columns
+from enginediag_cli.mismatch.fit.families import Sums, grid
+from enginediag_cli.mismatch.fit.freeform import Location, locations
+from enginediag_cli.mismatch.fit.identified import Identified
+from enginediag_cli.mismatch.fit.projection import Projection
+from enginediag_cli.mismatch.laws.grammar import FORMS, Form
+from enginediag_cli.physics.laws.variables import Variable, variables_of
+from enginediag_cli.progress import stage
+
+PAIRS = 0.25
+"""Prior share of laws of two variables. Judgement."""
+
+
+@dataclass(frozen=True)
+class Known:
+    """A variable with its values in the fit's records (N,); `group`: variables of one number cannot be told apart
+    there."""
+
+    variable: Variable
+    values: np.ndarray
+    group: int
+
+
+@dataclass(frozen=True)
+class Formula:
+    """A form of one or two variables with its shape, amplitude 1; `curve` (N,) over the fit's records; `prior`: ln."""
+
+    form: Form
+    of: tuple[Known, ...]
+    shape: Mapping[str, float]
+    curve: np.ndarray
+    prior: float
+
+    @property
+    def groups(self) -> frozenset[int]:
+        return frozenset(k.group for k in self.of)
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """A formula at a place: `amplitude` by one step, `weight`: ln evidence against nothing and ln prior."""
+
+    location: Location
+    formula: Formula
+    amplitude: float
+    statistic: float
+    weight: float
+
+
+def known_variables(found: Identified) -> list[Known]:
+    """Variables that move in the fit's records, in groups that these cannot tell apart."""
+    engine = found.evidence.engine
+    every = list(variables_of(engine.network).values())
+    columns = tuple(dict.fromkeys(c for v in every if not v.recorded for c in v.columns))
+    theta = {n: v for n, v in found.theta.items() if n in engine.parameters}
+    p = engine.predict(found.problem.inputs, theta, sensors=columns)
+    at = dict(zip(columns, np.where(p.ok[:, None], p.y, np.nan).T, strict=True))
+    at |= {c: np.asarray(x, float) for c, x in found.problem.inputs.items()}
+    result: list[Known] = []
+    for v in every:
+        if any(c not in at for c in v.columns):
+            continue
+        x = np.broadcast_to(v.values(at), p.ok.shape)
+        x = np.where(np.isfinite(x), x, np.nanmedian(x))
+        if np.std(x) <= STILL * max(1e-300, float(np.mean(np.abs(x)))):
+            continue
+        alike = (k.group for k in result if abs(float(np.corrcoef(k.values, x)[0, 1])) > SAME)
+        result.append(Known(v, x, next(alike, 1 + max((k.group for k in result), default=-1))))
+    return result
+
+
+def formulas(known: Sequence[Known]) -> Iterator[Formula]:
+    """All forms of all variables, and of those that stand for their groups in pairs."""
+    firsts = [next(k for k in known if k.group == g) for g in dict.fromkeys(k.group for k in known)]
+    single, double = [f for f in FORMS if not f.pairs], [f for f in FORMS if f.pairs]
+    for form in single:
+        share = (1.0 - PAIRS) * form.weight / sum(f.weight for f in single) / len(firsts)
+        for k in known:
+            alike = sum(o.group == k.group for o in known)
+            yield from _shaped(form, (k,), share / alike)
+    pairs = list(combinations(firsts, 2))
+    for form in double:
+        for pair in pairs:
+            yield from _shaped(form, pair, PAIRS * form.weight / sum(f.weight for f in double) / len(pairs))
+
+
+def _shaped(form: Form, of: tuple[Known, ...], share: float) -> Iterator[Formula]:
+    if form.ratios and any(k.variable.recorded for k in of):
+        return
+    tries = [s.tries(of[0].values) for s in form.shapes]
+    count = int(np.prod([len(t) for t in tries]))
+    letters = {n: k.values for n, k in zip("xy", of, strict=False)}
+    letters |= {f"{n}0": k.variable.reference for n, k in zip("xy", of, strict=False)}
+    for values in product(*tries):
+        shape = {s.letter: v for s, v in zip(form.shapes, values, strict=True)}
+        with np.errstate(all="ignore"):
+            curve = np.asarray(form.expression.at({**letters, **shape, "a": 1.0}), float)
+        if np.isfinite(curve).all() and np.std(curve) > 0.0:
+            yield Formula(form, of, shape, curve, float(np.log(share / count)))
+
+
+@stage("scoring laws")
+def scanned(found: Identified, projection: Projection) -> list[Candidate]:
+    """Every formula at every place, the likeliest first."""
+    where = locations(found)
+    laws = list(formulas(known_variables(found)))
+    columns = Columns(found, [p.parameter for p in where], [p.through for p in where if p.through is not None])
+    names = list(dict.fromkeys(p.parameter for p in where))
+    rms = np.array([np.std(law.curve) for law in laws])
+    curves = np.column_stack([law.curve for law in laws]) / rms
+    sums = Sums(projection, columns, grid(names, curves, [[k] for k in range(len(laws))]))
+    result = []
+    for place in where:
+        l = names.index(place.parameter)
+        g = sums.pull[l]
+        G = np.array([sums.gram(np.array([[l, k]]))[0, 0] for k in range(len(laws))])
+        told = 1.0 + G * place.scale**2
+        weight = 0.5 * g**2 * place.scale**2 / told - 0.5 * np.log(told)
+        step = g * place.scale**2 / told
+        for k, law in enumerate(laws):
+            T = float(g[k] ** 2 / max(G[k], 1e-300))
+            prior = law.prior - float(np.log(len(where)))
+            result.append(Candidate(place, law, float(step[k] / rms[k]), T, float(weight[k]) + prior))
+    return sorted(result, key=lambda c: -c.weight)
