@@ -47,7 +47,7 @@ ORDER = (
 )
 """Each room may import those before it, never those after it."""
 
-MISMATCH_ORDER = ("controlled", "fit", "unrecorded", "locate", "explain", "refine")
+MISMATCH_ORDER = ("controlled", "fit", "unrecorded", "laws", "locate", "explain", "refine")
 """The rooms of the search for missing physics, in the same way."""
 
 LARGEST_FILE = 400

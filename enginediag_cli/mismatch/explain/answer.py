@@ -10,9 +10,10 @@ import numpy as np
 from enginediag_cli.mismatch.explain.rejected import Rejected
 from enginediag_cli.mismatch.fit.freeform import Cell, Place
 from enginediag_cli.mismatch.fit.options import Option
+from enginediag_cli.mismatch.laws.finding import LawFinding
 
-NOTHING, NAMED, NONE, HIDDEN, FAILED = "nothing", "named", "none of these", "hidden", "did not converge"
-STATUSES = (NOTHING, NAMED, NONE, HIDDEN, FAILED)
+NOTHING, NAMED, LAW, NONE, HIDDEN, FAILED = "nothing", "named", "law", "none of these", "hidden", "did not converge"
+STATUSES = (NOTHING, NAMED, LAW, NONE, HIDDEN, FAILED)
 
 
 @dataclass(frozen=True)
@@ -53,7 +54,8 @@ class Answer:
     free form, most surprising first, and `places` by component; `unseen`: effects that these flights cannot show;
     `hidden`: findings of an unrecorded driver; `gates`: −ln p thresholds on listed effects, of detection and of
     adequacy; `surprise`: the largest −ln p of a listed effect at the model as it is; `rejected`: label → why, for what
-    was fitted and not named."""
+    was fitted and not named; `law`: what no listed effect explains, as a law (status LAW, `explanations` are the
+    laws)."""
 
     status: str
     reason: str
@@ -69,6 +71,7 @@ class Answer:
     rejected: Mapping[str, Rejected]
     theta: Mapping[str, float]
     number: np.ndarray
+    law: LawFinding | None = None
 
     @property
     def kind(self) -> str:

@@ -22,7 +22,7 @@ from enginediag_cli.mismatch.fit.identified import Hypothesis, Identified
 from enginediag_cli.mismatch.fit.projection import Projection, Score
 from enginediag_cli.parameters import Parameter
 
-EFFECT, FAULT, SENSOR_FAULT = "effect", "fault", "sensor fault"
+EFFECT, LAW, FAULT, SENSOR_FAULT = "effect", "law", "fault", "sensor fault"
 PARTS_OF_FLIGHT = 4
 """Onsets that are tried in a flight: the best is refined between its neighbours."""
 READ_WRONG = ("bias", "scale")

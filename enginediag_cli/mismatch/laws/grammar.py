@@ -1,7 +1,7 @@
 """The forms that a law may have. To add one, add it to FORMS: nothing else lists them.
 
-In a form's text x and y stand for variables, x0 and y0 for what they are at the design point, a for the amplitude, which is
-sought; other letters are its shape. Every form is 0 at the design point, and bounded where its variables are.
+In a form's text x and y stand for variables, x0 and y0 for what they are at the design point, a for the amplitude,
+which is sought; other letters are its shape. Every form is 0 at the design point, and bounded where its variables are.
 """
 
 from __future__ import annotations
@@ -25,8 +25,8 @@ Tries = Callable[[np.ndarray], tuple[float, ...]]
 
 @dataclass(frozen=True)
 class Shape:
-    """One letter of a form; `tries`: values to begin with, of a variable's values in the records (N,); `share`: its prior
-    standard deviation, of the variable's range or, with `of_range` not set, as it stands."""
+    """One letter of a form; `tries`: values to begin with, of a variable's values in the records (N,); `share`: its
+    prior standard deviation, of the variable's range or, with `of_range` not set, as it stands."""
 
     letter: str
     tries: Tries

@@ -1,7 +1,7 @@
 """Every place with every formula, by linearisation: which laws are worth fitting.
 
-A formula at a place is one column, ∂y/∂θ times its curve over the records, scored beside everything that identification may
-absorb. With an amplitude a ~ N(0, τ²) its evidence against nothing is that of a linear model,
+A formula at a place is one column, ∂y/∂θ times its curve over the records, scored beside everything that
+identification may absorb. With an amplitude a ~ N(0, τ²) its evidence against nothing is that of a linear model,
 
     ln B = ½ g² τ²/(1 + G τ²) − ½ ln(1 + G τ²),    g = c⊥ᵀe,  G = c⊥ᵀc⊥,    τ = scale of the place / rms of the curve
 
@@ -109,7 +109,7 @@ def _shaped(form: Form, of: tuple[Known, ...], share: float) -> Iterator[Formula
         return
     tries = [s.tries(of[0].values) for s in form.shapes]
     count = int(np.prod([len(t) for t in tries]))
-    letters = {n: k.values for n, k in zip("xy", of, strict=False)}
+    letters: dict[str, np.ndarray | float] = {n: k.values for n, k in zip("xy", of, strict=False)}
     letters |= {f"{n}0": k.variable.reference for n, k in zip("xy", of, strict=False)}
     for values in product(*tries):
         shape = {s.letter: v for s, v in zip(form.shapes, values, strict=True)}

@@ -1,0 +1,38 @@
+"""Laws that were found: a posterior over places, drivers and forms, and what it leaves."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from enginediag_cli.mismatch.fit.freeform import Location
+from enginediag_cli.mismatch.fit.options import Option
+from enginediag_cli.mismatch.laws.scan import Formula
+from enginediag_cli.physics.laws.variables import Variable
+
+Group = tuple[Variable, ...]
+"""Variables that the records cannot tell apart, the one that the law has first."""
+
+
+@dataclass(frozen=True)
+class FittedLaw:
+    """A law fitted inside the simulator. `evidence`: ln of the marginal likelihood against the model as it is, with the
+    prior of place, driver and form; `probability`: among all laws."""
+
+    option: Option
+    location: Location
+    formula: Formula
+    evidence: float
+    probability: float
+
+
+@dataclass(frozen=True)
+class LawFinding:
+    """`laws`: fitted, likeliest first; `places` and `drivers` with their probabilities, each driver as the groups of
+    one or two variables; `excess`: χ² of the model as it is beyond its noise, `explained`: the share of it that the
+    first law explains."""
+
+    laws: tuple[FittedLaw, ...]
+    places: tuple[tuple[Location, float], ...]
+    drivers: tuple[tuple[tuple[Group, ...], float], ...]
+    excess: float
+    explained: float
