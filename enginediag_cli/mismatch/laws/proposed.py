@@ -7,7 +7,6 @@ import re
 import numpy as np
 
 from enginediag_cli.engine.term import Coefficient, Effect
-from enginediag_cli.mismatch.laws.grammar import span
 from enginediag_cli.mismatch.laws.scan import Candidate
 from enginediag_cli.parameters import Parameter
 from enginediag_cli.physics.laws.expression import Expression
@@ -33,9 +32,7 @@ def proposed(candidate: Candidate, parameter: Parameter, name: str) -> Effect:
     x = formula.of[0].values
     for s in formula.form.shapes:
         at = formula.shape[s.letter]
-        sigma = s.share * (span(x) if s.of_range else 1.0)
-        low = 0.02 * span(x) if s.of_range and at > 0.0 and s.letter == "w" else -np.inf
-        coefficients.append(Coefficient(s.letter, "1", "shape", at, low, np.inf, sigma, at, free=True))
+        coefficients.append(Coefficient(s.letter, "1", "shape", at, *s.bounds(x), s.sigma(x), at, free=True))
     acts = Acts(parameter.name, parameter.component, unit, factor)
     variables = {k.variable.name: k.variable for k in formula.of}
     law = Law(name, acts, Expression.parsed(text), variables, tuple(coefficients))
