@@ -21,6 +21,7 @@ from enginediag_cli.engine.term import Effect
 from enginediag_cli.mismatch.explain.answer import (
     FAILED,
     HIDDEN,
+    LAW,
     NAMED,
     NONE,
     NOTHING,
@@ -28,6 +29,7 @@ from enginediag_cli.mismatch.explain.answer import (
     Coefficient,
     Explanation,
 )
+from enginediag_cli.mismatch.explain.lawful import law_for
 from enginediag_cli.mismatch.explain.pairs import best_pairs
 from enginediag_cli.mismatch.explain.rejected import Reason, Rejected
 from enginediag_cli.mismatch.explain.repeated import repeated
@@ -48,6 +50,8 @@ from enginediag_cli.mismatch.fit.options import (
 from enginediag_cli.mismatch.fit.projection import Projection
 from enginediag_cli.mismatch.fit.response import response_error
 from enginediag_cli.mismatch.fit.trial_fit import Gates, Remainder, Trial, attempt, not_needed, remainder
+from enginediag_cli.mismatch.laws.finding import LawFinding
+from enginediag_cli.mismatch.laws.posterior import evidence_of
 from enginediag_cli.mismatch.unrecorded.companions import with_shared_errors
 from enginediag_cli.mismatch.unrecorded.recorded_driver import Hidden, HiddenScan, commanded, follows_a_driver
 from enginediag_cli.physics.registry import candidates
@@ -162,7 +166,7 @@ class Search:
             evidence = _evidence(self.unrecorded())
             if evidence > NEARLY_ALL * 0.5 * excess and evidence > PLAINLY * 0.5 * recorded:
                 return self.answer(HIDDEN, "", rest, hidden=self.unrecorded())
-        singles = self._refit([(self._timed(s.option),) for s in shortlisted(rest.scores, self.plain)])
+        singles = self.refit([(self._timed(s.option),) for s in shortlisted(rest.scores, self.plain)])
         if singles is None:
             return self.answer(FAILED, "no explanation could be fitted", rest)
         named = self.named(singles)
@@ -175,6 +179,9 @@ class Search:
             _add(pairs, wider)
         named = self._named_set(pairs, best)
         hidden, evidence = self.unrecorded(), _evidence(self.unrecorded())
+        law = law_for(self)
+        if law.explanations and law.evidence > max(evidence, *(self._evidence_of(x) for x in named[:1]), 0.0):
+            return self.answer(LAW, "", rest, law.explanations, hidden, law.finding)
         # an amplitude of its own in every record follows any driver: it must be the better account of the two
         if named and evidence < 0.5 * (named[0].gain - 2.0 * len(named[0].coefficients)):
             return self.answer(NAMED, "", rest, named, hidden)
@@ -186,16 +193,17 @@ class Search:
             f"no listed effect or change in time, nor up to {LARGEST_SET} together, explains the mismatch",
             rest,
             hidden=hidden,
+            law=law.finding,
         )
 
     def _named_set(self, pairs: Sequence[tuple[Option, ...]], best: Cell | None) -> list[Explanation]:
         """The alias set of pairs, or of the larger sets that grow from them; empty when none is adequate."""
-        sets = self._refit(pairs) or []
+        sets = self.refit(pairs) or []
         for size in range(2, LARGEST_SET + 1):
             named = self.named([s for s in sets if self.counts(s, best)])
             if named or size == LARGEST_SET:
                 return named
-            sets = self._refit(self._extended(sets[:EXTENDED])) or []
+            sets = self.refit(self._extended(sets[:EXTENDED])) or []
         return []
 
     def _with_estimated_noise(self, rest: Remainder) -> Remainder:
@@ -248,7 +256,7 @@ class Search:
                     _add(wider, (*trial.options, left.scores[0].option))
         return wider
 
-    def _refit(self, sets: Sequence[tuple[Option, ...]]) -> list[Trial] | None:
+    def refit(self, sets: Sequence[tuple[Option, ...]]) -> list[Trial] | None:
         """Trials that converged, best first; None when there were some and none did."""
         trials: list[Trial] = []
         near, behind = worth_fitting(sets, self.base.found, self.along)
@@ -285,7 +293,7 @@ class Search:
                 self.rejected.setdefault(trial.label, Rejected(Reason.WORSE, behind))
                 elsewhere += float(np.exp(-0.5 * behind))
                 continue
-            left, flights, why = self._judge(trial)
+            left, flights, why = self.judge(trial)
             trial.projection.rest()
             if why:
                 self.rejected[trial.label] = why
@@ -295,11 +303,11 @@ class Search:
             return []
         odds = np.exp([-0.5 * (t.weighed - adequate[0][0].weighed) for t, _, _ in adequate])
         return [
-            self._explanation(t, p, left, flights)
+            self.explanation(t, p, left, flights)
             for (t, left, flights), p in zip(adequate, odds / (odds.sum() + elsewhere), strict=True)
         ]
 
-    def _judge(self, trial: Trial) -> tuple[float, float, Rejected | None]:
+    def judge(self, trial: Trial) -> tuple[float, float, Rejected | None]:
         """What is left, share of flights gained, and why the trial is no explanation (None when it is one)."""
         if trial.at_bound:
             return np.nan, np.nan, Rejected(Reason.AT_BOUND, what=", ".join(trial.at_bound))
@@ -344,11 +352,15 @@ class Search:
         self.rejected[trial.label] = Rejected(Reason.ONE_UNLISTED)
         return False
 
-    def _explanation(self, t: Trial, probability: float, left: float, flights: float) -> Explanation:
+    def explanation(self, t: Trial, probability: float, left: float, flights: float) -> Explanation:
         parameters = t.found.model.parameters
         found = tuple(Coefficient(n, parameters[n].unit, v, s, *t.intervals[n]) for n, (v, s) in t.coefficients.items())
         gain = self.base.objective - t.objective
         return Explanation(t.options, found, t.objective, gain, float(probability), left, flights, t.at_bound)
+
+    def _evidence_of(self, x: Explanation) -> float:
+        """ln evidence of a set of listed effects, each of which might have been any."""
+        return evidence_of(self.base, self.fitted[x.label], -len(x.options) * float(np.log(len(self.library))))
 
     # around it
 
@@ -359,6 +371,7 @@ class Search:
         rest: Remainder,
         named: Sequence[Explanation] = (),
         hidden: Sequence[Hidden] = (),
+        law: LawFinding | None = None,
     ) -> Answer:
         base, self._scan = self.base, None  # a look holds rows of every record
         return Answer(
@@ -376,6 +389,7 @@ class Search:
             self.rejected,
             base.found.theta,
             base.found.number,
+            law,
         )
 
 
