@@ -4,15 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 from enginediag_cli.mismatch.explain.answer import Explanation
+from enginediag_cli.mismatch.explain.judging import Fits
 from enginediag_cli.mismatch.laws.finding import LawFinding
 from enginediag_cli.mismatch.laws.posterior import shares
 from enginediag_cli.mismatch.laws.search import Fitted, LawSearch
-
-if TYPE_CHECKING:
-    from enginediag_cli.mismatch.explain.explain import Search
 
 LEAST = 3.0
 """ln evidence from which a law is told: twenty to one, everything that was tried counted in its prior."""
@@ -32,33 +29,33 @@ class Lawful:
     evidence: float
 
 
-def law_for(search: Search) -> Lawful:
-    """The law that explains what the search's base lacks; two together where no single one does."""
-    laws = LawSearch(search.base, search.refit)
+def law_for(fits: Fits) -> Lawful:
+    """The law that explains what the base lacks; two together where no single one does."""
+    laws = LawSearch(fits.base, fits.refit)
     if not laws.single or laws.single[0].evidence < LEAST:
         return Lawful((), None, 0.0)
     for fitted in (laws.single, laws.with_second):
         tried = fitted() if callable(fitted) else fitted
-        adequate = _adequate(search, tried)
+        adequate = _adequate(fits, tried)
         if adequate:
             odds = shares([f.evidence for f, _, _ in adequate])
             told = tuple(
-                search.explanation(f.trial, float(p), left, flights)
+                fits.explanation(f.trial, float(p), left, flights)
                 for (f, left, flights), p in zip(adequate, odds, strict=True)
             )
             return Lawful(told, laws.finding([f for f, _, _ in adequate]), adequate[0][0].evidence)
     return Lawful((), laws.finding(laws.single[:1]), laws.single[0].evidence)
 
 
-def _adequate(search: Search, fitted: Sequence[Fitted]) -> list[tuple[Fitted, float, float]]:
+def _adequate(fits: Fits, fitted: Sequence[Fitted]) -> list[tuple[Fitted, float, float]]:
     """Those that are explanations, with what each leaves and the share of flights that it gains."""
     found: list[tuple[Fitted, float, float]] = []
     for f in fitted[:JUDGED]:
         if found and f.evidence < found[0][0].evidence - AS_GOOD:
             break
-        left, flights, why = search.judge(f.trial)
+        left, flights, why = fits.judge(f.trial)
         if why is None:
             found.append((f, left, flights))
         else:
-            search.rejected[f.trial.label] = why
+            fits.rejected[f.trial.label] = why
     return found
