@@ -115,7 +115,7 @@ def _shaped(form: Form, of: tuple[Known, ...], share: float) -> Iterator[Formula
     count = int(np.prod([len(t) for t in tries]))
     for values in product(*tries):
         shape = {s.letter: v for s, v in zip(form.shapes, values, strict=True)}
-        curve = curve_of(form, of, shape)
+        curve = over_records(form, of, shape)
         if np.isfinite(curve).all() and np.std(curve) > 0.0:
             yield Formula(form, of, shape, curve, float(np.log(share)), count)
 
@@ -128,7 +128,7 @@ class Scan:
     known: tuple[Known, ...]
 
 
-def curve_of(form: Form, of: Sequence[Known], shape: Mapping[str, float]) -> np.ndarray:
+def over_records(form: Form, of: Sequence[Known], shape: Mapping[str, float]) -> np.ndarray:
     """A form of variables over their records (N,), amplitude 1; not finite where it is nothing."""
     letters: dict[str, np.ndarray | float] = {n: k.values for n, k in zip("xy", of, strict=False)}
     letters |= {f"{n}0": k.variable.reference for n, k in zip("xy", of, strict=False)}

@@ -86,6 +86,7 @@ def test_its_derivatives_are_those_of_differences(form: Form) -> None:
 
 @EACH
 def test_it_has_no_kink_and_no_unit(form: Form) -> None:
+    assert form.name.isidentifier()
     assert "max" not in form.text and "min" not in form.text
     assert form.expression.unit(dict.fromkeys(form.expression.names, unit_of("1"))) == {}
 
@@ -106,7 +107,7 @@ def test_a_formula_that_was_found_stands_in_an_engine_file_as_the_same_numbers(f
     formula = _formulas(form)[-1]
     parameter = engine.parameters[at]
     place = Location(at, at, parameter.component, scale=0.01)
-    law = proposed(Candidate(place, formula, 0.02, 1.0, 1.0), parameter, "found")
+    law = proposed(Candidate(place, formula, 0.02, 1.0, 1.0, 0.0), parameter, "found")
     fitted = {c.name: c.typical for c in law.term.COEFFICIENTS}
     written = entry_of(replace(law, values=fitted))
     text = TURBOFAN.read_text() + "\n" + yaml.safe_dump({"physics": [written]})
