@@ -22,8 +22,9 @@ import numpy as np
 from enginediag_cli.mismatch.laws.posterior import shares
 from enginediag_cli.mismatch.laws.scan import Formula, over_records
 
-REACH, MOST = 12.0, 16
-"""ln evidence behind the best score from where no refit brings a form first, and how many are refitted at most."""
+MOST = 12
+"""Forms of variables that are refitted, the best by score. How far behind a score may be cannot be told: where noise is
+small, tries between which the true shape lies miss it by any number of standard deviations."""
 STARTS = 2
 """Tries of one form from which it is refitted: what a place and a width say together has several maxima."""
 OUTSIDE = 1e6
@@ -81,9 +82,10 @@ def fitted_curves(
     totals = {key: float(np.logaddexp.reduce([t.evidence for t in own])) for key, own in tries.items()}
     order = sorted(tries, key=lambda key: -totals[key])
     found = []
-    for rank, key in enumerate(order):
+    shaped = [key for key in order if tries[key][0].formula.form.shapes][:most]
+    for key in order:
         own = sorted(tries[key], key=lambda t: -t.evidence)
-        if rank < most and totals[key] > totals[order[0]] - REACH and own[0].formula.form.shapes:
+        if key in shaped:
             ends = [_refitted(t, freed, curve) for t in own[:STARTS]]
             found.append(max(ends, key=lambda e: e.evidence))
         else:
