@@ -15,6 +15,8 @@ LEAST = 3.0
 """ln evidence from which a law is told: twenty to one, everything that was tried counted in its prior."""
 JUDGED = 4
 """Laws, likeliest first, that are judged."""
+FURTHER = 3
+"""Laws whose formulas are sought at further places."""
 AS_GOOD = 3.0
 """ln evidence within which laws are told together, as of explanations (`ALIAS`)."""
 
@@ -36,6 +38,8 @@ def law_for(fits: Fits) -> Lawful:
         return Lawful((), None, 0.0)
     for fitted in (laws.single, laws.with_second):
         tried = fitted() if callable(fitted) else fitted
+        more = [f for first in tried[:FURTHER] for f in laws.elsewhere_too(first)]
+        tried = sorted([*tried, *more], key=lambda f: -f.evidence)
         adequate = _adequate(fits, tried)
         if adequate:
             odds = shares([f.evidence for f, _, _ in adequate])

@@ -11,9 +11,11 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from enginediag_cli.mismatch.fit.freeform import locations
 from enginediag_cli.mismatch.fit.options import Option
 from enginediag_cli.mismatch.fit.trial_fit import Trial
 from enginediag_cli.mismatch.laws.band import EDGES, Weighed, band_of, curve_of
+from enginediag_cli.mismatch.laws.elsewhere_too import MOST_PLACES, elsewhere_too
 from enginediag_cli.mismatch.laws.finding import FittedLaw, LawFinding
 from enginediag_cli.mismatch.laws.posterior import evidence_of, places_of, shares, variables_of_laws
 from enginediag_cli.mismatch.laws.scan import Candidate, scanned
@@ -63,6 +65,19 @@ class LawSearch:
             self.single = [*self.single, *self._fitted(more)]
         self.single = _ordered(self.single)
 
+    def elsewhere_too(self, first: Fitted) -> list[Fitted]:
+        """Laws with the same formula at further places, as long as that is likelier."""
+        where, found = locations(self.base.found), [first]
+        while len(found[-1].laws) < MOST_PLACES:
+            last = found[-1]
+            further = elsewhere_too(last.laws, last.trial, where)
+            more = [] if further is None else self._fitted([(*last.laws, further)])
+            if not more or more[0].evidence <= last.evidence:
+                break
+            found.append(more[0])
+        self.double = _ordered([*self.double, *found[1:]])
+        return found[1:]
+
     def with_second(self) -> list[Fitted]:
         """The best laws with the one that says most about what each leaves."""
         sets: list[tuple[Proposal, ...]] = []
@@ -71,7 +86,7 @@ class LawSearch:
             for p in elsewhere(left.candidates, self.engine, SECOND):
                 if p.option.label != first.options[0].label:
                     sets.append((*first.laws, p))
-        self.double = self._fitted(sets)
+        self.double = _ordered([*self.double, *self._fitted(sets)])
         return self.double
 
     def finding(self, best: Sequence[Fitted]) -> LawFinding:
