@@ -9,6 +9,7 @@ from enginediag_cli.mismatch.explain.answer import Explanation
 from enginediag_cli.mismatch.explain.judging import Fits
 from enginediag_cli.mismatch.laws.finding import LawFinding
 from enginediag_cli.mismatch.laws.posterior import shares
+from enginediag_cli.mismatch.laws.scan import Scan
 from enginediag_cli.mismatch.laws.search import Fitted, LawSearch
 
 LEAST = 3.0
@@ -31,9 +32,10 @@ class Lawful:
     evidence: float
 
 
-def law_for(fits: Fits) -> Lawful:
-    """The law that explains what the base lacks; two together where no single one does."""
-    laws = LawSearch(fits.base, fits.refit)
+def law_for(fits: Fits, scan: Scan) -> Lawful:
+    """The law that explains what the base lacks, of the formulas scored there; two together where no single one
+    does."""
+    laws = LawSearch(fits.base, scan, fits.refit)
     if not laws.single or laws.single[0].evidence < LEAST:
         return Lawful((), None, 0.0)
     for fitted in (laws.single, laws.with_second):

@@ -18,7 +18,7 @@ from enginediag_cli.mismatch.laws.band import EDGES, Weighed, band_of, curve_of
 from enginediag_cli.mismatch.laws.elsewhere_too import MOST_PLACES, elsewhere_too
 from enginediag_cli.mismatch.laws.finding import FittedLaw, LawFinding
 from enginediag_cli.mismatch.laws.posterior import evidence_of, places_of, shares, variables_of_laws
-from enginediag_cli.mismatch.laws.scan import Candidate, scanned
+from enginediag_cli.mismatch.laws.scan import Candidate, Scan, scanned
 from enginediag_cli.mismatch.laws.shortlist import Proposal, elsewhere, otherwise, within_reach
 
 BEHIND, SECOND = 2, 3
@@ -50,13 +50,13 @@ class LawSearch:
     """One search from a base that lacks something. `single` and `double`: laws that were fitted, likeliest first."""
 
     base: Trial
+    scan: Scan
     fit: Fitting
     single: list[Fitted] = field(default_factory=list)
     double: list[Fitted] = field(default_factory=list)
 
     def __post_init__(self) -> None:
         self.engine = self.base.found.evidence.engine
-        self.scan = scanned(self.base.found, self.base.projection)
         candidates = self.scan.candidates
         self.single = self._fitted([(p,) for p in elsewhere(candidates, self.engine)])
         for first in self.single[:BEHIND]:
