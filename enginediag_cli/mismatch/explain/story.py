@@ -29,7 +29,7 @@ from enginediag_cli.mismatch.explain.rejected import Reason
 from enginediag_cli.mismatch.explain.unrecorded_search import hidden_search, with_own_noise
 from enginediag_cli.mismatch.explain.unseen import Unseen, unseen_effects
 from enginediag_cli.mismatch.fit.evidence import Evidence
-from enginediag_cli.mismatch.fit.options import EFFECT
+from enginediag_cli.mismatch.fit.options import EFFECT, LAW
 from enginediag_cli.mismatch.fit.share import is_long
 from enginediag_cli.mismatch.fit.trial_fit import Trial, attempt, begun
 from enginediag_cli.mismatch.unrecorded.hidden import HiddenFinding, effects_at
@@ -180,7 +180,7 @@ def named_effects(story: Story) -> tuple[Effect, ...]:
     if not story.answer.explanations:
         return ()
     options = story.answer.explanations[0].options
-    if any(o.kind != EFFECT for o in options):
+    if any(o.kind not in (EFFECT, LAW) for o in options):
         return ()
     return tuple(e for o in options for e in o.hypothesis.effects)
 

@@ -9,7 +9,7 @@ import numpy as np
 from enginediag_cli.engine.term import Coefficient, Effect
 from enginediag_cli.mismatch.laws.grammar import span
 from enginediag_cli.mismatch.laws.scan import Candidate
-from enginediag_cli.parameters import Parameter
+from enginediag_cli.parameters import Parameter, spelled
 from enginediag_cli.physics.laws.expression import Expression
 from enginediag_cli.physics.laws.law import Acts, Law
 
@@ -38,5 +38,8 @@ def proposed(candidate: Candidate, parameter: Parameter, name: str) -> Effect:
         coefficients.append(Coefficient(s.letter, "1", "shape", at, low, np.inf, sigma, at, free=True))
     acts = Acts(parameter.name, parameter.component, unit, factor)
     variables = {k.variable.name: k.variable for k in formula.of}
-    law = Law(name, acts, Expression.parsed(text), variables, tuple(coefficients))
+    words = " and ".join(k.variable.words for k in formula.of)
+    place = parameter.words or spelled(parameter.name)
+    statement = f"{place[0].upper()}{place[1:]} changes {formula.form.words} {words}."
+    law = Law(name, acts, Expression.parsed(text), variables, tuple(coefficients), statement)
     return Effect(law, acts.site, {})

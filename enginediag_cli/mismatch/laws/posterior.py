@@ -1,0 +1,71 @@
+"""How likely laws are that were fitted: evidence by Laplace's method, priors of place, variables and form included.
+
+    ln B = ½ (χ²₀ − χ²) + ½ ln|C| + ln prior
+
+with the objectives χ² of the model as it is and with the law, priors of coefficients included in these, and C the
+covariance of the law's coefficients in standard deviations of their priors, everything that is identified eliminated:
+what readings narrow is what a coefficient costs.
+Source: R. E. Kass, A. E. Raftery, J. Am. Stat. Assoc. 90 (1995) 773–795.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Hashable, Iterable, Sequence
+from typing import TypeVar
+
+import numpy as np
+
+from enginediag_cli.mismatch.fit.freeform import Location
+from enginediag_cli.mismatch.fit.trial_fit import Trial
+from enginediag_cli.mismatch.laws.finding import Group
+from enginediag_cli.mismatch.laws.scan import Candidate, Formula, Known
+
+T = TypeVar("T")
+
+
+def evidence_of(base: Trial, trial: Trial, prior: float) -> float:
+    """ln B of a trial against the base; `prior`: ln of that of place, variables and form, of all its laws."""
+    position = {n: j for j, n in enumerate(trial.found.problem.names)}
+    free = np.cumsum(trial.projection.free) - 1
+    own = [position[n] for n in trial.hypothesis.names]
+    k = [int(free[j]) for j in own if trial.projection.free[j]]
+    narrowed = float(np.linalg.slogdet(trial.projection.covariance()[np.ix_(k, k)])[1]) if k else 0.0
+    return 0.5 * (base.objective - trial.objective) + 0.5 * min(narrowed, 0.0) + prior
+
+
+def shares(evidence: Sequence[float]) -> np.ndarray:
+    """Probabilities (n,) of things of these ln evidences."""
+    if not len(evidence):
+        return np.zeros(0)
+    w = np.exp(np.asarray(evidence) - max(evidence))
+    return np.asarray(w / w.sum())
+
+
+def places_of(laws: Sequence[tuple[Candidate, float]]) -> list[tuple[Location, float]]:
+    """Places with their probabilities, likeliest first."""
+    return _summed((c.location.name, c.location, p) for c, p in laws)
+
+
+def variables_of_laws(
+    laws: Sequence[tuple[Candidate, float]], known: Sequence[Known]
+) -> list[tuple[tuple[Group, ...], float]]:
+    """Groups of variables with their probabilities, likeliest first."""
+    return _summed((c.formula.groups, groups_of(c.formula, known), p) for c, p in laws)
+
+
+def groups_of(formula: Formula, known: Sequence[Known]) -> tuple[Group, ...]:
+    """Of each variable of a formula it and those that the records cannot tell from it."""
+    return tuple(
+        (of.variable, *(k.variable for k in known if k.group == of.group and k.variable is not of.variable))
+        for of in formula.of
+    )
+
+
+def _summed(of: Iterable[tuple[Hashable, T, float]]) -> list[tuple[T, float]]:
+    """Things of one key with their probabilities added; each key as its first thing."""
+    first: dict[Hashable, T] = {}
+    total: dict[Hashable, float] = {}
+    for key, thing, p in of:
+        first.setdefault(key, thing)
+        total[key] = total.get(key, 0.0) + p
+    return sorted(((first[k], p) for k, p in total.items()), key=lambda pair: -pair[1])
