@@ -28,7 +28,7 @@ from enginediag_cli.physics.laws.expression import Expression, ExpressionError
 from enginediag_cli.physics.laws.law import Acts, Law
 from enginediag_cli.trials.blind.laws.forms import Shaped, of_grammar, of_none
 from enginediag_cli.trials.blind.laws.higher import draw_higher
-from enginediag_cli.trials.blind.laws.spline import spline
+from enginediag_cli.trials.blind.laws.spline import MANY_KNOTS, spline
 from enginediag_cli.trials.blind.laws.truth import LawTruth, along, curve
 from enginediag_cli.trials.blind.visible import VISIBLE, drawable, noise_free_fit, true_readings
 
@@ -126,7 +126,7 @@ def shaped_law(ground: Ground, wanted: float, rng: np.random.Generator) -> LawTr
     size = sign * float(np.sqrt(wanted / length))
     if not _within(ground.engine, place, size * f):
         size = -size
-    if not _within(ground.engine, place, size * f) or (len(of) == 2 and _one_would_do(ground, place, of, size * f)):
+    if not _within(ground.engine, place, size * f) or (len(of) == 2 and _one_would_do(ground, place, size * f)):
         return None
     return _law(ground, place, of, shaped, size, float(np.std(f)))
 
@@ -161,14 +161,15 @@ def _within(engine: Engine, place: Location, f: np.ndarray, most: float = LARGES
     return bool(np.abs(f).max() <= most * place.scale and p.lower <= value.min() and value.max() <= p.upper)
 
 
-def _one_would_do(ground: Ground, place: Location, of: Sequence[Known], f: np.ndarray) -> bool:
-    """Whether a free curve of one of two variables leaves too little of the law to tell that the other is needed."""
-    left = []
-    for k in of:
-        G = ground.gram(place, np.column_stack([f, np.ones(len(f)), spline(k.values)]))
+def _one_would_do(ground: Ground, place: Location, f: np.ndarray) -> bool:
+    """Whether a free curve of any one variable leaves too little of a law of two to tell that both are needed."""
+    for group in dict.fromkeys(k.group for k in ground.known):
+        x = next(k.values for k in ground.known if k.group == group)
+        G = ground.gram(place, np.column_stack([f, np.ones(len(f)), spline(x, knots=MANY_KNOTS)]))
         a, B = G[0, 1:], G[1:, 1:]
-        left.append(G[0, 0] - a @ np.linalg.pinv(B, rcond=1e-10, hermitian=True) @ a)
-    return min(left) < VISIBLE
+        if G[0, 0] - a @ np.linalg.pinv(B, rcond=1e-10, hermitian=True) @ a < VISIBLE:
+            return True
+    return False
 
 
 def _corrected(

@@ -36,7 +36,7 @@ from enginediag_cli.trials.blind.laws.marks import (
 )
 from enginediag_cli.trials.blind.laws.places import curved, inseparable, place_named, place_separability
 from enginediag_cli.trials.blind.laws.spline import spline
-from enginediag_cli.trials.blind.laws.told import ToldLaw, built
+from enginediag_cli.trials.blind.laws.told import ToldLaw, all_built
 from enginediag_cli.trials.blind.laws.truth import LawTruth, along, curve, law_of
 from enginediag_cli.trials.blind.opened import evidence_of, short, trial_record
 from enginediag_cli.trials.blind.recorded import Recorded, readings
@@ -114,8 +114,8 @@ class Opened:
 
     def marks(self, told: ToldLaw, searched: Evidence) -> tuple[Marks, dict[str, Any]]:
         """Marks of what was told, and what the record keeps of it. `searched`: the recordings as they were given."""
-        effect = built(self.engine, told.entries[0])
-        apart = self.distance(effect)
+        laws = all_built(self.engine, told.entries)
+        apart = self.distance(laws)
         far = place_separability(self.base, self.nuisance, self.f, self.truth.place)
         first, probability = told.places[0]
         alike = inseparable(far) | ({first} if apart < ALIAS else frozenset())
@@ -128,12 +128,15 @@ class Opened:
             "law_driver": same_driver(list(self.truth.law.variables), told.drivers[0][0], self.values),
             "law_curve": apart < ALIAS,
         }
+        marks["law_alone"] = len(told.entries) == 1
         marks["stated"] = [probability, marks["law_place"]]
-        if exact and effect is not None and set(law_of(effect).variables) <= set(self.values):
-            marks["law_error"] = [curve_error(curve(effect, self.values), self.f)]
-        excess = self.ahead(effect, named, told, searched)
+        here = [e for e in laws or () if law_of(e).acts.leaf == self.truth.law.acts.leaf]
+        if exact and here:
+            told_curve = np.sum([curve(e, self.values) for e in here], axis=0)
+            marks["law_error"] = [curve_error(told_curve, self.f)]
+        excess = self.ahead(laws, named, told, searched)
         kept = {
-            "found": dict(told.entries[0]),
+            "found": [dict(entry) for entry in told.entries],
             "told_places": [[p, short(x)] for p, x in told.places[:3]],
             "told_drivers": [[[g[0] for g in groups], short(x)] for groups, x in told.drivers[:3]],
             "explained": short(told.explained),
@@ -143,17 +146,17 @@ class Opened:
         }
         return marks | ahead_marks(excess), kept
 
-    def distance(self, effect: Effect | None) -> float:
-        """D of `marks`; infinite where the law cannot be carried or fitted."""
-        if effect is None:
+    def distance(self, laws: Sequence[Effect] | None) -> float:
+        """D of `marks`; infinite where the laws cannot be carried or fitted."""
+        if laws is None:
             return np.inf
         engine = self.base.evidence.engine
-        evidence = replace(self.base.evidence, engine=engine.with_effects((*engine.effects, effect)))
+        evidence = replace(self.base.evidence, engine=engine.with_effects((*engine.effects, *laws)))
         fit = identify_with(evidence, NO_HYPOTHESIS, self.nuisance, self.base)
         return Projection(fit).objective if fit.converged else np.inf
 
     def ahead(
-        self, effect: Effect | None, place: Location | None, told: ToldLaw, searched: Evidence
+        self, laws: Sequence[Effect] | None, place: Location | None, told: ToldLaw, searched: Evidence
     ) -> dict[str, dict[str, float]]:
         """Excess on unseen flights of no law, of the one that was told, of the true one, and of a spline in the place
         and driver that were told."""
@@ -167,8 +170,8 @@ class Opened:
         ahead = Ahead.of(searched, {name: f for name, f in unseen.items() if f})
         models = {NONE: ahead.squares(), TRUE: ahead.squares(Hypothesis((self.truth.effect,)))}
         models[FOUND] = models[NONE]
-        if effect is not None:
-            carrying = searched.engine.with_effects((*searched.engine.effects, effect))
+        if laws is not None:
+            carrying = searched.engine.with_effects((*searched.engine.effects, *laws))
             models[FOUND] = ahead.squares(engine=carrying)
         if place is not None:
             free = self._free(ahead, place, told.drivers[0][0], searched.records)

@@ -8,17 +8,21 @@ the basis of T. Hastie, R. Tibshirani, J. Friedman, The Elements of Statistical 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 KNOTS = (0.05, 0.35, 0.65, 0.95)
 """Quantiles, as is usual for four knots: F. E. Harrell, Regression Modeling Strategies (2015), table 2.3."""
+MANY_KNOTS = (0.02, 0.15, 0.3, 0.4, 0.5, 0.6, 0.7, 0.85, 0.98)
+"""Of a curve that is to follow whatever one variable can say."""
 
 
-def spline(x: np.ndarray, fitted: np.ndarray | None = None) -> np.ndarray:
-    """Its functions (N, 3) of a variable (N,), each of mean 0 and standard deviation 1 over the records `fitted` (all
-    of them when not given), from which the knots are."""
+def spline(x: np.ndarray, fitted: np.ndarray | None = None, knots: Sequence[float] = KNOTS) -> np.ndarray:
+    """Its functions (N, K − 1) of a variable (N,), each of mean 0 and standard deviation 1 over the records `fitted`
+    (all of them when not given), whose quantiles the knots are."""
     own = x if fitted is None else fitted
-    t = np.nanquantile(own, KNOTS)
+    t = np.nanquantile(own, knots)
     middle, width = 0.5 * (t[0] + t[-1]), max(float(t[-1] - t[0]), 1e-300)
     at = (t - middle) / width
     B, known = (_functions((v - middle) / width, at) for v in (x, own))

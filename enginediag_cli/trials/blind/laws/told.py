@@ -67,7 +67,8 @@ def _fitted(effect: Effect, known: Mapping[str, float]) -> Effect:
 @dataclass(frozen=True)
 class ToldLaw:
     """A law as it was said: names of places (as `locations_of` has them) and groups of variables, likeliest first, with
-    their probabilities; `entries` of the laws themselves; `explained`: share of the excess."""
+    their probabilities; `entries` of the laws that are said to act, two of them where one was not enough; `explained`:
+    share of the excess."""
 
     places: tuple[tuple[str, float], ...]
     drivers: tuple[tuple[tuple[tuple[str, ...], ...], float], ...]
@@ -80,12 +81,20 @@ class ToldLaw:
         law = raw.get("law")
         if not law or not law["laws"]:
             return None
+        first: Mapping[str, Any] = next(iter(raw.get("explanations", ())), {})
         return ToldLaw(
             tuple((p["location"], float(p["probability"])) for p in law["places"]),
             tuple((tuple(tuple(g) for g in d["variables"]), float(d["probability"])) for d in law["drivers"]),
-            tuple(x["entry"] for x in law["laws"]),
+            tuple(first.get("laws", ()) or [law["laws"][0]["entry"]]),
             float(law["explained"]),
         )
+
+
+def all_built(engine: Engine, entries: Sequence[Entry]) -> tuple[Effect, ...] | None:
+    """The laws of entries; None where one of them cannot be carried."""
+    found = [built(engine, entry) for entry in entries]
+    known = tuple(e for e in found if e is not None)
+    return known if len(known) == len(found) else None
 
 
 def built(engine: Engine, entry: Entry) -> Effect | None:
