@@ -9,8 +9,8 @@ unavoidable aliases (λ_sep < 11), visible: λ ≥ 25 (of each of two causes, gi
     tight        |A| ≤ 1 + |C(t)|                 visible and covered
     set_score    [t ∈ A] min(1, (1 + |C|)/|A|)    visible
     false_name   named, A ∩ ({t} ∪ C(t)) = ∅ and no part of t alone; on null data any name
-    none_right   "none of these" or a law         effect outside the library, λ_out ≥ 25
-    wrongly_none "none of these"                  effect in the library, visible
+    none_right   "none of these", or a law        effect outside the library, λ_out ≥ 25
+    wrongly_none "none of these", or a law        effect in the library, visible
 """
 
 from __future__ import annotations
@@ -86,7 +86,7 @@ def marks(sealed: Sealed, far: Separability | None, said: Said) -> Marks:
                 found["none_right"] = said.status in (NONE, LAW)
         else:
             found |= _naming(t, far, said)
-            found["wrongly_none"] = said.status == NONE
+            found["wrongly_none"] = said.status in (NONE, LAW)
         if kind in (kinds.FAULT, kinds.SINGLE) and said.status == NAMED:
             first = said.raw["explanations"][0]["kinds"]
             fault = all(k in (FAULT, SENSOR_FAULT) for k in first)
