@@ -59,6 +59,12 @@ class Fitted:
         return place, frozenset().union(*own)
 
     @property
+    def at_the_first(self) -> tuple[Effect, ...]:
+        """Those that act at the first one's place."""
+        place = self.where[0]
+        return tuple(e for p in self.laws if p.candidate.location.name == place for e in p.option.hypothesis.effects)
+
+    @property
     def at_one_place(self) -> bool:
         return len({p.candidate.location.name for p in self.laws}) == 1
 
@@ -145,11 +151,7 @@ class LawSearch:
         ]
         named = [k.variable.name for f in best for p in f.laws for k in p.candidate.formula.of]
         drop = self.base.objective - best[0].trial.objective
-        own = [
-            e
-            for p, e in zip(best[0].laws, best[0].effects, strict=True)
-            if p.candidate.location.name == best[0].where[0]
-        ]
+        own = best[0].at_the_first
         curve, _ = curve_of(own, best[0].trial, self.scan.known)
         unit = own[0].term.COEFFICIENTS[0].unit
         return LawFinding(
