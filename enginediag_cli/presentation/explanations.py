@@ -10,13 +10,14 @@ from enginediag_cli.drivers import CONSTANT
 from enginediag_cli.intervals import NORMAL_95
 from enginediag_cli.mismatch.explain.alias_advice import MANOEUVRE
 from enginediag_cli.mismatch.explain.answer import FAILED, HIDDEN, NAMED, NOTHING
-from enginediag_cli.mismatch.explain.rejected import Reason
 from enginediag_cli.mismatch.unrecorded.finding import Limit
 from enginediag_cli.presentation.controls import control_sentences
 from enginediag_cli.presentation.gated import gated_sentences
 from enginediag_cli.presentation.names import listed, spelled
 from enginediag_cli.presentation.numbers import probability, rounded, with_unit
+from enginediag_cli.presentation.rejections import why_rejected
 from enginediag_cli.presentation.sentences import change, count
+from enginediag_cli.presentation.unexplained import rest_sentences, share_left
 from enginediag_cli.units import split_column
 
 if TYPE_CHECKING:
@@ -25,7 +26,6 @@ if TYPE_CHECKING:
     from enginediag_cli.mismatch.explain.alias_advice import Advice, Suggestion
     from enginediag_cli.mismatch.explain.answer import Coefficient, Explanation
     from enginediag_cli.mismatch.explain.curves import Curve
-    from enginediag_cli.mismatch.explain.rejected import Rejected
     from enginediag_cli.mismatch.explain.story import Story
     from enginediag_cli.mismatch.fit.options import Option
     from enginediag_cli.mismatch.unrecorded.finding import Switch
@@ -127,6 +127,8 @@ def _named(story: Story) -> Iterator[str]:
     kind = "Missing"
     if fault:
         kind = "Missing, with a fault" if effect else "Not missing physics but a change in time"
+    if a.in_part:
+        kind = "Missing in part" if effect else "In part a change in time"
     yield f"{kind}: {headline(x)} (probability {probability(x.probability)})."
     for o in x.options:
         for e in o.hypothesis.effects:
@@ -141,8 +143,9 @@ def _named(story: Story) -> Iterator[str]:
     told = f"; {share} predicted better from the others" if asked else ""
     yield (
         f"  With it χ² falls from {_whole(x.objective + x.gain)} to {_whole(x.objective)} for {_whole(a.readings)} "
-        f"readings{told}."
+        f"readings{told}{share_left(a)}."
     )
+    yield from rest_sentences(a)
     if len(a.explanations) > 1:
         others = [f"{headline(other)} ({probability(other.probability)})" for other in a.explanations[1:]]
         yield f"These flights cannot tell it from {listed(others, 'or')}."
@@ -310,21 +313,6 @@ def _rejected(story: Story) -> Iterator[str]:
         told = [f"{label} ({why_rejected(r)})" for label, r in list(rejected.items())[:SHOWN]]
         more = f", and {len(rejected) - SHOWN} more" if len(rejected) > SHOWN else ""
         yield f"Fitted and rejected: {'; '.join(told)}{more}."
-
-
-def why_rejected(r: Rejected) -> str:
-    """Why something that was fitted is no explanation."""
-    return {
-        Reason.NOT_CONVERGED: lambda: f"did not converge: {r.what}",
-        Reason.WORSE: lambda: f"χ² is {r.figure:.1f} worse{f' {r.what}' if r.what else ''}",
-        Reason.AT_BOUND: lambda: f"needs {r.what} beyond its physical bound",
-        Reason.LEAVES_MISFIT: lambda: f"leaves a misfit behind (−ln p = {r.figure:.1f})",
-        Reason.FEW_FLIGHTS: lambda: (
-            f"predicts only {100 * r.figure:.0f} % of the flights better: not separable from map error"
-        ),
-        Reason.NOT_NEEDED: lambda: f"does not need {r.what}",
-        Reason.ONE_UNLISTED: lambda: "one unlisted effect explains as much",
-    }[r.reason]()
 
 
 def _floor(story: Story) -> Iterator[str]:
