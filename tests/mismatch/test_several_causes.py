@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from concealed import carried, evidence, flights, turbofan
 
+from enginediag_cli.drivers import AMBIENT_PRESSURE
 from enginediag_cli.mismatch.explain.answer import NAMED, NONE
 from enginediag_cli.mismatch.explain.currency import Prices, narrowed, scales_of
 from enginediag_cli.mismatch.explain.explain import Search
@@ -129,12 +130,14 @@ def test_an_unlisted_effect_is_one_free_curve_and_not_several_listed_effects():
     assert a.status == NONE and a.unexplained == 1.0
 
 
-def test_a_listed_effect_beside_an_unlisted_one_is_named_in_part_and_the_rest_is_told():
-    recorded = flights(carried(LOAD, CLEARANCE), np.random.default_rng(24))
+def test_a_fault_beside_an_unlisted_effect_is_named_in_part_and_the_rest_is_told():
+    recorded = stepped(flights(carried(CLEARANCE), np.random.default_rng(24)), "T3_K", 0.004, 2)
     a = Search(evidence(recorded), library(CLEARANCE[0], "turbine_tip_clearance")).run()
-    assert a.status == NAMED and a.in_part
-    assert [o.label for o in a.explanations[0].options] == ["power_offtake@hp"]
-    assert 0.05 < a.unexplained < 0.95 and a.rest[0].location.component in ("hpt", "cooling", "turbine_duct")
+    assert a.status == NAMED and a.in_part and a.kind == "sensor fault"
+    assert names(a.explanations[0]) == {("sensor.T3.scale",)}
+    assert 0.05 < a.unexplained < 0.95 and a.rest[0].driver.driver == AMBIENT_PRESSURE
+    (c,) = a.explanations[0].coefficients
+    assert abs(c.value - 0.004) < 4.0 * c.standard_error
 
 
 def test_a_free_curve_takes_what_a_listed_effect_would(base):

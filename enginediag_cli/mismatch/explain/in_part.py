@@ -5,10 +5,11 @@ Sets grow once more, now with unlisted physics, free curves at any place along a
 listed member stands, and is named *in part*, where
 
 - every set that is nearly as likely holds it: neither another listed one nor a free curve does in its place;
-- it is needed beside what is unlisted, over the gate of detection;
+- it is needed beside what is unlisted, over the gate of detection, by how it repeats where noise is known from the
+  recordings alone;
 - its coefficients are what they are without the free curves: these do not carry it;
 - it explains a fair share itself: a free curve is of second degree, and what it leaves of a large unlisted effect is no
-  evidence of a small listed one.
+  evidence of a small listed one. With a model-error floor most flights must be predicted better from the others.
 
 The rest is told with its places, and as the share of the excess χ² that stays.
 """
@@ -20,8 +21,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from enginediag_cli.drivers import TIME
 from enginediag_cli.intervals import NORMAL_95
 from enginediag_cli.mismatch.explain.answer import Explanation
+from enginediag_cli.mismatch.explain.judging import MOST_FLIGHTS
 from enginediag_cli.mismatch.explain.stepwise import Sets, identity
 from enginediag_cli.mismatch.fit.freeform import Cell
 from enginediag_cli.mismatch.fit.options import FREE, Option
@@ -61,11 +64,14 @@ def in_part(sets: Sets) -> Part | None:
     stays = alone.objective - best.objective
     if excess <= 0.0 or excess - stays < FAIR_SHARE * excess or not _steady(standing, best, alone):
         return None
+    flights = fits.flights(alone)
+    if flights < MOST_FLIGHTS:
+        return None
     odds = {t.label: np.exp(sets.evidence(t) - sets.evidence(best)) for t in ranked}
     holding = [t for t in ranked if {identity(o) for o in standing} <= {identity(o) for o in t.options}]
     probability = sum(odds[t.label] for t in holding) / sum(odds.values())
     left = remainder(alone, fits.library, fits.along_drivers)
-    told = fits.explanation(alone, float(probability), left.surprise, float("nan"))
+    told = fits.explanation(alone, float(probability), left.surprise, flights)
     beside = {c.name: c for c in fits.explanation(best, 0.0, 0.0, 0.0).coefficients}
     told = replace(told, coefficients=tuple(beside.get(c.name, c) for c in told.coefficients))
     return Part(told, float(np.clip(stays / excess, 0.0, 1.0)), left.cells)
@@ -89,9 +95,12 @@ def _stands(option: Option, best: Trial, within: Sequence[Trial], sets: Sets) ->
     """Whether every likely set holds it, and the best one needs it."""
     if not all(identity(option) in map(identity, t.options) for t in within):
         return False
-    if set(option.hypothesis.names) & set(best.at_bound):
+    fits, without = sets.fits, sets.fitted(tuple(o for o in best.options if o is not option))
+    if without is None or set(option.hypothesis.names) & set(best.at_bound):
         return False
-    return is_needed(best, option, sets.fits.detect.effects)
+    gate = fits.detect.effects if option.driver != TIME else fits.detect.faults
+    told = [s.surprise for s in fits.left(without).scores if identity(s.option) == identity(option)]
+    return is_needed(best, option, gate) and max(told, default=0.0) > gate
 
 
 def _steady(standing: Sequence[Option], best: Trial, alone: Trial) -> bool:

@@ -124,12 +124,16 @@ class Fits:
         left = self.left(trial)
         if left.unranked or left.over(self.adequate):
             return left.surprise, np.nan, Rejected(Reason.LEAVES_MISFIT, left.surprise)
+        flights = self.flights(trial)
+        few = flights < MOST_FLIGHTS
+        return left.surprise, flights, Rejected(Reason.FEW_FLIGHTS, flights) if few else None
+
+    def flights(self, trial: Trial) -> float:
+        """Share of the flights, held out in turn, that gain by a trial; NaN where that is not asked: of exact maps, and
+        of changes in time."""
         if self.evidence.settings.map_accuracy > 0.0 and all(o.driver != TIME for o in trial.options):
-            flights = flights_gained(self.base, trial)
-            if flights < MOST_FLIGHTS:
-                return left.surprise, flights, Rejected(Reason.FEW_FLIGHTS, flights)
-            return left.surprise, flights, None
-        return left.surprise, np.nan, None
+            return flights_gained(self.base, trial)
+        return float("nan")
 
     def left(self, trial: Trial) -> Remainder:
         """What a trial leaves, no further than to the first that is over the gates. Of the last few it is kept."""

@@ -38,6 +38,10 @@ MOST_MEMBERS = 6
 """Options that may act together at most. Judgement: more together is better told as unlisted physics."""
 BEAM = 3
 """Sets, likeliest first, whose remainder proposes the next members."""
+MANY, TRIED_OF_MANY = 1000, 2
+"""Records from which on a fit takes seconds: then sets grow from one set, so many at a time."""
+BESIDE = 2
+"""Of these where free curves are among the members: of all sets, and of those with something listed."""
 OFFERED, TRIED = 3, 5
 """Members that the remainder of one set proposes, and sets that are fitted in one round, at most."""
 UNLISTED, CURVES = 2, 2
@@ -76,6 +80,8 @@ class Sets:
         self.fits, self.best, self.proposers = fits, best, tuple(proposers)
         self.prices = Prices(fits.library)
         self.unlisted = unlisted(self.prices, fits.along_drivers)
+        many = fits.evidence.records > MANY
+        self.beam, self.beside, self.tried = (1, 1, TRIED_OF_MANY) if many else (BEAM, BESIDE, TRIED)
         self._evidence: dict[str, float] = {}
         self._offers: dict[tuple[str, Proposer | None], list[Offer]] = {}
         self._adequate: dict[str, bool] = {}
@@ -131,12 +137,12 @@ class Sets:
         enough = self.evidence(alone) - 0.5 * ALIAS if self._is_adequate(alone) else -np.inf
         exchanged, stalled = "", False
         while True:
-            beam = _different(self.likeliest(listed=settled is not None))[:BEAM]
+            beam = self._beam(settled is not None)
             named = settled(beam) if settled is not None else []
-            if named or (settled is None and all(o.kind == FREE for o in beam[0].options) and beam[0] is alone):
+            done = settled is None and self._is_adequate(beam[0])
+            if named or (done and all(o.kind == FREE for o in beam[0].options)):
                 return named
-            done = stalled or (settled is None and self._is_adequate(beam[0]))
-            new = [] if done else self._proposed(beam, proposers, enough)
+            new = [] if done or stalled else self._proposed(beam, proposers, enough)
             if not new and beam[0].label != exchanged and self.evidence(beam[0]) > enough - WITHIN_REACH:
                 exchanged = beam[0].label
                 new = self._exchanges(beam[0], proposers, enough)
@@ -145,6 +151,14 @@ class Sets:
             self._fit(new)
             best = self.likeliest(listed=settled is not None)[0]
             stalled = self.evidence(best) < self.evidence(beam[0]) + LIKELIER
+
+    def _beam(self, listed: bool) -> list[Trial]:
+        """Sets to grow from, likeliest first; where free curves may be members, as many that hold something listed."""
+        ranked = _different(self.likeliest(listed))
+        if listed:
+            return ranked[: self.beam]
+        named = [t for t in ranked if any(o.kind != FREE for o in t.options)]
+        return list({t.label: t for t in (*ranked[: self.beside], *named[: self.beside])}.values())
 
     def likeliest(self, listed: bool = False) -> list[Trial]:
         """All that was fitted, the base too, likeliest first; or what has no free curve."""
@@ -193,18 +207,19 @@ class Sets:
             if idle and len(trial.options) > 1:
                 promised.append((self.evidence(trial), tuple(o for o in trial.options if o.label != idle)))
             if len(trial.options) < MOST_MEMBERS:
-                for offer in self._offered(trial, proposers)[:OFFERED]:
+                for offer in self._offered(trial, proposers, OFFERED):
                     promised.append((self.evidence(trial) + offer.gain, (*trial.options, offer.option)))
         new: list[Members] = []
         for promise, members in sorted(promised, key=lambda p: -p[0]):
             if promise > enough and not self._known(members):
                 _add(new, members)
-        return new[:TRIED]
+        of_library = [n for n in new if n[-1].kind not in (FREE, LAW)]
+        return [*of_library[: self.tried], *[n for n in new if n[-1].kind in (FREE, LAW)][: self.tried]]
 
-    def _offered(self, trial: Trial, proposers: Sequence[Proposer]) -> list[Offer]:
-        """What the remainder of a trial proposes, all that promises a gain, best first."""
-        every = [*self._listed(trial), *(o for p in proposers for o in self._offered_by(p, trial))]
-        return sorted(every, key=lambda o: (-o.gain, o.option.label))
+    def _offered(self, trial: Trial, proposers: Sequence[Proposer], most: int) -> list[Offer]:
+        """What the remainder of a trial proposes that promises a gain: the `most` best of what is listed, and of each
+        proposer's, which would outbid all that is listed, since a free curve is next to what it imitates."""
+        return [*self._listed(trial)[:most], *(o for p in proposers for o in self._offered_by(p, trial)[:most])]
 
     def _offered_by(self, proposer: Proposer, trial: Trial) -> list[Offer]:
         key = trial.label, proposer
@@ -242,8 +257,9 @@ class Sets:
             without = self.fitted(others)
             if without is None:
                 continue
-            offers = [o for o in self._offered(without, proposers) if o.option.label != member.label]
-            for offer in offers[:EXCHANGED]:
+            for offer in self._offered(without, proposers, EXCHANGED + 1):
+                if offer.option.label == member.label:
+                    continue
                 if self.evidence(without) + offer.gain > enough and not self._known((*others, offer.option)):
                     _add(new, (*others, offer.option))
         return new
