@@ -1,5 +1,6 @@
 """Several causes at once: sets of mixed kinds, one currency for them, and what is named in part."""
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -18,6 +19,7 @@ from enginediag_cli.mismatch.fit.options import effect_option, option_scores
 from enginediag_cli.mismatch.fit.projection import Projection
 from enginediag_cli.mismatch.fit.trial_fit import Trial, attempt, is_needed, not_needed
 from enginediag_cli.physics.registry import candidates
+from enginediag_cli.presentation.unexplained import rest_sentences, share_left
 
 REYNOLDS = ("reynolds_efficiency", "hpc", {"exponent": 0.1})
 LOAD = ("power_offtake", "hp", {"fraction": 0.006})
@@ -130,14 +132,32 @@ def test_an_unlisted_effect_is_one_free_curve_and_not_several_listed_effects():
     assert a.status == NONE and a.unexplained == 1.0
 
 
-def test_a_fault_beside_an_unlisted_effect_is_named_in_part_and_the_rest_is_told():
+@cache
+def fault_beside_unlisted():
     recorded = stepped(flights(carried(CLEARANCE), np.random.default_rng(24)), "T3_K", 0.004, 2)
-    a = Search(evidence(recorded), library(CLEARANCE[0], "turbine_tip_clearance")).run()
+    return Search(evidence(recorded), library(CLEARANCE[0], "turbine_tip_clearance")).run()
+
+
+def test_a_fault_beside_an_unlisted_effect_is_named_in_part():
+    a = fault_beside_unlisted()
     assert a.status == NAMED and a.in_part and a.kind == "sensor fault"
     assert names(a.explanations[0]) == {("sensor.T3.scale",)}
-    assert 0.05 < a.unexplained < 0.95 and a.rest[0].driver.driver == AMBIENT_PRESSURE
     (c,) = a.explanations[0].coefficients
     assert abs(c.value - 0.004) < 4.0 * c.standard_error
+
+
+def test_of_a_name_in_part_the_rest_is_told_with_its_share_and_its_driver():
+    a = fault_beside_unlisted()
+    assert 0.05 < a.unexplained < 0.95 and a.rest[0].driver.driver == AMBIENT_PRESSURE
+    (told,) = rest_sentences(a)
+    assert f"{100 * a.unexplained:.0f} % of it" in told and "part of the mismatch" in told
+    assert AMBIENT_PRESSURE.words in told and share_left(a) == ""
+
+
+def test_a_name_that_explains_all_says_that_nothing_stays():
+    a = three_causes()
+    assert list(rest_sentences(a)) == [] and share_left(a) == "; nothing of its excess stays unexplained"
+    assert "12 % of its excess" in share_left(replace(a, unexplained=0.12))
 
 
 def test_a_free_curve_takes_what_a_listed_effect_would(base):

@@ -138,7 +138,9 @@ class Fits:
     def left(self, trial: Trial) -> Remainder:
         """What a trial leaves, no further than to the first that is over the gates. Of the last few it is kept."""
         if trial.label not in self._left:
-            self._left[trial.label] = self._looked(trial)
+            self._left[trial.label] = left = self._looked(trial)
+            for scored in (*left.scores[:1], *left.cells[:1]):
+                scored.sums.columns.rest()
             for first in list(self._left)[:-REMEMBERED]:
                 del self._left[first]
         return self._left[trial.label]

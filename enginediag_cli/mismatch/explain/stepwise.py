@@ -50,8 +50,8 @@ LIKELIER = 1.0
 """By how much of ln evidence a round must bring the search on: less is not worth another one."""
 WITHIN_REACH = 15.0
 """ln evidence that a set may be behind free curves for others to be tried in the place of its members. Judgement."""
-SLACK = 5.0
-"""ln evidence that what a member promises may err by. Judgement."""
+SLACK, ERRS = 5.0, 0.2
+"""ln evidence, and share of itself, that what a member promises may err by: it is linear in a large change."""
 EXCHANGED = 2
 """Options that are tried in the place of each member of a set."""
 
@@ -97,16 +97,18 @@ class Sets:
             _add(pairs, wider)
         fitted = self.fits.refit(pairs) or []
         named = self.fits.named([s for s in fitted if self.fits.counts(s, self.best)])
-        return self._with_rivals(named[0], fitted) if named else self._grown(self.proposers, self._settled)
+        named = self._with_rivals(named[0], fitted) if named else []
+        return named or self._grown(self.proposers, self._settled)
 
     def _with_rivals(self, first: Explanation, pairs: Sequence[Trial]) -> list[Explanation]:
         """The alias set of a pair, with what explains as much in the place of either member, or began at another
-        time: its own fit without the other did not propose it."""
+        time: its own fit without the other did not propose it. Empty where a free curve does in the place of one."""
         trial = self.fits.fitted[first.label]
         reach = self.evidence(trial) - 0.5 * ALIAS - SLACK
-        more = self.fits.refit(self._exchanges(trial, (), reach)) or []
-        ranked = _different(sorted([*pairs, *more], key=lambda t: t.weighed))
-        return self.fits.named([t for t in ranked if self.fits.counts(t, self.best)])
+        more = self.fits.refit(self._exchanges(trial, (self.unlisted,), reach)) or []
+        every = [t for t in (*pairs, *more) if all(o.kind != FREE for o in t.options)]
+        ranked = _different(sorted(every, key=lambda t: t.weighed))
+        return self.fits.named([t for t in ranked if self.fits.counts(t, self.best) and not self._imitates(t)])
 
     # growing
 
@@ -140,7 +142,7 @@ class Sets:
             beam = self._beam(settled is not None)
             named = settled(beam) if settled is not None else []
             done = settled is None and self._is_adequate(beam[0])
-            if named or (done and all(o.kind == FREE for o in beam[0].options)):
+            if named:
                 return named
             new = [] if done or stalled else self._proposed(beam, proposers, enough)
             if not new and beam[0].label != exchanged and self.evidence(beam[0]) > enough - WITHIN_REACH:
@@ -203,18 +205,22 @@ class Sets:
         first; and those that something is dropped from. None that promises less than `enough`."""
         promised: list[tuple[float, Members]] = []
         for trial in beam:
-            idle = not_needed(trial, self.fits.adequate.effects)
-            if idle and len(trial.options) > 1:
-                promised.append((self.evidence(trial), tuple(o for o in trial.options if o.label != idle)))
+            fewer = self._without_idle(trial)
+            if fewer:
+                promised.append((self.evidence(trial), fewer))
             if len(trial.options) < MOST_MEMBERS:
                 for offer in self._offered(trial, proposers, OFFERED):
-                    promised.append((self.evidence(trial) + offer.gain, (*trial.options, offer.option)))
+                    promised.append((self._hope(trial, offer), (*trial.options, offer.option)))
         new: list[Members] = []
         for promise, members in sorted(promised, key=lambda p: -p[0]):
             if promise > enough and not self._known(members):
                 _add(new, members)
         of_library = [n for n in new if n[-1].kind not in (FREE, LAW)]
         return [*of_library[: self.tried], *[n for n in new if n[-1].kind in (FREE, LAW)][: self.tried]]
+
+    def _hope(self, trial: Trial, offer: Offer) -> float:
+        """The evidence with the offer that its promise does not exclude."""
+        return self.evidence(trial) + (1.0 + ERRS) * offer.gain
 
     def _offered(self, trial: Trial, proposers: Sequence[Proposer], most: int) -> list[Offer]:
         """What the remainder of a trial proposes that promises a gain: the `most` best of what is listed, and of each
@@ -260,7 +266,7 @@ class Sets:
             for offer in self._offered(without, proposers, EXCHANGED + 1):
                 if offer.option.label == member.label:
                     continue
-                if self.evidence(without) + offer.gain > enough and not self._known((*others, offer.option)):
+                if self._hope(without, offer) > enough and not self._known((*others, offer.option)):
                     _add(new, (*others, offer.option))
         return new
 
@@ -272,10 +278,30 @@ class Sets:
         if good is None:
             return []
         reach = self.evidence(good) - 0.5 * ALIAS
-        self._fit(self._exchanges(good, self.proposers, reach - SLACK))
+        self._fit(self._exchanges(good, (*self.proposers, self.unlisted), reach - SLACK))
         near = [t for t in self.likeliest(listed=True) if self.evidence(t) >= reach and len(t.options) > 1]
-        near = _different([t for t in near if self._counts(t)])
+        near = _different([t for t in near if self._counts(t) and not self._imitates(t)])
         return self.fits.named(near, lambda t: -2.0 * self.evidence(t))
+
+    def _imitates(self, trial: Trial) -> bool:
+        """Whether a set with a free curve is likelier: members of this one imitate unlisted physics then. What such a
+        set does not need is dropped first."""
+        for _ in trial.options:
+            mixed = [t for t in self.likeliest() if any(o.kind == FREE for o in t.options)][: self.beam]
+            fewer = [f for f in map(self._without_idle, mixed) if f and not self._known(f)]
+            if not fewer:
+                break
+            self._fit(fewer)
+        mixed = [t for t in self.likeliest() if any(o.kind == FREE for o in t.options)]
+        if not mixed or self.evidence(mixed[0]) <= self.evidence(trial):
+            return False
+        self.fits.rejected[trial.label] = Rejected(Reason.ONE_UNLISTED)
+        return True
+
+    def _without_idle(self, trial: Trial) -> Members:
+        """Its members but for one that is not needed; none where all are."""
+        idle = not_needed(trial, self.fits.adequate.effects)
+        return tuple(o for o in trial.options if o.label != idle) if idle and len(trial.options) > 1 else ()
 
     def _is_adequate(self, trial: Trial) -> bool:
         self._listed(trial)
