@@ -10,8 +10,9 @@ import numpy as np
 
 from enginediag_cli.mismatch.explain.answer import HIDDEN, NAMED, NONE
 from enginediag_cli.presentation.controls import control_document, control_rows
-from enginediag_cli.presentation.explanations import headline, sentences, suggestion, why_rejected
+from enginediag_cli.presentation.explanations import headline, sentences, suggestion
 from enginediag_cli.presentation.laws import law_document
+from enginediag_cli.presentation.rejections import why_rejected
 
 if TYPE_CHECKING:
     from enginediag_cli.mismatch.explain.alias_advice import Advice
@@ -81,6 +82,9 @@ def document(story: Story, provenance: tuple[str, ...]) -> dict[str, Any]:
         "sentences": list(sentences(story)),
         "control": None if story.control is None else control_document(story.control),
         "explanations": [_explanation(x) for x in a.explanations],
+        "unexplained": a.unexplained,
+        "in_part": a.in_part,
+        "rest": [_place(c) for c in a.rest[:CELLS]],
         "rejected": {label: why_rejected(r) for label, r in a.rejected.items()},
         "places": [_place(c) for c in a.cells[:CELLS]],
         "curves": [_curve(c) for c in story.curves],

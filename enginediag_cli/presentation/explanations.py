@@ -10,14 +10,15 @@ from enginediag_cli.drivers import CONSTANT
 from enginediag_cli.intervals import NORMAL_95
 from enginediag_cli.mismatch.explain.alias_advice import MANOEUVRE
 from enginediag_cli.mismatch.explain.answer import FAILED, HIDDEN, LAW, NAMED, NOTHING
-from enginediag_cli.mismatch.explain.rejected import Reason
 from enginediag_cli.mismatch.unrecorded.finding import Limit
 from enginediag_cli.presentation.controls import control_sentences
 from enginediag_cli.presentation.gated import gated_sentences
 from enginediag_cli.presentation.laws import law_sentences, left_sentence, nearest_law
 from enginediag_cli.presentation.names import listed, spelled
 from enginediag_cli.presentation.numbers import probability, rounded, with_unit
+from enginediag_cli.presentation.rejections import why_rejected
 from enginediag_cli.presentation.sentences import change, count
+from enginediag_cli.presentation.unexplained import rest_sentences, share_left
 from enginediag_cli.units import split_column
 
 if TYPE_CHECKING:
@@ -26,7 +27,6 @@ if TYPE_CHECKING:
     from enginediag_cli.mismatch.explain.alias_advice import Advice, Suggestion
     from enginediag_cli.mismatch.explain.answer import Coefficient, Explanation
     from enginediag_cli.mismatch.explain.curves import Curve
-    from enginediag_cli.mismatch.explain.rejected import Rejected
     from enginediag_cli.mismatch.explain.story import Story
     from enginediag_cli.mismatch.fit.options import Option
     from enginediag_cli.mismatch.unrecorded.finding import Switch
@@ -130,6 +130,8 @@ def _named(story: Story) -> Iterator[str]:
     kind = "Missing"
     if fault:
         kind = "Missing, with a fault" if effect else "Not missing physics but a change in time"
+    if a.in_part:
+        kind = "Missing in part" if effect else "In part a change in time"
     yield f"{kind}: {headline(x)} (probability {probability(x.probability)})."
     for o in x.options:
         for e in o.hypothesis.effects:
@@ -140,6 +142,14 @@ def _named(story: Story) -> Iterator[str]:
         if o.hypothesis.discrepancies:
             yield "  It begins at that time and holds over all operating conditions, which no effect does."
     yield _gained(story)
+    asked = x.flights == x.flights
+    share = "every flight is" if x.flights >= 1.0 else f"{100 * x.flights:.0f} % of the flights are"
+    told = f"; {share} predicted better from the others" if asked else ""
+    yield (
+        f"  With it χ² falls from {_whole(x.objective + x.gain)} to {_whole(x.objective)} for {_whole(a.readings)} "
+        f"readings{told}{share_left(a)}."
+    )
+    yield from rest_sentences(a)
     if len(a.explanations) > 1:
         others = [f"{headline(other)} ({probability(other.probability)})" for other in a.explanations[1:]]
         yield f"These flights cannot tell it from {listed(others, 'or')}."
@@ -348,21 +358,6 @@ def _rejected(story: Story) -> Iterator[str]:
         told = [f"{label} ({why_rejected(r)})" for label, r in list(rejected.items())[:SHOWN]]
         more = f", and {len(rejected) - SHOWN} more" if len(rejected) > SHOWN else ""
         yield f"Fitted and rejected: {'; '.join(told)}{more}."
-
-
-def why_rejected(r: Rejected) -> str:
-    """Why something that was fitted is no explanation."""
-    return {
-        Reason.NOT_CONVERGED: lambda: f"did not converge: {r.what}",
-        Reason.WORSE: lambda: f"χ² is {r.figure:.1f} worse{f' {r.what}' if r.what else ''}",
-        Reason.AT_BOUND: lambda: f"needs {r.what} beyond its physical bound",
-        Reason.LEAVES_MISFIT: lambda: f"leaves a misfit behind (−ln p = {r.figure:.1f})",
-        Reason.FEW_FLIGHTS: lambda: (
-            f"predicts only {100 * r.figure:.0f} % of the flights better: not separable from map error"
-        ),
-        Reason.NOT_NEEDED: lambda: f"does not need {r.what}",
-        Reason.ONE_UNLISTED: lambda: "one unlisted effect explains as much",
-    }[r.reason]()
 
 
 def _floor(story: Story) -> Iterator[str]:

@@ -55,7 +55,8 @@ class Answer:
     `hidden`: findings of an unrecorded driver; `gates`: −ln p thresholds on listed effects, of detection and of
     adequacy; `surprise`: the largest −ln p of a listed effect at the model as it is; `rejected`: label → why, for what
     was fitted and not named; `law`: what no listed effect explains, as a law (status LAW, `explanations` are the
-    laws)."""
+    laws); `unexplained`: share (0 to 1) of the excess χ² that stays with the first explanation, None where there is
+    none to explain; `rest`: where that is, of an explanation in part, most surprising first."""
 
     status: str
     reason: str
@@ -72,6 +73,13 @@ class Answer:
     theta: Mapping[str, float]
     number: np.ndarray
     law: LawFinding | None = None
+    unexplained: float | None = None
+    rest: tuple[Cell, ...] = ()
+
+    @property
+    def in_part(self) -> bool:
+        """Whether what is named explains only a part of the mismatch."""
+        return bool(self.rest)
 
     @property
     def kind(self) -> str:

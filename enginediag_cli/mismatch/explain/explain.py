@@ -3,9 +3,10 @@
 1. Fit everything that identification would absorb. Nothing left over the gate: *nothing*.
 2. Score every listed effect and every change in time; refit the best (score to shortlist, refit to decide).
    An explanation must be *adequate*: fitted with it, no other option and no free-form block is significant.
-3. No single one is: an unrecorded driver; pairs and, step by step, larger sets of one driver, of which every member
-   must be needed, and which must beat the best single free-form block.
-4. Else *none of these*, with the places and the driver of the free-form map.
+3. No single one is: an unrecorded driver; pairs and, step by step, larger sets (`stepwise`), of which every member
+   must be needed, and which must beat what is unlisted.
+4. Else members that stand beside unlisted physics are named *in part* (`in_part`).
+5. Else *none of these*, with the places and the driver of the free-form map.
 
 With a model-error floor an explanation must also predict most flights better from the other flights.
 """
@@ -13,6 +14,7 @@ With a model-error floor an explanation must also predict most flights better fr
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
@@ -28,11 +30,12 @@ from enginediag_cli.mismatch.explain.answer import (
     Answer,
     Explanation,
 )
-from enginediag_cli.mismatch.explain.judging import ADEQUATE, Fits
-from enginediag_cli.mismatch.explain.lawful import law_for
+from enginediag_cli.mismatch.explain.in_part import in_part, left_by
+from enginediag_cli.mismatch.explain.judging import ADEQUATE, ALIAS, Fits
+from enginediag_cli.mismatch.explain.lawful import AS_GOOD, law_for
 from enginediag_cli.mismatch.explain.repeated import repeated
 from enginediag_cli.mismatch.explain.shortlist import shortlisted
-from enginediag_cli.mismatch.explain.stepwise import LARGEST_SET, named_sets
+from enginediag_cli.mismatch.explain.stepwise import MOST_MEMBERS, Proposer, Sets
 from enginediag_cli.mismatch.fit.evidence import Evidence
 from enginediag_cli.mismatch.fit.freeform import places
 from enginediag_cli.mismatch.fit.identified import NO_HYPOTHESIS, drivers_of, identify_with
@@ -78,6 +81,7 @@ class Search(Fits):
         super().__init__(evidence)
         self.effects = list(candidates(evidence.engine)) if effects is None else list(effects)
         self.hidden, self.hidden_gate = hidden, np.inf
+        self.proposers: Sequence[Proposer] = ()
         self._scan: HiddenScan | None = None
         self._unrecorded: Sequence[Hidden] | None = () if hidden is None else None
         self.rng = np.random.default_rng(evidence.settings.seed)
@@ -144,10 +148,15 @@ class Search(Fits):
         if singles is None:
             return self.answer(FAILED, "no explanation could be fitted", rest)
         named = self.named(singles)
-        if named:
+        if named and recorded <= named[0].gain + ALIAS:
             return self.answer(NAMED, "", rest, named)
-        named = named_sets(self, singles, rest.scores, best)
         law = law_for(self, self.laws)
+        if named and not (law.explanations and law.evidence > self._evidence_of(named[0]) + AS_GOOD):
+            return self.answer(NAMED, "", rest, named)
+        if named:
+            return self.answer(LAW, "", rest, law.explanations, law=law.finding)
+        sets = Sets(self, best, self.proposers)
+        named = sets.named(singles, rest.scores)
         of_set = max((self._evidence_of(x) for x in named[:1]), default=0.0)
         if law.explanations and law.evidence > max(self._hidden_at_most, of_set):
             return self.answer(LAW, "", rest, law.explanations, law=law.finding)
@@ -160,9 +169,13 @@ class Search(Fits):
         # that no column records the driver is only a finding where the best recorded one explains less
         if hidden and (named or evidence > 0.5 * recorded):
             return self.answer(HIDDEN, "", rest, named, hidden)
+        part = in_part(sets)
+        if part is not None:
+            told = self.answer(NAMED, "", rest, (part.explanation,), hidden)
+            return replace(told, unexplained=part.unexplained, rest=part.cells)
         return self.answer(
             NONE,
-            f"no listed effect or change in time, nor up to {LARGEST_SET} together, explains the mismatch",
+            f"no listed effect or change in time, nor up to {MOST_MEMBERS} together, explains the mismatch",
             rest,
             hidden=hidden,
             law=law.finding,
@@ -218,6 +231,7 @@ class Search(Fits):
         law: LawFinding | None = None,
     ) -> Answer:
         base, self._scan = self.base, None  # a look holds rows of every record
+        told = status in (NAMED, LAW)
         return Answer(
             status,
             reason,
@@ -234,6 +248,7 @@ class Search(Fits):
             base.found.theta,
             base.found.number,
             law,
+            unexplained=1.0 if status == NONE else left_by(named[0].objective, base) if told else None,
         )
 
 

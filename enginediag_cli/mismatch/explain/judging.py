@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
@@ -31,6 +31,9 @@ MOST_FLIGHTS = 0.75
 """Share of the flights, held out in turn, that must gain by an explanation: chance alone gives half of them.
 Judgement."""
 
+REMEMBERED = 8
+"""Remainders that are kept, the last: what is judged soon proposes what may join it."""
+
 
 class Fits:
     """Trials of one evidence. `base`: the fit without options; `library` and `along_drivers`: what is looked for in
@@ -47,6 +50,7 @@ class Fits:
         self.detect = self.adequate = Gates()
         self.rejected: dict[str, Rejected] = {}
         self.fitted: dict[str, Trial] = {}  # without what scores need
+        self._left: dict[str, Remainder] = {}
 
     @property
     def from_recordings(self) -> bool:
@@ -81,12 +85,15 @@ class Fits:
             return None
         return sorted(trials, key=lambda t: t.weighed)
 
-    def named(self, trials: Sequence[Trial]) -> list[Explanation]:
-        """The alias set of the best adequate trial, best first; empty when none is adequate."""
+    def named(
+        self, trials: Sequence[Trial], weighed: Callable[[Trial], float] = lambda t: t.weighed
+    ) -> list[Explanation]:
+        """The alias set of the best adequate trial, best first; empty when none is adequate. `trials` are in the order
+        of `weighed`, in units of χ²."""
         adequate: list[tuple[Trial, float, float]] = []
         elsewhere = 0.0  # odds of what is too far behind to be told
         for trial in trials:
-            behind = trial.weighed - adequate[0][0].weighed if adequate else 0.0
+            behind = weighed(trial) - weighed(adequate[0][0]) if adequate else 0.0
             if behind > ALIAS:
                 trial.projection.rest()
                 self.rejected.setdefault(trial.label, Rejected(Reason.WORSE, behind))
@@ -100,7 +107,7 @@ class Fits:
                 adequate.append((trial, left, flights))
         if not adequate:
             return []
-        odds = np.exp([-0.5 * (t.weighed - adequate[0][0].weighed) for t, _, _ in adequate])
+        odds = np.exp([-0.5 * (weighed(t) - weighed(adequate[0][0])) for t, _, _ in adequate])
         return [
             self.explanation(t, p, left, flights)
             for (t, left, flights), p in zip(adequate, odds / (odds.sum() + elsewhere), strict=True)
@@ -118,15 +125,28 @@ class Fits:
         left = self.left(trial)
         if left.unranked or left.over(self.adequate):
             return left.surprise, np.nan, Rejected(Reason.LEAVES_MISFIT, left.surprise)
+        flights = self.flights(trial)
+        few = flights < MOST_FLIGHTS
+        return left.surprise, flights, Rejected(Reason.FEW_FLIGHTS, flights) if few else None
+
+    def flights(self, trial: Trial) -> float:
+        """Share of the flights, held out in turn, that gain by a trial; NaN where that is not asked: of exact maps, and
+        of changes in time."""
         if self.evidence.settings.map_accuracy > 0.0 and all(o.driver != TIME for o in trial.options):
-            flights = flights_gained(self.base, trial)
-            if flights < MOST_FLIGHTS:
-                return left.surprise, flights, Rejected(Reason.FEW_FLIGHTS, flights)
-            return left.surprise, flights, None
-        return left.surprise, np.nan, None
+            return flights_gained(self.base, trial)
+        return float("nan")
 
     def left(self, trial: Trial) -> Remainder:
-        """What a trial leaves, no further than to the first that is over the gates."""
+        """What a trial leaves, no further than to the first that is over the gates. Of the last few it is kept."""
+        if trial.label not in self._left:
+            self._left[trial.label] = left = self._looked(trial)
+            for scored in (*left.scores[:1], *left.cells[:1]):
+                scored.sums.columns.rest()
+            for first in list(self._left)[:-REMEMBERED]:
+                del self._left[first]
+        return self._left[trial.label]
+
+    def _looked(self, trial: Trial) -> Remainder:
         left = remainder(trial, self.library, self.along_drivers, self.adequate)
         share = response_error(trial.found) ** 2 * max(self.base.objective - trial.objective, 0.0)
         if share > 0.0 and left.over(self.adequate):

@@ -24,6 +24,7 @@ from enginediag_cli.drivers import TIME
 from enginediag_cli.engine.term import Effect
 from enginediag_cli.mismatch.explain.answer import FAILED, HIDDEN, LAW, NAMED, NONE, NOTHING, Answer
 from enginediag_cli.mismatch.explain.explain import Search
+from enginediag_cli.mismatch.explain.in_part import left_by
 from enginediag_cli.mismatch.explain.rejected import Reason, Rejected
 from enginediag_cli.mismatch.explain.stepwise import EXTENDED, forward
 from enginediag_cli.mismatch.explain.unrecorded_search import hidden_search, with_own_noise
@@ -103,6 +104,8 @@ def judged_on_all(share: Search, answer: Answer, whole: Evidence) -> Judged:
     """The answer of a search of a share, judged on the whole evidence; as it is where it names no recorded driver: an
     amplitude of its own in every record, or none of what is listed."""
     searched = Searched(share.evidence.records, whole.records, False)
+    if answer.in_part:  # what leaves a misfit on a share leaves more on all records
+        return Judged(share, share, answer, searched)
     faint = answer.status == NAMED and not answer.hidden and answer.explanations[0].gain < FAINT
     if answer.status in (NAMED, LAW) and not faint:
         told, fit = _named(share, answer, _all_of(share, whole))
@@ -152,6 +155,7 @@ def _named(share: Search, answer: Answer, evidence: Evidence) -> tuple[Answer, T
         objective=whole.base.objective,
         readings=whole.base.projection.dof,
         rejected={k: v for k, v in {**on_share, **whole.rejected}.items() if k not in told},
+        unexplained=left_by(named[0].objective, whole.base) if named else 1.0,
     )
     return judged, next((t for t in trials if named and t.label == named[0].label), None)
 

@@ -49,6 +49,10 @@ class Columns:
                 self._kept.append(J)
             yield rows, J
 
+    def rest(self) -> None:
+        """Hold no derivatives: what asks for them again has them computed again."""
+        self._kept = None
+
     def _spans(self) -> Iterator[slice]:
         N, size = len(self.found.problem.recording), normal_equations.CHUNK_RECORDS
         return (slice(a, min(a + size, N)) for a in range(0, N, size))

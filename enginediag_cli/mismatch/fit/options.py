@@ -23,6 +23,8 @@ from enginediag_cli.mismatch.fit.projection import Projection, Score
 from enginediag_cli.parameters import Parameter
 
 EFFECT, LAW, FAULT, SENSOR_FAULT = "effect", "law", "fault", "sensor fault"
+FREE = "free form"
+"""Kind of an unlisted effect: free curves of one place along one driver."""
 PARTS_OF_FLIGHT = 4
 """Onsets that are tried in a flight: the best is refined between its neighbours."""
 READ_WRONG = ("bias", "scale")

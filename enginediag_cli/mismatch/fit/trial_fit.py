@@ -22,6 +22,7 @@ from enginediag_cli.mismatch.fit.identified import Hypothesis, Identified, Nuisa
 from enginediag_cli.mismatch.fit.options import (
     EFFECT,
     FAULT,
+    FREE,
     SENSOR_FAULT,
     Option,
     OptionScore,
@@ -308,13 +309,14 @@ def begun(effects: Sequence[Effect], found: Identified) -> list[Option]:
 
 
 def not_needed(trial: Trial, least: float) -> str:
-    """An option of the trial whose coefficients are all within −ln p = `least` of nothing; empty without one."""
-    for option in trial.options:
-        own = [trial.coefficients[n] for n in option.hypothesis.sizes]
-        z2 = max(((v / s) ** 2 for v, s in own if s > 0), default=0.0)
-        if surprise(z2, 1) < least:
-            return option.label
-    return ""
+    """A listed option of the trial that is not needed, −ln p > `least`; empty without one."""
+    return next((o.label for o in trial.options if o.kind != FREE and not is_needed(trial, o, least)), "")
+
+
+def is_needed(trial: Trial, option: Option, least: float) -> bool:
+    """Whether a coefficient of the option is further than −ln p = `least` from nothing."""
+    own = [trial.coefficients[n] for n in option.hypothesis.sizes]
+    return not surprise(max(((v / s) ** 2 for v, s in own if s > 0), default=0.0), 1) < least
 
 
 @stage("scoring effects")

@@ -1,0 +1,112 @@
+"""What of a mismatch stands, where nothing that is listed explains all of it.
+
+Sets grow once more, now with unlisted physics, free curves at any place along any driver, among what may be a member
+(`free_members`): in the one currency these compete with what is listed, and what they take is what nobody listed. A
+listed member stands, and is named *in part*, where
+
+- every set that is nearly as likely holds it: neither another listed one nor a free curve does in its place;
+- it is needed beside what is unlisted, over the gate of detection, by how it repeats where noise is known from the
+  recordings alone;
+- its coefficients are what they are without the free curves: these do not carry it;
+- it explains a fair share itself: a free curve is of second degree, and what it leaves of a large unlisted effect is no
+  evidence of a small listed one. With a model-error floor most flights must be predicted better from the others.
+
+The rest is told with its places, and as the share of the excess χ² that stays.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from enginediag_cli.drivers import TIME
+from enginediag_cli.intervals import NORMAL_95
+from enginediag_cli.mismatch.explain.answer import Explanation
+from enginediag_cli.mismatch.explain.judging import MOST_FLIGHTS
+from enginediag_cli.mismatch.explain.stepwise import Sets, identity
+from enginediag_cli.mismatch.fit.freeform import Cell
+from enginediag_cli.mismatch.fit.options import FREE, Option
+from enginediag_cli.mismatch.fit.trial_fit import Trial, is_needed, remainder
+
+NEARLY_AS_LIKELY = 4.6
+"""ln of the odds, a hundred to one, within which sets must agree on a member. Judgement."""
+FAIR_SHARE = 0.1
+"""Of the excess χ², that what is named in part must explain at least. Judgement."""
+MOVED = 0.25
+"""Share of itself that a coefficient may move by, beside its error, between fits with and without free curves."""
+
+
+@dataclass(frozen=True)
+class Part:
+    """What stands: an explanation of the named members alone, with coefficients as beside the unlisted rest;
+    `unexplained`: share of the excess χ² that stays; `cells`: where, most surprising first."""
+
+    explanation: Explanation
+    unexplained: float
+    cells: tuple[Cell, ...]
+
+
+def in_part(sets: Sets) -> Part | None:
+    """What stands of the best sets that were found; None where nothing does."""
+    fits = sets.fits
+    ranked = sets.with_unlisted()
+    best = ranked[0]
+    within = [t for t in ranked if sets.evidence(t) > sets.evidence(best) - NEARLY_AS_LIKELY]
+    standing = [o for o in listed(best) if _stands(o, best, within, sets)]
+    if not standing:
+        return None
+    alone = sets.fitted(tuple(standing))
+    if alone is None or alone.at_bound:
+        return None
+    excess = fits.base.objective - best.objective
+    stays = alone.objective - best.objective
+    if excess <= 0.0 or excess - stays < FAIR_SHARE * excess or not _steady(standing, best, alone):
+        return None
+    flights = fits.flights(alone)
+    if flights < MOST_FLIGHTS:
+        return None
+    odds = {t.label: np.exp(sets.evidence(t) - sets.evidence(best)) for t in ranked}
+    holding = [t for t in ranked if {identity(o) for o in standing} <= {identity(o) for o in t.options}]
+    probability = sum(odds[t.label] for t in holding) / sum(odds.values())
+    left = remainder(alone, fits.library, fits.along_drivers)
+    told = fits.explanation(alone, float(probability), left.surprise, flights)
+    beside = {c.name: c for c in fits.explanation(best, 0.0, 0.0, 0.0).coefficients}
+    told = replace(told, coefficients=tuple(beside.get(c.name, c) for c in told.coefficients))
+    return Part(told, float(np.clip(stays / excess, 0.0, 1.0)), left.cells)
+
+
+def left_by(objective: float, base: Trial) -> float | None:
+    """Share of the excess χ² of the base that stays with an `objective`. χ² of n readings is known to √(2n): what is
+    within that of n is nothing; None where the base has no more."""
+    chance = NORMAL_95 * float(np.sqrt(2.0 * base.projection.dof))
+    excess, stays = base.objective - base.projection.dof, objective - base.projection.dof
+    if stays <= chance:
+        return 0.0 if base.objective > objective else None
+    return float(min(stays / excess, 1.0))
+
+
+def listed(trial: Trial) -> list[Option]:
+    return [o for o in trial.options if o.kind != FREE]
+
+
+def _stands(option: Option, best: Trial, within: Sequence[Trial], sets: Sets) -> bool:
+    """Whether every likely set holds it, and the best one needs it."""
+    if not all(identity(option) in map(identity, t.options) for t in within):
+        return False
+    fits, without = sets.fits, sets.fitted(tuple(o for o in best.options if o is not option))
+    if without is None or set(option.hypothesis.names) & set(best.at_bound):
+        return False
+    gate = fits.detect.effects if option.driver != TIME else fits.detect.faults
+    told = [s.surprise for s in fits.left(without).scores if identity(s.option) == identity(option)]
+    return is_needed(best, option, gate) and max(told, default=0.0) > gate
+
+
+def _steady(standing: Sequence[Option], best: Trial, alone: Trial) -> bool:
+    """Whether coefficients of both fits are the same within their errors, or a share of themselves."""
+    for name in (n for o in standing for n in o.hypothesis.sizes if n in best.coefficients):
+        (v, s), (w, r) = best.coefficients[name], alone.coefficients[name]
+        if abs(v - w) > max(float(np.hypot(s, r)), MOVED * abs(v)):
+            return False
+    return True
