@@ -13,11 +13,11 @@ from enginediag_cli.detection.verdict import Verdict, judge
 from enginediag_cli.errors import DataError
 from enginediag_cli.isolation.advice import Advice, advise, condition_options, sensor_options
 from enginediag_cli.isolation.components import ComponentIsolation, isolate_components
-from enginediag_cli.isolation.conditions_grid import conditions_grid
 from enginediag_cli.isolation.diagnosis import Diagnosis, DiagnosisOptions, diagnose
 from enginediag_cli.isolation.telling import telling_sensors
 from enginediag_cli.isolation.window_model import WindowModel
 from enginediag_cli.parameters import Parameter
+from enginediag_cli.planning.conditions_grid import conditions_grid
 from enginediag_cli.residuals.files import JudgedFiles
 from enginediag_cli.residuals.kept_records import KeptRecords
 from enginediag_cli.residuals.monitor import Monitor
