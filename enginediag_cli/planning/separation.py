@@ -46,7 +46,7 @@ class Adaptation:
     @classmethod
     def of(cls, columns: np.ndarray) -> Adaptation:
         """Of typical records: Y (k, m, q), per standard deviation."""
-        rows = columns.reshape(-1, columns.shape[2])
+        rows = columns.reshape(columns.shape[0] * columns.shape[1], columns.shape[2])
         values, vectors = np.linalg.eigh(rows.T @ rows / len(columns))
         return cls(columns, np.maximum(values, 0.0), vectors)
 

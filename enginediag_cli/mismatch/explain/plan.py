@@ -78,9 +78,12 @@ def plan(base: Identified, explanations: Sequence[Explanation]) -> Advice | None
     rivals = list(explanations[:MOST_RIVALS])
     if len(rivals) < 2:
         return None
-    course = Course(base.evidence, any(map(remembers, rivals)))
-    along = nuisance(course.evidence)
-    fitted = [r for r in (Rival(x, course.evidence, along, base) for x in rivals) if r.converged]
+    engine, flown = base.evidence.engine, inputs_of(base.evidence)
+    chosen = flights(engine, flown)
+    if any(map(remembers, rivals)):
+        chosen += manoeuvres(engine, flown)
+    course = Course(base.evidence, chosen)
+    fitted = fitted_rivals(course, base, rivals)
     if len(fitted) < 2:
         return None
     weight = np.array([max(r.explanation.probability, 1e-300) for r in fitted])
@@ -89,16 +92,20 @@ def plan(base: Identified, explanations: Sequence[Explanation]) -> Advice | None
     return Advice(told, tuple(best_first(found)))
 
 
+def fitted_rivals(course: Course, base: Identified, explanations: Sequence[Explanation]) -> list[Rival]:
+    """Explanations fitted to the flights of a course, from a fit to these; those that converged."""
+    along = nuisance(course.evidence)
+    return [r for r in (Rival(x, course.evidence, along, base) for x in explanations) if r.converged]
+
+
 class Course:
     """The evidence with all planned flights behind it, as records without readings: the curves of what the maps may err
-    by are then the same over both. `planned`: each flight with its places; manoeuvres are among them where rivals
-    remember."""
+    by are then the same over both. `planned`: each flight with its places; `recorded`: records before them."""
 
-    def __init__(self, evidence: Evidence, moving: bool):
+    def __init__(self, evidence: Evidence, chosen: Sequence[PlannedFlight]):
         self.recorded = evidence.records
         self.flown = inputs_of(evidence)
         engine, past = evidence.engine, any(MOMENT in f.columns for f in evidence.flights)
-        chosen = flights(engine, self.flown) + (manoeuvres(engine, self.flown) if moving else [])
         self.planned: list[tuple[PlannedFlight, slice]] = []
         parts, at = [], self.recorded
         for flight in chosen:

@@ -37,7 +37,9 @@ DYNAMIC_WEIGHTS: Mapping[str, int] = {f"{NULL}_{DYNAMIC}": 20, f"{SINGLE}_{DYNAM
 """Their shares: names are what is asked for most."""
 DYNAMIC_KINDS = tuple(DYNAMIC_WEIGHTS)
 """Trials that are drawn only where they are chosen."""
-CHOICES = (*KINDS, DYNAMIC, *DYNAMIC_KINDS)
+PLANNED = "planned"
+"""An effect with rivals, what to fly next, and whether that tells: drawn only where it is chosen."""
+CHOICES = (*KINDS, DYNAMIC, *DYNAMIC_KINDS, PLANNED)
 """What may be chosen."""
 
 MODEL_ERROR: Mapping[str, float | None] = {SAME_MODEL: 0.0, MAP_ERROR: 0.003, REALISTIC: None}
@@ -68,4 +70,4 @@ def all_of(chosen: Sequence[str]) -> tuple[str, ...]:
 
 def weight(kind: str) -> int:
     """Its share among those that are chosen."""
-    return WEIGHTS[kind] if kind in WEIGHTS else DYNAMIC_WEIGHTS[kind]
+    return {**WEIGHTS, **DYNAMIC_WEIGHTS, PLANNED: WEIGHTS[SINGLE]}[kind]

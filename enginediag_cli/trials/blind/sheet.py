@@ -87,6 +87,20 @@ DYNAMIC_SCORES: Mapping[str, Score] = {
 }
 """Told of trials whose recordings move, apart from the others."""
 
+_PLANNED = (kinds.PLANNED,)
+PLANNED_SCORES: Mapping[str, Score] = {
+    "plan_asked": Score("ambiguous", _PLANNED),
+    "resolved_by_plan": Score("resolved_planned", _PLANNED, "twice random", "twice random"),
+    "resolved_in_hindsight": Score("resolved_hindsight", _PLANNED, "plan + 0.10", "plan + 0.10"),
+    "resolved_at_random": Score("resolved_random", _PLANNED),
+    "resolved_by_airliner": Score("resolved_airliner", _PLANNED),
+    "resolved_by_sweep": Score("resolved_sweep", _PLANNED),
+    "plan_foreseen": Score("foreseen", _PLANNED, size=True),
+    "plan_misled": Score("misled", _PLANNED),
+}
+"""Told of trials of planning alone: of how many answers with rivals, the truth among them, one more flight leaves the
+truth alone, and how many were foreseen to."""
+
 FALSE_SENSOR = Score("false_sensor", _ALL, realistic="<= 0.03")
 """Asked of realistic truths, beside what is asked of every truth."""
 SURE, PROBABLE = 0.9, 0.7
@@ -122,6 +136,8 @@ def sheet(records: Sequence[Record]) -> dict[str, Any]:
     found = {name: _score(score, records) for name, score in SCORES.items()}
     if any(kinds.moves(r["kind"]) for r in records):
         found |= {name: _score(score, records) for name, score in DYNAMIC_SCORES.items()}
+    if any(r["kind"] == kinds.PLANNED for r in records):
+        found |= {name: _score(score, records) for name, score in PLANNED_SCORES.items()}
     if kinds.REALISTIC not in truths_of(records):
         return found
     said = [(p, bool(right)) for p, right in (r["marks"]["answered"] for r in records if "answered" in r["marks"])]
