@@ -66,6 +66,12 @@ class Separation:
     values: np.ndarray
     pulls: np.ndarray
 
+    @classmethod
+    def of_gram(cls, gram: np.ndarray) -> Separation:
+        """From G (1 + q, 1 + q) of [d Y]."""
+        values, vectors = np.linalg.eigh(gram[1:, 1:])
+        return cls(float(gram[0, 0]), np.maximum(values, 0.0), (vectors.T @ gram[1:, 0]) ** 2)
+
     def __call__(self, n: float) -> float:
         """λ of n records."""
         return max(float(n * self.size - n * n * np.sum(self.pulls / (1.0 + n * self.values))), 0.0)
@@ -85,14 +91,14 @@ def fewest(enough: Callable[[float], bool], most: int = MOST_RECORDS) -> float:
 @dataclass(frozen=True)
 class Outlook:
     """What records of one kind promise: `probabilities` (K,) of the rivals as they stand; `separations`[h][g] of the
-    rival g if h is true (of g = h, nothing)."""
+    rival g if h is true, None where g need not be told from h: g = h, or a g that holds all of h."""
 
     probabilities: np.ndarray
     separations: Sequence[Sequence[Separation | None]]
 
     def lambdas(self, n: float) -> np.ndarray:
-        """λ_hg (K, K) of n records, 0 on the diagonal."""
-        return np.array([[0.0 if s is None else s(n) for s in row] for row in self.separations])
+        """λ_hg (K, K) of n records, infinite where there is nothing to be told."""
+        return np.array([[np.inf if s is None else s(n) for s in row] for row in self.separations])
 
     def given(self, n: float) -> np.ndarray:
         """(K,): the probability that each rival stands out after n records, if it is true."""
@@ -100,9 +106,8 @@ class Outlook:
 
         p, lam = self.probabilities, self.lambdas(n)
         lead = np.log(p[:, None] / p) - np.log(ODDS)
-        with np.errstate(divide="ignore"):
+        with np.errstate(divide="ignore", invalid="ignore"):
             z = np.where(lam > 0.0, 0.5 * np.sqrt(lam) + lead / np.sqrt(lam), np.where(lead >= 0.0, np.inf, -np.inf))
-        np.fill_diagonal(z, np.inf)
         return np.asarray(np.prod(ndtr(z), axis=1))
 
     def chance(self, n: float) -> float:
