@@ -255,15 +255,18 @@ def sensor_options(monitor: Monitor, inputs: Mapping[str, np.ndarray], noises: M
     values: dict[str, Any] = dict(monitor.base)
     values.update(zip(monitor.names[:q], monitor.theta0[:q].tolist(), strict=True))
     columns = tuple(noises)
-    extra = monitor.engine.predict(inputs, values, sensors=columns, wrt=monitor.names[:q])
-    ok = ok & np.asarray(extra.ok)
+    if columns:
+        extra = monitor.engine.predict(inputs, values, sensors=columns, wrt=monitor.names[:q])
+        ok = ok & np.asarray(extra.ok)
     present = whiten(np.zeros_like(J[ok, :, 0]), J[ok], monitor.noise)[1].reshape(-1, len(monitor.names))
     base = present.T @ present / ok.sum()
+    options = [Option("present sensors", {}, base)]
+    if not columns:
+        return options
     noise = NoiseModel(np.array([noises[c] for c in columns], float), np.zeros(len(columns)))
     full = np.zeros((int(ok.sum()), len(columns), len(monitor.names)))
     full[:, :, :q] = np.asarray(extra.jacobian)[ok]
     added = whiten(np.zeros(full.shape[:2]), full, noise)[1]
-    options = [Option("present sensors", {}, base)]
     for j, column in enumerate(columns):
         options.append(Option(column, {column: noises[column]}, base + added[:, j].T @ added[:, j] / ok.sum()))
     return options

@@ -111,8 +111,10 @@ class Outlook:
         return np.asarray(np.prod(ndtr(z), axis=1))
 
     def chance(self, n: float) -> float:
-        """P(n)."""
-        return float(self.probabilities @ self.given(n) / self.probabilities.sum())
+        """P(n), over the rivals that there is something to tell from."""
+        asked = [any(s is not None for s in row) for row in self.separations]
+        weight = np.where(asked, self.probabilities, 0.0)
+        return float(weight @ self.given(n) / max(weight.sum(), 1e-300))
 
     @cached_property
     def records(self) -> float:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from math import isfinite
+
 from enginediag_cli.isolation.of_windows import NextRecording
 from enginediag_cli.presentation.names import listed, told
 from enginediag_cli.presentation.plans import suggestion
@@ -25,5 +27,8 @@ def next_recording(found: NextRecording | None) -> list[str]:
     for one in found.sensors or ():
         where = f"with {one.label}" if one.values else "like these"
         lines.append(further_records(where, one.records, one.odds, one.noncentrality))
-    lines += [f"a whole flight: {suggestion(one)}" for one in found.flights[:FLIGHTS]]
+    useful = [one for one in found.flights if isfinite(one.records)]
+    lines += [f"a whole flight: {suggestion(one)}" for one in useful[:FLIGHTS]]
+    if found.flights and not useful:
+        lines.append("no whole flight of those tried would tell all of them apart")
     return lines

@@ -37,7 +37,7 @@ from enginediag_cli.planning.suggestion import (
 from enginediag_cli.progress import stage
 from enginediag_cli.units import split_column
 
-MOST_RIVALS = 5
+MOST_RIVALS = 6
 """Explanations that are told apart, likeliest first: beyond them a flight for one more tells little. Judgement."""
 POINTS = 24
 """Records of a planned flight by which it is judged: its course has a few corners."""

@@ -23,6 +23,7 @@ from enginediag_cli.mismatch.explain.floor_cost import FloorCost, floor_cost
 from enginediag_cli.mismatch.explain.gated import Gated, gated_out
 from enginediag_cli.mismatch.explain.on_all import Searched, searched_on_share
 from enginediag_cli.mismatch.explain.plan import Advice, plan
+from enginediag_cli.mismatch.explain.reach import within_reach
 from enginediag_cli.mismatch.explain.unrecorded_search import hidden_search, with_own_noise
 from enginediag_cli.mismatch.explain.unseen import Unseen, unseen_effects
 from enginediag_cli.mismatch.fit.evidence import Evidence
@@ -105,7 +106,7 @@ def tell(
     )
     floor = floor_cost(base, search.library)
     only_exact = _only_exact(answer, floor)
-    rivals = first.explanations if advise and answer.status in (NAMED, LAW) else ()
+    rivals = within_reach(first, share.fitted) if advise and answer.status in (NAMED, LAW) else ()
     return Story(
         search.evidence,
         answer,

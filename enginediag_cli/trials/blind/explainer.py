@@ -64,7 +64,7 @@ def answer(question: Mapping[str, Any]) -> dict[str, Any]:
         said = search.run()
         found = _as_json(said)
         if question["task"] == PLAN:
-            found |= planned_as_json(search.base.found, said)
+            found |= planned_as_json(search, said)
     return found | {"seconds": process_time() - begun}
 
 

@@ -59,8 +59,8 @@ def run_planned(path: str, seed: int, trial: int, truth: str, explainer: Corresp
         flights = [flight_of(f) for f in first.get("flights", ())]
         ambiguous = told.status == NAMED and len(told.aliases) > 1 and t in told.aliases and bool(flights)
         if ambiguous:
-            hindsight = best_in_hindsight(load_engine(path), sealed, recorded, told, flights)
-            chosen = chosen_flights(flights, stream(seed, trial, PLAN_STREAM), hindsight)
+            best = best_in_hindsight(load_engine(path), sealed, recorded, told, flights)
+            chosen = chosen_flights(flights, stream(seed, trial, PLAN_STREAM), best)
             answers: dict[int, tuple[Said, int]] = {}
             for arm, k in chosen.items():
                 if k not in answers:
@@ -78,7 +78,13 @@ def run_planned(path: str, seed: int, trial: int, truth: str, explainer: Corresp
                 }
     marks = {"ambiguous": ambiguous} | {f"resolved_{arm}": a["resolved"] for arm, a in arms.items()}
     if arms:
-        marks |= {"misled": arms[PLANNED]["misled"], "foreseen": [float(first["chance"])]}
+        plan, random, hindsight = (float(arms[a]["resolved"]) for a in (PLANNED, RANDOM, HINDSIGHT))
+        marks |= {
+            "misled": arms[PLANNED]["misled"],
+            "foreseen": [float(first["chance"])],
+            "less_twice_random": [plan - 2.0 * random],
+            "less_hindsight": [plan - hindsight],
+        }
     return {
         "trial": trial,
         "truth": truth,
@@ -86,6 +92,7 @@ def run_planned(path: str, seed: int, trial: int, truth: str, explainer: Corresp
         "causes": [c.as_json() for c in sealed.causes],
         "values": {n: _short(v) for n, v in sealed.values.items()},
         "records": int(sealed.records.sum()),
+        "failed_records": recorded.failed,
         "scorer_converged": True,
         "error": first.get("error", ""),
         **_told(told),

@@ -6,13 +6,14 @@ from dataclasses import asdict
 from typing import Any
 
 from enginediag_cli.mismatch.explain.answer import NAMED, Answer
+from enginediag_cli.mismatch.explain.explain import Search
 from enginediag_cli.mismatch.explain.plan import plan
-from enginediag_cli.mismatch.fit.identified import Identified
+from enginediag_cli.mismatch.explain.reach import within_reach
 
 
-def planned_as_json(base: Identified, said: Answer) -> dict[str, Any]:
+def planned_as_json(search: Search, said: Answer) -> dict[str, Any]:
     """`flights`, best first, and the `chance` that the first of them tells."""
-    advice = plan(base, said.explanations) if said.status == NAMED else None
+    advice = plan(search.base.found, within_reach(said, search.fitted)) if said.status == NAMED else None
     flights = [] if advice is None else [s for s in advice.suggestions if s.flight is not None]
     return {
         "flights": [asdict(s.flight) for s in flights if s.flight is not None],

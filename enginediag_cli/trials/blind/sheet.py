@@ -90,11 +90,13 @@ DYNAMIC_SCORES: Mapping[str, Score] = {
 _PLANNED = (kinds.PLANNED,)
 PLANNED_SCORES: Mapping[str, Score] = {
     "plan_asked": Score("ambiguous", _PLANNED),
-    "resolved_by_plan": Score("resolved_planned", _PLANNED, "twice random", "twice random"),
-    "resolved_in_hindsight": Score("resolved_hindsight", _PLANNED, "plan + 0.10", "plan + 0.10"),
+    "resolved_by_plan": Score("resolved_planned", _PLANNED),
+    "resolved_in_hindsight": Score("resolved_hindsight", _PLANNED),
     "resolved_at_random": Score("resolved_random", _PLANNED),
     "resolved_by_airliner": Score("resolved_airliner", _PLANNED),
     "resolved_by_sweep": Score("resolved_sweep", _PLANNED),
+    "plan_less_twice_random": Score("less_twice_random", _PLANNED, ">= 0", ">= 0", size=True),
+    "plan_less_hindsight": Score("less_hindsight", _PLANNED, ">= -0.10", ">= -0.10", size=True),
     "plan_foreseen": Score("foreseen", _PLANNED, size=True),
     "plan_misled": Score("misled", _PLANNED),
 }
