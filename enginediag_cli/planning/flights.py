@@ -64,7 +64,7 @@ def held_inputs(engine: Engine, flown: Mapping[str, np.ndarray]) -> dict[str, fl
     found: dict[str, float] = {}
     for c in (*engine.inputs, *engine.optional_inputs):
         values = np.asarray(flown.get(c, ()), float)
-        if c in moved:
+        if c in moved or (c in engine.optional_inputs and np.all(values == engine.optional_inputs[c])):
             continue
         if np.isfinite(values).any():
             found[c] = float(np.nanmedian(values))

@@ -28,6 +28,14 @@ class Foreseen:
     columns: np.ndarray
     ok: np.ndarray
 
+    def at(self, rows: slice) -> Foreseen:
+        """Of some of the records."""
+        return Foreseen(self.readings[rows], self.columns[rows], self.ok[rows])
+
+    def read_by(self, sensors: Sequence[int]) -> Foreseen:
+        """Of some of the readings."""
+        return Foreseen(self.readings[:, sensors], self.columns[:, sensors], self.ok)
+
 
 class Rival:
     """An explanation fitted to the evidence together with everything that identification may absorb."""

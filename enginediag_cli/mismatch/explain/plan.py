@@ -164,19 +164,26 @@ def outlook(weight: np.ndarray, foreseen: Sequence[Foreseen], whitening: np.ndar
     return Outlook(weight / weight.sum(), pairs)
 
 
-def of_flight(rivals: Sequence[Rival], course: Course, rows: slice) -> tuple[list[Foreseen], np.ndarray]:
-    """What each rival foresees of a planned flight, and the whitening of its records."""
-    inputs = [course.inputs(r, rows) for r in rivals]
-    foreseen = [r.foresee(i, rows) for r, i in zip(rivals, inputs, strict=True)]
-    return foreseen, rivals[0].whitening(inputs[0], rows)
+def of_flights(rivals: Sequence[Rival], course: Course) -> Iterator[tuple[slice, list[Foreseen], np.ndarray]]:
+    """Of each planned flight its places, what each rival foresees of it, and the whitening of its records."""
+    if not course.planned:
+        return
+    all_of_them = slice(course.recorded, course.evidence.records)
+    inputs = [course.inputs(r, all_of_them) for r in rivals]
+    foreseen = [r.foresee(i, all_of_them) for r, i in zip(rivals, inputs, strict=True)]
+    whitening = rivals[0].whitening(inputs[0], all_of_them)
+    for _, rows in course.planned:
+        own = slice(rows.start - course.recorded, rows.stop - course.recorded)
+        yield rows, [f.at(own) for f in foreseen], whitening[own]
 
 
 def _of_flights(rivals: Sequence[Rival], weight: np.ndarray, course: Course) -> Iterator[Suggestion]:
-    for flight, rows in course.planned:
-        found = outlook(weight, *of_flight(rivals, course, rows))
+    given = {c: stacked(course.evidence, c) for c in course.evidence.engine.inputs}
+    for (flight, _), (rows, foreseen, whitening) in zip(course.planned, of_flights(rivals, course), strict=True):
+        found = outlook(weight, foreseen, whitening)
         if found is not None:
-            inputs = {c: stacked(course.evidence, c)[rows] for c in course.evidence.engine.inputs}
-            yield Suggestion.judged(found, flight.kind, flight.words, flight, keeps_to(course.flown, inputs))
+            known = keeps_to(course.flown, {c: v[rows] for c, v in given.items()})
+            yield Suggestion.judged(found, flight.kind, flight.words, flight, known)
 
 
 def _of_records(rivals: Sequence[Rival], weight: np.ndarray, course: Course) -> Iterator[Suggestion]:
@@ -185,6 +192,8 @@ def _of_records(rivals: Sequence[Rival], weight: np.ndarray, course: Course) -> 
     rows = number[np.unique(np.linspace(0, len(number) - 1, SAMPLE).astype(int))]
     inputs = [course.inputs(r, rows) for r in rivals]
     whitening = rivals[0].whitening(inputs[0], rows)
+    m, more = whitening.shape[1], _readable(rivals[0], inputs[0], rows)
+    wide = [r.foresee(i, rows, more=more) for r, i in zip(rivals, inputs, strict=True)]
     as_they_are = [r.foresee(i, rows) for r, i in zip(rivals, inputs, strict=True)]
     found = outlook(weight, as_they_are, whitening)
     if found is not None:
@@ -195,11 +204,10 @@ def _of_records(rivals: Sequence[Rival], weight: np.ndarray, course: Course) -> 
         found = outlook(weight, both, np.concatenate([whitening, whitening]))
         if found is not None:
             yield Suggestion.judged(found, SWITCH, label)
-    for column in _readable(rivals[0], inputs[0], rows):
-        wider = np.zeros((len(rows), *(1 + n for n in whitening.shape[1:])))
-        wider[:, :-1, :-1], wider[:, -1, -1] = whitening, 1.0
-        with_it = [r.foresee(i, rows, more=(column,)) for r, i in zip(rivals, inputs, strict=True)]
-        found = outlook(weight, with_it, wider)
+    wider = np.zeros((len(rows), m + 1, m + 1))
+    wider[:, :m, :m], wider[:, m, m] = whitening, 1.0
+    for j, column in enumerate(more):
+        found = outlook(weight, [f.read_by([*range(m), m + j]) for f in wide], wider)
         if found is not None:
             yield Suggestion.judged(found, SENSOR, column)
 

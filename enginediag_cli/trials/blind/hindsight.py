@@ -11,7 +11,7 @@ from enginediag_cli.drivers import CONSTANT
 from enginediag_cli.engine.engine import Engine
 from enginediag_cli.mismatch.explain.answer import Coefficient, Explanation
 from enginediag_cli.mismatch.explain.foreseen import Foreseen
-from enginediag_cli.mismatch.explain.plan import Course, fitted_rivals, of_flight, outlook
+from enginediag_cli.mismatch.explain.plan import Course, fitted_rivals, of_flights, outlook
 from enginediag_cli.mismatch.fit.identified import NO_HYPOTHESIS, Hypothesis, identify_with, nuisance, stacked
 from enginediag_cli.mismatch.fit.options import EFFECT, Option
 from enginediag_cli.planning.flight import RECORDS, PlannedFlight
@@ -47,11 +47,10 @@ def best_in_hindsight(
     problem = fitted[0].found.problem
     true = true[:, [list(engine.sensors).index(c) for c in problem.sensors]] / problem.sigma
     chances = []
-    for _, rows in course.planned:
+    for rows, foreseen, whitening in of_flights(fitted, course):
         at = slice(rows.start - course.recorded, rows.stop - course.recorded)
         ok = np.isfinite(true[at]).all(axis=1)
         exact = Foreseen(np.where(ok[:, None], true[at], 0.0), np.zeros((*true[at].shape, 0)), ok)
-        foreseen, whitening = of_flight(fitted, course, rows)
         found = outlook(np.ones(1 + len(fitted)), [exact, *foreseen], whitening)
         chances.append(-1.0 if found is None else float(found.given(RECORDS)[0]))
     return int(np.argmax(chances))
