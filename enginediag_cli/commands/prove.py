@@ -71,8 +71,9 @@ if TYPE_CHECKING:
     type=click.Choice(tuple(dict.fromkeys((*CHOICES, *isolated.KINDS)))),
     metavar="KIND",
     help=f"Only trials of this kind; may be given several times. To explain, one of {', '.join(KINDS)}, or, "
-    f"never drawn unasked, dynamic: recordings that move and effects that remember ({', '.join(DYNAMIC_KINDS)}); to "
-    f"isolate, one of {', '.join(isolated.KINDS)}.",
+    f"never drawn unasked, dynamic: recordings that move and effects that remember ({', '.join(DYNAMIC_KINDS)}); "
+    f"planned: effects with rivals, what to fly next, and whether that tells; to isolate, one of "
+    f"{', '.join(isolated.KINDS)}.",
 )
 @click.option(
     "--jobs",

@@ -6,15 +6,18 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from refine_flights import engine, evidence, library
+from click.testing import CliRunner
+from refine_flights import ENGINE, engine, evidence, library, write_csv
 
+from enginediag_cli.commands.explain import explain
+from enginediag_cli.commands.simulate import simulate
 from enginediag_cli.mismatch.explain.answer import Coefficient, Explanation
 from enginediag_cli.mismatch.explain.plan import Course, plan
 from enginediag_cli.mismatch.fit.evidence import Flight
 from enginediag_cli.mismatch.fit.identified import NO_HYPOTHESIS, identify_with, nuisance
 from enginediag_cli.mismatch.fit.options import effect_option
 from enginediag_cli.mismatch.fit.trial_fit import attempt
-from enginediag_cli.physics.registry import effect
+from enginediag_cli.physics.registry import effect, term_names
 from enginediag_cli.planning.flights import SWEEP
 from enginediag_cli.planning.suggestion import SENSOR
 
@@ -112,3 +115,34 @@ def test_candidates_stand_behind_the_flights_without_readings(ambiguous):
     assert len(course.planned) == len(chosen) and course.evidence.records == case.records + len(further)
     assert all(np.isnan(further.columns[c]).all() for c in case.noise.sigma)
     assert {s.kind for s in advice.suggestions} >= {SWEEP, SENSOR}
+
+
+# the command
+
+
+def run_explain(*arguments):
+    """With a library of the two rivals alone, which is quicker."""
+    others = [n for n in term_names() if f"{n}@hp" not in RIVALS]
+    asked = ["--model-error", "0", "--noise", "specified", *(x for n in others for x in ("--without", n))]
+    ended = CliRunner().invoke(explain, [str(ENGINE), *arguments, *asked])
+    return ended.exit_code, ended.output
+
+
+def test_the_command_writes_the_flight_that_tells_and_simulate_flies_it(ambiguous, tmp_path):
+    case = ambiguous[0]
+    recording, planned = tmp_path / "cruise.csv", tmp_path / "next.yaml"
+    write_csv(list(case.flights), recording)
+    code, said = run_explain(str(recording), "--plan", str(planned))
+    assert code == 0 and planned.exists(), said
+    assert "To tell " in said and "next.yaml: " in said
+    flown = CliRunner().invoke(simulate, [str(ENGINE), "--flight", str(planned), "-o", str(tmp_path / "next.csv")])
+    assert flown.exit_code == 0
+    text = (tmp_path / "next.csv").read_text(encoding="utf-8")
+    assert len([line for line in text.splitlines() if line[:1] != "#"]) == 161
+
+
+def test_a_plan_is_refused_together_with_no_advice(tmp_path):
+    recording = tmp_path / "x.csv"
+    recording.write_text("time_s\n0\n", encoding="utf-8")
+    code, said = run_explain(str(recording), "--plan", str(tmp_path / "next.yaml"), "--no-advice")
+    assert code == 2 and "--plan asks for what --no-advice leaves out" in said
