@@ -30,13 +30,15 @@ from enginediag_cli.trials.blind.flights import hour_columns
 from enginediag_cli.trials.blind.hindsight import best_in_hindsight
 from enginediag_cli.trials.blind.recorded import record, write_open
 from enginediag_cli.trials.blind.score import Said
-from enginediag_cli.trials.blind.sealed import PLAN_STREAM, Sealed, stream
+from enginediag_cli.trials.blind.sealed import Sealed, stream
 
 PLANNED, RANDOM, ANOTHER, SWEPT, HINDSIGHT = "planned", "random", "airliner", "sweep", "hindsight"
 Record = dict[str, Any]
 
 ARMS = (PLANNED, RANDOM, ANOTHER, SWEPT, HINDSIGHT)
 """What is flown next."""
+PLAN_STREAM = 5
+"""Of random numbers, beside those of `sealed`: which flights are flown for comparison."""
 RESOLVED = 0.95
 """Probability from which a truth that comes first counts as told from its rivals."""
 
