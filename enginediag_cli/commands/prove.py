@@ -29,7 +29,7 @@ from enginediag_cli.commands.proving import (
 )
 from enginediag_cli.presentation.messages import Messages
 from enginediag_cli.presentation.output import Output
-from enginediag_cli.trials.blind.kinds import CHOICES, DYNAMIC_KINDS, KINDS, TRUTHS
+from enginediag_cli.trials.blind.kinds import APART, CHOICES, KINDS, TRUTHS
 from enginediag_cli.trials.isolated import kinds as isolated
 
 if TYPE_CHECKING:
@@ -71,8 +71,9 @@ if TYPE_CHECKING:
     type=click.Choice(tuple(dict.fromkeys((*CHOICES, *isolated.KINDS)))),
     metavar="KIND",
     help=f"Only trials of this kind; may be given several times. To explain, one of {', '.join(KINDS)}, or, "
-    f"never drawn unasked, dynamic: recordings that move and effects that remember ({', '.join(DYNAMIC_KINDS)}); "
-    f"planned: effects with rivals, what to fly next, and whether that tells; to isolate, one of "
+    "never drawn unasked, dynamic: recordings that move and effects that remember; law: effects that no library holds; "
+    "planned: effects with rivals, what to fly next, and whether that tells; "
+    f"several: two to four causes ({', '.join(k for own in APART.values() for k in own)}); to isolate, one of "
     f"{', '.join(isolated.KINDS)}.",
 )
 @click.option(
@@ -119,6 +120,7 @@ def prove(
     enginediag prove --trials 400 --seed 12 --format json -o sheet.json
     enginediag prove turbofan.yaml --trials 60 --kind null --kind single --truth same_model
     enginediag prove --trials 400 --seed 12 --trials-output trials.jsonl --resume
+    enginediag prove --kind law --trials 200 --seed 12
     enginediag prove --question isolate --truth realistic --trials 400 --seed 12
 
     The explainer, or isolator, is a process of its own that is given the recordings, the engine file, and what is known

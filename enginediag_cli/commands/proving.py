@@ -22,7 +22,7 @@ EXPLAIN, ISOLATE = "explain", "isolate"
 """What may be asked of the recordings."""
 BOTH = "both"
 SEVERAL_ENGINES = ("turbofan.yaml", "turbojet.yaml", "power_plant.yaml", "turboshaft.yaml")
-"""Engines that are flown when nobody names one and a truth is realistic."""
+"""Engines that are flown when nobody names one and a truth is realistic, a law, or several causes."""
 MOVING_ENGINES = (
     "turbofan.yaml",
     "turbojet.yaml",
@@ -61,6 +61,12 @@ class Asked:
                 f"--kind {explained.DYNAMIC} does not go with --truth {explained.REALISTIC}, whose clocks and probes "
                 f"are behind themselves; one of {', '.join((*explained.USUAL, BOTH))} does"
             )
+        for choice in (explained.LAW, explained.SEVERAL):
+            if choice in self.choices and explained.REALISTIC in self.truths:
+                raise click.UsageError(
+                    f"--kind {choice} does not go with --truth {explained.REALISTIC}, whose instruments cannot be told "
+                    f"from what is concealed; one of {', '.join((*explained.USUAL, BOTH))} does"
+                )
 
         if explained.PLANNED in self.chosen and explained.REALISTIC in self.truths:
             raise click.UsageError(
@@ -87,6 +93,11 @@ class Asked:
         """Whether recordings move in some of the trials."""
         return self.question == EXPLAIN and any(map(explained.moves, self.kinds))
 
+    @property
+    def choices(self) -> frozenset[str]:
+        """What of the kinds is drawn only where it is chosen."""
+        return frozenset(map(explained.choice, self.kinds)) if self.question == EXPLAIN else frozenset()
+
     def engines(self, given: str | None) -> tuple[str, ...]:
         """The engine file given, or those that come with the program. Raises DataError."""
         from enginediag_cli.shipped import shipped
@@ -95,7 +106,7 @@ class Asked:
             return (given,)
         if self.moving:
             return tuple(str(shipped(name)) for name in MOVING_ENGINES)
-        several = explained.REALISTIC in self.truths
+        several = explained.REALISTIC in self.truths or bool(self.choices & {explained.LAW, explained.SEVERAL})
         return tuple(str(shipped(name)) for name in (SEVERAL_ENGINES if several else SEVERAL_ENGINES[:1]))
 
 

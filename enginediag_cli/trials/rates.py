@@ -57,6 +57,18 @@ def mean(values: Sequence[float]) -> dict[str, Any]:
     return {"rate": m, "count": float(np.sum(values)), "of": n, "low": low, "high": high}
 
 
+def median(values: Sequence[float]) -> dict[str, Any]:
+    """Median of trials with its 95 % interval by order statistics, whatever they are distributed like: W. J. Conover,
+    Practical Nonparametric Statistics (1999) section 3.2. None for an end that too few trials have; `count` is their
+    sum."""
+    from scipy.stats import binom
+
+    x, n = np.sort(np.asarray(values, float)), len(values)
+    below = int(binom.ppf((1 - CONFIDENCE) / 2, n, 0.5)) - 1  # P(fewer than below + 1 lie under the median) ≤ 2.5 %
+    ends = (float(x[below]), float(x[n - 1 - below])) if 0 <= below < n - 1 - below else (None, None)
+    return {"rate": float(np.median(x)), "count": float(np.sum(x)), "of": n, "low": ends[0], "high": ends[1]}
+
+
 def rate(marks: Iterable[Any]) -> dict[str, Any]:
     """Of the marks of trials: True or False each; or each a list of shares or sizes, of which the mean is taken. A
     list of 0 and 1 counts each as a mark of its own. Empty values where no trial counts."""

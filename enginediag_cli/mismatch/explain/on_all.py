@@ -22,9 +22,10 @@ import numpy as np
 
 from enginediag_cli.drivers import TIME
 from enginediag_cli.engine.term import Effect
-from enginediag_cli.mismatch.explain.answer import FAILED, HIDDEN, NAMED, NONE, NOTHING, Answer
-from enginediag_cli.mismatch.explain.explain import EXTENDED, Search
+from enginediag_cli.mismatch.explain.answer import FAILED, HIDDEN, LAW, NAMED, NONE, NOTHING, Answer
+from enginediag_cli.mismatch.explain.explain import Search
 from enginediag_cli.mismatch.explain.rejected import Reason, Rejected
+from enginediag_cli.mismatch.explain.stepwise import EXTENDED, forward
 from enginediag_cli.mismatch.explain.unrecorded_search import hidden_search, with_own_noise
 from enginediag_cli.mismatch.fit.evidence import Evidence
 from enginediag_cli.mismatch.fit.identified import NO_HYPOTHESIS, identify_with, nearer
@@ -103,7 +104,7 @@ def judged_on_all(share: Search, answer: Answer, whole: Evidence) -> Judged:
     amplitude of its own in every record, or none of what is listed."""
     searched = Searched(share.evidence.records, whole.records, False)
     faint = answer.status == NAMED and not answer.hidden and answer.explanations[0].gain < FAINT
-    if answer.status == NAMED and not faint:
+    if answer.status in (NAMED, LAW) and not faint:
         told, fit = _named(share, answer, _all_of(share, whole))
         return Judged(share, share, told, replace(searched, judged=True), fit)
     if answer.status == NOTHING or faint:
@@ -136,7 +137,7 @@ def _named(share: Search, answer: Answer, evidence: Evidence) -> tuple[Answer, T
     trials = [_fitted(whole, t) for t in each(_worth_it(share, answer), "fitting to all records")]
     named = whole.named(_best_first(whole, trials))
     if not named:
-        wider = [(t, options) for t in _best_first(whole, trials)[:EXTENDED] for options in whole.forward([t])]
+        wider = [(t, options) for t in _best_first(whole, trials)[:EXTENDED] for options in forward(whole, [t])]
         more = [_attempt(whole, options, t) for t, options in each(wider, "fitting to all records", len(wider))]
         named = whole.named([t for t in _best_first(whole, more) if whole.counts(t, None)])
         trials += more
@@ -145,7 +146,7 @@ def _named(share: Search, answer: Answer, evidence: Evidence) -> tuple[Answer, T
     on_share = {k: replace(v, what=v.what or "on a share of the records") for k, v in rejected.items()}
     judged = replace(
         answer,
-        status=NAMED if named else NONE,
+        status=answer.status if named else NONE,
         reason="" if named else "what explains a share of the records leaves a misfit behind on all of them",
         explanations=tuple(named),
         objective=whole.base.objective,

@@ -28,6 +28,7 @@ from enginediag_cli.mismatch.explain.unrecorded_search import hidden_search, wit
 from enginediag_cli.mismatch.explain.unseen import Unseen, unseen_effects
 from enginediag_cli.mismatch.fit.evidence import Evidence
 from enginediag_cli.mismatch.fit.options import EFFECT
+from enginediag_cli.mismatch.fit.options import LAW as OF_A_LAW
 from enginediag_cli.mismatch.fit.share import is_long
 from enginediag_cli.mismatch.fit.trial_fit import Trial
 from enginediag_cli.mismatch.unrecorded.hidden import HiddenFinding, effects_at
@@ -74,7 +75,7 @@ def tell(
     if is_long(evidence.flights) and not every_record:
         judged, first = searched_on_share(evidence, effects)
         search, share, answer, searched = judged.search, judged.share, judged.answer, judged.searched
-        first = _still_named(first, answer) if first.status == NAMED else answer
+        first = _still_named(first, answer) if first.status in (NAMED, LAW) else answer
     else:
         evidence = with_own_noise(evidence)
         search = share = Search(evidence, effects, hidden_search(evidence))
@@ -148,7 +149,7 @@ def named_effects(story: Story) -> tuple[Effect, ...]:
     if not story.answer.explanations:
         return ()
     options = story.answer.explanations[0].options
-    if any(o.kind != EFFECT for o in options):
+    if any(o.kind not in (EFFECT, OF_A_LAW) for o in options):
         return ()
     return tuple(e for o in options for e in o.hypothesis.effects)
 

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 from enginediag_cli.mismatch.fit.freeform import Location
 from enginediag_cli.mismatch.fit.options import Option
+from enginediag_cli.mismatch.laws.band import Band
 from enginediag_cli.mismatch.laws.scan import Formula
 from enginediag_cli.physics.laws.variables import Variable
 
@@ -29,10 +30,14 @@ class FittedLaw:
 class LawFinding:
     """`laws`: fitted, likeliest first; `places` and `drivers` with their probabilities, each driver as the groups of
     one or two variables; `excess`: χ² of the model as it is beyond its noise, `explained`: the share of it that the
-    first law explains."""
+    first law explains; `moves`: by how much the first law changes its place in the records, about the mean, least and
+    most, in `unit`; `band`: its curve, where it varies with one variable."""
 
     laws: tuple[FittedLaw, ...]
     places: tuple[tuple[Location, float], ...]
     drivers: tuple[tuple[tuple[Group, ...], float], ...]
     excess: float
     explained: float
+    moves: tuple[float, float]
+    unit: str
+    band: Band | None

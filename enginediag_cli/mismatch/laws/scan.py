@@ -43,13 +43,15 @@ class Known:
 
 @dataclass(frozen=True)
 class Formula:
-    """A form of one or two variables with its shape, amplitude 1; `curve` (N,) over the fit's records; `prior`: ln."""
+    """A form of one or two variables with its shape, amplitude 1; `curve` (N,) over the fit's records; `prior`: ln of
+    that of form and variables, which the `tried` shapes share."""
 
     form: Form
     of: tuple[Known, ...]
     shape: Mapping[str, float]
     curve: np.ndarray
     prior: float
+    tried: int = 1
 
     @property
     def groups(self) -> frozenset[int]:
@@ -58,13 +60,15 @@ class Formula:
 
 @dataclass(frozen=True)
 class Candidate:
-    """A formula at a place: `amplitude` by one step, `weight`: ln evidence against nothing and ln prior."""
+    """A formula at a place: `amplitude` by one step, `weight`: ln evidence against nothing, priors included, of which
+    `prior` is that of place, variables and form."""
 
     location: Location
     formula: Formula
     amplitude: float
     statistic: float
     weight: float
+    prior: float
 
 
 def known_variables(found: Identified) -> list[Known]:
@@ -89,10 +93,10 @@ def known_variables(found: Identified) -> list[Known]:
     return result
 
 
-def formulas(known: Sequence[Known]) -> Iterator[Formula]:
+def formulas(known: Sequence[Known], forms: Sequence[Form] = FORMS) -> Iterator[Formula]:
     """All forms of all variables, and of those that stand for their groups in pairs."""
     firsts = [next(k for k in known if k.group == g) for g in dict.fromkeys(k.group for k in known)]
-    single, double = [f for f in FORMS if not f.pairs], [f for f in FORMS if f.pairs]
+    single, double = [f for f in forms if not f.pairs], [f for f in forms if f.pairs]
     for form in single:
         share = (1.0 - PAIRS) * form.weight / sum(f.weight for f in single) / len(firsts)
         for k in known:
@@ -109,21 +113,44 @@ def _shaped(form: Form, of: tuple[Known, ...], share: float) -> Iterator[Formula
         return
     tries = [s.tries(of[0].values) for s in form.shapes]
     count = int(np.prod([len(t) for t in tries]))
-    letters: dict[str, np.ndarray | float] = {n: k.values for n, k in zip("xy", of, strict=False)}
-    letters |= {f"{n}0": k.variable.reference for n, k in zip("xy", of, strict=False)}
     for values in product(*tries):
         shape = {s.letter: v for s, v in zip(form.shapes, values, strict=True)}
-        with np.errstate(all="ignore"):
-            curve = np.asarray(form.expression.at({**letters, **shape, "a": 1.0}), float)
+        curve = over_records(form, of, shape)
         if np.isfinite(curve).all() and np.std(curve) > 0.0:
-            yield Formula(form, of, shape, curve, float(np.log(share / count)))
+            yield Formula(form, of, shape, curve, float(np.log(share)), count)
+
+
+@dataclass(frozen=True)
+class Scan:
+    """`candidates`, likeliest first, and the variables that they are of."""
+
+    candidates: tuple[Candidate, ...]
+    known: tuple[Known, ...]
+
+
+def over_records(form: Form, of: Sequence[Known], shape: Mapping[str, float]) -> np.ndarray:
+    """A form of variables over their records (N,), amplitude 1; not finite where it is nothing."""
+    letters: dict[str, np.ndarray | float] = {n: k.values for n, k in zip("xy", of, strict=False)}
+    letters |= {f"{n}0": k.variable.reference for n, k in zip("xy", of, strict=False)}
+    with np.errstate(all="ignore"):
+        return np.asarray(form.expression.at({**letters, **shape, "a": 1.0}), float)
 
 
 @stage("scoring laws")
-def scanned(found: Identified, projection: Projection) -> list[Candidate]:
-    """Every formula at every place, the likeliest first."""
+def scanned(found: Identified, projection: Projection) -> Scan:
+    """Every formula at every place."""
+    known = known_variables(found)
     where = locations(found)
-    laws = list(formulas(known_variables(found)))
+    share = -float(np.log(max(len(where), 1)))
+    return Scan(tuple(scored(found, projection, where, list(formulas(known)), share)), tuple(known))
+
+
+def scored(
+    found: Identified, projection: Projection, where: Sequence[Location], laws: Sequence[Formula], prior: float
+) -> list[Candidate]:
+    """These formulas at these places, likeliest first; `prior`: ln, of a place."""
+    if not laws or not where:
+        return []
     columns = Columns(found, [p.parameter for p in where], [p.through for p in where if p.through is not None])
     names = list(dict.fromkeys(p.parameter for p in where))
     rms = np.array([np.std(law.curve) for law in laws])
@@ -134,11 +161,20 @@ def scanned(found: Identified, projection: Projection) -> list[Candidate]:
         l = names.index(place.parameter)
         g = sums.pull[l]
         G = np.array([sums.gram(np.array([[l, k]]))[0, 0] for k in range(len(laws))])
-        told = 1.0 + G * place.scale**2
-        weight = 0.5 * g**2 * place.scale**2 / told - 0.5 * np.log(told)
-        step = g * place.scale**2 / told
+        narrowed = 1.0 + G * place.scale**2
+        weight = 0.5 * g**2 * place.scale**2 / narrowed - 0.5 * np.log(narrowed)
+        step = g * place.scale**2 / narrowed
         for k, law in enumerate(laws):
             T = float(g[k] ** 2 / max(G[k], 1e-300))
-            prior = law.prior - float(np.log(len(where)))
-            result.append(Candidate(place, law, float(step[k] / rms[k]), T, float(weight[k]) + prior))
+            told = float(weight[k]) + law.prior + prior - float(np.log(law.tried))
+            result.append(Candidate(place, law, float(step[k] / rms[k]), T, told, law.prior + prior))
     return sorted(result, key=lambda c: -c.weight)
+
+
+def of_same_groups(formula: Formula, known: Sequence[Known]) -> list[Formula]:
+    """A formula of two variables with every other choice of variables that the records cannot tell from these."""
+    if len(formula.of) < 2:
+        return []
+    groups = [[k for k in known if k.group == of.group] for of in formula.of]
+    share = float(np.exp(formula.prior)) / int(np.prod([len(g) for g in groups]))
+    return [law for of in product(*groups) if of != formula.of for law in _shaped(formula.form, of, share)]

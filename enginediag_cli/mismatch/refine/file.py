@@ -19,6 +19,8 @@ from enginediag_cli.config.edit import appended
 from enginediag_cli.engine.engine import Engine
 from enginediag_cli.engine.term import Effect
 from enginediag_cli.errors import DataError
+from enginediag_cli.physics.laws.law import Law
+from enginediag_cli.physics.laws.written import entry_of
 from enginediag_cli.recordings.write import output
 
 DIGITS = 6
@@ -80,13 +82,16 @@ def _check(path: str, wanted: Engine) -> None:
 
 def _entry(e: Effect, errors: Mapping[str, float], source: str) -> list[str]:
     """Lines of one effect, as an item of a list indented by two."""
-    amplitudes = {c.name for c in e.term.amplitudes()}
-    block: dict[str, Any] = {"term": e.term.NAME, "at": e.site.name}
-    if e.switch:
-        block["switch"] = e.switch
-    block["coefficients"] = {n: float(f"{v:.{DIGITS}g}") for n, v in e.values.items()}
-    block["standard_errors"] = {n: float(f"{errors[e.parameter_name(n)]:.3g}") for n in e.values if n in amplitudes}
-    block["source"] = source
+    if isinstance(e.term, Law):
+        block = entry_of(e, errors, source)
+    else:
+        amplitudes = {c.name for c in e.term.amplitudes()}
+        block = {"term": e.term.NAME, "at": e.site.name}
+        if e.switch:
+            block["switch"] = e.switch
+        block["coefficients"] = {n: float(f"{v:.{DIGITS}g}") for n, v in e.values.items()}
+        block["standard_errors"] = {n: float(f"{errors[e.parameter_name(n)]:.3g}") for n in e.values if n in amplitudes}
+        block["source"] = source
     text = dump(block, width=100).splitlines()
     return [("  - " if k == 0 else "    ") + line for k, line in enumerate(text)]
 

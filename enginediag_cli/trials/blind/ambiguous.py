@@ -9,7 +9,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from enginediag_cli.engine.engine import Engine
-from enginediag_cli.mismatch.explain.explain import ALIAS
+from enginediag_cli.mismatch.explain.judging import ALIAS
 from enginediag_cli.physics.engine_file import load_engine
 from enginediag_cli.trials.blind import kinds
 from enginediag_cli.trials.blind.opened import evidence_of

@@ -29,6 +29,7 @@ from enginediag_cli.physics.registry import candidates
 from enginediag_cli.trials.blind.answering import answer_questions
 from enginediag_cli.trials.blind.causes import causes_of
 from enginediag_cli.trials.blind.correspondent import LOCATE, PLAN
+from enginediag_cli.trials.blind.laws.told import entries, law_told
 from enginediag_cli.trials.blind.planning import planned_as_json
 
 SPECIFIED = "specified"
@@ -93,6 +94,7 @@ def _as_json(a: Answer) -> dict[str, Any]:
         "objective": float(a.objective),
         "readings": int(a.readings),
         "rejected": {label: r.reason.value for label, r in a.rejected.items()},
+        **law_told(a),
     }
 
 
@@ -106,6 +108,7 @@ def _explanation(x: Explanation) -> dict[str, Any]:
         "flights": float(x.flights),
         "left": float(x.left),
         "coefficients": {c.name: [float(c.value), float(c.low), float(c.high)] for c in x.coefficients},
+        "laws": entries(x),
     }
 
 

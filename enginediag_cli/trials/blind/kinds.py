@@ -37,9 +37,32 @@ DYNAMIC_WEIGHTS: Mapping[str, int] = {f"{NULL}_{DYNAMIC}": 20, f"{SINGLE}_{DYNAM
 """Their shares: names are what is asked for most."""
 DYNAMIC_KINDS = tuple(DYNAMIC_WEIGHTS)
 """Trials that are drawn only where they are chosen."""
+
+LAW = "law"
+"""Of null and single trials: an effect that no library holds, by a formula. Both of them, as one choice."""
+LAW_WEIGHTS: Mapping[str, int] = {f"{NULL}_{LAW}": 20, f"{SINGLE}_{LAW}": 80}
+"""Their shares: laws are what is asked for most."""
+LAW_KINDS = tuple(LAW_WEIGHTS)
+
+SEVERAL = "several"
+"""Two to four causes of mixed kinds. All numbers of them, as one choice."""
+SEVERAL_WEIGHTS: Mapping[str, int] = {f"two_{SEVERAL}": 45, f"three_{SEVERAL}": 35, f"four_{SEVERAL}": 20}
+"""Their shares: engines have two things wrong more often than four."""
+SEVERAL_KINDS = tuple(SEVERAL_WEIGHTS)
+COUNTS: Mapping[str, int] = dict(zip(SEVERAL_KINDS, (2, 3, 4), strict=True))
+"""Of causes."""
+
 PLANNED = "planned"
-"""An effect with rivals, what to fly next, and whether that tells: drawn only where it is chosen."""
-CHOICES = (*KINDS, DYNAMIC, *DYNAMIC_KINDS, PLANNED)
+"""An effect with rivals, what to fly next, and whether that tells."""
+
+APART: Mapping[str, Mapping[str, int]] = {
+    DYNAMIC: DYNAMIC_WEIGHTS,
+    LAW: LAW_WEIGHTS,
+    SEVERAL: SEVERAL_WEIGHTS,
+    PLANNED: {PLANNED: 1},
+}
+"""Choice → its kinds of trials with their shares: drawn only where they are chosen."""
+CHOICES = (*KINDS, *(c for choice, own in APART.items() for c in (choice, *own)))
 """What may be chosen."""
 
 MODEL_ERROR: Mapping[str, float | None] = {SAME_MODEL: 0.0, MAP_ERROR: 0.003, REALISTIC: None}
@@ -48,7 +71,7 @@ MODEL_ERROR: Mapping[str, float | None] = {SAME_MODEL: 0.0, MAP_ERROR: 0.003, RE
 
 def base(kind: str) -> str:
     """The kind without its variant: null_input_noise is null."""
-    for variant in (*VARIANTS, DYNAMIC):
+    for variant in (*VARIANTS, *APART):
         kind = kind.removesuffix(f"_{variant}")
     return kind
 
@@ -63,11 +86,21 @@ def moves(kind: str) -> bool:
     return kind in DYNAMIC_KINDS
 
 
+def choice(kind: str) -> str:
+    """The choice that a kind of trial is drawn for; "" for one that is drawn unasked."""
+    return next((c for c, own in APART.items() if kind in own), "")
+
+
+def beside(kind: str) -> tuple[str, ...]:
+    """All kinds of trials that a sheet tells of together with this one."""
+    return tuple(APART[choice(kind)]) if choice(kind) else KINDS
+
+
 def all_of(chosen: Sequence[str]) -> tuple[str, ...]:
     """The kinds of trials that choices stand for."""
-    return tuple(dict.fromkeys(k for c in chosen for k in (DYNAMIC_KINDS if c == DYNAMIC else (c,))))
+    return tuple(dict.fromkeys(k for c in chosen for k in APART.get(c, (c,))))
 
 
 def weight(kind: str) -> int:
     """Its share among those that are chosen."""
-    return {**WEIGHTS, **DYNAMIC_WEIGHTS, PLANNED: WEIGHTS[SINGLE]}[kind]
+    return APART[choice(kind)][kind] if choice(kind) else WEIGHTS[kind]

@@ -98,7 +98,7 @@ def opened(
                 found["held_out_gain"] = bool(gains.sum() > 0)
                 found["held_out_flights"] = [float(np.mean(gains > 0))]
     kept_held = {"held_out": held} if held else {}
-    return _record(sealed, recorded, far, float(np.median(snr)), said, found, cells) | kept_held
+    return trial_record(sealed, recorded, far, float(np.median(snr)), said, found, cells) | kept_held
 
 
 def _held_back(
@@ -129,7 +129,7 @@ def _signal_to_noise(engine: Engine, sealed: Sealed) -> np.ndarray:
     return np.asarray(np.linalg.norm(((on - off) / sigma)[:, recorded], axis=1))
 
 
-def _record(
+def trial_record(
     sealed: Sealed,
     recorded: Recorded,
     far: Separability | None,
@@ -145,35 +145,35 @@ def _record(
         "truth": sealed.truth,
         "kind": sealed.kind,
         "causes": [c.as_json() for c in sealed.causes],
-        "values": {n: _short(v) for n, v in sealed.values.items()},
-        "change": _short(sealed.change),
+        "values": {n: short(v) for n, v in sealed.values.items()},
+        "change": short(sealed.change),
         "records": int(sealed.records[: sealed.training].sum()),
         "failed_records": recorded.failed,
-        "lambda": None if far is None else _short(far.total),
-        "given": [] if far is None else [_short(g) for g in far.given],
-        "lambda_sep": None if far is None else _short(far.nearest),
+        "lambda": None if far is None else short(far.total),
+        "given": [] if far is None else [short(g) for g in far.given],
+        "lambda_sep": None if far is None else short(far.nearest),
         "rival": "" if far is None else far.rival,
         "aliases": [] if far is None or far.total < VISIBLE else sorted(" + ".join(sorted(a)) for a in far.aliases),
         "scorer_converged": far is None or far.ok,
-        "signal_to_noise": _short(snr),
+        "signal_to_noise": short(snr),
         "status": said.status,
         "reason": raw.get("reason", ""),
         "error": raw.get("error", ""),
         "named": [" + ".join(sorted(a)) for a in said.aliases],
-        "probabilities": [_short(p) for p in said.probabilities],
+        "probabilities": [short(p) for p in said.probabilities],
         "coefficients": raw["explanations"][0]["coefficients"] if raw.get("explanations") else {},
-        "gains": [_short(x["gain"]) for x in raw.get("explanations", ())],
-        "left": [_short(x["left"]) for x in raw.get("explanations", ())],
+        "gains": [short(x["gain"]) for x in raw.get("explanations", ())],
+        "left": [short(x["left"]) for x in raw.get("explanations", ())],
         "cells": [f"{c['location']} along {c['driver']}" for c in cells[:3]],
         "hidden": [f"{h['location']} lr {h['lr']:.1f}" for h in raw.get("hidden", ())[:3]],
-        "gates": [_short(g) for g in raw.get("gates", ())],
-        "surprise": _short(raw.get("surprise", np.nan)),
-        "objective": _short(raw.get("objective", np.nan)),
+        "gates": [short(g) for g in raw.get("gates", ())],
+        "surprise": short(raw.get("surprise", np.nan)),
+        "objective": short(raw.get("objective", np.nan)),
         "readings": raw.get("readings", 0),
         "rejected": raw.get("rejected", {}),
         "marks": found,
     }
 
 
-def _short(x: float) -> float | None:
+def short(x: float) -> float | None:
     return float(f"{x:.6g}") if np.isfinite(x) else None

@@ -47,7 +47,8 @@ def readings(engine: Engine, sealed: Sealed, *, exact_model: bool) -> np.ndarray
     theta: dict[str, float | np.ndarray] = {**sealed.health, **sealed.values}
     for cause in sealed.causes:
         if cause.is_step:
-            theta[cause.name] = sealed.health[cause.name] + sealed.change * (np.arange(n) >= cause.first)
+            change = sealed.changes.get(cause.name, sealed.change)
+            theta[cause.name] = sealed.health[cause.name] + change * (np.arange(n) >= cause.first)
     if sealed.states is not None:
         for e in sealed.effects:
             for c in e.term.amplitudes():

@@ -9,8 +9,8 @@ unavoidable aliases (λ_sep < 11), visible: λ ≥ 25 (of each of two causes, gi
     tight        |A| ≤ 1 + |C(t)|                 visible and covered
     set_score    [t ∈ A] min(1, (1 + |C|)/|A|)    visible
     false_name   named, A ∩ ({t} ∪ C(t)) = ∅ and no part of t alone; on null data any name
-    none_right   "none of these"                  effect outside the library, λ_out ≥ 25
-    wrongly_none "none of these"                  effect in the library, visible
+    none_right   "none of these", or a law        effect outside the library, λ_out ≥ 25
+    wrongly_none "none of these", or a law        effect in the library, visible
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from typing import Any
 
 import numpy as np
 
-from enginediag_cli.mismatch.explain.answer import FAILED, HIDDEN, NAMED, NONE, NOTHING
+from enginediag_cli.mismatch.explain.answer import FAILED, HIDDEN, LAW, NAMED, NONE, NOTHING
 from enginediag_cli.mismatch.fit.options import FAULT, SENSOR_FAULT
 from enginediag_cli.trials.blind import kinds
 from enginediag_cli.trials.blind.causes import Cause, Key, key
@@ -70,7 +70,7 @@ def marks(sealed: Sealed, far: Separability | None, said: Said) -> Marks:
     if sealed.realistic is not None:
         found |= _answered(sealed, far, said)
     if kind == kinds.NULL:
-        return found | {"false_name": said.status in (NAMED, HIDDEN), "false_finding": said.status != NOTHING}
+        return found | {"false_name": said.status in (NAMED, LAW, HIDDEN), "false_finding": said.status != NOTHING}
     if far is None or not far.ok:
         return found
     t = key(sealed.causes)
@@ -83,10 +83,10 @@ def marks(sealed: Sealed, far: Separability | None, said: Said) -> Marks:
         found["found"] = said.status != NOTHING
         if kind == kinds.WITHHELD:
             if far.nearest >= VISIBLE:
-                found["none_right"] = said.status == NONE
+                found["none_right"] = said.status in (NONE, LAW)
         else:
             found |= _naming(t, far, said)
-            found["wrongly_none"] = said.status == NONE
+            found["wrongly_none"] = said.status in (NONE, LAW)
         if kind in (kinds.FAULT, kinds.SINGLE) and said.status == NAMED:
             first = said.raw["explanations"][0]["kinds"]
             fault = all(k in (FAULT, SENSOR_FAULT) for k in first)

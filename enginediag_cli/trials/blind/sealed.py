@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -12,9 +12,12 @@ from enginediag_cli.engine.term import Effect
 from enginediag_cli.trials.blind import kinds
 from enginediag_cli.trials.blind.causes import Cause
 from enginediag_cli.trials.blind.flights import draw_flights
+from enginediag_cli.trials.blind.laws.drawn import draw_law
+from enginediag_cli.trials.blind.laws.truth import LawTruth
 from enginediag_cli.trials.blind.map_error import MapErrors, draw_map_errors
 from enginediag_cli.trials.blind.memories import draw_memories
 from enginediag_cli.trials.blind.moving_flights import draw_moving_flights
+from enginediag_cli.trials.blind.several.drawn import draw_several
 from enginediag_cli.trials.blind.truths.realistic import Realistic, draw_realistic
 from enginediag_cli.trials.blind.visible import drawable, weights
 
@@ -31,7 +34,7 @@ NOISE_FACTOR = (0.5, 2.0)
 INPUT_SIGMA: Mapping[str, float] = {"altitude_m": 8.0, "mach": 0.001}
 """Noise of recorded conditions, in their unit: what an air-data computer is good for."""
 POWER_SIGMA = 0.002  # of a reading
-TRIAL_STREAM, SIZE_STREAM, TRUTH_STREAM, ENGINE_STREAM = 0, 1, 2, 3
+TRIAL_STREAM, SIZE_STREAM, TRUTH_STREAM, ENGINE_STREAM, LAW_STREAM = 0, 1, 2, 3, 4
 """Streams of random numbers that must not share a draw."""
 
 
@@ -51,7 +54,8 @@ class Sealed:
     """The answer of a trial. `values`: coefficients of the effects by parameter; `change`: size of the step, if one
     of the causes is a step; `states` (N,), 0 or 1, of a hidden switch; `flights`: inputs of every flight, the last
     ones held back; `without`: terms that the explainer's library lacks; `realistic`: what is wrong beside, of realistic
-    truths."""
+    truths; `law`: an effect that no library holds, one of the effects; `changes`: sizes of steps by parameter, where
+    there may be more than one."""
 
     trial: int
     truth: str
@@ -69,6 +73,8 @@ class Sealed:
     map_errors: MapErrors | None
     noise_seed: int
     realistic: Realistic | None = None
+    law: LawTruth | None = None
+    changes: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def records(self) -> np.ndarray:
@@ -115,7 +121,7 @@ def draw(engine: Engine, seed: int, trial: int, truths: Sequence[str], chosen: S
         dwell = rng.uniform(*DWELL)
         states = np.concatenate([_telegraph(m, dwell, rng) for m in sizes])
     without = tuple(e.term.NAME for e in effects) if what == kinds.WITHHELD else ()
-    return Sealed(
+    sealed = Sealed(
         trial,
         truth,
         kind,
@@ -132,6 +138,37 @@ def draw(engine: Engine, seed: int, trial: int, truths: Sequence[str], chosen: S
         draw_map_errors(engine, rng) if truth == kinds.MAP_ERROR else None,
         int(rng.integers(2**62)),
         realistic,
+    )
+    conceal = {kinds.LAW: with_law, kinds.SEVERAL: with_several}.get(kinds.choice(kind))
+    return conceal(engine, sealed, stream(seed, trial, LAW_STREAM)) if conceal else sealed
+
+
+def with_law(engine: Engine, sealed: Sealed, rng: np.random.Generator) -> Sealed:
+    """The trial with a law concealed, unless it is one that conceals nothing."""
+    if kinds.base(sealed.kind) == kinds.NULL:
+        return sealed
+    law = draw_law(engine, sealed.flights, sealed.training, kinds.MODEL_ERROR[sealed.truth] or 0.0, rng)
+    return replace(
+        sealed,
+        effects=(law.effect,),
+        causes=(Cause(law.effect.label),),
+        values=law.values,
+        law=law,
+    )
+
+
+def with_several(engine: Engine, sealed: Sealed, rng: np.random.Generator) -> Sealed:
+    """The trial with two to four causes concealed."""
+    model_error = kinds.MODEL_ERROR[sealed.truth] or 0.0
+    count = kinds.COUNTS[sealed.kind]
+    found = draw_several(engine, sealed.flights[: sealed.training], model_error, count, rng)
+    return replace(
+        sealed,
+        effects=found.effects,
+        causes=found.causes,
+        values=found.values,
+        changes=found.changes,
+        law=found.law,
     )
 
 
@@ -153,6 +190,8 @@ def _scales(engine: Engine, columns: Sequence[str]) -> list[str]:
 def _effects(engine: Engine, kind: str, rng: np.random.Generator) -> tuple[tuple[Effect, ...], dict[str, float]]:
     what = kinds.base(kind)
     count = {kinds.NULL: 0, kinds.FAULT: 0, kinds.PAIR: 2}.get(what, 1)
+    if kinds.choice(kind) in (kinds.LAW, kinds.SEVERAL):
+        return (), {}  # drawn from a stream of their own
     if kinds.moves(kind):
         return draw_memories(engine, count, rng)
     library = drawable(engine)

@@ -9,26 +9,12 @@ from typing import Any
 import numpy as np
 
 from enginediag_cli.trials.blind import kinds
+from enginediag_cli.trials.blind.laws.scores import LAW_SCORES
+from enginediag_cli.trials.blind.line import Score, rate_of, right_less_stated
+from enginediag_cli.trials.blind.several.scores import SEVERAL_SCORES
 from enginediag_cli.trials.rates import mean, rate, wilson
 
 Record = Mapping[str, Any]
-
-
-class Score:
-    """One line of the sheet: the mark that it counts, the kinds of trials of its headline, and its target for
-    each truth ("" for none; what it means is in words, as the targets are). Sizes are means, not rates."""
-
-    def __init__(
-        self,
-        mark: str,
-        headline: tuple[str, ...],
-        same_model: str = "",
-        map_error: str = "",
-        realistic: str = "",
-        size: bool = False,
-    ):
-        self.mark, self.headline, self.size = mark, headline, size
-        self.target = {kinds.SAME_MODEL: same_model, kinds.MAP_ERROR: map_error, kinds.REALISTIC: realistic}
 
 
 _SINGLE, _NULL, _ALL = (kinds.SINGLE,), (kinds.NULL,), kinds.KINDS
@@ -103,6 +89,14 @@ PLANNED_SCORES: Mapping[str, Score] = {
 """Told of trials of planning alone: of how many answers with rivals, the truth among them, one more flight leaves the
 truth alone, and how many were foreseen to."""
 
+APART_SCORES: Mapping[str, Mapping[str, Score]] = {
+    kinds.DYNAMIC: DYNAMIC_SCORES,
+    kinds.LAW: LAW_SCORES,
+    kinds.SEVERAL: SEVERAL_SCORES,
+    kinds.PLANNED: PLANNED_SCORES,
+}
+"""By choice, where such trials were run."""
+
 FALSE_SENSOR = Score("false_sensor", _ALL, realistic="<= 0.03")
 """Asked of realistic truths, beside what is asked of every truth."""
 SURE, PROBABLE = 0.9, 0.7
@@ -136,10 +130,9 @@ def sheet(records: Sequence[Record]) -> dict[str, Any]:
     """Every score: the headline over all truths, then per truth, with all kinds of trials that it has. Of realistic
     truths also whether names are right as often as they are said to be, and whether instruments are named wrongly."""
     found = {name: _score(score, records) for name, score in SCORES.items()}
-    if any(kinds.moves(r["kind"]) for r in records):
-        found |= {name: _score(score, records) for name, score in DYNAMIC_SCORES.items()}
-    if any(r["kind"] == kinds.PLANNED for r in records):
-        found |= {name: _score(score, records) for name, score in PLANNED_SCORES.items()}
+    for choice, scores in APART_SCORES.items():
+        if any(kinds.choice(r["kind"]) == choice for r in records):
+            found |= {name: _score(score, records) for name, score in scores.items()}
     if kinds.REALISTIC not in truths_of(records):
         return found
     said = [(p, bool(right)) for p, right in (r["marks"]["answered"] for r in records if "answered" in r["marks"])]
@@ -150,16 +143,6 @@ def sheet(records: Sequence[Record]) -> dict[str, Any]:
     }
 
 
-def right_less_stated(said: Sequence[tuple[float, bool]], low: float, high: float) -> dict[str, Any]:
-    """Rate of right names less the mean of what was stated, of those stated from `low` to `high`."""
-    own = [(p, right) for p, right in said if low <= p < high]
-    found = rate(right for _, right in own)
-    if not own:
-        return found
-    mean_stated = float(np.mean([p for p, _ in own]))
-    return found | {name: found[name] - mean_stated for name in ("rate", "low", "high")}
-
-
 def _stated(found: dict[str, Any], target: str) -> dict[str, Any]:
     """A score of realistic truths alone, in the form of the others."""
     own = found | {"target": target, "kinds": {}}
@@ -168,22 +151,16 @@ def _stated(found: dict[str, Any], target: str) -> dict[str, Any]:
 
 
 def _score(score: Score, records: Sequence[Record]) -> dict[str, Any]:
-    whole = _rate(score, [r for r in records if r["kind"] in score.headline])
+    whole = rate_of(score, [r for r in records if r["kind"] in score.headline])
     for truth in truths_of(records):
         own = [r for r in records if r["truth"] == truth]
-        entry = _rate(score, [r for r in own if r["kind"] in score.headline])
-        known = kinds.DYNAMIC_KINDS if set(score.headline) <= set(kinds.DYNAMIC_KINDS) else kinds.KINDS
-        by_kind = {k: _rate(score, [r for r in own if r["kind"] == k]) for k in known}
+        entry = rate_of(score, [r for r in own if r["kind"] in score.headline])
+        by_kind = {k: rate_of(score, [r for r in own if r["kind"] == k]) for k in kinds.beside(score.headline[0])}
         whole[truth] = entry | {
             "target": score.target[truth] or None,
             "kinds": {k: v for k, v in by_kind.items() if v["of"]},
         }
     return whole | {"headline": list(score.headline)}
-
-
-def _rate(score: Score, records: Sequence[Record]) -> dict[str, Any]:
-    found = [r["marks"][score.mark] for r in records if score.mark in r["marks"]]
-    return mean([float(np.mean(x)) for x in found]) if score.size and found else rate(found)
 
 
 def bins(records: Sequence[Record]) -> dict[str, Any]:
@@ -225,7 +202,7 @@ def _binned(
 
 
 def _marks(names: Sequence[str]) -> Callable[[Sequence[Record]], dict[str, Any]]:
-    return lambda own: {n: _rate(SCORES[n], own) for n in names}
+    return lambda own: {n: rate_of(SCORES[n], own) for n in names}
 
 
 def _statuses(own: Sequence[Record]) -> dict[str, Any]:

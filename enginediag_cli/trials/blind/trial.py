@@ -10,16 +10,21 @@ from pathlib import Path
 from time import process_time
 from typing import Any
 
-from enginediag_cli.mismatch.explain.answer import HIDDEN, NAMED
+from enginediag_cli.mismatch.explain.answer import HIDDEN, LAW, NAMED
 from enginediag_cli.physics.engine_file import load_engine
 from enginediag_cli.trials.blind import kinds
 from enginediag_cli.trials.blind.correspondent import EXPLAIN, LOCATE, Correspondent
 from enginediag_cli.trials.blind.flights import hour_columns
+from enginediag_cli.trials.blind.laws.opened import opened_law
 from enginediag_cli.trials.blind.opened import opened
 from enginediag_cli.trials.blind.planned import run_planned
 from enginediag_cli.trials.blind.recorded import record, write_open
 from enginediag_cli.trials.blind.score import Said
 from enginediag_cli.trials.blind.sealed import Sealed, draw, engine_of
+from enginediag_cli.trials.blind.several.opened import opened_several
+
+OPENED = {kinds.LAW: opened_law, kinds.SEVERAL: opened_several}
+"""How trials are marked that are not marked by names alone."""
 
 
 @dataclass(frozen=True)
@@ -55,15 +60,19 @@ def run_trial(plan: Plan, trial: int, explainer: Correspondent) -> dict[str, Any
             return told[-1]
 
         # what a trial finds must not depend on what was done before it
-        scored = opened(load_engine(path_of_model), sealed, recorded, Said.of(told[0]), located)
-        stands = not kinds.moves(sealed.kind)
+        fresh, said = load_engine(path_of_model), Said.of(told[0])
+        if kinds.choice(sealed.kind) in OPENED:
+            scored = OPENED[kinds.choice(sealed.kind)](fresh, sealed, recorded, said)
+        else:
+            scored = opened(fresh, sealed, recorded, said, located)
+        stands = not kinds.choice(sealed.kind)
         if stands and kinds.base(sealed.kind) == kinds.NULL and sealed.truth == kinds.MAP_ERROR:
             told.append(explainer.ask(question | {"model_error": 0.0}))
             if "error" not in told[-1]:
-                scored["marks"]["false_name_without_floor"] = told[-1]["status"] in (NAMED, HIDDEN)
+                scored["marks"]["false_name_without_floor"] = told[-1]["status"] in (NAMED, LAW, HIDDEN)
     if sealed.realistic is not None:
         scored |= {"engine": engine.name, "shape": sealed.realistic.shape, "airline": sealed.realistic.airline}
-    if kinds.moves(sealed.kind):
+    if kinds.choice(sealed.kind):
         scored |= {"engine": engine.name}
     explaining = sum(t.get("seconds", 0.0) for t in told)
     return scored | {"seconds": round(process_time() - begun, 3), "explainer_seconds": round(explaining, 3)}

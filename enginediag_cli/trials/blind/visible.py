@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from functools import lru_cache
 
 import numpy as np
@@ -15,7 +16,7 @@ from enginediag_cli.mismatch.fit.options import effect_option, option_scores
 from enginediag_cli.mismatch.fit.projection import Projection
 from enginediag_cli.physics.engine_file import load_engine
 from enginediag_cli.physics.registry import candidates
-from enginediag_cli.trials.blind.flights import draw_flights, hour_columns
+from enginediag_cli.trials.blind.flights import draw_flights, hour_columns, stack
 
 SELDOM = 0.1
 """Weight of an effect whose λ, at the largest size that is drawn, is below 25 on a set of flights with exact maps."""
@@ -45,12 +46,31 @@ def weights(path: str, largest: float) -> dict[str, float]:
     return result
 
 
-def noise_free_fit(engine: Engine, flights: list[dict[str, np.ndarray]], model_error: float) -> Identified:
-    """The engine as its file says, flown without noise and fitted."""
-    recorded = []
+def noise_free_fit(
+    engine: Engine,
+    flights: Sequence[Mapping[str, np.ndarray]],
+    model_error: float,
+    read: np.ndarray | None = None,
+) -> Identified:
+    """The engine as its file says, flown without noise and fitted. `read` (N, m): what its sensors read instead, over
+    all flights, where the truth is another engine."""
+    recorded, first = [], 0
     for j, f in enumerate(flights):
-        p = engine.predict({c: f[c] for c in engine.inputs})
-        y = np.where(p.ok[:, None], p.y, np.nan)
-        recorded.append(Flight(f"flight_{j + 1}", "", {**f, **dict(zip(p.columns, y.T, strict=True))}))
+        if read is None:
+            p = engine.predict({c: f[c] for c in engine.inputs})
+            y = np.where(p.ok[:, None], p.y, np.nan)
+        else:
+            y = read[first : first + len(f["time_s"])]
+            first += len(y)
+        recorded.append(Flight(f"flight_{j + 1}", "", {**f, **dict(zip(engine.sensors, y.T, strict=True))}))
     evidence = build_evidence(engine, recorded, Asked(model_error=model_error, drivers=hour_columns()))
     return identify_with(evidence, NO_HYPOTHESIS, nuisance(evidence))
+
+
+def true_readings(
+    truth: Engine, flights: Sequence[Mapping[str, np.ndarray]], theta: Mapping[str, float | np.ndarray]
+) -> np.ndarray:
+    """What an engine's sensors read without noise over all flights (N, m), NaN where it has no solution."""
+    u = stack(flights)
+    p = truth.predict({c: u[c] for c in (*truth.inputs, *truth.optional_inputs) if c in u}, theta)
+    return np.where(p.ok[:, None], p.y, np.nan)

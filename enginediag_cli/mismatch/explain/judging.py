@@ -1,0 +1,159 @@
+"""Fits of options to the evidence, and which of them explain it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from enginediag_cli.drivers import TIME
+from enginediag_cli.engine.driver import DriverValues
+from enginediag_cli.mismatch.explain.answer import Coefficient, Explanation
+from enginediag_cli.mismatch.explain.rejected import Reason, Rejected
+from enginediag_cli.mismatch.explain.repeated import repeated
+from enginediag_cli.mismatch.explain.worth_fitting import reach_of, worth_fitting
+from enginediag_cli.mismatch.fit.evidence import Evidence
+from enginediag_cli.mismatch.fit.freeform import Cell
+from enginediag_cli.mismatch.fit.held_out import flights_gained
+from enginediag_cli.mismatch.fit.identified import nuisance, objective_of
+from enginediag_cli.mismatch.fit.options import Option, with_best_onset
+from enginediag_cli.mismatch.fit.response import response_error
+from enginediag_cli.mismatch.fit.trial_fit import Gates, Remainder, Trial, attempt, not_needed, remainder
+from enginediag_cli.progress import each
+
+ALIAS = 6.0
+"""Explanations whose χ² is within this of the best are told together."""
+
+ADEQUATE = 0.01
+"""Level of the gate that an explanation must pass; 5 % would reject one right explanation in twenty."""
+
+MOST_FLIGHTS = 0.75
+"""Share of the flights, held out in turn, that must gain by an explanation: chance alone gives half of them.
+Judgement."""
+
+
+class Fits:
+    """Trials of one evidence. `base`: the fit without options; `library` and `along_drivers`: what is looked for in
+    what a trial leaves; `detect`, `adequate`: the gates of its judgement; `fitted`: trials by label; `rejected`: why
+    they are no explanation, by label."""
+
+    base: Trial
+    library: Sequence[Option]
+    along_drivers: Sequence[DriverValues]
+
+    def __init__(self, evidence: Evidence):
+        self.evidence = evidence
+        self.along = nuisance(evidence)
+        self.detect = self.adequate = Gates()
+        self.rejected: dict[str, Rejected] = {}
+        self.fitted: dict[str, Trial] = {}  # without what scores need
+
+    @property
+    def from_recordings(self) -> bool:
+        """Whether the noise is known from recordings alone, not stated."""
+        return self.evidence.noise.estimated or self.evidence.settings.noise == "estimate"
+
+    def timed(self, option: Option) -> Option:
+        """A change in time with the onset that suits what the base leaves best; anything else as it is."""
+        return with_best_onset(self.base.found, self.base.projection, option)
+
+    def refit(self, sets: Sequence[tuple[Option, ...]]) -> list[Trial] | None:
+        """Trials that converged, best first; None when there were some and none did."""
+        trials: list[Trial] = []
+        near, behind = worth_fitting(sets, self.base.found, self.along)
+        for options, worse in behind:
+            told = Rejected(Reason.WORSE, worse, "on a few of the records")
+            self.rejected[" + ".join(o.label for o in options)] = told
+        alone, best = objective_of(self.base.found.fit), np.inf
+        for options, of_few in each(near, "fitting candidates", len(near)):
+            reach = reach_of(best, alone)
+            trial = attempt(options, self.base.found, self.along, of_few, reach)
+            reached = objective_of(trial.found.fit)
+            self.fitted[trial.label] = trial
+            if trial.converged:
+                trials.append(trial)
+                best = min(best, reached)
+            elif reached > reach:
+                self.rejected[trial.label] = Rejected(Reason.WORSE, reached - best)
+            else:
+                self.rejected[trial.label] = Rejected(Reason.NOT_CONVERGED, what=trial.found.reason)
+        if sets and not trials:
+            return None
+        return sorted(trials, key=lambda t: t.weighed)
+
+    def named(self, trials: Sequence[Trial]) -> list[Explanation]:
+        """The alias set of the best adequate trial, best first; empty when none is adequate."""
+        adequate: list[tuple[Trial, float, float]] = []
+        elsewhere = 0.0  # odds of what is too far behind to be told
+        for trial in trials:
+            behind = trial.weighed - adequate[0][0].weighed if adequate else 0.0
+            if behind > ALIAS:
+                trial.projection.rest()
+                self.rejected.setdefault(trial.label, Rejected(Reason.WORSE, behind))
+                elsewhere += float(np.exp(-0.5 * behind))
+                continue
+            left, flights, why = self.judge(trial)
+            trial.projection.rest()
+            if why:
+                self.rejected[trial.label] = why
+            else:
+                adequate.append((trial, left, flights))
+        if not adequate:
+            return []
+        odds = np.exp([-0.5 * (t.weighed - adequate[0][0].weighed) for t, _, _ in adequate])
+        return [
+            self.explanation(t, p, left, flights)
+            for (t, left, flights), p in zip(adequate, odds / (odds.sum() + elsewhere), strict=True)
+        ]
+
+    def judge(self, trial: Trial) -> tuple[float, float, Rejected | None]:
+        """What is left, share of flights gained, and why the trial is no explanation (None when it is one)."""
+        if trial.at_bound:
+            return np.nan, np.nan, Rejected(Reason.AT_BOUND, what=", ".join(trial.at_bound))
+        # what leaves no more than is allowed to be left may still have explained nothing
+        idle = not_needed(trial, -np.log(ADEQUATE))
+        if idle:
+            return np.nan, np.nan, Rejected(Reason.NOT_NEEDED, what=idle)
+        left = self.left(trial)
+        if left.unranked or left.over(self.adequate):
+            return left.surprise, np.nan, Rejected(Reason.LEAVES_MISFIT, left.surprise)
+        if self.evidence.settings.map_accuracy > 0.0 and all(o.driver != TIME for o in trial.options):
+            flights = flights_gained(self.base, trial)
+            if flights < MOST_FLIGHTS:
+                return left.surprise, flights, Rejected(Reason.FEW_FLIGHTS, flights)
+            return left.surprise, flights, None
+        return left.surprise, np.nan, None
+
+    def left(self, trial: Trial) -> Remainder:
+        """What a trial leaves, no further than to the first that is over the gates."""
+        left = remainder(trial, self.library, self.along_drivers, self.adequate)
+        share = response_error(trial.found) ** 2 * max(self.base.objective - trial.objective, 0.0)
+        if share > 0.0 and left.over(self.adequate):
+            if not left.cells:
+                left = remainder(trial, self.library, self.along_drivers)
+            left = left.tolerant(share)
+        if not self.from_recordings or not left.over(self.adequate):
+            return left
+        if not left.cells and not repeated(left, trial.projection, self.adequate).over(self.adequate):
+            left = remainder(trial, self.library, self.along_drivers)
+        return repeated(left, trial.projection, self.adequate)
+
+    def counts(self, trial: Trial, best: Cell | None) -> bool:
+        """Whether a set is worth judging: every member is needed beside the others, and
+        drop − 2·p > T − 2·dof of the best single free-form block, else one unlisted effect is the simpler story."""
+        idle = not_needed(trial, self.adequate.effects)
+        if idle:
+            self.rejected[trial.label] = Rejected(Reason.NOT_NEEDED, what=idle)
+            return False
+        drop = self.base.objective - trial.objective
+        if best is None or drop - 2.0 * len(trial.hypothesis.names) > best.score.statistic - 2.0 * best.score.dof:
+            return True
+        self.rejected[trial.label] = Rejected(Reason.ONE_UNLISTED)
+        return False
+
+    def explanation(self, t: Trial, probability: float, left: float, flights: float) -> Explanation:
+        """A trial as it is told: its probability, −ln p of what it leaves, share of flights gained."""
+        parameters = t.found.model.parameters
+        found = tuple(Coefficient(n, parameters[n].unit, v, s, *t.intervals[n]) for n, (v, s) in t.coefficients.items())
+        gain = self.base.objective - t.objective
+        return Explanation(t.options, found, t.objective, gain, float(probability), left, flights, t.at_bound)

@@ -1,0 +1,67 @@
+"""A law for what no listed effect explains: judged as any explanation is, told with what is known of it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from enginediag_cli.mismatch.explain.answer import Explanation
+from enginediag_cli.mismatch.explain.judging import Fits
+from enginediag_cli.mismatch.laws.finding import LawFinding
+from enginediag_cli.mismatch.laws.posterior import shares
+from enginediag_cli.mismatch.laws.scan import Scan
+from enginediag_cli.mismatch.laws.search import Fitted, LawSearch
+
+LEAST = 3.0
+"""ln evidence from which a law is told: twenty to one, everything that was tried counted in its prior."""
+JUDGED = 4
+"""Laws, likeliest first, that are judged."""
+FURTHER = 3
+"""Laws whose formulas are sought at further places."""
+AS_GOOD = 3.0
+"""ln evidence within which laws are told together, as of explanations (`ALIAS`)."""
+
+
+@dataclass(frozen=True)
+class Lawful:
+    """`explanations`: laws that explain the mismatch, likeliest first, empty where none does; `finding`: what is known
+    of it, None where no law is likely; `evidence`: ln, of the first."""
+
+    explanations: tuple[Explanation, ...]
+    finding: LawFinding | None
+    evidence: float
+
+
+def law_for(fits: Fits, scan: Scan) -> Lawful:
+    """The law that explains what the base lacks, of the formulas scored there; two together where no single one
+    does."""
+    laws = LawSearch(fits.base, scan, fits.refit)
+    if not laws.single or laws.single[0].evidence < LEAST:
+        return Lawful((), None, 0.0)
+    for fitted in (laws.single, laws.with_second):
+        tried = fitted() if callable(fitted) else fitted
+        more = [f for first in tried[:FURTHER] for f in laws.elsewhere_too(first)]
+        tried = sorted([*tried, *more], key=lambda f: -f.evidence)
+        adequate = _adequate(fits, tried)
+        if adequate:
+            odds = shares([f.evidence for f, _, _ in adequate])
+            told = tuple(
+                fits.explanation(f.trial, float(p), left, flights)
+                for (f, left, flights), p in zip(adequate, odds, strict=True)
+            )
+            return Lawful(told, laws.finding([f for f, _, _ in adequate]), adequate[0][0].evidence)
+    return Lawful((), laws.finding(laws.single[:1]), laws.single[0].evidence)
+
+
+def _adequate(fits: Fits, fitted: Sequence[Fitted]) -> list[tuple[Fitted, float, float]]:
+    """Those that are explanations, with what each leaves and the share of flights that it gains."""
+    found: list[tuple[Fitted, float, float]] = []
+    for f in fitted[:JUDGED]:
+        if found and f.evidence < found[0][0].evidence - AS_GOOD:
+            break
+        left, flights, why = fits.judge(f.trial)
+        if why is None:
+            found.append((f, left, flights))
+        else:
+            fits.rejected[f.trial.label] = why
+    return found

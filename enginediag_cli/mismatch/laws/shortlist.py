@@ -1,0 +1,86 @@
+"""Which of the formulas that were scored are worth a fit inside the simulator."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from enginediag_cli.engine.engine import Engine
+from enginediag_cli.mismatch.fit.identified import Hypothesis
+from enginediag_cli.mismatch.fit.options import LAW, Option
+from enginediag_cli.mismatch.fit.trial_fit import Trial
+from enginediag_cli.mismatch.laws.proposed import place_of, possible, proposed
+from enginediag_cli.mismatch.laws.scan import Candidate, Scan, of_same_groups, scored
+
+WHERE, FORMS = 6, 5
+"""Places and groups of variables of which the best form is fitted; further forms of the one that fits best there. The
+first by score is the first by fit in most searches."""
+ADDED = 2
+"""Forms, best first, that are tried beside those that a law has."""
+REACH, OF_LARGEST = 25.0, 0.02
+"""ln evidence by which a candidate is behind the best of all scores, beside a share of the statistic of that, from
+where a fit does not bring it back: linear scores of large effects are wrong by so much."""
+
+
+@dataclass(frozen=True)
+class Proposal:
+    """A candidate as an option that can be fitted."""
+
+    candidate: Candidate
+    option: Option
+
+
+def elsewhere(candidates: Sequence[Candidate], engine: Engine, most: int = WHERE) -> list[Proposal]:
+    """The best form at each of the best places along the best variables; `candidates` likeliest first."""
+    best: dict[object, Candidate] = {}
+    for c in within_reach(candidates):
+        best.setdefault((c.location.name, c.formula.groups), c)
+    return [proposal(c, engine) for c in list(best.values())[:most]]
+
+
+def otherwise(scan: Scan, first: Candidate, base: Trial, tried: Collection[str]) -> list[Proposal]:
+    """Other forms, and other variables of the same groups, at the place of a candidate: none of those `tried`."""
+    engine = base.found.evidence.engine
+    forms: dict[str, Candidate] = {}
+    for c in within_reach(scan.candidates):
+        if c.location.name == first.location.name and c.formula.groups == first.formula.groups:
+            forms.setdefault(c.formula.form.name, c)
+    more = of_same_groups(first.formula, scan.known)
+    prior = first.prior - first.formula.prior
+    others = within_reach([first, *scored(base.found, base.projection, [first.location], more, prior)])[1:]
+    found = [proposal(c, engine) for c in sorted((*forms.values(), *others), key=lambda c: -c.weight)]
+    return [p for p in found if p.option.label not in tried][:FORMS]
+
+
+def along_the_same(scan: Scan, laws: Sequence[Proposal], fitted: Trial) -> list[Proposal]:
+    """What may be added to laws at their first one's place, of formulas of the same variables or of some of them, by
+    what the fit of these laws leaves. Beforehand one of such formulas is as likely as another, by their priors."""
+    place, engine = laws[0].candidate.location, fitted.found.evidence.engine
+    groups: frozenset[int] = frozenset().union(*(p.candidate.formula.groups for p in laws))
+    family = [c.formula for c in scan.candidates if c.location.name == place.name and c.formula.groups <= groups]
+    whole = float(np.log(np.sum([np.exp(f.prior) / f.tried for f in family])))
+    forms: dict[object, Candidate] = {}
+    for c in scored(fitted.found, fitted.projection, [place], family, -whole):
+        forms.setdefault((c.formula.form.name, c.formula.groups), c)
+    known = {p.option.label for p in laws}
+    found = [proposal(c, engine) for c in list(forms.values())[: ADDED + 1]]
+    return [p for p in found if p.option.label not in known][:ADDED]
+
+
+def within_reach(candidates: Sequence[Candidate]) -> list[Candidate]:
+    """Those that a fit may bring first."""
+    if not candidates:
+        return []
+    reach = candidates[0].weight - REACH - OF_LARGEST * candidates[0].statistic
+    return [c for c in candidates if c.weight > reach and possible(c)]
+
+
+def proposal(candidate: Candidate, engine: Engine) -> Proposal:
+    """The law of a candidate as an option, under a name of its own among laws at that place."""
+    formula = candidate.formula
+    name = "_".join((formula.form.name, *(k.variable.name for k in formula.of)))
+    effect = proposed(candidate, place_of(candidate.location, engine), name)
+    driver = formula.of[0].variable.driver
+    return Proposal(candidate, Option(LAW, effect.label, candidate.location.component, driver, Hypothesis((effect,))))

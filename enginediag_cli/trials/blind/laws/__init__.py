@@ -1,0 +1,1 @@
+"""Blind trials of laws: effects that no library holds."""

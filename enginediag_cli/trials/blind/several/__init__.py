@@ -1,0 +1,1 @@
+"""Blind trials of several causes at once."""
