@@ -135,8 +135,9 @@ class LawSearch:
         self.double = _ordered([*self.double, *self._fitted(sets)])
         return self.double
 
-    def finding(self, best: Sequence[Fitted]) -> LawFinding:
-        """What is known of laws; `best`: those that are told, likeliest first."""
+    def finding(self, best: Sequence[Fitted], noise_known: bool) -> LawFinding:
+        """What is known of laws; `best`: those that are told, likeliest first; `noise_known`: not from the recordings
+        alone."""
         if best[0].at_one_place:
             weighed = [(f.laws[0].candidate.location, f.where, f.evidence) for f in self.single] + self._unfitted()
         else:
@@ -159,7 +160,7 @@ class LawSearch:
             tuple(places_of(laws)),
             tuple(variables_of_laws(laws, self.scan.known, named)),
             excess,
-            min(drop / excess, 1.0) if excess else 0.0,
+            min(drop / max(excess, drop), 1.0) if noise_known else None,
             (float(np.quantile(curve, EDGES[0])), float(np.quantile(curve, EDGES[1]))),
             unit,
             band_of(self._at_one_place(best), self.scan.known, unit),
