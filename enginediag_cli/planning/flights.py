@@ -104,7 +104,8 @@ def _in_the_air(engine: Engine, usual: Mapping[str, float]) -> Iterator[PlannedF
             corners = [Corner(0.0, power, level, slow), Corner(1.0, power, level, fast)]
             words = f"speed from Mach {slow:.2g} to {fast:.2g} at {_level(level)}, power held at {100 * power:.0f} %"
             yield PlannedFlight(SPEEDS, words, corners, usual)
-    yield _several_levels(engine, levels, 0.0, usual)
+    for dT in days:
+        yield _several_levels(engine, levels, dT, usual)
     for c, value in _other_values(engine, usual):
         words = f"power swept from idle to rating at {_level(levels[2])} with {c} {value:.4g}"
         yield PlannedFlight(SWEEP, words, _sweep(engine, levels[2], 0.0, usual).corners, {**usual, c: value})

@@ -14,8 +14,9 @@ stands out where they are ln ODDS against every rival; of several rivals,
 
     P(n) = Σ_h p_h Π_{g≠h} Φ( (½λ_hg + ln(p_h/p_g) − ln ODDS) / √λ_hg ) ,
 
-for two rivals exactly, for more a lower bound, since the log odds of one truth rise and fall together (D. Slepian, "The
-one-sided barrier problem for Gaussian noise", Bell Syst. Tech. J. 41 (1962) 463–501).
+for two rivals exactly, for more as if their log odds were independent: less than the truth where those rise and fall
+together, as those of like rivals do (D. Slepian, "The one-sided barrier problem for Gaussian noise", Bell Syst. Tech.
+J. 41 (1962) 463–501). What h itself does is taken as fitted.
 """
 
 from __future__ import annotations
@@ -32,6 +33,10 @@ SURE = 0.9
 """Probability of standing out at which records are enough. Judgement: the tenth needs one flight more."""
 MOST_RECORDS = 10_000
 """More than a recording to come would have: told as “never”. (A flight of three hours at one a second.)"""
+
+
+TRIED = 16
+"""Numbers of records, each twice the one before or so, that are tried for the fewest."""
 
 
 @dataclass(frozen=True)
@@ -78,10 +83,13 @@ class Separation:
 
 
 def fewest(enough: Callable[[float], bool], most: int = MOST_RECORDS) -> float:
-    """The least number of records that is enough, by bisection; inf where `most` are not."""
-    if not enough(most):
+    """The least number of records from which on every number is enough; inf where `most` are not. Between TRIED numbers
+    it is bisected: what a few records leave as it is, some more may yet upset."""
+    tried = np.unique(np.geomspace(1, most, TRIED).round().astype(int))
+    low = max((int(n) for n in tried if not enough(float(n))), default=0)
+    if low == most:
         return float("inf")
-    low, high = 0, most
+    high = int(tried[np.searchsorted(tried, low, "right")])
     while high - low > 1:
         middle = (low + high) // 2
         low, high = (low, middle) if enough(middle) else (middle, high)

@@ -38,8 +38,8 @@ class Suggestion:
 
 
 def best_first(found: Iterable[Suggestion]) -> list[Suggestion]:
-    """Soonest enough first; of those that never are, likeliest."""
-    return sorted(found, key=lambda s: (s.records, -s.chance))
+    """Soonest enough first; of those that RECORDS records are not enough of, likeliest after so many."""
+    return sorted(found, key=lambda s: (min(s.records, RECORDS + 1.0), -s.chance, s.records))
 
 
 def best_of_each_kind(found: Iterable[Suggestion]) -> list[Suggestion]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -13,6 +14,8 @@ from enginediag_cli.commands.explain import explain
 from enginediag_cli.commands.simulate import simulate
 from enginediag_cli.mismatch.explain.answer import Coefficient, Explanation
 from enginediag_cli.mismatch.explain.plan import Course, plan
+from enginediag_cli.mismatch.explain.reach import REACH, within_reach
+from enginediag_cli.mismatch.explain.rejected import Reason, Rejected
 from enginediag_cli.mismatch.fit.evidence import Flight
 from enginediag_cli.mismatch.fit.identified import NO_HYPOTHESIS, identify_with, nuisance
 from enginediag_cli.mismatch.fit.options import effect_option
@@ -115,6 +118,21 @@ def test_candidates_stand_behind_the_flights_without_readings(ambiguous):
     assert len(course.planned) == len(chosen) and course.evidence.records == case.records + len(further)
     assert all(np.isnan(further.columns[c]).all() for c in case.noise.sigma)
     assert {s.kind for s in advice.suggestions} >= {SWEEP, SENSOR}
+
+
+def test_what_is_a_little_behind_stays_a_rival_of_what_is_told_and_what_stands_alone_has_none(ambiguous):
+    case, base, (one, other) = ambiguous
+    trial = attempt([effect_option(library("nozzle_discharge@core_nozzle")[0])], base, nuisance(case))
+
+    def answer(explanations, behind):
+        return SimpleNamespace(explanations=explanations, rejected={trial.label: Rejected(Reason.WORSE, behind)})
+
+    fitted = {trial.label: trial}
+    near = within_reach(answer((one, other), 8.0), fitted)
+    assert [x.label for x in near] == [*RIVALS, trial.label]
+    assert near[2].probability == pytest.approx(one.probability * np.exp(-4.0))
+    assert len(within_reach(answer((one, other), REACH + 1.0), fitted)) == 2
+    assert within_reach(answer((one,), 8.0), fitted) == ()
 
 
 # the command

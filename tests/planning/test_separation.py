@@ -102,3 +102,10 @@ def test_a_gram_matrix_gives_what_its_rows_give():
 def test_what_never_is_enough_takes_infinitely_many_records():
     assert fewest(lambda n: n >= 37) == 37.0
     assert fewest(lambda n: False) == np.inf
+
+
+def test_records_that_may_yet_bring_a_rival_back_are_not_enough():
+    """Odds of 24 to one stand out now, but a hundred records that hardly separate upset them one time in four."""
+    found = outlook([0.96, 0.04], np.full((1, 1), 0.2), [np.zeros((1, 1, 0))] * 2)
+    assert found.chance(1e-9) > SURE > found.chance(50.0)
+    assert found.records > 100.0 and found.chance(found.records) >= SURE > found.chance(found.records - 1)
