@@ -36,6 +36,7 @@ ORDER = (
     "intake",
     "residuals",
     "detection",
+    "planning",
     "isolation",
     "mismatch",
     "methods",

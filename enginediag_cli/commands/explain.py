@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
@@ -44,6 +45,13 @@ if TYPE_CHECKING:
     help="Write what no listed effect explains as curves along its driver, as CSV.",
 )
 @click.option("--no-advice", is_flag=True, help="Do not look for recordings that would separate rival explanations.")
+@click.option(
+    "--plan",
+    metavar="FILE.yaml",
+    type=OutputFile((".yaml", ".yml")),
+    help="Write the flight that would separate rival explanations soonest, as a flight file that simulate takes, and "
+    "tell the best recording of every kind.",
+)
 @exit_code_option
 @output_options
 @message_options
@@ -55,6 +63,7 @@ def explain(
     amplitudes: str | None,
     curves: str | None,
     no_advice: bool,
+    plan: str | None,
     exit_code: bool,
     output: Output,
 ) -> ExitCode:
@@ -64,6 +73,7 @@ def explain(
     enginediag explain configs/turbofan.yaml flights.csv
     enginediag explain configs/turbofan.yaml flights.csv --without humidity --format json
     enginediag explain configs/turbofan.yaml flights.csv --amplitudes valve.csv
+    enginediag explain configs/turbofan.yaml flights.csv --plan next.yaml
 
     The answer is one of: nothing; an effect or several, with those that these flights cannot tell from them; a
     fault, which begins in time; an effect whose driver is not recorded; none of these, with where, along what and
@@ -78,11 +88,13 @@ def explain(
     from enginediag_cli.presentation.explanation_rows import amplitude_rows, curve_rows
     from enginediag_cli.presentation.explanations import sentences
 
+    if plan and no_advice:
+        raise click.UsageError("--plan asks for what --no-advice leaves out")
     loaded = load_case(case, identified=True, controls=True)
     tell_case(messages, case, loaded)
     effects = list(candidates(loaded.evidence.engine, without))
     story = tell(loaded.evidence, effects, advise=not no_advice, intake=loaded.intake)
-    story = replace(story, control=loaded.control)
+    story = replace(story, control=loaded.control, planned=plan is not None)
     head = provenance("explain", case, loaded.intake.provenance, **({"without": ", ".join(without)} if without else {}))
     for line in sentences(story):
         messages.note(line)
@@ -93,6 +105,8 @@ def explain(
     ):
         if path and not Output(path, "csv").write_rows(rows, provenance=head):
             messages.note(f"{path}: no {what} was found, the file has no rows")
+    if plan:
+        _write_plan(messages, plan, story)
     if story.answer.status == FAILED and story.control is None:
         return ExitCode.NO_VERDICT
     return ExitCode.FINDING if exit_code and not story.found_nothing else ExitCode.DONE
@@ -104,3 +118,18 @@ def _present(output: Output, story: Story, head: tuple[str, ...]) -> None:
     output.write_document(
         lambda: document(story, head if output.header else ()), rows(story), COLUMNS, summary=EXPLAIN, provenance=head
     )
+
+
+def _write_plan(messages: Messages, path: str, story: Story) -> None:
+    """The best flight as a flight file; nothing where there is none."""
+    from enginediag_cli.config.dump import dump
+    from enginediag_cli.recordings.write import output
+
+    flight = story.advice.best_flight if story.advice is not None else None
+    if flight is None:
+        why = "no rival explanations remain" if story.advice is None else "no flight would tell the rivals apart"
+        messages.note(f"{path}: not written, {why}")
+        return
+    with output(Path(path)) as stream:
+        stream.write(dump(flight.flight_file(story.evidence.engine)))
+    messages.note(f"{path}: {flight.words}, {flight.records} records")

@@ -72,6 +72,7 @@ if TYPE_CHECKING:
     metavar="KIND",
     help=f"Only trials of this kind; may be given several times. To explain, one of {', '.join(KINDS)}, or, "
     "never drawn unasked, dynamic: recordings that move and effects that remember; law: effects that no library holds; "
+    "planned: effects with rivals, what to fly next, and whether that tells; "
     f"several: two to four causes ({', '.join(k for own in APART.values() for k in own)}); to isolate, one of "
     f"{', '.join(isolated.KINDS)}.",
 )

@@ -68,6 +68,12 @@ class Asked:
                     f"from what is concealed; one of {', '.join((*explained.USUAL, BOTH))} does"
                 )
 
+        if explained.PLANNED in self.chosen and explained.REALISTIC in self.truths:
+            raise click.UsageError(
+                f"--kind {explained.PLANNED} does not go with --truth {explained.REALISTIC}, whose instruments "
+                f"are drawn for the first flights alone; one of {', '.join((*explained.USUAL, BOTH))} does"
+            )
+
     @property
     def truths(self) -> tuple[str, ...]:
         if self.truth in (None, BOTH) and self.question == EXPLAIN:

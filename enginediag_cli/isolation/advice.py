@@ -1,4 +1,4 @@
-"""Advice: at which operating condition, or with which further sensor, two rival explanations part soonest.
+"""Advice: at which operating condition, with which further sensor or on which flight rival explanations part soonest.
 
 If the set A changed by Δ, the best account by the set B instead falls short, over records of information I, by
 
@@ -7,17 +7,23 @@ If the set A changed by Δ, the best account by the set B instead falls short, o
 the non-centrality of the likelihood ratio between the rivals; n further records of information G each raise the
 expected log odds of A over B by ½ [λ(I + nG) − λ(I)]. The advice is for the least favourable Δ of those that the
 data allow, and for the less favourable of "A is true" and "B is true". A set that contains its rival cannot lose
-to it by this measure; then only the larger one being true counts.
+to it by this measure; then only the larger one being true counts. The gain is λ(n) of `planning.separation`, for what B
+foresees when it is fitted to what A has shown so far, and may adapt within what is known of it and of nominal.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
+from itertools import permutations
 from typing import Any
 
 import numpy as np
 
+from enginediag_cli.planning.flights import flights
+from enginediag_cli.planning.separation import Outlook, Separation, fewest
+from enginediag_cli.planning.suggestion import BEYOND, Suggestion, best_first
 from enginediag_cli.residuals.local import whiten
 from enginediag_cli.residuals.monitor import Monitor
 from enginediag_cli.residuals.noise import NoiseModel
@@ -30,6 +36,14 @@ ALLOWED = 0.8
 """Probability of the changes among which the least favourable is sought."""
 MOST_RECORDS = 100_000
 """More records than any recording has: told as “never”."""
+FREE = 1e-10
+"""Share of the largest information of a set below which a direction of it counts as unknown."""
+LEADING = 4
+"""Sets that flights are to tell apart, likeliest first. Judgement."""
+POINTS = 24
+"""Records by which a flight is judged: its course has a few corners."""
+COMPUTED = 0.8
+"""Share of a flight that the engine must have a prediction for."""
 
 
 @dataclass(frozen=True)
@@ -70,12 +84,12 @@ def advise(
     uncertainty (p_all, p_all): covariance of what is uncertain about nominal and sensors, drawn anew for the
     further records. ValueError when the rivals are the same set.
     """
-    cases = _cases(score, rivals, allowed)
+    cases, root, wanted = _cases(score, rivals, allowed), _root(uncertainty), 2 * float(np.log(odds))
     judged = []
     for option in options:
-        gain = _Gain(score, option.information, uncertainty, cases)
-        needed = gain.records_for(2 * float(np.log(odds)))
-        judged.append(Advice(option.label, option.values, gain(100.0) / 100, needed, odds, option.known))
+        found = _separations(score, option.information, root, cases)
+        needed = fewest(partial(_tells, found, wanted), MOST_RECORDS)
+        judged.append(Advice(option.label, option.values, _least(found, 100.0) / 100, needed, odds, option.known))
     return sorted(judged, key=lambda advice: (advice.records, -advice.noncentrality))
 
 
@@ -88,8 +102,8 @@ def gains(
 ) -> np.ndarray:
     """Gain (k,) of the non-centrality between the rivals from each of k further pieces of information (p, p) of the
     score's parameters, all else certain."""
-    cases, certain = _cases(score, rivals, allowed), np.zeros_like(score.information)
-    return np.array([_Gain(score, information, certain, cases)(1.0) for information in informations])
+    cases, certain = _cases(score, rivals, allowed), np.zeros((len(score.information), 0))
+    return np.array([_least(_separations(score, information, certain, cases), 1.0) for information in informations])
 
 
 def _cases(
@@ -141,62 +155,93 @@ def _allowed_change(score: Score, own: np.ndarray, other: np.ndarray, allowed: f
     return change(float(np.exp(low if excess(low) <= 0 else brentq(excess, low, high))))
 
 
-class _Gain:
-    """Gain of non-centrality between the rivals from n further records of one option, as a function of n."""
-
-    def __init__(
-        self,
-        score: Score,
-        information: np.ndarray,
-        uncertainty: np.ndarray,
-        cases: Sequence[tuple[np.ndarray, np.ndarray, np.ndarray]],
-    ):
-        self._sigma, self._cases = score.prior_sigma, cases
-        p = len(score.parameters)
-        self._I = score.scaled()[1]
-        spread = np.sqrt(np.diag(uncertainty))
-        root = root_of(uncertainty, np.where(spread > 0, spread, 1.0))
-        self._own = self._sigma[:, None] * information[:p, :p] * self._sigma
-        self._cross = self._sigma[:, None] * (information[:p] @ root)
-        self._inner = root.T @ information @ root
-        self._before = [float(c @ part(self._I, own, other) @ c) for own, other, c in cases]
-
-    def __call__(self, n: float) -> float:
-        inner = np.eye(len(self._inner)) + n * self._inner
-        further = n * self._own - n**2 * self._cross @ np.linalg.solve(inner, self._cross.T)
-        gains = [
-            float(c @ part(self._I + further, own, other) @ c) - before
-            for (own, other, c), before in zip(self._cases, self._before, strict=True)
-        ]
-        return max(min(gains), 0.0)
-
-    def records_for(self, wanted: float) -> float:
-        """Least number of records that gain `wanted`, by bisection; inf beyond MOST_RECORDS."""
-        if self(MOST_RECORDS) < wanted:
-            return float("inf")
-        low, high = 0, MOST_RECORDS
-        while high - low > 1:
-            middle = (low + high) // 2
-            low, high = (low, middle) if self(middle) >= wanted else (middle, high)
-        return float(high)
+def _separations(
+    score: Score,
+    information: np.ndarray,
+    root: np.ndarray,
+    cases: Sequence[tuple[np.ndarray, np.ndarray, np.ndarray]],
+) -> list[Separation]:
+    """λ(n) of each case from n further records of `information` (p_all, p_all); root (p_all, r): of the covariance of
+    what is uncertain about nominal and sensors."""
+    I, p = score.scaled()[1], len(score.parameters)
+    found = []
+    for own, other, change in cases:
+        values, vectors = np.linalg.eigh(I[np.ix_(other, other)]) if len(other) else (np.zeros(0), np.zeros((0, 0)))
+        # what nothing was told of is free to follow, or nearly so
+        known = np.maximum(values, FREE * max(float(values.max(initial=0.0)), FREE))
+        adapted = vectors @ ((vectors.T @ I[np.ix_(other, own)] @ change) / known)
+        V = np.zeros((len(information), 1 + len(other) + root.shape[1]))
+        V[own, 0] = change
+        V[other, 0] -= adapted
+        V[other, 1 : 1 + len(other)] = vectors / np.sqrt(known)
+        V[:p] *= score.prior_sigma[:, None]
+        V[:, 1 + len(other) :] = root
+        found.append(Separation.of_gram(V.T @ information @ V))
+    return found
 
 
-def condition_options(monitor: Monitor, conditions: Mapping[str, np.ndarray]) -> list[Option]:
-    """One option per operating condition, inputs column -> (C,), that the engine can compute."""
+def _root(uncertainty: np.ndarray) -> np.ndarray:
+    spread = np.sqrt(np.diag(uncertainty))
+    return root_of(uncertainty, np.where(spread > 0, spread, 1.0))
+
+
+def _least(separations: Sequence[Separation], n: float) -> float:
+    return min(s(n) for s in separations)
+
+
+def _tells(separations: Sequence[Separation], wanted: float, n: float) -> bool:
+    return _least(separations, n) >= wanted
+
+
+def _informations(monitor: Monitor, conditions: Mapping[str, np.ndarray]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Of each operating condition, inputs column -> (C,): information of a record (C, p_all, p_all), whether the engine
+    can compute it, and whether identification has seen the like of it."""
     predicted, J, ok, _ = monitor.predict(dict(conditions), monitor.theta0)
     G = whiten(np.zeros_like(predicted), J, monitor.noise)[1]
     seen = np.ones(len(ok), bool)
     if monitor.envelope is not None:
         seen = ~np.asarray(monitor.envelope.outside(conditions))
+    return np.swapaxes(G, 1, 2) @ G, np.asarray(ok), seen
+
+
+def condition_options(monitor: Monitor, conditions: Mapping[str, np.ndarray]) -> list[Option]:
+    """One option per operating condition, inputs column -> (C,), that the engine can compute."""
+    G, ok, seen = _informations(monitor, conditions)
     return [
-        Option(
-            "condition",
-            {column: float(values[k]) for column, values in conditions.items()},
-            G[k].T @ G[k],
-            bool(seen[k]),
-        )
+        Option("condition", {column: float(values[k]) for column, values in conditions.items()}, G[k], bool(seen[k]))
         for k in np.flatnonzero(ok)
     ]
+
+
+def advise_flights(
+    score: Score, sets: Sequence[tuple[Sequence[str], float]], monitor: Monitor, flown: Mapping[str, np.ndarray]
+) -> list[Suggestion]:
+    """Flights that the engine's envelope allows, best first, for telling the leading `sets` of changes, with their
+    probabilities, apart; `flown`: operating conditions so far, column -> (N,)."""
+    leading = [(list(names), p) for names, p in sets[:LEADING]]
+    chosen = flights(monitor.engine, flown)  # type: ignore[arg-type]
+    if len(leading) < 2 or not chosen:
+        return []
+    pairs = {}
+    for h, g in permutations(range(len(leading)), 2):
+        own, other = (score.indices(leading[k][0]) for k in (h, g))
+        change = _allowed_change(score, own, other, ALLOWED)
+        if change is not None:
+            pairs[h, g] = own, other, change
+    parts = [f.inputs(monitor.engine, POINTS) for f in chosen]  # type: ignore[arg-type]
+    G, ok, seen = _informations(monitor, {c: np.concatenate([p[c] for p in parts]) for c in parts[0]})
+    root, found = _root(monitor.uncertainty), []
+    for k, flight in enumerate(chosen):
+        rows = slice(k * POINTS, (k + 1) * POINTS)
+        if ok[rows].mean() < COMPUTED:
+            continue
+        mean = G[rows][ok[rows]].mean(axis=0)
+        told = dict(zip(pairs, _separations(score, mean, root, list(pairs.values())), strict=True))
+        table = [[told.get((h, g)) for g in range(len(leading))] for h in range(len(leading))]
+        outlook = Outlook(np.array([p for _, p in leading]), table)
+        known = bool(seen[rows].mean() >= 1.0 - BEYOND)
+        found.append(Suggestion.judged(outlook, flight.kind, flight.words, flight, known))
+    return best_first(found)
 
 
 def sensor_options(monitor: Monitor, inputs: Mapping[str, np.ndarray], noises: Mapping[str, float]) -> list[Option]:
@@ -210,15 +255,18 @@ def sensor_options(monitor: Monitor, inputs: Mapping[str, np.ndarray], noises: M
     values: dict[str, Any] = dict(monitor.base)
     values.update(zip(monitor.names[:q], monitor.theta0[:q].tolist(), strict=True))
     columns = tuple(noises)
-    extra = monitor.engine.predict(inputs, values, sensors=columns, wrt=monitor.names[:q])
-    ok = ok & np.asarray(extra.ok)
+    if columns:
+        extra = monitor.engine.predict(inputs, values, sensors=columns, wrt=monitor.names[:q])
+        ok = ok & np.asarray(extra.ok)
     present = whiten(np.zeros_like(J[ok, :, 0]), J[ok], monitor.noise)[1].reshape(-1, len(monitor.names))
     base = present.T @ present / ok.sum()
+    options = [Option("present sensors", {}, base)]
+    if not columns:
+        return options
     noise = NoiseModel(np.array([noises[c] for c in columns], float), np.zeros(len(columns)))
     full = np.zeros((int(ok.sum()), len(columns), len(monitor.names)))
     full[:, :, :q] = np.asarray(extra.jacobian)[ok]
     added = whiten(np.zeros(full.shape[:2]), full, noise)[1]
-    options = [Option("present sensors", {}, base)]
     for j, column in enumerate(columns):
         options.append(Option(column, {column: noises[column]}, base + added[:, j].T @ added[:, j] / ok.sum()))
     return options

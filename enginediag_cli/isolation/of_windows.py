@@ -11,13 +11,14 @@ import numpy as np
 from enginediag_cli.config.hints import near
 from enginediag_cli.detection.verdict import Verdict, judge
 from enginediag_cli.errors import DataError
-from enginediag_cli.isolation.advice import Advice, advise, condition_options, sensor_options
+from enginediag_cli.isolation.advice import Advice, advise, advise_flights, condition_options, sensor_options
 from enginediag_cli.isolation.components import ComponentIsolation, isolate_components
-from enginediag_cli.isolation.conditions_grid import conditions_grid
 from enginediag_cli.isolation.diagnosis import Diagnosis, DiagnosisOptions, diagnose
 from enginediag_cli.isolation.telling import telling_sensors
 from enginediag_cli.isolation.window_model import WindowModel
 from enginediag_cli.parameters import Parameter
+from enginediag_cli.planning.conditions_grid import conditions_grid
+from enginediag_cli.planning.suggestion import Suggestion, best_of_each_kind
 from enginediag_cli.residuals.files import JudgedFiles
 from enginediag_cli.residuals.kept_records import KeptRecords
 from enginediag_cli.residuals.monitor import Monitor
@@ -30,12 +31,14 @@ ADVISED = 3
 @dataclass(frozen=True)
 class NextRecording:
     """What would tell the answer from its leading rival: both, as sets of parameters, and what those are; operating
-    `conditions`; further `sensors` at the conditions of the window, None where its records are not held."""
+    `conditions`; further `sensors` at the conditions of the window, None where its records are not held; whole
+    `flights`, the best of each kind, that would tell all leading sets apart."""
 
     rivals: tuple[tuple[str, ...], tuple[str, ...]]
     known: Mapping[str, Parameter]
     conditions: Sequence[Advice]
     sensors: Sequence[Advice] | None
+    flights: Sequence[Suggestion] = ()
 
 
 @dataclass(frozen=True)
@@ -118,12 +121,8 @@ class Isolating:
         if found is None or monitor is None or window.statistics is None:
             return diagnosis
         model = records() if records else None
-        envelope = monitor.envelope
-        if model is not None:
-            inputs = model.inputs
-        elif envelope is not None:
-            inputs = {column: np.asarray(envelope.points)[:, i] for i, column in enumerate(envelope.inputs)}
-        else:
+        inputs = _flown(monitor, model)
+        if not inputs:
             return diagnosis
         monitor = monitor.without(window.silent)
         told = found.told_by(telling_sensors(monitor, diagnosis.score, found, inputs, window.statistics.n))
@@ -142,7 +141,20 @@ class Isolating:
             sensors = advise(
                 diagnosis.score, rivals, sensor_options(monitor, model.inputs, self.extra), monitor.uncertainty
             )
-        return NextRecording(rivals, monitor.meaning, conditions, sensors)
+        sets = [(result.isolated, result.probability), *((r.parameters, r.probability) for r in result.rivals)]
+        flights = best_of_each_kind(advise_flights(diagnosis.score, sets, monitor, _flown(monitor, model)))
+        return NextRecording(rivals, monitor.meaning, conditions, sensors, flights)
+
+
+def _flown(monitor: Monitor, model: WindowModel | None) -> Mapping[str, np.ndarray]:
+    """Operating conditions of the window's records, or those that identification has seen; none where neither is
+    held."""
+    if model is not None:
+        return model.inputs
+    envelope = monitor.envelope
+    if envelope is None:
+        return {}
+    return {column: np.asarray(envelope.points)[:, i] for i, column in enumerate(envelope.inputs)}
 
 
 class _Records:

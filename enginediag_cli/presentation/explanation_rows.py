@@ -10,12 +10,12 @@ import numpy as np
 
 from enginediag_cli.mismatch.explain.answer import HIDDEN, NAMED, NONE
 from enginediag_cli.presentation.controls import control_document, control_rows
-from enginediag_cli.presentation.explanations import headline, sentences, suggestion
+from enginediag_cli.presentation.explanations import headline, sentences
 from enginediag_cli.presentation.laws import law_document
+from enginediag_cli.presentation.plans import advice_document
 from enginediag_cli.presentation.rejections import why_rejected
 
 if TYPE_CHECKING:
-    from enginediag_cli.mismatch.explain.alias_advice import Advice
     from enginediag_cli.mismatch.explain.answer import Explanation
     from enginediag_cli.mismatch.explain.curves import Curve
     from enginediag_cli.mismatch.explain.story import Story
@@ -125,7 +125,7 @@ def document(story: Story, provenance: tuple[str, ...]) -> dict[str, Any]:
         ],
         "map_accuracy": story.evidence.settings.map_accuracy,
         "floor": [vars(c) for c in story.floor],
-        "advice": [_advice(x) for x in story.advice],
+        "advice": advice_document(story.advice),
         "chi2": a.objective,
         "readings": a.readings,
         "searched": None if story.searched is None else vars(story.searched),
@@ -254,15 +254,6 @@ def _place(c: Cell) -> dict[str, Any]:
         "surprise": c.surprise,
         "statistic": c.score.statistic,
         "dof": c.score.dof,
-    }
-
-
-def _advice(x: Advice) -> dict[str, Any]:
-    return {
-        "rivals": list(x.rivals),
-        "separation": x.separation,
-        "separates": x.separates,
-        "suggestions": [vars(s) | {"in_words": suggestion(s)} for s in x.suggestions],
     }
 
 

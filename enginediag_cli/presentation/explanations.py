@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING
 
 from enginediag_cli.drivers import CONSTANT
 from enginediag_cli.intervals import NORMAL_95
-from enginediag_cli.mismatch.explain.alias_advice import MANOEUVRE
 from enginediag_cli.mismatch.explain.answer import FAILED, HIDDEN, LAW, NAMED, NOTHING
 from enginediag_cli.mismatch.unrecorded.finding import Limit
 from enginediag_cli.presentation.controls import control_sentences
@@ -16,15 +15,14 @@ from enginediag_cli.presentation.gated import gated_sentences
 from enginediag_cli.presentation.laws import law_sentences, left_sentence, nearest_law
 from enginediag_cli.presentation.names import listed, spelled
 from enginediag_cli.presentation.numbers import probability, rounded, with_unit
+from enginediag_cli.presentation.plans import advice_sentences
 from enginediag_cli.presentation.rejections import why_rejected
 from enginediag_cli.presentation.sentences import change, count
 from enginediag_cli.presentation.unexplained import rest_sentences, share_left
-from enginediag_cli.units import split_column
 
 if TYPE_CHECKING:
     from enginediag_cli.engine.term import Coefficient as Declared
     from enginediag_cli.engine.term import Effect
-    from enginediag_cli.mismatch.explain.alias_advice import Advice, Suggestion
     from enginediag_cli.mismatch.explain.answer import Coefficient, Explanation
     from enginediag_cli.mismatch.explain.curves import Curve
     from enginediag_cli.mismatch.explain.story import Story
@@ -63,8 +61,7 @@ def sentences(story: Story) -> Iterator[str]:
         yield from _none(story)
     yield from _rejected(story)
     yield from _floor(story)
-    for advice in story.advice:
-        yield from _advice(advice)
+    yield from advice_sentences(story.advice, all_kinds=story.planned)
     yield from _unseen(story)
     yield from gated_sentences(story.gated)
     yield from _searched(story)
@@ -391,42 +388,3 @@ def _floor(story: Story) -> Iterator[str]:
 
 def _size(value: float, unit: str) -> str:
     return "no size" if value == float("inf") else with_unit(value, "" if unit == "1" else unit, digits=2)
-
-
-def _advice(advice: Advice) -> Iterator[str]:
-    one, other = advice.rivals
-    yield (
-        f"To tell {one} from {other} (expected difference of χ² now {rounded(advice.separation)}; at 11 the wrong "
-        "one leads once in twenty times):"
-    )
-    if not advice.separates:
-        yield "  none of the recordings that were tried would separate them."
-        return
-    for s in advice.suggestions:
-        yield f"  {suggestion(s)}"
-
-
-def suggestion(s: Suggestion) -> str:
-    """One recording that would help, and how soon."""
-    if s.kind == MANOEUVRE:
-        if s.records == float("inf"):
-            return f"{s.what}: would not separate them"
-        return f"{s.what}, recorded once a second: {count(int(s.records), 'time')} (each adds {rounded(s.gain)})"
-    where = {
-        "same": "more records like these",
-        "switch": f"records like these with {s.what} switched off, and on",
-        "sensor": f"records like these with {s.what} recorded",
-        "condition": f"records at {listed([_condition(c, v) for c, v in s.values.items()])}",
-    }[s.kind]
-    if s.records == float("inf"):
-        return f"{where}: would not separate them"
-    return f"{where}: {count(int(s.records), 'record')} (100 of them add {rounded(s.gain)})"
-
-
-INPUTS = {"mach": "Mach", "dT_isa": "ISA deviation", "Wf": "fuel flow"}
-
-
-def _condition(column: str, value: float) -> str:
-    """An input with its value and unit: "altitude 12500 m"."""
-    quantity, unit = split_column(column)
-    return f"{INPUTS.get(quantity, quantity.replace('_', ' '))} {with_unit(value, unit.replace('_', '/'))}"

@@ -10,7 +10,7 @@ import pytest
 from score_makers import linear_score, sensitivities
 
 from enginediag_cli.isolation.advice import Option, advise, condition_options, part, sensor_options
-from enginediag_cli.isolation.conditions_grid import conditions_grid
+from enginediag_cli.planning.conditions_grid import conditions_grid
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "residuals"))
 from toy_engine import toy_monitor, toy_recording
@@ -106,3 +106,10 @@ def test_the_grid_of_the_turbofan_lies_in_its_envelope_and_where_aircraft_fly():
         assert grid[column].min() >= low and grid[column].max() <= high
     high = grid["altitude_m"] > 8000
     assert grid["mach"][high].min() > 0.3 and grid["mach"][~high].max() < 0.7
+
+
+def test_without_a_further_sensor_there_are_only_the_present_ones():
+    monitor = toy_monitor()
+    recording = toy_recording(np.random.default_rng(1), 50)
+    (only,) = sensor_options(monitor, {c: recording.columns[c] for c in monitor.engine.inputs}, {})
+    assert only.label == "present sensors" and only.information.any()

@@ -153,6 +153,7 @@ def test_advice_names_operating_conditions_and_compares_them_with_more_of_the_sa
     assert advice[0].startswith("to tell ")
     assert any("altitude_m" in text for text in advice) and any("like these" in text for text in advice)
     assert any("T4_K" in text for text in advice) and advice[1] in err
+    assert any("whole flight" in text for text in advice)
 
 
 @pytest.mark.parametrize(

@@ -10,9 +10,8 @@ import pytest
 
 from enginediag_cli.engine.moving.tape import MOMENT
 from enginediag_cli.intake.source import Source
-from enginediag_cli.mismatch.explain.alias_advice import MANOEUVRE, SEPARATED
 from enginediag_cli.mismatch.explain.answer import NAMED, NOTHING, Coefficient, Explanation
-from enginediag_cli.mismatch.explain.moving_advice import advise_manoeuvres
+from enginediag_cli.mismatch.explain.plan import plan
 from enginediag_cli.mismatch.explain.story import tell
 from enginediag_cli.mismatch.fit.evidence import Noise
 from enginediag_cli.mismatch.fit.identified import NO_HYPOTHESIS, identify_with, nuisance
@@ -21,7 +20,9 @@ from enginediag_cli.mismatch.fit.trial_fit import attempt, begun
 from enginediag_cli.mismatch.refine.refine import refine
 from enginediag_cli.physics.engine_file import load_engine
 from enginediag_cli.physics.registry import effect
-from enginediag_cli.presentation.explanations import sentences, suggestion
+from enginediag_cli.planning.manoeuvres import DURATION_S, MANOEUVRE
+from enginediag_cli.presentation.explanations import sentences
+from enginediag_cli.presentation.plans import suggestion
 from enginediag_cli.shipped import shipped
 
 ENGINE = str(shipped("micro_gas_turbine.yaml"))
@@ -176,10 +177,11 @@ def test_a_step_of_another_size_tells_a_rate_limit_from_a_lag(tmp_path):
     along = nuisance(evidence)
     base = identify_with(evidence, NO_HYPOTHESIS, along)
     lag, limit = (fitted(base, along, f"{name}@generator") for name in ("load_control_lag", "load_rate_limit"))
-    advice = advise_manoeuvres(base, lag, limit)
+    advice = plan(base, [lag, limit])
     assert advice is not None and advice.separates
-    best = advice.suggestions[0]
-    assert best.kind == MANOEUVRE and best.records == 1.0 and best.gain > SEPARATED
+    best = next(s for s in advice.suggestions if s.kind == MANOEUVRE)
+    assert best.records <= DURATION_S and best.chance > 0.9
     assert "of power" in suggestion(best) or "power raised" in suggestion(best)
     # the same thing twice is told apart by nothing
-    assert not advise_manoeuvres(base, lag, lag).separates
+    twice = plan(base, [lag, lag])
+    assert twice is not None and not twice.separates

@@ -14,30 +14,25 @@ from scipy import special
 
 from enginediag_cli.engine.term import Effect
 from enginediag_cli.intake.intake import Intake
-from enginediag_cli.intervals import NORMAL_95
 from enginediag_cli.mismatch.controlled.find import Found
-from enginediag_cli.mismatch.explain.alias_advice import Advice
-from enginediag_cli.mismatch.explain.answer import FAILED, LAW, NAMED, NONE, NOTHING, Answer, Coefficient, Explanation
+from enginediag_cli.mismatch.explain.answer import FAILED, LAW, NAMED, NONE, NOTHING, Answer
 from enginediag_cli.mismatch.explain.change_times import with_times
 from enginediag_cli.mismatch.explain.curves import Curve, best_places, fitted_curves
 from enginediag_cli.mismatch.explain.explain import Search
 from enginediag_cli.mismatch.explain.floor_cost import FloorCost, floor_cost
 from enginediag_cli.mismatch.explain.gated import Gated, gated_out
-from enginediag_cli.mismatch.explain.moving_advice import advice_between
 from enginediag_cli.mismatch.explain.on_all import Searched, searched_on_share
-from enginediag_cli.mismatch.explain.rejected import Reason
+from enginediag_cli.mismatch.explain.plan import Advice, plan
+from enginediag_cli.mismatch.explain.reach import within_reach
 from enginediag_cli.mismatch.explain.unrecorded_search import hidden_search, with_own_noise
 from enginediag_cli.mismatch.explain.unseen import Unseen, unseen_effects
 from enginediag_cli.mismatch.fit.evidence import Evidence
 from enginediag_cli.mismatch.fit.options import EFFECT
 from enginediag_cli.mismatch.fit.options import LAW as OF_A_LAW
 from enginediag_cli.mismatch.fit.share import is_long
-from enginediag_cli.mismatch.fit.trial_fit import Trial, attempt, begun
+from enginediag_cli.mismatch.fit.trial_fit import Trial
 from enginediag_cli.mismatch.unrecorded.hidden import HiddenFinding, effects_at
 from enginediag_cli.mismatch.unrecorded.switched import effects_that_switch
-
-SURELY_WORSE = 22.0
-"""Units of χ² by which the wrong one of two explanations is behind 99 times out of 100."""
 
 
 @dataclass(frozen=True)
@@ -52,12 +47,13 @@ class Story:
     curves: tuple[Curve, ...]
     floor: tuple[FloorCost, ...]
     only_exact: tuple[FloorCost, ...]
-    advice: tuple[Advice, ...]
+    advice: Advice | None  # what would tell the explanations apart
     unseen: tuple[Unseen, ...] = ()  # of `answer.unseen`, by the kind of effect that was looked for
     switched: tuple[Trial, ...] = ()  # effects that may be the first of `hidden`, refitted at its states, best first
     searched: Searched | None = None  # None: all records
     control: Found | None = None  # that the engine file lacks and the engine that was searched has
     gated: Gated | None = None  # what was left out of the search with the records that are not steady
+    planned: bool = False  # whether the best recording of every kind is asked for
 
     @property
     def found_nothing(self) -> bool:
@@ -90,7 +86,7 @@ def tell(
     engine = search.evidence.engine
     at = tuple(tuple(e for e in effects_at(f.location, engine) if _listed(e, search.effects)) for f in hidden)
     if answer.status == FAILED:
-        return Story(search.evidence, answer, hidden, at, (), (), (), (), searched=searched)
+        return Story(search.evidence, answer, hidden, at, (), (), (), None, searched=searched)
     trials: list[Trial] = []
     refitted = effects_that_switch(found, search.effects, search.base, search.along)
     if refitted is not None:
@@ -111,11 +107,7 @@ def tell(
     )
     floor = floor_cost(base, search.library)
     only_exact = _only_exact(answer, floor)
-    advice = (
-        advice_between(share.base.found, [*first.explanations, *_next_best(share, first)])
-        if advise and answer.status in (NAMED, LAW) and first.explanations
-        else []
-    )
+    rivals = within_reach(first, share.fitted) if advise and answer.status in (NAMED, LAW) else ()
     return Story(
         search.evidence,
         answer,
@@ -124,7 +116,7 @@ def tell(
         tuple(curves),
         tuple(floor),
         tuple(only_exact),
-        tuple(advice),
+        plan(share.base.found, rivals),
         # what a gate has left out is not taken up by identification
         tuple(unseen_effects(share.base, share.library, [n for n in answer.unseen if n not in _labels(gated)])),
         tuple(trials),
@@ -141,30 +133,6 @@ def _still_named(share: Answer, answer: Answer) -> Answer:
     """The answer of a share, as fitted to it, with what all records still name."""
     named = {x.label for x in answer.explanations}
     return replace(share, explanations=tuple(x for x in share.explanations if x.label in named))
-
-
-def _next_best(search: Search, answer: Answer) -> list[Explanation]:
-    """Where one explanation stands alone: the best of those that were fitted and fit worse, if another seed of the
-    noise might have put it first."""
-    if len(answer.explanations) > 1:
-        return []
-    worse = [(label, r.figure) for label, r in answer.rejected.items() if r.reason is Reason.WORSE]
-    label, behind = worse[0] if worse else ("", 0.0)
-    if behind > SURELY_WORSE:
-        return []
-    option = next((o for o in search.library if o.label == label), None)
-    if option is None:
-        return []
-    if option.tried:
-        (option,) = begun(option.hypothesis.effects, search.base.found)
-    trial = attempt([option], search.base.found, search.along)
-    if not trial.converged or trial.objective - answer.explanations[0].objective > SURELY_WORSE:
-        return []
-    values = tuple(
-        Coefficient(n, "", v, s, v - NORMAL_95 * s, v + NORMAL_95 * s) for n, (v, s) in trial.coefficients.items()
-    )
-    gain = search.base.objective - trial.objective
-    return [Explanation((option,), values, trial.objective, gain, 0.0, float("nan"), float("nan"))]
 
 
 def _only_exact(answer: Answer, floor: Sequence[FloorCost]) -> list[FloorCost]:

@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from typing import Any
 
 EXPLAINER = "enginediag_cli.trials.blind.explainer"
-EXPLAIN, LOCATE = "explain", "locate"  # what may be asked
+EXPLAIN, LOCATE, PLAN = "explain", "locate", "plan"  # what may be asked
 
 
 class Correspondent:

@@ -17,7 +17,7 @@ from typing import Any
 
 from enginediag_cli.intake.source import Source
 from enginediag_cli.mismatch.explain.answer import Answer, Explanation
-from enginediag_cli.mismatch.explain.explain import explain
+from enginediag_cli.mismatch.explain.explain import Search
 from enginediag_cli.mismatch.explain.unrecorded_search import hidden_search, with_own_noise
 from enginediag_cli.mismatch.fit.evidence import Evidence, Noise
 from enginediag_cli.mismatch.fit.freeform import Cell
@@ -28,8 +28,9 @@ from enginediag_cli.mismatch.unrecorded.finding import HiddenFinding
 from enginediag_cli.physics.registry import candidates
 from enginediag_cli.trials.blind.answering import answer_questions
 from enginediag_cli.trials.blind.causes import causes_of
-from enginediag_cli.trials.blind.correspondent import LOCATE
+from enginediag_cli.trials.blind.correspondent import LOCATE, PLAN
 from enginediag_cli.trials.blind.laws.told import entries, law_told
+from enginediag_cli.trials.blind.planning import planned_as_json
 
 SPECIFIED = "specified"
 """What a question says of noise that is as the engine file states it."""
@@ -60,7 +61,11 @@ def answer(question: Mapping[str, Any]) -> dict[str, Any]:
         if question["noise"] is None:
             evidence = with_own_noise(evidence)
         effects = list(candidates(evidence.engine, question["without"]))
-        found = _as_json(explain(evidence, effects, hidden_search(evidence)))
+        search = Search(evidence, effects, hidden_search(evidence))
+        said = search.run()
+        found = _as_json(said)
+        if question["task"] == PLAN:
+            found |= planned_as_json(search, said)
     return found | {"seconds": process_time() - begun}
 
 

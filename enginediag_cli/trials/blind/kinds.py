@@ -52,7 +52,15 @@ SEVERAL_KINDS = tuple(SEVERAL_WEIGHTS)
 COUNTS: Mapping[str, int] = dict(zip(SEVERAL_KINDS, (2, 3, 4), strict=True))
 """Of causes."""
 
-APART: Mapping[str, Mapping[str, int]] = {DYNAMIC: DYNAMIC_WEIGHTS, LAW: LAW_WEIGHTS, SEVERAL: SEVERAL_WEIGHTS}
+PLANNED = "planned"
+"""An effect with rivals, what to fly next, and whether that tells."""
+
+APART: Mapping[str, Mapping[str, int]] = {
+    DYNAMIC: DYNAMIC_WEIGHTS,
+    LAW: LAW_WEIGHTS,
+    SEVERAL: SEVERAL_WEIGHTS,
+    PLANNED: {PLANNED: 1},
+}
 """Choice → its kinds of trials with their shares: drawn only where they are chosen."""
 CHOICES = (*KINDS, *(c for choice, own in APART.items() for c in (choice, *own)))
 """What may be chosen."""

@@ -73,10 +73,27 @@ DYNAMIC_SCORES: Mapping[str, Score] = {
 }
 """Told of trials whose recordings move, apart from the others."""
 
+_PLANNED = (kinds.PLANNED,)
+PLANNED_SCORES: Mapping[str, Score] = {
+    "plan_asked": Score("ambiguous", _PLANNED),
+    "resolved_by_plan": Score("resolved_planned", _PLANNED),
+    "resolved_in_hindsight": Score("resolved_hindsight", _PLANNED),
+    "resolved_at_random": Score("resolved_random", _PLANNED),
+    "resolved_by_airliner": Score("resolved_airliner", _PLANNED),
+    "resolved_by_sweep": Score("resolved_sweep", _PLANNED),
+    "plan_less_twice_random": Score("less_twice_random", _PLANNED, ">= 0", ">= 0", size=True),
+    "plan_less_hindsight": Score("less_hindsight", _PLANNED, ">= -0.10", ">= -0.10", size=True),
+    "plan_foreseen": Score("foreseen", _PLANNED, size=True),
+    "plan_misled": Score("misled", _PLANNED),
+}
+"""Told of trials of planning alone: of how many answers with rivals, the truth among them, one more flight leaves the
+truth alone, and how many were foreseen to."""
+
 APART_SCORES: Mapping[str, Mapping[str, Score]] = {
     kinds.DYNAMIC: DYNAMIC_SCORES,
     kinds.LAW: LAW_SCORES,
     kinds.SEVERAL: SEVERAL_SCORES,
+    kinds.PLANNED: PLANNED_SCORES,
 }
 """By choice, where such trials were run."""
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import tempfile
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from time import process_time
 from typing import Any
@@ -16,6 +17,7 @@ from enginediag_cli.trials.blind.correspondent import EXPLAIN, LOCATE, Correspon
 from enginediag_cli.trials.blind.flights import hour_columns
 from enginediag_cli.trials.blind.laws.opened import opened_law
 from enginediag_cli.trials.blind.opened import opened
+from enginediag_cli.trials.blind.planned import run_planned
 from enginediag_cli.trials.blind.recorded import record, write_open
 from enginediag_cli.trials.blind.score import Said
 from enginediag_cli.trials.blind.sealed import Sealed, draw, engine_of
@@ -44,6 +46,9 @@ def run_trial(plan: Plan, trial: int, explainer: Correspondent) -> dict[str, Any
     path_of_model = engine_of(plan.engines or (plan.engine,), plan.seed, trial)
     engine = load_engine(path_of_model)
     sealed = draw(engine, plan.seed, trial, plan.truths, plan.kinds)
+    if sealed.kind == kinds.PLANNED:
+        asking = partial(_question, plan)
+        return run_planned(path_of_model, plan.seed, trial, sealed.truth, explainer, asking)
     recorded = record(engine, sealed)
     with tempfile.TemporaryDirectory(prefix="enginediag_") as folder:
         path, files = write_open(Path(folder), engine, recorded, sealed.training)

@@ -1,0 +1,196 @@
+"""Flights that an engine's envelope allows: profiles, sweeps of power and of speed, days hotter and colder.
+
+Each is a whole flight, as a crew could be asked to fly it; what an engine cannot do of them is left out by whoever
+judges them. An engine that stays where it is runs through its load on days as cold and as hot as it is declared for.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from itertools import chain
+
+import numpy as np
+
+from enginediag_cli.engine.atmosphere import T_ISA, standard_atmosphere
+from enginediag_cli.engine.engine import Engine
+from enginediag_cli.planning.flight import Corner, PlannedFlight
+
+AIRLINER, CLIMB, DESCENT, SWEEP, SPEEDS, LEVELS, WEATHER = (
+    "airliner flight",
+    "climb",
+    "descent",
+    "power sweep",
+    "speed sweep",
+    "power sweeps at several levels",
+    "a week of weather",
+)
+KINDS = (AIRLINER, CLIMB, DESCENT, SWEEP, SPEEDS, LEVELS, WEATHER)
+"""What a planned flight may be."""
+
+CEILING, MIDDLE, LOW = 0.95, 0.6, 0.3
+"""Levels at which power and speed are swept, as shares of the envelope's ceiling."""
+HIGHER, USUAL, LOWER = 0.93, 0.75, 0.45
+"""Cruise levels of airliner flights, in the same way."""
+OF_ENVELOPE = 0.8
+"""Share of the envelope that the hottest and the coldest day reach: such days can be waited for. Judgement."""
+USUAL_EAS, SLOW_EAS, FAST_EAS = 150.0, 85.0, 180.0
+"""Equivalent airspeeds, m/s, of a climb, and the slowest and fastest that a crew would hold."""
+OF_FASTEST = 0.95
+"""Of the envelope's highest Mach number."""
+IDLE, FLIGHT_IDLE, RATING = 0.0, 0.25, 1.0
+"""Power fractions between which power is swept on the ground, and in the air, where engines seldom idle long."""
+INSIDE = 0.1
+"""Of the width of an envelope, kept from its ends by what is held there."""
+LOAD_INTERVAL_S, WEATHER_INTERVAL_S = 60.0, 3600.0
+"""Between records of a machine that stays where it is: minutes through a change of load, hours through weather."""
+
+
+def flights(engine: Engine, flown: Mapping[str, np.ndarray]) -> list[PlannedFlight]:
+    """Flights to choose from; `flown`: the engine's inputs over all records so far, column → (N,), from which inputs
+    that no flight is about are held at their usual value. None for an engine without an envelope or a power range."""
+    columns = ("altitude_m", "mach") if "altitude_m" in engine.inputs else ("ambient_temperature_K",)
+    if engine.power_range is None or any(c in engine.inputs and c not in engine.envelope for c in columns):
+        return []
+    usual = held_inputs(engine, flown)
+    if usual is None:
+        return []
+    found = _in_the_air(engine, usual) if "altitude_m" in engine.inputs else _on_the_ground(engine, usual)
+    return list(found)
+
+
+def held_inputs(engine: Engine, flown: Mapping[str, np.ndarray]) -> dict[str, float] | None:
+    """Inputs that are held at the middle of what was flown, or of the envelope; None where neither is known."""
+    moved = {"altitude_m", "mach", "dT_isa_K", "ambient_temperature_K", engine.power_setting}
+    found: dict[str, float] = {}
+    for c in (*engine.inputs, *engine.optional_inputs):
+        values = np.asarray(flown.get(c, ()), float)
+        if c in moved or (c in engine.optional_inputs and np.all(values == engine.optional_inputs[c])):
+            continue
+        if np.isfinite(values).any():
+            found[c] = float(np.nanmedian(values))
+        elif c in engine.envelope:
+            found[c] = float(np.mean(engine.envelope[c]))
+        elif c in engine.inputs and c != "ambient_pressure_Pa":
+            return None
+    return found
+
+
+def _in_the_air(engine: Engine, usual: Mapping[str, float]) -> Iterator[PlannedFlight]:
+    ceiling = engine.envelope["altitude_m"][1]
+    days = _days(engine)
+    for share, dT in chain(((USUAL, d) for d in days), ((s, 0.0) for s in (HIGHER, LOWER))):
+        top, low = share * ceiling, 0.15 * share * ceiling
+        corners = [
+            _corner(engine, 0.0, 0.95, low, dT),
+            _corner(engine, 0.3, 0.85, top, dT),
+            _corner(engine, 0.301, 0.75, top, dT),
+            _corner(engine, 0.75, 0.6, top, dT),
+            _corner(engine, 0.751, 0.35, top, dT),
+            _corner(engine, 1.0, 0.3, low, dT),
+        ]
+        yield PlannedFlight(AIRLINER, f"an airliner flight to {_level(top)}{_day(dT)}", corners, usual)
+    top = CEILING * ceiling
+    for dT in days:
+        corners = [_corner(engine, 0.0, 1.0, 0.0, dT), _corner(engine, 1.0, 0.9, top, dT)]
+        yield PlannedFlight(CLIMB, f"a climb from the ground to {_level(top)}{_day(dT)}", corners, usual)
+        corners = [_corner(engine, 0.0, 0.4, top, dT), _corner(engine, 1.0, 0.25, 0.05 * top, dT)]
+        yield PlannedFlight(DESCENT, f"a descent from {_level(top)}{_day(dT)}", corners, usual)
+    levels = (0.0, LOW * ceiling, MIDDLE * ceiling, top)
+    for level, dT in chain(((h, 0.0) for h in levels), ((h, d) for h in (0.0, top) for d in days if d)):
+        yield _sweep(engine, level, dT, usual)
+    for level in levels[1:]:
+        for power in (0.6, 0.9):
+            slow, fast = (_mach(engine, level, eas) for eas in (SLOW_EAS, FAST_EAS))
+            corners = [Corner(0.0, power, level, slow), Corner(1.0, power, level, fast)]
+            words = f"speed from Mach {slow:.2g} to {fast:.2g} at {_level(level)}, power held at {100 * power:.0f} %"
+            yield PlannedFlight(SPEEDS, words, corners, usual)
+    for dT in days:
+        yield _several_levels(engine, levels, dT, usual)
+    for c, value in _other_values(engine, usual):
+        words = f"power swept from idle to rating at {_level(levels[2])} with {c} {value:.4g}"
+        yield PlannedFlight(SWEEP, words, _sweep(engine, levels[2], 0.0, usual).corners, {**usual, c: value})
+
+
+def _sweep(engine: Engine, level: float, dT: float, usual: Mapping[str, float]) -> PlannedFlight:
+    low = FLIGHT_IDLE if level > 0.0 else IDLE
+    corners = [_corner(engine, share, power, level, dT) for share, power in ((0.0, low), (1.0, RATING))]
+    where = f"at {_level(level)}, Mach {corners[0].mach:.2g}" if level > 0.0 else "on the ground"
+    return PlannedFlight(SWEEP, f"power swept from idle to rating {where}{_day(dT)}", corners, usual)
+
+
+def _several_levels(engine: Engine, levels: Sequence[float], dT: float, usual: Mapping[str, float]) -> PlannedFlight:
+    """A sweep at each of the levels, up at one and down at the next."""
+    corners, low, part = [], FLIGHT_IDLE, 1.0 / len(levels)
+    for k, level in enumerate(levels):
+        powers = (low, RATING) if k % 2 == 0 else (RATING, low)
+        corners.append(_corner(engine, k * part + (0.001 if k else 0.0), powers[0], level, dT))
+        corners.append(_corner(engine, (k + 1) * part, powers[1], level, dT))
+    told = ", ".join(_level(h) for h in levels[1:])
+    return PlannedFlight(LEVELS, f"power swept on the ground and at {told}{_day(dT)}", corners, usual)
+
+
+def _on_the_ground(engine: Engine, usual: Mapping[str, float]) -> Iterator[PlannedFlight]:
+    low, high = engine.envelope["ambient_temperature_K"]
+    room = INSIDE * (high - low)
+    cold, hot = low + room, high - room
+    for T in (cold, 0.5 * (cold + hot), hot):
+        corners = _course([(0.0, IDLE, T), (1.0, RATING, T)])
+        words = f"load swept from idle to rating at an ambient temperature of {T:.0f} K"
+        yield PlannedFlight(SWEEP, words, corners, usual, interval_s=LOAD_INTERVAL_S)
+    for load in (RATING, 0.6):
+        corners = _course([(0.0, load, cold), (1.0, load, hot)])
+        words = f"a week from {cold:.0f} to {hot:.0f} K of ambient temperature at {100 * load:.0f} % load"
+        yield PlannedFlight(WEATHER, words, corners, usual, interval_s=WEATHER_INTERVAL_S)
+    for c, value in _other_values(engine, usual):
+        T = 0.5 * (cold + hot)
+        words = f"load swept from idle to rating with {c} {value:.4g}"
+        corners = _course([(0.0, IDLE, T), (1.0, RATING, T)])
+        yield PlannedFlight(SWEEP, words, corners, {**usual, c: value}, interval_s=LOAD_INTERVAL_S)
+
+
+def _course(points: Sequence[tuple[float, float, float]]) -> list[Corner]:
+    """Corners from shares of the time, powers and ambient temperatures."""
+    return [Corner(share, power, dT_isa_K=T - T_ISA) for share, power, T in points]
+
+
+def _other_values(engine: Engine, usual: Mapping[str, float]) -> Iterator[tuple[str, float]]:
+    """Near both ends of its envelope, every further input that a crew sets."""
+    for c in usual:
+        if c in engine.inputs and c in engine.envelope and c != "ambient_pressure_Pa":
+            low, high = engine.envelope[c]
+            for share in (INSIDE, 1.0 - INSIDE):
+                yield c, low + share * (high - low)
+
+
+def _corner(engine: Engine, share: float, power: float, altitude: float, dT: float) -> Corner:
+    return Corner(share, power, altitude, _mach(engine, altitude, USUAL_EAS) if altitude > 0.0 else _taxi(engine), dT)
+
+
+def _mach(engine: Engine, altitude: float, eas: float) -> float:
+    """½ γ p M² = ½ ρ₀ EAS², within the envelope."""
+    pressure = float(np.asarray(standard_atmosphere(altitude)[1]))
+    low, high = engine.envelope["mach"]
+    return float(np.clip(eas / np.sqrt(1.4 * pressure / 1.225), low, OF_FASTEST * high))
+
+
+def _taxi(engine: Engine) -> float:
+    """A run-up at standstill."""
+    return max(engine.envelope["mach"][0], 0.0)
+
+
+def _days(engine: Engine) -> tuple[float, ...]:
+    """Deviations from the standard day: none, hot, cold."""
+    if "dT_isa_K" not in engine.inputs or "dT_isa_K" not in engine.envelope:
+        return (0.0,)
+    low, high = engine.envelope["dT_isa_K"]
+    return 0.0, OF_ENVELOPE * high, OF_ENVELOPE * low
+
+
+def _level(altitude: float) -> str:
+    return f"{100.0 * round(altitude / 100.0):,.0f} m"
+
+
+def _day(dT: float) -> str:
+    if dT == 0.0:
+        return ""
+    return f" on a {'hot' if dT > 0.0 else 'cold'} day ({dT:+.0f} K from standard)"
