@@ -57,6 +57,8 @@ def opened_law(engine: Engine, sealed: Sealed, recorded: Recorded, said: Said) -
     found = given_marks(far, said)
     told = ToldLaw.of(said.raw) if said.status == LAW else None
     kept: dict[str, Any] = {"law": described(sealed.law)}
+    if sealed.law.higher:
+        found["higher_at_ceiling"] = [sealed.law.at_ceiling]
     if judged(far) and not found["no_verdict"]:
         marked: Marks = dict.fromkeys(("law_place", "law_driver", "law_curve"), False)
         if told is not None:
@@ -129,7 +131,7 @@ class Opened:
             "law_curve": apart < ALIAS,
         }
         marks["law_alone"] = len(told.entries) == 1
-        marks["stated"] = [probability, marks["law_place"]]
+        marks["stated"] = [min(probability, 1.0), marks["law_place"]]
         here = [e for e in laws or () if law_of(e).acts.leaf == self.truth.law.acts.leaf]
         if exact and here:
             told_curve = np.sum([curve(e, self.values) for e in here], axis=0)
