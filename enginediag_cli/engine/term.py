@@ -266,17 +266,33 @@ class Place:
         late: list[str] = []
 
         def look(e: Evaluation, x: Value) -> Value:
-            for name, read in reads.items():
-                try:
-                    read(e)
-                except KeyError:
-                    late.append(name)
+            late.extend(_unreadable(e, reads))
             return x
 
-        passing = Evaluation(self.network.gas, self.design.size, self.design.leaves, hooks=Hooks({leaf: [look]}))
+        self._passed(Hooks({leaf: [look]}))
+        return tuple(late)
+
+    def not_yet_of(self, effect: Effect, reads: Mapping[str, Callable[[Evaluation], Value]]) -> tuple[str, ...]:
+        """The same when the gas path first comes to where another effect takes hold."""
+        late: list[str] = []
+
+        def look(e: Evaluation) -> Value:
+            late.extend(n for n in _unreadable(e, reads) if n not in late)
+            return 0.0
+
+        hooks = Hooks()
+        effect.term.install(_Sized(self.network, effect, hooks, look, lambda e: True))
+        self._passed(hooks)
+        return tuple(late)
+
+    def _passed(self, hooks: Hooks) -> None:
+        passing = Evaluation(self.network.gas, self.design.size, self.design.leaves, hooks=hooks)
         with np.errstate(all="ignore"):
             self.network.open_loop(passing)
-        return tuple(late)
+
+    def sized(self, effect: Effect, size: Callable[[Evaluation], Value]) -> None:
+        """Another effect, without memory, acts with this one: what `size(e)` adds to its absent value is its size."""
+        effect.term.install(_Sized(self.network, effect, self._hooks, size, self.active))
 
     def solved_for(self, name: str, read: Callable[[Evaluation], Value], start: float) -> str:
         """Leaf of an unknown of the network that stands for what can be read further down the gas path, above 0."""
@@ -301,3 +317,37 @@ class Place:
             return change(e, x) if self.active(e) else x
 
         return hook
+
+
+def _unreadable(e: Evaluation, reads: Mapping[str, Callable[[Evaluation], Value]]) -> list[str]:
+    late = []
+    for name, read in reads.items():
+        try:
+            read(e)
+        except KeyError:
+            late.append(name)
+    return late
+
+
+class _Sized(Place):
+    """A site of an effect whose size is no parameter but what `size` gives; other coefficients are as absent."""
+
+    def __init__(
+        self,
+        network: Network,
+        effect: Effect,
+        hooks: Hooks,
+        size: Callable[[Evaluation], Value],
+        active: Callable[[Evaluation], bool],
+    ):
+        super().__init__(network, effect, hooks)
+        self._size, self._there = size, active
+        self._values = {c.name: c.absent for c in effect.term.COEFFICIENTS}
+
+    def c(self, e: Evaluation, coefficient: str) -> Value:
+        known = self._values[coefficient]
+        sought = self.effect.parameter_name(coefficient) in self._absent
+        return known + self._size(e) if sought else known
+
+    def active(self, e: Evaluation) -> bool:
+        return self._there(e)

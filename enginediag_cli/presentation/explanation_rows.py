@@ -11,6 +11,7 @@ import numpy as np
 from enginediag_cli.mismatch.explain.answer import HIDDEN, NAMED, NONE
 from enginediag_cli.presentation.controls import control_document, control_rows
 from enginediag_cli.presentation.explanations import headline, sentences, suggestion, why_rejected
+from enginediag_cli.presentation.laws import law_document
 
 if TYPE_CHECKING:
     from enginediag_cli.mismatch.explain.alias_advice import Advice
@@ -83,6 +84,7 @@ def document(story: Story, provenance: tuple[str, ...]) -> dict[str, Any]:
         "rejected": {label: why_rejected(r) for label, r in a.rejected.items()},
         "places": [_place(c) for c in a.cells[:CELLS]],
         "curves": [_curve(c) for c in story.curves],
+        "law": None if a.law is None else law_document(a.law),
         "hidden": [
             _hidden_row(f)
             | {

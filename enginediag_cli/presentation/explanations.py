@@ -9,11 +9,12 @@ from typing import TYPE_CHECKING
 from enginediag_cli.drivers import CONSTANT
 from enginediag_cli.intervals import NORMAL_95
 from enginediag_cli.mismatch.explain.alias_advice import MANOEUVRE
-from enginediag_cli.mismatch.explain.answer import FAILED, HIDDEN, NAMED, NOTHING
+from enginediag_cli.mismatch.explain.answer import FAILED, HIDDEN, LAW, NAMED, NOTHING
 from enginediag_cli.mismatch.explain.rejected import Reason
 from enginediag_cli.mismatch.unrecorded.finding import Limit
 from enginediag_cli.presentation.controls import control_sentences
 from enginediag_cli.presentation.gated import gated_sentences
+from enginediag_cli.presentation.laws import law_sentences, left_sentence, nearest_law
 from enginediag_cli.presentation.names import listed, spelled
 from enginediag_cli.presentation.numbers import probability, rounded, with_unit
 from enginediag_cli.presentation.sentences import change, count
@@ -53,6 +54,8 @@ def sentences(story: Story) -> Iterator[str]:
         )
     elif a.status == NAMED:
         yield from _named(story)
+    elif a.status == LAW:
+        yield from _law(story)
     elif a.status == HIDDEN:
         for finding, effects in zip(story.hidden[:1], story.hidden_effects, strict=False):
             yield from _hidden(story, finding, effects)
@@ -136,16 +139,49 @@ def _named(story: Story) -> Iterator[str]:
                     yield f"  {coefficient(c, e)}"
         if o.hypothesis.discrepancies:
             yield "  It begins at that time and holds over all operating conditions, which no effect does."
-    asked = x.flights == x.flights
-    share = "every flight is" if x.flights >= 1.0 else f"{100 * x.flights:.0f} % of the flights are"
-    told = f"; {share} predicted better from the others" if asked else ""
-    yield (
-        f"  With it χ² falls from {_whole(x.objective + x.gain)} to {_whole(x.objective)} for {_whole(a.readings)} "
-        f"readings{told}."
-    )
+    yield _gained(story)
     if len(a.explanations) > 1:
         others = [f"{headline(other)} ({probability(other.probability)})" for other in a.explanations[1:]]
         yield f"These flights cannot tell it from {listed(others, 'or')}."
+
+
+def _gained(story: Story) -> str:
+    """What the first explanation gains, on the flights together and on those left out in turn."""
+    x = story.answer.explanations[0]
+    asked = x.flights == x.flights
+    share = "every flight is" if x.flights >= 1.0 else f"{100 * x.flights:.0f} % of the flights are"
+    told = f"; {share} predicted better from the others" if asked else ""
+    return (
+        f"  With it χ² falls from {_whole(x.objective + x.gain)} to {_whole(x.objective)} for "
+        f"{_whole(story.answer.readings)} readings{told}."
+    )
+
+
+def _law(story: Story) -> Iterator[str]:
+    """A law that no library holds, with what is settled of it and what it leaves."""
+    a, x = story.answer, story.answer.explanations[0]
+    assert a.law is not None
+    effects = [e for o in x.options for e in o.hypothesis.effects]
+    yield f"No listed effect explains it; {'a law does' if len(effects) == 1 else 'two laws together do'}:"
+    for e in effects:
+        yield f"  {e.term.STATEMENT}"
+        yield f"  {e.term.EQUATION}"
+        for c in x.coefficients:
+            if c.name in e.amplitudes:
+                yield f"  {coefficient(c, e)}"
+    yield from law_sentences(a.law)
+    yield left_sentence(a.law)
+    yield _gained(story)
+    if len(a.explanations) > 1:
+        others = [
+            f"{' with '.join(_equation(o) for o in other.options)} ({probability(other.probability)})"
+            for other in a.explanations[1:]
+        ]
+        yield f"These flights cannot tell it from {listed(others, 'or')}."
+
+
+def _equation(o: Option) -> str:
+    return o.hypothesis.effects[0].term.EQUATION.replace(",  ", ", ")
 
 
 def coefficient(c: Coefficient, effect: Effect) -> str:
@@ -195,6 +231,8 @@ def _none(story: Story) -> Iterator[str]:
         words.append("the same in every record")
     yield f"  Unlisted physics at {places}, {listed(words, 'or')}."
     yield f"  {curve_in_words(good[0])}"
+    if story.answer.law is not None:
+        yield nearest_law(story.answer.law)
 
 
 def place(c: Curve) -> str:

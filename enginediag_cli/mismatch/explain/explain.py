@@ -13,6 +13,7 @@ With a model-error floor an explanation must also predict most flights better fr
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from functools import cached_property
 
 import numpy as np
 
@@ -45,6 +46,8 @@ from enginediag_cli.mismatch.fit.projection import Projection
 from enginediag_cli.mismatch.fit.trial_fit import Gates, Remainder, Trial, remainder
 from enginediag_cli.mismatch.laws.finding import LawFinding
 from enginediag_cli.mismatch.laws.posterior import evidence_of
+from enginediag_cli.mismatch.laws.scan import Scan as LawScan
+from enginediag_cli.mismatch.laws.scan import scanned
 from enginediag_cli.mismatch.unrecorded.companions import with_shared_errors
 from enginediag_cli.mismatch.unrecorded.recorded_driver import Hidden, HiddenScan, commanded, follows_a_driver
 from enginediag_cli.physics.registry import candidates
@@ -131,7 +134,9 @@ class Search(Fits):
         recorded = max((s.statistic - 2.0 * s.dof for s in scores), default=0.0)
         excess = self.base.objective - self.base.projection.dof
         # before single effects: each of them would be bent by a state that they all ignore
-        if self._scan is not None and TWICE * self._scan.largest > PLAINLY * 0.5 * recorded:
+        if self._hidden_at_most > PLAINLY * 0.5 * recorded and self.laws.candidates:
+            recorded = max(recorded, 2.0 * self.laws.candidates[0].weight)
+        if self._hidden_at_most > PLAINLY * 0.5 * recorded:
             evidence = _evidence(self.unrecorded())
             if evidence > NEARLY_ALL * 0.5 * excess and evidence > PLAINLY * 0.5 * recorded:
                 return self.answer(HIDDEN, "", rest, hidden=self.unrecorded())
@@ -142,9 +147,12 @@ class Search(Fits):
         if named:
             return self.answer(NAMED, "", rest, named)
         named = named_sets(self, singles, rest.scores, best)
+        law = law_for(self, self.laws)
+        of_set = max((self._evidence_of(x) for x in named[:1]), default=0.0)
+        if law.explanations and law.evidence > max(self._hidden_at_most, of_set):
+            return self.answer(LAW, "", rest, law.explanations, law=law.finding)
         hidden, evidence = self.unrecorded(), _evidence(self.unrecorded())
-        law = law_for(self)
-        if law.explanations and law.evidence > max(evidence, *(self._evidence_of(x) for x in named[:1]), 0.0):
+        if law.explanations and law.evidence > max(evidence, of_set):
             return self.answer(LAW, "", rest, law.explanations, hidden, law.finding)
         # an amplitude of its own in every record follows any driver: it must be the better account of the two
         if named and evidence < 0.5 * (named[0].gain - 2.0 * len(named[0].coefficients)):
@@ -171,6 +179,18 @@ class Search(Fits):
             if all(abs(v / before.sigma[s] - 1.0) < SAME_NOISE for s, v in noise.sigma.items()):
                 break
         return rest
+
+    @cached_property
+    def laws(self) -> LawScan:
+        """Every formula at every place, scored at the base."""
+        return scanned(self.base.found, self.base.projection)
+
+    @property
+    def _hidden_at_most(self) -> float:
+        """ln likelihood ratio that an unrecorded driver may reach; what it does where it has been refitted."""
+        if self._unrecorded is not None:
+            return max(_evidence(self._unrecorded), 0.0)
+        return TWICE * self._scan.largest if self._scan is not None else 0.0
 
     def unrecorded(self) -> Sequence[Hidden]:
         """Findings of a driver that no column shows: none where a recorded driver gives the same amplitude, nor of what

@@ -9,12 +9,15 @@ from enginediag_cli.mismatch.explain.answer import Explanation
 from enginediag_cli.mismatch.explain.judging import Fits
 from enginediag_cli.mismatch.laws.finding import LawFinding
 from enginediag_cli.mismatch.laws.posterior import shares
+from enginediag_cli.mismatch.laws.scan import Scan
 from enginediag_cli.mismatch.laws.search import Fitted, LawSearch
 
 LEAST = 3.0
 """ln evidence from which a law is told: twenty to one, everything that was tried counted in its prior."""
 JUDGED = 4
 """Laws, likeliest first, that are judged."""
+FURTHER = 3
+"""Laws whose formulas are sought at further places."""
 AS_GOOD = 3.0
 """ln evidence within which laws are told together, as of explanations (`ALIAS`)."""
 
@@ -29,13 +32,16 @@ class Lawful:
     evidence: float
 
 
-def law_for(fits: Fits) -> Lawful:
-    """The law that explains what the base lacks; two together where no single one does."""
-    laws = LawSearch(fits.base, fits.refit)
+def law_for(fits: Fits, scan: Scan) -> Lawful:
+    """The law that explains what the base lacks, of the formulas scored there; two together where no single one
+    does."""
+    laws = LawSearch(fits.base, scan, fits.refit)
     if not laws.single or laws.single[0].evidence < LEAST:
         return Lawful((), None, 0.0)
     for fitted in (laws.single, laws.with_second):
         tried = fitted() if callable(fitted) else fitted
+        more = [f for first in tried[:FURTHER] for f in laws.elsewhere_too(first)]
+        tried = sorted([*tried, *more], key=lambda f: -f.evidence)
         adequate = _adequate(fits, tried)
         if adequate:
             odds = shares([f.evidence for f, _, _ in adequate])

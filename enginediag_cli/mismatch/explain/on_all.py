@@ -22,7 +22,7 @@ import numpy as np
 
 from enginediag_cli.drivers import TIME
 from enginediag_cli.engine.term import Effect
-from enginediag_cli.mismatch.explain.answer import FAILED, HIDDEN, NAMED, NONE, NOTHING, Answer
+from enginediag_cli.mismatch.explain.answer import FAILED, HIDDEN, LAW, NAMED, NONE, NOTHING, Answer
 from enginediag_cli.mismatch.explain.explain import Search
 from enginediag_cli.mismatch.explain.rejected import Reason, Rejected
 from enginediag_cli.mismatch.explain.stepwise import EXTENDED, forward
@@ -104,7 +104,7 @@ def judged_on_all(share: Search, answer: Answer, whole: Evidence) -> Judged:
     amplitude of its own in every record, or none of what is listed."""
     searched = Searched(share.evidence.records, whole.records, False)
     faint = answer.status == NAMED and not answer.hidden and answer.explanations[0].gain < FAINT
-    if answer.status == NAMED and not faint:
+    if answer.status in (NAMED, LAW) and not faint:
         told, fit = _named(share, answer, _all_of(share, whole))
         return Judged(share, share, told, replace(searched, judged=True), fit)
     if answer.status == NOTHING or faint:
@@ -146,7 +146,7 @@ def _named(share: Search, answer: Answer, evidence: Evidence) -> tuple[Answer, T
     on_share = {k: replace(v, what=v.what or "on a share of the records") for k, v in rejected.items()}
     judged = replace(
         answer,
-        status=NAMED if named else NONE,
+        status=answer.status if named else NONE,
         reason="" if named else "what explains a share of the records leaves a misfit behind on all of them",
         explanations=tuple(named),
         objective=whole.base.objective,

@@ -17,7 +17,7 @@ from enginediag_cli.intake.intake import Intake
 from enginediag_cli.intervals import NORMAL_95
 from enginediag_cli.mismatch.controlled.find import Found
 from enginediag_cli.mismatch.explain.alias_advice import Advice
-from enginediag_cli.mismatch.explain.answer import FAILED, NAMED, NONE, NOTHING, Answer, Coefficient, Explanation
+from enginediag_cli.mismatch.explain.answer import FAILED, LAW, NAMED, NONE, NOTHING, Answer, Coefficient, Explanation
 from enginediag_cli.mismatch.explain.change_times import with_times
 from enginediag_cli.mismatch.explain.curves import Curve, best_places, fitted_curves
 from enginediag_cli.mismatch.explain.explain import Search
@@ -29,7 +29,8 @@ from enginediag_cli.mismatch.explain.rejected import Reason
 from enginediag_cli.mismatch.explain.unrecorded_search import hidden_search, with_own_noise
 from enginediag_cli.mismatch.explain.unseen import Unseen, unseen_effects
 from enginediag_cli.mismatch.fit.evidence import Evidence
-from enginediag_cli.mismatch.fit.options import EFFECT, LAW
+from enginediag_cli.mismatch.fit.options import EFFECT
+from enginediag_cli.mismatch.fit.options import LAW as OF_A_LAW
 from enginediag_cli.mismatch.fit.share import is_long
 from enginediag_cli.mismatch.fit.trial_fit import Trial, attempt, begun
 from enginediag_cli.mismatch.unrecorded.hidden import HiddenFinding, effects_at
@@ -78,7 +79,7 @@ def tell(
     if is_long(evidence.flights) and not every_record:
         judged, first = searched_on_share(evidence, effects)
         search, share, answer, searched = judged.search, judged.share, judged.answer, judged.searched
-        first = _still_named(first, answer) if first.status == NAMED else answer
+        first = _still_named(first, answer) if first.status in (NAMED, LAW) else answer
     else:
         evidence = with_own_noise(evidence)
         search = share = Search(evidence, effects, hidden_search(evidence))
@@ -112,7 +113,7 @@ def tell(
     only_exact = _only_exact(answer, floor)
     advice = (
         advice_between(share.base.found, [*first.explanations, *_next_best(share, first)])
-        if advise and answer.status == NAMED and first.explanations
+        if advise and answer.status in (NAMED, LAW) and first.explanations
         else []
     )
     return Story(
@@ -180,7 +181,7 @@ def named_effects(story: Story) -> tuple[Effect, ...]:
     if not story.answer.explanations:
         return ()
     options = story.answer.explanations[0].options
-    if any(o.kind not in (EFFECT, LAW) for o in options):
+    if any(o.kind not in (EFFECT, OF_A_LAW) for o in options):
         return ()
     return tuple(e for o in options for e in o.hypothesis.effects)
 

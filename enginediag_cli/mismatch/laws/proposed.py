@@ -6,17 +6,32 @@ import re
 
 import numpy as np
 
+from enginediag_cli.engine.engine import Engine
 from enginediag_cli.engine.term import Coefficient, Effect
-from enginediag_cli.mismatch.laws.grammar import span
+from enginediag_cli.mismatch.fit.freeform import Location
 from enginediag_cli.mismatch.laws.scan import Candidate
 from enginediag_cli.parameters import Parameter, spelled
 from enginediag_cli.physics.laws.expression import Expression
 from enginediag_cli.physics.laws.law import Acts, Law
+from enginediag_cli.physics.laws.lever import at_lever, varies_itself
 
 AMPLITUDE = "a"
 """The letter of every form that is its size."""
 DIGITS = 6
 """Significant digits of what stands in a formula as a number."""
+
+
+def place_of(location: Location, engine: Engine) -> Parameter:
+    """The parameter that stands for a place: of the engine, or the size of the effect that brings it in."""
+    if location.through is None:
+        return engine.parameters[location.parameter]
+    return next(p for p in location.through.parameters() if p.name == location.parameter)
+
+
+def possible(candidate: Candidate) -> bool:
+    """Whether its formula can be a law at its place: no input varies with itself."""
+    through = candidate.location.through
+    return through is None or not any(varies_itself(at_lever(through), k.variable) for k in candidate.formula.of)
 
 
 def proposed(candidate: Candidate, parameter: Parameter, name: str) -> Effect:
@@ -26,20 +41,19 @@ def proposed(candidate: Candidate, parameter: Parameter, name: str) -> Effect:
     written = {n: k.variable.name for n, k in letters.items()}
     written |= {f"{n}0": f"{k.variable.reference:.{DIGITS}g}" for n, k in letters.items()}
     text = re.sub(r"\b[xy]0?\b", lambda m: written[m[0]], formula.form.text)
-    factor = parameter.nominal == 1.0 and parameter.unit in ("", "1")
+    through = candidate.location.through
+    factor = through is None and parameter.nominal == 1.0 and parameter.unit in ("", "1")
     unit = "1" if factor else parameter.unit or "1"
     size = candidate.location.scale / float(np.std(formula.curve))
     coefficients = [Coefficient(AMPLITUDE, unit, "size", 0.0, -np.inf, np.inf, size, candidate.amplitude)]
     x = formula.of[0].values
     for s in formula.form.shapes:
         at = formula.shape[s.letter]
-        sigma = s.share * (span(x) if s.of_range else 1.0)
-        low = 0.02 * span(x) if s.of_range and at > 0.0 and s.letter == "w" else -np.inf
-        coefficients.append(Coefficient(s.letter, "1", "shape", at, low, np.inf, sigma, at, free=True))
-    acts = Acts(parameter.name, parameter.component, unit, factor)
+        coefficients.append(Coefficient(s.letter, "1", "shape", at, *s.bounds(x), s.sigma(x), at, free=True))
+    acts = Acts(parameter.name, parameter.component, unit, factor) if through is None else at_lever(through)
     variables = {k.variable.name: k.variable for k in formula.of}
     words = " and ".join(k.variable.words for k in formula.of)
-    place = parameter.words or spelled(parameter.name)
+    place = (parameter.words if through is None else candidate.location.words) or spelled(parameter.name)
     statement = f"{place[0].upper()}{place[1:]} changes {formula.form.words} {words}."
     law = Law(name, acts, Expression.parsed(text), variables, tuple(coefficients), statement)
     return Effect(law, acts.site, {})

@@ -93,10 +93,10 @@ def known_variables(found: Identified) -> list[Known]:
     return result
 
 
-def formulas(known: Sequence[Known]) -> Iterator[Formula]:
+def formulas(known: Sequence[Known], forms: Sequence[Form] = FORMS) -> Iterator[Formula]:
     """All forms of all variables, and of those that stand for their groups in pairs."""
     firsts = [next(k for k in known if k.group == g) for g in dict.fromkeys(k.group for k in known)]
-    single, double = [f for f in FORMS if not f.pairs], [f for f in FORMS if f.pairs]
+    single, double = [f for f in forms if not f.pairs], [f for f in forms if f.pairs]
     for form in single:
         share = (1.0 - PAIRS) * form.weight / sum(f.weight for f in single) / len(firsts)
         for k in known:
@@ -113,12 +113,9 @@ def _shaped(form: Form, of: tuple[Known, ...], share: float) -> Iterator[Formula
         return
     tries = [s.tries(of[0].values) for s in form.shapes]
     count = int(np.prod([len(t) for t in tries]))
-    letters: dict[str, np.ndarray | float] = {n: k.values for n, k in zip("xy", of, strict=False)}
-    letters |= {f"{n}0": k.variable.reference for n, k in zip("xy", of, strict=False)}
     for values in product(*tries):
         shape = {s.letter: v for s, v in zip(form.shapes, values, strict=True)}
-        with np.errstate(all="ignore"):
-            curve = np.asarray(form.expression.at({**letters, **shape, "a": 1.0}), float)
+        curve = over_records(form, of, shape)
         if np.isfinite(curve).all() and np.std(curve) > 0.0:
             yield Formula(form, of, shape, curve, float(np.log(share)), count)
 
@@ -129,6 +126,14 @@ class Scan:
 
     candidates: tuple[Candidate, ...]
     known: tuple[Known, ...]
+
+
+def over_records(form: Form, of: Sequence[Known], shape: Mapping[str, float]) -> np.ndarray:
+    """A form of variables over their records (N,), amplitude 1; not finite where it is nothing."""
+    letters: dict[str, np.ndarray | float] = {n: k.values for n, k in zip("xy", of, strict=False)}
+    letters |= {f"{n}0": k.variable.reference for n, k in zip("xy", of, strict=False)}
+    with np.errstate(all="ignore"):
+        return np.asarray(form.expression.at({**letters, **shape, "a": 1.0}), float)
 
 
 @stage("scoring laws")

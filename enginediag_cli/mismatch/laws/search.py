@@ -11,12 +11,14 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from enginediag_cli.mismatch.fit.freeform import locations
 from enginediag_cli.mismatch.fit.options import Option
 from enginediag_cli.mismatch.fit.trial_fit import Trial
 from enginediag_cli.mismatch.laws.band import EDGES, Weighed, band_of, curve_of
+from enginediag_cli.mismatch.laws.elsewhere_too import MOST_PLACES, elsewhere_too
 from enginediag_cli.mismatch.laws.finding import FittedLaw, LawFinding
 from enginediag_cli.mismatch.laws.posterior import evidence_of, places_of, shares, variables_of_laws
-from enginediag_cli.mismatch.laws.scan import Candidate, scanned
+from enginediag_cli.mismatch.laws.scan import Candidate, Scan, scanned
 from enginediag_cli.mismatch.laws.shortlist import Proposal, elsewhere, otherwise, within_reach
 
 BEHIND, SECOND = 2, 3
@@ -48,13 +50,13 @@ class LawSearch:
     """One search from a base that lacks something. `single` and `double`: laws that were fitted, likeliest first."""
 
     base: Trial
+    scan: Scan
     fit: Fitting
     single: list[Fitted] = field(default_factory=list)
     double: list[Fitted] = field(default_factory=list)
 
     def __post_init__(self) -> None:
         self.engine = self.base.found.evidence.engine
-        self.scan = scanned(self.base.found, self.base.projection)
         candidates = self.scan.candidates
         self.single = self._fitted([(p,) for p in elsewhere(candidates, self.engine)])
         for first in self.single[:BEHIND]:
@@ -62,6 +64,19 @@ class LawSearch:
             more = [(p,) for p in otherwise(self.scan, first.laws[0].candidate, self.base, tried)]
             self.single = [*self.single, *self._fitted(more)]
         self.single = _ordered(self.single)
+
+    def elsewhere_too(self, first: Fitted) -> list[Fitted]:
+        """Laws with the same formula at further places, as long as that is likelier."""
+        where, found = locations(self.base.found), [first]
+        while len(found[-1].laws) < MOST_PLACES:
+            last = found[-1]
+            further = elsewhere_too(last.laws, last.trial, where)
+            more = [] if further is None else self._fitted([(*last.laws, further)])
+            if not more or more[0].evidence <= last.evidence:
+                break
+            found.append(more[0])
+        self.double = _ordered([*self.double, *found[1:]])
+        return found[1:]
 
     def with_second(self) -> list[Fitted]:
         """The best laws with the one that says most about what each leaves."""
@@ -71,7 +86,7 @@ class LawSearch:
             for p in elsewhere(left.candidates, self.engine, SECOND):
                 if p.option.label != first.options[0].label:
                     sets.append((*first.laws, p))
-        self.double = self._fitted(sets)
+        self.double = _ordered([*self.double, *self._fitted(sets)])
         return self.double
 
     def finding(self, best: Sequence[Fitted]) -> LawFinding:

@@ -9,7 +9,7 @@ from enginediag_cli.engine.engine import Engine
 from enginediag_cli.mismatch.fit.identified import Hypothesis
 from enginediag_cli.mismatch.fit.options import LAW, Option
 from enginediag_cli.mismatch.fit.trial_fit import Trial
-from enginediag_cli.mismatch.laws.proposed import proposed
+from enginediag_cli.mismatch.laws.proposed import place_of, possible, proposed
 from enginediag_cli.mismatch.laws.scan import Candidate, Scan, of_same_groups, scored
 
 WHERE, FORMS = 6, 5
@@ -55,13 +55,13 @@ def within_reach(candidates: Sequence[Candidate]) -> list[Candidate]:
     if not candidates:
         return []
     reach = candidates[0].weight - REACH - OF_LARGEST * candidates[0].statistic
-    return [c for c in candidates if c.weight > reach and c.location.through is None]
+    return [c for c in candidates if c.weight > reach and possible(c)]
 
 
 def proposal(candidate: Candidate, engine: Engine) -> Proposal:
     """The law of a candidate as an option, under a name of its own among laws at that place."""
     formula = candidate.formula
     name = "_".join((formula.form.name, *(k.variable.name for k in formula.of)))
-    effect = proposed(candidate, engine.parameters[candidate.location.parameter], name)
+    effect = proposed(candidate, place_of(candidate.location, engine), name)
     driver = formula.of[0].variable.driver
     return Proposal(candidate, Option(LAW, effect.label, candidate.location.component, driver, Hypothesis((effect,))))

@@ -16,6 +16,7 @@ from enginediag_cli.errors import Problem
 from enginediag_cli.parameters import Parameter
 from enginediag_cli.physics.laws.expression import FUNCTIONS, Expression, ExpressionError, unit_of, words_of
 from enginediag_cli.physics.laws.law import Acts, Law
+from enginediag_cli.physics.laws.lever import at_lever, levers, varies_itself
 from enginediag_cli.physics.laws.variables import Variable, variables_of
 from enginediag_cli.units import split_column
 
@@ -63,6 +64,9 @@ def law_effect(
     if unit != wanted:
         told = f"the formula is in {words_of(unit)}, and what is added at {acts.leaf} in {words_of(wanted)}"
         return None, [entry.problem(told, "give its coefficients such units", "expression")]
+    changed = [n for n in sorted(expression.names) if n in variables and varies_itself(acts, variables[n])]
+    if changed:
+        return None, [entry.problem(f"'{changed[0]}' is what a law at {acts.leaf} changes", "", "expression")]
     law = Law(block["law"], acts, expression, variables, coefficients, block["statement"], block["source"])
     values = {n: c["value"] for n, c in block["coefficients"].items()}
     problems += _nothing_problems(entry, law, values)
@@ -71,7 +75,7 @@ def law_effect(
 
 
 def _acts(entry: _Entry) -> tuple[Acts | None, list[Problem]]:
-    """Where it acts: a parameter of the engine, or the reading of a sensor."""
+    """Where it acts: a parameter of the engine, the reading of a sensor, or the size of an effect."""
     place, network = entry.block["at"], entry.network
     known: dict[str, Parameter] = {p.name: p for p in network.parameters() if p.family != "physics"}
     known |= {p.name: p for s in network.sensors.values() for p in s.parameters()}
@@ -83,8 +87,13 @@ def _acts(entry: _Entry) -> tuple[Acts | None, list[Problem]]:
         sensor = network.sensors[place]
         unit = split_column(place)[1] or "1"
         return Acts(place, f"sensor.{sensor.quantity}", unit, False, reading=True), []
-    told = f"a law acts at a parameter or a recorded reading of the engine; '{place}' is neither"
-    return None, [entry.problem(told, near(place, [*known, *network.sensors]), "at")]
+    sizes = levers(network)
+    if place in sizes:
+        return at_lever(sizes[place]), []
+    told = (
+        f"a law acts at a parameter or a recorded reading of the engine, or at the size of an effect; '{place}' is none"
+    )
+    return None, [entry.problem(told, near(place, [*known, *network.sensors, *sizes]), "at")]
 
 
 def _coefficients(declared: Mapping[str, Mapping[str, Any]]) -> tuple[Coefficient, ...]:

@@ -9,7 +9,7 @@ from pathlib import Path
 from time import process_time
 from typing import Any
 
-from enginediag_cli.mismatch.explain.answer import HIDDEN, NAMED
+from enginediag_cli.mismatch.explain.answer import HIDDEN, LAW, NAMED
 from enginediag_cli.physics.engine_file import load_engine
 from enginediag_cli.trials.blind import kinds
 from enginediag_cli.trials.blind.correspondent import EXPLAIN, LOCATE, Correspondent
@@ -64,7 +64,7 @@ def run_trial(plan: Plan, trial: int, explainer: Correspondent) -> dict[str, Any
         if stands and kinds.base(sealed.kind) == kinds.NULL and sealed.truth == kinds.MAP_ERROR:
             told.append(explainer.ask(question | {"model_error": 0.0}))
             if "error" not in told[-1]:
-                scored["marks"]["false_name_without_floor"] = told[-1]["status"] in (NAMED, HIDDEN)
+                scored["marks"]["false_name_without_floor"] = told[-1]["status"] in (NAMED, LAW, HIDDEN)
     if sealed.realistic is not None:
         scored |= {"engine": engine.name, "shape": sealed.realistic.shape, "airline": sealed.realistic.airline}
     if kinds.choice(sealed.kind):

@@ -1,0 +1,46 @@
+"""The same formula at further places: what changes one machine by its Reynolds number changes others by theirs.
+
+Sought by itself, a law at a further place pays for its form and variables; where another place has them already it is
+one of the places of the same quantity, ln prior −ln n. Left out, its share is taken by the first place, whose size is
+then wrong by many of its standard errors. The shape is that of the first to begin with, and each place's own.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from enginediag_cli.mismatch.fit.freeform import Location
+from enginediag_cli.mismatch.fit.trial_fit import Trial
+from enginediag_cli.mismatch.laws.scan import Candidate, Formula, over_records, scored
+from enginediag_cli.mismatch.laws.shortlist import Proposal, proposal
+
+MOST_PLACES = 5
+"""Of one formula: an engine's turbomachines."""
+
+
+def elsewhere_too(laws: Sequence[Proposal], trial: Trial, where: Sequence[Location]) -> Proposal | None:
+    """Where the formula of one of these laws, as it was fitted, says most of what they leave; None where it says
+    nothing anywhere. `where`: all places of the engine."""
+    taken = {p.candidate.location.name for p in laws}
+    found: list[Candidate] = []
+    for p in {p.candidate.formula.form.name: p for p in reversed(laws)}.values():
+        place = p.candidate.location
+        others = [w for w in where if w.quantity == place.quantity and w.of_sensor == place.of_sensor]
+        free = [w for w in others if w.name not in taken and w.through is None and place.through is None]
+        law = _as_fitted(p, trial)
+        if free and np.isfinite(law.curve).all() and np.std(law.curve) > 0.0:
+            found += scored(trial.found, trial.projection, free, [law], -float(np.log(len(free))))
+    best = max(found, key=lambda c: c.weight, default=None)
+    return proposal(best, trial.found.evidence.engine) if best is not None and best.weight > 0.0 else None
+
+
+def _as_fitted(law: Proposal, trial: Trial) -> Formula:
+    """Its formula with the fitted shape, free of the prior that it has paid."""
+    formula = law.candidate.formula
+    effect = law.option.hypothesis.effects[0]
+    shape = {n: trial.coefficients[effect.parameter_name(n)][0] for n in formula.shape}
+    curve = over_records(formula.form, formula.of, shape)
+    return replace(formula, shape=shape, curve=curve, prior=0.0, tried=1)

@@ -1,0 +1,130 @@
+"""A law that no library holds, in plain sentences: what it says, what is settled of it, and what it leaves."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from typing import TYPE_CHECKING, Any
+
+from enginediag_cli.intervals import NORMAL_95
+from enginediag_cli.physics.laws.written import entry_of
+from enginediag_cli.presentation.names import listed
+from enginediag_cli.presentation.numbers import probability, rounded, with_unit
+
+if TYPE_CHECKING:
+    from enginediag_cli.mismatch.laws.band import Band
+    from enginediag_cli.mismatch.laws.finding import Group, LawFinding
+
+SETTLED, POSSIBLE = 0.95, 0.02
+"""Probability from which a place or what it varies with is told as settled, and below which a rival is not told."""
+MOST = 3
+"""Rivals in a sentence."""
+
+
+def law_sentences(found: LawFinding) -> Iterator[str]:
+    """What is known of a law, beside its coefficients."""
+    first = found.laws[0]
+    where = [(p.words or p.name, q) for p, q in found.places]
+    yield f"  {_settled('Where', where)}"
+    yield f"  {_settled('What it varies with', [(_groups(g), q) for g, q in found.drivers])}"
+    alike = [v.words for group in found.drivers[0][0] for v in group[1:]]
+    if alike:
+        yield f"  In these flights it cannot be told from {listed(alike, 'or')}."
+    least, most = (_size(x, found.unit) for x in found.moves)
+    what = first.location.words or first.location.name
+    yield f"  Over the records it changes {what} by {least} to {most} about the mean."
+    if found.band is not None:
+        yield from _along(found.band)
+
+
+def left_sentence(found: LawFinding) -> str:
+    """How much of the mismatch it explains, and what remains."""
+    return (
+        f"  It explains {_percent(found.explained)} of what is beyond the noise (χ² {rounded(found.excess)}); "
+        f"{_percent(1.0 - found.explained)} remains."
+    )
+
+
+def nearest_law(found: LawFinding) -> str:
+    """Where no law is enough: how far the likeliest goes."""
+    first = found.laws[0]
+    equation = first.option.hypothesis.effects[0].term.EQUATION.replace(",  ", ", ")
+    return (
+        f"  The nearest law, {equation}, explains {_percent(found.explained)} of what is beyond the noise and leaves a "
+        "misfit behind."
+    )
+
+
+def law_document(found: LawFinding) -> dict[str, Any]:
+    """The same as one object; `entry` is what an engine file takes."""
+    return {
+        "laws": [
+            {
+                "name": law.option.label,
+                "location": law.location.name,
+                "probability": law.probability,
+                "evidence": law.evidence,
+                "entry": entry_of(law.option.hypothesis.effects[0]),
+            }
+            for law in found.laws
+        ],
+        "places": [
+            {"location": p.name, "component": p.component, "probability": q} for p, q in found.places if q > POSSIBLE
+        ],
+        "drivers": [
+            {"variables": [[v.name for v in g] for g in groups], "probability": q}
+            for groups, q in found.drivers
+            if q > POSSIBLE
+        ],
+        "excess": found.excess,
+        "explained": found.explained,
+        "moves": list(found.moves),
+        "unit": found.unit,
+        "band": None if found.band is None else _band(found.band),
+    }
+
+
+def _band(b: Band) -> dict[str, Any]:
+    return {
+        "variable": b.of.variable.name,
+        "values": b.at,
+        "change": b.change,
+        "standard_error": b.standard_error,
+        "unit": b.unit,
+        "parts_below": b.parts[0],
+        "parts_above": b.parts[1],
+    }
+
+
+def _settled(what: str, of: Sequence[tuple[str, float]]) -> str:
+    likely = [(words, q) for words, q in of if q > POSSIBLE][:MOST]
+    if likely[0][1] >= SETTLED:
+        return f"{what} is settled: {likely[0][0]} (probability {probability(likely[0][1])})."
+    return f"{what} is not settled: {listed([f'{words} ({probability(q)})' for words, q in likely], 'or')}."
+
+
+def _groups(groups: Sequence[Group]) -> str:
+    return listed([g[0].words for g in groups], "and")
+
+
+def _along(b: Band) -> Iterator[str]:
+    ends = [
+        f"{_size(float(b.change[k]), b.unit, float(NORMAL_95 * b.standard_error[k]))} at {rounded(float(b.at[k]))}"
+        for k in (0, -1)
+    ]
+    name = b.of.variable.words
+    over = "" if b.of.variable.recorded else ", in design values"
+    yield f"  Along {name}{over} it goes from {ends[0]} to {ends[1]}, whatever the form."
+    below, above = b.parts
+    told = [f"below {rounded(below)}"] if below is not None else []
+    told += [f"above {rounded(above)}"] if above is not None else []
+    if told:
+        yield f"  Forms that fit as well part {listed(told, 'and')}: there it is not known."
+
+
+def _size(x: float, unit: str, half: float | None = None) -> str:
+    factor, words = (100.0, "%") if unit in ("", "1") else (1.0, unit)
+    return with_unit(factor * x, words, None if half is None else factor * half)
+
+
+def _percent(share: float) -> str:
+    return f"{100.0 * share:.0f} %"
