@@ -9,6 +9,7 @@ said, of place p̂, groups of variables Ĝ and curve f̂; visible: λ ≥ 60 and
     law_driver   as many groups as variables, each v ∈ V correlated with
                  one of its own by more than 0.95 in these recordings       visible, a law was said
     law_curve    D < 11                                                     visible, a law was said
+    law_form     D < 11 with the law's coefficients fitted anew, too        visible, a law was said
     law_error    rms(f̂ − f − mean(f̂ − f))/(max f − min f)                    visible, p̂ = p
     law_alone    one law was said, not two together                         visible, a law was said
     law_gain_…   see `ahead`; law_worse: whether it is worse than none      visible, a law was said

@@ -27,6 +27,7 @@ LAW_SCORES: Mapping[str, Score] = {
     "law_driver_of_all": Score("law_driver_of_all", _LAW, *DRIVER),
     "law_curve": Score("law_curve", _LAW, *CURVE),
     "law_curve_of_all": Score("law_curve_of_all", _LAW, *CURVE),
+    "law_form": Score("law_form", _LAW),
     "law_alone": Score("law_alone", _LAW),
     "law_error": Score("law_error", _LAW, *ERROR, how=MEDIAN),
     "law_gain_unseen": Score("law_gain_unseen", _LAW, *GAIN, how=MEDIAN),
