@@ -46,7 +46,7 @@ def test_the_evidence_of_a_shape_is_its_integral_over_the_prior() -> None:
     (exponent,) = powers[0].form.shapes
     response = _response(0.3 * (known[0].values ** 1.4 - 1.0), 2)
     (found,) = fitted_curves(powers, response)
-    n = np.linspace(-6.0, 6.0, 24001)
+    n = np.linspace(-6.0, 6.0, 4801)
     prior = np.exp(-0.5 * ((n - exponent.centre(known[0].values)) / exponent.sigma(known[0].values)) ** 2)
     logs = np.empty(len(n))
     for k, v in enumerate(n):
@@ -88,7 +88,7 @@ def test_of_noise_alone_every_formula_is_unlikelier_than_nothing() -> None:
     known = _known()
     best = [
         fitted_curves(list(formulas(known)), Response(_response(np.zeros(N), s).values, np.full(N, SIGMA), 0.1))[0]
-        for s in range(10)
+        for s in range(4)
     ]
     assert max(f.evidence for f in best) < 0.0
 
