@@ -126,7 +126,7 @@ def shaped_law(ground: Ground, wanted: float, rng: np.random.Generator) -> LawTr
     size = sign * float(np.sqrt(wanted / length))
     if not _within(ground.engine, place, size * f):
         size = -size
-    if not _within(ground.engine, place, size * f) or (len(of) == 2 and _one_would_do(ground, place, size * f)):
+    if not _within(ground.engine, place, size * f) or (len(of) == 2 and _one_would_do(ground, place, of, size * f)):
         return None
     return _law(ground, place, of, shaped, size, float(np.std(f)))
 
@@ -161,10 +161,11 @@ def _within(engine: Engine, place: Location, f: np.ndarray, most: float = LARGES
     return bool(np.abs(f).max() <= most * place.scale and p.lower <= value.min() and value.max() <= p.upper)
 
 
-def _one_would_do(ground: Ground, place: Location, f: np.ndarray) -> bool:
-    """Whether a free curve of any one variable leaves too little of a law of two to tell that both are needed."""
-    for group in dict.fromkeys(k.group for k in ground.known):
-        x = next(k.values for k in ground.known if k.group == group)
+def _one_would_do(ground: Ground, place: Location, of: Sequence[Known], f: np.ndarray) -> bool:
+    """Whether a free curve of one variable, its own or any group's, leaves too little of a law of two to tell that both
+    are needed."""
+    firsts = [next(k for k in ground.known if k.group == g) for g in dict.fromkeys(k.group for k in ground.known)]
+    for x in (k.values for k in (*of, *firsts)):
         G = ground.gram(place, np.column_stack([f, np.ones(len(f)), spline(x, knots=MANY_KNOTS)]))
         a, B = G[0, 1:], G[1:, 1:]
         if G[0, 0] - a @ np.linalg.pinv(B, rcond=1e-10, hermitian=True) @ a < VISIBLE:
