@@ -47,6 +47,8 @@ CLEAR = 40.0
 """λ_sep, by projection, from what the library has: what is nearer is no law that it lacks."""
 TRIES, FLOWN = 400, 12
 """Laws that are drawn, and of those with a plausible size flown, at most."""
+KEPT = 60
+"""Laws that are drawn of as many variables, in the grammar or out of it: what fails more often is not rarer for it."""
 
 
 @dataclass(frozen=True)
@@ -91,10 +93,11 @@ def draw_law(
     """
     ground = Ground.of(engine, flights[:training], model_error)
     higher, at_ceiling = draw_higher(engine, rng)
-    flown = 0
-    for _ in range(TRIES):
+    flown, sort = 0, Sort.drawn(rng)
+    for k in range(TRIES):
+        sort = Sort.drawn(rng) if k % KEPT == KEPT - 1 else sort
         wanted = float(np.exp(rng.uniform(*np.log(LAMBDA))))
-        drawn = shaped_law(ground, wanted, rng)
+        drawn = shaped_law(ground, wanted, sort, rng)
         if drawn is None:
             continue
         flown += 1
@@ -106,14 +109,26 @@ def draw_law(
     raise DataError(f"{engine.name}: no law was found that these flights show and the library lacks")
 
 
-def shaped_law(ground: Ground, wanted: float, rng: np.random.Generator) -> LawTruth | None:
+@dataclass(frozen=True)
+class Sort:
+    """What is decided first: of two variables or of one, and whether no grammar holds the form."""
+
+    two: bool
+    outside: bool
+
+    @staticmethod
+    def drawn(rng: np.random.Generator) -> Sort:
+        return Sort(bool(rng.random() < TWO), bool(rng.random() < OUTSIDE))
+
+
+def shaped_law(ground: Ground, wanted: float, sort: Sort, rng: np.random.Generator) -> LawTruth | None:
     """One place, one or two variables, one form, and the size of that λ by projection; None where the law would be
     implausible, says nothing, or, of two variables, one would do."""
     place = ground.places[int(rng.integers(len(ground.places)))]
-    of = _variables(ground.known, rng)
-    outside, sign = bool(rng.random() < OUTSIDE), float(rng.choice((-1.0, 1.0)))
+    of = _variables(ground.known, sort.two, rng)
+    sign = float(rng.choice((-1.0, 1.0)))
     try:
-        shaped = (of_none if outside else of_grammar)(of, rng)
+        shaped = (of_none if sort.outside else of_grammar)(of, rng)
         unit = _law(ground, place, of, shaped, 1.0, 1.0)
     except ExpressionError:  # too long
         return None
@@ -131,10 +146,10 @@ def shaped_law(ground: Ground, wanted: float, rng: np.random.Generator) -> LawTr
     return _law(ground, place, of, shaped, size, float(np.std(f)))
 
 
-def _variables(known: Sequence[Known], rng: np.random.Generator) -> tuple[Known, ...]:
+def _variables(known: Sequence[Known], two: bool, rng: np.random.Generator) -> tuple[Known, ...]:
     """One variable or two that the records tell apart, every group of them equally often."""
     groups = list(dict.fromkeys(k.group for k in known))
-    count = 2 if rng.random() < TWO and len(groups) > 1 else 1
+    count = min(2 if two else 1, len(groups))
     found = []
     for g in rng.choice(len(groups), count, replace=False):
         own = [k for k in known if k.group == groups[int(g)]]
