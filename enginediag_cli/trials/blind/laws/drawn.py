@@ -45,7 +45,7 @@ LARGEST, LARGEST_ABOVE = 3.0, 6.0
 """Of a law over the flights, and four kilometres higher, over what its place plausibly roams."""
 CLEAR = 40.0
 """λ_sep, by projection, from what the library has: what is nearer is no law that it lacks."""
-TRIES, FLOWN = 400, 12
+TRIES, FLOWN = 400, 40
 """Laws that are drawn, and of those with a plausible size flown, at most."""
 KEPT = 60
 """Laws that are drawn of as many variables, in the grammar or out of it: what fails more often is not rarer for it."""
