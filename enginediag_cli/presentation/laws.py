@@ -28,7 +28,8 @@ def law_sentences(found: LawFinding) -> Iterator[str]:
     yield f"  {_settled('What it varies with', [(_groups(g), q) for g, q in found.drivers])}"
     alike = [v.words for group in found.drivers[0][0] for v in group[1:]]
     if alike:
-        yield f"  In these flights it cannot be told from {listed(alike, 'or')}."
+        more = [f"{len(alike) - MOST} more"] if len(alike) > MOST else []
+        yield f"  In these flights it cannot be told from {listed([*alike[:MOST], *more], 'or')}."
     least, most = (_size(x, found.unit) for x in found.moves)
     what = first.location.words or first.location.name
     yield f"  Over the records it changes {what} by {least} to {most} about the mean."
@@ -37,7 +38,9 @@ def law_sentences(found: LawFinding) -> Iterator[str]:
 
 
 def left_sentence(found: LawFinding) -> str:
-    """How much of the mismatch it explains, and what remains."""
+    """How much of the mismatch it explains, and what remains; nothing where the recordings alone say what noise is."""
+    if found.explained is None:
+        return "  What remains cannot be told from noise, whose size these recordings alone say."
     return (
         f"  It explains {_percent(found.explained)} of what is beyond the noise (χ² {rounded(found.excess)}); "
         f"{_percent(1.0 - found.explained)} remains."
@@ -48,10 +51,8 @@ def nearest_law(found: LawFinding) -> str:
     """Where no law is enough: how far the likeliest goes."""
     first = found.laws[0]
     equation = first.option.hypothesis.effects[0].term.EQUATION.replace(",  ", ", ")
-    return (
-        f"  The nearest law, {equation}, explains {_percent(found.explained)} of what is beyond the noise and leaves a "
-        "misfit behind."
-    )
+    share = "" if found.explained is None else f" explains {_percent(found.explained)} of what is beyond the noise and"
+    return f"  The nearest law, {equation},{share} leaves a misfit behind."
 
 
 def law_document(found: LawFinding) -> dict[str, Any]:

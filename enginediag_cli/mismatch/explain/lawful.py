@@ -35,6 +35,7 @@ class Lawful:
 def law_for(fits: Fits, scan: Scan) -> Lawful:
     """The law that explains what the base lacks, of the formulas scored there; two together where no single one
     does."""
+    known = not fits.from_recordings
     laws = LawSearch(fits.base, scan, fits.refit)
     if not laws.single or laws.single[0].evidence < LEAST:
         return Lawful((), None, 0.0)
@@ -49,8 +50,8 @@ def law_for(fits: Fits, scan: Scan) -> Lawful:
                 fits.explanation(f.trial, float(p), left, flights)
                 for (f, left, flights), p in zip(adequate, odds, strict=True)
             )
-            return Lawful(told, laws.finding([f for f, _, _ in adequate]), adequate[0][0].evidence)
-    return Lawful((), laws.finding(laws.single[:1]), laws.single[0].evidence)
+            return Lawful(told, laws.finding([f for f, _, _ in adequate], known), adequate[0][0].evidence)
+    return Lawful((), laws.finding(laws.single[:1], known), laws.single[0].evidence)
 
 
 def _adequate(fits: Fits, fitted: Sequence[Fitted]) -> list[tuple[Fitted, float, float]]:

@@ -37,7 +37,8 @@ class Unseen:
 
 def unseen_effects(base: Trial, library: Sequence[Option], labels: Sequence[str]) -> list[Unseen]:
     """Of options by label, at a fit that carries none of them."""
-    chosen = [o for o in library if o.label in set(labels) and o.hypothesis.effects]
+    # an effect that is tried at several sizes is several options
+    chosen = list({o.label: o for o in library if o.label in set(labels) and o.hypothesis.effects}.values())
     switched = [o for o in chosen if o.hypothesis.effects[0].term.SWITCHES]
     visible: dict[str, float] = {}
     if switched and base.found.converged:

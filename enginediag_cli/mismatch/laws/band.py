@@ -8,7 +8,7 @@ are told about their means over the records. Source: J. A. Hoeting et al., Stati
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -33,8 +33,8 @@ BEYOND, ABOVE_ZERO = 1.0, 0.05
 """How far beyond what was flown forms are followed, in ranges of the variable, which is a ratio and stays above
 zero."""
 
-Weighed = tuple[Effect, Trial, float]
-"""A law, the trial that has fitted it, and its probability."""
+Weighed = tuple[Sequence[Effect], Trial, float]
+"""Laws that act together at one place, the trial that has fitted them, and their probability."""
 
 
 @dataclass(frozen=True)
@@ -51,32 +51,30 @@ class Band:
     parts: tuple[float | None, float | None]
 
 
-def curve_of(effect: Effect, trial: Trial, known: Sequence[Known]) -> tuple[np.ndarray, np.ndarray]:
-    """A fitted law over the fit's records (N,), about its mean, with its standard error (N,)."""
-    law = effect.term
-    assert isinstance(law, Law)
-    x = {k.variable.name: k.values for k in known if k.variable.name in law.variables}
-    names = [c.name for c in law.COEFFICIENTS]
+def curve_of(effects: Sequence[Effect], trial: Trial, known: Sequence[Known]) -> tuple[np.ndarray, np.ndarray]:
+    """Fitted laws at one place together over the fit's records (N,), about their mean, with the standard error (N,)."""
+    x = {k.variable.name: k.values for k in known}
     told = trial.coefficients
-    c = np.array([told[effect.parameter_name(n)][0] for n in names])
-    f = _centred(law, x, dict(zip(names, c, strict=True)))
+    names = [e.parameter_name(c.name) for e in effects for c in e.term.COEFFICIENTS]
+    c = np.array([told[n][0] for n in names])
+    f = _centred(effects, x, dict(zip(names, c, strict=True)))
     steps = STEP * np.maximum(np.abs(c), STEP)
     slopes = np.stack(
         [
-            (_centred(law, x, dict(zip(names, c + d, strict=True))) - f) / s
+            (_centred(effects, x, dict(zip(names, c + d, strict=True))) - f) / s
             for s, d in zip(steps, np.diag(steps), strict=True)
         ]
     )
-    C = _covariance(trial, [effect.parameter_name(n) for n in names])
+    C = _covariance(trial, names)
     return f, np.sqrt(np.maximum(np.einsum("in,ij,jn->n", slopes, C, slopes), 0.0))
 
 
 def band_of(laws: Sequence[Weighed], known: Sequence[Known], unit: str) -> Band | None:
     """The band of laws at one place that all vary with one variable or its likes; None where one has two."""
-    formulas = [e.term for e, _, _ in laws if isinstance(e.term, Law)]
-    if not formulas or any(len(law.variables) != 1 for law in formulas):
+    variables = [variables_in(effects) for effects, _, _ in laws]
+    if not laws or any(len(own) != 1 for own in variables):
         return None
-    of = next(k for k in known if k.variable.name in formulas[0].variables)
+    of = next(k for k in known if k.variable.name in variables[0])
     p = np.array([share for _, _, share in laws])
     p = p / p.sum()
     curves = [curve_of(e, t, known) for e, t, _ in laws]
@@ -87,7 +85,7 @@ def band_of(laws: Sequence[Weighed], known: Sequence[Known], unit: str) -> Band 
     order = np.argsort(of.values)
     low, high = (int(q * (len(order) - 1)) for q in EDGES)
     rows = order[np.unique(np.linspace(low, high, POINTS).astype(int))]
-    same = [w for w, law in zip(laws, formulas, strict=True) if of.variable.name in law.variables]
+    same = [w for w, own in zip(laws, variables, strict=True) if of.variable.name in own]
     return Band(of, of.values[rows], mean[rows], sigma[rows], unit, _parting(same, of, of.values[rows]))
 
 
@@ -105,20 +103,33 @@ def _parting(laws: Sequence[Weighed], of: Known, flown: np.ndarray) -> tuple[flo
     return found[0], found[1]
 
 
-def _along(effect: Effect, trial: Trial, of: Known, x: np.ndarray) -> np.ndarray:
-    """A law at values of its one variable, about its mean over the records."""
-    law = effect.term
-    assert isinstance(law, Law)
-    c = {k.name: trial.coefficients[effect.parameter_name(k.name)][0] for k in law.COEFFICIENTS}
-    with np.errstate(all="ignore"):
-        at, over = (np.asarray(value(law.expression.at({of.variable.name: v, **c})), float) for v in (x, of.values))
-    return np.asarray(at - np.nanmean(over))
+def _along(effects: Sequence[Effect], trial: Trial, of: Known, x: np.ndarray) -> np.ndarray:
+    """Laws of one variable at values of it, about their mean over the records."""
+    c = {n: v for n, (v, _) in trial.coefficients.items()}
+    name = of.variable.name
+    return np.asarray(_summed(effects, {name: x}, c) - np.nanmean(_summed(effects, {name: of.values}, c)))
 
 
-def _centred(law: Law, x: dict[str, np.ndarray], c: dict[str, float]) -> np.ndarray:
-    with np.errstate(all="ignore"):
-        f = np.asarray(value(law.expression.at({**x, **c})), float)
-    return f - np.nanmean(f)
+def variables_in(effects: Sequence[Effect]) -> frozenset[str]:
+    """Names of the variables of laws."""
+    return frozenset(n for e in effects if isinstance(e.term, Law) for n in e.term.variables)
+
+
+def _centred(effects: Sequence[Effect], x: Mapping[str, np.ndarray], c: Mapping[str, float]) -> np.ndarray:
+    f = _summed(effects, x, c)
+    return np.asarray(f - np.nanmean(f))
+
+
+def _summed(effects: Sequence[Effect], x: Mapping[str, np.ndarray], c: Mapping[str, float]) -> np.ndarray:
+    """Σ f at values of the variables; `c`: coefficients by parameter name."""
+    total: np.ndarray = np.zeros(np.shape(next(iter(x.values()))))
+    for e in effects:
+        law = e.term
+        assert isinstance(law, Law)
+        own = {k.name: c[e.parameter_name(k.name)] for k in law.COEFFICIENTS}
+        with np.errstate(all="ignore"):
+            total = total + np.asarray(value(law.expression.at({**{n: x[n] for n in law.variables}, **own})))
+    return total
 
 
 def _covariance(trial: Trial, names: Sequence[str]) -> np.ndarray:

@@ -30,14 +30,15 @@ class FittedLaw:
 class LawFinding:
     """`laws`: fitted, likeliest first; `places` and `drivers` with their probabilities, each driver as the groups of
     one or two variables; `excess`: χ² of the model as it is beyond its noise, `explained`: the share of it that the
-    first law explains; `moves`: by how much the first law changes its place in the records, about the mean, least and
-    most, in `unit`; `band`: its curve, where it varies with one variable."""
+    first law explains, None where the recordings alone say how large the noise is; `moves`: by how much the first law
+    changes its place in the records, about the mean, least and most, in `unit`; `band`: its curve, where it varies
+    with one variable."""
 
     laws: tuple[FittedLaw, ...]
     places: tuple[tuple[Location, float], ...]
     drivers: tuple[tuple[tuple[Group, ...], float], ...]
     excess: float
-    explained: float
+    explained: float | None
     moves: tuple[float, float]
     unit: str
     band: Band | None

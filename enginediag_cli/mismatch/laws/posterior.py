@@ -18,7 +18,7 @@ import numpy as np
 from enginediag_cli.mismatch.fit.freeform import Location
 from enginediag_cli.mismatch.fit.trial_fit import Trial
 from enginediag_cli.mismatch.laws.finding import Group
-from enginediag_cli.mismatch.laws.scan import Candidate, Formula, Known
+from enginediag_cli.mismatch.laws.scan import Known
 
 T = TypeVar("T")
 
@@ -41,24 +41,22 @@ def shares(evidence: Sequence[float]) -> np.ndarray:
     return np.asarray(w / w.sum())
 
 
-def places_of(laws: Sequence[tuple[Candidate, float]]) -> list[tuple[Location, float]]:
+def places_of(laws: Sequence[tuple[Location, frozenset[int], float]]) -> list[tuple[Location, float]]:
     """Places with their probabilities, likeliest first."""
-    return _summed((c.location.name, c.location, p) for c, p in laws)
+    return _summed((place.name, place, p) for place, _, p in laws)
 
 
 def variables_of_laws(
-    laws: Sequence[tuple[Candidate, float]], known: Sequence[Known]
+    laws: Sequence[tuple[Location, frozenset[int], float]], known: Sequence[Known], first: Sequence[str]
 ) -> list[tuple[tuple[Group, ...], float]]:
-    """Groups of variables with their probabilities, likeliest first."""
-    return _summed((c.formula.groups, groups_of(c.formula, known), p) for c, p in laws)
+    """Groups of variables with their probabilities, likeliest first; variables named `first` lead their groups."""
+    return _summed((groups, groups_of(groups, known, first), p) for _, groups, p in laws)
 
 
-def groups_of(formula: Formula, known: Sequence[Known]) -> tuple[Group, ...]:
-    """Of each variable of a formula it and those that the records cannot tell from it."""
-    return tuple(
-        (of.variable, *(k.variable for k in known if k.group == of.group and k.variable is not of.variable))
-        for of in formula.of
-    )
+def groups_of(groups: frozenset[int], known: Sequence[Known], first: Sequence[str] = ()) -> tuple[Group, ...]:
+    """The variables of each group."""
+    leading = sorted(known, key=lambda k: k.variable.name not in first)
+    return tuple(tuple(k.variable for k in leading if k.group == g) for g in sorted(groups))
 
 
 def _summed(of: Iterable[tuple[Hashable, T, float]]) -> list[tuple[T, float]]:

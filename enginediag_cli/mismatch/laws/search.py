@@ -11,7 +11,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from enginediag_cli.mismatch.fit.freeform import locations
+from enginediag_cli.engine.term import Effect
+from enginediag_cli.mismatch.fit.freeform import Location, locations
 from enginediag_cli.mismatch.fit.options import Option
 from enginediag_cli.mismatch.fit.trial_fit import Trial
 from enginediag_cli.mismatch.laws.band import EDGES, Weighed, band_of, curve_of
@@ -19,12 +20,14 @@ from enginediag_cli.mismatch.laws.elsewhere_too import MOST_PLACES, elsewhere_to
 from enginediag_cli.mismatch.laws.finding import FittedLaw, LawFinding
 from enginediag_cli.mismatch.laws.posterior import evidence_of, places_of, shares, variables_of_laws
 from enginediag_cli.mismatch.laws.scan import Candidate, Scan, scanned
-from enginediag_cli.mismatch.laws.shortlist import Proposal, elsewhere, otherwise, within_reach
+from enginediag_cli.mismatch.laws.shortlist import Proposal, along_the_same, elsewhere, otherwise, within_reach
 
 BEHIND, SECOND = 2, 3
 """Laws of which other forms are tried, and to which a second one is sought where none is enough by itself; how many of
 these are fitted to each."""
 
+MOST_FORMS = 3
+"""Forms of one law: what needs more is no law."""
 UNLIKELY = 5.0
 """ln evidence by which a form is behind the best that has no say in the curve any more."""
 
@@ -43,6 +46,27 @@ class Fitted:
     @property
     def options(self) -> tuple[Option, ...]:
         return tuple(p.option for p in self.laws)
+
+    @property
+    def effects(self) -> tuple[Effect, ...]:
+        return tuple(e for o in self.options for e in o.hypothesis.effects)
+
+    @property
+    def where(self) -> tuple[str, frozenset[int]]:
+        """Place of the first, and the groups of variables of all that act there."""
+        place = self.laws[0].candidate.location.name
+        own = (p.candidate.formula.groups for p in self.laws if p.candidate.location.name == place)
+        return place, frozenset().union(*own)
+
+    @property
+    def at_the_first(self) -> tuple[Effect, ...]:
+        """Those that act at the first one's place."""
+        place = self.where[0]
+        return tuple(e for p in self.laws if p.candidate.location.name == place for e in p.option.hypothesis.effects)
+
+    @property
+    def at_one_place(self) -> bool:
+        return len({p.candidate.location.name for p in self.laws}) == 1
 
 
 @dataclass
@@ -64,6 +88,28 @@ class LawSearch:
             more = [(p,) for p in otherwise(self.scan, first.laws[0].candidate, self.base, tried)]
             self.single = [*self.single, *self._fitted(more)]
         self.single = _ordered(self.single)
+        for first in self._apart():
+            self.single = [*self.single, *self._of_more_forms(first)]
+        self.single = _ordered(self.single)
+
+    def _apart(self) -> list[Fitted]:
+        """The best law of each of the best places and variables."""
+        best: dict[object, Fitted] = {}
+        for f in self.single:
+            best.setdefault(f.where, f)
+        return list(best.values())[:BEHIND]
+
+    def _of_more_forms(self, first: Fitted) -> list[Fitted]:
+        """A law with further forms of the same variables at its place, as long as that is likelier: a curve that no
+        form has is a sum of some."""
+        found = [first]
+        while len(found[-1].laws) < MOST_FORMS:
+            last = found[-1]
+            more = self._fitted([(*last.laws, p) for p in along_the_same(self.scan, last.laws, last.trial)])
+            if not more or more[0].evidence <= last.evidence:
+                break
+            found.append(more[0])
+        return found[1:]
 
     def elsewhere_too(self, first: Fitted) -> list[Fitted]:
         """Laws with the same formula at further places, as long as that is likelier."""
@@ -89,29 +135,32 @@ class LawSearch:
         self.double = _ordered([*self.double, *self._fitted(sets)])
         return self.double
 
-    def finding(self, best: Sequence[Fitted]) -> LawFinding:
-        """What is known of laws; `best`: those that are told, likeliest first."""
-        if len(best[0].laws) > 1:
-            weighed = [(f.laws[0].candidate, f.evidence) for f in self.double]
+    def finding(self, best: Sequence[Fitted], noise_known: bool) -> LawFinding:
+        """What is known of laws; `best`: those that are told, likeliest first; `noise_known`: not from the recordings
+        alone."""
+        if best[0].at_one_place:
+            weighed = [(f.laws[0].candidate.location, f.where, f.evidence) for f in self.single] + self._unfitted()
         else:
-            weighed = [(f.laws[0].candidate, f.evidence) for f in self.single] + self._unfitted()
-        laws = list(zip((c for c, _ in weighed), map(float, shares([e for _, e in weighed])), strict=True))
+            weighed = [(f.laws[0].candidate.location, f.where, f.evidence) for f in self.double]
+        p = map(float, shares([e for _, _, e in weighed]))
+        laws = [(place, groups, q) for (place, (_, groups), _), q in zip(weighed, p, strict=True)]
         excess = max(self.base.objective - self.base.projection.dof, 0.0)
         told = [
             FittedLaw(p.option, p.candidate.location, p.candidate.formula, f.evidence, float(share))
             for f, share in zip(best, shares([f.evidence for f in best]), strict=True)
             for p in f.laws
         ]
+        named = [k.variable.name for f in best for p in f.laws for k in p.candidate.formula.of]
         drop = self.base.objective - best[0].trial.objective
-        first = told[0].option.hypothesis.effects[0]
-        curve, _ = curve_of(first, best[0].trial, self.scan.known)
-        unit = first.term.COEFFICIENTS[0].unit
+        own = best[0].at_the_first
+        curve, _ = curve_of(own, best[0].trial, self.scan.known)
+        unit = own[0].term.COEFFICIENTS[0].unit
         return LawFinding(
             tuple(told),
             tuple(places_of(laws)),
-            tuple(variables_of_laws(laws, self.scan.known)),
+            tuple(variables_of_laws(laws, self.scan.known, named)),
             excess,
-            min(drop / excess, 1.0) if excess else 0.0,
+            min(drop / max(excess, drop), 1.0) if noise_known else None,
             (float(np.quantile(curve, EDGES[0])), float(np.quantile(curve, EDGES[1]))),
             unit,
             band_of(self._at_one_place(best), self.scan.known, unit),
@@ -119,29 +168,22 @@ class LawSearch:
 
     def _at_one_place(self, best: Sequence[Fitted]) -> list[Weighed]:
         """Laws at the first one's place along the same variables, with their probabilities, as a band is of; none where
-        two act together."""
-        if len(best[0].laws) > 1:
+        several places are moved."""
+        if not best[0].at_one_place:
             return []
-        first = best[0].laws[0].candidate
-        same = [
-            f
-            for f in self.single
-            if f.laws[0].candidate.location.name == first.location.name
-            and f.laws[0].candidate.formula.groups == first.formula.groups
-            and f.evidence > best[0].evidence - UNLIKELY
-        ]
+        same = [f for f in self.single if f.where == best[0].where and f.evidence > best[0].evidence - UNLIKELY]
         p = shares([f.evidence for f in same])
-        return [(f.options[0].hypothesis.effects[0], f.trial, float(q)) for f, q in zip(same, p, strict=True)]
+        return [(f.effects, f.trial, float(q)) for f, q in zip(same, p, strict=True)]
 
-    def _unfitted(self) -> list[tuple[Candidate, float]]:
+    def _unfitted(self) -> list[tuple[Location, tuple[str, frozenset[int]], float]]:
         """Candidates that were not fitted, with their scores moved as a fit has moved the best one's."""
         if not self.single:
             return []
-        moved = self.single[0].evidence - self.single[0].laws[0].candidate.weight
+        moved = max(f.evidence - f.laws[0].candidate.weight for f in self.single if len(f.laws) == 1)
         found = []
         for c in within_reach(self.scan.candidates):
             if not any(_alike(c, f.laws[0].candidate) for f in self.single):
-                found.append((c, c.weight + min(moved, 0.0)))
+                found.append((c.location, (c.location.name, c.formula.groups), c.weight + min(moved, 0.0)))
         return found
 
     def _fitted(self, sets: Sequence[tuple[Proposal, ...]]) -> list[Fitted]:

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
+import numpy as np
+
 from enginediag_cli.engine.engine import Engine
 from enginediag_cli.mismatch.fit.identified import Hypothesis
 from enginediag_cli.mismatch.fit.options import LAW, Option
@@ -15,6 +17,8 @@ from enginediag_cli.mismatch.laws.scan import Candidate, Scan, of_same_groups, s
 WHERE, FORMS = 6, 5
 """Places and groups of variables of which the best form is fitted; further forms of the one that fits best there. The
 first by score is the first by fit in most searches."""
+ADDED = 2
+"""Forms, best first, that are tried beside those that a law has."""
 REACH, OF_LARGEST = 25.0, 0.02
 """ln evidence by which a candidate is behind the best of all scores, beside a share of the statistic of that, from
 where a fit does not bring it back: linear scores of large effects are wrong by so much."""
@@ -48,6 +52,21 @@ def otherwise(scan: Scan, first: Candidate, base: Trial, tried: Collection[str])
     others = within_reach([first, *scored(base.found, base.projection, [first.location], more, prior)])[1:]
     found = [proposal(c, engine) for c in sorted((*forms.values(), *others), key=lambda c: -c.weight)]
     return [p for p in found if p.option.label not in tried][:FORMS]
+
+
+def along_the_same(scan: Scan, laws: Sequence[Proposal], fitted: Trial) -> list[Proposal]:
+    """What may be added to laws at their first one's place, of formulas of the same variables or of some of them, by
+    what the fit of these laws leaves. Beforehand one of such formulas is as likely as another, by their priors."""
+    place, engine = laws[0].candidate.location, fitted.found.evidence.engine
+    groups: frozenset[int] = frozenset().union(*(p.candidate.formula.groups for p in laws))
+    family = [c.formula for c in scan.candidates if c.location.name == place.name and c.formula.groups <= groups]
+    whole = float(np.log(np.sum([np.exp(f.prior) / f.tried for f in family])))
+    forms: dict[object, Candidate] = {}
+    for c in scored(fitted.found, fitted.projection, [place], family, -whole):
+        forms.setdefault((c.formula.form.name, c.formula.groups), c)
+    known = {p.option.label for p in laws}
+    found = [proposal(c, engine) for c in list(forms.values())[: ADDED + 1]]
+    return [p for p in found if p.option.label not in known][:ADDED]
 
 
 def within_reach(candidates: Sequence[Candidate]) -> list[Candidate]:

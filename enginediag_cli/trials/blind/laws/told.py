@@ -49,7 +49,7 @@ def law_told(a: Answer) -> dict[str, Any]:
                 {"entry": entry_of(_fitted(e, known)), "probability": float(law.probability), "label": law.option.label}
                 for law, e in laws
             ],
-            "explained": float(a.law.explained),
+            "explained": a.law.explained,
         }
     }
 
