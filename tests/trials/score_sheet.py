@@ -62,7 +62,7 @@ LAW_ROWS = {
     "law_curve": "curve within noise of the truth (D < 11)",
     "law_curve_of_all": "… of all",
     "law_form": "… with its coefficients fitted to flights without noise",
-    "law_alone": "one law, not two together",
+    "law_alone": "at one place, not at two together",
     "law_error": "error of the curve over its range, median",
     "law_gain_unseen": "gain on unseen flights over that of the true law, median",
     "spline_gain_unseen": "… of a spline in the same place and variables",

@@ -131,7 +131,7 @@ class Opened:
             "law_curve": apart < ALIAS,
             "law_form": at_best < ALIAS,
         }
-        marks["law_alone"] = len(told.entries) == 1
+        marks["law_alone"] = len({entry["at"] for entry in told.entries}) == 1
         marks["stated"] = [min(probability, 1.0), marks["law_place"]]
         here = [e for e in laws or () if law_of(e).acts.leaf == self.truth.law.acts.leaf]
         if exact and here:
