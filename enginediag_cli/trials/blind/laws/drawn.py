@@ -48,7 +48,8 @@ CLEAR = 40.0
 TRIES, FLOWN = 400, 40
 """Laws that are drawn, and of those with a plausible size flown, at most."""
 KEPT = 60
-"""Laws that are drawn of as many variables, in the grammar or out of it: what fails more often is not rarer for it."""
+"""Laws that are drawn of as many variables, in the grammar or out of it, and of one λ: what fails more often is not
+rarer for it."""
 
 
 @dataclass(frozen=True)
@@ -96,12 +97,11 @@ def draw_law(
     flown, sort = 0, Sort.drawn(rng)
     for k in range(TRIES):
         sort = Sort.drawn(rng) if k % KEPT == KEPT - 1 else sort
-        wanted = float(np.exp(rng.uniform(*np.log(LAMBDA))))
-        drawn = shaped_law(ground, wanted, sort, rng)
+        drawn = shaped_law(ground, sort, rng)
         if drawn is None:
             continue
         flown += 1
-        found = _corrected(ground, drawn, flights[:training], model_error, wanted)
+        found = _corrected(ground, drawn, flights[:training], model_error, sort.wanted)
         if found is not None and _plausible_at(engine, found, (*flights, *higher)):
             return replace(found, higher=higher, at_ceiling=at_ceiling)
         if flown >= FLOWN:
@@ -111,19 +111,20 @@ def draw_law(
 
 @dataclass(frozen=True)
 class Sort:
-    """What is decided first: of two variables or of one, and whether no grammar holds the form."""
+    """What is decided first: of two variables or of one, whether no grammar holds the form, the λ wanted."""
 
     two: bool
     outside: bool
+    wanted: float
 
     @staticmethod
     def drawn(rng: np.random.Generator) -> Sort:
-        return Sort(bool(rng.random() < TWO), bool(rng.random() < OUTSIDE))
+        return Sort(bool(rng.random() < TWO), bool(rng.random() < OUTSIDE), float(np.exp(rng.uniform(*np.log(LAMBDA)))))
 
 
-def shaped_law(ground: Ground, wanted: float, sort: Sort, rng: np.random.Generator) -> LawTruth | None:
-    """One place, one or two variables, one form, and the size of that λ by projection; None where the law would be
-    implausible, says nothing, or, of two variables, one would do."""
+def shaped_law(ground: Ground, sort: Sort, rng: np.random.Generator) -> LawTruth | None:
+    """One place, one or two variables, one form, and the size of the λ wanted by projection; None where the law would
+    be implausible, says nothing, or, of two variables, one would do."""
     place = ground.places[int(rng.integers(len(ground.places)))]
     of = _variables(ground.known, sort.two, rng)
     sign = float(rng.choice((-1.0, 1.0)))
@@ -138,7 +139,7 @@ def shaped_law(ground: Ground, wanted: float, sort: Sort, rng: np.random.Generat
     length = ground.gram(place, f[:, None])[0, 0]
     if length <= 0.0:
         return None
-    size = sign * float(np.sqrt(wanted / length))
+    size = sign * float(np.sqrt(sort.wanted / length))
     if not _within(ground.engine, place, size * f):
         size = -size
     if not _within(ground.engine, place, size * f) or (len(of) == 2 and _one_would_do(ground, place, of, size * f)):

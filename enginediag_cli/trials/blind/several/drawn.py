@@ -156,7 +156,7 @@ def _effect(ground: Ground, kind: str, n: int, rng: np.random.Generator) -> Part
 
 
 def _law(ground: Ground, kind: str, n: int, rng: np.random.Generator) -> Part | None:
-    law = shaped_law(ground, float(np.exp(rng.uniform(*np.log(LAMBDA)))), Sort.drawn(rng), rng)
+    law = shaped_law(ground, Sort.drawn(rng), rng)
     return None if law is None else Part(kind, Cause(law.effect.label), 1.0, law=law)
 
 
