@@ -100,7 +100,10 @@ def _truths(entry: Mapping[str, Any]) -> list[str]:
 
 
 def _kinds(headline: list[str]) -> str:
-    return headline[0] if len(headline) == 1 else "all" if len(headline) == len(kinds.KINDS) else "with something in it"
+    if len(headline) == 1:
+        return headline[0]
+    whole = tuple(headline) == kinds.beside(headline[0])
+    return (kinds.choice(headline[0]) or "all") if whole else "with something in it"
 
 
 def _cell(entry: Mapping[str, Any]) -> str:

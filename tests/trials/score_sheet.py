@@ -1,9 +1,10 @@
-"""Score sheet of blind trials as tables: python tests/trials/score_sheet.py SHEET [--noise | --misfit | --dynamic]
---dynamic]
+"""Score sheet of blind trials as tables: python tests/trials/score_sheet.py SHEET [--noise | --misfit | --dynamic |
+--law | --several]
 
 SHEET: what `enginediag prove --format json` wrote. Counts with Wilson 95 % intervals beside the targets, for each
 kind of truths that it has; `--noise`: false names where the noise is another than assumed;
-`--misfit`: χ² per reading of unseen flights; `--dynamic`: of trials whose recordings move.
+`--misfit`: χ² per reading of unseen flights; `--dynamic`: of trials whose recordings move; `--law`: of laws that no
+library holds; `--several`: of several causes at once.
 """
 
 from __future__ import annotations
@@ -48,6 +49,41 @@ DYNAMIC_ROWS = {
     "dynamic_held_out_gain": "unseen flights fitted better",
     "dynamic_no_verdict": "did not converge",
 }
+LAW_ROWS = {
+    "law_judged": "λ ≥ 60, and nothing in the library near",
+    "law_given": "a law told, of these",
+    "law_wrong_name": "a wrong name of the library told instead",
+    "law_place": "place first or not separable from it, where a law was told",
+    "law_place_of_all": "… of all",
+    "law_place_exact": "place first",
+    "law_place_right_less_stated": "… rate less mean stated probability",
+    "law_driver": "its variables told, each by a group that these flights cannot tell apart",
+    "law_driver_of_all": "… of all",
+    "law_curve": "curve within noise of the truth (D < 11)",
+    "law_curve_of_all": "… of all",
+    "law_form": "… with its coefficients fitted to flights without noise",
+    "law_alone": "at one place, not at two together",
+    "law_error": "error of the curve over its range, median",
+    "law_gain_unseen": "gain on unseen flights over that of the true law, median",
+    "spline_gain_unseen": "… of a spline in the same place and variables",
+    "law_gain_higher": "gain four kilometres higher, median",
+    "spline_gain_higher": "… of the spline",
+    "higher_at_ceiling": "records kept at the envelope's ceiling there",
+    "law_worse": "worse than no law, of all unseen and higher sets of flights",
+    "spline_worse": "… the spline",
+    "law_false": "false laws when nothing is concealed",
+    "law_false_name": "false names of the library when nothing is concealed",
+    "law_no_verdict": "did not converge",
+}
+SEVERAL_ROWS = {
+    "several_all_of_two": "all of two causes named",
+    "several_all_of_three": "all of three",
+    "several_all_of_four": "all of four",
+    "several_share": "share of the causes named",
+    "several_none_false": "none named that is not there",
+    "several_unexplained": "unexplained share told within 10 points",
+    "several_no_verdict": "did not converge",
+}
 TITLES = {
     kinds.SAME_MODEL: "truth from the same model",
     kinds.MAP_ERROR: "truth with 0.3 % map errors, floor on",
@@ -55,6 +91,8 @@ TITLES = {
 }
 SIZE = "alias_set_size"
 MEANS = (SIZE, "dynamic_alias_set_size", "drivers_told")
+MEDIANS = tuple(n for n in LAW_ROWS if "gain" in n)
+DIFFERENCES = ("law_place_right_less_stated",)
 
 Sheet = Mapping[str, Any]
 
@@ -64,6 +102,11 @@ def cell(name: str, own: Mapping[str, Any]) -> str:
         return "–"
     if name in MEANS:
         return f"{own['rate']:.2f} ({own['of']})"
+    if name in MEDIANS:
+        ends = "" if own["low"] is None else f"{own['low']:.2f}–{own['high']:.2f}; "
+        return f"{own['rate']:.2f} ({ends}{own['of']})"
+    if name in DIFFERENCES:
+        return f"{100 * own['rate']:+.1f} points ({100 * own['low']:+.0f} to {100 * own['high']:+.0f})"
     if own["low"] is None or own["count"] != int(own["count"]):
         return f"{100 * own['rate']:.1f} % ({own['of']} trials)"
     return f"{own['count']} of {own['of']} ({100 * own['low']:.0f}–{100 * own['high']:.0f} %)"
@@ -76,7 +119,7 @@ def target(name: str, words: str | None) -> str:
     if " to " in words:
         low, high = (100 * float(x) for x in words.split(" to "))
         return f"{low:.0f}–{high:.0f} %"
-    value = limit if name == SIZE else f"{100 * float(limit):.0f} %"
+    value = limit if name in (SIZE, *MEDIANS) else f"{100 * float(limit):.0f} %"
     return f"{sign.replace('>=', '≥').replace('<=', '≤')} {value}"
 
 
@@ -96,6 +139,14 @@ def scores(sheet: Sheet, rows: Mapping[str, str] = ROWS) -> None:
 
 def dynamic(sheet: Sheet) -> None:
     scores(sheet, DYNAMIC_ROWS)
+
+
+def law(sheet: Sheet) -> None:
+    scores(sheet, LAW_ROWS)
+
+
+def several(sheet: Sheet) -> None:
+    scores(sheet, SEVERAL_ROWS)
 
 
 def noise(sheet: Sheet) -> None:
@@ -122,10 +173,8 @@ def misfit(sheet: Sheet) -> None:
 def main() -> None:
     with open(sys.argv[1], encoding="utf-8") as stream:
         sheet = json.load(stream)
-    what = {"--noise": noise, "--misfit": misfit, "--dynamic": dynamic}.get(
-        sys.argv[2] if len(sys.argv) > 2 else "", scores
-    )
-    what(sheet)
+    tables = {"--noise": noise, "--misfit": misfit, "--dynamic": dynamic, "--law": law, "--several": several}
+    tables.get(sys.argv[2] if len(sys.argv) > 2 else "", scores)(sheet)
 
 
 if __name__ == "__main__":

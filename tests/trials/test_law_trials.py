@@ -35,7 +35,7 @@ from enginediag_cli.trials.blind.flights import draw_flights
 from enginediag_cli.trials.blind.laws import forms
 from enginediag_cli.trials.blind.laws.ahead import FOUND, TRUE, gain, worse
 from enginediag_cli.trials.blind.laws.ahead import NONE as NO_LAW
-from enginediag_cli.trials.blind.laws.drawn import LAMBDA, LARGEST, Ground, draw_law, shaped_law
+from enginediag_cli.trials.blind.laws.drawn import LAMBDA, LARGEST, Ground, Sort, draw_law, shaped_law
 from enginediag_cli.trials.blind.laws.forms import OUTSIDE, RATIOS, of_none
 from enginediag_cli.trials.blind.laws.marks import curve_error, null_marks, same_driver
 from enginediag_cli.trials.blind.laws.spline import spline
@@ -169,7 +169,7 @@ def test_every_form_outside_the_grammar_makes_a_formula_that_is_nothing_at_the_d
 def test_a_law_of_two_variables_is_one_that_no_curve_of_one_says(few, turbojet):
     ground = Ground.of(turbojet, draw_flights(turbojet, np.random.default_rng(0))[0][:4], 0.0)
     rng = np.random.default_rng(1)
-    found = [law for _ in range(60) if (law := shaped_law(ground, 400.0, rng)) is not None]
+    found = [law for _ in range(60) if (law := shaped_law(ground, Sort.drawn(rng), rng)) is not None]
     two = [law for law in found if len(law.law.variables) == 2]
     assert two and len(two) < len(found)
     values = {k.variable.name: k.values for k in ground.known}

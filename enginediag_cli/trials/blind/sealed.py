@@ -34,7 +34,7 @@ NOISE_FACTOR = (0.5, 2.0)
 INPUT_SIGMA: Mapping[str, float] = {"altitude_m": 8.0, "mach": 0.001}
 """Noise of recorded conditions, in their unit: what an air-data computer is good for."""
 POWER_SIGMA = 0.002  # of a reading
-TRIAL_STREAM, SIZE_STREAM, TRUTH_STREAM, ENGINE_STREAM, LAW_STREAM = 0, 1, 2, 3, 4
+TRIAL_STREAM, SIZE_STREAM, TRUTH_STREAM, ENGINE_STREAM, LAW_STREAM = 0, 1, 2, 3, 5
 """Streams of random numbers that must not share a draw."""
 
 

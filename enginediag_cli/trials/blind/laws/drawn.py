@@ -45,8 +45,11 @@ LARGEST, LARGEST_ABOVE = 3.0, 6.0
 """Of a law over the flights, and four kilometres higher, over what its place plausibly roams."""
 CLEAR = 40.0
 """λ_sep, by projection, from what the library has: what is nearer is no law that it lacks."""
-TRIES, FLOWN = 400, 12
+TRIES, FLOWN = 400, 40
 """Laws that are drawn, and of those with a plausible size flown, at most."""
+KEPT = 60
+"""Laws that are drawn of as many variables, in the grammar or out of it, and of one λ: what fails more often is not
+rarer for it."""
 
 
 @dataclass(frozen=True)
@@ -91,14 +94,14 @@ def draw_law(
     """
     ground = Ground.of(engine, flights[:training], model_error)
     higher, at_ceiling = draw_higher(engine, rng)
-    flown = 0
-    for _ in range(TRIES):
-        wanted = float(np.exp(rng.uniform(*np.log(LAMBDA))))
-        drawn = shaped_law(ground, wanted, rng)
+    flown, sort = 0, Sort.drawn(rng)
+    for k in range(TRIES):
+        sort = Sort.drawn(rng) if k % KEPT == KEPT - 1 else sort
+        drawn = shaped_law(ground, sort, rng)
         if drawn is None:
             continue
         flown += 1
-        found = _corrected(ground, drawn, flights[:training], model_error, wanted)
+        found = _corrected(ground, drawn, flights[:training], model_error, sort.wanted)
         if found is not None and _plausible_at(engine, found, (*flights, *higher)):
             return replace(found, higher=higher, at_ceiling=at_ceiling)
         if flown >= FLOWN:
@@ -106,14 +109,27 @@ def draw_law(
     raise DataError(f"{engine.name}: no law was found that these flights show and the library lacks")
 
 
-def shaped_law(ground: Ground, wanted: float, rng: np.random.Generator) -> LawTruth | None:
-    """One place, one or two variables, one form, and the size of that λ by projection; None where the law would be
-    implausible, says nothing, or, of two variables, one would do."""
+@dataclass(frozen=True)
+class Sort:
+    """What is decided first: of two variables or of one, whether no grammar holds the form, the λ wanted."""
+
+    two: bool
+    outside: bool
+    wanted: float
+
+    @staticmethod
+    def drawn(rng: np.random.Generator) -> Sort:
+        return Sort(bool(rng.random() < TWO), bool(rng.random() < OUTSIDE), float(np.exp(rng.uniform(*np.log(LAMBDA)))))
+
+
+def shaped_law(ground: Ground, sort: Sort, rng: np.random.Generator) -> LawTruth | None:
+    """One place, one or two variables, one form, and the size of the λ wanted by projection; None where the law would
+    be implausible, says nothing, or, of two variables, one would do."""
     place = ground.places[int(rng.integers(len(ground.places)))]
-    of = _variables(ground.known, rng)
-    outside, sign = bool(rng.random() < OUTSIDE), float(rng.choice((-1.0, 1.0)))
+    of = _variables(ground.known, sort.two, rng)
+    sign = float(rng.choice((-1.0, 1.0)))
     try:
-        shaped = (of_none if outside else of_grammar)(of, rng)
+        shaped = (of_none if sort.outside else of_grammar)(of, rng)
         unit = _law(ground, place, of, shaped, 1.0, 1.0)
     except ExpressionError:  # too long
         return None
@@ -123,18 +139,18 @@ def shaped_law(ground: Ground, wanted: float, rng: np.random.Generator) -> LawTr
     length = ground.gram(place, f[:, None])[0, 0]
     if length <= 0.0:
         return None
-    size = sign * float(np.sqrt(wanted / length))
+    size = sign * float(np.sqrt(sort.wanted / length))
     if not _within(ground.engine, place, size * f):
         size = -size
-    if not _within(ground.engine, place, size * f) or (len(of) == 2 and _one_would_do(ground, place, size * f)):
+    if not _within(ground.engine, place, size * f) or (len(of) == 2 and _one_would_do(ground, place, of, size * f)):
         return None
     return _law(ground, place, of, shaped, size, float(np.std(f)))
 
 
-def _variables(known: Sequence[Known], rng: np.random.Generator) -> tuple[Known, ...]:
+def _variables(known: Sequence[Known], two: bool, rng: np.random.Generator) -> tuple[Known, ...]:
     """One variable or two that the records tell apart, every group of them equally often."""
     groups = list(dict.fromkeys(k.group for k in known))
-    count = 2 if rng.random() < TWO and len(groups) > 1 else 1
+    count = min(2 if two else 1, len(groups))
     found = []
     for g in rng.choice(len(groups), count, replace=False):
         own = [k for k in known if k.group == groups[int(g)]]
@@ -161,10 +177,11 @@ def _within(engine: Engine, place: Location, f: np.ndarray, most: float = LARGES
     return bool(np.abs(f).max() <= most * place.scale and p.lower <= value.min() and value.max() <= p.upper)
 
 
-def _one_would_do(ground: Ground, place: Location, f: np.ndarray) -> bool:
-    """Whether a free curve of any one variable leaves too little of a law of two to tell that both are needed."""
-    for group in dict.fromkeys(k.group for k in ground.known):
-        x = next(k.values for k in ground.known if k.group == group)
+def _one_would_do(ground: Ground, place: Location, of: Sequence[Known], f: np.ndarray) -> bool:
+    """Whether a free curve of one variable, its own or any group's, leaves too little of a law of two to tell that both
+    are needed."""
+    firsts = [next(k for k in ground.known if k.group == g) for g in dict.fromkeys(k.group for k in ground.known)]
+    for x in (k.values for k in (*of, *firsts)):
         G = ground.gram(place, np.column_stack([f, np.ones(len(f)), spline(x, knots=MANY_KNOTS)]))
         a, B = G[0, 1:], G[1:, 1:]
         if G[0, 0] - a @ np.linalg.pinv(B, rcond=1e-10, hermitian=True) @ a < VISIBLE:

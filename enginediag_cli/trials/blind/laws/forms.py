@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from enginediag_cli.mismatch.laws.grammar import EXPONENTS, FORMS, Form, span
+from enginediag_cli.mismatch.laws.grammar import FORMS, Form, span
 from enginediag_cli.mismatch.laws.scan import Known
 from enginediag_cli.physics.laws.expression import Expression
 
@@ -21,14 +21,12 @@ INSIDE = (0.1, 0.9)
 """Quantiles of a variable over the records between which a place lies."""
 WIDTH = (0.2, 0.8)
 """Widths of a form, over the range of its variable, from and to, evenly in the logarithm."""
-EXPONENT = (0.4, max(EXPONENTS))
-"""Size of an exponent, from and to; of either sign."""
 SATURATION = (0.5, 6.0)
-"""b of x/(1 + b x), from and to, evenly in the logarithm: x is 1 at the design point."""
+"""b of x²/(1 + b x²), from and to, evenly in the logarithm: x is 1 at the design point."""
 SHARE = (0.3, 1.0)
 """Of a second form in a sum, from and to; of either sign."""
 ODD = (-3, -1, 1, 3)
-"""Exponents of a product of powers."""
+"""Exponents of a sum of powers."""
 DIGITS = 5
 """Of the numbers in a formula; those that make it 0 at the design point have all."""
 
@@ -40,13 +38,13 @@ OUTSIDE: Mapping[str, str] = {
     "odd bump": "u ** 3 * exp(-u ** 2)",
     "flat bump": "exp(-max(u, -u) ** 3)",
     "swing": "u * exp(-u ** 2)",
-    "rational": "x / (1 + b * x)",
+    "rational": "x ** 2 / (1 + b * x ** 2)",
     "kink": "max(u, -u)",
     "root": "sqrt(max(u, 0) + 0.01)",
     "step and slope": "tanh(u) + q * u",
     "bump and slope": "exp(-u ** 2) + q * u",
     "cubic": "u ** 3 - u",
-    "odd powers": "x ** n * y ** m",
+    "odd powers": "x ** n + q * y ** m",
     "bounded product": "tanh(u * v)",
     "kink times slope": "max(u, 0) * v",
     "distance": "sqrt(u ** 2 + v ** 2 + 0.01)",
@@ -94,9 +92,13 @@ def of_none(of: Sequence[Known], rng: np.random.Generator) -> Shaped:
 
 
 def _shape(form: Form, x: Known, rng: np.random.Generator) -> dict[str, str]:
-    """Numbers for a grammar's letters: of a place, a width or an exponent."""
-    drawn = {"c": _place(x, rng), "w": _width(x, rng), "n": float(rng.choice((-1, 1)) * rng.uniform(*EXPONENT))}
-    return {s.letter: f"{drawn.get(s.letter, s.tries(x.values)[0]):.{DIGITS}g}" for s in form.shapes}
+    """Numbers for a grammar's letters, between the least and the largest that a search begins with."""
+    found = {}
+    for s in form.shapes:
+        low, high = min(s.tries(x.values)), max(s.tries(x.values))
+        drawn = np.exp(rng.uniform(np.log(low), np.log(high))) if low > 0.0 else rng.uniform(low, high)
+        found[s.letter] = f"{drawn:.{DIGITS}g}"
+    return found
 
 
 _LETTERS: Mapping[str, Callable[[np.random.Generator], str]] = {

@@ -3,15 +3,19 @@
 With t the truth, of place p, variables V and curve f over the records of the recordings, and the first of what was
 said, of place p̂, groups of variables Ĝ and curve f̂; visible: λ ≥ 60 and λ_sep ≥ 25 from all that the library has:
 
+    law_judged   visible
     law_given    a law was said                                             visible
     law_place    p̂ = p, λ_sep(p̂) < 11, or D < 11                            visible, a law was said
     law_driver   as many groups as variables, each v ∈ V correlated with
                  one of its own by more than 0.95 in these recordings       visible, a law was said
     law_curve    D < 11                                                     visible, a law was said
+    law_form     D < 11 with the law's coefficients fitted anew, too        visible, a law was said
     law_error    rms(f̂ − f − mean(f̂ − f))/(max f − min f)                    visible, p̂ = p
-    law_alone    one law was said, not two together                         visible, a law was said
+    law_alone    what was said acts at one place                            visible, a law was said
     law_gain_…   see `ahead`; law_worse: whether it is worse than none      visible, a law was said
     law_false    a law was said                                             nothing concealed
+    higher_at_ceiling  share of the records four kilometres higher that the
+                 envelope keeps lower than that
 
     D = χ² of the recordings without noise with the law as it was said in place of the true one, all that is
         identified fitted anew: the non-centrality at which a test could tell the two apart
@@ -59,7 +63,7 @@ def given_marks(far: Separability, said: Said) -> Marks:
     """Whether a law was said at all, or what else."""
     if said.status == FAILED:
         return {"no_verdict": True}
-    found: Marks = {"no_verdict": False}
+    found: Marks = {"no_verdict": False, "law_judged": judged(far)}
     if not judged(far):
         return found
     found |= {"law_given": said.status == LAW, "law_found": said.status != NOTHING}

@@ -57,6 +57,8 @@ def opened_law(engine: Engine, sealed: Sealed, recorded: Recorded, said: Said) -
     found = given_marks(far, said)
     told = ToldLaw.of(said.raw) if said.status == LAW else None
     kept: dict[str, Any] = {"law": described(sealed.law)}
+    if sealed.law.higher:
+        found["higher_at_ceiling"] = [sealed.law.at_ceiling]
     if judged(far) and not found["no_verdict"]:
         marked: Marks = dict.fromkeys(("law_place", "law_driver", "law_curve"), False)
         if told is not None:
@@ -115,7 +117,7 @@ class Opened:
     def marks(self, told: ToldLaw, searched: Evidence) -> tuple[Marks, dict[str, Any]]:
         """Marks of what was told, and what the record keeps of it. `searched`: the recordings as they were given."""
         laws = all_built(self.engine, told.entries)
-        apart = self.distance(laws)
+        apart, at_best = self.distance(laws), self.distance(laws, sought=True)
         far = place_separability(self.base, self.nuisance, self.f, self.truth.place)
         first, probability = told.places[0]
         alike = inseparable(far) | ({first} if apart < ALIAS else frozenset())
@@ -127,9 +129,10 @@ class Opened:
             "law_component": named is not None and named.component == self.truth.place.component,
             "law_driver": same_driver(list(self.truth.law.variables), told.drivers[0][0], self.values),
             "law_curve": apart < ALIAS,
+            "law_form": at_best < ALIAS,
         }
-        marks["law_alone"] = len(told.entries) == 1
-        marks["stated"] = [probability, marks["law_place"]]
+        marks["law_alone"] = len({entry["at"] for entry in told.entries}) == 1
+        marks["stated"] = [min(probability, 1.0), marks["law_place"]]
         here = [e for e in laws or () if law_of(e).acts.leaf == self.truth.law.acts.leaf]
         if exact and here:
             told_curve = np.sum([curve(e, self.values) for e in here], axis=0)
@@ -141,15 +144,20 @@ class Opened:
             "told_drivers": [[[g[0] for g in groups], short(x)] for groups, x in told.drivers[:3]],
             "explained": short(told.explained),
             "distance": short(apart),
+            "distance_at_best": short(at_best),
             "alike": sorted(alike),
             "excess": {name: {m: short(x) for m, x in e.items()} for name, e in excess.items()},
         }
         return marks | ahead_marks(excess), kept
 
-    def distance(self, laws: Sequence[Effect] | None) -> float:
-        """D of `marks`; infinite where the laws cannot be carried or fitted."""
+    def distance(self, laws: Sequence[Effect] | None, sought: bool = False) -> float:
+        """D of `marks`; infinite where the laws cannot be carried or fitted. `sought`: with their coefficients fitted
+        anew, too."""
         if laws is None:
             return np.inf
+        if sought:
+            free = identify_with(self.base.evidence, Hypothesis(tuple(laws)), self.nuisance, self.base)
+            return Projection(free).objective if free.converged else np.inf
         engine = self.base.evidence.engine
         evidence = replace(self.base.evidence, engine=engine.with_effects((*engine.effects, *laws)))
         fit = identify_with(evidence, NO_HYPOTHESIS, self.nuisance, self.base)

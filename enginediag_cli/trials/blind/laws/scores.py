@@ -15,6 +15,7 @@ GAIN, GAIN_HIGHER = (">= 0.95", ">= 0.95"), (">= 0.90", ">= 0.90")
 STATED = ("within 0.05", "within 0.05")
 
 LAW_SCORES: Mapping[str, Score] = {
+    "law_judged": Score("law_judged", _LAW),
     "law_given": Score("law_given", _LAW),
     "law_found": Score("law_found", _LAW),
     "law_wrong_name": Score("law_wrong_name", _LAW),
@@ -26,6 +27,7 @@ LAW_SCORES: Mapping[str, Score] = {
     "law_driver_of_all": Score("law_driver_of_all", _LAW, *DRIVER),
     "law_curve": Score("law_curve", _LAW, *CURVE),
     "law_curve_of_all": Score("law_curve_of_all", _LAW, *CURVE),
+    "law_form": Score("law_form", _LAW),
     "law_alone": Score("law_alone", _LAW),
     "law_error": Score("law_error", _LAW, *ERROR, how=MEDIAN),
     "law_gain_unseen": Score("law_gain_unseen", _LAW, *GAIN, how=MEDIAN),
@@ -34,6 +36,7 @@ LAW_SCORES: Mapping[str, Score] = {
     "spline_gain_unseen": Score("spline_gain_unseen", _LAW, how=MEDIAN),
     "spline_gain_higher": Score("spline_gain_higher", _LAW, how=MEDIAN),
     "spline_worse": Score("spline_worse", _LAW),
+    "higher_at_ceiling": Score("higher_at_ceiling", _LAW, size=True),
     "law_place_right_less_stated": Score("stated", _LAW, *STATED, how=RIGHT_LESS_STATED),
     "law_false": Score("law_false", _NULL, "<= 0.02", "<= 0.05"),
     "law_false_name": Score("law_false_name", _NULL),

@@ -67,7 +67,7 @@ def _fitted(effect: Effect, known: Mapping[str, float]) -> Effect:
 @dataclass(frozen=True)
 class ToldLaw:
     """A law as it was said: names of places (as `locations_of` has them) and groups of variables, likeliest first, with
-    their probabilities; `entries` of the laws that are said to act, two of them where one was not enough; `explained`:
+    their probabilities; `entries` of the laws that are said to act, several where one was not enough; `explained`:
     share of the excess."""
 
     places: tuple[tuple[str, float], ...]

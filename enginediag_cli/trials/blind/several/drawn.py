@@ -18,7 +18,7 @@ from enginediag_cli.mismatch.fit.extended import Discrepancy
 from enginediag_cli.mismatch.fit.identified import Hypothesis, identify_with, nuisance
 from enginediag_cli.mismatch.fit.projection import Projection
 from enginediag_cli.trials.blind.causes import Cause
-from enginediag_cli.trials.blind.laws.drawn import Ground, shaped_law
+from enginediag_cli.trials.blind.laws.drawn import Ground, Sort, shaped_law
 from enginediag_cli.trials.blind.laws.places import joined
 from enginediag_cli.trials.blind.laws.truth import LawTruth
 from enginediag_cli.trials.blind.visible import drawable, noise_free_fit, true_readings, weights
@@ -34,7 +34,7 @@ SIZE = (0.15, 2.0)
 """Of a typical size, the smallest and the largest."""
 STEP: Mapping[str, float] = {FAULT: 0.01, SENSOR_FAULT: 0.005}
 """Typical steps of a health parameter and of a sensor's scale, relative."""
-TRIES, SCALINGS = 25, 2
+TRIES, SCALINGS = 60, 2
 """Sets of causes that are drawn, and times that the sizes of one are scaled, at most."""
 
 
@@ -156,7 +156,7 @@ def _effect(ground: Ground, kind: str, n: int, rng: np.random.Generator) -> Part
 
 
 def _law(ground: Ground, kind: str, n: int, rng: np.random.Generator) -> Part | None:
-    law = shaped_law(ground, float(np.exp(rng.uniform(*np.log(LAMBDA)))), rng)
+    law = shaped_law(ground, Sort.drawn(rng), rng)
     return None if law is None else Part(kind, Cause(law.effect.label), 1.0, law=law)
 
 
