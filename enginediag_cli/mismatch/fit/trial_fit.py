@@ -22,6 +22,7 @@ from enginediag_cli.mismatch.fit.identified import Hypothesis, Identified, Nuisa
 from enginediag_cli.mismatch.fit.options import (
     EFFECT,
     FAULT,
+    LAW,
     SENSOR_FAULT,
     Option,
     OptionScore,
@@ -312,9 +313,23 @@ def not_needed(trial: Trial, least: float) -> str:
     for option in trial.options:
         own = [trial.coefficients[n] for n in option.hypothesis.sizes]
         z2 = max(((v / s) ** 2 for v, s in own if s > 0), default=0.0)
+        if option.kind == LAW:
+            z2 = max(z2, _beside_its_shape(trial, option))
         if surprise(z2, 1) < least:
             return option.label
     return ""
+
+
+def _beside_its_shape(trial: Trial, option: Option) -> float:
+    """(v/s)² of the clearest size, shapes held: what a law changes can be clear where neither size nor width is,
+    since a wider one that is larger changes the same."""
+    problem, free = trial.found.problem, trial.projection.free
+    at = [j for j, n in enumerate(problem.names) if n in option.hypothesis.names and free[j]]
+    rows = (np.cumsum(free) - 1)[at]
+    information = np.linalg.inv(trial.projection.covariance()[np.ix_(rows, rows)])
+    sizes = [(k, problem.names[j]) for k, j in enumerate(at) if problem.names[j] in option.hypothesis.sizes]
+    scale = dict(zip(problem.names, problem.prior_sigma, strict=True))
+    return max((float((trial.coefficients[n][0] / scale[n]) ** 2 * information[k, k]) for k, n in sizes), default=0.0)
 
 
 @stage("scoring effects")
