@@ -106,12 +106,13 @@ class Fits:
             for (t, left, flights), p in zip(adequate, odds / (odds.sum() + elsewhere), strict=True)
         ]
 
-    def judge(self, trial: Trial) -> tuple[float, float, Rejected | None]:
-        """What is left, share of flights gained, and why the trial is no explanation (None when it is one)."""
+    def judge(self, trial: Trial, needed: bool = False) -> tuple[float, float, Rejected | None]:
+        """What is left, share of flights gained, and why the trial is no explanation (None when it is one). `needed`:
+        its members are known to be."""
         if trial.at_bound:
             return np.nan, np.nan, Rejected(Reason.AT_BOUND, what=", ".join(trial.at_bound))
         # what leaves no more than is allowed to be left may still have explained nothing
-        idle = not_needed(trial, -np.log(ADEQUATE))
+        idle = "" if needed else not_needed(trial, -np.log(ADEQUATE))
         if idle:
             return np.nan, np.nan, Rejected(Reason.NOT_NEEDED, what=idle)
         left = self.left(trial)

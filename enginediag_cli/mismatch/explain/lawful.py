@@ -55,12 +55,14 @@ def law_for(fits: Fits, scan: Scan) -> Lawful:
 
 
 def _adequate(fits: Fits, fitted: Sequence[Fitted]) -> list[tuple[Fitted, float, float]]:
-    """Those that are explanations, with what each leaves and the share of flights that it gains."""
+    """Those that are explanations, with what each leaves and the share of flights that it gains. Members of a law are
+    needed: none has joined without more evidence for all together, though along the same variables their sizes may
+    well be known only together."""
     found: list[tuple[Fitted, float, float]] = []
     for f in fitted[:JUDGED]:
         if found and f.evidence < found[0][0].evidence - AS_GOOD:
             break
-        left, flights, why = fits.judge(f.trial)
+        left, flights, why = fits.judge(f.trial, needed=True)
         if why is None:
             found.append((f, left, flights))
         else:

@@ -49,7 +49,9 @@ def proposed(candidate: Candidate, parameter: Parameter, name: str) -> Effect:
     x = formula.of[0].values
     for s in formula.form.shapes:
         at = formula.shape[s.letter]
-        coefficients.append(Coefficient(s.letter, "1", "shape", at, *s.bounds(x), s.sigma(x), at, free=True))
+        # a shape at a bound is another form: a threshold beyond what was flown is a straight line
+        shape = Coefficient(s.letter, "1", "shape", at, *s.bounds(x), s.sigma(x), at, free=True, closed=True)
+        coefficients.append(shape)
     acts = Acts(parameter.name, parameter.component, unit, factor) if through is None else at_lever(through)
     variables = {k.variable.name: k.variable for k in formula.of}
     words = " and ".join(k.variable.words for k in formula.of)

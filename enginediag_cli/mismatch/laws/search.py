@@ -26,7 +26,10 @@ BEHIND, SECOND = 2, 3
 """Laws of which other forms are tried, and to which a second one is sought where none is enough by itself; how many of
 these are fitted to each."""
 
-MOST_FORMS = 3
+STARTS = 4
+"""Places and variables, best first, of which sums of forms are fitted: of two variables that act together the right two
+may come first only with more than one form."""
+MOST_FORMS = 5
 """Forms of one law: what needs more is no law."""
 UNLIKELY = 5.0
 """ln evidence by which a form is behind the best that has no say in the curve any more."""
@@ -97,7 +100,7 @@ class LawSearch:
         best: dict[object, Fitted] = {}
         for f in self.single:
             best.setdefault(f.where, f)
-        return list(best.values())[:BEHIND]
+        return list(best.values())[:STARTS]
 
     def _of_more_forms(self, first: Fitted) -> list[Fitted]:
         """A law with further forms of the same variables at its place, as long as that is likelier: a curve that no
@@ -127,14 +130,18 @@ class LawSearch:
         return found[1:]
 
     def with_second(self) -> list[Fitted]:
-        """The best laws with the one that says most about what each leaves."""
+        """The best laws with the one that says most about what each leaves, and with further forms of the variables of
+        both; those that are likelier than any without."""
         sets: list[tuple[Proposal, ...]] = []
         for first in self.single[:BEHIND]:
             left = scanned(first.trial.found, first.trial.projection)
-            for p in elsewhere(left.candidates, self.engine, SECOND):
-                if p.option.label != first.options[0].label:
-                    sets.append((*first.laws, p))
-        self.double = _ordered([*self.double, *self._fitted(sets)])
+            known = {o.label for o in first.options}
+            more = [p for p in elsewhere(left.candidates, self.engine, SECOND) if p.option.label not in known]
+            sets += [(*first.laws, p) for p in more]
+        found = self._fitted(sets)
+        further = [f for second in found[:1] for f in self._of_more_forms(second)]
+        likelier = [f for f in (*found, *further) if f.evidence > self.single[0].evidence]
+        self.double = _ordered([*self.double, *likelier])
         return self.double
 
     def finding(self, best: Sequence[Fitted], noise_known: bool) -> LawFinding:
