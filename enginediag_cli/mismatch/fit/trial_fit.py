@@ -23,6 +23,7 @@ from enginediag_cli.mismatch.fit.options import (
     EFFECT,
     FAULT,
     FREE,
+    LAW,
     SENSOR_FAULT,
     Option,
     OptionScore,
@@ -316,7 +317,22 @@ def not_needed(trial: Trial, least: float) -> str:
 def is_needed(trial: Trial, option: Option, least: float) -> bool:
     """Whether a coefficient of the option is further than −ln p = `least` from nothing."""
     own = [trial.coefficients[n] for n in option.hypothesis.sizes]
-    return not surprise(max(((v / s) ** 2 for v, s in own if s > 0), default=0.0), 1) < least
+    z2 = max(((v / s) ** 2 for v, s in own if s > 0), default=0.0)
+    if option.kind == LAW:
+        z2 = max(z2, _beside_its_shape(trial, option))
+    return not surprise(z2, 1) < least
+
+
+def _beside_its_shape(trial: Trial, option: Option) -> float:
+    """(v/s)² of the clearest size, shapes held: what a law changes can be clear where neither size nor width is,
+    since a wider one that is larger changes the same."""
+    problem, free = trial.found.problem, trial.projection.free
+    at = [j for j, n in enumerate(problem.names) if n in option.hypothesis.names and free[j]]
+    rows = (np.cumsum(free) - 1)[at]
+    information = np.linalg.inv(trial.projection.covariance()[np.ix_(rows, rows)])
+    sizes = [(k, problem.names[j]) for k, j in enumerate(at) if problem.names[j] in option.hypothesis.sizes]
+    scale = dict(zip(problem.names, problem.prior_sigma, strict=True))
+    return max((float((trial.coefficients[n][0] / scale[n]) ** 2 * information[k, k]) for k, n in sizes), default=0.0)
 
 
 @stage("scoring effects")

@@ -19,11 +19,13 @@ from enginediag_cli.mismatch.laws.shortlist import Proposal, proposal
 
 MOST_PLACES = 5
 """Of one formula: an engine's turbomachines."""
+RIVAL = 2.0
+"""ln evidence by which a further place may be behind, to be told with the probability that it has."""
 
 
 def elsewhere_too(laws: Sequence[Proposal], trial: Trial, where: Sequence[Location]) -> Proposal | None:
     """Where the formula of one of these laws, as it was fitted, says most of what they leave; None where it says
-    nothing anywhere. `where`: all places of the engine."""
+    less than a rival would have to. `where`: all places of the engine."""
     taken = {p.candidate.location.name for p in laws}
     found: list[Candidate] = []
     for p in {p.candidate.formula.form.name: p for p in reversed(laws)}.values():
@@ -34,7 +36,7 @@ def elsewhere_too(laws: Sequence[Proposal], trial: Trial, where: Sequence[Locati
         if free and np.isfinite(law.curve).all() and np.std(law.curve) > 0.0:
             found += scored(trial.found, trial.projection, free, [law], -float(np.log(len(free))))
     best = max(found, key=lambda c: c.weight, default=None)
-    return proposal(best, trial.found.evidence.engine) if best is not None and best.weight > 0.0 else None
+    return proposal(best, trial.found.evidence.engine) if best is not None and best.weight > -RIVAL else None
 
 
 def _as_fitted(law: Proposal, trial: Trial) -> Formula:

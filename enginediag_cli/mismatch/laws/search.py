@@ -16,7 +16,7 @@ from enginediag_cli.mismatch.fit.freeform import Location, locations
 from enginediag_cli.mismatch.fit.options import Option
 from enginediag_cli.mismatch.fit.trial_fit import Trial
 from enginediag_cli.mismatch.laws.band import EDGES, Weighed, band_of, curve_of
-from enginediag_cli.mismatch.laws.elsewhere_too import MOST_PLACES, elsewhere_too
+from enginediag_cli.mismatch.laws.elsewhere_too import MOST_PLACES, RIVAL, elsewhere_too
 from enginediag_cli.mismatch.laws.finding import FittedLaw, LawFinding
 from enginediag_cli.mismatch.laws.posterior import evidence_of, places_of, shares, variables_of_laws
 from enginediag_cli.mismatch.laws.scan import Candidate, Scan, scanned
@@ -115,15 +115,17 @@ class LawSearch:
         return found[1:]
 
     def elsewhere_too(self, first: Fitted) -> list[Fitted]:
-        """Laws with the same formula at further places, as long as that is likelier."""
+        """Laws with the same formula at further places, as long as that is likelier; the last may be a rival."""
         where, found = locations(self.base.found), [first]
         while len(found[-1].laws) < MOST_PLACES:
             last = found[-1]
             further = elsewhere_too(last.laws, last.trial, where)
             more = [] if further is None else self._fitted([(*last.laws, further)])
-            if not more or more[0].evidence <= last.evidence:
+            if not more or more[0].evidence < last.evidence - RIVAL:
                 break
             found.append(more[0])
+            if more[0].evidence <= last.evidence:
+                break
         self.double = _ordered([*self.double, *found[1:]])
         return found[1:]
 
