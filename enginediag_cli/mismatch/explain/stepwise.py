@@ -40,6 +40,8 @@ BEAM = 3
 """Sets, likeliest first, whose remainder proposes the next members."""
 MANY, TRIED_OF_MANY = 1000, 2
 """Records from which on a fit takes seconds: then sets grow from one set, so many at a time."""
+ROUNDS, ROUNDS_OF_MANY = 12, 2
+"""Rounds of growth at most; the first is seldom reached."""
 BESIDE = 2
 """Of these where free curves are among the members: of all sets, and of those with something listed."""
 OFFERED, TRIED = 3, 5
@@ -80,7 +82,7 @@ class Sets:
         self.fits, self.best, self.proposers = fits, best, tuple(proposers)
         self.prices = Prices(fits.library)
         self.unlisted = unlisted(self.prices, fits.along_drivers)
-        many = fits.evidence.records > MANY
+        self.many = many = fits.evidence.records > MANY
         self.beam, self.beside, self.tried = (1, 1, TRIED_OF_MANY) if many else (BEAM, BESIDE, TRIED)
         self._evidence: dict[str, float] = {}
         self._offers: dict[tuple[str, Proposer | None], list[Offer]] = {}
@@ -97,7 +99,8 @@ class Sets:
             _add(pairs, wider)
         fitted = self.fits.refit(pairs) or []
         named = self.fits.named([s for s in fitted if self.fits.counts(s, self.best)])
-        named = self._with_rivals(named[0], fitted) if named else []
+        if named and not self.many:
+            named = self._with_rivals(named[0], fitted)
         return named or self._grown(self.proposers, self._settled)
 
     def _with_rivals(self, first: Explanation, pairs: Sequence[Trial]) -> list[Explanation]:
@@ -137,22 +140,23 @@ class Sets:
         nothing settles them. What promises less than free curves that leave nothing is not tried."""
         alone = self.only_unlisted()
         enough = self.evidence(alone) - 0.5 * ALIAS if self._is_adequate(alone) else -np.inf
-        exchanged, stalled = "", False
-        while True:
-            beam = self._beam(settled is not None)
+        exchanged, stalled, listed = "", False, settled is not None
+        for _ in range(ROUNDS_OF_MANY if self.many else ROUNDS):
+            beam = self._beam(listed)
             named = settled(beam) if settled is not None else []
-            done = settled is None and self._is_adequate(beam[0])
             if named:
                 return named
+            done = settled is None and self._is_adequate(beam[0])
             new = [] if done or stalled else self._proposed(beam, proposers, enough)
-            if not new and beam[0].label != exchanged and self.evidence(beam[0]) > enough - WITHIN_REACH:
+            within = beam[0].label != exchanged and self.evidence(beam[0]) > enough - WITHIN_REACH
+            if not new and within and not (self.many and listed):
                 exchanged = beam[0].label
                 new = self._exchanges(beam[0], proposers, enough)
             if not new:
                 return []
             self._fit(new)
-            best = self.likeliest(listed=settled is not None)[0]
-            stalled = self.evidence(best) < self.evidence(beam[0]) + LIKELIER
+            stalled = self.evidence(self.likeliest(listed)[0]) < self.evidence(beam[0]) + LIKELIER
+        return settled(self._beam(listed)) if settled is not None else []
 
     def _beam(self, listed: bool) -> list[Trial]:
         """Sets to grow from, likeliest first; where free curves may be members, as many that hold something listed."""
