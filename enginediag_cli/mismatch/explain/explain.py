@@ -33,6 +33,7 @@ from enginediag_cli.mismatch.explain.answer import (
 from enginediag_cli.mismatch.explain.in_part import in_part, left_by
 from enginediag_cli.mismatch.explain.judging import ADEQUATE, ALIAS, Fits
 from enginediag_cli.mismatch.explain.lawful import AS_GOOD, law_for
+from enginediag_cli.mismatch.explain.mixed import with_laws
 from enginediag_cli.mismatch.explain.repeated import repeated
 from enginediag_cli.mismatch.explain.shortlist import shortlisted
 from enginediag_cli.mismatch.explain.stepwise import MOST_MEMBERS, Proposer, Sets
@@ -169,6 +170,9 @@ class Search(Fits):
         # that no column records the driver is only a finding where the best recorded one explains less
         if hidden and (named or evidence > 0.5 * recorded):
             return self.answer(HIDDEN, "", rest, named, hidden)
+        named = with_laws(sets)
+        if named:
+            return self.answer(NAMED, "", rest, named, hidden)
         part = in_part(sets)
         if part is not None:
             told = self.answer(NAMED, "", rest, (part.explanation,), hidden)

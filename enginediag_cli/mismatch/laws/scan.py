@@ -140,9 +140,13 @@ def over_records(form: Form, of: Sequence[Known], shape: Mapping[str, float]) ->
 def scanned(found: Identified, projection: Projection) -> Scan:
     """Every formula at every place."""
     known = known_variables(found)
-    where = locations(found)
-    share = -float(np.log(max(len(where), 1)))
-    return Scan(tuple(scored(found, projection, where, list(formulas(known)), share)), tuple(known))
+    share = prior_of_a_place(found)
+    return Scan(tuple(scored(found, projection, locations(found), list(formulas(known)), share)), tuple(known))
+
+
+def prior_of_a_place(found: Identified) -> float:
+    """ln: beforehand one is as likely as another."""
+    return -float(np.log(max(len(locations(found)), 1)))
 
 
 def scored(
