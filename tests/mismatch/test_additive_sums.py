@@ -112,6 +112,15 @@ def test_products_of_all_candidates_are_those_of_their_rows(found):
     np.testing.assert_allclose(np.abs(R), np.abs(U.T @ U), atol=1e-6)
 
 
+def test_a_name_with_each_curve_alone_has_the_products_of_its_blocks(found):
+    projection, names = Projection(found), ["hpc.efficiency", "lpt.flow_capacity"]
+    curves = np.random.default_rng(5).standard_normal((len(found.number), 4))
+    sums = Sums(projection, Columns(found, names, ()), grid(names, curves, [[k] for k in range(4)]))
+    for name in range(2):
+        each = [sums.gram(np.array([[name, k]]))[0, 0] for k in range(4)]
+        assert np.allclose(sums.alone(name), each, rtol=1e-12)
+
+
 def test_rows_of_a_fitted_block_are_those_of_the_projection(found):
     projection = Projection(found)
     cell = next(c for c in free_form(found, projection, along(found)) if not c.score.absorbed and c.score.dof > 1)

@@ -94,6 +94,12 @@ class Sums:
         G = self._products[at] - W.T @ W
         return np.asarray((G + G.T) / 2)
 
+    def alone(self, name: int) -> np.ndarray:
+        """c⊥ᵀc⊥ (Φ,) of a name with each curve by itself, as a `grid` has them."""
+        curve = np.arange(self.family.curves.shape[1])
+        own = self._products[self._curve_at[curve, curve], self._name_at[name, name]]
+        return np.asarray(own - np.sum(self.along[:, name] ** 2, axis=0))
+
     def score(self, of: Candidates) -> Score:
         """Of one block."""
         return score_of(self.gram(of), self.pulls(of), float(self.lengths[tuple(of[0])]))

@@ -164,7 +164,7 @@ def scored(
     for place in where:
         l = names.index(place.parameter)
         g = sums.pull[l]
-        G = np.array([sums.gram(np.array([[l, k]]))[0, 0] for k in range(len(laws))])
+        G = sums.alone(l)
         narrowed = 1.0 + G * place.scale**2
         weight = 0.5 * g**2 * place.scale**2 / narrowed - 0.5 * np.log(narrowed)
         step = g * place.scale**2 / narrowed
