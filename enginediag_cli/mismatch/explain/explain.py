@@ -32,7 +32,7 @@ from enginediag_cli.mismatch.explain.answer import (
 )
 from enginediag_cli.mismatch.explain.in_part import in_part, left_by
 from enginediag_cli.mismatch.explain.judging import ADEQUATE, ALIAS, Fits
-from enginediag_cli.mismatch.explain.lawful import AS_GOOD, law_for
+from enginediag_cli.mismatch.explain.lawful import LISTED_FIRST, law_for
 from enginediag_cli.mismatch.explain.mixed import with_laws
 from enginediag_cli.mismatch.explain.repeated import repeated
 from enginediag_cli.mismatch.explain.shortlist import shortlisted
@@ -152,7 +152,7 @@ class Search(Fits):
         if named and recorded <= named[0].gain + ALIAS:
             return self.answer(NAMED, "", rest, named)
         law = law_for(self, self.laws)
-        if named and not (law.explanations and law.evidence > self._evidence_of(named[0]) + AS_GOOD):
+        if named and not (law.explanations and law.evidence > self._evidence_of(named[0])):
             return self.answer(NAMED, "", rest, named)
         if named:
             return self.answer(LAW, "", rest, law.explanations, law=law.finding)
@@ -220,8 +220,9 @@ class Search(Fits):
         return self._unrecorded
 
     def _evidence_of(self, x: Explanation) -> float:
-        """ln evidence of a set of listed effects, each of which might have been any."""
-        return evidence_of(self.base, self.fitted[x.label], -len(x.options) * float(np.log(len(self.library))))
+        """ln evidence of a set of listed effects, each of which might have been any, against that of a law."""
+        prior = LISTED_FIRST - len(x.options) * float(np.log(len(self.library)))
+        return evidence_of(self.base, self.fitted[x.label], prior)
 
     # around it
 

@@ -14,6 +14,9 @@ from enginediag_cli.mismatch.laws.search import Fitted, LawSearch
 
 LEAST = 3.0
 """ln evidence from which a law is told: twenty to one, everything that was tried counted in its prior."""
+LISTED_FIRST = 7.0
+"""ln of the odds by which what the library holds is likelier beforehand than a law that nobody has written down, its
+place and form apart: a thousand to one, judgement. Where both explain as well what is known is told."""
 JUDGED = 4
 """Laws, likeliest first, that are judged."""
 FURTHER = 3
