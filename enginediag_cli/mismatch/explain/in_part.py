@@ -55,14 +55,18 @@ def in_part(sets: Sets) -> Part | None:
     best = ranked[0]
     within = [t for t in ranked if sets.evidence(t) > sets.evidence(best) - NEARLY_AS_LIKELY]
     standing = [o for o in listed(best) if _stands(o, best, within, sets)]
-    if not standing:
-        return None
     alone = sets.fitted(tuple(standing))
-    if alone is None or alone.at_bound:
+    while standing and alone is not None:
+        steady = [o for o in standing if _steady(o, best, alone)]
+        if len(steady) == len(standing):
+            break
+        standing = steady
+        alone = sets.fitted(tuple(standing))
+    if not standing or alone is None or alone.at_bound:
         return None
     excess = fits.base.objective - best.objective
     stays = alone.objective - best.objective
-    if excess <= 0.0 or excess - stays < FAIR_SHARE * excess or not _steady(standing, best, alone):
+    if excess <= 0.0 or excess - stays < FAIR_SHARE * excess:
         return None
     flights = fits.flights(alone)
     if flights < MOST_FLIGHTS:
@@ -103,9 +107,9 @@ def _stands(option: Option, best: Trial, within: Sequence[Trial], sets: Sets) ->
     return is_needed(best, option, gate) and max(told, default=0.0) > gate
 
 
-def _steady(standing: Sequence[Option], best: Trial, alone: Trial) -> bool:
-    """Whether coefficients of both fits are the same within their errors, or a share of themselves."""
-    for name in (n for o in standing for n in o.hypothesis.sizes if n in best.coefficients):
+def _steady(option: Option, best: Trial, alone: Trial) -> bool:
+    """Whether its coefficients are the same in both fits, within their errors or a share of themselves."""
+    for name in option.hypothesis.sizes:
         (v, s), (w, r) = best.coefficients[name], alone.coefficients[name]
         if abs(v - w) > max(float(np.hypot(s, r)), MOVED * abs(v)):
             return False
