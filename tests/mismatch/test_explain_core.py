@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from concealed import carried, evidence, flights, turbofan
 
-from enginediag_cli.mismatch.explain.answer import FAILED, NAMED, NONE, NOTHING
+from enginediag_cli.mismatch.explain.answer import FAILED, LAW, NAMED, NOTHING
 from enginediag_cli.mismatch.explain.explain import Search, explain
 from enginediag_cli.mismatch.fit.evidence import Flight
 from enginediag_cli.physics.registry import candidates
@@ -35,14 +35,14 @@ def test_two_concealed_effects_are_named_together():
     assert {o.label for o in a.explanations[0].options} == {"reynolds_efficiency@hpc", "power_offtake@hp"}
 
 
-def test_an_effect_that_the_library_lacks_is_none_of_these():
+def test_an_effect_that_the_library_lacks_is_a_law_at_its_place():
     a = _answer(
         ("active_clearance_control", "hpt", {"closing": 0.6}),
         seed=3,
         without=("active_clearance_control", "turbine_tip_clearance"),
     )
-    assert a.status == NONE and not a.explanations
-    assert {c.location.component for c in a.cells[:3]} & {"hpt"}
+    assert a.status == LAW and {o.kind for o in a.explanations[0].options} == {"law"}
+    assert {c.location.component for c in a.cells[:3]} & {"hpt"} and a.law.places[0][0].component == "hpt"
 
 
 def test_nothing_is_named_on_flights_of_the_model_itself():

@@ -16,7 +16,7 @@ from enginediag_cli.mismatch.fit.identified import NO_HYPOTHESIS, identify_with,
 from enginediag_cli.mismatch.fit.options import effect_option
 from enginediag_cli.mismatch.fit.trial_fit import attempt
 from enginediag_cli.planning.suggestion import SAME, SWITCH, best_of_each_kind
-from enginediag_cli.presentation.explanation_rows import curve_rows, document, rows
+from enginediag_cli.presentation.explanation_rows import document, rows
 from enginediag_cli.presentation.explanations import sentences
 from enginediag_cli.presentation.rows import finite, plain
 
@@ -65,16 +65,25 @@ def test_rows_and_json_agree_on_the_coefficient(named):
     assert told["status"] == row["status"] == "named"
 
 
-def test_an_effect_outside_the_library_gives_a_curve_at_its_place(unlisted):
-    assert unlisted.answer.status == "none of these"
-    best = unlisted.curves[0]
-    assert best.converged and best.location.name == "hpc.efficiency"
-    assert best.driver.driver.word in ("reynolds_index", "ambient_pressure")
+def test_an_effect_outside_the_library_is_a_law_at_its_place(unlisted):
+    assert unlisted.answer.status == "law"
+    law = unlisted.answer.law
+    (place, p), band = law.places[0], law.band
+    assert place.name == "hpc.efficiency" and p > 0.9 and law.explained > 0.9
+    assert {"reynolds_index", "ambient_pressure"} & {v.name for (g,), _ in law.drivers[:1] for v in g}
     # efficiency falls by about a tenth of the losses (14 %) a unit of ln RNI
-    slope = np.polyfit(best.values, best.change, 1)[0]
-    assert 0.007 < slope < 0.021
-    assert len(list(curve_rows(unlisted.curves))) >= 10
-    assert any("Unlisted physics at" in line for line in sentences(unlisted))
+    slope = np.polyfit(np.log(band.at), band.change, 1)[0]
+    assert 0.007 < slope < 0.021 and (band.standard_error > 0.0).all()
+    told = "\n".join(sentences(unlisted))
+    assert "a law does" in told and "Where is settled" in told and "f = a *" in told
+    assert {r["kind"] for r in rows(unlisted)} == {"law"}
+
+
+def test_a_law_stands_in_the_document_as_an_engine_file_takes_it(unlisted):
+    told = json.loads(json.dumps(finite(plain(document(unlisted, ())))))["law"]
+    entry = told["laws"][0]["entry"]
+    assert entry["at"] == "hpc.efficiency" and set(entry) >= {"law", "expression", "coefficients", "statement"}
+    assert told["places"][0]["location"] == "hpc.efficiency" and len(told["band"]["values"]) >= 10
 
 
 def test_places_within_reach_are_named_once_each(unlisted):

@@ -8,7 +8,7 @@ import pytest
 from concealed import carried, evidence, flights, turbofan
 
 from enginediag_cli.drivers import AMBIENT_PRESSURE
-from enginediag_cli.mismatch.explain.answer import NAMED, NONE
+from enginediag_cli.mismatch.explain.answer import LAW, NAMED
 from enginediag_cli.mismatch.explain.currency import Prices, narrowed, scales_of
 from enginediag_cli.mismatch.explain.explain import Search
 from enginediag_cli.mismatch.explain.free_members import free_option, unlisted
@@ -126,10 +126,11 @@ def test_a_member_that_is_not_needed_is_dropped():
     assert [o.label for o in dropped] == ["reynolds_efficiency@hpc"]
 
 
-def test_an_unlisted_effect_is_one_free_curve_and_not_several_listed_effects():
+def test_an_unlisted_effect_is_one_law_and_not_several_listed_effects():
     recorded = flights(carried(CLEARANCE), np.random.default_rng(3))
     a = Search(evidence(recorded), library(CLEARANCE[0], "turbine_tip_clearance")).run()
-    assert a.status == NONE and a.unexplained == 1.0
+    assert a.status == LAW and a.unexplained == 0.0
+    assert a.law.places[0][0].component == "hpt" and a.law.places[0][1] > 0.9
 
 
 @cache

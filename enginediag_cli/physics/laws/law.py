@@ -64,8 +64,8 @@ class Law(Term):
         self.acts, self.expression = acts, expression
         self.variables = {n: v for n, v in variables.items() if n in expression.names}
         self.NAME, self.COEFFICIENTS = name, coefficients
-        self.TITLE = f"Law at {acts.leaf}"
-        self.STATEMENT = statement or f"{self.TITLE} that varies with {self.varies_with()}."
+        self.TITLE = "Law"
+        self.STATEMENT = statement or f"Law at {acts.leaf} that varies with {self.varies_with()}."
         how = f"{acts.leaf} (1 + f)" if acts.factor else f"{acts.leaf} + f"
         if acts.through is not None:
             self.INPUTS = acts.through.term.INPUTS
