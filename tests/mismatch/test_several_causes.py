@@ -12,9 +12,11 @@ from enginediag_cli.mismatch.explain.answer import LAW, NAMED
 from enginediag_cli.mismatch.explain.currency import Prices, narrowed, scales_of
 from enginediag_cli.mismatch.explain.explain import Search
 from enginediag_cli.mismatch.explain.free_members import free_option, unlisted
+from enginediag_cli.mismatch.explain.in_part import in_part
 from enginediag_cli.mismatch.explain.stepwise import Sets, identity
 from enginediag_cli.mismatch.fit.evidence import Flight
 from enginediag_cli.mismatch.fit.identified import NO_HYPOTHESIS, identify_with, nuisance
+from enginediag_cli.mismatch.fit.options import LAW as OF_A_LAW
 from enginediag_cli.mismatch.fit.options import effect_option, option_scores
 from enginediag_cli.mismatch.fit.projection import Projection
 from enginediag_cli.mismatch.fit.trial_fit import Trial, attempt, is_needed, not_needed
@@ -130,17 +132,34 @@ def test_an_unlisted_effect_is_one_law_and_not_several_listed_effects():
     recorded = flights(carried(CLEARANCE), np.random.default_rng(3))
     a = Search(evidence(recorded), library(CLEARANCE[0], "turbine_tip_clearance")).run()
     assert a.status == LAW and a.unexplained == 0.0
-    assert a.law.places[0][0].component == "hpt" and a.law.places[0][1] > 0.9
+    assert len(a.explanations[0].options) == 1 and a.law.places[0][0].name == "hpt.efficiency"
+    assert {v.name for (group,), _ in a.law.drivers[:1] for v in group} >= {"ambient_pressure"}
 
 
 @cache
 def fault_beside_unlisted():
     recorded = stepped(flights(carried(CLEARANCE), np.random.default_rng(24)), "T3_K", 0.004, 2)
-    return Search(evidence(recorded), library(CLEARANCE[0], "turbine_tip_clearance")).run()
+    search = Search(evidence(recorded), library(CLEARANCE[0], "turbine_tip_clearance"))
+    return search, search.run()
 
 
-def test_a_fault_beside_an_unlisted_effect_is_named_in_part():
-    a = fault_beside_unlisted()
+@cache
+def in_part_alone():
+    """What would be told of it if no law could be."""
+    search, a = fault_beside_unlisted()
+    part = in_part(Sets(search, a.cells[0]))
+    return replace(a, explanations=(part.explanation,), unexplained=part.unexplained, rest=part.cells)
+
+
+def test_a_fault_beside_an_unlisted_effect_is_named_with_a_law():
+    _, a = fault_beside_unlisted()
+    assert a.status == NAMED and a.unexplained == 0.0 and a.kind == "law + sensor fault"
+    fault, law = sorted(a.explanations[0].options, key=lambda o: o.kind == OF_A_LAW)
+    assert fault.target.name == "sensor.T3.scale" and law.component == "hpt"
+
+
+def test_a_fault_beside_an_unlisted_effect_is_named_in_part_where_no_law_can_be():
+    a = in_part_alone()
     assert a.status == NAMED and a.in_part and a.kind == "sensor fault"
     assert names(a.explanations[0]) == {("sensor.T3.scale",)}
     (c,) = a.explanations[0].coefficients
@@ -148,7 +167,7 @@ def test_a_fault_beside_an_unlisted_effect_is_named_in_part():
 
 
 def test_of_a_name_in_part_the_rest_is_told_with_its_share_and_its_driver():
-    a = fault_beside_unlisted()
+    a = in_part_alone()
     assert 0.05 < a.unexplained < 0.95 and a.rest[0].driver.driver == AMBIENT_PRESSURE
     (told,) = rest_sentences(a)
     assert f"{100 * a.unexplained:.0f} % of it" in told and "part of the mismatch" in told
