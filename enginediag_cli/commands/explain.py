@@ -16,7 +16,7 @@ from enginediag_cli.commands.options import (
     output_options,
     pass_messages,
 )
-from enginediag_cli.commands.parameter_types import CSV_SUFFIXES
+from enginediag_cli.commands.parameter_types import CSV_SUFFIXES, PICTURE_SUFFIXES
 from enginediag_cli.errors import ExitCode
 from enginediag_cli.presentation.messages import Messages
 from enginediag_cli.presentation.output import Output
@@ -44,6 +44,12 @@ if TYPE_CHECKING:
     type=OutputFile(CSV_SUFFIXES),
     help="Write what no listed effect explains as curves along its driver, as CSV.",
 )
+@click.option(
+    "--picture",
+    metavar="FILE",
+    type=OutputFile(PICTURE_SUFFIXES),
+    help="Draw what no listed effect explains, a law along its variable or a free curve, with its band, as SVG.",
+)
 @click.option("--no-advice", is_flag=True, help="Do not look for recordings that would separate rival explanations.")
 @click.option(
     "--plan",
@@ -62,6 +68,7 @@ def explain(
     without: tuple[str, ...],
     amplitudes: str | None,
     curves: str | None,
+    picture: str | None,
     no_advice: bool,
     plan: str | None,
     exit_code: bool,
@@ -76,8 +83,10 @@ def explain(
     enginediag explain configs/turbofan.yaml flights.csv --plan next.yaml
 
     The answer is one of: nothing; an effect or several, with those that these flights cannot tell from them; a
-    fault, which begins in time; an effect whose driver is not recorded; none of these, with where, along what and
-    how. Sentences go to standard error, coefficients as rows (or all of it as one JSON object) to standard output.
+    fault, which begins in time; a law that no library holds, by a formula that an engine file can carry; an effect
+    whose driver is not recorded; none of these, with where, along what and how. What is named in part says what stays
+    unexplained. Sentences go to standard error, coefficients as rows (or all of it as one JSON object) to standard
+    output.
     """
     from dataclasses import replace
 
@@ -107,9 +116,22 @@ def explain(
             messages.note(f"{path}: no {what} was found, the file has no rows")
     if plan:
         _write_plan(messages, plan, story)
+    if picture:
+        _draw(messages, story, picture)
     if story.answer.status == FAILED and story.control is None:
         return ExitCode.NO_VERDICT
     return ExitCode.FINDING if exit_code and not story.found_nothing else ExitCode.DONE
+
+
+def _draw(messages: Messages, story: Story, path: str) -> None:
+    from enginediag_cli.presentation.explanation_picture import picture
+
+    try:
+        text = picture(story)
+    except ValueError as nothing:
+        messages.note(f"{path}: not written, {nothing}")
+        return
+    Output(path).write_text(text)
 
 
 def _present(output: Output, story: Story, head: tuple[str, ...]) -> None:

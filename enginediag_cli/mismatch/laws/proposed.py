@@ -41,6 +41,7 @@ def proposed(candidate: Candidate, parameter: Parameter, name: str) -> Effect:
     written = {n: k.variable.name for n, k in letters.items()}
     written |= {f"{n}0": f"{k.variable.reference:.{DIGITS}g}" for n, k in letters.items()}
     text = re.sub(r"\b[xy]0?\b", lambda m: written[m[0]], formula.form.text)
+    text = re.sub(r"\((\w+) - 0\)", r"\1", text)
     through = candidate.location.through
     factor = through is None and parameter.nominal == 1.0 and parameter.unit in ("", "1")
     unit = "1" if factor else parameter.unit or "1"
