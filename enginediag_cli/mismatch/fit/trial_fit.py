@@ -97,18 +97,20 @@ class Trial:
     @cached_property
     def coefficients(self) -> dict[str, tuple[float, float]]:
         """Value and standard error of each of the options' coefficients, in its unit. One whitened Newton step is
-        added where noise is correlated in time, since the fit itself only tempers it. Errors of the maps are wrong
-        responses, which those of effects that remember take up."""
+        added where noise is correlated in time, since the fit itself only tempers it; not to laws, whose coefficients are
+        known together, along a curve that no straight step keeps to. Errors of the maps are wrong responses, which
+        those of effects that remember take up."""
         problem, projection = self.found.problem, self.projection
         index = {n: j for j, n in enumerate(problem.names)}
         free = np.cumsum(projection.free) - 1
         error = np.sqrt(np.diag(projection.covariance()))
         result = {}
+        of_laws = {n for o in self.options if o.kind == LAW for n in o.hypothesis.names}
         for n in self.hypothesis.names:
             j = index[n]
             scale = problem.prior_sigma[j]
             value = self.found.theta[n]
-            if projection.free[j]:
+            if projection.free[j] and n not in of_laws:
                 value += float(projection.step[free[j]]) * scale
                 value = float(np.clip(value, problem.lower[j], problem.upper[j]))
             result[n] = float(value), float(error[free[j]] * scale) if projection.free[j] else 0.0
