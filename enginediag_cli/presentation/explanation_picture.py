@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 LEFT, HEIGHT, BELOW = 90.0, 300.0, 60.0
 """Room for the vertical axis, height of the panel, and room for the horizontal one, in pixels."""
 PERCENT = 100.0
+"""Of a share."""
 
 
 @dataclass(frozen=True)

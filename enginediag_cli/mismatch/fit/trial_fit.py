@@ -97,8 +97,8 @@ class Trial:
     @cached_property
     def coefficients(self) -> dict[str, tuple[float, float]]:
         """Value and standard error of each of the options' coefficients, in its unit. One whitened Newton step is
-        added where noise is correlated in time, since the fit itself only tempers it; not to laws, whose coefficients are
-        known together, along a curve that no straight step keeps to. Errors of the maps are wrong responses, which
+        added where noise is correlated in time, since the fit itself only tempers it; not to laws, whose coefficients
+        are known together, along a curve that no straight step keeps to. Errors of the maps are wrong responses, which
         those of effects that remember take up."""
         problem, projection = self.found.problem, self.projection
         index = {n: j for j, n in enumerate(problem.names)}
