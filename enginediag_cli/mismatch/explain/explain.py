@@ -32,7 +32,7 @@ from enginediag_cli.mismatch.explain.answer import (
 )
 from enginediag_cli.mismatch.explain.in_part import in_part, left_by
 from enginediag_cli.mismatch.explain.judging import ADEQUATE, ALIAS, Fits
-from enginediag_cli.mismatch.explain.lawful import LISTED_FIRST, law_for
+from enginediag_cli.mismatch.explain.lawful import LISTED_FIRST, Ground, ground_of, law_for
 from enginediag_cli.mismatch.explain.mixed import with_laws
 from enginediag_cli.mismatch.explain.repeated import repeated
 from enginediag_cli.mismatch.explain.shortlist import shortlisted
@@ -50,8 +50,6 @@ from enginediag_cli.mismatch.fit.projection import Projection
 from enginediag_cli.mismatch.fit.trial_fit import Gates, Remainder, Trial, remainder
 from enginediag_cli.mismatch.laws.finding import LawFinding
 from enginediag_cli.mismatch.laws.posterior import evidence_of
-from enginediag_cli.mismatch.laws.scan import Scan as LawScan
-from enginediag_cli.mismatch.laws.scan import scanned
 from enginediag_cli.mismatch.unrecorded.companions import with_shared_errors
 from enginediag_cli.mismatch.unrecorded.recorded_driver import Hidden, HiddenScan, commanded, follows_a_driver
 from enginediag_cli.physics.registry import candidates
@@ -139,8 +137,9 @@ class Search(Fits):
         recorded = max((s.statistic - 2.0 * s.dof for s in scores), default=0.0)
         excess = self.base.objective - self.base.projection.dof
         # before single effects: each of them would be bent by a state that they all ignore
-        if self._hidden_at_most > PLAINLY * 0.5 * recorded and self.laws.candidates:
-            recorded = max(recorded, 2.0 * self.laws.candidates[0].weight)
+        if self._hidden_at_most > PLAINLY * 0.5 * recorded:
+            many = self.evidence.records / self.laws.fits.evidence.records
+            recorded = max(recorded, 2.0 * many * self.laws.most)
         if self._hidden_at_most > PLAINLY * 0.5 * recorded:
             evidence = _evidence(self.unrecorded())
             if evidence > NEARLY_ALL * 0.5 * excess and evidence > PLAINLY * 0.5 * recorded:
@@ -198,9 +197,9 @@ class Search(Fits):
         return rest
 
     @cached_property
-    def laws(self) -> LawScan:
-        """Every formula at every place, scored at the base."""
-        return scanned(self.base.found, self.base.projection)
+    def laws(self) -> Ground:
+        """Every formula at every place, scored."""
+        return ground_of(self)
 
     @property
     def _hidden_at_most(self) -> float:

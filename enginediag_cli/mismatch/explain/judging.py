@@ -15,9 +15,11 @@ from enginediag_cli.mismatch.explain.worth_fitting import reach_of, worth_fittin
 from enginediag_cli.mismatch.fit.evidence import Evidence
 from enginediag_cli.mismatch.fit.freeform import Cell
 from enginediag_cli.mismatch.fit.held_out import flights_gained
-from enginediag_cli.mismatch.fit.identified import nuisance, objective_of
+from enginediag_cli.mismatch.fit.identified import NO_HYPOTHESIS, identify_with, nuisance, objective_of
 from enginediag_cli.mismatch.fit.options import Option, with_best_onset
+from enginediag_cli.mismatch.fit.projection import Projection
 from enginediag_cli.mismatch.fit.response import response_error
+from enginediag_cli.mismatch.fit.share import every_so_often
 from enginediag_cli.mismatch.fit.trial_fit import Gates, Remainder, Trial, attempt, not_needed, remainder
 from enginediag_cli.progress import each
 
@@ -56,6 +58,16 @@ class Fits:
     def from_recordings(self) -> bool:
         """Whether the noise is known from recordings alone, not stated."""
         return self.evidence.noise.estimated or self.evidence.settings.noise == "estimate"
+
+    def on_few(self, most: int) -> Fits:
+        """The same of about `most` of the records, its base fitted to these; itself where there are no more."""
+        few = every_so_often(self.evidence, most)
+        if few is self.evidence:
+            return self
+        fits = Fits(few)
+        found = identify_with(few, NO_HYPOTHESIS, fits.along)
+        fits.base = Trial((), found, Projection(found))
+        return fits
 
     def timed(self, option: Option) -> Option:
         """A change in time with the onset that suits what the base leaves best; anything else as it is."""

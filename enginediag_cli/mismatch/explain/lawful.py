@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from enginediag_cli.mismatch.explain.answer import Explanation
 from enginediag_cli.mismatch.explain.judging import Fits
 from enginediag_cli.mismatch.laws.finding import LawFinding
-from enginediag_cli.mismatch.laws.posterior import shares
-from enginediag_cli.mismatch.laws.scan import Scan
+from enginediag_cli.mismatch.laws.posterior import evidence_of, shares
+from enginediag_cli.mismatch.laws.scan import Scan, scanned
 from enginediag_cli.mismatch.laws.search import Fitted, LawSearch
 
 LEAST = 3.0
@@ -17,6 +17,8 @@ LEAST = 3.0
 LISTED_FIRST = 7.0
 """ln of the odds by which what the library holds is likelier beforehand than a law that nobody has written down, its
 place and form apart: a thousand to one, judgement. Where both explain as well what is known is told."""
+ENOUGH = 1000
+"""Records that say which laws are likely: more of the same conditions cost time and change the order of few."""
 JUDGED = 4
 """Laws, likeliest first, that are judged."""
 FURTHER = 3
@@ -35,26 +37,56 @@ class Lawful:
     evidence: float
 
 
-def law_for(fits: Fits, scan: Scan) -> Lawful:
-    """The law that explains what the base lacks, of the formulas scored there; two together where no single one
-    does."""
+@dataclass(frozen=True)
+class Ground:
+    """Where laws are searched: `fits` of about ENOUGH records, and every formula at every place scored at its base."""
+
+    fits: Fits
+    scan: Scan
+
+    @property
+    def most(self) -> float:
+        """ln evidence of the likeliest, by score, were there as many records as are here."""
+        return self.scan.candidates[0].weight if self.scan.candidates else 0.0
+
+
+def ground_of(fits: Fits) -> Ground:
+    """All records, or some of many, evenly chosen."""
+    few = fits.on_few(ENOUGH)
+    if not few.base.converged:
+        return Ground(few, Scan((), ()))
+    return Ground(few, scanned(few.base.found, few.base.projection))
+
+
+def law_for(fits: Fits, ground: Ground) -> Lawful:
+    """The law that explains what the base lacks, of the formulas scored; two together where no single one does. Of
+    many records some say which laws are likely, and all of them judge the best of these."""
     known = not fits.from_recordings
-    laws = LawSearch(fits.base, scan, fits.refit)
+    laws = LawSearch(ground.fits.base, ground.scan, ground.fits.refit)
     if not laws.single or laws.single[0].evidence < LEAST:
         return Lawful((), None, 0.0)
     for fitted in (laws.single, laws.with_second):
         tried = fitted() if callable(fitted) else fitted
         more = [f for first in tried[:FURTHER] for f in laws.elsewhere_too(first)]
-        tried = sorted([*tried, *more], key=lambda f: -f.evidence)
-        adequate = _adequate(fits, tried)
+        tried = sorted([*tried, *more], key=lambda f: -f.evidence)[:JUDGED]
+        adequate = _adequate(fits, tried if ground.fits is fits else _on_all(fits, tried))
         if adequate:
             odds = shares([f.evidence for f, _, _ in adequate])
             told = tuple(
                 fits.explanation(f.trial, float(p), left, flights)
                 for (f, left, flights), p in zip(adequate, odds, strict=True)
             )
-            return Lawful(told, laws.finding([f for f, _, _ in adequate], known), adequate[0][0].evidence)
-    return Lawful((), laws.finding(laws.single[:1], known), laws.single[0].evidence)
+            finding = laws.finding([f for f, _, _ in adequate], fits.base, known)
+            return Lawful(told, finding, adequate[0][0].evidence)
+    return Lawful((), laws.finding(laws.single[:1], ground.fits.base, known), laws.single[0].evidence)
+
+
+def _on_all(fits: Fits, fitted: Sequence[Fitted]) -> list[Fitted]:
+    """The laws fitted to all records, likeliest first."""
+    of = {f.trial.label: f for f in fitted}
+    trials = fits.refit([f.options for f in fitted]) or []
+    found = [replace(of[t.label], trial=t, evidence=evidence_of(fits.base, t, of[t.label].prior)) for t in trials]
+    return sorted(found, key=lambda f: -f.evidence)
 
 
 def _adequate(fits: Fits, fitted: Sequence[Fitted]) -> list[tuple[Fitted, float, float]]:

@@ -78,5 +78,15 @@ def on_share(evidence: Evidence, whole: Collection[int] = ()) -> Evidence:
     return replace(evidence, flights=tuple(share_of(evidence.flights, whole)))
 
 
+def every_so_often(evidence: Evidence, most: int) -> Evidence:
+    """The evidence with every k-th record of each flight, so that about `most` are left; itself where it has no more:
+    what many forms of one effect are compared by."""
+    step = -(-evidence.records // most)
+    if step < 2:
+        return evidence
+    flights = (_only(f, np.arange(0, len(f), step)) for f in evidence.flights)
+    return replace(evidence, flights=tuple(flights))
+
+
 def _only(flight: Flight, rows: np.ndarray) -> Flight:
     return replace(flight, columns={c: v[rows] for c, v in flight.columns.items()}, at=rows)

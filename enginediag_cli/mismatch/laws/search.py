@@ -7,7 +7,7 @@ fit, and how likely each is beside the others is decided here.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -45,6 +45,11 @@ class Fitted:
     laws: tuple[Proposal, ...]
     trial: Trial
     evidence: float
+
+    @property
+    def prior(self) -> float:
+        """ln, of place, variables and form of all."""
+        return sum(p.candidate.prior for p in self.laws)
 
     @property
     def options(self) -> tuple[Option, ...]:
@@ -144,23 +149,23 @@ class LawSearch:
         self.double = _ordered([*self.double, *likelier])
         return self.double
 
-    def finding(self, best: Sequence[Fitted], noise_known: bool) -> LawFinding:
-        """What is known of laws; `best`: those that are told, likeliest first; `noise_known`: not from the recordings
-        alone."""
+    def finding(self, best: Sequence[Fitted], base: Trial, noise_known: bool) -> LawFinding:
+        """What is known of laws; `best`: those that are told, likeliest first, and `base` the fit without them;
+        `noise_known`: not from the recordings alone."""
         if best[0].at_one_place:
             weighed = [(f.laws[0].candidate.location, f.where, f.evidence) for f in self.single] + self._unfitted()
         else:
             weighed = [(f.laws[0].candidate.location, f.where, f.evidence) for f in self.double]
         p = map(float, shares([e for _, _, e in weighed]))
         laws = [(place, groups, q) for (place, (_, groups), _), q in zip(weighed, p, strict=True)]
-        excess = max(self.base.objective - self.base.projection.dof, 0.0)
+        excess = max(base.objective - base.projection.dof, 0.0)
         told = [
             FittedLaw(p.option, p.candidate.location, p.candidate.formula, f.evidence, float(share))
             for f, share in zip(best, shares([f.evidence for f in best]), strict=True)
             for p in f.laws
         ]
         named = [k.variable.name for f in best for p in f.laws for k in p.candidate.formula.of]
-        drop = self.base.objective - best[0].trial.objective
+        drop = base.objective - best[0].trial.objective
         own = best[0].at_the_first
         curve, _ = curve_of(own, best[0].trial, self.scan.known)
         unit = own[0].term.COEFFICIENTS[0].unit
@@ -201,8 +206,8 @@ class LawSearch:
         found = []
         for t in trials:
             laws = of[tuple(o.label for o in t.options)]
-            prior = sum(p.candidate.prior for p in laws)
-            found.append(Fitted(laws, t, evidence_of(self.base, t, prior)))
+            fitted = Fitted(laws, t, 0.0)
+            found.append(replace(fitted, evidence=evidence_of(self.base, t, fitted.prior)))
         return _ordered(found)
 
 
