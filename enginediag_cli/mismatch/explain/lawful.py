@@ -19,6 +19,8 @@ LISTED_FIRST = 7.0
 place and form apart: a thousand to one, judgement. Where both explain as well what is known is told."""
 ENOUGH = 1000
 """Records that say which laws are likely: more of the same conditions cost time and change the order of few."""
+ON_ALL = 2
+"""Laws, likeliest first on some of many records, that are fitted to all."""
 JUDGED = 4
 """Laws, likeliest first, that are judged."""
 FURTHER = 3
@@ -69,7 +71,7 @@ def law_for(fits: Fits, ground: Ground) -> Lawful:
         tried = fitted() if callable(fitted) else fitted
         more = [f for first in tried[:FURTHER] for f in laws.elsewhere_too(first)]
         tried = sorted([*tried, *more], key=lambda f: -f.evidence)[:JUDGED]
-        adequate = _adequate(fits, tried if ground.fits is fits else _on_all(fits, tried))
+        adequate = _adequate(fits, tried if ground.fits is fits else _on_all(fits, tried[:ON_ALL]))
         if adequate:
             odds = shares([f.evidence for f, _, _ in adequate])
             told = tuple(

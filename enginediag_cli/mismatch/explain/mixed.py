@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from enginediag_cli.mismatch.explain.answer import Explanation
-from enginediag_cli.mismatch.explain.stepwise import Sets
+from enginediag_cli.mismatch.explain.stepwise import MANY, Sets
 from enginediag_cli.mismatch.fit.freeform import Location, locations
 from enginediag_cli.mismatch.fit.options import FREE, Option
 from enginediag_cli.mismatch.fit.trial_fit import Trial
@@ -21,6 +21,8 @@ LAWS = 2
 """Free curves that laws are sought for, one after the other."""
 TRIED = 4
 """Laws that are fitted in the place of one curve."""
+OF_MANY = 1
+"""Of both, where there are so many records that a fit takes seconds."""
 
 
 def with_laws(sets: Sets) -> list[Explanation]:
@@ -32,10 +34,11 @@ def with_laws(sets: Sets) -> list[Explanation]:
         return []
     where = _places([o for o in trial.options if o.kind == FREE], trial)
     best = sets.fitted(listed)
-    for _ in range(LAWS):
+    many = sets.fits.evidence.records > MANY
+    for _ in range(OF_MANY if many else LAWS):
         if best is None:
             return []
-        wider = [(*best.options, p.option) for p in _laws_at(where, best, sets)]
+        wider = [(*best.options, p.option) for p in _laws_at(where, best, sets)[: OF_MANY if many else TRIED]]
         sets.fits.refit(wider)
         found = [t for w in wider if (t := sets.fitted(w)) is not None]
         if not found:
