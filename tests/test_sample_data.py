@@ -25,7 +25,7 @@ RELATIVE = 1e-8
 PICTURES = [
     Path(word).name
     for line in (FOLDER / "README.md").read_text(encoding="utf-8").splitlines()
-    if line.startswith("    enginediag demo ")
+    if line.startswith(("    enginediag demo ", "    enginediag explain "))
     for word in shlex.split(line)
     if word.endswith(".svg")
 ]
@@ -52,8 +52,24 @@ def test_every_sample_has_its_command():
 def test_a_picture_is_small_and_can_be_drawn(name):
     """That its command gives it again is part of the tests of the demonstration, since it takes long."""
     document = minidom.parse(str(FOLDER / name))
-    assert document.documentElement.tagName == "svg" and len(document.getElementsByTagName("text")) > 20
+    assert document.documentElement.tagName == "svg" and len(document.getElementsByTagName("text")) > 12
     assert (FOLDER / name).stat().st_size < 60_000
+
+
+@pytest.mark.slow
+def test_the_law_of_the_readme_is_found_and_drawn_as_the_sample_has_it(tmp_path, monkeypatch):
+    configs = FOLDER.parent / "configs"
+    monkeypatch.chdir(tmp_path)
+    law = (configs / "laws" / "modulated_cooling.yaml").read_text(encoding="utf-8")
+    Path("truth.yaml").write_text((configs / "turbofan.yaml").read_text(encoding="utf-8") + law, encoding="utf-8")
+    flights = (configs / "flights" / "airliner.yaml").read_text(encoding="utf-8")
+    Path("flights.yaml").write_text(flights.replace("interval_s: 10", "interval_s: 60"), encoding="utf-8")
+    fly = ["simulate", "truth.yaml", "--flight", "flights.yaml", "--flights", "5", "--seed", "11", "-q"]
+    assert main([*fly, "-o", "recorded.csv"]) == 0
+    given = ["explain", str(configs / "turbofan.yaml"), "recorded.csv", "--no-advice", "-q", "-o", "answer.json"]
+    assert main([*given, "--picture", "law.svg"]) == 0
+    drawn, sample = (minidom.parse(str(f)).getElementsByTagName("title")[0] for f in ("law.svg", FOLDER / "law.svg"))
+    assert drawn.toxml() == sample.toxml()
 
 
 @pytest.mark.parametrize("name", ["fouling_snapshots.csv", "T3_bias_snapshots.csv"])
