@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 from enginediag_cli.mismatch.explain.answer import Explanation
 from enginediag_cli.mismatch.explain.judging import Fits
 from enginediag_cli.mismatch.laws.finding import LawFinding
-from enginediag_cli.mismatch.laws.posterior import evidence_of, shares
+from enginediag_cli.mismatch.laws.posterior import shares
 from enginediag_cli.mismatch.laws.scan import Scan, scanned
-from enginediag_cli.mismatch.laws.search import Fitted, LawSearch
+from enginediag_cli.mismatch.laws.search import Fitted, LawSearch, ordered
 
 LEAST = 3.0
 """ln evidence from which a law is told: twenty to one, everything that was tried counted in its prior."""
@@ -48,7 +48,7 @@ class Ground:
 
     @property
     def most(self) -> float:
-        """ln evidence of the likeliest, by score, were there as many records as are here."""
+        """ln evidence of the likeliest, by score, on these records; 0 where there is none."""
         return self.scan.candidates[0].weight if self.scan.candidates else 0.0
 
 
@@ -67,11 +67,10 @@ def law_for(fits: Fits, ground: Ground) -> Lawful:
     laws = LawSearch(ground.fits.base, ground.scan, ground.fits.refit)
     if not laws.single or laws.single[0].evidence < LEAST:
         return Lawful((), None, 0.0)
-    for fitted in (laws.single, laws.with_second):
-        tried = fitted() if callable(fitted) else fitted
+    for tried in laws.rounds():
         more = [f for first in tried[:FURTHER] for f in laws.elsewhere_too(first)]
-        tried = sorted([*tried, *more], key=lambda f: -f.evidence)[:JUDGED]
-        adequate = _adequate(fits, tried if ground.fits is fits else _on_all(fits, tried[:ON_ALL]))
+        likeliest = ordered([*tried, *more])
+        adequate = _adequate(fits, likeliest[:JUDGED] if ground.fits is fits else _on_all(fits, likeliest[:ON_ALL]))
         if adequate:
             odds = shares([f.evidence for f, _, _ in adequate])
             told = tuple(
@@ -85,10 +84,9 @@ def law_for(fits: Fits, ground: Ground) -> Lawful:
 
 def _on_all(fits: Fits, fitted: Sequence[Fitted]) -> list[Fitted]:
     """The laws fitted to all records, likeliest first."""
-    of = {f.trial.label: f for f in fitted}
+    laws = {f.trial.label: f.laws for f in fitted}
     trials = fits.refit([f.options for f in fitted]) or []
-    found = [replace(of[t.label], trial=t, evidence=evidence_of(fits.base, t, of[t.label].prior)) for t in trials]
-    return sorted(found, key=lambda f: -f.evidence)
+    return ordered(Fitted.to(fits.base, laws[t.label], t) for t in trials)
 
 
 def _adequate(fits: Fits, fitted: Sequence[Fitted]) -> list[tuple[Fitted, float, float]]:
@@ -96,7 +94,7 @@ def _adequate(fits: Fits, fitted: Sequence[Fitted]) -> list[tuple[Fitted, float,
     needed: none has joined without more evidence for all together, though along the same variables their sizes may
     well be known only together."""
     found: list[tuple[Fitted, float, float]] = []
-    for f in fitted[:JUDGED]:
+    for f in fitted:
         if found and f.evidence < found[0][0].evidence - AS_GOOD:
             break
         left, flights, why = fits.judge(f.trial, needed=True)

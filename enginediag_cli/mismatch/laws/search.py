@@ -6,8 +6,8 @@ fit, and how likely each is beside the others is decided here.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -40,16 +40,16 @@ Fitting = Callable[[Sequence[tuple[Option, ...]]], Sequence[Trial] | None]
 
 @dataclass
 class Fitted:
-    """Laws, one or two together, fitted: the trial, and ln evidence against the model as it is."""
+    """Laws, one or several together, fitted: the trial, and ln evidence against the model as it is."""
 
     laws: tuple[Proposal, ...]
     trial: Trial
     evidence: float
 
-    @property
-    def prior(self) -> float:
-        """ln, of place, variables and form of all."""
-        return sum(p.candidate.prior for p in self.laws)
+    @classmethod
+    def to(cls, base: Trial, laws: tuple[Proposal, ...], trial: Trial) -> Fitted:
+        """A trial of laws, weighed against the base of the same records."""
+        return cls(laws, trial, evidence_of(base, trial, sum(p.candidate.prior for p in laws)))
 
     @property
     def options(self) -> tuple[Option, ...]:
@@ -95,10 +95,10 @@ class LawSearch:
             tried = {f.options[0].label for f in self.single}
             more = [(p,) for p in otherwise(self.scan, first.laws[0].candidate, self.base, tried)]
             self.single = [*self.single, *self._fitted(more)]
-        self.single = _ordered(self.single)
+        self.single = ordered(self.single)
         for first in self._apart():
             self.single = [*self.single, *self._of_more_forms(first)]
-        self.single = _ordered(self.single)
+        self.single = ordered(self.single)
 
     def _apart(self) -> list[Fitted]:
         """The best law of each of the best places and variables."""
@@ -119,6 +119,11 @@ class LawSearch:
             found.append(more[0])
         return found[1:]
 
+    def rounds(self) -> Iterator[list[Fitted]]:
+        """What may be told, likeliest first: single laws; with a second one, should none of these be enough."""
+        yield self.single
+        yield self.with_second()
+
     def elsewhere_too(self, first: Fitted) -> list[Fitted]:
         """Laws with the same formula at further places, as long as that is likelier; the last may be a rival."""
         where, found = locations(self.base.found), [first]
@@ -131,7 +136,7 @@ class LawSearch:
             found.append(more[0])
             if more[0].evidence <= last.evidence:
                 break
-        self.double = _ordered([*self.double, *found[1:]])
+        self.double = ordered([*self.double, *found[1:]])
         return found[1:]
 
     def with_second(self) -> list[Fitted]:
@@ -146,7 +151,7 @@ class LawSearch:
         found = self._fitted(sets)
         further = [f for second in found[:1] for f in self._of_more_forms(second)]
         likelier = [f for f in (*found, *further) if f.evidence > self.single[0].evidence]
-        self.double = _ordered([*self.double, *likelier])
+        self.double = ordered([*self.double, *likelier])
         return self.double
 
     def finding(self, best: Sequence[Fitted], base: Trial, noise_known: bool) -> LawFinding:
@@ -185,14 +190,14 @@ class LawSearch:
         several places are moved."""
         if not best[0].at_one_place:
             return []
-        same = [f for f in self.single if f.where == best[0].where and f.evidence > best[0].evidence - UNLIKELY]
+        # what is told may have been fitted to more records since
+        here = next((f for f in self.single if f.trial.label == best[0].trial.label), best[0])
+        same = [f for f in self.single if f.where == here.where and f.evidence > here.evidence - UNLIKELY]
         p = shares([f.evidence for f in same])
         return [(f.effects, f.trial, float(q)) for f, q in zip(same, p, strict=True)]
 
     def _unfitted(self) -> list[tuple[Location, tuple[str, frozenset[int]], float]]:
         """Candidates that were not fitted, with their scores moved as a fit has moved the best one's."""
-        if not self.single:
-            return []
         moved = max(f.evidence - f.laws[0].candidate.weight for f in self.single if len(f.laws) == 1)
         found = []
         for c in within_reach(self.scan.candidates):
@@ -205,10 +210,8 @@ class LawSearch:
         of = {tuple(p.option.label for p in s): s for s in sets}
         found = []
         for t in trials:
-            laws = of[tuple(o.label for o in t.options)]
-            fitted = Fitted(laws, t, 0.0)
-            found.append(replace(fitted, evidence=evidence_of(self.base, t, fitted.prior)))
-        return _ordered(found)
+            found.append(Fitted.to(self.base, of[tuple(o.label for o in t.options)], t))
+        return ordered(found)
 
 
 def _alike(one: Candidate, other: Candidate) -> bool:
@@ -220,5 +223,6 @@ def _alike(one: Candidate, other: Candidate) -> bool:
     )
 
 
-def _ordered(fitted: Sequence[Fitted]) -> list[Fitted]:
+def ordered(fitted: Iterable[Fitted]) -> list[Fitted]:
+    """Likeliest first."""
     return sorted(fitted, key=lambda f: -f.evidence)
