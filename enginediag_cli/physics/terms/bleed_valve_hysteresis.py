@@ -2,27 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import replace
 from itertools import product
-from typing import TYPE_CHECKING
 
 from enginediag_cli.drivers import RATE
-from enginediag_cli.engine.components.compressor import Compressor
-from enginediag_cli.engine.evaluation import Evaluation
-from enginediag_cli.engine.flow import Flow
 from enginediag_cli.engine.moving.filters.hysteresis import Hysteresis
 from enginediag_cli.engine.moving.filters.scaled import Scaled
 from enginediag_cli.engine.moving.tape import PAST
-from enginediag_cli.engine.term import Coefficient, Place, Site, Term
-from enginediag_cli.physics.parts import relative_corrected_speed
-from enginediag_cli.physics.terms.handling_bleed import OPEN_BELOW, valve
-
-if TYPE_CHECKING:
-    from enginediag_cli.engine.network import Network
+from enginediag_cli.engine.term import Coefficient, Place
+from enginediag_cli.physics.terms.handling_bleed import OPEN_BELOW, CompressorValve, Share
 
 
-class BleedValveHysteresis(Term):
+class BleedValveHysteresis(CompressorValve):
     """W = W_exit (1 − b) while n_open ≤ n < n_open + Δn after n < n_open, n = N_c/N_c,design of the site's compressor.
 
     What a valve bleeds below n_open is another effect (`handling_bleed`), which needs no memory. No search tries it: it
@@ -60,18 +51,6 @@ class BleedValveHysteresis(Term):
     SOUGHT = False
     TRIALS = tuple({"fraction": 0.05, "open_below": n, "band": b} for n, b in product((0.7, 0.8, 0.9), (0.05, 0.1)))
 
-    def sites(self, network: Network) -> Iterable[Site]:
-        c = valve(network)
-        if c is not None:
-            yield Site(c.name, c.name, (f"station {c.values['to']}",))
-
-    def install(self, at: Place) -> None:
-        c = at.component
-        assert isinstance(c, Compressor)
-        speed = relative_corrected_speed(at, c)
-        bled = at.remember(Scaled(Hysteresis()), ("fraction", "open_below", "band"))
-
-        def exit_flow(e: Evaluation, flow: Flow) -> Flow:
-            return flow.with_(W=flow.W * (1.0 - bled(e, speed(e))))
-
-        at.on_station(c.values["to"], exit_flow)
+    def bled(self, at: Place, speed: Share) -> Share:
+        share = at.remember(Scaled(Hysteresis()), ("fraction", "open_below", "band"))
+        return lambda e: share(e, speed(e))

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from abc import abstractmethod
+from collections.abc import Callable, Iterable
 from typing import TYPE_CHECKING
 
 from enginediag_cli.drivers import CORRECTED_SPEED
 from enginediag_cli.engine.components.compressor import Compressor
-from enginediag_cli.engine.dual import exp
+from enginediag_cli.engine.dual import Value, exp
 from enginediag_cli.engine.evaluation import Evaluation
 from enginediag_cli.engine.flow import Flow
 from enginediag_cli.engine.term import Coefficient, Place, Site, Term
@@ -31,7 +32,34 @@ OPEN_BELOW = Coefficient(
 )
 
 
-class HandlingBleed(Term):
+Share = Callable[[Evaluation], Value]
+"""What a number is at a point (N,): a relative corrected speed, a share of the flow."""
+
+
+class CompressorValve(Term):
+    """A valve behind a compressor that lets a share of its air out, by the compressor's relative corrected speed."""
+
+    @abstractmethod
+    def bled(self, at: Place, speed: Share) -> Share:
+        """The share of the flow that leaves."""
+
+    def sites(self, network: Network) -> Iterable[Site]:
+        c = valve(network)
+        if c is not None:
+            yield Site(c.name, c.name, (f"station {c.values['to']}",))
+
+    def install(self, at: Place) -> None:
+        c = at.component
+        assert isinstance(c, Compressor)
+        share = self.bled(at, relative_corrected_speed(at, c))
+
+        def exit_flow(e: Evaluation, flow: Flow) -> Flow:
+            return flow.with_(W=flow.W * (1.0 - share(e)))
+
+        at.on_station(c.values["to"], exit_flow)
+
+
+class HandlingBleed(CompressorValve):
     """W_out = W [1 − b s(n)], s = 1/(1 + exp[(n − n_open)/Δn]), n = N_c/N_c,design of the site's compressor.
 
     The air leaves the engine; what it would add to a bypass stream is neglected. An engine without booster blows
@@ -64,21 +92,12 @@ class HandlingBleed(Term):
     )
     REFERENCE = "NASA AGTF30 variable bleed valve (0 to 15 % of booster flow); speed and width of opening assumed"
 
-    def sites(self, network: Network) -> Iterable[Site]:
-        c = valve(network)
-        if c is not None:
-            yield Site(c.name, c.name, (f"station {c.values['to']}",))
-
-    def install(self, at: Place) -> None:
-        c = at.component
-        assert isinstance(c, Compressor)
-        speed = relative_corrected_speed(at, c)
-
-        def exit_flow(e: Evaluation, flow: Flow) -> Flow:
+    def bled(self, at: Place, speed: Share) -> Share:
+        def open_share(e: Evaluation) -> Value:
             closed = exp((speed(e) - at.c(e, "open_below")) / at.c(e, "width"))
-            return flow.with_(W=flow.W * (1.0 - at.c(e, "fraction") / (1.0 + closed)))
+            return at.c(e, "fraction") / (1.0 + closed)
 
-        at.on_station(c.values["to"], exit_flow)
+        return open_share
 
 
 def valve(network: Network) -> Compressor | None:
