@@ -65,9 +65,9 @@ class State(ABC):
     per_given = 1.0
     """By how much the leaf changes that it sets, where it is given."""
 
+    @abstractmethod
     def slope(self, e: Evaluation) -> Value:
         """dx/dt (N,) at a solution where it is given."""
-        raise NotImplementedError
 
     def stands_for(self, memory: Memory) -> bool:
         """Whether it is what a term remembers."""
