@@ -130,7 +130,9 @@ class StartFit:
         """Starting unknowns (nx, N)."""
         n = z.shape[1]
         z = np.pad(z, ((0, 0), (0, -n % COLUMNS)), mode="edge")
-        return np.exp((self.coefficients @ _features(self.kinds, self.degree, self.low, self.high, z))[:, :n])
+        features = _features(self.kinds, self.degree, self.low, self.high, z)
+        # a library's product of so many terms sums them in an order that depends on the column
+        return np.exp(np.einsum("ij,jn->in", self.coefficients, features)[:, :n])
 
 
 def _features(kinds: tuple[str, ...], degree: float, low: Array, high: Array, z: Array) -> Array:
