@@ -17,8 +17,8 @@ ENVIRONMENT = {**os.environ, "PYTHONPATH": ROOT}
 PATIENCE_S = 60.0
 """For processes to start on a machine with much else to do."""
 
-GONE_S = 5.0
-"""In which a child must have ended."""
+GONE_S = 30.0
+"""In which a child must have ended: one that has just been started ends when it has read its modules."""
 
 linux = pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="looks for processes in /proc")
 
