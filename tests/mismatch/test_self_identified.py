@@ -40,14 +40,23 @@ def evidence(folder, nominal):
     return load_case(case).evidence
 
 
-def test_without_a_nominal_file_the_evidence_is_what_that_file_would_have_made_it(folder):
+def test_without_a_nominal_file_the_evidence_is_what_that_file_would_have_made_it_but_for_priors(folder):
     own, given = evidence(folder, None), evidence(folder, str(folder / "nominal.yaml"))
-    assert own.noise == given.noise and own.settings == given.settings
+    alike = replace(given.settings, prior_mean=own.settings.prior_mean, nuisance=own.settings.nuisance)
+    assert own.noise == given.noise and own.settings == alike
     values = [{n: p.nominal for n, p in e.engine.parameters.items()} for e in (own, given)]
     assert values[0] == values[1]
     assert own.settings.noise == "estimate"  # what the fit leaves holds the bleed, too
     for a, b in zip(own.flights, given.flights, strict=True):
         assert a.label == b.label and all(np.array_equal(a.columns[c], b.columns[c]) for c in a.columns)
+
+
+def test_priors_about_what_the_searched_flights_have_bent_stay_where_the_file_has_them_and_hold_both(folder):
+    own, given = evidence(folder, None).settings, evidence(folder, str(folder / "nominal.yaml")).settings
+    assert own.prior_mean == {}
+    moved = {n: abs(given.prior_mean[n] - 1.0) for n in own.nuisance if n in given.prior_mean}
+    assert max(moved.values()) > 0.001
+    assert all(s == pytest.approx(max(given.nuisance[n], moved.get(n, 0.0))) for n, s in own.nuisance.items())
 
 
 def test_explain_finds_the_bleed_that_switches_without_a_nominal_file(folder, capsys):

@@ -12,7 +12,7 @@ What is identified along with an effect (the nuisance), and how loosely, is deci
   but not where it is what cross-validation left, which is the model's error on readings that it has not seen;
 - offsets of instruments that identification has found between recordings are allowed for in each recording;
 - where none is given, an engine that has an `identification:` block is identified on all flights first, none of which
-  is taken for clean (`self_identified`).
+  is taken for clean (`self_identified`); priors stay where the engine file has them (`stated_priors`).
 """
 
 from __future__ import annotations
@@ -45,6 +45,7 @@ from enginediag_cli.mismatch.fit.noise import larger_noise
 from enginediag_cli.mismatch.fit.nuisance import amounts_of
 from enginediag_cli.mismatch.fit.self_identified import SelfIdentified, left_by_the_fit, self_identified
 from enginediag_cli.mismatch.fit.share import share_of
+from enginediag_cli.mismatch.fit.stated_priors import with_stated_priors
 
 SCALE_SIGMA = 0.002
 """Prior standard deviation of a recorded sensor's scale error that nobody states."""
@@ -136,8 +137,11 @@ def load_case(
         settings = replace(evidence.settings, instruments=instruments)
         evidence = replace(evidence, noise=larger_noise(evidence.noise, own.noise), settings=settings, owed=owed)
     elif nominal is not None:
-        stated = build_evidence(engine, flights, case.asked).noise
-        evidence = replace(evidence, owed=Owed(stated, priors=True))
+        stated = build_evidence(engine, flights, case.asked)
+        settings = evidence.settings
+        if baseline is None:
+            settings = with_stated_priors(settings, engine, stated.settings.prior_mean)
+        evidence = replace(evidence, settings=settings, owed=Owed(stated.noise, priors=True))
     elif identified and case.asked.noise is None:
         own = build_evidence(engine, flights, case.asked, nominal=self_identified(engine, healthy))
         evidence = _with_errors_of(evidence, own)
@@ -229,6 +233,8 @@ def searched_again(evidence: Evidence, freed: Sequence[Flight]) -> Evidence:
         means = {n: v for n, v in own.engine_values.items() if n in settings.nuisance}
         instruments = _instruments(own, list(noise.sigma), engine)
         settings = replace(settings, prior_mean=means | amounts, maps=own.error_model, instruments=instruments)
+        stated = settings_from_mapping(engine.declared.get("identification"))
+        settings = with_stated_priors(settings, engine, stated.prior_mean)
     return replace(evidence, noise=noise, settings=settings)
 
 
