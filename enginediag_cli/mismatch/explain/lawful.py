@@ -65,14 +65,14 @@ def law_for(fits: Fits, ground: Ground) -> Lawful:
     many records some say which laws are likely, and all of them judge the best of these."""
     known = not fits.from_recordings
     laws = LawSearch(ground.fits.base, ground.scan, ground.fits.refit)
-    if not laws.single or laws.single[0].evidence < LEAST:
+    if laws.most < LEAST:
         return Lawful((), None, 0.0)
     for tried in laws.rounds():
         more = [f for first in tried[:FURTHER] for f in laws.elsewhere_too(first)]
         likeliest = ordered([*tried, *more])
         adequate = _adequate(fits, likeliest[:JUDGED] if ground.fits is fits else _on_all(fits, likeliest[:ON_ALL]))
         if adequate:
-            odds = shares([f.evidence for f, _, _ in adequate])
+            odds = shares([f.standing for f, _, _ in adequate])
             told = tuple(
                 fits.explanation(f.trial, float(p), left, flights)
                 for (f, left, flights), p in zip(adequate, odds, strict=True)
@@ -84,9 +84,9 @@ def law_for(fits: Fits, ground: Ground) -> Lawful:
 
 def _on_all(fits: Fits, fitted: Sequence[Fitted]) -> list[Fitted]:
     """The laws fitted to all records, likeliest first."""
-    laws = {f.trial.label: f.laws for f in fitted}
+    known = {f.trial.label: f for f in fitted}
     trials = fits.refit([f.options for f in fitted]) or []
-    return ordered(Fitted.to(fits.base, laws[t.label], t) for t in trials)
+    return ordered(known[t.label].again(fits.base, t) for t in trials)
 
 
 def _adequate(fits: Fits, fitted: Sequence[Fitted]) -> list[tuple[Fitted, float, float]]:
@@ -95,7 +95,7 @@ def _adequate(fits: Fits, fitted: Sequence[Fitted]) -> list[tuple[Fitted, float,
     well be known only together."""
     found: list[tuple[Fitted, float, float]] = []
     for f in fitted:
-        if found and f.evidence < found[0][0].evidence - AS_GOOD:
+        if found and f.standing < found[0][0].standing - AS_GOOD:
             break
         left, flights, why = fits.judge(f.trial, needed=True)
         if why is None:

@@ -107,7 +107,7 @@ def _along(effects: Sequence[Effect], trial: Trial, of: Known, x: np.ndarray) ->
     """Laws of one variable at values of it, about their mean over the records."""
     c = {n: v for n, (v, _) in trial.coefficients.items()}
     name = of.variable.name
-    return np.asarray(_summed(effects, {name: x}, c) - np.nanmean(_summed(effects, {name: of.values}, c)))
+    return np.asarray(summed(effects, {name: x}, c) - np.nanmean(summed(effects, {name: of.values}, c)))
 
 
 def variables_in(effects: Sequence[Effect]) -> frozenset[str]:
@@ -116,11 +116,11 @@ def variables_in(effects: Sequence[Effect]) -> frozenset[str]:
 
 
 def _centred(effects: Sequence[Effect], x: Mapping[str, np.ndarray], c: Mapping[str, float]) -> np.ndarray:
-    f = _summed(effects, x, c)
+    f = summed(effects, x, c)
     return np.asarray(f - np.nanmean(f))
 
 
-def _summed(effects: Sequence[Effect], x: Mapping[str, np.ndarray], c: Mapping[str, float]) -> np.ndarray:
+def summed(effects: Sequence[Effect], x: Mapping[str, np.ndarray], c: Mapping[str, float]) -> np.ndarray:
     """Σ f at values of the variables; `c`: coefficients by parameter name."""
     total: np.ndarray = np.zeros(np.shape(next(iter(x.values()))))
     for e in effects:

@@ -28,7 +28,9 @@ def elsewhere_too(laws: Sequence[Proposal], trial: Trial, where: Sequence[Locati
     less than a rival would have to. `where`: all places of the engine."""
     taken = {p.candidate.location.name for p in laws}
     found: list[Candidate] = []
-    for p in {p.candidate.formula.form.name: p for p in reversed(laws)}.values():
+    # a curve of steps is one place's own: it has no shape that another could have
+    formed = [p for p in laws if p.candidate.formula.form.text]
+    for p in {p.candidate.formula.form.name: p for p in reversed(formed)}.values():
         place = p.candidate.location
         others = [w for w in where if w.quantity == place.quantity and w.of_sensor == place.of_sensor]
         free = [w for w in others if w.name not in taken and w.through is None and place.through is None]

@@ -16,10 +16,16 @@ from enginediag_cli.physics.laws.expression import Expression
 
 WITHIN = (0.1, 0.3, 0.5, 0.7, 0.9)
 """Quantiles of a variable over the records at which a form may have its place."""
+WITHIN_OF_TWO = (0.3, 0.7)
+"""The same of a form of two variables: there are many of them, and a fit moves what it begins with."""
 WIDTHS = (0.25, 1.0)
 """Widths of a form, of the range that its variable has in the records (5 to 95 %)."""
 TURNS = (0.05, 0.3)
 """Widths of a threshold, likewise: sharp and gradual."""
+WIDTH_OF_TWO = (0.4,)
+"""Of a form of two variables, likewise."""
+EDGES_OF_STEPS = (0.02, 0.98)
+"""Quantiles of a variable over the records between which the steps of a smooth curve lie."""
 NARROWEST, WIDEST = 0.02, 5.0
 """Widths may be, likewise: less lies between two records, more is a straight line."""
 OUTSIDE = 0.5
@@ -68,7 +74,8 @@ class Shape:
 
 @dataclass(frozen=True)
 class Form:
-    """`text` of one or two variables; `ratios`: they must be above 0; `weight`: prior, of all forms."""
+    """`text` of one or two variables; `ratios`: they must be above 0; `weight`: prior, of all forms; `turned`: another
+    law with its two variables exchanged."""
 
     name: str
     words: str
@@ -76,6 +83,7 @@ class Form:
     shapes: tuple[Shape, ...] = ()
     ratios: bool = False
     weight: float = 1.0
+    turned: bool = False
 
     @property
     def expression(self) -> Expression:
@@ -87,8 +95,11 @@ class Form:
         return "y" in self.expression.names
 
 
-def _places(x: np.ndarray) -> tuple[float, ...]:
-    return tuple(float(v) for v in np.nanquantile(x, WITHIN))
+def _place(within: tuple[float, ...]) -> Shape:
+    def tries(x: np.ndarray) -> tuple[float, ...]:
+        return tuple(float(v) for v in np.nanquantile(x, within))
+
+    return Shape("c", tries, 0.5, _near)
 
 
 def _near(x: np.ndarray) -> tuple[float, float]:
@@ -109,14 +120,21 @@ def _exponent(letter: str, tries: tuple[float, ...]) -> Shape:
     return Shape(letter, lambda x: tries, 2.0, lambda x: (-STEEPEST, STEEPEST), of_range=False)
 
 
-PLACE = Shape("c", _places, 0.5, _near)
-WIDTH, TURN = _width(WIDTHS), _width(TURNS)
+PLACE, PLACE_OF_TWO = _place(WITHIN), _place(WITHIN_OF_TWO)
+WIDTH, TURN, WIDE = _width(WIDTHS), _width(TURNS), _width(WIDTH_OF_TWO)
 EXPONENT = _exponent("n", EXPONENTS)
 BOTH_EXPONENTS = (_exponent("n", EXPONENTS_OF_TWO), _exponent("m", EXPONENTS_OF_TWO))
 HALF = Shape("k", lambda x: HALVES, 1.5, lambda x: (LEAST_HALF, MOST_HALF), of_range=False)
 
+STEP = "(tanh((x - c) / w) - tanh((x0 - c) / w))"
+BUMP = "(exp(-((x - c) / w) ** 2) - exp(-((x0 - c) / w) ** 2))"
 TURNING = "(sqrt((x - c) ** 2 + w ** 2) - sqrt((x0 - c) ** 2 + w ** 2))"
 """A hyperbola, |x − c| with a width: with ±(x − x0) it is straight on one side of c and constant on the other."""
+
+OF_TWO = (PLACE_OF_TWO, WIDE)
+AS_A_STEP = "as a smooth step in the first"
+BEYOND, BELOW = "beyond a threshold of the first", "below a threshold of the first"
+THE_MORE = "the more the larger the second, of"
 
 FORMS = (
     Form("linear", "in proportion to", "a * (x - x0)", weight=4.0),
@@ -127,13 +145,16 @@ FORMS = (
     Form("saturation", "saturating with", "a * (x / (x + k) - 1 / (1 + k))", (HALF,), ratios=True),
     Form("above", "beyond a threshold of", f"a * (x - x0 + {TURNING})", (PLACE, TURN)),
     Form("below", "below a threshold of", f"a * (x - x0 - {TURNING})", (PLACE, TURN)),
-    Form("step", "as a smooth step in", "a * (tanh((x - c) / w) - tanh((x0 - c) / w))", (PLACE, WIDTH)),
-    Form("bump", "near one value of", "a * (exp(-((x - c) / w) ** 2) - exp(-((x0 - c) / w) ** 2))", (PLACE, WIDTH)),
+    Form("step", "as a smooth step in", f"a * {STEP}", (PLACE, WIDTH)),
+    Form("bump", "near one value of", f"a * {BUMP}", (PLACE, WIDTH)),
     Form("both", "as the product of what moves of", "a * (x - x0) * (y - y0)"),
-    Form("first_by_second", "as the first, the more the larger the second, of", "a * (x - x0) * y"),
-    Form("second_by_first", "as the second, the more the larger the first, of", "a * x * (y - y0)"),
+    Form("by", f"as the first, {THE_MORE}", "a * (x - x0) * y", turned=True),
     Form("product", "as the product of", "a * (x * y - x0 * y0)"),
-    Form("quotient", "as the quotient of", "a * (x / y - 1)", ratios=True),
+    Form("quotient", "as the quotient of", "a * (x / y - 1)", ratios=True, turned=True),
     Form("powers", "as the product of powers of", "a * (x ** n * y ** m - 1)", BOTH_EXPONENTS, ratios=True),
+    Form("step_by", f"{AS_A_STEP}, {THE_MORE}", f"a * {STEP} * y", OF_TWO, weight=0.5, turned=True),
+    Form("bump_by", f"near one value of the first, {THE_MORE}", f"a * {BUMP} * y", OF_TWO, weight=0.5, turned=True),
+    Form("above_by", f"{BEYOND}, {THE_MORE}", f"a * (x - x0 + {TURNING}) * y", OF_TWO, weight=0.5, turned=True),
+    Form("below_by", f"{BELOW}, {THE_MORE}", f"a * (x - x0 - {TURNING}) * y", OF_TWO, weight=0.5, turned=True),
 )
 """What a law may be, simple forms first."""

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 
 import numpy as np
 
 from enginediag_cli.engine.engine import Engine
 from enginediag_cli.engine.term import Coefficient, Effect
 from enginediag_cli.mismatch.fit.freeform import Location
-from enginediag_cli.mismatch.laws.scan import Candidate
+from enginediag_cli.mismatch.laws.grammar import Form
+from enginediag_cli.mismatch.laws.scan import Candidate, Known
 from enginediag_cli.parameters import Parameter, spelled
 from enginediag_cli.physics.laws.expression import Expression
 from enginediag_cli.physics.laws.law import Acts, Law
@@ -42,9 +44,7 @@ def proposed(candidate: Candidate, parameter: Parameter, name: str) -> Effect:
     written |= {f"{n}0": f"{k.variable.reference:.{DIGITS}g}" for n, k in letters.items()}
     text = re.sub(r"\b[xy]0?\b", lambda m: written[m[0]], formula.form.text)
     text = re.sub(r"\((\w+) - 0\)", r"\1", text)
-    through = candidate.location.through
-    factor = through is None and parameter.nominal == 1.0 and parameter.unit in ("", "1")
-    unit = "1" if factor else parameter.unit or "1"
+    acts, unit = acting(candidate.location, parameter)
     size = candidate.location.scale / float(np.std(formula.curve))
     coefficients = [Coefficient(AMPLITUDE, unit, "size", 0.0, -np.inf, np.inf, size, candidate.amplitude)]
     x = formula.of[0].values
@@ -53,10 +53,22 @@ def proposed(candidate: Candidate, parameter: Parameter, name: str) -> Effect:
         # a shape at a bound is another form: a threshold beyond what was flown is a straight line
         shape = Coefficient(s.letter, "1", "shape", at, *s.bounds(x), s.sigma(x), at, free=True, closed=True)
         coefficients.append(shape)
-    acts = Acts(parameter.name, parameter.component, unit, factor) if through is None else at_lever(through)
     variables = {k.variable.name: k.variable for k in formula.of}
-    words = " and ".join(k.variable.words for k in formula.of)
-    place = (parameter.words if through is None else candidate.location.words) or spelled(parameter.name)
-    statement = f"{place[0].upper()}{place[1:]} changes {formula.form.words} {words}."
+    statement = statement_of(candidate.location, parameter, formula.form, formula.of)
     law = Law(name, acts, Expression.parsed(text), variables, tuple(coefficients), statement)
     return Effect(law, acts.site, {})
+
+
+def acting(location: Location, parameter: Parameter) -> tuple[Acts, str]:
+    """What a law at a place acts on, and the unit of its size."""
+    through = location.through
+    factor = through is None and parameter.nominal == 1.0 and parameter.unit in ("", "1")
+    unit = "1" if factor else parameter.unit or "1"
+    return Acts(parameter.name, parameter.component, unit, factor) if through is None else at_lever(through), unit
+
+
+def statement_of(location: Location, parameter: Parameter, form: Form, of: Sequence[Known]) -> str:
+    """A law in words."""
+    words = " and ".join(k.variable.words for k in of)
+    place = (parameter.words if location.through is None else location.words) or spelled(parameter.name)
+    return f"{place[0].upper()}{place[1:]} changes {form.words} {words}."

@@ -96,16 +96,24 @@ def known_variables(found: Identified) -> list[Known]:
 def formulas(known: Sequence[Known], forms: Sequence[Form] = FORMS) -> Iterator[Formula]:
     """All forms of all variables, and of those that stand for their groups in pairs."""
     firsts = [next(k for k in known if k.group == g) for g in dict.fromkeys(k.group for k in known)]
-    single, double = [f for f in forms if not f.pairs], [f for f in forms if f.pairs]
-    for form in single:
-        share = (1.0 - PAIRS) * form.weight / sum(f.weight for f in single) / len(firsts)
-        for k in known:
-            alike = sum(o.group == k.group for o in known)
-            yield from _shaped(form, (k,), share / alike)
-    pairs = list(combinations(firsts, 2))
-    for form in double:
-        for pair in pairs:
-            yield from _shaped(form, pair, PAIRS * form.weight / sum(f.weight for f in double) / len(pairs))
+    for of in (*((k,) for k in known), *combinations(firsts, 2)):
+        yield from formulas_of(of, known, forms)
+
+
+def formulas_of(of: Sequence[Known], known: Sequence[Known], forms: Sequence[Form] = FORMS) -> Iterator[Formula]:
+    """All forms of one variable, or of two together, with their prior among all of the variables `known`: variables
+    that cannot be told apart have that of their group."""
+    groups = {k.group for k in known}
+    own = [f for f in forms if f.pairs == (len(of) == 2)]
+    if len(of) == 1:
+        share = (1.0 - PAIRS) / len(groups)
+    else:
+        share = PAIRS / (len(groups) * (len(groups) - 1) / 2.0)
+    orders = {f.name: (of, of[::-1]) if f.turned else (of,) for f in own}
+    for form in own:
+        for order in orders[form.name]:
+            part = share * form.weight / sum(f.weight for f in own) / len(orders[form.name])
+            yield from _shaped(form, tuple(order), part)
 
 
 def _shaped(form: Form, of: tuple[Known, ...], share: float) -> Iterator[Formula]:
@@ -180,5 +188,10 @@ def of_same_groups(formula: Formula, known: Sequence[Known]) -> list[Formula]:
     if len(formula.of) < 2:
         return []
     groups = [[k for k in known if k.group == of.group] for of in formula.of]
-    share = float(np.exp(formula.prior)) / int(np.prod([len(g) for g in groups]))
-    return [law for of in product(*groups) if of != formula.of for law in _shaped(formula.form, of, share)]
+    share = float(np.exp(formula.prior))
+    return [law for of in product(*groups) if not same(of, formula.of) for law in _shaped(formula.form, of, share)]
+
+
+def same(one: Sequence[Known], other: Sequence[Known]) -> bool:
+    """Whether they are the same variables."""
+    return [k.variable.name for k in one] == [k.variable.name for k in other]

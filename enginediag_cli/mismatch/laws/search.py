@@ -7,20 +7,30 @@ fit, and how likely each is beside the others is decided here.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from enginediag_cli.engine.term import Effect
-from enginediag_cli.mismatch.fit.freeform import Location, locations
+from enginediag_cli.mismatch.fit.freeform import locations
 from enginediag_cli.mismatch.fit.options import Option
 from enginediag_cli.mismatch.fit.trial_fit import Trial
-from enginediag_cli.mismatch.laws.band import EDGES, Weighed, band_of, curve_of
+from enginediag_cli.mismatch.laws.band import EDGES, Weighed, band_of, curve_of, variables_in
 from enginediag_cli.mismatch.laws.elsewhere_too import MOST_PLACES, RIVAL, elsewhere_too
 from enginediag_cli.mismatch.laws.finding import FittedLaw, LawFinding
+from enginediag_cli.mismatch.laws.grammar import FORMS
 from enginediag_cli.mismatch.laws.posterior import evidence_of, places_of, shares, variables_of_laws
-from enginediag_cli.mismatch.laws.scan import Candidate, Scan, scanned
-from enginediag_cli.mismatch.laws.shortlist import Proposal, along_the_same, elsewhere, otherwise, within_reach
+from enginediag_cli.mismatch.laws.scan import Candidate, Scan, prior_of_a_place, scanned
+from enginediag_cli.mismatch.laws.shortlist import (
+    Proposal,
+    along_the_same,
+    elsewhere,
+    of_variables,
+    otherwise,
+    within_reach,
+)
+from enginediag_cli.mismatch.laws.smooth import Smooth, carried, prior_of_variables, smooth_evidence
+from enginediag_cli.mismatch.laws.steps import as_steps
 
 BEHIND, SECOND = 2, 3
 """Laws of which other forms are tried, and to which a second one is sought where none is enough by itself; how many of
@@ -31,25 +41,46 @@ STARTS = 4
 may come first only with more than one form."""
 MOST_FORMS = 5
 """Forms of one law: what needs more is no law."""
+LACKING = 0.0
+"""ln evidence by which smooth curves must be likelier than the best forms for one to be fitted as a law."""
+LIKELIER = 1e-3
+"""ln evidence by which a law with a further form goes before the same without it where prediction alone asks for it."""
 UNLIKELY = 5.0
 """ln evidence by which a form is behind the best that has no say in the curve any more."""
 
+PLACES, WITHIN = 3, 15.0
+"""Places at which variables are weighed whatever the form, at most, and by how much of ln evidence the best law at one
+may be behind."""
+
+Where = tuple[str, frozenset[int]]
+"""Name of a place, and groups of variables."""
 Fitting = Callable[[Sequence[tuple[Option, ...]]], Sequence[Trial] | None]
 """Fits sets of options; trials that converged."""
 
 
 @dataclass
 class Fitted:
-    """Laws, one or several together, fitted: the trial, and ln evidence against the model as it is."""
+    """Laws, one or several together, fitted: the trial, and ln evidence against the model as it is; `beside`: what all
+    other laws of its variables at its place, listed or just smooth, add to that of the best one there."""
 
     laws: tuple[Proposal, ...]
     trial: Trial
     evidence: float
+    beside: float = 0.0
 
     @classmethod
     def to(cls, base: Trial, laws: tuple[Proposal, ...], trial: Trial) -> Fitted:
         """A trial of laws, weighed against the base of the same records."""
         return cls(laws, trial, evidence_of(base, trial, sum(p.candidate.prior for p in laws)))
+
+    def again(self, base: Trial, trial: Trial) -> Fitted:
+        """The same laws fitted to other records."""
+        return replace(Fitted.to(base, self.laws, trial), beside=self.beside)
+
+    @property
+    def standing(self) -> float:
+        """ln evidence by which it is put in order: that of its place and variables, told by their best law."""
+        return self.evidence + self.beside
 
     @property
     def options(self) -> tuple[Option, ...]:
@@ -60,7 +91,7 @@ class Fitted:
         return tuple(e for o in self.options for e in o.hypothesis.effects)
 
     @property
-    def where(self) -> tuple[str, frozenset[int]]:
+    def where(self) -> Where:
         """Place of the first, and the groups of variables of all that act there."""
         place = self.laws[0].candidate.location.name
         own = (p.candidate.formula.groups for p in self.laws if p.candidate.location.name == place)
@@ -86,6 +117,7 @@ class LawSearch:
     fit: Fitting
     single: list[Fitted] = field(default_factory=list)
     double: list[Fitted] = field(default_factory=list)
+    smooth: list[Smooth] = field(default_factory=list)
 
     def __post_init__(self) -> None:
         self.engine = self.base.found.evidence.engine
@@ -96,28 +128,96 @@ class LawSearch:
             more = [(p,) for p in otherwise(self.scan, first.laws[0].candidate, self.base, tried)]
             self.single = [*self.single, *self._fitted(more)]
         self.single = ordered(self.single)
+        self.smooth = [s for first in self._at_places() for s in self._smooth(first)]
         for first in self._apart():
             self.single = [*self.single, *self._of_more_forms(first)]
-        self.single = ordered(self.single)
+        self.single = [*self.single, *self._smooth_laws()]
+        total, best = self._totals(), self._best()
+        self.single = ordered(replace(f, beside=total[f.where] - best[f.where].evidence) for f in self.single)
+
+    def _smooth_laws(self) -> list[Fitted]:
+        """Smooth curves as laws, of the best places and variables of which no listed form says nearly as much."""
+        best, sets = self._best(), []
+        for s in sorted(self.smooth, key=lambda s: -s.evidence)[:1]:
+            if s.where in best and s.evidence > best[s.where].evidence + LACKING:
+                size = float(np.std(curve_of(best[s.where].effects, best[s.where].trial, self.scan.known)[0]))
+                prior = prior_of_variables(s.of, len({k.group for k in self.scan.known}))
+                sets.append(as_steps(s.place, s.of, size, prior + prior_of_a_place(self.base.found), self.engine))
+        return self._fitted(sets)
+
+    @property
+    def most(self) -> float:
+        """ln evidence of the likeliest single law; −∞ without one."""
+        return max((f.evidence for f in self.single), default=-np.inf)
+
+    def _best(self) -> dict[Where, Fitted]:
+        """The best law of each place and variables."""
+        best: dict[Where, Fitted] = {}
+        for f in sorted(self.single, key=lambda f: -f.evidence):
+            best.setdefault(f.where, f)
+        return best
+
+    def _totals(self) -> dict[Where, float]:
+        """ln evidence of each place and variables: of the forms, each once, and of all smooth curves. Of variables that
+        the records hardly tell apart the best counts."""
+        of: dict[Where, dict[object, float]] = {}
+        for where, form, evidence in (
+            *((f.where, tuple(p.candidate.formula.form.name for p in f.laws), f.evidence) for f in self.single),
+            *((s.where, None, s.evidence) for s in self.smooth),
+            *self._unfitted(),
+        ):
+            own = of.setdefault(where, {})
+            own[form] = max(own.get(form, -np.inf), evidence)
+        return {where: float(np.logaddexp.reduce(list(own.values()))) for where, own in of.items()}
+
+    def _at_places(self) -> list[Fitted]:
+        """The best law at each of the best places."""
+        best: dict[str, Fitted] = {}
+        for f in self.single:
+            if f.evidence > self.single[0].evidence - WITHIN:
+                best.setdefault(f.where[0], f)
+        return list(best.values())[:PLACES]
+
+    def _smooth(self, first: Fitted) -> list[Smooth]:
+        """All variables at a law's place, whatever the form."""
+        at = carried(self.base, first.trial, first.effects, first.laws[0].candidate.location, self.scan.known)
+        if not at.found.converged:
+            return []
+        return smooth_evidence(at, self.scan.known, prior_of_a_place(self.base.found))
 
     def _apart(self) -> list[Fitted]:
-        """The best law of each of the best places and variables."""
-        best: dict[object, Fitted] = {}
-        for f in self.single:
-            best.setdefault(f.where, f)
-        return list(best.values())[:STARTS]
+        """The best law of each of the best places and variables, by their best form or whatever the form. Of variables
+        that the records hardly tell apart those are taken of which smooth curves say most."""
+        smooth: dict[Where, Smooth] = {}
+        for s in sorted(self.smooth, key=lambda s: -s.evidence):
+            smooth.setdefault(s.where, s)
+        total, found = self._totals(), []
+        of_laws = {*self._best(), *smooth}
+        for where in sorted(of_laws, key=lambda w: -total[w])[:STARTS]:
+            best, here = smooth.get(where), [f for f in self.single if f.where == where]
+            if best is not None and not any(variables_in(f.effects) == best.names for f in here):
+                more = self._fitted([(p,) for p in of_variables(self.base, best.place, best.of, self.scan)])
+                self.single = [*self.single, *more]
+                here = [*here, *more]
+            found += ordered(here)[:1]
+        return found
 
     def _of_more_forms(self, first: Fitted) -> list[Fitted]:
-        """A law with further forms of the same variables at its place, as long as that is likelier: a curve that no
-        form has is a sum of some."""
+        """A law with further forms of the same variables at its place: a curve that no form has is a sum of some. One
+        joins where all together are likelier; or where flights of the same kind are predicted better for it, which
+        leaves the law as likely as it was."""
         found = [first]
         while len(found[-1].laws) < MOST_FORMS:
             last = found[-1]
             more = self._fitted([(*last.laws, p) for p in along_the_same(self.scan, last.laws, last.trial)])
-            if not more or more[0].evidence <= last.evidence:
+            if not more or not (more[0].evidence > last.evidence or _predicts(more[0], last)):
                 break
-            found.append(more[0])
+            found.append(replace(more[0], evidence=max(more[0].evidence, last.evidence + LIKELIER), beside=last.beside))
         return found[1:]
+
+    def _beside(self, first: Fitted, more: Iterable[Fitted]) -> list[Fitted]:
+        """Laws that another has grown to stand as it does."""
+        return [replace(f, beside=first.beside) for f in more]
 
     def rounds(self) -> Iterator[list[Fitted]]:
         """What may be told, likeliest first: single laws; with a second one, should none of these be enough."""
@@ -130,7 +230,7 @@ class LawSearch:
         while len(found[-1].laws) < MOST_PLACES:
             last = found[-1]
             further = elsewhere_too(last.laws, last.trial, where)
-            more = [] if further is None else self._fitted([(*last.laws, further)])
+            more = [] if further is None else self._beside(first, self._fitted([(*last.laws, further)]))
             if not more or more[0].evidence < last.evidence - RIVAL:
                 break
             found.append(more[0])
@@ -150,7 +250,7 @@ class LawSearch:
             sets += [(*first.laws, p) for p in more]
         found = self._fitted(sets)
         further = [f for second in found[:1] for f in self._of_more_forms(second)]
-        likelier = [f for f in (*found, *further) if f.evidence > self.single[0].evidence]
+        likelier = [f for f in (*found, *further) if f.evidence > self.most]
         self.double = ordered([*self.double, *likelier])
         return self.double
 
@@ -158,15 +258,16 @@ class LawSearch:
         """What is known of laws; `best`: those that are told, likeliest first, and `base` the fit without them;
         `noise_known`: not from the recordings alone."""
         if best[0].at_one_place:
-            weighed = [(f.laws[0].candidate.location, f.where, f.evidence) for f in self.single] + self._unfitted()
+            place = {p.name: p for p in locations(self.base.found)}
+            weighed = [(place[where[0]], where[1], total) for where, total in self._totals().items()]
         else:
-            weighed = [(f.laws[0].candidate.location, f.where, f.evidence) for f in self.double]
+            weighed = [(f.laws[0].candidate.location, f.where[1], f.standing) for f in self.double]
         p = map(float, shares([e for _, _, e in weighed]))
-        laws = [(place, groups, q) for (place, (_, groups), _), q in zip(weighed, p, strict=True)]
+        laws = [(place, groups, q) for (place, groups, _), q in zip(weighed, p, strict=True)]
         excess = max(base.objective - base.projection.dof, 0.0)
         told = [
-            FittedLaw(p.option, p.candidate.location, p.candidate.formula, f.evidence, float(share))
-            for f, share in zip(best, shares([f.evidence for f in best]), strict=True)
+            FittedLaw(p.option, p.candidate.location, p.candidate.formula, f.standing, float(share))
+            for f, share in zip(best, shares([f.standing for f in best]), strict=True)
             for p in f.laws
         ]
         named = [k.variable.name for f in best for p in f.laws for k in p.candidate.formula.of]
@@ -196,13 +297,14 @@ class LawSearch:
         p = shares([f.evidence for f in same])
         return [(f.effects, f.trial, float(q)) for f, q in zip(same, p, strict=True)]
 
-    def _unfitted(self) -> list[tuple[Location, tuple[str, frozenset[int]], float]]:
+    def _unfitted(self) -> list[tuple[Where, tuple[str, ...], float]]:
         """Candidates that were not fitted, with their scores moved as a fit has moved the best one's."""
         moved = max(f.evidence - f.laws[0].candidate.weight for f in self.single if len(f.laws) == 1)
-        found = []
+        found: list[tuple[Where, tuple[str, ...], float]] = []
         for c in within_reach(self.scan.candidates):
             if not any(_alike(c, f.laws[0].candidate) for f in self.single):
-                found.append((c.location, (c.location.name, c.formula.groups), c.weight + min(moved, 0.0)))
+                where = c.location.name, c.formula.groups
+                found.append((where, (c.formula.form.name,), c.weight + min(moved, 0.0)))
         return found
 
     def _fitted(self, sets: Sequence[tuple[Proposal, ...]]) -> list[Fitted]:
@@ -212,6 +314,17 @@ class LawSearch:
         for t in trials:
             found.append(Fitted.to(self.base, of[tuple(o.label for o in t.options)], t))
         return ordered(found)
+
+
+def _predicts(more: Fitted, fewer: Fitted) -> bool:
+    """Whether a law with a further form predicts better, chosen as it was from many:
+
+        Δχ² > 2 (k + ln m)      k: its coefficients,  m: forms of one variable or two
+
+    Sources: H. Akaike, IEEE Trans. Autom. Control 19 (1974) 716–723; D. P. Foster, E. I. George, Ann. Statist. 22
+    (1994) 1947–1975 (the price of the choice)."""
+    k = len(more.trial.hypothesis.names) - len(fewer.trial.hypothesis.names)
+    return fewer.trial.objective - more.trial.objective > 2.0 * (k + float(np.log(len(FORMS))))
 
 
 def _alike(one: Candidate, other: Candidate) -> bool:
@@ -225,4 +338,4 @@ def _alike(one: Candidate, other: Candidate) -> bool:
 
 def ordered(fitted: Iterable[Fitted]) -> list[Fitted]:
     """Likeliest first."""
-    return sorted(fitted, key=lambda f: -f.evidence)
+    return sorted(fitted, key=lambda f: -f.standing)

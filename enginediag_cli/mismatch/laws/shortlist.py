@@ -4,15 +4,25 @@ from __future__ import annotations
 
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
+from itertools import combinations
 
 import numpy as np
 
 from enginediag_cli.engine.engine import Engine
+from enginediag_cli.mismatch.fit.freeform import Location
 from enginediag_cli.mismatch.fit.identified import Hypothesis
 from enginediag_cli.mismatch.fit.options import LAW, Option
 from enginediag_cli.mismatch.fit.trial_fit import Trial
 from enginediag_cli.mismatch.laws.proposed import place_of, possible, proposed
-from enginediag_cli.mismatch.laws.scan import Candidate, Scan, of_same_groups, scored
+from enginediag_cli.mismatch.laws.scan import (
+    Candidate,
+    Known,
+    Scan,
+    formulas_of,
+    of_same_groups,
+    prior_of_a_place,
+    scored,
+)
 
 WHERE, FORMS = 6, 5
 """Places and groups of variables of which the best form is fitted; further forms of the one that fits best there. The
@@ -58,15 +68,26 @@ def along_the_same(scan: Scan, laws: Sequence[Proposal], fitted: Trial) -> list[
     """What may be added to laws at their first one's place, of formulas of the same variables or of some of them, by
     what the fit of these laws leaves. Beforehand one of such formulas is as likely as another, by their priors."""
     place, engine = laws[0].candidate.location, fitted.found.evidence.engine
-    groups: frozenset[int] = frozenset().union(*(p.candidate.formula.groups for p in laws))
-    family = [c.formula for c in scan.candidates if c.location.name == place.name and c.formula.groups <= groups]
+    here = [p.candidate.formula for p in laws if p.candidate.location.name == place.name]
+    of = {k.group: k for f in reversed(here) for k in f.of}
+    sets = [(k,) for k in of.values()] + list(combinations(of.values(), 2))
+    family = [f for s in sets for f in formulas_of(s, scan.known)]
     whole = float(np.log(np.sum([np.exp(f.prior) / f.tried for f in family])))
     forms: dict[object, Candidate] = {}
     for c in scored(fitted.found, fitted.projection, [place], family, -whole):
         forms.setdefault((c.formula.form.name, c.formula.groups), c)
     known = {p.option.label for p in laws}
-    found = [proposal(c, engine) for c in list(forms.values())[: ADDED + 1]]
+    found = [proposal(c, engine) for c in list(forms.values())[: ADDED + 1] if possible(c)]
     return [p for p in found if p.option.label not in known][:ADDED]
+
+
+def of_variables(base: Trial, place: Location, of: Sequence[Known], scan: Scan) -> list[Proposal]:
+    """The best forms of exactly these variables at a place."""
+    prior = prior_of_a_place(base.found)
+    forms: dict[str, Candidate] = {}
+    for c in scored(base.found, base.projection, [place], list(formulas_of(of, scan.known)), prior):
+        forms.setdefault(c.formula.form.name, c)
+    return [proposal(c, base.found.evidence.engine) for c in forms.values() if possible(c)][:ADDED]
 
 
 def within_reach(candidates: Sequence[Candidate]) -> list[Candidate]:

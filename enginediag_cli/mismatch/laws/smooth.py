@@ -1,0 +1,223 @@
+"""How likely variables are at a place, whatever the form: all smooth curves and surfaces of them at once.
+
+A law of a form that no list holds is read as a form of the list, often of other variables that bend as it does. So
+variables are weighed by more than forms. With q_i(x) orthonormal polynomials over the records,
+
+    f = δ + Σ_i α_i q_i(x) + Σ_j β_j q_j(y) + Σ_ij γ_ij q_i(x) q_j(y),
+    α_i ~ N(0, A_x² ρⁱ),     β_j ~ N(0, A_y² ρʲ),     γ_ij ~ N(0, A_xy² ρⁱ⁺ʲ)
+
+(the variances of a part scaled to add up to its A²) the evidence is that of a linear model, W its variances,
+
+    ln B = ½ gᵀ(W⁻¹ + G)⁻¹g − ½ ln|1 + W G|,     g = C⊥ᵀ(e + c f₀),     G = C⊥ᵀC⊥
+
+averaged over sizes A and smoothness ρ. It is taken at a fit that carries a law f₀ at that place, which is added back to
+what this fit leaves: a model without a large law answers it with other derivatives.
+
+Source: C. E. Rasmussen, C. K. I. Williams, Gaussian Processes for Machine Learning (2006), sections 2.2 and 5.2.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from itertools import combinations, product
+
+import numpy as np
+
+from enginediag_cli.engine.term import Effect
+from enginediag_cli.mismatch.fit.columns import Columns
+from enginediag_cli.mismatch.fit.families import Sums, grid
+from enginediag_cli.mismatch.fit.freeform import Location
+from enginediag_cli.mismatch.fit.identified import NO_HYPOTHESIS, Identified, identify_with, nuisance
+from enginediag_cli.mismatch.fit.projection import Projection
+from enginediag_cli.mismatch.fit.trial_fit import Trial
+from enginediag_cli.mismatch.laws.band import summed
+from enginediag_cli.mismatch.laws.scan import PAIRS, Known
+from enginediag_cli.progress import stage
+
+SIZES = (0.1, 0.4, 1.6)
+"""Standard deviations of the parts of a surface, over that of the law at the fit."""
+SMOOTH = (0.15, 0.45, 0.85)
+"""ρ: variance of a degree over that of the one before."""
+UNLISTED = 0.3
+"""Share of laws of some variables that have no listed form. Judgement."""
+BEST = 8
+"""Sets of variables that are weighed again with more degrees."""
+
+LEVEL, SECOND, BOTH = 0, 1, 2
+"""Parts of a surface: the first variable's own with the level, the second's, and what both do together."""
+
+
+@dataclass(frozen=True)
+class Smooth:
+    """ln evidence of all smooth curves of variables `of` at a place, with the prior of the groups that they are of."""
+
+    place: Location
+    of: tuple[Known, ...]
+    evidence: float
+
+    @property
+    def groups(self) -> frozenset[int]:
+        return frozenset(k.group for k in self.of)
+
+    @property
+    def where(self) -> tuple[str, frozenset[int]]:
+        """Place, and groups of variables."""
+        return self.place.name, self.groups
+
+    @property
+    def names(self) -> frozenset[str]:
+        return frozenset(k.variable.name for k in self.of)
+
+
+@dataclass(frozen=True)
+class Degrees:
+    """Highest of a curve of one variable; of each of two; of their product."""
+
+    alone: int
+    beside: int
+    together: int
+
+    @property
+    def products(self) -> list[tuple[int, int]]:
+        return [(i, j) for i, j in product(range(1, self.together), repeat=2) if i + j <= self.together]
+
+
+ROUGH, FINE = Degrees(7, 5, 5), Degrees(11, 8, 8)
+"""Of all variables, and of those that come out best."""
+
+
+@dataclass(frozen=True)
+class Block:
+    """Columns of the features of some variables, with the part of the surface and the degree of each."""
+
+    of: tuple[Known, ...]
+    columns: tuple[int, ...]
+    parts: tuple[int, ...]
+    degrees: tuple[int, ...]
+
+
+@dataclass(frozen=True)
+class Carried:
+    """A fit whose engine carries a law at a place, which is f (N,) over the records; `gain`: half of the χ² that the
+    fit without it had more."""
+
+    found: Identified
+    projection: Projection
+    place: Location
+    f: np.ndarray
+    gain: float
+
+
+def carried(base: Trial, trial: Trial, laws: Sequence[Effect], place: Location, known: Sequence[Known]) -> Carried:
+    """The fit of an engine that carries laws at a place as a trial has fitted them."""
+    evidence = base.found.evidence
+    coefficients = {n: value for n, (value, _) in trial.coefficients.items()}
+    fixed = tuple(replace(e, values={**e.values, **_own(e, coefficients)}) for e in laws)
+    engine = evidence.engine.with_effects((*evidence.engine.effects, *fixed))
+    carrying = replace(evidence, engine=engine)
+    found = identify_with(carrying, NO_HYPOTHESIS, nuisance(carrying), base.found)
+    projection = Projection(found)
+    f = summed(laws, {k.variable.name: k.values for k in known}, coefficients)
+    return Carried(found, projection, place, f, 0.5 * (base.objective - projection.objective))
+
+
+def _own(effect: Effect, values: Mapping[str, float]) -> dict[str, float]:
+    names = {c.name: effect.parameter_name(c.name) for c in effect.term.COEFFICIENTS}
+    return {c: values[n] for c, n in names.items() if n in values}
+
+
+@stage("weighing variables of laws")
+def smooth_evidence(at: Carried, known: Sequence[Known], prior: float) -> list[Smooth]:
+    """All variables and pairs of them at a place, likeliest first, by linearisation at the fit that carries a law
+    there. ln evidence against the base; `prior`: ln, of the place."""
+    columns = Columns(at.found, [at.place.parameter], [at.place.through] if at.place.through is not None else [])
+    every: list[tuple[Known, ...]] = [(k,) for k in known]
+    every += [pair for pair in combinations(known, 2) if pair[0].group != pair[1].group]
+    found = _weighed(at, columns, every, ROUGH)
+    order = sorted(range(len(every)), key=lambda k: -found[k])[:BEST]
+    for k, evidence in zip(order, _weighed(at, columns, [every[k] for k in order], FINE), strict=True):
+        found[k] = max(found[k], evidence)
+    groups = len({k.group for k in known})
+    weighed = [
+        Smooth(at.place, of, e + prior_of_variables(of, groups) + prior + at.gain)
+        for of, e in zip(every, found, strict=True)
+    ]
+    return sorted(weighed, key=lambda s: (-s.evidence, sorted(s.names)))
+
+
+def prior_of_variables(of: Sequence[Known], groups: int) -> float:
+    """ln of that of a law of variables that has no listed form: those that cannot be told apart have their group's."""
+    share = (1.0 - PAIRS) / groups if len(of) == 1 else PAIRS / (groups * (groups - 1) / 2.0)
+    return float(np.log(UNLISTED * share))
+
+
+def _weighed(at: Carried, columns: Columns, sets: Sequence[tuple[Known, ...]], to: Degrees) -> list[float]:
+    """ln evidence of each set of variables, against the fit that carries the law."""
+    curves, blocks = _features(sets, to)
+    law, size = curves.shape[1], float(np.std(at.f))
+    family = grid([at.place.parameter], np.column_stack([curves, at.f]), [[*b.columns, law] for b in blocks])
+    sums = Sums(at.projection, columns, family)
+    # sizes are those of the law that was found, which might have been anything as large as the place allows
+    priced = min(float(np.log(size / at.place.scale)), 0.0)
+    result = []
+    for b in blocks:
+        of = np.array([(0, c) for c in (*b.columns, law)])
+        whole, pull = sums.gram(of), sums.pulls(of)
+        # what the law is worth at the fit that carries it
+        worth = pull[-1] + 0.5 * whole[-1, -1]
+        W = size**2 * _variances(b.parts, b.degrees)
+        result.append(_averaged(whole[:-1, :-1], pull[:-1] + whole[:-1, -1], W) - worth + priced)
+    return result
+
+
+def _features(sets: Sequence[tuple[Known, ...]], to: Degrees) -> tuple[np.ndarray, list[Block]]:
+    """Curves (N, F), and which of them each set of one variable or two has."""
+    known = {k.variable.name: k for of in sets for k in of}
+    most = max(to.alone, to.beside)
+    own = {n: _polynomials(k.values, most) for n, k in known.items()}
+    at = {n: 1 + most * j for j, n in enumerate(own)}
+    columns = [np.ones((len(next(iter(own.values()))), 1)), *own.values()]
+    count, blocks = 1 + most * len(own), []
+    for of in sets:
+        degree = to.alone if len(of) == 1 else to.beside
+        terms = [(0, LEVEL, 1)]
+        for part, k in enumerate(of):
+            terms += [(at[k.variable.name] + d, part, d + 1) for d in range(degree)]
+        if len(of) == 2:
+            a, b = (own[k.variable.name] for k in of)
+            columns.append(np.column_stack([a[:, i - 1] * b[:, j - 1] for i, j in to.products]))
+            terms += [(count + c, BOTH, i + j) for c, (i, j) in enumerate(to.products)]
+            count += len(to.products)
+        at_columns, parts, degrees = zip(*terms, strict=True)
+        blocks.append(Block(of, at_columns, parts, degrees))
+    return np.column_stack(columns), blocks
+
+
+def _polynomials(x: np.ndarray, degree: int) -> np.ndarray:
+    """Orthonormal polynomials of a variable (N,) over the records: (N, degree), of zero mean and unit variance."""
+    low, high = float(np.min(x)), float(np.max(x))
+    V = np.polynomial.chebyshev.chebvander(2.0 * (x - low) / (high - low) - 1.0, degree)
+    return np.asarray(np.linalg.qr(V)[0][:, 1:] * np.sqrt(len(x)))
+
+
+@lru_cache(maxsize=8)
+def _variances(parts: tuple[int, ...], degrees: tuple[int, ...]) -> np.ndarray:
+    """W (w, k): every choice of sizes of the parts and of smoothness."""
+    part, degree = np.array(parts), np.array(degrees, float)
+    found = []
+    for rho in SMOOTH:
+        share = rho**degree
+        share = share / np.array([share[part == p].sum() for p in part])
+        found += [share * np.array(sizes)[part] ** 2 for sizes in product(SIZES, repeat=len(set(parts)))]
+    return np.array(found)
+
+
+def _averaged(G: np.ndarray, g: np.ndarray, W: np.ndarray) -> float:
+    """ln of the mean, over W (w, k), of the evidence of a linear model."""
+    root = np.sqrt(W)
+    L = np.linalg.cholesky(np.eye(len(g)) + root[:, :, None] * G * root[:, None, :])
+    h = np.linalg.solve(L, (root * g)[:, :, None])[:, :, 0]
+    ln = 0.5 * np.sum(h**2, axis=1) - np.log(np.diagonal(L, axis1=1, axis2=2)).sum(axis=1)
+    return float(np.logaddexp.reduce(ln) - np.log(len(W)))

@@ -1,0 +1,71 @@
+"""Variables of a law are told by smooth curves of all kinds, also where no listed form is the law's."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import concealed
+import numpy as np
+import pytest
+
+from enginediag_cli.engine.term import Coefficient, Effect
+from enginediag_cli.mismatch.fit.freeform import locations
+from enginediag_cli.mismatch.fit.identified import NO_HYPOTHESIS, identify_with, nuisance
+from enginediag_cli.mismatch.fit.projection import Projection
+from enginediag_cli.mismatch.fit.trial_fit import Trial, attempt
+from enginediag_cli.mismatch.laws.scan import formulas_of, known_variables, prior_of_a_place, scored
+from enginediag_cli.mismatch.laws.shortlist import proposal
+from enginediag_cli.mismatch.laws.smooth import Smooth, carried, smooth_evidence
+from enginediag_cli.physics.laws.expression import Expression
+from enginediag_cli.physics.laws.law import Acts, Law
+from enginediag_cli.physics.laws.variables import variables_of
+
+LISTED = ("reynolds_index", "power", "mach")
+
+
+def _searched(formula: str, size: float, of: tuple[str, ...], carrying: str, seed: int = 1300) -> list[Smooth]:
+    """What smooth curves say of a law at the HPC's efficiency, at a fit that carries the best law of one variable."""
+    engine = concealed.turbofan()
+    acts = Acts("hpc.efficiency", "hpc", "", True)
+    a = Coefficient("a", "1", "size", 0.0, -1.0, 1.0, 0.05, size)
+    every = variables_of(engine.network)
+    law = Law("truth", acts, Expression.parsed(formula), {n: every[n] for n in of}, (a,))
+    given = concealed.evidence(
+        concealed.flights((Effect(law, acts.site, {"a": size}),), np.random.default_rng(seed), count=4, records=40)
+    )
+    found = identify_with(given, NO_HYPOTHESIS, nuisance(given))
+    base = Trial((), found, Projection(found))
+    known = [k for k in known_variables(found) if k.variable.name in LISTED]
+    place = next(p for p in locations(found) if p.name == "hpc.efficiency")
+    one = [k for k in known if k.variable.name == carrying]
+    first = proposal(scored(found, base.projection, [place], list(formulas_of(one, known)), 0.0)[0], given.engine)
+    trial = attempt([first.option], found, nuisance(given))
+    at = carried(base, trial, first.option.hypothesis.effects, place, known)
+    assert at.found.converged and at.gain == pytest.approx(0.5 * (base.objective - trial.objective), abs=2.0)
+    return smooth_evidence(at, known, prior_of_a_place(found))
+
+
+def test_a_curve_that_no_form_has_is_of_its_own_variable() -> None:
+    sine = "a * ((mach - 0.5) / 0.2) * exp(-((mach - 0.5) / 0.2) ** 2)"
+    said = _searched(f"{sine} - a * ((0 - 0.5) / 0.2) * exp(-((0 - 0.5) / 0.2) ** 2)", 0.03, ("mach",), "power")
+    assert said[0].names == {"mach"}
+    other = next(s for s in said if s.names == {"power"})
+    assert said[0].evidence > other.evidence + 20.0
+
+
+def test_a_product_is_told_from_either_variable_alone() -> None:
+    said = _searched("a * (power - 1) * (mach - 0)", 0.25, ("power", "mach"), "power")
+    assert said[0].names == {"power", "mach"}
+    single = max(s.evidence for s in said if len(s.of) == 1)
+    assert said[0].evidence > single + 5.0
+
+
+def test_a_law_of_one_variable_is_not_told_of_two() -> None:
+    said = _searched("a * (mach - 0)", 0.03, ("mach",), "mach")
+    assert said[0].names == {"mach"}
+
+
+def test_what_the_variables_are_called_in_what_order_changes_nothing() -> None:
+    found = _searched("a * (mach - 0)", 0.03, ("mach",), "mach")
+    again = _searched("a * (mach - 0)", 0.03, ("mach",), "mach")
+    assert [replace(s, of=()) for s in found] == [replace(s, of=()) for s in again]

@@ -1,0 +1,66 @@
+"""A smooth curve of steps is a law that engine files carry, 0 at the design point and constant where nobody flew."""
+
+from __future__ import annotations
+
+from itertools import combinations
+
+import concealed
+import numpy as np
+import pytest
+
+from enginediag_cli.mismatch.fit.freeform import locations
+from enginediag_cli.mismatch.fit.identified import NO_HYPOTHESIS, identify_with, nuisance
+from enginediag_cli.mismatch.laws.scan import known_variables
+from enginediag_cli.mismatch.laws.steps import ALONE, BESIDE, TOGETHER, as_steps
+from enginediag_cli.physics.laws.written import entry_of
+from enginediag_cli.trials.blind.laws.told import all_built
+
+
+@pytest.fixture(scope="module")
+def ground():
+    given = concealed.evidence(concealed.flights((), np.random.default_rng(1310), count=2, records=30))
+    found = identify_with(given, NO_HYPOTHESIS, nuisance(given))
+    place = next(p for p in locations(found) if p.name == "hpc.efficiency")
+    return given.engine, place, {k.variable.name: k for k in known_variables(found)}
+
+
+def _summed(laws, x, sizes):
+    total = 0.0
+    for effect in laws:
+        values = {c.name: s for c, s in zip(effect.term.COEFFICIENTS, sizes, strict=False)}
+        total = total + np.asarray(effect.term.expression.at({**x, **values}), float)
+    return total
+
+
+@pytest.mark.parametrize("names", [("mach",), ("power", "mach")])
+def test_it_is_nothing_at_the_design_point_and_constant_beyond_what_was_flown(ground, names):
+    engine, place, known = ground
+    laws = [
+        e for p in as_steps(place, [known[n] for n in names], 0.01, 0.0, engine) for e in p.option.hypothesis.effects
+    ]
+    sizes = np.random.default_rng(1).normal(0.0, 0.01, ALONE)
+    at_design = {n: np.array([known[n].variable.reference]) for n in names}
+    assert np.abs(_summed(laws, at_design, sizes)).max() < 1e-15
+    far = {n: known[n].values.max() + np.ptp(known[n].values) * np.array([4.0, 40.0]) for n in names}
+    inside = _summed(laws, {n: known[n].values for n in names}, sizes)
+    assert np.ptp(_summed(laws, far, sizes)) < 1e-6 * np.ptp(inside)
+
+
+@pytest.mark.parametrize(("names", "coefficients"), [(("mach",), ALONE), (("power", "mach"), 2 * BESIDE + TOGETHER**2)])
+def test_an_engine_file_carries_it_as_laws(ground, names, coefficients):
+    engine, place, known = ground
+    proposals = as_steps(place, [known[n] for n in names], 0.01, 0.0, engine)
+    effects = [e for p in proposals for e in p.option.hypothesis.effects]
+    assert sum(len(e.term.COEFFICIENTS) for e in effects) == coefficients
+    assert all(a.label != b.label for a, b in combinations(effects, 2))
+    built = all_built(engine, [entry_of(e) for e in effects])
+    assert built is not None
+    x = {n: known[n].values for n in names}
+    sizes = np.random.default_rng(2).normal(0.0, 0.01, ALONE)
+    assert np.array_equal(_summed(effects, x, sizes), _summed(built, x, sizes))
+
+
+def test_only_the_first_law_bears_the_prior_of_place_and_variables(ground):
+    engine, place, known = ground
+    proposals = as_steps(place, [known["power"], known["mach"]], 0.01, -7.0, engine)
+    assert [p.candidate.prior for p in proposals] == [-7.0, *[0.0] * (len(proposals) - 1)]
