@@ -54,6 +54,10 @@ WITHIN_REACH = 15.0
 """ln evidence that a set may be behind free curves for others to be tried in the place of its members. Judgement."""
 SLACK, ERRS = 5.0, 0.2
 """ln evidence, and share of itself, that what a member promises may err by: it is linear in a large change."""
+RIVAL_ROUNDS = 3
+"""Rounds in which other sets may grow where one is settled, at most: they lack as many members as causes differ."""
+LAWS_APART = 2
+"""Of sets without laws, and with a law at one place, the likeliest is grown from in any case."""
 EXCHANGED = 2
 """Options that are tried in the place of each member of a set."""
 
@@ -115,6 +119,11 @@ class Sets:
 
     # growing
 
+    def grown(self, proposers: Sequence[Proposer]) -> list[Explanation]:
+        """The alias set of the sets that grow with what these propose beside what is listed; empty when none is
+        adequate."""
+        return self._grown((*self.proposers, *proposers), self._settled)
+
     def with_unlisted(self) -> list[Trial]:
         """All sets, likeliest first, when free curves have been among what may be a member."""
         self._grown((*self.proposers, self.unlisted), None)
@@ -125,7 +134,7 @@ class Sets:
         if self._only_unlisted is None:
             trial = self.fits.base
             for _ in range(UNLISTED):
-                wider = [(*trial.options, o.option) for o in self._offered_by(self.unlisted, trial)[:CURVES]]
+                wider = [(*trial.options, o.option) for o in self.offered_by(self.unlisted, trial)[:CURVES]]
                 self._fit([w for w in wider if not self._known(w)])
                 found = [t for t in map(self._of, wider) if t is not None and t.converged]
                 best = max(found, key=self.evidence, default=trial)
@@ -145,7 +154,7 @@ class Sets:
             beam = self._beam(listed)
             named = settled(beam) if settled is not None else []
             if named:
-                return named
+                return self._or_a_rival(named, proposers, settled)
             done = settled is None and self._is_adequate(beam[0])
             new = [] if done or stalled else self._proposed(beam, proposers, enough)
             within = beam[0].label != exchanged and self.evidence(beam[0]) > enough - WITHIN_REACH
@@ -158,11 +167,35 @@ class Sets:
             stalled = self.evidence(self.likeliest(listed)[0]) < self.evidence(beam[0]) + LIKELIER
         return settled(self._beam(listed)) if settled is not None else []
 
+    def _or_a_rival(
+        self, named: list[Explanation], proposers: Sequence[Proposer], settled: Settled
+    ) -> list[Explanation]:
+        """What was settled, or what sets that hold something else grow to, where what they leave promises more at once,
+        or may in the end: ½ (χ² − χ² of the settled one), less what a member costs, is about all that can be gained."""
+        for _ in range(0 if self.many else RIVAL_ROUNDS):
+            best = self.fits.fitted[named[0].label]
+            own, enough = set(map(identity, best.options)), self.evidence(best) + 0.5 * ALIAS
+            others = [t for t in self._beam(listed=True) if not set(map(identity, t.options)) <= own]
+            floor = self.prices.least + 0.5 * best.objective
+            far = [t for t in others if self.evidence(t) + 0.5 * t.objective - floor > enough]
+            new = [*self._proposed(others, proposers, enough), *self._proposed(far, proposers, -np.inf)]
+            if not new:
+                break
+            self._fit(list({_key(n): n for n in new}.values()))
+            named = settled(self._beam(listed=True)) or named
+        # a likelier set that leaves something is right in what it shares with the truth, and this one is not
+        best = self.evidence(self.fits.fitted[named[0].label])
+        unfinished = [t for t in self.likeliest(listed=True) if not self._without_idle(t)]
+        return named if self.evidence(unfinished[0]) <= best + 0.5 * ALIAS else []
+
     def _beam(self, listed: bool) -> list[Trial]:
         """Sets to grow from, likeliest first; where free curves may be members, as many that hold something listed."""
         ranked = _different(self.likeliest(listed))
         if listed:
-            return ranked[: self.beam]
+            # several laws that imitate what is listed would crowd out the sets that hold it
+            of_laws = [next((t for t in ranked if _laws(t) == n), None) for n in range(LAWS_APART)]
+            apart = [t for t in of_laws if t is not None and not self.many]
+            return list({t.label: t for t in (*ranked[: self.beam], *apart)}.values())
         named = [t for t in ranked if any(o.kind != FREE for o in t.options)]
         return list({t.label: t for t in (*ranked[: self.beside], *named[: self.beside])}.values())
 
@@ -229,9 +262,9 @@ class Sets:
     def _offered(self, trial: Trial, proposers: Sequence[Proposer], most: int) -> list[Offer]:
         """What the remainder of a trial proposes that promises a gain: the `most` best of what is listed, and of each
         proposer's, which would outbid all that is listed, since a free curve is next to what it imitates."""
-        return [*self._listed(trial)[:most], *(o for p in proposers for o in self._offered_by(p, trial)[:most])]
+        return [*self._listed(trial)[:most], *(o for p in proposers for o in self.offered_by(p, trial)[:most])]
 
-    def _offered_by(self, proposer: Proposer, trial: Trial) -> list[Offer]:
+    def offered_by(self, proposer: Proposer, trial: Trial) -> list[Offer]:
         key = trial.label, proposer
         if key not in self._offers:
             found = [o for o in proposer(trial) if not set(o.option.hypothesis.names) & set(trial.hypothesis.names)]
@@ -278,14 +311,27 @@ class Sets:
 
     def _settled(self, beam: Sequence[Trial]) -> list[Explanation]:
         """The alias set of the likeliest sets, where one of them is adequate."""
-        good = next((t for t in beam if len(t.options) > 1 and self._is_adequate(t) and self._counts(t)), None)
+        good = self._good(beam)
         if good is None:
             return []
-        reach = self.evidence(good) - 0.5 * ALIAS
-        self._fit(self._exchanges(good, (*self.proposers, self.unlisted), reach - SLACK))
+        reach, better = -np.inf, good
+        while better is not None and self.evidence(better) > reach + 0.5 * ALIAS:
+            good, reach = better, self.evidence(better) - 0.5 * ALIAS
+            self._fit(self._exchanges(good, (*self.proposers, self.unlisted), reach - SLACK))
+            better = self._good(self._beam(listed=True))
         near = [t for t in self.likeliest(listed=True) if self.evidence(t) >= reach and len(t.options) > 1]
         near = _different([t for t in near if self._counts(t) and not self._imitates(t)])
         return self.fits.named(near, lambda t: -2.0 * self.evidence(t))
+
+    def _good(self, beam: Sequence[Trial]) -> Trial | None:
+        """The likeliest set that is adequate and counts, what is not needed dropped."""
+        for _ in range(MOST_MEMBERS):
+            fewer = [f for f in map(self._without_idle, beam) if f and not self._known(f)]
+            if not fewer:
+                break
+            self._fit(fewer)
+            beam = self._beam(listed=True)
+        return next((t for t in beam if len(t.options) > 1 and self._is_adequate(t) and self._counts(t)), None)
 
     def _imitates(self, trial: Trial) -> bool:
         """Whether a set with a free curve is likelier: members of this one imitate unlisted physics then. What such a
@@ -297,6 +343,10 @@ class Sets:
                 break
             self._fit(fewer)
         mixed = [t for t in self.likeliest() if any(o.kind == FREE for o in t.options)]
+        own = {identity(o) for o in trial.options if o.kind != LAW}
+        if len(own) < len(trial.options):
+            # a curve in the place of a law says no more of what is listed beside it
+            mixed = [t for t in mixed if not own <= set(map(identity, t.options))]
         if not mixed or self.evidence(mixed[0]) <= self.evidence(trial):
             return False
         self.fits.rejected[trial.label] = Rejected(Reason.ONE_UNLISTED)
@@ -326,6 +376,11 @@ def identity(option: Option) -> tuple[str, ...]:
     if option.driver == TIME:
         return tuple(d.target for d in option.hypothesis.discrepancies)
     return (option.label,)
+
+
+def _laws(trial: Trial) -> int:
+    """At how many places it has laws."""
+    return len({n for o in trial.options if o.kind == LAW for e in o.hypothesis.effects for n in e.site.acts_on})
 
 
 def _different(trials: Sequence[Trial]) -> list[Trial]:
