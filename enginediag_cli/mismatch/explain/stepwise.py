@@ -24,10 +24,11 @@ from enginediag_cli.mismatch.explain.answer import Explanation
 from enginediag_cli.mismatch.explain.currency import Offer, Prices, scales_of
 from enginediag_cli.mismatch.explain.free_members import unlisted
 from enginediag_cli.mismatch.explain.judging import ALIAS, Fits
+from enginediag_cli.mismatch.explain.members import Members, add, clashes, different, identity, key_of, law_places
 from enginediag_cli.mismatch.explain.pairs import best_pairs
 from enginediag_cli.mismatch.explain.rejected import Reason, Rejected
 from enginediag_cli.mismatch.fit.freeform import Cell
-from enginediag_cli.mismatch.fit.options import FREE, LAW, Option, OptionScore, with_best_onset
+from enginediag_cli.mismatch.fit.options import FREE, LAW, OptionScore, with_best_onset
 from enginediag_cli.mismatch.fit.trial_fit import Trial, not_needed, remainder
 
 PAIRS = 4
@@ -61,7 +62,6 @@ LAWS_APART = 2
 EXCHANGED = 2
 """Options that are tried in the place of each member of a set."""
 
-Members = tuple[Option, ...]
 Settled = Callable[[Sequence[Trial]], list[Explanation]]
 Proposer = Callable[[Trial], Sequence[Offer]]
 """Offers further options for what a trial leaves: what no library holds."""
@@ -75,7 +75,7 @@ def forward(fits: Fits, singles: Sequence[Trial]) -> list[Members]:
         for timed in (False, True):
             best = next((s for s in left.scores if (s.option.driver == TIME) == timed and s.surprise > 0.0), None)
             if best is not None:
-                _add(wider, (*trial.options, with_best_onset(trial.found, trial.projection, best.option)))
+                add(wider, (*trial.options, with_best_onset(trial.found, trial.projection, best.option)))
     return wider
 
 
@@ -98,9 +98,9 @@ class Sets:
         fitted single options, best first; `scores` of all options at the base."""
         pairs: list[Members] = []
         for found in best_pairs(scores, PAIRS):
-            _add(pairs, tuple(map(self.fits.timed, found)))
+            add(pairs, tuple(map(self.fits.timed, found)))
         for wider in forward(self.fits, singles[:EXTENDED]):
-            _add(pairs, wider)
+            add(pairs, wider)
         fitted = self.fits.refit(pairs) or []
         named = self.fits.named([s for s in fitted if self.fits.counts(s, self.best)])
         if named and not self.many:
@@ -114,7 +114,7 @@ class Sets:
         reach = self.evidence(trial) - 0.5 * ALIAS - SLACK
         more = self.fits.refit(self._exchanges(trial, (self.unlisted,), reach)) or []
         every = [t for t in (*pairs, *more) if all(o.kind != FREE for o in t.options)]
-        ranked = _different(sorted(every, key=lambda t: t.weighed))
+        ranked = different(sorted(every, key=lambda t: t.weighed))
         return self.fits.named([t for t in ranked if self.fits.counts(t, self.best) and not self._imitates(t)])
 
     # growing
@@ -181,7 +181,7 @@ class Sets:
             new = [*self._proposed(others, proposers, enough), *self._proposed(far, proposers, -np.inf)]
             if not new:
                 break
-            self._fit(list({_key(n): n for n in new}.values()))
+            self._fit(list({key_of(n): n for n in new}.values()))
             named = settled(self._beam(listed=True)) or named
         # a likelier set that leaves something is right in what it shares with the truth, and this one is not
         best = self.evidence(self.fits.fitted[named[0].label])
@@ -190,10 +190,10 @@ class Sets:
 
     def _beam(self, listed: bool) -> list[Trial]:
         """Sets to grow from, likeliest first; where free curves may be members, as many that hold something listed."""
-        ranked = _different(self.likeliest(listed))
+        ranked = different(self.likeliest(listed))
         if listed:
             # several laws that imitate what is listed would crowd out the sets that hold it
-            of_laws = [next((t for t in ranked if _laws(t) == n), None) for n in range(LAWS_APART)]
+            of_laws = [next((t for t in ranked if law_places(t) == n), None) for n in range(LAWS_APART)]
             apart = [t for t in of_laws if t is not None and not self.many]
             return list({t.label: t for t in (*ranked[: self.beam], *apart)}.values())
         named = [t for t in ranked if any(o.kind != FREE for o in t.options)]
@@ -230,9 +230,9 @@ class Sets:
                 trial.projection.rest()
 
     def _of(self, members: Members) -> Trial | None:
-        key = _key(members)
+        key = key_of(members)
         every = (self.fits.base, *self.fits.fitted.values())
-        return next((t for t in every if _key(t.options) == key), None)
+        return next((t for t in every if key_of(t.options) == key), None)
 
     def _known(self, members: Members) -> bool:
         return self._of(members) is not None
@@ -251,7 +251,7 @@ class Sets:
         new: list[Members] = []
         for promise, members in sorted(promised, key=lambda p: -p[0]):
             if promise > enough and not self._known(members):
-                _add(new, members)
+                add(new, members)
         of_library = [n for n in new if n[-1].kind not in (FREE, LAW)]
         return [*of_library[: self.tried], *[n for n in new if n[-1].kind in (FREE, LAW)][: self.tried]]
 
@@ -283,7 +283,7 @@ class Sets:
     def _promising(self, trial: Trial, scores: Iterable[OptionScore]) -> list[Offer]:
         best: dict[tuple[str, ...], Offer] = {}
         for s in scores:
-            if s.score.absorbed or not s.feasible or _clashes(s.option, trial.options):
+            if s.score.absorbed or not s.feasible or clashes(s.option, trial.options):
                 continue
             price, own = self.prices.of(s.option), identity(s.option)
             gain = self.prices.promise(s, scales_of(s.option), price)
@@ -304,7 +304,7 @@ class Sets:
                 if offer.option.label == member.label:
                     continue
                 if self._hope(without, offer) > enough and not self._known((*others, offer.option)):
-                    _add(new, (*others, offer.option))
+                    add(new, (*others, offer.option))
         return new
 
     # deciding
@@ -320,7 +320,7 @@ class Sets:
             self._fit(self._exchanges(good, (*self.proposers, self.unlisted), reach - SLACK))
             better = self._good(self._beam(listed=True))
         near = [t for t in self.likeliest(listed=True) if self.evidence(t) >= reach and len(t.options) > 1]
-        near = _different([t for t in near if self._counts(t) and not self._imitates(t)])
+        near = different([t for t in near if self._counts(t) and not self._imitates(t)])
         return self.fits.named(near, lambda t: -2.0 * self.evidence(t))
 
     def _good(self, beam: Sequence[Trial]) -> Trial | None:
@@ -369,38 +369,3 @@ class Sets:
             return True
         self.fits.rejected[trial.label] = Rejected(Reason.ONE_UNLISTED)
         return False
-
-
-def identity(option: Option) -> tuple[str, ...]:
-    """What it is, whenever it began and at whatever size it is tried."""
-    if option.driver == TIME:
-        return tuple(d.target for d in option.hypothesis.discrepancies)
-    return (option.label,)
-
-
-def _laws(trial: Trial) -> int:
-    """At how many places it has laws."""
-    return len({n for o in trial.options if o.kind == LAW for e in o.hypothesis.effects for n in e.site.acts_on})
-
-
-def _different(trials: Sequence[Trial]) -> list[Trial]:
-    """The first of those that hold the same: begun at another time they are no rivals."""
-    first: dict[frozenset[tuple[str, ...]], Trial] = {}
-    for t in trials:
-        first.setdefault(frozenset(map(identity, t.options)), t)
-    return list(first.values())
-
-
-def _clashes(option: Option, members: Sequence[Option]) -> bool:
-    """Whether it is no further thing beside the members: another change in time of the same component."""
-    return option.driver == TIME and any(o.driver == TIME and o.component == option.component for o in members)
-
-
-def _key(members: Sequence[Option]) -> frozenset[str]:
-    return frozenset(o.label for o in members)
-
-
-def _add(sets: list[Members], new: Members) -> None:
-    """Adds a set that is not there yet, in whatever order."""
-    if not any(_key(new) == _key(other) for other in sets):
-        sets.append(new)
