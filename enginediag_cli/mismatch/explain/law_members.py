@@ -70,10 +70,13 @@ class LawMembers:
 
     def price(self, options: Sequence[Option]) -> float:
         """−ln of the probability that these laws are those that act."""
-        laws = sorted((self.known[o.label].candidate for o in options), key=lambda c: (-len(c.formula.groups), c.prior))
-        paid = 0.0
-        for k, law in enumerate(laws):
-            paid -= self._prior(law, laws[:k])
+        left = [self.known[o.label].candidate for o in sorted(options, key=lambda o: o.label)]
+        paid, taken = 0.0, list[Candidate]()
+        while left:
+            # the cheapest beside those that are paid for, whatever order they come in
+            prior, k = max((self._prior(law, taken), -k) for k, law in enumerate(left))
+            taken.append(left.pop(-k))
+            paid -= prior
         return paid
 
     def _offer(self, p: Proposal, trial: Trial) -> Offer:
