@@ -153,7 +153,7 @@ class Sets:
         for _ in range(ROUNDS_OF_MANY if self.many else ROUNDS):
             beam = self._beam(listed)
             named = settled(beam) if settled is not None else []
-            if named:
+            if named and settled is not None:
                 return self._or_a_rival(named, proposers, settled)
             done = settled is None and self._is_adequate(beam[0])
             new = [] if done or stalled else self._proposed(beam, proposers, enough)
@@ -165,7 +165,8 @@ class Sets:
                 return []
             self._fit(new)
             stalled = self.evidence(self.likeliest(listed)[0]) < self.evidence(beam[0]) + LIKELIER
-        return settled(self._beam(listed)) if settled is not None else []
+        named = settled(self._beam(listed)) if settled is not None else []
+        return self._or_a_rival(named, proposers, settled) if named and settled is not None else []
 
     def _or_a_rival(
         self, named: list[Explanation], proposers: Sequence[Proposer], settled: Settled
@@ -184,9 +185,9 @@ class Sets:
             self._fit(list({key_of(n): n for n in new}.values()))
             named = settled(self._beam(listed=True)) or named
         # a likelier set that leaves something is right in what it shares with the truth, and this one is not
-        best = self.evidence(self.fits.fitted[named[0].label])
+        told = self.evidence(self.fits.fitted[named[0].label])
         unfinished = [t for t in self.likeliest(listed=True) if not self._without_idle(t)]
-        return named if self.evidence(unfinished[0]) <= best + 0.5 * ALIAS else []
+        return named if self.evidence(unfinished[0]) <= told + 0.5 * ALIAS else []
 
     def _beam(self, listed: bool) -> list[Trial]:
         """Sets to grow from, likeliest first; where free curves may be members, as many that hold something listed."""
@@ -314,11 +315,11 @@ class Sets:
         good = self._good(beam)
         if good is None:
             return []
-        reach, better = -np.inf, good
-        while better is not None and self.evidence(better) > reach + 0.5 * ALIAS:
-            good, reach = better, self.evidence(better) - 0.5 * ALIAS
+        reach = -np.inf
+        while good is not None and self.evidence(good) > reach + 0.5 * ALIAS:
+            reach = self.evidence(good) - 0.5 * ALIAS
             self._fit(self._exchanges(good, (*self.proposers, self.unlisted), reach - SLACK))
-            better = self._good(self._beam(listed=True))
+            good = self._good(self._beam(listed=True))
         near = [t for t in self.likeliest(listed=True) if self.evidence(t) >= reach and len(t.options) > 1]
         near = different([t for t in near if self._counts(t) and not self._imitates(t)])
         return self.fits.named(near, lambda t: -2.0 * self.evidence(t))
