@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from enginediag_cli.drivers import TIME
 from enginediag_cli.mismatch.fit.options import LAW, Option
 from enginediag_cli.mismatch.fit.trial_fit import Trial
+from enginediag_cli.physics.together import each
 
 Members = tuple[Option, ...]
 
@@ -16,6 +17,12 @@ def identity(option: Option) -> tuple[str, ...]:
     if option.driver == TIME:
         return tuple(d.target for d in option.hypothesis.discrepancies)
     return (option.label,)
+
+
+def at_once(trial: Trial) -> int:
+    """At how many places anything acts."""
+    effects = (e for o in trial.options for e in o.hypothesis.effects)
+    return sum(len(each(e)) for e in effects) + sum(bool(o.hypothesis.discrepancies) for o in trial.options)
 
 
 def law_places(trial: Trial) -> int:

@@ -24,12 +24,22 @@ from enginediag_cli.mismatch.explain.answer import Explanation
 from enginediag_cli.mismatch.explain.currency import Offer, Prices, scales_of
 from enginediag_cli.mismatch.explain.free_members import unlisted
 from enginediag_cli.mismatch.explain.judging import ALIAS, Fits
-from enginediag_cli.mismatch.explain.members import Members, add, clashes, different, identity, key_of, law_places
+from enginediag_cli.mismatch.explain.members import (
+    Members,
+    add,
+    at_once,
+    clashes,
+    different,
+    identity,
+    key_of,
+    law_places,
+)
 from enginediag_cli.mismatch.explain.pairs import best_pairs
 from enginediag_cli.mismatch.explain.rejected import Reason, Rejected
 from enginediag_cli.mismatch.fit.freeform import Cell
-from enginediag_cli.mismatch.fit.options import FREE, LAW, OptionScore, with_best_onset
+from enginediag_cli.mismatch.fit.options import EFFECT, FREE, LAW, Option, OptionScore, effect_option, with_best_onset
 from enginediag_cli.mismatch.fit.trial_fit import Trial, not_needed, remainder
+from enginediag_cli.physics.together import kinds_of_places
 
 PAIRS = 4
 """Pairs that are refitted, best by score first, as of single options (`SHORTLIST`)."""
@@ -86,6 +96,8 @@ class Sets:
         self.fits, self.best, self.proposers = fits, best, tuple(proposers)
         self.prices = Prices(fits.library)
         self.unlisted = unlisted(self.prices, fits.along_drivers)
+        effects = [e for o in fits.library for e in o.hypothesis.effects]
+        self.places = kinds_of_places(effects, fits.evidence.engine.network)
         self.many = many = fits.evidence.records > MANY
         self.beam, self.beside, self.tried = (1, 1, TRIED_OF_MANY) if many else (BEAM, BESIDE, TRIED)
         self._evidence: dict[str, float] = {}
@@ -112,10 +124,14 @@ class Sets:
         time: its own fit without the other did not propose it. Empty where a free curve does in the place of one."""
         trial = self.fits.fitted[first.label]
         reach = self.evidence(trial) - 0.5 * ALIAS - SLACK
-        more = self.fits.refit(self._exchanges(trial, (self.unlisted,), reach)) or []
+        tied = self._tied(trial)
+        more = self.fits.refit([*self._exchanges(trial, (self.unlisted,), reach), *([tied] if tied else [])]) or []
         every = [t for t in (*pairs, *more) if all(o.kind != FREE for o in t.options)]
-        ranked = different(sorted(every, key=lambda t: t.weighed))
-        return self.fits.named([t for t in ranked if self.fits.counts(t, self.best) and not self._imitates(t)])
+        # sets of different size compare by their evidence
+        weighed = (lambda t: -2.0 * self.evidence(t)) if tied else (lambda t: t.weighed)
+        ranked = different(sorted(every, key=weighed))
+        counting = [t for t in ranked if self.fits.counts(t, self.best) and not self._imitates(t)]
+        return self.fits.named(counting, weighed)
 
     # growing
 
@@ -244,8 +260,7 @@ class Sets:
         promised: list[tuple[float, Members]] = []
         for trial in beam:
             fewer = self._without_idle(trial)
-            if fewer:
-                promised.append((self.evidence(trial), fewer))
+            promised += [(self.evidence(trial), other) for other in (fewer, self._tied(trial)) if other]
             if len(trial.options) < MOST_MEMBERS:
                 for offer in self._offered(trial, proposers, OFFERED):
                     promised.append((self._hope(trial, offer), (*trial.options, offer.option)))
@@ -320,7 +335,7 @@ class Sets:
             reach = self.evidence(good) - 0.5 * ALIAS
             self._fit(self._exchanges(good, (*self.proposers, self.unlisted), reach - SLACK))
             good = self._good(self._beam(listed=True))
-        near = [t for t in self.likeliest(listed=True) if self.evidence(t) >= reach and len(t.options) > 1]
+        near = [t for t in self.likeliest(listed=True) if self.evidence(t) >= reach and at_once(t) > 1]
         near = different([t for t in near if self._counts(t) and not self._imitates(t)])
         return self.fits.named(near, lambda t: -2.0 * self.evidence(t))
 
@@ -332,7 +347,7 @@ class Sets:
                 break
             self._fit(fewer)
             beam = self._beam(listed=True)
-        return next((t for t in beam if len(t.options) > 1 and self._is_adequate(t) and self._counts(t)), None)
+        return next((t for t in beam if at_once(t) > 1 and self._is_adequate(t) and self._counts(t)), None)
 
     def _imitates(self, trial: Trial) -> bool:
         """Whether a set with a free curve is likelier: members of this one imitate unlisted physics then. What such a
@@ -358,6 +373,19 @@ class Sets:
         idle = not_needed(trial, self.fits.adequate.effects)
         return tuple(o for o in trial.options if o.label != idle) if idle and len(trial.options) > 1 else ()
 
+    def _tied(self, trial: Trial) -> Members:
+        """Its members with one size in the place of several, where an effect acts at places of one kind; else none."""
+        at: dict[str, list[Option]] = {}
+        for o in trial.options:
+            for e in o.hypothesis.effects:
+                if o.kind == EFFECT and e.label in self.places:
+                    at.setdefault(self.places[e.label].label, []).append(o)
+        several = next((own for own in at.values() if len(own) > 1), [])
+        if not several:
+            return ()
+        others = (o for o in trial.options if all(o is not s for s in several))
+        return (*others, effect_option(self.places[several[0].label]))
+
     def _is_adequate(self, trial: Trial) -> bool:
         self._listed(trial)
         return self._adequate[trial.label]
@@ -366,7 +394,7 @@ class Sets:
         """Whether a set of listed options, each of them needed, is likelier than unlisted physics."""
         if not self.fits.counts(trial, self.best):
             return False
-        if len(trial.options) == 2 or self.evidence(trial) > self.evidence(self.only_unlisted()):
+        if len(trial.options) <= 2 or self.evidence(trial) > self.evidence(self.only_unlisted()):
             return True
         self.fits.rejected[trial.label] = Rejected(Reason.ONE_UNLISTED)
         return False
