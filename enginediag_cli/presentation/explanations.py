@@ -112,7 +112,8 @@ def headline(x: Explanation) -> str:
 def _phrase(o: Option, x: Explanation) -> str:
     if o.hypothesis.effects:
         e = o.hypothesis.effects[0]
-        return f"{e.term.TITLE} at {spelled(e.site.name)} ({o.label})"
+        places = listed([spelled(own.site.name) for own in each(e)], "and")
+        return f"{e.term.TITLE} at {places} ({o.label})"
     d = o.hypothesis.discrepancies[0]
     c = next(c for c in x.coefficients if c.name == d.name)
     assert o.target is not None

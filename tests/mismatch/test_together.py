@@ -1,6 +1,8 @@
 """One effect at several places of one kind by one size: what it does, how it is found and how a file carries it."""
 
+from dataclasses import replace
 from functools import cache
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -8,8 +10,10 @@ from concealed import carried, evidence, flights, turbofan
 
 from enginediag_cli.mismatch.explain.answer import NAMED
 from enginediag_cli.mismatch.explain.explain import Search
+from enginediag_cli.mismatch.refine.refine import _fitted
 from enginediag_cli.physics.registry import candidates
 from enginediag_cli.physics.together import Together, each, kinds_of_places
+from enginediag_cli.presentation.explanations import headline
 
 TERM, SIZE = "reynolds_turbine_efficiency", 0.12
 LIBRARY = {TERM, "reynolds_efficiency", "power_offtake", "guide_vanes", "turbine_tip_clearance"}
@@ -65,7 +69,20 @@ def test_a_file_states_it_at_each_place():
 
 @pytest.mark.parametrize("size", [0.05, 0.2])
 def test_sizes_at_the_places_are_what_the_one_is(size):
-    from dataclasses import replace
 
     stated = each(replace(both(), values={"exponent": size}))
     assert [dict(e.values) for e in stated] == [{"exponent": size}] * 2
+
+
+def test_refine_fits_one_size_and_states_it_at_each_place():
+    (o,) = found().explanations[0].options
+    (e,) = o.hypothesis.effects
+    (name,) = e.amplitudes
+    trial = SimpleNamespace(coefficients={name: (SIZE, 0.01)})
+    fitted, errors = _fitted([e], trial)
+    assert [(f.label, f.values["exponent"]) for f in fitted] == [(f"{TERM}@hpt", SIZE), (f"{TERM}@lpt", SIZE)]
+    assert errors == {f"{TERM}.hpt.exponent": 0.01, f"{TERM}.lpt.exponent": 0.01}
+
+
+def test_it_is_told_with_its_places():
+    assert "at HPT and LPT (reynolds_turbine_efficiency@hpt+lpt)" in headline(found().explanations[0])

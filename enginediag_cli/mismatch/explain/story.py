@@ -33,7 +33,6 @@ from enginediag_cli.mismatch.fit.share import is_long
 from enginediag_cli.mismatch.fit.trial_fit import Trial
 from enginediag_cli.mismatch.unrecorded.hidden import HiddenFinding, effects_at
 from enginediag_cli.mismatch.unrecorded.switched import effects_that_switch
-from enginediag_cli.physics.together import each
 
 
 @dataclass(frozen=True)
@@ -146,13 +145,13 @@ def _only_exact(answer: Answer, floor: Sequence[FloorCost]) -> list[FloorCost]:
 
 
 def named_effects(story: Story) -> tuple[Effect, ...]:
-    """Effects of the first explanation, one at each place; empty when it is none or holds a change in time."""
+    """Effects of the first explanation; empty when it is none or holds a change in time."""
     if not story.answer.explanations:
         return ()
     options = story.answer.explanations[0].options
     if any(o.kind not in (EFFECT, OF_A_LAW) for o in options):
         return ()
-    return tuple(own for o in options for e in o.hypothesis.effects for own in each(e))
+    return tuple(e for o in options for e in o.hypothesis.effects)
 
 
 def _listed(effect: Effect, library: Sequence[Effect]) -> bool:
