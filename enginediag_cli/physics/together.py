@@ -50,8 +50,8 @@ def kinds_of_places(effects: Iterable[Effect], network: Network) -> Mapping[str,
     alike: dict[tuple[str, ...], list[Effect]] = {}
     for e in effects:
         if len(e.term.amplitudes()) == 1 and not e.tried and not e.term.INPUTS and not e.site.everywhere:
-            kind = parts.get(e.site.component, e.site.component.partition(".")[0])
-            alike.setdefault((e.term.NAME, kind), []).append(e)
+            # instruments and shafts are no parts of the gas path: those of one term are of one kind
+            alike.setdefault((e.term.NAME, parts.get(e.site.component, "")), []).append(e)
     found: dict[str, Effect] = {}
     for own in alike.values():
         if len(own) > 1:

@@ -10,6 +10,7 @@ from enginediag_cli.drivers import CONSTANT
 from enginediag_cli.intervals import NORMAL_95
 from enginediag_cli.mismatch.explain.answer import FAILED, HIDDEN, LAW, NAMED, NOTHING
 from enginediag_cli.mismatch.unrecorded.finding import Limit
+from enginediag_cli.physics.together import each
 from enginediag_cli.presentation.controls import control_sentences
 from enginediag_cli.presentation.gated import gated_sentences
 from enginediag_cli.presentation.laws import law_sentences, left_sentence, nearest_law

@@ -69,7 +69,6 @@ def test_a_file_states_it_at_each_place():
 
 @pytest.mark.parametrize("size", [0.05, 0.2])
 def test_sizes_at_the_places_are_what_the_one_is(size):
-
     stated = each(replace(both(), values={"exponent": size}))
     assert [dict(e.values) for e in stated] == [{"exponent": size}] * 2
 
