@@ -145,9 +145,10 @@ def still_missing(after: Trial) -> str:
 def _fitted(effects: Sequence[Effect], trial: Trial) -> tuple[tuple[Effect, ...], dict[str, float]]:
     """The effects with the fit's coefficients, and the standard errors of these; what acts at several places by one
     size as an effect at each of them."""
-    found, errors = [], {}
+    found: list[Effect] = []
+    errors: dict[str, float] = {}
     for e in effects:
-        values, own = dict(e.values), {}
+        values, own = dict(e.values), dict[str, float]()
         for c in e.term.amplitudes():
             value, own[c.name] = trial.coefficients[e.parameter_name(c.name)]
             values[c.name] = float(np.clip(value, c.lower, c.upper))
