@@ -10,6 +10,7 @@ from enginediag_cli.drivers import CONSTANT
 from enginediag_cli.intervals import NORMAL_95
 from enginediag_cli.mismatch.explain.answer import FAILED, HIDDEN, LAW, NAMED, NOTHING
 from enginediag_cli.mismatch.unrecorded.finding import Limit
+from enginediag_cli.physics.together import each
 from enginediag_cli.presentation.controls import control_sentences
 from enginediag_cli.presentation.gated import gated_sentences
 from enginediag_cli.presentation.laws import law_sentences, left_sentence, nearest_law
@@ -112,7 +113,8 @@ def headline(x: Explanation) -> str:
 def _phrase(o: Option, x: Explanation) -> str:
     if o.hypothesis.effects:
         e = o.hypothesis.effects[0]
-        return f"{e.term.TITLE} at {spelled(e.site.name)} ({o.label})"
+        places = listed([spelled(own.site.name) for own in each(e)], "and")
+        return f"{e.term.TITLE} at {places} ({o.label})"
     d = o.hypothesis.discrepancies[0]
     c = next(c for c in x.coefficients if c.name == d.name)
     assert o.target is not None

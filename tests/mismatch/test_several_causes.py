@@ -13,7 +13,8 @@ from enginediag_cli.mismatch.explain.currency import Prices, narrowed, scales_of
 from enginediag_cli.mismatch.explain.explain import Search
 from enginediag_cli.mismatch.explain.free_members import free_option, unlisted
 from enginediag_cli.mismatch.explain.in_part import in_part
-from enginediag_cli.mismatch.explain.stepwise import Sets, identity
+from enginediag_cli.mismatch.explain.members import identity
+from enginediag_cli.mismatch.explain.stepwise import Sets
 from enginediag_cli.mismatch.fit.evidence import Flight
 from enginediag_cli.mismatch.fit.identified import NO_HYPOTHESIS, identify_with, nuisance
 from enginediag_cli.mismatch.fit.options import LAW as OF_A_LAW

@@ -16,9 +16,11 @@ from enginediag_cli.trials.blind import kinds
 from enginediag_cli.trials.blind import trial as trials
 from enginediag_cli.trials.blind.causes import Cause
 from enginediag_cli.trials.blind.recorded import record
+from enginediag_cli.trials.blind.score import Said
 from enginediag_cli.trials.blind.sealed import draw
 from enginediag_cli.trials.blind.several.drawn import SHOWS, SIZE, Part
-from enginediag_cli.trials.blind.several.named import matched
+from enginediag_cli.trials.blind.several.named import matched, named_causes
+from enginediag_cli.trials.blind.several.opened import apart
 from enginediag_cli.trials.blind.sheet import sheet
 from enginediag_cli.trials.blind.trial import Plan, run_trial
 
@@ -26,6 +28,7 @@ CONFIGS = Path(__file__).parents[2] / "configs"
 PATH = str(CONFIGS / "turbojet.yaml")
 TWO, THREE, FOUR = kinds.SEVERAL_KINDS
 SEED = 1105
+SIZE_OF_A_LAW = {"coefficients": {"a": {"value": 0.01, "absent": 0.0, "prior_sigma": 0.02, "description": "size"}}}
 
 
 @lru_cache
@@ -146,6 +149,26 @@ def test_when_a_step_began_is_no_part_of_its_name(turbojet):
     moved = [Cause(c.name, c.first + 15) if c.is_step else c for c in true_causes(turbojet, s)]
     assert any(c.is_step for c in moved)
     assert run(Names(moved, s.values, entries(s)), FOUR)["marks"]["several_all"] is True
+
+
+def test_forms_at_one_place_are_one_law(turbojet):
+    told = [
+        {"law": "first", "at": "turbine.efficiency", "expression": "a * mach", **SIZE_OF_A_LAW},
+        {"law": "second", "at": "turbine.efficiency", "expression": "a * mach ** 2", **SIZE_OF_A_LAW},
+        {"law": "third", "at": "compressor.efficiency", "expression": "a * mach", **SIZE_OF_A_LAW},
+    ]
+    names = Names([Cause(f"{t['law']}@{t['at']}") for t in told] + [Cause("sensor.T3.scale", 40)], laws=told)
+    found, _ = named_causes(turbojet, Said.of(names.told))
+    laws = [n for n in found if n.is_law]
+    assert sorted(len(n.laws) for n in laws) == [1, 2] and [n.cause.name for n in found if not n.is_law] == [
+        "sensor.T3.scale"
+    ]
+
+
+def test_variables_that_the_records_cannot_tell_apart_are_told_once():
+    x = np.linspace(0.2, 0.8, 50)
+    values = {"mach": x, "ram": 1.0 + 2.0 * x, "power": np.cos(9.0 * x)}
+    assert apart(["mach", "ram", "power", "mach"], values) == ["mach", "power"]
 
 
 def test_as_many_true_causes_are_told_as_can_be():

@@ -19,7 +19,7 @@ Source: D. J. C. MacKay, "Bayesian Interpolation", Neural Computation 4 (1992) 4
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -49,13 +49,20 @@ class Offer:
 
 
 class Prices:
-    """What a member of a set costs before it is fitted. `own`: prices by label, of options that bring theirs."""
+    """What a member of a set costs before it is fitted. `own`: prices by label, of options that bring theirs;
+    `of_laws`: what the laws of a set cost together, where not as much as each by itself."""
 
     def __init__(self, library: Sequence[Option]):
         self.own: dict[str, float] = {}
+        self.of_laws: Callable[[Sequence[Option]], float] = lambda laws: sum(self.own[o.label] for o in laws)
         effects = {o.label for o in library if o.driver != TIME}
         self._effect = float(np.log(max(len(effects), 1) / EFFECTS))
         self._change = float(np.log(max(sum(o.driver == TIME for o in library), 1) / CHANGES))
+
+    @property
+    def least(self) -> float:
+        """Of a member of the library."""
+        return min(self._effect, self._change)
 
     def of(self, option: Option) -> float:
         """In ln probability. Of effects that remember a further coefficient has its price as in `Trial.weighed`."""
@@ -68,7 +75,8 @@ class Prices:
 
     def evidence(self, trial: Trial) -> float:
         """ln p(y, S) of a trial, but for a constant that all of the same readings share."""
-        paid = sum(self.of(o) for o in trial.options)
+        paid = sum(self.of(o) for o in trial.options if o.kind != LAW)
+        paid += self.of_laws([o for o in trial.options if o.kind == LAW])
         return -0.5 * trial.objective - narrowed(trial.projection) - paid
 
     def promise(self, block: Scored, scales: np.ndarray, price: float) -> float:

@@ -32,8 +32,8 @@ from enginediag_cli.mismatch.explain.answer import (
 )
 from enginediag_cli.mismatch.explain.in_part import in_part, left_by
 from enginediag_cli.mismatch.explain.judging import ADEQUATE, ALIAS, Fits
-from enginediag_cli.mismatch.explain.lawful import LISTED_FIRST, Ground, ground_of, law_for
-from enginediag_cli.mismatch.explain.mixed import with_laws
+from enginediag_cli.mismatch.explain.lawful import LISTED_FIRST, Ground, LawsAlone, ground_of
+from enginediag_cli.mismatch.explain.mixed import Mixed, with_laws
 from enginediag_cli.mismatch.explain.repeated import repeated
 from enginediag_cli.mismatch.explain.shortlist import shortlisted
 from enginediag_cli.mismatch.explain.stepwise import MOST_MEMBERS, Proposer, Sets
@@ -150,7 +150,8 @@ class Search(Fits):
         named = self.named(singles)
         if named and recorded <= named[0].gain + ALIAS:
             return self.answer(NAMED, "", rest, named)
-        law = law_for(self, self.laws)
+        laws = LawsAlone(self, self.laws)
+        law = laws.single()
         if named and not (law.explanations and law.evidence > self._evidence_of(named[0])):
             return self.answer(NAMED, "", rest, named)
         if named:
@@ -158,20 +159,25 @@ class Search(Fits):
         sets = Sets(self, best, self.proposers)
         named = sets.named(singles, rest.scores)
         of_set = max((self._evidence_of(x) for x in named[:1]), default=0.0)
+        mixed = Mixed() if named else with_laws(sets, law.tried)
+        if not law.explanations and not mixed.explanations:
+            law = laws.double()
+        of_set = max(of_set, mixed.evidence)
         if law.explanations and law.evidence > max(self._hidden_at_most, of_set):
             return self.answer(LAW, "", rest, law.explanations, law=law.finding)
         hidden, evidence = self.unrecorded(), _evidence(self.unrecorded())
         if law.explanations and law.evidence > max(evidence, of_set):
             return self.answer(LAW, "", rest, law.explanations, hidden, law.finding)
+        if mixed.explanations and mixed.evidence > evidence:
+            return self.answer(NAMED, "", rest, mixed.explanations, hidden)
         # an amplitude of its own in every record follows any driver: it must be the better account of the two
         if named and evidence < 0.5 * (named[0].gain - 2.0 * len(named[0].coefficients)):
             return self.answer(NAMED, "", rest, named, hidden)
         # that no column records the driver is only a finding where the best recorded one explains less
         if hidden and (named or evidence > 0.5 * recorded):
-            return self.answer(HIDDEN, "", rest, named, hidden)
-        named = with_laws(sets)
-        if named:
-            return self.answer(NAMED, "", rest, named, hidden)
+            return self.answer(HIDDEN, "", rest, named or mixed.explanations, hidden)
+        if mixed.explanations:
+            return self.answer(NAMED, "", rest, mixed.explanations, hidden)
         part = in_part(sets)
         if part is not None:
             told = self.answer(NAMED, "", rest, (part.explanation,), hidden)

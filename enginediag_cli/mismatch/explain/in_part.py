@@ -25,7 +25,8 @@ from enginediag_cli.drivers import TIME
 from enginediag_cli.intervals import NORMAL_95
 from enginediag_cli.mismatch.explain.answer import Explanation
 from enginediag_cli.mismatch.explain.judging import MOST_FLIGHTS
-from enginediag_cli.mismatch.explain.stepwise import Sets, identity
+from enginediag_cli.mismatch.explain.members import identity
+from enginediag_cli.mismatch.explain.stepwise import Sets
 from enginediag_cli.mismatch.fit.freeform import Cell
 from enginediag_cli.mismatch.fit.options import FREE, Option
 from enginediag_cli.mismatch.fit.trial_fit import Trial, is_needed, remainder

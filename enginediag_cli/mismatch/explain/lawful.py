@@ -11,6 +11,7 @@ from enginediag_cli.mismatch.laws.finding import LawFinding
 from enginediag_cli.mismatch.laws.posterior import shares
 from enginediag_cli.mismatch.laws.scan import Scan, scanned
 from enginediag_cli.mismatch.laws.search import Fitted, LawSearch, ordered
+from enginediag_cli.mismatch.laws.shortlist import Proposal
 
 LEAST = 3.0
 """ln evidence from which a law is told: twenty to one, everything that was tried counted in its prior."""
@@ -32,11 +33,12 @@ AS_GOOD = 3.0
 @dataclass(frozen=True)
 class Lawful:
     """`explanations`: laws that explain the mismatch, likeliest first, empty where none does; `finding`: what is known
-    of it, None where no law is likely; `evidence`: ln, of the first."""
+    of it, None where no law is likely; `evidence`: ln, of the first; `tried`: laws that were fitted to all records."""
 
     explanations: tuple[Explanation, ...]
     finding: LawFinding | None
     evidence: float
+    tried: tuple[Proposal, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -60,26 +62,43 @@ def ground_of(fits: Fits) -> Ground:
     return Ground(few, scanned(few.base.found, few.base.projection))
 
 
-def law_for(fits: Fits, ground: Ground) -> Lawful:
-    """The law that explains what the base lacks, of the formulas scored; two together where no single one does. Of
-    many records some say which laws are likely, and all of them judge the best of these."""
-    known = not fits.from_recordings
-    laws = LawSearch(ground.fits.base, ground.scan, ground.fits.refit)
-    if laws.most < LEAST:
-        return Lawful((), None, 0.0)
-    for tried in laws.rounds():
+class LawsAlone:
+    """Laws that explain what the base lacks, of the formulas scored, nothing else beside them. Of many records some
+    say which laws are likely, and all of them judge the best of these."""
+
+    def __init__(self, fits: Fits, ground: Ground):
+        self.fits, self.ground = fits, ground
+        self._search = LawSearch(ground.fits.base, ground.scan, ground.fits.refit)
+
+    @property
+    def _likely(self) -> bool:
+        return self._search.most >= LEAST
+
+    def single(self) -> Lawful:
+        """By one law, perhaps with the same formula at further places."""
+        return self._of(self._search.single) if self._likely else Lawful((), None, 0.0)
+
+    def double(self) -> Lawful:
+        """By two together."""
+        return self._of(self._search.with_second()) if self._likely else Lawful((), None, 0.0)
+
+    def _of(self, tried: Sequence[Fitted]) -> Lawful:
+        laws, known = self._search, not self.fits.from_recordings
         more = [f for first in tried[:FURTHER] for f in laws.elsewhere_too(first)]
         likeliest = ordered([*tried, *more])
-        adequate = _adequate(fits, likeliest[:JUDGED] if ground.fits is fits else _on_all(fits, likeliest[:ON_ALL]))
+        here = self.ground.fits is self.fits
+        adequate = _adequate(self.fits, likeliest[:JUDGED] if here else _on_all(self.fits, likeliest[:ON_ALL]))
+        proposals = {p.option.label: p for f in (*laws.single, *laws.double) for p in f.laws} if here else {}
         if adequate:
             odds = shares([f.standing for f, _, _ in adequate])
             told = tuple(
-                fits.explanation(f.trial, float(p), left, flights)
+                self.fits.explanation(f.trial, float(p), left, flights)
                 for (f, left, flights), p in zip(adequate, odds, strict=True)
             )
-            finding = laws.finding([f for f, _, _ in adequate], fits.base, known)
-            return Lawful(told, finding, adequate[0][0].evidence)
-    return Lawful((), laws.finding(laws.single[:1], ground.fits.base, known), laws.single[0].evidence)
+            finding = laws.finding([f for f, _, _ in adequate], self.fits.base, known)
+            return Lawful(told, finding, adequate[0][0].evidence, tuple(proposals.values()))
+        finding = laws.finding(laws.single[:1], self.ground.fits.base, known)
+        return Lawful((), finding, laws.most, tuple(proposals.values()))
 
 
 def _on_all(fits: Fits, fitted: Sequence[Fitted]) -> list[Fitted]:

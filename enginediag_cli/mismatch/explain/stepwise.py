@@ -24,11 +24,22 @@ from enginediag_cli.mismatch.explain.answer import Explanation
 from enginediag_cli.mismatch.explain.currency import Offer, Prices, scales_of
 from enginediag_cli.mismatch.explain.free_members import unlisted
 from enginediag_cli.mismatch.explain.judging import ALIAS, Fits
+from enginediag_cli.mismatch.explain.members import (
+    Members,
+    add,
+    at_once,
+    clashes,
+    different,
+    identity,
+    key_of,
+    law_places,
+)
 from enginediag_cli.mismatch.explain.pairs import best_pairs
 from enginediag_cli.mismatch.explain.rejected import Reason, Rejected
 from enginediag_cli.mismatch.fit.freeform import Cell
-from enginediag_cli.mismatch.fit.options import FREE, LAW, Option, OptionScore, with_best_onset
+from enginediag_cli.mismatch.fit.options import EFFECT, FREE, LAW, Option, OptionScore, effect_option, with_best_onset
 from enginediag_cli.mismatch.fit.trial_fit import Trial, not_needed, remainder
+from enginediag_cli.physics.together import kinds_of_places
 
 PAIRS = 4
 """Pairs that are refitted, best by score first, as of single options (`SHORTLIST`)."""
@@ -54,10 +65,13 @@ WITHIN_REACH = 15.0
 """ln evidence that a set may be behind free curves for others to be tried in the place of its members. Judgement."""
 SLACK, ERRS = 5.0, 0.2
 """ln evidence, and share of itself, that what a member promises may err by: it is linear in a large change."""
+RIVAL_ROUNDS = 3
+"""Rounds in which other sets may grow where one is settled, at most: they lack as many members as causes differ."""
+LAWS_APART = 2
+"""Of sets without laws, and with a law at one place, the likeliest is grown from in any case."""
 EXCHANGED = 2
 """Options that are tried in the place of each member of a set."""
 
-Members = tuple[Option, ...]
 Settled = Callable[[Sequence[Trial]], list[Explanation]]
 Proposer = Callable[[Trial], Sequence[Offer]]
 """Offers further options for what a trial leaves: what no library holds."""
@@ -71,7 +85,7 @@ def forward(fits: Fits, singles: Sequence[Trial]) -> list[Members]:
         for timed in (False, True):
             best = next((s for s in left.scores if (s.option.driver == TIME) == timed and s.surprise > 0.0), None)
             if best is not None:
-                _add(wider, (*trial.options, with_best_onset(trial.found, trial.projection, best.option)))
+                add(wider, (*trial.options, with_best_onset(trial.found, trial.projection, best.option)))
     return wider
 
 
@@ -82,6 +96,8 @@ class Sets:
         self.fits, self.best, self.proposers = fits, best, tuple(proposers)
         self.prices = Prices(fits.library)
         self.unlisted = unlisted(self.prices, fits.along_drivers)
+        effects = [e for o in fits.library for e in o.hypothesis.effects]
+        self.places = kinds_of_places(effects, fits.evidence.engine.network)
         self.many = many = fits.evidence.records > MANY
         self.beam, self.beside, self.tried = (1, 1, TRIED_OF_MANY) if many else (BEAM, BESIDE, TRIED)
         self._evidence: dict[str, float] = {}
@@ -94,9 +110,9 @@ class Sets:
         fitted single options, best first; `scores` of all options at the base."""
         pairs: list[Members] = []
         for found in best_pairs(scores, PAIRS):
-            _add(pairs, tuple(map(self.fits.timed, found)))
+            add(pairs, tuple(map(self.fits.timed, found)))
         for wider in forward(self.fits, singles[:EXTENDED]):
-            _add(pairs, wider)
+            add(pairs, wider)
         fitted = self.fits.refit(pairs) or []
         named = self.fits.named([s for s in fitted if self.fits.counts(s, self.best)])
         if named and not self.many:
@@ -108,12 +124,21 @@ class Sets:
         time: its own fit without the other did not propose it. Empty where a free curve does in the place of one."""
         trial = self.fits.fitted[first.label]
         reach = self.evidence(trial) - 0.5 * ALIAS - SLACK
-        more = self.fits.refit(self._exchanges(trial, (self.unlisted,), reach)) or []
+        tied = self._tied(trial)
+        more = self.fits.refit([*self._exchanges(trial, (self.unlisted,), reach), *([tied] if tied else [])]) or []
         every = [t for t in (*pairs, *more) if all(o.kind != FREE for o in t.options)]
-        ranked = _different(sorted(every, key=lambda t: t.weighed))
-        return self.fits.named([t for t in ranked if self.fits.counts(t, self.best) and not self._imitates(t)])
+        # sets of different size compare by their evidence
+        weighed = (lambda t: -2.0 * self.evidence(t)) if tied else (lambda t: t.weighed)
+        ranked = different(sorted(every, key=weighed))
+        counting = [t for t in ranked if self.fits.counts(t, self.best) and not self._imitates(t)]
+        return self.fits.named(counting, weighed)
 
     # growing
+
+    def grown(self, proposers: Sequence[Proposer]) -> list[Explanation]:
+        """The alias set of the sets that grow with what these propose beside what is listed; empty when none is
+        adequate."""
+        return self._grown((*self.proposers, *proposers), self._settled)
 
     def with_unlisted(self) -> list[Trial]:
         """All sets, likeliest first, when free curves have been among what may be a member."""
@@ -125,7 +150,7 @@ class Sets:
         if self._only_unlisted is None:
             trial = self.fits.base
             for _ in range(UNLISTED):
-                wider = [(*trial.options, o.option) for o in self._offered_by(self.unlisted, trial)[:CURVES]]
+                wider = [(*trial.options, o.option) for o in self.offered_by(self.unlisted, trial)[:CURVES]]
                 self._fit([w for w in wider if not self._known(w)])
                 found = [t for t in map(self._of, wider) if t is not None and t.converged]
                 best = max(found, key=self.evidence, default=trial)
@@ -144,8 +169,8 @@ class Sets:
         for _ in range(ROUNDS_OF_MANY if self.many else ROUNDS):
             beam = self._beam(listed)
             named = settled(beam) if settled is not None else []
-            if named:
-                return named
+            if named and settled is not None:
+                return self._or_a_rival(named, proposers, settled)
             done = settled is None and self._is_adequate(beam[0])
             new = [] if done or stalled else self._proposed(beam, proposers, enough)
             within = beam[0].label != exchanged and self.evidence(beam[0]) > enough - WITHIN_REACH
@@ -156,13 +181,38 @@ class Sets:
                 return []
             self._fit(new)
             stalled = self.evidence(self.likeliest(listed)[0]) < self.evidence(beam[0]) + LIKELIER
-        return settled(self._beam(listed)) if settled is not None else []
+        named = settled(self._beam(listed)) if settled is not None else []
+        return self._or_a_rival(named, proposers, settled) if named and settled is not None else []
+
+    def _or_a_rival(
+        self, named: list[Explanation], proposers: Sequence[Proposer], settled: Settled
+    ) -> list[Explanation]:
+        """What was settled, or what sets that hold something else grow to, where what they leave promises more at once,
+        or may in the end: ½ (χ² − χ² of the settled one), less what a member costs, is about all that can be gained."""
+        for _ in range(0 if self.many else RIVAL_ROUNDS):
+            best = self.fits.fitted[named[0].label]
+            own, enough = set(map(identity, best.options)), self.evidence(best) + 0.5 * ALIAS
+            others = [t for t in self._beam(listed=True) if not set(map(identity, t.options)) <= own]
+            floor = self.prices.least + 0.5 * best.objective
+            far = [t for t in others if self.evidence(t) + 0.5 * t.objective - floor > enough]
+            new = [*self._proposed(others, proposers, enough), *self._proposed(far, proposers, -np.inf)]
+            if not new:
+                break
+            self._fit(list({key_of(n): n for n in new}.values()))
+            named = settled(self._beam(listed=True)) or named
+        # a likelier set that leaves something is right in what it shares with the truth, and this one is not
+        told = self.evidence(self.fits.fitted[named[0].label])
+        unfinished = [t for t in self.likeliest(listed=True) if not self._without_idle(t)]
+        return named if self.evidence(unfinished[0]) <= told + 0.5 * ALIAS else []
 
     def _beam(self, listed: bool) -> list[Trial]:
         """Sets to grow from, likeliest first; where free curves may be members, as many that hold something listed."""
-        ranked = _different(self.likeliest(listed))
+        ranked = different(self.likeliest(listed))
         if listed:
-            return ranked[: self.beam]
+            # several laws that imitate what is listed would crowd out the sets that hold it
+            of_laws = [next((t for t in ranked if law_places(t) == n), None) for n in range(LAWS_APART)]
+            apart = [t for t in of_laws if t is not None and not self.many]
+            return list({t.label: t for t in (*ranked[: self.beam], *apart)}.values())
         named = [t for t in ranked if any(o.kind != FREE for o in t.options)]
         return list({t.label: t for t in (*ranked[: self.beside], *named[: self.beside])}.values())
 
@@ -197,9 +247,9 @@ class Sets:
                 trial.projection.rest()
 
     def _of(self, members: Members) -> Trial | None:
-        key = _key(members)
+        key = key_of(members)
         every = (self.fits.base, *self.fits.fitted.values())
-        return next((t for t in every if _key(t.options) == key), None)
+        return next((t for t in every if key_of(t.options) == key), None)
 
     def _known(self, members: Members) -> bool:
         return self._of(members) is not None
@@ -210,15 +260,14 @@ class Sets:
         promised: list[tuple[float, Members]] = []
         for trial in beam:
             fewer = self._without_idle(trial)
-            if fewer:
-                promised.append((self.evidence(trial), fewer))
+            promised += [(self.evidence(trial), other) for other in (fewer, self._tied(trial)) if other]
             if len(trial.options) < MOST_MEMBERS:
                 for offer in self._offered(trial, proposers, OFFERED):
                     promised.append((self._hope(trial, offer), (*trial.options, offer.option)))
         new: list[Members] = []
         for promise, members in sorted(promised, key=lambda p: -p[0]):
             if promise > enough and not self._known(members):
-                _add(new, members)
+                add(new, members)
         of_library = [n for n in new if n[-1].kind not in (FREE, LAW)]
         return [*of_library[: self.tried], *[n for n in new if n[-1].kind in (FREE, LAW)][: self.tried]]
 
@@ -229,9 +278,9 @@ class Sets:
     def _offered(self, trial: Trial, proposers: Sequence[Proposer], most: int) -> list[Offer]:
         """What the remainder of a trial proposes that promises a gain: the `most` best of what is listed, and of each
         proposer's, which would outbid all that is listed, since a free curve is next to what it imitates."""
-        return [*self._listed(trial)[:most], *(o for p in proposers for o in self._offered_by(p, trial)[:most])]
+        return [*self._listed(trial)[:most], *(o for p in proposers for o in self.offered_by(p, trial)[:most])]
 
-    def _offered_by(self, proposer: Proposer, trial: Trial) -> list[Offer]:
+    def offered_by(self, proposer: Proposer, trial: Trial) -> list[Offer]:
         key = trial.label, proposer
         if key not in self._offers:
             found = [o for o in proposer(trial) if not set(o.option.hypothesis.names) & set(trial.hypothesis.names)]
@@ -250,7 +299,7 @@ class Sets:
     def _promising(self, trial: Trial, scores: Iterable[OptionScore]) -> list[Offer]:
         best: dict[tuple[str, ...], Offer] = {}
         for s in scores:
-            if s.score.absorbed or not s.feasible or _clashes(s.option, trial.options):
+            if s.score.absorbed or not s.feasible or clashes(s.option, trial.options):
                 continue
             price, own = self.prices.of(s.option), identity(s.option)
             gain = self.prices.promise(s, scales_of(s.option), price)
@@ -271,21 +320,34 @@ class Sets:
                 if offer.option.label == member.label:
                     continue
                 if self._hope(without, offer) > enough and not self._known((*others, offer.option)):
-                    _add(new, (*others, offer.option))
+                    add(new, (*others, offer.option))
         return new
 
     # deciding
 
     def _settled(self, beam: Sequence[Trial]) -> list[Explanation]:
         """The alias set of the likeliest sets, where one of them is adequate."""
-        good = next((t for t in beam if len(t.options) > 1 and self._is_adequate(t) and self._counts(t)), None)
+        good = self._good(beam)
         if good is None:
             return []
-        reach = self.evidence(good) - 0.5 * ALIAS
-        self._fit(self._exchanges(good, (*self.proposers, self.unlisted), reach - SLACK))
-        near = [t for t in self.likeliest(listed=True) if self.evidence(t) >= reach and len(t.options) > 1]
-        near = _different([t for t in near if self._counts(t) and not self._imitates(t)])
+        reach = -np.inf
+        while good is not None and self.evidence(good) > reach + 0.5 * ALIAS:
+            reach = self.evidence(good) - 0.5 * ALIAS
+            self._fit(self._exchanges(good, (*self.proposers, self.unlisted), reach - SLACK))
+            good = self._good(self._beam(listed=True))
+        near = [t for t in self.likeliest(listed=True) if self.evidence(t) >= reach and at_once(t) > 1]
+        near = different([t for t in near if self._counts(t) and not self._imitates(t)])
         return self.fits.named(near, lambda t: -2.0 * self.evidence(t))
+
+    def _good(self, beam: Sequence[Trial]) -> Trial | None:
+        """The likeliest set that is adequate and counts, what is not needed dropped."""
+        for _ in range(MOST_MEMBERS):
+            fewer = [f for f in map(self._without_idle, beam) if f and not self._known(f)]
+            if not fewer:
+                break
+            self._fit(fewer)
+            beam = self._beam(listed=True)
+        return next((t for t in beam if at_once(t) > 1 and self._is_adequate(t) and self._counts(t)), None)
 
     def _imitates(self, trial: Trial) -> bool:
         """Whether a set with a free curve is likelier: members of this one imitate unlisted physics then. What such a
@@ -297,6 +359,10 @@ class Sets:
                 break
             self._fit(fewer)
         mixed = [t for t in self.likeliest() if any(o.kind == FREE for o in t.options)]
+        own = {identity(o) for o in trial.options if o.kind != LAW}
+        if len(own) < len(trial.options):
+            # a curve in the place of a law says no more of what is listed beside it
+            mixed = [t for t in mixed if not own <= set(map(identity, t.options))]
         if not mixed or self.evidence(mixed[0]) <= self.evidence(trial):
             return False
         self.fits.rejected[trial.label] = Rejected(Reason.ONE_UNLISTED)
@@ -307,6 +373,19 @@ class Sets:
         idle = not_needed(trial, self.fits.adequate.effects)
         return tuple(o for o in trial.options if o.label != idle) if idle and len(trial.options) > 1 else ()
 
+    def _tied(self, trial: Trial) -> Members:
+        """Its members with one size in the place of several, where an effect acts at places of one kind; else none."""
+        at: dict[str, list[Option]] = {}
+        for o in trial.options:
+            for e in o.hypothesis.effects:
+                if o.kind == EFFECT and e.label in self.places:
+                    at.setdefault(self.places[e.label].label, []).append(o)
+        several = next((own for own in at.values() if len(own) > 1), [])
+        if not several:
+            return ()
+        others = (o for o in trial.options if all(o is not s for s in several))
+        return (*others, effect_option(self.places[several[0].label]))
+
     def _is_adequate(self, trial: Trial) -> bool:
         self._listed(trial)
         return self._adequate[trial.label]
@@ -315,37 +394,7 @@ class Sets:
         """Whether a set of listed options, each of them needed, is likelier than unlisted physics."""
         if not self.fits.counts(trial, self.best):
             return False
-        if len(trial.options) == 2 or self.evidence(trial) > self.evidence(self.only_unlisted()):
+        if len(trial.options) <= 2 or self.evidence(trial) > self.evidence(self.only_unlisted()):
             return True
         self.fits.rejected[trial.label] = Rejected(Reason.ONE_UNLISTED)
         return False
-
-
-def identity(option: Option) -> tuple[str, ...]:
-    """What it is, whenever it began and at whatever size it is tried."""
-    if option.driver == TIME:
-        return tuple(d.target for d in option.hypothesis.discrepancies)
-    return (option.label,)
-
-
-def _different(trials: Sequence[Trial]) -> list[Trial]:
-    """The first of those that hold the same: begun at another time they are no rivals."""
-    first: dict[frozenset[tuple[str, ...]], Trial] = {}
-    for t in trials:
-        first.setdefault(frozenset(map(identity, t.options)), t)
-    return list(first.values())
-
-
-def _clashes(option: Option, members: Sequence[Option]) -> bool:
-    """Whether it is no further thing beside the members: another change in time of the same component."""
-    return option.driver == TIME and any(o.driver == TIME and o.component == option.component for o in members)
-
-
-def _key(members: Sequence[Option]) -> frozenset[str]:
-    return frozenset(o.label for o in members)
-
-
-def _add(sets: list[Members], new: Members) -> None:
-    """Adds a set that is not there yet, in whatever order."""
-    if not any(_key(new) == _key(other) for other in sets):
-        sets.append(new)

@@ -63,6 +63,11 @@ class Asked:
     noise: str | None = None
     seed: int = 0
 
+    @property
+    def vouched(self) -> bool:
+        """Whether somebody states both the noise and what maps err by."""
+        return self.noise == "specified" and self.model_error is not None
+
 
 @dataclass(frozen=True)
 class Case:
@@ -99,8 +104,9 @@ def load_case(
     """Read everything that a case names. `fitted`: of all flights those by which an engine may be identified, where
     that must be done first. `identified`: what instruments, maps and noise err by is to come from the flights, too,
     where nobody vouches for the noise; of long recordings a share tells it. `controls`: a control that the engine
-    lacks is sought first, since nothing can be fitted without it. Raises ConfigError and DataError for files
-    and names that do not fit.
+    lacks is sought first, since nothing can be fitted without it. Who states both the noise and what maps err by is believed:
+    nothing is identified first, since what the flights hold would be taken for an instrument's offsets and a map's
+    errors. Raises ConfigError and DataError for files and names that do not fit.
     """
     from enginediag_cli.physics.engine_file import load_engine
 
@@ -125,7 +131,7 @@ def load_case(
         if control is not None:
             # a nominal state of the engine without it knows neither its noise nor its maps
             engine, nominal, baseline = control.best.engine, None, None
-    if nominal is None and engine.declared.get("identification"):
+    if nominal is None and not case.asked.vouched and engine.declared.get("identification"):
         # an engine whose design is not known must be identified before anything can be missing
         nominal = self_identified(engine, healthy)
     evidence = build_evidence(engine, flights, case.asked, nominal=nominal)

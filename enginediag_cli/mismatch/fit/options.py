@@ -106,10 +106,12 @@ def together(*options: Option) -> Hypothesis:
 
 
 def fault_options(found: Identified) -> list[Option]:
-    """A step in time of every health parameter, and of every sensor's scale, that is identified, on each engine."""
+    """A step in time of every health parameter that is identified, and of every recorded sensor's scale, on each
+    engine: an instrument may go wrong whether or not its constant error is identified."""
     evidence = found.evidence
     parameters = evidence.engine.parameters
     watched = [n for n in found.problem.names if n in parameters and parameters[n].family in ("health", "sensor")]
+    watched += _not_identified(found, watched)
     reads = [n for n in watched if parameters[n].of_sensor and parameters[n].quantity in READ_WRONG]
     watched = [n for n in watched if n in evidence.engine.monitored or n in reads]
     # a sensor's scale and bias step alike within what a flight spans
@@ -131,6 +133,15 @@ def fault_options(found: Identified) -> list[Option]:
                 )
             )
     return result
+
+
+def _not_identified(found: Identified, identified: Sequence[str]) -> list[str]:
+    """Scales of the recorded sensors of which no error is identified."""
+    parameters = found.evidence.engine.parameters
+    sensors = [found.evidence.engine.sensors[c] for c in found.problem.sensors]
+    known = {parameters[n].component for n in identified if parameters[n].quantity in READ_WRONG}
+    own = [p for s in sensors for p in s.parameters() if p.quantity == "scale" and p.component not in known]
+    return [p.name for p in own if p.name in parameters]
 
 
 def _steps(found: Identified) -> dict[str, np.ndarray]:

@@ -326,15 +326,21 @@ def is_needed(trial: Trial, option: Option, least: float) -> bool:
 
 
 def _beside_its_shape(trial: Trial, option: Option) -> float:
-    """(v/s)² of the clearest size, shapes held: what a law changes can be clear where neither size nor width is,
-    since a wider one that is larger changes the same."""
+    """(v/s)² of the clearest size, shapes and further forms at its place held: what a law changes can be clear where
+    neither size nor width is, since a wider one that is larger changes the same."""
     problem, free = trial.found.problem, trial.projection.free
-    at = [j for j, n in enumerate(problem.names) if n in option.hypothesis.names and free[j]]
+    own = set(_acts_on(option))
+    here = {n for o in trial.options if o.kind == LAW and own & set(_acts_on(o)) for n in o.hypothesis.names}
+    at = [j for j, n in enumerate(problem.names) if n in here and free[j]]
     rows = (np.cumsum(free) - 1)[at]
     information = np.linalg.inv(trial.projection.covariance()[np.ix_(rows, rows)])
     sizes = [(k, problem.names[j]) for k, j in enumerate(at) if problem.names[j] in option.hypothesis.sizes]
     scale = dict(zip(problem.names, problem.prior_sigma, strict=True))
     return max((float((trial.coefficients[n][0] / scale[n]) ** 2 * information[k, k]) for k, n in sizes), default=0.0)
+
+
+def _acts_on(option: Option) -> list[str]:
+    return [n for e in option.hypothesis.effects for n in e.site.acts_on]
 
 
 @stage("scoring effects")

@@ -25,6 +25,7 @@ from enginediag_cli.mismatch.refine.switch import compare_switched, switch_colum
 from enginediag_cli.mismatch.refine.unseen import Unseen, compare, concealed
 from enginediag_cli.mismatch.unrecorded.hidden import HiddenFinding
 from enginediag_cli.physics.registry import candidates
+from enginediag_cli.physics.together import each
 from enginediag_cli.progress import stage
 
 WINDOW = 30
@@ -130,7 +131,7 @@ def _with_estimated_noise(
 def still_missing(after: Trial) -> str:
     """The most surprising thing that the fitted flights show beyond the effects; empty when nothing stands out."""
     engine = after.found.evidence.engine
-    carried = {e.label for e in after.hypothesis.effects}
+    carried = {own.label for e in after.hypothesis.effects for own in each(e)}
     library = effect_options(e for e in candidates(engine) if e.label not in carried)
     rest = remainder(after, library, drivers_of(after.found.evidence, after.found.theta))
     if rest.surprise <= STANDS_OUT:
@@ -142,15 +143,18 @@ def still_missing(after: Trial) -> str:
 
 
 def _fitted(effects: Sequence[Effect], trial: Trial) -> tuple[tuple[Effect, ...], dict[str, float]]:
-    """The effects with the fit's coefficients, and the standard errors of these."""
-    found, errors = [], {}
+    """The effects with the fit's coefficients, and the standard errors of these; what acts at several places by one
+    size as an effect at each of them."""
+    found: list[Effect] = []
+    errors: dict[str, float] = {}
     for e in effects:
-        values = dict(e.values)
+        values, own = dict(e.values), dict[str, float]()
         for c in e.term.amplitudes():
-            name = e.parameter_name(c.name)
-            value, errors[name] = trial.coefficients[name]
+            value, own[c.name] = trial.coefficients[e.parameter_name(c.name)]
             values[c.name] = float(np.clip(value, c.lower, c.upper))
-        found.append(replace(e, values=values))
+        for stated in each(replace(e, values=values)):
+            found.append(stated)
+            errors |= {stated.parameter_name(n): error for n, error in own.items()}
     return tuple(found), errors
 
 

@@ -17,6 +17,7 @@ from enginediag_cli.mismatch.fit.extended import Discrepancy
 from enginediag_cli.mismatch.fit.identified import Hypothesis
 from enginediag_cli.mismatch.fit.options import Option
 from enginediag_cli.physics.registry import effect
+from enginediag_cli.physics.together import each
 
 
 @dataclass(frozen=True)
@@ -51,7 +52,7 @@ def key(causes: Sequence[Cause]) -> Key:
 
 def causes_of(options: Sequence[Option]) -> tuple[Cause, ...]:
     """The causes that an explanation's options stand for."""
-    found = [Cause(e.label) for o in options for e in o.hypothesis.effects]
+    found = [Cause(own.label) for o in options for e in o.hypothesis.effects for own in each(e)]
     for o in options:
         for d in o.hypothesis.discrepancies:
             found.append(Cause(d.target, int(np.argmax(o.hypothesis.curves[d.curve] > 0))))

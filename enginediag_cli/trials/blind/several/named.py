@@ -20,22 +20,23 @@ from enginediag_cli.engine.term import Effect
 from enginediag_cli.mismatch.explain.answer import LAW, NAMED
 from enginediag_cli.mismatch.fit.identified import Hypothesis
 from enginediag_cli.trials.blind.causes import Cause, hypothesis
-from enginediag_cli.trials.blind.laws.told import built
+from enginediag_cli.trials.blind.laws.told import all_built
 from enginediag_cli.trials.blind.score import Said
 
 
 @dataclass(frozen=True)
 class Named:
-    """A cause that was named; `law`: the effect, where it is a law; None for a law that no engine could carry."""
+    """A cause that was named; `laws`: the effects, where it is a law, several where that is a sum of forms at one
+    place; none for a law that no engine could carry."""
 
     cause: Cause
-    law: Effect | None = None
+    laws: tuple[Effect, ...] = ()
     is_law: bool = False
 
     def hypothesis(self, engine: Engine, records: int, values: Mapping[str, float]) -> Hypothesis | None:
         """It as something to fit; None where that is not possible."""
         if self.is_law:
-            return None if self.law is None else Hypothesis((self.law,))
+            return Hypothesis(self.laws) if self.laws else None
         try:
             return hypothesis(engine, (self.cause,), records, values)
         except KeyError:
@@ -43,17 +44,24 @@ class Named:
 
 
 def named_causes(engine: Engine, said: Said) -> tuple[list[Named], Mapping[str, float]]:
-    """All causes of the first explanation, and the coefficients that were told; none where nothing was named."""
+    """All causes of the first explanation, and the coefficients that were told; none where nothing was named. What
+    forms at one place make together is one law."""
     explained: Sequence[Mapping[str, Any]] = said.raw.get("explanations", ())
     if said.status not in (NAMED, LAW) or not explained:
         return [], {}
     first = explained[0]
     laws = {f"{entry['law']}@{entry['at']}": entry for entry in first.get("laws", ())}
-    found = []
+    found: list[Named] = []
+    at: dict[str, list[str]] = {}
     for told in first["causes"]:
         cause = Cause.from_json(told)
-        is_law = cause.name in laws
-        found.append(Named(cause, built(engine, laws[cause.name]) if is_law else None, is_law))
+        if cause.name in laws:
+            at.setdefault(laws[cause.name]["at"], []).append(cause.name)
+        else:
+            found.append(Named(cause))
+    for names in at.values():
+        own = all_built(engine, [laws[n] for n in names])
+        found.append(Named(Cause(names[0]), own or (), is_law=True))
     return found, {n: c[0] for n, c in first.get("coefficients", {}).items()}
 
 

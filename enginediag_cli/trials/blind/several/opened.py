@@ -163,7 +163,7 @@ class Opened:
 
     def _same_law(self, law: LawTruth, fit: Identified, named: Sequence[Named]) -> list[bool]:
         """Of each named cause whether it is a law at the place of the true one and of its variables."""
-        if not any(n.law is not None for n in named):
+        if not any(n.laws for n in named):
             return [False] * len(named)
         clean = self.base.evidence
         truth = self.engine.with_effects((*self.engine.effects, *self.sealed.effects))
@@ -174,12 +174,10 @@ class Opened:
         at = {p.parameter: p.name for p in locations_of(self.engine, list(clean.noise.sigma))}
         found = []
         for n in named:
-            told = None if n.law is None else law_of(n.law)
-            found.append(
-                told is not None
-                and at.get(told.acts.leaf) in alike
-                and same_driver(list(law.law.variables), [[v] for v in told.variables], values)
-            )
+            told = [law_of(e) for e in n.laws]
+            variables = apart([v for each in told for v in each.variables], values)
+            place = at.get(told[0].acts.leaf) if told else None
+            found.append(place in alike and same_driver(list(law.law.variables), [[v] for v in variables], values))
         return found
 
     def _stands_for(self, i: int, named: Named, values: Mapping[str, float]) -> bool:
@@ -200,3 +198,12 @@ class Opened:
             return np.nan
         fit = self._fit(joined(*(h for h in own if h is not None)))
         return float(np.clip(Projection(fit).objective / total, 0.0, 1.0)) if fit.converged else np.nan
+
+
+def apart(variables: Sequence[str], values: Mapping[str, np.ndarray]) -> list[str]:
+    """Those that the records can tell from the ones before them. `values`: of all variables over the records (N,)."""
+    found: list[str] = []
+    for v in variables:
+        if not any(same_driver([v], [[other]], values) for other in found):
+            found.append(v)
+    return found

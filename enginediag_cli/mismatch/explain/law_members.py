@@ -1,0 +1,137 @@
+"""Laws as members of a set: formulas at the places where free curves say that something unlisted acts.
+
+A free curve says where and along what; at its place every formula is scored at the same fit, beside all members that
+the set has. A law costs what its place, variables and form were chosen from. Beside a law of the same variables at the
+same place a further form costs the choice among such forms alone, and the same formula at another place the choice
+among the places of that quantity: one law then says what two would.
+
+    price of a set of laws = −Σ ln prior,   the first of each kind whole, what goes with it as its choice
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from enginediag_cli.engine.engine import Engine
+from enginediag_cli.mismatch.explain.currency import Offer, Prices
+from enginediag_cli.mismatch.fit.freeform import Location, locations
+from enginediag_cli.mismatch.fit.identified import Identified
+from enginediag_cli.mismatch.fit.options import LAW, Option
+from enginediag_cli.mismatch.fit.trial_fit import Trial
+from enginediag_cli.mismatch.laws.elsewhere_too import elsewhere_too
+from enginediag_cli.mismatch.laws.scan import Candidate, Formula, formulas, known_variables, scored
+from enginediag_cli.mismatch.laws.shortlist import Proposal, elsewhere, proposal
+
+PLACES = 4
+"""Places of free curves, most promising first, at which formulas are scored."""
+OFFERED = 3
+"""Laws, of different places or variables, that one trial is offered, and as many that go with a law that it has."""
+
+Curves = Sequence[Offer]
+
+
+@dataclass
+class LawMembers:
+    """Offers laws for what a trial leaves; `prices` tell what all the laws of a set cost. `known`: by label."""
+
+    base: Identified
+    prices: Prices
+    known: dict[str, Proposal] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        self.where = locations(self.base)
+        self.formulas = list(formulas(known_variables(self.base)))
+        self._whole = {_what(f): f.prior for f in self.formulas}
+        self.prices.of_laws = self.price
+
+    def learn(self, proposals: Iterable[Proposal]) -> None:
+        """Laws that were fitted elsewhere may be members, too."""
+        for p in proposals:
+            self.known.setdefault(p.option.label, p)
+            self.prices.own.setdefault(p.option.label, self.price([p.option]))
+
+    def offers(self, trial: Trial, curves: Curves) -> list[Offer]:
+        """Laws beside what a trial has, at the places of these free curves and beside its own laws."""
+        carried = [self.known[o.label] for o in trial.options if o.kind == LAW]
+        targets = [d.target for c in curves for d in c.option.hypothesis.discrepancies]
+        names = list(dict.fromkeys(targets))[:PLACES]
+        here = [p for p in self.where if p.parameter in names]
+        found = elsewhere(self._scored(trial, here, self._usable(trial), self._of_a_place), self._engine, OFFERED)
+        for place in {p.candidate.location.name: p.candidate.location for p in carried}.values():
+            found += self._along_the_same(trial, place, carried)
+        too = elsewhere_too(carried, trial, self.where) if carried else None
+        self.learn([*found, *([too] if too else [])])
+        own = {o.label for o in trial.options}
+        new = {p.option.label: p for p in (*found, *([too] if too else [])) if p.option.label not in own}
+        return [self._offer(p, trial) for p in new.values()]
+
+    def price(self, options: Sequence[Option]) -> float:
+        """−ln of the probability that these laws are those that act."""
+        left = [self.known[o.label].candidate for o in sorted(options, key=lambda o: o.label)]
+        paid, taken = 0.0, list[Candidate]()
+        while left:
+            # the cheapest beside those that are paid for, whatever order they come in
+            prior, k = max((self._prior(law, taken), -k) for k, law in enumerate(left))
+            taken.append(left.pop(-k))
+            paid -= prior
+        return paid
+
+    def _offer(self, p: Proposal, trial: Trial) -> Offer:
+        """Its promise is its weight without the prior that it was scored with, less what it adds to the price."""
+        laws = [o for o in trial.options if o.kind == LAW]
+        more = self.price([*laws, p.option]) - self.price(laws)
+        return Offer(p.option, self.prices.own[p.option.label], p.candidate.weight - p.candidate.prior - more)
+
+    def _prior(self, law: Candidate, others: Sequence[Candidate]) -> float:
+        """ln: of a law by itself, of a further form, or of the same formula at another place."""
+        f, place = law.formula, law.location
+        alone = self._whole.get(_what(f), f.prior) + self._of_a_place
+        if any(o.location.name == place.name and f.groups <= o.formula.groups for o in others):
+            groups = next(o.formula.groups for o in others if o.location.name == place.name)
+            return max(alone, self._whole.get(_what(f), f.prior) - self._family(groups | f.groups))
+        if any(_what(o.formula) == _what(f) and o.location.quantity == place.quantity for o in others):
+            return max(alone, -float(np.log(sum(w.quantity == place.quantity for w in self.where))))
+        return alone
+
+    def _family(self, groups: frozenset[int]) -> float:
+        """ln of the probability of all formulas of these variables."""
+        return float(np.log(sum(np.exp(f.prior) / f.tried for f in self.formulas if f.groups <= groups)))
+
+    def _along_the_same(self, trial: Trial, place: Location, carried: Sequence[Proposal]) -> list[Proposal]:
+        """Further forms of the variables that its laws at a place have."""
+        own = [p.candidate.formula for p in carried if p.candidate.location.name == place.name]
+        groups: frozenset[int] = frozenset().union(*(f.groups for f in own))
+        family = [f for f in self._usable(trial) if f.groups <= groups]
+        best: dict[object, Candidate] = {}
+        for c in self._scored(trial, [place], family, -self._family(groups)):
+            best.setdefault(_what(c.formula), c)
+        known = {_what(f) for f in own}
+        return [proposal(c, self._engine) for w, c in list(best.items())[:OFFERED] if w not in known]
+
+    def _scored(
+        self, trial: Trial, where: Sequence[Location], laws: Sequence[Formula], prior: float
+    ) -> list[Candidate]:
+        return scored(trial.found, trial.projection, where, laws, prior)
+
+    def _usable(self, trial: Trial) -> list[Formula]:
+        """Formulas over the records that the trial has."""
+        if np.array_equal(trial.found.number, self.base.number):
+            return self.formulas
+        return list(formulas(known_variables(trial.found)))
+
+    @property
+    def _of_a_place(self) -> float:
+        """ln: beforehand one is as likely as another."""
+        return -float(np.log(max(len(self.where), 1)))
+
+    @property
+    def _engine(self) -> Engine:
+        return self.base.evidence.engine
+
+
+def _what(formula: Formula) -> tuple[str, ...]:
+    """Its form and variables, whatever its shape."""
+    return (formula.form.name, *(k.variable.name for k in formula.of))

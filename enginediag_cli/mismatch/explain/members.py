@@ -1,0 +1,53 @@
+"""Members of a set: what they are, and when two sets hold the same."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from enginediag_cli.drivers import TIME
+from enginediag_cli.mismatch.fit.options import LAW, Option
+from enginediag_cli.mismatch.fit.trial_fit import Trial
+from enginediag_cli.physics.together import each
+
+Members = tuple[Option, ...]
+
+
+def identity(option: Option) -> tuple[str, ...]:
+    """What it is, whenever it began and at whatever size it is tried."""
+    if option.driver == TIME:
+        return tuple(d.target for d in option.hypothesis.discrepancies)
+    return (option.label,)
+
+
+def at_once(trial: Trial) -> int:
+    """At how many places anything acts."""
+    effects = (e for o in trial.options for e in o.hypothesis.effects)
+    return sum(len(each(e)) for e in effects) + sum(bool(o.hypothesis.discrepancies) for o in trial.options)
+
+
+def law_places(trial: Trial) -> int:
+    """At how many places it has laws."""
+    return len({n for o in trial.options if o.kind == LAW for e in o.hypothesis.effects for n in e.site.acts_on})
+
+
+def different(trials: Sequence[Trial]) -> list[Trial]:
+    """The first of those that hold the same: begun at another time they are no rivals."""
+    first: dict[frozenset[tuple[str, ...]], Trial] = {}
+    for t in trials:
+        first.setdefault(frozenset(map(identity, t.options)), t)
+    return list(first.values())
+
+
+def clashes(option: Option, members: Sequence[Option]) -> bool:
+    """Whether it is no further thing beside the members: another change in time of the same component."""
+    return option.driver == TIME and any(o.driver == TIME and o.component == option.component for o in members)
+
+
+def key_of(members: Sequence[Option]) -> frozenset[str]:
+    return frozenset(o.label for o in members)
+
+
+def add(sets: list[Members], new: Members) -> None:
+    """Adds a set that is not there yet, in whatever order."""
+    if not any(key_of(new) == key_of(other) for other in sets):
+        sets.append(new)

@@ -1,0 +1,84 @@
+"""Laws as members of a set: where they are offered, and what several of them cost together."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from concealed import carried, evidence, flights
+
+from enginediag_cli.mismatch.explain.currency import Prices
+from enginediag_cli.mismatch.explain.explain import Search
+from enginediag_cli.mismatch.explain.free_members import unlisted
+from enginediag_cli.mismatch.explain.law_members import LawMembers
+from enginediag_cli.mismatch.fit.identified import NO_HYPOTHESIS, identify_with, nuisance
+from enginediag_cli.mismatch.fit.options import LAW, fault_options
+from enginediag_cli.mismatch.fit.projection import Projection
+from enginediag_cli.mismatch.fit.trial_fit import Trial
+from enginediag_cli.mismatch.laws.scan import scored
+from enginediag_cli.mismatch.laws.shortlist import proposal
+
+
+@pytest.fixture(scope="module")
+def base():
+    e = evidence(flights(carried(("reynolds_efficiency", "hpc", {"exponent": 0.1})), np.random.default_rng(22)))
+    found = identify_with(e, NO_HYPOTHESIS, nuisance(e))
+    return Trial((), found, Projection(found))
+
+
+@pytest.fixture(scope="module")
+def members(base):
+    return LawMembers(base.found, Prices([]))
+
+
+def law(members, base, place, form, variable):
+    """This formula at this place as an option that the members know."""
+    where = [w for w in members.where if w.name == place]
+    own = [f for f in members.formulas if f.form.name == form and [k.variable.name for k in f.of] == [variable]]
+    found = proposal(scored(base.found, base.projection, where, own, 0.0)[0], base.found.evidence.engine)
+    members.learn([found])
+    return found.option
+
+
+def test_laws_are_offered_where_a_free_curve_says_that_something_acts(base, members):
+    search = Search(base.found.evidence, [])
+    search.look_from(base)
+    curves = sorted(unlisted(members.prices, search.along_drivers)(base), key=lambda o: -o.gain)
+    offers = members.offers(base, curves)
+    assert offers and all(o.option.kind == LAW for o in offers)
+    assert max(offers, key=lambda o: o.gain).option.component == "hpc"
+    assert all(o.price == members.price([o.option]) for o in offers)
+
+
+def test_a_further_form_of_the_same_variable_costs_less_than_a_law_by_itself(base, members):
+    first = law(members, base, "hpc.efficiency", "linear", "mach")
+    further = law(members, base, "hpc.efficiency", "bump", "mach")
+    elsewhere = law(members, base, "fan.flow_capacity", "bump", "mach")
+    alone = members.price([first]) + members.price([further])
+    assert members.price([first, further]) < alone - 1.0
+    assert members.price([first, elsewhere]) == pytest.approx(members.price([first]) + members.price([elsewhere]))
+
+
+def test_the_same_formula_at_another_place_costs_the_choice_among_its_places(base, members):
+    here = law(members, base, "hpc.efficiency", "linear", "mach")
+    there = law(members, base, "fan.efficiency", "linear", "mach")
+    places = sum(w.quantity == "efficiency" for w in members.where)
+    assert members.price([here, there]) == pytest.approx(members.price([here]) + np.log(places))
+
+
+def test_what_laws_cost_does_not_depend_on_their_order(base, members):
+    of = [
+        law(members, base, "hpc.efficiency", "linear", "mach"),
+        law(members, base, "hpc.efficiency", "bump", "mach"),
+        law(members, base, "fan.efficiency", "linear", "mach"),
+    ]
+    assert members.price(of) == pytest.approx(members.price(of[::-1]))
+
+
+def test_a_sensor_may_step_whether_or_not_its_constant_error_is_identified(base):
+    e = base.found.evidence
+    health = {n: v for n, v in e.settings.nuisance.items() if not n.startswith("sensor.")}
+    without = replace(e, settings=replace(e.settings, nuisance=health))
+    found = identify_with(without, NO_HYPOTHESIS, nuisance(without))
+    targets = {o.target.name for o in fault_options(found)}
+    assert {"sensor.T45.scale", "sensor.N2.scale", "hpc.efficiency"} <= targets
+    assert targets == {o.target.name for o in fault_options(base.found)}
