@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from enginediag_cli.mismatch.explain.answer import Explanation
+from enginediag_cli.mismatch.explain.few import ON_ALL, Few
 from enginediag_cli.mismatch.explain.judging import Fits
 from enginediag_cli.mismatch.laws.finding import LawFinding
 from enginediag_cli.mismatch.laws.posterior import shares
@@ -17,10 +18,6 @@ LEAST = 3.0
 LISTED_FIRST = 7.0
 """ln of the odds by which what the library holds is likelier beforehand than a law that nobody has written down, its
 place and form apart: a thousand to one, judgement. Where both explain as well what is known is told."""
-ENOUGH = 1000
-"""Records that say which laws are likely: more of the same conditions cost time and change the order of few."""
-ON_ALL = 2
-"""Laws, likeliest first on some of many records, that are fitted to all."""
 JUDGED = 4
 """Laws, likeliest first, that are judged."""
 FURTHER = 3
@@ -41,9 +38,9 @@ class Lawful:
 
 @dataclass(frozen=True)
 class Ground:
-    """Where laws are searched: `fits` of about ENOUGH records, and every formula at every place scored at its base."""
+    """Where laws are searched: few records, and every formula at every place scored at the base of these."""
 
-    fits: Fits
+    few: Few
     scan: Scan
 
     @property
@@ -52,25 +49,21 @@ class Ground:
         return self.scan.candidates[0].weight if self.scan.candidates else 0.0
 
 
-def ground_of(fits: Fits) -> Ground:
-    """All records, or some of many, evenly chosen."""
-    few = fits.on_few(ENOUGH)
-    if not few.base.converged:
-        return Ground(few, Scan((), ()))
-    return Ground(few, scanned(few.base.found, few.base.projection))
+def ground_of(few: Few) -> Ground:
+    return Ground(few, scanned(few.fits.base.found, few.fits.base.projection))
 
 
-def law_for(fits: Fits, ground: Ground) -> Lawful:
-    """The law that explains what the base lacks, of the formulas scored; two together where no single one does. Of
-    many records some say which laws are likely, and all of them judge the best of these."""
+def law_for(ground: Ground) -> Lawful:
+    """The law that explains what the base lacks, of the formulas scored; two together where no single one does."""
+    fits, few = ground.few.whole, ground.few.fits
     known = not fits.from_recordings
-    laws = LawSearch(ground.fits.base, ground.scan, ground.fits.refit)
+    laws = LawSearch(few.base, ground.scan, few.refit)
     if not laws.single or laws.single[0].evidence < LEAST:
         return Lawful((), None, 0.0)
     for tried in laws.rounds():
         more = [f for first in tried[:FURTHER] for f in laws.elsewhere_too(first)]
         likeliest = ordered([*tried, *more])
-        adequate = _adequate(fits, likeliest[:JUDGED] if ground.fits is fits else _on_all(fits, likeliest[:ON_ALL]))
+        adequate = _adequate(fits, likeliest[:JUDGED] if few is fits else _on_all(ground.few, likeliest[:ON_ALL]))
         if adequate:
             odds = shares([f.evidence for f, _, _ in adequate])
             told = tuple(
@@ -79,14 +72,13 @@ def law_for(fits: Fits, ground: Ground) -> Lawful:
             )
             finding = laws.finding([f for f, _, _ in adequate], fits.base, known)
             return Lawful(told, finding, adequate[0][0].evidence)
-    return Lawful((), laws.finding(laws.single[:1], ground.fits.base, known), laws.single[0].evidence)
+    return Lawful((), laws.finding(laws.single[:1], few.base, known), laws.single[0].evidence)
 
 
-def _on_all(fits: Fits, fitted: Sequence[Fitted]) -> list[Fitted]:
+def _on_all(few: Few, fitted: Sequence[Fitted]) -> list[Fitted]:
     """The laws fitted to all records, likeliest first."""
-    laws = {f.trial.label: f.laws for f in fitted}
-    trials = fits.refit([f.options for f in fitted]) or []
-    return ordered(Fitted.to(fits.base, laws[t.label], t) for t in trials)
+    found = [(f.laws, few.on_all(f.trial)) for f in fitted]
+    return ordered(Fitted.to(few.whole.base, laws, trial) for laws, trial in found if trial.converged)
 
 
 def _adequate(fits: Fits, fitted: Sequence[Fitted]) -> list[tuple[Fitted, float, float]]:

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from enginediag_cli.mismatch.explain.answer import Explanation
-from enginediag_cli.mismatch.explain.stepwise import MANY, Sets
+from enginediag_cli.mismatch.explain.stepwise import Sets
 from enginediag_cli.mismatch.fit.freeform import Location, locations
 from enginediag_cli.mismatch.fit.options import FREE, Option
 from enginediag_cli.mismatch.fit.trial_fit import Trial
@@ -34,7 +34,7 @@ def with_laws(sets: Sets) -> list[Explanation]:
         return []
     where = _places([o for o in trial.options if o.kind == FREE], trial)
     best = sets.fitted(listed)
-    many = sets.fits.evidence.records > MANY
+    many = sets.many
     for _ in range(OF_MANY if many else LAWS):
         if best is None:
             return []

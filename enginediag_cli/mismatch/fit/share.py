@@ -80,13 +80,16 @@ def on_share(evidence: Evidence, whole: Collection[int] = ()) -> Evidence:
 
 def every_so_often(evidence: Evidence, most: int) -> Evidence:
     """The evidence with every k-th record of each flight, so that about `most` are left; itself where it has no more:
-    what many forms of one effect are compared by."""
+    what many sets of options are compared by. Of a lag-1 correlation ρ of noise the k-th power is left, of a negative
+    one, which changes sign from record to record, nothing."""
     step = -(-evidence.records // most)
     if step < 2:
         return evidence
     flights = (_only(f, np.arange(0, len(f), step)) for f in evidence.flights)
-    return replace(evidence, flights=tuple(flights))
+    rho = {s: max(r, 0.0) ** step for s, r in evidence.noise.rho.items()}
+    return replace(evidence, flights=tuple(flights), noise=replace(evidence.noise, rho=rho))
 
 
 def _only(flight: Flight, rows: np.ndarray) -> Flight:
-    return replace(flight, columns={c: v[rows] for c, v in flight.columns.items()}, at=rows)
+    at = rows if flight.at is None else flight.at[rows]
+    return replace(flight, columns={c: v[rows] for c, v in flight.columns.items()}, at=at)
