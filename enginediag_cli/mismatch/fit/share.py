@@ -20,7 +20,7 @@ import numpy as np
 from enginediag_cli.engine.moving.tape import MOMENT
 from enginediag_cli.mismatch.fit.evidence import Evidence, Flight
 
-MANY, SHARE = 8000, 2000
+MANY, SHARE = 5000, 2000
 """Records from which on a share is taken, and about how many it is of. A year of hours and a handful of flights are
 taken whole; 2,000 readings of a sensor give its σ to 1.6 %, and what 2,000 records cannot tell apart is told apart on
 all of them."""
