@@ -86,7 +86,10 @@ def in_part(sets: Sets, few: Few | None = None) -> Part | None:
     told = fits.explanation(alone, float(probability), left.surprise, flights)
     beside = {c.name: c for c in fits.explanation(best, 0.0, 0.0, 0.0).coefficients}
     told = replace(told, coefficients=tuple(beside.get(c.name, c) for c in told.coefficients))
-    return Part(told, float(np.clip(stays / excess, 0.0, 1.0)), left.cells)
+    share = float(np.clip(stays / excess, 0.0, 1.0))
+    # the likeliest set of few records holds less than all of them would show: against noise, then
+    beyond = share if fits is sets.fits else left_by(alone.objective, fits.base) or 0.0
+    return Part(told, max(share, beyond), left.cells)
 
 
 def left_by(objective: float, base: Trial) -> float | None:
