@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 
 from enginediag_cli.mismatch.unrecorded import states
-from enginediag_cli.mismatch.unrecorded.pieces import EVEN, judged
+from enginediag_cli.mismatch.unrecorded.pieces import EVEN, Account, judged
 from enginediag_cli.mismatch.unrecorded.states import Bounds, States, two_states
 from enginediag_cli.mismatch.unrecorded.whitened_rows import Basis, Direction
 
@@ -91,3 +91,26 @@ def test_the_states_do_not_depend_on_how_many_chains_are_run_at_once(monkeypatch
     assert whole.settled and parts.settled
     assert np.allclose(whole.on, parts.on, atol=1e-12) and np.mean((whole.on > 0.5) == (truth > 0.5)) > 0.9
     assert np.isclose(whole.evidence, parts.evidence) and np.isclose(whole.amplitude, parts.amplitude)
+
+
+def test_all_exchanges_together_gain_what_each_gains_by_itself():
+    rng = np.random.default_rng(3)
+    N = 2 * FLIGHT
+    of, _ = linear(rng.standard_normal(N), rng.standard_normal((N, 2)), gaps())
+    own, before = rng.standard_normal((N, 1)), rng.standard_normal((N, 1))
+    before[gaps() == 0.0] = 0.0
+    diagonal, beside = own[:, 0] ** 2, before[1:, 0] * own[1:, 0]
+    diagonal[:-1] += before[1:, 0] ** 2
+    along = Direction(own, before, diagonal, beside, of.rows)
+    account = Account(of, along, Bounds(-50.0, 50.0, 10.0), along.B, along.gathered(of.left))
+    on = (rng.random(N) < 0.3).astype(float)
+    pieces = [slice(0, 1), slice(0, N), slice(3, 9), slice(FLIGHT - 2, FLIGHT + 5), slice(N - 4, N)]
+    alone = []
+    for piece in pieces:
+        other = on.copy()
+        other[piece] = 1.0 - other[piece]
+        alone.append(account(other))
+    assert np.allclose(account.exchanged(on, pieces), alone, rtol=1e-12)
+    one = np.zeros(N)
+    one[5] = 1.0
+    assert account.exchanged(one, [slice(5, 6)])[0] == account(np.zeros(N)) == -np.inf

@@ -11,7 +11,7 @@ from enginediag_cli.drivers import AMBIENT_PRESSURE
 from enginediag_cli.mismatch.explain.answer import LAW, NAMED
 from enginediag_cli.mismatch.explain.currency import Prices, narrowed, scales_of
 from enginediag_cli.mismatch.explain.explain import Search
-from enginediag_cli.mismatch.explain.free_members import free_option, unlisted
+from enginediag_cli.mismatch.explain.free_members import Unlisted, free_option
 from enginediag_cli.mismatch.explain.in_part import in_part
 from enginediag_cli.mismatch.explain.members import identity
 from enginediag_cli.mismatch.explain.stepwise import Sets
@@ -184,7 +184,7 @@ def test_a_name_that_explains_all_says_that_nothing_stays():
 def test_a_free_curve_takes_what_a_listed_effect_would(base):
     search = Search(base.found.evidence, library())
     search.look_from(base)
-    offers = unlisted(Prices(search.library), search.along_drivers)(base)
+    offers = Unlisted(Prices(search.library), search.along_drivers)(base)
     best = max(offers, key=lambda o: o.gain)
     assert best.option.component == "hpc" and best.gain > 0.0
     assert all(d.sigma > 0.0 for d in best.option.hypothesis.discrepancies)

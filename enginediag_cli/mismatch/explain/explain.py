@@ -30,6 +30,7 @@ from enginediag_cli.mismatch.explain.answer import (
     Answer,
     Explanation,
 )
+from enginediag_cli.mismatch.explain.few import Few
 from enginediag_cli.mismatch.explain.in_part import in_part, left_by
 from enginediag_cli.mismatch.explain.judging import ADEQUATE, ALIAS, Fits
 from enginediag_cli.mismatch.explain.lawful import LISTED_FIRST, Ground, LawsAlone, ground_of
@@ -39,20 +40,18 @@ from enginediag_cli.mismatch.explain.shortlist import shortlisted
 from enginediag_cli.mismatch.explain.stepwise import MOST_MEMBERS, Proposer, Sets
 from enginediag_cli.mismatch.fit.evidence import Evidence
 from enginediag_cli.mismatch.fit.freeform import places
-from enginediag_cli.mismatch.fit.identified import NO_HYPOTHESIS, drivers_of, identify_with
+from enginediag_cli.mismatch.fit.identified import NO_HYPOTHESIS, identify_with
 from enginediag_cli.mismatch.fit.noise import doubtful, estimated_noise, with_noise
 from enginediag_cli.mismatch.fit.options import (
     EFFECT,
-    effect_options,
-    fault_options,
 )
 from enginediag_cli.mismatch.fit.projection import Projection
 from enginediag_cli.mismatch.fit.trial_fit import Gates, Remainder, Trial, remainder
 from enginediag_cli.mismatch.laws.finding import LawFinding
 from enginediag_cli.mismatch.laws.posterior import evidence_of
+from enginediag_cli.mismatch.laws.shortlist import Proposal
 from enginediag_cli.mismatch.unrecorded.companions import with_shared_errors
 from enginediag_cli.mismatch.unrecorded.recorded_driver import Hidden, HiddenScan, commanded, follows_a_driver
-from enginediag_cli.physics.registry import candidates
 
 NOISE_PASSES, SAME_NOISE = 2, 0.03
 """Estimates of the noise at a fit, each with a fit after it, at most: a third changes nothing that matters, nor does
@@ -77,8 +76,7 @@ class Search(Fits):
     """One search for what the evidence shows; `run` gives the answer."""
 
     def __init__(self, evidence: Evidence, effects: Sequence[Effect] | None = None, hidden: HiddenSearch | None = None):
-        super().__init__(evidence)
-        self.effects = list(candidates(evidence.engine)) if effects is None else list(effects)
+        super().__init__(evidence, effects)
         self.hidden, self.hidden_gate = hidden, np.inf
         self.proposers: Sequence[Proposer] = ()
         self._scan: HiddenScan | None = None
@@ -112,12 +110,6 @@ class Search(Fits):
             return self.answer(HIDDEN, "", rest, hidden=self.unrecorded())
         return self.answer(NOTHING, "nothing stands out of noise and identified parameters", rest)
 
-    def look_from(self, base: Trial) -> None:
-        """Look for what this fit lacks: options and drivers are those of its records."""
-        self.base = base
-        self.library = [*effect_options(self.effects), *fault_options(base.found)]
-        self.along_drivers = drivers_of(self.evidence, base.found.theta)
-
     def weighed(self, rest: Remainder) -> Remainder:
         """What the base leaves, with the gates that it is judged by: set here."""
         self.plain = rest.scores
@@ -132,13 +124,12 @@ class Search(Fits):
         return repeated(rest, self.base.projection, self.detect)
 
     def decide(self, rest: Remainder) -> Answer:
-        best = rest.cells[0] if rest.cells else None
         scores = [*(s.score for s in rest.scores), *(c.score for c in rest.cells)]
         recorded = max((s.statistic - 2.0 * s.dof for s in scores), default=0.0)
         excess = self.base.objective - self.base.projection.dof
         # before single effects: each of them would be bent by a state that they all ignore
         if self._hidden_at_most > PLAINLY * 0.5 * recorded:
-            many = self.evidence.records / self.laws.fits.evidence.records
+            many = self.evidence.records / self.few.fits.evidence.records
             recorded = max(recorded, 2.0 * many * self.laws.most)
         if self._hidden_at_most > PLAINLY * 0.5 * recorded:
             evidence = _evidence(self.unrecorded())
@@ -150,16 +141,15 @@ class Search(Fits):
         named = self.named(singles)
         if named and recorded <= named[0].gain + ALIAS:
             return self.answer(NAMED, "", rest, named)
-        laws = LawsAlone(self, self.laws)
+        laws = LawsAlone(self.laws)
         law = laws.single()
         if named and not (law.explanations and law.evidence > self._evidence_of(named[0])):
             return self.answer(NAMED, "", rest, named)
         if named:
             return self.answer(LAW, "", rest, law.explanations, law=law.finding)
-        sets = Sets(self, best, self.proposers)
-        named = sets.named(singles, rest.scores)
+        sets, named = self._of_sets(rest, singles)
         of_set = max((self._evidence_of(x) for x in named[:1]), default=0.0)
-        mixed = Mixed() if named else with_laws(sets, law.tried)
+        mixed = Mixed() if named else self._mixed(sets, law.tried)
         if not law.explanations and not mixed.explanations:
             law = laws.double()
         of_set = max(of_set, mixed.evidence)
@@ -178,7 +168,7 @@ class Search(Fits):
             return self.answer(HIDDEN, "", rest, named or mixed.explanations, hidden)
         if mixed.explanations:
             return self.answer(NAMED, "", rest, mixed.explanations, hidden)
-        part = in_part(sets)
+        part = in_part(sets, self.few)
         if part is not None:
             told = self.answer(NAMED, "", rest, (part.explanation,), hidden)
             return replace(told, unexplained=part.unexplained, rest=part.cells)
@@ -189,6 +179,27 @@ class Search(Fits):
             hidden=hidden,
             law=law.finding,
         )
+
+    def _of_sets(self, rest: Remainder, singles: Sequence[Trial]) -> tuple[Sets, list[Explanation]]:
+        """The search of sets, and what it names: sought on few of many records. `rest` and `singles` are of all."""
+        few, best = self.few, rest.cells[0] if rest.cells else None
+        if few.are_all:
+            sets = Sets(self, best, self.proposers)
+            return sets, sets.named(singles, rest.scores)
+        left = few.left()
+        sets = Sets(few.fits, left.cells[0] if left.cells else None, self.proposers, many=True)
+        named = sets.named(few.singles(left), left.scores)
+        return sets, few.judged(named, lambda t: -2.0 * sets.prices.evidence(t), lambda t: self.counts(t, best))
+
+    def _mixed(self, sets: Sets, tried: Sequence[Proposal]) -> Mixed:
+        """Listed options with laws beside them: sought on few of many records."""
+        mixed, evidence = with_laws(sets, tried), sets.prices.evidence
+        if self.few.are_all or not mixed.explanations:
+            return mixed
+        named = self.few.judged(mixed.explanations, lambda t: -2.0 * evidence(t), lambda t: True)
+        if not named:
+            return Mixed()
+        return Mixed(tuple(named), evidence(self.fitted[named[0].label]) - evidence(self.base))
 
     def _with_estimated_noise(self, rest: Remainder) -> Remainder:
         """What is left when the noise is what nothing explains; weights and noise in turn."""
@@ -205,7 +216,12 @@ class Search(Fits):
     @cached_property
     def laws(self) -> Ground:
         """Every formula at every place, scored."""
-        return ground_of(self)
+        return ground_of(self.few)
+
+    @cached_property
+    def few(self) -> Few:
+        """The records that sets and laws are searched on."""
+        return Few.of(self)
 
     @property
     def _hidden_at_most(self) -> float:
@@ -218,7 +234,8 @@ class Search(Fits):
         """Findings of a driver that no column shows: none where a recorded driver gives the same amplitude, nor of what
         nobody commands where nobody vouches for the noise: errors of the model come and go along such an amplitude."""
         if self._unrecorded is None:
-            found = [f for f in self._scan.refitted() if f.significant] if self._scan else []
+            sought = self._scan if not self.from_recordings or (self._scan and self._scan.may_be_commanded()) else None
+            found = [f for f in sought.refitted() if f.significant] if sought else []
             follows = not found or follows_a_driver(found[0], self.along_drivers)
             told = not follows and (not self.from_recordings or commanded(found[0], self.evidence.engine.parameters))
             self._unrecorded, self._scan = found if told else (), None

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -19,21 +20,29 @@ CELLS = 12
 """Cells, most surprising first, whose promise is asked for."""
 
 
-def unlisted(prices: Prices, drivers: Sequence[DriverValues]) -> Callable[[Trial], Sequence[Offer]]:
-    """What proposes free curves for what a trial leaves; `drivers` are over the records of the evidence."""
+class Unlisted:
+    """Proposes free curves for what a trial leaves; `drivers` are over the records of the evidence."""
 
-    def propose(trial: Trial) -> list[Offer]:
-        cells = [c for c in remainder(trial, (), drivers).cells if c.driver.driver != TIME and not c.score.absorbed]
+    def __init__(self, prices: Prices, drivers: Sequence[DriverValues]):
+        self.prices, self.drivers = prices, drivers
+        self._offered: dict[str, Cell] = {}
+
+    def __call__(self, trial: Trial) -> list[Offer]:
+        left = remainder(trial, (), self.drivers).cells
+        cells = [c for c in left if c.driver.driver != TIME and not c.score.absorbed]
         price = float(np.log(max(len(cells), 1) / FREE_FORM))
         carried = {e.label for e in trial.hypothesis.effects}
         ranked = sorted([*cells, *machine_cells(cells)], key=lambda c: -c.surprise)
-        return [
-            Offer(free_option(c), price, prices.promise(c, c.scales, price))
-            for c in ranked[:CELLS]
-            if c.location.through is None or c.location.through.label not in carried
-        ]
+        chosen = [c for c in ranked[:CELLS] if c.location.through is None or c.location.through.label not in carried]
+        offers = [Offer(free_option(c), price, self.prices.promise(c, c.scales, price)) for c in chosen]
+        self._offered |= {o.option.label: c for o, c in zip(offers, chosen, strict=True)}
+        return offers
 
-    return propose
+    def over(self, option: Option, drivers: Sequence[DriverValues]) -> Option:
+        """A free curve that was offered here, over other records, whose `drivers` are given."""
+        cell = self._offered[option.label]
+        same = next(d for d in drivers if d.name == cell.driver.name)
+        return free_option(replace(cell, driver=same))
 
 
 def free_option(cell: Cell) -> Option:

@@ -24,7 +24,8 @@ import numpy as np
 from enginediag_cli.drivers import TIME
 from enginediag_cli.intervals import NORMAL_95
 from enginediag_cli.mismatch.explain.answer import Explanation
-from enginediag_cli.mismatch.explain.judging import MOST_FLIGHTS
+from enginediag_cli.mismatch.explain.few import Few
+from enginediag_cli.mismatch.explain.judging import MOST_FLIGHTS, Fits
 from enginediag_cli.mismatch.explain.members import identity
 from enginediag_cli.mismatch.explain.stepwise import Sets
 from enginediag_cli.mismatch.fit.freeform import Cell
@@ -49,8 +50,9 @@ class Part:
     cells: tuple[Cell, ...]
 
 
-def in_part(sets: Sets) -> Part | None:
-    """What stands of the best sets that were found; None where nothing does."""
+def in_part(sets: Sets, few: Few | None = None) -> Part | None:
+    """What stands of the best sets that were found; None where nothing does. `few`: where these are sets of few of many
+    records, which are judged on all."""
     fits = sets.fits
     ranked = sets.with_unlisted()
     best = ranked[0]
@@ -65,6 +67,15 @@ def in_part(sets: Sets) -> Part | None:
         alone = sets.fitted(tuple(standing))
     if not standing or alone is None or alone.at_bound:
         return None
+    odds = {t.label: np.exp(sets.evidence(t) - sets.evidence(best)) for t in ranked}
+    holding = [t for t in ranked if {identity(o) for o in standing} <= {identity(o) for o in t.options}]
+    probability = sum(odds[t.label] for t in holding) / sum(odds.values())
+    if few is not None and not few.are_all:
+        fits, best, alone = few.whole, few.on_all(best, sets.unlisted), few.on_all(alone)
+        if not (best.converged and alone.converged) or alone.at_bound:
+            return None
+        if not all(is_needed(best, o, _gate(o, fits)) and _steady(o, best, alone) for o in alone.options):
+            return None
     excess = fits.base.objective - best.objective
     stays = alone.objective - best.objective
     if excess <= 0.0 or excess - stays < FAIR_SHARE * excess:
@@ -72,14 +83,14 @@ def in_part(sets: Sets) -> Part | None:
     flights = fits.flights(alone)
     if flights < MOST_FLIGHTS:
         return None
-    odds = {t.label: np.exp(sets.evidence(t) - sets.evidence(best)) for t in ranked}
-    holding = [t for t in ranked if {identity(o) for o in standing} <= {identity(o) for o in t.options}]
-    probability = sum(odds[t.label] for t in holding) / sum(odds.values())
     left = remainder(alone, fits.library, fits.along_drivers)
     told = fits.explanation(alone, float(probability), left.surprise, flights)
     beside = {c.name: c for c in fits.explanation(best, 0.0, 0.0, 0.0).coefficients}
     told = replace(told, coefficients=tuple(beside.get(c.name, c) for c in told.coefficients))
-    return Part(told, float(np.clip(stays / excess, 0.0, 1.0)), left.cells)
+    share = float(np.clip(stays / excess, 0.0, 1.0))
+    # the likeliest set of few records holds less than all of them would show: against noise, then
+    beyond = share if fits is sets.fits else left_by(alone.objective, fits.base) or 0.0
+    return Part(told, max(share, beyond), left.cells)
 
 
 def left_by(objective: float, base: Trial) -> float | None:
@@ -103,9 +114,13 @@ def _stands(option: Option, best: Trial, within: Sequence[Trial], sets: Sets) ->
     fits, without = sets.fits, sets.fitted(tuple(o for o in best.options if o is not option))
     if without is None or set(option.hypothesis.names) & set(best.at_bound):
         return False
-    gate = fits.detect.effects if option.driver != TIME else fits.detect.faults
+    gate = _gate(option, fits)
     told = [s.surprise for s in fits.left(without).scores if identity(s.option) == identity(option)]
     return is_needed(best, option, gate) and max(told, default=0.0) > gate
+
+
+def _gate(option: Option, fits: Fits) -> float:
+    return fits.detect.effects if option.driver != TIME else fits.detect.faults
 
 
 def _steady(option: Option, best: Trial, alone: Trial) -> bool:

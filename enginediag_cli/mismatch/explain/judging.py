@@ -8,6 +8,7 @@ import numpy as np
 
 from enginediag_cli.drivers import TIME
 from enginediag_cli.engine.driver import DriverValues
+from enginediag_cli.engine.term import Effect
 from enginediag_cli.mismatch.explain.answer import Coefficient, Explanation
 from enginediag_cli.mismatch.explain.rejected import Reason, Rejected
 from enginediag_cli.mismatch.explain.repeated import repeated
@@ -15,12 +16,20 @@ from enginediag_cli.mismatch.explain.worth_fitting import reach_of, worth_fittin
 from enginediag_cli.mismatch.fit.evidence import Evidence
 from enginediag_cli.mismatch.fit.freeform import Cell
 from enginediag_cli.mismatch.fit.held_out import flights_gained
-from enginediag_cli.mismatch.fit.identified import NO_HYPOTHESIS, identify_with, nuisance, objective_of
-from enginediag_cli.mismatch.fit.options import Option, with_best_onset
+from enginediag_cli.mismatch.fit.identified import (
+    NO_HYPOTHESIS,
+    Identified,
+    drivers_of,
+    identify_with,
+    nuisance,
+    objective_of,
+)
+from enginediag_cli.mismatch.fit.options import Option, effect_options, fault_options, with_best_onset
 from enginediag_cli.mismatch.fit.projection import Projection
 from enginediag_cli.mismatch.fit.response import response_error
 from enginediag_cli.mismatch.fit.share import every_so_often
 from enginediag_cli.mismatch.fit.trial_fit import Gates, Remainder, Trial, attempt, not_needed, remainder
+from enginediag_cli.physics.registry import candidates
 from enginediag_cli.progress import each
 
 ALIAS = 6.0
@@ -38,7 +47,8 @@ REMEMBERED = 8
 
 
 class Fits:
-    """Trials of one evidence. `base`: the fit without options; `library` and `along_drivers`: what is looked for in
+    """Trials of one evidence. `effects`: the library, default all that the model does not carry; `base`: the fit
+    without options; `library` and `along_drivers`: what is looked for in
     what a trial leaves; `detect`, `adequate`: the gates of its judgement; `fitted`: trials by label; `rejected`: why
     they are no explanation, by label."""
 
@@ -46,9 +56,11 @@ class Fits:
     library: Sequence[Option]
     along_drivers: Sequence[DriverValues]
 
-    def __init__(self, evidence: Evidence):
+    def __init__(self, evidence: Evidence, effects: Sequence[Effect] | None = None):
         self.evidence = evidence
+        self.effects = list(candidates(evidence.engine)) if effects is None else list(effects)
         self.along = nuisance(evidence)
+        self.onward = False
         self.detect = self.adequate = Gates()
         self.rejected: dict[str, Rejected] = {}
         self.fitted: dict[str, Trial] = {}  # without what scores need
@@ -59,14 +71,22 @@ class Fits:
         """Whether the noise is known from recordings alone, not stated."""
         return self.evidence.noise.estimated or self.evidence.settings.noise == "estimate"
 
+    def look_from(self, base: Trial) -> None:
+        """Look for what this fit lacks: options and drivers are those of its records."""
+        self.base = base
+        self.library = [*effect_options(self.effects), *fault_options(base.found)]
+        self.along_drivers = drivers_of(self.evidence, base.found.theta)
+
     def on_few(self, most: int) -> Fits:
-        """The same of about `most` of the records, its base fitted to these; itself where there are no more."""
+        """The same of about `most` of the records, judged by the same gates, its base fitted to these; itself where
+        there are no more."""
         few = every_so_often(self.evidence, most)
         if few is self.evidence:
             return self
-        fits = Fits(few)
+        fits = Fits(few, self.effects)
+        fits.onward, fits.detect, fits.adequate = True, self.detect, self.adequate
         found = identify_with(few, NO_HYPOTHESIS, fits.along)
-        fits.base = Trial((), found, Projection(found))
+        fits.look_from(Trial((), found, Projection(found)))
         return fits
 
     def timed(self, option: Option) -> Option:
@@ -83,7 +103,7 @@ class Fits:
         alone, best = objective_of(self.base.found.fit), np.inf
         for options, of_few in each(near, "fitting candidates", len(near)):
             reach = reach_of(best, alone)
-            trial = attempt(options, self.base.found, self.along, of_few, reach)
+            trial = attempt(options, self._nearest(options), self.along, of_few, reach, onward=self.onward)
             reached = objective_of(trial.found.fit)
             self.fitted[trial.label] = trial
             if trial.converged:
@@ -96,6 +116,14 @@ class Fits:
         if sets and not trials:
             return None
         return sorted(trials, key=lambda t: t.weighed)
+
+    def _nearest(self, options: Sequence[Option]) -> Identified:
+        """The fit that a fit of these goes on from: that with most of them, where these are few records; the base."""
+        if not self.onward:
+            return self.base.found
+        own = {o.label for o in options}
+        inner = (t for t in self.fitted.values() if t.converged and {o.label for o in t.options} < own)
+        return max(inner, key=lambda t: len(t.options), default=self.base).found
 
     def named(
         self, trials: Sequence[Trial], weighed: Callable[[Trial], float] = lambda t: t.weighed

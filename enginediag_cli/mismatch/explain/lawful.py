@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from enginediag_cli.mismatch.explain.answer import Explanation
+from enginediag_cli.mismatch.explain.few import ON_ALL, Few
 from enginediag_cli.mismatch.explain.judging import Fits
 from enginediag_cli.mismatch.laws.finding import LawFinding
 from enginediag_cli.mismatch.laws.posterior import shares
@@ -18,10 +19,6 @@ LEAST = 3.0
 LISTED_FIRST = 7.0
 """ln of the odds by which what the library holds is likelier beforehand than a law that nobody has written down, its
 place and form apart: a thousand to one, judgement. Where both explain as well what is known is told."""
-ENOUGH = 1000
-"""Records that say which laws are likely: more of the same conditions cost time and change the order of few."""
-ON_ALL = 2
-"""Laws, likeliest first on some of many records, that are fitted to all."""
 JUDGED = 4
 """Laws, likeliest first, that are judged."""
 FURTHER = 3
@@ -33,7 +30,7 @@ AS_GOOD = 3.0
 @dataclass(frozen=True)
 class Lawful:
     """`explanations`: laws that explain the mismatch, likeliest first, empty where none does; `finding`: what is known
-    of it, None where no law is likely; `evidence`: ln, of the first; `tried`: laws that were fitted to all records."""
+    of it, None where no law is likely; `evidence`: ln, of the first; `tried`: laws that were fitted."""
 
     explanations: tuple[Explanation, ...]
     finding: LawFinding | None
@@ -43,9 +40,9 @@ class Lawful:
 
 @dataclass(frozen=True)
 class Ground:
-    """Where laws are searched: `fits` of about ENOUGH records, and every formula at every place scored at its base."""
+    """Where laws are searched: few records, and every formula at every place scored at the base of these."""
 
-    fits: Fits
+    few: Few
     scan: Scan
 
     @property
@@ -54,21 +51,17 @@ class Ground:
         return self.scan.candidates[0].weight if self.scan.candidates else 0.0
 
 
-def ground_of(fits: Fits) -> Ground:
-    """All records, or some of many, evenly chosen."""
-    few = fits.on_few(ENOUGH)
-    if not few.base.converged:
-        return Ground(few, Scan((), ()))
-    return Ground(few, scanned(few.base.found, few.base.projection))
+def ground_of(few: Few) -> Ground:
+    return Ground(few, scanned(few.fits.base.found, few.fits.base.projection))
 
 
 class LawsAlone:
     """Laws that explain what the base lacks, of the formulas scored, nothing else beside them. Of many records some
     say which laws are likely, and all of them judge the best of these."""
 
-    def __init__(self, fits: Fits, ground: Ground):
-        self.fits, self.ground = fits, ground
-        self._search = LawSearch(ground.fits.base, ground.scan, ground.fits.refit)
+    def __init__(self, ground: Ground):
+        self.few = ground.few
+        self._search = LawSearch(ground.few.fits.base, ground.scan, ground.few.fits.refit)
 
     @property
     def _likely(self) -> bool:
@@ -83,29 +76,28 @@ class LawsAlone:
         return self._of(self._search.with_second()) if self._likely else Lawful((), None, 0.0)
 
     def _of(self, tried: Sequence[Fitted]) -> Lawful:
-        laws, known = self._search, not self.fits.from_recordings
+        laws, fits = self._search, self.few.whole
+        known = not fits.from_recordings
         more = [f for first in tried[:FURTHER] for f in laws.elsewhere_too(first)]
         likeliest = ordered([*tried, *more])
-        here = self.ground.fits is self.fits
-        adequate = _adequate(self.fits, likeliest[:JUDGED] if here else _on_all(self.fits, likeliest[:ON_ALL]))
-        proposals = {p.option.label: p for f in (*laws.single, *laws.double) for p in f.laws} if here else {}
+        adequate = _adequate(fits, likeliest[:JUDGED] if self.few.are_all else _on_all(self.few, likeliest[:ON_ALL]))
+        proposals = tuple({p.option.label: p for f in (*laws.single, *laws.double) for p in f.laws}.values())
         if adequate:
             odds = shares([f.standing for f, _, _ in adequate])
             told = tuple(
-                self.fits.explanation(f.trial, float(p), left, flights)
+                fits.explanation(f.trial, float(p), left, flights)
                 for (f, left, flights), p in zip(adequate, odds, strict=True)
             )
-            finding = laws.finding([f for f, _, _ in adequate], self.fits.base, known)
-            return Lawful(told, finding, adequate[0][0].evidence, tuple(proposals.values()))
-        finding = laws.finding(laws.single[:1], self.ground.fits.base, known)
-        return Lawful((), finding, laws.most, tuple(proposals.values()))
+            finding = laws.finding([f for f, _, _ in adequate], fits.base, known)
+            return Lawful(told, finding, adequate[0][0].evidence, proposals)
+        finding = laws.finding(laws.single[:1], self.few.fits.base, known)
+        return Lawful((), finding, laws.most, proposals)
 
 
-def _on_all(fits: Fits, fitted: Sequence[Fitted]) -> list[Fitted]:
+def _on_all(few: Few, fitted: Sequence[Fitted]) -> list[Fitted]:
     """The laws fitted to all records, likeliest first."""
-    known = {f.trial.label: f for f in fitted}
-    trials = fits.refit([f.options for f in fitted]) or []
-    return ordered(known[t.label].again(fits.base, t) for t in trials)
+    found = [(f, few.on_all(f.trial)) for f in fitted]
+    return ordered(f.again(few.whole.base, trial) for f, trial in found if trial.converged)
 
 
 def _adequate(fits: Fits, fitted: Sequence[Fitted]) -> list[tuple[Fitted, float, float]]:

@@ -22,7 +22,7 @@ import numpy as np
 from enginediag_cli.drivers import TIME
 from enginediag_cli.mismatch.explain.answer import Explanation
 from enginediag_cli.mismatch.explain.currency import Offer, Prices, scales_of
-from enginediag_cli.mismatch.explain.free_members import unlisted
+from enginediag_cli.mismatch.explain.free_members import Unlisted
 from enginediag_cli.mismatch.explain.judging import ALIAS, Fits
 from enginediag_cli.mismatch.explain.members import (
     Members,
@@ -49,8 +49,8 @@ MOST_MEMBERS = 6
 """Options that may act together at most. Judgement: more together is better told as unlisted physics."""
 BEAM = 3
 """Sets, likeliest first, whose remainder proposes the next members."""
-MANY, TRIED_OF_MANY = 1000, 2
-"""Records from which on a fit takes seconds: then sets grow from one set, so many at a time."""
+TRIED_OF_MANY = 2
+"""Where there are more records than are searched sets grow from one set, so many at a time."""
 ROUNDS, ROUNDS_OF_MANY = 12, 2
 """Rounds of growth at most; the first is seldom reached."""
 BESIDE = 2
@@ -90,15 +90,16 @@ def forward(fits: Fits, singles: Sequence[Trial]) -> list[Members]:
 
 
 class Sets:
-    """The search of sets of one evidence. `best`: the free-form block at the base that a set must beat."""
+    """The search of sets of one evidence. `best`: the free-form block at the base that a set must beat; `many`: it is
+    of few of many records, each of which costs time."""
 
-    def __init__(self, fits: Fits, best: Cell | None, proposers: Sequence[Proposer] = ()):
+    def __init__(self, fits: Fits, best: Cell | None, proposers: Sequence[Proposer] = (), many: bool = False):
         self.fits, self.best, self.proposers = fits, best, tuple(proposers)
         self.prices = Prices(fits.library)
-        self.unlisted = unlisted(self.prices, fits.along_drivers)
+        self.unlisted = Unlisted(self.prices, fits.along_drivers)
         effects = [e for o in fits.library for e in o.hypothesis.effects]
         self.places = kinds_of_places(effects, fits.evidence.engine.network)
-        self.many = many = fits.evidence.records > MANY
+        self.many = many
         self.beam, self.beside, self.tried = (1, 1, TRIED_OF_MANY) if many else (BEAM, BESIDE, TRIED)
         self._evidence: dict[str, float] = {}
         self._offers: dict[tuple[str, Proposer | None], list[Offer]] = {}

@@ -27,6 +27,9 @@ ITERATIONS, ROUNDS = 25, 4
 CLOSE_BY = 5
 """Iterations of one round of a fit that begins at the optimum of few of its records, within some standard errors of its
 own: a smooth misfit needs two; what more finds is kinks, of which a fresh round tells whether they still matter."""
+ROUGHLY, NEARLY_SETTLED = (10, 3), 1.0
+"""Of a fit that goes on from one of fewer members or records: iterations of one round, and further rounds; and the fall
+of χ² over a round of ITERATIONS by which it has settled. What it errs by is less than sets must differ by."""
 NEARER = 1
 """Iterations towards an optimum at which nothing is judged."""
 SETTLED, SETTLED_SHARE, STUCK_SHARE = 0.1, 1e-3, 0.02
@@ -177,10 +180,11 @@ def identify_with(
     start: Identified | None = None,
     of_few: Fit | None = None,
     hopeless: float = np.inf,
+    roughly: bool = False,
 ) -> Identified:
     """Fit nuisance and hypothesis together, from another fit where one is given; `of_few`: from what `fit_of_few` has
     found of the same hypothesis. A start from a share of the records is as good as one from few of them. `hopeless`:
-    the objective (`objective_of`) above which the fit is given up."""
+    the objective (`objective_of`) above which the fit is given up; `roughly`: only to compare it with others."""
     model, problem, rho = problem_with(evidence, hypothesis, along, start)
     first, iterations = _start(problem, start, hypothesis) or _begun(problem, hypothesis), ITERATIONS
     few = _few(problem)
@@ -189,7 +193,10 @@ def identify_with(
     if few is not None:
         fit, settled = (of_few, True) if of_few is not None else _fit(few, first)
         first, iterations = ((fit.x, fit.z), CLOSE_BY) if settled else (first, ITERATIONS)
-    fit, settled = _fit(problem, first, iterations, hopeless)
+    if roughly:
+        fit, settled = _fit(problem, first, ROUGHLY[0], hopeless, (ROUGHLY[0] * ROUGHLY[1], NEARLY_SETTLED))
+    else:
+        fit, settled = _fit(problem, first, iterations, hopeless)
     return Identified(evidence, hypothesis, model, problem, fit, settled, rho)
 
 
@@ -230,12 +237,13 @@ def _fit(
     start: tuple[np.ndarray, np.ndarray] | None,
     iterations: int = ITERATIONS,
     hopeless: float = np.inf,
+    enough: tuple[int, float] = (ROUNDS * ITERATIONS, SETTLED),
 ) -> tuple[Fit, bool]:
-    """The fit, and whether it has converged or settled. As many iterations at most as ROUNDS of ITERATIONS, in rounds
-    of `iterations`; given up where it is `hopeless`."""
+    """The fit, and whether it has converged or settled; `enough`: iterations after the first round at most, and what
+    is settled. In rounds of `iterations`; given up where it is `hopeless`."""
     fit = solve(problem, start, max_iterations=iterations, tolerance=TOLERANCE, hopeless=hopeless)
     readings = int(np.isfinite(problem.measured).sum())
-    for _ in range(ROUNDS * ITERATIONS // iterations):
+    for _ in range(enough[0] // iterations):
         if fit.converged:
             return fit, True
         if not fit.iterations:
@@ -247,7 +255,7 @@ def _fit(
         fall = before - objective_of(fit)
         near = fit.decrement**2 < STUCK_SHARE * max(before, readings)
         # the same fall by iteration, however long the rounds
-        if near and fall < max(SETTLED, SETTLED_SHARE * (before - readings)) * iterations / ITERATIONS:
+        if near and fall < max(enough[1], SETTLED_SHARE * (before - readings)) * iterations / ITERATIONS:
             return fit, True
     return fit, fit.converged
 

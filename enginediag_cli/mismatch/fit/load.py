@@ -103,8 +103,8 @@ def load_case(
 ) -> Loaded:
     """Read everything that a case names. `fitted`: of all flights those by which an engine may be identified, where
     that must be done first. `identified`: what instruments, maps and noise err by is to come from the flights, too,
-    where nobody vouches for the noise; of long recordings a share tells it. `controls`: a control that the engine
-    lacks is sought first, since nothing can be fitted without it. Who states both the noise and what maps err by is believed:
+    where nobody vouches for the noise; of long recordings a share tells it. `controls`: a control that the engine lacks
+    is sought first, since nothing can be fitted without it. Who states both the noise and what maps err by is believed:
     nothing is identified first, since what the flights hold would be taken for an instrument's offsets and a map's
     errors. Raises ConfigError and DataError for files and names that do not fit.
     """

@@ -182,15 +182,14 @@ def with_best_onset(found: Identified, projection: Projection, option: Option) -
     if option.driver != TIME:
         return option
     (d,) = option.hypothesis.discrepancies
-    evidence = found.evidence
-    onset = int(np.flatnonzero(option.hypothesis.curves[d.curve])[0])
+    evidence, at = found.evidence, onset(option)
     total = len(option.hypothesis.curves[d.curve])
     reach = max(2, -(-total // min(MOST_ONSETS, PARTS_OF_FLIGHT * len(evidence.flights))))
     columns = Columns(found, [d.target], [])
     name, curve = d.curve, option.hypothesis.curves[d.curve]
     while True:
         apart = -(-2 * reach // ONSETS_AT_ONCE)
-        tried = range(max(onset - reach, 0), min(onset + reach, total - 1) + 1, apart)
+        tried = range(max(at - reach, 0), min(at + reach, total - 1) + 1, apart)
         steps = {key: (k, c) for k in tried for key, c in _step(evidence, k).items()}
         if not steps:
             break
@@ -198,10 +197,27 @@ def with_best_onset(found: Identified, projection: Projection, option: Option) -
         sums = Sums(projection, columns, grid([d.target], curves, [[k] for k in range(len(steps))]))
         scores = [sums.score(np.array([[0, k]])).statistic for k in range(len(steps))]
         name = list(steps)[int(np.argmax(scores))]
-        onset, curve = steps[name]
+        at, curve = steps[name]
         if apart == 1:
             break
         reach = apart
+    return _begun(option, name, curve)
+
+
+def onset(option: Option) -> int:
+    """The record, counted over the evidence, with which a change in time begins."""
+    (d,) = option.hypothesis.discrepancies
+    return int(np.flatnonzero(option.hypothesis.curves[d.curve])[0])
+
+
+def stepping(option: Option, evidence: Evidence, at: int) -> Option:
+    """A change in time as one that begins with a record of this evidence, which is not too near an end."""
+    ((name, curve),) = _step(evidence, at).items()
+    return _begun(option, name, curve)
+
+
+def _begun(option: Option, name: str, curve: np.ndarray) -> Option:
+    (d,) = option.hypothesis.discrepancies
     return Option(
         option.kind,
         f"{d.target} {name}",

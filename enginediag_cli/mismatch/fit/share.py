@@ -20,7 +20,7 @@ import numpy as np
 from enginediag_cli.engine.moving.tape import MOMENT
 from enginediag_cli.mismatch.fit.evidence import Evidence, Flight
 
-MANY, SHARE = 8000, 2000
+MANY, SHARE = 5000, 2000
 """Records from which on a share is taken, and about how many it is of. A year of hours and a handful of flights are
 taken whole; 2,000 readings of a sensor give its σ to 1.6 %, and what 2,000 records cannot tell apart is told apart on
 all of them."""
@@ -80,13 +80,16 @@ def on_share(evidence: Evidence, whole: Collection[int] = ()) -> Evidence:
 
 def every_so_often(evidence: Evidence, most: int) -> Evidence:
     """The evidence with every k-th record of each flight, so that about `most` are left; itself where it has no more:
-    what many forms of one effect are compared by."""
+    what many sets of options are compared by. Of a lag-1 correlation ρ of noise the k-th power is left, of a negative
+    one, which changes sign from record to record, nothing."""
     step = -(-evidence.records // most)
     if step < 2:
         return evidence
     flights = (_only(f, np.arange(0, len(f), step)) for f in evidence.flights)
-    return replace(evidence, flights=tuple(flights))
+    rho = {s: max(r, 0.0) ** step for s, r in evidence.noise.rho.items()}
+    return replace(evidence, flights=tuple(flights), noise=replace(evidence.noise, rho=rho))
 
 
 def _only(flight: Flight, rows: np.ndarray) -> Flight:
-    return replace(flight, columns={c: v[rows] for c, v in flight.columns.items()}, at=rows)
+    at = rows if flight.at is None else flight.at[rows]
+    return replace(flight, columns={c: v[rows] for c, v in flight.columns.items()}, at=at)

@@ -247,14 +247,16 @@ def attempt(
     along: Nuisance,
     of_few: Fit | None = None,
     hopeless: float = np.inf,
+    onward: bool = False,
 ) -> Trial:
     """Fit nuisance and options together to the evidence of another fit. It begins at the prior means, the nominal
     state: the other fit, without the options, is bent by what they explain; or where a fit `of_few` records ended. It
-    is given up where it is `hopeless` (`identify_with`).
+    is given up where it is `hopeless` (`identify_with`). `onward`: it begins at the other fit and ends roughly, which
+    is enough to compare sets by.
 
     Of effects that remember and act at one place, one works on what the other makes: a limit behind a lag is not a lag
     behind a limit. Both orders are fitted, and the better one is the trial."""
-    trial = _attempt(options, start, along, of_few, hopeless)
+    trial = _attempt(options, start, along, of_few, hopeless, onward)
     if not _one_behind_the_other(options):
         return trial
     turned = _attempt(options[::-1], start, along, None, hopeless)
@@ -274,10 +276,16 @@ def _one_behind_the_other(options: Sequence[Option]) -> bool:
 
 
 def _attempt(
-    options: Sequence[Option], start: Identified, along: Nuisance, of_few: Fit | None, hopeless: float
+    options: Sequence[Option],
+    start: Identified,
+    along: Nuisance,
+    of_few: Fit | None,
+    hopeless: float,
+    onward: bool = False,
 ) -> Trial:
     """The options in this order."""
-    found = identify_with(start.evidence, together(*options), along, of_few=of_few, hopeless=hopeless)
+    begun = start if onward else None
+    found = identify_with(start.evidence, together(*options), along, begun, of_few, hopeless, onward)
     trial = Trial(tuple(options), found, Projection(found))
     evened = [_evened(o, found.theta) for o in options]
     if all(o is None for o in evened):

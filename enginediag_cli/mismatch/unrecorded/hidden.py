@@ -67,6 +67,7 @@ class Scan:
         self.known = {p.name: (d, f) for p, d, f in zip(places, directions, both, strict=True)}
         self.findings = [_finding(found, of, p, *self.known[p.name], self.gate) for p in places]
         self.findings.sort(key=lambda f: (not f.believable, -f.lr))
+        self._refitted: dict[str, HiddenFinding] = {}
 
     @property
     def largest(self) -> float:
@@ -80,10 +81,8 @@ class Scan:
         if not self.largest:
             return self.findings
         found, of, findings = self.found, self.of, self.findings
-        along = nuisance(found.evidence) if along is None else along
-        enough = max(self.gate, NEAR * self.largest - SLACK)
-        chosen = _worth_a_refit([f for f in findings if f.lr > enough and f.believable], found)[:at_most]
-        again = [_with_states(f, found, of, self.known[f.location.name][0], along) for f in chosen]
+        chosen = self._chosen(at_most)
+        again = [self._with_states(f, along) for f in chosen]
         again.sort(key=lambda f: (not f.believable, -f.worth))
         done = {f.location.name for f in chosen}
         findings = again + [f for f in findings if f.location.name not in done]
@@ -93,6 +92,27 @@ class Scan:
             # a part that breathes, by as much as maps err, does not come and go like something that is commanded
             rivals = tuple(r for r in rivals if switching(r, parameters))
         return [replace(findings[0], rivals=rivals), *findings[1:]]
+
+    def may_be_commanded(self, along: Nuisance | None = None, at_most: int = REFITTED) -> bool:
+        """Whether one of the locations that `refitted` would refit is of something that somebody commands, and of two
+        states: where none is, the first of the findings is not either."""
+        parameters = self.found.evidence.engine.parameters
+        own = [f for f in self._chosen(at_most) if switching(f.location, parameters)]
+        return any(self._with_states(f, along).is_switch for f in own)
+
+    def _chosen(self, at_most: int) -> list[HiddenFinding]:
+        """What is worth a refit."""
+        if not self.largest:
+            return []
+        enough = max(self.gate, NEAR * self.largest - SLACK)
+        return _worth_a_refit([f for f in self.findings if f.lr > enough and f.believable], self.found)[:at_most]
+
+    def _with_states(self, f: HiddenFinding, along: Nuisance | None) -> HiddenFinding:
+        name = f.location.name
+        if name not in self._refitted:
+            along = nuisance(self.found.evidence) if along is None else along
+            self._refitted[name] = _with_states(f, self.found, self.of, self.known[name][0], along)
+        return self._refitted[name]
 
 
 @stage("looking for a driver that is not recorded")

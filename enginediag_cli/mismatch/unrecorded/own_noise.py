@@ -29,7 +29,7 @@ from enginediag_cli.mismatch.fit.noise import larger_noise
 from enginediag_cli.mismatch.fit.projection import Projection
 from enginediag_cli.mismatch.fit.self_identified import DEVIATION, LARGEST_RHO
 from enginediag_cli.mismatch.unrecorded.finding import HiddenFinding
-from enginediag_cli.mismatch.unrecorded.hidden import hidden_amplitudes
+from enginediag_cli.mismatch.unrecorded.hidden import Scan
 from enginediag_cli.mismatch.unrecorded.refit import location_columns
 from enginediag_cli.progress import stage
 
@@ -55,9 +55,11 @@ def freed_of_switches(evidence: Evidence, *, level: float, rng: np.random.Genera
     as_it_is = replace(evidence, owed=None)
     along = nuisance(evidence)
     for found in _quieter(evidence, along):
-        findings = hidden_amplitudes(found, Projection(found), level=level, rng=rng, along=along, refitted=1)
-        first = findings[0] if findings else None
-        if first is None or not (first.significant and first.is_switch and first.states is not None):
+        scan = Scan(found, Projection(found), level, rng)
+        if not scan.may_be_commanded(along, at_most=1):
+            continue
+        first = scan.refitted(along, at_most=1)[0]
+        if not (first.significant and first.is_switch and first.states is not None):
             continue
         if switching(first.location, evidence.engine.parameters):
             freed = searched_again(evidence, _without(first, found))
