@@ -11,7 +11,8 @@ from enginediag_cli.mismatch.explain import few as searched
 from enginediag_cli.mismatch.explain.answer import NAMED
 from enginediag_cli.mismatch.explain.explain import Search
 from enginediag_cli.mismatch.explain.few import Few
-from enginediag_cli.mismatch.explain.stepwise import Sets, identity
+from enginediag_cli.mismatch.explain.members import identity
+from enginediag_cli.mismatch.explain.stepwise import Sets
 from enginediag_cli.mismatch.fit.options import stepping
 from enginediag_cli.mismatch.fit.share import every_so_often
 

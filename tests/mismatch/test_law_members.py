@@ -8,7 +8,7 @@ from concealed import carried, evidence, flights
 
 from enginediag_cli.mismatch.explain.currency import Prices
 from enginediag_cli.mismatch.explain.explain import Search
-from enginediag_cli.mismatch.explain.free_members import unlisted
+from enginediag_cli.mismatch.explain.free_members import Unlisted
 from enginediag_cli.mismatch.explain.law_members import LawMembers
 from enginediag_cli.mismatch.fit.identified import NO_HYPOTHESIS, identify_with, nuisance
 from enginediag_cli.mismatch.fit.options import LAW, fault_options
@@ -42,7 +42,7 @@ def law(members, base, place, form, variable):
 def test_laws_are_offered_where_a_free_curve_says_that_something_acts(base, members):
     search = Search(base.found.evidence, [])
     search.look_from(base)
-    curves = sorted(unlisted(members.prices, search.along_drivers)(base), key=lambda o: -o.gain)
+    curves = sorted(Unlisted(members.prices, search.along_drivers)(base), key=lambda o: -o.gain)
     offers = members.offers(base, curves)
     assert offers and all(o.option.kind == LAW for o in offers)
     assert max(offers, key=lambda o: o.gain).option.component == "hpc"

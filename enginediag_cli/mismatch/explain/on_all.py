@@ -25,8 +25,8 @@ from enginediag_cli.engine.term import Effect
 from enginediag_cli.mismatch.explain.answer import FAILED, HIDDEN, LAW, NAMED, NONE, NOTHING, Answer
 from enginediag_cli.mismatch.explain.explain import Search
 from enginediag_cli.mismatch.explain.in_part import left_by
+from enginediag_cli.mismatch.explain.pairs import EXTENDED, forward
 from enginediag_cli.mismatch.explain.rejected import Reason, Rejected
-from enginediag_cli.mismatch.explain.stepwise import EXTENDED, forward
 from enginediag_cli.mismatch.explain.unrecorded_search import hidden_search, with_own_noise
 from enginediag_cli.mismatch.fit.evidence import Evidence
 from enginediag_cli.mismatch.fit.identified import NO_HYPOTHESIS, identify_with, nearer
@@ -140,7 +140,7 @@ def _named(share: Search, answer: Answer, evidence: Evidence) -> tuple[Answer, T
     trials = [_fitted(whole, t) for t in each(_worth_it(share, answer), "fitting to all records")]
     named = whole.named(_best_first(whole, trials))
     if not named:
-        wider = [(t, options) for t in _best_first(whole, trials)[:EXTENDED] for options in forward(whole, [t])]
+        wider = [(t, options) for t in _best_first(whole, trials)[:EXTENDED] for options in forward(whole.library, [t])]
         more = [_attempt(whole, options, t) for t, options in each(wider, "fitting to all records", len(wider))]
         named = whole.named([t for t in _best_first(whole, more) if whole.counts(t, None)])
         trials += more

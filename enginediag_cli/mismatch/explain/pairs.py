@@ -1,4 +1,5 @@
-"""Which pairs of options are worth a fit: the best by their joint score at the fit without them."""
+"""Which pairs of options are worth a fit: the best by their joint score at the fit without them, and what the best single
+ones leave."""
 
 from __future__ import annotations
 
@@ -7,11 +8,16 @@ from collections.abc import Sequence
 import numpy as np
 
 from enginediag_cli.drivers import TIME
+from enginediag_cli.mismatch.explain.members import Members, add
 from enginediag_cli.mismatch.fit.families import first_products
-from enginediag_cli.mismatch.fit.options import Option, OptionScore
+from enginediag_cli.mismatch.fit.options import Option, OptionScore, with_best_onset
+from enginediag_cli.mismatch.fit.trial_fit import Trial, remainder
 
 MOST = 60
 """Options that pairs are made of: 1,770 pairs, a second's work."""
+
+EXTENDED = 2
+"""Of the best singles, how many are extended to pairs by what they leave."""
 
 
 def best_pairs(scores: Sequence[OptionScore], most: int) -> list[tuple[Option, Option]]:
@@ -65,3 +71,15 @@ def _wrong(ranked: Sequence[OptionScore], coefficients: np.ndarray) -> np.ndarra
             c = e.term.amplitudes()[0]
             bad[k] = (coefficients[k] < 0) & (c.lower >= c.absent) | (coefficients[k] > 0) & (c.upper <= c.absent)
     return bad
+
+
+def forward(library: Sequence[Option], singles: Sequence[Trial]) -> list[Members]:
+    """Each single option with the effect, and with the change in time, that says most about what it leaves."""
+    wider: list[Members] = []
+    for trial in singles:
+        left = remainder(trial, library, ())
+        for timed in (False, True):
+            best = next((s for s in left.scores if (s.option.driver == TIME) == timed and s.surprise > 0.0), None)
+            if best is not None:
+                add(wider, (*trial.options, with_best_onset(trial.found, trial.projection, best.option)))
+    return wider

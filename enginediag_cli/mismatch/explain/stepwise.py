@@ -19,7 +19,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from enginediag_cli.drivers import TIME
 from enginediag_cli.mismatch.explain.answer import Explanation
 from enginediag_cli.mismatch.explain.currency import Offer, Prices, scales_of
 from enginediag_cli.mismatch.explain.free_members import Unlisted
@@ -34,17 +33,15 @@ from enginediag_cli.mismatch.explain.members import (
     key_of,
     law_places,
 )
-from enginediag_cli.mismatch.explain.pairs import best_pairs
+from enginediag_cli.mismatch.explain.pairs import EXTENDED, best_pairs, forward
 from enginediag_cli.mismatch.explain.rejected import Reason, Rejected
 from enginediag_cli.mismatch.fit.freeform import Cell
 from enginediag_cli.mismatch.fit.options import EFFECT, FREE, LAW, Option, OptionScore, effect_option, with_best_onset
-from enginediag_cli.mismatch.fit.trial_fit import Trial, not_needed, remainder
+from enginediag_cli.mismatch.fit.trial_fit import Trial, not_needed
 from enginediag_cli.physics.together import kinds_of_places
 
 PAIRS = 4
 """Pairs that are refitted, best by score first, as of single options (`SHORTLIST`)."""
-EXTENDED = 2
-"""Of the best singles, how many are extended to pairs by what they leave."""
 MOST_MEMBERS = 6
 """Options that may act together at most. Judgement: more together is better told as unlisted physics."""
 BEAM = 3
@@ -77,18 +74,6 @@ Proposer = Callable[[Trial], Sequence[Offer]]
 """Offers further options for what a trial leaves: what no library holds."""
 
 
-def forward(fits: Fits, singles: Sequence[Trial]) -> list[Members]:
-    """Each single option with the effect, and with the change in time, that says most about what it leaves."""
-    wider: list[Members] = []
-    for trial in singles:
-        left = remainder(trial, fits.library, ())
-        for timed in (False, True):
-            best = next((s for s in left.scores if (s.option.driver == TIME) == timed and s.surprise > 0.0), None)
-            if best is not None:
-                add(wider, (*trial.options, with_best_onset(trial.found, trial.projection, best.option)))
-    return wider
-
-
 class Sets:
     """The search of sets of one evidence. `best`: the free-form block at the base that a set must beat; `many`: it is
     of few of many records, each of which costs time."""
@@ -112,7 +97,7 @@ class Sets:
         pairs: list[Members] = []
         for found in best_pairs(scores, PAIRS):
             add(pairs, tuple(map(self.fits.timed, found)))
-        for wider in forward(self.fits, singles[:EXTENDED]):
+        for wider in forward(self.fits.library, singles[:EXTENDED]):
             add(pairs, wider)
         fitted = self.fits.refit(pairs) or []
         named = self.fits.named([s for s in fitted if self.fits.counts(s, self.best)])
