@@ -1,5 +1,5 @@
-"""Which pairs of options are worth a fit: the best by their joint score at the fit without them, and what the best single
-ones leave."""
+"""Which pairs of options are worth a fit: the best by their joint score at the fit without them, and those that single
+ones leave something for."""
 
 from __future__ import annotations
 
