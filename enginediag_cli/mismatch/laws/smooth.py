@@ -117,7 +117,8 @@ def carried(base: Trial, trial: Trial, laws: Sequence[Effect], place: Location, 
     fixed = tuple(replace(e, values={**e.values, **_own(e, coefficients)}) for e in laws)
     engine = evidence.engine.with_effects((*evidence.engine.effects, *fixed))
     carrying = replace(evidence, engine=engine)
-    found = identify_with(carrying, NO_HYPOTHESIS, nuisance(carrying), base.found)
+    # a floor's curves along what the law moves would be curves of the law
+    found = identify_with(carrying, NO_HYPOTHESIS, nuisance(evidence), base.found)
     projection = Projection(found)
     f = summed(laws, {k.variable.name: k.values for k in known}, coefficients)
     return Carried(found, projection, place, f, 0.5 * (base.objective - projection.objective))
