@@ -40,8 +40,9 @@ SIZES = (0.1, 0.4, 1.6)
 """Standard deviations of the parts of a surface, over that of the law at the fit."""
 SMOOTH = (0.15, 0.45, 0.85)
 """ρ: variance of a degree over that of the one before."""
-UNLISTED = 0.3
-"""Share of laws of some variables that have no listed form. Judgement."""
+UNLISTED, UNLISTED_OF_TWO = 0.3, 0.02
+"""Shares of laws of one variable, and of two, that have no listed form. Judgement: surfaces of two variables that move
+nearly together bend along either and along what they differ by, and imitate any sharp curve of one."""
 BEST = 8
 """Sets of variables that are weighed again with more degrees."""
 
@@ -150,8 +151,9 @@ def smooth_evidence(at: Carried, known: Sequence[Known], prior: float) -> list[S
 
 def prior_of_variables(of: Sequence[Known], groups: int) -> float:
     """ln of that of a law of variables that has no listed form: those that cannot be told apart have their group's."""
-    share = (1.0 - PAIRS) / groups if len(of) == 1 else PAIRS / (groups * (groups - 1) / 2.0)
-    return float(np.log(UNLISTED * share))
+    if len(of) == 1:
+        return float(np.log(UNLISTED * (1.0 - PAIRS) / groups))
+    return float(np.log(UNLISTED_OF_TWO * PAIRS / (groups * (groups - 1) / 2.0)))
 
 
 def _weighed(at: Carried, columns: Columns, sets: Sequence[tuple[Known, ...]], to: Degrees) -> list[float]:
