@@ -136,8 +136,7 @@ class Search(Fits):
             if evidence > NEARLY_ALL * 0.5 * excess and evidence > PLAINLY * 0.5 * recorded:
                 return self.answer(HIDDEN, "", rest, hidden=self.unrecorded())
         singles = self.refit([(self.timed(s.option),) for s in shortlisted(rest.scores, self.plain)])
-        if singles is None:
-            return self.answer(FAILED, "no explanation could be fitted", rest)
+        unfitted, singles = singles is None, singles or []
         named = self.named(singles)
         if named and recorded <= named[0].gain + ALIAS:
             return self.answer(NAMED, "", rest, named)
@@ -172,6 +171,8 @@ class Search(Fits):
         if part is not None:
             told = self.answer(NAMED, "", rest, (part.explanation,), hidden)
             return replace(told, unexplained=part.unexplained, rest=part.cells)
+        if unfitted:
+            return self.answer(FAILED, "no explanation could be fitted", rest, hidden=hidden)
         return self.answer(
             NONE,
             f"no listed effect or change in time, nor up to {MOST_MEMBERS} together, explains the mismatch",
