@@ -112,7 +112,7 @@ def explain(
         (amplitudes, amplitude_rows(story), "effect with an unrecorded driver"),
         (curves, curve_rows(story.curves), "free-form curve"),
     ):
-        if path and not Output(path, "csv").write_rows(rows, provenance=head):
+        if path and not Output(path).write_rows(rows, provenance=head):
             messages.note(f"{path}: no {what} was found, the file has no rows")
     if plan:
         _write_plan(messages, plan, story)

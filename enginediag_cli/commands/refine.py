@@ -167,7 +167,7 @@ def refine(
         from enginediag_cli.presentation.output import Output
         from enginediag_cli.presentation.refinements import state_rows
 
-        if not Output(states, "csv").write_rows(state_rows(found), provenance=head):
+        if not Output(states).write_rows(state_rows(found), provenance=head):
             messages.note(f"{states}: no effect is switched, the file has no rows")
     return ExitCode.DONE
 
