@@ -139,12 +139,12 @@ def test_columns_that_hold_no_numbers_by_their_name_are_the_texts_that_csv_has(p
     columns = {
         "flight": [7, None],
         "ok": [True, False],
-        "x": [0.1, None],
+        "x": [0.1, 1.0],
         "kind": pa.array(["b", "b"]).dictionary_encode(),
     }
     found = read_all(put({**columns, "day": pa.array([0, 1], pa.date32())}))
     assert found.text["flight"] == ["7", ""] and found.text["ok"] == ["true", "false"]
-    assert found.text["x"] == ["0.1", ""] and found.text["kind"] == ["b", "b"]
+    assert found.text["x"] == ["0.1", "1"] and found.text["kind"] == ["b", "b"]
     assert found.text["day"] == ["1970-01-01", "1970-01-02"]
 
 

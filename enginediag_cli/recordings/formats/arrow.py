@@ -79,7 +79,7 @@ class ArrowFile:
 
     def texts(self, column: Any, kind: Kind, group: int) -> list[str]:
         """N texts of any column but a nested one, "" where null: numbers so that they read back to the same value,
-        time stamps as ISO 8601, in UTC where they know their zone."""
+        whole ones without a point, time stamps as ISO 8601, in UTC where they know their zone."""
         types = self._arrow.types
         with self._told(f"row group {group}"):
             column = self._decoded(column)
@@ -156,4 +156,4 @@ def _text(value: Any) -> str:
         return ""
     if isinstance(value, bool):
         return "true" if value else "false"
-    return repr(value) if isinstance(value, float) else str(value)
+    return repr(value).removesuffix(".0") if isinstance(value, float) else str(value)
