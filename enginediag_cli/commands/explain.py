@@ -36,13 +36,13 @@ if TYPE_CHECKING:
     "--amplitudes",
     metavar="FILE",
     type=OutputFile(CSV_SUFFIXES),
-    help="Write the amplitude of an effect whose driver is not recorded, record by record, as CSV.",
+    help="Write the amplitude of an effect whose driver is not recorded, record by record, as CSV or .parquet.",
 )
 @click.option(
     "--curves",
     metavar="FILE",
     type=OutputFile(CSV_SUFFIXES),
-    help="Write what no listed effect explains as curves along its driver, as CSV.",
+    help="Write what no listed effect explains as curves along its driver, as CSV or .parquet.",
 )
 @click.option(
     "--picture",

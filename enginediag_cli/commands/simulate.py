@@ -52,7 +52,7 @@ CONFIG_FILE = ConfigFile()
 )
 @click.option(
     "--conditions",
-    metavar="CSV",
+    metavar="FILE",
     type=click.Path(exists=True, dir_okay=False, allow_dash=True),
     help="Operating conditions record by record, instead of flights; - is standard input.",
 )

@@ -119,7 +119,7 @@ class ArrowFile:
     def _told(self, place: str) -> Iterator[None]:
         try:
             yield
-        except (self._arrow.ArrowException, OSError) as error:
+        except (self._arrow.ArrowException, OSError, UnicodeDecodeError) as error:
             first = (str(error).splitlines() or [""])[0]
             raise DataError(
                 f"{self._path}: {place} cannot be read ({first}): the file is damaged, cut off, or no Parquet; "

@@ -23,7 +23,7 @@ SUFFIXES = (".parquet", ".pq")
 MAGIC = (b"PAR1", b"PARE")
 """What such a file begins with, whatever it is called; the second where it is encrypted."""
 
-LINES_AT_ONCE = 1000
+LINES_AT_ONCE = 100
 """Records whose text is in memory at once: a row of statistics may have thousands of cells."""
 
 

@@ -18,8 +18,8 @@ from enginediag_cli.recordings.table import Recording, concat
 
 GROUP = 50_000
 """Records of a row group: large enough to pack well, small enough to be read in 20 MB at 50 columns."""
-ROW_GROUP = 2_000
-"""Rows of results in a group: they may have thousands of cells each."""
+CELLS = 200_000
+"""Of rows of results in a group, which may have thousands of cells each: some 20 MB while they wait."""
 WHOLE = 2**63
 """Beyond it a whole number has no room in 64 bits, and is written as text."""
 
@@ -79,9 +79,9 @@ def write_parquet(
     a group in memory at a time.
     """
     kinds: list[set[type]] = [set() for _ in columns]
-    count, rows = 0, iter(rows)
+    count, size, rows = 0, max(CELLS // max(len(columns), 1), 1), iter(rows)
     with TemporaryFile() as waiting:
-        while group := list(islice(rows, ROW_GROUP)):
+        while group := list(islice(rows, size)):
             for met, cells in zip(kinds, zip(*group, strict=True), strict=True):
                 met.update(map(_kind, cells))
             pickle.dump(group, waiting)
