@@ -40,7 +40,7 @@ def check(
     engine_instance: str,
     output: Output,
 ) -> ExitCode:
-    """Validate files: YAML (.yaml, .yml) by the kind that it names, anything else as a CSV recording.
+    """Validate files: YAML (.yaml, .yml) by the kind that it names, anything else as a recording, CSV or Parquet.
 
     \b
     enginediag check configs/turbofan.yaml flight.csv

@@ -36,13 +36,13 @@ if TYPE_CHECKING:
     "--amplitudes",
     metavar="FILE",
     type=OutputFile(CSV_SUFFIXES),
-    help="Write the amplitude of an effect whose driver is not recorded, record by record, as CSV.",
+    help="Write the amplitude of an effect whose driver is not recorded, record by record, as CSV or .parquet.",
 )
 @click.option(
     "--curves",
     metavar="FILE",
     type=OutputFile(CSV_SUFFIXES),
-    help="Write what no listed effect explains as curves along its driver, as CSV.",
+    help="Write what no listed effect explains as curves along its driver, as CSV or .parquet.",
 )
 @click.option(
     "--picture",
@@ -112,7 +112,7 @@ def explain(
         (amplitudes, amplitude_rows(story), "effect with an unrecorded driver"),
         (curves, curve_rows(story.curves), "free-form curve"),
     ):
-        if path and not Output(path, "csv").write_rows(rows, provenance=head):
+        if path and not Output(path).write_rows(rows, provenance=head):
             messages.note(f"{path}: no {what} was found, the file has no rows")
     if plan:
         _write_plan(messages, plan, story)

@@ -61,7 +61,7 @@ COMMANDS: dict[str, Entry] = {
     "prove": Entry(
         "enginediag_cli.commands.prove", "prove", "Prove on blind trials what the search for missing physics finds."
     ),
-    "check": Entry("enginediag_cli.commands.check", "check", "Validate YAML and CSV files."),
+    "check": Entry("enginediag_cli.commands.check", "check", "Validate YAML files and recordings."),
     "recorder": Entry("enginediag_cli.commands.recorder", "recorder", "Draft a recorder YAML from a foreign file."),
     "schema": Entry(
         "enginediag_cli.commands.schema", "schema", "Print the JSON schema of a kind of YAML file, for editors."

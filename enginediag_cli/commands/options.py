@@ -105,7 +105,8 @@ def output_options(function: Callable[..., Any]) -> Callable[..., Any]:
             "output_format",
             type=click.Choice(FORMATS),
             default="auto",
-            help="auto: by the name of FILE, else table on a terminal and csv in a pipe; ndjson: one object a line.",
+            help="auto: by the name of FILE (.csv, .json, .ndjson, .parquet), else table on a terminal, csv in a pipe; "
+            "ndjson: one object a line.",
         ),
         click.option("--no-header", is_flag=True, help="Leave out the # provenance lines."),
         click.option(
@@ -115,7 +116,7 @@ def output_options(function: Callable[..., Any]) -> Callable[..., Any]:
             "--columns",
             metavar="A,B",
             callback=_column_names,
-            help="Only these columns, in this order; as csv, json and ndjson, too.",
+            help="Only these columns, in this order; in every format.",
         ),
     ]
     for option in reversed(options):

@@ -9,10 +9,11 @@ from typing import Any
 
 import click
 
-TABLE_SUFFIXES = ("", ".txt", ".dat", ".csv", ".json", ".ndjson", ".jsonl")
-"""Endings, besides .gz, under which a table can be written; see `Output.chosen_format`."""
+TABLE_SUFFIXES = ("", ".txt", ".dat", ".csv", ".json", ".ndjson", ".jsonl", ".parquet")
+"""Endings, besides .gz behind all but .parquet, under which a table can be written; see `Output.chosen_format`."""
 
-CSV_SUFFIXES = ("", ".txt", ".dat", ".csv")
+CSV_SUFFIXES = ("", ".txt", ".dat", ".csv", ".parquet")
+"""Those of tables of columns alone."""
 
 PICTURE_SUFFIXES = ("", ".svg")
 
@@ -73,3 +74,9 @@ class OutputFile(click.Path):
             known = ", ".join(s for s in self.suffixes if s)
             more = "; or say with --format what is to be written" if "output_format" in ctx.params else ""
             self.fail(f"{path}: {suffix} files are not written; possible are {known}{more}", param, ctx)
+        if suffix == ".parquet" and suffix in self.suffixes:
+            from enginediag_cli.recordings.formats.arrow import parquet_library
+
+            if path.lower() != path.lower().removesuffix(".gz"):
+                self.fail(f"{path}: a Parquet file is packed inside; leave out .gz (.csv, .json, .ndjson)", param, ctx)
+            parquet_library(path, "write a .csv")

@@ -56,8 +56,8 @@ class Written(NamedTuple):
     "--states",
     metavar="FILE",
     type=OutputFile(CSV_SUFFIXES),
-    help="Write the states of a switched effect, record by record, as CSV, with the column that the refined "
-    "engine reads.",
+    help="Write the states of a switched effect, record by record, as CSV or .parquet, with the column that the "
+    "refined engine reads.",
 )
 @click.option(
     "--holdout-last",
@@ -88,7 +88,7 @@ class Written(NamedTuple):
     "--report",
     metavar="FILE",
     type=OutputFile(),
-    help="Write before and after to FILE (.csv, .json or a table), beside standard error.",
+    help="Write before and after to FILE (.csv, .json, .parquet or a table), beside standard error.",
 )
 @click.option("--picture", metavar="FILE", type=OutputFile(PICTURE_SUFFIXES), help="Draw before and after as SVG.")
 @message_options
@@ -167,7 +167,7 @@ def refine(
         from enginediag_cli.presentation.output import Output
         from enginediag_cli.presentation.refinements import state_rows
 
-        if not Output(states, "csv").write_rows(state_rows(found), provenance=head):
+        if not Output(states).write_rows(state_rows(found), provenance=head):
             messages.note(f"{states}: no effect is switched, the file has no rows")
     return ExitCode.DONE
 

@@ -52,7 +52,7 @@ CONFIG_FILE = ConfigFile()
 )
 @click.option(
     "--conditions",
-    metavar="CSV",
+    metavar="FILE",
     type=click.Path(exists=True, dir_okay=False, allow_dash=True),
     help="Operating conditions record by record, instead of flights; - is standard input.",
 )
@@ -204,15 +204,15 @@ def _write(
     head: tuple[str, ...],
 ) -> Counter[str]:
     """Write recording and truth side by side; returns why points have no value, with counts."""
-    from enginediag_cli.recordings.write import CsvWriter
-    from enginediag_cli.recordings.write import output as complete_file
+    from enginediag_cli.presentation.output import RECORDING_FORMATS
+    from enginediag_cli.recordings.write import recording_output
     from enginediag_cli.simulation.tables import recording_of
 
     head = head if output.header else ()
     reasons: Counter[str] = Counter()
     first = next(pieces)  # an error in the first piece leaves no output behind
     with ExitStack() as files:
-        hidden = CsvWriter(files.enter_context(complete_file(truth)), head) if truth else None
+        hidden = files.enter_context(recording_output(truth, head)) if truth else None
 
         def told() -> Iterator[Simulated]:
             for piece in each(chain([first], pieces), "records simulated", size=_length):
@@ -223,12 +223,10 @@ def _write(
                     hidden.write(recording_of(piece.truth))
                 yield piece
 
-        if output.chosen_format() == "csv" and not output.columns:
-            stream = files.enter_context(output.open())
-            writer = CsvWriter(stream, head)
+        if output.chosen_format() in RECORDING_FORMATS and not output.columns:
+            writer = files.enter_context(output.open_recording(head))
             for piece in told():
                 writer.write(recording_of(piece.columns))
-                stream.flush()
         else:
             output.write_rows(_rows(told()), tuple(first.columns), summary=(*SIMULATE, *first.columns), provenance=head)
     return reasons

@@ -13,10 +13,9 @@ from enginediag_cli.intake.left_out import LeftOut
 from enginediag_cli.intake.past import Past
 from enginediag_cli.intake.source import STDIN, Source, refuse_repeated
 from enginediag_cli.intake.wanted import Wanted
+from enginediag_cli.recordings.formats.base import TableFile
 from enginediag_cli.recordings.masking import Judged, Masker
-from enginediag_cli.recordings.peeked import Peeked
-from enginediag_cli.recordings.read import read
-from enginediag_cli.recordings.source import opened
+from enginediag_cli.recordings.read import read, table_file
 from enginediag_cli.recordings.table import Recording
 
 if TYPE_CHECKING:
@@ -56,8 +55,8 @@ class Intake:
             if self.recorder is not None:
                 yield File(self, name, None)
                 continue
-            with opened(name) as (stream, label):
-                yield File(self, name, Peeked(stream, label))
+            with table_file(name) as table:
+                yield File(self, name, table)
 
     def chunks(self) -> Iterator[Recording]:
         """Masked chunks of all files in turn. Raises DataError, NoVerdictError."""
@@ -89,10 +88,10 @@ class Intake:
 
 
 class File:
-    """One file of an intake. `lines`: its text, with the columns of its header; None where a recorder maps it."""
+    """One file of an intake. `table`: the open file; None where a recorder maps it."""
 
-    def __init__(self, intake: Intake, name: str, lines: Peeked | None):
-        self._intake, self.name, self.lines = intake, name, lines
+    def __init__(self, intake: Intake, name: str, table: TableFile | None):
+        self._intake, self.name, self.table = intake, name, table
 
     def masked(self) -> Iterator[Recording]:
         """Its chunks as they are judged; what was left out goes to the intake's `left_out`."""
@@ -101,13 +100,13 @@ class File:
         if intake.recorder is not None:
             yield from self._mapped(intake.recorder)
             return
-        assert self.lines is not None
+        assert self.table is not None
         left = LeftOut(self.name)
         intake.left_out.append(left)
         wanted = intake.wanted
         masker: Masker | None = None
         past = Past(wanted.tapes)
-        chunks = read(self.lines, declared=wanted.declared, chunk_records=CHUNK)
+        chunks = read(self.table, declared=wanted.declared, chunk_records=CHUNK)
         for chunk in of_engine(chunks, intake.source.engine_instance):
             if masker is None:
                 intake.remember(chunk)

@@ -13,7 +13,7 @@ from enginediag_cli.intake.source import STDIN
 from enginediag_cli.recordings.growing import GrowingFile
 from enginediag_cli.recordings.live import LiveRecorder
 from enginediag_cli.recordings.masking import LiveMasker
-from enginediag_cli.recordings.read import read
+from enginediag_cli.recordings.read import is_whole, read
 from enginediag_cli.recordings.table import Recording, concat
 
 
@@ -21,7 +21,7 @@ def live_chunks(intake: Intake, block: int, idle_s: float) -> Iterator[Recording
     """Masked blocks of up to `block` records of each file in turn; a file to which nothing is added for `idle_s`
     seconds has ended. What only a longer stretch shows (stuck sensors, spikes) is not searched for."""
     for file in intake.source.files:
-        source: Any = file if file == STDIN or file.endswith(".gz") else GrowingFile(file, idle_s)
+        source: Any = file if file == STDIN or is_whole(file) else GrowingFile(file, idle_s)
         yield from (_own if intake.recorder is None else _mapped)(intake, source, block)
 
 

@@ -8,15 +8,24 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from itertools import chain
-from typing import Any, TextIO
+from typing import TYPE_CHECKING, Any, TextIO
 
 from enginediag_cli.errors import DataError
 from enginediag_cli.presentation.messages import wants_color
-from enginediag_cli.presentation.rows import finite, json_text, plain, write_csv, write_json, write_ndjson
+from enginediag_cli.presentation.rows import bare_cells, finite, json_text, plain, write_csv, write_json, write_ndjson
 from enginediag_cli.progress import wipe
 from enginediag_cli.safe_text import visible
 
-SUFFIX_FORMATS = {".csv": "csv", ".json": "json", ".ndjson": "ndjson", ".jsonl": "ndjson"}
+if TYPE_CHECKING:
+    from enginediag_cli.recordings.formats.base import RecordingWriter
+
+PARQUET = "parquet"
+"""A format of files alone, chosen by their name."""
+
+SUFFIX_FORMATS = {".csv": "csv", ".json": "json", ".ndjson": "ndjson", ".jsonl": "ndjson", ".parquet": PARQUET}
+
+RECORDING_FORMATS = ("csv", PARQUET)
+"""Those in which a recording is written record by record as it would be read again."""
 
 NEUTRAL_SUFFIXES = ("", ".txt", ".dat")
 """Names of a table that say nothing of its format; csv is written."""
@@ -44,7 +53,7 @@ class Output:
         return self.path == "-"
 
     def chosen_format(self) -> str:
-        """csv, json, ndjson or table; auto goes by the file's suffix, else table on a terminal and csv in a pipe."""
+        """csv, json, ndjson, table, parquet; auto: by the file's suffix, else table on a terminal, csv in a pipe."""
         if self.format != "auto":
             return self.format
         if not self.to_stdout:
@@ -65,6 +74,15 @@ class Output:
         with output(self.path) as stream:
             wipe()
             yield stream
+
+    @contextmanager
+    def open_recording(self, provenance: Sequence[str] = ()) -> Iterator[RecordingWriter]:
+        """As `open`, for recordings in one of RECORDING_FORMATS. Raises DataError, OSError."""
+        from enginediag_cli.recordings.write import recording_output
+
+        with recording_output(self.path, provenance, parquet=self.chosen_format() == PARQUET) as writer:
+            wipe()
+            yield writer
 
     def write_text(self, text: str) -> None:
         """Write a document (YAML, JSON schema, prose) as it is; a terminal gets control characters as escapes."""
@@ -101,7 +119,8 @@ class Output:
         `columns` defaults to the keys of the first row; `summary` are those that matter most, for a terminal on which
         not all have room. `provenance` lines go above a CSV, each behind `# `, unless the user gave --no-header.
         `live` hands every row on at once, for input that is still growing. A table needs all rows to find its widths;
-        csv, json and ndjson hold one row at a time. Raises DataError when the user chose a column that is not there.
+        csv, json and ndjson hold one row at a time, parquet a group. Raises DataError when the user chose a column
+        that is not there.
         """
         iterator = iter(rows)
         first = next(iterator, None)  # an error in the first row leaves no output behind, not even a header
@@ -110,6 +129,8 @@ class Output:
             iterator = chain([first], iterator)
         columns = self._chosen(columns)
         form = self.chosen_format()
+        if form == PARQUET:
+            return self._write_parquet(iterator, columns, provenance if self.header else ())
         with self.open() as stream:
             if form == "table":
                 return self._write_table(iterator, columns, stream, summary)
@@ -121,6 +142,17 @@ class Output:
                 live=live,
                 provenance=provenance if self.header else (),
             )
+
+    def _write_parquet(
+        self, rows: Iterable[Mapping[str, Any]], columns: Sequence[str], provenance: Sequence[str]
+    ) -> int:
+        """Rows with lists and mappings as the texts that CSV has of them."""
+        from enginediag_cli.recordings.formats.parquet_out import write_parquet
+        from enginediag_cli.recordings.write import binary_output
+
+        notes = [line.removeprefix("#").strip() if line.startswith("#") else line for line in provenance]
+        with binary_output(self.path) as stream:
+            return write_parquet((bare_cells(row, columns) for row in rows), columns, stream, self.path, notes)
 
     def write_tables(self, parts: Iterable[Sequence[Mapping[str, Any]]], summary: Sequence[str] = ()) -> None:
         """Write several tables for people below each other, an empty line between."""

@@ -37,6 +37,12 @@ def cell(value: Any) -> str:
     return str(value)
 
 
+def bare_cells(row: Mapping[str, Any], columns: Sequence[str]) -> list[Any]:
+    """Cells of a row as numbers and texts; what is neither is the text that a CSV cell has of it."""
+    values = [plain(row.get(column)) for column in columns]
+    return [cell(value) if isinstance(value, (dict, list)) else value for value in values]
+
+
 def write_csv(
     rows: Iterable[Mapping[str, Any]],
     columns: Sequence[str],

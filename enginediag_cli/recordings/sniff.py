@@ -1,4 +1,4 @@
-"""How an unknown CSV file is written, judged by its first lines: a guess for the user to confirm."""
+"""How an unknown file is written, judged by its first lines: a guess for the user to confirm."""
 
 from __future__ import annotations
 
@@ -9,18 +9,23 @@ import re
 import sys
 from collections import Counter
 from collections.abc import Sequence
+from contextlib import closing
 from dataclasses import dataclass
 
 import numpy as np
 
 from enginediag_cli.errors import DataError
-from enginediag_cli.recordings.dialect import DELIMITERS, Dialect
-from enginediag_cli.recordings.read import MISSING
+from enginediag_cli.recordings.dialect import DELIMITERS, OWN, Dialect
+from enginediag_cli.recordings.formats.base import Asked
+from enginediag_cli.recordings.formats.cells import MISSING
+from enginediag_cli.recordings.formats.parquet_in import ParquetTable, is_parquet
 from enginediag_cli.recordings.source import refuse_devices
 from enginediag_cli.units import UnitError, find_unit
 
 LOOKED_AT = 1 << 18
 """Bytes of the file that are looked at, 256 KiB: some thousand records."""
+PARQUET_RECORDS = 2000
+"""Records of a Parquet file that are looked at, as many as fit into those bytes of a CSV file."""
 MOST_TITLE_LINES = 60
 """Lines among which the header is looked for."""
 NUMBERS = 0.6
@@ -57,6 +62,8 @@ class Sniffed:
 
 def sniff(path: str) -> Sniffed:
     """Look at the head of a file (`-`: standard input). Raises DataError when no table is found in it."""
+    if path != "-" and is_parquet(path):
+        return _first_records(path)
     raw = _head(path)
     text, encoding = _decoded(raw, path)
     lines = text.splitlines()
@@ -76,6 +83,14 @@ def sniff(path: str) -> Sniffed:
     return Sniffed(path, dialect, names, units or ("",) * len(names), cells, encoding not in ("utf-8", "utf-16"))
 
 
+def _first_records(path: str) -> Sniffed:
+    """The first records of a Parquet file, which says itself what its columns are."""
+    with closing(ParquetTable(path)) as table:
+        first = next(table.records(Asked((), by_suffix=False), PARQUET_RECORDS))
+    cells = {name: list(first.text[name]) for name in table.columns}
+    return Sniffed(path, OWN, table.columns, ("",) * len(table.columns), cells, False)
+
+
 def _head(path: str) -> bytes:
     if path == "-":
         return sys.stdin.buffer.read(LOOKED_AT)
@@ -92,7 +107,7 @@ def _decoded(raw: bytes, path: str) -> tuple[str, str]:
     if raw.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
         return raw.decode("utf-16", errors="ignore"), "utf-16"
     if b"\0" in raw:
-        raise DataError(f"{path}: no text but binary data; export it as CSV first")
+        raise DataError(f"{path}: no text but binary data; export it as CSV or Parquet first")
     try:
         return codecs.getincrementaldecoder("utf-8-sig")().decode(raw), "utf-8"
     except UnicodeDecodeError:

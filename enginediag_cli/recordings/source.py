@@ -72,6 +72,9 @@ def opened(source: Source, codec: str = "utf-8-sig") -> Iterator[tuple[Iterable[
 
 def undecodable(source: Source, name: str, error: UnicodeDecodeError) -> DataError:
     """The error for a byte that is not text in the encoding: line, byte, and how to state another encoding."""
+    if error.object.startswith(b"PAR1"):
+        what = "a Parquet file, in a pipe or packed, whose index stands at its end"
+        return DataError(f"{name}: {what}; give the file itself by its name")
     line, byte = 0, error.object[error.start]
     regular = isinstance(source, (str, Path)) and os.path.isfile(source)
     if regular and not error.encoding.startswith("utf-16"):

@@ -10,7 +10,7 @@ from datetime import datetime, timedelta, timezone
 import numpy as np
 
 from enginediag_cli.errors import DataError
-from enginediag_cli.recordings.read import MISSING
+from enginediag_cli.recordings.formats.cells import MISSING
 from enginediag_cli.recordings.table import Recording
 
 FRACTION = re.compile(r"(.*?)[.,](\d+)(.*)")

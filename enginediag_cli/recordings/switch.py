@@ -44,7 +44,7 @@ def switch_faults(recording: Recording, switches: Iterable[str]) -> tuple[Switch
 
 
 def _is_switch(cell: str) -> bool:
-    from enginediag_cli.recordings.read import MISSING
+    from enginediag_cli.recordings.formats.cells import MISSING
 
     if cell.lower() in MISSING:
         return True

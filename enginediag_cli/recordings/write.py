@@ -1,6 +1,6 @@
-"""Flight-data CSV out: one header, then chunk after chunk; a file appears complete or not at all.
+"""Flight data out: one header, then chunk after chunk; a file appears complete or not at all.
 
-Numbers are written with 10 significant digits: more than any recorder resolves, and short. A missing value is
+In CSV numbers are written with 10 significant digits: more than any recorder resolves, and short. A missing value is
 an empty cell. A closed pipe is left to the caller.
 """
 
@@ -15,12 +15,14 @@ import sys
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import TextIO
+from typing import BinaryIO, TextIO
 
 import numpy as np
 
 from enginediag_cli.errors import DataError
 from enginediag_cli.progress import touched, wipe
+from enginediag_cli.recordings.formats.base import RecordingWriter
+from enginediag_cli.recordings.formats.parquet_in import named_parquet
 from enginediag_cli.recordings.table import Recording
 from enginediag_cli.safe_text import guarded, visible
 
@@ -38,7 +40,7 @@ class CsvWriter:
         self._shown = stream.isatty()
 
     def write(self, recording: Recording) -> None:
-        """Append the records (N,); the first call writes the head too.
+        """Append the records (N,) and hand them on at once; the first call writes the head too.
 
         Raises DataError when the columns are not those of the first call.
         """
@@ -53,6 +55,7 @@ class CsvWriter:
             wipe()
         cells = [self._cells(recording, column) for column in self._order]
         self._csv.writerows(zip(*cells, strict=True))
+        self._stream.flush()
 
     def _safe(self, text: str) -> str:
         """A text that neither a spreadsheet nor a terminal obeys."""
@@ -79,9 +82,23 @@ def output(path: str | Path) -> Iterator[TextIO]:
         yield sys.stdout
         sys.stdout.flush()
         return
+    with binary_output(path) as raw:
+        if Path(os.path.realpath(path)).suffix == ".gz" and raw.seekable():
+            # no name and no time in the packed file: the same data give the same bytes
+            with gzip.GzipFile(filename="", fileobj=raw, mode="wb", mtime=0) as packed:
+                with io.TextIOWrapper(packed, encoding="utf-8", newline="") as stream:
+                    yield stream
+        else:
+            with io.TextIOWrapper(raw, encoding="utf-8", newline="") as stream:
+                yield stream
+
+
+@contextmanager
+def binary_output(path: str | Path) -> Iterator[BinaryIO]:
+    """As `output`, a stream of bytes, packed nowhere; not for stdout."""
     final = Path(os.path.realpath(path))  # through a symbolic link: replace the file, not the link
     if final.exists() and not final.is_file():
-        with open(final, "w", encoding="utf-8", newline="") as stream:
+        with open(final, "wb") as stream:
             yield stream
         return
     from tempfile import mkstemp
@@ -89,14 +106,7 @@ def output(path: str | Path) -> Iterator[TextIO]:
     handle, temporary = mkstemp(prefix=f".{final.name}.", suffix=".part", dir=final.parent)
     try:
         with os.fdopen(handle, "wb") as raw:
-            if final.suffix == ".gz":
-                # no name and no time in the packed file: the same data give the same bytes
-                with gzip.GzipFile(filename="", fileobj=raw, mode="wb", mtime=0) as packed:
-                    with io.TextIOWrapper(packed, encoding="utf-8", newline="") as stream:
-                        yield stream
-            else:
-                with io.TextIOWrapper(raw, encoding="utf-8", newline="") as stream:
-                    yield stream
+            yield raw
         os.chmod(temporary, _mode_for(final))
         os.replace(temporary, final)
         touched("written:", path)
@@ -104,6 +114,21 @@ def output(path: str | Path) -> Iterator[TextIO]:
         with suppress(FileNotFoundError):
             os.unlink(temporary)
         raise
+
+
+@contextmanager
+def recording_output(
+    path: str | Path, provenance: Sequence[str] = (), *, parquet: bool | None = None
+) -> Iterator[RecordingWriter]:
+    """What writes recordings to `path`, as Parquet or CSV; with None its name says which. Raises DataError, OSError."""
+    if named_parquet(path) if parquet is None else parquet:
+        from enginediag_cli.recordings.formats.parquet_out import ParquetWriter
+
+        with binary_output(path) as raw, ParquetWriter(raw, str(path), provenance) as writer:
+            yield writer
+    else:
+        with output(path) as stream:
+            yield CsvWriter(stream, provenance)
 
 
 def _mode_for(path: Path) -> int:

@@ -81,7 +81,7 @@ class JudgedFiles:
     def windows(self) -> Iterator[Window]:
         """All windows in turn. Raises DataError, NoVerdictError."""
         for file in self.intake.files():
-            statistics = file.lines is not None and is_flat(file.lines.columns)
+            statistics = file.table is not None and is_flat(file.table.columns)
             for window, known in self._flat(file) if statistics else self._condensed(file):
                 self._count(window)
                 yield window if self.solutions else replace(window, solution=None), known
@@ -114,10 +114,10 @@ class JudgedFiles:
             yield window, monitor.meaning
 
     def _flat(self, file: File) -> Iterator[Window]:
-        assert file.lines is not None
-        refuse_ignored_options(self.given, file.lines.name)
-        self.intake.inherit(file.lines.provenance)
-        yield from read_statistics(file.lines, file.lines.name, self.ledger)
+        assert file.table is not None
+        refuse_ignored_options(self.given, file.table.name)
+        self.intake.inherit(file.table.provenance)
+        yield from read_statistics(file.table.lines, file.table.name, self.ledger)
 
     def _count(self, window: WindowStatistics) -> None:
         self.counts.update(

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import stat
 
+import numpy as np
 import pytest
 
 from enginediag_cli.presentation.output import Output
@@ -101,3 +102,30 @@ def test_no_header_leaves_out_the_provenance(capsys):
 def test_no_rows_with_known_columns_still_give_the_csv_header(capsys):
     assert Output().write_rows([], ["a", "b"]) == 0
     assert capsys.readouterr().out == "a,b\n"
+
+
+def test_rows_in_parquet_have_the_narrowest_types_that_hold_them(tmp_path):
+    pq = pytest.importorskip("pyarrow.parquet", reason="needs pyarrow: pip install 'enginediag[parquet]'")
+    rows = [
+        {"a": 1, "b": 2, "c": True, "d": "=x", "e": None, "f": 1, "g": np.float64("nan"), "h": [1, "p"], "i": 2**70}
+        for _ in range(2500)
+    ]
+    rows[-1] |= {"b": 0.5, "f": "late", "g": 2.5, "c": None, "d": ""}
+    path = tmp_path / "r.parquet"
+    assert Output(str(path)).write_rows(rows, provenance=["seed: 1"]) == 2500
+    table = pq.read_table(path)
+    types = [str(field.type) for field in table.schema]
+    assert types == ["int64", "double", "bool", "string", "string", "string", "double", "string", "string"]
+    assert table.slice(2499).to_pylist() == [
+        {"a": 1, "b": 0.5, "c": None, "d": None, "e": None, "f": "late", "g": 2.5, "h": "1; p", "i": str(2**70)}
+    ]
+    assert table.slice(0, 1).to_pylist()[0] | {"h": ""} == {
+        **rows[0],
+        "b": 2.0,
+        "f": "1",
+        "g": None,
+        "h": "",
+        "i": str(2**70),
+    }
+    assert Output(str(path)).write_rows([], ["a"]) == 0
+    assert pq.read_table(path).column_names == ["a"]
