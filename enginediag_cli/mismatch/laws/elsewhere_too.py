@@ -29,7 +29,7 @@ def elsewhere_too(laws: Sequence[Proposal], trial: Trial, where: Sequence[Locati
     taken = {p.candidate.location.name for p in laws}
     found: list[Candidate] = []
     # a curve of steps is one place's own: it has no shape that another could have
-    formed = [p for p in laws if p.candidate.formula.form.text]
+    formed = [p for p in laws if p.candidate.formula.form.listed]
     for p in {p.candidate.formula.form.name: p for p in reversed(formed)}.values():
         place = p.candidate.location
         others = [w for w in where if w.quantity == place.quantity and w.of_sensor == place.of_sensor]

@@ -90,6 +90,11 @@ class Form:
         return Expression.parsed(self.text)
 
     @property
+    def listed(self) -> bool:
+        """Whether it has a formula of its own; a curve of steps has none."""
+        return bool(self.text)
+
+    @property
     def pairs(self) -> bool:
         """Whether it is of two variables."""
         return "y" in self.expression.names
