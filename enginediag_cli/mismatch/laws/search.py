@@ -143,7 +143,7 @@ class LawSearch:
                 size = float(np.std(curve_of(best[s.where].effects, best[s.where].trial, self.scan.known)[0]))
                 prior = prior_of_variables(s.of, len({k.group for k in self.scan.known}))
                 sets.append(as_steps(s.place, s.of, size, prior + prior_of_a_place(self.base.found), self.engine))
-        return self._fitted(sets)
+        return self._fitted([s for s in sets if s])
 
     @property
     def most(self) -> float:

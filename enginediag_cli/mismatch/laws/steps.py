@@ -23,7 +23,7 @@ from enginediag_cli.mismatch.laws.grammar import EDGES_OF_STEPS, Form, span
 from enginediag_cli.mismatch.laws.proposed import acting, place_of, statement_of
 from enginediag_cli.mismatch.laws.scan import Candidate, Formula, Known
 from enginediag_cli.mismatch.laws.shortlist import Proposal
-from enginediag_cli.physics.laws.expression import Expression
+from enginediag_cli.physics.laws.expression import LONGEST, Expression
 from enginediag_cli.physics.laws.law import Law
 
 ALONE, BESIDE, TOGETHER = 6, 4, 3
@@ -37,13 +37,23 @@ BOTH = Form("smooth_product", "as a smooth surface of", "")
 
 @dataclass(frozen=True)
 class Part:
-    """One law of a smooth curve: `terms` whose sizes are its coefficients; `number` of its name where there are more of
-    the same variables."""
+    """One law of a smooth curve: `terms` whose sizes are its coefficients, and what multiplies them, `by`; `number` of
+    its name where there are more of the same variables."""
 
     form: Form
     of: tuple[Known, ...]
     terms: tuple[str, ...]
+    by: str = ""
     number: str = ""
+
+    @property
+    def letters(self) -> list[str]:
+        return [f"a{k + 1}" for k in range(len(self.terms))]
+
+    @property
+    def text(self) -> str:
+        total = " + ".join(f"{a} * {t}" for a, t in zip(self.letters, self.terms, strict=True))
+        return f"{self.by}({total})" if self.by else total
 
     @property
     def name(self) -> str:
@@ -52,12 +62,15 @@ class Part:
 
 def as_steps(place: Location, of: Sequence[Known], size: float, prior: float, engine: Engine) -> tuple[Proposal, ...]:
     """Laws that together are a smooth curve of one variable or surface of two at a place; `size`: standard deviation
-    of a curve there over the records, `prior`: ln, of place and variables, which the first law bears."""
+    of a curve there over the records, `prior`: ln, of place and variables, which the first law bears. None where the
+    variables' names make formulas that are too long."""
     parts = [Part(OWN, (k,), _steps(k, ALONE if len(of) == 1 else BESIDE)) for k in of]
     if len(of) == 2:
         x, y = of
         for number, step in enumerate(_steps(x, TOGETHER), start=1):
-            parts.append(Part(BOTH, (x, y), tuple(f"{step} * {b}" for b in _steps(y, TOGETHER)), str(number)))
+            parts.append(Part(BOTH, (x, y), _steps(y, TOGETHER), f"{step} * ", str(number)))
+    if any(len(p.text) > LONGEST for p in parts):
+        return ()
     return tuple(_proposal(place, p, size, prior if p is parts[0] else 0.0, engine) for p in parts)
 
 
@@ -77,8 +90,7 @@ def _rounded(x: float) -> float:
 
 
 def _proposal(place: Location, part: Part, size: float, prior: float, engine: Engine) -> Proposal:
-    letters = [f"a{k + 1}" for k in range(len(part.terms))]
-    expression = Expression.parsed(" + ".join(f"{a} * {t}" for a, t in zip(letters, part.terms, strict=True)))
+    letters, expression = part.letters, Expression.parsed(part.text)
     values = {k.variable.name: k.values for k in part.of}
     curve = np.asarray(expression.at({**values, **dict.fromkeys(letters, 1.0)}), float)
     parameter = place_of(place, engine)

@@ -14,7 +14,7 @@ import numpy as np
 
 from enginediag_cli.engine.dual import Value, chain, exp, log, maximum, minimum, power, sqrt, value
 
-LONGEST = 500
+LONGEST = 1000
 """Letters of a formula."""
 DEEPEST = 40
 """Parentheses and operations within each other."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import combinations
 
 import concealed
@@ -64,3 +65,12 @@ def test_only_the_first_law_bears_the_prior_of_place_and_variables(ground):
     engine, place, known = ground
     proposals = as_steps(place, [known["power"], known["mach"]], 0.01, -7.0, engine)
     assert [p.candidate.prior for p in proposals] == [-7.0, *[0.0] * (len(proposals) - 1)]
+
+
+def test_long_names_make_no_formula_that_cannot_be_read(ground):
+    engine, place, known = ground
+    for name, other in combinations(known.values(), 2):
+        for p in as_steps(place, [name, other], 0.01, 0.0, engine):
+            assert len(next(iter(p.option.hypothesis.effects)).term.expression.text) <= 700
+    variable = replace(known["power"].variable, name="a_name_that_goes_on_and_on_" * 6)
+    assert as_steps(place, [replace(known["power"], variable=variable)], 0.01, 0.0, engine) == ()
