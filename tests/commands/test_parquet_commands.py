@@ -7,12 +7,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from known_engine import climb, recorded, write_known
 
-from enginediag_cli.identification.envelope import learn_envelope
-from enginediag_cli.identification.nominal import Nominal, SensorNoise
-from enginediag_cli.identification.nominal_file import write_nominal
 from enginediag_cli.physics.engine_file import load_engine
-from enginediag_cli.recordings.provenance import sha256_of
 from enginediag_cli.recordings.read import read_all
 from enginediag_cli.recordings.table import Recording
 from enginediag_cli.recordings.write import recording_output, write_csv
@@ -45,42 +42,19 @@ def folder(tmp_path_factory):
     folder = tmp_path_factory.mktemp("parquet")
     path = shipped("turbofan.yaml")
     engine, rng = load_engine(path), np.random.default_rng(7001)
-    phase = np.linspace(0, 1, N)
-    columns = {"altitude_m": 9e3 * phase, "mach": 0.3 + 0.5 * phase, "dT_isa_K": np.full(N, 5.0)}
-    columns[engine.power_setting] = engine.power_from_fraction(0.95 - 0.3 * phase, columns)
-    columns = {c: columns[c] for c in engine.inputs}
-    sigma = {c: s.noise_sigma for c, s in engine.sensors.items()}
-    y = engine.predict(columns, {"hpc.efficiency": 0.98}).y
-    readings = {c: y[:, j] + sigma[c] * rng.standard_normal(N) for j, c in enumerate(sigma)}
+    inputs = climb(engine, N)
+    readings = recorded(engine, inputs, {"hpc.efficiency": 0.98}, rng)
     readings["T3_K"][7::11] = np.nan
     readings["P3_Pa"][20] = 1e9
     flight = ["1"] * 40 + ["2"] * 40 + ["3"] * 40
-    recording = Recording({**columns, "time_s": 10.0 * np.arange(N), **readings}, {"flight": flight})
+    recording = Recording(readings, {"flight": flight})
     (folder / "csv").mkdir()
     (folder / "parquet").mkdir()
     write_csv(folder / "csv" / "rec", [recording], ["seed: 7001"], digits=17)
     with recording_output(folder / "rec.parquet", ["seed: 7001"]) as writer:
         writer.write(recording)
     (folder / "rec.parquet").rename(folder / "parquet" / "rec")
-    nominal = Nominal(
-        engine_path=str(path),
-        engine_sha256=sha256_of(path),
-        inputs=engine.inputs,
-        estimates=(),
-        covariance=np.zeros((0, 0)),
-        noise=tuple(SensorNoise(c, s, 0.0, N, float(N), 0) for c, s in sigma.items()),
-        noise_correlation=np.eye(len(sigma)),
-        offsets=(),
-        recording_offsets={},
-        in_sample=(),
-        cross_validated=(),
-        held_out=(),
-        unidentified=(),
-        envelope=learn_envelope(columns),
-        records={},
-        provenance={},
-    )
-    write_nominal(nominal, folder / "nominal.yaml")
+    write_known(engine, path, inputs, folder / "nominal.yaml")
     return folder
 
 

@@ -7,13 +7,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from known_engine import climb, recorded, write_known
 
 from enginediag_cli.__main__ import main
-from enginediag_cli.identification.envelope import learn_envelope
-from enginediag_cli.identification.nominal import Nominal, SensorNoise
-from enginediag_cli.identification.nominal_file import write_nominal
 from enginediag_cli.physics.engine_file import load_engine
-from enginediag_cli.recordings.provenance import sha256_of
 from enginediag_cli.recordings.table import Recording
 from enginediag_cli.recordings.write import write_csv
 
@@ -40,35 +37,10 @@ def folder(tmp_path_factory):
     """nominal.yaml and one recording per fault of WINDOWS."""
     folder = tmp_path_factory.mktemp("isolate")
     engine, rng = load_engine(ENGINE), np.random.default_rng(1)
-    phase = np.linspace(0, 1, N)
-    columns = {"altitude_m": 9e3 * phase, "mach": 0.3 + 0.5 * phase, "dT_isa_K": np.full(N, 5.0)}
-    columns[engine.power_setting] = engine.power_from_fraction(0.95 - 0.3 * phase, columns)
-    columns = {c: columns[c] for c in engine.inputs}
-    sigma = {c: s.noise_sigma for c, s in engine.sensors.items()}
+    inputs = climb(engine, N)
     for name, fault in WINDOWS.items():
-        y = engine.predict(columns, fault).y
-        readings = {c: y[:, j] + sigma[c] * rng.standard_normal(N) for j, c in enumerate(sigma)}
-        write_csv(folder / f"{name}.csv", [Recording({**columns, "time_s": 10.0 * np.arange(N), **readings})])
-    noise = tuple(SensorNoise(c, s, 0.0, N, float(N), 0) for c, s in sigma.items())
-    nominal = Nominal(
-        engine_path=str(ENGINE),
-        engine_sha256=sha256_of(ENGINE),
-        inputs=engine.inputs,
-        estimates=(),
-        covariance=np.zeros((0, 0)),
-        noise=noise,
-        noise_correlation=np.eye(len(sigma)),
-        offsets=(),
-        recording_offsets={},
-        in_sample=(),
-        cross_validated=(),
-        held_out=(),
-        unidentified=(),
-        envelope=learn_envelope(columns),
-        records={},
-        provenance={},
-    )
-    write_nominal(nominal, folder / "nominal.yaml")
+        write_csv(folder / f"{name}.csv", [Recording(recorded(engine, inputs, fault, rng))])
+    write_known(engine, ENGINE, inputs, folder / "nominal.yaml")
     return folder
 
 
