@@ -154,6 +154,12 @@ class Effect:
     def parameter_name(self, coefficient: str) -> str:
         return f"{self.term.NAME}.{self.site.name}.{coefficient}"
 
+    def with_values(self, known: Mapping[str, float]) -> Effect:
+        """The effect with those of its coefficients that are among `known`, by parameter name; the others as they
+        are."""
+        own = {c.name: self.parameter_name(c.name) for c in self.term.COEFFICIENTS}
+        return replace(self, values={**self.values, **{c: known[n] for c, n in own.items() if n in known}})
+
     @property
     def amplitudes(self) -> tuple[str, ...]:
         """Names of the parameters that are sought."""

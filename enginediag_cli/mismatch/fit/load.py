@@ -143,11 +143,9 @@ def load_case(
         settings = replace(evidence.settings, instruments=instruments)
         evidence = replace(evidence, noise=larger_noise(evidence.noise, own.noise), settings=settings, owed=owed)
     elif nominal is not None:
-        stated = build_evidence(engine, flights, case.asked)
-        settings = evidence.settings
-        if baseline is None:
-            settings = with_stated_priors(settings, engine, stated.settings.prior_mean)
-        evidence = replace(evidence, settings=settings, owed=Owed(stated.noise, priors=True))
+        stated, settings = build_evidence(engine, flights, case.asked).noise, evidence.settings
+        settings = with_stated_priors(settings, engine) if baseline is None else settings
+        evidence = replace(evidence, settings=settings, owed=Owed(stated, priors=True))
     elif identified and case.asked.noise is None:
         own = build_evidence(engine, flights, case.asked, nominal=self_identified(engine, healthy))
         evidence = _with_errors_of(evidence, own)
@@ -239,8 +237,7 @@ def searched_again(evidence: Evidence, freed: Sequence[Flight]) -> Evidence:
         means = {n: v for n, v in own.engine_values.items() if n in settings.nuisance}
         instruments = _instruments(own, list(noise.sigma), engine)
         settings = replace(settings, prior_mean=means | amounts, maps=own.error_model, instruments=instruments)
-        stated = settings_from_mapping(engine.declared.get("identification"))
-        settings = with_stated_priors(settings, engine, stated.prior_mean)
+        settings = with_stated_priors(settings, engine)
     return replace(evidence, noise=noise, settings=settings)
 
 

@@ -12,16 +12,17 @@ of map error nothing is known beforehand but their size.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import replace
 
 from enginediag_cli.engine.engine import Engine
+from enginediag_cli.identification.settings import settings_from_mapping
 from enginediag_cli.mismatch.fit.evidence import Settings
 
 
-def with_stated_priors(settings: Settings, engine: Engine, stated: Mapping[str, float]) -> Settings:
-    """The settings, whose prior means are as identified, with those of the engine file; `stated`: means that this
-    gives, else a parameter is at nominal."""
+def with_stated_priors(settings: Settings, engine: Engine) -> Settings:
+    """The settings, whose prior means are as identified, with those that the engine file states; a parameter of which
+    it says nothing is at nominal."""
+    stated = settings_from_mapping(engine.declared.get("identification")).prior_mean
     found = {n: v for n, v in settings.prior_mean.items() if n in engine.parameters}
     mean = {n: stated.get(n, engine.parameters[n].nominal) for n in settings.nuisance if n in engine.parameters}
     sigma = {n: max(s, abs(found.get(n, mean[n]) - mean[n])) if n in mean else s for n, s in settings.nuisance.items()}

@@ -103,17 +103,18 @@ def formulas(known: Sequence[Known], forms: Sequence[Form] = FORMS) -> Iterator[
 def formulas_of(of: Sequence[Known], known: Sequence[Known], forms: Sequence[Form] = FORMS) -> Iterator[Formula]:
     """All forms of one variable, or of two together, with their prior among all of the variables `known`: variables
     that cannot be told apart have that of their group."""
-    groups = {k.group for k in known}
     own = [f for f in forms if f.pairs == (len(of) == 2)]
-    if len(of) == 1:
-        share = (1.0 - PAIRS) / len(groups)
-    else:
-        share = PAIRS / (len(groups) * (len(groups) - 1) / 2.0)
+    share = share_of_variables(len(of), len({k.group for k in known}))
     orders = {f.name: (of, of[::-1]) if f.turned else (of,) for f in own}
     for form in own:
         for order in orders[form.name]:
             part = share * form.weight / sum(f.weight for f in own) / len(orders[form.name])
             yield from _shaped(form, tuple(order), part)
+
+
+def share_of_variables(count: int, groups: int) -> float:
+    """Prior of one variable, or of two, of so many groups."""
+    return (1.0 - PAIRS) / groups if count == 1 else PAIRS / (groups * (groups - 1) / 2.0)
 
 
 def _shaped(form: Form, of: tuple[Known, ...], share: float) -> Iterator[Formula]:

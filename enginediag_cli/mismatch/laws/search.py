@@ -6,13 +6,14 @@ fit, and how likely each is beside the others is decided here.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from enginediag_cli.engine.term import Effect
 from enginediag_cli.mismatch.fit.freeform import locations
+from enginediag_cli.mismatch.fit.identified import nuisance
 from enginediag_cli.mismatch.fit.options import Option
 from enginediag_cli.mismatch.fit.trial_fit import Trial
 from enginediag_cli.mismatch.laws.band import EDGES, Weighed, band_of, curve_of, variables_in
@@ -41,8 +42,6 @@ STARTS = 4
 may come first only with more than one form."""
 MOST_FORMS = 5
 """Forms of one law: what needs more is no law."""
-LACKING = 0.0
-"""ln evidence by which smooth curves must be likelier than the best forms for one to be fitted as a law."""
 LIKELIER = 1e-3
 """ln evidence by which a law with a further form goes before the same without it where prediction alone asks for it."""
 UNLIKELY = 5.0
@@ -128,7 +127,7 @@ class LawSearch:
             more = [(p,) for p in otherwise(self.scan, first.laws[0].candidate, self.base, tried)]
             self.single = [*self.single, *self._fitted(more)]
         self.single = ordered(self.single)
-        self.smooth = [s for first in self._at_places() for s in self._smooth(first)]
+        self.smooth = self._smooth()
         for first in self._apart():
             self.single = [*self.single, *self._of_more_forms(first)]
         self.single = [*self.single, *self._smooth_laws()]
@@ -136,14 +135,15 @@ class LawSearch:
         self.single = ordered(replace(f, beside=total[f.where] - best[f.where].evidence) for f in self.single)
 
     def _smooth_laws(self) -> list[Fitted]:
-        """Smooth curves as laws, of the best places and variables of which no listed form says nearly as much."""
-        best, sets = self._best(), []
-        for s in sorted(self.smooth, key=lambda s: -s.evidence)[:1]:
-            if s.where in best and s.evidence > best[s.where].evidence + LACKING:
-                size = float(np.std(curve_of(best[s.where].effects, best[s.where].trial, self.scan.known)[0]))
-                prior = prior_of_variables(s.of, len({k.group for k in self.scan.known}))
-                sets.append(as_steps(s.place, s.of, size, prior + prior_of_a_place(self.base.found), self.engine))
-        return self._fitted([s for s in sets if s])
+        """A smooth curve as a law, of the likeliest place and variables, where no listed form is as likely there."""
+        s = max(self.smooth, key=lambda s: s.evidence, default=None)
+        best = self._best().get(s.where) if s is not None else None
+        if s is None or best is None or s.evidence <= best.evidence:
+            return []
+        size = float(np.std(curve_of(best.effects, best.trial, self.scan.known)[0]))
+        prior = prior_of_variables(s.of, len({k.group for k in self.scan.known})) + prior_of_a_place(self.base.found)
+        laws = as_steps(s.place, s.of, size, prior, self.engine)
+        return self._fitted([laws]) if laws else []
 
     @property
     def most(self) -> float:
@@ -178,12 +178,14 @@ class LawSearch:
                 best.setdefault(f.where[0], f)
         return list(best.values())[:PLACES]
 
-    def _smooth(self, first: Fitted) -> list[Smooth]:
-        """All variables at a law's place, whatever the form."""
-        at = carried(self.base, first.trial, first.effects, first.laws[0].candidate.location, self.scan.known)
-        if not at.found.converged:
-            return []
-        return smooth_evidence(at, self.scan.known, prior_of_a_place(self.base.found))
+    def _smooth(self) -> list[Smooth]:
+        """All variables at the places of the best laws, whatever the form."""
+        known, prior, found = self.scan.known, prior_of_a_place(self.base.found), list[Smooth]()
+        along = nuisance(self.base.found.evidence)
+        for first in self._at_places():
+            at = carried(self.base, first.trial, first.laws[0].candidate.location, along, known)
+            found += smooth_evidence(at, known, prior) if at.found.converged else []
+        return found
 
     def _apart(self) -> list[Fitted]:
         """The best law of each of the best places and variables, by their best form or whatever the form. Of variables
@@ -215,25 +217,16 @@ class LawSearch:
             found.append(replace(more[0], evidence=max(more[0].evidence, last.evidence + LIKELIER), beside=last.beside))
         return found[1:]
 
-    def _beside(self, first: Fitted, more: Iterable[Fitted]) -> list[Fitted]:
-        """Laws that another has grown to stand as it does."""
-        return [replace(f, beside=first.beside) for f in more]
-
-    def rounds(self) -> Iterator[list[Fitted]]:
-        """What may be told, likeliest first: single laws; with a second one, should none of these be enough."""
-        yield self.single
-        yield self.with_second()
-
     def elsewhere_too(self, first: Fitted) -> list[Fitted]:
         """Laws with the same formula at further places, as long as that is likelier; the last may be a rival."""
         where, found = locations(self.base.found), [first]
         while len(found[-1].laws) < MOST_PLACES:
             last = found[-1]
             further = elsewhere_too(last.laws, last.trial, where)
-            more = [] if further is None else self._beside(first, self._fitted([(*last.laws, further)]))
+            more = [] if further is None else self._fitted([(*last.laws, further)])
             if not more or more[0].evidence < last.evidence - RIVAL:
                 break
-            found.append(more[0])
+            found.append(replace(more[0], beside=first.beside))
             if more[0].evidence <= last.evidence:
                 break
         self.double = ordered([*self.double, *found[1:]])

@@ -9,6 +9,7 @@ from itertools import combinations
 import numpy as np
 
 from enginediag_cli.engine.engine import Engine
+from enginediag_cli.engine.term import Effect
 from enginediag_cli.mismatch.fit.freeform import Location
 from enginediag_cli.mismatch.fit.identified import Hypothesis
 from enginediag_cli.mismatch.fit.options import LAW, Option
@@ -102,6 +103,10 @@ def proposal(candidate: Candidate, engine: Engine) -> Proposal:
     """The law of a candidate as an option, under a name of its own among laws at that place."""
     formula = candidate.formula
     name = "_".join((formula.form.name, *(k.variable.name for k in formula.of)))
-    effect = proposed(candidate, place_of(candidate.location, engine), name)
-    driver = formula.of[0].variable.driver
+    return carrying(candidate, proposed(candidate, place_of(candidate.location, engine), name))
+
+
+def carrying(candidate: Candidate, effect: Effect) -> Proposal:
+    """A candidate by the effect that is its law."""
+    driver = candidate.formula.of[0].variable.driver
     return Proposal(candidate, Option(LAW, effect.label, candidate.location.component, driver, Hypothesis((effect,))))

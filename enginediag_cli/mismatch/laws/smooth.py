@@ -18,22 +18,21 @@ Source: C. E. Rasmussen, C. K. I. Williams, Gaussian Processes for Machine Learn
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from itertools import combinations, product
 
 import numpy as np
 
-from enginediag_cli.engine.term import Effect
 from enginediag_cli.mismatch.fit.columns import Columns
 from enginediag_cli.mismatch.fit.families import Sums, grid
 from enginediag_cli.mismatch.fit.freeform import Location
-from enginediag_cli.mismatch.fit.identified import NO_HYPOTHESIS, Identified, identify_with, nuisance
+from enginediag_cli.mismatch.fit.identified import NO_HYPOTHESIS, Identified, Nuisance, identify_with
 from enginediag_cli.mismatch.fit.projection import Projection
 from enginediag_cli.mismatch.fit.trial_fit import Trial
 from enginediag_cli.mismatch.laws.band import summed
-from enginediag_cli.mismatch.laws.scan import PAIRS, Known
+from enginediag_cli.mismatch.laws.scan import Known, share_of_variables
 from enginediag_cli.progress import stage
 
 SIZES = (0.1, 0.4, 1.6)
@@ -111,23 +110,17 @@ class Carried:
     gain: float
 
 
-def carried(base: Trial, trial: Trial, laws: Sequence[Effect], place: Location, known: Sequence[Known]) -> Carried:
-    """The fit of an engine that carries laws at a place as a trial has fitted them."""
-    evidence = base.found.evidence
+def carried(base: Trial, trial: Trial, place: Location, along: Nuisance, known: Sequence[Known]) -> Carried:
+    """The fit of an engine that carries the laws of a trial, all at one place, as this has fitted them. `along`: of the
+    base, since a floor's curves along what a law moves would be curves of the law."""
+    evidence, laws = base.found.evidence, trial.hypothesis.effects
     coefficients = {n: value for n, (value, _) in trial.coefficients.items()}
-    fixed = tuple(replace(e, values={**e.values, **_own(e, coefficients)}) for e in laws)
+    fixed = tuple(e.with_values(coefficients) for e in laws)
     engine = evidence.engine.with_effects((*evidence.engine.effects, *fixed))
-    carrying = replace(evidence, engine=engine)
-    # a floor's curves along what the law moves would be curves of the law
-    found = identify_with(carrying, NO_HYPOTHESIS, nuisance(evidence), base.found)
+    found = identify_with(replace(evidence, engine=engine), NO_HYPOTHESIS, along, base.found)
     projection = Projection(found)
     f = summed(laws, {k.variable.name: k.values for k in known}, coefficients)
     return Carried(found, projection, place, f, 0.5 * (base.objective - projection.objective))
-
-
-def _own(effect: Effect, values: Mapping[str, float]) -> dict[str, float]:
-    names = {c.name: effect.parameter_name(c.name) for c in effect.term.COEFFICIENTS}
-    return {c: values[n] for c, n in names.items() if n in values}
 
 
 @stage("weighing variables of laws")
@@ -151,9 +144,7 @@ def smooth_evidence(at: Carried, known: Sequence[Known], prior: float) -> list[S
 
 def prior_of_variables(of: Sequence[Known], groups: int) -> float:
     """ln of that of a law of variables that has no listed form: those that cannot be told apart have their group's."""
-    if len(of) == 1:
-        return float(np.log(UNLISTED * (1.0 - PAIRS) / groups))
-    return float(np.log(UNLISTED_OF_TWO * PAIRS / (groups * (groups - 1) / 2.0)))
+    return float(np.log((UNLISTED if len(of) == 1 else UNLISTED_OF_TWO) * share_of_variables(len(of), groups)))
 
 
 def _weighed(at: Carried, columns: Columns, sets: Sequence[tuple[Known, ...]], to: Degrees) -> list[float]:

@@ -17,12 +17,10 @@ import numpy as np
 from enginediag_cli.engine.engine import Engine
 from enginediag_cli.engine.term import Coefficient, Effect
 from enginediag_cli.mismatch.fit.freeform import Location
-from enginediag_cli.mismatch.fit.identified import Hypothesis
-from enginediag_cli.mismatch.fit.options import LAW, Option
 from enginediag_cli.mismatch.laws.grammar import EDGES_OF_STEPS, Form, span
 from enginediag_cli.mismatch.laws.proposed import acting, place_of, statement_of
 from enginediag_cli.mismatch.laws.scan import Candidate, Formula, Known
-from enginediag_cli.mismatch.laws.shortlist import Proposal
+from enginediag_cli.mismatch.laws.shortlist import Proposal, carrying
 from enginediag_cli.physics.laws.expression import LONGEST, Expression
 from enginediag_cli.physics.laws.law import Law
 
@@ -99,6 +97,5 @@ def _proposal(place: Location, part: Part, size: float, prior: float, engine: En
     variables = {k.variable.name: k.variable for k in part.of}
     statement = statement_of(place, parameter, part.form, part.of)
     law = Law(part.name, acts, expression, variables, coefficients, statement)
-    effect = Effect(law, acts.site, {})
-    option = Option(LAW, effect.label, place.component, part.of[0].variable.driver, Hypothesis((effect,)))
-    return Proposal(Candidate(place, Formula(part.form, part.of, {}, curve, prior), 0.0, 0.0, prior, prior), option)
+    formula = Formula(part.form, part.of, {}, curve, prior)
+    return carrying(Candidate(place, formula, 0.0, 0.0, prior, prior), Effect(law, acts.site, {}))

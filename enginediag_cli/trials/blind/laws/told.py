@@ -24,7 +24,7 @@ Entry = Mapping[str, Any]
 def entries(x: Explanation) -> list[Entry]:
     """The laws among an explanation's options, as entries of an engine file, with the coefficients that were fitted."""
     known = {c.name: c.value for c in x.coefficients}
-    return [entry_of(_fitted(e, known)) for e in _laws(x.options)]
+    return [entry_of(e.with_values(known)) for e in _laws(x.options)]
 
 
 def law_told(a: Answer) -> dict[str, Any]:
@@ -46,7 +46,11 @@ def law_told(a: Answer) -> dict[str, Any]:
                 for groups, p in a.law.drivers
             ],
             "laws": [
-                {"entry": entry_of(_fitted(e, known)), "probability": float(law.probability), "label": law.option.label}
+                {
+                    "entry": entry_of(e.with_values(known)),
+                    "probability": float(law.probability),
+                    "label": law.option.label,
+                }
                 for law, e in laws
             ],
             "explained": a.law.explained,
@@ -56,12 +60,6 @@ def law_told(a: Answer) -> dict[str, Any]:
 
 def _laws(options: Sequence[Option]) -> list[Effect]:
     return [e for o in options for e in o.hypothesis.effects if isinstance(e.term, Law)]
-
-
-def _fitted(effect: Effect, known: Mapping[str, float]) -> Effect:
-    """The effect with the coefficients among `known`; the others as they are."""
-    own = {c.name: effect.parameter_name(c.name) for c in effect.term.COEFFICIENTS}
-    return replace(effect, values={**effect.values, **{c: known[n] for c, n in own.items() if n in known}})
 
 
 @dataclass(frozen=True)
