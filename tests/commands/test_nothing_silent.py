@@ -200,7 +200,8 @@ def test_an_input_that_stands_still_is_an_input_and_never_stuck(here, run, comma
     power = header.index("Wf_kg_s")
     for row in rows[30:90]:
         row[power] = rows[30][power]
-    write("held.csv", header, rows)
+    write("conditions.csv", header, rows)
+    run("simulate", "engine.yaml", "--conditions", "conditions.csv", "-o", "held.csv")
     ended = run(*COMMANDS.get(command, ("check", "-n", "nominal.yaml")), "held.csv")
     assert "Wf_kg_s" not in "".join(line for line in (ended.stdout + ended.stderr).splitlines() if "masked" in line)
 

@@ -58,6 +58,10 @@ UNLISTED, CURVES = 2, 2
 """Free curves that a set must be likelier than, and how many are tried for each of them."""
 LIKELIER = 1.0
 """By how much of ln evidence a round must bring the search on: less is not worth another one."""
+PACE = 3.0
+"""Times the gain of the last round that each further member may bring: they come largest first. Judgement."""
+MOST_FITS = 150
+"""Sets that are fitted, about at most: a search that finds what acts has needed half of that."""
 WITHIN_REACH = 15.0
 """ln evidence that a set may be behind free curves for others to be tried in the place of its members. Judgement."""
 SLACK, ERRS = 5.0, 0.2
@@ -90,6 +94,7 @@ class Sets:
         self._offers: dict[tuple[str, Proposer | None], list[Offer]] = {}
         self._adequate: dict[str, bool] = {}
         self._only_unlisted: Trial | None = None
+        self._fits = 0
 
     def named(self, singles: Sequence[Trial], scores: Sequence[OptionScore]) -> list[Explanation]:
         """The alias set of pairs, or of the larger sets that grow from them; empty when none is adequate. `singles`:
@@ -166,7 +171,8 @@ class Sets:
             if not new:
                 return []
             self._fit(new)
-            stalled = self.evidence(self.likeliest(listed)[0]) < self.evidence(beam[0]) + LIKELIER
+            gained = self.evidence(best := self.likeliest(listed)[0]) - self.evidence(beam[0])
+            stalled = gained < LIKELIER or _too_far(best, gained) or self._fits > MOST_FITS
         named = settled(self._beam(listed)) if settled is not None else []
         return self._or_a_rival(named, proposers, settled) if named and settled is not None else []
 
@@ -182,7 +188,7 @@ class Sets:
             floor = self.prices.least + 0.5 * best.objective
             far = [t for t in others if self.evidence(t) + 0.5 * t.objective - floor > enough]
             new = [*self._proposed(others, proposers, enough), *self._proposed(far, proposers, -np.inf)]
-            if not new:
+            if not new or self._fits > MOST_FITS:
                 break
             self._fit(list({key_of(n): n for n in new}.values()))
             named = settled(self._beam(listed=True)) or named
@@ -227,6 +233,7 @@ class Sets:
 
     def _fit(self, sets: Sequence[Members]) -> None:
         """Fit them; only the rows of what is likeliest are held."""
+        self._fits += len(sets)
         self.fits.refit(sets)
         for trial in self.likeliest()[BEAM:]:
             if trial is not self.fits.base:
@@ -384,3 +391,10 @@ class Sets:
             return True
         self.fits.rejected[trial.label] = Rejected(Reason.ONE_UNLISTED)
         return False
+
+
+def _too_far(best: Trial, gained: float) -> bool:
+    """Whether a set of MOST_MEMBERS would leave a misfit: ½ (χ² − its degrees of freedom) of the likeliest set, at
+    PACE times what the last member `gained`."""
+    left = 0.5 * (best.objective - best.projection.dof)
+    return left > PACE * max(gained, 0.0) * (MOST_MEMBERS - len(best.options))
