@@ -77,7 +77,7 @@ def test_a_worn_engine_is_not_explained_by_sensors_although_all_are_suspects(iso
     assert not any("sensor" in name for name in rows[0]["isolated"])
 
 
-@pytest.mark.parametrize("options", [(), ("--by", "component")])
+@pytest.mark.parametrize("options", [pytest.param((), marks=pytest.mark.slow), ("--by", "component")])
 def test_an_engine_with_other_maps_gets_the_verdict_cannot_tell_and_the_reason(isolate, options):
     code, rows, err = isolate("other_maps", *options)
     assert code == 0 and rows[0]["verdict"] == "cannot tell"

@@ -54,6 +54,7 @@ def test_causes_that_few_records_show_are_named_by_what_all_say_of_them(quarter)
         assert abs(found[name].value - value) < 3.0 * found[name].standard_error
 
 
+@pytest.mark.slow
 def test_a_change_of_few_records_begins_on_all_with_the_same_record(quarter):
     search().run()
     few = Few.of(search())
@@ -67,6 +68,7 @@ def test_a_change_of_few_records_begins_on_all_with_the_same_record(quarter):
     assert on_all.label.endswith(label) and on_all.found.evidence is few.whole.evidence
 
 
+@pytest.mark.slow
 def test_a_free_curve_of_few_records_is_along_the_same_driver_on_all(quarter):
     search().run()
     few = Few.of(search())

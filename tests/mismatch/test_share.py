@@ -112,6 +112,7 @@ def with_bleed(flight, on, fraction=0.01):
     return replace(flight, columns={**flight.columns, **moved})
 
 
+@pytest.mark.slow
 def test_what_switches_in_a_flight_that_the_share_has_little_of_is_found(short):
     e = flown(0.0, seed=8)
     taken = {f.label for f in on_share(e).flights}

@@ -51,6 +51,7 @@ def found():
     return Search(evidence(recorded), library()).run()
 
 
+@pytest.mark.slow
 def test_one_size_is_found_where_one_acts_at_both_places():
     a = found()
     assert a.status == NAMED
