@@ -188,6 +188,7 @@ def test_trend_by_component_names_it_once(files):
     assert [(row["components"], row["kind"], row["onset"]) for row in rows] == [(["hpc"], "step", 3)]
 
 
+@pytest.mark.slow
 def test_a_recording_without_flights_is_a_series_of_windows(files, tmp_path):
     """A step of the T3 reading in the middle of one long flight, without a column that tells flights."""
     lines = [line for line in Path(files["healthy.csv"]).read_text(encoding="utf-8").splitlines() if line[0] != "#"]

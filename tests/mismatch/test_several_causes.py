@@ -63,6 +63,7 @@ def test_two_effects_of_different_drivers_and_a_sensor_that_steps_are_all_named(
     }
 
 
+@pytest.mark.slow
 def test_the_order_of_the_library_does_not_matter():
     one, other = three_causes(), three_causes(backwards=True)
     assert names(one.explanations[0]) == names(other.explanations[0])
