@@ -201,7 +201,7 @@ def test_an_input_that_stands_still_is_an_input_and_never_stuck(here, run, comma
     for row in rows[30:90]:
         row[power] = rows[30][power]
     write("conditions.csv", header, rows)
-    run("simulate", "engine.yaml", "--conditions", "conditions.csv", "-o", "held.csv")
+    assert run("simulate", "engine.yaml", "--conditions", "conditions.csv", "-o", "held.csv").exit_code == 0
     ended = run(*COMMANDS.get(command, ("check", "-n", "nominal.yaml")), "held.csv")
     assert "Wf_kg_s" not in "".join(line for line in (ended.stdout + ended.stderr).splitlines() if "masked" in line)
 

@@ -395,6 +395,6 @@ class Sets:
 
 def _too_far(best: Trial, gained: float) -> bool:
     """Whether a set of MOST_MEMBERS would leave a misfit: ½ (χ² − its degrees of freedom) of the likeliest set, at
-    PACE times what the last member `gained`."""
+    PACE times what the last round `gained`."""
     left = 0.5 * (best.objective - best.projection.dof)
-    return left > PACE * max(gained, 0.0) * (MOST_MEMBERS - len(best.options))
+    return left > PACE * gained * (MOST_MEMBERS - len(best.options))
