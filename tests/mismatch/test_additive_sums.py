@@ -13,6 +13,7 @@ from enginediag_cli.identification import normal_equations
 from enginediag_cli.mismatch.fit import columns as columns_module
 from enginediag_cli.mismatch.fit import families
 from enginediag_cli.mismatch.fit import projection as projection_module
+from enginediag_cli.mismatch.fit.any_curve import AnyCurve
 from enginediag_cli.mismatch.fit.columns import Columns
 from enginediag_cli.mismatch.fit.families import Sums, correlations, first_products, grid
 from enginediag_cli.mismatch.fit.freeform import free_form
@@ -197,3 +198,17 @@ def test_memory_of_the_map_does_not_grow_with_the_columns_of_every_record(monkey
     # columns of fifty places along three drivers, nine sensors, would be 9 · 50 · 7 numbers of 8 bytes a record
     held = (peaks[1] - peaks[0]) / (records[1] - records[0])
     assert held < 9 * 50 * 7 * 8 / 5
+
+
+def test_any_curve_at_a_place_has_the_products_of_its_columns(found):
+    projection, rng = Projection(found), np.random.default_rng(11)
+    columns = Columns(found, ["hpc.efficiency", "hpc.flow_capacity"], [])
+    N = len(found.problem.recording)
+    curves = rng.normal(size=(N, 6)) + rng.normal(size=6)
+    family = grid(["hpc.flow_capacity"], curves, [[0, 1, 2], [3, 4, 5]])
+    sums, any_curve = Sums(projection, columns, family), AnyCurve.at(projection, columns, "hpc.flow_capacity")
+    of = np.column_stack([np.zeros(6, int), np.arange(6)])
+    np.testing.assert_allclose(any_curve.pulls(curves), sums.pulls(of), rtol=1e-8, atol=1e-8)
+    blocks = any_curve.grams(curves.reshape(N, 2, 3))
+    for k in range(2):
+        np.testing.assert_allclose(blocks[k], sums.gram(of[3 * k : 3 * k + 3]), rtol=1e-7, atol=1e-7)
