@@ -23,8 +23,7 @@ MOST = 3
 def law_sentences(found: LawFinding) -> Iterator[str]:
     """What is known of a law, beside its coefficients."""
     first = found.laws[0]
-    where = [(p.words or p.name, q) for p, q in found.places]
-    yield f"  {_settled('Where', where)}"
+    yield f"  {_where(found)}"
     yield f"  {_settled('What it varies with', [(_groups(g), q) for g, q in found.drivers])}"
     alike = [v.words for group in found.drivers[0][0] for v in group[1:]]
     if alike:
@@ -71,6 +70,7 @@ def law_document(found: LawFinding) -> dict[str, Any]:
         "places": [
             {"location": p.name, "component": p.component, "probability": q} for p, q in found.places if q > POSSIBLE
         ],
+        "alike": [p.name for p in found.alike],
         "drivers": [
             {"variables": [[v.name for v in g] for g in groups], "probability": q}
             for groups, q in found.drivers
@@ -101,6 +101,18 @@ def _settled(what: str, of: Sequence[tuple[str, float]]) -> str:
     if likely[0][1] >= SETTLED:
         return f"{what} is settled: {likely[0][0]} (probability {probability(likely[0][1])})."
     return f"{what} is not settled: {listed([f'{words} ({probability(q)})' for words, q in likely], 'or')}."
+
+
+def _where(found: LawFinding) -> str:
+    alike = {p.name for p in found.alike}
+    likely = [(p, q) for p, q in found.places[1:] if p.name in alike and q > POSSIBLE][:MOST]
+    if not likely or found.together < SETTLED:
+        return _settled("Where", [(p.words or p.name, q) for p, q in found.places])
+    words = [f"{p.words or p.name} ({probability(q)})" for p, q in (found.places[0], *likely)]
+    return (
+        f"Where is settled but for places that these flights cannot tell apart: {listed(words, 'or')}, together "
+        f"{probability(found.together)}."
+    )
 
 
 def _groups(groups: Sequence[Group]) -> str:

@@ -89,6 +89,7 @@ def law_answer(place, component, variables, entry, probability=0.9):
             "drivers": [{"variables": [[v] for v in variables], "probability": probability}],
             "laws": [{"entry": entry, "probability": 1.0, "label": "it"}],
             "explained": 1.0,
+            "together": probability,
         },
     }
 

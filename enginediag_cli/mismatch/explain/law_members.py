@@ -22,6 +22,7 @@ from enginediag_cli.mismatch.fit.identified import Identified
 from enginediag_cli.mismatch.fit.options import LAW, Option
 from enginediag_cli.mismatch.fit.trial_fit import Trial
 from enginediag_cli.mismatch.laws.elsewhere_too import elsewhere_too
+from enginediag_cli.mismatch.laws.refined import reshaped
 from enginediag_cli.mismatch.laws.scan import Candidate, Formula, formulas, known_variables, scored
 from enginediag_cli.mismatch.laws.shortlist import Proposal, elsewhere, proposal
 
@@ -29,6 +30,10 @@ PLACES = 4
 """Places of free curves, most promising first, at which formulas are scored."""
 OFFERED = 3
 """Laws, of different places or variables, that one trial is offered, and as many that go with a law that it has."""
+
+SHAPED, SHAPED_ALONG = 16, 6
+"""Forms of which the shape is sought before they are offered, best by score first, of all places and of one's own
+variables."""
 
 Curves = Sequence[Offer]
 
@@ -60,7 +65,8 @@ class LawMembers:
         targets = [d.target for c in curves for d in c.option.hypothesis.discrepancies]
         names = list(dict.fromkeys(targets))[:PLACES]
         here = [p for p in self.where if p.parameter in names]
-        found = elsewhere(self._scored(trial, here, self._usable(trial), self._of_a_place), self._engine, OFFERED)
+        scores = self._scored(trial, here, self._usable(trial), self._of_a_place)
+        found = elsewhere(reshaped(trial, scores, SHAPED), self._engine, OFFERED)
         for place in {p.candidate.location.name: p.candidate.location for p in carried}.values():
             found += self._along_the_same(trial, place, carried)
         too = elsewhere_too(carried, trial, self.where) if carried else None
@@ -93,8 +99,9 @@ class LawMembers:
         if any(o.location.name == place.name and f.groups <= o.formula.groups for o in others):
             groups = next(o.formula.groups for o in others if o.location.name == place.name)
             return max(alone, self._whole.get(_what(f), f.prior) - self._family(groups | f.groups))
-        if any(_what(o.formula) == _what(f) and o.location.quantity == place.quantity for o in others):
-            return max(alone, -float(np.log(sum(w.quantity == place.quantity for w in self.where))))
+        machines = [w.name for w in self.where if w.quantity == place.quantity and not w.of_sensor]
+        if place.name in machines and any(_what(o.formula) == _what(f) and o.location.name in machines for o in others):
+            return max(alone, -float(np.log(len(machines))))
         return alone
 
     def _family(self, groups: frozenset[int]) -> float:
@@ -107,7 +114,8 @@ class LawMembers:
         groups: frozenset[int] = frozenset().union(*(f.groups for f in own))
         family = [f for f in self._usable(trial) if f.groups <= groups]
         best: dict[object, Candidate] = {}
-        for c in self._scored(trial, [place], family, -self._family(groups)):
+        scores = self._scored(trial, [place], family, -self._family(groups))
+        for c in reshaped(trial, scores, SHAPED_ALONG):
             best.setdefault(_what(c.formula), c)
         known = {_what(f) for f in own}
         return [proposal(c, self._engine) for w, c in list(best.items())[:OFFERED] if w not in known]

@@ -150,11 +150,11 @@ def _refitted(t: _Try, freed: _Freed, curve: Curve) -> FittedCurve:
     """From a try: amplitude and shape together, within the bounds of the shape."""
     from scipy.optimize import least_squares
 
-    form, x = t.formula.form, t.formula.of[0].values
+    form, of = t.formula.form, t.formula.of
     letters = [s.letter for s in form.shapes]
-    centre = np.array([s.centre(x) for s in form.shapes])
-    sigma = np.array([s.sigma(x) for s in form.shapes])
-    bounds = (np.array([s.bounds(x) for s in form.shapes]).T - centre) / sigma
+    centre = np.array([s.centre(of[s.of].values) for s in form.shapes])
+    sigma = np.array([s.sigma(of[s.of].values) for s in form.shapes])
+    bounds = (np.array([s.bounds(of[s.of].values) for s in form.shapes]).T - centre) / sigma
 
     def shape_of(z: np.ndarray) -> dict[str, float]:
         return dict(zip(letters, (centre + sigma * z[1:]).tolist(), strict=True))
@@ -163,7 +163,7 @@ def _refitted(t: _Try, freed: _Freed, curve: Curve) -> FittedCurve:
         c = curve(t.formula, shape_of(z))
         rms = float(np.std(c))
         if not np.isfinite(rms) or rms == 0.0:
-            return np.full(len(x), OUTSIDE)
+            return np.full(len(freed.values), OUTSIDE)
         return freed.of(c * (z[0] * freed.size / rms))
 
     def left(z: np.ndarray) -> np.ndarray:
@@ -172,7 +172,7 @@ def _refitted(t: _Try, freed: _Freed, curve: Curve) -> FittedCurve:
     start = np.array([t.alpha, *((t.formula.shape[n] - c) / s for n, c, s in zip(letters, centre, sigma, strict=True))])
     limits = (np.array([-np.inf, *bounds[0]]), np.array([np.inf, *bounds[1]]))
     end = least_squares(left, start, bounds=limits, x_scale="jac", max_nfev=EVALUATIONS)
-    J = end.jac[: len(x)]
+    J = end.jac[: len(freed.values)]
     told = np.eye(len(start)) + J.T @ J
     chi2 = float(np.sum((freed.values - whitened(end.x)) ** 2))
     evidence = 0.5 * (freed.chi2 - chi2) - 0.5 * float(end.x @ end.x) - 0.5 * float(np.linalg.slogdet(told)[1])

@@ -2,7 +2,8 @@
 
 Sought by itself, a law at a further place pays for its form and variables; where another place has them already it is
 one of the places of the same quantity, ln prior −ln n. Left out, its share is taken by the first place, whose size is
-then wrong by many of its standard errors. The shape is that of the first to begin with, and each place's own.
+then wrong by many of its standard errors. The shape is that of the first to begin with, and each place's own. An
+instrument's law is its own: what instruments of different kinds share, by shapes that each may bend, is the engine's.
 """
 
 from __future__ import annotations
@@ -29,10 +30,10 @@ def elsewhere_too(laws: Sequence[Proposal], trial: Trial, where: Sequence[Locati
     taken = {p.candidate.location.name for p in laws}
     found: list[Candidate] = []
     # a curve of steps is one place's own: it has no shape that another could have
-    formed = [p for p in laws if p.candidate.formula.form.listed]
+    formed = [p for p in laws if p.candidate.formula.form.listed and not p.candidate.location.of_sensor]
     for p in {p.candidate.formula.form.name: p for p in reversed(formed)}.values():
         place = p.candidate.location
-        others = [w for w in where if w.quantity == place.quantity and w.of_sensor == place.of_sensor]
+        others = [w for w in where if w.quantity == place.quantity and not w.of_sensor]
         free = [w for w in others if w.name not in taken and w.through is None and place.through is None]
         law = _as_fitted(p, trial)
         if free and np.isfinite(law.curve).all() and np.std(law.curve) > 0.0:

@@ -32,7 +32,7 @@ class LawFinding:
     one or two variables; `excess`: χ² of the model as it is beyond its noise, `explained`: the share of it that the
     first law explains, None where the recordings alone say how large the noise is; `moves`: by how much the first law
     changes its place in the records, about the mean, least and most, in `unit`; `band`: its curve, where it varies
-    with one variable."""
+    with one variable; `alike`: places that these recordings cannot tell from the first."""
 
     laws: tuple[FittedLaw, ...]
     places: tuple[tuple[Location, float], ...]
@@ -42,3 +42,10 @@ class LawFinding:
     moves: tuple[float, float]
     unit: str
     band: Band | None
+    alike: tuple[Location, ...] = ()
+
+    @property
+    def together(self) -> float:
+        """Probability of the first place and of those that cannot be told from it."""
+        known = {self.places[0][0].name, *(p.name for p in self.alike)}
+        return min(sum(q for p, q in self.places if p.name in known), 1.0)

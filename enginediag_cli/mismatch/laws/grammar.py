@@ -7,8 +7,10 @@ smooth: a threshold has a width, since Newton's method stalls at a kink.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
@@ -24,10 +26,15 @@ TURNS = (0.05, 0.3)
 """Widths of a threshold, likewise: sharp and gradual."""
 WIDTH_OF_TWO = (0.4,)
 """Of a form of two variables, likewise."""
+FINER_WIDTHS = (0.12, 0.4)
+"""The same where few forms are tried."""
 EDGES_OF_STEPS = (0.02, 0.98)
 """Quantiles of a variable over the records between which the steps of a smooth curve lie."""
 NARROWEST, WIDEST = 0.02, 5.0
 """Widths may be, likewise: less lies between two records, more is a straight line."""
+FARTHEST = 3.0
+"""How far the value of a variable at which a product with it is nothing may lie outside, likewise: from there on it
+hardly varies."""
 OUTSIDE = 0.5
 """How far a place may lie outside what was flown, likewise: from there on no record tells where it is."""
 EXPONENTS = (-3.0, -2.0, -1.0, -0.5, 0.5, 2.0, 3.0)
@@ -40,6 +47,8 @@ HALVES = (0.3, 1.0, 3.0)
 """Values of a ratio at which what saturates is half of all."""
 LEAST_HALF, MOST_HALF = 0.02, 20.0
 """Of those: nothing that varies, and a straight line."""
+
+_parsed = lru_cache(maxsize=None)(Expression.parsed)
 
 Tries = Callable[[np.ndarray], tuple[float, ...]]
 Bounds = Callable[[np.ndarray], tuple[float, float]]
@@ -55,13 +64,16 @@ def span(x: np.ndarray) -> float:
 class Shape:
     """One letter of a form; `tries`: values to begin with, of a variable's values in the records (N,), which are also
     where its prior lies; `share`: the standard deviation of that, of the variable's range or, with `of_range` not set,
-    as it stands; `bounds`: how far it may go."""
+    as it stands; `bounds`: how far it may go; `of`: which of a form's variables it is
+    of; `finer`: more values to begin with, where few forms are tried."""
 
     letter: str
     tries: Tries
     share: float
     bounds: Bounds
     of_range: bool = True
+    of: int = 0
+    finer: Tries | None = None
 
     def sigma(self, x: np.ndarray) -> float:
         """The prior's standard deviation."""
@@ -87,7 +99,7 @@ class Form:
 
     @property
     def expression(self) -> Expression:
-        return Expression.parsed(self.text)
+        return _parsed(self.text)
 
     @property
     def listed(self) -> bool:
@@ -100,25 +112,38 @@ class Form:
         return "y" in self.expression.names
 
 
-def _place(within: tuple[float, ...]) -> Shape:
-    def tries(x: np.ndarray) -> tuple[float, ...]:
-        return tuple(float(v) for v in np.nanquantile(x, within))
+def _place(within: tuple[float, ...], letter: str = "c", of: int = 0) -> Shape:
+    def at(shares: tuple[float, ...]) -> Tries:
+        return lambda x: tuple(float(v) for v in np.nanquantile(x, shares))
 
-    return Shape("c", tries, 0.5, _near)
+    return Shape(letter, at(within), 0.5, _near, of=of, finer=at(WITHIN))
+
+
+def _zero() -> Shape:
+    """The value of the second variable at which a product with it is nothing."""
+
+    def tries(x: np.ndarray) -> tuple[float, ...]:
+        low, middle, high = np.nanquantile(x, [0.05, 0.5, 0.95])
+        return tuple(float(v) for v in (2.0 * low - high, middle, 2.0 * high - low))
+
+    def bounds(x: np.ndarray) -> tuple[float, float]:
+        return float(np.nanmin(x)) - FARTHEST * span(x), float(np.nanmax(x)) + FARTHEST * span(x)
+
+    return Shape("d", tries, 1.0, bounds, of=1)
 
 
 def _near(x: np.ndarray) -> tuple[float, float]:
     return float(np.nanmin(x)) - OUTSIDE * span(x), float(np.nanmax(x)) + OUTSIDE * span(x)
 
 
-def _width(shares: tuple[float, ...]) -> Shape:
-    def tries(x: np.ndarray) -> tuple[float, ...]:
-        return tuple(w * span(x) for w in shares)
+def _width(shares: tuple[float, ...], letter: str = "w", of: int = 0, finer: tuple[float, ...] | None = None) -> Shape:
+    def of_span(shares: tuple[float, ...]) -> Tries:
+        return lambda x: tuple(w * span(x) for w in shares)
 
     def bounds(x: np.ndarray) -> tuple[float, float]:
         return NARROWEST * span(x), WIDEST * span(x)
 
-    return Shape("w", tries, 0.5, bounds)
+    return Shape(letter, of_span(shares), 0.5, bounds, of=of, finer=of_span(finer) if finer else None)
 
 
 def _exponent(letter: str, tries: tuple[float, ...]) -> Shape:
@@ -126,7 +151,7 @@ def _exponent(letter: str, tries: tuple[float, ...]) -> Shape:
 
 
 PLACE, PLACE_OF_TWO = _place(WITHIN), _place(WITHIN_OF_TWO)
-WIDTH, TURN, WIDE = _width(WIDTHS), _width(TURNS), _width(WIDTH_OF_TWO)
+WIDTH, TURN, WIDE = _width(WIDTHS), _width(TURNS), _width(WIDTH_OF_TWO, finer=FINER_WIDTHS)
 EXPONENT = _exponent("n", EXPONENTS)
 BOTH_EXPONENTS = (_exponent("n", EXPONENTS_OF_TWO), _exponent("m", EXPONENTS_OF_TWO))
 HALF = Shape("k", lambda x: HALVES, 1.5, lambda x: (LEAST_HALF, MOST_HALF), of_range=False)
@@ -136,9 +161,27 @@ BUMP = "(exp(-((x - c) / w) ** 2) - exp(-((x0 - c) / w) ** 2))"
 TURNING = "(sqrt((x - c) ** 2 + w ** 2) - sqrt((x0 - c) ** 2 + w ** 2))"
 """A hyperbola, |x − c| with a width: with ±(x − x0) it is straight on one side of c and constant on the other."""
 
+TANH, PEAK = "tanh((x - c) / w)", "exp(-((x - c) / w) ** 2)"
+RAMP_UP, RAMP_DOWN = "(x - c + sqrt((x - c) ** 2 + w ** 2))", "(x - c - sqrt((x - c) ** 2 + w ** 2))"
+
+
+def _from(of_first: str) -> str:
+    """What the first variable does, times how far the second is from a value of it, less what that is at the design
+    point."""
+    there = re.sub(r"\bx\b", "x0", of_first)
+    return f"({of_first} * (y - d) - {there} * (y0 - d))"
+
+
 OF_TWO = (PLACE_OF_TWO, WIDE)
-AS_A_STEP = "as a smooth step in the first"
+FROM = (*OF_TWO, _zero())
+"""Shapes of a form of the first variable that is multiplied by how far the second is from a value of it."""
+EACH = (*OF_TWO, _place(WITHIN_OF_TWO, "d", 1), _width(WIDTH_OF_TWO, "v", 1, FINER_WIDTHS))
+"""Shapes of a form that has a place and a width of each."""
+STEPS = "(tanh((x - c) / w) * tanh((y - d) / v) - tanh((x0 - c) / w) * tanh((y0 - d) / v))"
+SPOT = "(exp(-((x - c) / w) ** 2 - ((y - d) / v) ** 2) - exp(-((x0 - c) / w) ** 2 - ((y0 - d) / v) ** 2))"
+AS_A_STEP, NEAR_ONE = "as a smooth step in the first", "near one value of the first"
 BEYOND, BELOW = "beyond a threshold of the first", "below a threshold of the first"
+FROM_A_VALUE = "the more the farther the second is from one value, of"
 THE_MORE = "the more the larger the second, of"
 
 FORMS = (
@@ -152,14 +195,21 @@ FORMS = (
     Form("below", "below a threshold of", f"a * (x - x0 - {TURNING})", (PLACE, TURN)),
     Form("step", "as a smooth step in", f"a * {STEP}", (PLACE, WIDTH)),
     Form("bump", "near one value of", f"a * {BUMP}", (PLACE, WIDTH)),
+    Form("valley", "by the distance from one value of", f"a * {TURNING}", (PLACE, TURN)),
     Form("both", "as the product of what moves of", "a * (x - x0) * (y - y0)"),
     Form("by", f"as the first, {THE_MORE}", "a * (x - x0) * y", turned=True),
     Form("product", "as the product of", "a * (x * y - x0 * y0)"),
     Form("quotient", "as the quotient of", "a * (x / y - 1)", ratios=True, turned=True),
     Form("powers", "as the product of powers of", "a * (x ** n * y ** m - 1)", BOTH_EXPONENTS, ratios=True),
     Form("step_by", f"{AS_A_STEP}, {THE_MORE}", f"a * {STEP} * y", OF_TWO, weight=0.5, turned=True),
-    Form("bump_by", f"near one value of the first, {THE_MORE}", f"a * {BUMP} * y", OF_TWO, weight=0.5, turned=True),
+    Form("bump_by", f"{NEAR_ONE}, {THE_MORE}", f"a * {BUMP} * y", OF_TWO, weight=0.5, turned=True),
     Form("above_by", f"{BEYOND}, {THE_MORE}", f"a * (x - x0 + {TURNING}) * y", OF_TWO, weight=0.5, turned=True),
     Form("below_by", f"{BELOW}, {THE_MORE}", f"a * (x - x0 - {TURNING}) * y", OF_TWO, weight=0.5, turned=True),
+    Form("step_from", f"{AS_A_STEP}, {FROM_A_VALUE}", f"a * {_from(TANH)}", FROM, weight=0.5, turned=True),
+    Form("bump_from", f"{NEAR_ONE}, {FROM_A_VALUE}", f"a * {_from(PEAK)}", FROM, weight=0.5, turned=True),
+    Form("above_from", f"{BEYOND}, {FROM_A_VALUE}", f"a * {_from(RAMP_UP)}", FROM, weight=0.5, turned=True),
+    Form("below_from", f"{BELOW}, {FROM_A_VALUE}", f"a * {_from(RAMP_DOWN)}", FROM, weight=0.5, turned=True),
+    Form("steps", "as the product of smooth steps in", f"a * {STEPS}", EACH, weight=0.5),
+    Form("spot", "near one point of", f"a * {SPOT}", EACH, weight=0.5),
 )
 """What a law may be, simple forms first."""

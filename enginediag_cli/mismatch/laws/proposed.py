@@ -47,9 +47,8 @@ def proposed(candidate: Candidate, parameter: Parameter, name: str) -> Effect:
     acts, unit = acting(candidate.location, parameter)
     size = candidate.location.scale / float(np.std(formula.curve))
     coefficients = [Coefficient(AMPLITUDE, unit, "size", 0.0, -np.inf, np.inf, size, candidate.amplitude)]
-    x = formula.of[0].values
     for s in formula.form.shapes:
-        at = formula.shape[s.letter]
+        at, x = formula.shape[s.letter], formula.of[s.of].values
         # a shape at a bound is another form: a threshold beyond what was flown is a straight line
         shape = Coefficient(s.letter, "1", "shape", at, *s.bounds(x), s.sigma(x), at, free=True, closed=True)
         coefficients.append(shape)

@@ -100,16 +100,18 @@ def formulas(known: Sequence[Known], forms: Sequence[Form] = FORMS) -> Iterator[
         yield from formulas_of(of, known, forms)
 
 
-def formulas_of(of: Sequence[Known], known: Sequence[Known], forms: Sequence[Form] = FORMS) -> Iterator[Formula]:
+def formulas_of(
+    of: Sequence[Known], known: Sequence[Known], forms: Sequence[Form] = FORMS, finer: bool = False
+) -> Iterator[Formula]:
     """All forms of one variable, or of two together, with their prior among all of the variables `known`: variables
-    that cannot be told apart have that of their group."""
+    that cannot be told apart have that of their group. `finer`: with more tries of their shapes."""
     own = [f for f in forms if f.pairs == (len(of) == 2)]
     share = share_of_variables(len(of), len({k.group for k in known}))
     orders = {f.name: (of, of[::-1]) if f.turned else (of,) for f in own}
     for form in own:
         for order in orders[form.name]:
             part = share * form.weight / sum(f.weight for f in own) / len(orders[form.name])
-            yield from _shaped(form, tuple(order), part)
+            yield from _shaped(form, tuple(order), part, finer)
 
 
 def share_of_variables(count: int, groups: int) -> float:
@@ -117,10 +119,10 @@ def share_of_variables(count: int, groups: int) -> float:
     return (1.0 - PAIRS) / groups if count == 1 else PAIRS / (groups * (groups - 1) / 2.0)
 
 
-def _shaped(form: Form, of: tuple[Known, ...], share: float) -> Iterator[Formula]:
+def _shaped(form: Form, of: tuple[Known, ...], share: float, finer: bool) -> Iterator[Formula]:
     if form.ratios and any(k.variable.recorded for k in of):
         return
-    tries = [s.tries(of[0].values) for s in form.shapes]
+    tries = [(s.finer if finer and s.finer else s.tries)(of[s.of].values) for s in form.shapes]
     count = int(np.prod([len(t) for t in tries]))
     for values in product(*tries):
         shape = {s.letter: v for s, v in zip(form.shapes, values, strict=True)}
@@ -135,6 +137,11 @@ class Scan:
 
     candidates: tuple[Candidate, ...]
     known: tuple[Known, ...]
+
+    @property
+    def formulas(self) -> list[Formula]:
+        """All that were scored, once."""
+        return list({id(c.formula): c.formula for c in self.candidates}.values())
 
 
 def over_records(form: Form, of: Sequence[Known], shape: Mapping[str, float]) -> np.ndarray:
@@ -185,14 +192,15 @@ def scored(
 
 
 def of_same_groups(formula: Formula, known: Sequence[Known]) -> list[Formula]:
-    """A formula of two variables with every other choice of variables that the records cannot tell from these."""
-    if len(formula.of) < 2:
-        return []
+    """A formula's form with every other choice of variables that the records cannot tell from its own."""
     groups = [[k for k in known if k.group == of.group] for of in formula.of]
-    share = float(np.exp(formula.prior))
-    return [law for of in product(*groups) if not same(of, formula.of) for law in _shaped(formula.form, of, share)]
+    found: list[Formula] = []
+    for of in product(*groups):
+        if any(k is not own for k, own in zip(of, formula.of, strict=True)):
+            found += _shaped(formula.form, of, float(np.exp(formula.prior)), finer=True)
+    return found
 
 
-def same(one: Sequence[Known], other: Sequence[Known]) -> bool:
-    """Whether they are the same variables."""
-    return [k.variable.name for k in one] == [k.variable.name for k in other]
+def of_same_variables(formula: Formula) -> list[Formula]:
+    """A formula's form and variables with every shape that is tried."""
+    return list(_shaped(formula.form, formula.of, float(np.exp(formula.prior)), finer=True))

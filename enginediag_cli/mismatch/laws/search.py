@@ -16,27 +16,31 @@ from enginediag_cli.mismatch.fit.freeform import locations
 from enginediag_cli.mismatch.fit.identified import nuisance
 from enginediag_cli.mismatch.fit.options import Option
 from enginediag_cli.mismatch.fit.trial_fit import Trial
-from enginediag_cli.mismatch.laws.band import EDGES, Weighed, band_of, curve_of, variables_in
+from enginediag_cli.mismatch.laws.alike import places_alike
+from enginediag_cli.mismatch.laws.band import EDGES, Weighed, band_of, curve_of
 from enginediag_cli.mismatch.laws.elsewhere_too import MOST_PLACES, RIVAL, elsewhere_too
 from enginediag_cli.mismatch.laws.finding import FittedLaw, LawFinding
 from enginediag_cli.mismatch.laws.grammar import FORMS
 from enginediag_cli.mismatch.laws.posterior import evidence_of, places_of, shares, variables_of_laws
-from enginediag_cli.mismatch.laws.scan import Candidate, Scan, prior_of_a_place, scanned
+from enginediag_cli.mismatch.laws.refined import refined
+from enginediag_cli.mismatch.laws.scan import Candidate, Scan, formulas_of, prior_of_a_place, scanned
 from enginediag_cli.mismatch.laws.shortlist import (
     Proposal,
     along_the_same,
     elsewhere,
-    of_variables,
-    otherwise,
+    proposal,
     within_reach,
 )
 from enginediag_cli.mismatch.laws.smooth import Smooth, carried, prior_of_variables, smooth_evidence
 from enginediag_cli.mismatch.laws.steps import as_steps
 
 BEHIND, SECOND = 2, 3
-"""Laws of which other forms are tried, and to which a second one is sought where none is enough by itself; how many of
-these are fitted to each."""
+"""Laws to which a second one is sought where none is enough by itself; how many of these are fitted to each."""
 
+SETS, SHAPED = 10, 6
+"""Sets of variables at a place of which all forms are shaped, likeliest first; how many of these are fitted."""
+BARELY, NEARLY = 1.0, 4.0
+"""ln evidence by which a form must be likelier than when it was fitted, and by which it may be behind the best."""
 STARTS = 4
 """Places and variables, best first, of which sums of forms are fitted: of two variables that act together the right two
 may come first only with more than one form."""
@@ -117,17 +121,14 @@ class LawSearch:
     single: list[Fitted] = field(default_factory=list)
     double: list[Fitted] = field(default_factory=list)
     smooth: list[Smooth] = field(default_factory=list)
+    refined: list[Candidate] = field(default_factory=list)
 
     def __post_init__(self) -> None:
         self.engine = self.base.found.evidence.engine
         candidates = self.scan.candidates
         self.single = self._fitted([(p,) for p in elsewhere(candidates, self.engine)])
-        for first in self.single[:BEHIND]:
-            tried = {f.options[0].label for f in self.single}
-            more = [(p,) for p in otherwise(self.scan, first.laws[0].candidate, self.base, tried)]
-            self.single = [*self.single, *self._fitted(more)]
-        self.single = ordered(self.single)
         self.smooth = self._smooth()
+        self.single = self._with(self._fitted([(p,) for p in self._shaped()]))
         for first in self._apart():
             self.single = [*self.single, *self._of_more_forms(first)]
         self.single = [*self.single, *self._smooth_laws()]
@@ -179,30 +180,41 @@ class LawSearch:
         return list(best.values())[:PLACES]
 
     def _smooth(self) -> list[Smooth]:
-        """All variables at the places of the best laws, whatever the form."""
+        """All variables at the places of the best laws, whatever the form; and every form of the likeliest of them."""
         known, prior, found = self.scan.known, prior_of_a_place(self.base.found), list[Smooth]()
         along = nuisance(self.base.found.evidence)
         for first in self._at_places():
             at = carried(self.base, first.trial, first.laws[0].candidate.location, along, known)
-            found += smooth_evidence(at, known, prior) if at.found.converged else []
+            if at.found.converged:
+                here = smooth_evidence(at, known, prior)
+                likely = sorted({s.groups: s for s in reversed(here)}.values(), key=lambda s: -s.evidence)[:SETS]
+                finer = [f for s in likely for f in formulas_of(s.of, known, finer=True)]
+                self.refined += refined(at, [*self.scan.formulas, *finer], known, prior)
+                found += here
+        self.refined.sort(key=lambda c: -c.weight)
         return found
 
+    def _shaped(self) -> list[Proposal]:
+        """The likeliest forms with their best shapes, of which no fit was as good."""
+        known = {_form_of(f.laws[0].candidate): f.evidence for f in reversed(self.single)}
+        best: dict[object, Candidate] = {}
+        for c in self.refined:
+            if c.weight > known.get(_form_of(c), -np.inf) + BARELY:
+                best.setdefault(_form_of(c), c)
+        least = max([self.most, *(c.weight for c in best.values())]) - NEARLY
+        return [proposal(c, self.engine) for c in best.values() if c.weight > least][:SHAPED]
+
+    def _with(self, more: Sequence[Fitted]) -> list[Fitted]:
+        """All single laws with these; of one that was fitted twice the better."""
+        best: dict[str, Fitted] = {}
+        for f in ordered([*self.single, *more]):
+            best.setdefault(f.trial.label, f)
+        return list(best.values())
+
     def _apart(self) -> list[Fitted]:
-        """The best law of each of the best places and variables, by their best form or whatever the form. Of variables
-        that the records hardly tell apart those are taken of which smooth curves say most."""
-        smooth: dict[Where, Smooth] = {}
-        for s in sorted(self.smooth, key=lambda s: -s.evidence):
-            smooth.setdefault(s.where, s)
-        total, found = self._totals(), []
-        of_laws = {*self._best(), *smooth}
-        for where in sorted(of_laws, key=lambda w: -total[w])[:STARTS]:
-            best, here = smooth.get(where), [f for f in self.single if f.where == where]
-            if best is not None and not any(variables_in(f.effects) == best.names for f in here):
-                more = self._fitted([(p,) for p in of_variables(self.base, best.place, best.of, self.scan)])
-                self.single = [*self.single, *more]
-                here = [*here, *more]
-            found += ordered(here)[:1]
-        return found
+        """The best law of each of the best places and variables, whatever the form."""
+        best, total = self._best(), self._totals()
+        return [best[where] for where in sorted(best, key=lambda w: -total[w])[:STARTS]]
 
     def _of_more_forms(self, first: Fitted) -> list[Fitted]:
         """A law with further forms of the same variables at its place: a curve that no form has is a sum of some. One
@@ -212,9 +224,13 @@ class LawSearch:
         while len(found[-1].laws) < MOST_FORMS:
             last = found[-1]
             more = self._fitted([(*last.laws, p) for p in along_the_same(self.scan, last.laws, last.trial)])
-            if not more or not (more[0].evidence > last.evidence or _predicts(more[0], last)):
+            better = [f for f in more if f.evidence > last.evidence]
+            if not better:
+                better = sorted((f for f in more if _predicts(f, last) > 0.0), key=lambda f: -_predicts(f, last))
+            if not better:
                 break
-            found.append(replace(more[0], evidence=max(more[0].evidence, last.evidence + LIKELIER), beside=last.beside))
+            best = better[0]
+            found.append(replace(best, evidence=max(best.evidence, last.evidence + LIKELIER), beside=last.beside))
         return found[1:]
 
     def elsewhere_too(self, first: Fitted) -> list[Fitted]:
@@ -267,16 +283,21 @@ class LawSearch:
         drop = base.objective - best[0].trial.objective
         own = best[0].at_the_first
         curve, _ = curve_of(own, best[0].trial, self.scan.known)
+        places = places_of(laws)
+        first_is_likeliest = best[0].at_one_place and best[0].where[0] == places[0][0].name
+        others = [p for p, _ in places[1:]] if first_is_likeliest else []
+        alike = places_alike(self.base, places[0][0], curve, others) if others else ()
         unit = own[0].term.COEFFICIENTS[0].unit
         return LawFinding(
             tuple(told),
-            tuple(places_of(laws)),
+            tuple(places),
             tuple(variables_of_laws(laws, self.scan.known, named)),
             excess,
             min(drop / max(excess, drop), 1.0) if noise_known else None,
             (float(np.quantile(curve, EDGES[0])), float(np.quantile(curve, EDGES[1]))),
             unit,
             band_of(self._at_one_place(best), self.scan.known, unit),
+            alike,
         )
 
     def _at_one_place(self, best: Sequence[Fitted]) -> list[Weighed]:
@@ -291,14 +312,20 @@ class LawSearch:
         return [(f.effects, f.trial, float(q)) for f, q in zip(same, p, strict=True)]
 
     def _unfitted(self) -> list[tuple[Where, tuple[str, ...], float]]:
-        """Candidates that were not fitted, with their scores moved as a fit has moved the best one's."""
+        """Candidates that were not fitted: at places where forms were shaped by these, else by their scores, moved as a
+        fit has moved the best one's."""
+        fitted = {_form_of(f.laws[0].candidate) for f in self.single if len(f.laws) == 1}
         moved = max(f.evidence - f.laws[0].candidate.weight for f in self.single if len(f.laws) == 1)
-        found: list[tuple[Where, tuple[str, ...], float]] = []
-        for c in within_reach(self.scan.candidates):
-            if not any(_alike(c, f.laws[0].candidate) for f in self.single):
-                where = c.location.name, c.formula.groups
-                found.append((where, (c.formula.form.name,), c.weight + min(moved, 0.0)))
-        return found
+        shaped = {_form_of(c) for c in self.refined}
+        found = [(c, c.weight) for c in self.refined]
+        found += [
+            (c, c.weight + min(moved, 0.0)) for c in within_reach(self.scan.candidates) if _form_of(c) not in shaped
+        ]
+        return [
+            ((c.location.name, c.formula.groups), (c.formula.form.name,), weight)
+            for c, weight in found
+            if _form_of(c) not in fitted
+        ]
 
     def _fitted(self, sets: Sequence[tuple[Proposal, ...]]) -> list[Fitted]:
         trials = self.fit([tuple(p.option for p in s) for s in sets]) or []
@@ -309,24 +336,20 @@ class LawSearch:
         return ordered(found)
 
 
-def _predicts(more: Fitted, fewer: Fitted) -> bool:
-    """Whether a law with a further form predicts better, chosen as it was from many:
+def _predicts(more: Fitted, fewer: Fitted) -> float:
+    """By how much a law with a further form, chosen as it was from many, predicts better; below 0 where it does not:
 
-        Δχ² > 2 (k + ln m)      k: its coefficients,  m: forms of one variable or two
+        Δχ² − 2 (k + ln m)      k: its coefficients,  m: forms of one variable or two
 
     Sources: H. Akaike, IEEE Trans. Autom. Control 19 (1974) 716–723; D. P. Foster, E. I. George, Ann. Statist. 22
     (1994) 1947–1975 (the price of the choice)."""
     k = len(more.trial.hypothesis.names) - len(fewer.trial.hypothesis.names)
-    return fewer.trial.objective - more.trial.objective > 2.0 * (k + float(np.log(len(FORMS))))
+    return fewer.trial.objective - more.trial.objective - 2.0 * (k + float(np.log(len(FORMS))))
 
 
-def _alike(one: Candidate, other: Candidate) -> bool:
-    """Whether they are of one form of the same groups of variables at one place: a fit moves one into the other."""
-    return (
-        one.location.name == other.location.name
-        and one.formula.groups == other.formula.groups
-        and one.formula.form is other.formula.form
-    )
+def _form_of(c: Candidate) -> tuple[str, str, frozenset[int]]:
+    """Place, form and groups of variables: a fit moves one shape into another."""
+    return c.location.name, c.formula.form.name, c.formula.groups
 
 
 def ordered(fitted: Iterable[Fitted]) -> list[Fitted]:

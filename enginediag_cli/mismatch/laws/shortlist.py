@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import combinations
 
@@ -10,26 +10,23 @@ import numpy as np
 
 from enginediag_cli.engine.engine import Engine
 from enginediag_cli.engine.term import Effect
-from enginediag_cli.mismatch.fit.freeform import Location
 from enginediag_cli.mismatch.fit.identified import Hypothesis
 from enginediag_cli.mismatch.fit.options import LAW, Option
 from enginediag_cli.mismatch.fit.trial_fit import Trial
 from enginediag_cli.mismatch.laws.proposed import place_of, possible, proposed
+from enginediag_cli.mismatch.laws.refined import reshaped
 from enginediag_cli.mismatch.laws.scan import (
     Candidate,
-    Known,
     Scan,
     formulas_of,
-    of_same_groups,
-    prior_of_a_place,
     scored,
 )
 
-WHERE, FORMS = 6, 5
-"""Places and groups of variables of which the best form is fitted; further forms of the one that fits best there. The
-first by score is the first by fit in most searches."""
-ADDED = 2
-"""Forms, best first, that are tried beside those that a law has."""
+WHERE = 6
+"""Places and groups of variables of which the best form is fitted. The first by score is the first by fit in most
+searches."""
+SHAPED, ADDED = 8, 3
+"""Forms of which the shape is sought beside those that a law has, best by score first; how many of them are fitted."""
 REACH, OF_LARGEST = 25.0, 0.02
 """ln evidence by which a candidate is behind the best of all scores, beside a share of the statistic of that, from
 where a fit does not bring it back: linear scores of large effects are wrong by so much."""
@@ -51,20 +48,6 @@ def elsewhere(candidates: Sequence[Candidate], engine: Engine, most: int = WHERE
     return [proposal(c, engine) for c in list(best.values())[:most]]
 
 
-def otherwise(scan: Scan, first: Candidate, base: Trial, tried: Collection[str]) -> list[Proposal]:
-    """Other forms, and other variables of the same groups, at the place of a candidate: none of those `tried`."""
-    engine = base.found.evidence.engine
-    forms: dict[str, Candidate] = {}
-    for c in within_reach(scan.candidates):
-        if c.location.name == first.location.name and c.formula.groups == first.formula.groups:
-            forms.setdefault(c.formula.form.name, c)
-    more = of_same_groups(first.formula, scan.known)
-    prior = first.prior - first.formula.prior
-    others = within_reach([first, *scored(base.found, base.projection, [first.location], more, prior)])[1:]
-    found = [proposal(c, engine) for c in sorted((*forms.values(), *others), key=lambda c: -c.weight)]
-    return [p for p in found if p.option.label not in tried][:FORMS]
-
-
 def along_the_same(scan: Scan, laws: Sequence[Proposal], fitted: Trial) -> list[Proposal]:
     """What may be added to laws at their first one's place, of formulas of the same variables or of some of them, by
     what the fit of these laws leaves. Beforehand one of such formulas is as likely as another, by their priors."""
@@ -74,21 +57,10 @@ def along_the_same(scan: Scan, laws: Sequence[Proposal], fitted: Trial) -> list[
     sets = [(k,) for k in of.values()] + list(combinations(of.values(), 2))
     family = [f for s in sets for f in formulas_of(s, scan.known)]
     whole = float(np.log(np.sum([np.exp(f.prior) / f.tried for f in family])))
-    forms: dict[object, Candidate] = {}
-    for c in scored(fitted.found, fitted.projection, [place], family, -whole):
-        forms.setdefault((c.formula.form.name, c.formula.groups), c)
+    scores = scored(fitted.found, fitted.projection, [place], family, -whole)
     known = {p.option.label for p in laws}
-    found = [proposal(c, engine) for c in list(forms.values())[: ADDED + 1] if possible(c)]
+    found = [proposal(c, engine) for c in reshaped(fitted, scores, SHAPED)]
     return [p for p in found if p.option.label not in known][:ADDED]
-
-
-def of_variables(base: Trial, place: Location, of: Sequence[Known], scan: Scan) -> list[Proposal]:
-    """The best forms of exactly these variables at a place."""
-    prior = prior_of_a_place(base.found)
-    forms: dict[str, Candidate] = {}
-    for c in scored(base.found, base.projection, [place], list(formulas_of(of, scan.known)), prior):
-        forms.setdefault(c.formula.form.name, c)
-    return [proposal(c, base.found.evidence.engine) for c in forms.values() if possible(c)][:ADDED]
 
 
 def within_reach(candidates: Sequence[Candidate]) -> list[Candidate]:

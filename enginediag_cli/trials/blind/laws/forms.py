@@ -39,18 +39,19 @@ OUTSIDE: Mapping[str, str] = {
     "flat bump": "exp(-max(u, -u) ** 3)",
     "swing": "u * exp(-u ** 2)",
     "rational": "x ** 2 / (1 + b * x ** 2)",
-    "kink": "max(u, -u)",
+    "ramp": "min(max(u, -1), 1)",
+    "uneven step": "exp(-exp(-u))",
+    "growth": "exp(u)",
     "root": "sqrt(max(u, 0) + 0.01)",
     "step and slope": "tanh(u) + q * u",
     "bump and slope": "exp(-u ** 2) + q * u",
     "cubic": "u ** 3 - u",
     "odd powers": "x ** n + q * y ** m",
     "bounded product": "tanh(u * v)",
-    "kink times slope": "max(u, 0) * v",
+    "corner": "max(u, 0) * max(v, 0)",
     "distance": "sqrt(u ** 2 + v ** 2 + 0.01)",
     "ratio with offset": "x / (1 + b * y)",
-    "bump times slope": "exp(-u ** 2) * v",
-    "product of steps": "tanh(u) * tanh(v)",
+    "slanted kink": "max(u + v, 0)",
 }
 """Forms that no grammar holds, by name; of two variables where y or v stands in them."""
 RATIOS = ("rational", "odd powers", "ratio with offset")
@@ -71,7 +72,7 @@ def of_grammar(of: Sequence[Known], rng: np.random.Generator) -> Shaped:
     pairs = len(of) == 2
     usable = [f for f in FORMS if f.pairs == pairs and not (f.ratios and _recorded(of))]
     form = usable[int(rng.integers(len(usable)))]
-    return Shaped(form.name, False, _written(form.text, of, _shape(form, of[0], rng)))
+    return Shaped(form.name, False, _written(form.text, of, _shape(form, of, rng)))
 
 
 def of_none(of: Sequence[Known], rng: np.random.Generator) -> Shaped:
@@ -91,11 +92,12 @@ def of_none(of: Sequence[Known], rng: np.random.Generator) -> Shaped:
     return Shaped(name, True, f"a * ({text} - ({there!r}))")
 
 
-def _shape(form: Form, x: Known, rng: np.random.Generator) -> dict[str, str]:
+def _shape(form: Form, of: Sequence[Known], rng: np.random.Generator) -> dict[str, str]:
     """Numbers for a grammar's letters, between the least and the largest that a search begins with."""
     found = {}
     for s in form.shapes:
-        low, high = min(s.tries(x.values)), max(s.tries(x.values))
+        tries = s.tries(of[s.of].values)
+        low, high = min(tries), max(tries)
         drawn = np.exp(rng.uniform(np.log(low), np.log(high))) if low > 0.0 else rng.uniform(low, high)
         found[s.letter] = f"{drawn:.{DIGITS}g}"
     return found

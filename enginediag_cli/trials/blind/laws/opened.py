@@ -119,7 +119,7 @@ class Opened:
         laws = all_built(self.engine, told.entries)
         apart, at_best = self.distance(laws), self.distance(laws, sought=True)
         far = place_separability(self.base, self.nuisance, self.f, self.truth.place)
-        first, probability = told.places[0]
+        first = told.places[0][0]
         alike = inseparable(far) | ({first} if apart < ALIAS else frozenset())
         exact = first == self.truth.place.name
         named = place_named(self.places, first)
@@ -132,7 +132,7 @@ class Opened:
             "law_form": at_best < ALIAS,
         }
         marks["law_alone"] = len({entry["at"] for entry in told.entries}) == 1
-        marks["stated"] = [min(probability, 1.0), marks["law_place"]]
+        marks["stated"] = [told.together, marks["law_place"]]
         here = [e for e in laws or () if law_of(e).acts.leaf == self.truth.law.acts.leaf]
         if exact and here:
             told_curve = np.sum([curve(e, self.values) for e in here], axis=0)

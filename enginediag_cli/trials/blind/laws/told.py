@@ -54,6 +54,7 @@ def law_told(a: Answer) -> dict[str, Any]:
                 for law, e in laws
             ],
             "explained": a.law.explained,
+            "together": float(a.law.together),
         }
     }
 
@@ -66,12 +67,13 @@ def _laws(options: Sequence[Option]) -> list[Effect]:
 class ToldLaw:
     """A law as it was said: names of places (as `locations_of` has them) and groups of variables, likeliest first, with
     their probabilities; `entries` of the laws that are said to act, several where one was not enough; `explained`:
-    share of the excess."""
+    share of the excess; `together`: probability of the first place and of those that are said to be alike."""
 
     places: tuple[tuple[str, float], ...]
     drivers: tuple[tuple[tuple[tuple[str, ...], ...], float], ...]
     entries: tuple[Entry, ...]
     explained: float
+    together: float
 
     @staticmethod
     def of(raw: Mapping[str, Any]) -> ToldLaw | None:
@@ -85,6 +87,7 @@ class ToldLaw:
             tuple((tuple(tuple(g) for g in d["variables"]), float(d["probability"])) for d in law["drivers"]),
             tuple(first.get("laws", ()) or [law["laws"][0]["entry"]]),
             float(law["explained"]),
+            float(law["together"]),
         )
 
 
