@@ -29,6 +29,7 @@ from enginediag_cli.mismatch.fit.families import Scored
 from enginediag_cli.mismatch.fit.options import EFFECT, LAW, Option
 from enginediag_cli.mismatch.fit.projection import Projection
 from enginediag_cli.mismatch.fit.trial_fit import MEMORY_PRICE, SHARES, Trial
+from enginediag_cli.mismatch.laws.posterior import HELD, held
 
 EFFECTS, CHANGES, FREE_FORM = SHARES
 
@@ -76,7 +77,8 @@ class Prices:
     def evidence(self, trial: Trial) -> float:
         """ln p(y, S) of a trial, but for a constant that all of the same readings share."""
         paid = sum(self.of(o) for o in trial.options if o.kind != LAW)
-        paid += self.of_laws([o for o in trial.options if o.kind == LAW])
+        laws = [o for o in trial.options if o.kind == LAW]
+        paid += self.of_laws(laws) + HELD * held(trial, [n for o in laws for n in o.hypothesis.names])
         return -0.5 * trial.objective - narrowed(trial.projection) - paid
 
     def promise(self, block: Scored, scales: np.ndarray, price: float) -> float:

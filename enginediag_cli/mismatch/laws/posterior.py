@@ -20,6 +20,10 @@ from enginediag_cli.mismatch.fit.trial_fit import Trial
 from enginediag_cli.mismatch.laws.finding import Group
 from enginediag_cli.mismatch.laws.scan import Known
 
+HELD = 4.0
+"""ln probability that a shape at its bound costs, −ln(0.05 · 0.4): what says the same lies within a twentieth of the
+prior's standard deviation of the bound. A width that is narrower than any two records tell is no gift."""
+
 T = TypeVar("T")
 
 
@@ -30,7 +34,14 @@ def evidence_of(base: Trial, trial: Trial, prior: float) -> float:
     own = [position[n] for n in trial.hypothesis.names]
     k = [int(free[j]) for j in own if trial.projection.free[j]]
     narrowed = float(np.linalg.slogdet(trial.projection.covariance()[np.ix_(k, k)])[1]) if k else 0.0
-    return 0.5 * (base.objective - trial.objective) + 0.5 * min(narrowed, 0.0) + prior
+    shapes = HELD * held(trial, trial.hypothesis.names)
+    return 0.5 * (base.objective - trial.objective) + 0.5 * min(narrowed, 0.0) - shapes + prior
+
+
+def held(trial: Trial, names: Sequence[str]) -> int:
+    """How many of these coefficients stand at a bound."""
+    at_bound = dict(zip(trial.found.problem.names, trial.found.fit.at_bound, strict=True))
+    return sum(bool(at_bound[n]) for n in names)
 
 
 def shares(evidence: Sequence[float]) -> np.ndarray:

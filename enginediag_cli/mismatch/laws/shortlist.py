@@ -25,7 +25,7 @@ from enginediag_cli.mismatch.laws.scan import (
 WHERE = 6
 """Places and groups of variables of which the best form is fitted. The first by score is the first by fit in most
 searches."""
-SHAPED, ADDED = 8, 3
+SHAPED, ADDED = 8, 2
 """Forms of which the shape is sought beside those that a law has, best by score first; how many of them are fitted."""
 REACH, OF_LARGEST = 25.0, 0.02
 """ln evidence by which a candidate is behind the best of all scores, beside a share of the statistic of that, from
