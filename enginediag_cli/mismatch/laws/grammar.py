@@ -19,7 +19,7 @@ from enginediag_cli.physics.laws.expression import Expression
 WITHIN = (0.1, 0.3, 0.5, 0.7, 0.9)
 """Quantiles of a variable over the records at which a form may have its place."""
 WITHIN_OF_TWO = (0.3, 0.7)
-"""The same of a form of two variables: there are many of them, and a fit moves what it begins with."""
+"""The same of a form of two variables, of which there are many: shapes are sought from there."""
 WIDTHS = (0.25, 1.0)
 """Widths of a form, of the range that its variable has in the records (5 to 95 %)."""
 TURNS = (0.05, 0.3)
@@ -27,7 +27,7 @@ TURNS = (0.05, 0.3)
 WIDTH_OF_TWO = (0.4,)
 """Of a form of two variables, likewise."""
 FINER_WIDTHS = (0.12, 0.4)
-"""The same where few forms are tried."""
+"""The same where forms of few variables are tried."""
 EDGES_OF_STEPS = (0.02, 0.98)
 """Quantiles of a variable over the records between which the steps of a smooth curve lie."""
 NARROWEST, WIDEST = 0.02, 5.0
