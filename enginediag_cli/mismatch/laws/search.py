@@ -23,7 +23,7 @@ from enginediag_cli.mismatch.laws.finding import FittedLaw, LawFinding
 from enginediag_cli.mismatch.laws.grammar import FORMS
 from enginediag_cli.mismatch.laws.posterior import evidence_of, places_of, shares, variables_of_laws
 from enginediag_cli.mismatch.laws.refined import refined
-from enginediag_cli.mismatch.laws.scan import Candidate, Scan, formulas_of, prior_of_a_place, scanned
+from enginediag_cli.mismatch.laws.scan import Candidate, Scan, formulas_of, prior_of_a_place, scanned, scored
 from enginediag_cli.mismatch.laws.shortlist import (
     Proposal,
     along_the_same,
@@ -245,8 +245,28 @@ class LawSearch:
             found.append(replace(more[0], beside=first.beside))
             if more[0].evidence <= last.evidence:
                 break
-        self.double = ordered([*self.double, *found[1:]])
-        return found[1:]
+        wider = [*found[1:], *self._plainly(found[-1])] if len(found) > 1 else []
+        self.double = ordered([*self.double, *wider])
+        return wider
+
+    def _plainly(self, found: Fitted) -> list[Fitted]:
+        """The forms without a shape at the places of one formula: a law at one place bends to what further ones do, and
+        is more than a plain one there; at all of them it need not be."""
+        formula, scan = found.laws[0].candidate.formula, self.scan
+        if any(p.candidate.formula.form is not formula.form for p in found.laws):
+            return []
+        sets = []
+        for plain in (f for f in formulas_of(formula.of, scan.known) if not f.form.shapes):
+            laws = []
+            for p in found.laws:
+                # the first has paid for form and variables, the others for their place alone
+                of = plain if p is found.laws[0] else replace(plain, prior=0.0)
+                prior = p.candidate.prior - p.candidate.formula.prior
+                laws += scored(self.base.found, self.base.projection, [p.candidate.location], [of], prior)
+            sets.append(tuple(proposal(c, self.engine) for c in laws))
+        tried = {tuple(p.option.label for p in f.laws) for f in self.double}
+        fitted = self._fitted([s for s in sets if tuple(p.option.label for p in s) not in tried])
+        return [replace(f, beside=found.beside) for f in fitted]
 
     def with_second(self) -> list[Fitted]:
         """The best laws with the one that says most about what each leaves, and with further forms of the variables of

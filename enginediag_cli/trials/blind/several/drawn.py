@@ -34,7 +34,7 @@ SIZE = (0.15, 2.0)
 """Of a typical size, the smallest and the largest."""
 STEP: Mapping[str, float] = {FAULT: 0.01, SENSOR_FAULT: 0.005}
 """Typical steps of a health parameter and of a sensor's scale, relative."""
-TRIES, SCALINGS = 60, 2
+TRIES, SCALINGS = 400, 2
 """Sets of causes that are drawn, and times that the sizes of one are scaled, at most."""
 
 
