@@ -38,6 +38,7 @@ def test_of_every_fourth_record_noise_is_as_alike_as_four_records_apart():
     assert all(r == pytest.approx(0.8**4) for r in few.noise.rho.values())
 
 
+@pytest.mark.slow
 def test_causes_that_few_records_show_are_named_by_what_all_say_of_them(quarter):
     answer = search().run()
     assert answer.status == NAMED

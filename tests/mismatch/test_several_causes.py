@@ -53,6 +53,7 @@ def names(explanation):
     return {identity(o) for o in explanation.options}
 
 
+@pytest.mark.slow
 def test_two_effects_of_different_drivers_and_a_sensor_that_steps_are_all_named():
     a = three_causes()
     assert a.status == NAMED and not a.in_part and a.unexplained == pytest.approx(0.0, abs=0.05)
@@ -153,6 +154,7 @@ def in_part_alone():
     return replace(a, explanations=(part.explanation,), unexplained=part.unexplained, rest=part.cells)
 
 
+@pytest.mark.slow
 def test_a_fault_beside_an_unlisted_effect_is_named_with_a_law():
     _, a = fault_beside_unlisted()
     assert a.status == NAMED and a.unexplained == 0.0 and a.kind == "law + sensor fault"

@@ -61,6 +61,7 @@ def test_one_size_is_found_where_one_acts_at_both_places():
     assert abs(c.value - SIZE) < 3.0 * c.standard_error
 
 
+@pytest.mark.slow
 def test_a_file_states_it_at_each_place():
     (o,) = found().explanations[0].options
     stated = each(o.hypothesis.effects[0])
