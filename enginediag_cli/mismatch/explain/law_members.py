@@ -21,7 +21,7 @@ from enginediag_cli.mismatch.fit.freeform import Location, locations
 from enginediag_cli.mismatch.fit.identified import Identified
 from enginediag_cli.mismatch.fit.options import LAW, Option
 from enginediag_cli.mismatch.fit.trial_fit import Trial
-from enginediag_cli.mismatch.laws.elsewhere_too import elsewhere_too
+from enginediag_cli.mismatch.laws.elsewhere_too import elsewhere_too, likes
 from enginediag_cli.mismatch.laws.refined import reshaped
 from enginediag_cli.mismatch.laws.scan import Candidate, Formula, formulas, known_variables, scored
 from enginediag_cli.mismatch.laws.shortlist import Proposal, elsewhere, proposal
@@ -49,7 +49,7 @@ class LawMembers:
     def __post_init__(self) -> None:
         self.where = locations(self.base)
         self.formulas = list(formulas(known_variables(self.base)))
-        self._whole = {_what(f): f.prior for f in self.formulas}
+        self._whole = {f.what: f.prior for f in self.formulas}
         self.prices.of_laws = self.price
 
     def learn(self, proposals: Iterable[Proposal]) -> None:
@@ -95,12 +95,12 @@ class LawMembers:
     def _prior(self, law: Candidate, others: Sequence[Candidate]) -> float:
         """ln: of a law by itself, of a further form, or of the same formula at another place."""
         f, place = law.formula, law.location
-        alone = self._whole.get(_what(f), f.prior) + self._of_a_place
+        alone = self._whole.get(f.what, f.prior) + self._of_a_place
         if any(o.location.name == place.name and f.groups <= o.formula.groups for o in others):
             groups = next(o.formula.groups for o in others if o.location.name == place.name)
-            return max(alone, self._whole.get(_what(f), f.prior) - self._family(groups | f.groups))
-        machines = [w.name for w in self.where if w.quantity == place.quantity and not w.of_sensor]
-        if place.name in machines and any(_what(o.formula) == _what(f) and o.location.name in machines for o in others):
+            return max(alone, self._whole.get(f.what, f.prior) - self._family(groups | f.groups))
+        machines = [w.name for w in likes(place, self.where)]
+        if any(o.formula.what == f.what and o.location.name in machines for o in others):
             return max(alone, -float(np.log(len(machines))))
         return alone
 
@@ -113,12 +113,10 @@ class LawMembers:
         own = [p.candidate.formula for p in carried if p.candidate.location.name == place.name]
         groups: frozenset[int] = frozenset().union(*(f.groups for f in own))
         family = [f for f in self._usable(trial) if f.groups <= groups]
-        best: dict[object, Candidate] = {}
         scores = self._scored(trial, [place], family, -self._family(groups))
-        for c in reshaped(trial, scores, SHAPED_ALONG):
-            best.setdefault(_what(c.formula), c)
-        known = {_what(f) for f in own}
-        return [proposal(c, self._engine) for w, c in list(best.items())[:OFFERED] if w not in known]
+        best = reshaped(trial, scores, SHAPED_ALONG)[:OFFERED]
+        known = {f.what for f in own}
+        return [proposal(c, self._engine) for c in best if c.formula.what not in known]
 
     def _scored(
         self, trial: Trial, where: Sequence[Location], laws: Sequence[Formula], prior: float
@@ -139,8 +137,3 @@ class LawMembers:
     @property
     def _engine(self) -> Engine:
         return self.base.evidence.engine
-
-
-def _what(formula: Formula) -> tuple[str, ...]:
-    """Its form and variables, whatever its shape."""
-    return (formula.form.name, *(k.variable.name for k in formula.of))

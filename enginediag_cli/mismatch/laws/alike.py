@@ -20,8 +20,8 @@ from enginediag_cli.mismatch.fit.freeform import Location
 from enginediag_cli.mismatch.fit.trial_fit import Trial
 
 ALIKE = 11.0
-"""λ_sep up to which two accounts are told together, as of explanations (`ALIAS` of `judging`): a test at 1 % has half a
-chance."""
+"""λ_sep from which two accounts are told apart: 3.3 standard errors along the one direction in which they differ, as
+blind trials count it (`ALIAS` of `trials/blind/separability.py`)."""
 SMALLEST = 1e-10
 """Eigenvalue of CᵀC, over the largest, below which a direction is what identification has taken."""
 

@@ -20,7 +20,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from enginediag_cli.mismatch.laws.posterior import shares
-from enginediag_cli.mismatch.laws.scan import Formula, over_records
+from enginediag_cli.mismatch.laws.scan import Formula, over_records, prior_of_shape
 
 MOST = 12
 """Forms of variables that are refitted, the best by score. How far behind a score may be cannot be told: where noise is
@@ -150,11 +150,9 @@ def _refitted(t: _Try, freed: _Freed, curve: Curve) -> FittedCurve:
     """From a try: amplitude and shape together, within the bounds of the shape."""
     from scipy.optimize import least_squares
 
-    form, of = t.formula.form, t.formula.of
+    form = t.formula.form
     letters = [s.letter for s in form.shapes]
-    centre = np.array([s.centre(of[s.of].values) for s in form.shapes])
-    sigma = np.array([s.sigma(of[s.of].values) for s in form.shapes])
-    bounds = (np.array([s.bounds(of[s.of].values) for s in form.shapes]).T - centre) / sigma
+    centre, sigma, bounds = prior_of_shape(t.formula)
 
     def shape_of(z: np.ndarray) -> dict[str, float]:
         return dict(zip(letters, (centre + sigma * z[1:]).tolist(), strict=True))

@@ -33,13 +33,17 @@ def elsewhere_too(laws: Sequence[Proposal], trial: Trial, where: Sequence[Locati
     formed = [p for p in laws if p.candidate.formula.form.listed and not p.candidate.location.of_sensor]
     for p in {p.candidate.formula.form.name: p for p in reversed(formed)}.values():
         place = p.candidate.location
-        others = [w for w in where if w.quantity == place.quantity and not w.of_sensor]
-        free = [w for w in others if w.name not in taken and w.through is None and place.through is None]
+        free = [w for w in likes(place, where) if w.name not in taken and w.through is None and place.through is None]
         law = _as_fitted(p, trial)
         if free and np.isfinite(law.curve).all() and np.std(law.curve) > 0.0:
             found += scored(trial.found, trial.projection, free, [law], -float(np.log(len(free))))
     best = max(found, key=lambda c: c.weight, default=None)
     return proposal(best, trial.found.evidence.engine) if best is not None and best.weight > -RIVAL else None
+
+
+def likes(place: Location, where: Sequence[Location]) -> list[Location]:
+    """Places at which the same law may act, itself among them: those of its quantity, none of an instrument."""
+    return [w for w in where if w.quantity == place.quantity and not (w.of_sensor or place.of_sensor)]
 
 
 def _as_fitted(law: Proposal, trial: Trial) -> Formula:

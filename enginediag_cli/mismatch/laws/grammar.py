@@ -156,20 +156,25 @@ EXPONENT = _exponent("n", EXPONENTS)
 BOTH_EXPONENTS = (_exponent("n", EXPONENTS_OF_TWO), _exponent("m", EXPONENTS_OF_TWO))
 HALF = Shape("k", lambda x: HALVES, 1.5, lambda x: (LEAST_HALF, MOST_HALF), of_range=False)
 
-STEP = "(tanh((x - c) / w) - tanh((x0 - c) / w))"
-BUMP = "(exp(-((x - c) / w) ** 2) - exp(-((x0 - c) / w) ** 2))"
-TURNING = "(sqrt((x - c) ** 2 + w ** 2) - sqrt((x0 - c) ** 2 + w ** 2))"
-"""A hyperbola, |x − c| with a width: with ±(x − x0) it is straight on one side of c and constant on the other."""
+
+def _moved(text: str) -> str:
+    """What a text is, less what it is at the design point."""
+    there = re.sub(r"\b[xy]\b", lambda m: f"{m[0]}0", text)
+    return f"({text} - {there})"
+
 
 TANH, PEAK = "tanh((x - c) / w)", "exp(-((x - c) / w) ** 2)"
-RAMP_UP, RAMP_DOWN = "(x - c + sqrt((x - c) ** 2 + w ** 2))", "(x - c - sqrt((x - c) ** 2 + w ** 2))"
+HYPERBOLA = "sqrt((x - c) ** 2 + w ** 2)"
+"""|x − c| with a width: with ±(x − x0) it is straight on one side of c and constant on the other."""
+RAMP_UP, RAMP_DOWN = f"(x - c + {HYPERBOLA})", f"(x - c - {HYPERBOLA})"
+STEP, BUMP, TURNING = _moved(TANH), _moved(PEAK), _moved(HYPERBOLA)
+STEPS = _moved(f"{TANH} * tanh((y - d) / v)")
+SPOT = _moved("exp(-((x - c) / w) ** 2 - ((y - d) / v) ** 2)")
 
 
 def _from(of_first: str) -> str:
-    """What the first variable does, times how far the second is from a value of it, less what that is at the design
-    point."""
-    there = re.sub(r"\bx\b", "x0", of_first)
-    return f"({of_first} * (y - d) - {there} * (y0 - d))"
+    """What the first variable does, times how far the second is from a value of it."""
+    return _moved(f"{of_first} * (y - d)")
 
 
 OF_TWO = (PLACE_OF_TWO, WIDE)
@@ -177,8 +182,6 @@ FROM = (*OF_TWO, _zero())
 """Shapes of a form of the first variable that is multiplied by how far the second is from a value of it."""
 EACH = (*OF_TWO, _place(WITHIN_OF_TWO, "d", 1), _width(WIDTH_OF_TWO, "v", 1, FINER_WIDTHS))
 """Shapes of a form that has a place and a width of each."""
-STEPS = "(tanh((x - c) / w) * tanh((y - d) / v) - tanh((x0 - c) / w) * tanh((y0 - d) / v))"
-SPOT = "(exp(-((x - c) / w) ** 2 - ((y - d) / v) ** 2) - exp(-((x0 - c) / w) ** 2 - ((y0 - d) / v) ** 2))"
 AS_A_STEP, NEAR_ONE = "as a smooth step in the first", "near one value of the first"
 BEYOND, BELOW = "beyond a threshold of the first", "below a threshold of the first"
 FROM_A_VALUE = "the more the farther the second is from one value, of"

@@ -118,7 +118,7 @@ class _Said:
             weight[part] = 0.5 * (tau * g[:, 0]) ** 2 / narrowed - 0.5 * np.log(narrowed) + prior
         best: dict[object, list[Formula]] = {}
         for k in np.argsort(-weight, kind="stable"):
-            own = best.setdefault((tries[k].form.name, tuple(v.variable.name for v in tries[k].of)), [])
+            own = best.setdefault(tries[k].what, [])
             if len(own) < STARTS:
                 own.append(tries[k])
         return [f for own in best.values() for f in own][:MOST]

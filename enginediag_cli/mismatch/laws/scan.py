@@ -18,6 +18,7 @@ import numpy as np
 
 from enginediag_cli.drivers import SAME
 from enginediag_cli.engine.driver import STILL
+from enginediag_cli.engine.dual import Value
 from enginediag_cli.mismatch.fit.columns import Columns
 from enginediag_cli.mismatch.fit.families import Sums, grid
 from enginediag_cli.mismatch.fit.freeform import Location, locations
@@ -56,6 +57,11 @@ class Formula:
     @property
     def groups(self) -> frozenset[int]:
         return frozenset(k.group for k in self.of)
+
+    @property
+    def what(self) -> tuple[str, ...]:
+        """Its form and variables, whatever its shape."""
+        return (self.form.name, *(k.variable.name for k in self.of))
 
 
 @dataclass(frozen=True)
@@ -146,10 +152,23 @@ class Scan:
 
 def over_records(form: Form, of: Sequence[Known], shape: Mapping[str, float]) -> np.ndarray:
     """A form of variables over their records (N,), amplitude 1; not finite where it is nothing."""
-    letters: dict[str, np.ndarray | float] = {n: k.values for n, k in zip("xy", of, strict=False)}
-    letters |= {f"{n}0": k.variable.reference for n, k in zip("xy", of, strict=False)}
     with np.errstate(all="ignore"):
-        return np.asarray(form.expression.at({**letters, **shape, "a": 1.0}), float)
+        return np.asarray(form.expression.at({**letters_of(of), **shape, "a": 1.0}), float)
+
+
+def letters_of(of: Sequence[Known]) -> dict[str, Value]:
+    """What the letters of a form's variables stand for over their records (N,), shape and amplitude apart."""
+    letters: dict[str, Value] = {n: k.values for n, k in zip("xy", of, strict=False)}
+    return letters | {f"{n}0": k.variable.reference for n, k in zip("xy", of, strict=False)}
+
+
+def prior_of_shape(formula: Formula) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Mean (k,) and standard deviation (k,) of the prior of a form's shape, and its bounds (2, k) in standard
+    deviations from the mean."""
+    of = [(s, formula.of[s.of].values) for s in formula.form.shapes]
+    centre, sigma = np.array([s.centre(x) for s, x in of]), np.array([s.sigma(x) for s, x in of])
+    bounds = np.array([s.bounds(x) for s, x in of]).reshape(-1, 2).T
+    return centre, sigma, (bounds - centre) / sigma
 
 
 @stage("scoring laws")

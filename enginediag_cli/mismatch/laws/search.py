@@ -182,14 +182,14 @@ class LawSearch:
     def _smooth(self) -> list[Smooth]:
         """All variables at the places of the best laws, whatever the form; and every form of the likeliest of them."""
         known, prior, found = self.scan.known, prior_of_a_place(self.base.found), list[Smooth]()
-        along = nuisance(self.base.found.evidence)
+        along, every = nuisance(self.base.found.evidence), self.scan.formulas
         for first in self._at_places():
             at = carried(self.base, first.trial, first.laws[0].candidate.location, along, known)
             if at.found.converged:
                 here = smooth_evidence(at, known, prior)
                 likely = sorted({s.groups: s for s in reversed(here)}.values(), key=lambda s: -s.evidence)[:SETS]
                 finer = [f for s in likely for f in formulas_of(s.of, known, finer=True)]
-                self.refined += refined(at, [*self.scan.formulas, *finer], known, prior)
+                self.refined += refined(at, [*every, *finer], known, prior)
                 found += here
         self.refined.sort(key=lambda c: -c.weight)
         return found
@@ -255,15 +255,15 @@ class LawSearch:
         formula, scan = found.laws[0].candidate.formula, self.scan
         if any(p.candidate.formula.form is not formula.form for p in found.laws):
             return []
-        sets = []
-        for plain in (f for f in formulas_of(formula.of, scan.known) if not f.form.shapes):
-            laws = []
-            for p in found.laws:
-                # the first has paid for form and variables, the others for their place alone
-                of = plain if p is found.laws[0] else replace(plain, prior=0.0)
-                prior = p.candidate.prior - p.candidate.formula.prior
-                laws += scored(self.base.found, self.base.projection, [p.candidate.location], [of], prior)
-            sets.append(tuple(proposal(c, self.engine) for c in laws))
+        plain = [f for f in formulas_of(formula.of, scan.known) if not f.form.shapes]
+        at_each: list[dict[tuple[str, ...], Candidate]] = []
+        for p in found.laws:
+            # the first has paid for form and variables, the others for their place alone
+            own = plain if p is found.laws[0] else [replace(f, prior=0.0) for f in plain]
+            prior = p.candidate.prior - p.candidate.formula.prior
+            scores = scored(self.base.found, self.base.projection, [p.candidate.location], own, prior)
+            at_each.append({c.formula.what: c for c in scores})
+        sets = [tuple(proposal(here[f.what], self.engine) for here in at_each) for f in plain]
         tried = {tuple(p.option.label for p in f.laws) for f in self.double}
         fitted = self._fitted([s for s in sets if tuple(p.option.label for p in s) not in tried])
         return [replace(f, beside=found.beside) for f in fitted]

@@ -18,8 +18,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from enginediag_cli.engine.dual import Dual, Value
-from enginediag_cli.mismatch.laws.scan import Formula
+from enginediag_cli.engine.dual import Dual
+from enginediag_cli.mismatch.laws.scan import Formula, letters_of, prior_of_shape
 
 SETTLED = 0.01
 """Gain of ln evidence in a step below which nothing is sought any more."""
@@ -53,14 +53,9 @@ class Shaping:
     @staticmethod
     def of(formula: Formula) -> Shaping:
         """Begun at the formula's own shape."""
-        shapes = formula.form.shapes
-        x = [formula.of[s.of].values for s in shapes]
-        centre = np.array([s.centre(v) for s, v in zip(shapes, x, strict=True)])
-        sigma = np.array([s.sigma(v) for s, v in zip(shapes, x, strict=True)])
-        bounds = np.array([s.bounds(v) for s, v in zip(shapes, x, strict=True)]).reshape(-1, 2).T
-        lower, upper = (bounds - centre) / sigma
-        z = (np.array([formula.shape[s.letter] for s in shapes]) - centre) / sigma
-        k = len(shapes)
+        centre, sigma, (lower, upper) = prior_of_shape(formula)
+        z = (np.array([formula.shape[s.letter] for s in formula.form.shapes]) - centre) / sigma
+        k = len(z)
         return Shaping(formula, centre, sigma, lower, upper, z, np.zeros(k), np.zeros(1 + k), np.eye(1 + k))
 
     def shape(self) -> dict[str, float]:
@@ -70,17 +65,13 @@ class Shaping:
 
     def curves(self) -> np.ndarray:
         """h and its derivatives by z (N, 1 + k) where it would be looked at next; not finite where it is nothing."""
-        form, of = self.formula.form, self.formula.of
-        N = len(of[0].values)
-        letters: dict[str, Value] = {n: v.values for n, v in zip("xy", of, strict=False)}
-        letters |= {f"{n}0": v.variable.reference for n, v in zip("xy", of, strict=False)}
-        letters["a"] = 1.0
+        N, letters = len(self.formula.curve), letters_of(self.formula.of) | {"a": 1.0}
         for j, (letter, at) in enumerate(self.shape().items()):
             d = np.zeros((j + 1, N))
             d[j] = self.sigma[j]
             letters[letter] = Dual(np.full(N, at), d)
         with np.errstate(all="ignore"):
-            h = form.expression.at(letters)
+            h = self.formula.form.expression.at(letters)
         found = np.zeros((N, 1 + len(self.z)))
         if isinstance(h, Dual):
             found[:, 0], found[:, 1 : 1 + len(h.d)] = h.v, h.d.T
