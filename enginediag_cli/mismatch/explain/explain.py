@@ -34,10 +34,11 @@ from enginediag_cli.mismatch.explain.few import Few
 from enginediag_cli.mismatch.explain.in_part import in_part, left_by
 from enginediag_cli.mismatch.explain.judging import ADEQUATE, ALIAS, Fits
 from enginediag_cli.mismatch.explain.lawful import LISTED_FIRST, Ground, LawsAlone, ground_of
+from enginediag_cli.mismatch.explain.members import MOST_MEMBERS
 from enginediag_cli.mismatch.explain.mixed import Mixed, with_laws
 from enginediag_cli.mismatch.explain.repeated import repeated
 from enginediag_cli.mismatch.explain.shortlist import shortlisted
-from enginediag_cli.mismatch.explain.stepwise import MOST_MEMBERS, Proposer, Sets
+from enginediag_cli.mismatch.explain.stepwise import Proposer, Sets
 from enginediag_cli.mismatch.fit.evidence import Evidence
 from enginediag_cli.mismatch.fit.freeform import places
 from enginediag_cli.mismatch.fit.identified import NO_HYPOTHESIS, identify_with
@@ -146,7 +147,8 @@ class Search(Fits):
             return self.answer(NAMED, "", rest, named)
         if named:
             return self.answer(LAW, "", rest, law.explanations, law=law.finding)
-        sets, named = self._of_sets(rest, singles)
+        # listed ones that explain no more than a law that explains all need not be found
+        sets, named = self._of_sets(rest, singles, laws.most - LISTED_FIRST if law.explanations else -np.inf)
         of_set = max((self._evidence_of(x) for x in named[:1]), default=0.0)
         mixed = Mixed() if named else self._mixed(sets, law.tried)
         if not law.explanations and not mixed.explanations:
@@ -181,14 +183,15 @@ class Search(Fits):
             law=law.finding,
         )
 
-    def _of_sets(self, rest: Remainder, singles: Sequence[Trial]) -> tuple[Sets, list[Explanation]]:
-        """The search of sets, and what it names: sought on few of many records. `rest` and `singles` are of all."""
+    def _of_sets(self, rest: Remainder, singles: Sequence[Trial], least: float) -> tuple[Sets, list[Explanation]]:
+        """The search of sets, and what it names: sought on few of many records. `rest` and `singles` are of all;
+        `least`: ln evidence that a set must promise."""
         few, best = self.few, rest.cells[0] if rest.cells else None
         if few.are_all:
-            sets = Sets(self, best, self.proposers)
+            sets = Sets(self, best, self.proposers, least=least)
             return sets, sets.named(singles, rest.scores)
         left = few.left()
-        sets = Sets(few.fits, left.cells[0] if left.cells else None, self.proposers, many=True)
+        sets = Sets(few.fits, left.cells[0] if left.cells else None, self.proposers, many=True, least=least)
         named = sets.named(few.singles(left), left.scores)
         return sets, few.judged(named, lambda t: -2.0 * sets.prices.evidence(t), lambda t: self.counts(t, best))
 

@@ -53,9 +53,8 @@ class LawMembers:
         self.prices.of_laws = self.price
 
     def learn(self, proposals: Iterable[Proposal]) -> None:
-        """Laws that were fitted elsewhere may be members, too; a curve of steps takes up what others would say, and
-        stands alone."""
-        for p in (p for p in proposals if p.candidate.formula.form.listed):
+        """Laws that were fitted elsewhere may be members, too."""
+        for p in proposals:
             self.known.setdefault(p.option.label, p)
             self.prices.own.setdefault(p.option.label, self.price([p.option]))
 

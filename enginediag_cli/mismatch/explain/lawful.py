@@ -64,8 +64,13 @@ class LawsAlone:
         self._search = LawSearch(ground.few.fits.base, ground.scan, ground.few.fits.refit)
 
     @property
+    def most(self) -> float:
+        """ln evidence of the likeliest that was fitted, on the few records."""
+        return self._search.most
+
+    @property
     def _likely(self) -> bool:
-        return self._search.most >= LEAST
+        return self.most >= LEAST
 
     def single(self) -> Lawful:
         """By one law, perhaps with the same formula at further places."""

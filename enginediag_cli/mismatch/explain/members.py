@@ -9,6 +9,11 @@ from enginediag_cli.mismatch.fit.options import LAW, Option
 from enginediag_cli.mismatch.fit.trial_fit import Trial
 from enginediag_cli.physics.together import each
 
+MOST_MEMBERS = 6
+"""Options that may act together at most. Judgement: more together is better told as unlisted physics."""
+PACE = 3.0
+"""Times the gain of the last round that each further member may bring: they come largest first. Judgement."""
+
 Members = tuple[Option, ...]
 
 
@@ -51,3 +56,10 @@ def add(sets: list[Members], new: Members) -> None:
     """Adds a set that is not there yet, in whatever order."""
     if not any(key_of(new) == key_of(other) for other in sets):
         sets.append(new)
+
+
+def too_far(best: Trial, gained: float) -> bool:
+    """Whether a set of MOST_MEMBERS would leave a misfit: ½ (χ² − its degrees of freedom) of the likeliest set, at
+    PACE times what the last round `gained`."""
+    left = 0.5 * (best.objective - best.projection.dof)
+    return left > PACE * gained * (MOST_MEMBERS - len(best.options))

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from enginediag_cli.mismatch.explain.answer import Explanation
 from enginediag_cli.mismatch.explain.currency import Offer
 from enginediag_cli.mismatch.explain.law_members import LawMembers
+from enginediag_cli.mismatch.explain.law_of_set import LawOfSet
 from enginediag_cli.mismatch.explain.stepwise import Sets
 from enginediag_cli.mismatch.fit.options import LAW
 from enginediag_cli.mismatch.fit.trial_fit import Trial
@@ -29,9 +30,9 @@ class Mixed:
 
 def with_laws(sets: Sets, tried: Iterable[Proposal] = ()) -> Mixed:
     """The alias set of listed options with laws beside them; none where laws alone are likelier. `tried`: laws that
-    were fitted."""
+    were fitted; sets do not grow from curves of steps, which take up what other members would say."""
     members = LawMembers(sets.fits.base.found, sets.prices)
-    members.learn(tried)
+    members.learn(p for p in tried if p.candidate.formula.form.listed)
 
     def propose(trial: Trial) -> Sequence[Offer]:
         return members.offers(trial, sets.offered_by(sets.unlisted, trial))
@@ -39,5 +40,6 @@ def with_laws(sets: Sets, tried: Iterable[Proposal] = ()) -> Mixed:
     named = sets.grown((propose,))
     if not named or all(o.kind == LAW for o in named[0].options):
         return Mixed()
+    named = LawOfSet(sets, members).of(named)
     first = sets.fits.fitted[named[0].label]
     return Mixed(tuple(named), sets.evidence(first) - sets.evidence(sets.fits.base))

@@ -24,6 +24,7 @@ from enginediag_cli.mismatch.explain.currency import Offer, Prices, scales_of
 from enginediag_cli.mismatch.explain.free_members import Unlisted
 from enginediag_cli.mismatch.explain.judging import ALIAS, Fits
 from enginediag_cli.mismatch.explain.members import (
+    MOST_MEMBERS,
     Members,
     add,
     at_once,
@@ -32,6 +33,7 @@ from enginediag_cli.mismatch.explain.members import (
     identity,
     key_of,
     law_places,
+    too_far,
 )
 from enginediag_cli.mismatch.explain.pairs import EXTENDED, best_pairs, forward
 from enginediag_cli.mismatch.explain.rejected import Reason, Rejected
@@ -42,8 +44,6 @@ from enginediag_cli.physics.together import kinds_of_places
 
 PAIRS = 4
 """Pairs that are refitted, best by score first, as of single options (`SHORTLIST`)."""
-MOST_MEMBERS = 6
-"""Options that may act together at most. Judgement: more together is better told as unlisted physics."""
 BEAM = 3
 """Sets, likeliest first, whose remainder proposes the next members."""
 TRIED_OF_MANY = 2
@@ -58,8 +58,6 @@ UNLISTED, CURVES = 2, 2
 """Free curves that a set must be likelier than, and how many are tried for each of them."""
 LIKELIER = 1.0
 """By how much of ln evidence a round must bring the search on: less is not worth another one."""
-PACE = 3.0
-"""Times the gain of the last round that each further member may bring: they come largest first. Judgement."""
 MOST_FITS = 150
 """Sets that are fitted, about at most: a search that finds what acts has needed half of that."""
 WITHIN_REACH = 15.0
@@ -80,15 +78,22 @@ Proposer = Callable[[Trial], Sequence[Offer]]
 
 class Sets:
     """The search of sets of one evidence. `best`: the free-form block at the base that a set must beat; `many`: it is
-    of few of many records, each of which costs time."""
+    of few of many records, each of which costs time; `least`: ln evidence against the base that a set must promise."""
 
-    def __init__(self, fits: Fits, best: Cell | None, proposers: Sequence[Proposer] = (), many: bool = False):
+    def __init__(
+        self,
+        fits: Fits,
+        best: Cell | None,
+        proposers: Sequence[Proposer] = (),
+        many: bool = False,
+        least: float = -np.inf,
+    ):
         self.fits, self.best, self.proposers = fits, best, tuple(proposers)
         self.prices = Prices(fits.library)
         self.unlisted = Unlisted(self.prices, fits.along_drivers)
         effects = [e for o in fits.library for e in o.hypothesis.effects]
         self.places = kinds_of_places(effects, fits.evidence.engine.network)
-        self.many = many
+        self.many, self.least = many, least
         self.beam, self.beside, self.tried = (1, 1, TRIED_OF_MANY) if many else (BEAM, BESIDE, TRIED)
         self._evidence: dict[str, float] = {}
         self._offers: dict[tuple[str, Proposer | None], list[Offer]] = {}
@@ -155,7 +160,8 @@ class Sets:
         """Steps until a set of listed options is `settled`, or none makes the likeliest one likelier; of all sets where
         nothing settles them. What promises less than free curves that leave nothing is not tried."""
         alone = self.only_unlisted()
-        enough = self.evidence(alone) - 0.5 * ALIAS if self._is_adequate(alone) else -np.inf
+        least = self.evidence(self.fits.base) + self.least
+        enough = max(self.evidence(alone) if self._is_adequate(alone) else -np.inf, least) - 0.5 * ALIAS
         exchanged, stalled, listed = "", False, settled is not None
         for _ in range(ROUNDS_OF_MANY if self.many else ROUNDS):
             beam = self._beam(listed)
@@ -172,7 +178,7 @@ class Sets:
                 return []
             self._fit(new)
             gained = self.evidence(best := self.likeliest(listed)[0]) - self.evidence(beam[0])
-            stalled = gained < LIKELIER or _too_far(best, gained) or self._fits > MOST_FITS
+            stalled = gained < LIKELIER or too_far(best, gained) or self._fits > MOST_FITS
         named = settled(self._beam(listed)) if settled is not None else []
         return self._or_a_rival(named, proposers, settled) if named and settled is not None else []
 
@@ -391,10 +397,3 @@ class Sets:
             return True
         self.fits.rejected[trial.label] = Rejected(Reason.ONE_UNLISTED)
         return False
-
-
-def _too_far(best: Trial, gained: float) -> bool:
-    """Whether a set of MOST_MEMBERS would leave a misfit: ½ (χ² − its degrees of freedom) of the likeliest set, at
-    PACE times what the last round `gained`."""
-    left = 0.5 * (best.objective - best.projection.dof)
-    return left > PACE * gained * (MOST_MEMBERS - len(best.options))

@@ -28,13 +28,15 @@ T = TypeVar("T")
 
 
 def evidence_of(base: Trial, trial: Trial, prior: float) -> float:
-    """ln B of a trial against the base; `prior`: ln of that of place, variables and form, of all its laws."""
+    """ln B of a trial against the base, of what this does not have already; `prior`: ln of that of place, variables and
+    form, of all its laws."""
     position = {n: j for j, n in enumerate(trial.found.problem.names)}
     free = np.cumsum(trial.projection.free) - 1
-    own = [position[n] for n in trial.hypothesis.names]
+    names = [n for n in trial.hypothesis.names if n not in base.hypothesis.names]
+    own = [position[n] for n in names]
     k = [int(free[j]) for j in own if trial.projection.free[j]]
     narrowed = float(np.linalg.slogdet(trial.projection.covariance()[np.ix_(k, k)])[1]) if k else 0.0
-    shapes = HELD * held(trial, trial.hypothesis.names)
+    shapes = HELD * held(trial, names)
     return 0.5 * (base.objective - trial.objective) + 0.5 * min(narrowed, 0.0) - shapes + prior
 
 

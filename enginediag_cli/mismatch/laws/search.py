@@ -13,7 +13,6 @@ import numpy as np
 
 from enginediag_cli.engine.term import Effect
 from enginediag_cli.mismatch.fit.freeform import locations
-from enginediag_cli.mismatch.fit.identified import nuisance
 from enginediag_cli.mismatch.fit.options import Option
 from enginediag_cli.mismatch.fit.trial_fit import Trial
 from enginediag_cli.mismatch.laws.alike import places_alike
@@ -41,9 +40,9 @@ SETS, SHAPED = 10, 6
 """Sets of variables at a place of which all forms are shaped, likeliest first; how many of these are fitted."""
 BARELY, NEARLY = 1.0, 4.0
 """ln evidence by which a form must be likelier than when it was fitted, and by which it may be behind the best."""
-STARTS = 4
-"""Places and variables, best first, of which sums of forms are fitted: of two variables that act together the right two
-may come first only with more than one form."""
+STARTS, APART = 4, 10.0
+"""Places and variables, best first, of which sums of forms are fitted at most, and by how much of ln evidence one may
+be behind: of two variables that act together the right two may come first only with more than one form."""
 MOST_FORMS = 5
 """Forms of one law: what needs more is no law."""
 LIKELIER = 1e-3
@@ -113,11 +112,13 @@ class Fitted:
 
 @dataclass
 class LawSearch:
-    """One search from a base that lacks something. `single` and `double`: laws that were fitted, likeliest first."""
+    """One search from a base that lacks something, beside what this has. `also`: laws that are fitted in any case;
+    `single` and `double`: those that were fitted, likeliest first."""
 
     base: Trial
     scan: Scan
     fit: Fitting
+    also: Sequence[tuple[Proposal, ...]] = ()
     single: list[Fitted] = field(default_factory=list)
     double: list[Fitted] = field(default_factory=list)
     smooth: list[Smooth] = field(default_factory=list)
@@ -126,7 +127,7 @@ class LawSearch:
     def __post_init__(self) -> None:
         self.engine = self.base.found.evidence.engine
         candidates = self.scan.candidates
-        self.single = self._fitted([(p,) for p in elsewhere(candidates, self.engine)])
+        self.single = self._fitted([*((p,) for p in elsewhere(candidates, self.engine)), *self.also])
         self.smooth = self._smooth()
         self.single = self._with(self._fitted([(p,) for p in self._shaped()]))
         for first in self._apart():
@@ -182,9 +183,9 @@ class LawSearch:
     def _smooth(self) -> list[Smooth]:
         """All variables at the places of the best laws, whatever the form; and every form of the likeliest of them."""
         known, prior, found = self.scan.known, prior_of_a_place(self.base.found), list[Smooth]()
-        along, every = nuisance(self.base.found.evidence), self.scan.formulas
+        every = self.scan.formulas
         for first in self._at_places():
-            at = carried(self.base, first.trial, first.laws[0].candidate.location, along, known)
+            at = carried(self.base, first.trial, first.effects, first.laws[0].candidate.location, known)
             if at.found.converged:
                 here = smooth_evidence(at, known, prior)
                 likely = sorted({s.groups: s for s in reversed(here)}.values(), key=lambda s: -s.evidence)[:SETS]
@@ -214,7 +215,8 @@ class LawSearch:
     def _apart(self) -> list[Fitted]:
         """The best law of each of the best places and variables, whatever the form."""
         best, total = self._best(), self._totals()
-        return [best[where] for where in sorted(best, key=lambda w: -total[w])[:STARTS]]
+        likeliest = sorted(best, key=lambda w: -total[w])[:STARTS]
+        return [best[where] for where in likeliest if total[where] > total[likeliest[0]] - APART]
 
     def _of_more_forms(self, first: Fitted) -> list[Fitted]:
         """A law with further forms of the same variables at its place: a curve that no form has is a sum of some. One
@@ -335,7 +337,7 @@ class LawSearch:
         """Candidates that were not fitted: at places where forms were shaped by these, else by their scores, moved as a
         fit has moved the best one's."""
         fitted = {_form_of(f.laws[0].candidate) for f in self.single if len(f.laws) == 1}
-        moved = max(f.evidence - f.laws[0].candidate.weight for f in self.single if len(f.laws) == 1)
+        moved = max((f.evidence - f.laws[0].candidate.weight for f in self.single if len(f.laws) == 1), default=0.0)
         shaped = {_form_of(c) for c in self.refined}
         found = [(c, c.weight) for c in self.refined]
         found += [
@@ -348,12 +350,10 @@ class LawSearch:
         ]
 
     def _fitted(self, sets: Sequence[tuple[Proposal, ...]]) -> list[Fitted]:
-        trials = self.fit([tuple(p.option for p in s) for s in sets]) or []
-        of = {tuple(p.option.label for p in s): s for s in sets}
-        found = []
-        for t in trials:
-            found.append(Fitted.to(self.base, of[tuple(o.label for o in t.options)], t))
-        return ordered(found)
+        beside = self.base.options
+        of = {tuple(o.label for o in beside) + tuple(p.option.label for p in s): s for s in sets}
+        trials = self.fit([(*beside, *(p.option for p in s)) for s in of.values()]) or []
+        return ordered(Fitted.to(self.base, of[tuple(o.label for o in t.options)], t) for t in trials)
 
 
 def _predicts(more: Fitted, fewer: Fitted) -> float:

@@ -25,10 +25,11 @@ from itertools import combinations, product
 
 import numpy as np
 
+from enginediag_cli.engine.term import Effect
 from enginediag_cli.mismatch.fit.columns import Columns
 from enginediag_cli.mismatch.fit.families import Sums, grid
 from enginediag_cli.mismatch.fit.freeform import Location
-from enginediag_cli.mismatch.fit.identified import NO_HYPOTHESIS, Identified, Nuisance, identify_with
+from enginediag_cli.mismatch.fit.identified import Identified, identify_with, nuisance
 from enginediag_cli.mismatch.fit.projection import Projection
 from enginediag_cli.mismatch.fit.trial_fit import Trial
 from enginediag_cli.mismatch.laws.band import summed
@@ -110,14 +111,15 @@ class Carried:
     gain: float
 
 
-def carried(base: Trial, trial: Trial, place: Location, along: Nuisance, known: Sequence[Known]) -> Carried:
-    """The fit of an engine that carries the laws of a trial, all at one place, as this has fitted them. `along`: of the
-    base, since a floor's curves along what a law moves would be curves of the law."""
-    evidence, laws = base.found.evidence, trial.hypothesis.effects
+def carried(base: Trial, trial: Trial, laws: Sequence[Effect], place: Location, known: Sequence[Known]) -> Carried:
+    """The fit of an engine that carries the laws of a trial, all at one place, as this has fitted them, beside what the
+    base has. What identification absorbs is that of the base: a floor's curves along what a law moves would be curves
+    of the law."""
+    evidence = base.found.evidence
     coefficients = {n: value for n, (value, _) in trial.coefficients.items()}
     fixed = tuple(e.with_values(coefficients) for e in laws)
     engine = evidence.engine.with_effects((*evidence.engine.effects, *fixed))
-    found = identify_with(replace(evidence, engine=engine), NO_HYPOTHESIS, along, base.found)
+    found = identify_with(replace(evidence, engine=engine), base.hypothesis, nuisance(evidence), base.found)
     projection = Projection(found)
     f = summed(laws, {k.variable.name: k.values for k in known}, coefficients)
     return Carried(found, projection, place, f, 0.5 * (base.objective - projection.objective))

@@ -40,7 +40,7 @@ def _searched(formula: str, size: float, of: tuple[str, ...], carrying: str, see
     one = [k for k in known if k.variable.name == carrying]
     first = proposal(scored(found, base.projection, [place], list(formulas_of(one, known)), 0.0)[0], given.engine)
     trial = attempt([first.option], found, nuisance(given))
-    at = carried(base, trial, place, nuisance(given), known)
+    at = carried(base, trial, trial.hypothesis.effects, place, known)
     assert at.found.converged and at.gain == pytest.approx(0.5 * (base.objective - trial.objective), abs=2.0)
     return smooth_evidence(at, known, prior_of_a_place(found))
 

@@ -1,0 +1,63 @@
+"""The law of a set, searched as one that acts alone is, beside what the set holds besides.
+
+While sets grow a law is the best of few forms at the place of a free curve. Which variables it is of, and whether it is
+one form or a sum, is weighed here from the fit with all other members of the set: by all smooth curves of all
+variables, by every form with the shape that suits it, at every place.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from enginediag_cli.mismatch.explain.answer import Explanation
+from enginediag_cli.mismatch.explain.law_members import LawMembers
+from enginediag_cli.mismatch.explain.lawful import AS_GOOD, JUDGED
+from enginediag_cli.mismatch.explain.members import identity, law_places
+from enginediag_cli.mismatch.explain.stepwise import Sets
+from enginediag_cli.mismatch.fit.options import LAW
+from enginediag_cli.mismatch.laws.posterior import shares
+from enginediag_cli.mismatch.laws.scan import scanned
+from enginediag_cli.mismatch.laws.search import Fitted, LawSearch
+from enginediag_cli.progress import stage
+
+
+@dataclass(frozen=True)
+class LawOfSet:
+    """Sets that were named, and the laws that `members` knows."""
+
+    sets: Sets
+    members: LawMembers
+
+    @stage("weighing the law of a set")
+    def of(self, named: Sequence[Explanation]) -> list[Explanation]:
+        """What was named, with the law of the first as it is after this search, alone or with its rivals; as it was
+        where laws act at several places, or none that was found explains as well."""
+        trial = self.sets.fits.fitted[named[0].label]
+        laws = [o for o in trial.options if o.kind == LAW]
+        others = tuple(o for o in trial.options if o.kind != LAW)
+        base = self.sets.fitted(others) if laws and others and law_places(trial) == 1 else None
+        if base is None:
+            return list(named)
+        also = tuple(self.members.known[o.label] for o in laws)
+        search = LawSearch(base, scanned(base.found, base.projection), self.sets.fits.refit, (also,))
+        self.members.learn(p for f in search.single for p in f.laws)
+        own = set(map(identity, others))
+        same = [x for x in named if {identity(o) for o in x.options if o.kind != LAW} == own]
+        told = self._judged(search.single, sum(x.probability for x in same))
+        return [*told, *(x for x in named if x not in same)] if told else list(named)
+
+    def _judged(self, found: Sequence[Fitted], probability: float) -> list[Explanation]:
+        """The likeliest that explain, with shares of this probability."""
+        fits, adequate = self.sets.fits, list[tuple[Fitted, float, float]]()
+        for f in found[:JUDGED]:
+            if adequate and f.standing < adequate[0][0].standing - AS_GOOD:
+                break
+            left, flights, why = fits.judge(f.trial, needed=True)
+            if why is None:
+                adequate.append((f, left, flights))
+        odds = probability * shares([f.standing for f, _, _ in adequate])
+        return [
+            fits.explanation(f.trial, float(p), left, flights)
+            for (f, left, flights), p in zip(adequate, odds, strict=True)
+        ]

@@ -1,0 +1,81 @@
+"""The law of a set is told along its own variables, weighed beside what the set holds besides."""
+
+from __future__ import annotations
+
+import concealed
+import numpy as np
+import pytest
+
+from enginediag_cli.engine.term import Coefficient, Effect
+from enginediag_cli.mismatch.explain.explain import Search
+from enginediag_cli.mismatch.explain.law_members import LawMembers
+from enginediag_cli.mismatch.explain.law_of_set import LawOfSet
+from enginediag_cli.mismatch.explain.stepwise import Sets
+from enginediag_cli.mismatch.fit.evidence import Flight
+from enginediag_cli.mismatch.fit.identified import NO_HYPOTHESIS, identify_with
+from enginediag_cli.mismatch.fit.options import LAW, Option, onset
+from enginediag_cli.mismatch.fit.projection import Projection
+from enginediag_cli.mismatch.fit.trial_fit import Trial, remainder
+from enginediag_cli.mismatch.laws.scan import scored
+from enginediag_cli.mismatch.laws.shortlist import proposal
+from enginediag_cli.physics.laws.expression import Expression
+from enginediag_cli.physics.laws.law import Acts, Law
+from enginediag_cli.physics.laws.variables import variables_of
+
+WAVE = "a * ((mach - 0.5) / 0.15) * exp(-((mach - 0.5) / 0.15) ** 2)"
+STEP, SINCE, RECORDS = 0.004, 3, 40
+
+
+@pytest.fixture(scope="module")
+def sets() -> Sets:
+    """Of flights with a wave over Mach number at the HPC's efficiency, and a T45 that reads 0.4 % more since one."""
+    engine = concealed.turbofan()
+    size = Coefficient("a", "1", "size", 0.0, -1.0, 1.0, 0.05, 0.03)
+    at = Acts("hpc.efficiency", "hpc", "", True)
+    law = Law("truth", at, Expression.parsed(WAVE), {"mach": variables_of(engine.network)["mach"]}, (size,))
+    flown = concealed.flights((Effect(law, at.site, {"a": 0.03}),), np.random.default_rng(31), count=6, records=RECORDS)
+    recorded = [
+        Flight(f.label, f.engine, {**f.columns, "T45_K": f.columns["T45_K"] * (1.0 + STEP * (k >= SINCE))})
+        for k, f in enumerate(flown)
+    ]
+    search = Search(concealed.evidence(recorded), [])
+    found = identify_with(search.evidence, NO_HYPOTHESIS, search.along)
+    search.look_from(Trial((), found, Projection(found)))
+    search.weighed(remainder(search.base, search.library, search.along_drivers))
+    return Sets(search, None)
+
+
+def step_of(sets: Sets) -> Option:
+    """The step of T45 that begins when it does."""
+    own = (o for o in sets.fits.library if o.label.startswith("sensor.T45.scale"))
+    return next(o for o in own if onset(o) == SINCE * RECORDS)
+
+
+def named(sets: Sets, members: LawMembers, form: str, variables: list[str]):
+    """A set of the step and of a law of this form, as it might have been named."""
+    base = sets.fits.base
+    place = [w for w in members.where if w.name == "hpc.efficiency"]
+    own = [f for f in members.formulas if f.form.name == form and [k.variable.name for k in f.of] == variables]
+    law = proposal(scored(base.found, base.projection, place, own, 0.0)[0], base.found.evidence.engine)
+    members.learn([law])
+    (trial,) = sets.fits.refit([(step_of(sets), law.option)]) or []
+    return [sets.fits.explanation(trial, 1.0, 0.0, 1.0)]
+
+
+def test_a_law_that_joined_along_two_variables_is_told_along_its_own_one(sets: Sets) -> None:
+    members = LawMembers(sets.fits.base.found, sets.prices)
+    told = LawOfSet(sets, members).of(named(sets, members, "bump_by", ["mach", "power"]))
+    first = told[0]
+    laws = [o for o in first.options if o.kind == LAW]
+    variables = {n for o in laws for e in o.hypothesis.effects for n in e.term.variables}
+    assert variables == {"mach"} and any(o.label.startswith("sensor.T45.scale") for o in first.options)
+    assert sum(x.probability for x in told) == pytest.approx(1.0)
+    step = next(c for c in first.coefficients if "T45" in c.name)
+    assert abs(step.value - STEP) < 4.0 * step.standard_error
+
+
+def test_sets_without_a_law_stay_as_they_were_named(sets: Sets) -> None:
+    members = LawMembers(sets.fits.base.found, sets.prices)
+    (trial,) = sets.fits.refit([(step_of(sets),)]) or []
+    alone = [sets.fits.explanation(trial, 1.0, 0.0, 1.0)]
+    assert LawOfSet(sets, members).of(alone) == alone
