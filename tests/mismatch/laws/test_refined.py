@@ -46,7 +46,8 @@ class Searched:
         place = next(p for p in locations(found) if p.name == "hpc.efficiency")
         one = [k for k in self.known if k.variable.name == carrying]
         first = scored(found, self.base.projection, [place], list(formulas_of(one, self.known)), 0.0)[0]
-        self.at: Carried = carried(self.base, self.fitted(first), place, nuisance(self.given), self.known)
+        trial = self.fitted(first)
+        self.at: Carried = carried(self.base, trial, trial.hypothesis.effects, place, self.known)
 
     def fitted(self, candidate: Candidate) -> Trial:
         """Inside the simulator."""
