@@ -59,6 +59,8 @@ LAW_ROWS = {
     "law_place_right_less_stated": "… rate less mean stated probability",
     "law_driver": "its variables told, each by a group that these flights cannot tell apart",
     "law_driver_of_all": "… of all",
+    "law_driver_or_alike": "… or those of a law that these flights cannot tell from the true one",
+    "law_driver_right_less_stated": "… rate less mean stated probability of the variables",
     "law_curve": "curve within noise of the truth (D < 11)",
     "law_curve_of_all": "… of all",
     "law_form": "… with its coefficients fitted to flights without noise",
@@ -92,7 +94,7 @@ TITLES = {
 SIZE = "alias_set_size"
 MEANS = (SIZE, "dynamic_alias_set_size", "drivers_told")
 MEDIANS = tuple(n for n in LAW_ROWS if "gain" in n)
-DIFFERENCES = ("law_place_right_less_stated",)
+DIFFERENCES = ("law_place_right_less_stated", "law_driver_right_less_stated")
 
 Sheet = Mapping[str, Any]
 

@@ -8,12 +8,15 @@ said, of place p̂, groups of variables Ĝ and curve f̂; visible: λ ≥ 60 and
     law_place    p̂ = p, λ_sep(p̂) < 11, or D < 11                            visible, a law was said
     law_driver   as many groups as variables, each v ∈ V correlated with
                  one of its own by more than 0.95 in these recordings       visible, a law was said
+    law_driver_or_alike  law_driver, or D < 11                              visible, a law was said
     law_curve    D < 11                                                     visible, a law was said
     law_form     D < 11 with the law's coefficients fitted anew, too        visible, a law was said
     law_error    rms(f̂ − f − mean(f̂ − f))/(max f − min f)                    visible, p̂ = p
     law_alone    what was said acts at one place                            visible, a law was said
     stated       probability that was said of p̂ and of the places said to
                  be alike, together, beside whether law_place               visible, a law was said
+    stated_driver  probability that was said of the first groups, beside
+                 whether law_driver                                         visible, a law was said
     law_gain_…   see `ahead`; law_worse: whether it is worse than none      visible, a law was said
     law_false    a law was said                                             nothing concealed
     higher_at_ceiling  share of the records four kilometres higher that the

@@ -133,6 +133,8 @@ class Opened:
         }
         marks["law_alone"] = len({entry["at"] for entry in told.entries}) == 1
         marks["stated"] = [told.together, marks["law_place"]]
+        marks["law_driver_or_alike"] = marks["law_driver"] or apart < ALIAS
+        marks["stated_driver"] = [told.drivers[0][1], marks["law_driver"]]
         here = [e for e in laws or () if law_of(e).acts.leaf == self.truth.law.acts.leaf]
         if exact and here:
             told_curve = np.sum([curve(e, self.values) for e in here], axis=0)
