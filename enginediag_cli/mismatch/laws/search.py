@@ -173,10 +173,12 @@ class LawSearch:
         return {where: float(np.logaddexp.reduce(list(own.values()))) for where, own in of.items()}
 
     def _at_places(self) -> list[Fitted]:
-        """The best law at each of the best places."""
+        """The best law of one form at each of the best places: a sum that is known at one of them is no measure of
+        what others may come to."""
         best: dict[str, Fitted] = {}
-        for f in self.single:
-            if f.evidence > self.single[0].evidence - WITHIN:
+        alone = [f for f in self.single if len(f.laws) == 1]
+        for f in alone:
+            if f.evidence > alone[0].evidence - WITHIN:
                 best.setdefault(f.where[0], f)
         return list(best.values())[:PLACES]
 
