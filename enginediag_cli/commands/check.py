@@ -137,7 +137,7 @@ def _page(messages: Messages, report: Accepted) -> None:
     click.echo(visible(headline(report)))
     for remark in remarks(report):
         if remark.level == PROBLEM:
-            messages.error(f"{'<stdin>' if report.file == '-' else report.file}: {remark.told}")
+            messages.error(f"{'<stdin>' if report.file == '-' else report.file}: {remark.told}", file=report.file)
         else:
             click.echo(visible(f"  {remark.line}"))
 

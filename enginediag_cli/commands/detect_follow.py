@@ -114,5 +114,6 @@ def run_follow(
     )
     output.write_rows(chain([first] if first is not None else [], found), provenance=head, live=True)
     tell_left_out(messages, intake.left_out, following.counts, following.elsewhere)
-    messages.note(f"{sum(alarms.values())} of {len(alarms)} flights with an alarm")
+    counts = {"flights": len(alarms), "alarms": sum(alarms.values())}
+    messages.note(f"{counts['alarms']} of {counts['flights']} flights with an alarm", counts=counts)
     return ending(sum(alarms.values()), judged, exit_code)

@@ -1,7 +1,7 @@
 """What every command does besides its own work, in one place: `LazyGroup` equips each command that it hands out.
 
-`--verbose`, `--print-config` and, where YAML is read, `--allow-outside`; defaults from the environment; no output that
-is also an input; progress on a terminal.
+`--verbose`, `--log`, `--lock`, `--print-config` and, where YAML is read, `--allow-outside`; defaults from the
+environment; no output that is also an input; progress on a terminal.
 """
 
 from __future__ import annotations
@@ -10,12 +10,16 @@ import os
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from functools import wraps
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
+from enginediag_cli.commands.operation import FOR_EVERY_COMMAND, is_given, operated, operation_options
 from enginediag_cli.commands.parameter_types import ConfigFile, OutputFile
 from enginediag_cli.presentation.messages import Messages
+
+if TYPE_CHECKING:
+    from enginediag_cli.progress import Listener
 
 PREFIX = "ENGINEDIAG"
 """Of the environment variables that hold defaults: ENGINEDIAG_DETECT_FALSE_ALARM."""
@@ -48,6 +52,7 @@ def equip(command: click.Command, name: str) -> click.Command:
             help="Say on standard error what is read and written, and how long each stage took.",
         )
     )
+    command.params += operation_options()
     command.params.append(
         click.Option(
             ["--print-config"],
@@ -58,16 +63,18 @@ def equip(command: click.Command, name: str) -> click.Command:
     )
     for parameter in command.params:
         if isinstance(parameter, click.Option) and not parameter.envvar and parameter.name != "print_config":
-            parameter.envvar = variable(name, parameter)
+            own = variable(name, parameter)
+            parameter.envvar = [own, variable("", parameter)] if parameter.name in FOR_EVERY_COMMAND else own
     if command.callback is not None:
         command.callback = _surrounded(command.callback)
     return command
 
 
 def variable(command: str, option: click.Option) -> str:
-    """The environment variable that holds an option's default: ENGINEDIAG_<COMMAND>_<OPTION>."""
+    """The environment variable that holds an option's default: ENGINEDIAG_<COMMAND>_<OPTION>; without a command, that
+    of every command."""
     word = max(option.opts, key=len).lstrip("-")
-    return f"{PREFIX}_{command}_{word}".upper().replace("-", "_")
+    return "_".join(filter(None, (PREFIX, command, word))).upper().replace("-", "_")
 
 
 def asks_for_config(arguments: Sequence[str]) -> bool:
@@ -93,20 +100,15 @@ def print_config(command: click.Command, name: str, arguments: Sequence[str], pa
     told: dict[str, Any] = {}
     for parameter in command.get_params(context):
         value, source = parameter.consume_value(context, given)
-        value = parameter.type_cast_value(context, value if _is_given(value) else None)
+        value = parameter.type_cast_value(context, value if is_given(value) else None)
         option = isinstance(parameter, click.Option)
         word = max(parameter.opts, key=len).lstrip("-") if option else (parameter.metavar or str(parameter.name))
         if word in ("help", "print-config"):
             continue
-        told[word] = {"value": _plain(value), "from": words.get(source, "default") if _is_given(value) else "not given"}
+        told[word] = {"value": _plain(value), "from": words.get(source, "default") if is_given(value) else "not given"}
         if option and source == ParameterSource.ENVIRONMENT:
             told[word]["variable"] = parameter.envvar
     click.echo(dump({"command": name, "options": told}), nl=False)
-
-
-def _is_given(value: object) -> bool:
-    """Whether there is a value; click has had two ways to say that there is none."""
-    return value is not None and type(value).__name__ != "Sentinel"
 
 
 def _plain(value: Any) -> Any:
@@ -139,14 +141,22 @@ def _surrounded(callback: Callable[..., Any]) -> Callable[..., Any]:
         context = click.get_current_context()
         messages = context.ensure_object(Messages)
         check_outputs(context)
-        listener, since = messages.listener(), monotonic()
-        if listener is None:
-            return callback(*args, **values)
-        try:
-            with listening(listener):
+        shown, since = messages.listener(), monotonic()
+        listener: Listener | None = shown
+        if messages.log is not None and not messages.log.heard:
+            from enginediag_cli.presentation.run_log import Logged
+
+            messages.log.heard = True
+            listener = Logged(messages.log, shown)
+        with operated(messages, context, values):
+            if listener is None:
                 return callback(*args, **values)
-        finally:
-            listener.total(since)
+            try:
+                with listening(listener):
+                    return callback(*args, **values)
+            finally:
+                if shown is not None:
+                    shown.total(since)
 
     return run
 

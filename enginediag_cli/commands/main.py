@@ -107,7 +107,9 @@ class LazyGroup(click.Group):
         found, command, rest = super().resolve_command(ctx, args)
         if command is not None and found is not None:
             from enginediag_cli.commands.general import asks_for_config, print_config
+            from enginediag_cli.commands.operation import prepare
 
+            prepare(command, found, rest, ctx)
             if asks_for_config(rest):
                 print_config(command, found, rest, ctx)
                 ctx.exit()

@@ -148,17 +148,19 @@ def tell_story(messages: Messages, engine: str, story: Story, series: Series) ->
 
     name = f"engine {engine}: " if engine else ""
     if not story.converged:
-        messages.warning(f"{name}the search for onsets did not settle")
+        messages.warning(f"{name}the search for onsets did not settle", engine=engine)
     if story.events:
         messages.note(
             f"{name}chi2 per degree of freedom, by the scatter of the series: {story.fit.before:.3g} before what "
-            f"follows, {story.fit.after:.3g} after"
+            f"follows, {story.fit.after:.3g} after",
+            engine=engine,
         )
     if story.undecided:
         suspects = listed([m.component for m in story.undecided.named])
         messages.note(
             f"{name}cannot tell: if the readings scatter from each flight to the next alone, {suspects} changed; if "
-            "they wander by themselves, as instruments and unrecorded operation do, nothing did"
+            "they wander by themselves, as instruments and unrecorded operation do, nothing did",
+            engine=engine,
         )
     for event in story.events:
         since = _since(event, series.stretches[engine])
@@ -175,10 +177,10 @@ def tell_story(messages: Messages, engine: str, story: Story, series: Series) ->
                 parts.append((listed(shown), event.probability * member.probability))
         if len(members) == 1:
             text, chance = parts[0]
-            messages.note(f"{name}{since}: {text} (probability {probability(chance)})")
+            messages.note(f"{name}{since}: {text} (probability {probability(chance)})", engine=engine)
         else:
             each = "; or ".join(f"{text} ({probability(chance)})" for text, chance in parts)
-            messages.note(f"{name}{since}: cannot tell: {each}")
+            messages.note(f"{name}{since}: cannot tell: {each}", engine=engine)
 
 
 def _since(event: Event, stretches: Sequence[Stretch]) -> str:
@@ -199,4 +201,5 @@ def _since(event: Event, stretches: Sequence[Stretch]) -> str:
 def tell_too_few(messages: Messages, engine: str, count: int) -> None:
     """Why an engine has no trend."""
     name = f"engine {engine}: " if engine else ""
-    messages.warning(f"{name}{count} flights are too few for a trend, which needs three; --window cuts long flights")
+    told = f"{name}{count} flights are too few for a trend, which needs three; --window cuts long flights"
+    messages.warning(told, engine=engine, flights=count)
