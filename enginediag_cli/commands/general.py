@@ -1,7 +1,7 @@
 """What every command does besides its own work, in one place: `LazyGroup` equips each command that it hands out.
 
-`--verbose`, `--log`, `--lock`, `--print-config` and, where YAML is read, `--allow-outside`; defaults from the
-environment; no output that is also an input; progress on a terminal.
+`--verbose`, `--config`, `--log`, `--lock`, `--print-config` and, where YAML is read, `--allow-outside`; defaults from
+the environment; no output that is also an input; progress on a terminal.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from enginediag_cli.commands.operation import FOR_EVERY_COMMAND, is_given, operated, operation_options
+from enginediag_cli.commands.operation import FOR_EVERY_COMMAND, operated, operation_options, word_of
 from enginediag_cli.commands.parameter_types import ConfigFile, OutputFile
 from enginediag_cli.presentation.messages import Messages
 
@@ -58,7 +58,7 @@ def equip(command: click.Command, name: str) -> click.Command:
             ["--print-config"],
             is_flag=True,
             expose_value=False,
-            help="Print the value of every option and where it comes from, as YAML, and end.",
+            help="Print the value of every option and where it comes from, as a file for --config, and end.",
         )
     )
     for parameter in command.params:
@@ -73,8 +73,7 @@ def equip(command: click.Command, name: str) -> click.Command:
 def variable(command: str, option: click.Option) -> str:
     """The environment variable that holds an option's default: ENGINEDIAG_<COMMAND>_<OPTION>; without a command, that
     of every command."""
-    word = max(option.opts, key=len).lstrip("-")
-    return "_".join(filter(None, (PREFIX, command, word))).upper().replace("-", "_")
+    return "_".join(filter(None, (PREFIX, command, word_of(option)))).upper().replace("-", "_")
 
 
 def asks_for_config(arguments: Sequence[str]) -> bool:
@@ -84,37 +83,13 @@ def asks_for_config(arguments: Sequence[str]) -> bool:
 
 
 def print_config(command: click.Command, name: str, arguments: Sequence[str], parent: click.Context) -> None:
-    """Write every option of a command line with its value and its source. What must be given and is not, is empty;
-    raises click.UsageError for a value that is wrong."""
-    from click.core import ParameterSource
+    """Write every option of a command line with its value and its source, as a file of options that gives the same.
+    What must be given and is not, is a comment; raises click.UsageError for a value that is wrong."""
+    from enginediag_cli.commands.defaults_file import printed
 
-    from enginediag_cli.config.dump import dump
-
-    words = {
-        ParameterSource.COMMANDLINE: "command line",
-        ParameterSource.ENVIRONMENT: "environment",
-        ParameterSource.DEFAULT: "default",
-    }
     context = click.Context(command, info_name=name, parent=parent)
     given, _, _ = command.make_parser(context).parse_args(list(arguments))
-    told: dict[str, Any] = {}
-    for parameter in command.get_params(context):
-        value, source = parameter.consume_value(context, given)
-        value = parameter.type_cast_value(context, value if is_given(value) else None)
-        option = isinstance(parameter, click.Option)
-        word = max(parameter.opts, key=len).lstrip("-") if option else (parameter.metavar or str(parameter.name))
-        if word in ("help", "print-config"):
-            continue
-        told[word] = {"value": _plain(value), "from": words.get(source, "default") if is_given(value) else "not given"}
-        if option and source == ParameterSource.ENVIRONMENT:
-            told[word]["variable"] = parameter.envvar
-    click.echo(dump({"command": name, "options": told}), nl=False)
-
-
-def _plain(value: Any) -> Any:
-    if isinstance(value, (list, tuple)):
-        return [_plain(item) for item in value]
-    return value if isinstance(value, (bool, int, float, str)) or value is None else str(value)
+    click.echo(printed(command, name, context, given), nl=False)
 
 
 def _allow_outside(context: click.Context, parameter: click.Parameter, value: bool) -> None:

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import click
 from click.core import ParameterSource
 
+from enginediag_cli.commands.operation import is_chosen
 from enginediag_cli.presentation.messages import Messages
 from enginediag_cli.presentation.output import Output
 
@@ -75,13 +76,14 @@ class Rival:
 
     def check(self, method: Method, nominal: str | None, recordings: Sequence[str]) -> None:
         """Raises click.UsageError for options that do not go together."""
-        given = click.get_current_context().get_parameter_source
+        context = click.get_current_context()
         refused = {
             f"--{option.replace('_', '-')}": why
             for option, why in NOT_WITH_A_METHOD.items()
-            if given(option) not in (None, ParameterSource.DEFAULT)
+            if is_chosen(context, option)
         }
-        if given("linearise") is ParameterSource.COMMANDLINE and all(f.name != "linearise" for f in method.OPTIONS):
+        typed = context.get_parameter_source("linearise") is ParameterSource.COMMANDLINE
+        if typed and all(f.name != "linearise" for f in method.OPTIONS):
             refused["--linearise"] = "it has no such choice"
         reasons = [f"{option} does not go with --method {self.name}: {why}" for option, why in refused.items()]
         if nominal is None:

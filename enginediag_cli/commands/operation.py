@@ -1,7 +1,7 @@
-"""What a command has for life in a ground station, beside its own work: a log, and a lock.
+"""What a command has for life in a ground station, beside its own work: a log, a lock, and options from a file.
 
-Both must be known before the rest of a command line is understood, so that the log holds what was wrong with it:
-`prepare` looks at the arguments ahead of click.
+Log and file must be known before the rest of a command line is understood, so that the log holds what was wrong with
+it: `prepare` looks at the arguments ahead of click.
 """
 
 from __future__ import annotations
@@ -9,22 +9,51 @@ from __future__ import annotations
 import os
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from enginediag_cli.commands.parameter_types import FiniteRange, OutputFile
 from enginediag_cli.presentation.messages import Messages
 
-LOG, LOCK, LOCK_WAIT = "log_path", "lock_path", "lock_wait"
+if TYPE_CHECKING:
+    from enginediag_cli.commands.defaults_file import Given
+
+LOG, LOCK, LOCK_WAIT, CONFIG = "log_path", "lock_path", "lock_wait", "config_path"
 """Parameters that a command is given and its function is not."""
 
-FOR_EVERY_COMMAND = (LOG,)
+FOR_EVERY_COMMAND = (LOG, CONFIG)
 """Those with a variable without the command's name, too: ENGINEDIAG_LOG."""
+
+APART = ("help", "print_config")
+"""Options that are no settings."""
+
+NOT_IN_FILES = (*APART, CONFIG)
+"""Options that a file of options cannot give."""
+
+DEFAULTS = "enginediag.yaml"
+"""The file of options in the working folder."""
+
+WHERE = "enginediag.defaults"
+"""Key of a context's `meta`: marks of the options that a file gives, by parameter."""
+
+WITHOUT_EFFECT = {LOG, LOCK, LOCK_WAIT, CONFIG} | {
+    *("quiet", "color", "debug", "verbose", "allow_outside", "exit_code", "idle"),
+    *("output_format", "no_header", "wide", "columns", "show"),
+    *("processes", "jobs", "resume"),
+}
+"""Options on which no result depends: where and how it is shown, and how the work is done."""
 
 
 def operation_options() -> list[click.Option]:
     return [
+        click.Option(
+            ["--config", CONFIG],
+            metavar="FILE",
+            type=click.Path(dir_okay=False),
+            help=f"YAML file of options, instead of {DEFAULTS} in the working folder; '' is none. Command line and "
+            "environment go before it.",
+        ),
         click.Option(
             ["--log", LOG],
             metavar="FILE",
@@ -58,32 +87,64 @@ class AppendedFile(OutputFile):
         return super().convert(value, param, ctx)
 
 
+def word_of(parameter: click.Parameter) -> str:
+    """The long name of an option without its dashes."""
+    return max(parameter.opts, key=len).lstrip("-")
+
+
 def prepare(command: click.Command, name: str, arguments: Sequence[str], parent: click.Context) -> None:
-    """Open the log of a run, once, before its command line is read. Raises DataError, click.BadParameter."""
+    """Open the log of a run and read the file of options, once, before its command line is read. Raises DataError,
+    ConfigError, click.BadParameter."""
     messages = parent.ensure_object(Messages)
     if parent.resilient_parsing or messages.begun:  # completion, or a step of a demonstration
         return
     messages.begun = True
     context = click.Context(command, info_name=name, parent=parent, resilient_parsing=True, ignore_unknown_options=True)
-    given, _, _ = command.make_parser(context).parse_args(list(arguments))
+    typed, _, _ = command.make_parser(context).parse_args(list(arguments))
     asked = command.get_help_option(context)
-    if given.get("print_config") or (asked is not None and given.get(str(asked.name))):
+    if asked is not None and typed.get(str(asked.name)):
         return
-    path = _ahead(context, LOG, given)
-    if path is None:
-        return
-    from enginediag_cli.presentation.run_log import RunLog
+    only_shown = bool(typed.get("print_config"))
+    line = [name, *arguments]
+    if not only_shown:
+        _open_log(messages, context, typed, line)
+    given = _read_config(context, typed)
+    if given is not None:
+        from enginediag_cli.commands.defaults_file import check_effective
 
-    messages.log = RunLog(path, name)
-    messages.log.begin([name, *arguments])
+        parent.default_map = {name: given.values}
+        context.default_map = given.values
+        context.meta[WHERE] = given.marks
+        check_effective(given, click.Context(command, info_name=name, parent=parent), typed)
+        if messages.log is None and not only_shown:
+            _open_log(messages, context, typed, line)
 
 
-def _ahead(context: click.Context, name: str, given: Mapping[str, Any]) -> Any:
+def _open_log(messages: Messages, context: click.Context, typed: Mapping[str, Any], line: list[str]) -> None:
+    path = _ahead(context, LOG, typed)
+    if path is not None:
+        from enginediag_cli.presentation.run_log import RunLog
+
+        messages.log = RunLog(path, line[0])
+        messages.log.begin(line)
+
+
+def _read_config(context: click.Context, typed: Mapping[str, Any]) -> Given | None:
+    path = _ahead(context, CONFIG, typed)
+    found = path is None
+    if path == "" or (found and not os.path.lexists(DEFAULTS)):
+        return None
+    from enginediag_cli.commands.defaults_file import read_defaults
+
+    return read_defaults(DEFAULTS if found else path, str(context.info_name), context.command, found=found)
+
+
+def _ahead(context: click.Context, name: str, typed: Mapping[str, Any]) -> Any:
     """The value of one option, before click has come to it; None when it is not given."""
     parameter = next((p for p in context.command.params if p.name == name), None)
     if parameter is None:
         return None
-    value, _ = parameter.consume_value(context, given)
+    value, _ = parameter.consume_value(context, typed)
     return parameter.type_cast_value(context, value) if is_given(value) else None
 
 
@@ -94,15 +155,64 @@ def is_given(value: object) -> bool:
 
 @contextmanager
 def operated(messages: Messages, context: click.Context, values: dict[str, Any]) -> Iterator[None]:
-    """Take from a command's values what is not its own, and run it inside: under its lock. Raises LockedError,
-    DataError."""
-    values.pop(LOG, None)
-    lock, wait = values.pop(LOCK, None), values.pop(LOCK_WAIT, 0.0)
-    if lock is None:
-        yield
-        return
-    from enginediag_cli.file_lock import locked
+    """Take from a command's values what is not its own, and run it inside: under its lock, with what a file or the
+    environment gives told in what it writes. Raises LockedError, DataError."""
+    from enginediag_cli.recordings.provenance import told_besides
 
-    with locked(lock, str(context.info_name), wait):
-        messages.record("note", f"holds {lock}", lock=os.path.abspath(lock))
-        yield
+    for name in (LOG, CONFIG):
+        values.pop(name, None)
+    lock, wait = values.pop(LOCK, None), values.pop(LOCK_WAIT, 0.0)
+    besides = chosen_besides(context)
+    if WHERE in context.meta and besides:
+        messages.note(f"options not of the command line: {', '.join(f'{k} {v}' for k, v in besides.items())}")
+    with told_besides({f"option {word}": told for word, told in besides.items()}):
+        if lock is None:
+            yield
+            return
+        from enginediag_cli.file_lock import locked
+
+        with locked(lock, str(context.info_name), wait):
+            messages.record("note", f"holds {lock}", lock=os.path.abspath(lock))
+            yield
+
+
+def chosen_besides(context: click.Context) -> dict[str, str]:
+    """Options on which the result depends and that a file or the environment gives: value and source, by name."""
+    from click.core import ParameterSource
+
+    sources = {ParameterSource.ENVIRONMENT: "environment", ParameterSource.DEFAULT_MAP: "file"}
+    told = {}
+    for parameter in context.command.params:
+        name = str(parameter.name)
+        source = sources.get(context.get_parameter_source(name) or ParameterSource.DEFAULT)
+        if source is None or name in WITHOUT_EFFECT or isinstance(parameter.type, OutputFile):
+            continue
+        value = context.params.get(name)
+        if is_default(context, parameter, value):
+            continue
+        if source == "file" and WHERE in context.meta:
+            source = os.path.basename(context.meta[WHERE][name].file)
+        each = value if isinstance(value, (list, tuple)) else [value]
+        if isinstance(parameter.type, click.Path):
+            each = [os.path.basename(str(item)) for item in each]
+        told[word_of(parameter)] = f"{' '.join(map(str, each))} ({source})"
+    return told
+
+
+def is_default(context: click.Context, parameter: click.Parameter, value: object) -> bool:
+    """Whether a value is the one that is built in."""
+    if not is_given(parameter.default):
+        a_choice = value is False and bool(parameter.secondary_opts)
+        return not a_choice and value in (None, False, ())
+    return bool(parameter.type_cast_value(context, parameter.default) == value)
+
+
+def is_chosen(context: click.Context, name: str) -> bool:
+    """Whether the user chose an option's value, wherever: in a file, the built-in value is no choice."""
+    from click.core import ParameterSource
+
+    source = context.get_parameter_source(name)
+    if source is not ParameterSource.DEFAULT_MAP:
+        return source is not None and source is not ParameterSource.DEFAULT
+    parameter = next(p for p in context.command.params if p.name == name)
+    return not is_default(context, parameter, context.params.get(name))
