@@ -103,6 +103,7 @@ def detect(
         raise click.UsageError("--power must be larger than --false-alarm")
     from enginediag_cli.detection.verdict import judge
     from enginediag_cli.presentation.detection_rows import detection_row, tell_window
+    from enginediag_cli.presentation.outputs.detect import DETECT as DETECT_ROWS
     from enginediag_cli.recordings.provenance import header_lines
     from enginediag_cli.residuals.economy import Economy
 
@@ -128,7 +129,7 @@ def detect(
     head = header_lines(
         "detect",
         configs=[*compared.configs, *source.configs],
-        notes={"false_alarm": str(false_alarm), **source.notes, **judging.notes},
+        notes={**DETECT_ROWS.notes, "false_alarm": str(false_alarm), **source.notes, **judging.notes},
         inherited=files.intake.provenance,
     )
     rows_found = chain([first] if first is not None else [], found)

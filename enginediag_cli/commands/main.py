@@ -64,7 +64,7 @@ COMMANDS: dict[str, Entry] = {
     "check": Entry("enginediag_cli.commands.check", "check", "Validate YAML files and recordings."),
     "recorder": Entry("enginediag_cli.commands.recorder", "recorder", "Draft a recorder YAML from a foreign file."),
     "schema": Entry(
-        "enginediag_cli.commands.schema", "schema", "Print the JSON schema of a kind of YAML file, for editors."
+        "enginediag_cli.commands.schema", "schema", "Print the JSON schema of a kind of YAML file, or of an output."
     ),
     "physics": Entry(
         "enginediag_cli.commands.physics", "physics", "Say which physical effects a model may carry or lack."

@@ -145,6 +145,7 @@ def detect_by_method(
     from enginediag_cli.methods.on_recordings import judged_windows, learnt_windows, recorded_windows
     from enginediag_cli.presentation.left_out import tell_left_out
     from enginediag_cli.presentation.method_rows import method_row
+    from enginediag_cli.presentation.outputs.detect import BY_METHOD
     from enginediag_cli.recordings.provenance import header_lines
 
     monitor, intake, plan = files.monitor, files.intake, files.judging.plan
@@ -171,7 +172,7 @@ def detect_by_method(
     head = header_lines(
         "detect",
         configs=[rival.nominal, *intake.source.configs, *rival.healthy],
-        notes={"method": method.name, "false_alarm": str(false_alarm), **intake.source.notes},
+        notes={**BY_METHOD.notes, "method": method.name, "false_alarm": str(false_alarm), **intake.source.notes},
         inherited=intake.provenance,
     )
     output.write_rows(chain([first] if first is not None else [], every), provenance=head, live=True)

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
+from enginediag_cli.presentation.outputs.detect import DETECT, FOLLOW
+
 if TYPE_CHECKING:
     from enginediag_cli.detection.follow import BlockReport
     from enginediag_cli.detection.verdict import Verdict
@@ -36,7 +38,7 @@ def detection_row(verdict: Verdict, power: float | None, false_alarm: float) -> 
             row["not_excited"] = [str(combination) for combination in statistics.unexcited()]
             sizes = minimum_change(verdict.score, false_alarm=false_alarm, power=power)
             row.update({f"detectable:{a}": x for a, x in zip(verdict.score.parameters, sizes, strict=True)})
-    return row
+    return DETECT.row(row)
 
 
 def tell_window(messages: Messages, verdict: Verdict) -> None:
@@ -82,4 +84,4 @@ def block_row(report: BlockReport) -> dict[str, Any]:
         onset_high_s=change.high_s if change else None,
         reason=report.reason,
     )
-    return row
+    return FOLLOW.row(row)

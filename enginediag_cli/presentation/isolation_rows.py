@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from enginediag_cli.isolation.adequacy import Adequacy
 from enginediag_cli.presentation.messages import Messages
+from enginediag_cli.presentation.outputs.isolate import ISOLATE
 
 if TYPE_CHECKING:
     from enginediag_cli.detection.verdict import Verdict
@@ -56,18 +57,6 @@ def isolation_rows(
         verdict=told_verdict(verdict, diagnosis.adequacy if diagnosis else None),
         p_value=verdict.test.p_value if verdict.test else None,
         **fit_cells(diagnosis.adequacy if diagnosis else None),
-        isolated=None,
-        probability=None,
-        **class_cells(None),
-        parameter=None,
-        inclusion=None,
-        change=None,
-        lower=None,
-        upper=None,
-        unit=None,
-        percent=None,
-        rivals=None,
-        rivals_left_out=None,
         note=verdict.reason,
     )
     if catalogue:
@@ -77,7 +66,7 @@ def isolation_rows(
     if advice is not None:
         row["advice"] = list(advice)
     if diagnosis is None:
-        yield row
+        yield ISOLATE.row(row)
         return
     result = diagnosis.result
     row.update(
@@ -89,10 +78,9 @@ def isolation_rows(
         note="; ".join(filter(None, [reservation(diagnosis.adequacy, known), result.note])),
     )
     if not result.sizes:
-        yield row
+        yield ISOLATE.row(row)
     for size in result.sizes:
-        yield {
-            **row,
+        of_this = {
             "parameter": size.parameter,
             "inclusion": result.inclusion.get(size.parameter),
             "change": size.change,
@@ -101,6 +89,7 @@ def isolation_rows(
             "unit": known[size.parameter].unit,
             "percent": size.percent,
         }
+        yield ISOLATE.row(row | of_this)
 
 
 def isolated_rows(found: IsolatedWindow, catalogue: bool, *, advice: bool) -> Iterator[dict[str, Any]]:
