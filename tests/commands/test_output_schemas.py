@@ -177,19 +177,13 @@ def test_the_lines_of_a_log_fit_its_schema(here, run):
 
 @pytest.mark.slow
 def test_explanations_and_refinements_fit_their_schemas(here, run):
-    text = Path("engine.yaml").read_text()
-    lacking = "physics:\n  - {term: humidity, at: ambient}\n"
-    assert run("physics", "humidity", "--engine", "engine.yaml").exit_code == 0
-    Path("truth.yaml").write_text(text + lacking)
-    simulated = run("simulate", "truth.yaml", "--flights", "6", "--records", "60", "--seed", "1", "-o", "all.csv")
-    assert simulated.exit_code == 0, simulated.stderr
-    arguments = ["explain", "engine.yaml", "all.csv", "-q", "--curves", "curves.csv"]
-    assert wrong_cells(output("explain"), run(*arguments, "-f", "csv").stdout) == []
-    found = json.loads(run(*arguments, "-f", "json").stdout)
-    assert list(misfits(found, output("explain").schema())) == []
-    run("refine", "engine.yaml", "all.csv", "--holdout-last", "2", "-o", "new.yaml", "--report", "report.json", "-q")
-    found = json.loads(Path("report.json").read_text())
-    assert list(misfits(found, output("refine").schema())) == []
+    assert run("demo", "--missing-physics", "--keep", "story", "-q").exit_code == 0
+    for name, file in (("explain", "explained.json"), ("refine", "refined.json"), ("locate", "located.json")):
+        found = json.loads(Path("story", file).read_text())
+        assert list(misfits(found, output(name).schema())) == []
+        if output(name).document:
+            assert found["schema"] == output(name).id
+            assert found["sentences"]
 
 
 def released() -> dict[str, Any]:
