@@ -64,6 +64,17 @@ def locked(path: str, command: str, wait_s: float = 0.0) -> Iterator[None]:
         os.close(handle)
 
 
+def try_lock(handle: int) -> bool:
+    """Lock an open file where nobody has, until it is closed; whether it was possible. Never waits."""
+    try:
+        import fcntl
+
+        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except (ImportError, OSError):  # held by another, or a file system that has no locks
+        return False
+    return True
+
+
 def _holder(handle: int) -> str:
     """Who says that it holds the lock."""
     told = os.pread(handle, SHOWN_BYTES, 0).decode("utf-8", "replace").split("\n")[0]

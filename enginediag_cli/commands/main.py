@@ -143,11 +143,12 @@ def enginediag() -> None:
 
     \b
     Any option of a command has a default in the environment, ENGINEDIAG_<COMMAND>_<OPTION>:
-    export ENGINEDIAG_DETECT_FALSE_ALARM=0.001; --print-config says what holds and why.
+    export ENGINEDIAG_DETECT_FALSE_ALARM=0.001; after it comes enginediag.yaml in the working folder
+    (kind: defaults); --print-config says what holds and why.
     Completion of commands, options, file kinds and effects; for zsh and fish alike:
     eval "$(_ENGINEDIAG_COMPLETE=bash_source enginediag)"
 
     \b
     Exit codes: 0 done; 1 finding (only with --exit-code); 2 bad usage, configuration or data;
-    3 no verdict; 70 internal error; 130 interrupted.
+    3 no verdict; 70 internal error; 75 --lock is held; 130 interrupted.
     """
