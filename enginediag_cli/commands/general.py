@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from enginediag_cli.commands.operation import FOR_EVERY_COMMAND, operated, operation_options, word_of
+from enginediag_cli.commands.operation import FILE, FOR_EVERY_COMMAND, operated, operation_options, word_of
 from enginediag_cli.commands.parameter_types import ConfigFile, OutputFile
 from enginediag_cli.presentation.messages import Messages
 
@@ -159,6 +159,8 @@ def check_outputs(context: click.Context) -> None:
 
 def _inputs(context: click.Context) -> Iterator[tuple[str, str]]:
     """(how it was given, path) of each file that the command line names to be read; "-" is standard input."""
+    if FILE in context.meta:
+        yield "options", context.meta[FILE]
     for parameter in context.command.params:
         if not isinstance(parameter.type, click.Path) or isinstance(parameter.type, OutputFile):
             continue

@@ -37,6 +37,9 @@ DEFAULTS = "enginediag.yaml"
 WHERE = "enginediag.defaults"
 """Key of a context's `meta`: marks of the options that a file gives, by parameter."""
 
+FILE = "enginediag.defaults.file"
+"""Key of a context's `meta`: the file that gives them."""
+
 WITHOUT_EFFECT = {LOG, LOCK, LOCK_WAIT, CONFIG} | {
     *("quiet", "color", "debug", "verbose", "allow_outside", "exit_code", "idle"),
     *("output_format", "no_header", "wide", "columns", "show"),
@@ -136,7 +139,8 @@ def _read_config(context: click.Context, typed: Mapping[str, Any]) -> Given | No
         return None
     from enginediag_cli.commands.defaults_file import read_defaults
 
-    return read_defaults(DEFAULTS if found else path, str(context.info_name), context.command, found=found)
+    context.meta[FILE] = DEFAULTS if found else path
+    return read_defaults(context.meta[FILE], str(context.info_name), context.command, found=found)
 
 
 def _ahead(context: click.Context, name: str, typed: Mapping[str, Any]) -> Any:

@@ -141,6 +141,14 @@ def test_check_looks_at_every_command_and_knows_the_kind(run, folder):
     assert run("check", "enginediag.yaml").stdout == "enginediag.yaml: ok, a file of kind defaults\n"
 
 
+def test_the_file_is_an_input_and_no_output(run, folder):
+    path = defaults("simulate: {records: 2}\n")
+    ended = run("simulate", ENGINE, "-o", path, "-f", "csv")
+    assert ended.exit_code == 2
+    assert "is also an input (options)" in ended.stderr
+    assert path.read_text().startswith("kind: defaults")
+
+
 def test_a_file_of_another_kind_under_this_name_is_told(run, folder):
     Path("enginediag.yaml").write_text("kind: flight\n")
     ended = run("simulate", ENGINE)

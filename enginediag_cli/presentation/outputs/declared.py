@@ -10,10 +10,12 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from enginediag_cli.config.fields import REQUIRED, Field, Section
-from enginediag_cli.config.json_schema import DIALECT, Schema, field_schema, section_schema
+
+if TYPE_CHECKING:
+    from enginediag_cli.config.json_schema import Schema
 
 CSV_LIST = "; "
 """Between the items of a list in a cell, as `presentation.rows.cell` writes it."""
@@ -73,6 +75,8 @@ class Table:
 
     def schema(self) -> Schema:
         """JSON schema (draft-07) of what `--format json` writes, with the columns of the CSV beside it."""
+        from enginediag_cli.config.json_schema import DIALECT, section_schema
+
         row = self._row_schema()
         head: Schema = {
             "$schema": DIALECT,
@@ -112,6 +116,8 @@ def pattern(name: str) -> str:
 
 
 def _with_unit(c: Field) -> Schema:
+    from enginediag_cli.config.json_schema import field_schema
+
     return {**field_schema(c), "unit": c.unit} if c.unit else field_schema(c)
 
 
