@@ -22,6 +22,7 @@ LONG = ISOLATED.names
 def document(plan: Plan, records: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     """Sheet, reliability tables and outcomes by kind, and what was run."""
     return {
+        "schema": ISOLATED.id,
         "sheet": sheet(records),
         "reliability": reliability(records),
         "kinds": by_kind(records),
