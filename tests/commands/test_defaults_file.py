@@ -141,6 +141,13 @@ def test_check_looks_at_every_command_and_knows_the_kind(run, folder):
     assert run("check", "enginediag.yaml").stdout == "enginediag.yaml: ok, a file of kind defaults\n"
 
 
+def test_options_for_recordings_do_not_keep_a_folders_yaml_files_from_being_checked(run, folder):
+    Path("mine.yaml").write_bytes(Path(shipped(ENGINE)).read_bytes())
+    defaults("all: {engine-instance: left, engine: mine.yaml}\n")
+    assert run("check", "enginediag.yaml", "mine.yaml").exit_code == 0
+    assert run("check", "mine.yaml", "--engine", "mine.yaml").exit_code == 2
+
+
 def test_the_file_is_an_input_and_no_output(run, folder):
     path = defaults("simulate: {records: 2}\n")
     ended = run("simulate", ENGINE, "-o", path, "-f", "csv")
