@@ -39,6 +39,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except (Exception, KeyboardInterrupt, SystemExit) as error:
         code = _report(error, messages)
         _discard_unwritable_output()
+    messages.ended(code)
     return code
 
 
@@ -87,6 +88,7 @@ def _report(error: BaseException, messages: Messages) -> int:
 
         told = io.StringIO()
         error.show(file=told)
+        messages.record("error", error.format_message())
         with suppress(OSError):
             click.echo(visible(told.getvalue()), err=True, nl=False)
         return ExitCode.TROUBLE
@@ -100,10 +102,19 @@ def _report(error: BaseException, messages: Messages) -> int:
         where = f"{error.filename}: " if error.filename else ""
         messages.error(f"{where}{error.strerror or error}")
         return ExitCode.TROUBLE
-    messages.error(f"internal error: {type(error).__name__}: {error}")
+    messages.error(f"internal error: {type(error).__name__}: {error}", **_where_from(error, messages))
     if not messages.debug:
         messages.error("this is a fault of the program, not of your data; run with --debug for the traceback")
     return ExitCode.INTERNAL
+
+
+def _where_from(error: BaseException, messages: Messages) -> dict[str, str]:
+    """The traceback, for the log: of a run that nobody watched it is all that there is to find a fault by."""
+    if messages.log is None:
+        return {}
+    import traceback
+
+    return {"traceback": "".join(traceback.format_exception(error))}
 
 
 def _discard_unwritable_output() -> None:
@@ -120,13 +131,17 @@ def _discard_unwritable_output() -> None:
 
 
 def _leave_no_half_written_file_when_terminated() -> None:
-    """Turn SIGTERM into an exception, so that temporary files are removed on the way out."""
+    """Turn SIGTERM, and SIGHUP unless `nohup` ignores it, into an exception, so that temporary files are removed on
+    the way out."""
     import signal
 
     def stop(number: int, frame: object) -> None:
         raise SystemExit(128 + number)
 
     signal.signal(signal.SIGTERM, stop)
+    hangup = getattr(signal, "SIGHUP", None)
+    if hangup is not None and signal.getsignal(hangup) is signal.SIG_DFL:
+        signal.signal(hangup, stop)
 
 
 class _ClosedOutput(io.TextIOBase):

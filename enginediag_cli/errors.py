@@ -1,7 +1,8 @@
 """Every error that a user can cause, and the exit codes of the program.
 
 Exit codes: 0 done, 1 finding (only where a verdict is asked for), 2 bad usage, configuration or data,
-3 no verdict (did not converge, or too little data to judge), 70 internal error, 130 interrupted.
+3 no verdict (did not converge, or too little data to judge), 70 internal error, 75 another run holds the lock (the
+same command may succeed later), 130 interrupted.
 "No verdict" never looks like "healthy" (0) or "faulty" (1).
 """
 
@@ -18,6 +19,7 @@ class ExitCode(IntEnum):
     TROUBLE = 2
     NO_VERDICT = 3
     INTERNAL = 70
+    LOCKED = 75
     INTERRUPTED = 130
     BROKEN_PIPE = 141
 

@@ -22,6 +22,7 @@ ORDER = (
     "intervals",
     "progress",
     "safe_text",
+    "file_lock",
     "shipped",
     "config",
     "parameters",

@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any
 
 import click
+from click.core import ParameterSource
 
 from enginediag_cli.commands.intake_options import nominal_options, recorder_options
 from enginediag_cli.commands.options import ConfigFile, exit_codes, message_options, output_options, pass_messages
@@ -98,8 +99,13 @@ def _against(
 
     if nominal is not None and engine is not None:
         raise click.UsageError("--nominal names its engine; give either that or --engine")
-    if (nominal or engine or recorder or instance) and not recordings:
-        raise click.UsageError("-n, --engine, --recorder and --engine-instance are for recordings, and none is given")
+    if not recordings:
+        source = click.get_current_context().get_parameter_source
+        typed = (source(name) for name in ("nominal", "engine", "recorder", "engine_instance"))
+        if ParameterSource.COMMANDLINE in typed:
+            what = "-n, --engine, --recorder and --engine-instance are for recordings, and none is given"
+            raise click.UsageError(what)
+        return Against()  # what a folder's options give is for its recordings
     mapped = None
     if recorder is not None:
         from enginediag_cli.recordings.recorder import load_recorder
@@ -137,7 +143,7 @@ def _page(messages: Messages, report: Accepted) -> None:
     click.echo(visible(headline(report)))
     for remark in remarks(report):
         if remark.level == PROBLEM:
-            messages.error(f"{'<stdin>' if report.file == '-' else report.file}: {remark.told}")
+            messages.error(f"{'<stdin>' if report.file == '-' else report.file}: {remark.told}", file=report.file)
         else:
             click.echo(visible(f"  {remark.line}"))
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import textwrap
 from collections.abc import Iterable, Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -27,7 +27,7 @@ class Heard(Messages):
         super().__init__(debug=debug, color=color)
         self.said: list[str] = []
 
-    def note(self, text: str) -> None:
+    def note(self, text: str, **fields: Any) -> None:
         self.said.append(text)
 
 

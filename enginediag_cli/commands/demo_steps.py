@@ -45,6 +45,7 @@ def run(messages: Messages, arguments: list[str], *, quiet: bool = True) -> None
 
     click.echo(f"   $ {join(['enginediag', *arguments])}")
     told = copy(messages)
+    told.begun = True  # a step has no log and no file of options of its own
     told.quiet = messages.quiet or quiet
     with (
         _called_with(arguments),

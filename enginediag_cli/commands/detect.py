@@ -102,7 +102,8 @@ def detect(
     if detectable and power <= false_alarm:
         raise click.UsageError("--power must be larger than --false-alarm")
     from enginediag_cli.detection.verdict import judge
-    from enginediag_cli.presentation.detection_rows import detection_row
+    from enginediag_cli.presentation.detection_rows import detection_row, tell_window
+    from enginediag_cli.presentation.outputs.detect import DETECT as DETECT_ROWS
     from enginediag_cli.recordings.provenance import header_lines
     from enginediag_cli.residuals.economy import Economy
 
@@ -120,6 +121,7 @@ def detect(
         for found, _ in files.windows():
             verdict = judge(found, false_alarm)
             tally[verdict.verdict] += 1
+            tell_window(messages, verdict)
             yield detection_row(verdict, power if detectable else None, false_alarm)
 
     found = rows()
@@ -127,11 +129,11 @@ def detect(
     head = header_lines(
         "detect",
         configs=[*compared.configs, *source.configs],
-        notes={"false_alarm": str(false_alarm), **source.notes, **judging.notes},
+        notes={**DETECT_ROWS.notes, "false_alarm": str(false_alarm), **source.notes, **judging.notes},
         inherited=files.intake.provenance,
     )
     rows_found = chain([first] if first is not None else [], found)
     output.write_rows(rows_found, summary=DETECT, provenance=head, live=True)
     tell_files(messages, files)
-    messages.note(", ".join(f"{n} {what}" for what, n in sorted(tally.items())) or "no window")
+    messages.note(", ".join(f"{n} {what}" for what, n in sorted(tally.items())) or "no window", counts=dict(tally))
     return ending(tally["fault"], sum(tally.values()) - tally["no verdict"], exit_code)

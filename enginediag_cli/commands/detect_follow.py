@@ -88,6 +88,7 @@ def run_follow(
     from enginediag_cli.detection.following import BLOCK, Following
     from enginediag_cli.presentation.detection_rows import block_row
     from enginediag_cli.presentation.left_out import tell_left_out
+    from enginediag_cli.presentation.outputs.detect import FOLLOW
     from enginediag_cli.recordings.provenance import header_lines
     from enginediag_cli.residuals.lagging import with_lagging
 
@@ -109,10 +110,11 @@ def run_follow(
     head = header_lines(
         "detect",
         configs=[*([follow.nominal] if follow.nominal else []), *source.configs],
-        notes={"follow": f"{block} records", "false_alarm": str(false_alarm), **source.notes},
+        notes={**FOLLOW.notes, "follow": f"{block} records", "false_alarm": str(false_alarm), **source.notes},
         inherited=intake.provenance,
     )
     output.write_rows(chain([first] if first is not None else [], found), provenance=head, live=True)
     tell_left_out(messages, intake.left_out, following.counts, following.elsewhere)
-    messages.note(f"{sum(alarms.values())} of {len(alarms)} flights with an alarm")
+    counts = {"flights": len(alarms), "alarms": sum(alarms.values())}
+    messages.note(f"{counts['alarms']} of {counts['flights']} flights with an alarm", counts=counts)
     return ending(sum(alarms.values()), judged, exit_code)

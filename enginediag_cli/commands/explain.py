@@ -104,7 +104,8 @@ def explain(
     effects = list(candidates(loaded.evidence.engine, without))
     story = tell(loaded.evidence, effects, advise=not no_advice, intake=loaded.intake)
     story = replace(story, control=loaded.control, planned=plan is not None)
-    head = provenance("explain", case, loaded.intake.provenance, **({"without": ", ".join(without)} if without else {}))
+    asked = {"without": ", ".join(without)} if without else {}
+    head = provenance("explain", case, loaded.intake.provenance, **asked)
     for line in sentences(story):
         messages.note(line)
     _present(output, story, head)

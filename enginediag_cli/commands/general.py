@@ -1,7 +1,7 @@
 """What every command does besides its own work, in one place: `LazyGroup` equips each command that it hands out.
 
-`--verbose`, `--print-config` and, where YAML is read, `--allow-outside`; defaults from the environment; no output that
-is also an input; progress on a terminal.
+`--verbose`, `--config`, `--log`, `--lock`, `--print-config` and, where YAML is read, `--allow-outside`; defaults from
+the environment; no output that is also an input; progress on a terminal.
 """
 
 from __future__ import annotations
@@ -10,12 +10,16 @@ import os
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from functools import wraps
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
+from enginediag_cli.commands.operation import FILE, FOR_EVERY_COMMAND, operated, operation_options, word_of
 from enginediag_cli.commands.parameter_types import ConfigFile, OutputFile
 from enginediag_cli.presentation.messages import Messages
+
+if TYPE_CHECKING:
+    from enginediag_cli.progress import Listener
 
 PREFIX = "ENGINEDIAG"
 """Of the environment variables that hold defaults: ENGINEDIAG_DETECT_FALSE_ALARM."""
@@ -48,26 +52,28 @@ def equip(command: click.Command, name: str) -> click.Command:
             help="Say on standard error what is read and written, and how long each stage took.",
         )
     )
+    command.params += operation_options()
     command.params.append(
         click.Option(
             ["--print-config"],
             is_flag=True,
             expose_value=False,
-            help="Print the value of every option and where it comes from, as YAML, and end.",
+            help="Print the value of every option and where it comes from, as a file for --config, and end.",
         )
     )
     for parameter in command.params:
         if isinstance(parameter, click.Option) and not parameter.envvar and parameter.name != "print_config":
-            parameter.envvar = variable(name, parameter)
+            own = variable(name, parameter)
+            parameter.envvar = [own, variable("", parameter)] if parameter.name in FOR_EVERY_COMMAND else own
     if command.callback is not None:
         command.callback = _surrounded(command.callback)
     return command
 
 
 def variable(command: str, option: click.Option) -> str:
-    """The environment variable that holds an option's default: ENGINEDIAG_<COMMAND>_<OPTION>."""
-    word = max(option.opts, key=len).lstrip("-")
-    return f"{PREFIX}_{command}_{word}".upper().replace("-", "_")
+    """The environment variable that holds an option's default: ENGINEDIAG_<COMMAND>_<OPTION>; without a command, that
+    of every command."""
+    return "_".join(filter(None, (PREFIX, command, word_of(option)))).upper().replace("-", "_")
 
 
 def asks_for_config(arguments: Sequence[str]) -> bool:
@@ -77,42 +83,13 @@ def asks_for_config(arguments: Sequence[str]) -> bool:
 
 
 def print_config(command: click.Command, name: str, arguments: Sequence[str], parent: click.Context) -> None:
-    """Write every option of a command line with its value and its source. What must be given and is not, is empty;
-    raises click.UsageError for a value that is wrong."""
-    from click.core import ParameterSource
+    """Write every option of a command line with its value and its source, as a file of options that gives the same.
+    What must be given and is not, is a comment; raises click.UsageError for a value that is wrong."""
+    from enginediag_cli.commands.defaults_file import printed
 
-    from enginediag_cli.config.dump import dump
-
-    words = {
-        ParameterSource.COMMANDLINE: "command line",
-        ParameterSource.ENVIRONMENT: "environment",
-        ParameterSource.DEFAULT: "default",
-    }
     context = click.Context(command, info_name=name, parent=parent)
     given, _, _ = command.make_parser(context).parse_args(list(arguments))
-    told: dict[str, Any] = {}
-    for parameter in command.get_params(context):
-        value, source = parameter.consume_value(context, given)
-        value = parameter.type_cast_value(context, value if _is_given(value) else None)
-        option = isinstance(parameter, click.Option)
-        word = max(parameter.opts, key=len).lstrip("-") if option else (parameter.metavar or str(parameter.name))
-        if word in ("help", "print-config"):
-            continue
-        told[word] = {"value": _plain(value), "from": words.get(source, "default") if _is_given(value) else "not given"}
-        if option and source == ParameterSource.ENVIRONMENT:
-            told[word]["variable"] = parameter.envvar
-    click.echo(dump({"command": name, "options": told}), nl=False)
-
-
-def _is_given(value: object) -> bool:
-    """Whether there is a value; click has had two ways to say that there is none."""
-    return value is not None and type(value).__name__ != "Sentinel"
-
-
-def _plain(value: Any) -> Any:
-    if isinstance(value, (list, tuple)):
-        return [_plain(item) for item in value]
-    return value if isinstance(value, (bool, int, float, str)) or value is None else str(value)
+    click.echo(printed(command, name, context, given), nl=False)
 
 
 def _allow_outside(context: click.Context, parameter: click.Parameter, value: bool) -> None:
@@ -139,14 +116,22 @@ def _surrounded(callback: Callable[..., Any]) -> Callable[..., Any]:
         context = click.get_current_context()
         messages = context.ensure_object(Messages)
         check_outputs(context)
-        listener, since = messages.listener(), monotonic()
-        if listener is None:
-            return callback(*args, **values)
-        try:
-            with listening(listener):
+        shown, since = messages.listener(), monotonic()
+        listener: Listener | None = shown
+        if messages.log is not None and not messages.log.heard:
+            from enginediag_cli.presentation.run_log import Logged
+
+            messages.log.heard = True
+            listener = Logged(messages.log, shown)
+        with operated(messages, context, values):
+            if listener is None:
                 return callback(*args, **values)
-        finally:
-            listener.total(since)
+            try:
+                with listening(listener):
+                    return callback(*args, **values)
+            finally:
+                if shown is not None:
+                    shown.total(since)
 
     return run
 
@@ -174,6 +159,8 @@ def check_outputs(context: click.Context) -> None:
 
 def _inputs(context: click.Context) -> Iterator[tuple[str, str]]:
     """(how it was given, path) of each file that the command line names to be read; "-" is standard input."""
+    if FILE in context.meta:
+        yield "options", context.meta[FILE]
     for parameter in context.command.params:
         if not isinstance(parameter.type, click.Path) or isinstance(parameter.type, OutputFile):
             continue

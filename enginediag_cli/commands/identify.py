@@ -169,7 +169,7 @@ def _provenance(source: Source, part: Part) -> dict[str, str]:
     import os
 
     from enginediag_cli import __version__
-    from enginediag_cli.recordings.provenance import sha256_of
+    from enginediag_cli.recordings.provenance import besides, sha256_of
 
     made = {"enginediag": __version__}
     for number, path in enumerate(source.files, start=1):
@@ -178,4 +178,4 @@ def _provenance(source: Source, part: Part) -> dict[str, str]:
         )
     if source.recorder:
         made["recorder"] = f"{os.path.basename(source.recorder)} sha256:{sha256_of(source.recorder)[:16]}"
-    return {**made, **source.notes, **part.notes}
+    return {**made, **besides(), **source.notes, **part.notes}

@@ -119,6 +119,8 @@ def isolate(
     from enginediag_cli.isolation.of_windows import Isolating
     from enginediag_cli.isolation.prior import SetPrior
     from enginediag_cli.presentation.isolation_rows import isolated_rows, tell_isolated
+    from enginediag_cli.presentation.outputs.isolate import COMPONENTS as BY_COMPONENT
+    from enginediag_cli.presentation.outputs.isolate import ISOLATE as BY_PARAMETER
     from enginediag_cli.recordings.provenance import header_lines
     from enginediag_cli.residuals.kept_records import KeptRecords
 
@@ -160,7 +162,8 @@ def isolate(
 
     found = rows()
     first = next(found, None)
-    notes = {"method": method, "false_alarm": str(false_alarm)}
+    declared = BY_COMPONENT if by == "component" else BY_PARAMETER
+    notes = {**declared.notes, "method": method, "false_alarm": str(false_alarm)}
     head = header_lines(
         "isolate",
         configs=[*compared.configs, *source.configs, *further.files()],

@@ -6,8 +6,8 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import click
-from click.core import ParameterSource
 
+from enginediag_cli.commands.operation import is_chosen
 from enginediag_cli.presentation.messages import Messages
 
 if TYPE_CHECKING:
@@ -66,8 +66,7 @@ def judged_files(source: Source, monitor: Monitor | None, judging: Judging, *, s
 def _given() -> dict[str, bool]:
     """Which choices the user made, by the names of `residuals.statistics_file.IGNORED`."""
     context = click.get_current_context()
-    chosen = {name: context.get_parameter_source(name) for name in context.params}
-    given = {name: source is not None and source is not ParameterSource.DEFAULT for name, source in chosen.items()}
+    given = {name: is_chosen(context, name) for name in context.params}
     return {**given, "monitor": given.get("patterns", False)}
 
 

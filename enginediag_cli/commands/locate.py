@@ -78,6 +78,7 @@ def locate(
     from enginediag_cli.mismatch.locate.locate import locate as run
     from enginediag_cli.mismatch.locate.verdict_kind import kind_of
     from enginediag_cli.presentation.located import COLUMNS, located_rows, picture, sentences
+    from enginediag_cli.presentation.outputs.locate import LOCATE as LOCATE_ROWS
 
     loaded = load_case(case)
     tell_case(messages, case, loaded)
@@ -89,7 +90,7 @@ def locate(
     if not located.converged:
         messages.error(told[0])
         return ExitCode.NO_VERDICT
-    notes = {"map accuracy": f"{loaded.evidence.settings.map_accuracy:g}"}
+    notes = {**LOCATE_ROWS.notes, "map accuracy": f"{loaded.evidence.settings.map_accuracy:g}"}
     output.write_rows(
         located_rows(located, kind, everything),
         COLUMNS,
@@ -115,12 +116,13 @@ def _per_record(messages: Messages, case: Case, loaded: Loaded, every: int, outp
     from enginediag_cli.mismatch.unrecorded.per_record import inlet_temperature, scan, thinned
     from enginediag_cli.mismatch.unrecorded.per_record_effects import alike
     from enginediag_cli.physics.registry import candidates
+    from enginediag_cli.presentation.outputs.locate import PER_RECORD as PLACES
     from enginediag_cli.presentation.per_record import COLUMNS, per_record_rows, per_record_sentences
 
     evidence = thinned(loaded.evidence, every)
     along = nuisance(evidence)
     found = scan(evidence, locations_of(evidence.engine, tuple(evidence.noise.sigma)), along)
-    notes = {"map accuracy": f"{evidence.settings.map_accuracy:g}", "per-record": f"{every}"}
+    notes = {**PLACES.notes, "map accuracy": f"{evidence.settings.map_accuracy:g}", "per-record": f"{every}"}
     output.write_rows(
         per_record_rows(found),
         COLUMNS,

@@ -64,7 +64,7 @@ COMMANDS: dict[str, Entry] = {
     "check": Entry("enginediag_cli.commands.check", "check", "Validate YAML files and recordings."),
     "recorder": Entry("enginediag_cli.commands.recorder", "recorder", "Draft a recorder YAML from a foreign file."),
     "schema": Entry(
-        "enginediag_cli.commands.schema", "schema", "Print the JSON schema of a kind of YAML file, for editors."
+        "enginediag_cli.commands.schema", "schema", "Print the JSON schema of a kind of YAML file, or of an output."
     ),
     "physics": Entry(
         "enginediag_cli.commands.physics", "physics", "Say which physical effects a model may carry or lack."
@@ -107,7 +107,9 @@ class LazyGroup(click.Group):
         found, command, rest = super().resolve_command(ctx, args)
         if command is not None and found is not None:
             from enginediag_cli.commands.general import asks_for_config, print_config
+            from enginediag_cli.commands.operation import prepare
 
+            prepare(command, found, rest, ctx)
             if asks_for_config(rest):
                 print_config(command, found, rest, ctx)
                 ctx.exit()
@@ -141,11 +143,12 @@ def enginediag() -> None:
 
     \b
     Any option of a command has a default in the environment, ENGINEDIAG_<COMMAND>_<OPTION>:
-    export ENGINEDIAG_DETECT_FALSE_ALARM=0.001; --print-config says what holds and why.
+    export ENGINEDIAG_DETECT_FALSE_ALARM=0.001; after it comes enginediag.yaml in the working folder
+    (kind: defaults); --print-config says what holds and why.
     Completion of commands, options, file kinds and effects; for zsh and fish alike:
     eval "$(_ENGINEDIAG_COMPLETE=bash_source enginediag)"
 
     \b
     Exit codes: 0 done; 1 finding (only with --exit-code); 2 bad usage, configuration or data;
-    3 no verdict; 70 internal error; 130 interrupted.
+    3 no verdict; 70 internal error; 75 --lock is held; 130 interrupted.
     """

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import click
 from click.core import ParameterSource
 
+from enginediag_cli.commands.operation import is_chosen
 from enginediag_cli.presentation.messages import Messages
 from enginediag_cli.presentation.output import Output
 
@@ -75,13 +76,14 @@ class Rival:
 
     def check(self, method: Method, nominal: str | None, recordings: Sequence[str]) -> None:
         """Raises click.UsageError for options that do not go together."""
-        given = click.get_current_context().get_parameter_source
+        context = click.get_current_context()
         refused = {
             f"--{option.replace('_', '-')}": why
             for option, why in NOT_WITH_A_METHOD.items()
-            if given(option) not in (None, ParameterSource.DEFAULT)
+            if is_chosen(context, option)
         }
-        if given("linearise") is ParameterSource.COMMANDLINE and all(f.name != "linearise" for f in method.OPTIONS):
+        typed = context.get_parameter_source("linearise") is ParameterSource.COMMANDLINE
+        if typed and all(f.name != "linearise" for f in method.OPTIONS):
             refused["--linearise"] = "it has no such choice"
         reasons = [f"{option} does not go with --method {self.name}: {why}" for option, why in refused.items()]
         if nominal is None:
@@ -143,6 +145,7 @@ def detect_by_method(
     from enginediag_cli.methods.on_recordings import judged_windows, learnt_windows, recorded_windows
     from enginediag_cli.presentation.left_out import tell_left_out
     from enginediag_cli.presentation.method_rows import method_row
+    from enginediag_cli.presentation.outputs.detect import BY_METHOD
     from enginediag_cli.recordings.provenance import header_lines
 
     monitor, intake, plan = files.monitor, files.intake, files.judging.plan
@@ -169,10 +172,10 @@ def detect_by_method(
     head = header_lines(
         "detect",
         configs=[rival.nominal, *intake.source.configs, *rival.healthy],
-        notes={"method": method.name, "false_alarm": str(false_alarm), **intake.source.notes},
+        notes={**BY_METHOD.notes, "method": method.name, "false_alarm": str(false_alarm), **intake.source.notes},
         inherited=intake.provenance,
     )
     output.write_rows(chain([first] if first is not None else [], every), provenance=head, live=True)
     tell_files(messages, files)
-    messages.note(", ".join(f"{n} {what}" for what, n in sorted(tally.items())) or "no window")
+    messages.note(", ".join(f"{n} {what}" for what, n in sorted(tally.items())) or "no window", counts=dict(tally))
     return ending(tally["fault"], sum(tally.values()) - tally["no verdict"], exit_code)

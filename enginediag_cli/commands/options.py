@@ -39,7 +39,7 @@ def exit_codes(finding: str = "") -> str:
     """Epilog of a command's help that lists its exit codes; `finding` says what 1 means, if it can occur."""
     one = f"1 {finding}; " if finding else ""
     first = f"Exit codes: 0 done; {one}2 bad usage, configuration or data;"
-    return f"\b\n{first}\n3 no verdict; 70 internal error; 130 interrupted."
+    return f"\b\n{first}\n3 no verdict; 70 internal error; 75 --lock is held; 130 interrupted."
 
 
 def message_options(function: Function) -> Function:

@@ -162,12 +162,15 @@ def _say(messages: Messages, records: list[Record]) -> None:
 
 def _write(plan: Plan, records: list[Record], sizes: bool, output: Output) -> None:
 
+    from enginediag_cli.presentation.outputs.prove import PROVE
     from enginediag_cli.presentation.score_sheet_document import document
     from enginediag_cli.presentation.score_sheet_rows import LONG, bin_rows, rows, size_rows, table
     from enginediag_cli.recordings.provenance import header_lines
 
     found = document(plan, records, sizes)
-    head = header_lines("prove", seed=plan.seed, configs=[plan.engine], notes={"trials": str(len(records))})
+    head = header_lines(
+        "prove", seed=plan.seed, configs=[plan.engine], notes=PROVE.notes | {"trials": str(len(records))}
+    )
     scores = {name: found[name] for name in found["scores"]}
     if output.chosen_format() != "table" or output.columns:
         output.write_document(found, rows(scores, found["bins"]), LONG, provenance=head)

@@ -188,12 +188,16 @@ class Isolation:
 
     def write(self, output: Output) -> None:
         """The reliability tables and the sheet."""
+        from enginediag_cli.presentation.outputs.prove import ISOLATED
         from enginediag_cli.presentation.reliability_rows import LONG, document, rows, tables
         from enginediag_cli.recordings.provenance import header_lines
 
         found = document(self.plan, self.records)
         head = header_lines(
-            "prove", seed=self.plan.seed, configs=list(self.plan.engines), notes={"trials": str(len(self.records))}
+            "prove",
+            seed=self.plan.seed,
+            configs=list(self.plan.engines),
+            notes=ISOLATED.notes | {"trials": str(len(self.records))},
         )
         if output.chosen_format() != "table" or output.columns:
             output.write_document(found, rows(found), LONG, provenance=head)

@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import click
 
-from enginediag_cli.commands.options import ConfigFile, exit_codes, message_options, pass_messages
+from enginediag_cli.commands.options import ConfigFile, OutputFile, exit_codes, message_options, pass_messages
 from enginediag_cli.presentation.messages import Messages
 
 
 @click.command(short_help="Draft a recorder YAML from a foreign file.", epilog=exit_codes())
 @click.argument("file", metavar="FILE")
 @click.option("--engine", metavar="ENGINE", type=ConfigFile(), help="Look for the inputs and sensors of this engine.")
-@click.option("-o", "--output", default="-", metavar="YAML", help="Write to YAML; - is standard output.")
+@click.option(
+    "-o", "--output", default="-", metavar="YAML", type=OutputFile(), help="Write to YAML; - is standard output."
+)
 @message_options
 @pass_messages
 def recorder(messages: Messages, file: str, engine: str | None, output: str) -> None:

@@ -314,12 +314,13 @@ def _source(case: Case, evidence: Evidence, unseen: list[int]) -> str:
     import sys
 
     from enginediag_cli import __version__
-    from enginediag_cli.recordings.provenance import sha256_of
+    from enginediag_cli.recordings.provenance import besides, sha256_of
 
     data = ", ".join(
         "standard input" if p == "-" else f"{os.path.basename(p)} sha256:{sha256_of(p)[:16]}" for p in case.source.files
     )
     command = " ".join(os.path.basename(a) if os.sep in a else a for a in sys.argv[1:])
+    command += "".join(f", {key} {told}" for key, told in besides().items())
     return (
         f"enginediag {__version__} {command}; fitted to {len(evidence.flights) - len(unseen)} flights of {data}, "
         f"judged by {len(unseen)} that were not fitted"

@@ -60,6 +60,7 @@ def residual(
     change and names of the parameters: detect and isolate need nothing else. What is uncertain about the
     nominal engine and about sensor offsets is counted in s, F and V.
     """
+    from enginediag_cli.presentation.outputs.residual import RECORDS, RESIDUAL
     from enginediag_cli.recordings.provenance import header_lines
     from enginediag_cli.residuals.flat import flat_columns
     from enginediag_cli.residuals.seal import CHECKSUM, MADE_COLUMNS
@@ -78,7 +79,7 @@ def residual(
     head = header_lines(
         "residual",
         configs=[*compared.configs, *source.configs],
-        notes={**notes, **source.notes, **judging.notes},
+        notes={**(RECORDS if what == "records" else RESIDUAL).notes, **notes, **source.notes, **judging.notes},
         inherited=files.intake.provenance,
     )
     summary = STATISTICS if what == "statistics" else ()  # residuals go by the engine's own sensors, in their order

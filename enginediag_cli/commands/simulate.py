@@ -254,7 +254,7 @@ def _warn_outside(messages: Messages, engine: EngineLike, given: Conditions) -> 
 
 
 def _report(messages: Messages, reasons: Counter[str], total: int) -> None:
-    messages.note(f"{total} records simulated")
+    messages.note(f"{total} records simulated", counts={"records": total})
     for reason, count in reasons.most_common(REASONS_SHOWN):
         messages.warning(f"{count} of {total} records: {reason}")
     rest = reasons.most_common()[REASONS_SHOWN:]

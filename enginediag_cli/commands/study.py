@@ -132,12 +132,14 @@ def _run(
 
 
 def _write(described: Study, results: Results, seed: int, show: str, output: Output, file: str) -> None:
-
+    from enginediag_cli.presentation.outputs.study import COUNTS, RELIABILITY
+    from enginediag_cli.presentation.outputs.study import STUDY as STUDY_ROWS
     from enginediag_cli.presentation.study_report import as_json, rows, shortened
     from enginediag_cli.recordings.provenance import header_lines
 
     found, columns = rows(described, results, show)
-    head = header_lines("study", seed=seed, configs=[file])
+    declared = {"rates": STUDY_ROWS, "counts": COUNTS, "reliability": RELIABILITY}[show]
+    head = header_lines("study", seed=seed, configs=[file], notes=declared.notes)
     if output.chosen_format() == "table" and show == "rates" and not (output.wide or output.columns):
         found = [shortened(row) for row in found]
         columns = tuple(found[0])

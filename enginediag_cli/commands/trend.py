@@ -88,6 +88,7 @@ def trend(
 
     from enginediag_cli.detection.trend_of_files import FEWEST, series_of
     from enginediag_cli.isolation.over_time import TrendOptions, judge_series
+    from enginediag_cli.presentation.outputs import trend as outputs
     from enginediag_cli.presentation.trend_rows import (
         component_rows,
         flight_rows,
@@ -135,10 +136,11 @@ def trend(
             story = judge_series(series.readings(engine).joined(most), series.known, options)
             tell_story(messages, engine, story, series)
             rows += as_rows(engine, story, series)
+    declared = outputs.FLIGHTS if what == "flights" else outputs.EVENTS if by == "component" else outputs.TREND
     head = header_lines(
         "trend",
         configs=[*compared.configs, *source.configs],
-        notes=notes,
+        notes={**declared.notes, **notes},
         inherited=files.intake.provenance,
     )
     summary = FLIGHTS if what == "flights" else TREND_COMPONENTS if by == "component" else TREND

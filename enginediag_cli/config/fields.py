@@ -22,6 +22,7 @@ KINDS = (
     "choice",
     "numbers",  # list of numbers
     "texts",  # list of texts
+    "scalar",  # a single value, taken as the text that stands there
     "range",  # [low, high]
     "number_map",  # mapping: any name -> number
     "text_map",  # mapping: any name -> text

@@ -105,6 +105,7 @@ SHAPES: dict[str, Callable[[Field], Schema]] = {
     "boolean": lambda field: {"type": "boolean"},
     "numbers": lambda field: {"type": "array", "items": _number(field)},
     "texts": lambda field: {"type": "array", "items": _text(field)},
+    "scalar": lambda field: {"type": ["string", "number", "boolean"]},
     "range": lambda field: {"type": "array", "items": _number(field), "minItems": 2, "maxItems": 2},
     "number_map": lambda field: _map_of(_number(field)),
     "text_map": lambda field: _map_of(_text(field)),

@@ -76,6 +76,12 @@ FILE_KINDS: dict[str, FileKind] = {
             "a flight to simulate: altitude, speed and power along time",
             "enginediag_cli.simulation.flight_file:FLIGHT_FILE",
         ),
+        FileKind(
+            "defaults",
+            "options of commands, for enginediag.yaml beside the data",
+            "enginediag_cli.commands.defaults_section:DEFAULTS_FILE",
+            "enginediag_cli.commands.defaults_file:check_defaults",
+        ),
     )
 }
 
@@ -90,6 +96,12 @@ def load_checked(path: str | Path, kind: str) -> Checked:
 
 def check_document(document: Node, kind: str) -> Checked:
     """Validate a document that must be of one kind; raises ConfigError as `load_checked`."""
+    wanted_kind(document, kind)
+    return validate(document, FILE_KINDS[kind].load_section())
+
+
+def wanted_kind(document: Node, kind: str) -> None:
+    """Raises ConfigError for a document that says it is of another kind."""
     found = _kind_node(document)
     if found is not None and found.text in FILE_KINDS and found.text != kind:
         raise ConfigError(
@@ -101,7 +113,6 @@ def check_document(document: Node, kind: str) -> Checked:
                 )
             ]
         )
-    return validate(document, FILE_KINDS[kind].load_section())
 
 
 def file_kind(document: Node) -> FileKind:

@@ -23,6 +23,7 @@ WANTED = {
     "choice": "a choice",
     "numbers": "a list of numbers",
     "texts": "a list of texts",
+    "scalar": "a single value",
     "range": "a range [low, high]",
     "number_map": "a mapping of names to numbers",
     "text_map": "a mapping of names to texts",
@@ -134,6 +135,12 @@ def any_map(node: Node, field: Field, where: str, report: Report) -> dict[str, A
     return _map(node, field, where, report, _scalar)
 
 
+def scalar(node: Node, field: Field, where: str, report: Report) -> str | None:
+    if _scalar(node, field, where, report) is None:
+        return None
+    return node.text
+
+
 LEAVES: dict[str, Leaf] = {
     "number": number,
     "integer": integer,
@@ -142,6 +149,7 @@ LEAVES: dict[str, Leaf] = {
     "choice": choice,
     "numbers": numbers,
     "texts": texts,
+    "scalar": scalar,
     "range": number_range,
     "number_map": number_map,
     "text_map": text_map,

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from enginediag_cli.presentation.numbers import rounded
+from enginediag_cli.presentation.outputs.check import CHECK
 from enginediag_cli.presentation.sentences import count
 
 if TYPE_CHECKING:
@@ -17,21 +18,7 @@ if TYPE_CHECKING:
 NOTE, WARNING, PROBLEM = "note", "warning", "problem"
 """What is so; what the user should look at; what keeps the recording from being judged."""
 
-ACCEPTANCE_COLUMNS = (
-    "file",
-    "engine",
-    "ok",
-    "level",
-    "about",
-    "line",
-    "last_line",
-    "column",
-    "name",
-    "count",
-    "found",
-    "problem",
-    "hint",
-)
+ACCEPTANCE_COLUMNS = CHECK.names
 ACCEPTANCE_SUMMARY = ("file", "level", "line", "problem", "found", "hint")
 
 

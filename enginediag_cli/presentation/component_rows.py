@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
+from enginediag_cli.presentation.outputs.isolate import COMPONENTS
+
 if TYPE_CHECKING:
     from enginediag_cli.detection.verdict import Verdict
     from enginediag_cli.isolation.components import ComponentIsolation
@@ -22,11 +24,6 @@ def component_row(verdict: Verdict, found: ComponentIsolation | None, known: Map
         verdict=told_verdict(verdict, adequacy),
         p_value=verdict.test.p_value if verdict.test else None,
         **fit_cells(adequacy),
-        components=None,
-        probability=None,
-        **class_cells(None),
-        inclusion=None,
-        rivals=None,
         note=verdict.reason,
     )
     if found is not None:
@@ -47,7 +44,7 @@ def component_row(verdict: Verdict, found: ComponentIsolation | None, known: Map
                 )
             ),
         )
-    return row
+    return COMPONENTS.row(row)
 
 
 def component_sentence(found: ComponentIsolation, known: Mapping[str, Parameter]) -> str:

@@ -4,9 +4,12 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
+from enginediag_cli.presentation.outputs.detect import DETECT, FOLLOW
+
 if TYPE_CHECKING:
     from enginediag_cli.detection.follow import BlockReport
     from enginediag_cli.detection.verdict import Verdict
+    from enginediag_cli.presentation.messages import Messages
 
 
 def detection_row(verdict: Verdict, power: float | None, false_alarm: float) -> dict[str, Any]:
@@ -35,7 +38,18 @@ def detection_row(verdict: Verdict, power: float | None, false_alarm: float) -> 
             row["not_excited"] = [str(combination) for combination in statistics.unexcited()]
             sizes = minimum_change(verdict.score, false_alarm=false_alarm, power=power)
             row.update({f"detectable:{a}": x for a, x in zip(verdict.score.parameters, sizes, strict=True)})
-    return row
+    return DETECT.row(row)
+
+
+def tell_window(messages: Messages, verdict: Verdict) -> None:
+    """A window that is not healthy, for the log alone: its rows say more."""
+    if verdict.verdict == "healthy" or messages.log is None:
+        return
+    from enginediag_cli.presentation.isolation_rows import about, where
+
+    told = f"{where(verdict)}: {verdict.verdict}" + (f", {verdict.reason}" if verdict.reason else "")
+    p_value = verdict.test.p_value if verdict.test else None
+    messages.record("note", told, verdict=verdict.verdict, p_value=p_value, **about(verdict))
 
 
 def block_row(report: BlockReport) -> dict[str, Any]:
@@ -70,4 +84,4 @@ def block_row(report: BlockReport) -> dict[str, Any]:
         onset_high_s=change.high_s if change else None,
         reason=report.reason,
     )
-    return row
+    return FOLLOW.row(row)

@@ -12,6 +12,7 @@ from enginediag_cli.mismatch.explain.answer import HIDDEN, NAMED, NONE
 from enginediag_cli.presentation.controls import control_document, control_rows
 from enginediag_cli.presentation.explanations import headline, sentences
 from enginediag_cli.presentation.laws import law_document
+from enginediag_cli.presentation.outputs.explain import EXPLAIN
 from enginediag_cli.presentation.plans import advice_document
 from enginediag_cli.presentation.rejections import why_rejected
 
@@ -22,24 +23,7 @@ if TYPE_CHECKING:
     from enginediag_cli.mismatch.fit.freeform import Cell
     from enginediag_cli.mismatch.unrecorded.hidden import HiddenFinding
 
-COLUMNS = (
-    "status",
-    "rank",
-    "kind",
-    "name",
-    "component",
-    "driver",
-    "probability",
-    "coefficient",
-    "value",
-    "standard_error",
-    "low",
-    "high",
-    "unit",
-    "gain",
-    "flights_gained",
-    "statement",
-)
+COLUMNS = EXPLAIN.names
 CELLS = 10
 """Places in the file; the first few are of interest."""
 
@@ -76,6 +60,7 @@ def document(story: Story, provenance: tuple[str, ...]) -> dict[str, Any]:
     """Everything as one object."""
     a = story.answer
     return {
+        "schema": EXPLAIN.id,
         "status": a.status,
         "reason": a.reason,
         "kind": a.kind,

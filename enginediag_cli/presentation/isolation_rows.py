@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from enginediag_cli.isolation.adequacy import Adequacy
 from enginediag_cli.presentation.messages import Messages
+from enginediag_cli.presentation.outputs.isolate import ISOLATE
 
 if TYPE_CHECKING:
     from enginediag_cli.detection.verdict import Verdict
@@ -56,18 +57,6 @@ def isolation_rows(
         verdict=told_verdict(verdict, diagnosis.adequacy if diagnosis else None),
         p_value=verdict.test.p_value if verdict.test else None,
         **fit_cells(diagnosis.adequacy if diagnosis else None),
-        isolated=None,
-        probability=None,
-        **class_cells(None),
-        parameter=None,
-        inclusion=None,
-        change=None,
-        lower=None,
-        upper=None,
-        unit=None,
-        percent=None,
-        rivals=None,
-        rivals_left_out=None,
         note=verdict.reason,
     )
     if catalogue:
@@ -77,7 +66,7 @@ def isolation_rows(
     if advice is not None:
         row["advice"] = list(advice)
     if diagnosis is None:
-        yield row
+        yield ISOLATE.row(row)
         return
     result = diagnosis.result
     row.update(
@@ -89,10 +78,9 @@ def isolation_rows(
         note="; ".join(filter(None, [reservation(diagnosis.adequacy, known), result.note])),
     )
     if not result.sizes:
-        yield row
+        yield ISOLATE.row(row)
     for size in result.sizes:
-        yield {
-            **row,
+        of_this = {
             "parameter": size.parameter,
             "inclusion": result.inclusion.get(size.parameter),
             "change": size.change,
@@ -101,6 +89,7 @@ def isolation_rows(
             "unit": known[size.parameter].unit,
             "percent": size.percent,
         }
+        yield ISOLATE.row(row | of_this)
 
 
 def isolated_rows(found: IsolatedWindow, catalogue: bool, *, advice: bool) -> Iterator[dict[str, Any]]:
@@ -120,8 +109,9 @@ def tell_isolated(messages: Messages, found: IsolatedWindow) -> None:
     from enginediag_cli.presentation.component_rows import component_sentence
     from enginediag_cli.presentation.next_recording import next_recording
 
+    of = about(found.verdict)
     if found.components is not None:
-        messages.note(f"{where(found.verdict)}: {component_sentence(found.components, found.known)}")
+        messages.note(f"{where(found.verdict)}: {component_sentence(found.components, found.known)}", **of)
     elif not found.by_component:
         tell(messages, found.verdict, found.diagnosis, found.known, next_recording(found.advice))
 
@@ -161,6 +151,17 @@ def where(verdict: Verdict) -> str:
     return " ".join(filter(None, names)) or f"{window.source}:{window.first_line}-{window.last_line}"
 
 
+def about(verdict: Verdict) -> dict[str, Any]:
+    """Which window it is, for a log."""
+    window = verdict.window
+    return {
+        "file": window.source,
+        "flight": window.flight,
+        "engine": window.engine,
+        "lines": [window.first_line, window.last_line],
+    }
+
+
 def tell(
     messages: Messages,
     verdict: Verdict,
@@ -173,9 +174,9 @@ def tell(
     from enginediag_cli.presentation.numbers import probability
     from enginediag_cli.presentation.sentences import change, no_verdict, one_of, sensor_or_component, unexplained
 
-    here = where(verdict)
+    here, of = where(verdict), about(verdict)
     if diagnosis is None:
-        messages.note(no_verdict(verdict.reason, where=here))
+        messages.note(no_verdict(verdict.reason, where=here), **of)
         return
     result = diagnosis.result
     told = [
@@ -190,30 +191,30 @@ def tell(
     exactly = f"; exactly this: probability {probability(result.probability)}" if result.inclusion else ""
     caution = reservation(diagnosis.adequacy, known)
     if caution:
-        messages.note(f"{here}: {caution}")
+        messages.note(f"{here}: {caution}", **of)
     leading = "" if diagnosis.adequacy.stands else "leading, but not to be relied on: "
     left = unexplained(diagnosis.adequacy.before, diagnosis.adequacy.fit, diagnosis.adequacy.explained)
     what = "; ".join(told) if told else "no change of a parameter stands out"
-    messages.note(f"{here}: {leading}{what}{exactly}{left and f'; {left}'}")
+    messages.note(f"{here}: {leading}{what}{exactly}{left and f'; {left}'}", **of)
     if result.one_of is not None:
-        messages.note(f"{here}: {one_of(result.one_of, lambda names: in_words(known, names))}")
+        messages.note(f"{here}: {one_of(result.one_of, lambda names: in_words(known, names))}", **of)
     if diagnosis.nonlinear:
-        messages.note(f"{here}: a large change, judged with the full model")
+        messages.note(f"{here}: a large change, judged with the full model", **of)
     if diagnosis.rivalry is not None and result.one_of is None:  # else it is told among the members
         r = diagnosis.rivalry
         sensors, components, shared = (in_words(known, each) for each in (r.sensors, r.components, r.shared))
         told_rivalry = sensor_or_component(sensors, components, r.of_sensors, r.of_components, shared)
-        messages.note(f"{here}: {told_rivalry}")
+        messages.note(f"{here}: {told_rivalry}", **of)
     if result.rivals:
         rivals = [" & ".join(r.parameters) or "no change" for r in result.rivals[:3]]
         more = len(result.rivals) - len(rivals) + result.rivals_left_out
         behind = f" and {more} more" if more else ""
         share = f" (with the answer, {100 * result.coverage:.3g} % in all)" if result.inclusion else ""
-        messages.note(f"{here}: not excluded either: {'; '.join(rivals)}{behind}{share}")
+        messages.note(f"{here}: not excluded either: {'; '.join(rivals)}{behind}{share}", **of)
     if diagnosis.named is not None:
-        messages.note(f"{here}: {_named_sentence(diagnosis.named, known)}")
+        messages.note(f"{here}: {_named_sentence(diagnosis.named, known)}", **of)
     for sentence in advice:
-        messages.note(f"{here}: {sentence}")
+        messages.note(f"{here}: {sentence}", **of)
 
 
 def _named_sentence(named: NamedIsolation, known: Mapping[str, Parameter]) -> str:

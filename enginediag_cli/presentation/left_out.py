@@ -21,9 +21,9 @@ def tell_left_out(
     for left in left_out:
         tell_absent(messages, left)
         for line in left_out_lines(left):
-            messages.note(line)
+            messages.note(line, file=left.file, engine=left.engine)
     for line in not_judged_lines(records or {}):
-        messages.note(line)
+        messages.note(line, counts=dict(records or {}))
     for line in elsewhere_lines(elsewhere or {}):
         messages.note(line)
 
@@ -34,7 +34,9 @@ def tell_absent(messages: Messages, left: LeftOut) -> None:
         return
     words = [a.column + (f" (did you mean {a.near!r}?)" if a.near else "") for a in left.absent]
     what = "columns" if len(words) > 1 else "column"
-    messages.warning(f"{_place(left)}: no {what} {', '.join(words)}: judged without")
+    messages.warning(
+        f"{_place(left)}: no {what} {', '.join(words)}: judged without", file=left.file, engine=left.engine
+    )
 
 
 def left_out_lines(left: LeftOut) -> Iterator[str]:

@@ -9,6 +9,7 @@ from enginediag_cli.drivers import CONSTANT, TIME
 from enginediag_cli.intervals import NORMAL_95
 from enginediag_cli.presentation.names import listed
 from enginediag_cli.presentation.numbers import p_value, rounded, with_unit
+from enginediag_cli.presentation.outputs.locate import LOCATE
 
 if TYPE_CHECKING:
     from enginediag_cli.engine.engine import Engine
@@ -19,22 +20,7 @@ if TYPE_CHECKING:
     from enginediag_cli.mismatch.unrecorded.hidden import HiddenFinding
     from enginediag_cli.presentation.pictures.mismatch_map import Scatter
 
-COLUMNS = (
-    "verdict",
-    "rank",
-    "driver",
-    "along",
-    "location",
-    "component",
-    "within",
-    "statistic",
-    "dof",
-    "p_value",
-    "share",
-    "stability",
-    "driver_stability",
-    "refit",
-)
+COLUMNS = LOCATE.names
 
 TESTS = {
     "omnibus": "χ² of the fit {value}, {about}",

@@ -69,9 +69,10 @@ def _options(context: click.Context) -> Iterator[str]:
         yield f"\\fB{_text(names)}\\fR"
         yield _text(" ".join(told.split()))
         variable = getattr(parameter, "envvar", None)
-        if isinstance(variable, str):
+        variables = [variable] if isinstance(variable, str) else variable or ()
+        if variables:
             yield ".br"
-            yield _text(f"Environment: {variable}")
+            yield _text(f"Environment: {', '.join(variables)}")
 
 
 def _paragraphs(text: str) -> Iterator[str]:

@@ -1,15 +1,16 @@
-"""What a run says on stderr: notes, warnings, errors and progress. Standard output carries data only."""
+"""What a run says on stderr and in its log: notes, warnings, errors, progress. Standard output carries data only."""
 
 from __future__ import annotations
 
 import os
 import sys
 from collections.abc import Iterable, Iterator, Mapping
-from typing import TYPE_CHECKING, TextIO, TypeVar
+from typing import TYPE_CHECKING, Any, TextIO, TypeVar
 
 if TYPE_CHECKING:
     from enginediag_cli.errors import ConfigError
     from enginediag_cli.presentation.progress_line import ProgressLine, Told
+    from enginediag_cli.presentation.run_log import RunLog
 
 Item = TypeVar("Item")
 
@@ -29,30 +30,50 @@ def wants_color(choice: str, stream: TextIO, environment: Mapping[str, str] = os
 
 
 class Messages:
-    """Writes to stderr; `quiet` leaves only errors. One per run, handed to every command."""
+    """Writes to stderr; `quiet` leaves only errors. One per run, handed to every command.
+
+    `log` is told all of it, quiet or not, with what a message is about: `fields` such as file, flight, counts.
+    """
 
     def __init__(self, quiet: bool = False, verbose: bool = False, debug: bool = False, color: str = "auto"):
         self.quiet, self.verbose, self.debug, self.color = quiet, verbose, debug, color
+        self.log: RunLog | None = None
+        self.begun = False
 
-    def note(self, text: str) -> None:
+    def note(self, text: str, **fields: Any) -> None:
         """A fact about the run, such as how many records were kept."""
+        self.record("note", text, **fields)
         if not self.quiet:
             self._say(text)
 
-    def warning(self, text: str) -> None:
+    def warning(self, text: str, **fields: Any) -> None:
         """Something that the user should look at, although the run goes on."""
+        self.record("warning", text, **fields)
         if not self.quiet:
             self._say(text, "warning: ", "yellow")
 
-    def error(self, text: str) -> None:
+    def error(self, text: str, **fields: Any) -> None:
         """Why the run ends."""
+        self.record("error", text, **fields)
         self._say(text, "error: ", "red")
 
     def problems(self, error: ConfigError) -> None:
         """The problems of a configuration file, each with its place and its line of source; the first of very many."""
         from enginediag_cli.config.excerpt import render_all
 
+        for mark, text, hint in error.told:
+            self.record("error", text, file=mark.file, line=mark.line or None, column=mark.column or None, hint=hint)
         self._say(render_all(error))
+
+    def record(self, level: str, text: str, **fields: Any) -> None:
+        """A line of the log alone, where there is one."""
+        if self.log is not None:
+            self.log.write(level, text, **fields)
+
+    def ended(self, code: int) -> None:
+        """The run is over: the last line of the log."""
+        if self.log is not None:
+            self.log.end(code)
 
     def progress(self, items: Iterable[Item], label: str, total: int | None = None) -> Iterator[Item]:
         """Pass `items` through and tell whoever listens (`enginediag_cli.progress`) how many there were."""

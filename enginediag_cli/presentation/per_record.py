@@ -6,13 +6,14 @@ from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING, Any
 
 from enginediag_cli.presentation.numbers import rounded
+from enginediag_cli.presentation.outputs.locate import PER_RECORD
 
 if TYPE_CHECKING:
     from enginediag_cli.mismatch.unrecorded.control_law import Held, Stop
     from enginediag_cli.mismatch.unrecorded.per_record import PerRecord
     from enginediag_cli.mismatch.unrecorded.per_record_effects import Alike
 
-COLUMNS = ("rank", "location", "component", "chi2_per_record", "times_best", "at_bound", "failed", "converged")
+COLUMNS = PER_RECORD.names
 
 SEPARATED = 5.0
 """Times the χ² per record of the best from which a place is told apart."""

@@ -10,13 +10,14 @@ from enginediag_cli.identification.quality import EVERYTHING
 from enginediag_cli.mismatch.controlled.fitted import BLOCKS
 from enginediag_cli.presentation.controls import headline
 from enginediag_cli.presentation.numbers import rounded, with_unit
+from enginediag_cli.presentation.outputs.refine import CONTROL
 
 if TYPE_CHECKING:
     from enginediag_cli.mismatch.refine.controlled import ControlRefinement
 
 FEWEST = 30
 """Records of a regime below which its figures are not told in a sentence; rows have them."""
-COLUMNS = ("what", "of", "where", "unit", "before", "after", "n")
+COLUMNS = CONTROL.names
 
 
 def rows(r: ControlRefinement) -> Iterator[dict[str, Any]]:
@@ -60,6 +61,7 @@ def refusal(r: ControlRefinement) -> str:
 def document(r: ControlRefinement, head: tuple[str, ...]) -> dict[str, Any]:
     """Everything as one object."""
     return {
+        "schema": CONTROL.id,
         "accepted": r.accepted,
         "failed": r.failed,
         "control": headline(r.law),

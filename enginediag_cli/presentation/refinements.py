@@ -10,6 +10,7 @@ from enginediag_cli.mismatch.refine.criteria import BETTER, LEVEL, Criterion, Re
 from enginediag_cli.presentation.explanations import as_rate
 from enginediag_cli.presentation.names import spelled
 from enginediag_cli.presentation.numbers import p_value, rounded, with_unit
+from enginediag_cli.presentation.outputs.refine import REFINE
 from enginediag_cli.presentation.sentences import count
 
 if TYPE_CHECKING:
@@ -18,7 +19,7 @@ if TYPE_CHECKING:
     from enginediag_cli.mismatch.refine.alarms import Alarms
     from enginediag_cli.mismatch.refine.refine import Refinement
 
-COLUMNS = ("what", "of", "unit", "before", "after", "n")
+COLUMNS = REFINE.names
 ABOUT = {Records.ALL: "", Records.ON: ", where it is on", Records.CONTRAST: ", on against off"}
 """Behind "Unseen flights"."""
 NOTHING_TO_TELL = {
@@ -161,6 +162,7 @@ def document(r: Refinement, provenance: tuple[str, ...]) -> dict[str, Any]:
     """Everything as one object."""
     u = r.unseen
     return {
+        "schema": REFINE.id,
         "verdict": r.verdict.value,
         "refused": refusal(r) or None,
         "still_missing": r.still_missing or None,

@@ -10,17 +10,19 @@ import numpy as np
 import scipy
 
 from enginediag_cli import __version__
+from enginediag_cli.presentation.outputs.prove import ISOLATED
 from enginediag_cli.presentation.score_sheet_rows import met
 from enginediag_cli.trials.isolated.reliability import by_kind, reliability, sheet
 from enginediag_cli.trials.isolated.score import OUTCOMES
 from enginediag_cli.trials.isolated.trial import Plan
 
-LONG = ("table", "score", "kind", "bin", "stated", "rate", "count", "of", "low", "high", "target", "met")
+LONG = ISOLATED.names
 
 
 def document(plan: Plan, records: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     """Sheet, reliability tables and outcomes by kind, and what was run."""
     return {
+        "schema": ISOLATED.id,
         "sheet": sheet(records),
         "reliability": reliability(records),
         "kinds": by_kind(records),

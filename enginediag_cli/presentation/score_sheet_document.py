@@ -12,6 +12,7 @@ import scipy
 
 from enginediag_cli import __version__
 from enginediag_cli.physics.engine_file import load_engine
+from enginediag_cli.presentation.outputs.prove import PROVE
 from enginediag_cli.trials.blind import kinds
 from enginediag_cli.trials.blind.power import detectable_sizes
 from enginediag_cli.trials.blind.sheet import bins, sheet, truths_of
@@ -22,6 +23,7 @@ def document(plan: Plan, records: Sequence[Mapping[str, Any]], sizes: bool) -> d
     """Scores by name, then bins, detectable sizes, counts and what was run."""
     scores, truths = sheet(records), truths_of(records)
     found: dict[str, Any] = {
+        "schema": PROVE.id,
         **scores,
         "scores": list(scores),
         "bins": bins(records),

@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import Any
 
+from enginediag_cli.presentation.outputs.prove import PROVE
 from enginediag_cli.trials.blind import kinds
 
-LONG = ("score", "truth", "kind", "bin", "rate", "count", "of", "low", "high", "target", "met")
+LONG = PROVE.names
 
 
 def rows(sheet: Mapping[str, Any], bins: Mapping[str, Any]) -> list[dict[str, Any]]:

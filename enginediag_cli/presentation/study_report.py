@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from enginediag_cli.presentation.outputs.study import STUDY
 from enginediag_cli.trials.rates import counted
 from enginediag_cli.trials.studies.journal import Finished
 from enginediag_cli.trials.studies.study_file import Study
@@ -27,6 +28,7 @@ def as_json(study: Study, results: Results, seed: int) -> dict[str, Any]:
     """Everything, with counts that a script can check; `timings` alone differ from one run to the next."""
     names = study.monitor.names
     return {
+        "schema": STUDY.id,
         "cases": [_entry(case, method, one, names, study.reliability) for (case, method), one in results.items()],
         "study": study.path.name,
         "engine": study.monitor.engine.name,
@@ -99,7 +101,7 @@ def rows(study: Study, results: Results, show: str) -> tuple[list[dict[str, Any]
         entry = _entry(case, method, x, study.monitor.names, False)
         place = {"case": case, "method": method}
         if show == "rates":
-            found.append(place | _rates(entry) | {"seconds_per_diagnosis": _seconds(x)})
+            found.append(STUDY.row(place | _rates(entry) | {"seconds_per_diagnosis": _seconds(x)}))
         elif show == "counts":
             found.append(place | {"repetitions": x.repetitions} | (entry["parameter_counts"] or {}))
         else:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from enginediag_cli.intervals import NORMAL_95
 from enginediag_cli.presentation.messages import Messages
+from enginediag_cli.presentation.outputs.trend import EVENTS, FLIGHTS, TREND
 
 if TYPE_CHECKING:
     from enginediag_cli.detection.trend_of_files import Series, Stretch
@@ -24,7 +25,7 @@ def flight_rows(series: Series) -> Iterator[dict[str, Any]]:
             counts[engine] += 1
             found = flight_change(stretch.statistics)
             for a, change, error in zip(found.parameters, found.change, found.standard_error, strict=True):
-                yield {
+                told = {
                     "engine": engine,
                     "source": stretch.window.source,
                     "flight": stretch.window.flight,
@@ -36,6 +37,7 @@ def flight_rows(series: Series) -> Iterator[dict[str, Any]]:
                     "high": change + NORMAL_95 * error,
                     "unit": series.known[a].unit,
                 }
+                yield FLIGHTS.row(told)
 
 
 def trend_rows(engine: str, story: Story, series: Series) -> Iterator[dict[str, Any]]:
@@ -49,7 +51,7 @@ def trend_rows(engine: str, story: Story, series: Series) -> Iterator[dict[str, 
                 if chance < 0.01:
                     continue
                 changed.add(name)
-                yield {
+                told = {
                     **_head(engine, story, name),
                     "component": member.component,
                     "kind": event.kind,
@@ -59,21 +61,18 @@ def trend_rows(engine: str, story: Story, series: Series) -> Iterator[dict[str, 
                     "unit": unit[name],
                     "rivals": _rivals(event, member),
                 }
+                yield TREND.row(told)
     for name, parameter in series.known.items():
         if name not in changed:
-            yield {
+            told = {
                 **_head(engine, story, name),
                 "component": parameter.component,
                 "kind": "steady",
                 "probability": story.inclusion.get(parameter.component, 0.0),
-                **dict.fromkeys((*ONSET, *CHANGE)),
                 "unit": parameter.unit,
                 "rivals": [],
             }
-
-
-ONSET = ("onset", "onset_low", "onset_high", "onset_flight", "onset_source", "onset_line", "onset_s")
-CHANGE = ("change", "change_low", "change_high", "rate_per_flight", "rate_low", "rate_high")
+            yield TREND.row(told)
 
 
 def _head(engine: str, story: Story, parameter: str) -> dict[str, Any]:
@@ -90,7 +89,7 @@ def component_rows(engine: str, story: Story, series: Series) -> Iterator[dict[s
     told whether anything did, with the suspects as rivals."""
     head = {"engine": engine, "flights": story.flights, **_fit(story)}
     for event in story.events:
-        yield {
+        told = {
             **head,
             "components": [m.component for m in event.named],
             "probability": event.probability * sum(m.probability for m in event.named),
@@ -98,11 +97,11 @@ def component_rows(engine: str, story: Story, series: Series) -> Iterator[dict[s
             **_onset(event, series.stretches[engine]),
             "rivals": [f"{m.component} ({event.probability * m.probability:.2g})" for m in event.members],
         }
+        yield EVENTS.row(told)
     if not story.events:
-        empty = dict.fromkeys(("kind", *ONSET))
         steady = 1 - max(story.inclusion.values(), default=0.0)
         rivals = [f"{m.component} ({m.probability:.2g})" for m in story.undecided.members] if story.undecided else []
-        yield {**head, "components": [], "probability": steady, **empty, "rivals": rivals}
+        yield EVENTS.row({**head, "components": [], "probability": steady, "rivals": rivals})
 
 
 def _rivals(event: Event, member: Member) -> list[str]:
@@ -148,17 +147,19 @@ def tell_story(messages: Messages, engine: str, story: Story, series: Series) ->
 
     name = f"engine {engine}: " if engine else ""
     if not story.converged:
-        messages.warning(f"{name}the search for onsets did not settle")
+        messages.warning(f"{name}the search for onsets did not settle", engine=engine)
     if story.events:
         messages.note(
             f"{name}chi2 per degree of freedom, by the scatter of the series: {story.fit.before:.3g} before what "
-            f"follows, {story.fit.after:.3g} after"
+            f"follows, {story.fit.after:.3g} after",
+            engine=engine,
         )
     if story.undecided:
         suspects = listed([m.component for m in story.undecided.named])
         messages.note(
             f"{name}cannot tell: if the readings scatter from each flight to the next alone, {suspects} changed; if "
-            "they wander by themselves, as instruments and unrecorded operation do, nothing did"
+            "they wander by themselves, as instruments and unrecorded operation do, nothing did",
+            engine=engine,
         )
     for event in story.events:
         since = _since(event, series.stretches[engine])
@@ -175,10 +176,10 @@ def tell_story(messages: Messages, engine: str, story: Story, series: Series) ->
                 parts.append((listed(shown), event.probability * member.probability))
         if len(members) == 1:
             text, chance = parts[0]
-            messages.note(f"{name}{since}: {text} (probability {probability(chance)})")
+            messages.note(f"{name}{since}: {text} (probability {probability(chance)})", engine=engine)
         else:
             each = "; or ".join(f"{text} ({probability(chance)})" for text, chance in parts)
-            messages.note(f"{name}{since}: cannot tell: {each}")
+            messages.note(f"{name}{since}: cannot tell: {each}", engine=engine)
 
 
 def _since(event: Event, stretches: Sequence[Stretch]) -> str:
@@ -199,4 +200,5 @@ def _since(event: Event, stretches: Sequence[Stretch]) -> str:
 def tell_too_few(messages: Messages, engine: str, count: int) -> None:
     """Why an engine has no trend."""
     name = f"engine {engine}: " if engine else ""
-    messages.warning(f"{name}{count} flights are too few for a trend, which needs three; --window cuts long flights")
+    told = f"{name}{count} flights are too few for a trend, which needs three; --window cuts long flights"
+    messages.warning(told, engine=engine, flights=count)

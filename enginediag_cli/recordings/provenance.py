@@ -5,7 +5,8 @@ The same run gives the same bytes, so there is no time stamp unless the caller a
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 
 from enginediag_cli import __version__
@@ -30,11 +31,33 @@ def header_lines(
     if seed is not None:
         lines.append(f"seed: {seed}")
     lines += [f"config: {Path(path).name} sha256:{sha256_of(path)[:16]}" for path in configs]
-    lines += [f"{key}: {text}" for key, text in (notes or {}).items()]
+    lines += [f"{key}: {text}" for key, text in {**besides(), **(notes or {})}.items()]
     if inherited:
         lines.append("input:")
         lines += [f"  {line}" for line in inherited]
     return tuple(" ".join(line.splitlines()) for line in lines)
+
+
+class _Besides:
+    """What the run at work was told otherwise than by its command line."""
+
+    notes: Mapping[str, str] = {}
+
+
+@contextmanager
+def told_besides(notes: Mapping[str, str]) -> Iterator[None]:
+    """Within it, notes that every header has: options on which results depend, and that a file or the environment
+    gives."""
+    before, _Besides.notes = _Besides.notes, dict(notes)
+    try:
+        yield
+    finally:
+        _Besides.notes = before
+
+
+def besides() -> dict[str, str]:
+    """The notes of `told_besides`, for what has a head of its own."""
+    return dict(_Besides.notes)
 
 
 def sha256_of(path: str | Path) -> str:

@@ -7,11 +7,13 @@ an empty cell. A closed pipe is left to the caller.
 from __future__ import annotations
 
 import csv
+import glob
 import gzip
 import io
 import os
 import stat
 import sys
+import time
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -20,11 +22,17 @@ from typing import BinaryIO, TextIO
 import numpy as np
 
 from enginediag_cli.errors import DataError
+from enginediag_cli.file_lock import try_lock
 from enginediag_cli.progress import touched, wipe
 from enginediag_cli.recordings.formats.base import RecordingWriter
 from enginediag_cli.recordings.formats.parquet_in import named_parquet
 from enginediag_cli.recordings.table import Recording
 from enginediag_cli.safe_text import guarded, visible
+
+PART = ".part"
+"""Ending of a file that is being written, beside its final place and hidden."""
+LEFT_BEHIND_S = 60.0
+"""Age from which such a file may be a killed run's: one that is at work has locked its own long before."""
 
 
 class CsvWriter:
@@ -76,7 +84,8 @@ def output(path: str | Path) -> Iterator[TextIO]:
     """A text stream to `path`: `-` is stdout, `.gz` is packed.
 
     A file is written beside its final place and renamed when the block ends well, so that an error or an
-    interrupt leaves whatever was there before. Pipes and devices are written to directly. Raises OSError.
+    interrupt leaves whatever was there before, and of two runs that write the same file one wins, whole. Pipes and
+    devices are written to directly. Raises OSError.
     """
     if str(path) == "-":
         yield sys.stdout
@@ -103,17 +112,46 @@ def binary_output(path: str | Path) -> Iterator[BinaryIO]:
         return
     from tempfile import mkstemp
 
-    handle, temporary = mkstemp(prefix=f".{final.name}.", suffix=".part", dir=final.parent)
+    _clear_away(final)
+    handle, temporary = mkstemp(prefix=f".{final.name}.", suffix=PART, dir=final.parent)
+    same = os.dup(handle)  # the stream's user may close it
     try:
+        try_lock(same)
         with os.fdopen(handle, "wb") as raw:
             yield raw
         os.chmod(temporary, _mode_for(final))
+        _to_disk(same, path)
         os.replace(temporary, final)
         touched("written:", path)
     except BaseException:
         with suppress(FileNotFoundError):
             os.unlink(temporary)
         raise
+    finally:
+        os.close(same)
+
+
+def _to_disk(handle: int, path: str | Path) -> None:
+    """See a file on the disk before it takes its name: after a power cut there is the old one or the new one. A disk
+    without room, or somebody's quota, may show only now."""
+    try:
+        os.fsync(handle)
+    except OSError as error:
+        raise OSError(error.errno, error.strerror, str(path)) from None
+
+
+def _clear_away(final: Path) -> None:
+    """Remove what runs that were killed have left beside the file: old, and locked by nobody."""
+    for entry in final.parent.glob(f".{glob.escape(final.name)}.*{PART}"):
+        with suppress(OSError):
+            if time.time() - entry.stat().st_mtime < LEFT_BEHIND_S:
+                continue
+            handle = os.open(entry, os.O_RDWR | os.O_NOFOLLOW | os.O_CLOEXEC)
+            try:
+                if try_lock(handle):
+                    entry.unlink()
+            finally:
+                os.close(handle)
 
 
 @contextmanager

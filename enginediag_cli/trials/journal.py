@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any, Generic, TypeVar
 
 from enginediag_cli.errors import DataError
+from enginediag_cli.recordings.write import output
 
 Key = TypeVar("Key")
 Value = TypeVar("Value")
@@ -79,9 +80,9 @@ class Journal(Generic[Key, Value]):
     def add(self, key: Key, value: Value) -> None:
         """Append one piece and see it on the disk. Raises OSError."""
         lines = [] if self.begun else [self._head()]
-        with open(self.path, "a", encoding="utf-8") as stream:
-            stream.writelines(line + "\n" for line in (*lines, self._line(key, value)))
-            stream.flush()
+        text = "".join(line + "\n" for line in (*lines, self._line(key, value)))
+        with open(self.path, "ab", buffering=0) as stream:  # whole lines, whoever else adds to the file
+            stream.write(text.encode())
             os.fsync(stream.fileno())
 
     def write(self, finished: Mapping[Key, Value]) -> None:
@@ -96,9 +97,8 @@ class Journal(Generic[Key, Value]):
 
     def _rewrite(self, lines: Iterable[str]) -> None:
         """These lines, completely or not at all."""
-        beside = self.path.with_name(self.path.name + ".part")
-        beside.write_text("".join(line + "\n" for line in lines), encoding="utf-8")
-        os.replace(beside, self.path)
+        with output(self.path) as stream:
+            stream.writelines(line + "\n" for line in lines)
 
 
 def _parsed(line: str) -> dict[str, Any] | None:

@@ -5,12 +5,14 @@ from __future__ import annotations
 import json
 
 from enginediag_cli.config.kinds import FILE_KINDS
+from enginediag_cli.presentation.outputs.registry import OUTPUTS
 
 
 def test_without_a_kind_all_kinds_are_listed(run):
     ended = run("schema")
     assert ended.exit_code == 0
-    assert [line.split()[0] for line in ended.stdout.splitlines()] == list(FILE_KINDS)
+    outputs = [f"output/{name}" for name in OUTPUTS]
+    assert [line.split()[0] for line in ended.stdout.splitlines()] == [*FILE_KINDS, *outputs]
 
 
 def test_the_schema_of_a_kind_is_json_on_standard_output(run):

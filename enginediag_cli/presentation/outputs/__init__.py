@@ -1,0 +1,1 @@
+"""What each command writes: columns and documents, declared once for whoever makes them and for their schemas."""

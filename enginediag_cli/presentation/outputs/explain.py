@@ -1,0 +1,106 @@
+"""What `explain` writes: coefficients as rows, or all of it as one object; curves and amplitudes as files beside."""
+
+from __future__ import annotations
+
+from enginediag_cli.presentation.outputs.declared import Table, column, part
+
+_PLACE = (
+    column("location", "text", "where it acts"),
+    column("component", "text", "component of the place"),
+    column("driver", "text", "what it varies with"),
+)
+
+EXPLAIN = Table(
+    "explain",
+    1,
+    "one row per coefficient of every explanation; of unlisted physics one per place that was fitted",
+    (
+        column("status", "text", "what the answer is"),
+        column("rank", "integer", "rank of the explanation, from 1", empty=True),
+        column("kind", "text", "effect, fault, law, switch, control, free form …", empty=True),
+        column("name", "text", "name of the explanation, effect@place", empty=True),
+        column("component", "text", "component where it acts", empty=True),
+        column("driver", "text", "what it varies with", empty=True),
+        column("probability", "number", "probability of the explanation", empty=True),
+        column("coefficient", "text", "the coefficient of this row", empty=True),
+        column("value", "number", "its value", "of the coefficient", empty=True),
+        column("standard_error", "number", "its standard error", "of the coefficient", empty=True),
+        column("low", "number", "lower end of its 95 % interval", "of the coefficient", empty=True),
+        column("high", "number", "upper end of its 95 % interval", "of the coefficient", empty=True),
+        column("unit", "text", "unit of the coefficient", empty=True),
+        column("gain", "number", "fall of χ², twice the log likelihood", empty=True),
+        column("flights_gained", "number", "share of flights that gain", empty=True),
+        column("statement", "text", "the same in words", empty=True),
+    ),
+    document=(
+        column("schema", "text", "name and version of this schema"),
+        column("status", "text", "what the answer is"),
+        column("reason", "text", "why there is none", empty=True),
+        column("kind", "text", "kind of the leading explanation", empty=True),
+        column("sentences", "texts", "the answer in words"),
+        part("control", "a control that the model lacks", empty=True),
+        part(
+            "explanations",
+            "those that cannot be told apart, likeliest first",
+            (
+                column("name", "text", "effect@place, joined by +"),
+                column("in_words", "text", "the same in words"),
+                column("kinds", "texts", "of each member"),
+                column("components", "texts", "of each member"),
+                column("drivers", "texts", "of each member"),
+                column("probability", "number", "probability of the explanation", empty=True),
+                column("gain", "number", "fall of χ², twice the log likelihood", empty=True),
+                column("chi2", "number", "χ² with it", empty=True),
+                column("flights_gained", "number", "share of flights that gain", empty=True),
+                part("coefficients", "with intervals", many=True),
+                part("rates", "coefficients that are times, as rates", many=True),
+            ),
+            many=True,
+        ),
+        part("rest", "places at which something is left", _PLACE, many=True),
+        part("rejected", "explanations that were rejected, and why"),
+        part("places", "leading places of the map", _PLACE, many=True),
+        part("curves", "free-form curves", _PLACE, many=True),
+        part("law", "a law that no library holds", empty=True),
+        part("hidden", "what acts without a recorded driver", many=True),
+        column("map_accuracy", "number", "stated accuracy of the maps"),
+        part("advice", "what to record next", empty=True),
+        column("chi2", "number", "χ² without any explanation", empty=True),
+        column("readings", "integer", "readings that it is of", empty=True),
+        column("provenance", "texts", "what made it, as the head of a CSV"),
+    ),
+)
+
+CURVES = Table(
+    "explain/curves",
+    1,
+    "explain --curves: points of the fitted free-form curves",
+    (
+        column("location", "text", "where it acts"),
+        column("driver", "text", "what it varies with"),
+        column("driver_unit", "text", "unit of the driver"),
+        column("driver_value", "number", "value of the driver", "driver_unit"),
+        column("change", "number", "change there", "unit"),
+        column("standard_error", "number", "its standard error", "unit"),
+        column("unit", "text", "unit of the change"),
+    ),
+)
+
+AMPLITUDES = Table(
+    "explain/amplitudes",
+    1,
+    "explain --amplitudes: an effect without a recorded driver, record by record",
+    (
+        column("engine", "text", "engine of the record"),
+        column("flight", "text", "flight of the record"),
+        column("record", "integer", "number of the record in its flight, from 1"),
+        column("time_s", "number", "time of the record", "s", empty=True),
+        column("location", "text", "where it acts"),
+        column("amplitude", "number", "its amplitude", "unit"),
+        column("standard_error", "number", "its standard error", "unit"),
+        column("unit", "text", "unit of the amplitude"),
+        column("probability_on", "number", "probability that the switch is on", empty=True),
+        column("changed_from_s", "number", "earliest time at which it changed to this", "s", empty=True),
+        column("changed_to_s", "number", "latest time at which it changed to this", "s", empty=True),
+    ),
+)

@@ -1,0 +1,81 @@
+"""Rows of `trend`: one per parameter, per event, or per flight and parameter."""
+
+from __future__ import annotations
+
+from enginediag_cli.presentation.outputs.declared import Table, column
+
+_SERIES = (
+    column("engine", "text", "engine, as its recording calls it"),
+    column("flights", "integer", "flights, or windows, of the series"),
+)
+_FIT = (
+    column("verdict", "text", "changed, steady or cannot tell, of the engine"),
+    column("fit_before", "number", "χ² per degree of freedom without any change", empty=True),
+    column("fit", "number", "χ² per degree of freedom with what is told here", empty=True),
+)
+_ONSET = (
+    column("onset", "integer", "flight from which on, counted from 1 in the series", empty=True),
+    column("onset_low", "integer", "lower end of its 95 % interval", empty=True),
+    column("onset_high", "integer", "upper end of its 95 % interval", empty=True),
+    column("onset_flight", "text", "that flight, as its recording calls it", empty=True),
+    column("onset_source", "text", "file that holds it", empty=True),
+    column("onset_line", "integer", "its first line there", empty=True),
+    column("onset_s", "number", "its time, where the recording has one", "s", empty=True),
+)
+_PARAMETER = "of the parameter"
+
+TREND = Table(
+    "trend",
+    1,
+    "one row per parameter: what changed over flights, and since when",
+    (
+        *_SERIES,
+        column("parameter", "text", "the parameter"),
+        *_FIT,
+        column("component", "text", "component or instrument that it belongs to"),
+        column("kind", "text", "steady, step or deterioration"),
+        column("probability", "number", "probability that it changed at all"),
+        *_ONSET,
+        column("change", "number", "change from before the onset to the last flight", _PARAMETER, empty=True),
+        column("change_low", "number", "lower end of its 95 % interval", _PARAMETER, empty=True),
+        column("change_high", "number", "upper end of its 95 % interval", _PARAMETER, empty=True),
+        column("rate_per_flight", "number", "mean rate since the onset", _PARAMETER, empty=True),
+        column("rate_low", "number", "lower end of its 95 % interval", _PARAMETER, empty=True),
+        column("rate_high", "number", "upper end of its 95 % interval", _PARAMETER, empty=True),
+        column("unit", "text", "unit of change and rate; 1 is a share of nominal"),
+        column("rivals", "texts", "other suspects of the same change, with their probabilities"),
+    ),
+)
+
+EVENTS = Table(
+    "trend/components",
+    1,
+    "trend --by component: one row per event, one alone where there is none",
+    (
+        *_SERIES,
+        *_FIT,
+        column("components", "texts", "the component that changed, or those that cannot be told apart"),
+        column("probability", "number", "probability of the change; without an event, that nothing changed"),
+        column("kind", "text", "step or deterioration", empty=True),
+        *_ONSET,
+        column("rivals", "texts", "all suspects, with their probabilities"),
+    ),
+)
+
+FLIGHTS = Table(
+    "trend/flights",
+    1,
+    "trend --what flights: one row per flight and parameter",
+    (
+        column("engine", "text", "engine, as its recording calls it"),
+        column("source", "text", "file that holds the flight"),
+        column("flight", "text", "flight, as its recording calls it"),
+        column("number", "integer", "its number in the series, from 1"),
+        column("records", "integer", "records judged"),
+        column("parameter", "text", "the parameter"),
+        column("change", "number", "its change from nominal", _PARAMETER),
+        column("low", "number", "lower end of the 95 % interval", _PARAMETER),
+        column("high", "number", "upper end of the 95 % interval", _PARAMETER),
+        column("unit", "text", "unit of the change; 1 is a share of nominal"),
+    ),
+)
