@@ -73,6 +73,12 @@ SENTENCES = 10
     help="Largest number of parameters that may have changed together.",
 )
 @further_options
+@click.option(
+    "--flips/--no-flips",
+    default=None,
+    help="Say what would change the first name: the smallest error of a map, a sensor or an input, or change of the "
+    "prior. In sentences and in json where neither is given; --flips: in tables and CSV, too.",
+)
 @exit_code_option
 @output_options
 @message_options
@@ -92,6 +98,7 @@ def isolate(
     by: str,
     largest: int | None,
     further: Further,
+    flips: bool | None,
     exit_code: bool,
     output: Output,
 ) -> ExitCode:
@@ -113,7 +120,8 @@ def isolate(
     near 1 when it fits; `fit_before` the same without any answer, `explained` the share of the excess that the answer
     takes away. Where the model fits badly whatever is assumed, probabilities and intervals are widened; where it then
     convinces no longer, or fits only with changes that no engine shows, the verdict is `cannot tell` and `note` says
-    why.
+    why. `flips` (json) are the errors that would change the first name: `size` as it would be added to what was
+    recorded, one standard deviation as `stated`, what the name `becomes`; the nearest first.
     """
     from enginediag_cli.isolation.methods import IsolationOptions
     from enginediag_cli.isolation.of_windows import Isolating
@@ -142,7 +150,14 @@ def isolate(
     )
     files = judged_files(source, monitor, judging)
     asked = further.diagnosis_options(method, judging.linearise, options)
-    isolating = Isolating(files, asked, false_alarm, by == "component", kept, further.advise, further.extra)
+    nested = output.chosen_format() in ("json", "ndjson")
+    shown = "" if flips is False or not (flips or nested or output.wide) else "nested" if nested else "cell"
+
+    def asked_of(number: int, found: bool) -> bool:
+        """Whether it is asked what would flip an answer: where it is shown."""
+        return bool(shown) or (flips is not False and found and number <= SENTENCES and not messages.quiet)
+
+    isolating = Isolating(files, asked, false_alarm, by == "component", kept, further.advise, further.extra, asked_of)
     named = judged = windows = 0
 
     def rows() -> Iterator[dict[str, Any]]:
@@ -156,7 +171,7 @@ def isolate(
             named += found.named
             if windows <= SENTENCES:
                 tell_isolated(messages, found)
-            yield from isolated_rows(found, asked.catalogue is not None, advice=further.advise)
+            yield from isolated_rows(found, asked.catalogue is not None, advice=further.advise, flips=shown)
 
     found = rows()
     first = next(found, None)

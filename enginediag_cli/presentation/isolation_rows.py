@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from enginediag_cli.isolation.adequacy import Adequacy
@@ -103,27 +103,45 @@ def isolation_rows(
         }
 
 
-def isolated_rows(found: IsolatedWindow, catalogue: bool, *, advice: bool) -> Iterator[dict[str, Any]]:
-    """Rows of one window, by parameter or by component as it was isolated; columns as in `isolation_rows`."""
+def isolated_rows(found: IsolatedWindow, catalogue: bool, *, advice: bool, flips: str = "") -> Iterator[dict[str, Any]]:
+    """Rows of one window, by parameter or by component as it was isolated; columns as in `isolation_rows`. flips: what
+    would flip the answer, "" not told, "cell" as one column of text, "nested" in full."""
     from enginediag_cli.presentation.component_rows import component_row
+    from enginediag_cli.presentation.flip_rows import flip_cells, flip_column
     from enginediag_cli.presentation.next_recording import next_recording
 
+    told_flips = (flip_cells if flips == "nested" else flip_column)(found.flips, words_of(found)) if flips else {}
     if found.by_component:
-        yield component_row(found.verdict, found.components, found.known)
+        yield {**component_row(found.verdict, found.components, found.known), **told_flips}
         return
     told = next_recording(found.advice) if advice and found.diagnosis is not None else None
-    yield from isolation_rows(found.verdict, found.diagnosis, found.known, catalogue, told)
+    for row in isolation_rows(found.verdict, found.diagnosis, found.known, catalogue, told):
+        yield {**row, **told_flips}
+
+
+def words_of(found: IsolatedWindow) -> Callable[[Sequence[str]], list[str]]:
+    """How the names of an answer are said: of parameters, else of components."""
+    from enginediag_cli.presentation.names import spelled
+    from enginediag_cli.presentation.names import told as in_words
+
+    def words(names: Sequence[str]) -> list[str]:
+        return [in_words(found.known, [n])[0] if n in found.known else spelled(n) for n in names]
+
+    return words
 
 
 def tell_isolated(messages: Messages, found: IsolatedWindow) -> None:
     """The answer for one window in words."""
     from enginediag_cli.presentation.component_rows import component_sentence
+    from enginediag_cli.presentation.flip_rows import flips_sentence
     from enginediag_cli.presentation.next_recording import next_recording
 
     if found.components is not None:
         messages.note(f"{where(found.verdict)}: {component_sentence(found.components, found.known)}")
     elif not found.by_component:
         tell(messages, found.verdict, found.diagnosis, found.known, next_recording(found.advice))
+    if found.flips is not None and found.named:
+        messages.note(f"{where(found.verdict)}: {flips_sentence(found.flips, words_of(found))}")
 
 
 def class_cells(found: Class | None) -> dict[str, Any]:

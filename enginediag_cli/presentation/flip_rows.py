@@ -1,0 +1,95 @@
+"""What would flip an answer, as cells and in words."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from math import isfinite
+from typing import Any
+
+from enginediag_cli.isolation.flips.errors import INPUT, MAP, PRIOR
+from enginediag_cli.isolation.flips.flips import Flip, Flips
+from enginediag_cli.presentation.names import listed
+from enginediag_cli.presentation.numbers import rounded, with_unit
+from enginediag_cli.units import split_column
+
+TOLD = 3
+"""Flips told in a sentence, the nearest first; rows have all."""
+
+Words = Callable[[Sequence[str]], Sequence[str]]
+"""How the names of an answer are said."""
+
+
+def flip_cells(flips: Flips | None, words: Words) -> dict[str, Any]:
+    """`flips`: one mapping each, the nearest first, with its sentence; `flips_told`: all in one sentence."""
+    if flips is None:
+        return {"flips": None, "flips_told": None}
+    return {"flips": [_cells(flip, words) for flip in flips.found], "flips_told": flips_sentence(flips, words)}
+
+
+def flip_column(flips: Flips | None, words: Words) -> dict[str, Any]:
+    """The nearest flips as one column for a table."""
+    return {"flips": None if flips is None else [_short(flip) for flip in flips.found[:TOLD]]}
+
+
+def _cells(flip: Flip, words: Words) -> dict[str, Any]:
+    origin = flip.error.origin if flip.error else "openness of the prior"
+    return {
+        "what": flip.what,
+        "kind": flip.kind,
+        "size": flip.size,
+        "unit": flip.unit,
+        "stated": flip.stated,
+        "stated_as": origin,
+        "times": flip.times,
+        "becomes": " & ".join(flip.becomes) or "nothing",
+        "words": f"the name would change {_to(flip, words)}",
+    }
+
+
+def _short(flip: Flip) -> str:
+    size = f"{rounded(flip.size, digits=2)} {flip.unit}"
+    return f"{flip.what} {size} ({rounded(flip.times, digits=2)} stated): {' & '.join(flip.becomes) or 'nothing'}"
+
+
+def _name(names: Sequence[str], words: Words) -> str:
+    return listed(list(words(names))) or "no change"
+
+
+def _condition(flip: Flip, words: Words) -> str:
+    """For instance "T45 read 1.2 K higher (0.14 % of it; 2.3 times its spread between recordings)"."""
+    if flip.kind == PRIOR or flip.error is None:
+        return f"that were {rounded(flip.size, digits=2)} times as probable before the data"
+    error = flip.error
+    times = f"{rounded(flip.times, digits=2)} times"
+    size = with_unit(abs(flip.size), flip.unit, digits=2)
+    if flip.kind == MAP:
+        (name,) = words([error.what])
+        by = "what training leaves open" if error.origin.startswith("left") else f"a {error.origin}"
+        return f"the map of {name} were wrong by {size} where this was flown ({times} {by})"
+    (name,) = words([error.what])
+    channel = split_column(error.column)[0] if error.column else name
+    of_it = ""
+    if flip.unit != "%" and isfinite(error.reading) and error.reading:
+        of_it = f"{rounded(abs(100 * flip.size / error.reading), digits=2)} % of it; "
+    way = "higher" if flip.size > 0 else "lower"
+    whose = "its" if error.origin.startswith("spread") else "a"
+    what = f"the input {channel}" if flip.kind == INPUT else channel
+    return f"{what} read {size} {way} ({of_it}{times} {whose} {error.origin})"
+
+
+def flips_sentence(flips: Flips, words: Words) -> str:
+    """The nearest flips in one sentence, or that there are none."""
+    errors = [flip for flip in flips.found if flip.error is not None]
+    prior = [flip for flip in flips.found if flip.error is None]
+    told = [_to(flip, words) for flip in flips.found[:TOLD] if errors]
+    if told:
+        return f"the name would change {'; or '.join(told)}"
+    rest = f"; it would change {_to(prior[0], words)}" if prior else ""
+    return (
+        f"no single error of a map, a sensor or an input would change the name within {flips.most:g} times what is "
+        f"stated of it ({flips.tried} tried){rest}"
+    )
+
+
+def _to(flip: Flip, words: Words) -> str:
+    return f"to {_name(flip.becomes, words)} if {_condition(flip, words)}"
