@@ -74,7 +74,9 @@ def flips_of_parameters(belief: Belief, errors: Sequence[SingleError], most: flo
     def likeliest(line: np.ndarray, logs: np.ndarray) -> np.ndarray:
         return np.asarray(logs.argmax(axis=1))
 
-    found = crossings(lines, likeliest, partial(_same, _cores(masks, errors)), _limits(errors, most))
+    found = crossings(
+        lines, likeliest, partial(_same, _cores(masks, errors, posterior.parameters)), _limits(errors, most)
+    )
     names = posterior.parameters
     told = [_flip(errors[c.line], c, _names(names, masks[c.becomes])) for c in found.values()]
     if len(posterior.probabilities) > 1 and posterior.probabilities[1] > 0:
@@ -105,7 +107,7 @@ def flips_of_components(
     def named(line: np.ndarray, logs: np.ndarray) -> np.ndarray:
         return np.array([_named(followed, row) for row in logs], int)
 
-    found = crossings(lines, named, partial(_same, _cores(masks, errors)), _limits(errors, most))
+    found = crossings(lines, named, partial(_same, _cores(masks, errors, owner)), _limits(errors, most))
     told = [_flip(errors[c.line], c, _names(components, followed[c.becomes])) for c in found.values()]
     second = next((i for i in range(len(sets)) if i != answer), None)
     if second is not None and probabilities[second] > 0:
@@ -147,13 +149,15 @@ def _limits(errors: Sequence[SingleError], most: float) -> np.ndarray:
     return np.array([most * error.stated for error in errors])
 
 
-def _cores(masks: np.ndarray, errors: Sequence[SingleError]) -> np.ndarray:
-    """Whether each set (M,) is the first but for the error that is tried, of each error (D, M)."""
+def _cores(masks: np.ndarray, errors: Sequence[SingleError], owner: Sequence[str]) -> np.ndarray:
+    """Whether each set (M,) is the first but for the instrument whose error is tried, of each error (D, M). owner (p,):
+    what each parameter belongs to."""
     apart = masks ^ masks[0]
     found = np.repeat(~apart.any(axis=1)[None], len(errors), axis=0)
     for k, error in enumerate(errors):
         if error.kind != MAP:
-            found[k] = ~np.delete(apart, error.position, axis=1).any(axis=1)
+            others = np.array([o != owner[error.position] for o in owner], bool)
+            found[k] = ~apart[:, others].any(axis=1)
     return found
 
 

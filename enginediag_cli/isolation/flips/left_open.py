@@ -35,15 +35,15 @@ def left_open(monitor: Monitor, flown: Mapping[str, np.ndarray]) -> dict[str, fl
     for g, (target, amounts) in enumerate(engine.groups.items()):
         if target not in monitor.monitored or any(name not in place for name in amounts):
             continue
-        at = [place[target], *(place[name] for name in amounts)]
+        at = np.array([place[target], *(place[name] for name in amounts)])
         C = _alone(monitor.uncertainty, at)
         row = np.column_stack([np.ones(len(seen)), curves[seen, g]])
         found[target] = float(np.sqrt(np.mean(np.einsum("ni,ij,nj->n", row, C, row))))
     return found
 
 
-def _alone(C: np.ndarray, at: list[int]) -> np.ndarray:
-    """Covariance (k, k) of the parameters at positions `at` where all others are known."""
+def _alone(C: np.ndarray, at: np.ndarray) -> np.ndarray:
+    """Covariance (k, k) of the parameters at positions `at` (k,) where all others are known."""
     others = np.setdiff1d(np.flatnonzero(np.diag(C) > 0), at)
     scale = np.sqrt(np.diag(C))
     inner = C[np.ix_(others, others)] / scale[others] / scale[others][:, None]

@@ -21,6 +21,9 @@ from enginediag_cli.isolation.prior import are_sensors
 from enginediag_cli.isolation.wear import FAINT, wear_factors, wear_signs
 from enginediag_cli.residuals.score import Score
 
+LIKELY = 3e-3
+"""Share of the answer's probability from which what wear does to a set was weighed for certain."""
+
 
 @dataclass(frozen=True)
 class _Group:
@@ -53,8 +56,11 @@ class Lines:
         self._signed = (masks & (self._signs != 0)).sum(axis=1)
         self._constant = np.zeros(M)
         here = log_prior + self._plain(np.zeros(1, int), np.zeros(1))[0] + self._wear_of(np.arange(M), 0, 0.0)
-        # what was found for a set holds more than its quadratic says; where nothing was, as for the answer
-        apart = np.where(np.isfinite(reported), reported - here, reported[0] - here[0])
+        # what was found for a set holds more than its quadratic says: of those that the full model was fitted to and
+        # of likely ones; in others wear may not have been weighed, and they are as far apart as the answer is
+        with np.errstate(invalid="ignore"):
+            sure = np.isfinite(reported) & (own | (reported > reported[0] + np.log(LIKELY)))
+        apart = np.where(sure, reported - here, reported[0] - here[0])
         self._constant = log_prior + apart
 
     def _group(self, rows: np.ndarray, score: Score, lines: np.ndarray) -> _Group:
