@@ -38,6 +38,7 @@ ORDER = (
     "detection",
     "planning",
     "isolation",
+    "work_scope",
     "mismatch",
     "methods",
     "trials",

@@ -23,7 +23,10 @@ def flip_cells(flips: Flips | None, words: Words) -> dict[str, Any]:
     """`flips`: one mapping each, the nearest first, with its sentence; `flips_told`: all in one sentence."""
     if flips is None:
         return {"flips": None, "flips_told": None}
-    return {"flips": [_cells(flip, words) for flip in flips.found], "flips_told": flips_sentence(flips, words)}
+    return {
+        "flips": [_cells(flip, flips.first, words) for flip in flips.found],
+        "flips_told": flips_sentence(flips, words),
+    }
 
 
 def flip_column(flips: Flips | None, words: Words) -> dict[str, Any]:
@@ -31,7 +34,7 @@ def flip_column(flips: Flips | None, words: Words) -> dict[str, Any]:
     return {"flips": None if flips is None else [_short(flip) for flip in flips.found[:TOLD]]}
 
 
-def _cells(flip: Flip, words: Words) -> dict[str, Any]:
+def _cells(flip: Flip, first: Sequence[str], words: Words) -> dict[str, Any]:
     origin = flip.error.origin if flip.error else "openness of the prior"
     return {
         "what": flip.what,
@@ -42,17 +45,13 @@ def _cells(flip: Flip, words: Words) -> dict[str, Any]:
         "stated_as": origin,
         "times": flip.times,
         "becomes": " & ".join(flip.becomes) or "nothing",
-        "words": f"the name would change {_to(flip, words)}",
+        "words": f"the answer would {_to(flip, first, words)}",
     }
 
 
 def _short(flip: Flip) -> str:
     size = f"{rounded(flip.size, digits=2)} {flip.unit}"
     return f"{flip.what} {size} ({rounded(flip.times, digits=2)} stated): {' & '.join(flip.becomes) or 'nothing'}"
-
-
-def _name(names: Sequence[str], words: Words) -> str:
-    return listed(list(words(names))) or "no change"
 
 
 def _condition(flip: Flip, words: Words) -> str:
@@ -81,15 +80,22 @@ def flips_sentence(flips: Flips, words: Words) -> str:
     """The nearest flips in one sentence, or that there are none."""
     errors = [flip for flip in flips.found if flip.error is not None]
     prior = [flip for flip in flips.found if flip.error is None]
-    told = [_to(flip, words) for flip in flips.found[:TOLD] if errors]
-    if told:
-        return f"the name would change {'; or '.join(told)}"
-    rest = f"; it would change {_to(prior[0], words)}" if prior else ""
+    if errors:
+        return f"the answer would {'; or '.join(_to(flip, flips.first, words) for flip in flips.found[:TOLD])}"
+    rest = f"; it would {_to(prior[0], flips.first, words)}" if prior else ""
     return (
         f"no single error of a map, a sensor or an input would change the name within {flips.most:g} times what is "
         f"stated of it ({flips.tried} tried){rest}"
     )
 
 
-def _to(flip: Flip, words: Words) -> str:
-    return f"to {_name(flip.becomes, words)} if {_condition(flip, words)}"
+def _to(flip: Flip, first: Sequence[str], words: Words) -> str:
+    """For instance "hold fan flow capacity as well if T45 read 1.2 K higher"."""
+    more, less = [n for n in flip.becomes if n not in first], [n for n in first if n not in flip.becomes]
+    if not flip.becomes:
+        told = "be no change"
+    elif (less and more) or not first:
+        told = f"be {listed(list(words(flip.becomes)))}"
+    else:
+        told = f"hold {listed(list(words(more)))} as well" if more else f"not hold {listed(list(words(less)))}"
+    return f"{told} if {_condition(flip, words)}"

@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from enginediag_cli.isolation.named_faults import NamedIsolation
     from enginediag_cli.isolation.of_windows import IsolatedWindow
     from enginediag_cli.parameters import Parameter
+    from enginediag_cli.work_scope.scope import WorkScope
 
 
 CANNOT_TELL = "cannot tell"
@@ -103,20 +104,32 @@ def isolation_rows(
         }
 
 
-def isolated_rows(found: IsolatedWindow, catalogue: bool, *, advice: bool, flips: str = "") -> Iterator[dict[str, Any]]:
-    """Rows of one window, by parameter or by component as it was isolated; columns as in `isolation_rows`. flips: what
-    would flip the answer, "" not told, "cell" as one column of text, "nested" in full."""
+def isolated_rows(found: IsolatedWindow, catalogue: bool, *, advice: bool) -> Iterator[dict[str, Any]]:
+    """Rows of one window, by parameter or by component as it was isolated; columns as in `isolation_rows`."""
     from enginediag_cli.presentation.component_rows import component_row
-    from enginediag_cli.presentation.flip_rows import flip_cells, flip_column
     from enginediag_cli.presentation.next_recording import next_recording
 
-    told_flips = (flip_cells if flips == "nested" else flip_column)(found.flips, words_of(found)) if flips else {}
     if found.by_component:
-        yield {**component_row(found.verdict, found.components, found.known), **told_flips}
+        yield component_row(found.verdict, found.components, found.known)
         return
     told = next_recording(found.advice) if advice and found.diagnosis is not None else None
-    for row in isolation_rows(found.verdict, found.diagnosis, found.known, catalogue, told):
-        yield {**row, **told_flips}
+    yield from isolation_rows(found.verdict, found.diagnosis, found.known, catalogue, told)
+
+
+def beside_cells(found: IsolatedWindow, scope: WorkScope | None, forms: Mapping[str, str]) -> dict[str, Any]:
+    """What would flip the answer and what restoring brings; forms: how each is written, "" not at all, "cell" as text,
+    "nested" in full."""
+    from enginediag_cli.presentation.flip_rows import flip_cells, flip_column
+    from enginediag_cli.presentation.work_scope_rows import work_scope_cell, work_scope_sentences
+
+    cells: dict[str, Any] = {}
+    if forms["flips"]:
+        cells.update((flip_cells if forms["flips"] == "nested" else flip_column)(found.flips, words_of(found)))
+    if forms["work_scope"] == "nested":
+        cells["work_scope"] = work_scope_cell(scope)
+    elif forms["work_scope"]:
+        cells["work_scope"] = None if scope is None else list(work_scope_sentences(scope))
+    return cells
 
 
 def words_of(found: IsolatedWindow) -> Callable[[Sequence[str]], list[str]]:
@@ -130,11 +143,12 @@ def words_of(found: IsolatedWindow) -> Callable[[Sequence[str]], list[str]]:
     return words
 
 
-def tell_isolated(messages: Messages, found: IsolatedWindow) -> None:
+def tell_isolated(messages: Messages, found: IsolatedWindow, scope: WorkScope | None = None) -> None:
     """The answer for one window in words."""
     from enginediag_cli.presentation.component_rows import component_sentence
     from enginediag_cli.presentation.flip_rows import flips_sentence
     from enginediag_cli.presentation.next_recording import next_recording
+    from enginediag_cli.presentation.work_scope_rows import work_scope_sentences
 
     if found.components is not None:
         messages.note(f"{where(found.verdict)}: {component_sentence(found.components, found.known)}")
@@ -142,6 +156,8 @@ def tell_isolated(messages: Messages, found: IsolatedWindow) -> None:
         tell(messages, found.verdict, found.diagnosis, found.known, next_recording(found.advice))
     if found.flips is not None and found.named:
         messages.note(f"{where(found.verdict)}: {flips_sentence(found.flips, words_of(found))}")
+    for sentence in work_scope_sentences(scope) if scope is not None else ():
+        messages.note(f"{where(found.verdict)}: {sentence}")
 
 
 def class_cells(found: Class | None) -> dict[str, Any]:

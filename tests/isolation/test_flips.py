@@ -110,7 +110,7 @@ def test_an_error_that_is_named_itself_flips_nothing() -> None:
 
 
 def test_where_nothing_flips_the_answer_it_is_said_so() -> None:
-    told = flips_sentence(Flips((), 24), lambda names: list(names))
+    told = flips_sentence(Flips((), ("hpc.efficiency",), 24), lambda names: list(names))
     assert told == (
         "no single error of a map, a sensor or an input would change the name within 20 times what is stated of it "
         "(24 tried)"

@@ -53,10 +53,11 @@ class Flip:
 
 @dataclass(frozen=True)
 class Flips:
-    """Flips, the nearest by what is stated first; tried: how many errors were; most: up to how many standard
-    deviations as stated."""
+    """Flips, the nearest by what is stated first; first: the name that would change; tried: how many errors were; most:
+    up to how many standard deviations as stated."""
 
     found: tuple[Flip, ...]
+    first: tuple[str, ...]
     tried: int
     most: float = MOST
 
@@ -82,7 +83,7 @@ def flips_of_parameters(belief: Belief, errors: Sequence[SingleError], most: flo
     if len(posterior.probabilities) > 1 and posterior.probabilities[1] > 0:
         odds = float(posterior.probabilities[0] / posterior.probabilities[1])
         told.append(_of_prior(odds, posterior.names(1), belief.prior))
-    return Flips(tuple(sorted(told, key=lambda flip: flip.times)), len(errors), most)
+    return Flips(tuple(sorted(told, key=lambda flip: flip.times)), posterior.names(0), len(errors), most)
 
 
 def flips_of_components(
@@ -113,7 +114,8 @@ def flips_of_components(
     if second is not None and probabilities[second] > 0:
         odds = max(float(probabilities[answer] / probabilities[second]), 1.0)
         told.append(_of_prior(odds, _names(components, sets[second]), prior))
-    return Flips(tuple(sorted(told, key=lambda flip: flip.times)), len(errors), most)
+    first = _names(components, followed[0])
+    return Flips(tuple(sorted(told, key=lambda flip: flip.times)), first, len(errors), most)
 
 
 def _named(sets: np.ndarray, logs: np.ndarray) -> int:
