@@ -25,8 +25,8 @@ MAP, SENSOR, INPUT, PRIOR = "map", "sensor", "input", "prior"
 """Kinds of errors."""
 SPREAD = "spread between recordings"
 ACCURACY = "left open by training"
+STATED = "stated accuracy"
 PLAUSIBLE = "plausible error"
-FACTOR = "factor by which the prior is open"
 PERCENT = 100.0
 """Per cent in one."""
 

@@ -15,7 +15,7 @@ import numpy as np
 
 from enginediag_cli.isolation.belief import Belief
 from enginediag_cli.isolation.components import component_posterior, more_probable_than_not
-from enginediag_cli.isolation.flips.errors import FACTOR, MAP, PRIOR, SingleError
+from enginediag_cli.isolation.flips.errors import MAP, PRIOR, SingleError
 from enginediag_cli.isolation.flips.lines import Lines, log_prior_of
 from enginediag_cli.isolation.flips.search import Crossing, crossings
 from enginediag_cli.isolation.posterior import SetPosterior
@@ -179,6 +179,3 @@ def _of_prior(odds: float, becomes: tuple[str, ...], prior: SetPrior) -> Flip:
     """The factor on the prior odds of the second name against the first at which it comes first."""
     widest = max(*(max(s, 1 / s) for s in prior.spread), 1.0)
     return Flip("prior odds", PRIOR, odds, "times", widest if widest > 1 else float(np.e), becomes)
-
-
-__all__ = ["FACTOR", "Flip", "Flips", "flips_of_components", "flips_of_parameters"]
