@@ -39,6 +39,7 @@ ORDER = (
     "detection",
     "planning",
     "isolation",
+    "work_scope",
     "mismatch",
     "methods",
     "trials",

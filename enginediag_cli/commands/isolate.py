@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from enginediag_cli.commands.answer_options import SENTENCES, Beside, beside_options
 from enginediag_cli.commands.intake_options import compared_options, judging_options, source_options, window_options
 from enginediag_cli.commands.isolation_options import Further, further_options
 from enginediag_cli.commands.judging import Compared, ending, judged_files, tell_files
@@ -31,8 +32,6 @@ if TYPE_CHECKING:
     from enginediag_cli.residuals.files import Judging
 
 METHODS = ("posterior", "incremental", "sensitivity", "minmax")
-SENTENCES = 10
-"""Windows told in words on stderr; beyond that the rows speak for themselves."""
 
 
 @click.command(
@@ -73,6 +72,7 @@ SENTENCES = 10
     help="Largest number of parameters that may have changed together.",
 )
 @further_options
+@beside_options
 @exit_code_option
 @output_options
 @message_options
@@ -92,6 +92,7 @@ def isolate(
     by: str,
     largest: int | None,
     further: Further,
+    beside: Beside,
     exit_code: bool,
     output: Output,
 ) -> ExitCode:
@@ -113,16 +114,20 @@ def isolate(
     near 1 when it fits; `fit_before` the same without any answer, `explained` the share of the excess that the answer
     takes away. Where the model fits badly whatever is assumed, probabilities and intervals are widened; where it then
     convinces no longer, or fits only with changes that no engine shows, the verdict is `cannot tell` and `note` says
-    why.
+    why. `flips` (json) are the errors that would change the first name: `size` as it would be added to what was
+    recorded, one standard deviation as `stated`, what the name `becomes`; the nearest first. `work_scope` (json) is by
+    how much turbine temperature and fuel would fall at equal thrust or power if a module that is named were as new,
+    with 95 % intervals.
     """
     from enginediag_cli.isolation.methods import IsolationOptions
     from enginediag_cli.isolation.of_windows import Isolating
     from enginediag_cli.isolation.prior import SetPrior
-    from enginediag_cli.presentation.isolation_rows import isolated_rows, tell_isolated
+    from enginediag_cli.presentation.isolation_rows import beside_cells, isolated_rows, tell_isolated
     from enginediag_cli.presentation.outputs.isolate import COMPONENTS as BY_COMPONENT
     from enginediag_cli.presentation.outputs.isolate import ISOLATE as BY_PARAMETER
     from enginediag_cli.recordings.provenance import header_lines
     from enginediag_cli.residuals.kept_records import KeptRecords
+    from enginediag_cli.work_scope.scope import Scoping
 
     if by == "component" and (method != "posterior" or faults):
         raise click.UsageError("--by component goes with --method posterior and without --faults")
@@ -144,7 +149,10 @@ def isolate(
     )
     files = judged_files(source, monitor, judging)
     asked = further.diagnosis_options(method, judging.linearise, options)
-    isolating = Isolating(files, asked, false_alarm, by == "component", kept, further.advise, further.extra)
+    forms = beside.forms(output)
+    flips, scopes = (beside.looked_for(messages, output, name) for name in forms)
+    isolating = Isolating(files, asked, false_alarm, by == "component", kept, further.advise, further.extra, flips)
+    scoping = Scoping(monitor) if monitor is not None else None
     named = judged = windows = 0
 
     def rows() -> Iterator[dict[str, Any]]:
@@ -156,9 +164,13 @@ def isolate(
                 further.warn_of_sensors(messages, found.known.values())
             judged += found.judged
             named += found.named
+            scope = None
+            if scoping is not None and scopes(windows, found.named):
+                scope = scoping.of_isolated(found, options.prior, largest)
             if windows <= SENTENCES:
-                tell_isolated(messages, found)
-            yield from isolated_rows(found, asked.catalogue is not None, advice=further.advise)
+                tell_isolated(messages, found, scope)
+            for row in isolated_rows(found, asked.catalogue is not None, advice=further.advise):
+                yield {**row, **beside_cells(found, scope, forms)}
 
     found = rows()
     first = next(found, None)

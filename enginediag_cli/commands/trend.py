@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from enginediag_cli.commands.answer_options import Beside, work_scope_option
 from enginediag_cli.commands.intake_options import (
     check_length,
     compared_options,
@@ -57,6 +58,16 @@ OF_A_FLEET = 40
     show_default=True,
     help="One row per parameter with kind, onset and rate, or one row per flight and parameter.",
 )
+@work_scope_option
+@click.option(
+    "--event",
+    "events",
+    metavar="FLIGHT",
+    multiple=True,
+    help="First flight after maintenance, by its label (FILE:LABEL where several have it) or, where flights have none, "
+    "by its number from 1: what it did bring in turbine "
+    "temperature and fuel at equal thrust or power. May be given several times; needs --nominal.",
+)
 @output_options
 @message_options
 @pass_messages
@@ -68,6 +79,8 @@ def trend(
     by: str,
     no_sensors: bool,
     what: str,
+    work_scope: bool | None,
+    events: tuple[str, ...],
     output: Output,
 ) -> ExitCode:
     """Follow the health of engines over flights, in the order of the files and of the flights in them.
@@ -81,13 +94,16 @@ def trend(
     Components, sensors and the instruments that give the model its inputs may each have changed. Changes are in the
     parameter's unit, from nominal (--what flights) or since the onset, with 95 % intervals. `kind` is steady, step or
     deterioration, and `probability` is that the parameter has changed at all; `rivals` are the other suspects of the
-    same change. Flights, or windows of a recording without flights, are counted from 1, per engine. --reference N says
-    that nothing began in the first N records of an engine.
+    same change. `work_scope` (json) is by how much turbine temperature and fuel would fall at equal thrust or power if
+    a component were again as it was before it changed; --event says what maintenance did bring. Flights, or windows of
+    a recording without flights, are counted from 1, per engine. --reference N says that nothing began in the first N
+    records of an engine.
     """
     from dataclasses import replace
 
     from enginediag_cli.detection.trend_of_files import FEWEST, series_of
     from enginediag_cli.isolation.over_time import TrendOptions, judge_series
+    from enginediag_cli.presentation.maintenance_rows import maintenance_row, tell_maintenance, tell_scope, with_scope
     from enginediag_cli.presentation.outputs import trend as outputs
     from enginediag_cli.presentation.trend_rows import (
         component_rows,
@@ -99,7 +115,11 @@ def trend(
     from enginediag_cli.recordings.provenance import header_lines
     from enginediag_cli.residuals.series_monitor import trusting_no_input
     from enginediag_cli.residuals.windows import WindowPlan
+    from enginediag_cli.work_scope.of_series import conditions_of, maintenance_of
+    from enginediag_cli.work_scope.scope import Scoping
 
+    if events and (compared.nominal is None or what == "flights"):
+        raise click.UsageError("--event needs --nominal, and does not go with --what flights")
     whole = judging.plan.whole
     plan = WindowPlan(1, 1, whole_flights=True) if whole else judging.plan
     notes = {**source.notes, **judging.notes}
@@ -117,6 +137,8 @@ def trend(
             "without --nominal it is not known which inputs are weather and which set the power: what follows the "
             "weather may pass for a change, and no instrument of an input is held against what it read"
         )
+    form = Beside(work_scope=work_scope or (True if events else None)).forms(output)["work_scope"]
+    scoping = None if monitor is None or work_scope is False else Scoping(monitor)
     rows: list[dict[str, Any]] = []
     if what == "flights":
         rows = list(flight_rows(series))
@@ -135,7 +157,15 @@ def trend(
             )
             story = judge_series(series.readings(engine).joined(most), series.known, options)
             tell_story(messages, engine, story, series)
-            rows += as_rows(engine, story, series)
+            scope = None
+            if scoping is not None and story.events and (form or not messages.quiet):
+                scope = scoping.of_story(story, series.known, conditions_of(stretches))
+            tell_scope(messages, engine, scope)
+            rows += with_scope(as_rows(engine, story, series), scope, form)
+            if scoping is not None:
+                for found in maintenance_of(scoping, series, engine, events):
+                    tell_maintenance(messages, engine, found, series, scoping)
+                    rows.append(maintenance_row(engine, found, series, scoping, form, rows))
     declared = outputs.FLIGHTS if what == "flights" else outputs.EVENTS if by == "component" else outputs.TREND
     head = header_lines(
         "trend",

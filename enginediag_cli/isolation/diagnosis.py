@@ -14,6 +14,7 @@ import numpy as np
 
 from enginediag_cli.faults.component_faults import FaultSet
 from enginediag_cli.isolation.adequacy import Adequacy, dispersed, fit_after, judged, tempered
+from enginediag_cli.isolation.belief import Belief
 from enginediag_cli.isolation.large_faults import CHECKED, NATS, nonlinear_posterior, quadratic_error
 from enginediag_cli.isolation.methods import IsolationOptions, isolate, posterior_result
 from enginediag_cli.isolation.named_faults import NamedIsolation, isolate_named
@@ -48,7 +49,8 @@ class DiagnosisOptions:
 
 @dataclass(frozen=True)
 class Diagnosis:
-    """The result, the score that it rests on, and what else was asked for; adequacy: whether the answer fits."""
+    """The result, the score that it rests on, and what else was asked for; adequacy: whether the answer fits; belief:
+    the posterior over sets, None of other methods."""
 
     result: IsolationResult
     score: Score
@@ -56,6 +58,7 @@ class Diagnosis:
     rivalry: SensorRivalry | None
     nonlinear: bool
     adequacy: Adequacy = field(default_factory=Adequacy)
+    belief: Belief | None = None
 
 
 def diagnose(
@@ -77,9 +80,10 @@ def diagnose(
     many = health > MANY and isolation.largest is None and isolation.faults is None
     if many:
         isolation = replace(isolation, largest=LARGEST_OF_MANY)
-    large, adequacy = False, Adequacy()
+    large, adequacy, belief = False, Adequacy(), None
     if options.method == "posterior":
-        score, result, large, adequacy = _by_posterior(score, isolation, options, records, statistics)
+        belief, result, large, adequacy = _by_posterior(score, isolation, options, records, statistics)
+        score = belief.score
     else:
         result = isolate(score, options.method, isolation)
     named = None
@@ -92,7 +96,7 @@ def diagnose(
             confidence=isolation.confidence,
             largest=isolation.largest,
         )
-    return Diagnosis(result, score, named, sensor_rivalry(result, score), large, adequacy)
+    return Diagnosis(result, score, named, sensor_rivalry(result, score), large, adequacy, belief)
 
 
 def _by_posterior(
@@ -101,7 +105,7 @@ def _by_posterior(
     options: DiagnosisOptions,
     records: Callable[[], WindowModel | None] | None,
     statistics: LocalStatistics | None,
-) -> tuple[Score, IsolationResult, bool, Adequacy]:
+) -> tuple[Belief, IsolationResult, bool, Adequacy]:
     prior, notes = isolation.prior, []
     if options.one_sided:  # knows the signs by itself
         prior = replace(prior, rises=0.5)
@@ -135,4 +139,4 @@ def _by_posterior(
     if notes:
         note = "; ".join(filter(None, [result.note, *notes]))
         result = replace(result, note=note, complete=result.complete and len(notes) == 0)
-    return score, result, large, adequacy
+    return Belief(score, posterior, prior, own), result, large, adequacy

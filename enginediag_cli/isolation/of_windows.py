@@ -14,6 +14,8 @@ from enginediag_cli.errors import DataError
 from enginediag_cli.isolation.advice import Advice, advise, advise_flights, condition_options, sensor_options
 from enginediag_cli.isolation.components import ComponentIsolation, isolate_components
 from enginediag_cli.isolation.diagnosis import Diagnosis, DiagnosisOptions, diagnose
+from enginediag_cli.isolation.flips.flips import Flips
+from enginediag_cli.isolation.flips.of_window import flips_of_diagnosis, flips_of_isolated_components
 from enginediag_cli.isolation.telling import telling_sensors
 from enginediag_cli.isolation.window_model import WindowModel
 from enginediag_cli.parameters import Parameter
@@ -23,6 +25,7 @@ from enginediag_cli.residuals.files import JudgedFiles
 from enginediag_cli.residuals.kept_records import KeptRecords
 from enginediag_cli.residuals.monitor import Monitor
 from enginediag_cli.residuals.pipeline import WindowStatistics
+from enginediag_cli.residuals.score import Score
 
 ADVISED = 3
 """Operating conditions advised: the best few say which way to fly, a longer list only repeats it."""
@@ -43,7 +46,8 @@ class NextRecording:
 
 @dataclass(frozen=True)
 class IsolatedWindow:
-    """`diagnosis`, or `components` where components are asked for; both None where there is no verdict."""
+    """`diagnosis`, or `components` where components are asked for; both None where there is no verdict. flips: what
+    would change the first name, None where it was not asked for."""
 
     verdict: Verdict
     known: Mapping[str, Parameter]
@@ -51,6 +55,8 @@ class IsolatedWindow:
     components: ComponentIsolation | None = None
     advice: NextRecording | None = None
     by_component: bool = False
+    flips: Flips | None = None
+    score: Score | None = None
 
     @property
     def judged(self) -> bool:
@@ -67,7 +73,9 @@ class IsolatedWindow:
 @dataclass
 class Isolating:
     """The windows of `files` by these options. kept: the records of windows, where they are needed; advise: look for
-    the next recording; extra: model column → noise of a further sensor to consider, in the column's unit."""
+    the next recording; extra: model column → noise of a further sensor to consider, in the column's unit; flips:
+    told the number of a window, from 1, and whether something was named, it says whether to look for what would flip
+    its answer."""
 
     files: JudgedFiles
     options: DiagnosisOptions
@@ -76,6 +84,7 @@ class Isolating:
     kept: KeptRecords | None = None
     advise: bool = False
     extra: Mapping[str, float] = field(default_factory=dict)
+    flips: Callable[[int, bool], bool] = lambda number, named: False
 
     def __post_init__(self) -> None:
         monitor = self.files.monitor
@@ -91,8 +100,21 @@ class Isolating:
 
     def windows(self) -> Iterator[IsolatedWindow]:
         """All windows in turn. Raises DataError, NoVerdictError."""
-        for window, known in self.files.windows():
-            yield self._isolated(window, known)
+        for number, (window, known) in enumerate(self.files.windows(), start=1):
+            found = self._isolated(window, known)
+            yield replace(found, flips=self._flips(found)) if self.flips(number, found.named) else found
+
+    def _flips(self, found: IsolatedWindow) -> Flips | None:
+        window, monitor = found.verdict.window, self.files.monitor
+        if found.diagnosis is not None:
+            return flips_of_diagnosis(found.diagnosis, window, monitor)
+        if found.components is None or found.score is None:
+            return None
+        isolation = self.options.isolation
+        components = found.components
+        return flips_of_isolated_components(
+            components, found.score, isolation.prior, window, monitor, isolation.largest
+        )
 
     def _isolated(self, window: WindowStatistics, known: Mapping[str, Parameter]) -> IsolatedWindow:
         verdict = judge(window, self.false_alarm)
@@ -104,7 +126,7 @@ class Isolating:
         score = verdict.score.with_slopes(slopes)
         if self.by_component:
             components = isolate_components(score, self.options.isolation, verdict.window.statistics)
-            return IsolatedWindow(verdict, known, components=components, by_component=True)
+            return IsolatedWindow(verdict, known, components=components, by_component=True, score=score)
         records = _Records(self.files.monitor, self.kept, window) if self.kept is not None else None
         diagnosis = diagnose(score, self.options, records, verdict.window.statistics)
         diagnosis = self._with_telling_sensors(diagnosis, window, records)

@@ -190,6 +190,7 @@ def _member(
     mine = suspects.members(component)
     positions = suspects.groups[mine[0]]
     inclusion, weighed, first, second = (np.zeros(len(positions)) for _ in range(4))
+    joint, held = np.zeros((len(positions), len(positions))), 0.0
     for k in mine:
         if weight[:, k].sum() < 1e-3 * chance:
             continue
@@ -205,10 +206,15 @@ def _member(
             weighed[at] += w.sum()
             first[at] += w @ sizes.mean
             second[at] += w @ square
+            both = sizes.covariance + sizes.mean[:, :, None] * sizes.mean[:, None, :]
+            joint[np.ix_(at, at)] += np.einsum("l,lij->ij", w, both)
+            held += float(w.sum())
     given = np.maximum(weighed, 1e-300)
     mean = first / given
     deviation = np.sqrt(np.maximum(second / given - mean**2, 0.0))
+    expected = first / max(held, 1e-300)
     described, unit = [suspects.described[i] for i in positions], readings.D[list(positions)]
+    covariance = unit[:, None] * (joint / max(held, 1e-300) - np.outer(expected, expected)) * unit
     return Member(
         component,
         chance,
@@ -217,6 +223,8 @@ def _member(
         tuple((unit * mean).tolist()),
         tuple((unit * deviation).tolist()),
         all(p.of_instrument for p in described),
+        tuple((unit * expected).tolist()),
+        tuple(map(tuple, covariance.tolist())),
     )
 
 

@@ -17,7 +17,7 @@ CLASS = 0.95
 class Member:
     """One suspect of an event: a component or instrument, the chance that it is the one that changed, and its
     parameters: chance of each to have changed, change since the onset with its standard deviation, in its unit, given
-    that this suspect changed."""
+    that it changed; expected, covariance: of the changes of all of them, those of zero counted, given this suspect."""
 
     component: str
     probability: float
@@ -26,6 +26,8 @@ class Member:
     change: tuple[float, ...]
     deviation: tuple[float, ...]
     instrument: bool = False
+    expected: tuple[float, ...] = ()
+    covariance: tuple[tuple[float, ...], ...] = ()
 
 
 @dataclass(frozen=True)

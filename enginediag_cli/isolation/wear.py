@@ -50,8 +50,11 @@ def log_wear(score: Score, masks: np.ndarray, logs: np.ndarray, prior: SetPrior)
     return found
 
 
-def wear_factors(score: Score, masks: np.ndarray, signs: np.ndarray, prior: SetPrior) -> np.ndarray:
-    """Factor (w,) by which the signs (p,) of wear change the marginal likelihood of each set (w, p) bool."""
+def wear_factors(
+    score: Score, masks: np.ndarray, signs: np.ndarray, prior: SetPrior, moved: np.ndarray | None = None
+) -> np.ndarray:
+    """Factor (w,) by which the signs (p,) of wear change the marginal likelihood of each set (w, p) bool. moved (w, p):
+    what is added to the score, in widths of the prior, for each set its own."""
     b, information = prior.scaled(score)
     slabs = np.asarray(prior.slabs, float)[:, None]
     factors = np.ones(len(masks))
@@ -61,7 +64,8 @@ def wear_factors(score: Score, masks: np.ndarray, signs: np.ndarray, prior: SetP
         sets = np.nonzero(masks[rows])[1].reshape(len(rows), size)
         sets = np.take_along_axis(sets, np.argsort(signs[sets] == 0, axis=1, kind="stable"), 1)  # signed ones first
         A = np.eye(size) + slabs[..., None, None] ** 2 * information[sets[:, :, None], sets[:, None, :]]
-        right = slabs[..., None] * b[sets]
+        pull = b[sets] if moved is None else b[sets] + np.take_along_axis(moved[rows], sets, 1)
+        right = slabs[..., None] * pull
         covariance = np.linalg.inv(A)
         mean = np.einsum("wsij,wsj->wsi", covariance, right)
         log = 0.5 * np.sum(mean * right, axis=2) + 0.5 * np.linalg.slogdet(covariance)[1]

@@ -11,6 +11,7 @@ import numpy as np
 from enginediag_cli.mismatch.explain.answer import HIDDEN, NAMED, NONE
 from enginediag_cli.presentation.controls import control_document, control_rows
 from enginediag_cli.presentation.explanations import headline, sentences
+from enginediag_cli.presentation.flip_rows import flip_cells, flip_words
 from enginediag_cli.presentation.laws import law_document
 from enginediag_cli.presentation.outputs.explain import EXPLAIN
 from enginediag_cli.presentation.plans import advice_document
@@ -111,6 +112,7 @@ def document(story: Story, provenance: tuple[str, ...]) -> dict[str, Any]:
         "map_accuracy": story.evidence.settings.map_accuracy,
         "floor": [vars(c) for c in story.floor],
         "advice": advice_document(story.advice),
+        **flip_cells(story.flips, flip_words(story)),
         "chi2": a.objective,
         "readings": a.readings,
         "searched": None if story.searched is None else vars(story.searched),

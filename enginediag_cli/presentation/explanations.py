@@ -12,6 +12,7 @@ from enginediag_cli.mismatch.explain.answer import FAILED, HIDDEN, LAW, NAMED, N
 from enginediag_cli.mismatch.unrecorded.finding import Limit
 from enginediag_cli.physics.together import each
 from enginediag_cli.presentation.controls import control_sentences
+from enginediag_cli.presentation.flip_rows import explanation_flips
 from enginediag_cli.presentation.gated import gated_sentences
 from enginediag_cli.presentation.laws import law_sentences, left_sentence, nearest_law
 from enginediag_cli.presentation.names import listed, spelled
@@ -62,6 +63,7 @@ def sentences(story: Story) -> Iterator[str]:
         yield from _none(story)
     yield from _rejected(story)
     yield from _floor(story)
+    yield from explanation_flips(story)
     yield from advice_sentences(story.advice, all_kinds=story.planned)
     yield from _unseen(story)
     yield from gated_sentences(story.gated)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from enginediag_cli.isolation.adequacy import Adequacy
@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from enginediag_cli.isolation.named_faults import NamedIsolation
     from enginediag_cli.isolation.of_windows import IsolatedWindow
     from enginediag_cli.parameters import Parameter
+    from enginediag_cli.work_scope.scope import WorkScope
 
 
 CANNOT_TELL = "cannot tell"
@@ -104,16 +105,49 @@ def isolated_rows(found: IsolatedWindow, catalogue: bool, *, advice: bool) -> It
     yield from isolation_rows(found.verdict, found.diagnosis, found.known, catalogue, told)
 
 
-def tell_isolated(messages: Messages, found: IsolatedWindow) -> None:
+def beside_cells(found: IsolatedWindow, scope: WorkScope | None, forms: Mapping[str, str]) -> dict[str, Any]:
+    """What would flip the answer and what restoring brings; forms: how each is written, "" not at all, "cell" as text,
+    "nested" in full."""
+    from enginediag_cli.presentation.flip_rows import flip_cells, flip_column
+    from enginediag_cli.presentation.work_scope_rows import work_scope_cell, work_scope_sentences
+
+    cells: dict[str, Any] = {}
+    if forms["flips"]:
+        cells.update((flip_cells if forms["flips"] == "nested" else flip_column)(found.flips, words_of(found)))
+    if forms["work_scope"] == "nested":
+        cells["work_scope"] = work_scope_cell(scope)
+    elif forms["work_scope"]:
+        cells["work_scope"] = None if scope is None else list(work_scope_sentences(scope))
+    return cells
+
+
+def words_of(found: IsolatedWindow) -> Callable[[Sequence[str]], list[str]]:
+    """How the names of an answer are said: of parameters, else of components."""
+    from enginediag_cli.presentation.names import spelled
+    from enginediag_cli.presentation.names import told as in_words
+
+    def words(names: Sequence[str]) -> list[str]:
+        return [in_words(found.known, [n])[0] if n in found.known else spelled(n) for n in names]
+
+    return words
+
+
+def tell_isolated(messages: Messages, found: IsolatedWindow, scope: WorkScope | None = None) -> None:
     """The answer for one window in words."""
     from enginediag_cli.presentation.component_rows import component_sentence
+    from enginediag_cli.presentation.flip_rows import flips_sentence
     from enginediag_cli.presentation.next_recording import next_recording
+    from enginediag_cli.presentation.work_scope_rows import work_scope_sentences
 
     of = about(found.verdict)
     if found.components is not None:
         messages.note(f"{where(found.verdict)}: {component_sentence(found.components, found.known)}", **of)
     elif not found.by_component:
         tell(messages, found.verdict, found.diagnosis, found.known, next_recording(found.advice))
+    if found.flips is not None and found.named:
+        messages.note(f"{where(found.verdict)}: {flips_sentence(found.flips, words_of(found))}")
+    for sentence in work_scope_sentences(scope) if scope is not None else ():
+        messages.note(f"{where(found.verdict)}: {sentence}")
 
 
 def class_cells(found: Class | None) -> dict[str, Any]:

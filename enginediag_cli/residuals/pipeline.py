@@ -34,6 +34,8 @@ LINEARISE = ("estimate", "nominal")
 BATCH_RECORDS = 3_000
 """Windows wait for each other until they hold this many records, and are then re-linearised together: one call of the
 engine costs less than many. More would save little and hold sensitivities to a hundred parameters of each."""
+FLOWN = 12
+"""Records of a window by which it is known where it was flown: a climb and a cruise have their corners among them."""
 SETTLED = 0.2
 """Step of the re-estimate, in standard errors, that is not worth another call of the engine: what it leaves out of
 the statistics is of second order in it."""
@@ -48,7 +50,8 @@ class WindowStatistics:
     the engine; reason: why there is no verdict, or empty. sensors: how many of the `sensors_of` that the nominal has
     gave a reading in a record that was judged (0 of 0: not known); silent: the monitored errors of those that gave
     none, of which nothing can be said and which are no suspects. conditions: mean of each input over the
-    records that were judged. solution: the engine's unknowns (nx, n) at nominal in the records that were judged, where
+    records that were judged; readings: mean of each sensor over them; flown: inputs of a few of them, evenly chosen,
+    column -> (k,). solution: the engine's unknowns (nx, n) at nominal in the records that were judged, where
     they are known, from which whoever asks the engine again of these records may begin.
     """
 
@@ -71,6 +74,8 @@ class WindowStatistics:
     silent: tuple[str, ...] = ()
     elsewhere: Counter[Elsewhere] = field(default_factory=Counter)
     conditions: Mapping[str, float] = field(default_factory=dict)
+    readings: Mapping[str, float] = field(default_factory=dict)
+    flown: Mapping[str, np.ndarray] = field(default_factory=dict, repr=False, compare=False)
     solution: np.ndarray | None = field(default=None, repr=False, compare=False)
 
     @property
@@ -212,15 +217,21 @@ def _size(pieces: Sequence[_Piece]) -> int:
     return sum(len(piece.y) for piece in pieces)
 
 
-def _whole(pieces: Sequence[_Piece]) -> WindowStatistics:
+def _whole(monitor: Monitor, pieces: Sequence[_Piece]) -> WindowStatistics:
     """Bookkeeping of a window, with the sensors that gave a reading in a record that was judged, and what was flown."""
-    read = np.any([np.isfinite(piece.y).any(axis=0) for piece in pieces], axis=0)
+    y = np.concatenate([piece.y for piece in pieces])
+    seen = np.isfinite(y)
+    read = seen.any(axis=0)
+    means = np.where(seen, y, 0.0).sum(axis=0)[read] / seen.sum(axis=0)[read]
     flown = {c: np.concatenate([piece.inputs[c] for piece in pieces]) for c in pieces[0].inputs}
+    some = np.unique(np.linspace(0, len(y) - 1, FLOWN).astype(int)) if len(y) else np.zeros(0, int)
     return replace(
         joined([piece.window for piece in pieces]),
         sensors=int(read.sum()),
         sensors_of=len(read),
         conditions={c: float(values.mean()) for c, values in flown.items() if len(values)},
+        readings=dict(zip(np.array(monitor.sensors, object)[read].tolist(), means.tolist(), strict=True)),
+        flown={c: values[some] for c, values in flown.items()},
     )
 
 
@@ -280,7 +291,9 @@ def nothing_judged(window: WindowStatistics) -> str:
 
 def _at_nominal(monitor: Monitor, condense: Condense, pieces: Sequence[_Piece]) -> WindowStatistics:
     blocks = [piece.block for piece in pieces if piece.block is not None]
-    return _with_statistics(monitor, condense, _whole(pieces), reduce(add, blocks).statistics if blocks else None)
+    return _with_statistics(
+        monitor, condense, _whole(monitor, pieces), reduce(add, blocks).statistics if blocks else None
+    )
 
 
 def _at_estimate(monitor: Monitor, batch: Sequence[Sequence[_Piece]], condense: Condense) -> Iterator[WindowStatistics]:
@@ -320,10 +333,10 @@ def _at_estimate(monitor: Monitor, batch: Sequence[Sequence[_Piece]], condense: 
         rows = slice(first, first + size)
         first += size
         if found is None or size == 0:
-            yield _with_statistics(monitor, condense, _whole(pieces), None)
+            yield _with_statistics(monitor, condense, _whole(monitor, pieces), None)
             continue
         failed = int(np.sum(~found.ok[rows]))
-        whole = replace(_whole(pieces), failed=failed, solution=None if x is None else x[:, rows])
+        whole = replace(_whole(monitor, pieces), failed=failed, solution=None if x is None else x[:, rows])
         w = int(window[rows.start])
         statistics = local_statistics(
             found.e[rows],

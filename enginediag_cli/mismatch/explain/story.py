@@ -14,11 +14,13 @@ from scipy import special
 
 from enginediag_cli.engine.term import Effect
 from enginediag_cli.intake.intake import Intake
+from enginediag_cli.isolation.flips.flips import Flips
 from enginediag_cli.mismatch.controlled.find import Found
 from enginediag_cli.mismatch.explain.answer import FAILED, LAW, NAMED, NONE, NOTHING, Answer
 from enginediag_cli.mismatch.explain.change_times import with_times
 from enginediag_cli.mismatch.explain.curves import Curve, best_places, fitted_curves
 from enginediag_cli.mismatch.explain.explain import Search
+from enginediag_cli.mismatch.explain.flips import flips_of_answer
 from enginediag_cli.mismatch.explain.floor_cost import FloorCost, floor_cost
 from enginediag_cli.mismatch.explain.gated import Gated, gated_out
 from enginediag_cli.mismatch.explain.on_all import Searched, searched_on_share
@@ -53,6 +55,7 @@ class Story:
     searched: Searched | None = None  # None: all records
     control: Found | None = None  # that the engine file lacks and the engine that was searched has
     gated: Gated | None = None  # what was left out of the search with the records that are not steady
+    flips: Flips | None = None  # what would change the first name, None where nothing is named
     planned: bool = False  # whether the best recording of every kind is asked for
 
     @property
@@ -122,6 +125,7 @@ def tell(
         tuple(trials),
         searched,
         gated=gated,
+        flips=flips_of_answer(answer, search),
     )
 
 

@@ -1,0 +1,166 @@
+"""What maintenance did bring: the difference of the levels before and after it, as a change of its own.
+
+With score and information of the flights on either side, b₁, I₁ before and b₂, I₂ after, the difference of the levels
+is known with
+
+    I = I₁ (I₁ + I₂)⁺ I₂,     b = I₁ (I₁ + I₂)⁺ b₂ − I₂ (I₁ + I₂)⁺ b₁,     b ~ N(I (δ₂ − δ₁), I),
+
+the parallel sum of W. N. Anderson and R. J. Duffin (1969) J. Math. Anal. Appl. 26, 576–594, since all that both sides
+have in common cancels. Instruments differ by their spread from flight to flight. Repair may move a parameter
+either way: wear says nothing of it.
+
+A level is told by the flights nearest to the event, as many as have one: with b = Σ b_k, I = Σ I_k of a side,
+
+    ĉ = (Σ b_kᵀ I_k⁺ b_k − bᵀ I⁺ b) / (Σ rank I_k − rank I)
+
+is 1 where they do, and above it by what the model does not know of flights; evidence is divided by it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from enginediag_cli.isolation.adequacy import tempered
+from enginediag_cli.isolation.belief import Belief
+from enginediag_cli.isolation.moments import moments
+from enginediag_cli.isolation.posterior import set_posterior
+from enginediag_cli.isolation.prior import SetPrior
+from enginediag_cli.residuals.excitation import range_space
+from enginediag_cli.residuals.score import Score, fisher_score
+from enginediag_cli.residuals.statistics import LocalStatistics
+from enginediag_cli.work_scope.equal_power import PowerNotHeldError
+from enginediag_cli.work_scope.gain import Gain, Moments, brought
+from enginediag_cli.work_scope.scope import NOT_KNOWN, Scoping
+
+NEAR = 10
+"""Flights on each side of an event that are compared: more tell of wear rather than of the event."""
+DIFFERENT = 4.0
+"""ĉ from which flights have no common level: they differ by twice what their noise and instruments explain."""
+LARGEST = 5
+"""Parameters that change together at most, as where a window is isolated."""
+
+
+@dataclass(frozen=True)
+class Maintenance:
+    """What happened before flight number `flight` (from 1), by so many flights before and after it; dispersion: by what
+    the evidence was divided, since flights of one side differ: parameters that changed with their probability, mean
+    changes and deviations; gain: what temperature and fuel fell by at equal power, None with the `reason`."""
+
+    flight: int
+    before: int
+    after: int
+    dispersion: float
+    names: tuple[str, ...]
+    probability: float
+    change: tuple[float, ...]
+    deviation: tuple[float, ...]
+    gain: Gain | None
+    reason: str = ""
+
+
+def maintenance(
+    scoping: Scoping,
+    statistics: Sequence[LocalStatistics],
+    flight: int,
+    others: Sequence[int] = (),
+    spread: Mapping[str, float] | None = None,
+    recorded: Mapping[str, float] | None = None,
+) -> Maintenance:
+    """What the maintenance before flight number `flight` (from 1) of a series did.
+
+    statistics: of each flight in order; others: flights before which there was maintenance, too, beyond which levels
+    are not compared; spread: standard deviation of an instrument's error from flight to flight, by parameter.
+    ValueError where there is no flight on one side.
+    """
+    first = max([f for f in others if f < flight], default=1)
+    last = min([f for f in others if f > flight], default=len(statistics) + 1)
+    sides = statistics[first - 1 : flight - 1][::-1], statistics[flight - 1 : last - 1]
+    if not all(sides):
+        raise ValueError(f"no flight lies {'after' if sides[0] else 'before'} the maintenance at flight {flight}")
+    before, after = (_level(side[:NEAR], spread or {}) for side in sides)
+    dispersion = max(before.dispersion, after.dispersion)  # of a side of one flight nothing is known
+    one, other = (tempered(level.score, dispersion) for level in (before, after))
+    prior = SetPrior(rises=0.5)
+    score = difference(one, other)
+    belief = Belief(score, set_posterior(score, prior, largest=LARGEST), prior)
+    names = belief.posterior.names(0)
+    mean, covariance = moments(belief)
+    at = score.indices(names)
+    engine = [i for i, p in enumerate(score.described) if not p.of_instrument]
+    told = Moments(tuple(score.parameters[i] for i in engine), mean[engine], covariance[np.ix_(engine, engine)])
+    gain, reason = None, NOT_KNOWN
+    reference = scoping.reference(recorded or {})
+    if scoping.engine is not None and reference is not None:
+        # the level before, as far as flights tell it beyond what is plausible
+        start = _held(one)[engine]
+        try:
+            gain, reason = brought(scoping.engine, reference, scoping.base, start, told), ""
+        except PowerNotHeldError as error:
+            reason = str(error)
+    return Maintenance(
+        flight,
+        before.flights,
+        after.flights,
+        dispersion,
+        names,
+        float(belief.posterior.probabilities[0]),
+        tuple(mean[at].tolist()),
+        tuple(np.sqrt(np.diag(covariance)[at]).tolist()),
+        gain,
+        reason,
+    )
+
+
+def difference(before: Score, after: Score) -> Score:
+    """The score of the difference of two levels, what both have in common cancelling."""
+    (b1, I1), (b2, I2) = before.scaled(), after.scaled()
+    space = range_space(I1 + I2, np.ones(len(b1)))
+    inverse = (space.basis / space.eigenvalues) @ space.basis.T
+    I = I1 @ inverse @ I2
+    b = I1 @ inverse @ b2 - I2 @ inverse @ b1
+    D = before.prior_sigma
+    inner = range_space((I + I.T) / 2, np.ones(len(b)))
+    glr = float(np.sum((b @ inner.basis) ** 2 / inner.eigenvalues))
+    return replace(before, b=b / D, information=(I + I.T) / 2 / D / D[:, None], glr=glr, rank=inner.rank)
+
+
+@dataclass(frozen=True)
+class Level:
+    """Score of the nearest flights of one side together, how many they are, and ĉ, at least 1, among them."""
+
+    score: Score
+    flights: int
+    dispersion: float
+
+
+def _level(side: Sequence[LocalStatistics], spread: Mapping[str, float]) -> Level:
+    """The flights of a side, the nearest first, as long as they have a level in common: two at least, where there are;
+    instruments' errors are each flight's own."""
+    found: Level | None = None
+    p = len(side[0].parameters)
+    b, information, separate, ranks = np.zeros(p), np.zeros((p, p)), 0.0, 0
+    for k, x in enumerate(side, start=1):
+        variance = np.square([spread.get(name, 0.0) for name in x.parameters])
+        own = fisher_score(x, uncertainty=np.diag(variance))
+        b, information = b + own.b, information + own.information
+        separate, ranks = separate + own.glr, ranks + own.rank
+        D = own.prior_sigma
+        space = range_space(information, D)
+        glr = float(np.sum(((D * b) @ space.basis) ** 2 / space.eigenvalues))
+        freedom = ranks - len(space.eigenvalues)
+        dispersion = max((separate - glr) / freedom, 1.0) if freedom > 0 else 1.0
+        if found is not None and k > 2 and dispersion > DIFFERENT:
+            break
+        score = replace(own, b=b, information=information, glr=glr, rank=len(space.eigenvalues))
+        found = Level(score, k, dispersion)
+    assert found is not None
+    return found
+
+
+def _held(level: Score) -> np.ndarray:
+    """Likely change (p,) from nominal, each parameter held by its prior."""
+    b, information = level.scaled()
+    return np.asarray(level.prior_sigma * np.linalg.solve(information + np.eye(len(b)), b))

@@ -1,0 +1,161 @@
+"""What would flip an answer: as small as said, and seen in recordings that carry the error."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from known_engine import climb, recorded, write_known
+from score_makers import linear_score, sensitivities
+
+from enginediag_cli.intake.baseline import open_baseline
+from enginediag_cli.intake.intake import Intake
+from enginediag_cli.intake.source import Source
+from enginediag_cli.intake.wanted import columns_of
+from enginediag_cli.isolation.belief import Belief
+from enginediag_cli.isolation.components import component_posterior, more_probable_than_not
+from enginediag_cli.isolation.diagnosis import DiagnosisOptions
+from enginediag_cli.isolation.flips.errors import single_errors
+from enginediag_cli.isolation.flips.flips import Flips, flips_of_components, flips_of_parameters
+from enginediag_cli.isolation.of_windows import Isolating
+from enginediag_cli.isolation.posterior import set_posterior
+from enginediag_cli.isolation.prior import SetPrior
+from enginediag_cli.parameters import Parameter
+from enginediag_cli.physics.engine_file import load_engine
+from enginediag_cli.presentation.flip_rows import flip_cells, flips_sentence
+from enginediag_cli.recordings.table import Recording
+from enginediag_cli.recordings.write import write_csv
+from enginediag_cli.residuals.files import JudgedFiles
+from enginediag_cli.residuals.kept_records import KeptRecords
+from enginediag_cli.residuals.monitor import monitor_of
+
+ENGINE = Path(__file__).parents[2] / "configs" / "turbofan.yaml"
+PRIOR = SetPrior()
+
+
+def described(p: int, instruments: int) -> dict[str, Parameter]:
+    """Parameters p0 …: efficiencies and flows of machines in turn, the last ones errors of instruments."""
+    found = {}
+    for i in range(p):
+        health = i < p - instruments
+        family, quantity = ("health", ("efficiency", "flow_capacity")[i % 2]) if health else ("sensor", "bias")
+        component = f"machine{i // 2}" if health else f"sensor{i}"
+        wear = -1 if quantity == "efficiency" else 0
+        words = Parameter(f"p{i}", family, 1.0, 0.0, 2.0, 0.02, "1" if health else "K", component=component)
+        found[f"p{i}"] = replace(words, quantity=quantity, words=f"p{i}", part=component, wear=wear)
+    return found
+
+
+def problem(seed: int, p: int = 8, instruments: int = 3):
+    """A score with a change of p0, its posterior, and the single errors of its parameters."""
+    rng = np.random.default_rng(seed)
+    change = np.zeros(p)
+    change[0] = -0.004
+    score = replace(linear_score(rng, sensitivities(rng, p=p), change), meaning=described(p, instruments))
+    return score, Belief(score, set_posterior(score, PRIOR), PRIOR), single_errors(score, {}, {}, {})
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_no_smaller_error_changes_the_first_set_and_one_a_little_larger_does(seed: int) -> None:
+    score, belief, errors = problem(seed)
+    first = belief.posterior.names(0)
+    found = [f for f in flips_of_parameters(belief, errors).found if f.error]
+    assert found
+    for flip in found:
+        d = np.zeros(len(score.parameters))
+        d[flip.error.position] = flip.error.scale
+
+        def leads(a: float, d: np.ndarray = d) -> tuple[str, ...]:
+            return set_posterior(replace(score, b=score.b + a * (score.information @ d)), PRIOR).names(0)
+
+        def others(names: tuple[str, ...], flip=flip) -> set[str]:
+            return set(names) - ({flip.what} if flip.kind != "map" else set())
+
+        assert leads(1.002 * flip.size) == flip.becomes
+        for share in (0.998, 0.7, 0.3, -0.3, -0.7, -0.998):
+            assert others(leads(share * flip.size)) == others(first)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_the_same_holds_of_components(seed: int) -> None:
+    score, _, errors = problem(seed)
+
+    def named(a: float, flip) -> tuple[str, ...]:
+        d = np.zeros(len(score.parameters))
+        d[flip.error.position] = flip.error.scale
+        moved = replace(score, b=score.b + a * (score.information @ d))
+        components, sets, probabilities = component_posterior(moved, PRIOR)
+        chosen = sets[more_probable_than_not(sets, probabilities)]
+        return tuple(c for c, member in zip(components, chosen, strict=True) if member)
+
+    found = [f for f in flips_of_components(score, PRIOR, errors).found if f.error]
+    assert found
+    for flip in found:
+        own = score.described[flip.error.position].component if flip.kind != "map" else ""
+        assert named(1.01 * flip.size, flip) == flip.becomes
+        assert {*named(0.99 * flip.size, flip)} - {own} == {*named(0.0, flip)} - {own}
+
+
+def test_an_error_that_is_named_itself_flips_nothing() -> None:
+    """An instrument that nothing imitates: however wrong it is, it alone joins the answer."""
+    score, _, _ = problem(0)
+    alone = score.information.copy()
+    alone[-1, :-1] = alone[:-1, -1] = 0.0
+    score = replace(score, information=alone)
+    belief = Belief(score, set_posterior(score, PRIOR), PRIOR)
+    found = flips_of_parameters(belief, single_errors(score, {}, {}, {}))
+    assert score.parameters[-1] not in [flip.what for flip in found.found]
+
+
+def test_where_nothing_flips_the_answer_it_is_said_so() -> None:
+    told = flips_sentence(Flips((), ("hpc.efficiency",), 24), lambda names: list(names))
+    assert told == (
+        "no single error of a map, a sensor or an input would change the name within 20 times what is stated of it "
+        "(24 tried)"
+    )
+
+
+@pytest.fixture(scope="module")
+def monitor(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("flips")
+    engine = load_engine(ENGINE)
+    write_known(engine, ENGINE, climb(engine, 50), folder / "nominal.yaml")
+    return monitor_of(open_baseline(str(folder / "nominal.yaml")), sensors=True)
+
+
+def answer(monitor, path: Path, wrong: dict[str, float], health: dict[str, float]):
+    """What `isolate` answers of a recording with a worn HPC whose columns read too high by `wrong` (a share of inputs
+    that are scaled)."""
+    engine = load_engine(ENGINE)
+    inputs = climb(engine, 50)
+    table = recorded(engine, inputs, {"hpc.efficiency": 0.99, **health}, np.random.default_rng(3))
+    for column, size in wrong.items():
+        table[column] = table[column] * (1 + size) if column == "Wf_kg_s" else table[column] + size
+    write_csv(path, [Recording(table)])
+    kept = KeptRecords(monitor, short_windows=False)
+    files = JudgedFiles(Intake(Source((str(path),)), columns_of(monitor.engine, monitor.sensors)), monitor)
+    isolating = Isolating(files, DiagnosisOptions(), 0.01, kept=kept, flips=lambda number, named: not (wrong or health))
+    (found,) = isolating.windows()
+    return found
+
+
+def test_a_recording_that_carries_the_error_is_named_otherwise_and_one_with_a_little_less_is_not(monitor, tmp_path):
+    """Through the whole nonlinear path; the sizes come from the model linear at the estimate: to a tenth."""
+    found = answer(monitor, tmp_path / "plain.csv", {}, {})
+    first = set(found.diagnosis.result.isolated)
+    assert first == {"hpc.efficiency"}
+    flips = {flip.what: flip for flip in found.flips.found if flip.error}
+    assert {flip.kind for flip in flips.values()} == {"map", "sensor", "input"}
+    nearest = {flip.kind: flip for flip in reversed(found.flips.found) if flip.error}
+    for kind, flip in nearest.items():
+        for share, changed in ((0.9, False), (1.1, True)):
+            a = share * flip.size * flip.error.scale
+            health = {flip.what: 1.0 + a - (0.01 if flip.what == "hpc.efficiency" else 0.0)} if kind == "map" else {}
+            wrong = {} if kind == "map" else {flip.error.column: a}
+            now = answer(monitor, tmp_path / f"{kind}{share}.csv", wrong, health)
+            left = set(now.diagnosis.result.isolated) - ({flip.what} if kind != "map" else set())
+            assert (left != first) == changed, (flip, share)
+    cells = flip_cells(found.flips, lambda names: list(names))["flips"]
+    assert [cell["times"] for cell in cells] == sorted(cell["times"] for cell in cells)
