@@ -58,15 +58,22 @@ BIAS = "bias"
 
 def likeliest(statistics: LocalStatistics, changed: Sequence[str]) -> np.ndarray:
     """The likeliest change (q,) of the parameters `changed`, in their units."""
+    return given(statistics, changed)[0]
+
+
+def given(statistics: LocalStatistics, changed: Sequence[str]) -> tuple[np.ndarray, np.ndarray]:
+    """The likeliest change (q,) of the parameters `changed`, and its standard error (q,), if these alone may have
+    changed; in their units. The error is the root of the diagonal of (F_Aᵀ V⁻¹ F_A + diag σ⁻²)⁻¹."""
     places = _places(statistics.parameters, changed)
     if not places:
-        return np.zeros(0)
+        return np.zeros(0), np.zeros(0)
     scale = statistics.prior_sigma
     V = statistics.V * scale * scale[:, None]
     F = (statistics.F * scale * scale[:, None])[:, places]
     weighted = np.linalg.pinv(V, hermitian=True) @ F
-    change = np.linalg.solve(F.T @ weighted + np.eye(len(places)), weighted.T @ (statistics.s * scale))
-    return np.asarray(change * scale[places])
+    covariance = np.linalg.inv(F.T @ weighted + np.eye(len(places)))
+    change = covariance @ weighted.T @ (statistics.s * scale)
+    return change * scale[places], np.sqrt(np.diag(covariance)) * scale[places]
 
 
 def _places(names: Sequence[str], wanted: Sequence[str]) -> list[int]:

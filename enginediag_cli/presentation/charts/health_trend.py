@@ -4,16 +4,32 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
 
 from enginediag_cli.intervals import NORMAL_95
 from enginediag_cli.parameters import Parameter
-from enginediag_cli.presentation.charts.model import Axis, Cells, Chart, Column, Intervals, Level, Mark, Origin, Table
+from enginediag_cli.presentation.charts.model import (
+    Axis,
+    Band,
+    Cells,
+    Chart,
+    Column,
+    Intervals,
+    Layer,
+    Line,
+    Mark,
+    Origin,
+    Table,
+)
 from enginediag_cli.presentation.charts.order import Order, order_of
 from enginediag_cli.presentation.charts.rows import Row
 from enginediag_cli.presentation.charts.sizes import scale_of
 
 MOST_CURVES = 5
 """Parameters in one chart: more are not told apart."""
+APART = 0.06
+"""Share of the distance of two flights by which series are moved apart, so that intervals do not cover each other."""
 MOST_FLIGHTS = 60
 """Columns of a heat map that still have a width."""
 FULL = 6.0
@@ -35,20 +51,46 @@ def flight_order(rows: Sequence[Row]) -> Order:
     return order_of(next(iter(of_parameters(rows).values()), []))
 
 
+@dataclass(frozen=True)
+class Course:
+    """What `trend` says of one parameter: from flight `onset`, counted from 1, on; `step` or growing, with the change
+    up to the last flight and its 95 % interval."""
+
+    onset: int
+    step: bool
+    change: float
+    low: float
+    high: float
+
+
 def health_trend(
-    key: str, rows: Sequence[Row], names: Sequence[str], known: Known, marks: Sequence[Mark] = ()
+    key: str,
+    rows: Sequence[Row],
+    names: Sequence[str],
+    known: Known,
+    marks: Sequence[Mark] = (),
+    *,
+    caption: str = "",
+    courses: Mapping[str, Course] | None = None,
 ) -> Chart:
-    """Changes of `names`, all shown in one unit, over the flights of one engine, with 95 % intervals."""
+    """Changes of `names`, all shown in one unit, over the flights of one engine, with 95 % intervals, and with the
+    course that the whole series says."""
     series = of_parameters(rows)
     order = flight_order(rows)
     _, unit = scale_of(known[names[0]])
-    layers, cells, origins = [], [], []
-    for colour, name in enumerate(names[:MOST_CURVES]):
+    layers: list[Layer] = []
+    cells, origins = [], []
+    names = names[:MOST_CURVES]
+    apart = 0.0 if len(order.x) < 2 else APART * min(b - a for a, b in pairwise(order.x))
+    for colour, name in enumerate(names):
         factor, _ = scale_of(known[name])
         mine = series[name]
         change, low, high = ([factor * row.number(c) for row in mine] for c in ("change", "low", "high"))
         places = [row.origin for row in mine]
-        layers.append(Intervals(known[name].words, order.x, change, low, high, colour, origins=places))
+        if courses and name in courses:
+            layers += _course(courses[name], order, factor, colour)
+        x = [x + apart * (colour - (len(names) - 1) / 2) for x in order.x]
+        layers.append(Intervals(known[name].words, x, change, low, high, colour, origins=places))
         rows_of_it = zip(mine, change, low, high, strict=True)
         cells += [(r.text("flight") or r.count("number"), known[name].words, c, a, b) for r, c, a, b in rows_of_it]
         origins += places
@@ -66,10 +108,23 @@ def health_trend(
         Axis("change from nominal", unit),
         layers,
         Table(columns, cells, origins),
-        "Change from the nominal engine, flight by flight, with 95 % intervals.",
+        caption or "Change from the nominal engine, flight by flight, with 95 % intervals, all other parameters free.",
         marks,
-        [Level(0.0, "nominal")],
     )
+
+
+def _course(course: Course, order: Order, factor: float, colour: int) -> list[Layer]:
+    """Zero before the onset; then at once, or evenly up to the last flight, which is what a mean rate means."""
+    last = len(order.x)
+    share = [0.0 if k < course.onset else 1.0 for k in range(1, last + 1)]
+    if not course.step:
+        span = max(last - course.onset, 1)
+        share = [max(k - course.onset, 0) / span for k in range(1, last + 1)]
+    line, low, high = ([factor * s * size for s in share] for size in (course.change, course.low, course.high))
+    return [
+        Band("", order.x, low, high, colour),
+        Line("", order.x, line, colour, dashed=True),
+    ]
 
 
 def health_map(key: str, rows: Sequence[Row], known: Known) -> Chart:

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 from enginediag_cli.presentation.charts.model import Column, Origin, Table
 from enginediag_cli.presentation.charts.rows import Row
+from enginediag_cli.presentation.names import listed
 from enginediag_cli.presentation.report.evidence import EngineEvidence, Evidence
 from enginediag_cli.presentation.report.page import Block, Bullets, Listing, Section, Tabled, Words
 from enginediag_cli.presentation.report.results import kinds
@@ -72,9 +73,10 @@ def made_section(evidence: Evidence, command: Sequence[str], versions: Sequence[
     ]
     for result in evidence.results:
         if result.provenance:
-            blocks += [Words(f"{result.name} says of itself:"), Listing(result.provenance)]
-        else:
-            blocks.append(
-                Words(f"{result.name} does not say what made it; CSV written with its header does.", quiet=True)
-            )
+            blocks.append(Listing(result.provenance, f"What {result.name} says of its making"))
+    silent = [result.name for result in evidence.results if not result.provenance]
+    if silent:
+        blocks.append(
+            Words(f"{listed(silent)}: no word of what made it; CSV written with its header says so.", quiet=True)
+        )
     return Section("made", "How this page was made", blocks)

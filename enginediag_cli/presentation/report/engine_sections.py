@@ -9,17 +9,28 @@ from enginediag_cli.parameters import meanings
 from enginediag_cli.presentation.charts.detection_course import detection_course
 from enginediag_cli.presentation.charts.fingerprint import Answer, Deviations
 from enginediag_cli.presentation.charts.fingerprint import fingerprint as fingerprint_chart
-from enginediag_cli.presentation.charts.health_trend import flight_order, health_map, health_trend, of_parameters
+from enginediag_cli.presentation.charts.health_trend import (
+    Course,
+    flight_order,
+    health_map,
+    health_trend,
+    of_parameters,
+)
 from enginediag_cli.presentation.charts.model import Chart, Column, Mark, Table
 from enginediag_cli.presentation.charts.order import Order, order_of
+from enginediag_cli.presentation.charts.residual_course import residual_course
+from enginediag_cli.presentation.charts.residual_drivers import residual_drivers
 from enginediag_cli.presentation.charts.rows import Row, rival
+from enginediag_cli.presentation.charts.sensors_health import sensors_health
 from enginediag_cli.presentation.charts.sizes import scale_of
+from enginediag_cli.presentation.charts.snapshots import snapshots
 from enginediag_cli.presentation.names import listed
 from enginediag_cli.presentation.numbers import probability
 from enginediag_cli.presentation.report.evidence import EngineEvidence, Evidence
+from enginediag_cli.presentation.report.given import given_rows
 from enginediag_cli.presentation.report.page import Block, Section, Tabled, Words
 from enginediag_cli.presentation.report.results import kinds
-from enginediag_cli.presentation.report.verdicts import changed_in_trend, first_of_last_run
+from enginediag_cli.presentation.report.verdicts import changed_in_trend, first_of_last_run, size_in_words
 from enginediag_cli.units import split_column
 
 MOST_RIVALS = 2
@@ -29,7 +40,7 @@ MOST_RIVALS = 2
 def engine_section(engine: EngineEvidence, evidence: Evidence, key: str) -> Section:
     """All there is of one engine."""
     blocks = [*_health(engine, evidence, key), *_fingerprint(engine, evidence, key), *_detection(engine, key)]
-    blocks += [*_answers(engine, evidence)]
+    blocks += [*_answers(engine, evidence), *_records(engine, evidence, key)]
     if not blocks:
         blocks = [Words("These results hold nothing of this engine that is drawn.", quiet=True)]
     return Section(key, f"Engine {engine.engine}" if engine.engine else "The engine", blocks)
@@ -37,17 +48,34 @@ def engine_section(engine: EngineEvidence, evidence: Evidence, key: str) -> Sect
 
 def _health(engine: EngineEvidence, evidence: Evidence, key: str) -> Iterator[Block]:
     rows = engine.of(kinds.FLIGHTS)
-    if not rows:
+    changed = [row.text("parameter") for row in changed_in_trend(engine)]
+    courses = {row.text("parameter"): _course_of(row) for row in changed_in_trend(engine)}
+    alone = given_rows(engine, changed or (engine.isolated[-1][0].list("isolated") if engine.isolated else ()))
+    if alone:
+        names = list(of_parameters(alone))
+        told = (
+            "Dots: each flight by itself, with 95 % intervals, if nothing but the parameters shown has changed. "
+            "Dashed, with a band: what the whole series says."
+        )
+    elif rows:
+        alone, told = rows, ""
+        names = [n for n in changed if n in of_parameters(rows)] or _farthest(rows)
+    else:
         if engine.of(kinds.TREND):
             yield Words("Health flight by flight is drawn where `trend --what flights` is given, too.", quiet=True)
         return
-    order = flight_order(rows)
-    names = list(of_parameters(rows))
-    changed = [row.text("parameter") for row in changed_in_trend(engine)]
-    changed = [name for name in changed if name in names] or _farthest(rows)
-    for number, group in enumerate(_by_unit(changed, evidence)):
-        yield health_trend(f"{key}-health{number or ''}", rows, group, evidence.known, _events(engine, order))
-    yield health_map(f"{key}-map", rows, evidence.known)
+    marks = _events(engine, evidence, flight_order(alone))
+    for number, group in enumerate(_by_unit(names, evidence)):
+        yield health_trend(
+            f"{key}-health{number or ''}", alone, group, evidence.known, marks, caption=told, courses=courses
+        )
+    if rows:
+        yield health_map(f"{key}-map", rows, evidence.known)
+
+
+def _course_of(row: Row) -> Course:
+    sizes = (row.number("change"), row.number("change_low"), row.number("change_high"))
+    return Course(row.count("onset"), row.text("kind") == "step", *sizes)
 
 
 def _farthest(rows: Sequence[Row]) -> list[str]:
@@ -69,12 +97,13 @@ def _by_unit(names: Sequence[str], evidence: Evidence) -> list[list[str]]:
     return list(found.values())
 
 
-def _events(engine: EngineEvidence, order: Order) -> list[Mark]:
+def _events(engine: EngineEvidence, evidence: Evidence, order: Order) -> list[Mark]:
     """Onsets, once each, with the stretch in which they may lie."""
     found: dict[tuple[int, int, int], list[str]] = {}
     for row in changed_in_trend(engine):
         place = (row.count("onset"), row.count("onset_low"), row.count("onset_high"))
-        found.setdefault(place, []).append(row.text("component"))
+        known = evidence.known[row.text("parameter")]
+        found.setdefault(place, []).append(known.part or row.text("component"))
     marks = []
     for (_, low, high), parts in found.items():
         x, until = order.at(low), order.at(high)
@@ -108,7 +137,7 @@ def _fingerprint(engine: EngineEvidence, evidence: Evidence, key: str) -> Iterat
         else f"{window.source}, lines {window.first_line} to {window.last_line}"
     )
     foretold = [
-        Answer(listed([p.words for p in meanings(evidence.known, names).values()]) or "no change", chance, list(values))
+        Answer(_named(names, evidence), chance, list(values))
         for (names, chance), values in zip(answers, found.foretold.tolist(), strict=True)
     ]
     yield fingerprint_chart(
@@ -137,48 +166,67 @@ def _detection(engine: EngineEvidence, key: str) -> Iterator[Chart]:
         yield detection_course(f"{key}-detect", rows, marks)
 
 
+def _records(engine: EngineEvidence, evidence: Evidence, key: str) -> Iterator[Block]:
+    """Snapshots, residuals and the health of the instruments."""
+    records = engine.records
+    if records is None:
+        yield Words(
+            "Residuals over time, snapshots and the instruments' health are drawn from `residual --what records`; over "
+            "operating conditions, from recordings with -n NOMINAL.",
+            quiet=True,
+        )
+        return
+    yield from snapshots(f"{key}-snapshot", records)
+    yield residual_course(f"{key}-residuals", records)
+    yield from residual_drivers(f"{key}-over", records)
+    yield sensors_health(f"{key}-sensors", records, _wrong(engine, evidence), engine.masked)
+
+
+def _wrong(engine: EngineEvidence, evidence: Evidence) -> dict[str, float]:
+    """Probability that a sensor reads wrong, by its column, as the trend has it."""
+    found: dict[str, float] = {}
+    sensors = engine.records.sigmas if engine.records is not None else {}
+    columns = {split_column(column)[0]: column for column in sensors}
+    for row in engine.of(kinds.TREND):
+        known = evidence.known[row.text("parameter")]
+        column = columns.get(known.part.removesuffix(" sensor"), "")
+        if known.of_sensor and column:
+            found[column] = max(found.get(column, 0.0), row.number("probability"))
+    return found
+
+
 ANSWERS = (
     Column("flight"),
     Column("verdict"),
     Column("what changed"),
-    Column("change"),
-    Column("95 % from"),
-    Column("to"),
-    Column("unit"),
-    Column("probability"),
-    Column("exactly this set"),
+    Column("probability of exactly this"),
     Column("not excluded either, or why not"),
 )
 
 
 def _answers(engine: EngineEvidence, evidence: Evidence) -> Iterator[Block]:
-    rows = engine.of(kinds.ISOLATED)
-    if not rows:
-        return
-    cells = []
-    for row in rows:
-        name = row.text("parameter")
-        words, factor, unit = "", 1.0, ""
-        if name:
-            words, (factor, unit) = evidence.known[name].words, scale_of(evidence.known[name])
-        rivals = [
-            f"{' & '.join(names) or 'no change'} ({probability(p)})" for names, p in map(rival, row.list("rivals"))
-        ]
-        sensors = [split_column(column)[0] for column in row.list("would_tell")]
+    """One row for each window, in words."""
+    cells, origins = [], []
+    for rows in engine.isolated:
+        head = rows[0]
+        told = [size_in_words(row, evidence) for row in rows if row.text("parameter")]
+        rivals = [f"{_named(names, evidence)} ({probability(p)})" for names, p in map(rival, head.list("rivals"))]
+        sensors = [split_column(column)[0] for column in head.list("would_tell")]
         tell = f"; {listed(sensors, 'or')} would tell" if sensors else ""
+        chance = head.number("probability")
         cells.append(
             (
-                row.text("flight") or row.window,
-                row.text("verdict"),
-                words,
-                factor * row.number("change"),
-                factor * row.number("lower"),
-                factor * row.number("upper"),
-                unit,
-                row.number("inclusion"),
-                row.number("probability"),
-                (row.text("note") or "; ".join(rivals[:MOST_RIVALS])) + tell,
+                head.text("flight") or head.window,
+                head.text("verdict"),
+                "; ".join(told) or ("nothing stands out" if head.text("verdict") != "no verdict" else ""),
+                "" if chance != chance else probability(chance),
+                (head.text("note") or "; ".join(rivals[:MOST_RIVALS])) + tell,
             )
         )
-    table = Table(ANSWERS, cells, [row.origin for row in rows])
-    yield Tabled("What changed, window by window", table)
+        origins.append(head.origin)
+    if cells:
+        yield Tabled("What changed, window by window", Table(ANSWERS, cells, origins))
+
+
+def _named(names: Sequence[str], evidence: Evidence) -> str:
+    return listed([p.words for p in meanings(evidence.known, names).values()]) or "no change"

@@ -5,22 +5,28 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 
+from enginediag_cli.errors import DataError
 from enginediag_cli.parameters import Parameter, unspecified
 from enginediag_cli.presentation.charts.model import Origin
+from enginediag_cli.presentation.charts.records import Records
 from enginediag_cli.presentation.charts.rows import Row
 from enginediag_cli.presentation.report.results import kinds
 from enginediag_cli.presentation.report.results.kinds import Kind
 from enginediag_cli.presentation.report.results.read import Result
+from enginediag_cli.presentation.report.results.records import records_of
 from enginediag_cli.residuals.pipeline import WindowStatistics
 
 
 @dataclass
 class EngineEvidence:
-    """Rows of one engine, by kind and in the order of the files, and its windows of statistics with their places."""
+    """Rows of one engine, by kind and in the order of the files, its windows of statistics with their places, its
+    residuals, and how many readings of each sensor were masked."""
 
     engine: str
     rows: dict[Kind, list[Row]] = field(default_factory=dict)
     windows: list[tuple[WindowStatistics, Origin]] = field(default_factory=list)
+    records: Records | None = None
+    masked: dict[str, int] = field(default_factory=dict)
 
     def of(self, kind: Kind) -> list[Row]:
         return self.rows.get(kind, [])
@@ -50,6 +56,9 @@ def evidence_of(results: Sequence[Result], known: Mapping[str, Parameter] | None
     found = Evidence(results, {}, dict(known or {}))
     ledger = Ledger()
     for result in results:
+        if result.kind is kinds.RECORDS:
+            _records(found, result)
+            continue
         for row in result.rows if result.kind is not kinds.LOCATED else ():
             engine = row.text("engine")
             found.engines.setdefault(engine, EngineEvidence(engine)).rows.setdefault(result.kind, []).append(row)
@@ -63,6 +72,17 @@ def evidence_of(results: Sequence[Result], known: Mapping[str, Parameter] | None
     for name, unit in _named(found):
         found.known.setdefault(name, unspecified(name, unit))
     return found
+
+
+def _records(found: Evidence, result: Result) -> None:
+    by_engine: dict[str, list[Row]] = {}
+    for row in result.rows:
+        by_engine.setdefault(row.text("engine"), []).append(row)
+    for engine, rows in by_engine.items():
+        mine = found.engines.setdefault(engine, EngineEvidence(engine))
+        if mine.records is not None:
+            raise DataError(f"{result.name}: residuals of these records come from another file, too: give one of them")
+        mine.records = records_of(rows)
 
 
 def _named(found: Evidence) -> Iterator[tuple[str, str]]:

@@ -79,11 +79,10 @@ def _page(page: Page, scripts: Sequence[str], plots: Mapping[str, Any]) -> Itera
 
 def _lead(lead: Lead) -> str:
     facts = [("How surely", lead.surely), ("Since", lead.since), ("What to do next", lead.next)]
-    flips = lead.flips
     rows = "".join(f"<dt>{name}</dt><dd>{said(text)}</dd>" for name, text in facts if text)
-    if flips:
-        told = "<br>".join(map(said, flips))
-        rows += f"<dt>What would flip it</dt><dd>{told}</dd>"
+    for word, lines in (("What would flip it", lead.flips), ("Not excluded either", lead.rivals)):
+        if lines:
+            rows += f"<dt>{word}</dt><dd>{'<br>'.join(map(said, lines))}</dd>"
     name = f"Engine {said(lead.engine)}: " if lead.engine else ""
     link = f' <a href="#{said(lead.key)}">Charts</a>' if lead.key else ""
     label = f"Verdict{' on engine ' + said(lead.engine) if name else ''}"
@@ -112,7 +111,8 @@ def _block(block: Block, plots: Mapping[str, Any]) -> Iterator[str]:
         yield f"<ul>{''.join(f'<li>{said(item)}</li>' for item in block.items)}</ul>\n"
     elif isinstance(block, Listing):
         lines = "\n".join(map(said, block.lines))
-        yield f'<pre tabindex="0">{lines}</pre>\n'
+        text = f'<pre tabindex="0">{lines}</pre>\n'
+        yield f"<details><summary>{said(block.title)}</summary>{text}</details>\n" if block.title else text
     elif isinstance(block, Tabled):
         yield from _tabled(block)
     else:

@@ -36,9 +36,10 @@ class Bullets:
 
 @dataclass(frozen=True)
 class Listing:
-    """Lines as they were typed or written: commands, provenance."""
+    """Lines as they were typed or written: commands, provenance; behind a `title` they are closed at first."""
 
     lines: Sequence[str]
+    title: str = ""
 
 
 @dataclass(frozen=True)
@@ -64,6 +65,7 @@ class Lead:
     since: str = ""
     next: str = ""
     flips: Sequence[str] = ()
+    rivals: Sequence[str] = ()
     key: str = ""
 
 

@@ -39,6 +39,13 @@ figcaption span{display:block;color:var(--quiet);font-size:.92rem;max-width:90ch
 .drawn{overflow-x:auto}
 .drawn svg{display:block;width:100%;min-width:560px;height:auto;max-width:900px}
 .live{max-width:900px}
+.legend{display:flex;flex-wrap:wrap;gap:.2rem .4rem;margin:.2rem 0 .3rem}
+.legend button{font:inherit;font-size:.88rem;color:var(--ink);background:none;border:1px solid transparent;
+border-radius:4px;padding:.1rem .45rem;cursor:pointer;text-align:left}
+.legend button:hover{border-color:var(--line)}
+.legend button[aria-pressed=false]{opacity:.45;text-decoration:line-through}
+.swatch{display:inline-block;width:.75em;height:.75em;border-radius:50%;margin-right:.45em}.drawn.instead{display:none}
+caption{text-align:left;padding:.2rem .7rem}
 details{margin:.4rem 0}summary{cursor:pointer;color:var(--link)}
 .scroll{overflow:auto;max-height:26rem;border:1px solid var(--line);margin:.4rem 0}
 .scroll.open{max-height:none}

@@ -31,7 +31,8 @@ def lead_of(engine: EngineEvidence, evidence: Evidence, key: str) -> Lead:
         _surely(engine),
         _since(engine, state),
         next_step(state, [evidence.known[n] for n in names if n in evidence.known], _telling(engine), _advice(engine)),
-        _flips(engine, evidence),
+        _flips(engine),
+        _rivals(engine, evidence),
         key,
     )
 
@@ -92,14 +93,15 @@ def _by_isolation(engine: EngineEvidence, evidence: Evidence) -> _Found | None:
             names,
         )
     if names:
-        told = [_of_isolated(row, evidence) for row in last if row.text("parameter")]
+        told = [size_in_words(row, evidence) for row in last if row.text("parameter")]
         return State.CHANGED, f"{listed(told) or listed(list(names))}.", names
     if head.text("verdict") == "fault":
         return State.CANNOT_TELL, f"{_capital(head.window)} departs from nominal, and no parameter stands out.", ()
     return _quiet(engine)
 
 
-def _of_isolated(row: Row, evidence: Evidence) -> str:
+def size_in_words(row: Row, evidence: Evidence) -> str:
+    """The change of one isolated parameter with half its interval."""
     half = (row.number("upper") - row.number("lower")) / 2
     return change(evidence.known[row.text("parameter")], row.number("change"), half)
 
@@ -188,21 +190,23 @@ def _advice(engine: EngineEvidence) -> Sequence[str]:
     return engine.isolated[-1][0].list("advice") if engine.isolated else ()
 
 
-def _flips(engine: EngineEvidence, evidence: Evidence) -> tuple[str, ...]:
-    """What would flip the answer as `isolate` says it, else what else is not excluded."""
+def _flips(engine: EngineEvidence) -> tuple[str, ...]:
+    """What would flip the answer, as `isolate` says it."""
+    flips = engine.isolated[-1][0].cells.get("flips") if engine.isolated else None
+    if isinstance(flips, list):
+        return tuple(str(f.get("words", f)) if isinstance(f, dict) else str(f) for f in flips)
+    return engine.isolated[-1][0].list("flips") if flips else ()
+
+
+def _rivals(engine: EngineEvidence, evidence: Evidence) -> tuple[str, ...]:
+    """What else the data do not exclude."""
     if not engine.isolated:
         return ()
-    head = engine.isolated[-1][0]
-    flips = head.cells.get("flips")
-    if isinstance(flips, list) and flips:
-        return tuple(str(f.get("words", f)) if isinstance(f, dict) else str(f) for f in flips)
-    if flips:
-        return head.list("flips")
-    told = []
+    head, told = engine.isolated[-1][0], []
     for names, chance in map(rival, head.list("rivals")[:2]):
         words = listed([p.words for p in meanings(evidence.known, names).values()]) or "no change"
         told.append(f"{words} ({probability(chance)})")
-    return (f"Not excluded either: {'; '.join(told)}.",) if told else ()
+    return tuple(told)
 
 
 def _capital(text: str) -> str:

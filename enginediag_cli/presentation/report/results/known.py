@@ -19,3 +19,12 @@ def known_of(results: Sequence[Result]) -> dict[str, Parameter]:
         if result.kind is kinds.NOMINAL:
             known.update(monitor_of(open_baseline(result.path), sensors=True).meaning)
     return known
+
+
+def nominal_result(path: str) -> Result:
+    """The nominal file with which recordings were judged, as one of the files of a report."""
+    import os
+
+    from enginediag_cli.recordings.provenance import sha256_of
+
+    return Result(kinds.NOMINAL, os.path.basename(path), sha256=sha256_of(path), path=path)

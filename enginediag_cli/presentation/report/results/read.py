@@ -20,6 +20,8 @@ KNOWN = (
     "a report reads what detect, isolate, trend, identify, residual, locate, explain, refine --report and fleet write "
     "with all columns, as CSV or JSON"
 )
+NOMINAL_HEAD = "kind: nominal"
+"""The first line of a nominal file that is no comment."""
 PARTS = ("rows", "windows")
 """Keys under which a document may hold the rows of a table."""
 
@@ -39,11 +41,14 @@ class Result:
     path: str = ""
 
 
-def read_result(path: str, name: str) -> Result:
-    """What a file holds. Raises DataError where nothing that a report reads is recognised, or it is damaged."""
+def read_result(path: str, name: str, *, recordings: bool = False) -> Result:
+    """What a file holds; recordings: what is no result is one. Raises DataError where nothing that a report reads is
+    recognised, or it is damaged."""
     from enginediag_cli.recordings.read import table_file
 
     with table_file(path) as table:
+        if recordings and _is_recording(table.columns):
+            return Result(kinds.RECORDING, name, sha256="" if path == "-" else sha256_of(path), path=path)
         lines = [line if line.endswith("\n") else line + "\n" for line in _decoded(table.lines, name)]
     digest = "" if path == "-" else sha256_of(path)
     provenance = [line[1:].removeprefix(" ").rstrip() for line in _head(lines)]
@@ -52,9 +57,15 @@ def read_result(path: str, name: str) -> Result:
         raise DataError(f"{name}: the file is empty; {KNOWN}")
     if body.lstrip()[0] in "[{":
         return _of_json("".join(lines), name, path, digest)
-    if body.startswith("kind: nominal") or body.strip() == "kind: nominal":
+    if body.strip() == NOMINAL_HEAD:
         return Result(kinds.NOMINAL, name, (), sha256=digest, path=path)
     return _of_csv(lines, name, path, digest, provenance)
+
+
+def _is_recording(columns: Sequence[str]) -> bool:
+    """Whether it is a table, and none that a command of this program has written as its answer."""
+    first = columns[0].lstrip() if columns else ""
+    return bool(first) and first[0] not in "[{" and first != NOMINAL_HEAD and kinds.of_table(columns) is None
 
 
 def _decoded(lines: Iterable[str], name: str) -> Iterator[str]:
