@@ -156,7 +156,7 @@ def _bars(on: Any, chart: Chart, layer: Bars, ink: str, said: dict[str, str]) ->
 def _cells(on: Any, chart: Chart, layer: Cells) -> None:
     kept = [k for k, value in enumerate(layer.value) if math.isfinite(value)]
     source = _source(chart, layer, kept)
-    shades = [shade(layer.value[k], layer.largest) for k in kept]
+    shades = [shade(layer.value[k], layer.largest, layer.rooted) for k in kept]
     source.data["fill"], source.data["ink"] = [s[0] for s in shades], [s[1] for s in shades]
     source.data["value"] = _short(layer.value, kept)
     source.data["words"] = [layer.words[k] if layer.words else "" for k in kept]

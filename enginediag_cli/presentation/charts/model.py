@@ -146,7 +146,8 @@ class Bars:
 @dataclass(frozen=True)
 class Cells:
     """A heat map: `value[k]` at column `x[k]` and row `y[k]`, NaN where there is none; 0 is neutral, `largest` darkest.
-    `words`: what stands in the cell; `both`: values have a sign that matters."""
+    `words`: what stands in the cell; `both`: values have a sign that matters; `rooted`: shaded by the root of
+    the share, where the largest is far above what matters."""
 
     name: str
     x: Sequence[int]
@@ -155,6 +156,7 @@ class Cells:
     largest: float
     words: Sequence[str] = ()
     both: bool = False
+    rooted: bool = False
     origins: Sequence[Origin] = ()
 
 

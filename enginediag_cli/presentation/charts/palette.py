@@ -32,9 +32,10 @@ def colour(number: int) -> str:
     return LIGHT[number % len(LIGHT)]
 
 
-def shade(value: float, largest: float) -> tuple[str, str]:
+def shade(value: float, largest: float, rooted: bool = False) -> tuple[str, str]:
     """The fill of a cell and the ink on it; 0 is paper. Five steps: more are not told apart by eye."""
     share = min(abs(value) / largest, 1.0) if largest > 0 else 0.0
+    share = share**0.5 if rooted else share
     step = min(int(share * STEPS), STEPS - 1)
     fill = (SHADES_UP if value >= 0 else SHADES_DOWN)[step]
     return fill, ON_DARK if step >= 3 else ON_LIGHT

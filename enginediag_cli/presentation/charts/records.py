@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -12,8 +12,8 @@ from enginediag_cli.presentation.charts.model import Origin
 
 @dataclass(frozen=True)
 class Records:
-    """Of one engine, in order: `sigmas` and `residual` (n,) by sensor column, in standard deviations of its noise and in
-    its unit; `inputs` (n,) by column; `time_s` (n,), NaN where not known; the flight, file and line of each.
+    """Of one engine, in order: `sigmas` and `residual` (n,) by sensor column, in standard deviations of its noise and
+    in its unit; `inputs` (n,) by column; `time_s` (n,), NaN where not known; the flight, file and line of each.
 
     `altitude` and `power`: the inputs that say how high and how hard the engine runs, "" where not known.
     """
@@ -30,6 +30,21 @@ class Records:
 
     def __len__(self) -> int:
         return len(self.lines)
+
+    def since(self, file: str, flight: str) -> Records:
+        """From the first record of a flight on; all of them where it is not among these."""
+        places = list(zip(self.files, self.flights, strict=True))
+        first = places.index((file, flight)) if (file, flight) in places else 0
+        return replace(
+            self,
+            files=self.files[first:],
+            lines=self.lines[first:],
+            flights=self.flights[first:],
+            time_s=self.time_s[first:],
+            sigmas={name: values[first:] for name, values in self.sigmas.items()},
+            residual={name: values[first:] for name, values in self.residual.items()},
+            inputs={name: values[first:] for name, values in self.inputs.items()},
+        )
 
     def origin(self, k: int) -> Origin:
         return Origin(self.files[k], str(self.lines[k]))

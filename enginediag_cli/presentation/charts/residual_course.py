@@ -50,5 +50,5 @@ def residual_course(key: str, records: Records) -> Chart:
         Table(columns, cells, origins),
         f"Measured minus nominal, of the {len(names)} readings that are farthest off at the end.",
         levels=[Level(2.0, ""), Level(-2.0, "")],
-        thinned=f"Every {step}th of {len(records):,} records is drawn." if step > 1 else "",
+        thinned=f"One record in {step} is drawn, of {len(records):,}." if step > 1 else "",
     )

@@ -17,10 +17,10 @@ APART = 0.12
 """Share of the distance of two groups by which series are moved apart."""
 
 
-def residual_drivers(key: str, records: Records) -> list[Chart]:
-    """One chart for each input that varies."""
+def residual_drivers(key: str, records: Records, which: str) -> list[Chart]:
+    """One chart for each input that varies; which: the records that these are, in words."""
     return [
-        _chart(f"{key}-{number}", records, driver)
+        _chart(f"{key}-{number}", records, driver, which)
         for number, driver in enumerate(d for d, values in records.inputs.items() if _varies(values))
     ]
 
@@ -30,7 +30,7 @@ def _varies(values: np.ndarray) -> bool:
     return known.size > BINS * FEWEST and float(np.ptp(known)) > VARIES * (1.0 + float(np.abs(known).max()))
 
 
-def _chart(key: str, records: Records, driver: str) -> Chart:
+def _chart(key: str, records: Records, driver: str, which: str) -> Chart:
     quantity, unit = split_column(driver)
     values = records.inputs[driver]
     edges = np.unique(np.nanquantile(values, np.linspace(0.0, 1.0, BINS + 1)))
@@ -64,15 +64,9 @@ def _chart(key: str, records: Records, driver: str) -> Chart:
     return Chart(
         key,
         f"Residuals over {quantity.replace('_', ' ')}",
-        Axis(quantity.replace("_", " "), unit),
+        Axis(quantity, unit),
         Axis("residual, standard deviations"),
         layers,
         Table(columns, cells),
-        "Medians of equally many records each; the bars hold the middle half. Every record of "
-        f"{_from(records)} is counted.",
+        f"Medians of equally many records each; the bars hold the middle half. Counted is every record {which}.",
     )
-
-
-def _from(records: Records) -> str:
-    files = list(dict.fromkeys(records.files))
-    return files[0] if len(files) == 1 else f"{len(files)} files"

@@ -172,7 +172,7 @@ def _cells(on: Drawing, layer: Cells, panel: Panel) -> None:
         if not math.isfinite(value):
             on.rectangle(u - width / 2 + 1, v - CELL / 2 + 1, width - 2, CELL - 2, "#eeeeee", hint="not known")
             continue
-        fill, ink = shade(value, layer.largest)
+        fill, ink = shade(value, layer.largest, layer.rooted)
         on.rectangle(u - width / 2 + 1, v - CELL / 2 + 1, width - 2, CELL - 2, fill)
         if text and len(text) * 6.0 < width:
             on.words(u, v + 4, text, letters=Letters(SMALL.size, fill=ink), anchor="middle")

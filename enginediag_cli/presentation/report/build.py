@@ -5,10 +5,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from enginediag_cli import __version__
+from enginediag_cli.presentation.charts.fleet_found import engines_of
 from enginediag_cli.presentation.report.appendix import left_out_section, made_section
 from enginediag_cli.presentation.report.engine_sections import engine_section
 from enginediag_cli.presentation.report.evidence import Evidence
+from enginediag_cli.presentation.report.fleet_sections import fleet_leads, fleet_section, fleet_summary
 from enginediag_cli.presentation.report.page import Lead, Page, Section, State
+from enginediag_cli.presentation.report.physics_sections import physics_leads, physics_sections
+from enginediag_cli.presentation.report.results import kinds
 from enginediag_cli.presentation.report.verdicts import lead_of
 
 TITLE = "Engine report"
@@ -34,8 +38,16 @@ def page_of(
     for lead, engine, key in ordered:
         leads.append(lead)
         sections.append(engine_section(engine, evidence, key))
+    leads += physics_leads(evidence)
+    summary = ""
+    for number, result in enumerate(evidence.documents(kinds.FLEET), start=1):
+        engines = engines_of(result.document, result.name)
+        summary = fleet_summary(engines)
+        leads += fleet_leads(engines, f"fleet-{number}")
+        sections.append(fleet_section(result, engines, f"fleet-{number}"))
+    sections += physics_sections(evidence)
     sections += [
         left_out_section(evidence, left_out),
         made_section(evidence, command, [f"enginediag {__version__}", *versions]),
     ]
-    return Page(title or TITLE, leads, sections)
+    return Page(title or TITLE, leads, sections, summary)

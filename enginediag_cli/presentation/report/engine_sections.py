@@ -178,7 +178,10 @@ def _records(engine: EngineEvidence, evidence: Evidence, key: str) -> Iterator[B
         return
     yield from snapshots(f"{key}-snapshot", records)
     yield residual_course(f"{key}-residuals", records)
-    yield from residual_drivers(f"{key}-over", records)
+    first = first_of_last_run(engine.of(kinds.DETECTED))
+    late = records if first is None else records.since(first.text("source"), first.text("flight"))
+    which = f"from {first.window} on, since when it alarms" if first is not None else "given"
+    yield from residual_drivers(f"{key}-over", late, which)
     yield sensors_health(f"{key}-sensors", records, _wrong(engine, evidence), engine.masked)
 
 

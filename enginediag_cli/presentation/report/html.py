@@ -88,7 +88,7 @@ def _lead(lead: Lead) -> str:
     label = f"Verdict{' on engine ' + said(lead.engine) if name else ''}"
     return (
         f'<section class="lead {CLASSES[lead.state]}" aria-label="{label}">'
-        f'<div class="state">{name}{lead.state.value}</div>\n'
+        f'<div class="state">{name}{said(lead.badge or lead.state.value)}</div>\n'
         f'<p class="verdict">{said(lead.sentence)}</p>\n<dl>{rows}</dl>{link}</section>\n'
     )
 

@@ -13,8 +13,10 @@ from enginediag_cli.units import split_column
 def next_step(state: State, changed: Sequence[Parameter], telling: Sequence[str], advice: Sequence[str]) -> str:
     """changed: parameters of the answer, or its suspects; telling: sensors that would tell them apart; advice: what
     `isolate --advise` said."""
-    if advice:
-        return " ".join(advice)
+    return " ".join([_own(state, changed, telling), *advice])
+
+
+def _own(state: State, changed: Sequence[Parameter], telling: Sequence[str]) -> str:
     instruments = _parts(p for p in changed if p.of_instrument)
     components = _parts(p for p in changed if not p.of_instrument)
     if state is State.NO_VERDICT:

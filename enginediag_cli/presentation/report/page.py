@@ -56,7 +56,8 @@ Block: TypeAlias = Words | Bullets | Listing | Tabled | Chart
 
 @dataclass(frozen=True)
 class Lead:
-    """The first screen, of one engine: what is so, how surely, since when, what to do next, what would flip it."""
+    """The first screen, of one engine: what is so, how surely, since when, what to do next, what would flip it;
+    `badge`: the state in other words."""
 
     state: State
     sentence: str
@@ -66,6 +67,7 @@ class Lead:
     next: str = ""
     flips: Sequence[str] = ()
     rivals: Sequence[str] = ()
+    badge: str = ""
     key: str = ""
 
 

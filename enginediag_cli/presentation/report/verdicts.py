@@ -33,7 +33,7 @@ def lead_of(engine: EngineEvidence, evidence: Evidence, key: str) -> Lead:
         next_step(state, [evidence.known[n] for n in names if n in evidence.known], _telling(engine), _advice(engine)),
         _flips(engine),
         _rivals(engine, evidence),
-        key,
+        key=key,
     )
 
 
@@ -187,7 +187,13 @@ def _telling(engine: EngineEvidence) -> Sequence[str]:
 
 
 def _advice(engine: EngineEvidence) -> Sequence[str]:
-    return engine.isolated[-1][0].list("advice") if engine.isolated else ()
+    """What `isolate` advised, and what restoring a module would bring."""
+    if not engine.isolated:
+        return ()
+    head = engine.isolated[-1][0]
+    scope = head.cells.get("work_scope")
+    told = scope.get("told", ()) if isinstance(scope, dict) else head.list("work_scope")
+    return (*head.list("advice"), *(f"{_capital(str(sentence))}." for sentence in told))
 
 
 def _flips(engine: EngineEvidence) -> tuple[str, ...]:
