@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from enginediag_cli.errors import DataError
-from enginediag_cli.parameters import Parameter, unspecified
+from enginediag_cli.parameters import Parameter, spelled, unspecified
 from enginediag_cli.presentation.charts.model import Origin
 from enginediag_cli.presentation.charts.sizes import scale_of
 
@@ -157,7 +157,7 @@ def _health(h: Mapping[str, Any], origin: Origin) -> HealthFound:
         unspecified(str(h["parameter"]), str(h.get("unit") or "1")),
         words=str(h.get("words") or h["parameter"]),
         component=str(h.get("component") or h["parameter"]),
-        part=str(h.get("component") or h["parameter"]),
+        part=spelled(str(h.get("component") or h["parameter"])),
     )
     return HealthFound(
         known,

@@ -9,7 +9,7 @@ from enginediag_cli.presentation.charts.fleet_found import engines_of
 from enginediag_cli.presentation.report.appendix import left_out_section, made_section
 from enginediag_cli.presentation.report.engine_sections import engine_section
 from enginediag_cli.presentation.report.evidence import Evidence
-from enginediag_cli.presentation.report.fleet_sections import fleet_leads, fleet_section, fleet_summary
+from enginediag_cli.presentation.report.fleet_sections import fleet_lead, fleet_section
 from enginediag_cli.presentation.report.page import Lead, Page, Section, State
 from enginediag_cli.presentation.report.physics_sections import physics_leads, physics_sections
 from enginediag_cli.presentation.report.results import kinds
@@ -39,15 +39,13 @@ def page_of(
         leads.append(lead)
         sections.append(engine_section(engine, evidence, key))
     leads += physics_leads(evidence)
-    summary = ""
     for number, result in enumerate(evidence.documents(kinds.FLEET), start=1):
         engines = engines_of(result.document, result.name)
-        summary = fleet_summary(engines)
-        leads += fleet_leads(engines, f"fleet-{number}")
+        leads.append(fleet_lead(result.document, engines, f"fleet-{number}"))
         sections.append(fleet_section(result, engines, f"fleet-{number}"))
     sections += physics_sections(evidence)
     sections += [
         left_out_section(evidence, left_out),
         made_section(evidence, command, [f"enginediag {__version__}", *versions]),
     ]
-    return Page(title or TITLE, leads, sections, summary)
+    return Page(title or TITLE, leads, sections)

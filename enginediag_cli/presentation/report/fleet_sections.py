@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 from enginediag_cli.presentation.charts.evidence_course import evidence_course
@@ -26,42 +26,69 @@ LIKELY = 0.5
 """Probability from which a parameter is told as changed."""
 
 
-def fleet_leads(engines: Sequence[EngineFound], key: str) -> list[Lead]:
-    """Worst first, as they are ranked; those found healthy need none."""
-    told = [(k, e) for k, e in enumerate(engines) if e.verdict != "healthy"]
-    return [_lead(e, f"{key}-{k}" if k < IN_FULL else key) for k, e in told]
-
-
-def fleet_summary(engines: Sequence[EngineFound]) -> str:
-    """One sentence on all of them."""
+def fleet_lead(document: Mapping[str, Any], engines: Sequence[EngineFound], key: str) -> Lead:
+    """The first screen of a fleet: how many, the bound, and where to begin."""
     numbers = [sum(e.verdict == verdict for e in engines) for verdict in ("changed", "healthy", "no verdict")]
-    return (
-        f"{count(len(engines), 'engine')}: {numbers[0]} changed, {numbers[1]} show no change, {numbers[2]} without "
-        f"verdict; {sum(e.discovery for e in engines)} on the fleet's list."
-    )
+    told = f"{numbers[0]} of {count(len(engines), 'engine')} changed"
+    state = State.CHANGED if numbers[0] else State.NOTHING_FOUND if numbers[1] else State.NO_VERDICT
+    rest = [f"{numbers[1]} show no change"] if numbers[1] else []
+    rest += [f"{numbers[2]} could not be judged"] if numbers[2] else []
+    listed_ = [e for e in engines if e.discovery]
+    sentence = f"{told}; {listed(rest)}." if rest else f"{told}."
+    surely = str((document.get("discoveries") or {}).get("words") or "")
+    if listed_:
+        surely = f"{count(len(listed_), 'engine')} on the list of discoveries. {surely}"
+    worst = [e for e in engines if e.verdict == "changed"][:1]
+    step = [f"Begin with {e.serial}: {_step(e)}" for e in worst]
+    return Lead(state, sentence, "", surely, "", " ".join(step), key=key, badge="fleet")
 
 
-def _lead(e: EngineFound, key: str) -> Lead:
-    changed = [h for h in e.health if h.probability >= LIKELY]
-    told = [_size(h) for h in changed]
-    sentence = f"{listed(told)}." if told else f"Engine {e.serial} has changed; no single parameter stands out."
+GLANCE = (
+    Column("engine"),
+    Column("what"),
+    Column("since"),
+    Column("how surely"),
+    Column("flights left"),
+    Column("what to do next"),
+)
+
+
+def _glance(engines: Sequence[EngineFound]) -> Iterator[Block]:
+    """Every engine that changed or could not be judged, worst first."""
+    told = [e for e in engines if e.verdict != "healthy"]
+    rows = [(e.serial, _what(e), _since(e), _surely(e), _left(e.margin.remaining_flights), _step(e)) for e in told]
+    if rows:
+        yield Tabled("Engines that need a look", Table(GLANCE, rows, [e.origin for e in told]))
+
+
+def _what(e: EngineFound) -> str:
     if e.verdict == "no verdict":
-        sentence = f"Nothing could be judged: {e.reason}."
-    surely = [f"probability {probability(max(h.probability for h in changed))}"] if changed else []
+        return f"not judged: {e.reason}"
+    return "; ".join(_size(h) for h in _changed(e)) or "changed; no single parameter stands out"
+
+
+def _changed(e: EngineFound) -> list[HealthFound]:
+    return [h for h in e.health if h.probability >= LIKELY]
+
+
+def _surely(e: EngineFound) -> str:
+    changed = _changed(e)
+    told = [f"probability {probability(max(h.probability for h in changed))}"] if changed else []
     if math.isfinite(e.log10_e):
-        surely.append(f"evidence 10^{e.log10_e:.1f} over {count(e.flights, 'flight')}")
-    surely += ["on the fleet's list"] if e.discovery else []
-    state = STATES.get(e.verdict, State.CANNOT_TELL)
-    step = next_step(state, [h.parameter for h in changed], (), ())
-    left = e.margin.remaining_flights
-    if math.isfinite(left.value):
-        step += f" {_flights_left(left)}"
-    return Lead(state, sentence, e.serial, "; ".join(surely), _since(e), step, key=key)
+        told.append(f"evidence 10^{e.log10_e:.0f} over {count(e.flights, 'flight')}")
+    return "; ".join([*told, *(["listed"] if e.discovery else [])])
 
 
-def _flights_left(left: Estimated) -> str:
-    within = f", 90 % interval {rounded(left.low, digits=2)} to {rounded(left.high, digits=2)}"
-    return f"About {rounded(left.value, digits=2)} flights are left to the limit{within}."
+def _step(e: EngineFound) -> str:
+    return next_step(STATES.get(e.verdict, State.CANNOT_TELL), [h.parameter for h in _changed(e)], (), ())
+
+
+def _left(left: Estimated) -> str:
+    """Flights to the limit with their 90 % interval."""
+    if not math.isfinite(left.value):
+        return ""
+    end = rounded(left.high, digits=2) if math.isfinite(left.high) else "no end in sight"
+    return f"{rounded(left.value, digits=2)} (90 %: {rounded(left.low, digits=2)} to {end})"
 
 
 def _size(h: HealthFound) -> str:
@@ -80,16 +107,14 @@ def fleet_section(result: Result, engines: Sequence[EngineFound], key: str) -> S
     """Everything of one fleet document."""
     document = result.document
     blocks: list[Block] = []
-    words = (document.get("discoveries") or {}).get("words")
-    if words:
-        blocks.append(Words(str(words)))
+    blocks += _glance(engines)
     if engines:
         blocks += [fleet_ranking(f"{key}-ranking", engines), fleet_map(f"{key}-map", engines)]
     blocks += _common(document.get("common") or ())
     blocks += _left_out(document.get("left_out") or ())
     inner = [_engine(e, f"{key}-{k}") for k, e in enumerate(engines[:IN_FULL])]
     if len(engines) > IN_FULL:
-        blocks.append(Words(f"The {IN_FULL} worst engines follow one by one; give fewer engines to see others."))
+        blocks.append(Words(f"The {IN_FULL} worst engines follow one by one; the tables have the others."))
     return Section(key, str(document.get("description") or "The fleet"), blocks, inner)
 
 

@@ -59,10 +59,6 @@ def _page(page: Page, scripts: Sequence[str], plots: Mapping[str, Any]) -> Itera
         '<a class="skip" href="#content">Skip to the charts</a>\n<header>\n'
         f"<h1>{said(page.title)}</h1>\n"
     )
-    if page.summary:
-        yield f"<p>{said(page.summary)}</p>\n"
-    for note in page.notes:
-        yield f'<p class="quiet">{said(note)}</p>\n'
     for lead in page.leads[:MOST_CARDS]:
         yield _lead(lead)
     if len(page.leads) > MOST_CARDS:
@@ -158,8 +154,9 @@ def _table(table: Table, title: str, *, open_: bool) -> Iterator[str]:
         f"<th scope=col{' class=n' if n else ''}>{said(column.words)}"
         for column, n in zip(table.columns, numeric, strict=True)
     )
+    place = "line" if all(o.row.isdigit() for o in table.origins) else "place"
     if table.origins:
-        head += ("<th scope=col>file" if len(files) > 1 else "") + "<th scope=col>line"
+        head += ("<th scope=col>file" if len(files) > 1 else "") + f"<th scope=col>{place}"
     name = f"{said(title)}{f', from {said(files[0])}' if len(files) == 1 and files[0] else ''}"
     kind = "scroll open" if open_ else "scroll"
     yield f'<div class="{kind}" tabindex="0" role="region" aria-label="{name}">'

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from enum import Enum
 from typing import TypeAlias
 
@@ -83,13 +83,11 @@ class Section:
 
 @dataclass(frozen=True)
 class Page:
-    """All of it. `summary` where there are several engines."""
+    """All of it."""
 
     title: str
     leads: Sequence[Lead]
     sections: Sequence[Section]
-    summary: str = ""
-    notes: Sequence[str] = field(default_factory=tuple)
 
     def charts(self) -> list[Chart]:
         """In the order of the page."""
