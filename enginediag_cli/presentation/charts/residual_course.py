@@ -22,25 +22,21 @@ def residual_course(key: str, records: Records) -> Chart:
     timed = bool(len(records)) and bool(np.all(np.isfinite(records.time_s)) and np.all(np.diff(records.time_s) >= 0))
     x = records.time_s / HOUR if timed else np.arange(1.0, len(records) + 1)
     layers: list[Layer] = []
-    cells, origins = [], []
+    columns = [Column("time", "h") if timed else Column("record")]
     for colour, name in enumerate(names):
         quantity, unit = split_column(name)
-        values, raw = records.sigmas[name], records.residual[name]
+        values = records.sigmas[name]
         shown = [k for k in kept if np.isfinite(values[k])]
         places = [records.origin(k) for k in shown]
         layers.append(
             Points(quantity, [float(x[k]) for k in shown], [float(values[k]) for k in shown], colour, True, places)
         )
-        cells += [(float(x[k]), quantity, float(values[k]), float(raw[k]), unit) for k in shown]
-        origins += places
+        columns += [Column(f"{quantity}, standard deviations"), Column(quantity, unit)]
+    cells = [
+        [float(x[k]), *(float(v[name][k]) for name in names for v in (records.sigmas, records.residual))] for k in kept
+    ]
+    origins = [records.origin(k) for k in kept]
     axis = Axis("time", "h") if timed else Axis("record, counted")
-    columns = (
-        Column("time", "h") if timed else Column("record"),
-        Column("reading"),
-        Column("residual, standard deviations"),
-        Column("residual"),
-        Column("unit"),
-    )
     return Chart(
         key,
         "Residuals over time",

@@ -4,11 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 
-from enginediag_cli.isolation.fingerprint import fingerprint
 from enginediag_cli.parameters import meanings
 from enginediag_cli.presentation.charts.detection_course import detection_course
-from enginediag_cli.presentation.charts.fingerprint import Answer, Deviations
-from enginediag_cli.presentation.charts.fingerprint import fingerprint as fingerprint_chart
 from enginediag_cli.presentation.charts.health_trend import (
     Course,
     flight_order,
@@ -17,6 +14,7 @@ from enginediag_cli.presentation.charts.health_trend import (
     of_parameters,
 )
 from enginediag_cli.presentation.charts.model import Chart, Column, Mark, Table
+from enginediag_cli.presentation.charts.of_window import MOST_RIVALS, window_fingerprint
 from enginediag_cli.presentation.charts.order import Order, order_of
 from enginediag_cli.presentation.charts.residual_course import residual_course
 from enginediag_cli.presentation.charts.residual_drivers import residual_drivers
@@ -32,9 +30,6 @@ from enginediag_cli.presentation.report.page import Block, Section, Tabled, Word
 from enginediag_cli.presentation.report.results import kinds
 from enginediag_cli.presentation.report.verdicts import changed_in_trend, first_of_last_run, size_in_words
 from enginediag_cli.units import split_column
-
-MOST_RIVALS = 2
-"""Answers beside the first in a fingerprint: more bars are not told apart."""
 
 
 def engine_section(engine: EngineEvidence, evidence: Evidence, key: str) -> Section:
@@ -120,30 +115,10 @@ def _fingerprint(engine: EngineEvidence, evidence: Evidence, key: str) -> Iterat
     if not told:
         return
     window, origin, row = (named or told)[-1]
-    assert window.statistics is not None
     answers = _sets(row) if row is not None else []
-    found = fingerprint(window.statistics, [names for names, _ in answers])
-    if found is None:
-        yield Words(
-            "A fingerprint needs statistics with every sensor's error: `enginediag residual --sensors`.", quiet=True
-        )
-        return
-    known = window.statistics.meaning
-    words = [known[name].part.removesuffix(" sensor") for name in found.biases]
-    units = [known[name].shown_unit for name in found.biases]
-    name = (
-        f"flight {window.flight}"
-        if window.flight
-        else f"{window.source}, lines {window.first_line} to {window.last_line}"
-    )
-    foretold = [
-        Answer(_named(names, evidence), chance, list(values))
-        for (names, chance), values in zip(answers, found.foretold.tolist(), strict=True)
-    ]
-    yield fingerprint_chart(
-        f"{key}-fingerprint",
-        Deviations(name, words, units, found.deviation.tolist(), found.error.tolist(), origin),
-        foretold,
+    found = window_fingerprint(f"{key}-fingerprint", window, origin, answers, evidence.known)
+    yield found or Words(
+        "A fingerprint needs statistics with every sensor's error: `enginediag residual --sensors`.", quiet=True
     )
 
 

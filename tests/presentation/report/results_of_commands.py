@@ -76,9 +76,8 @@ def trend(folder: Path, engine: str = "") -> Path:
     rows = [HEAD.format(command="trend") + columns]
     for name, size in (("hpc.efficiency", -0.008), ("hpc.flow_capacity", -0.016)):
         begun = f"hpc,deterioration,0.99,{ONSET},{ONSET},{ONSET + 1},{ONSET},flights.csv,410,14400.0"
-        rows.append(
-            f"{engine},{FLIGHTS},{name},changed,40,0.5,{begun},{size},{size - 0.001},{size + 0.001},-0.002,-0.003,-0.001,1,"
-        )
+        sizes = f"{size},{size - 0.001},{size + 0.001},-0.002,-0.003,-0.001"
+        rows.append(f"{engine},{FLIGHTS},{name},changed,40,0.5,{begun},{sizes},1,")
     rows.append(f"{engine},{FLIGHTS},fan.efficiency,changed,40,0.5,fan,steady,0.01,{',' * 12},1,")
     return _written(folder / "t.csv", rows)
 
