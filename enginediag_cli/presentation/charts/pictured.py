@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from enginediag_cli.errors import NoVerdictError
 from enginediag_cli.presentation.charts.detection_course import detection_course
+from enginediag_cli.presentation.charts.given import ALONE, given_rows
 from enginediag_cli.presentation.charts.health_trend import Course, health_trend
 from enginediag_cli.presentation.charts.identified_fit import identified_fit
 from enginediag_cli.presentation.charts.model import Chart, Mark, Origin
@@ -83,6 +85,13 @@ def of_trend(series: Series, rows: Sequence[Mapping[str, Any]]) -> Chart:
     _, unit = scale_of(series.known[names[0]])
     names = [name for name in names if scale_of(series.known[name])[1] == unit]
     one = [row for row in mine if row.text("parameter") == names[0]]
+    told = ""
+    if of_it:
+        windows = [
+            (replace(x.window, statistics=x.statistics), Origin(x.window.source, f"{x.window.first_line}"))
+            for x in series.stretches[engine]
+        ]
+        mine, told = given_rows(windows, [str(row["parameter"]) for row in of_it]), ALONE
     order, marks = order_of(one), []
     for row in of_it[:1]:
         low, high = order.at(row["onset_low"]), order.at(row["onset_high"])
@@ -94,7 +103,7 @@ def of_trend(series: Series, rows: Sequence[Mapping[str, Any]]) -> Chart:
         )
         for row in of_it
     }
-    return health_trend("trend", mine, names, series.known, marks, courses=courses)
+    return health_trend("trend", mine, names, series.known, marks, caption=told, courses=courses)
 
 
 def of_identification(result: IdentificationResult) -> Chart:

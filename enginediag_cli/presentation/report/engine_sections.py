@@ -6,6 +6,7 @@ from collections.abc import Iterator, Sequence
 
 from enginediag_cli.parameters import meanings
 from enginediag_cli.presentation.charts.detection_course import detection_course
+from enginediag_cli.presentation.charts.given import ALONE, given_rows
 from enginediag_cli.presentation.charts.health_trend import (
     Course,
     flight_order,
@@ -25,7 +26,6 @@ from enginediag_cli.presentation.charts.snapshots import snapshots
 from enginediag_cli.presentation.names import listed
 from enginediag_cli.presentation.numbers import probability
 from enginediag_cli.presentation.report.evidence import EngineEvidence, Evidence
-from enginediag_cli.presentation.report.given import given_rows
 from enginediag_cli.presentation.report.page import Block, Section, Tabled, Words
 from enginediag_cli.presentation.report.results import kinds
 from enginediag_cli.presentation.report.verdicts import changed_in_trend, first_of_last_run, size_in_words
@@ -45,13 +45,10 @@ def _health(engine: EngineEvidence, evidence: Evidence, key: str) -> Iterator[Bl
     rows = engine.of(kinds.FLIGHTS)
     changed = [row.text("parameter") for row in changed_in_trend(engine)]
     courses = {row.text("parameter"): _course_of(row) for row in changed_in_trend(engine)}
-    alone = given_rows(engine, changed or (engine.isolated[-1][0].list("isolated") if engine.isolated else ()))
+    isolated = engine.isolated[-1][0].list("isolated") if engine.isolated else ()
+    alone = given_rows(engine.windows, changed or isolated)
     if alone:
-        names = list(of_parameters(alone))
-        told = (
-            "Dots: each flight by itself, with 95 % intervals, if nothing but the parameters shown has changed. "
-            "Dashed, with a band: what the whole series says."
-        )
+        names, told = list(of_parameters(alone)), ALONE
     elif rows:
         alone, told = rows, ""
         names = [n for n in changed if n in of_parameters(rows)] or _farthest(rows)
