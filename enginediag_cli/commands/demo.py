@@ -45,10 +45,10 @@ def _new_folder(context: click.Context, parameter: click.Parameter, value: str |
     help="Instead, conceal a physical effect in the flights, find it, put it into the model, and let flights "
     "that were not used judge.",
 )
-@click.option("--report", "report", is_flag=True, help="Leave a report in DIR, too: one page that opens offline.")
+@click.option("--report", "as_page", is_flag=True, help="Leave a report in DIR, too: one page that opens offline.")
 @message_options
 @pass_messages
-def demo(messages: Messages, seed: int, keep: str | None, missing_physics: bool, report: bool) -> None:
+def demo(messages: Messages, seed: int, keep: str | None, missing_physics: bool, as_page: bool) -> None:
     """Simulate healthy and faulty flights, identify the engine, detect and isolate, and say what was found.
 
     \b
@@ -66,12 +66,12 @@ def demo(messages: Messages, seed: int, keep: str | None, missing_physics: bool,
 
     from enginediag_cli.commands.demo_missing import play as play_missing
 
-    if report and keep is None:
+    if as_page and keep is None:
         raise click.UsageError("--report leaves a page in the folder that --keep names: --keep DIR")
 
     def play(messages: Messages, seed: int) -> None:
         (play_missing if missing_physics else _play)(messages, seed)
-        if report:
+        if as_page:
             _report(messages, missing_physics)
 
     if keep is not None:

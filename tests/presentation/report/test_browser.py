@@ -24,7 +24,7 @@ DRAWN = "document.querySelectorAll('figure[data-drawn=yes]').length"
 
 @pytest.fixture(scope="module")
 def browser() -> Iterator[Browser]:
-    with tempfile.TemporaryDirectory() as folder, Browser(Path(folder)) as found:
+    with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as folder, Browser(Path(folder)) as found:
         yield found
 
 
@@ -96,7 +96,7 @@ def test_the_pointer_on_a_dot_tells_its_value_and_the_row_that_it_came_from(brow
 
 
 def test_without_scripts_the_page_reads_as_well(browser, page) -> None:
-    with tempfile.TemporaryDirectory() as folder, Browser(Path(folder)) as plain:
+    with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as folder, Browser(Path(folder)) as plain:
         plain.without_scripts()
         plain.size(1200, 3000)
         plain.open(page)
