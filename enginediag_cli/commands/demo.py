@@ -45,14 +45,16 @@ def _new_folder(context: click.Context, parameter: click.Parameter, value: str |
     help="Instead, conceal a physical effect in the flights, find it, put it into the model, and let flights "
     "that were not used judge.",
 )
+@click.option("--report", "as_page", is_flag=True, help="Leave a report in DIR, too: one page that opens offline.")
 @message_options
 @pass_messages
-def demo(messages: Messages, seed: int, keep: str | None, missing_physics: bool) -> None:
+def demo(messages: Messages, seed: int, keep: str | None, missing_physics: bool, as_page: bool) -> None:
     """Simulate healthy and faulty flights, identify the engine, detect and isolate, and say what was found.
 
     \b
     enginediag demo
     enginediag demo --seed 7 --keep demo_files
+    enginediag demo --keep demo_files --report
     enginediag demo --missing-physics --keep story
 
     Every step shows the command line that it runs. At the end stands what was found beside what was put in,
@@ -64,7 +66,13 @@ def demo(messages: Messages, seed: int, keep: str | None, missing_physics: bool)
 
     from enginediag_cli.commands.demo_missing import play as play_missing
 
-    play = play_missing if missing_physics else _play
+    if as_page and keep is None:
+        raise click.UsageError("--report leaves a page in the folder that --keep names: --keep DIR")
+
+    def play(messages: Messages, seed: int) -> None:
+        (play_missing if missing_physics else _play)(messages, seed)
+        if as_page:
+            _report(messages, missing_physics)
 
     if keep is not None:
         os.makedirs(keep, exist_ok=True)
@@ -117,3 +125,11 @@ def _fly(messages: Messages, case: Case, seed: int) -> list[Flight]:
     flights = read_flights(engine, truth, detected, isolated)
     tell(map(story.isolated, flights))
     return flights
+
+
+def _report(messages: Messages, missing_physics: bool) -> None:
+    """Write what was found as one page, as the last step."""
+    from enginediag_cli.demonstration import concealed, script
+
+    click.echo("\nThe same as a page, for whoever was not here")
+    run(messages, concealed.report() if missing_physics else script.report())

@@ -23,6 +23,7 @@ from enginediag_cli.commands.options import (
     output_options,
     pass_messages,
 )
+from enginediag_cli.commands.picture_option import picture_option
 from enginediag_cli.presentation.messages import Messages
 from enginediag_cli.presentation.output import Output
 from enginediag_cli.presentation.summaries import DETECT
@@ -57,6 +58,7 @@ if TYPE_CHECKING:
     show_default=True,
     help="Probability with which --detectable counts a change as shown.",
 )
+@picture_option("the statistic of every window over its threshold")
 @follow_options
 @exit_code_option
 @output_options
@@ -71,6 +73,7 @@ def detect(
     rival: Rival,
     detectable: bool,
     power: float,
+    picture_path: str | None,
     follow: Follow,
     exit_code: bool,
     output: Output,
@@ -99,6 +102,8 @@ def detect(
         rival.check(rival.chosen(judging.linearise), compared.nominal, source.files)
     if follow.wanted:
         check_follow(follow, judging, detectable)
+    if picture_path and (follow.wanted or rival):
+        raise click.UsageError("--picture goes with neither --follow nor --method")
     if detectable and power <= false_alarm:
         raise click.UsageError("--power must be larger than --false-alarm")
     from enginediag_cli.detection.verdict import judge
@@ -116,13 +121,16 @@ def detect(
     # whether anything has changed does not depend on what wrong slopes of maps would make of the change
     files.economy = Economy(replace(monitor, slopes=None)) if monitor else None
     tally: Counter[str] = Counter()
+    drawn: list[dict[str, Any]] = []
 
     def rows() -> Iterator[dict[str, Any]]:
         for found, _ in files.windows():
             verdict = judge(found, false_alarm)
             tally[verdict.verdict] += 1
             tell_window(messages, verdict)
-            yield detection_row(verdict, power if detectable else None, false_alarm)
+            row = detection_row(verdict, power if detectable else None, false_alarm)
+            drawn.extend([row] if picture_path else [])
+            yield row
 
     found = rows()
     first = next(found, None)
@@ -135,5 +143,9 @@ def detect(
     rows_found = chain([first] if first is not None else [], found)
     output.write_rows(rows_found, summary=DETECT, provenance=head, live=True)
     tell_files(messages, files)
+    if picture_path:
+        from enginediag_cli.presentation.charts.pictured import of_detection, write_picture
+
+        write_picture(of_detection(drawn), picture_path)
     messages.note(", ".join(f"{n} {what}" for what, n in sorted(tally.items())) or "no window", counts=dict(tally))
     return ending(tally["fault"], sum(tally.values()) - tally["no verdict"], exit_code)

@@ -16,6 +16,7 @@ from enginediag_cli.commands.options import (
     output_file_option,
     pass_messages,
 )
+from enginediag_cli.commands.picture_option import picture_option
 from enginediag_cli.errors import ExitCode
 from enginediag_cli.presentation.messages import Messages
 
@@ -64,6 +65,7 @@ class Part:
 @click.option("--keep-probes", is_flag=True, help="Fit probes, too, that the heat balances of the others contradict.")
 @model_error_option
 @click.option("--allow-bounds", is_flag=True, help="Write it although parameters end at their bounds.")
+@picture_option("how well each reading is fitted")
 @output_file_option("Write the nominal file here, completely or not at all; - is standard output.")
 @message_options
 @pass_messages
@@ -78,6 +80,7 @@ def identify(
     keep_probes: bool,
     model_error: float | None,
     allow_bounds: bool,
+    picture_path: str | None,
     output_path: str,
 ) -> ExitCode:
     """Identify the nominal engine from recordings believed healthy.
@@ -137,6 +140,10 @@ def identify(
     nominal = result.nominal(path, described.sha256, _provenance(source, part))
     smooth = is_smooth(monitor_from_nominal(engine, nominal))
     write_nominal(replace(nominal, smooth=smooth, description=described), output_path)
+    if picture_path:
+        from enginediag_cli.presentation.charts.pictured import of_identification, write_picture
+
+        write_picture(of_identification(result), picture_path)
     return ExitCode.DONE
 
 

@@ -21,6 +21,7 @@ from enginediag_cli.commands.options import (
     pass_messages,
     probability_option,
 )
+from enginediag_cli.commands.picture_option import picture_option
 from enginediag_cli.presentation.messages import Messages
 from enginediag_cli.presentation.output import Output
 from enginediag_cli.presentation.summaries import COMPONENTS, ISOLATE
@@ -29,6 +30,7 @@ from enginediag_cli.progress import each
 if TYPE_CHECKING:
     from enginediag_cli.errors import ExitCode
     from enginediag_cli.intake.source import Source
+    from enginediag_cli.isolation.of_windows import IsolatedWindow
     from enginediag_cli.residuals.files import Judging
 
 METHODS = ("posterior", "incremental", "sensitivity", "minmax")
@@ -73,6 +75,7 @@ METHODS = ("posterior", "incremental", "sensitivity", "minmax")
 )
 @further_options
 @beside_options
+@picture_option("the fingerprint of the last window in which something was isolated")
 @exit_code_option
 @output_options
 @message_options
@@ -93,6 +96,7 @@ def isolate(
     largest: int | None,
     further: Further,
     beside: Beside,
+    picture_path: str | None,
     exit_code: bool,
     output: Output,
 ) -> ExitCode:
@@ -131,6 +135,8 @@ def isolate(
 
     if by == "component" and (method != "posterior" or faults):
         raise click.UsageError("--by component goes with --method posterior and without --faults")
+    if picture_path and by == "component":
+        raise click.UsageError("--picture goes with --by parameter")
     plain = not judging.reference  # otherwise the score knows more than the records tell
     further.check(method, by, compared.nominal, not plain)
     monitor = compared.open(
@@ -154,6 +160,7 @@ def isolate(
     isolating = Isolating(files, asked, false_alarm, by == "component", kept, further.advise, further.extra, flips)
     scoping = Scoping(monitor) if monitor is not None else None
     named = judged = windows = 0
+    drawn: list[IsolatedWindow] = []
 
     def rows() -> Iterator[dict[str, Any]]:
         nonlocal named, judged, windows
@@ -167,6 +174,8 @@ def isolate(
             scope = None
             if scoping is not None and scopes(windows, found.named):
                 scope = scoping.of_isolated(found, options.prior, largest)
+            if picture_path:
+                drawn[:] = [*(w for w in drawn if w.named and not found.named), found]
             if windows <= SENTENCES:
                 tell_isolated(messages, found, scope)
             for row in isolated_rows(found, asked.catalogue is not None, advice=further.advise):
@@ -186,4 +195,8 @@ def isolate(
     rows_found = chain([first] if first is not None else [], found)
     output.write_rows(rows_found, summary=summary, provenance=head, live=True)
     tell_files(messages, files)
+    if picture_path:
+        from enginediag_cli.presentation.charts.pictured import of_isolation, write_picture
+
+        write_picture(of_isolation(drawn), picture_path)
     return ending(named, judged, exit_code)

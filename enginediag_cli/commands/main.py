@@ -73,6 +73,9 @@ COMMANDS: dict[str, Entry] = {
         "enginediag_cli.commands.components", "components", "Say of which components an engine file is made."
     ),
     "man": Entry("enginediag_cli.commands.man", "man", "Print the manual page of the program or of a command."),
+    "report": Entry(
+        "enginediag_cli.commands.report", "report", "Write results as one page with charts that opens offline."
+    ),
     "demo": Entry(
         "enginediag_cli.commands.demo", "demo", "Run the whole chain on simulated flights and explain it in words."
     ),

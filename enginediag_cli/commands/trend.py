@@ -15,6 +15,7 @@ from enginediag_cli.commands.intake_options import (
 )
 from enginediag_cli.commands.judging import Compared, ending, judged_files, tell_files
 from enginediag_cli.commands.options import exit_codes, message_options, output_options, pass_messages
+from enginediag_cli.commands.picture_option import picture_option
 from enginediag_cli.presentation.messages import Messages
 from enginediag_cli.presentation.output import Output
 from enginediag_cli.presentation.summaries import FLIGHTS, TREND, TREND_COMPONENTS
@@ -68,6 +69,7 @@ OF_A_FLEET = 40
     "by its number from 1: what it did bring in turbine "
     "temperature and fuel at equal thrust or power. May be given several times; needs --nominal.",
 )
+@picture_option("the health of the engine that changed over its flights")
 @output_options
 @message_options
 @pass_messages
@@ -81,6 +83,7 @@ def trend(
     what: str,
     work_scope: bool | None,
     events: tuple[str, ...],
+    picture_path: str | None,
     output: Output,
 ) -> ExitCode:
     """Follow the health of engines over flights, in the order of the files and of the flights in them.
@@ -176,6 +179,10 @@ def trend(
     summary = FLIGHTS if what == "flights" else TREND_COMPONENTS if by == "component" else TREND
     output.write_rows(rows, summary=summary, provenance=head)
     tell_files(messages, files)
+    if picture_path:
+        from enginediag_cli.presentation.charts.pictured import of_trend, write_picture
+
+        write_picture(of_trend(series, rows), picture_path)
     if series.lost:
         messages.warning(f"{series.lost} windows without a verdict were left out")
     return ending(0, len(rows), False)

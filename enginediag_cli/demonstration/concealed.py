@@ -18,6 +18,7 @@ TRUTH, FLIGHTS, RECORDED, UNSEEN = "truth.yaml", "flights.yaml", "recorded.csv",
 LOCATED, MAP = "located.json", "locate.svg"
 EXPLAINED = "explained.json"
 REFINED, REPORT, BEFORE_AFTER = "refined.yaml", "refined.json", "refine.svg"
+PAGE = "report.html"
 FITTED_FLIGHTS, UNSEEN_FLIGHTS = 5, 10
 """Few enough that the story takes a minute; the unseen ones suffice to be compared flight by flight (five at least)."""
 WINDOW = 30
@@ -112,6 +113,11 @@ def identify(engine: str) -> list[str]:
 
 def detect(engine: str) -> list[str]:
     return ["detect", "-n", nominal_of(engine), UNSEEN, "--window", str(WINDOW), "-o", detected_by(engine)]
+
+
+def report() -> list[str]:
+    """All answers as one page."""
+    return ["report", LOCATED, EXPLAINED, REPORT, "-o", PAGE]
 
 
 def named_effects(explained: Path) -> list[str]:

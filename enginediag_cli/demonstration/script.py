@@ -77,3 +77,12 @@ def detect(case: Case) -> list[str]:
 
 def isolate(case: Case) -> list[str]:
     return ["isolate", "-n", NOMINAL, case.recording, "-o", case.isolated]
+
+
+def report() -> list[str]:
+    """The engine that wears, as a page."""
+    worn = next(case for case in CASES if case.fault)
+    return ["report", "-n", NOMINAL, worn.recording, "-o", PAGE]
+
+
+PAGE = "report.html"

@@ -11,6 +11,9 @@ BLUE, ORANGE = "#2166ac", "#d95f02"
 FONT = "Helvetica, Arial, sans-serif"
 
 
+DASHES = {"stroke-dasharray": "5 4"}
+
+
 @dataclass(frozen=True)
 class Edge:
     """The line around a shape; its width in pixels."""
@@ -58,13 +61,28 @@ class Drawing:
                 attributes["stroke-width"] = edge.width
         self._add("rect", attributes, hint)
 
-    def line(self, x1: float, y1: float, x2: float, y2: float, stroke: str = INK, *, width: float = 1.0) -> None:
-        self._add("line", {"x1": x1, "y1": y1, "x2": x2, "y2": y2, "stroke": stroke, "stroke-width": width})
+    def line(
+        self, x1: float, y1: float, x2: float, y2: float, stroke: str = INK, *, width: float = 1.0, dashed: bool = False
+    ) -> None:
+        attributes = {"x1": x1, "y1": y1, "x2": x2, "y2": y2, "stroke": stroke, "stroke-width": width}
+        self._add("line", {**attributes, **(DASHES if dashed else {})})
 
-    def path(self, points: Iterable[tuple[float, float]], stroke: str, *, width: float = 2.0) -> None:
+    def path(
+        self, points: Iterable[tuple[float, float]], stroke: str, *, width: float = 2.0, dashed: bool = False
+    ) -> None:
         """A line through points."""
-        text = " ".join(f"{_number(x)},{_number(y)}" for x, y in points)
-        self._add("polyline", {"points": text, "fill": "none", "stroke": stroke, "stroke-width": width})
+        attributes = {"points": _listed(points), "fill": "none", "stroke": stroke, "stroke-width": width}
+        self._add("polyline", {**attributes, **(DASHES if dashed else {})})
+
+    def area(self, points: Iterable[tuple[float, float]], fill: str, *, opacity: float = 0.2) -> None:
+        """What a line through points encloses."""
+        self._add("polygon", {"points": _listed(points), "fill": fill, "fill-opacity": opacity})
+
+    def specks(self, points: Iterable[tuple[float, float]], colour: str, *, size: float = 3.0) -> None:
+        """Very many dots as one element."""
+        text = "".join(f"M{_number(x)} {_number(y)}h0" for x, y in points)
+        attributes = {"d": text, "stroke": colour, "stroke-width": size, "stroke-linecap": "round"}
+        self._add("path", {**attributes, "stroke-opacity": 0.55})
 
     def dots(
         self, points: Iterable[tuple[float, float]], fill: str, *, radius: float = 2.0, opacity: float = 1.0
@@ -116,6 +134,10 @@ def shade(share: float, low: Sequence[int] = (247, 251, 255), high: Sequence[int
     """Colour between two, 0 to 1."""
     s = min(1.0, max(0.0, share))
     return "#" + "".join(f"{round(a + s * (b - a)):02x}" for a, b in zip(low, high, strict=True))
+
+
+def _listed(points: Iterable[tuple[float, float]]) -> str:
+    return " ".join(f"{_number(x)},{_number(y)}" for x, y in points)
 
 
 def _attributes(values: dict[str, object]) -> str:

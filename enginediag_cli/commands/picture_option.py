@@ -1,0 +1,25 @@
+"""`--picture` of commands whose answer is also a chart."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TypeVar
+
+import click
+
+from enginediag_cli.commands.options import OutputFile
+
+Function = TypeVar("Function", bound=Callable[..., object])
+
+SUFFIXES = ("", ".svg", ".png")
+
+
+def picture_option(what: str) -> Callable[[Function], Function]:
+    """`--picture FILE` as `picture_path: str | None`; what: is drawn."""
+    return click.option(
+        "--picture",
+        "picture_path",
+        metavar="FILE.svg|png",
+        type=OutputFile(SUFFIXES),
+        help=f"Draw {what} into FILE (.png needs the extra enginediag[report]).",
+    )

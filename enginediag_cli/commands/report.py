@@ -1,0 +1,132 @@
+"""`enginediag report`: results of other commands, or recordings, as one page that opens offline."""
+
+from __future__ import annotations
+
+import os
+import shlex
+from typing import TYPE_CHECKING
+
+import click
+
+from enginediag_cli.commands.intake_options import compared_options, judging_options, source_options, window_options
+from enginediag_cli.commands.judging import Compared
+from enginediag_cli.commands.options import OutputFile, exit_codes, false_alarm_option, message_options, pass_messages
+from enginediag_cli.errors import DataError, ExitCode
+from enginediag_cli.presentation.messages import Messages
+
+if TYPE_CHECKING:
+    from enginediag_cli.intake.source import Source
+    from enginediag_cli.presentation.report.evidence import Evidence
+    from enginediag_cli.presentation.report.results.read import Result
+    from enginediag_cli.residuals.files import Judging
+
+PAGE_SUFFIXES = ("", ".html", ".htm")
+
+
+@click.command(short_help="Write results as one page that opens offline.", epilog=exit_codes())
+@source_options
+@compared_options(help="Nominal engine, as written by identify: the FILEs that are recordings are judged by it.")
+@judging_options
+@window_options
+@false_alarm_option
+@click.option("--title", default="", metavar="TEXT", help="Headline of the page.")
+@click.option("--static", is_flag=True, help="Pictures that do not move, although bokeh is installed: a small file.")
+@click.option(
+    "-o",
+    "--output",
+    "output_path",
+    required=True,
+    metavar="FILE.html",
+    type=OutputFile(PAGE_SUFFIXES),
+    help="Write the page here, completely or not at all; - is standard output.",
+)
+@message_options
+@pass_messages
+def report(
+    messages: Messages,
+    source: Source,
+    compared: Compared,
+    judging: Judging,
+    false_alarm: float,
+    title: str,
+    static: bool,
+    output_path: str,
+) -> ExitCode:
+    """Write what was found as one page: the verdict first, then charts, each with its table, then how it was made.
+
+    \b
+    enginediag report detected.csv isolated.csv trend.csv nominal.yaml -o report.html
+    enginediag report -n nominal.yaml flights.csv -o report.html
+    enginediag report explained.json refined.json -o missing_physics.html
+    enginediag report fleet.json -o fleet.html
+
+    FILEs are what detect, isolate, trend, residual, locate, explain, refine --report, fleet and identify wrote, as CSV
+    or JSON with all columns, in any order; what each is, its content says. With -n the others are recordings, which are
+    detected, isolated and followed here. The page asks nothing of any network. Plots move where bokeh is installed
+    (pip install 'enginediag[report]'); the same files give the same bytes.
+    """
+    from enginediag_cli.presentation.charts.interactive import WITHOUT
+    from enginediag_cli.presentation.report.build import page_of
+    from enginediag_cli.presentation.report.page import State
+    from enginediag_cli.presentation.report.rendered import moves, rendered, versions
+    from enginediag_cli.presentation.report.results.read import read_result
+    from enginediag_cli.recordings.write import output
+
+    judges = compared.nominal is not None
+    results = [read_result(path, source.label(path), recordings=judges) for path in source.files]
+    evidence, left_out = _evidence(messages, source, compared, judging, false_alarm, results)
+    if not static and not moves():
+        messages.note(WITHOUT)
+    page = page_of(evidence, title=title, command=[_shown()], left_out=left_out, versions=versions(static))
+    text = rendered(page, static)
+    with output(output_path) as stream:
+        stream.write(text)
+    judged = [lead for lead in page.leads if lead.state is not State.NO_VERDICT]
+    return ExitCode.DONE if judged or not page.leads else ExitCode.NO_VERDICT
+
+
+def _evidence(
+    messages: Messages,
+    source: Source,
+    compared: Compared,
+    judging: Judging,
+    false_alarm: float,
+    results: list[Result],
+) -> tuple[Evidence, list[str]]:
+    """What the results say, with what recordings say that are judged here."""
+    from dataclasses import replace
+
+    from enginediag_cli.presentation.report.computed import Question, computed
+    from enginediag_cli.presentation.report.evidence import evidence_of
+    from enginediag_cli.presentation.report.results import kinds
+    from enginediag_cli.presentation.report.results.known import known_of, nominal_result
+
+    recordings = tuple(result.path for result in results if result.kind is kinds.RECORDING)
+    if not recordings:
+        if compared.nominal is not None:
+            raise DataError(f"--nominal {compared.nominal}: none of the files is a recording that it could judge")
+        return evidence_of(results, known_of(results)), []
+    if "-" in recordings:
+        raise DataError("standard input can be read once, and recordings are read several times: name a file")
+    source = replace(source, files=recordings)
+    assert compared.nominal is not None
+    monitor = compared.open(messages, source, model_error=judging.model_error)
+    suspicious = compared.open(Messages(quiet=True), source, sensors=True, model_error=judging.model_error)
+    assert monitor is not None and suspicious is not None
+    question = Question(source, monitor, suspicious, judging, false_alarm)
+    return computed(question, [*results, nominal_result(compared.nominal)])
+
+
+def _shown() -> str:
+    """The command as it was given, files without their folders."""
+    context = click.get_current_context()
+    words = ["enginediag", "report"]
+    for parameter in context.command.params:
+        value = context.params.get(parameter.name or "")
+        if isinstance(parameter, click.Argument) or value in (None, False, "", (), parameter.default):
+            continue
+        option = max(parameter.opts, key=len)
+        path = isinstance(parameter.type, click.Path) and isinstance(value, str)
+        words += [option] if value is True else [option, os.path.basename(value) if path else str(value)]
+    files = context.params.get("recordings") or ()
+    return shlex.join([*words, *(os.path.basename(path) for path in files)])

@@ -1,0 +1,115 @@
+"""What `--picture` of `detect`, `isolate`, `trend` and `identify` draws: one chart of each answer, as a file."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+from enginediag_cli.errors import NoVerdictError
+from enginediag_cli.presentation.charts.detection_course import detection_course
+from enginediag_cli.presentation.charts.given import ALONE, given_rows
+from enginediag_cli.presentation.charts.health_trend import Course, health_trend
+from enginediag_cli.presentation.charts.identified_fit import identified_fit
+from enginediag_cli.presentation.charts.model import Chart, Mark, Origin
+from enginediag_cli.presentation.charts.of_window import window_fingerprint
+from enginediag_cli.presentation.charts.order import order_of
+from enginediag_cli.presentation.charts.rows import Row
+from enginediag_cli.presentation.charts.sizes import scale_of
+from enginediag_cli.presentation.charts.static import picture
+
+if TYPE_CHECKING:
+    from enginediag_cli.detection.trend_of_files import Series
+    from enginediag_cli.identification.identify import IdentificationResult
+    from enginediag_cli.isolation.of_windows import IsolatedWindow
+
+LIKELY = 0.5
+"""Probability from which a parameter is drawn as one that changed."""
+
+
+def write_picture(chart: Chart, path: str) -> None:
+    """As PNG for a name that says so, else as SVG. Raises DataError without what PNG needs, OSError."""
+    drawing = picture(chart).text()
+    if os.path.splitext(path.lower())[1] == ".png":
+        from enginediag_cli.presentation.pictures.png import png
+        from enginediag_cli.recordings.write import binary_output
+
+        data = png(drawing, path)
+        with binary_output(path) as raw:
+            raw.write(data)
+        return
+    from enginediag_cli.recordings.write import output
+
+    with output(path) as stream:
+        stream.write(drawing)
+
+
+def of_detection(rows: Iterable[Mapping[str, Any]]) -> Chart:
+    """Raises NoVerdictError where nothing was judged."""
+    told = [_row(row) for row in rows]
+    if not any(row.number("threshold") > 0 for row in told):
+        raise NoVerdictError("--picture: no window has a verdict that could be drawn")
+    return detection_course("detect", told)
+
+
+def of_isolation(windows: Sequence[IsolatedWindow]) -> Chart:
+    """The last window in which something was isolated, or the last that was judged. Raises NoVerdictError where no
+    statistics hold the sensors."""
+    judged = [w for w in windows if w.diagnosis is not None and w.verdict.window.statistics is not None]
+    for found in [*reversed([w for w in judged if w.named]), *reversed(judged)]:
+        assert found.diagnosis is not None
+        result, window = found.diagnosis.result, found.verdict.window
+        rivals = [(tuple(r.parameters), r.probability) for r in result.rivals]
+        answers = [(tuple(result.isolated), result.probability), *rivals] if result.isolated else []
+        place = Origin(window.source, f"{window.first_line}–{window.last_line}")
+        chart = window_fingerprint("isolate", window, place, answers, found.known)
+        if chart is not None:
+            return chart
+    raise NoVerdictError("--picture: no window that was judged has statistics with every sensor's error")
+
+
+def of_trend(series: Series, rows: Sequence[Mapping[str, Any]]) -> Chart:
+    """Of the first engine in which something changed, else of the first: its health over flights; rows: of `trend`.
+    Raises NoVerdictError where no engine has flights."""
+    from enginediag_cli.presentation.trend_rows import flight_rows
+
+    flights = [_row(row) for row in flight_rows(series)]
+    if not flights:
+        raise NoVerdictError("--picture: no flight has statistics that could be drawn")
+    changed = [row for row in rows if row.get("onset") and row.get("parameter") and row["probability"] >= LIKELY]
+    engine = str((changed or [flights[0].cells])[0]["engine"])
+    mine = [row for row in flights if row.text("engine") == engine]
+    of_it = [row for row in changed if row["engine"] == engine]
+    names = [str(row["parameter"]) for row in of_it] or list(dict.fromkeys(row.text("parameter") for row in mine))
+    _, unit = scale_of(series.known[names[0]])
+    names = [name for name in names if scale_of(series.known[name])[1] == unit]
+    one = [row for row in mine if row.text("parameter") == names[0]]
+    told = ""
+    if of_it:
+        windows = [
+            (replace(x.window, statistics=x.statistics), Origin(x.window.source, f"{x.window.first_line}"))
+            for x in series.stretches[engine]
+        ]
+        mine, told = given_rows(windows, [str(row["parameter"]) for row in of_it]), ALONE
+    order, marks = order_of(one), []
+    for row in of_it[:1]:
+        low, high = order.at(row["onset_low"]), order.at(row["onset_high"])
+        if low is not None:
+            marks.append(Mark(low, f"onset: {series.known[names[0]].part}", high))
+    courses = {
+        str(row["parameter"]): Course(
+            int(row["onset"]), row["kind"] == "step", row["change"], row["change_low"], row["change_high"]
+        )
+        for row in of_it
+    }
+    return health_trend("trend", mine, names, series.known, marks, caption=told, courses=courses)
+
+
+def of_identification(result: IdentificationResult) -> Chart:
+    """How well each reading is fitted."""
+    return identified_fit("identify", result)
+
+
+def _row(cells: Mapping[str, Any]) -> Row:
+    return Row(cells, Origin(str(cells.get("source", "")), str(cells.get("first_line", cells.get("number", "")))))

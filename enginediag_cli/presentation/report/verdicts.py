@@ -1,0 +1,219 @@
+"""What a report says first of an engine: one answer out of all files, the most that any of them shows."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+from enginediag_cli.parameters import meanings
+from enginediag_cli.presentation.charts.rows import Row, rival
+from enginediag_cli.presentation.isolation_rows import CANNOT_TELL
+from enginediag_cli.presentation.names import listed
+from enginediag_cli.presentation.numbers import probability, rounded
+from enginediag_cli.presentation.report.evidence import EngineEvidence, Evidence
+from enginediag_cli.presentation.report.next_steps import next_step
+from enginediag_cli.presentation.report.page import Lead, State
+from enginediag_cli.presentation.report.results import kinds
+from enginediag_cli.presentation.sentences import change, count
+
+LIKELY = 0.5
+"""Probability from which a change is told as one."""
+
+
+def lead_of(engine: EngineEvidence, evidence: Evidence, key: str) -> Lead:
+    """The first screen of an engine."""
+    found = _by_trend(engine, evidence) or _by_isolation(engine, evidence) or _by_detection(engine)
+    state, sentence, names = found
+    return Lead(
+        state,
+        sentence,
+        engine.engine,
+        _surely(engine),
+        _since(engine, state),
+        next_step(state, [evidence.known[n] for n in names if n in evidence.known], _telling(engine), _advice(engine)),
+        _flips(engine),
+        _rivals(engine, evidence),
+        key=key,
+    )
+
+
+_Found = tuple[State, str, Sequence[str]]
+
+
+def changed_in_trend(engine: EngineEvidence) -> list[Row]:
+    """Rows of `trend` of parameters that have probably changed."""
+    rows = [row for row in engine.of(kinds.TREND) if row.text("kind") not in ("", "steady")]
+    return [row for row in rows if row.number("probability") >= LIKELY]
+
+
+def _by_trend(engine: EngineEvidence, evidence: Evidence) -> _Found | None:
+    rows = engine.of(kinds.TREND)
+    changed = changed_in_trend(engine)
+    if changed:
+        told = [_of_trend(row, evidence) for row in changed]
+        return State.CHANGED, f"{listed(told)}.", [row.text("parameter") for row in changed]
+    suspects = [row for row in rows if row.text("kind") not in ("", "steady")]
+    if suspects and rows[0].text("verdict") == "changed":
+        parts = {row.text("component"): row for row in suspects}
+        each = [f"{_part(row, evidence)} ({probability(row.number('probability'))})" for row in parts.values()]
+        return (
+            State.CANNOT_TELL,
+            f"Something changed; it cannot be told whether it is {listed(each, 'or')}.",
+            [row.text("parameter") for row in suspects],
+        )
+    if rows and rows[0].text("verdict") == CANNOT_TELL:
+        return State.CANNOT_TELL, "Whether anything changed over these flights cannot be told from their scatter.", []
+    return None
+
+
+def _of_trend(row: Row, evidence: Evidence) -> str:
+    half = (row.number("change_high") - row.number("change_low")) / 2
+    return change(evidence.known[row.text("parameter")], row.number("change"), half)
+
+
+def _part(row: Row, evidence: Evidence) -> str:
+    known = evidence.known[row.text("parameter")]
+    return known.part or row.text("component")
+
+
+def _by_isolation(engine: EngineEvidence, evidence: Evidence) -> _Found | None:
+    windows = [rows for rows in engine.isolated if rows[0].text("verdict") != "no verdict"]
+    if not windows:
+        return None
+    last, head = windows[-1], windows[-1][0]
+    names = head.list("isolated")
+    if head.text("verdict") == CANNOT_TELL:
+        return State.CANNOT_TELL, f"{_capital(head.window)}: {head.text('note') or 'cannot tell what changed'}.", names
+    if members := head.list("members"):
+        words = [listed([p.words for p in meanings(evidence.known, rival(m)[0] or (m,)).values()]) for m in members]
+        return (
+            State.CANNOT_TELL,
+            f"{_capital(head.window)}: it cannot be told which of these changed: {listed(words, 'or')} "
+            f"(together {probability(head.number('class'))}).",
+            names,
+        )
+    if names:
+        told = [size_in_words(row, evidence) for row in last if row.text("parameter")]
+        return State.CHANGED, f"{listed(told) or listed(list(names))}.", names
+    if head.text("verdict") == "fault":
+        return State.CANNOT_TELL, f"{_capital(head.window)} departs from nominal, and no parameter stands out.", ()
+    return _quiet(engine)
+
+
+def size_in_words(row: Row, evidence: Evidence) -> str:
+    """The change of one isolated parameter with half its interval."""
+    half = (row.number("upper") - row.number("lower")) / 2
+    return change(evidence.known[row.text("parameter")], row.number("change"), half)
+
+
+def _by_detection(engine: EngineEvidence) -> _Found:
+    rows = [row for row in engine.of(kinds.DETECTED) if row.text("verdict") != "no verdict"]
+    if rows and rows[-1].text("verdict") == "fault":
+        told = f"The engine departs from nominal in {rows[-1].window}; what changed has not been asked."
+        return State.CHANGED, told, ()
+    return _quiet(engine)
+
+
+def _quiet(engine: EngineEvidence) -> _Found:
+    """Nothing in the last window, or nothing at all: never more than the tests say."""
+    judged = [r for r in _verdicts(engine) if r.text("verdict") != "no verdict"]
+    if not judged:
+        reasons = sorted({r.text("reason") or r.text("note") for r in _verdicts(engine)} - {""})
+        why = f": {reasons[0]}" if reasons else ""
+        return State.NO_VERDICT, f"Nothing could be judged{why}.", ()
+    alarms = [row for row in judged if row.text("verdict") == "fault"]
+    if alarms and judged[-1].text("verdict") != "fault":
+        told = f"The last window agrees with nominal; {count(len(alarms), 'earlier window')} of {len(judged)} did not."
+        return State.CANNOT_TELL, told, ()
+    return State.NOTHING_FOUND, f"All {count(len(judged), 'window')} judged agree with the nominal engine.", ()
+
+
+def _verdicts(engine: EngineEvidence) -> list[Row]:
+    """One row for each window that was judged or should have been."""
+    return engine.of(kinds.DETECTED) or [rows[0] for rows in engine.isolated] or engine.of(kinds.COMPONENTS)
+
+
+def _surely(engine: EngineEvidence) -> str:
+    told = []
+    changed = changed_in_trend(engine)
+    if changed:
+        row = max(changed, key=lambda r: r.number("probability"))
+        flights = count(row.count("flights"), "flight")
+        told.append(f"probability {probability(row.number('probability'))} by the trend over {flights}")
+    windows = [rows[0] for rows in engine.isolated if not math.isnan(rows[0].number("probability"))]
+    if windows:
+        head = windows[-1]
+        fit = head.number("fit")
+        fits = f", χ² per degree of freedom {rounded(fit)} after it" if math.isfinite(fit) else ""
+        exact = "exactly this" if head.list("isolated") else "no change"
+        told.append(f"{head.window} alone: {exact} with probability {probability(head.number('probability'))}{fits}")
+    detected = engine.of(kinds.DETECTED)
+    if detected:
+        alarms = sum(row.text("verdict") == "fault" for row in detected)
+        silent = sum(row.text("verdict") == "no verdict" for row in detected)
+        without = f", {silent} without verdict" if silent else ""
+        told.append(f"{alarms} of {count(len(detected), 'window')} alarm{without}")
+    return "; ".join(told)
+
+
+def _since(engine: EngineEvidence, state: State) -> str:
+    if state is State.NOTHING_FOUND or state is State.NO_VERDICT:
+        return ""
+    changed = changed_in_trend(engine)
+    if changed:
+        row = min(changed, key=lambda r: r.number("onset"))
+        word = "at once" if row.text("kind") == "step" else "growing"
+        flight = row.text("onset_flight") or f"stretch {row.count('onset')}"
+        low, high = row.count("onset_low"), row.count("onset_high")
+        within = "" if low == high else f"; counted from the first, between {low} and {high}"
+        named = f"flight {flight}" if row.text("onset_flight") else flight
+        return f"{named}, {word}{within}"
+    run = first_of_last_run(engine.of(kinds.DETECTED))
+    return f"{run.window}, the first of an unbroken run of alarms" if run is not None else ""
+
+
+def first_of_last_run(rows: Sequence[Row]) -> Row | None:
+    """The window from which on every judged window alarms; None where the last does not."""
+    first = None
+    for row in reversed([r for r in rows if r.text("verdict") != "no verdict"]):
+        if row.text("verdict") != "fault":
+            break
+        first = row
+    return first
+
+
+def _telling(engine: EngineEvidence) -> Sequence[str]:
+    return engine.isolated[-1][0].list("would_tell") if engine.isolated else ()
+
+
+def _advice(engine: EngineEvidence) -> Sequence[str]:
+    """What `isolate` advised, and what restoring a module would bring."""
+    if not engine.isolated:
+        return ()
+    head = engine.isolated[-1][0]
+    scope = head.cells.get("work_scope")
+    told = scope.get("told", ()) if isinstance(scope, dict) else head.list("work_scope")
+    return (*head.list("advice"), *(f"{_capital(str(sentence))}." for sentence in told))
+
+
+def _flips(engine: EngineEvidence) -> tuple[str, ...]:
+    """What would flip the answer, as `isolate` says it."""
+    flips = engine.isolated[-1][0].cells.get("flips") if engine.isolated else None
+    if isinstance(flips, list):
+        return tuple(str(f.get("words", f)) if isinstance(f, dict) else str(f) for f in flips)
+    return engine.isolated[-1][0].list("flips") if flips else ()
+
+
+def _rivals(engine: EngineEvidence, evidence: Evidence) -> tuple[str, ...]:
+    """What else the data do not exclude."""
+    if not engine.isolated:
+        return ()
+    head, told = engine.isolated[-1][0], []
+    for names, chance in map(rival, head.list("rivals")[:2]):
+        words = listed([p.words for p in meanings(evidence.known, names).values()]) or "no change"
+        told.append(f"{words} ({probability(chance)})")
+    return tuple(told)
+
+
+def _capital(text: str) -> str:
+    return text[:1].upper() + text[1:]
