@@ -38,6 +38,7 @@ ORDER = (
     "detection",
     "planning",
     "isolation",
+    "fleet_judgement",
     "mismatch",
     "methods",
     "trials",
