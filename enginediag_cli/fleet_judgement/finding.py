@@ -22,9 +22,9 @@ class Estimate:
 
 @dataclass(frozen=True)
 class HealthRow:
-    """One parameter of an engine. change: now, from its baseline, in `unit`; gain: what maintenance brought of it in all;
-    onset: number of the first changed flight, from 1, with its interval, 0 where nothing changed; kind: "steady", "step"
-    or "deterioration"; probability: that it has changed at all."""
+    """One parameter of an engine. change: now, from its baseline, in `unit`; onset: number of the first changed flight,
+    from 1, with its interval, 0 where nothing changed; kind: "steady", "step" or "deterioration"; probability: that it
+    has changed at all."""
 
     parameter: str
     component: str
