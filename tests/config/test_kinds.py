@@ -82,17 +82,17 @@ def test_nothing_is_built_from_a_file_that_fails_its_declarations(tmp_path: Path
         (
             "stages: 1",
             "1:1: error: the file does not say its kind (begin it with 'kind:' and one of "
-            "engine, faults, recorder, nominal, study, flight)",
+            "engine, faults, recorder, nominal, study, fleet, flight)",
         ),
         ("kind: engin", "1:7: error: unknown kind of file, the text 'engin' (did you mean 'engine'?)"),
         (
             "kind: 3",
-            "1:7: error: unknown kind of file, the number 3 (one of: engine, faults, recorder, nominal, study, flight)",
+            "1:7: error: unknown kind of file, the number 3 (one of: engine, faults, recorder, nominal, study, fleet, flight)",
         ),
         (
             "- 3",
             "1:1: error: the file must be a mapping of keys, not a list of 1 (begin it with 'kind:' and one "
-            "of engine, faults, recorder, nominal, study, flight)",
+            "of engine, faults, recorder, nominal, study, fleet, flight)",
         ),
     ],
 )
