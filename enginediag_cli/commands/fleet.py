@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from enginediag_cli.commands.fleet_store import WithParts
 from enginediag_cli.commands.options import (
     ConfigFile,
     exit_code_option,
@@ -24,6 +25,7 @@ WHAT = ("engines", "health", "flights")
 
 
 @click.command(
+    cls=WithParts,
     short_help="Judge the engines of a fleet, rank them, and say what is common.",
     epilog=exit_codes(finding="an engine is on the list of discoveries and --exit-code given"),
 )
@@ -36,6 +38,12 @@ WHAT = ("engines", "health", "flights")
     metavar="N",
     type=click.IntRange(min=1),
     help="Processes to work with; one per core when not given. The result does not depend on it.",
+)
+@click.option(
+    "--scheduler",
+    metavar="ADDRESS",
+    help="Work on the Dask cluster of this scheduler, such as tcp://host:8786, whose workers see recordings and store "
+    "under the same paths. Needs `pip install 'enginediag[fleet]'`.",
 )
 @click.option(
     "--store",
@@ -62,6 +70,7 @@ def fleet(
     fleet_file: str,
     recordings: tuple[str, ...],
     jobs: int | None,
+    scheduler: str | None,
     store_folder: str | None,
     what: str,
     exit_code: bool,
@@ -72,12 +81,17 @@ def fleet(
     \b
     enginediag fleet fleet.yaml --store kept -o fleet.json
     enginediag fleet fleet.yaml flights/*.csv --what health -o health.csv
+    enginediag fleet status fleet.yaml --store kept
+    enginediag fleet prune fleet.yaml --store kept
+    enginediag fleet merge kept from_the_other_machine
 
     The fleet file says which recordings there are (those on the command line stand in place of its patterns), how
     engines are told apart, what of their early life is healthy, what maintenance was done, and what to judge;
     `enginediag schema fleet` has its keys. A model is identified from the early life of some engines, unless a
     nominal file is named; each engine is judged against its own early life.
     """
+    if jobs and scheduler:
+        raise click.UsageError("--jobs and --scheduler exclude each other: the cluster has its own workers")
     import os
 
     from enginediag_cli.errors import ExitCode
@@ -92,7 +106,7 @@ def fleet(
 
     described = load_fleet(fleet_file)
     found = recordings_of(described, recordings)
-    with opened_store(store_folder) as store, runner_for(jobs or os.cpu_count() or 1) as runner:
+    with opened_store(store_folder) as store, runner_for(jobs or os.cpu_count() or 1, scheduler or "") as runner:
         result = run_fleet(described, found, store, runner)
     tell_models(messages, result)
     head = header_lines("fleet", configs=[fleet_file, *described.configs])

@@ -6,14 +6,12 @@ import os
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from pathlib import Path
 
 from enginediag_cli.errors import NoVerdictError
-from enginediag_cli.fleet.common_model import CommonModel, identify_common, model_key
 from enginediag_cli.fleet.condense import CondenseTask, Outcome, condense, whole_monitor
-from enginediag_cli.fleet.fleet import Build, Fleet
+from enginediag_cli.fleet.fleet import Fleet
 from enginediag_cli.fleet.judging import EngineTask, Judged, Piece, judge
-from enginediag_cli.fleet.making import Making
+from enginediag_cli.fleet.models import Model, model_of
 from enginediag_cli.fleet.recordings import Recorded, natural
 from enginediag_cli.fleet.runners.runner import Runner
 from enginediag_cli.fleet.store import Store
@@ -21,7 +19,6 @@ from enginediag_cli.fleet.tree import tree_sum
 from enginediag_cli.fleet_judgement.finding import EngineFinding, FleetFinding, FleetSettings
 from enginediag_cli.fleet_judgement.fleet import judged_fleet
 from enginediag_cli.progress import each
-from enginediag_cli.recordings.provenance import sha256_of
 from enginediag_cli.residuals.admission import Elsewhere
 from enginediag_cli.residuals.statistics import LocalStatistics
 
@@ -30,17 +27,6 @@ BATCH_BYTES = 500_000
 made with; a larger recording goes alone."""
 BATCH_FILES = 200
 """And no more than so many files, all of which are open while their windows come."""
-
-
-@dataclass(frozen=True)
-class Model:
-    """What the recordings of a build are held against. identified: None where the nominal file was given, or found in
-    the store."""
-
-    build: Build
-    making: Making
-    generic: bool
-    identified: CommonModel | None = None
 
 
 @dataclass
@@ -66,30 +52,6 @@ class FleetResult:
             total.update(outcome.condensed.counts if outcome.condensed else {})
             total.update(fresh=outcome.fresh)
         return total
-
-
-def model_of(fleet: Fleet, build: Build, recordings: Sequence[Recorded], store: Store) -> Model:
-    """The nominal state that a build is held against: its own, that of the store, or one identified now. Raises
-    ConfigError, DataError, NoVerdictError."""
-    path, identified = build.nominal, None
-    if path is None:
-        path = store.nominal(model_key(fleet, build))
-        if not path.exists():
-            mine = [r for r in recordings if r.build == build.name]
-            identified = identify_common(fleet, build, mine, path)
-    return Model(build, *_making(fleet, build, path), identified)
-
-
-def _making(fleet: Fleet, build: Build, nominal: Path) -> tuple[Making, bool]:
-    """How recordings are condensed, and whether the engine's maps are generic."""
-    from enginediag_cli.intake.baseline import open_baseline
-
-    fingerprint = sha256_of(nominal)
-    generic = open_baseline(nominal).nominal.error_model is not None
-    recorder = os.path.abspath(build.recorder) if build.recorder else ""
-    digest = sha256_of(recorder) if recorder else ""
-    linearise = str(fleet.judge["linearise"])
-    return Making(os.path.abspath(nominal), fingerprint, recorder, digest, fleet.plan, linearise), generic
 
 
 def condense_all(

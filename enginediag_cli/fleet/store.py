@@ -49,6 +49,17 @@ class Store:
         with binary_output(path) as stream:
             yield CondensedWriter(stream)
 
+    def keys(self) -> Iterator[str]:
+        """Of all recordings that are there, in order."""
+        for path in sorted((self.folder / RECORDINGS).glob("*/*.npz")):
+            if not path.name.startswith("."):
+                yield path.stem
+
+    def partial(self) -> Iterator[Path]:
+        """Files that a run is writing, or was when it was killed."""
+        yield from sorted(self.folder.glob(f"{RECORDINGS}/*/.*.part"))
+        yield from sorted(self.folder.glob(f"{NOMINALS}/.*"))
+
     def nominal(self, key: str) -> Path:
         """Where the common model of this key is, or would be."""
         return self.folder / NOMINALS / f"{key}.yaml"

@@ -11,7 +11,9 @@ from enginediag_cli.presentation.messages import Messages
 from enginediag_cli.presentation.sentences import count
 
 if TYPE_CHECKING:
-    from enginediag_cli.fleet.run import FleetResult, Model
+    from enginediag_cli.fleet.keeping import Merged, Standing
+    from enginediag_cli.fleet.models import Model
+    from enginediag_cli.fleet.run import FleetResult
     from enginediag_cli.fleet_judgement.finding import EngineFinding, Estimate
 
 SCHEMA = "enginediag/fleet/1"
@@ -171,6 +173,39 @@ def tell_result(messages: Messages, result: FleetResult) -> None:
             messages.note(f"{common.words}: {common.reading}")
     if result.finding.discoveries.words:
         messages.note(result.finding.discoveries.words)
+
+
+def status_rows(standing: Standing) -> Iterator[dict[str, Any]]:
+    """One row per recording."""
+    for recorded, key in standing.known:
+        state = "condensed" if key else "new"
+        yield {"recording": recorded.name, "build": recorded.build, "engine": recorded.serial, "state": state}
+
+
+def tell_standing(messages: Messages, standing: Standing) -> None:
+    """How many recordings are there, and what else, on stderr."""
+    there = sum(bool(key) for _, key in standing.known)
+    messages.note(
+        f"{there} of {count(len(standing.known), 'recording')} condensed; {standing.bytes / 1e6:.1f} MB in all"
+    )
+    for build, known in standing.models.items():
+        if not known:
+            messages.note(f"build {build}: no model yet, so that all of its recordings are new")
+    if standing.others:
+        messages.note(f"{count(len(standing.others), 'recording')} of other fleets or settings; prune removes them")
+
+
+def tell_merged(messages: Messages, other: str, merged: Merged) -> None:
+    """What came out of another store, on stderr."""
+    came = f"{count(merged.copied, 'recording')} and {count(merged.models, 'model')} copied"
+    messages.note(f"{other}: {came}; {count(merged.there, 'recording')} were there")
+    if merged.damaged:
+        messages.warning(f"{other}: {count(len(merged.damaged), 'damaged file')} left out")
+    if merged.other_models:
+        messages.warning(
+            f"{other}: {count(len(merged.other_models), 'model')} differ from those here, which stay: what was "
+            "condensed by theirs will be condensed anew; stores that are to merge need one nominal file, named in the fleet file"
+        )
 
 
 def _estimate(name: str, x: Estimate) -> dict[str, float]:

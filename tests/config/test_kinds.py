@@ -87,7 +87,8 @@ def test_nothing_is_built_from_a_file_that_fails_its_declarations(tmp_path: Path
         ("kind: engin", "1:7: error: unknown kind of file, the text 'engin' (did you mean 'engine'?)"),
         (
             "kind: 3",
-            "1:7: error: unknown kind of file, the number 3 (one of: engine, faults, recorder, nominal, study, fleet, flight)",
+            "1:7: error: unknown kind of file, the number 3 (one of: engine, faults, recorder, nominal, study, fleet, "
+            "flight)",
         ),
         (
             "- 3",

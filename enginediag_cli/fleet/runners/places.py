@@ -10,14 +10,19 @@ from enginediag_cli.fleet.runners.serial import Serial
 
 
 @contextmanager
-def runner_for(jobs: int) -> Iterator[Runner]:
-    """This process for one job, or so many processes."""
-    if jobs == 1:
-        yield Serial()
-        return
-    from enginediag_cli.fleet.runners.processes import Processes
+def runner_for(jobs: int, scheduler: str = "") -> Iterator[Runner]:
+    """This process for one job, so many processes, or the cluster of a Dask scheduler. Raises DataError."""
+    runner: Runner
+    if scheduler:
+        from enginediag_cli.fleet.runners.on_dask import OnDask
 
-    runner = Processes(jobs)
+        runner = OnDask(scheduler)
+    elif jobs == 1:
+        runner = Serial()
+    else:
+        from enginediag_cli.fleet.runners.processes import Processes
+
+        runner = Processes(jobs)
     try:
         yield runner
     finally:
