@@ -12,8 +12,6 @@ from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from functools import lru_cache, partial
 
-import numpy as np
-
 from enginediag_cli.errors import EngineDiagError
 from enginediag_cli.fleet.condensed_file import Condensed, CondensedWriter, Part
 from enginediag_cli.fleet.making import Making
@@ -26,7 +24,7 @@ from enginediag_cli.recordings.provenance import sha256_of
 from enginediag_cli.recordings.table import Recording
 from enginediag_cli.residuals.monitor import Monitor
 from enginediag_cli.residuals.pipeline import WindowStatistics, window_statistics
-from enginediag_cli.residuals.series_monitor import monitored_as_read, trusting_no_input
+from enginediag_cli.residuals.series_monitor import certain, monitored_as_read, trusting_no_input
 
 PART = 2000
 """Windows of one engine that are written together: a tenth of a gigabyte is the most that a worker may hold of them,
@@ -114,20 +112,9 @@ def _together(making: Making, store: Store, todo: dict[str, str]) -> dict[str, O
 def series_monitor(nominal: str, fingerprint: str) -> Monitor:
     """What windows of a series are held against: every instrument is suspected, nominal is not. One per worker and
     nominal file; fingerprint: what that file held when the work was planned."""
-    whole = whole_monitor(nominal, fingerprint)
-    k = len(whole.monitored)
-    return replace(
-        whole,
-        names=whole.names[:k],
-        theta0=whole.theta0[:k],
-        prior_sigma=whole.prior_sigma[:k],
-        lower=whole.lower[:k],
-        upper=whole.upper[:k],
-        uncertainty=np.zeros((k, k)),
-        noise=replace(whole.noise, kurtosis=None, readings=None, rho_error=None, rho_common=None),
-        offsets=(),
-        lagging=(),
-    )
+    found = certain(whole_monitor(nominal, fingerprint))
+    # the law of each statistic is asked of windows that are judged alone
+    return replace(found, noise=replace(found.noise, kurtosis=None, readings=None, rho_error=None, rho_common=None))
 
 
 @lru_cache(maxsize=4)

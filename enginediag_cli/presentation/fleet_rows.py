@@ -148,8 +148,9 @@ def tell_models(messages: Messages, result: FleetResult) -> None:
         found = model.identified
         if found is None:
             continue
-        engines = ", ".join(found.engines)
-        messages.note(f"build {name}: common model from {count(found.records, 'record')} of engines {engines}")
+        engines = ", ".join(found.engines[:SHOWN]) + (", …" if len(found.engines) > SHOWN else "")
+        of = f"{count(found.records, 'record')} of {count(len(found.engines), 'engine')}"
+        messages.note(f"build {name}: common model from {of} ({engines})")
 
 
 def tell_result(messages: Messages, result: FleetResult) -> None:
@@ -204,7 +205,8 @@ def tell_merged(messages: Messages, other: str, merged: Merged) -> None:
     if merged.other_models:
         messages.warning(
             f"{other}: {count(len(merged.other_models), 'model')} differ from those here, which stay: what was "
-            "condensed by theirs will be condensed anew; stores that are to merge need one nominal file, named in the fleet file"
+            "condensed by theirs will be condensed anew; stores that are to merge need one nominal file, named in the "
+            "fleet file"
         )
 
 
