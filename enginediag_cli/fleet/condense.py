@@ -56,6 +56,7 @@ def condense(task: CondenseTask) -> tuple[Outcome, ...]:
     store = Store(task.store)
     found: dict[str, Outcome] = {}
     todo: dict[str, str] = {}
+    again: dict[str, str] = {}
     for path in task.paths:
         try:
             sha256 = sha256_of(path)
@@ -65,9 +66,12 @@ def condense(task: CondenseTask) -> tuple[Outcome, ...]:
         known = store.find(task.making.key(sha256))
         if known is not None:
             found[path] = Outcome(path, known)
+        elif sha256 in todo:  # the same bytes under another name
+            again[path] = todo[sha256]
         else:
-            todo[path] = sha256
-    found |= _condensed(task.making, store, todo)
+            todo[sha256] = path
+    found |= _condensed(task.making, store, {path: sha256 for sha256, path in todo.items()})
+    found |= {path: replace(found[first], path=path, fresh=False) for path, first in again.items()}
     return tuple(found[path] for path in task.paths)
 
 

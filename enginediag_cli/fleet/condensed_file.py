@@ -100,6 +100,10 @@ class CondensedWriter:
         self._member(INDEX, json.dumps(told, ensure_ascii=False, separators=(",", ":")).encode())
         self._zip.close()
 
+    def leave(self) -> None:
+        """Write nothing more, whether or not there is an index; the file is the caller's."""
+        self._zip.fp = None
+
     def _member(self, name: str, data: bytes) -> None:
         info = zipfile.ZipInfo(name, (1980, 1, 1, 0, 0, 0))  # no time: the same data give the same bytes
         self._zip.writestr(info, data)

@@ -48,8 +48,9 @@ class FleetResult:
     def counts(self) -> Counter[str]:
         """Of records and windows by what became of them, and of recordings: `fresh` were condensed by this run."""
         total: Counter[str] = Counter()
-        for _, outcome in self.recordings:
-            total.update(outcome.condensed.counts if outcome.condensed else {})
+        left_out = {name for name, _ in self.left_out}
+        for recorded, outcome in self.recordings:
+            total.update(outcome.condensed.counts if outcome.condensed and recorded.name not in left_out else {})
             total.update(fresh=outcome.fresh)
         return total
 

@@ -47,7 +47,11 @@ class Store:
         path = self.path(key)
         path.parent.mkdir(parents=True, exist_ok=True)
         with binary_output(path) as stream:
-            yield CondensedWriter(stream)
+            writer = CondensedWriter(stream)
+            try:
+                yield writer
+            finally:
+                writer.leave()
 
     def keys(self) -> Iterator[str]:
         """Of all recordings that are there, in order."""
