@@ -10,12 +10,12 @@ from dataclasses import dataclass, field, replace
 from enginediag_cli.errors import NoVerdictError
 from enginediag_cli.fleet.condense import CondenseTask, Outcome, condense, whole_monitor
 from enginediag_cli.fleet.fleet import Fleet
-from enginediag_cli.fleet.judging import EngineTask, Judged, Piece, judge
+from enginediag_cli.fleet.judging import EngineTask, Piece, judge
 from enginediag_cli.fleet.models import Model, model_of
 from enginediag_cli.fleet.recordings import Recorded, natural
 from enginediag_cli.fleet.runners.runner import Runner
 from enginediag_cli.fleet.store import Store
-from enginediag_cli.fleet.tree import tree_sum
+from enginediag_cli.fleet.tree import TreeSum
 from enginediag_cli.fleet_judgement.finding import EngineFinding, FleetFinding, FleetSettings
 from enginediag_cli.fleet_judgement.fleet import judged_fleet
 from enginediag_cli.progress import each
@@ -149,14 +149,7 @@ def run_fleet(fleet: Fleet, recordings: Sequence[Recorded], store: Store, runner
     if not tasks:
         why = f": {left_out[0][0]}: {left_out[0][1]}" if left_out else ""
         raise NoVerdictError(f"{fleet.path}: no engine to judge{why}")
-    judged: dict[int, Judged] = dict(each(runner.run(judge, tasks), "engines judged", len(tasks)))
-    findings: list[EngineFinding] = [judged[k].finding for k in range(len(tasks))]
-    sums = {}
-    for build in models:
-        mine = [judged[k].total for k, task in enumerate(tasks) if task.build == build]
-        total = tree_sum([x for x in mine if x is not None])
-        if total is not None:
-            sums[build] = total
+    findings, sums, elsewhere = _judged(tasks, runner)
     settings = tasks[0].settings
     serials = {task.serial for task in tasks}
     return FleetResult(
@@ -167,5 +160,30 @@ def run_fleet(fleet: Fleet, recordings: Sequence[Recorded], store: Store, runner
         left_out,
         sums,
         sorted({e.engine for e in fleet.events} - serials, key=natural),
-        sum((judged[k].elsewhere for k in range(len(tasks))), Counter()),
+        elsewhere,
     )
+
+
+def _judged(
+    tasks: Sequence[EngineTask], runner: Runner
+) -> tuple[list[EngineFinding], dict[str, LocalStatistics], Counter[Elsewhere]]:
+    """Findings in the order of the tasks, the sum of all statistics of each build, and where records lie that training
+    did not cover."""
+    found: dict[int, EngineFinding] = {}
+    elsewhere: Counter[Elsewhere] = Counter()
+    place = {number: k for mine in _by_build(tasks).values() for k, number in enumerate(mine)}
+    trees = {build: TreeSum[LocalStatistics](len(mine)) for build, mine in _by_build(tasks).items()}
+    for number, judged in each(runner.run(judge, tasks), "engines judged", len(tasks)):
+        found[number] = judged.finding
+        trees[tasks[number].build].add(place[number], judged.total)
+        elsewhere.update(judged.elsewhere)
+    sums = {build: tree.total for build, tree in trees.items() if tree.total is not None}
+    return [found[k] for k in range(len(tasks))], sums, Counter(dict(sorted(elsewhere.items())))
+
+
+def _by_build(tasks: Sequence[EngineTask]) -> dict[str, list[int]]:
+    """Numbers of the tasks of each build."""
+    numbers: dict[str, list[int]] = {}
+    for number, task in enumerate(tasks):
+        numbers.setdefault(task.build, []).append(number)
+    return numbers
