@@ -42,8 +42,8 @@ WHAT = ("engines", "health", "flights")
 @click.option(
     "--scheduler",
     metavar="ADDRESS",
-    help="Work on the Dask cluster of this scheduler, such as tcp://host:8786, whose workers see recordings and store "
-    "under the same paths. Needs `pip install 'enginediag[fleet]'`.",
+    help="Work on the Dask cluster of this scheduler, such as tcp://host:8786, whose workers see recordings and "
+    "--store under the same paths. Needs `pip install 'enginediag[fleet]'`.",
 )
 @click.option(
     "--store",
@@ -92,6 +92,8 @@ def fleet(
     """
     if jobs and scheduler:
         raise click.UsageError("--jobs and --scheduler exclude each other: the cluster has its own workers")
+    if scheduler and not store_folder:
+        raise click.UsageError("--scheduler needs --store, a folder that the workers share")
     import os
 
     from enginediag_cli.errors import ExitCode

@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 
 from enginediag_cli.detection.trend_of_files import Series, series_of
+from enginediag_cli.errors import EngineDiagError
 from enginediag_cli.fleet.condense import whole_monitor
 from enginediag_cli.fleet.condensed_file import CondensedReader
 from enginediag_cli.fleet.fleet import Baseline
@@ -77,7 +78,15 @@ class _Stored:
 
 
 def judge(task: EngineTask) -> Judged:
-    """What the history of an engine says; the same wherever it runs. Raises DataError."""
+    """What the history of an engine says; the same wherever it runs. What cannot be judged is a finding without a
+    verdict, no error."""
+    try:
+        return _judged(task)
+    except EngineDiagError as error:
+        return Judged(EngineFinding(task.serial, task.build, 0, 0, NO_VERDICT, str(error)), None)
+
+
+def _judged(task: EngineTask) -> Judged:
     monitor = whole_monitor(task.nominal, task.fingerprint)
     stored = _Stored(task, monitor)
     series = series_of(stored, of_readings=True)

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import os
+import time
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
-from enginediag_cli.errors import NoVerdictError
+from enginediag_cli.errors import DataError, NoVerdictError
 from enginediag_cli.fleet.condense import CondenseTask, Outcome, condense, whole_monitor
 from enginediag_cli.fleet.fleet import Fleet
 from enginediag_cli.fleet.judging import EngineTask, Piece, judge
@@ -27,6 +28,12 @@ BATCH_BYTES = 500_000
 made with; a larger recording goes alone."""
 BATCH_FILES = 200
 """And no more than so many files, all of which are open while their windows come."""
+
+PACKED = 5
+"""By how much less a packed recording weighs."""
+SEEN_S = 10.0
+"""Seconds after which a file that another machine has written is seen here, if it ever is: file servers keep for some
+seconds what they believe is not there."""
 
 
 @dataclass
@@ -63,14 +70,32 @@ def condense_all(
     found: dict[str, Outcome] = {}
     for _, outcomes in each(runner.run(condense, tasks), "batches of recordings condensed", len(tasks)):
         found |= {outcome.path: outcome for outcome in outcomes}
+    _check_there(store, found.values())
     return [found[r.path] for r in recordings]
+
+
+def _check_there(store: Store, outcomes: Iterable[Outcome]) -> None:
+    """Raises DataError when what workers have written is not seen here."""
+    until = time.monotonic() + SEEN_S
+    for outcome in outcomes:
+        while outcome.condensed is not None and not store.path(outcome.condensed.key).exists():
+            if time.monotonic() > until:
+                what = f"{store.path(outcome.condensed.key)}: written by a worker, and not there"
+                raise DataError(f"{what}: --store has to name a folder that all workers share under this path")
+            time.sleep(0.1)
+
+
+def _read_bytes(path: str) -> int:
+    """Of a recording as it is read: packed ones hold more than they weigh."""
+    size = os.path.getsize(path) if os.path.exists(path) else 0
+    return size * (PACKED if path.endswith((".gz", ".parquet")) else 1)
 
 
 def _batches(recordings: Sequence[Recorded], models: Mapping[str, Model], store: Store) -> Iterator[CondenseTask]:
     waiting: list[str] = []
     size, build = 0, ""
     for recorded in recordings:
-        more = os.path.getsize(recorded.path) if os.path.exists(recorded.path) else 0
+        more = _read_bytes(recorded.path)
         if waiting and (recorded.build != build or size + more > BATCH_BYTES or len(waiting) >= BATCH_FILES):
             yield CondenseTask(tuple(waiting), models[build].making, str(store.folder))
             waiting, size = [], 0
