@@ -5,8 +5,8 @@ the k* largest, k* the largest k with
 
     e_(k) ≥ n/(k α)
 
-Then the share of healthy engines among those listed is α at most, on the average over fleets, whatever the e-values have
-to do with each other, and whenever one looks: R. Wang, A. Ramdas, JRSS B 84 (2022) 822–852, theorem 2.
+Then the share of healthy engines among those listed is α at most, on the average over fleets, whatever the e-values
+have to do with each other, and whenever one looks: R. Wang, A. Ramdas, JRSS B 84 (2022) 822–852, theorem 2.
 """
 
 from __future__ import annotations

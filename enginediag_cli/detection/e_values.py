@@ -19,7 +19,7 @@ A_n + δ-terms of rank two: with h = L⁻¹ g, c = Σ h_i v_i, γ = Σ h_i², a 
 and one in any direction, N(0, κ Σ):  (1 − κ e/(1 + κ γ))^−(ν + n)/2 (1 + κ γ)^−m/2. The mean over directions, sizes,
 courses and onsets, all weighed beforehand, is a martingale of mean 1 under the null hypothesis: E at any stopping time
 has mean 1 at most, over engines whose level and scatter are as the priors say (J. Ville (1939); A. Ramdas, P. Grünwald,
-V. Vovk, G. Shafer, Statist. Sci. 38 (2023) 576–601). An engine of this kind, and no engine at all, needs Σ be known.
+V. Vovk, G. Shafer, Statist. Sci. 38 (2023) 576–601).
 """
 
 from __future__ import annotations
@@ -29,13 +29,15 @@ from dataclasses import dataclass
 import numpy as np
 
 STEPS = (0.25, 0.5, 1.0, 2.0)
-"""Sizes of a sudden change, in the unit of its direction, either way: twofold, between which evidence is hardly lost."""
+"""Sizes of a sudden change, in the unit of its direction, either way: between two of them evidence is hardly lost."""
 RAMPS = (0.0625, 0.125, 0.25, 0.5, 1.0)
 """Sizes that a growing change reaches in `RAMP` flights."""
 RAMP = 30.0
 """Flights in which a growing change reaches its size: a unit, sizes span a hundredfold on either side."""
 ANY = (0.25, 4.0)
 """Variances κ of a change in any direction, in units of the scatter of one flight."""
+SINGLE = 2 / 3
+"""Weight of changes of one suspect alone; the rest is for those in any direction."""
 HORIZON = 60.0
 """Flights over which onsets have about the same weight; it falls as 1/j² beyond."""
 AT_ONCE = 0.1
@@ -77,8 +79,8 @@ class ScatterPrior:
 
 @dataclass(frozen=True)
 class Rows:
-    """The flights of one engine: z (n, m); scale (n, d), how much larger than on the average each unit change is;
-    conditions (n, c), standardised; weight (n,): square root of how much of a usual flight each one tells."""
+    """The flights of one engine: z (n, m); conditions (n, c), standardised; weight (n,): square root of how much of a
+    usual flight each one tells."""
 
     z: np.ndarray
     conditions: np.ndarray
@@ -87,11 +89,14 @@ class Rows:
 
 @dataclass(frozen=True)
 class EPath:
-    """log_e (n,): logarithm of E after each flight; onset (n,): probability that the change began with each flight,
-    given that there is one; steps (n,) of it for sudden changes."""
+    """log_e (n,): logarithm of E after each flight. Of the change, given that there is one: onset (n,), probability
+    that it began with each flight; growing: that it grows; suspect (d,): that it is along each direction, the rest
+    along none of them."""
 
     log_e: np.ndarray
     onset: np.ndarray
+    growing: float
+    suspect: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -139,26 +144,28 @@ def e_path(rows: Rows, suspects: Suspects, baseline: int, prior: ScatterPrior) -
         raise ValueError("readings must be finite")
     n = len(rows.z)
     among = _courses(n, baseline)
-    path, onset = np.zeros(n), np.full(n, np.nan)
+    path, onset, suspect = np.zeros(n), np.zeros(n), np.zeros(len(suspects.weights))
     if not len(among.g):
-        return EPath(path, onset)
+        return EPath(path, onset, 0.0, suspect)
     peaks = np.unique(np.linspace(baseline, n - 1, PEAKS).round().astype(int))
-    null, changed = [], []
+    null, changed, along = [], [], []
     for share, length, chance in LAWS:
         whitened = _Whitened.of(rows, among, share, length)
-        log_null, log_ratio = _ratios(_clipped(whitened, prior), among, suspects, prior, peaks)
+        log_null, log_ratio, own = _ratios(_clipped(whitened, prior), among, suspects, prior, peaks)
         null.append(log_null + np.log(chance))
         changed.append(log_ratio + null[-1][:, None])
+        along.append(own + null[-1][-1])
     of_null = np.logaddexp.reduce(null, axis=0)  # (peaks,)
     by_course = np.logaddexp.reduce(changed, axis=0) - of_null[:, None]  # (peaks, courses)
     spent = np.logaddexp.reduce(among.log_weight)
     rest = np.log(max(-np.expm1(min(spent, 0.0)), 1e-300))
     log_e = np.logaddexp(np.logaddexp.reduce(by_course, axis=1), rest)
     path[baseline:] = log_e[np.searchsorted(peaks, np.arange(baseline, n), side="right") - 1]
-    last = np.exp(by_course[-1] - np.logaddexp.reduce(by_course[-1]))
-    onset = np.zeros(n)
+    total = np.logaddexp.reduce(by_course[-1])
+    last = np.exp(by_course[-1] - total)
     np.add.at(onset, among.onset, last)
-    return EPath(path, onset)
+    suspect = np.exp(np.logaddexp.reduce(along, axis=0) - of_null[-1] - total)
+    return EPath(path, onset, float(last[among.ramp].sum()), suspect)
 
 
 @dataclass(frozen=True)
@@ -206,9 +213,9 @@ def _inverse(v: np.ndarray, prior: ScatterPrior) -> np.ndarray:
 
 def _ratios(
     w: _Whitened, among: _Courses, suspects: Suspects, prior: ScatterPrior, peaks: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """log p(Z) (k,) under no change, up to what is common to all laws, and log ratio (k, G) of each course, its weight
-    in it, after the flights `peaks` (k,)."""
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """log p(Z) (k,) under no change, up to what is common to all laws; log ratio (k, G) of each course, its weight in
+    it, after the flights `peaks` (k,); the same (d,) of each direction at the last of them."""
     m = w.v.shape[1]
     inverse = _inverse(w.v, prior)[peaks + 1]
     power = 0.5 * (prior.freedom + peaks + 1.0)
@@ -217,22 +224,27 @@ def _ratios(
     sums = np.cumsum(w.h[:, :, None] * w.v, axis=1)
     squares = np.cumsum(w.h**2, axis=1)
     found = np.zeros((len(w.h), len(peaks)))  # of a course that has not begun: 1
+    own = np.full(len(suspects.weights), -np.inf)
     for ramp, sizes in ((False, STEPS), (True, RAMPS)):
         g, k = np.nonzero((among.onset[:, None] <= peaks) & (among.ramp == ramp)[:, None])
         c, gamma = sums[g, peaks[k]], squares[g, peaks[k]]
         told = np.matmul(c[:, None, :], inverse[k])[:, 0]
         e = np.sum(told * c, axis=1)
         b = told @ suspects.directions.T
-        one = _along_suspects(a[k], b, gamma - e, power[k], (sizes, suspects.weights))
-        found[g, k] = np.logaddexp(one + np.log(2 / 3), _anywhere(e, gamma, power[k], m) + np.log(1 / 3))
-    return log_null, (found + among.log_weight[:, None]).T
+        mean, most = _along_suspects(a[k], b, gamma - e, power[k], sizes)
+        one = np.log(mean @ suspects.weights) + most + np.log(SINGLE)
+        found[g, k] = np.logaddexp(one, _anywhere(e, gamma, power[k], m) + np.log1p(-SINGLE))
+        last = k == len(peaks) - 1
+        with np.errstate(divide="ignore"):
+            each = np.log(mean[last] * suspects.weights) + (most[last] + among.log_weight[g[last]])[:, None]
+        own = np.logaddexp(own, np.logaddexp.reduce(each, axis=0) + np.log(SINGLE))
+    return log_null, (found + among.log_weight[:, None]).T, own
 
 
 def _along_suspects(
-    a: np.ndarray, b: np.ndarray, left: np.ndarray, power: np.ndarray, of: tuple[tuple[float, ...], np.ndarray]
-) -> np.ndarray:
-    """log mean ratio (k,) over directions and sizes; a, b (k, d)."""
-    sizes, weights = of
+    a: np.ndarray, b: np.ndarray, left: np.ndarray, power: np.ndarray, sizes: tuple[float, ...]
+) -> tuple[np.ndarray, np.ndarray]:
+    """Mean ratio (k, d) over sizes of a change along each direction, over exp of most (k,); a, b (k, d)."""
     square = b**2 + a * left[:, None]
     signed = [*sizes, *(-s for s in sizes)]
     logs = np.empty((len(signed), *b.shape))
@@ -241,8 +253,7 @@ def _along_suspects(
     logs *= -power[:, None]
     most = logs.max(axis=(0, 2))
     logs -= most[:, None]
-    mean = np.exp(logs, out=logs).sum(axis=0) @ weights
-    return np.asarray(np.log(mean / len(signed)) + most)
+    return np.exp(logs, out=logs).sum(axis=0) / len(signed), most
 
 
 def _anywhere(e: np.ndarray, gamma: np.ndarray, power: np.ndarray, m: int) -> np.ndarray:

@@ -22,7 +22,7 @@ is new to the fleet."""
 @dataclass(frozen=True)
 class Flights:
     """The readings of the m output sensors alone, z (n, m), with the effects J (n, m, p) of all p parameters; steps
-    (n, e): 1 from the first flight after each of the `events` on; number (n,): of each flight in the history, from 0."""
+    (n, e): 1 from the first flight after each of the `events` on; number (n,): of each flight, from 0."""
 
     readings: Readings
     z: np.ndarray
@@ -48,17 +48,31 @@ class Flights:
         conditions = np.concatenate([self.readings.weather, np.sqrt(RENEWED) * self.steps], axis=1)
         return Rows(self.z, conditions, self.weight)
 
-    def suspects(self, instruments: bool) -> tuple[Suspects, np.ndarray]:
-        """Directions of one prior standard deviation of each parameter, on the average over the flights, and the
-        positions of the parameters; health and instruments half of the weight each."""
-        directions = self.J.mean(axis=0).T
-        of_instrument = np.array([p.of_instrument for p in self.described])
-        told = np.abs(directions).max(axis=1) > 0
-        at = np.flatnonzero(told & (instruments | ~of_instrument))
-        weights = np.where(
-            of_instrument[at], 1 / max(of_instrument[at].sum(), 1), 1 / max((~of_instrument[at]).sum(), 1)
-        )
-        return Suspects(directions[at], weights / weights.sum()), at
+    def suspects(self, instruments: bool) -> tuple[Suspects, list[tuple[int, ...]]]:
+        """Directions of unit changes, on the average over the flights, and the positions of the parameters that change
+        in each: every parameter by one prior standard deviation, and every two of a component together, the same way
+        and opposite ways. Components and instruments have half of the weight each."""
+        J = self.J.mean(axis=0)
+        told = np.abs(J).max(axis=0) > 0
+        groups: dict[str, list[int]] = {}
+        for i, p in enumerate(self.described):
+            if told[i] and (instruments or not p.of_instrument):
+                groups.setdefault(p.component, []).append(i)
+        directions: list[np.ndarray] = []
+        members: list[tuple[int, ...]] = []
+        weights: list[float] = []
+        parts = {c: self.described[at[0]].of_instrument for c, at in groups.items()}
+        for component, at in groups.items():
+            own: list[tuple[np.ndarray, tuple[int, ...]]] = [(J[:, i], (i,)) for i in at]
+            if not parts[component]:
+                pairs = [(a, b) for k, a in enumerate(at) for b in at[k + 1 :]]
+                own += [((J[:, a] + sign * J[:, b]) / np.sqrt(2), (a, b)) for a, b in pairs for sign in (1, -1)]
+            alike = sum(x == parts[component] for x in parts.values())
+            directions += [d for d, _ in own]
+            members += [m for _, m in own]
+            weights += [1 / (alike * len(own))] * len(own)
+        w = np.array(weights)
+        return Suspects(np.array(directions).reshape(-1, len(J)), w / w.sum()), members
 
     def scatter(self) -> np.ndarray:
         """Covariance (m, m) of what readings differ by from one flight to the next, with that of their noise as a prior
