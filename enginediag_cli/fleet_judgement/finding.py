@@ -6,6 +6,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from math import nan
 
+import numpy as np
+
 from enginediag_cli.fleet_judgement.history import Event
 
 HEALTHY, CHANGED, NO_VERDICT = "healthy", "changed", "no verdict"
@@ -72,7 +74,8 @@ class EventRow:
 class Margin:
     """Margin of the hottest recorded temperature. column: which ("T5_K"); limit_K: NaN where none is stated;
     consumed_K: by deterioration so far, at the reference condition; now_K: what is left; remaining_flights: until the
-    limit is reached, high infinite where that may be never; reason: why there is no forecast, or ""."""
+    limit is reached, median and 90 % interval, infinite where that may be never; reason: why there is no forecast, or
+    ""."""
 
     column: str = ""
     condition: str = ""
@@ -82,6 +85,19 @@ class Margin:
     remaining_flights: Estimate = Estimate()
     rate_K_per_flight: Estimate = Estimate()
     reason: str = ""
+
+
+@dataclass(frozen=True)
+class State:
+    """What the last flights of an engine read beside its baseline, for what is common to a fleet: off (m,), in units of
+    the noise, with the covariance (m, m) of its scatter; effect (m, p) of one prior standard deviation `unit` (p,) of
+    each parameter."""
+
+    parameters: tuple[str, ...]
+    unit: np.ndarray
+    off: np.ndarray
+    covariance: np.ndarray
+    effect: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -110,22 +126,27 @@ class EngineFinding:
     events: Sequence[EventRow] = ()
     margin: Margin = Margin()
     baseline: int = 0
+    state: State | None = field(default=None, repr=False, compare=False)
 
 
 @dataclass(frozen=True)
 class CommonChange:
-    """A parameter over the fleet. mean: of the changes, with its 95 % interval; spread: standard deviation between
-    engines; common: whether most engines have it alike, which no wear of one engine does; engines: that tell of it."""
+    """A parameter over the fleet, as if its component, or instrument, were what engines have in common. mean: of the
+    changes, with its 95 % interval; spread: standard deviation between engines; alike: share of engines whose change
+    goes the way of the mean; probability: that it is this component; common: whether it is one of those that hold 95 %
+    of it, where most engines have moved alike; reading: what that may be, in words."""
 
     parameter: str
+    component: str
     words: str
     unit: str
     mean: Estimate
     spread: float
     engines: int
     alike: float
+    probability: float
     common: bool
-    reading: str
+    reading: str = ""
 
 
 @dataclass(frozen=True)
@@ -151,11 +172,14 @@ class FleetFinding:
 class FleetSettings:
     """How a fleet is judged. false_alarm: of the verdict on one engine, over its whole life; false_discovery: share of
     healthy engines among those listed, on average; sensors: instruments are suspects; generic: the maps are not the
-    engine's own; limits_K: column → limit of its temperature at the reference condition; seed: of what is sampled."""
+    engine's own; limits_K: column → limit of its temperature at the reference condition; consumed_limit_K: K of margin
+    at which an engine is taken off, with its standard deviation, where that and no temperature is known, as from
+    engines that were; thorough: engines that stand out are judged as `trend` does, at a second each."""
 
     false_alarm: float = 0.01
     false_discovery: float = 0.05
     sensors: bool = True
     generic: bool = True
     limits_K: Mapping[str, float] = field(default_factory=dict)
-    seed: int = 0
+    consumed_limit_K: tuple[float, float] | None = None
+    thorough: bool = True
