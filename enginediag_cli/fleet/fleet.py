@@ -166,6 +166,10 @@ def _problems(checked: Checked) -> Iterator[Problem]:
     if len(given) != 1:
         what = "both 'flights' and 'records' are given" if given else "neither 'flights' nor 'records' is given"
         yield checked.problem(("baseline",), f"{what} in baseline", "how much of early life is healthy is one of them")
+    limit = values["judge"]["consumed_limit_K"]
+    if limit is not None and (len(limit) != 2 or min(limit) <= 0):
+        hint = "[margin, standard deviation], such as [25, 3]"
+        yield checked.problem(("judge", "consumed_limit_K"), "consumed_limit_K needs two positive numbers", hint)
     if values["judge"]["window"]:
         try:
             plan_windows(values["judge"]["window"])

@@ -105,6 +105,15 @@ JUDGE = Section(
             {},
             unit="K",
         ),
+        Field(
+            "consumed_limit_K",
+            "numbers",
+            "margin that engines have lost when they are taken off, and its standard deviation, where no temperature "
+            "limit is known: [25, 3]",
+            None,
+            unit="K",
+        ),
+        Field("thorough", "boolean", "engines that stand out are judged as `trend` does, at a second each", True),
     ),
 )
 

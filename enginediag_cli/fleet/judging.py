@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
+from functools import lru_cache
 
 from enginediag_cli.detection.trend_of_files import Series, series_of
 from enginediag_cli.errors import EngineDiagError
@@ -15,6 +16,7 @@ from enginediag_cli.fleet.tree import tree_sum
 from enginediag_cli.fleet_judgement.engine import judged_engine
 from enginediag_cli.fleet_judgement.finding import NO_VERDICT, EngineFinding, FleetSettings
 from enginediag_cli.fleet_judgement.history import EngineHistory, Event
+from enginediag_cli.fleet_judgement.margin import MarginScale, margin_scale
 from enginediag_cli.residuals.admission import Elsewhere
 from enginediag_cli.residuals.files import Window
 from enginediag_cli.residuals.monitor import Monitor
@@ -95,8 +97,15 @@ def _judged(task: EngineTask) -> Judged:
         return Judged(_nothing(task, stored, series), None, stored.elsewhere)
     baseline = task.baseline.stretches([x.window.records for x in stretches])
     history = EngineHistory(task.serial, task.build, stretches, baseline, task.events)
-    finding = judged_engine(history, series, task.settings)
+    finding = judged_engine(history, series, task.settings, _scale(task.nominal, task.fingerprint))
     return Judged(finding, tree_sum([x.statistics for x in stretches]), stored.elsewhere)
+
+
+@lru_cache(maxsize=4)
+def _scale(nominal: str, fingerprint: str) -> MarginScale:
+    """Of the margin of all engines of a nominal file, which takes longer than an engine."""
+    monitor = whole_monitor(nominal, fingerprint)
+    return margin_scale(Series({}, monitor.meaning, 0, monitor=monitor))
 
 
 def _nothing(task: EngineTask, stored: _Stored, series: Series) -> EngineFinding:

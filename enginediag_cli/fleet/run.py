@@ -142,6 +142,8 @@ def engine_tasks(
         false_discovery=fleet.judge["fdr"],
         sensors=fleet.judge["sensors"],
         limits_K=fleet.judge["limits_K"],
+        consumed_limit_K=None if fleet.judge["consumed_limit_K"] is None else tuple(fleet.judge["consumed_limit_K"]),
+        thorough=fleet.judge["thorough"],
     )
     tasks = []
     for build, serial in sorted(pieces, key=lambda k: (natural(k[1]), k[0])):
@@ -177,11 +179,12 @@ def run_fleet(fleet: Fleet, recordings: Sequence[Recorded], store: Store, runner
     findings, sums, elsewhere = _judged(tasks, runner)
     settings = tasks[0].settings
     serials = {task.serial for task in tasks}
+    known = whole_monitor(tasks[0].nominal, tasks[0].fingerprint).meaning
     return FleetResult(
         fleet,
         models,
         outcomes,
-        judged_fleet(findings, settings),
+        judged_fleet(findings, settings, known),
         left_out,
         sums,
         sorted({e.engine for e in fleet.events} - serials, key=natural),

@@ -55,9 +55,7 @@ class Store:
 
     def keys(self) -> Iterator[str]:
         """Of all recordings that are there, in order."""
-        for path in sorted((self.folder / RECORDINGS).glob("*/*.npz")):
-            if not path.name.startswith("."):
-                yield path.stem
+        yield from (path.stem for path in sorted((self.folder / RECORDINGS).glob("*/*.npz")))
 
     def partial(self) -> Iterator[Path]:
         """Files that a run is writing, or was when it was killed."""

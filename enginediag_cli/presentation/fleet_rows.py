@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from typing import TYPE_CHECKING, Any
 
 from enginediag_cli.presentation.left_out import elsewhere_lines, not_judged_lines
@@ -93,7 +93,7 @@ def document(result: FleetResult, provenance: Sequence[str]) -> dict[str, Any]:
     return {
         "schema": SCHEMA,
         "description": fleet.description,
-        "engines": [{"rank": k, **asdict(x)} for k, x in enumerate(finding.engines, start=1)],
+        "engines": [{"rank": k, **_engine(x)} for k, x in enumerate(finding.engines, start=1)],
         "common": [asdict(x) for x in finding.common],
         "discoveries": asdict(finding.discoveries),
         "left_out": [
@@ -119,6 +119,13 @@ def document(result: FleetResult, provenance: Sequence[str]) -> dict[str, Any]:
         ],
         "provenance": list(provenance),
     }
+
+
+def _engine(x: EngineFinding) -> dict[str, Any]:
+    """Without its `state`, of which `common` tells what it comes to."""
+    told = asdict(replace(x, state=None))
+    del told["state"]
+    return told
 
 
 def _sum(build: str, x: Any) -> dict[str, Any]:
