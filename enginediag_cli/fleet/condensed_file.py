@@ -145,8 +145,11 @@ class CondensedReader:
             rows = np.load(io.BytesIO(self._zip.read(f"{part}.npy")), allow_pickle=False)
         except (OSError, zipfile.BadZipFile, KeyError, ValueError) as error:
             raise DataError(f"{self._path}: part {part} is damaged ({error})") from None
+        p = len(texts.get("parameters", ()))
+        at = _columns(len(texts["conditions"]), p)
+        both = _squares(rows[:, at["F"]], p), _squares(rows[:, at["V"]], p)
         for k, row in enumerate(rows):
-            yield _window(texts, k, row, (source, engine), meaning)
+            yield _window(texts, k, row, (both[0][k], both[1][k]), (source, engine), meaning)
 
 
 def _as_mapping(left: LeftOut) -> dict[str, Any]:
@@ -188,8 +191,14 @@ def _matrix(windows: Sequence[WindowStatistics], conditions: Sequence[str], para
 
 
 def _window(
-    texts: Mapping[str, Any], k: int, row: np.ndarray, names: tuple[str, str], meaning: Mapping[str, Parameter]
+    texts: Mapping[str, Any],
+    k: int,
+    row: np.ndarray,
+    matrices: tuple[np.ndarray, np.ndarray],
+    names: tuple[str, str],
+    meaning: Mapping[str, Parameter],
 ) -> WindowStatistics:
+    """Window k of a part, of matrices F and V, named by its source and engine."""
     parameters = tuple(texts.get("parameters", ()))
     at = _columns(len(texts["conditions"]), len(parameters))
     n, chi2, dof = row[at["summed"]]
@@ -200,8 +209,7 @@ def _window(
             np.array(texts["theta0"]),
             np.array(texts["prior_sigma"]),
             row[at["s"]].copy(),
-            _square(row[at["F"]], len(parameters)),
-            _square(row[at["V"]], len(parameters)),
+            *matrices,
             int(n),
             float(chi2),
             float(dof),
@@ -235,10 +243,11 @@ def _window(
     )
 
 
-def _square(triangle: np.ndarray, p: int) -> np.ndarray:
-    full = np.zeros((p, p))
+def _squares(triangles: np.ndarray, p: int) -> np.ndarray:
+    """Symmetric matrices (n, p, p) of their upper triangles (n, p(p + 1)/2)."""
+    full = np.zeros((len(triangles), p, p))
     i, j = np.triu_indices(p)
-    full[i, j] = full[j, i] = triangle
+    full[:, i, j] = full[:, j, i] = triangles
     return full
 
 
