@@ -1,9 +1,9 @@
 """A condensed recording as a file: an .npz whose members are parts, windows of one engine each, and an index.
 
 A part is one matrix, a row for each window: counts and times, then the conditions flown, s, and the upper triangles of
-F and V. Texts, and what all windows share, stand in `index.json`, the last member: without it the file is not whole.
-Parts are written as they come, so that memory holds one of them, and read one by one. The same windows give the same
-bytes.
+F and V; beside it stand texts, and what its windows share. `index.json`, the last member, says what there is: without
+it the file is not whole. Parts are written as they come, so that memory holds one of them, and read one by one. The same
+windows give the same bytes.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from enginediag_cli.residuals.admission import Elsewhere
 from enginediag_cli.residuals.pipeline import WindowStatistics
 from enginediag_cli.residuals.statistics import LocalStatistics
 
-FORMAT = 1
+FORMAT = 2
 """Of these files; others are made anew."""
 INDEX = "index.json"
 PLACES = ("first_line", "last_line", "start_s", "end_s", "records", "outside", "incomplete", "failed")
@@ -64,12 +64,12 @@ class CondensedWriter:
 
     def __init__(self, stream: BinaryIO):
         self._zip = zipfile.ZipFile(stream, "w", zipfile.ZIP_STORED, allowZip64=True)
-        self._parts: list[dict[str, Any]] = []
+        self._parts: list[Part] = []
 
     def add(self, engine: str, windows: Sequence[WindowStatistics]) -> Part:
         """Write windows of one engine, all of the same parameters."""
         first = next((w for w in windows if w.statistics is not None), None)
-        texts: dict[str, Any] = {"engine": engine, "flights": [w.flight for w in windows]}
+        texts: dict[str, Any] = {"flights": [w.flight for w in windows]}
         conditions = list(first.conditions) if first else []
         if first is not None and first.statistics is not None:
             x = first.statistics
@@ -88,16 +88,17 @@ class CondensedWriter:
             sum(w.statistics is not None for w in windows),
             sum(w.records for w in windows),
         )
-        texts |= {"windows": part.windows, "statistics": part.statistics, "records": part.records}
-        self._member(f"{len(self._parts)}.npy", _npy(_matrix(windows, conditions, texts.get("parameters", ()))))
-        self._parts.append(texts)
+        number = len(self._parts)
+        self._member(f"{number}.npy", _npy(_matrix(windows, conditions, texts.get("parameters", ()))))
+        self._member(f"{number}.json", _json(texts))
+        self._parts.append(part)
         return part
 
     def close(self, whole: Condensed) -> None:
         """Write the index: what there is to say of the whole recording, and its parts."""
         told: dict[str, Any] = {"format": FORMAT, "key": whole.key, "sha256": whole.sha256, "counts": whole.counts}
-        told |= {"left_out": [_as_mapping(left) for left in whole.left_out], "parts": self._parts}
-        self._member(INDEX, json.dumps(told, ensure_ascii=False, separators=(",", ":")).encode())
+        told["left_out"] = [_as_mapping(left) for left in whole.left_out]
+        self._member(INDEX, _json({**told, "parts": [asdict(part) for part in self._parts]}))
         self._zip.close()
 
     def leave(self) -> None:
@@ -110,18 +111,18 @@ class CondensedWriter:
 
 
 class CondensedReader:
-    """Reads a file of condensed windows; DataError names one that is damaged or of another format."""
+    """Reads a file of condensed windows; DataError names one that is damaged. condensed: what its index says."""
 
     def __init__(self, path: str):
         self._path = path
         try:
             self._zip = zipfile.ZipFile(path)
-            self.index: dict[str, Any] = json.loads(self._zip.read(INDEX))
-            wrong = self.index["format"] != FORMAT
+            x = json.loads(self._zip.read(INDEX))
+            parts = tuple(Part(**part) for part in x["parts"])
+            left_out = tuple(map(_left_out, x["left_out"]))
+            self.condensed = Condensed(x["key"], x["sha256"], parts, x["counts"], left_out)
         except (OSError, zipfile.BadZipFile, KeyError, ValueError, TypeError) as error:
             raise DataError(f"{path}: not a whole condensed recording ({error})") from None
-        if wrong:
-            raise DataError(f"{path}: a condensed recording of format {self.index['format']}, not {FORMAT}")
 
     def __enter__(self) -> CondensedReader:
         return self
@@ -129,19 +130,12 @@ class CondensedReader:
     def __exit__(self, *_: object) -> None:
         self._zip.close()
 
-    @property
-    def condensed(self) -> Condensed:
-        """What the index says."""
-        x = self.index
-        parts = tuple(Part(p["engine"], p["windows"], p["statistics"], p["records"]) for p in x["parts"])
-        return Condensed(x["key"], x["sha256"], parts, x["counts"], tuple(map(_left_out, x["left_out"])))
-
     def windows(
         self, part: int, source: str, engine: str, meaning: Mapping[str, Parameter]
     ) -> Iterator[WindowStatistics]:
         """Windows of a part, named after `source` and `engine`; meaning: what the parameters are."""
-        texts = self.index["parts"][part]
         try:
+            texts = json.loads(self._zip.read(f"{part}.json"))
             rows = np.load(io.BytesIO(self._zip.read(f"{part}.npy")), allow_pickle=False)
         except (OSError, zipfile.BadZipFile, KeyError, ValueError) as error:
             raise DataError(f"{self._path}: part {part} is damaged ({error})") from None
@@ -249,6 +243,10 @@ def _squares(triangles: np.ndarray, p: int) -> np.ndarray:
     i, j = np.triu_indices(p)
     full[:, i, j] = full[:, j, i] = triangles
     return full
+
+
+def _json(told: Mapping[str, Any]) -> bytes:
+    return json.dumps(told, ensure_ascii=False, separators=(",", ":")).encode()
 
 
 def _npy(rows: np.ndarray) -> bytes:
