@@ -58,6 +58,9 @@ COMMANDS: dict[str, Entry] = {
     "trend": Entry(
         "enginediag_cli.commands.trend", "trend", "Follow health over flights: level, onset and rate of deterioration."
     ),
+    "fleet": Entry(
+        "enginediag_cli.commands.fleet", "fleet", "Judge the engines of a fleet, rank them, and say what is common."
+    ),
     "prove": Entry(
         "enginediag_cli.commands.prove", "prove", "Prove on blind trials what the search for missing physics finds."
     ),

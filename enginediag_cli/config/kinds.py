@@ -72,6 +72,12 @@ FILE_KINDS: dict[str, FileKind] = {
             "enginediag_cli.trials.studies.study_file:load_study",
         ),
         FileKind(
+            "fleet",
+            "a fleet: engines by serial number, their recordings, maintenance and what to judge",
+            "enginediag_cli.fleet.fleet_file:FLEET_FILE",
+            "enginediag_cli.fleet.fleet:load_fleet",
+        ),
+        FileKind(
             "flight",
             "a flight to simulate: altitude, speed and power along time",
             "enginediag_cli.simulation.flight_file:FLIGHT_FILE",

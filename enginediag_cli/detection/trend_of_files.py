@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from math import isfinite
+from typing import Protocol
 
 import numpy as np
 
@@ -12,7 +13,7 @@ from enginediag_cli.detection.readings import Readings, jump, readings_of
 from enginediag_cli.engine.input_errors import InputError
 from enginediag_cli.errors import DataError
 from enginediag_cli.parameters import Parameter
-from enginediag_cli.residuals.files import JudgedFiles
+from enginediag_cli.residuals.files import Window
 from enginediag_cli.residuals.monitor import Monitor
 from enginediag_cli.residuals.pipeline import WindowStatistics, joined
 from enginediag_cli.residuals.series_monitor import effects_of_inputs
@@ -114,7 +115,19 @@ def _clock(stretches: Sequence[Stretch]) -> np.ndarray:
     return np.arange(len(windows), dtype=float)
 
 
-def series_of(files: JudgedFiles, *, of_readings: bool = False) -> Series:
+class Windows(Protocol):
+    """Windows of several recordings, in order: of files (`JudgedFiles`), or of a store. As these have them."""
+
+    @property
+    def monitor(self) -> Monitor | None: ...
+
+    @property
+    def summed(self) -> bool: ...
+
+    def windows(self) -> Iterator[Window]: ...
+
+
+def series_of(files: Windows, *, of_readings: bool = False) -> Series:
     """Raises DataError when windows of a flight have different parameters. `of_readings`: nothing but `readings` will
     be asked of the series, for which the law of each statistic does not matter, nine tenths of what it holds."""
     found: dict[str, list[Stretch]] = {}

@@ -148,7 +148,7 @@ def power_settings(values: Mapping[str, Any]) -> list[str]:
     components = values["components"]
     types = {c["type"] for c in components}
     found = ["Wf_kg_s", *(f"{s['speed_label']}_rpm" for s in values["shafts"] if s["speed"] == "balance")]
-    found += [f"T{station}_K" for station in _hot_stations(components)]
+    found += hot_columns(components)
     # behind a turbine that discharges through a stack, pressure tells nearly nothing of the power
     found += ["EPR"] if types & {"nozzle", "condi_nozzle"} else []
     found += ["Fn_N"] if types & {"nozzle", "condi_nozzle", "propeller"} else []
@@ -157,6 +157,11 @@ def power_settings(values: Mapping[str, Any]) -> list[str]:
     found += ["power_W"] if machines else []
     machines += [c["name"] for c in components if c["type"] == "gearbox"]
     return [*found, *(f"{name}_{column}" for name in machines for column in ("power_W", "torque_N_m"))]
+
+
+def hot_columns(components: Sequence[Mapping[str, Any]]) -> list[str]:
+    """Columns of the total temperature of stations that gas from a burner reaches, in the order of the gas path."""
+    return [f"T{station}_K" for station in _hot_stations(components)]
 
 
 def _hot_stations(components: Sequence[Mapping[str, Any]]) -> list[str]:

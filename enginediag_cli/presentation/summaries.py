@@ -91,3 +91,19 @@ TERMS = ("term", "title", "varies_with")
 VARIABLES = ("variable", "at_design", "unit", "words")
 
 SITES = ("term", "at", "acts_on", "carried", "coefficients")
+
+FLEET = (
+    "rank",
+    "engine",
+    "verdict",
+    "severity",
+    "unit",
+    "since",
+    "changed",
+    "margin_K",
+    "remaining_flights",
+    "discovery",
+    "flights",
+    "reason",
+    "build",
+)

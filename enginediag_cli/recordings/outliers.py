@@ -36,6 +36,8 @@ def spikes(values: np.ndarray, threshold: float = 8.0, isolation: float = 2.5) -
     centre = np.partition(windows, WINDOW // 2, axis=1)[:, WINDOW // 2]
     residual = np.abs(x - centre)
     scale = 1.4826 * np.median(residual)
+    if not residual.max() > threshold * scale:  # the usual case, without the search for the span
+        return spike, outside
     lowest, low, high, highest = np.percentile(x, [0.5, 5.0, 95.0, 99.5])
     least = max(threshold * scale, GROSS * (high - low))
     suspects = np.flatnonzero(residual > least)

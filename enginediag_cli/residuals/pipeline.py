@@ -21,11 +21,11 @@ from enginediag_cli.residuals.admission import Elsewhere, JudgedChunk
 from enginediag_cli.residuals.blocks import Block
 from enginediag_cli.residuals.cut import cut
 from enginediag_cli.residuals.groups import Key, runs
-from enginediag_cli.residuals.local import block_statistics, local_statistics
+from enginediag_cli.residuals.local import block_statistics
 from enginediag_cli.residuals.monitor import HELD, Monitor
 from enginediag_cli.residuals.operating_points import covariance_of_change, sums_by_point
 from enginediag_cli.residuals.reduced import ReducedMonitor
-from enginediag_cli.residuals.relinearise import Stop, relinearise
+from enginediag_cli.residuals.relinearise import Relinearised, Stop, relinearise
 from enginediag_cli.residuals.score import marginalise
 from enginediag_cli.residuals.statistics import LocalStatistics
 from enginediag_cli.residuals.windows import WindowPlan
@@ -39,6 +39,10 @@ FLOWN = 12
 SETTLED = 0.2
 """Step of the re-estimate, in standard errors, that is not worth another call of the engine: what it leaves out of
 the statistics is of second order in it."""
+
+TOGETHER = 500
+"""Records of short windows whose statistics are summed by one pass: for each of twenty records the calls would cost
+more than the arithmetic, for more memory would."""
 
 
 @dataclass(frozen=True)
@@ -328,6 +332,7 @@ def _at_estimate(monitor: Monitor, batch: Sequence[Sequence[_Piece]], condense: 
         if len(y)
         else None
     )
+    every_block = iter(_blocks(monitor, found, sizes, lags) if found is not None else ())
     first = 0
     for pieces, size in zip(batch, sizes, strict=True):
         rows = slice(first, first + size)
@@ -338,14 +343,7 @@ def _at_estimate(monitor: Monitor, batch: Sequence[Sequence[_Piece]], condense: 
         failed = int(np.sum(~found.ok[rows]))
         whole = replace(_whole(monitor, pieces), failed=failed, solution=None if x is None else x[:, rows])
         w = int(window[rows.start])
-        statistics = local_statistics(
-            found.e[rows],
-            found.J[rows],
-            monitor.noise,
-            monitor.frame,
-            lags=lags[rows],
-            information=found.information[w],
-        )
+        statistics = next(every_block).statistics
         if monitor.slopes is not None:
             of_points = sums_by_point(
                 nominal[0][rows], found.e[rows], found.J[rows], monitor.noise, monitor.slopes.position
@@ -357,3 +355,23 @@ def _at_estimate(monitor: Monitor, batch: Sequence[Sequence[_Piece]], condense: 
             else (f"the re-estimate did not converge (last step {found.decrement[w]:.2g} standard errors)")
         )
         yield _with_statistics(monitor, condense, whole, statistics, reason)
+
+
+def _blocks(monitor: Monitor, found: Relinearised, sizes: Sequence[int], lags: np.ndarray) -> Iterator[Block]:
+    """Statistics of the windows that hold so many records, those without left out; of short windows together."""
+    some = np.array(sizes)[np.array(sizes) > 0]
+    starts = np.cumsum(some) - some
+    first = 0
+    while first < len(some):
+        last = max(int(np.searchsorted(starts + some, starts[first] + TOGETHER, side="right")), first + 1)
+        rows = slice(starts[first], starts[last - 1] + some[last - 1])
+        yield from block_statistics(
+            found.e[rows],
+            found.J[rows],
+            monitor.noise,
+            starts[first:last] - starts[first],
+            monitor.frame,
+            lags=lags[rows],
+            information=found.information[first:last],
+        )
+        first = last

@@ -74,19 +74,39 @@ def reduced(monitor: Monitor, bent: Curvature | None = None) -> Monitor:
     bent: its curvature, where that is known."""
     if not can_be_reduced(monitor):
         return monitor
-    at = np.linspace(0, len(monitor.envelope.points) - 1, POINTS).round().astype(int)
-    points = np.asarray(monitor.envelope.points)[np.unique(at)]
-    inputs = {c: points[:, i] for i, c in enumerate(monitor.envelope.inputs)}
+    inputs = _some_points(monitor)
     _, J, ok, found = monitor.predict(inputs, monitor.theta0)
     if not ok.any():
         return monitor
     root = covariance_root(monitor)
     effects = [J[ok] @ root, *effects_elsewhere(monitor, getattr(found, "frozen", {}), ok, root)]
     root = root @ leading_directions(effects, noise_weight(monitor))
+    bent = bent or _bent(monitor, inputs, ok, found)
+    return ReducedMonitor(**in_normals(monitor, root.shape[1]), curvature=bent, whole=monitor, root=root)
+
+
+def curvature_of(monitor: Monitor) -> Curvature | None:
+    """Curvature at some of the operating points that identification saw; None where they are not known, or the engine
+    fails about too many."""
+    envelope = monitor.envelope
+    if envelope is None or not len(envelope.points) or any(c not in envelope.inputs for c in monitor.engine.inputs):
+        return None
+    inputs = _some_points(monitor)
+    _, _, ok, found = monitor.predict(inputs, monitor.theta0)
+    return _bent(monitor, inputs, ok, found) if ok.any() else None
+
+
+def _some_points(monitor: Monitor) -> dict[str, np.ndarray]:
+    at = np.linspace(0, len(monitor.envelope.points) - 1, POINTS).round().astype(int)
+    points = np.asarray(monitor.envelope.points)[np.unique(at)]
+    return {c: points[:, i] for i, c in enumerate(monitor.envelope.inputs)}
+
+
+def _bent(monitor: Monitor, inputs: Mapping[str, np.ndarray], ok: np.ndarray, found: Any) -> Curvature | None:
+    """Curvature at those `inputs` (n,) of which the engine `found` a prediction, ok (n,)."""
     x = getattr(found, "x", None)
     good = {c: values[ok] for c, values in {**inputs, **getattr(found, "frozen", {})}.items()}
-    bent = bent or curvature(monitor, good, None if x is None else x[:, ok])
-    return ReducedMonitor(**in_normals(monitor, root.shape[1]), curvature=bent, whole=monitor, root=root)
+    return curvature(monitor, good, None if x is None else x[:, ok])
 
 
 def noise_weight(monitor: Monitor) -> np.ndarray:

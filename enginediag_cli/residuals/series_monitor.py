@@ -9,6 +9,7 @@ import numpy as np
 
 from enginediag_cli.residuals.monitor import Monitor
 from enginediag_cli.residuals.pipeline import WindowStatistics
+from enginediag_cli.residuals.reduced import ReducedMonitor, curvature_of
 from enginediag_cli.residuals.statistics import LocalStatistics
 
 PLAUSIBLY = 2.0
@@ -29,6 +30,29 @@ def trusting_no_input(monitor: Monitor) -> Monitor:
             size = np.abs(envelope.points[:, j]).max() if error.multiplies else 1.0
             scale[j] = np.hypot(scale[j], PLAUSIBLY * error.parameter.prior_sigma * size)
     return replace(monitor, envelope=replace(envelope, scale=scale))
+
+
+def certain(monitor: Monitor) -> Monitor:
+    """The monitor without what is uncertain about nominal, for windows that are compared with each other and of which
+    `monitored_as_read` keeps nothing else: a third of the work. Only the point at which a window is linearised depends
+    on it, by a small share of its standard error."""
+    k = len(monitor.monitored)
+    alone = replace(
+        monitor,
+        names=monitor.names[:k],
+        theta0=monitor.theta0[:k],
+        prior_sigma=monitor.prior_sigma[:k],
+        lower=monitor.lower[:k],
+        upper=monitor.upper[:k],
+        uncertainty=np.zeros((k, k)),
+        offsets=(),
+        lagging=(),
+    )
+    bent = curvature_of(alone)
+    if bent is None:
+        return alone
+    fields = {name: getattr(alone, name) for name in Monitor.__dataclass_fields__}
+    return ReducedMonitor(**fields, curvature=bent, whole=alone, root=np.zeros((k, 0)))
 
 
 def effects_of_inputs(

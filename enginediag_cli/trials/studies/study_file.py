@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any
 
 from enginediag_cli.config.fields import Field, Section, Variants
 from enginediag_cli.config.kinds import load_checked
-from enginediag_cli.config.reading import file_inside
-from enginediag_cli.errors import ConfigError, DataError, Mark, Problem
+from enginediag_cli.config.named import named_file
+from enginediag_cli.errors import ConfigError, DataError, Problem
 from enginediag_cli.methods.registry import SECTIONS, chosen_method
 from enginediag_cli.simulation.flight_file import MISSIONS
 from enginediag_cli.simulation.noise_section import NOISE
@@ -85,7 +85,7 @@ def load_study(path: str | Path) -> Study:
 
     checked = load_checked(path, "study")
     values = checked.values
-    engine = load_engine(engine_path(Path(path), values["engine"], checked.mark(("engine",))))
+    engine = load_engine(named_file(Path(path), values["engine"], "engine file", checked.mark(("engine",))))
     noise = column_noise(values["noise"], engine, checked.mark(("noise",)))
     try:
         monitor = known_nominal(engine, values["monitor"], noise)
@@ -116,16 +116,3 @@ def load_study(path: str | Path) -> Study:
         values["reliability"],
         values["seed"],
     )
-
-
-def engine_path(study: Path, name: str, mark: Mark) -> Path:
-    """The engine file beside the study, or the shipped one of that name. Raises ConfigError."""
-    from enginediag_cli.shipped import shipped
-
-    beside = study.parent / name
-    if beside.exists():
-        return file_inside(study, name, mark)
-    try:
-        return shipped(name)
-    except DataError as error:
-        raise ConfigError([Problem(mark, f"there is no engine file {beside}", str(error))]) from None

@@ -1,0 +1,1 @@
+"""Fleets: recordings of many engines are condensed, kept, put together by serial number, judged and ranked."""

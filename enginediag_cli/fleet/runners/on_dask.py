@@ -1,0 +1,107 @@
+"""The work of a fleet on a Dask cluster that exists: one task per piece of work, which the cluster retries.
+
+Only the scheduler is spoken to; recordings, nominal files and the store are files that the workers see under the same
+paths.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator
+from itertools import islice
+from typing import Any
+
+from enginediag_cli import __version__
+from enginediag_cli.errors import DataError, EngineDiagError
+from enginediag_cli.fleet.runners.runner import IN_WORK, Result, Task
+
+RETRIES = 1
+"""Times that a task that failed is begun again, for what passes by itself, such as a file server out of reach. One
+whose worker died is begun again by the cluster's own rule."""
+CONNECT_S = 15
+"""Seconds that a scheduler may take to answer."""
+KEPT = "what was condensed is kept with --store"
+HINT = "pip install 'enginediag[fleet]'"
+
+
+class OnDask:
+    """The workers of the cluster whose scheduler is at `address`."""
+
+    def __init__(self, address: str):
+        """Raises DataError when nobody answers there, or Dask is not installed."""
+        try:
+            from distributed import Client
+        except ImportError:
+            raise DataError(f"--scheduler needs Dask, which is not installed: {HINT}, or work with --jobs") from None
+        try:
+            self._client: Any = Client(address, timeout=CONNECT_S, set_as_default=False)
+        except (OSError, ValueError, TimeoutError) as error:
+            raise DataError(f"--scheduler {address}: no Dask scheduler answers there ({error})") from None
+
+        self._check_versions(address)
+
+    def _check_versions(self, address: str) -> None:
+        """DataError unless every worker has this version of the program."""
+        try:
+            found = self._client.run(version)
+        except ModuleNotFoundError:
+            found = {"its workers": "none"}
+        for worker, other in found.items():
+            if other != __version__:
+                self._client.close()
+                raise DataError(f"--scheduler {address}: {worker} has enginediag {other}, here is {__version__}")
+
+    @property
+    def workers(self) -> int:
+        """Threads of the cluster as it is now; one where it has none yet."""
+        return max(sum(self._client.nthreads().values()), 1)
+
+    def run(self, work: Callable[[Task], Result], tasks: Iterable[Task]) -> Iterator[tuple[int, Result]]:
+        """As `Runner.run`. Raises ClusterError when a task has killed its workers, or the scheduler is gone."""
+        from distributed import as_completed
+
+        waiting = enumerate(tasks)
+        numbers: dict[str, int] = {}
+        finished = as_completed(loop=self._client.loop)
+
+        def hand_out(count: int) -> None:
+            for number, task in islice(waiting, count):
+                # the number is part of the name: two tasks that are alike are two all the same
+                future = self._client.submit(work, task, retries=RETRIES, pure=False)
+                numbers[future.key] = number
+                finished.add(future)
+
+        hand_out(IN_WORK * self.workers)
+        try:
+            for future in finished:
+                yield numbers.pop(future.key), self._result(future)
+                hand_out(max(IN_WORK * self.workers - len(numbers), 0))
+        finally:
+            finished.clear()
+
+    @staticmethod
+    def _result(future: Any) -> Any:
+        from distributed.client import FutureCancelledError
+        from distributed.scheduler import KilledWorker
+
+        try:
+            return future.result()
+        except KilledWorker as error:
+            what = f"a task has ended its workers, at last {error.last_worker.address}, perhaps because memory ran out"
+            raise ClusterError(f"{what}; {KEPT}") from None
+        except FutureCancelledError:
+            raise ClusterError(f"the scheduler is gone; {KEPT}") from None
+        finally:
+            future.release()
+
+    def close(self) -> None:
+        """Leave the cluster, which goes on without us."""
+        self._client.close()
+
+
+def version() -> str:
+    """Of the program, where this is called."""
+    return __version__
+
+
+class ClusterError(EngineDiagError):
+    """The cluster could not do what it was given."""

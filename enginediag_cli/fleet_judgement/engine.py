@@ -1,0 +1,279 @@
+"""The judgement of one engine: whether it has changed, since when, in what, and how far towards its limit."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from enginediag_cli.detection.e_values import EPath, ScatterPrior, e_path
+from enginediag_cli.detection.trend_of_files import FEWEST, Series
+from enginediag_cli.fleet_judgement.consumption import Consumption, consumption_of, of_conditions, severity_of
+from enginediag_cli.fleet_judgement.finding import (
+    CHANGED,
+    HEALTHY,
+    NO_VERDICT,
+    EngineFinding,
+    Estimate,
+    EventRow,
+    FleetSettings,
+    FlightRow,
+    HealthRow,
+    State,
+)
+from enginediag_cli.fleet_judgement.health import Course, course
+from enginediag_cli.fleet_judgement.history import EngineHistory
+from enginediag_cli.fleet_judgement.margin import MarginScale, margin_scale
+from enginediag_cli.fleet_judgement.rows import Flights, compressors_of, event_number, flights_of, renewed
+from enginediag_cli.fleet_judgement.thorough import thoroughly
+from enginediag_cli.intervals import NORMAL_95
+
+BELIEVED = 0.1
+"""Probability beforehand that an engine has changed, where its probability to have is asked for. Judgement."""
+SUSPECTED = 0.5
+"""Probability from which an instrument is taken for the one that changed, so that no health is read from it."""
+LAST = 10
+"""Flights at the end that say what an engine has come to, for what a fleet has in common."""
+PLAUSIBLE, OVERHEAD = 2.0, 8.0
+"""Change, in prior standard deviations, which an engine that is called healthy must have been able to show, and what
+the logarithm of E loses to onsets, suspects and sizes that might have been."""
+
+
+@dataclass(frozen=True)
+class _Judged:
+    """What is known of an engine when its rows are made."""
+
+    flights: Flights
+    path: EPath
+    members: Sequence[tuple[int, ...]]
+    course: Course
+
+
+def judged_engine(
+    history: EngineHistory, series: Series, settings: FleetSettings, scale: MarginScale | None = None
+) -> EngineFinding:
+    """What the history of one engine says; series: what its parameters are, and its monitor; scale: of its margin,
+    which `margin_scale` computes once for all engines of a series. Raises DataError when its flights have statistics of
+    different parameters."""
+    records = sum(x.window.records for x in history.stretches)
+    nothing = EngineFinding(
+        history.serial, history.build, len(history.stretches), records, NO_VERDICT, "", baseline=history.baseline
+    )
+    current, earlier = _since_renewal(history)
+    if (after := len(current.stretches) - current.baseline) < FEWEST:
+        new = " since the engine was renewed" if earlier else ""
+        return replace(nothing, reason=f"{max(after, 0)} flights{new} beside the baseline are too few, {FEWEST} needed")
+    flights = flights_of(current, series)
+    if len(flights) - flights.baseline < FEWEST:
+        return replace(nothing, reason="too few flights tell of all readings")
+    suspects, members = flights.suspects(settings.sensors)
+    path = e_path(flights.rows(), suspects, flights.baseline, ScatterPrior.stated(flights.noise))
+    chance = _chance(path.log_e[-1])
+    included = _inclusion(path, members)
+    wrong = [i for i, w in included.items() if flights.described[i].of_instrument and w * chance >= SUSPECTED]
+    compressors = compressors_of(series)
+    moved = [renewed(e, flights.described, compressors) for e in flights.events]
+    found = _Judged(flights, path, members, course(flights, moved, wrong))
+    verdict, reason = _verdict(found, settings)
+    used = consumption_of(flights, found.course, margin_scale(series) if scale is None else scale, settings)
+    health = _health(found, chance, current)
+    best, low, high = _since(found.path, flights) if verdict == CHANGED else (0, 0, 0)
+    if settings.thorough and path.log_e[-1] >= -np.log(settings.false_discovery):
+        health = thoroughly(health, flights, series, settings, current)
+    if earlier:
+        health = tuple(_counted_from(row, earlier) for row in health)
+    return replace(
+        nothing,
+        verdict=verdict,
+        reason=reason,
+        log10_e=float(path.log_e[-1] / np.log(10)),
+        since=best + earlier if best else 0,
+        since_low=low + earlier if best else 0,
+        since_high=high + earlier if best else 0,
+        since_flight=current.stretches[best - 1].window.flight if best else "",
+        severity=severity_of(used, found.course),
+        severity_unit="K" if used.margin.column else "sigma",
+        health=health,
+        by_flight=_by_flight(found, used, settings, current, earlier),
+        events=_events(found, used, history, earlier),
+        margin=used.margin,
+        state=_state(found),
+    )
+
+
+def _inclusion(path: EPath, members: Sequence[tuple[int, ...]]) -> dict[int, float]:
+    """Of each parameter, by position, the probability that it is what changed, given that something did."""
+    found: dict[int, float] = {}
+    for at, weight in zip(members, path.suspect, strict=True):
+        for i in at:
+            found[i] = found.get(i, 0.0) + float(weight)
+    return found
+
+
+def _since_renewal(history: EngineHistory) -> tuple[EngineHistory, int]:
+    """The history since the whole engine was overhauled or exchanged last, and how many flights were before: after
+    that it is an engine of its own, with a baseline of its own."""
+    whole = [e for e in history.events if e.kind != "wash" and not e.component]
+    first = max((k for e in whole if (k := event_number(e, history)) < len(history.stretches)), default=0)
+    if not first:
+        return history, 0
+    later = [e for e in history.events if e not in whole and event_number(e, history) > first]
+    return replace(history, stretches=history.stretches[first:], events=later), first
+
+
+def _chance(log_e: float) -> float:
+    """Probability that an engine has changed."""
+    return float(1 / (1 + np.exp(-np.clip(log_e + np.log(BELIEVED / (1 - BELIEVED)), -700, 700))))
+
+
+def _verdict(found: _Judged, settings: FleetSettings) -> tuple[str, str]:
+    highest, last = float(found.path.log_e.max()), float(found.path.log_e[-1])
+    if highest >= -np.log(settings.false_alarm):
+        fell = last < -np.log(settings.false_alarm)
+        return CHANGED, "the evidence has been stronger than it is now" if fell else ""
+    seen = _visible(found)
+    if seen < OVERHEAD - np.log(settings.false_alarm):
+        return NO_VERDICT, f"these flights could not show a change of {PLAUSIBLE:g} prior standard deviations"
+    return HEALTHY, ""
+
+
+def _visible(found: _Judged) -> float:
+    """Logarithm of the likelihood ratio by which a plausible change of the parameter that shows best would stand out,
+    had it come with the first flight after the baseline: half its non-centrality."""
+    flights = found.flights
+    w = flights.weight**2
+    before, after = w[: flights.baseline].sum(), w[flights.baseline :].sum()
+    d = flights.J[:, :, flights.health].mean(axis=0)
+    told = np.einsum("mp,mk,kp->p", d, np.linalg.inv(found.course.scatter), d)
+    return float(0.5 * PLAUSIBLE**2 * told.max(initial=0.0) * before * after / max(before + after, 1e-9))
+
+
+def _since(path: EPath, flights: Flights) -> tuple[int, int, int]:
+    """Number of the first changed flight, from 1: most probable, and the 95 % interval."""
+    order = np.argsort(-path.onset, kind="stable")
+    total = np.cumsum(path.onset[order])
+    chosen = order[: int(np.searchsorted(total, 0.95 * total[-1])) + 1]
+    # onsets are looked at some flights apart: a change may have come with any flight up to the next one
+    behind = np.flatnonzero(path.onset > 0)
+    high = behind[np.searchsorted(behind, chosen.max(), side="right") :]
+    last = int(high[0]) - 1 if high.size else len(flights) - 1
+    low, best = int(chosen.min()), int(order[0])
+    return int(flights.number[best]) + 1, int(flights.number[low]) + 1, int(flights.number[max(last, best)]) + 1
+
+
+def _counted_from(row: HealthRow, earlier: int) -> HealthRow:
+    """The row with its onset counted from the first flight of all."""
+    if not row.onset:
+        return row
+    return replace(
+        row, onset=row.onset + earlier, onset_low=row.onset_low + earlier, onset_high=row.onset_high + earlier
+    )
+
+
+def _health(found: _Judged, chance: float, current: EngineHistory) -> tuple[HealthRow, ...]:
+    flights, path, c = found.flights, found.path, found.course
+    mean, covariance = c.told(c.at(len(flights) - 1))
+    error = np.sqrt(np.diag(covariance))
+    single = _inclusion(path, found.members)
+    place = {int(p): k for k, p in enumerate(c.parameters)}
+    best, low, high = _since(path, flights)
+    kind = "deterioration" if path.growing >= 0.5 else "step"
+    rows = []
+    for i, p in enumerate(flights.described):
+        probability = chance * single.get(i, 0.0)
+        change, rate = Estimate(), Estimate()
+        if i in place:
+            k = place[i]
+            change = _estimate(mean[k], error[k], c.unit[k])
+            span = max(len(flights) - best, 1)
+            rate = Estimate(change.value / span, change.low / span, change.high / span)
+        named = probability >= SUSPECTED
+        rows.append(
+            HealthRow(
+                p.name,
+                p.component,
+                p.words or p.name,
+                p.shown_unit,
+                change,
+                kind if named else "steady",
+                probability,
+                *((best, low, high) if named else (0, 0, 0)),
+                current.stretches[best - 1].window.flight if named else "",
+                rate if named and kind == "deterioration" else Estimate(),
+            )
+        )
+    return tuple(rows)
+
+
+def _estimate(mean: float, error: float, unit: float) -> Estimate:
+    half = NORMAL_95 * error
+    return Estimate(float(unit * mean), float(unit * (mean - half)), float(unit * (mean + half)))
+
+
+def _by_flight(
+    found: _Judged, used: Consumption, settings: FleetSettings, current: EngineHistory, earlier: int
+) -> tuple[FlightRow, ...]:
+    highest = np.maximum.accumulate(np.maximum(found.path.log_e, 0.0))
+    rows = []
+    for k, number in enumerate(found.flights.number):
+        window, p = current.stretches[number].window, float(np.exp(-highest[k]))
+        verdict = "baseline" if k < found.flights.baseline else CHANGED if p <= settings.false_alarm else HEALTHY
+        rows.append(
+            FlightRow(
+                int(number) + 1 + earlier,
+                window.flight,
+                window.records,
+                float(found.path.log_e[k] / np.log(10)),
+                p,
+                verdict,
+                float(used.by_flight[k]),
+                float(used.error[k]),
+            )
+        )
+    return tuple(rows)
+
+
+def _state(found: _Judged) -> State:
+    """The last flights against the baseline, the conditions of both taken out."""
+    flights, c = found.flights, found.course
+    last = flights.weight * (np.arange(len(flights)) >= max(len(flights) - LAST, flights.baseline))
+    w = last**2 / np.sum(last**2)
+    off = w @ (flights.z - c.level - of_conditions(flights, c))
+    before = np.sum(flights.weight[: flights.baseline] ** 2)
+    share = np.sum(w**2 / flights.weight**2) + 1 / max(before, 1.0)
+    names = tuple(p.name for p in flights.described)
+    return State(names, flights.readings.D, off, share * c.scatter, flights.J.mean(axis=0))
+
+
+def _events(found: _Judged, used: Consumption, history: EngineHistory, earlier: int) -> tuple[EventRow, ...]:
+    c, flights = found.course, found.flights
+    rows: list[EventRow] = []
+    for event in history.events:
+        number = event_number(event, history)
+        if event not in flights.events:
+            whole = not event.component and event.kind != "wash"
+            reason = (
+                "no flight is after it"
+                if number >= len(history.stretches)
+                else "the engine is another one since"
+                if whole and number == earlier
+                else "it was before the engine was renewed"
+                if number < earlier
+                else "no flight is before it"
+            )
+            rows.append(EventRow(event, number + 1 if number < len(history.stretches) else 0, {}, reason=reason))
+            continue
+        T = c.of_event(flights.events.index(event))
+        mean, covariance = c.told(T)
+        touched = np.flatnonzero(np.abs(T).sum(axis=1))
+        gains = {
+            flights.described[c.parameters[k]].name: _estimate(mean[k], np.sqrt(covariance[k, k]), c.unit[k])
+            for k in touched
+        }
+        recovered = Estimate()
+        if used.margin.column:
+            value, variance = float(used.slope @ mean), float(used.slope @ covariance @ used.slope)
+            recovered = _estimate(-value, np.sqrt(variance), 1.0)
+        rows.append(EventRow(event, number + 1, gains, recovered))
+    return tuple(rows)

@@ -1,0 +1,68 @@
+"""The events of an engine that stands out, by the judgement that `trend` makes of a series."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from enginediag_cli.detection.trend_of_files import Series
+from enginediag_cli.fleet_judgement.finding import Estimate, FleetSettings, HealthRow
+from enginediag_cli.fleet_judgement.history import EngineHistory
+from enginediag_cli.fleet_judgement.rows import Flights
+from enginediag_cli.isolation.over_time import TrendOptions, judge_series
+from enginediag_cli.isolation.story import Story
+
+EPOCHS = 40
+"""Epochs that are judged at once: work grows with their third power."""
+
+
+def thoroughly(
+    health: Sequence[HealthRow], flights: Flights, series: Series, settings: FleetSettings, history: EngineHistory
+) -> tuple[HealthRow, ...]:
+    """The rows with kind, onset and probability as isolated; steps at maintenance are conditions like the weather, so
+    that what is told grew or came between events."""
+    readings = flights.readings
+    if flights.steps.shape[1]:
+        centred = flights.steps - flights.steps.mean(axis=0)
+        columns = centred / centred.std(axis=0)
+        readings = replace(readings, weather=np.concatenate([readings.weather, columns], axis=1))
+    options = TrendOptions(
+        healthy=history.baseline, sensors=settings.sensors, generic=settings.generic, governed=series.governed
+    )
+    story = judge_series(readings.joined(EPOCHS), series.known, options)
+    return tuple(_told(row, story, history) for row in health)
+
+
+def _told(row: HealthRow, story: Story, history: EngineHistory) -> HealthRow:
+    told = replace(
+        row,
+        kind="steady",
+        probability=story.inclusion.get(row.component, 0.0) if not story.events else 0.0,
+        onset=0,
+        onset_low=0,
+        onset_high=0,
+        onset_flight="",
+        rate_per_flight=Estimate(),
+    )
+    for event in story.events:
+        for member in event.members:
+            if row.parameter not in member.parameters:
+                continue
+            chance = event.probability * member.probability * member.inclusion[member.parameters.index(row.parameter)]
+            if chance > told.probability:
+                told = replace(
+                    told,
+                    kind=event.kind,
+                    probability=chance,
+                    onset=event.onset,
+                    onset_low=event.low,
+                    onset_high=event.high,
+                    onset_flight=history.stretches[event.onset - 1].window.flight,
+                )
+    if told.kind == "deterioration":
+        span = max(story.flights - told.onset, 1)
+        c = told.change
+        told = replace(told, rate_per_flight=Estimate(c.value / span, c.low / span, c.high / span))
+    return told

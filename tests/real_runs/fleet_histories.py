@@ -1,0 +1,34 @@
+"""The flights of a fleet of C-MAPSS as histories, one per engine, from a nominal file and a recording."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+from ground_recordings import CONFIGS
+
+from enginediag_cli.detection.trend_of_files import Series, series_of
+from enginediag_cli.fleet_judgement.history import EngineHistory
+from enginediag_cli.intake.baseline import open_baseline
+from enginediag_cli.intake.intake import Intake
+from enginediag_cli.intake.source import Source
+from enginediag_cli.intake.wanted import columns_of
+from enginediag_cli.residuals.files import JudgedFiles, Judging
+from enginediag_cli.residuals.monitor import monitor_of
+from enginediag_cli.residuals.series_monitor import trusting_no_input
+from enginediag_cli.residuals.windows import WindowPlan
+
+RECORDER = CONFIGS / "recorders" / "cmapss.yaml"
+
+
+def fleet_series(nominal: Path, recording: Path) -> Series:
+    """The flights of every engine, one record each, as `enginediag trend` reads them."""
+    monitor = replace(trusting_no_input(monitor_of(open_baseline(nominal), sensors=True)), slopes=None)
+    intake = Intake(Source((str(recording),), str(RECORDER)), columns_of(monitor.engine, monitor.sensors))
+    files = JudgedFiles(intake, monitor, Judging(WindowPlan(1, 1, whole_flights=True)), series=True)
+    return series_of(files, of_readings=True)
+
+
+def histories(series: Series, baseline: int = 20) -> list[EngineHistory]:
+    """One per engine, with its first flights as baseline."""
+    return [EngineHistory(serial, "", stretches, baseline) for serial, stretches in series.stretches.items()]
