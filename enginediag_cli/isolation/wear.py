@@ -51,28 +51,43 @@ def log_wear(score: Score, masks: np.ndarray, logs: np.ndarray, prior: SetPrior)
 
 
 def wear_factors(
-    score: Score, masks: np.ndarray, signs: np.ndarray, prior: SetPrior, moved: np.ndarray | None = None
+    score: Score,
+    masks: np.ndarray,
+    signs: np.ndarray,
+    prior: SetPrior,
+    moved: np.ndarray | None = None,
+    of: np.ndarray | None = None,
 ) -> np.ndarray:
-    """Factor (w,) by which the signs (p,) of wear change the marginal likelihood of each set (w, p) bool. moved (w, p):
-    what is added to the score, in widths of the prior, for each set its own."""
+    """Factor (w,) by which the signs (p,) of wear change the marginal likelihood of each set (w, p) bool.
+
+    moved (r, p): what is added to the score, in widths of the prior, and of (r,): to which of the sets; the factors are
+    then (r,), one for each.
+    """
     b, information = prior.scaled(score)
     slabs = np.asarray(prior.slabs, float)[:, None]
-    factors = np.ones(len(masks))
+    which = np.arange(len(masks)) if of is None else of
+    pulls = np.broadcast_to(b, masks.shape) if moved is None else b + moved
+    factors = np.ones(len(which))
     sizes, signed = masks.sum(axis=1), (masks & (signs != 0)).sum(axis=1)
     for size in np.unique(sizes[signed > 0]):
         rows = np.flatnonzero((sizes == size) & (signed > 0))
         sets = np.nonzero(masks[rows])[1].reshape(len(rows), size)
         sets = np.take_along_axis(sets, np.argsort(signs[sets] == 0, axis=1, kind="stable"), 1)  # signed ones first
         A = np.eye(size) + slabs[..., None, None] ** 2 * information[sets[:, :, None], sets[:, None, :]]
-        pull = b[sets] if moved is None else b[sets] + np.take_along_axis(moved[rows], sets, 1)
-        right = slabs[..., None] * pull
         covariance = np.linalg.inv(A)
+        log_det = 0.5 * np.linalg.slogdet(covariance)[1]
+        place = np.full(len(masks), -1)
+        place[rows] = np.arange(len(rows))
+        told = np.flatnonzero(place[which] >= 0)
+        at = place[which[told]]
+        members, covariance = sets[at], covariance[:, at]
+        right = slabs[..., None] * np.take_along_axis(pulls[told], members, 1)
         mean = np.einsum("wsij,wsj->wsi", covariance, right)
-        log = 0.5 * np.sum(mean * right, axis=2) + 0.5 * np.linalg.slogdet(covariance)[1]
+        log = 0.5 * np.sum(mean * right, axis=2) + log_det[:, at]
         share = np.exp(log - np.logaddexp.reduce(log, axis=0))
-        way = np.broadcast_to(signs[sets], mean.shape).reshape(-1, size)
+        way = np.broadcast_to(signs[members], mean.shape).reshape(-1, size)
         each = _expected(mean.reshape(-1, size), covariance.reshape(-1, size, size), way, prior.rises)
-        factors[rows] = np.sum(share * each.reshape(share.shape), axis=0)
+        factors[told] = np.sum(share * each.reshape(share.shape), axis=0)
     return factors
 
 

@@ -95,6 +95,25 @@ def test_a_bias_is_told_in_the_sensors_own_words(isolate):
     assert "T3 sensor reads 5" in isolate("T3")[2]
 
 
+def test_json_says_what_would_flip_the_answer_and_what_restoring_brings_and_csv_when_asked(isolate, folder, capsys):
+    _, rows, err = isolate("hpc")
+    flips = rows[0]["flips"]
+    assert [f["times"] for f in flips] == sorted(f["times"] for f in flips)
+    assert {f["kind"] for f in flips} == {"map", "sensor", "input", "prior"}
+    assert f"{flips[0]['words']};" in f"{rows[0]['flips_told']};" and rows[0]["flips_told"] in err
+    (module,) = rows[0]["work_scope"]["modules"]
+    assert module["module"] == "hpc" and 0 < module["temperature_low"] < module["temperature_high"]
+    assert "restoring the HPC would lower T45 by" in err
+    assert (
+        isolate("hpc", "--by", "component")[1][0]["flips"] and isolate("hpc", "--no-flips")[1][0].get("flips") is None
+    )
+    words = ["isolate", "-n", str(folder / "nominal.yaml"), str(folder / "hpc.csv"), "--no-header", "-f", "csv", "-q"]
+    main(words)
+    plain = capsys.readouterr().out.splitlines()[0].split(",")
+    main([*words, "--flips", "--work-scope"])
+    assert capsys.readouterr().out.splitlines()[0].split(",") == [*plain, "flips", "work_scope"]
+
+
 def test_fouling_is_named_with_its_severity_out_of_the_catalogue(isolate):
     files = [
         word

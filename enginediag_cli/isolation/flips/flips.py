@@ -24,7 +24,7 @@ from enginediag_cli.residuals.score import Score
 
 MOST = 20.0
 """Standard deviations, as stated, up to which errors are tried: what takes more is no error but another instrument."""
-LEADING = 400
+LEADING = 150
 """Sets, likeliest first, that are followed along the lines; beside them all that differ from the answer by two
 members."""
 
@@ -70,7 +70,8 @@ def flips_of_parameters(belief: Belief, errors: Sequence[SingleError], most: flo
     kept = np.isfinite(possible) & (masks.sum(axis=1) <= posterior.largest)
     kept[0] = True
     masks, reported, possible = masks[kept], reported[kept], possible[kept]
-    lines = Lines(belief, masks, possible, _lines(errors, len(belief.score.parameters)), reported)
+    along = _lines(errors, len(belief.score.parameters))
+    lines = Lines(belief, masks, possible, along, reported, leader_only=True)
 
     def likeliest(line: np.ndarray, logs: np.ndarray) -> np.ndarray:
         return np.asarray(logs.argmax(axis=1))

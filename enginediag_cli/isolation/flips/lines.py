@@ -40,8 +40,16 @@ class Lines:
     were found, NaN of what was not, the first being known."""
 
     def __init__(
-        self, belief: Belief, masks: np.ndarray, log_prior: np.ndarray, lines: np.ndarray, reported: np.ndarray
+        self,
+        belief: Belief,
+        masks: np.ndarray,
+        log_prior: np.ndarray,
+        lines: np.ndarray,
+        reported: np.ndarray,
+        *,
+        leader_only: bool = False,
     ):
+        self.leader_only = leader_only
         self.masks, self._prior = masks, belief.prior
         own = np.array([mask.tobytes() in belief.about for mask in masks], bool)
         groups = [(np.flatnonzero(~own), belief.score)]
@@ -108,7 +116,9 @@ class Lines:
             at = np.flatnonzero(group_of[sets] == g)
             if at.size:
                 moved = sizes[at, None] * group.moves[lines[at]]
-                found[at] = np.log(wear_factors(group.score, self.masks[sets[at]], self._signs, self._prior, moved))
+                own, of = np.unique(sets[at], return_inverse=True)
+                factors = wear_factors(group.score, self.masks[own], self._signs, self._prior, moved, of)
+                found[at] = np.log(factors)
         return found
 
     def at(self, line: Sequence[int] | np.ndarray, a: np.ndarray) -> np.ndarray:
@@ -118,9 +128,14 @@ class Lines:
         if not self._signs.any():
             return logs
         ceiling = logs + self._most * self._signed
-        n, k = np.nonzero((ceiling > ceiling.max(axis=1, keepdims=True) + np.log(FAINT)) & (self._signed > 0))
+        least = ceiling.max(axis=1, keepdims=True) + np.log(FAINT)
+        if self.leader_only:  # no set that stays behind the one with the highest ceiling can lead
+            top = ceiling.argmax(axis=1)
+            rows = np.arange(len(line))
+            least = np.maximum(least, (logs[rows, top] + self._wear_of(top, line, a))[:, None] - 1e-9)
+        n, k = np.nonzero((ceiling > least) & (self._signed > 0))
         logs[n, k] += self._wear_of(k, line[n], a[n])
-        return logs
+        return np.where(ceiling > least, logs, -np.inf) if self.leader_only else logs
 
     @property
     def standard_errors(self) -> np.ndarray:
