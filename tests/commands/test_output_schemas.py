@@ -140,7 +140,7 @@ cases: [{name: strong, repetitions: 4, changes: {compressor.efficiency: -0.03}}]
 """
 
 
-TAKE_LONG = ("locate/per-record", "study/counts", "study/reliability")
+TAKE_LONG = ("locate", "locate/per-record", "study", "study/counts", "study/reliability")
 
 
 @pytest.mark.parametrize("name", [pytest.param(n, marks=[pytest.mark.slow] * (n in TAKE_LONG)) for n in COMMANDS])
