@@ -21,7 +21,8 @@ TOLD = 2
 """Sensors named at most: the best, and one to choose instead."""
 RECORDS = 8
 """Operating points of a window at which the sensors are tried: sensitivities hardly vary more within one."""
-ACCURACY = {"temperature": 0.002, "pressure": 0.003, "rotational speed": 0.001}
+SPEED = "rotational speed"
+ACCURACY = {"temperature": 0.002, "pressure": 0.003, SPEED: 0.001}
 """Standard deviation of one reading as a share of it: 1 K at 500 K, and what transducers and tachometers do."""
 HOTTEST_K = 1300.0
 """Above it no probe is kept in an engine."""
@@ -64,7 +65,10 @@ def _possible(engine: Any, used: tuple[str, ...]) -> tuple[str, ...]:
     """Other columns of the model that an instrument could read."""
     given = {*used, *engine.sensors, *engine.inputs, *engine.optional_inputs}
     columns = getattr(engine, "model_columns", ())
-    return tuple(dict.fromkeys(c for c in columns if c not in given and _dimension(c) in ACCURACY))
+    # of rotational speeds instruments read those of shafts; corrected ones are made of them
+    speeds = getattr(getattr(engine, "network", None), "speed_columns", ())
+    read = (c for c in columns if _dimension(c) != SPEED or c in speeds)
+    return tuple(dict.fromkeys(c for c in read if c not in given and _dimension(c) in ACCURACY))
 
 
 def _noise(engine: Any, column: str, readings: np.ndarray) -> float:

@@ -17,6 +17,8 @@ if TYPE_CHECKING:
 
 TOLD = 3
 """Flips told in a sentence, the nearest first; rows have all."""
+LARGE = 0.2
+"""Share of a reading that is not told any more: of a temperature's or a height's deviation it means nothing."""
 MANY = 1e6
 """Odds from which only their order of magnitude is told."""
 
@@ -69,14 +71,17 @@ def _condition(flip: Flip, words: Words) -> str:
     size = with_unit(abs(flip.size), flip.unit, digits=2)
     if flip.kind == MAP:
         (name,) = words([error.what])
-        by = {ACCURACY: "what training leaves open", STATED: "its stated accuracy"}.get(error.origin, "a usual change")
+        by = {ACCURACY: "what training leaves open", STATED: "its stated accuracy"}.get(
+            error.origin, f"a {error.origin}"
+        )
         where = " where this was flown" if error.origin != STATED else ""
         return f"the map of {name} were wrong by {size}{where} ({times} {by})"
     (name,) = words([error.what])
     channel = split_column(error.column)[0] if error.column else name
     of_it = ""
-    if flip.unit != "%" and isfinite(error.reading) and error.reading:
-        of_it = f"{rounded(abs(100 * flip.size / error.reading), digits=2)} % of it; "
+    share = abs(flip.size / error.reading) if error.reading else float("nan")
+    if flip.unit != "%" and isfinite(share) and share < LARGE:
+        of_it = f"{rounded(100 * share, digits=2)} % of it; "
     way = "higher" if flip.size > 0 else "lower"
     whose = "its" if error.origin == SPREAD else "a"
     what = f"the input {channel}" if flip.kind == INPUT else channel

@@ -269,7 +269,7 @@ def run(engines: int, recordings: int, seed: int) -> Tally:
         (folder / "engine.yaml").write_text(stated, encoding="utf-8")
         for k in range(engines):
             one_engine(folder, seed + k, recordings, tally)
-            print(f"engine {k + 1} of {engines}", file=sys.stderr)
+            print(f"engine {k + 1} of {engines}", *tally.told(), sep="\n", file=sys.stderr)
     return tally
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 from pathlib import Path
 
@@ -11,6 +12,7 @@ from known_engine import climb, recorded, write_known
 from scipy.optimize import brentq
 from score_makers import linear_score, sensitivities
 
+from enginediag_cli.__main__ import main
 from enginediag_cli.detection.trend_of_files import series_of
 from enginediag_cli.intake.baseline import open_baseline
 from enginediag_cli.intake.intake import Intake
@@ -126,7 +128,7 @@ def test_the_score_of_a_difference_estimates_the_difference_of_the_estimates() -
     assert np.linalg.inv(found.information) == pytest.approx(variance, rel=1e-6)
 
 
-def test_what_a_wash_did_bring_is_told_by_the_flights_next_to_it(engine, tmp_path: Path) -> None:
+def test_what_a_wash_did_bring_is_told_by_the_flights_next_to_it(engine, tmp_path: Path, capsys) -> None:
     """Healthy flights, fouled ones, washed ones: the healthy ones are no level before the wash."""
     path, rng = CONFIGS / "turbofan.yaml", np.random.default_rng(6)
     inputs = climb(engine, 40)
@@ -157,3 +159,13 @@ def test_what_a_wash_did_bring_is_told_by_the_flights_next_to_it(engine, tmp_pat
         assert abs(gain.value - true) < 3 * gain.deviation < 0.5 * true
     told = maintenance_sentence(found, series.known, reference)
     assert told.startswith("it lowered T45 by") and "3 flights before against 3 after" in told
+
+    words = ["trend", "-n", str(tmp_path / "nominal.yaml"), str(tmp_path / "series.csv"), "-f", "json"]
+    assert main([*words, "--event", "6"]) == 0
+    out, err = capsys.readouterr()
+    *others, last = json.loads(out)
+    assert last["kind"] == "maintenance" and last.keys() == others[0].keys() and last["onset"] == 6
+    assert last["work_scope"]["temperature_gain"] == pytest.approx(found.gain.temperature.value)
+    assert f"maintenance before flight 6: {told}" in err
+    assert main([*words, "--event", "nine"]) == 2 and "has no flight 'nine'" in capsys.readouterr().err
+    assert main(["trend", str(tmp_path / "series.csv"), "--event", "6"]) == 2

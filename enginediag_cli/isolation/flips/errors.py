@@ -27,6 +27,7 @@ SPREAD = "spread between recordings"
 ACCURACY = "left open by training"
 STATED = "stated accuracy"
 PLAUSIBLE = "plausible error"
+CHANGE = "plausible change"
 PERCENT = 100.0
 """Per cent in one."""
 
@@ -67,7 +68,7 @@ def single_errors(
         kind = SENSOR if p.of_sensor else INPUT if p.of_instrument else MAP
         if kind == MAP and p.quantity not in QUANTITIES:
             continue
-        own = stated.get(p.name) or Stated(float(score.prior_sigma[i]), PLAUSIBLE)
+        own = stated.get(p.name) or Stated(float(score.prior_sigma[i]), CHANGE if kind == MAP else PLAUSIBLE)
         share = p.unit in ("", "1") and (kind == MAP or p.quantity == "scale")
         scale = (abs(float(score.theta0[i])) or 1.0) / PERCENT if share else 1.0
         column = columns.get(p.name, "")
