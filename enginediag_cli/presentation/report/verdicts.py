@@ -140,6 +140,8 @@ def _surely(engine: EngineEvidence) -> str:
         row = max(changed, key=lambda r: r.number("probability"))
         flights = count(row.count("flights"), "flight")
         told.append(f"probability {probability(row.number('probability'))} by the trend over {flights}")
+    elif engine.of(kinds.TREND) and engine.of(kinds.TREND)[0].text("verdict") == "steady":
+        told.append(f"the trend over {count(engine.of(kinds.TREND)[0].count('flights'), 'flight')} shows no change")
     windows = [rows[0] for rows in engine.isolated if not math.isnan(rows[0].number("probability"))]
     if windows:
         head = windows[-1]
@@ -152,7 +154,8 @@ def _surely(engine: EngineEvidence) -> str:
         alarms = sum(row.text("verdict") == "fault" for row in detected)
         silent = sum(row.text("verdict") == "no verdict" for row in detected)
         without = f", {silent} without verdict" if silent else ""
-        told.append(f"{alarms} of {count(len(detected), 'window')} alarm{without}")
+        quiet = " but not the last" if changed and detected[-1].text("verdict") == "healthy" else ""
+        told.append(f"{alarms} of {count(len(detected), 'window')} alarm{quiet}{without}")
     return "; ".join(told)
 
 

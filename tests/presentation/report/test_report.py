@@ -197,3 +197,10 @@ def test_a_fleet_begins_with_how_many_changed_the_bound_and_where_to_begin(tmp_p
 
 def test_a_thousand_engines_stay_a_page_that_can_be_mailed(tmp_path) -> None:
     assert len(report(tmp_path, fleet(tmp_path, 1000, 5)).encode()) < LIMIT - 1_400_000
+
+
+def test_recordings_of_no_named_engine_are_told_to_be_taken_for_one(tmp_path) -> None:
+    text = detected(tmp_path).read_text()
+    (tmp_path / "other.csv").write_text(text.replace("flights.csv", "more.csv"))
+    page = report(tmp_path, tmp_path / "d.csv", tmp_path / "other.csv")
+    assert "flights.csv and more.csv name no engine" in page
