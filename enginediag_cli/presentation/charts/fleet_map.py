@@ -16,8 +16,8 @@ FULL = 8.0
 
 def fleet_map(key: str, engines: Sequence[EngineFound]) -> Chart:
     """Change of each parameter in its standard errors; empty where it is not known."""
-    shown = [e for e in engines if any(math.isfinite(h.change.value) for h in e.health)][:MOST]
-    names = list(dict.fromkeys(h.words for e in shown for h in e.health if math.isfinite(h.change.value)))
+    shown = [e for e in engines if any(math.isfinite(_score(h)) for h in e.health)][:MOST]
+    names = list(dict.fromkeys(h.words for e in shown for h in e.health if math.isfinite(_score(h))))
     x, y, value, words, rows = [], [], [], [], []
     origins: list[Origin] = []
     for line, engine in enumerate(shown):
