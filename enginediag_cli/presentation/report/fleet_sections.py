@@ -109,8 +109,8 @@ def fleet_section(result: Result, engines: Sequence[EngineFound], key: str) -> S
     blocks += _glance(engines)
     if any(math.isfinite(e.severity.value) for e in engines):
         blocks.append(fleet_ranking(f"{key}-ranking", engines))
-    if any(math.isfinite(h.change.value) for e in engines for h in e.health):
-        blocks.append(fleet_map(f"{key}-map", engines))
+    heat = fleet_map(f"{key}-map", engines)
+    blocks += [heat] if heat is not None else []
     blocks += _common(document.get("common") or ())
     blocks += _left_out(document.get("left_out") or ())
     inner = [_engine(e, f"{key}-{k}") for k, e in enumerate(engines[:IN_FULL])]

@@ -62,7 +62,11 @@ def _by_trend(engine: EngineEvidence, evidence: Evidence) -> _Found | None:
             [row.text("parameter") for row in suspects],
         )
     if rows and rows[0].text("verdict") == CANNOT_TELL:
-        return State.CANNOT_TELL, "Whether anything changed over these flights cannot be told from their scatter.", []
+        alone = _by_isolation(engine, evidence)
+        scatter = "Whether anything changed over these flights cannot be told from their scatter."
+        if alone is None or alone[0] is not State.CHANGED:
+            return State.CANNOT_TELL, scatter, []
+        return State.CANNOT_TELL, f"{scatter} The last window by itself: {alone[1]}", alone[2]
     return None
 
 
