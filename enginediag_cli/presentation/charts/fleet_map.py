@@ -14,10 +14,12 @@ FULL = 8.0
 """Standard errors at which a cell is darkest."""
 
 
-def fleet_map(key: str, engines: Sequence[EngineFound]) -> Chart:
-    """Change of each parameter in its standard errors; empty where it is not known."""
-    shown = [e for e in engines if any(math.isfinite(h.change.value) for h in e.health)][:MOST]
-    names = list(dict.fromkeys(h.words for e in shown for h in e.health if math.isfinite(h.change.value)))
+def fleet_map(key: str, engines: Sequence[EngineFound]) -> Chart | None:
+    """Change of each parameter in its standard errors; empty where it is not known, None where no engine tells."""
+    shown = [e for e in engines if any(math.isfinite(_score(h)) for h in e.health)][:MOST]
+    names = list(dict.fromkeys(h.words for e in shown for h in e.health if math.isfinite(_score(h))))
+    if not shown:
+        return None
     x, y, value, words, rows = [], [], [], [], []
     origins: list[Origin] = []
     for line, engine in enumerate(shown):

@@ -50,8 +50,7 @@ def computed(question: Question, given: Sequence[Result]) -> tuple[Evidence, lis
     evidence = evidence_of(given, question.suspicious.meaning)
     for kind, found in rows.items():
         for row in found:
-            mine = evidence.engines.setdefault(row.text("engine"), EngineEvidence(row.text("engine")))
-            mine.rows.setdefault(kind, []).append(row)
+            evidence.add(kind, row, "what is judged here")
     for window in windows:
         mine = evidence.engines.setdefault(window.engine, EngineEvidence(window.engine))
         mine.windows.append((window, _place(window)))

@@ -34,11 +34,27 @@ from enginediag_cli.units import split_column
 
 def engine_section(engine: EngineEvidence, evidence: Evidence, key: str) -> Section:
     """All there is of one engine."""
-    blocks = [*_health(engine, evidence, key), *_fingerprint(engine, evidence, key), *_detection(engine, key)]
+    blocks = [
+        *_one_engine(engine),
+        *_health(engine, evidence, key),
+        *_fingerprint(engine, evidence, key),
+        *_detection(engine, key),
+    ]
     blocks += [*_answers(engine, evidence), *_records(engine, evidence, key)]
     if not blocks:
         blocks = [Words("These results hold nothing of this engine that is drawn.", quiet=True)]
     return Section(key, f"Engine {engine.engine}" if engine.engine else "The engine", blocks)
+
+
+def _one_engine(engine: EngineEvidence) -> Iterator[Block]:
+    """That several recordings without an engine's name were taken for one engine."""
+    rows = [row for rows in engine.rows.values() for row in rows]
+    sources = dict.fromkeys(source for row in rows if (source := row.text("source")))
+    if not engine.engine and len(sources) > 1:
+        yield Words(
+            f"The recordings {listed(list(sources))} name no engine: they are taken for flights of one, in this order. "
+            "Are they of several, make a report of each, or give recordings a column `engine`."
+        )
 
 
 def _health(engine: EngineEvidence, evidence: Evidence, key: str) -> Iterator[Block]:

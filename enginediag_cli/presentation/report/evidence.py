@@ -45,8 +45,25 @@ class Evidence:
     engines: dict[str, EngineEvidence]
     known: dict[str, Parameter]
 
+    _told: dict[tuple[str, ...], str] = field(default_factory=dict, repr=False)
+
+    def add(self, kind: Kind, row: Row, by: str) -> None:
+        """Take a row over; by: the file, or what else, that tells it. Raises DataError where another one tells the
+        same window or parameter, which would count twice."""
+        engine = row.text("engine")
+        place = (kind.name, engine, *(row.text(name) for name in PLACE))
+        before = self._told.setdefault(place, by)
+        if before != by:
+            of = f"engine {engine}" if engine else "an engine without a name"
+            raise DataError(f"{before} and {by} both tell {kind.name} of the same part of {of}: give one of them")
+        self.engines.setdefault(engine, EngineEvidence(engine)).rows.setdefault(kind, []).append(row)
+
     def documents(self, kind: Kind) -> list[Result]:
         return [result for result in self.results if result.kind is kind]
+
+
+PLACE = ("source", "flight", "first_line", "last_line", "parameter", "components", "block")
+"""Cells that say of which window or parameter a row is, as far as it has them."""
 
 
 def evidence_of(results: Sequence[Result], known: Mapping[str, Parameter] | None = None) -> Evidence:
@@ -60,8 +77,7 @@ def evidence_of(results: Sequence[Result], known: Mapping[str, Parameter] | None
             _records(found, result)
             continue
         for row in result.rows if result.kind is not kinds.LOCATED else ():
-            engine = row.text("engine")
-            found.engines.setdefault(engine, EngineEvidence(engine)).rows.setdefault(result.kind, []).append(row)
+            found.add(result.kind, row, result.name)
         if result.kind is kinds.STATISTICS:
             first = next(k for k, line in enumerate(result.lines) if not line.startswith("#")) + 2
             for number, (window, meaning) in enumerate(read_statistics(result.lines, result.name, ledger)):

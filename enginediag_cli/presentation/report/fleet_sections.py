@@ -49,14 +49,13 @@ GLANCE = (
     Column("since"),
     Column("how surely"),
     Column("flights left"),
-    Column("what to do next"),
 )
 
 
 def _glance(engines: Sequence[EngineFound]) -> Iterator[Block]:
     """Every engine that changed or could not be judged, worst first."""
     told = [e for e in engines if e.verdict != "healthy"]
-    rows = [(e.serial, _what(e), _since(e), _surely(e), _left(e.margin.remaining_flights), _step(e)) for e in told]
+    rows = [(e.serial, _what(e), _since(e), _surely(e), _left(e.margin.remaining_flights)) for e in told]
     if rows:
         yield Tabled("Engines that need a look", Table(GLANCE, rows, [e.origin for e in told]))
 
@@ -108,8 +107,10 @@ def fleet_section(result: Result, engines: Sequence[EngineFound], key: str) -> S
     document = result.document
     blocks: list[Block] = []
     blocks += _glance(engines)
-    if engines:
-        blocks += [fleet_ranking(f"{key}-ranking", engines), fleet_map(f"{key}-map", engines)]
+    if any(math.isfinite(e.severity.value) for e in engines):
+        blocks.append(fleet_ranking(f"{key}-ranking", engines))
+    heat = fleet_map(f"{key}-map", engines)
+    blocks += [heat] if heat is not None else []
     blocks += _common(document.get("common") or ())
     blocks += _left_out(document.get("left_out") or ())
     inner = [_engine(e, f"{key}-{k}") for k, e in enumerate(engines[:IN_FULL])]

@@ -34,6 +34,8 @@ CLASSES = {
 }
 MOST_CARDS = 12
 """Engines with a first screen of their own; of more the table of all comes first."""
+MOST_OPEN = 20
+"""Rows of a table that are all shown; more are scrolled."""
 LONG = 60
 """Letters from which a cell may be broken into lines."""
 
@@ -121,7 +123,7 @@ def _tabled(block: Tabled) -> Iterator[str]:
         yield from _table(block.table, block.title, open_=False)
         yield "</details>\n"
     else:
-        yield from _table(block.table, block.title, open_=True)
+        yield from _table(block.table, block.title, open_=len(block.table.rows) <= MOST_OPEN)
 
 
 def _chart(chart: Chart, plot: Any) -> Iterator[str]:
@@ -148,6 +150,7 @@ def _inert(text: str) -> str:
 
 def _table(table: Table, title: str, *, open_: bool) -> Iterator[str]:
     """With the line of each row's origin; the file is said once where there is one."""
+    table = _without_empty(table)
     files = list(dict.fromkeys(origin.file for origin in table.origins))
     numeric = [_is_numeric(column, [row[k] for row in table.rows]) for k, column in enumerate(table.columns)]
     head = "".join(
@@ -168,6 +171,14 @@ def _table(table: Table, title: str, *, open_: bool) -> Iterator[str]:
             cells += (f"<td>{said(origin.file)}" if len(files) > 1 else "") + f"<td>{said(origin.row)}"
         yield f"<tr>{cells}\n"
     yield "</tbody></table></div>"
+
+
+def _without_empty(table: Table) -> Table:
+    """Without the columns in which no row has anything."""
+    kept = [k for k in range(len(table.columns)) if not table.rows or any(shown(row[k]) for row in table.rows)]
+    if len(kept) == len(table.columns):
+        return table
+    return Table([table.columns[k] for k in kept], [[row[k] for k in kept] for row in table.rows], table.origins)
 
 
 def _cell(value: Value, numeric: bool) -> str:

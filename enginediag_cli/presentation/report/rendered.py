@@ -22,4 +22,4 @@ def rendered(page: Page, static: bool = False) -> str:
     """The text of the file."""
     if static or not available():
         return html(page, [page_script()])
-    return html(page, [script(), page_script()], {chart.key: plot(chart) for chart in page.charts()})
+    return html(page, [script(), page_script()], {chart.key: plot(chart) for chart in page.charts() if chart.layers})

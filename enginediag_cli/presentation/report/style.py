@@ -64,7 +64,7 @@ h1{font-size:1.3rem}}
 body{font-size:10.5pt}nav,.skip,.find,.live{display:none!important}.drawn{display:block!important;overflow:visible}
 figure,.lead{break-inside:avoid}h2,h3{break-after:avoid}details:not([open]){display:none}
 .drawn svg{min-width:0;max-width:100%}.scroll{max-height:none;overflow:visible;border:0}
-th{position:static}td,th{white-space:normal}a{text-decoration:none}}
+th{position:static}td,th{white-space:normal}td.w{min-width:0}.lead>a{display:none}a{text-decoration:none}}
 """
 
 

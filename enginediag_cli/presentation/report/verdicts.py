@@ -62,7 +62,11 @@ def _by_trend(engine: EngineEvidence, evidence: Evidence) -> _Found | None:
             [row.text("parameter") for row in suspects],
         )
     if rows and rows[0].text("verdict") == CANNOT_TELL:
-        return State.CANNOT_TELL, "Whether anything changed over these flights cannot be told from their scatter.", []
+        alone = _by_isolation(engine, evidence)
+        scatter = "Whether anything changed over these flights cannot be told from their scatter."
+        if alone is None or alone[0] is not State.CHANGED:
+            return State.CANNOT_TELL, scatter, []
+        return State.CANNOT_TELL, f"{scatter} The last window by itself: {alone[1]}", alone[2]
     return None
 
 
@@ -140,6 +144,8 @@ def _surely(engine: EngineEvidence) -> str:
         row = max(changed, key=lambda r: r.number("probability"))
         flights = count(row.count("flights"), "flight")
         told.append(f"probability {probability(row.number('probability'))} by the trend over {flights}")
+    elif engine.of(kinds.TREND) and engine.of(kinds.TREND)[0].text("verdict") == "steady":
+        told.append(f"the trend over {count(engine.of(kinds.TREND)[0].count('flights'), 'flight')} shows no change")
     windows = [rows[0] for rows in engine.isolated if not math.isnan(rows[0].number("probability"))]
     if windows:
         head = windows[-1]
@@ -152,7 +158,8 @@ def _surely(engine: EngineEvidence) -> str:
         alarms = sum(row.text("verdict") == "fault" for row in detected)
         silent = sum(row.text("verdict") == "no verdict" for row in detected)
         without = f", {silent} without verdict" if silent else ""
-        told.append(f"{alarms} of {count(len(detected), 'window')} alarm{without}")
+        quiet = " but not the last" if changed and detected[-1].text("verdict") == "healthy" else ""
+        told.append(f"{alarms} of {count(len(detected), 'window')} alarm{quiet}{without}")
     return "; ".join(told)
 
 

@@ -135,7 +135,7 @@ def _seconds(browser: Browser, page: Path, times: str) -> float:
 
 
 def test_a_fleet_is_read_on_a_phone_in_the_dark(browser, tmp_path) -> None:
-    assert main(["report", str(fleet(tmp_path)), "-q", "-o", str(tmp_path / "fleet.html")]) == 0
+    assert main(["report", str(fleet(tmp_path, 3, 9)), "-q", "-o", str(tmp_path / "fleet.html")]) == 0
     browser.dark()
     opened(browser, tmp_path / "fleet.html", 390, 844, phone=True)
     assert browser.errors == []

@@ -143,7 +143,7 @@ def test_names_out_of_files_stay_text_wherever_they_stand(tmp_path, static) -> N
     "static", [True, pytest.param(False, marks=pytest.mark.skipif(not available(), reason="no bokeh"))]
 )
 def test_a_page_names_no_address_and_the_same_files_give_the_same_bytes(tmp_path, static) -> None:
-    files = [*engine_files(tmp_path), records(tmp_path), explained(tmp_path), refined(tmp_path), fleet(tmp_path)]
+    files = [*engine_files(tmp_path), records(tmp_path), explained(tmp_path), refined(tmp_path), fleet(tmp_path, 3, 9)]
     page = report(tmp_path, *files, static=static)
     assert page == report(tmp_path, *files, static=static)
     assert FETCHES.findall(page) == []
@@ -197,3 +197,19 @@ def test_a_fleet_begins_with_how_many_changed_the_bound_and_where_to_begin(tmp_p
 
 def test_a_thousand_engines_stay_a_page_that_can_be_mailed(tmp_path) -> None:
     assert len(report(tmp_path, fleet(tmp_path, 1000, 5)).encode()) < LIMIT - 1_400_000
+
+
+def test_recordings_of_no_named_engine_are_told_to_be_taken_for_one(tmp_path) -> None:
+    text = detected(tmp_path).read_text()
+    (tmp_path / "other.csv").write_text(text.replace("flights.csv", "more.csv"))
+    page = report(tmp_path, tmp_path / "d.csv", tmp_path / "other.csv")
+    assert "flights.csv and more.csv name no engine" in page
+
+
+def test_what_two_files_tell_of_the_same_windows_is_refused_and_not_counted_twice(tmp_path, capsys) -> None:
+    file = detected(tmp_path)
+    (tmp_path / "copy.csv").write_bytes(file.read_bytes())
+    assert main(["report", str(file), str(tmp_path / "copy.csv"), "-o", str(tmp_path / "p.html")]) == 2
+    assert (
+        "d.csv and copy.csv both tell verdicts of the same part of an engine without a name" in capsys.readouterr().err
+    )
