@@ -2,8 +2,8 @@
 
 A part is one matrix, a row for each window: counts and times, then the conditions flown, s, and the upper triangles of
 F and V; beside it stand texts, and what its windows share. `index.json`, the last member, says what there is: without
-it the file is not whole. Parts are written as they come, so that memory holds one of them, and read one by one. The same
-windows give the same bytes.
+it the file is not whole. Parts are written as they come, so that memory holds one of them, and read one by one. The
+same windows give the same bytes.
 """
 
 from __future__ import annotations
