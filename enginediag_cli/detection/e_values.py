@@ -23,7 +23,7 @@ has mean 1 exactly, for every B and Σ (M. F. Pérez-Ortiz, T. Lardy, R. de Heid
 1410–1432), and so has the mean E over directions, sizes, courses and onsets, all weighed beforehand, given the law in
 time; laws are averaged with the weights that the flights give them under the null hypothesis.
 
-A prior of Σ that is wide beside what is true of one engine will not do: with W⁻¹(Σ, m + 3) E has mean 1 over the engines
+A prior of Σ that is wide beside what is true of one engine will not do: with W⁻¹(Σ, m + 3) E has mean 1 over engines
 of that prior and 1.6 to 4 for engines that scatter as the prior's mean, of which one of four passes 10.
 """
 
