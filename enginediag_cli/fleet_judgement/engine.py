@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from enginediag_cli.detection.e_values import EPath, ScatterPrior, e_path
+from enginediag_cli.detection.e_values import EPath, e_path
 from enginediag_cli.detection.trend_of_files import FEWEST, Series
 from enginediag_cli.fleet_judgement.consumption import Consumption, consumption_of, of_conditions, severity_of
 from enginediag_cli.fleet_judgement.finding import (
@@ -68,7 +68,7 @@ def judged_engine(
     if len(flights) - flights.baseline < FEWEST:
         return replace(nothing, reason="too few flights tell of all readings")
     suspects, members = flights.suspects(settings.sensors)
-    path = e_path(flights.rows(), suspects, flights.baseline, ScatterPrior.stated(flights.noise))
+    path = e_path(flights.rows(), suspects, flights.baseline)
     chance = _chance(path.log_e[-1])
     included = _inclusion(path, members)
     wrong = [i for i, w in included.items() if flights.described[i].of_instrument and w * chance >= SUSPECTED]
