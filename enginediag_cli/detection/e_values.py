@@ -121,10 +121,10 @@ def _ladder(n: int, fine: int) -> np.ndarray:
     return np.array(found, int)
 
 
-def _courses(n: int, baseline: int) -> _Courses:
+def _courses(n: int, baseline: int, fine_steps: int = FINE_STEPS, fine_ramps: int = FINE_RAMPS) -> _Courses:
     i = np.arange(n) - baseline
     parts = []
-    for fine, ramp in ((FINE_STEPS, False), (FINE_RAMPS, True)):
+    for fine, ramp in ((fine_steps, False), (fine_ramps, True)):
         at = _ladder(max(n - baseline, 0), fine)
         after = i - at[:, None]
         g = np.clip(after + 1.0, 0.0, None) / RAMP if ramp else (after >= 0).astype(float)
@@ -166,6 +166,22 @@ def e_path(rows: Rows, suspects: Suspects, baseline: int, prior: ScatterPrior | 
     np.add.at(onset, among.onset, last)
     suspect = np.exp(np.logaddexp.reduce(along, axis=0) - of_null[-1] - total)
     return EPath(path, onset, float(last[among.ramp].sum()), suspect)
+
+
+def onset_law(rows: Rows, suspects: Suspects, baseline: int) -> np.ndarray:
+    """Probability (n,) that the change began with each flight, given that there is one, looked at flight by flight."""
+    n, m = rows.z.shape
+    if n <= max(baseline, m + 1):
+        return np.zeros(n)
+    among, last = _courses(n, baseline, n, n), np.array([n - 1])
+    logs = []
+    for share, length, chance in LAWS:
+        log_null, log_ratio, _ = _ratios(_Whitened.of(rows, among, share, length), among, suspects, None, last)
+        logs.append(log_ratio[0] + log_null[0] + np.log(chance))
+    log = np.logaddexp.reduce(logs, axis=0)
+    found = np.zeros(n)
+    np.add.at(found, among.onset, np.exp(log - np.logaddexp.reduce(log)))
+    return found
 
 
 @dataclass(frozen=True)

@@ -19,12 +19,13 @@ RECOVERED_K = 10.0
 """Standard deviation of what maintenance may bring of a margin, in K: washes bring up to as much."""
 
 
-def course_of(finding: EngineFinding, until: int | None = None) -> Course | None:
-    """Consumption over the flights of a finding up to number `until`; None where it is not known."""
-    rows = [r for r in finding.by_flight if np.isfinite(r.consumed_K) and (until is None or r.number <= until)]
+def course_of(finding: EngineFinding) -> Course | None:
+    """Consumption over the flights of a finding; None where it is not known."""
+    rows = [r for r in finding.by_flight if np.isfinite(r.consumed_K)]
     if len(rows) < 3:
         return None
-    begin = rows[0].number - 1  # of an engine that was renewed, flights count from there
+    # nothing has begun in the baseline, which of an engine that was renewed begins there
+    begin = rows[0].number - 1 + finding.baseline
     t = np.array([r.number - begin for r in rows], float)
     y, error = np.array([r.consumed_K for r in rows]), np.array([r.consumed_error_K for r in rows])
     events = [e.number - begin for e in finding.events if e.gains and rows[0].number < e.number <= rows[-1].number]

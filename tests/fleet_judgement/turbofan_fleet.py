@@ -16,7 +16,10 @@ from types import SimpleNamespace
 import numpy as np
 
 from enginediag_cli.detection.trend_of_files import Series, Stretch
+from enginediag_cli.fleet_judgement.engine import judged_engine
+from enginediag_cli.fleet_judgement.finding import EngineFinding, FleetSettings
 from enginediag_cli.fleet_judgement.history import EngineHistory, Event
+from enginediag_cli.fleet_judgement.margin import MarginScale, margin_scale
 from enginediag_cli.physics.engine_file import load_engine
 from enginediag_cli.residuals.monitor import Monitor
 from enginediag_cli.residuals.pipeline import WindowStatistics
@@ -130,4 +133,33 @@ def fault(rng: np.random.Generator, flights: int) -> np.ndarray:
     change = np.zeros((flights, len(names)))
     for quantity, s in zip(("efficiency", "flow_capacity"), size, strict=True):
         change[:, names.index(f"{component}.{quantity}")] = -s * course
+    return change
+
+
+QUICK = FleetSettings(thorough=False, limits_K={"T45_K": 1500.0})
+
+
+@lru_cache(maxsize=1)
+def known() -> Series:
+    """What the parameters are, with the engine."""
+    return series(engine=True)
+
+
+@lru_cache(maxsize=1)
+def scale() -> MarginScale:
+    """The margin of the engine."""
+    return margin_scale(known())
+
+
+def judged(history: EngineHistory, settings: FleetSettings = QUICK) -> EngineFinding:
+    """The finding of one engine of these fleets."""
+    return judged_engine(history, known(), settings, scale())
+
+
+def lost(flights: int, sizes: dict[str, float], course: np.ndarray) -> np.ndarray:
+    """Change (flights, p): parameters that have gone by `sizes`, in prior standard deviations, along a course."""
+    names = geometry().monitor.monitored
+    change = np.zeros((flights, len(names)))
+    for name, size in sizes.items():
+        change[:, names.index(name)] = size * course
     return change
