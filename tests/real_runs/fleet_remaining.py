@@ -5,8 +5,9 @@ how much of their margin they have used; Spearman's correlation with the flights
 
 `remaining`: the margin at which engines fail is learnt from the last flights of the others, and how they wear from
 their lives; each engine in turn is cut at 50, 60, 70, 80 and 90 % of its life and at a flight drawn from its second
-half, and its remaining flights are forecast with 90 % intervals from what came before the cut alone. Errors with and without the cap of 125 flights that published
-studies put on the truth; the score of PHM 2008 sums exp(−d/13) − 1 for early and exp(d/10) − 1 for late forecasts.
+half, and its remaining flights are forecast with 90 % intervals from what came before the cut alone. Errors with and
+without the cap of 125 flights that published studies put on the truth; the score of PHM 2008 sums exp(−d/13) − 1 for
+early and exp(d/10) − 1 for late forecasts.
 """
 
 from __future__ import annotations
