@@ -77,12 +77,13 @@ def judged_engine(
     found = _Judged(flights, path, members, course(flights, moved, wrong))
     verdict, reason = _verdict(found, settings)
     used = consumption_of(flights, found.course, margin_scale(series) if scale is None else scale, settings)
+    stands_out = path.log_e[-1] >= -np.log(settings.false_discovery)
     since = (0, 0, 0)
-    if verdict == CHANGED or chance >= SUSPECTED:
+    if verdict == CHANGED or stands_out or chance >= SUSPECTED:
         since = _since(onset_law(flights.rows(), suspects, flights.baseline), flights)
     health = _health(found, chance, since, current)
-    best, low, high = since if verdict == CHANGED else (0, 0, 0)
-    if settings.thorough and path.log_e[-1] >= -np.log(settings.false_discovery):
+    best, low, high = since if verdict == CHANGED or stands_out else (0, 0, 0)
+    if settings.thorough and stands_out:
         health = thoroughly(health, flights, series, settings, current)
     if earlier:
         health = tuple(_counted_from(row, earlier) for row in health)

@@ -9,7 +9,7 @@ from turbofan_fleet import QUICK, engine_history, geometry, judged, known, lost,
 from enginediag_cli.fleet_judgement.alike import random_effects
 from enginediag_cli.fleet_judgement.finding import NO_VERDICT, EngineFinding, FleetSettings
 from enginediag_cli.fleet_judgement.fleet import judged_fleet
-from enginediag_cli.fleet_judgement.remaining import with_forecasts
+from enginediag_cli.fleet_judgement.remaining import learnt_limit, with_forecasts
 
 FLIGHTS = 90
 
@@ -88,3 +88,12 @@ def _without_limit(finding: EngineFinding) -> EngineFinding:
     from dataclasses import replace
 
     return replace(finding, margin=replace(finding.margin, limit_K=float("nan")))
+
+
+def test_the_limit_is_learnt_from_engines_that_were_taken_off(fleet):
+    worn = [f for f in fleet if f.serial in ("9", "10", "11")]
+    mean, spread = learnt_limit(worn)
+    per_sigma = -scale().slope["hpt.efficiency"] * 0.02
+    assert mean == pytest.approx(2.0 * per_sigma, abs=4.0) and spread == pytest.approx(per_sigma, rel=0.3)
+    with pytest.raises(ValueError, match="three engines"):
+        learnt_limit(worn[:2])

@@ -5,8 +5,9 @@ how much of their margin they have used; Spearman's correlation with the flights
 
 `remaining`: the margin at which engines fail is learnt from the last flights of the others, and how they wear from
 their lives; each engine in turn is cut at 50, 60, 70, 80 and 90 % of its life and at a flight drawn from its second
-half, and its remaining flights are forecast with 90 % intervals from what came before the cut alone. Errors with and without the cap of 125 flights that published
-studies put on the truth; the score of PHM 2008 sums exp(−d/13) − 1 for early and exp(d/10) − 1 for late forecasts.
+half, and its remaining flights are forecast with 90 % intervals from what came before the cut alone. Errors with and
+without the cap of 125 flights that published studies put on the truth; the score of PHM 2008 sums exp(−d/13) − 1 for
+early and exp(d/10) − 1 for late forecasts.
 """
 
 from __future__ import annotations
@@ -26,14 +27,12 @@ from enginediag_cli.fleet_judgement.finding import FleetSettings
 from enginediag_cli.fleet_judgement.fleet import judged_fleet
 from enginediag_cli.fleet_judgement.history import EngineHistory
 from enginediag_cli.fleet_judgement.margin import margin_scale
-from enginediag_cli.fleet_judgement.remaining import course_of
+from enginediag_cli.fleet_judgement.remaining import course_of, ends_of, limit_from
 
 QUICK = FleetSettings(thorough=False)
 FIRST_CUT = 30
 SHARES = (0.5, 0.6, 0.7, 0.8, 0.9)
 CAP = 125.0
-UNLIMITED = 1e9
-"""A limit that is never reached: what is asked is the consumption at the end of a life."""
 
 
 def rank(series: Series, seeds: int = 5) -> None:
@@ -63,15 +62,13 @@ def remaining(series: Series) -> None:
     reference = float(np.median([f.severity.value for f in findings]))
     fits = [fitted(course, reference) for course in courses]
     everyone = learnt(fits)
-    ends = [forecast(fit, everyone, UNLIMITED) for fit in fits]
-    level, error = np.array([e.level for e in ends]), np.array([e.level_error for e in ends])
+    level, error = ends_of(fits, everyone)
     print(f"{scale.column}: engines fail at {level.mean():.1f} K ± {level.std(ddof=1):.1f} K of margin used")
     rng = np.random.default_rng(0)
     rows: dict[str, list[tuple[float, Forecast]]] = {}
     for k, history in enumerate(histories(series)):
         others = np.arange(len(fits)) != k
-        limit = float(level[others].mean())
-        spread = float(np.sqrt(max(level[others].var(ddof=1) - np.mean(error[others] ** 2), 0.0)))
+        limit, spread = limit_from(level[others], error[others])
         population = learnt(fits, without=k)
         cuts = {f"{share:.0%} of life": int(share * lives[k]) for share in SHARES}
         cuts["second half, drawn"] = int(rng.integers(lives[k] // 2, lives[k]))
