@@ -2,24 +2,29 @@
 
 Rows z_i (m,) of n flights, readings minus prediction, are by the null hypothesis
 
-    z_i = Bᵀ x_i + ε_i,    cov(ε_i, ε_j) = K_ij Σ,    B | Σ ~ N(0, Λ ⊗ Σ),    Σ ~ W⁻¹(Ψ, ν)
+    z_i = Bᵀ x_i + ε_i,    cov(ε_i, ε_j) = K_ij Σ
 
-with x_i a level and functions of the conditions flown, and K one of a few laws in time (each flight by itself, or
-wandering), which have prior probabilities too: level, errors that come with the operating point, offsets that change
-from flight to flight and their size are integrated out, in both hypotheses alike. With L Lᵀ = K + X Λ Xᵀ the rows of
-V = L⁻¹ Z are independent given Σ, L⁻¹ is causal, and the density of the first n rows is, up to what is common to all,
+with x_i a level and functions of the conditions flown, of coefficients N(0, λ Σ), and K one of a few laws in time: each
+flight by itself, or wandering. Level, errors that come with the operating point, offsets that change from flight to
+flight, how large they are and how they go together are nuisance of both hypotheses. With L Lᵀ = K + X λ Xᵀ the rows of
+V = L⁻¹ Z are independent given Σ, and L⁻¹ is causal. With h = L⁻¹ g for a course g (n,) of a change, and sums over the
+first n flights
 
-    p(Z_n) ∝ Π_i L_ii⁻ᵐ |A_n|^−(ν + n)/2,     A_n = Ψ + Σ_{i ≤ n} v_i v_iᵀ
+    A = Σ v vᵀ,   c = Σ h v,   γ = Σ h²,   a = dᵀA⁻¹d,   b = cᵀA⁻¹d,   γ_d = γ − cᵀA⁻¹c + b²/a
 
-(conjugate prior: A. P. Dawid, Biometrika 68 (1981) 265–274). A change of size δ along d (m,) with course g (n,) leaves
-A_n + δ-terms of rank two: with h = L⁻¹ g, c = Σ h_i v_i, γ = Σ h_i², a = dᵀA⁻¹d, b = cᵀA⁻¹d, e = cᵀA⁻¹c
+a change along d (m,) is the regression of what sees it on all that does not, and, δ ~ N(0, κ σ²) with σ the scatter of
+that residual, the ratio of the densities of its invariants, which know neither Σ nor B, is
 
-    p(Z_n | d, g, δ) / p(Z_n) = [(1 − δ b)² + δ² a (γ − e)]^−(ν + n)/2
+    L_d = (1 + κ γ_d)^−½ [1 − κ b²/(a (1 + κ γ_d))]^−(n − m)/2
 
-and one in any direction, N(0, κ Σ):  (1 − κ e/(1 + κ γ))^−(ν + n)/2 (1 + κ γ)^−m/2. The mean over directions, sizes,
-courses and onsets, all weighed beforehand, is a martingale of mean 1 under the null hypothesis: E at any stopping time
-has mean 1 at most, over engines whose level and scatter are as the priors say (J. Ville (1939); A. Ramdas, P. Grünwald,
-V. Vovk, G. Shafer, Statist. Sci. 38 (2023) 576–601).
+(right Haar prior of σ: J. O. Berger, L. R. Pericchi, J. A. Varshavsky, Sankhyā A 60 (1998) 307–321). One in any
+direction, N(0, κ Σ), is the product of such ratios of each reading regressed on those before it. When nothing changes L
+has mean 1 exactly, for every B and Σ (M. F. Pérez-Ortiz, T. Lardy, R. de Heide, P. D. Grünwald, Ann. Statist. 52 (2024)
+1410–1432), and so has the mean E over directions, sizes, courses and onsets, all weighed beforehand, given the law in
+time; laws are averaged with the weights that the flights give them under the null hypothesis.
+
+A prior of Σ that is wide beside what is true of one engine will not do: with W⁻¹(Σ, m + 3) E has mean 1 over engines
+of that prior and 1.6 to 4 for engines that scatter as the prior's mean, of which one of four passes 10.
 """
 
 from __future__ import annotations
@@ -28,14 +33,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-STEPS = (0.25, 0.5, 1.0, 2.0)
-"""Sizes of a sudden change, in the unit of its direction, either way: between two of them evidence is hardly lost."""
-RAMPS = (0.0625, 0.125, 0.25, 0.5, 1.0)
-"""Sizes that a growing change reaches in `RAMP` flights."""
+SIZES = (0.04, 0.4, 4.0, 40.0)
+"""Variances κ of a change along one direction, in units of the scatter of one flight: from a fifth to six times."""
+ANY = (0.04, 0.4)
+"""The same of a change in any direction, which is the sum of as many as there are readings."""
 RAMP = 30.0
-"""Flights in which a growing change reaches its size: a unit, sizes span a hundredfold on either side."""
-ANY = (0.25, 4.0)
-"""Variances κ of a change in any direction, in units of the scatter of one flight."""
+"""Flights in which a growing change reaches its size: a unit, sizes span a hundredfold."""
 SINGLE = 2 / 3
 """Weight of changes of one suspect alone; the rest is for those in any direction."""
 HORIZON = 60.0
@@ -44,10 +47,11 @@ AT_ONCE = 0.1
 """Weight of a change that was there with the first flight after the baseline."""
 FINE_STEPS, FINE_RAMPS = 12, 4
 """Onsets lie one flight apart to begin with, and as far apart as a twelfth (a fourth) of the flights since later."""
-LAWS = ((0.0, 1.0, 0.5), (0.3, 10.0, 0.25), (0.7, 30.0, 0.25))
-"""Laws in time of what readings scatter by: share that wanders, flights over which it does, probability. Judgement: of
-half of the engines flights scatter by themselves."""
-LEVEL, CONDITIONS = 1e4, 1.0
+LAWS = ((0.0, 1.0, 0.4), (0.05, 30.0, 0.2), (0.2, 20.0, 0.2), (0.5, 20.0, 0.2))
+"""Laws in time of what readings scatter by: share that wanders, flights over which it does, probability. Fine enough
+that instruments which wander by half of what they scatter by are not called changed (`fleet_discoveries.py --wander`):
+without them four of five are, with them one of thirty, and faults lose half of the logarithm of E."""
+LEVEL, CONDITIONS = 1e6, 1.0
 """Variance of a level, of which nothing is known, and of what a standardised condition adds, in units of the scatter:
 errors of the model at an operating point are about as large as that."""
 PEAKS = 25
@@ -66,15 +70,10 @@ class Suspects:
 
 @dataclass(frozen=True)
 class ScatterPrior:
-    """Σ ~ W⁻¹((ν − m − 1) covariance, ν), of mean `covariance` (m, m)."""
+    """What other engines scatter by from flight to flight, covariance (m, m), counted as so many flights."""
 
     covariance: np.ndarray
-    freedom: float
-
-    @staticmethod
-    def stated(noise: np.ndarray) -> ScatterPrior:
-        """Of readings of which no more is known than the covariance of their noise: hardly a prior."""
-        return ScatterPrior(noise, len(noise) + 3.0)
+    flights: float
 
 
 @dataclass(frozen=True)
@@ -122,10 +121,10 @@ def _ladder(n: int, fine: int) -> np.ndarray:
     return np.array(found, int)
 
 
-def _courses(n: int, baseline: int) -> _Courses:
+def _courses(n: int, baseline: int, fine_steps: int = FINE_STEPS, fine_ramps: int = FINE_RAMPS) -> _Courses:
     i = np.arange(n) - baseline
     parts = []
-    for fine, ramp in ((FINE_STEPS, False), (FINE_RAMPS, True)):
+    for fine, ramp in ((fine_steps, False), (fine_ramps, True)):
         at = _ladder(max(n - baseline, 0), fine)
         after = i - at[:, None]
         g = np.clip(after + 1.0, 0.0, None) / RAMP if ramp else (after >= 0).astype(float)
@@ -137,17 +136,19 @@ def _courses(n: int, baseline: int) -> _Courses:
     return _Courses(g, onset, ramp_, np.log(np.maximum(weight, 1e-300)))
 
 
-def e_path(rows: Rows, suspects: Suspects, baseline: int, prior: ScatterPrior) -> EPath:
-    """E of one engine of which nothing began in its first `baseline` flights. ValueError for readings that are not
-    finite."""
+def e_path(rows: Rows, suspects: Suspects, baseline: int, prior: ScatterPrior | None = None) -> EPath:
+    """E of one engine of which nothing began in its first `baseline` flights. It is 1 until two flights more are known
+    than there are readings, those of the prior counted. ValueError for readings that are not finite."""
     if not np.all(np.isfinite(rows.z)):
         raise ValueError("readings must be finite")
-    n = len(rows.z)
+    n, m = rows.z.shape
     among = _courses(n, baseline)
     path, onset, suspect = np.zeros(n), np.zeros(n), np.zeros(len(suspects.weights))
-    if not len(among.g):
+    enough = m + 1 - (0 if prior is None else int(prior.flights))
+    first = max(baseline, enough)
+    if first >= n:
         return EPath(path, onset, 0.0, suspect)
-    peaks = np.unique(np.linspace(baseline, n - 1, PEAKS).round().astype(int))
+    peaks = np.unique(np.linspace(first, n - 1, PEAKS).round().astype(int))
     null, changed, along = [], [], []
     for share, length, chance in LAWS:
         whitened = _Whitened.of(rows, among, share, length)
@@ -157,15 +158,30 @@ def e_path(rows: Rows, suspects: Suspects, baseline: int, prior: ScatterPrior) -
         along.append(own + null[-1][-1])
     of_null = np.logaddexp.reduce(null, axis=0)  # (peaks,)
     by_course = np.logaddexp.reduce(changed, axis=0) - of_null[:, None]  # (peaks, courses)
-    spent = np.logaddexp.reduce(among.log_weight)
-    rest = np.log(max(-np.expm1(min(spent, 0.0)), 1e-300))
+    rest = np.log(max(-np.expm1(min(np.logaddexp.reduce(among.log_weight), 0.0)), 1e-300))
     log_e = np.logaddexp(np.logaddexp.reduce(by_course, axis=1), rest)
-    path[baseline:] = log_e[np.searchsorted(peaks, np.arange(baseline, n), side="right") - 1]
+    path[first:] = log_e[np.searchsorted(peaks, np.arange(first, n), side="right") - 1]
     total = np.logaddexp.reduce(by_course[-1])
     last = np.exp(by_course[-1] - total)
     np.add.at(onset, among.onset, last)
     suspect = np.exp(np.logaddexp.reduce(along, axis=0) - of_null[-1] - total)
     return EPath(path, onset, float(last[among.ramp].sum()), suspect)
+
+
+def onset_law(rows: Rows, suspects: Suspects, baseline: int) -> np.ndarray:
+    """Probability (n,) that the change began with each flight, given that there is one, looked at flight by flight."""
+    n, m = rows.z.shape
+    if n <= max(baseline, m + 1):
+        return np.zeros(n)
+    among, last = _courses(n, baseline, n, n), np.array([n - 1])
+    logs = []
+    for share, length, chance in LAWS:
+        log_null, log_ratio, _ = _ratios(_Whitened.of(rows, among, share, length), among, suspects, None, last)
+        logs.append(log_ratio[0] + log_null[0] + np.log(chance))
+    log = np.logaddexp.reduce(logs, axis=0)
+    found = np.zeros(n)
+    np.add.at(found, among.onset, np.exp(log - np.logaddexp.reduce(log)))
+    return found
 
 
 @dataclass(frozen=True)
@@ -191,72 +207,79 @@ class _Whitened:
         return _Whitened(solved[:, :m], solved[:, m:].T, np.log(np.diag(L)))
 
 
-def _clipped(w: _Whitened, prior: ScatterPrior) -> _Whitened:
+def _clipped(w: _Whitened, prior: ScatterPrior | None) -> _Whitened:
     """Flights that are off by more than others, by a chance below ONE_FLIGHT, drawn in to that."""
     from scipy.special import fdtri
 
     n, m = w.v.shape
-    before = _inverse(w.v, prior)[:-1]
-    freedom = prior.freedom + np.arange(n) - m + 1.0
-    square = np.einsum("nm,nmk,nk->n", w.v, before, w.v) * freedom / m
-    most = fdtri(m, freedom, 1 - ONE_FLIGHT)
-    return _Whitened(w.v * np.minimum(1.0, np.sqrt(most / np.maximum(square, 1e-300)))[:, None], w.h, w.log_scale)
+    freedom = np.arange(n) - m + (0.0 if prior is None else prior.flights)
+    at = np.flatnonzero(freedom >= 1)
+    inverse = np.linalg.inv(_sums(w.v, prior)[at])
+    square = np.einsum("nm,nmk,nk->n", w.v[at], inverse, w.v[at]) * freedom[at] / m
+    share = np.ones(n)
+    share[at] = np.minimum(1.0, np.sqrt(fdtri(m, freedom[at], 1 - ONE_FLIGHT) / np.maximum(square, 1e-300)))
+    return _Whitened(w.v * share[:, None], w.h, w.log_scale)
 
 
-def _inverse(v: np.ndarray, prior: ScatterPrior) -> np.ndarray:
-    """A⁻¹ (n + 1, m, m) after none and after each of the rows v (n, m)."""
+def _sums(v: np.ndarray, prior: ScatterPrior | None) -> np.ndarray:
+    """A (n + 1, m, m) after none and after each of the rows v (n, m)."""
     m = v.shape[1]
-    begin = (prior.freedom - m - 1) * prior.covariance
+    begin = np.zeros((m, m)) if prior is None else prior.flights * prior.covariance
     sums = np.cumsum(v[:, :, None] * v[:, None, :], axis=0)
-    return np.asarray(np.linalg.inv(begin + np.concatenate([np.zeros((1, m, m)), sums])))
+    return np.asarray(begin + np.concatenate([np.zeros((1, m, m)), sums]))
 
 
 def _ratios(
-    w: _Whitened, among: _Courses, suspects: Suspects, prior: ScatterPrior, peaks: np.ndarray
+    w: _Whitened, among: _Courses, suspects: Suspects, prior: ScatterPrior | None, peaks: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """log p(Z) (k,) under no change, up to what is common to all laws; log ratio (k, G) of each course, its weight in
     it, after the flights `peaks` (k,); the same (d,) of each direction at the last of them."""
     m = w.v.shape[1]
-    inverse = _inverse(w.v, prior)[peaks + 1]
-    power = 0.5 * (prior.freedom + peaks + 1.0)
-    log_null = power * np.linalg.slogdet(inverse)[1] - m * np.cumsum(w.log_scale)[peaks]
+    A = _sums(w.v, prior)[peaks + 1]
+    flights = peaks + 1.0 + (0.0 if prior is None else prior.flights)
+    inverse, root = np.linalg.inv(A), np.linalg.inv(np.linalg.cholesky(A))
+    log_null = -0.5 * (flights - 1) * np.linalg.slogdet(A)[1] - m * np.cumsum(w.log_scale)[peaks]
     a = np.einsum("dm,kmj,dj->kd", suspects.directions, inverse, suspects.directions)
     sums = np.cumsum(w.h[:, :, None] * w.v, axis=1)
     squares = np.cumsum(w.h**2, axis=1)
     found = np.zeros((len(w.h), len(peaks)))  # of a course that has not begun: 1
-    own = np.full(len(suspects.weights), -np.inf)
-    for ramp, sizes in ((False, STEPS), (True, RAMPS)):
-        g, k = np.nonzero((among.onset[:, None] <= peaks) & (among.ramp == ramp)[:, None])
-        c, gamma = sums[g, peaks[k]], squares[g, peaks[k]]
-        told = np.matmul(c[:, None, :], inverse[k])[:, 0]
-        e = np.sum(told * c, axis=1)
-        b = told @ suspects.directions.T
-        mean, most = _along_suspects(a[k], b, gamma - e, power[k], sizes)
-        one = np.log(mean @ suspects.weights) + most + np.log(SINGLE)
-        found[g, k] = np.logaddexp(one, _anywhere(e, gamma, power[k], m) + np.log1p(-SINGLE))
-        last = k == len(peaks) - 1
-        with np.errstate(divide="ignore"):
-            each = np.log(mean[last] * suspects.weights) + (most[last] + among.log_weight[g[last]])[:, None]
-        own = np.logaddexp(own, np.logaddexp.reduce(each, axis=0) + np.log(SINGLE))
+    g, k = np.nonzero(among.onset[:, None] <= peaks)
+    c, gamma, n = sums[g, peaks[k]], squares[g, peaks[k]], flights[k]
+    told = np.matmul(root[k], c[:, :, None])[:, :, 0]
+    b = np.matmul(c[:, None, :], inverse[k])[:, 0] @ suspects.directions.T
+    explained = b**2 / a[k]
+    left = np.maximum((gamma - np.sum(told**2, axis=1))[:, None] + explained, 1e-300)
+    mean, most = _along_suspects(explained, left, 0.5 * (n - m))
+    one = np.log(mean @ suspects.weights) + most + np.log(SINGLE)
+    found[g, k] = np.logaddexp(one, _anywhere(told, gamma, n) + np.log1p(-SINGLE))
+    last = k == len(peaks) - 1
+    with np.errstate(divide="ignore"):
+        each = np.log(mean[last] * suspects.weights) + (most[last] + among.log_weight[g[last]])[:, None]
+    own = np.logaddexp.reduce(each, axis=0) + np.log(SINGLE)
     return log_null, (found + among.log_weight[:, None]).T, own
 
 
-def _along_suspects(
-    a: np.ndarray, b: np.ndarray, left: np.ndarray, power: np.ndarray, sizes: tuple[float, ...]
-) -> tuple[np.ndarray, np.ndarray]:
-    """Mean ratio (k, d) over sizes of a change along each direction, over exp of most (k,); a, b (k, d)."""
-    square = b**2 + a * left[:, None]
-    signed = [*sizes, *(-s for s in sizes)]
-    logs = np.empty((len(signed), *b.shape))
-    for log, size in zip(logs, signed, strict=True):
-        np.log((1 - 2 * size * b) + size**2 * square, out=log)
-    logs *= -power[:, None]
+def _along_suspects(explained: np.ndarray, left: np.ndarray, power: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Mean L_d (k, d) over sizes, over exp of most (k,); explained b²/a and left γ_d (k, d); power (n − m)/2 (k,)."""
+    logs = np.empty((len(SIZES), *left.shape))
+    for log, kappa in zip(logs, SIZES, strict=True):
+        wide = 1 + kappa * left
+        np.log(1 - kappa * explained / wide, out=log)
+        log *= -power[:, None]
+        log -= 0.5 * np.log(wide)
     most = logs.max(axis=(0, 2))
     logs -= most[:, None]
-    return np.exp(logs, out=logs).sum(axis=0) / len(signed), most
+    return np.exp(logs, out=logs).sum(axis=0) / len(SIZES), most
 
 
-def _anywhere(e: np.ndarray, gamma: np.ndarray, power: np.ndarray, m: int) -> np.ndarray:
-    """log mean ratio (k,) of a change in any direction."""
-    parts = [-power * np.log1p(-k * e / (1 + k * gamma)) - 0.5 * m * np.log1p(k * gamma) for k in ANY]
+def _anywhere(told: np.ndarray, gamma: np.ndarray, flights: np.ndarray) -> np.ndarray:
+    """log mean ratio (k,) of a change in any direction: of each reading regressed on those before it, told (k, m) =
+    R c with R the inverse of the Cholesky factor of A."""
+    square = told**2
+    left = np.maximum(gamma[:, None] - np.cumsum(square, axis=1) + square, 1e-300)
+    power = 0.5 * (flights[:, None] - np.arange(1, told.shape[1] + 1))
+    parts = []
+    for kappa in ANY:
+        wide = 1 + kappa * left
+        parts.append(np.sum(-power * np.log(1 - kappa * square / wide) - 0.5 * np.log(wide), axis=1))
     return np.asarray(np.logaddexp.reduce(parts, axis=0) - np.log(len(ANY)))

@@ -2,7 +2,7 @@
 
 The consumption y of a margin after t flights is
 
-    y(t) = c + Σ_j r_j 1(t ≥ t_j) + L₀ (e^{κ t/τ} − 1)/(e^κ − 1) + error,      κ = 0:  L₀ t/τ
+    y(t) = c + Σ_j r_j 1(t ≥ t_j) + L₀ (e^{κ t/τ} − 1)/(e^κ − 1) + error,      κ = 0:  L₀ t/τ,     t ≥ 0
 
 an offset, a step at each maintenance event, and growth that reaches L₀ after τ flights: straight (κ = 0) or ever faster
 (κ > 0, as C-MAPSS and most wear before a failure: A. Saxena, K. Goebel, D. Simon, N. Eklund, PHM 2008), or none at all.
@@ -47,9 +47,9 @@ FEWEST_TOLD = 1e-12
 
 @dataclass(frozen=True)
 class Course:
-    """Consumption y (n,) after t (n,) flights, of errors with covariance `noise` (n, n); steps (n, e): 1 after each
-    maintenance event; now: flights so far. offset, step: standard deviations of c and r beforehand, in the unit of y.
-    """
+    """Consumption y (n,) after t (n,) flights, negative where nothing can have begun, of errors with covariance `noise`
+    (n, n); steps (n, e): 1 after each maintenance event; now: flights so far. offset, step: standard deviations of c
+    and r beforehand, in the unit of y."""
 
     t: np.ndarray
     y: np.ndarray
@@ -112,7 +112,7 @@ def fitted(course: Course, reference: float) -> Fitted:
     X = np.column_stack([np.ones(n), course.steps])
     prior = np.array([course.offset, *[course.step] * course.steps.shape[1]]) ** 2
     W = np.linalg.inv(course.noise + (X * prior) @ X.T)
-    g = reference * growth(course.t / TAU[:, None, None], KAPPA[:, None]).reshape(-1, n)
+    g = reference * growth(np.maximum(course.t, 0.0) / TAU[:, None, None], KAPPA[:, None]).reshape(-1, n)
     apart = np.abs(g) < 1e3 * (np.abs(course.y).max() + reference)  # what is off by so much has no likelihood
     dead = ~apart.all(axis=1)
     g = np.where(apart, g, 0.0)

@@ -64,8 +64,7 @@ def of_conditions(flights: Flights, c: Course) -> np.ndarray:
     weather = flights.readings.weather
     if not weather.shape[1]:
         return np.zeros_like(flights.z)
-    states = np.stack([c.at(k) @ c.mean for k in range(len(flights))])
-    left = flights.z - c.level - np.einsum("nmq,nq->nm", flights.J[:, :, c.parameters], states)
+    left = flights.z - c.level - np.einsum("nmq,nq->nm", flights.J[:, :, c.parameters], c.path)
     H = weather.T @ weather + np.eye(weather.shape[1])
     return np.asarray(weather @ np.linalg.solve(H, weather.T @ left))
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from enginediag_cli.detection.e_values import EPath, ScatterPrior, e_path
+from enginediag_cli.detection.e_values import EPath, e_path, onset_law
 from enginediag_cli.detection.trend_of_files import FEWEST, Series
 from enginediag_cli.fleet_judgement.consumption import Consumption, consumption_of, of_conditions, severity_of
 from enginediag_cli.fleet_judgement.finding import (
@@ -68,7 +68,7 @@ def judged_engine(
     if len(flights) - flights.baseline < FEWEST:
         return replace(nothing, reason="too few flights tell of all readings")
     suspects, members = flights.suspects(settings.sensors)
-    path = e_path(flights.rows(), suspects, flights.baseline, ScatterPrior.stated(flights.noise))
+    path = e_path(flights.rows(), suspects, flights.baseline)
     chance = _chance(path.log_e[-1])
     included = _inclusion(path, members)
     wrong = [i for i, w in included.items() if flights.described[i].of_instrument and w * chance >= SUSPECTED]
@@ -77,9 +77,13 @@ def judged_engine(
     found = _Judged(flights, path, members, course(flights, moved, wrong))
     verdict, reason = _verdict(found, settings)
     used = consumption_of(flights, found.course, margin_scale(series) if scale is None else scale, settings)
-    health = _health(found, chance, current)
-    best, low, high = _since(found.path, flights) if verdict == CHANGED else (0, 0, 0)
-    if settings.thorough and path.log_e[-1] >= -np.log(settings.false_discovery):
+    stands_out = path.log_e[-1] >= -np.log(settings.false_discovery)
+    since = (0, 0, 0)
+    if verdict == CHANGED or stands_out or chance >= SUSPECTED:
+        since = _since(onset_law(flights.rows(), suspects, flights.baseline), flights)
+    health = _health(found, chance, since, current)
+    best, low, high = since if verdict == CHANGED or stands_out else (0, 0, 0)
+    if settings.thorough and stands_out:
         health = thoroughly(health, flights, series, settings, current)
     if earlier:
         health = tuple(_counted_from(row, earlier) for row in health)
@@ -149,17 +153,15 @@ def _visible(found: _Judged) -> float:
     return float(0.5 * PLAUSIBLE**2 * told.max(initial=0.0) * before * after / max(before + after, 1e-9))
 
 
-def _since(path: EPath, flights: Flights) -> tuple[int, int, int]:
+def _since(onset: np.ndarray, flights: Flights) -> tuple[int, int, int]:
     """Number of the first changed flight, from 1: most probable, and the 95 % interval."""
-    order = np.argsort(-path.onset, kind="stable")
-    total = np.cumsum(path.onset[order])
+    if not onset.any():
+        return 0, 0, 0
+    order = np.argsort(-onset, kind="stable")
+    total = np.cumsum(onset[order])
     chosen = order[: int(np.searchsorted(total, 0.95 * total[-1])) + 1]
-    # onsets are looked at some flights apart: a change may have come with any flight up to the next one
-    behind = np.flatnonzero(path.onset > 0)
-    high = behind[np.searchsorted(behind, chosen.max(), side="right") :]
-    last = int(high[0]) - 1 if high.size else len(flights) - 1
-    low, best = int(chosen.min()), int(order[0])
-    return int(flights.number[best]) + 1, int(flights.number[low]) + 1, int(flights.number[max(last, best)]) + 1
+    best, low, high = (int(flights.number[k]) + 1 for k in (order[0], chosen.min(), chosen.max()))
+    return best, low, high
 
 
 def _counted_from(row: HealthRow, earlier: int) -> HealthRow:
@@ -171,13 +173,15 @@ def _counted_from(row: HealthRow, earlier: int) -> HealthRow:
     )
 
 
-def _health(found: _Judged, chance: float, current: EngineHistory) -> tuple[HealthRow, ...]:
+def _health(
+    found: _Judged, chance: float, since: tuple[int, int, int], current: EngineHistory
+) -> tuple[HealthRow, ...]:
     flights, path, c = found.flights, found.path, found.course
     mean, covariance = c.told(c.at(len(flights) - 1))
     error = np.sqrt(np.diag(covariance))
     single = _inclusion(path, found.members)
     place = {int(p): k for k, p in enumerate(c.parameters)}
-    best, low, high = _since(path, flights)
+    best, low, high = since
     kind = "deterioration" if path.growing >= 0.5 else "step"
     rows = []
     for i, p in enumerate(flights.described):
@@ -188,7 +192,7 @@ def _health(found: _Judged, chance: float, current: EngineHistory) -> tuple[Heal
             change = _estimate(mean[k], error[k], c.unit[k])
             span = max(len(flights) - best, 1)
             rate = Estimate(change.value / span, change.low / span, change.high / span)
-        named = probability >= SUSPECTED
+        named = probability >= SUSPECTED and best > 0
         rows.append(
             HealthRow(
                 p.name,

@@ -42,7 +42,7 @@ class HealthRow:
     rate_per_flight: Estimate = Estimate()
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True)
 class FlightRow:
     """One flight. log10_e: of all flights up to this one; p_value: of an alarm at any flight up to this one, 1/max E;
     verdict: as far as the flights up to this one say; consumed: of the margin, in K, by this flight alone, with one

@@ -10,6 +10,7 @@ import numpy as np
 from enginediag_cli.detection.e_bh import listed
 from enginediag_cli.fleet_judgement.alike import common_changes
 from enginediag_cli.fleet_judgement.finding import (
+    CHANGED,
     NO_VERDICT,
     Discoveries,
     EngineFinding,
@@ -27,7 +28,7 @@ def judged_fleet(
     judged = [f for f in findings if f.verdict != NO_VERDICT or np.isfinite(f.log10_e)]
     chosen = listed(np.array([f.log10_e for f in judged]) * np.log(10), settings.false_discovery)
     found = {f.serial for f, of_them in zip(judged, chosen.tolist(), strict=True) if of_them}
-    told = with_forecasts([replace(f, discovery=f.serial in found) for f in findings], settings)
+    told = with_forecasts([_listed(f) if f.serial in found else f for f in findings], settings)
     ranked = sorted(told, key=lambda f: -np.nan_to_num(f.severity.value, nan=-np.inf))
     names = [f.serial for f in sorted(judged, key=lambda f: -f.log10_e) if f.serial in found]
     return FleetFinding(
@@ -36,6 +37,14 @@ def judged_fleet(
         common_changes(findings, known),
         tuple((f.serial, f.reason) for f in findings if f.verdict == NO_VERDICT),
     )
+
+
+def _listed(finding: EngineFinding) -> EngineFinding:
+    """A finding on the list, which is a change whatever its own false-alarm probability says."""
+    if finding.verdict == CHANGED:
+        return replace(finding, discovery=True)
+    reason = "its evidence is enough for the fleet's list, and not for an alarm of its own"
+    return replace(finding, discovery=True, verdict=CHANGED, reason=reason)
 
 
 def bound_in_words(count: int, level: float) -> str:

@@ -48,6 +48,15 @@ class Course:
             T[position, self.phi.shape[1] * q + j] = self.steps[flight, event]
         return T
 
+    @property
+    def path(self) -> np.ndarray:
+        """Mean of the state (n, q) at each flight."""
+        q, K = len(self.parameters), self.phi.shape[1]
+        found = self.phi @ self.mean[: K * q].reshape(K, q)
+        for j, (event, position) in enumerate(self.jumps):
+            found[:, position] += self.steps[:, event] * self.mean[K * q + j]
+        return np.asarray(found)
+
     def of_event(self, event: int) -> np.ndarray:
         """Map (q, r) from coefficients to what an event brought."""
         q = len(self.parameters)

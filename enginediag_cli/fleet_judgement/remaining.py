@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from enginediag_cli.detection.forecast import Course, Population, fitted, forecast, learnt
+from enginediag_cli.detection.forecast import Course, Fitted, Population, fitted, forecast, learnt
 from enginediag_cli.fleet_judgement.finding import EngineFinding, Estimate, FleetSettings
 from enginediag_cli.intervals import NORMAL_95
 
@@ -15,16 +15,19 @@ EPOCHS = 60
 """Epochs of a course that a law of growth is fitted to: none is finer."""
 LEARNT_FROM = 300
 """Engines from which it is learnt how the fleet wears, evenly chosen where there are more: it is known well by then."""
+NEVER_K = 1e9
+"""A limit that is not reached, where only the consumption so far is asked for."""
 RECOVERED_K = 10.0
 """Standard deviation of what maintenance may bring of a margin, in K: washes bring up to as much."""
 
 
-def course_of(finding: EngineFinding, until: int | None = None) -> Course | None:
-    """Consumption over the flights of a finding up to number `until`; None where it is not known."""
-    rows = [r for r in finding.by_flight if np.isfinite(r.consumed_K) and (until is None or r.number <= until)]
+def course_of(finding: EngineFinding) -> Course | None:
+    """Consumption over the flights of a finding; None where it is not known."""
+    rows = [r for r in finding.by_flight if np.isfinite(r.consumed_K)]
     if len(rows) < 3:
         return None
-    begin = rows[0].number - 1  # of an engine that was renewed, flights count from there
+    # nothing has begun in the baseline, which of an engine that was renewed begins there
+    begin = rows[0].number - 1 + finding.baseline
     t = np.array([r.number - begin for r in rows], float)
     y, error = np.array([r.consumed_K for r in rows]), np.array([r.consumed_error_K for r in rows])
     events = [e.number - begin for e in finding.events if e.gains and rows[0].number < e.number <= rows[-1].number]
@@ -52,6 +55,29 @@ def limit_of(finding: EngineFinding, settings: FleetSettings) -> tuple[float, fl
     if np.isfinite(margin.limit_K):
         return margin.now_K.value + margin.consumed_K.value, 0.0
     return settings.consumed_limit_K
+
+
+def learnt_limit(failed: Sequence[EngineFinding]) -> tuple[float, float]:
+    """Consumption, in K, at which engines were taken off, and its standard deviation between them, from the findings
+    of their whole lives: what `FleetSettings.consumed_limit_K` asks for. ValueError for fewer than three."""
+    courses = [c for f in failed if (c := course_of(f)) is not None]
+    if len(courses) < 3:
+        raise ValueError("a limit is learnt from the lives of three engines at least")
+    reference = float(np.median([f.severity.value for f in failed]))
+    fits = [fitted(c, reference) for c in courses]
+    return limit_from(*ends_of(fits, learnt(fits)))
+
+
+def ends_of(fits: Sequence[Fitted], population: Population) -> tuple[np.ndarray, np.ndarray]:
+    """Consumption (n,) at the end of each course, with its standard error (n,)."""
+    ends = [forecast(fit, population, NEVER_K) for fit in fits]
+    return np.array([e.level for e in ends]), np.array([e.level_error for e in ends])
+
+
+def limit_from(level: np.ndarray, error: np.ndarray) -> tuple[float, float]:
+    """Mean of the ends of lives and their standard deviation, what they are known to taken out."""
+    spread = float(np.sqrt(max(level.var(ddof=1) - float(np.mean(error**2)), 0.0)))
+    return float(level.mean()), spread
 
 
 def with_forecasts(findings: Sequence[EngineFinding], settings: FleetSettings) -> list[EngineFinding]:

@@ -1,0 +1,106 @@
+"""Engines of a fleet from end to end: python tests/benchmarks/fleet_recordings.py [--healthy N] [--faulty N]
+
+Recordings of the turbofan that `enginediag simulate` makes, thirty airliner flights an engine, every thirtieth record;
+`identify` from the first five flights of the healthy ones; local statistics, e-values and the list as a fleet makes
+them. A faulty engine loses two per cent of HPC efficiency with its sixteenth flight.
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import subprocess
+import sys
+import tempfile
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from enginediag_cli.detection.trend_of_files import series_of
+from enginediag_cli.fleet_judgement.engine import judged_engine
+from enginediag_cli.fleet_judgement.finding import FleetSettings
+from enginediag_cli.fleet_judgement.fleet import judged_fleet
+from enginediag_cli.fleet_judgement.history import EngineHistory
+from enginediag_cli.intake.baseline import open_baseline
+from enginediag_cli.intake.intake import Intake
+from enginediag_cli.intake.source import Source
+from enginediag_cli.intake.wanted import columns_of
+from enginediag_cli.residuals.files import JudgedFiles, Judging
+from enginediag_cli.residuals.monitor import monitor_of
+from enginediag_cli.residuals.series_monitor import trusting_no_input
+from enginediag_cli.residuals.windows import WindowPlan
+
+ENGINE = Path(__file__).resolve().parents[2] / "configs" / "turbofan.yaml"
+FLIGHTS, BASELINE, THINNED, IDENTIFIED = 30, 12, 30, 5
+FAULT = """kind: faults
+description: sudden loss of HPC efficiency
+faults:
+  - name: hpc_loss
+    changes: {hpc.efficiency: -0.02}
+    law: {type: saturating, clock: flight, onset: 15, time_constant: 0.01}
+"""
+
+
+def enginediag(*arguments: object) -> None:
+    """One run of the program that must end well."""
+    done = subprocess.run(
+        [sys.executable, "-m", "enginediag_cli", *map(str, arguments)], capture_output=True, text=True
+    )
+    if done.returncode:
+        raise SystemExit(done.stderr)
+
+
+def recording(folder: Path, serial: str, seed: int, faulty: bool) -> tuple[Path, Path]:
+    """A thinned recording of one engine, and that of its first flights."""
+    whole, thin, early = (folder / f"{serial}{part}.csv" for part in ("_all", "", "_early"))
+    fault = ("--fault", folder / "fault.yaml") if faulty else ()
+    enginediag("simulate", ENGINE, "--flights", FLIGHTS, "--seed", seed, "-q", *fault, "-o", whole)
+    with whole.open(encoding="utf-8", newline="") as stream:
+        head, *rows = list(csv.reader(line for line in stream if not line.startswith("#")))
+    flight = head.index("flight")
+    kept = [[serial, *row] for row in rows[::THINNED]]
+    for path, some in ((thin, kept), (early, [r for r in kept if int(r[flight + 1]) <= IDENTIFIED])):
+        with path.open("w", encoding="utf-8", newline="") as stream:
+            csv.writer(stream).writerows([["engine", *head], *some])
+    whole.unlink()
+    return thin, early
+
+
+def main() -> None:
+    options = argparse.ArgumentParser(description=__doc__)
+    options.add_argument("--healthy", type=int, default=40)
+    options.add_argument("--faulty", type=int, default=4)
+    asked = options.parse_args()
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        (folder / "fault.yaml").write_text(FAULT, encoding="utf-8")
+        count = asked.healthy + asked.faulty
+        files = [recording(folder, f"e{k}", k, k >= asked.healthy) for k in range(count)]
+        learnt = [early for _, early in files[: min(asked.healthy, 10)]]
+        enginediag("identify", ENGINE, *learnt, "--no-cross-validation", "-q", "-o", folder / "nominal.yaml")
+        monitor = monitor_of(open_baseline(folder / "nominal.yaml"), sensors=True)
+        monitor = replace(trusting_no_input(monitor), slopes=None)
+        intake = Intake(Source(tuple(str(f) for f, _ in files)), columns_of(monitor.engine, monitor.sensors))
+        plan = Judging(WindowPlan(1, 1, whole_flights=True))
+        series = series_of(JudgedFiles(intake, monitor, plan, series=True), of_readings=True)
+    settings = FleetSettings(thorough=False)
+    histories = [EngineHistory(serial, "", mine, BASELINE) for serial, mine in series.stretches.items()]
+    fleet = judged_fleet([judged_engine(h, series, settings) for h in histories], settings, series.known)
+    faulty = {f"e{k}" for k in range(asked.healthy, count)}
+    healthy = [f for f in fleet.engines if f.serial not in faulty]
+    others = [f for f in fleet.engines if f.serial in faulty]
+    e = np.array([10**f.log10_e for f in healthy])
+    print(f"{len(healthy)} healthy engines of {FLIGHTS} flights: mean E {e.mean():.2f}, largest {e.max():.2f}")
+    print(
+        f"called changed: {sum(f.verdict == 'changed' for f in healthy)} healthy, "
+        f"{sum(f.verdict == 'changed' for f in others)} of {len(others)} faulty"
+    )
+    listed = set(fleet.discoveries.engines)
+    print(f"listed: {len(listed - faulty)} healthy, {len(listed & faulty)} of {len(others)} faulty")
+    since = ", ".join(f"{f.since} ({f.since_low} to {f.since_high})" for f in others if f.since)
+    print(f"since flight (true 16): {since}")
+
+
+if __name__ == "__main__":
+    main()

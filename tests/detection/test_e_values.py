@@ -1,0 +1,114 @@
+"""E-values of engines, and the list of those that stand out."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.integrate import dblquad
+
+from enginediag_cli.detection import e_values
+from enginediag_cli.detection.e_bh import listed
+from enginediag_cli.detection.e_values import Rows, Suspects, e_path
+
+M = 4
+DIRECTIONS = np.array([[1.0, 0, 0, 0], [0, 1, 0, 0], [1, -2, 3, 1], [0.5, 1, 0, -1]])
+SUSPECTS = Suspects(DIRECTIONS, np.full(4, 0.25))
+
+
+def rows(z: np.ndarray) -> Rows:
+    return Rows(z, np.zeros((len(z), 0)), np.ones(len(z)))
+
+
+def test_the_list_is_what_the_definition_says():
+    rng = np.random.default_rng(1)
+    for _ in range(200):
+        e = np.exp(rng.normal(1.0, 3.0, 12))
+        best = [k for k in range(1, 13) if np.sum(e >= 12 / (k * 0.1)) >= k]
+        expected = e >= 12 / (max(best) * 0.1) if best else np.zeros(12, bool)
+        np.testing.assert_array_equal(listed(np.log(e), 0.1), expected)
+
+
+def test_an_engine_without_an_e_value_counts_and_is_not_listed():
+    log_e = np.log([500.0, 30.0, 1.0])
+    assert listed(log_e, 0.1).tolist() == [True, True, False]
+    assert listed(np.append(log_e, [np.nan] * 7), 0.1).tolist() == [True, False] + [False] * 8
+    with pytest.raises(ValueError, match="between 0 and 1"):
+        listed(log_e, 5.0)
+
+
+def test_e_knows_neither_level_nor_scatter_of_the_readings():
+    rng = np.random.default_rng(2)
+    z = rng.standard_normal((40, M))
+    z[25:] += DIRECTIONS[2]
+    T = np.tril(rng.standard_normal((M, M))) + 3 * np.eye(M)
+    found = e_path(rows(z), SUSPECTS, 10)
+    moved = e_path(rows(z @ T.T + 100.0), Suspects(DIRECTIONS @ T.T, SUSPECTS.weights), 10)
+    assert found.log_e[-1] > 2.0
+    np.testing.assert_allclose(moved.log_e, found.log_e, atol=2e-2)  # the level has a variance of a million
+    np.testing.assert_allclose(moved.suspect, found.suspect, atol=1e-3)
+
+
+def test_the_ratio_along_a_direction_is_that_of_the_regression_with_the_right_haar_prior():
+    """Two readings, the second of which does not see the change: z₁ on z₂ and the course, by numerical integration."""
+    rng = np.random.default_rng(3)
+    n, kappa = 9, 0.4
+    v, h = rng.standard_normal((n, 2)), (np.arange(n) >= 5).astype(float)
+    A, c, gamma = v.T @ v, h @ v, h @ h
+    inverse = np.linalg.inv(A)
+    a, b = inverse[0, 0], (c @ inverse)[0]
+    left = gamma - c @ inverse @ c + b**2 / a
+    explained = b**2 / a
+    closed = -0.5 * np.log(1 + kappa * left) - 0.5 * (n - 1) * np.log(1 - kappa * explained / (1 + kappa * left))
+
+    def density(delta: float, log_sigma: float, beta_integrated: bool, with_change: bool) -> float:
+        sigma = np.exp(log_sigma)
+        y, x = v[:, 0] - (delta * h if with_change else 0.0), v[:, 1]
+        rss = y @ y - (y @ x) ** 2 / (x @ x)
+        prior = np.exp(-0.5 * delta**2 / (kappa * sigma**2)) / np.sqrt(2 * np.pi * kappa * sigma**2)
+        return float(sigma ** -(n - 1) * np.exp(-0.5 * rss / sigma**2) * prior)
+
+    with_change = dblquad(lambda d, s: density(d, s, True, True), -3, 3, -12, 12)[0]
+    without = dblquad(lambda d, s: density(d, s, True, False), -3, 3, -60, 60)[0]
+    assert closed == pytest.approx(np.log(with_change / without), abs=1e-3)
+
+
+@pytest.mark.parametrize("baseline", [6, 15])
+def test_e_has_mean_one_at_most_when_nothing_changes_whatever_the_scatter(baseline):
+    rng = np.random.default_rng(4)
+    found = []
+    for _ in range(250):
+        T = rng.standard_normal((M, M)) * np.exp(rng.normal(0, 1, M))
+        found.append(e_path(rows(rng.standard_normal((40, M)) @ T.T), SUSPECTS, baseline).log_e)
+    e, highest = np.exp([x[-1] for x in found]), np.max(found, axis=1)
+    assert np.mean(e) < 1 + 3 * np.std(e) / np.sqrt(len(e))
+    assert np.sum(highest >= np.log(20)) <= 20  # 12.5 expected at most, Ville
+
+
+def test_nothing_is_concluded_from_a_single_flight():
+    rng = np.random.default_rng(5)
+    z = rng.standard_normal((40, M))
+    z[-1] += 50.0
+    assert e_path(rows(z), SUSPECTS, 20).log_e[-1] < np.log(1000)
+
+
+def test_the_onset_and_the_suspect_of_a_change_are_found():
+    rng = np.random.default_rng(6)
+    z = rng.standard_normal((80, M))
+    z[50:] += 4 * DIRECTIONS[1]
+    found = e_path(rows(z), SUSPECTS, 20)
+    assert found.log_e[-1] > 10 and found.log_e[45] < 2
+    assert abs(int(np.argmax(found.onset)) - 50) <= 4 and found.growing < 0.5
+    assert int(np.argmax(found.suspect)) == 1
+
+
+def test_until_there_are_more_flights_than_readings_e_is_one():
+    z = np.random.default_rng(7).standard_normal((8, M))
+    z[3:] += 30.0
+    found = e_path(rows(z), SUSPECTS, 2)
+    np.testing.assert_array_equal(found.log_e[: M + 1], 0.0)
+    with pytest.raises(ValueError, match="finite"):
+        e_path(rows(np.full((8, M), np.nan)), SUSPECTS, 2)
+
+
+def test_the_weights_of_onsets_sum_to_one():
+    assert np.sum(e_values.onset_weight(np.arange(1e6))) == pytest.approx(1.0, abs=1e-4)
