@@ -23,8 +23,8 @@ has mean 1 exactly, for every B and Σ (M. F. Pérez-Ortiz, T. Lardy, R. de Heid
 1410–1432), and so has the mean E over directions, sizes, courses and onsets, all weighed beforehand, given the law in
 time; laws are averaged with the weights that the flights give them under the null hypothesis.
 
-A prior of Σ that is wide beside what is true of one engine will not do: with W⁻¹(Σ, m + 3) E has mean 1 over engines
-of that prior and 1.6 to 4 for engines that scatter as the prior's mean, of which one of four passes 10.
+A wide proper prior of Σ, W⁻¹(Σ₀, m + 3), will not do in its place: E then has mean 1 over the engines of that prior,
+and more for those that scatter as its mean does.
 """
 
 from __future__ import annotations
@@ -48,9 +48,9 @@ AT_ONCE = 0.1
 FINE_STEPS, FINE_RAMPS = 12, 4
 """Onsets lie one flight apart to begin with, and as far apart as a twelfth (a fourth) of the flights since later."""
 LAWS = ((0.0, 1.0, 0.4), (0.05, 30.0, 0.2), (0.2, 20.0, 0.2), (0.5, 20.0, 0.2))
-"""Laws in time of what readings scatter by: share that wanders, flights over which it does, probability. Fine enough
-that instruments which wander by half of what they scatter by are not called changed (`fleet_discoveries.py --wander`):
-without them four of five are, with them one of thirty, and faults lose half of the logarithm of E."""
+"""Laws in time of what readings scatter by: share that wanders, flights over which it does, probability. The finer
+they are the fewer engines are called changed whose instruments only wander, and faults pay for it with a part of the
+logarithm of E; what is left of it: `tests/benchmarks/fleet_discoveries.py --wander 0.6`."""
 LEVEL, CONDITIONS = 1e6, 1.0
 """Variance of a level, of which nothing is known, and of what a standardised condition adds, in units of the scatter:
 errors of the model at an operating point are about as large as that."""
