@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from enginediag_cli.presentation.outputs.beside import FLIPS
 from enginediag_cli.presentation.outputs.declared import Table, column, part
 
 _PLACE = (
@@ -38,6 +39,7 @@ EXPLAIN = Table(
         column("reason", "text", "why there is none", empty=True),
         column("kind", "text", "kind of the leading explanation", empty=True),
         column("sentences", "texts", "the answer in words"),
+        *FLIPS,
         part("control", "a control that the model lacks", empty=True),
         part(
             "explanations",

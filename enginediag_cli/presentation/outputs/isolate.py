@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from enginediag_cli.presentation.outputs.beside import ASKED_FLIPS, ASKED_SCOPE, FLIPS, SCOPE
 from enginediag_cli.presentation.outputs.declared import Table, column
 from enginediag_cli.presentation.outputs.windows import WINDOW
 
@@ -45,8 +46,12 @@ ISOLATE = Table(
         ),
         column("named_rivals", "texts", "other faults that cannot be excluded", empty=True),
         column("advice", "texts", "what to record next, in sentences"),
+        *FLIPS,
+        *SCOPE,
     ),
     asked={
+        **ASKED_FLIPS,
+        **ASKED_SCOPE,
         **dict.fromkeys(("named", "named_probability", "severity", "named_rivals"), "--catalogue"),
         "advice": "--advise",
     },
@@ -67,5 +72,8 @@ COMPONENTS = Table(
         ),
         column("rivals", "texts", "other sets of components, with their probabilities", empty=True),
         column("note", "text", "why there is no verdict, or what a bad fit did to the answer"),
+        *FLIPS,
+        *SCOPE,
     ),
+    asked={**ASKED_FLIPS, **ASKED_SCOPE},
 )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from enginediag_cli.presentation.outputs.beside import ASKED_SCOPE, SCOPE
 from enginediag_cli.presentation.outputs.declared import Table, column
 
 _SERIES = (
@@ -44,7 +45,9 @@ TREND = Table(
         column("rate_high", "number", "upper end of its 95 % interval", _PARAMETER, empty=True),
         column("unit", "text", "unit of change and rate; 1 is a share of nominal"),
         column("rivals", "texts", "other suspects of the same change, with their probabilities"),
+        *SCOPE,
     ),
+    asked=ASKED_SCOPE,
 )
 
 EVENTS = Table(
@@ -59,7 +62,9 @@ EVENTS = Table(
         column("kind", "text", "step or deterioration", empty=True),
         *_ONSET,
         column("rivals", "texts", "all suspects, with their probabilities"),
+        *SCOPE,
     ),
+    asked=ASKED_SCOPE,
 )
 
 FLIGHTS = Table(
