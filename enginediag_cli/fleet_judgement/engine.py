@@ -9,6 +9,7 @@ import numpy as np
 
 from enginediag_cli.detection.e_values import EPath, e_path, onset_law
 from enginediag_cli.detection.trend_of_files import FEWEST, Series
+from enginediag_cli.fleet_judgement.baseline import MOVES, p_of_still
 from enginediag_cli.fleet_judgement.consumption import Consumption, consumption_of, of_conditions, severity_of
 from enginediag_cli.fleet_judgement.finding import (
     CHANGED,
@@ -139,18 +140,31 @@ def _verdict(found: _Judged, settings: FleetSettings) -> tuple[str, str]:
     seen = _visible(found)
     if seen < OVERHEAD - np.log(settings.false_alarm):
         return NO_VERDICT, f"these flights could not show a change of {PLAUSIBLE:g} prior standard deviations"
+    if p_of_still(found.flights, found.course) < MOVES:
+        b = found.flights.baseline
+        return (
+            NO_VERDICT,
+            f"its readings move during its baseline, the first {b} flights: nothing healthy to hold it to",
+        )
     return HEALTHY, ""
 
 
 def _visible(found: _Judged) -> float:
     """Logarithm of the likelihood ratio by which a plausible change of the parameter that shows best would stand out,
-    had it come with the first flight after the baseline: half its non-centrality."""
+    had it come with the first flight after the baseline: of a non-centrality λ, beside a scatter of m readings that n
+    flights themselves have to tell,
+
+        ½ ν ln(1 + λ/ν),    ν = n − m − 1
+
+    which is ½ λ of many flights."""
     flights = found.flights
     w = flights.weight**2
     before, after = w[: flights.baseline].sum(), w[flights.baseline :].sum()
     d = flights.J[:, :, flights.health].mean(axis=0)
     told = np.einsum("mp,mk,kp->p", d, np.linalg.inv(found.course.scatter), d)
-    return float(0.5 * PLAUSIBLE**2 * told.max(initial=0.0) * before * after / max(before + after, 1e-9))
+    apart = PLAUSIBLE**2 * told.max(initial=0.0) * before * after / max(before + after, 1e-9)
+    left = max(len(flights) - flights.z.shape[1] - 1, 0)
+    return float(0.5 * left * np.log1p(apart / left)) if left else 0.0
 
 
 def _since(onset: np.ndarray, flights: Flights) -> tuple[int, int, int]:

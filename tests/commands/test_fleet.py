@@ -21,7 +21,7 @@ def test_one_document_whatever_the_number_of_processes_and_a_store_that_makes_th
     fleet, store = folder / "fleet.yaml", folder / "kept"
     shutil.copy(folder / "engine_1.csv", folder / "engine_5.csv")  # the same bytes: counted once
     ended = run("fleet", fleet, "--jobs", 1, "-o", folder / "one.json", "--store", store)
-    assert ended.exit_code == 0, ended.stderr
+    assert ended.exit_code == 3, ended.stderr  # eight flights could show no change beside the scatter of all readings
     assert "engine_5.csv: left out: holds the same bytes as engine_1.csv" in ended.stderr
     assert "4 recordings condensed anew" in ended.stderr
     again = run("fleet", fleet, "--jobs", 2, "-o", folder / "two.json", "--store", store)
@@ -33,7 +33,7 @@ def test_one_document_whatever_the_number_of_processes_and_a_store_that_makes_th
     assert sorted(engine["serial"] for engine in one["engines"]) == ["1", "2", "3", "4"]
     assert one["counts"]["records"] == 4 * small_fleet.FLIGHTS * small_fleet.RECORDS
     assert one["sums"][0]["records"] == one["counts"]["records"]
-    assert one["left_out"] == [
+    assert [x for x in one["left_out"] if "recording" in x] == [
         {"recording": "engine_5.csv", "reason": "holds the same bytes as engine_1.csv, which are counted once"}
     ]
     status = run("fleet", "status", fleet, "--store", store, "-f", "csv")
