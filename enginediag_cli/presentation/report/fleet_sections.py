@@ -37,7 +37,7 @@ def fleet_lead(document: Mapping[str, Any], engines: Sequence[EngineFound], key:
     sentence = f"{told}; {listed(rest)}." if rest else f"{told}."
     surely = str((document.get("discoveries") or {}).get("words") or "")
     if listed_:
-        surely = f"{count(len(listed_), 'engine')} on the list of discoveries. {surely}"
+        surely = f"{count(len(listed_), 'engine')} on the list of discoveries: {surely}"
     worst = [e for e in engines if e.verdict == "changed"][:1]
     step = [f"Begin with {e.serial}: {_step(e)}" for e in worst]
     return Lead(state, sentence, "", surely, "", " ".join(step), key=key, badge="fleet")
