@@ -29,6 +29,7 @@ def test_a_concealed_load_is_named_with_a_floor_for_map_errors_too():
     assert a.explanations[0].flights >= 0.75
 
 
+@pytest.mark.slow
 def test_two_concealed_effects_are_named_together():
     a = _answer(("reynolds_efficiency", "hpc", {"exponent": 0.1}), ("power_offtake", "hp", {"fraction": 0.006}), seed=2)
     assert a.status == NAMED

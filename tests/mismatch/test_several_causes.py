@@ -71,6 +71,7 @@ def test_the_order_of_the_library_does_not_matter():
     assert one.explanations[0].objective == pytest.approx(other.explanations[0].objective, abs=0.1)
 
 
+@pytest.mark.slow
 def test_coefficients_of_three_causes_are_within_their_intervals():
     truth = {"reynolds_efficiency.hpc.exponent": 0.1, "power_offtake.hp.fraction": 0.006}
     found = {c.name: c for c in three_causes().explanations[0].coefficients}
@@ -162,6 +163,7 @@ def test_a_fault_beside_an_unlisted_effect_is_named_with_a_law():
     assert fault.target.name == "sensor.T3.scale" and law.component == "hpt"
 
 
+@pytest.mark.slow
 def test_a_fault_beside_an_unlisted_effect_is_named_in_part_where_no_law_can_be():
     a = in_part_alone()
     assert a.status == NAMED and a.in_part and a.kind == "sensor fault"

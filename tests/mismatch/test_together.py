@@ -75,6 +75,7 @@ def test_sizes_at_the_places_are_what_the_one_is(size):
     assert [dict(e.values) for e in stated] == [{"exponent": size}] * 2
 
 
+@pytest.mark.slow
 def test_refine_fits_one_size_and_states_it_at_each_place():
     (o,) = found().explanations[0].options
     (e,) = o.hypothesis.effects
