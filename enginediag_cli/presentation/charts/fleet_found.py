@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from enginediag_cli.errors import DataError
+from enginediag_cli.fleet_judgement.finding import Estimate
 from enginediag_cli.parameters import Parameter, spelled, unspecified
 from enginediag_cli.presentation.charts.model import Origin
 from enginediag_cli.presentation.charts.sizes import scale_of
@@ -16,21 +17,12 @@ NAN = float("nan")
 
 
 @dataclass(frozen=True)
-class Estimated:
-    """A value with its interval."""
-
-    value: float = NAN
-    low: float = NAN
-    high: float = NAN
-
-
-@dataclass(frozen=True)
 class HealthFound:
     """One parameter of an engine."""
 
     parameter: Parameter
     component: str
-    change: Estimated
+    change: Estimate
     kind: str
     probability: float
     onset: int
@@ -67,9 +59,9 @@ class MarginFound:
     column: str
     condition: str
     limit_K: float
-    consumed_K: Estimated
-    now_K: Estimated
-    remaining_flights: Estimated
+    consumed_K: Estimate
+    now_K: Estimate
+    remaining_flights: Estimate
     reason: str
 
 
@@ -80,7 +72,7 @@ class EventFound:
     kind: str
     component: str
     number: int
-    recovered_K: Estimated
+    recovered_K: Estimate
     reason: str
     origin: Origin
 
@@ -97,7 +89,7 @@ class EngineFound:
     discovery: bool
     since: tuple[int, int, int]
     since_flight: str
-    severity: Estimated
+    severity: Estimate
     severity_unit: str
     health: Sequence[HealthFound]
     by_flight: Sequence[FlightFound]
@@ -196,10 +188,10 @@ def _event(x: Mapping[str, Any], origin: Origin) -> EventFound:
     )
 
 
-def _estimate(value: Any) -> Estimated:
+def _estimate(value: Any) -> Estimate:
     if not isinstance(value, Mapping):
-        return Estimated(_number(value))
-    return Estimated(*(_number(value.get(name)) for name in ("value", "low", "high")))
+        return Estimate(_number(value))
+    return Estimate(*(_number(value.get(name)) for name in ("value", "low", "high")))
 
 
 def _number(value: Any) -> float:

@@ -6,8 +6,9 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
+from enginediag_cli.fleet_judgement.finding import Estimate
 from enginediag_cli.presentation.charts.evidence_course import evidence_course
-from enginediag_cli.presentation.charts.fleet_found import EngineFound, Estimated, HealthFound
+from enginediag_cli.presentation.charts.fleet_found import EngineFound, HealthFound
 from enginediag_cli.presentation.charts.fleet_map import fleet_map
 from enginediag_cli.presentation.charts.fleet_ranking import fleet_ranking
 from enginediag_cli.presentation.charts.margin import margin
@@ -82,7 +83,7 @@ def _step(e: EngineFound) -> str:
     return next_step(STATES.get(e.verdict, State.CANNOT_TELL), [h.parameter for h in _changed(e)], (), ())
 
 
-def _left(left: Estimated) -> str:
+def _left(left: Estimate) -> str:
     """Flights to the limit with their 90 % interval."""
     if not math.isfinite(left.value):
         return ""
