@@ -16,14 +16,17 @@ from enginediag_cli.presentation.report.page import Lead, State
 from enginediag_cli.presentation.report.results import kinds
 from enginediag_cli.presentation.sentences import change, count
 
-LIKELY = 0.5
-"""Probability from which a change is told as one."""
+LIKELY, SETTLED = 0.5, 0.9
+"""Probability from which a parameter is told as one that changed, and which the likeliest must have for the answer to
+stand in the headline without a doubt."""
+MISFIT = 2.0
+"""χ² per degree of freedom of a window, after its answer, from which no answer explains what was read. Judgement."""
 
 
 def lead_of(engine: EngineEvidence, evidence: Evidence, key: str) -> Lead:
     """The first screen of an engine."""
     found = _by_trend(engine, evidence) or _by_isolation(engine, evidence) or _by_detection(engine)
-    state, sentence, names = found
+    state, sentence, names = _in_doubt(engine, found)
     return Lead(
         state,
         sentence,
@@ -40,6 +43,16 @@ def lead_of(engine: EngineEvidence, evidence: Evidence, key: str) -> Lead:
 _Found = tuple[State, str, Sequence[str]]
 
 
+def _in_doubt(engine: EngineEvidence, found: _Found) -> _Found:
+    """The answer, told as the likeliest account of something that the model does not explain where that is so."""
+    state, sentence, names = found
+    fit = engine.isolated[-1][0].number("fit") if engine.isolated else math.nan
+    if state not in (State.CHANGED, State.CANNOT_TELL) or not fit > MISFIT:
+        return found
+    told = f"The readings depart from nominal, and no change explains them (χ² per degree of freedom {rounded(fit)}): "
+    return State.CANNOT_TELL, f"{told}ask explain what the model lacks. Nearest to it: {sentence}", names
+
+
 def changed_in_trend(engine: EngineEvidence) -> list[Row]:
     """Rows of `trend` of parameters that have probably changed."""
     rows = [row for row in engine.of(kinds.TREND) if row.text("kind") not in ("", "steady")]
@@ -50,8 +63,12 @@ def _by_trend(engine: EngineEvidence, evidence: Evidence) -> _Found | None:
     rows = engine.of(kinds.TREND)
     changed = changed_in_trend(engine)
     if changed:
-        told = [_of_trend(row, evidence) for row in changed]
-        return State.CHANGED, f"{listed(told)}.", [row.text("parameter") for row in changed]
+        told, names = listed([_of_trend(row, evidence) for row in changed]), [row.text("parameter") for row in changed]
+        most = max(row.number("probability") for row in changed)
+        if most < SETTLED:
+            doubt = f"Something changed, and what is not settled; the likeliest ({probability(most)}): {told}."
+            return State.CANNOT_TELL, doubt, names
+        return State.CHANGED, f"{told}.", names
     suspects = [row for row in rows if row.text("kind") not in ("", "steady")]
     if suspects and rows[0].text("verdict") == "changed":
         parts = {row.text("component"): row for row in suspects}
@@ -142,7 +159,7 @@ def _surely(engine: EngineEvidence) -> str:
     changed = changed_in_trend(engine)
     if changed:
         row = max(changed, key=lambda r: r.number("probability"))
-        flights = count(row.count("flights"), "flight")
+        flights = count(row.count("flights"), "flight" if row.text("onset_flight") else "window")
         told.append(f"probability {probability(row.number('probability'))} by the trend over {flights}")
     elif engine.of(kinds.TREND) and engine.of(kinds.TREND)[0].text("verdict") == "steady":
         told.append(f"the trend over {count(engine.of(kinds.TREND)[0].count('flights'), 'flight')} shows no change")

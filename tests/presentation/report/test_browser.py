@@ -112,6 +112,7 @@ def test_the_page_is_never_wider_than_the_screen(browser, page, width, phone) ->
     assert browser.value("document.documentElement.scrollWidth") <= width
 
 
+@pytest.mark.slow
 def test_eight_charts_of_5000_points_open_in_under_a_second(browser, tmp_path) -> None:
     files = []
     for k in range(8):

@@ -63,6 +63,23 @@ def test_the_first_screen_says_what_changed_how_surely_since_when_and_what_to_do
     assert "What to do next" in first and "Not excluded either" in first
 
 
+def test_an_answer_that_is_hardly_likelier_than_others_is_no_headline_without_a_doubt(tmp_path) -> None:
+    file = trend(tmp_path)
+    file.write_text(file.read_text().replace("hpc,deterioration,0.99", "hpc,deterioration,0.61"))
+    page = report(tmp_path, file)
+    text = " ".join("".join(words(page).text).split())
+    assert "Something changed, and what is not settled; the likeliest (0.61): hpc.efficiency fell by 0.80 %" in text
+    assert 'class="lead changed"' not in page and "the engine itself shows no change" not in text
+
+
+def test_what_no_change_explains_is_told_as_physics_that_the_model_lacks(tmp_path) -> None:
+    file = isolated(tmp_path)
+    file.write_text(file.read_text().replace('"fit": 1.0', '"fit": 4.78'))
+    text = " ".join("".join(words(report(tmp_path, file, trend(tmp_path))).text).split())
+    assert "no change explains them (χ² per degree of freedom 4.78): ask explain what the model lacks" in text
+    assert "Nearest to it: hpc.efficiency fell by 0.80 %" in text
+
+
 def test_what_would_flip_the_answer_is_told_where_the_results_have_it(tmp_path) -> None:
     import json
 
