@@ -75,52 +75,56 @@ def structure(clock: np.ndarray, z: np.ndarray, least: np.ndarray) -> tuple[np.n
     limit = max(LONGEST * (clock[-1] - clock[0]), min(OF_SHORT * (clock[-1] - clock[0]), SHORT * unit))
     edges = unit * 0.999 * 2.0 ** np.arange(DISTANCES + 1)
     distances: list[float] = []
-    found: list[np.ndarray] = []
+    pairs: list[np.ndarray] = []
     for low, high in pairwise(edges):
-        if low > limit and found:  # neighbours tell what they differ by in the shortest series
+        if low > limit and pairs:  # neighbours tell what they differ by in the shortest series
             break
         first, last = np.searchsorted(clock, clock + low), np.searchsorted(clock, clock + high)
         one = np.repeat(np.arange(n), np.minimum(last - first, PAIRS))
-        if len(one) < LEAST_PAIRS and found:
+        if len(one) < LEAST_PAIRS and pairs:
             continue
         if not len(one):
             one, other = np.arange(n - 1), np.arange(1, n)
         else:
             other = first[one] + (rng.random(len(one)) * (last - first)[one]).astype(int)
-        found.append(_half_square(z[other] - z[one], least, n - 1))
+        pairs.append(z[other] - z[one])
         distances.append(float(np.mean(clock[other] - clock[one])))
-    return np.array(distances), np.array(found)
+    return np.array(distances), _half_squares(pairs, least, n - 1)
 
 
-def _half_square(difference: np.ndarray, least: np.ndarray, own: int) -> np.ndarray:
-    """Half the second moment (m, m) of differences (k, m), those that are far off counting less; `own` of them are
-    independent."""
-    k, m = difference.shape
-    prior, size = m + 2.0, 1.0
+def _half_squares(differences: Sequence[np.ndarray], least: np.ndarray, own: int) -> np.ndarray:
+    """Half the second moments (h, m, m) of differences (k, m) of each class, those that are far off counting less;
+    `own` of them are independent. All classes at once: each is a few small matrices."""
+    m = len(least)
+    k = np.array([len(d) for d in differences])
+    padded = np.zeros((len(k), int(k.max()), m))
+    for d, of_class in zip(differences, padded, strict=True):
+        of_class[: len(d)] = d
+    there = np.arange(padded.shape[1]) < k[:, None]
+    prior, count = m + 2.0, k[:, None, None].astype(float)
+    size = np.ones((len(k), 1, 1))
     # from medians on: of four differences one that holds a step would else take the rest for close to it
-    S = np.diag(np.median(difference**2, axis=0)) / MEDIAN + 2e-9 * least
+    S = np.array([np.diag(np.median(d**2, axis=0)) for d in differences]) / MEDIAN + 2e-9 * least
     for _ in range(ROUNDS):
-        S = (k * S + prior * size * 2 * least) / (k + prior)
-        distance = np.sum((difference @ np.linalg.inv(S)) * difference, axis=1)
-        w = np.minimum((FREEDOM + m) / (FREEDOM + distance), 1.0)
-        S = (difference * w[:, None]).T @ difference / w.sum()
-        size = _share(S, 2 * least, min(k, own))
-    return np.asarray((k * S + prior * size * 2 * least) / (k + prior) / 2)
+        S = (count * S + prior * size * 2 * least) / (count + prior)
+        distance = np.sum((padded @ np.linalg.inv(S)) * padded, axis=2)
+        w = np.minimum((FREEDOM + m) / (FREEDOM + distance), 1.0) * there
+        S = np.swapaxes(padded * w[:, :, None], 1, 2) @ padded / w.sum(axis=1)[:, None, None]
+        size = _shares(S, 2 * least, np.minimum(k, own))[:, None, None]
+    return np.asarray((count * S + prior * size * 2 * least) / (count + prior) / 2)
 
 
-def _share(S: np.ndarray, least: np.ndarray, own: int) -> float:
-    """Geometric mean of what S (m, m), the second moment of `own` independent differences, is of `least`, one at most:
-    the determinant without its bias (Anderson (2003), theorem 7.5.3). One with too few differences to tell."""
+def _shares(S: np.ndarray, least: np.ndarray, own: np.ndarray) -> np.ndarray:
+    """Geometric mean of what S (h, m, m), second moments of `own` (h,) independent differences, are of `least`, one at
+    most: the determinant without its bias (Anderson (2003), theorem 7.5.3). One with too few differences to tell."""
     from scipy.special import psi
 
-    m = len(S)
-    if own < 2 * (m + 2):
-        return 1.0
+    m = len(least)
     sign, log = np.linalg.slogdet(S)
-    if sign <= 0:
-        return 1.0
-    bias = float(np.sum(psi((own - np.arange(m)) / 2))) - m * np.log(own / 2)
-    return float(np.exp(min((log - bias - np.linalg.slogdet(least)[1]) / m, 0.0)))
+    tell = (own >= 2 * (m + 2)) & (sign > 0)
+    bias = psi((np.maximum(own, m)[:, None] - np.arange(m)) / 2).sum(axis=1) - m * np.log(own / 2)
+    mean = (np.where(tell, log, 0.0) - bias - np.linalg.slogdet(least)[1]) / m
+    return np.where(tell, np.exp(np.minimum(mean, 0.0)), 1.0)
 
 
 class Scatter:
@@ -183,7 +187,7 @@ def _wandering(readings: Readings, known: np.ndarray, laws: Sequence[bool]) -> l
 def _law(readings: Readings, known: np.ndarray, distances: np.ndarray, C: np.ndarray, slow: bool) -> Wander:
     """One law of scatter from the structure functions C (h, m, m)."""
     from scipy.linalg import eigh
-    from scipy.stats import chi2
+    from scipy.special import chdtri
 
     t = readings.clock
     _, W = eigh(C[-3:].mean(axis=0) if slow else C[0] + 1e-6 * np.diag(np.diag(C[0])), C[0])
@@ -198,13 +202,13 @@ def _law(readings: Readings, known: np.ndarray, distances: np.ndarray, C: np.nda
     inverse, logs = _inverse(K + common)
     c = np.einsum("kij,jk->ki", inverse, free)
     own = np.einsum("kii->ki", inverse)
-    more = _locally(np.sum(c**2 / own, axis=0) / chi2.median(m)) if slow else np.ones(n)
+    more = _locally(np.sum(c**2 / own, axis=0) / chdtri(m, 0.5)) if slow else np.ones(n)
     K = K * np.sqrt(more[:, None] * more) + common
     if np.any(more > 1):
         inverse, logs = _inverse(K)
         c = np.einsum("kij,jk->ki", inverse, free)
         own = np.einsum("kii->ki", inverse)
-    beyond = chi2.isf(OUTLIER, m)
+    beyond = chdtri(m, OUTLIER)
     alone = (free - _running_median(free)).T
     off = (np.sum(c**2 / own, axis=0) > beyond) & (np.sum(alone**2, axis=0) > beyond)
     if off.any():

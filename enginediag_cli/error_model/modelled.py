@@ -90,8 +90,14 @@ class MapErrorModel(WrappedModel):
         taken = self._taken(columns)
         plain = {c: v for c, v in inputs.items() if c not in taken}
         brought = self.brought(inputs, columns)
-        frozen = {name: inputs[name] for name in taken} if brought else self.frozen(plain, columns)
-        p = self._ask(asked, inputs=plain, sensors=columns, wrt=along)
+        options = dict(asked.options)
+        if brought:
+            frozen = {name: inputs[name] for name in taken}
+        else:
+            frozen, x = self._frozen(plain, columns)
+            if x is not None:  # the machines run near to where they do without errors
+                options.setdefault("start", x)
+        p = self._ask(asked, inputs=plain, sensors=columns, wrt=along, options=options)
         return _with_errors(p, self._groups, amounts, asked.wrt, frozen)
 
     def brought(self, inputs: Mapping[str, Any], sensors: Sequence[str]) -> bool:
@@ -160,7 +166,12 @@ class MapErrorModel(WrappedModel):
         """Frozen columns (N,) by name of all map errors at these records, 0 where there is no prediction; options: of
         the model's prediction."""
         taken = self._taken(sensors)
-        plain = {c: v for c, v in inputs.items() if c not in taken}
+        return self._frozen({c: v for c, v in inputs.items() if c not in taken}, sensors, **options)[0]
+
+    def _frozen(
+        self, plain: Mapping[str, Any], sensors: Sequence[str], **options: Any
+    ) -> tuple[dict[str, np.ndarray], np.ndarray | None]:
+        """`frozen` of inputs without any, and the engine's unknowns there, where it tells them."""
         also = columns_of(g.machine for g in self._groups)
         p = self.model.predict(plain, {}, sensors=tuple(sensors), wrt=self.targets, also=also, **options)
         values = dict(zip(also, p.also.T, strict=True))
@@ -168,7 +179,8 @@ class MapErrorModel(WrappedModel):
         for k, g in enumerate(self._groups):
             found.update(zip(g.machine.coordinate_columns, g.machine.coordinates(values).T, strict=True))
             found.update(zip((_effect(g.target, c) for c in sensors), p.jacobian[:, :, k].T, strict=True))
-        return {name: np.where(p.ok & np.isfinite(v), v, 0.0) for name, v in found.items()}
+        found = {name: np.where(p.ok & np.isfinite(v), v, 0.0) for name, v in found.items()}
+        return found, getattr(p, "x", None)
 
 
 def _effect(target: str, sensor: str) -> str:

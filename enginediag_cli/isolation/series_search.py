@@ -246,18 +246,14 @@ def _gain(b: np.ndarray, S: np.ndarray, size: np.ndarray) -> np.ndarray:
 
 def _gaussian(b: np.ndarray, S: np.ndarray, slabs: Sequence[float]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """log Bayes factor (L,), mean (L, q) and covariance (L, q, q) of changes N(0, slab²), averaged over the slabs."""
-    q = b.shape[1]
-    logs, means, covariances = [], [], []
-    for slab in slabs:
-        inner = np.eye(q) + slab**2 * S
-        covariance = slab**2 * np.linalg.inv(inner)
-        mean = np.einsum("lpq,lq->lp", covariance, b)
-        logs.append(0.5 * np.sum(b * mean, axis=1) - 0.5 * np.linalg.slogdet(inner)[1])
-        means.append(mean)
-        covariances.append(covariance)
+    variance = np.square(slabs)[:, None, None, None]
+    inner = np.eye(b.shape[1]) + variance * S
+    covariances = variance * np.linalg.inv(inner)
+    means = (covariances @ b[:, :, None])[..., 0]
+    logs = 0.5 * np.sum(b * means, axis=2) - 0.5 * np.linalg.slogdet(inner)[1]
     log = np.logaddexp.reduce(logs, axis=0)
-    w = np.exp(np.array(logs) - log)
+    w = np.exp(logs - log)
     mean = np.einsum("sl,slp->lp", w, means)
-    spread = np.array(means) - mean
-    covariance = np.einsum("sl,slpq->lpq", w, covariances) + np.einsum("sl,slp,slq->lpq", w, spread, spread)
+    spread = means - mean
+    covariance = np.einsum("sl,slpq->lpq", w, covariances + spread[..., :, None] * spread[..., None, :])
     return log - np.log(len(slabs)), mean, covariance
