@@ -52,6 +52,10 @@ class EngineDiagError(Exception):
     exit_code = ExitCode.TROUBLE
 
 
+class WorkerDiedError(EngineDiagError):
+    """A process that shares the work was ended from outside, as by the system when memory runs out."""
+
+
 MOST_PROBLEMS = 50
 """Problems of a file that are told; more help nobody, and a hostile file could have a million."""
 

@@ -19,6 +19,7 @@ from enginediag_cli.commands.options import (
     exit_code_option,
     exit_codes,
     false_alarm_option,
+    jobs_option,
     message_options,
     output_options,
     pass_messages,
@@ -60,6 +61,7 @@ if TYPE_CHECKING:
 )
 @picture_option("the statistic of every window over its threshold")
 @follow_options
+@jobs_option
 @exit_code_option
 @output_options
 @message_options

@@ -12,6 +12,7 @@ from enginediag_cli.commands.options import (
     OutputFile,
     exit_code_option,
     exit_codes,
+    jobs_option,
     message_options,
     output_options,
     pass_messages,
@@ -58,6 +59,7 @@ if TYPE_CHECKING:
     help="Write the flight that would separate rival explanations soonest, as a flight file that simulate takes, and "
     "tell the best recording of every kind.",
 )
+@jobs_option
 @exit_code_option
 @output_options
 @message_options

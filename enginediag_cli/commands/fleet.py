@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from enginediag_cli.commands.fleet_store import WithParts
+from enginediag_cli.commands.fleet_store import WithParts, fleet_recordings
 from enginediag_cli.commands.options import (
     ConfigFile,
     exit_code_option,
@@ -30,9 +30,7 @@ WHAT = ("engines", "health", "flights")
     epilog=exit_codes(finding="an engine is on the list of discoveries and --exit-code given"),
 )
 @click.argument("fleet_file", metavar="FLEET.yaml", type=ConfigFile())
-@click.argument(
-    "recordings", nargs=-1, metavar="[RECORDING]...", type=click.Path(exists=True, dir_okay=False, readable=True)
-)
+@fleet_recordings
 @click.option(
     "--jobs",
     metavar="N",

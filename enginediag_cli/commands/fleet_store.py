@@ -10,7 +10,7 @@ from enginediag_cli.commands.options import ConfigFile, exit_codes, message_opti
 from enginediag_cli.presentation.messages import Messages
 from enginediag_cli.presentation.output import Output
 
-_recordings = click.argument(
+fleet_recordings = click.argument(
     "recordings", nargs=-1, metavar="[RECORDING]...", type=click.Path(exists=True, dir_okay=False, readable=True)
 )
 _store = click.option(
@@ -25,7 +25,7 @@ _store = click.option(
 
 @click.command(short_help="Say what the store holds of a fleet.", epilog=exit_codes())
 @click.argument("fleet_file", metavar="FLEET.yaml", type=ConfigFile())
-@_recordings
+@fleet_recordings
 @_store
 @output_options
 @message_options
@@ -50,7 +50,7 @@ def status(messages: Messages, fleet_file: str, recordings: tuple[str, ...], sto
 
 @click.command(short_help="Remove from the store what a fleet does not need.", epilog=exit_codes())
 @click.argument("fleet_file", metavar="FLEET.yaml", type=ConfigFile())
-@_recordings
+@fleet_recordings
 @_store
 @click.option("-n", "--dry-run", is_flag=True, help="Say what would be removed, and remove nothing.")
 @message_options

@@ -12,6 +12,7 @@ from enginediag_cli.commands.options import (
     ConfigFile,
     FiniteRange,
     exit_codes,
+    jobs_option,
     message_options,
     output_file_option,
     pass_messages,
@@ -67,6 +68,7 @@ class Part:
 @click.option("--allow-bounds", is_flag=True, help="Write it although parameters end at their bounds.")
 @picture_option("how well each reading is fitted")
 @output_file_option("Write the nominal file here, completely or not at all; - is standard output.")
+@jobs_option
 @message_options
 @pass_messages
 def identify(

@@ -16,6 +16,7 @@ from enginediag_cli.commands.options import (
     exit_code_option,
     exit_codes,
     false_alarm_option,
+    jobs_option,
     message_options,
     output_options,
     pass_messages,
@@ -76,6 +77,7 @@ METHODS = ("posterior", "incremental", "sensitivity", "minmax")
 @further_options
 @beside_options
 @picture_option("the fingerprint of the last window in which something was isolated")
+@jobs_option
 @exit_code_option
 @output_options
 @message_options

@@ -11,6 +11,7 @@ from enginediag_cli.commands.options import (
     OutputFile,
     exit_code_option,
     exit_codes,
+    jobs_option,
     message_options,
     output_options,
     pass_messages,
@@ -46,6 +47,7 @@ if TYPE_CHECKING:
     help="Instead of the map: a free amplitude in every Nth record at each place in turn, for what moves the engine "
     "far and has no recorded driver.",
 )
+@jobs_option
 @exit_code_option
 @output_options
 @message_options

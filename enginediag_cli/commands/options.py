@@ -192,6 +192,31 @@ def seed_option(function: Function) -> Function:
     )(function)
 
 
+def jobs_option(function: Callable[..., Any]) -> Callable[..., Any]:
+    """`--jobs N`: the command runs with so many processes that share its work."""
+
+    @wraps(function)
+    def with_jobs(*args: Any, jobs: int, **others: Any) -> Any:
+        from enginediag_cli.side_by_side import CAN_COPY, working
+
+        if jobs > 1 and not CAN_COPY:
+            click.get_current_context().ensure_object(Messages).note(
+                "--jobs has no effect on this system, where a process cannot begin as a copy of another"
+            )
+        with working(jobs):
+            return function(*args, **others)
+
+    option = click.option(
+        "--jobs",
+        metavar="N",
+        type=click.IntRange(min=1),
+        default=1,
+        show_default=True,
+        help="Processes that share the work. The result does not depend on it.",
+    )
+    return option(with_jobs)
+
+
 def exit_code_option(function: Function) -> Function:
     """`--exit-code` as `exit_code: bool`: end with 1 when there is a finding.
 

@@ -13,7 +13,14 @@ from enginediag_cli.commands.mismatch_options import (
     tell_case,
     without_option,
 )
-from enginediag_cli.commands.options import OutputFile, exit_codes, message_options, output_file_option, pass_messages
+from enginediag_cli.commands.options import (
+    OutputFile,
+    exit_codes,
+    jobs_option,
+    message_options,
+    output_file_option,
+    pass_messages,
+)
 from enginediag_cli.commands.parameter_types import CSV_SUFFIXES, PICTURE_SUFFIXES
 from enginediag_cli.errors import ExitCode
 from enginediag_cli.presentation.messages import Messages
@@ -91,6 +98,7 @@ class Written(NamedTuple):
     help="Write before and after to FILE (.csv, .json, .parquet or a table), beside standard error.",
 )
 @click.option("--picture", metavar="FILE", type=OutputFile(PICTURE_SUFFIXES), help="Draw before and after as SVG.")
+@jobs_option
 @message_options
 @pass_messages
 def refine(

@@ -10,7 +10,14 @@ import click
 
 from enginediag_cli.commands.intake_options import compared_options, judging_options, source_options, window_options
 from enginediag_cli.commands.judging import Compared
-from enginediag_cli.commands.options import OutputFile, exit_codes, false_alarm_option, message_options, pass_messages
+from enginediag_cli.commands.options import (
+    OutputFile,
+    exit_codes,
+    false_alarm_option,
+    jobs_option,
+    message_options,
+    pass_messages,
+)
 from enginediag_cli.errors import DataError, ExitCode
 from enginediag_cli.presentation.messages import Messages
 
@@ -40,6 +47,7 @@ PAGE_SUFFIXES = ("", ".html", ".htm")
     type=OutputFile(PAGE_SUFFIXES),
     help="Write the page here, completely or not at all; - is standard output.",
 )
+@jobs_option
 @message_options
 @pass_messages
 def report(

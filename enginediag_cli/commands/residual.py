@@ -10,7 +10,7 @@ import click
 
 from enginediag_cli.commands.intake_options import compared_options, judging_options, source_options, window_options
 from enginediag_cli.commands.judging import Compared, ending, judged_files, tell_files
-from enginediag_cli.commands.options import exit_codes, message_options, output_options, pass_messages
+from enginediag_cli.commands.options import exit_codes, jobs_option, message_options, output_options, pass_messages
 from enginediag_cli.errors import ExitCode
 from enginediag_cli.presentation.messages import Messages
 from enginediag_cli.presentation.output import Output
@@ -38,6 +38,7 @@ if TYPE_CHECKING:
     show_default=True,
     help="One row of local statistics per window, or one row of residuals per record.",
 )
+@jobs_option
 @output_options
 @message_options
 @pass_messages

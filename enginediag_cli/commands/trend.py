@@ -14,22 +14,16 @@ from enginediag_cli.commands.intake_options import (
     source_options,
 )
 from enginediag_cli.commands.judging import Compared, ending, judged_files, tell_files
-from enginediag_cli.commands.options import exit_codes, message_options, output_options, pass_messages
+from enginediag_cli.commands.options import exit_codes, jobs_option, message_options, output_options, pass_messages
 from enginediag_cli.commands.picture_option import picture_option
 from enginediag_cli.presentation.messages import Messages
 from enginediag_cli.presentation.output import Output
 from enginediag_cli.presentation.summaries import FLIGHTS, TREND, TREND_COMPONENTS
-from enginediag_cli.progress import each
 
 if TYPE_CHECKING:
     from enginediag_cli.errors import ExitCode
     from enginediag_cli.intake.source import Source
     from enginediag_cli.residuals.files import Judging
-
-EPOCHS = 400
-"""Epochs of one series that are judged at once: work grows with their third power. Longer ones are joined."""
-OF_A_FLEET = 40
-"""Epochs of each engine where there are several."""
 
 
 @click.command(short_help="Follow health over flights: level, onset and rate of deterioration.", epilog=exit_codes())
@@ -70,6 +64,7 @@ OF_A_FLEET = 40
     "temperature and fuel at equal thrust or power. May be given several times; needs --nominal.",
 )
 @picture_option("the health of the engine that changed over its flights")
+@jobs_option
 @output_options
 @message_options
 @pass_messages
@@ -105,7 +100,7 @@ def trend(
     from dataclasses import replace
 
     from enginediag_cli.detection.trend_of_files import FEWEST, series_of
-    from enginediag_cli.isolation.over_time import TrendOptions, judge_series
+    from enginediag_cli.isolation.stories import stories_of
     from enginediag_cli.presentation.maintenance_rows import maintenance_row, tell_maintenance, tell_scope, with_scope
     from enginediag_cli.presentation.outputs import trend as outputs
     from enginediag_cli.presentation.trend_rows import (
@@ -116,22 +111,19 @@ def trend(
         trend_rows,
     )
     from enginediag_cli.recordings.provenance import header_lines
-    from enginediag_cli.residuals.series_monitor import trusting_no_input
-    from enginediag_cli.residuals.windows import WindowPlan
+    from enginediag_cli.residuals.series_monitor import of_series
     from enginediag_cli.work_scope.of_series import conditions_of, maintenance_of
     from enginediag_cli.work_scope.scope import Scoping
 
     if events and (compared.nominal is None or what == "flights"):
         raise click.UsageError("--event needs --nominal, and does not go with --what flights")
     whole = judging.plan.whole
-    plan = WindowPlan(1, 1, whole_flights=True) if whole else judging.plan
     notes = {**source.notes, **judging.notes}
     healthy = judging.reference
-    judging = replace(judging, plan=plan, reference=0)  # of the series, not of a window
+    judging = replace(judging, plan=judging.plan.of_series, reference=0)  # of the series, not of a window
     monitor = compared.open(messages, source, sensors=not compared.patterns, model_error=judging.model_error)
     generic = monitor is None or monitor.slopes is not None
-    # what wrong slopes of maps make of a change is asked of the series, not of each window
-    monitor = None if monitor is None else replace(trusting_no_input(monitor), slopes=None)
+    monitor = None if monitor is None else of_series(monitor)
     files = judged_files(source, monitor, judging, summed=whole)
     files.series = True
     series = series_of(files, of_readings=what == "trend")
@@ -147,18 +139,11 @@ def trend(
         rows = list(flight_rows(series))
     else:
         as_rows = component_rows if by == "component" else trend_rows
-        most = EPOCHS if len(series.stretches) == 1 else OF_A_FLEET
-        for engine, stretches in each(series.stretches.items(), "engines judged", len(series.stretches)):
+        for engine, stretches in series.stretches.items():
             if len(stretches) < FEWEST:
                 tell_too_few(messages, engine, len(stretches))
-                continue
-            options = TrendOptions(
-                healthy=series.healthy(engine, healthy),
-                sensors=not no_sensors,
-                generic=generic,
-                governed=series.governed,
-            )
-            story = judge_series(series.readings(engine).joined(most), series.known, options)
+        for engine, story in stories_of(series, reference=healthy, sensors=not no_sensors, generic=generic):
+            stretches = series.stretches[engine]
             tell_story(messages, engine, story, series)
             scope = None
             if scoping is not None and story.events and (form or not messages.quiet):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from copy import copy
 from functools import cached_property
 from typing import Any, NamedTuple
@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from enginediag_cli.engine import anchors, solver
+from enginediag_cli.engine.batch import Batch
 from enginediag_cli.engine.dual import Array
 from enginediag_cli.engine.moving.recall import Known, Recall
 from enginediag_cli.engine.moving.tape import Tape, Tapes
@@ -29,9 +30,6 @@ from enginediag_cli.engine.start import correction, total_ratios
 from enginediag_cli.engine.strategy import Strategy, Tries
 from enginediag_cli.engine.term import Effect
 from enginediag_cli.parameters import Parameter
-
-CHUNK = 10_000
-"""Most points that are solved together: enough to hide the overhead of calls, few enough for memory."""
 
 
 class Engine:
@@ -238,29 +236,12 @@ class Engine:
         size = len(valid)
         out = Outputs(self.network, self.sensors, columns, wrt, also, size)
         out.reasons.update(reasons)
-        x = np.full((len(self.unknowns), size), np.nan)
-        residual, passes = np.full(size, np.inf), np.zeros(size, dtype=int)
-        by_differences = size <= solver.FEW_POINTS
-        if start is None:
-            self._strategy.prepare(points, valid)
-        for at in _chunks(np.flatnonzero(valid), CHUNK):
-            u, t, reader = solver.take(points, at), solver.take(theta, at), out.of(at)
-            first = None if start is None else start[:, at]
-            solved = self._strategy.solve(u, t, first, reader, Tries(by_differences, walk))
-            x[:, at], residual[at], passes[at] = solved.x, solved.residual, solved.passes
-            failed = ~solved.converged
-            out.status[at[failed]] = NOT_CONVERGED
-            for k in np.flatnonzero(failed).tolist():
-                balance = self._balance_names[solved.worst(k)]
-                out.reasons[int(at[k])] = f"{balance} not met (residual {solved.residual[k]:.1e})"
-            rest = np.flatnonzero(solved.converged & ~solved.read)
-            for some in solver.blocks(rest, out.along):
-                e = solver.evaluate(
-                    self.network, solver.take(u, some), solver.take(t, some), solved.x[:, some], out.along
-                )
-                reader.read(e, np.arange(some.size), some)
-        read = out.y, out.jacobian, out.status
-        return Prediction(*read, columns, wrt, x, residual, passes, out.also, out.reasons, out.limits)
+        batch = Batch(self._strategy, points, theta, out)
+        batch.solve(valid, start, Tries(by_differences=size <= solver.FEW_POINTS, every_way=walk))
+        for k, balance in batch.unmet.items():
+            out.reasons[k] = f"{self._balance_names[balance]} not met (residual {batch.residual[k]:.1e})"
+        read, found = (out.y, out.jacobian, out.status), (batch.x, batch.residual, batch.passes)
+        return Prediction(*read, columns, wrt, *found, out.also, out.reasons, out.limits)
 
     def _anchors(self) -> dict[str, Array]:
         """What the network is told at operating points over the envelope and the range of power; none where the engine
@@ -359,11 +340,6 @@ class _Asked(NamedTuple):
     start: Array | None
     also: Sequence[str]
     walk: bool
-
-
-def _chunks(index: Array, size: int) -> Iterator[Array]:
-    for k in range(0, len(index), size):
-        yield index[k : k + size]
 
 
 __all__ = ["INVALID_INPUT", "NOT_CONVERGED", "OK", "OUTSIDE_MAP", "STATUS", "Engine", "Prediction"]

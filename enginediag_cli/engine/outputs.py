@@ -8,6 +8,7 @@ Outputs are y = G(x, θ) where the balances F(x, θ) = 0, so that by the implici
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -17,6 +18,18 @@ from enginediag_cli.engine.evaluation import Evaluation
 from enginediag_cli.engine.network import Network
 from enginediag_cli.engine.prediction import INVALID_INPUT, OK, OUTSIDE_MAP, marked
 from enginediag_cli.engine.sensors import Sensor
+
+
+@dataclass(frozen=True)
+class Read:
+    """What was read of n points: as `Outputs` has it, reasons by place among them."""
+
+    y: Array
+    jacobian: Array
+    also: Array
+    status: Array
+    reasons: Mapping[int, str]
+    limits: Mapping[str, Array]
 
 
 class Outputs:
@@ -47,6 +60,26 @@ class Outputs:
     def of(self, points: Array) -> OfPoints:
         """A reader for a batch that is these points (n,) of all."""
         return OfPoints(self, points)
+
+    def part(self, points: Array) -> Read:
+        """What was read of these points (n,)."""
+        reasons = {k: self.reasons[i] for k, i in enumerate(points.tolist()) if i in self.reasons}
+        limits = {name: mask[points] for name, mask in self.limits.items()}
+        return Read(self.y[points], self.jacobian[points], self.also[points], self.status[points], reasons, limits)
+
+    def take(self, points: Array, read: Read) -> None:
+        """Takes over what was read of these points (n,) elsewhere."""
+        self.y[points], self.jacobian[points], self.also[points] = read.y, read.jacobian, read.also
+        self.status[points] = read.status
+        self.reasons |= {int(points[k]): reason for k, reason in read.reasons.items()}
+        for name, mask in read.limits.items():
+            self.limits.setdefault(name, np.zeros(len(self.status), dtype=bool))[points] = mask
+
+    def forget(self, points: Array) -> None:
+        """As if these points (n,) had not been read."""
+        self.status[points] = INVALID_INPUT
+        for i in points.tolist():
+            self.reasons.pop(i, None)
 
     def read(self, e: Evaluation, rows: Array, points: Array) -> None:
         """Takes over what `rows` of an evaluation at their solution say of `points`."""

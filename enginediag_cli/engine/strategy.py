@@ -10,7 +10,7 @@ is beyond its choking flow at every other start.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -115,12 +115,9 @@ class Strategy:
     ) -> solver.Solution:
         """Unknowns of all points of the reader, which takes what it wants of those that converge; start (nx, n) or
         None."""
-        size = len(reader.points)
-        first = self._first(points, size) if start is None else np.where(np.isfinite(start), start, self._design(size))
-        effort = solver.Effort(by_differences=tries.by_differences)
-        solved = solver.newton(self.network, points, theta, first, effort, reader)
+        solved = self.first(points, theta, start, reader, tries)
         # few points, or they would not be worth the effort; in the same way in every batch
-        again_effort = replace(effort, max_iterations=RETRY_ITERATIONS, by_differences=True)
+        again_effort = solver.Effort(max_iterations=RETRY_ITERATIONS, by_differences=True)
         # less air flow last: from there the way may lead to a solution that no engine runs at
         ways = (self._from_design, self._by_walking, self._from_neighbours, self._from_less_flow)
         for again in ways if tries.every_way else (self._from_neighbours,):
@@ -139,6 +136,19 @@ class Strategy:
             solved.passes[failed] += retried.passes
             solved.read[failed] |= retried.read
         return solved
+
+    def first(
+        self,
+        points: Mapping[str, Any],
+        theta: Mapping[str, Any],
+        start: Array | None,
+        reader: OfPoints,
+        tries: Tries,
+    ) -> solver.Solution:
+        """As `solve`, without another try for what does not converge."""
+        size = len(reader.points)
+        x = self._first(points, size) if start is None else np.where(np.isfinite(start), start, self._design(size))
+        return solver.newton(self.network, points, theta, x, solver.Effort(by_differences=tries.by_differences), reader)
 
     # starts (nx, n)
 

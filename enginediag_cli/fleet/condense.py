@@ -24,7 +24,7 @@ from enginediag_cli.recordings.provenance import sha256_of
 from enginediag_cli.recordings.table import Recording
 from enginediag_cli.residuals.monitor import Monitor
 from enginediag_cli.residuals.pipeline import WindowStatistics, window_statistics
-from enginediag_cli.residuals.series_monitor import certain, monitored_as_read, trusting_no_input
+from enginediag_cli.residuals.series_monitor import certain, monitored_as_read, of_series
 
 PART = 2000
 """Windows of one engine that are written together: a tenth of a gigabyte is the most that a worker may hold of them,
@@ -127,7 +127,7 @@ def whole_monitor(nominal: str, fingerprint: str) -> Monitor:
     from enginediag_cli.intake.baseline import open_baseline
     from enginediag_cli.residuals.monitor import monitor_of
 
-    return replace(trusting_no_input(monitor_of(open_baseline(nominal), sensors=True)), slopes=None)
+    return of_series(monitor_of(open_baseline(nominal), sensors=True))
 
 
 def _chunks(intake: Intake) -> Iterator[Recording]:
@@ -149,14 +149,7 @@ class _Kept:
     def take(self, window: WindowStatistics) -> None:
         mine = self._waiting.setdefault(window.engine, [])
         mine.append(replace(window, solution=None))
-        self._counts.update(
-            windows=1,
-            statistics=window.statistics is not None,
-            records=window.records,
-            outside=window.outside,
-            incomplete=window.incomplete,
-            failed=window.failed,
-        )
+        self._counts.update(window.counts)
         if sum(map(len, self._waiting.values())) >= PART:
             self._flush()
 

@@ -106,7 +106,7 @@ def load_fleet(path: str | Path) -> Fleet:
         values["engines"]["serial_from"],
         re.compile(values["engines"]["pattern"]) if values["engines"]["serial_from"] == "file" else None,
         Baseline(values["baseline"]["flights"], values["baseline"]["records"]),
-        plan_windows(window) if window else WindowPlan(1, 1, whole_flights=True),
+        plan_windows(window) if window else WindowPlan().of_series,
         values["judge"],
         values["identify"],
         events,

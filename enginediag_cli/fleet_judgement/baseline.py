@@ -31,6 +31,6 @@ def p_of_still(flights: Flights, course: Course) -> float:
     r = (flights.z - of_conditions(flights, course))[:b]
     t = np.arange(b) - 0.5 * (b - 1)
     contrast = t @ r / np.sqrt(t @ t)
-    size = np.abs(contrast) / np.sqrt(np.diag(flights.scatter()))
+    size = np.abs(contrast) / np.sqrt(np.diag(course.scatter))
     p = 2.0 * students_t.sf(size, max(len(flights) - 1, 1))
     return float(min(1.0, len(p) * p.min()))

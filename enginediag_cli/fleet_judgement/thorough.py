@@ -11,11 +11,8 @@ from enginediag_cli.detection.trend_of_files import Series
 from enginediag_cli.fleet_judgement.finding import Estimate, FleetSettings, HealthRow
 from enginediag_cli.fleet_judgement.history import EngineHistory
 from enginediag_cli.fleet_judgement.rows import Flights
-from enginediag_cli.isolation.over_time import TrendOptions, judge_series
+from enginediag_cli.isolation.over_time import OF_A_FLEET, TrendOptions, judge_series
 from enginediag_cli.isolation.story import Story
-
-EPOCHS = 40
-"""Epochs that are judged at once: work grows with their third power."""
 
 
 def thoroughly(
@@ -31,7 +28,7 @@ def thoroughly(
     options = TrendOptions(
         healthy=history.baseline, sensors=settings.sensors, generic=settings.generic, governed=series.governed
     )
-    story = judge_series(readings.joined(EPOCHS), series.known, options)
+    story = judge_series(readings.joined(OF_A_FLEET), series.known, options)
     return tuple(_told(row, story, history) for row in health)
 
 

@@ -15,6 +15,7 @@ from enginediag_cli.identification.normal_equations import NormalEquations, norm
 from enginediag_cli.identification.problem import Problem
 from enginediag_cli.identification.steps import ways
 from enginediag_cli.progress import each
+from enginediag_cli.side_by_side import in_turn
 
 FOLDS = 8
 """Each fold is one more fit; with eight a fit has seen seven eighths of the records and is nearly the one that is
@@ -60,8 +61,10 @@ def cross_validate(problem: Problem, fit: Fit, block: int, max_iterations: int =
     failed = 0
     if len(folds) < 2:
         return CrossValidation(predicted, 0, 0)
-    for fold in each(folds, "cross-validation, refits", len(folds)):
-        out = fold_of == fold
+
+    def left_out(k: int) -> np.ndarray | None:
+        """What is predicted (n, m) of the records of a fold, None where the fit to the others did not converge."""
+        out = fold_of == folds[k]
         # left out are the readings, not the records: their derivatives are those of the full fit, where these were kept
         without = replace(problem, measured=np.where(out[:, None], np.nan, problem.measured))
         part = solve(
@@ -72,10 +75,14 @@ def cross_validate(problem: Problem, fit: Fit, block: int, max_iterations: int =
             derivatives=ways(problem)[0],
             begin=_without(problem, fit, out),
         )
-        if part.converged:
-            predicted[out] = part.equations.predicted[out]
-        else:
+        return part.equations.predicted[out] if part.converged else None
+
+    refits = in_turn(left_out, len(folds))
+    for fold, found in each(zip(folds, refits, strict=True), "cross-validation, refits", len(folds)):
+        if found is None:
             failed += 1
+        else:
+            predicted[fold_of == fold] = found
     return CrossValidation(predicted, len(folds), failed)
 
 

@@ -28,6 +28,9 @@ from enginediag_cli.isolation.suspects import Suspects, log_of_kinds, suspects_o
 from enginediag_cli.parameters import Parameter, meanings
 from enginediag_cli.progress import stage
 
+EPOCHS, OF_A_FLEET = 400, 40
+"""Epochs of one series that are judged at once, alone and where there are several: work grows with their third power.
+Longer ones are joined."""
 OPERATION = 0.5
 """Share of the steps of components, where readings wander, that is a change of operation nobody recorded. Judgement."""
 TOLD = 0.5
@@ -54,6 +57,11 @@ class TrendOptions:
     sensors: bool = True
     generic: bool = True
     governed: Collection[str] = ()
+
+
+def epochs_of(series: int) -> int:
+    """Epochs that each of so many series is judged by."""
+    return EPOCHS if series == 1 else OF_A_FLEET
 
 
 @stage("judging the series")

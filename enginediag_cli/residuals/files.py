@@ -120,14 +120,7 @@ class JudgedFiles:
         yield from read_statistics(file.table.lines, file.table.name, self.ledger)
 
     def _count(self, window: WindowStatistics) -> None:
-        self.counts.update(
-            windows=1,
-            statistics=window.statistics is not None,
-            records=window.records,
-            outside=window.outside,
-            incomplete=window.incomplete,
-            failed=window.failed,
-        )
+        self.counts.update(window.counts)
         self.elsewhere.update(window.elsewhere)
 
 

@@ -83,6 +83,18 @@ class WindowStatistics:
     solution: np.ndarray | None = field(default=None, repr=False, compare=False)
 
     @property
+    def counts(self) -> dict[str, int]:
+        """What is counted of a window, and summed over many."""
+        return {
+            "windows": 1,
+            "statistics": self.statistics is not None,
+            "records": self.records,
+            "outside": self.outside,
+            "incomplete": self.incomplete,
+            "failed": self.failed,
+        }
+
+    @property
     def extrapolated(self) -> int:
         """Records that are judged although training did not cover where they lie."""
         return sum(n for where, n in self.elsewhere.items() if where.judged)

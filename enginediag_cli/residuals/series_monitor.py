@@ -32,6 +32,12 @@ def trusting_no_input(monitor: Monitor) -> Monitor:
     return replace(monitor, envelope=replace(envelope, scale=scale))
 
 
+def of_series(monitor: Monitor) -> Monitor:
+    """The monitor whose windows make a series; what wrong slopes of maps make of a change is asked of the series, not
+    of each window."""
+    return replace(trusting_no_input(monitor), slopes=None)
+
+
 def certain(monitor: Monitor) -> Monitor:
     """The monitor without what is uncertain about nominal, for windows that are compared with each other and of which
     `monitored_as_read` keeps nothing else: a third of the work. Only the point at which a window is linearised depends

@@ -36,6 +36,11 @@ class WindowPlan:
         return WindowPlan() if self.whole_flights and flight else self
 
     @property
+    def of_series(self) -> WindowPlan:
+        """The plan for a series: where each flight is one window, each record of a recording without flights is."""
+        return WindowPlan(1, 1, whole_flights=True) if self.whole else self
+
+    @property
     def whole(self) -> bool:
         """Whether each flight is one window."""
         return self.length == inf

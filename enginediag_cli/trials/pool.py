@@ -11,17 +11,13 @@ from contextlib import contextmanager
 from multiprocessing import get_context, parent_process
 from typing import TypeVar
 
-from enginediag_cli.errors import EngineDiagError
+from enginediag_cli.errors import WorkerDiedError
 from enginediag_cli.trials.parent import end_with_parent
 
 Piece = TypeVar("Piece")
 Result = TypeVar("Result")
 
 THREADS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
-
-
-class WorkerDiedError(EngineDiagError):
-    """A process was ended from outside, as by the system when memory runs out."""
 
 
 def run_pieces(

@@ -12,7 +12,6 @@ import csv
 import subprocess
 import sys
 import tempfile
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -28,7 +27,7 @@ from enginediag_cli.intake.source import Source
 from enginediag_cli.intake.wanted import columns_of
 from enginediag_cli.residuals.files import JudgedFiles, Judging
 from enginediag_cli.residuals.monitor import monitor_of
-from enginediag_cli.residuals.series_monitor import trusting_no_input
+from enginediag_cli.residuals.series_monitor import of_series
 from enginediag_cli.residuals.windows import WindowPlan
 
 ENGINE = Path(__file__).resolve().parents[2] / "configs" / "turbofan.yaml"
@@ -80,9 +79,9 @@ def main() -> None:
         learnt = [early for _, early in files[: min(asked.healthy, 10)]]
         enginediag("identify", ENGINE, *learnt, "--no-cross-validation", "-q", "-o", folder / "nominal.yaml")
         monitor = monitor_of(open_baseline(folder / "nominal.yaml"), sensors=True)
-        monitor = replace(trusting_no_input(monitor), slopes=None)
+        monitor = of_series(monitor)
         intake = Intake(Source(tuple(str(f) for f, _ in files)), columns_of(monitor.engine, monitor.sensors))
-        plan = Judging(WindowPlan(1, 1, whole_flights=True))
+        plan = Judging(WindowPlan().of_series)
         series = series_of(JudgedFiles(intake, monitor, plan, series=True), of_readings=True)
     settings = FleetSettings(thorough=False)
     histories = [EngineHistory(serial, "", mine, BASELINE) for serial, mine in series.stretches.items()]

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-from fleet_nominal import nominal_of
+from made_nominal import ESTIMATED, noise_of, nominal_of
 
 from enginediag_cli.fleet.fleet import Fleet, load_fleet
 from enginediag_cli.fleet.models import Model, model_of
@@ -46,7 +46,8 @@ def make(folder: Path) -> Path:
         write_csv(folder / f"engine_{number}.csv", [Recording({**columns, **readings}, {"flight": texts(flight)})])
     columns, _ = conditions(engine, 0)
     inputs = {c: columns[c] for c in engine.inputs}
-    write_nominal(nominal_of(engine, engine_path, sigma, inputs), folder / "nominal.yaml")
+    nominal = nominal_of(engine, engine_path, noise_of(sigma), inputs, ESTIMATED)
+    write_nominal(nominal, folder / "nominal.yaml")
     fleet = folder / "fleet.yaml"
     fleet.write_text(FLEET, encoding="utf-8")
     return fleet

@@ -30,7 +30,7 @@ from pathlib import Path
 import numpy as np
 
 HERE = Path(__file__).resolve().parent
-sys.path[:0] = [str(HERE), str(HERE.parents[1])]
+sys.path[:0] = [str(HERE), str(HERE.parent / "identification"), str(HERE.parents[1])]
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 from damage import PATHS, TABLE, YAML, Damage  # noqa: E402

@@ -6,19 +6,15 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from made_nominal import ESTIMATED, noise_of, nominal_of
 
-from enginediag_cli.identification.envelope import learn_envelope
-from enginediag_cli.identification.nominal import Estimate, Nominal, SensorNoise
 from enginediag_cli.identification.nominal_file import write_nominal
 from enginediag_cli.physics.engine_file import load_engine
-from enginediag_cli.recordings.provenance import sha256_of
 from enginediag_cli.recordings.table import Recording
 from enginediag_cli.recordings.write import write_csv
 
 SHIPPED = Path(__file__).parents[2] / "configs"
 RECORDS = 24
-ESTIMATED = {"compressor.efficiency": 0.004, "turbine.efficiency": 0.004, "nozzle.area": 0.003}
-"""Parameter → standard error of its nominal value."""
 
 RECORDER = """\
 kind: recorder
@@ -74,35 +70,7 @@ def make(folder: Path, records: int = RECORDS) -> Files:
         "EGT": read["flight"]["T5_K"],
     }
     write_csv(folder / "foreign.csv", [Recording(foreign)])
-    write_nominal(_nominal(engine, engine_path, sigma, columns), folder / "nominal.yaml")
+    nominal = nominal_of(engine, engine_path, noise_of(sigma), columns, ESTIMATED, correlation=0.5)
+    write_nominal(nominal, folder / "nominal.yaml")
     texts = {p.name: p.read_text(encoding="utf-8") for p in sorted(folder.iterdir())}
     return Files(folder, texts)
-
-
-def _nominal(engine, engine_path, sigma, columns) -> Nominal:
-    estimates = tuple(
-        Estimate(name, "health", "", 1.0, error, 1.0, 0.02, 1 - (error / 0.02) ** 2, "identified")
-        for name, error in ESTIMATED.items()
-    )
-    errors = np.array([*ESTIMATED.values()])
-    covariance = np.outer(errors, errors) * (0.5 * np.eye(len(errors)) + 0.5)
-    covariance[np.diag_indices(len(errors))] = errors**2
-    noise = tuple(SensorNoise(c, s, 0.1, 400, 350.0, 1, "fit", 380.0, 0.05) for c, s in sigma.items())
-    return Nominal(
-        engine_path=engine_path.name,
-        engine_sha256=sha256_of(engine_path),
-        inputs=engine.inputs,
-        estimates=estimates,
-        covariance=covariance,
-        noise=noise,
-        noise_correlation=np.eye(len(sigma)),
-        offsets=(),
-        recording_offsets={},
-        in_sample=(),
-        cross_validated=(),
-        held_out=(),
-        unidentified=(),
-        envelope=learn_envelope(columns),
-        records={"used": 400},
-        provenance={"enginediag": "test"},
-    )

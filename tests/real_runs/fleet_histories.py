@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 
 from ground_recordings import CONFIGS
@@ -15,7 +14,7 @@ from enginediag_cli.intake.source import Source
 from enginediag_cli.intake.wanted import columns_of
 from enginediag_cli.residuals.files import JudgedFiles, Judging
 from enginediag_cli.residuals.monitor import monitor_of
-from enginediag_cli.residuals.series_monitor import trusting_no_input
+from enginediag_cli.residuals.series_monitor import of_series
 from enginediag_cli.residuals.windows import WindowPlan
 
 RECORDER = CONFIGS / "recorders" / "cmapss.yaml"
@@ -23,9 +22,9 @@ RECORDER = CONFIGS / "recorders" / "cmapss.yaml"
 
 def fleet_series(nominal: Path, recording: Path) -> Series:
     """The flights of every engine, one record each, as `enginediag trend` reads them."""
-    monitor = replace(trusting_no_input(monitor_of(open_baseline(nominal), sensors=True)), slopes=None)
+    monitor = of_series(monitor_of(open_baseline(nominal), sensors=True))
     intake = Intake(Source((str(recording),), str(RECORDER)), columns_of(monitor.engine, monitor.sensors))
-    files = JudgedFiles(intake, monitor, Judging(WindowPlan(1, 1, whole_flights=True)), series=True)
+    files = JudgedFiles(intake, monitor, Judging(WindowPlan().of_series), series=True)
     return series_of(files, of_readings=True)
 
 

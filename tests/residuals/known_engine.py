@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+from made_nominal import nominal_of
 
 from enginediag_cli.engine.engine import Engine
-from enginediag_cli.identification.envelope import learn_envelope
-from enginediag_cli.identification.nominal import Nominal, SensorNoise
+from enginediag_cli.identification.nominal import SensorNoise
 from enginediag_cli.identification.nominal_file import write_nominal
-from enginediag_cli.recordings.provenance import sha256_of
 
 
 def climb(engine: Engine, records: int) -> dict[str, np.ndarray]:
@@ -37,23 +37,5 @@ def recorded(
 def write_known(engine: Engine, path: str | Path, inputs: Mapping[str, np.ndarray], to: Path) -> None:
     """A nominal file of an engine of which nothing had to be identified."""
     records = len(next(iter(inputs.values())))
-    noise = (SensorNoise(c, s.noise_sigma, 0.0, records, float(records), 0) for c, s in engine.sensors.items())
-    nominal = Nominal(
-        engine_path=str(path),
-        engine_sha256=sha256_of(path),
-        inputs=engine.inputs,
-        estimates=(),
-        covariance=np.zeros((0, 0)),
-        noise=tuple(noise),
-        noise_correlation=np.eye(len(engine.sensors)),
-        offsets=(),
-        recording_offsets={},
-        in_sample=(),
-        cross_validated=(),
-        held_out=(),
-        unidentified=(),
-        envelope=learn_envelope(inputs),
-        records={},
-        provenance={},
-    )
-    write_nominal(nominal, to)
+    noise = [SensorNoise(c, s.noise_sigma, 0.0, records, float(records), 0) for c, s in engine.sensors.items()]
+    write_nominal(replace(nominal_of(engine, path, noise, inputs), engine_path=str(path)), to)

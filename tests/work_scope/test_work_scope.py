@@ -144,7 +144,7 @@ def test_what_a_wash_did_bring_is_told_by_the_flights_next_to_it(engine, tmp_pat
     files = JudgedFiles(
         Intake(Source((str(tmp_path / "series.csv"),)), columns_of(monitor.engine, monitor.sensors)),
         monitor,
-        Judging(WindowPlan(1, 1, whole_flights=True)),
+        Judging(WindowPlan().of_series),
         summed=True,
         series=True,
     )

@@ -8,8 +8,9 @@ from concurrent.futures.process import BrokenProcessPool
 from itertools import islice
 from multiprocessing import get_context
 
+from enginediag_cli.errors import WorkerDiedError
 from enginediag_cli.fleet.runners.runner import IN_WORK, Result, Task
-from enginediag_cli.trials.pool import WorkerDiedError, begin_worker, single_threaded
+from enginediag_cli.trials.pool import begin_worker, single_threaded
 
 DEATHS = 3
 """Times that a process may be ended from outside before the run ends: what kills a worker kills the next one, too."""

@@ -7,6 +7,7 @@ what is put down to its component's health is a flip.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -179,4 +180,4 @@ def _flip(error: SingleError, crossing: Crossing, becomes: tuple[str, ...]) -> F
 def _of_prior(odds: float, becomes: tuple[str, ...], prior: SetPrior) -> Flip:
     """The factor on the prior odds of the second name against the first at which it comes first."""
     widest = max(*(max(s, 1 / s) for s in prior.spread), 1.0)
-    return Flip("prior odds", PRIOR, odds, "times", widest if widest > 1 else float(np.e), becomes)
+    return Flip("prior odds", PRIOR, odds, "times", widest if widest > 1 else math.e, becomes)

@@ -12,13 +12,12 @@ from dataclasses import dataclass
 
 from enginediag_cli.mismatch.explain.answer import Explanation
 from enginediag_cli.mismatch.explain.law_members import LawMembers
-from enginediag_cli.mismatch.explain.lawful import AS_GOOD, JUDGED
+from enginediag_cli.mismatch.explain.lawful import JUDGED, adequate
 from enginediag_cli.mismatch.explain.members import identity, law_places
 from enginediag_cli.mismatch.explain.stepwise import Sets
 from enginediag_cli.mismatch.fit.options import LAW
-from enginediag_cli.mismatch.laws.posterior import shares
 from enginediag_cli.mismatch.laws.scan import scanned
-from enginediag_cli.mismatch.laws.search import Fitted, LawSearch
+from enginediag_cli.mismatch.laws.search import LawSearch
 from enginediag_cli.progress import stage
 
 
@@ -44,20 +43,6 @@ class LawOfSet:
         self.members.learn(p for f in search.single for p in f.laws)
         own = set(map(identity, others))
         same = [x for x in named if {identity(o) for o in x.options if o.kind != LAW} == own]
-        told = self._judged(search.single, sum(x.probability for x in same))
+        judged = adequate(self.sets.fits, search.single[:JUDGED])
+        told = judged.told(self.sets.fits, sum(x.probability for x in same))
         return [*told, *(x for x in named if x not in same)] if told else list(named)
-
-    def _judged(self, found: Sequence[Fitted], probability: float) -> list[Explanation]:
-        """The likeliest that explain, with shares of this probability."""
-        fits, adequate = self.sets.fits, list[tuple[Fitted, float, float]]()
-        for f in found[:JUDGED]:
-            if adequate and f.standing < adequate[0][0].standing - AS_GOOD:
-                break
-            left, flights, why = fits.judge(f.trial, needed=True)
-            if why is None:
-                adequate.append((f, left, flights))
-        odds = probability * shares([f.standing for f, _, _ in adequate])
-        return [
-            fits.explanation(f.trial, float(p), left, flights)
-            for (f, left, flights), p in zip(adequate, odds, strict=True)
-        ]

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from enginediag_cli.mismatch.explain.answer import Explanation
 from enginediag_cli.mismatch.explain.few import ON_ALL, Few
 from enginediag_cli.mismatch.explain.judging import Fits
+from enginediag_cli.mismatch.explain.rejected import Rejected
 from enginediag_cli.mismatch.laws.finding import LawFinding
 from enginediag_cli.mismatch.laws.posterior import shares
 from enginediag_cli.mismatch.laws.scan import Scan, scanned
@@ -85,16 +86,12 @@ class LawsAlone:
         known = not fits.from_recordings
         more = [f for first in tried[:FURTHER] for f in laws.elsewhere_too(first)]
         likeliest = ordered([*tried, *more])
-        adequate = _adequate(fits, likeliest[:JUDGED] if self.few.are_all else _on_all(self.few, likeliest[:ON_ALL]))
+        judged = adequate(fits, likeliest[:JUDGED] if self.few.are_all else _on_all(self.few, likeliest[:ON_ALL]))
+        fits.rejected.update(judged.rejected)
         proposals = tuple({p.option.label: p for f in (*laws.single, *laws.double) for p in f.laws}.values())
-        if adequate:
-            odds = shares([f.standing for f, _, _ in adequate])
-            told = tuple(
-                fits.explanation(f.trial, float(p), left, flights)
-                for (f, left, flights), p in zip(adequate, odds, strict=True)
-            )
-            finding = laws.finding([f for f, _, _ in adequate], fits.base, known)
-            return Lawful(told, finding, adequate[0][0].evidence, proposals)
+        if judged.found:
+            finding = laws.finding(judged.fitted, fits.base, known)
+            return Lawful(judged.told(fits), finding, judged.fitted[0].evidence, proposals)
         finding = laws.finding(laws.single[:1], self.few.fits.base, known)
         return Lawful((), finding, laws.most, proposals)
 
@@ -105,11 +102,32 @@ def _on_all(few: Few, fitted: Sequence[Fitted]) -> list[Fitted]:
     return ordered(f.again(few.whole.base, trial) for f, trial in found if trial.converged)
 
 
-def _adequate(fits: Fits, fitted: Sequence[Fitted]) -> list[tuple[Fitted, float, float]]:
-    """Those that are explanations, with what each leaves and the share of flights that it gains. Members of a law are
-    needed: none has joined without more evidence for all together, though along the same variables their sizes may
-    well be known only together."""
+@dataclass(frozen=True)
+class Judged:
+    """`found`: laws that are explanations, likeliest first, with what each leaves and the share of flights that it
+    gains; `rejected`: why the others are none, by label."""
+
+    found: tuple[tuple[Fitted, float, float], ...]
+    rejected: dict[str, Rejected]
+
+    @property
+    def fitted(self) -> list[Fitted]:
+        return [f for f, _, _ in self.found]
+
+    def told(self, fits: Fits, probability: float = 1.0) -> tuple[Explanation, ...]:
+        """The explanations, with shares of this probability."""
+        odds = probability * shares([f.standing for f in self.fitted])
+        return tuple(
+            fits.explanation(f.trial, float(p), left, flights)
+            for (f, left, flights), p in zip(self.found, odds, strict=True)
+        )
+
+
+def adequate(fits: Fits, fitted: Sequence[Fitted]) -> Judged:
+    """Those that are explanations, as likely as the first. Members of a law are needed: none has joined without more
+    evidence for all together, though along the same variables their sizes may well be known only together."""
     found: list[tuple[Fitted, float, float]] = []
+    rejected: dict[str, Rejected] = {}
     for f in fitted:
         if found and f.standing < found[0][0].standing - AS_GOOD:
             break
@@ -117,5 +135,5 @@ def _adequate(fits: Fits, fitted: Sequence[Fitted]) -> list[tuple[Fitted, float,
         if why is None:
             found.append((f, left, flights))
         else:
-            fits.rejected[f.trial.label] = why
-    return found
+            rejected[f.trial.label] = why
+    return Judged(tuple(found), rejected)

@@ -23,7 +23,6 @@ from enginediag_cli.residuals.files import JudgedFiles, Judging
 from enginediag_cli.residuals.monitor import Monitor
 from enginediag_cli.residuals.pipeline import WindowStatistics
 from enginediag_cli.residuals.records import record_residuals
-from enginediag_cli.residuals.windows import WindowPlan
 
 
 @dataclass(frozen=True)
@@ -95,37 +94,25 @@ def _isolated(question: Question, windows: list[WindowStatistics]) -> Iterator[R
 
 @stage("following the series")
 def _series(question: Question) -> dict[kinds.Kind, list[Row]]:
-    from enginediag_cli.detection.trend_of_files import FEWEST, series_of
-    from enginediag_cli.isolation.over_time import TrendOptions, judge_series
+    from enginediag_cli.detection.trend_of_files import series_of
+    from enginediag_cli.isolation.stories import stories_of
     from enginediag_cli.presentation.trend_rows import flight_rows, trend_rows
-    from enginediag_cli.residuals.series_monitor import trusting_no_input
+    from enginediag_cli.residuals.series_monitor import of_series
 
     whole = question.judging.plan.whole
-    plan = WindowPlan(1, 1, whole_flights=True) if whole else question.judging.plan
-    monitor = replace(trusting_no_input(question.suspicious), slopes=None)
-    files = _files(question, monitor, replace(question.judging, plan=plan, reference=0), summed=whole)
+    judging = replace(question.judging, plan=question.judging.plan.of_series, reference=0)
+    files = _files(question, of_series(question.suspicious), judging, summed=whole)
     files.series = True
     series = series_of(files)
     told: dict[kinds.Kind, list[Row]] = {kinds.FLIGHTS: [], kinds.TREND: []}
     for row in flight_rows(series):
         window = series.stretches[row["engine"]][row["number"] - 1].window
         told[kinds.FLIGHTS].append(Row(row, _place(window)))
-    for engine, stretches in series.stretches.items():
-        if len(stretches) < FEWEST:
-            continue
-        options = TrendOptions(
-            healthy=series.healthy(engine, question.judging.reference),
-            generic=question.suspicious.slopes is not None,
-            governed=series.governed,
-        )
-        story = judge_series(series.readings(engine).joined(MOST_EPOCHS), series.known, options)
-        last = _place(stretches[-1].window)
+    generic = question.suspicious.slopes is not None
+    for engine, story in stories_of(series, reference=question.judging.reference, generic=generic):
+        last = _place(series.stretches[engine][-1].window)
         told[kinds.TREND] += [Row(row, last) for row in trend_rows(engine, story, series)]
     return told
-
-
-MOST_EPOCHS = 400
-"""Epochs of one series that are judged at once, as `trend` has it: work grows with their third power."""
 
 
 def _add_records(question: Question, evidence: Evidence) -> None:

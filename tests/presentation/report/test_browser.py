@@ -93,6 +93,7 @@ def test_the_pointer_on_a_dot_tells_its_value_and_the_row_that_it_came_from(brow
         "if(n.shadowRoot)s+=t(n.shadowRoot);return s})(document.querySelector('.live'))"
     )
     browser.wait(f"{told}.includes('line')")
+    assert "line" in browser.value(told)
 
 
 def test_without_scripts_the_page_reads_as_well(browser, page) -> None:

@@ -1,0 +1,103 @@
+"""Work that several processes share gives what one process gives, and an end that is told."""
+
+from __future__ import annotations
+
+import os
+import signal
+import time
+
+import numpy as np
+import pytest
+
+from enginediag_cli.engine.batch import SHARE
+from enginediag_cli.errors import DataError, WorkerDiedError
+from enginediag_cli.physics.engine_file import load_engine
+from enginediag_cli.shipped import shipped
+from enginediag_cli.side_by_side import CAN_COPY, in_turn, processes, side_by_side, working
+
+pytestmark = pytest.mark.skipif(not CAN_COPY, reason="processes cannot begin as copies on this system")
+
+
+@pytest.mark.parametrize("jobs", [1, 2, 3, 8])
+@pytest.mark.parametrize("pieces", [0, 1, 2, 7])
+def test_results_come_in_the_order_of_the_pieces_whoever_does_them(jobs, pieces):
+    with working(jobs):
+        assert side_by_side(lambda k: k * k, pieces) == [k * k for k in range(pieces)]
+        assert list(in_turn(lambda k: k * k, 40 + pieces)) == [k * k for k in range(40 + pieces)]
+
+
+def test_other_processes_do_pieces_and_are_gone_afterwards():
+    with working(3):
+        found = side_by_side(lambda k: os.getpid(), 6)
+    assert len(set(found)) == 3 and found[0] == os.getpid()
+    for process in set(found) - {os.getpid()}:
+        with pytest.raises(ProcessLookupError):
+            os.kill(process, 0)
+
+
+def test_pieces_of_a_piece_are_done_where_it_is():
+    with working(2):
+        found = side_by_side(lambda k: (os.getpid(), side_by_side(lambda j: os.getpid(), 3)), 2)
+    assert all(inner == [outer] * 3 for outer, inner in found) and processes(9) == 1
+
+
+@pytest.mark.parametrize("bad", [0, 1, 3])
+def test_what_a_piece_raises_is_raised(bad):
+    def work(k: int) -> int:
+        if k >= bad:
+            raise DataError(f"piece {k}")
+        return k
+
+    for jobs in (1, 2):
+        with working(jobs), pytest.raises(DataError, match=f"piece {bad}"):
+            side_by_side(work, 4)
+
+
+def test_a_process_that_is_killed_is_told():
+    def work(k: int) -> int:
+        if k == 1:
+            os.kill(os.getpid(), signal.SIGKILL)
+        return k
+
+    with working(2), pytest.raises(WorkerDiedError, match="fewer --jobs"):
+        side_by_side(work, 2)
+
+
+def test_whoever_is_interrupted_leaves_no_process_behind(tmp_path):
+    other = tmp_path / "other"
+
+    def work(k: int) -> int:
+        if k:
+            other.write_text(f"{os.getpid()}\n")
+            time.sleep(60)
+        while not (other.exists() and other.read_text().endswith("\n")):
+            time.sleep(0.01)
+        raise KeyboardInterrupt
+
+    with working(2), pytest.raises(KeyboardInterrupt):
+        side_by_side(work, 2)
+    with pytest.raises(ProcessLookupError):
+        os.kill(int(other.read_text()), 0)
+
+
+@pytest.mark.parametrize("fails", [False, True])
+def test_a_prediction_is_the_same_to_the_last_digit_whoever_solves_its_points(fails):
+    engine = load_engine(shipped("turbofan.yaml"))
+    rng = np.random.default_rng(5)
+    n = 3 * SHARE + 17
+    inputs = {"altitude_m": rng.uniform(0, 11e3, n), "mach": rng.uniform(0.2, 0.8, n), "dT_isa_K": np.zeros(n)}
+    inputs[engine.power_setting] = engine.power_from_fraction(rng.uniform(0.3, 1.0, n), inputs)
+    inputs["mach"][5] = np.nan
+    if fails:
+        inputs[engine.power_setting][7] *= 50.0
+    found = []
+    for jobs in (1, 2, 3):
+        with working(jobs):
+            found.append(engine.predict(inputs, {"hpc.efficiency": 0.98}, wrt=engine.monitored, also=("T4_K",)))
+    one, *others = found
+    assert (not one.ok[7]) == fails and not one.ok[5]
+    for other in others:
+        for name in ("y", "jacobian", "also", "x", "residual", "passes", "status"):
+            assert np.array_equal(getattr(one, name), getattr(other, name), equal_nan=True), name
+        assert [one.reason(k) for k in range(n)] == [other.reason(k) for k in range(n)]
+        assert all(np.array_equal(one.limits[name], other.limits[name]) for name in one.limits)
