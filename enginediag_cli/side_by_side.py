@@ -91,12 +91,15 @@ def side_by_side(work: Callable[[int], Result], pieces: int) -> list[Result]:
     return found
 
 
+def at_once() -> int:
+    """Pieces that are waited for together: one where one process works."""
+    return 1 if _Current.jobs == 1 else AT_ONCE * _Current.jobs
+
+
 def in_turn(work: Callable[[int], Result], pieces: int) -> Iterator[Result]:
     """The same as soon as some of them are there."""
-    n = processes(pieces)
-    at_once = 1 if n == 1 else AT_ONCE * n
-    for first in range(0, pieces, at_once):
-        yield from side_by_side(partial(_from, work, first), min(at_once, pieces - first))
+    for first in range(0, pieces, at_once()):
+        yield from side_by_side(partial(_from, work, first), min(at_once(), pieces - first))
 
 
 def _from(work: Callable[[int], Result], first: int, k: int) -> Result:

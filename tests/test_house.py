@@ -21,6 +21,7 @@ ORDER = (
     "units",
     "intervals",
     "progress",
+    "side_by_side",
     "safe_text",
     "file_lock",
     "shipped",

@@ -10,7 +10,8 @@ a fit asks for it again, for the covariance of its estimates and where its next 
 from __future__ import annotations
 
 from collections import OrderedDict
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass, replace
 from itertools import islice
 from typing import Any, TypeVar
@@ -74,6 +75,18 @@ class WarmEngine(WrappedModel):
             self._found.popitem(last=False)
         return found
 
+    @contextmanager
+    def apart(self) -> Iterator[None]:
+        """What is solved inside is forgotten: whatever comes next begins where it would have begun without it."""
+        last, found = self._last.copy(), self._found.copy()
+        try:
+            yield
+        finally:
+            self._last.clear()  # others may share it
+            self._last.update(last)
+            self._found.clear()
+            self._found.update(found)
+
     def rest(self) -> None:
         """Forget what was predicted last: the fit is over."""
         self._found.clear()
@@ -125,3 +138,9 @@ class _Found:
 def warm(model: Model) -> Model | WarmEngine:
     """The model with a memory, if it is an engine; any other model as it is."""
     return WarmEngine(model) if isinstance(model, Engine) else model
+
+
+def apart(model: Any) -> AbstractContextManager[None]:
+    """`WarmEngine.apart` of the engine with a memory that a model wraps, if it does."""
+    own = getattr(model, "apart", None)
+    return nullcontext() if own is None else own()

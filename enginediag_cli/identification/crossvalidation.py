@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from enginediag_cli.engine.warm import apart
 from enginediag_cli.identification.gauss_newton import Fit, solve
 from enginediag_cli.identification.normal_equations import NormalEquations, normal_equations
 from enginediag_cli.identification.problem import Problem
@@ -67,14 +68,15 @@ def cross_validate(problem: Problem, fit: Fit, block: int, max_iterations: int =
         out = fold_of == folds[k]
         # left out are the readings, not the records: their derivatives are those of the full fit, where these were kept
         without = replace(problem, measured=np.where(out[:, None], np.nan, problem.measured))
-        part = solve(
-            without,
-            (fit.x, fit.z),
-            max_iterations=max_iterations,
-            tolerance=TOLERANCE,
-            derivatives=ways(problem)[0],
-            begin=_without(problem, fit, out),
-        )
+        with apart(problem.model):  # folds know nothing of each other, whoever fits them
+            part = solve(
+                without,
+                (fit.x, fit.z),
+                max_iterations=max_iterations,
+                tolerance=TOLERANCE,
+                derivatives=ways(problem)[0],
+                begin=_without(problem, fit, out),
+            )
         return part.equations.predicted[out] if part.converged else None
 
     refits = in_turn(left_out, len(folds))

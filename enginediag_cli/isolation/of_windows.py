@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
+from itertools import islice
 from typing import Any
 
 import numpy as np
@@ -21,11 +23,12 @@ from enginediag_cli.isolation.window_model import WindowModel
 from enginediag_cli.parameters import Parameter
 from enginediag_cli.planning.conditions_grid import conditions_grid
 from enginediag_cli.planning.suggestion import Suggestion, best_of_each_kind
-from enginediag_cli.residuals.files import JudgedFiles
+from enginediag_cli.residuals.files import JudgedFiles, Window
 from enginediag_cli.residuals.kept_records import KeptRecords
 from enginediag_cli.residuals.monitor import Monitor
 from enginediag_cli.residuals.pipeline import WindowStatistics
 from enginediag_cli.residuals.score import Score
+from enginediag_cli.side_by_side import at_once, in_turn
 
 ADVISED = 3
 """Operating conditions advised: the best few say which way to fly, a longer list only repeats it."""
@@ -100,9 +103,16 @@ class Isolating:
 
     def windows(self) -> Iterator[IsolatedWindow]:
         """All windows in turn. Raises DataError, NoVerdictError."""
-        for number, (window, known) in enumerate(self.files.windows(), start=1):
-            found = self._isolated(window, known)
-            yield replace(found, flips=self._flips(found)) if self.flips(number, found.named) else found
+        numbered = enumerate(self.files.windows(), start=1)
+        while some := list(islice(numbered, at_once())):
+            yield from in_turn(partial(self._answered, some), len(some))
+            if self.kept is not None:
+                self.kept.let_go(some[-1][1][0])
+
+    def _answered(self, some: Sequence[tuple[int, Window]], k: int) -> IsolatedWindow:
+        number, (window, known) = some[k]
+        found = self._isolated(window, known)
+        return replace(found, flips=self._flips(found)) if self.flips(number, found.named) else found
 
     def _flips(self, found: IsolatedWindow) -> Flips | None:
         window, monitor = found.verdict.window, self.files.monitor

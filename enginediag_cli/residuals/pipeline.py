@@ -29,11 +29,14 @@ from enginediag_cli.residuals.relinearise import Relinearised, Stop, relinearise
 from enginediag_cli.residuals.score import marginalise
 from enginediag_cli.residuals.statistics import LocalStatistics
 from enginediag_cli.residuals.windows import WindowPlan
+from enginediag_cli.side_by_side import in_turn, processes
 
 LINEARISE = ("estimate", "nominal")
 BATCH_RECORDS = 3_000
 """Windows wait for each other until they hold this many records, and are then re-linearised together: one call of the
 engine costs less than many. More would save little and hold sensitivities to a hundred parameters of each."""
+SHARE, MANY_BATCHES = 300, 64
+"""Records for which another process is worth its beginning, and processes at most among which windows are divided."""
 FLOWN = 12
 """Records of a window by which it is known where it was flown: a climb and a cruise have their corners among them."""
 SETTLED = 0.2
@@ -148,13 +151,14 @@ def window_statistics(
     *,
     linearise: str = "estimate",
     condense: Condense | None = None,
+    apart: bool = True,
 ) -> Iterator[WindowStatistics]:
     """Statistics of each window, a few windows at a time; chunks of one file come in order.
 
     linearise: "estimate" re-linearises every window at its own estimate, "nominal" stays at θ0 as the paper
     does. condense: from the statistics of all parameters of the monitor to those that the window hands over;
-    default: everything that is not monitored counts as noise. Raises DataError when a recording lacks an
-    input of the engine.
+    default: everything that is not monitored counts as noise. apart: that learns nothing from one window for the next,
+    so that several processes may share them. Raises DataError when a recording lacks an input of the engine.
     """
     if linearise not in LINEARISE:
         raise ValueError(f"`linearise` must be one of {', '.join(LINEARISE)}, not {linearise!r}")
@@ -163,9 +167,9 @@ def window_statistics(
     counted = each(recordings, "records judged", size=len)
     for complete in cut(monitor, counted, plan, partial(_pieces, monitor), at_nominal=linearise == "nominal"):
         waiting.extend(complete)
-        if sum(map(_size, waiting)) >= BATCH_RECORDS:
-            yield from _finished(monitor, waiting, linearise, condense)
-    yield from _finished(monitor, waiting, linearise, condense)
+        if sum(map(_size, waiting)) >= BATCH_RECORDS * (processes(MANY_BATCHES) if apart else 1):
+            yield from _finished(monitor, waiting, linearise, condense, apart)
+    yield from _finished(monitor, waiting, linearise, condense, apart)
 
 
 def _pieces(
@@ -213,19 +217,36 @@ def place(part: Recording, chunk: JudgedChunk, key: Key, rows: slice) -> WindowS
 
 
 def _finished(
-    monitor: Monitor, waiting: deque[list[_Piece]], linearise: str, condense: Condense
+    monitor: Monitor, waiting: deque[list[_Piece]], linearise: str, condense: Condense, apart: bool
 ) -> Iterator[WindowStatistics]:
     """Statistics of the waiting windows, in order; empties the queue."""
-    while waiting:
-        batch: list[list[_Piece]] = []
-        size = 0
-        while waiting and (not batch or size < BATCH_RECORDS):
-            batch.append(waiting.popleft())
-            size += _size(batch[-1])
-        if linearise == "nominal":
-            yield from (_at_nominal(monitor, condense, pieces) for pieces in batch)
-        else:
-            yield from _at_estimate(monitor, batch, condense)
+    windows = [*waiting]
+    waiting.clear()
+    if linearise == "nominal":
+        yield from (_at_nominal(monitor, condense, pieces) for pieces in windows)
+        return
+    share = sum(map(_size, windows)) / processes(MANY_BATCHES) if apart else np.inf
+    batches = list(_batches(windows, min(BATCH_RECORDS, max(share, SHARE))))
+
+    def judged(k: int) -> list[WindowStatistics]:
+        return list(_at_estimate(monitor, batches[k], condense))
+
+    for found in in_turn(judged, len(batches)) if apart else map(judged, range(len(batches))):
+        yield from found
+
+
+def _batches(windows: Sequence[list[_Piece]], records: float) -> Iterator[list[list[_Piece]]]:
+    """Windows that follow each other and hold so many records together, or just more."""
+    batch: list[list[_Piece]] = []
+    size = 0
+    for window in windows:
+        batch.append(window)
+        size += _size(window)
+        if size >= records:
+            yield batch
+            batch, size = [], 0
+    if batch:
+        yield batch
 
 
 def _size(pieces: Sequence[_Piece]) -> int:

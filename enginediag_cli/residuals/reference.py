@@ -86,7 +86,7 @@ def windows_against_reference(
 
     later = early.set_aside(recordings) if records else recordings
     later = last_records(later, last) if last else later
-    yield from window_statistics(monitor, later, plan, linearise=linearise, condense=condense)
+    yield from window_statistics(monitor, later, plan, linearise=linearise, condense=condense, apart=not records)
     yield from early.without_later_records()
 
 
