@@ -13,7 +13,7 @@ from enginediag_cli.fleet_judgement.history import Event
 HEALTHY, CHANGED, NO_VERDICT = "healthy", "changed", "no verdict"
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True)
 class Estimate:
     """A value with its 95 % interval; NaN where it is not known."""
 
@@ -22,7 +22,7 @@ class Estimate:
     high: float = nan
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True)
 class HealthRow:
     """One parameter of an engine. change: now, from its baseline, in `unit`; onset: number of the first changed flight,
     from 1, with its interval, 0 where nothing changed; kind: "steady", "step" or "deterioration"; probability: that it
@@ -58,7 +58,7 @@ class FlightRow:
     consumed_error_K: float = nan
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True)
 class EventRow:
     """What a maintenance event brought. number: of the first flight after it, 0 where no flight is after it;
     gains: parameter → change across the event, in its unit; recovered_K: of the margin."""
@@ -70,7 +70,7 @@ class EventRow:
     reason: str = ""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True)
 class Margin:
     """Margin of the hottest recorded temperature. column: which ("T5_K"); limit_K: NaN where none is stated;
     consumed_K: by deterioration so far, at the reference condition; now_K: what is left; remaining_flights: until the

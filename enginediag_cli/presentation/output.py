@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, TextIO
 
 from enginediag_cli.errors import DataError
 from enginediag_cli.presentation.messages import wants_color
-from enginediag_cli.presentation.rows import bare_cells, finite, json_text, plain, write_csv, write_json, write_ndjson
+from enginediag_cli.presentation.rows import bare_cells, write_csv, write_json, write_ndjson, write_object
 from enginediag_cli.progress import wipe
 from enginediag_cli.safe_text import visible
 
@@ -98,12 +98,14 @@ class Output:
         summary: Sequence[str] = (),
         provenance: Sequence[str] = (),
     ) -> None:
-        """Write all of a result: as json one object, `document`, unless the user chose columns; else its `rows`."""
+        """Write all of a result: as json one object, `document`, whose values may be iterators of what need not be held
+        together, unless the user chose columns; else its `rows`."""
         if self.chosen_format() != "json" or self.columns:
             self.write_rows(rows, columns, summary=summary, provenance=provenance)
             return
         told = document() if callable(document) else document
-        self.write_text(json_text(finite(plain(told)), indent=1) + "\n")
+        with self.open() as stream:
+            write_object(told, stream)
 
     def write_rows(
         self,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any, TextIO
 
 from enginediag_cli.safe_text import guarded, visible
@@ -88,6 +88,27 @@ def write_json(rows: Iterable[Mapping[str, Any]], columns: Sequence[str], stream
             stream.flush()
     stream.write("\n]\n" if count else "[]\n")
     return count
+
+
+def write_object(document: Mapping[str, Any], stream: TextIO) -> None:
+    """One JSON object, indented, NaN and infinity as null; values that are iterators are written item by item."""
+    between = "{"
+    for key, value in document.items():
+        stream.write(f"{between}\n {json_text(str(key))}: ")
+        between = ","
+        if not isinstance(value, Iterator):
+            stream.write(_indented(value, 1))
+            continue
+        count = 0
+        for count, item in enumerate(value, start=1):
+            stream.write(("[" if count == 1 else ",") + "\n  " + _indented(item, 2))
+        stream.write("\n ]" if count else "[]")
+    stream.write("\n}\n" if document else "{}\n")
+
+
+def _indented(value: Any, depth: int) -> str:
+    """As part of an object, so many levels deep."""
+    return json_text(finite(plain(value)), indent=1).replace("\n", "\n" + " " * depth)
 
 
 def write_ndjson(rows: Iterable[Mapping[str, Any]], columns: Sequence[str], stream: TextIO) -> int:

@@ -4,7 +4,8 @@ Simulates engines of the turbofan cheaply (one template of flights; each engine'
 of its own), a CSV file each, and runs `enginediag fleet` over the first so many of them, each time in a process of its
 own. Prints JSON, or with --table the table of the README: wall and CPU seconds, CPU per engine, in proportion to the
 smallest fleet, highest memory of a process, and what a second run with the store takes. --flights and --records say how
-much each engine flew (100 and 20), --folder keeps the recordings from one run to the next.
+much each engine flew (100 and 20), --folder keeps the recordings from one run to the next. --once: each size and number
+of jobs is run once, the identification of the common model included, as a fleet is that is seen for the first time.
 """
 
 from __future__ import annotations
@@ -17,6 +18,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Iterator
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -94,35 +96,42 @@ def run(fleet: Path, jobs: int, store: Path | None) -> dict[str, Any]:
     }
 
 
-def measured(sizes: list[int], jobs: list[int], folder: Path) -> Iterator[dict[str, Any]]:
-    """A row for each size and number of jobs, and one for a second run over what is known."""
+def measured(sizes: list[int], jobs: list[int], folder: Path, once: bool) -> Iterator[dict[str, Any]]:
+    """A row for each size and number of jobs, and, unless once, one for a second run over what is known."""
     for engines in sizes:
         fleet = folder / f"fleet_{engines}.yaml"
         names = ", ".join(f"'engine_{number:05d}.csv'" for number in range(engines))
         fleet.write_text(FLEET.format(recordings=names), encoding="utf-8")
         store = folder / f"store_{engines}"
-        for number in jobs:
+        for number in jobs if once else ():
+            subprocess.run(["rm", "-rf", str(store)], check=True)
+            yield {"engines": engines, "what": "identify and all", **run(fleet, number, store)}
+        for number in () if once else jobs:
             subprocess.run(["rm", "-rf", str(store / "recordings")], check=True)
             if not store.exists():  # the common model is identified once, by itself
                 yield {"engines": engines, "what": "identify and all", **run(fleet, number, store)}
                 subprocess.run(["rm", "-rf", str(store / "recordings")], check=True)
             yield {"engines": engines, "what": "all", **run(fleet, number, store)}
-        yield {"engines": engines, "what": "again", **run(fleet, jobs[-1], store)}
+        if not once:
+            yield {"engines": engines, "what": "again", **run(fleet, jobs[-1], store)}
 
 
 def compared(rows: list[dict[str, Any]], flights: int) -> dict[str, Any]:
     """The rows with cost per engine, and what follows from them."""
     for row in rows:
         row["cpu_s_per_engine"] = round(row["cpu_s"] / row["engines"], 4)
-    whole = [row for row in rows if row["what"] == "all"]
+    what = "all" if any(row["what"] == "all" for row in rows) else "identify and all"
+    whole = [row for row in rows if row["what"] == what]
     found: dict[str, Any] = {"flights_per_engine": flights, "rows": rows}
     by_jobs = {n: [r for r in whole if r["jobs"] == n] for n in {r["jobs"] for r in whole}}
     for n, mine in sorted(by_jobs.items()):
         if len(mine) > 1:
-            first, last = mine[0], mine[-1]
-            more = (last["cpu_s"] - first["cpu_s"]) / (last["engines"] - first["engines"])
-            found[f"cpu_s_per_further_engine_{n}_jobs"] = round(more, 4)
-            found[f"over_linear_{n}_jobs"] = round(last["cpu_s_per_engine"] / first["cpu_s_per_engine"], 3)
+            further = [(b["cpu_s"] - a["cpu_s"]) / (b["engines"] - a["engines"]) for a, b in pairwise(mine)]
+            more = further[-1]
+            found[f"cpu_s_per_further_engine_{n}_jobs"] = [round(each, 4) for each in further]
+            found[f"over_linear_{n}_jobs"] = round(
+                mine[-1]["cpu_s"] / (mine[0]["cpu_s"] + _beyond(mine) * further[0]), 3
+            )
             found[f"cores_for_a_million_flights_a_day_{n}_jobs"] = round(more / flights * A_DAY / 86_400, 2)
     largest = whole[-1]["engines"]
     alone = [r["wall_s"] for r in whole if r["engines"] == largest and r["jobs"] == 1]
@@ -130,6 +139,11 @@ def compared(rows: list[dict[str, Any]], flights: int) -> dict[str, Any]:
         if alone and row["engines"] == largest and row["jobs"] > 1:
             found[f"gain_of_{row['jobs']}_jobs"] = round(alone[0] / row["wall_s"], 2)
     return found
+
+
+def _beyond(rows: list[dict[str, Any]]) -> int:
+    """Engines of the largest fleet that the smallest does not have."""
+    return int(rows[-1]["engines"]) - int(rows[0]["engines"])
 
 
 def table(found: dict[str, Any]) -> Iterator[str]:
@@ -150,13 +164,14 @@ def main() -> None:
     parser.add_argument("--records", type=int, default=20)
     parser.add_argument("--folder", type=Path)
     parser.add_argument("--table", action="store_true")
+    parser.add_argument("--once", action="store_true")
     asked = parser.parse_args()
     sizes, jobs = ([int(n) for n in text.split(",")] for text in (asked.engines, asked.jobs))
     with tempfile.TemporaryDirectory() as temporary:
         folder = asked.folder or Path(temporary)
         folder.mkdir(exist_ok=True, parents=True)
         recordings(max(sizes), asked.flights, asked.records, folder)
-        found = compared(list(measured(sizes, jobs, folder)), asked.flights)
+        found = compared(list(measured(sizes, jobs, folder, asked.once)), asked.flights)
     print("\n".join(table(found)) if asked.table else json.dumps(found, indent=1))
 
 
