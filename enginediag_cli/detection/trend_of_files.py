@@ -15,9 +15,9 @@ from enginediag_cli.errors import DataError
 from enginediag_cli.parameters import Parameter
 from enginediag_cli.residuals.files import Window
 from enginediag_cli.residuals.monitor import Monitor
-from enginediag_cli.residuals.pipeline import WindowStatistics, joined
 from enginediag_cli.residuals.series_monitor import effects_of_inputs
 from enginediag_cli.residuals.statistics import LocalStatistics
+from enginediag_cli.residuals.window import WindowStatistics, joined
 
 FEWEST = 3
 """Flights that a trend needs: a level before, one after, and one to tell noise from either."""

@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 from enginediag_cli.detection.distributions import chdtrc
 from enginediag_cli.detection.glr import GlrTest, glr_test
 from enginediag_cli.detection.lack_of_fit import LackOfFit, lack_of_fit
-from enginediag_cli.residuals.pipeline import WindowStatistics
 from enginediag_cli.residuals.score import Score, fisher_score
+from enginediag_cli.residuals.window import WindowStatistics
 
 HEALTHY, FAULT, NO_VERDICT = "healthy", "fault", "no verdict"
 NOISE_UNKNOWN = "the noise was identified from too few independent records"

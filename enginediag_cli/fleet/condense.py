@@ -23,8 +23,9 @@ from enginediag_cli.intake.wanted import columns_of
 from enginediag_cli.recordings.provenance import sha256_of
 from enginediag_cli.recordings.table import Recording
 from enginediag_cli.residuals.monitor import Monitor
-from enginediag_cli.residuals.pipeline import WindowStatistics, window_statistics
+from enginediag_cli.residuals.pipeline import window_statistics
 from enginediag_cli.residuals.series_monitor import certain, monitored_as_read, of_series
+from enginediag_cli.residuals.window import WindowStatistics
 
 PART = 2000
 """Windows of one engine that are written together: a tenth of a gigabyte is the most that a worker may hold of them,

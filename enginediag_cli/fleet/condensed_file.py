@@ -24,8 +24,8 @@ from enginediag_cli.parameters import Parameter
 from enginediag_cli.recordings.read import Absent
 from enginediag_cli.recordings.steady import GateReport
 from enginediag_cli.residuals.admission import Elsewhere
-from enginediag_cli.residuals.pipeline import WindowStatistics
 from enginediag_cli.residuals.statistics import LocalStatistics
+from enginediag_cli.residuals.window import WindowStatistics
 
 FORMAT = 2
 """Of these files; others are made anew."""

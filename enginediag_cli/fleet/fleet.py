@@ -15,6 +15,7 @@ from enginediag_cli.errors import ConfigError, Problem
 from enginediag_cli.fleet.events import read_events
 from enginediag_cli.fleet.fleet_file import BUILD
 from enginediag_cli.fleet_judgement.history import Event
+from enginediag_cli.fleet_judgement.remaining import LIVES
 from enginediag_cli.residuals.windows import WindowPlan, plan_windows
 
 BUILD_KEYS = tuple(f.name for f in BUILD.fields)
@@ -170,6 +171,13 @@ def _problems(checked: Checked) -> Iterator[Problem]:
     if limit is not None and (len(limit) != 2 or min(limit) <= 0):
         hint = "[margin, standard deviation], such as [25, 3]"
         yield checked.problem(("judge", "consumed_limit_K"), "consumed_limit_K needs two positive numbers", hint)
+    taken_off = values["judge"]["taken_off"]
+    if taken_off and limit is not None:
+        hint = "a limit is stated or learnt"
+        yield checked.problem(("judge", "taken_off"), "both 'taken_off' and 'consumed_limit_K' are given", hint)
+    if taken_off and len(set(taken_off)) < LIVES:
+        hint = f"name {LIVES} at least, or state 'consumed_limit_K'"
+        yield checked.problem(("judge", "taken_off"), f"{len(set(taken_off))} engines do not tell a limit", hint)
     if values["judge"]["window"]:
         try:
             plan_windows(values["judge"]["window"])

@@ -113,6 +113,13 @@ JUDGE = Section(
             None,
             unit="K",
         ),
+        Field(
+            "taken_off",
+            "texts",
+            "serial numbers of engines whose recordings end where they were taken off because they were worn, three at "
+            "least: what they had lost by then is the limit of all others, in place of consumed_limit_K",
+            (),
+        ),
         Field("thorough", "boolean", "engines that stand out are judged as `trend` does, at a second each", True),
     ),
 )

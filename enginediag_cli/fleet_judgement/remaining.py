@@ -15,6 +15,8 @@ EPOCHS = 60
 """Epochs of a course that a law of growth is fitted to: none is finer."""
 LEARNT_FROM = 300
 """Engines from which it is learnt how the fleet wears, evenly chosen where there are more: it is known well by then."""
+LIVES = 3
+"""Whole lives from which a limit is learnt at least: with two the spread between engines is not known."""
 NEVER_K = 1e9
 """A limit that is not reached, where only the consumption so far is asked for."""
 RECOVERED_K = 10.0
@@ -61,8 +63,8 @@ def learnt_limit(failed: Sequence[EngineFinding]) -> tuple[float, float]:
     """Consumption, in K, at which engines were taken off, and its standard deviation between them, from the findings
     of their whole lives: what `FleetSettings.consumed_limit_K` asks for. ValueError for fewer than three."""
     courses = [c for f in failed if (c := course_of(f)) is not None]
-    if len(courses) < 3:
-        raise ValueError("a limit is learnt from the lives of three engines at least")
+    if len(courses) < LIVES:
+        raise ValueError(f"a limit is learnt from {LIVES} lives at least, and {len(courses)} can be followed")
     reference = float(np.median([f.severity.value for f in failed]))
     fits = [fitted(c, reference) for c in courses]
     return limit_from(*ends_of(fits, learnt(fits)))

@@ -26,8 +26,8 @@ from enginediag_cli.planning.suggestion import Suggestion, best_of_each_kind
 from enginediag_cli.residuals.files import JudgedFiles, Window
 from enginediag_cli.residuals.kept_records import KeptRecords
 from enginediag_cli.residuals.monitor import Monitor
-from enginediag_cli.residuals.pipeline import WindowStatistics
 from enginediag_cli.residuals.score import Score
+from enginediag_cli.residuals.window import WindowStatistics
 from enginediag_cli.side_by_side import at_once, in_turn
 
 ADVISED = 3

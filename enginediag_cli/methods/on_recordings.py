@@ -21,7 +21,8 @@ from enginediag_cli.residuals.admission import JudgedChunk
 from enginediag_cli.residuals.cut import cut
 from enginediag_cli.residuals.groups import Key, runs
 from enginediag_cli.residuals.monitor import Monitor
-from enginediag_cli.residuals.pipeline import WindowStatistics, joined, nothing_judged, place
+from enginediag_cli.residuals.pipeline import place
+from enginediag_cli.residuals.window import WindowStatistics, joined, nothing_judged
 from enginediag_cli.residuals.windows import WindowPlan
 
 TOGETHER = 5_000

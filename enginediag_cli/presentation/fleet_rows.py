@@ -101,6 +101,7 @@ def document(result: FleetResult, provenance: Sequence[str]) -> dict[str, Any]:
             *({"engine": name, "reason": why} for name, why in finding.left_out),
             *({"event of engine": name, "reason": "no recording is of this engine"} for name in result.unknown),
         ],
+        "consumed_limit_K": result.consumed_limit_K,
         "counts": dict(result.counts),
         "outside": [
             {"input": where.column, "judged": where.judged, "records": n} for where, n in result.elsewhere.items()
@@ -176,6 +177,9 @@ def tell_result(messages: Messages, result: FleetResult) -> None:
         f"{count(len(result.finding.engines), 'engine')}, {count(found, 'recording')}, "
         f"{count(counts['records'], 'record')}; {count(counts['fresh'], 'recording')} condensed anew"
     )
+    if result.consumed_limit_K and result.fleet.judge["taken_off"]:
+        mean, spread = result.consumed_limit_K
+        messages.note(f"engines were taken off with {mean:.0f} K of their margin lost, give or take {spread:.0f} K")
     for common in result.finding.common:
         if common.common:
             messages.note(f"{common.words}: {common.reading}")

@@ -16,12 +16,13 @@ from enginediag_cli.residuals.economy import Economy
 from enginediag_cli.residuals.flat import is_flat
 from enginediag_cli.residuals.lagging import with_lagging
 from enginediag_cli.residuals.monitor import Monitor
-from enginediag_cli.residuals.pipeline import WindowStatistics, window_statistics
+from enginediag_cli.residuals.pipeline import window_statistics
 from enginediag_cli.residuals.reduced import reduced
 from enginediag_cli.residuals.reference import last_records, windows_against_reference
 from enginediag_cli.residuals.seal import DIGITS, MadeWith, plan_cells
 from enginediag_cli.residuals.series_monitor import monitored_as_read
 from enginediag_cli.residuals.statistics_file import Ledger, read_statistics, refuse_ignored_options
+from enginediag_cli.residuals.window import WindowStatistics
 from enginediag_cli.residuals.windows import WindowPlan
 
 Window = tuple[WindowStatistics, Mapping[str, Parameter]]

@@ -20,8 +20,8 @@ from enginediag_cli.errors import DataError
 from enginediag_cli.parameters import Parameter, meanings
 from enginediag_cli.residuals.admission import Elsewhere
 from enginediag_cli.residuals.excitation import range_space
-from enginediag_cli.residuals.pipeline import WindowStatistics
 from enginediag_cli.residuals.statistics import LocalStatistics
+from enginediag_cli.residuals.window import WindowStatistics
 
 TEXTS = ("source", "flight", "engine", "reason")
 COUNTS = ("first_line", "last_line", "records", "outside", "incomplete", "failed", "sensors", "sensors_of")

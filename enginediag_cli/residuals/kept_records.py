@@ -11,7 +11,7 @@ from enginediag_cli.recordings.table import Recording, concat
 from enginediag_cli.residuals.admission import judged_inputs
 from enginediag_cli.residuals.groups import group_rows
 from enginediag_cli.residuals.monitor import Monitor
-from enginediag_cli.residuals.pipeline import WindowStatistics
+from enginediag_cli.residuals.window import WindowStatistics
 
 
 class KeptRecords:

@@ -6,9 +6,9 @@ A record outside the operating points that identification saw, or without its in
 
 from __future__ import annotations
 
-from collections import Counter, deque
+from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import partial, reduce
 from operator import add
 
@@ -17,7 +17,7 @@ import numpy as np
 from enginediag_cli.error_model.slopes import COMMON
 from enginediag_cli.progress import each
 from enginediag_cli.recordings.table import Recording
-from enginediag_cli.residuals.admission import Elsewhere, JudgedChunk
+from enginediag_cli.residuals.admission import JudgedChunk
 from enginediag_cli.residuals.blocks import Block
 from enginediag_cli.residuals.cut import cut
 from enginediag_cli.residuals.groups import Key, runs
@@ -28,6 +28,7 @@ from enginediag_cli.residuals.reduced import ReducedMonitor
 from enginediag_cli.residuals.relinearise import Relinearised, Stop, relinearise
 from enginediag_cli.residuals.score import marginalise
 from enginediag_cli.residuals.statistics import LocalStatistics
+from enginediag_cli.residuals.window import WindowStatistics, joined, nothing_judged
 from enginediag_cli.residuals.windows import WindowPlan
 from enginediag_cli.side_by_side import in_turn, processes
 
@@ -46,61 +47,6 @@ the statistics is of second order in it."""
 TOGETHER = 500
 """Records of short windows whose statistics are summed by one pass: for each of twenty records the calls would cost
 more than the arithmetic, for more memory would."""
-
-
-@dataclass(frozen=True)
-class WindowStatistics:
-    """Statistics of the monitored parameters over one window; `statistics` is None where there is no verdict.
-
-    records: in the window; outside: too far from the operating points seen; elsewhere: how many were not seen, by where
-    they lie and whether they are judged; incomplete: without an input or without any reading; failed: not computed by
-    the engine; reason: why there is no verdict, or empty. sensors: how many of the `sensors_of` that the nominal has
-    gave a reading in a record that was judged (0 of 0: not known); silent: the monitored errors of those that gave
-    none, of which nothing can be said and which are no suspects. conditions: mean of each input over the
-    records that were judged; readings: mean of each sensor over them; flown: inputs of a few of them, evenly chosen,
-    column -> (k,). solution: the engine's unknowns (nx, n) at nominal in the records that were judged, where
-    they are known, from which whoever asks the engine again of these records may begin.
-    """
-
-    source: str
-    flight: str
-    engine: str
-    first_line: int
-    last_line: int
-    start_s: float
-    end_s: float
-    records: int
-    outside: int
-    incomplete: int
-    failed: int
-    statistics: LocalStatistics | None
-    reason: str = ""
-    notes: tuple[str, ...] = ()
-    sensors: int = 0
-    sensors_of: int = 0
-    silent: tuple[str, ...] = ()
-    elsewhere: Counter[Elsewhere] = field(default_factory=Counter)
-    conditions: Mapping[str, float] = field(default_factory=dict)
-    readings: Mapping[str, float] = field(default_factory=dict)
-    flown: Mapping[str, np.ndarray] = field(default_factory=dict, repr=False, compare=False)
-    solution: np.ndarray | None = field(default=None, repr=False, compare=False)
-
-    @property
-    def counts(self) -> dict[str, int]:
-        """What is counted of a window, and summed over many."""
-        return {
-            "windows": 1,
-            "statistics": self.statistics is not None,
-            "records": self.records,
-            "outside": self.outside,
-            "incomplete": self.incomplete,
-            "failed": self.failed,
-        }
-
-    @property
-    def extrapolated(self) -> int:
-        """Records that are judged although training did not cover where they lie."""
-        return sum(n for where, n in self.elsewhere.items() if where.judged)
 
 
 @dataclass(frozen=True)
@@ -272,25 +218,6 @@ def _whole(monitor: Monitor, pieces: Sequence[_Piece]) -> WindowStatistics:
     )
 
 
-def joined(parts: Sequence[WindowStatistics]) -> WindowStatistics:
-    """Bookkeeping of a window from that of its pieces, in order."""
-    first, last = parts[0], parts[-1]
-
-    def total(name: str) -> int:
-        return sum(getattr(part, name) for part in parts)
-
-    return replace(
-        first,
-        last_line=last.last_line,
-        end_s=last.end_s,
-        records=total("records"),
-        outside=total("outside"),
-        incomplete=total("incomplete"),
-        failed=total("failed"),
-        elsewhere=sum((part.elsewhere for part in parts), Counter()),
-    )
-
-
 def _with_statistics(
     monitor: Monitor,
     condense: Condense,
@@ -314,16 +241,6 @@ def _is_silent(monitor: Monitor, name: str, statistics: LocalStatistics) -> bool
     """Whether it is the error of a sensor that gave no reading: its sensitivities are zero, not merely small."""
     i = monitor.names.index(name)
     return monitor.engine.parameters[name].of_instrument and not statistics.F[i, i]
-
-
-def nothing_judged(window: WindowStatistics) -> str:
-    """Why a window has no verdict, where none of its records could be judged."""
-    counts = [
-        (window.outside, "outside the operating points identified"),
-        (window.incomplete, "incomplete"),
-        (window.failed, "not computed by the engine"),
-    ]
-    return "no record could be judged: " + ", ".join(f"{n} {what}" for n, what in counts if n)
 
 
 def _at_nominal(monitor: Monitor, condense: Condense, pieces: Sequence[_Piece]) -> WindowStatistics:

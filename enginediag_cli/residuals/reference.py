@@ -17,10 +17,11 @@ import numpy as np
 from enginediag_cli.recordings.table import Recording, concat
 from enginediag_cli.residuals.groups import Key, group_rows
 from enginediag_cli.residuals.monitor import Monitor
-from enginediag_cli.residuals.pipeline import WindowStatistics, condensed, window_statistics
+from enginediag_cli.residuals.pipeline import condensed, window_statistics
 from enginediag_cli.residuals.root import root_of
 from enginediag_cli.residuals.scale_offsets import with_scale_offsets
 from enginediag_cli.residuals.statistics import LocalStatistics
+from enginediag_cli.residuals.window import WindowStatistics
 from enginediag_cli.residuals.windows import WindowPlan
 
 OWN_SCALE = 0.01

@@ -13,8 +13,8 @@ from dataclasses import dataclass, field
 from enginediag_cli.errors import DataError
 from enginediag_cli.parameters import Parameter
 from enginediag_cli.residuals.flat import is_flat, read_flat
-from enginediag_cli.residuals.pipeline import WindowStatistics
 from enginediag_cli.residuals.seal import CHECKSUM, MadeWith, checksum, made_with
+from enginediag_cli.residuals.window import WindowStatistics
 
 MAKE_ANEW = "make them anew with `enginediag residual` from the recordings"
 IGNORED = {

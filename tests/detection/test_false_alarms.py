@@ -16,8 +16,8 @@ from enginediag_cli.detection.verdict import HEALTHY, NO_VERDICT, judge, unknown
 from enginediag_cli.residuals.frame import Frame
 from enginediag_cli.residuals.local import local_statistics
 from enginediag_cli.residuals.noise import NoiseModel
-from enginediag_cli.residuals.pipeline import WindowStatistics
 from enginediag_cli.residuals.score import fisher_score
+from enginediag_cli.residuals.window import WindowStatistics
 
 ROOT = Path(__file__).resolve().parents[2]
 

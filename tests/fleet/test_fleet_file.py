@@ -42,6 +42,12 @@ def written(folder: Path, text: str) -> Path:
         ("recordings:", "engines: {serial_from: file, pattern: 'e_('}\nrecordings:", "3:39: error: not a regular"),
         ("recordings:", "engines: {serial_from: file, pattern: 'e'}\nrecordings:", "3:39: error: the pattern has 0"),
         ("recordings:", "judge: {window: ten}\nrecordings:", "3:17: error: 'ten' is not a number of records"),
+        ("recordings:", "judge: {taken_off: ['1', '2']}\nrecordings:", "3:20: error: 2 engines do not tell a limit"),
+        (
+            "recordings:",
+            "judge: {taken_off: ['1', '2', '3'], consumed_limit_K: [25, 3]}\nrecordings:",
+            "3:20: error: both 'taken_off' and 'consumed_limit_K' are given",
+        ),
         ("engine:", "builds: {a: {engine: turbojet.yaml}}\nengine:", "3:9: error: 'engine' stands beside 'builds'"),
         ("recordings:", "recorder: nothing.yaml\nrecordings:", "3:11: error: there is no recorder"),
     ],

@@ -95,5 +95,5 @@ def test_the_limit_is_learnt_from_engines_that_were_taken_off(fleet):
     mean, spread = learnt_limit(worn)
     per_sigma = -scale().slope["hpt.efficiency"] * 0.02
     assert mean == pytest.approx(2.0 * per_sigma, abs=4.0) and spread == pytest.approx(per_sigma, rel=0.3)
-    with pytest.raises(ValueError, match="three engines"):
+    with pytest.raises(ValueError, match="3 lives at least, and 2"):
         learnt_limit(worn[:2])

@@ -22,8 +22,8 @@ from enginediag_cli.fleet_judgement.history import EngineHistory, Event
 from enginediag_cli.fleet_judgement.margin import MarginScale, margin_scale
 from enginediag_cli.physics.engine_file import load_engine
 from enginediag_cli.residuals.monitor import Monitor
-from enginediag_cli.residuals.pipeline import WindowStatistics
 from enginediag_cli.residuals.statistics import LocalStatistics
+from enginediag_cli.residuals.window import WindowStatistics
 from enginediag_cli.simulation.noise import ColumnNoise
 from enginediag_cli.trials.studies.known import known_nominal
 

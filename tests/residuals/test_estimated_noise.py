@@ -14,8 +14,8 @@ from enginediag_cli.residuals.frame import Frame
 from enginediag_cli.residuals.local import local_statistics
 from enginediag_cli.residuals.monitor import noise_of
 from enginediag_cli.residuals.noise import NoiseModel
-from enginediag_cli.residuals.pipeline import WindowStatistics
 from enginediag_cli.residuals.score import fisher_score, marginalise
+from enginediag_cli.residuals.window import WindowStatistics
 
 RHO = 0.9
 

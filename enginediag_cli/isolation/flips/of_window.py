@@ -9,8 +9,8 @@ from enginediag_cli.isolation.flips.errors import SingleError, columns_of_instru
 from enginediag_cli.isolation.flips.flips import Flips, flips_of_components, flips_of_parameters
 from enginediag_cli.isolation.prior import SetPrior
 from enginediag_cli.residuals.monitor import Monitor
-from enginediag_cli.residuals.pipeline import WindowStatistics
 from enginediag_cli.residuals.score import Score
+from enginediag_cli.residuals.window import WindowStatistics
 
 
 def flips_of_diagnosis(diagnosis: Diagnosis, window: WindowStatistics, monitor: Monitor | None) -> Flips | None:

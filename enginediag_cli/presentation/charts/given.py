@@ -8,7 +8,7 @@ from enginediag_cli.intervals import NORMAL_95
 from enginediag_cli.isolation.fingerprint import given
 from enginediag_cli.presentation.charts.model import Origin
 from enginediag_cli.presentation.charts.rows import Row
-from enginediag_cli.residuals.pipeline import WindowStatistics
+from enginediag_cli.residuals.window import WindowStatistics
 
 ALONE = (
     "Dots: each flight by itself, with 95 % intervals, if nothing but the parameters shown has changed. Dashed, with a "

@@ -10,7 +10,7 @@ from enginediag_cli.presentation.charts.fingerprint import Answer, Deviations
 from enginediag_cli.presentation.charts.fingerprint import fingerprint as chart_of
 from enginediag_cli.presentation.charts.model import Chart, Origin
 from enginediag_cli.presentation.names import listed
-from enginediag_cli.residuals.pipeline import WindowStatistics
+from enginediag_cli.residuals.window import WindowStatistics
 
 MOST_RIVALS = 2
 """Answers beside the first in a fingerprint: more bars are not told apart."""

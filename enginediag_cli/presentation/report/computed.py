@@ -21,8 +21,8 @@ from enginediag_cli.presentation.report.results.read import Result
 from enginediag_cli.progress import each, stage
 from enginediag_cli.residuals.files import JudgedFiles, Judging
 from enginediag_cli.residuals.monitor import Monitor
-from enginediag_cli.residuals.pipeline import WindowStatistics
 from enginediag_cli.residuals.records import record_residuals
+from enginediag_cli.residuals.window import WindowStatistics
 
 
 @dataclass(frozen=True)

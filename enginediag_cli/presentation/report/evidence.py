@@ -14,7 +14,7 @@ from enginediag_cli.presentation.report.results import kinds
 from enginediag_cli.presentation.report.results.kinds import Kind
 from enginediag_cli.presentation.report.results.read import Result
 from enginediag_cli.presentation.report.results.records import records_of
-from enginediag_cli.residuals.pipeline import WindowStatistics
+from enginediag_cli.residuals.window import WindowStatistics
 
 
 @dataclass

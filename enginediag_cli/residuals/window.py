@@ -1,0 +1,96 @@
+"""One window: its statistics, and what was counted, flown and read in it."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from enginediag_cli.residuals.admission import Elsewhere
+from enginediag_cli.residuals.statistics import LocalStatistics
+
+
+@dataclass(frozen=True)
+class WindowStatistics:
+    """Statistics of the monitored parameters over one window; `statistics` is None where there is no verdict.
+
+    records: in the window; outside: too far from the operating points seen; elsewhere: how many were not seen, by where
+    they lie and whether they are judged; incomplete: without an input or without any reading; failed: not computed by
+    the engine; reason: why there is no verdict, or empty. sensors: how many of the `sensors_of` that the nominal has
+    gave a reading in a record that was judged (0 of 0: not known); silent: the monitored errors of those that gave
+    none, of which nothing can be said and which are no suspects. conditions: mean of each input over the
+    records that were judged; readings: mean of each sensor over them; flown: inputs of a few of them, evenly chosen,
+    column -> (k,). solution: the engine's unknowns (nx, n) at nominal in the records that were judged, where
+    they are known, from which whoever asks the engine again of these records may begin.
+    """
+
+    source: str
+    flight: str
+    engine: str
+    first_line: int
+    last_line: int
+    start_s: float
+    end_s: float
+    records: int
+    outside: int
+    incomplete: int
+    failed: int
+    statistics: LocalStatistics | None
+    reason: str = ""
+    notes: tuple[str, ...] = ()
+    sensors: int = 0
+    sensors_of: int = 0
+    silent: tuple[str, ...] = ()
+    elsewhere: Counter[Elsewhere] = field(default_factory=Counter)
+    conditions: Mapping[str, float] = field(default_factory=dict)
+    readings: Mapping[str, float] = field(default_factory=dict)
+    flown: Mapping[str, np.ndarray] = field(default_factory=dict, repr=False, compare=False)
+    solution: np.ndarray | None = field(default=None, repr=False, compare=False)
+
+    @property
+    def counts(self) -> dict[str, int]:
+        """What is counted of a window, and summed over many."""
+        return {
+            "windows": 1,
+            "statistics": self.statistics is not None,
+            "records": self.records,
+            "outside": self.outside,
+            "incomplete": self.incomplete,
+            "failed": self.failed,
+        }
+
+    @property
+    def extrapolated(self) -> int:
+        """Records that are judged although training did not cover where they lie."""
+        return sum(n for where, n in self.elsewhere.items() if where.judged)
+
+
+def joined(parts: Sequence[WindowStatistics]) -> WindowStatistics:
+    """Bookkeeping of a window from that of its pieces, in order."""
+    first, last = parts[0], parts[-1]
+
+    def total(name: str) -> int:
+        return sum(getattr(part, name) for part in parts)
+
+    return replace(
+        first,
+        last_line=last.last_line,
+        end_s=last.end_s,
+        records=total("records"),
+        outside=total("outside"),
+        incomplete=total("incomplete"),
+        failed=total("failed"),
+        elsewhere=sum((part.elsewhere for part in parts), Counter()),
+    )
+
+
+def nothing_judged(window: WindowStatistics) -> str:
+    """Why a window has no verdict, where none of its records could be judged."""
+    counts = [
+        (window.outside, "outside the operating points identified"),
+        (window.incomplete, "incomplete"),
+        (window.failed, "not computed by the engine"),
+    ]
+    return "no record could be judged: " + ", ".join(f"{n} {what}" for n, what in counts if n)
