@@ -13,12 +13,16 @@ from dataclasses import dataclass
 from enginediag_cli.mismatch.explain.answer import Explanation
 from enginediag_cli.mismatch.explain.law_members import LawMembers
 from enginediag_cli.mismatch.explain.lawful import JUDGED, adequate
-from enginediag_cli.mismatch.explain.members import identity, law_places
+from enginediag_cli.mismatch.explain.members import identity
 from enginediag_cli.mismatch.explain.stepwise import Sets
 from enginediag_cli.mismatch.fit.options import LAW
 from enginediag_cli.mismatch.laws.scan import scanned
-from enginediag_cli.mismatch.laws.search import LawSearch
+from enginediag_cli.mismatch.laws.search import Fitted, LawSearch
 from enginediag_cli.progress import stage
+
+ANOTHER_PLACE = 7.0
+"""ln of the odds by which one law that nobody has written down is likelier beforehand than two at two places, their
+places and forms apart: a thousand to one, as for the first (`LISTED_FIRST`)."""
 
 
 @dataclass(frozen=True)
@@ -31,11 +35,11 @@ class LawOfSet:
     @stage("weighing the law of a set")
     def of(self, named: Sequence[Explanation]) -> list[Explanation]:
         """What was named, with the law of the first as it is after this search, alone or with its rivals; as it was
-        where laws act at several places, or none that was found explains as well."""
+        where none that was found explains as well."""
         trial = self.sets.fits.fitted[named[0].label]
         laws = [o for o in trial.options if o.kind == LAW]
         others = tuple(o for o in trial.options if o.kind != LAW)
-        base = self.sets.fitted(others) if laws and others and law_places(trial) == 1 else None
+        base = self.sets.fitted(others) if laws and others else None
         if base is None:
             return list(named)
         also = tuple(self.members.known[o.label] for o in laws)
@@ -43,6 +47,19 @@ class LawOfSet:
         self.members.learn(p for f in search.single for p in f.laws)
         own = set(map(identity, others))
         same = [x for x in named if {identity(o) for o in x.options if o.kind != LAW} == own]
-        judged = adequate(self.sets.fits, search.single[:JUDGED])
+        judged = adequate(self.sets.fits, _simplest(search.single)[:JUDGED])
         told = judged.told(self.sets.fits, sum(x.probability for x in same))
         return [*told, *(x for x in named if x not in same)] if told else list(named)
+
+
+def _simplest(found: Sequence[Fitted]) -> list[Fitted]:
+    """Single laws, at one place or the same at several, where one of them is nearly as likely as the likeliest: where
+    flights hardly tell two places apart, two halves of a law may be divided between them."""
+    alone = [f for f in found if f.at_one_place or _the_same(f)]
+    return alone if alone and alone[0].standing > found[0].standing - ANOTHER_PLACE else [*found]
+
+
+def _the_same(f: Fitted) -> bool:
+    """Whether its laws are of one form and the same variables."""
+    formulas = [p.candidate.formula for p in f.laws]
+    return len({(x.form.name, x.groups) for x in formulas}) == 1

@@ -113,7 +113,7 @@ class Sets:
         named = self.fits.named([s for s in fitted if self.fits.counts(s, self.best)])
         if named and not self.many:
             named = self._with_rivals(named[0], fitted)
-        return named or self._grown(self.proposers, self._settled)
+        return self._unless_outdone(named) or self._grown(self.proposers, self._settled)
 
     def _with_rivals(self, first: Explanation, pairs: Sequence[Trial]) -> list[Explanation]:
         """The alias set of a pair, with what explains as much in the place of either member, or began at another
@@ -165,8 +165,7 @@ class Sets:
         exchanged, stalled, listed = "", False, settled is not None
         for _ in range(ROUNDS_OF_MANY if self.many else ROUNDS):
             beam = self._beam(listed)
-            named = settled(beam) if settled is not None else []
-            if named and settled is not None:
+            if settled and (named := settled(beam)):
                 return self._or_a_rival(named, proposers, settled)
             done = settled is None and self._is_adequate(beam[0])
             new = [] if done or stalled else self._proposed(beam, proposers, enough)
@@ -179,8 +178,8 @@ class Sets:
             self._fit(new)
             gained = self.evidence(best := self.likeliest(listed)[0]) - self.evidence(beam[0])
             stalled = gained < LIKELIER or too_far(best, gained) or self._fits > MOST_FITS
-        named = settled(self._beam(listed)) if settled is not None else []
-        return self._or_a_rival(named, proposers, settled) if named and settled is not None else []
+        named = settled(self._beam(listed)) if settled else []
+        return self._or_a_rival(named, proposers, settled) if settled and named else []
 
     def _or_a_rival(
         self, named: list[Explanation], proposers: Sequence[Proposer], settled: Settled
@@ -198,10 +197,13 @@ class Sets:
                 break
             self._fit(list({key_of(n): n for n in new}.values()))
             named = settled(self._beam(listed=True)) or named
-        # a likelier set that leaves something is right in what it shares with the truth, and this one is not
-        told = self.evidence(self.fits.fitted[named[0].label])
-        unfinished = [t for t in self.likeliest(listed=True) if not self._without_idle(t)]
-        return named if self.evidence(unfinished[0]) <= told + 0.5 * ALIAS else []
+        return self._unless_outdone(named)
+
+    def _unless_outdone(self, named: list[Explanation]) -> list[Explanation]:
+        """Nothing where a likelier set leaves something: that one is right in what it shares with the truth."""
+        told = self.evidence(self.fits.fitted[named[0].label]) if named else np.inf
+        best = next(t for t in self.likeliest(listed=True) if not (named and self._without_idle(t)))
+        return named if self.evidence(best) <= told + 0.5 * ALIAS else []
 
     def _beam(self, listed: bool) -> list[Trial]:
         """Sets to grow from, likeliest first; where free curves may be members, as many that hold something listed."""
@@ -246,9 +248,8 @@ class Sets:
                 trial.projection.rest()
 
     def _of(self, members: Members) -> Trial | None:
-        key = key_of(members)
         every = (self.fits.base, *self.fits.fitted.values())
-        return next((t for t in every if key_of(t.options) == key), None)
+        return next((t for t in every if key_of(t.options) == key_of(members)), None)
 
     def _known(self, members: Members) -> bool:
         return self._of(members) is not None

@@ -1,0 +1,49 @@
+"""What fits far worse than another set is no explanation, whatever that one leaves; one law is simpler than two."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import pytest
+
+from enginediag_cli.mismatch.explain.judging import ALIAS
+from enginediag_cli.mismatch.explain.law_of_set import ANOTHER_PLACE, _simplest
+from enginediag_cli.mismatch.explain.stepwise import Sets
+
+
+def sets_of(evidence: dict[str, float], idle: tuple[str, ...] = ()) -> Sets:
+    """Sets of which only the evidence is known, and which of them hold a member that is not needed."""
+    sets = object.__new__(Sets)
+    trials = {label: SimpleNamespace(label=label) for label in evidence}
+    sets.fits = SimpleNamespace(fitted=trials)
+    sets.evidence = lambda t: evidence[t.label]
+    sets.likeliest = lambda listed=False: sorted(trials.values(), key=lambda t: -evidence[t.label])
+    sets._without_idle = lambda t: ("others",) if t.label in idle else ()
+    return sets
+
+
+@pytest.mark.parametrize(
+    ("behind", "idle", "stands"), [(0.5 * ALIAS - 0.1, (), True), (20.0, (), False), (20.0, ("better",), True)]
+)
+def test_a_pair_that_is_left_far_behind_is_not_named(behind, idle, stands):
+    sets = sets_of({"base": -500.0, "named": -behind, "better": 0.0}, idle)
+    named = [SimpleNamespace(label="named")]
+    assert sets._unless_outdone(named) == (named if stands else [])
+    assert sets._unless_outdone([]) == []
+
+
+def law(standing: float, *at: tuple[str, str]):
+    laws = tuple(
+        SimpleNamespace(candidate=SimpleNamespace(formula=SimpleNamespace(form=SimpleNamespace(name=form), groups=0)))
+        for _, form in at
+    )
+    return SimpleNamespace(standing=standing, laws=laws, at_one_place=len({place for place, _ in at}) == 1)
+
+
+def test_two_halves_of_a_law_at_two_places_give_way_to_one_that_is_nearly_as_likely():
+    two = law(100.0, ("turbine.flow_capacity", "bump"), ("cooling.turbine_vanes.fraction", "spot"))
+    one = law(100.0 - ANOTHER_PLACE + 0.1, ("cooling.turbine_vanes.fraction", "bump"))
+    assert _simplest([two, one]) == [one]
+    assert _simplest([two, law(100.0 - ANOTHER_PLACE - 0.1, ("cooling.turbine_vanes.fraction", "bump"))])[0] is two
+    everywhere = law(100.0, ("fan.efficiency", "power"), ("hpc.efficiency", "power"))
+    assert _simplest([everywhere, one])[0] is everywhere
