@@ -96,6 +96,7 @@ def test_follow_refuses_what_it_cannot_do_and_says_why(files, capsys):
     assert run("detect", "--follow", files["flown.csv"])[0] == 2
 
 
+@pytest.mark.slow
 def test_maps_that_are_said_to_be_poor_make_a_followed_flight_stand_out_less(files):
     follow = ["detect", "--follow", "--idle", "0", "--window", "200", "-q", "--no-header", "--format", "csv"]
     evidence = []
@@ -105,6 +106,7 @@ def test_maps_that_are_said_to_be_poor_make_a_followed_flight_stand_out_less(fil
     assert evidence[0] > 2 * evidence[1] > 0
 
 
+@pytest.mark.slow
 def test_a_foreign_recording_is_followed_as_its_recorder_maps_it(files, tmp_path):
     """The same flights under other names of columns; the recorder keeps what was recorded in flight."""
     lines = [line for line in Path(files["flown.csv"]).read_text(encoding="utf-8").splitlines() if line[0] != "#"]

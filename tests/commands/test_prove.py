@@ -166,6 +166,7 @@ def test_kinds_and_truths_of_another_question_are_bad_usage(arguments, capsys):
     assert "does not go with --question isolate" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_isolation_is_scored_with_targets_and_reliability(tmp_path):
     out, trials = tmp_path / "sheet.json", tmp_path / "trials.jsonl"
     common = (

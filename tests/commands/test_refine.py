@@ -73,6 +73,7 @@ def test_the_refined_engine_runs_in_every_other_command(folder, run):
     assert run("isolate", folder / "statistics.csv", "-q").exit_code == 0
 
 
+@pytest.mark.slow
 def test_what_the_refined_engine_carries_is_not_searched_for_again(folder, run):
     done = run("explain", folder / "refined.yaml", folder / "flights.csv", "--format", "json", "--exit-code", *LEFT_OUT)
     told = json.loads(done.stdout)

@@ -146,6 +146,7 @@ def within(tally, rates, margin):
     return np.abs(shares.mean(axis=0) - rates) <= margin * error + 0.15 * np.array(rates)
 
 
+@pytest.mark.slow
 def test_an_identified_nominal_keeps_its_rate_on_average(study, flown):
     """64 nominals, whose rates are skew, so that fewer would not do; 3.5 standard errors and 15 % of the rate."""
     tallies = study.tested(

@@ -34,6 +34,7 @@ def test_wild_inputs_are_flagged_without_a_warning(path, n):
         engine.predict(usual, {engine.monitored[0]: rng.choice([1.0, 1e300, -5.0, 0.0, 1e-3], n)})
 
 
+@pytest.mark.slow
 def test_commands_on_hard_recordings_raise_no_runtime_warning(tmp_path):
     lines = (SAMPLES / "one_flight.csv").read_text(encoding="utf-8").splitlines()
     head = next(k for k, line in enumerate(lines) if not line.startswith("#"))

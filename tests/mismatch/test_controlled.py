@@ -88,6 +88,7 @@ def test_it_says_in_which_share_of_the_records_it_acts() -> None:
     assert f.held + f.released + sum(f.at_limit.values()) == pytest.approx(1.0)
 
 
+@pytest.mark.slow
 def test_a_control_that_is_always_on_has_no_release() -> None:
     law = find_law(*plant(), [hours(truth(held(30)), 700, 2)])
     assert law is not None and law.best.law.enabled is None
@@ -98,6 +99,7 @@ def test_without_a_control_nothing_is_named() -> None:
     assert find_law(*plant(), [hours(truth(""), 700, 3)]) is None
 
 
+@pytest.mark.slow
 def test_unseen_hours_judge_the_control() -> None:
     description, engine = plant()
     released = ", acts_while: {column: T4_K, side: at_most, value: 1370}"

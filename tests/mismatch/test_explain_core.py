@@ -36,6 +36,7 @@ def test_two_concealed_effects_are_named_together():
     assert {o.label for o in a.explanations[0].options} == {"reynolds_efficiency@hpc", "power_offtake@hp"}
 
 
+@pytest.mark.slow
 def test_an_effect_that_the_library_lacks_is_a_law_at_its_place():
     a = _answer(
         ("active_clearance_control", "hpt", {"closing": 0.6}),

@@ -94,6 +94,7 @@ def test_nothing_is_named_where_power_follows_its_set_point(tmp_path):
     assert explained(recorded(tmp_path, {}, seed=6)).answer.status == NOTHING
 
 
+@pytest.mark.slow
 def test_a_rate_limit_is_told_as_rates_and_refined_on_unseen_runs(tmp_path):
     files = recorded(tmp_path, {"load_rate_limit@generator": {"rise": 120.0, "fall": 80.0}}, seed=7)
     assert any(" W/s (" in line for line in sentences(explained(files)))
@@ -139,6 +140,7 @@ def test_no_gate_is_told_where_there_is_none(tmp_path):
     assert tell(loaded.evidence, advise=False, intake=loaded.intake).gated is None
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "first, second", [("load_control_lag", "load_rate_limit"), ("load_rate_limit", "load_control_lag")]
 )
@@ -155,6 +157,7 @@ def test_two_effects_on_one_thing_are_fitted_in_the_order_in_which_they_act(firs
         assert [o.label for o in trial.options] == list(truth)
 
 
+@pytest.mark.slow
 def test_the_interval_of_a_limit_that_nothing_met_ends_where_it_would_have_been_met(tmp_path):
     story = explained(recorded(tmp_path, {"load_rate_limit@generator": {"rise": 0.0, "fall": 80.0}}, seed=7))
     rise = next(c for c in story.answer.explanations[0].coefficients if c.name.endswith("rise"))

@@ -138,6 +138,7 @@ def test_an_effect_of_all_engines_of_a_fleet_is_common_to_them_and_a_worn_one_st
     assert kind.worn[0].value == pytest.approx(0.02, abs=3 * kind.worn[0].standard_error)
 
 
+@pytest.mark.slow
 def test_nothing_is_located_on_flights_of_the_model_itself():
     said = [kind_of(locate(evidence(recorded(seed=s, count=3, records=30)))).names[0] for s in range(41, 44)]
     # with 5 % per search, two or more of three would happen once in 140

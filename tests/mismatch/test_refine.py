@@ -68,6 +68,7 @@ def test_an_engine_without_flights_to_fit_is_refused(thin_air):
         refine(thin_air, [], library("reynolds_efficiency@hpc"))
 
 
+@pytest.mark.slow
 def test_a_switch_that_no_column_records_is_carried_and_its_states_are_found_on_unseen_flights():
     given, states = flights("customer_bleed@hpc", {"fraction": 0.02}, seed=4, switch=0.08)
     case = evidence(given)

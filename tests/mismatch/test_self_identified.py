@@ -59,6 +59,7 @@ def test_priors_about_what_the_searched_flights_have_bent_stay_where_the_file_ha
     assert all(s == pytest.approx(max(given.nuisance[n], moved.get(n, 0.0))) for n, s in own.nuisance.items())
 
 
+@pytest.mark.slow
 def test_explain_finds_the_bleed_that_switches_without_a_nominal_file(folder, capsys):
     out = folder / "answer.csv"
     assert main(["explain", str(folder / "engine.yaml"), str(folder / "flown.csv"), "--no-header", "-o", str(out)]) == 0

@@ -132,6 +132,7 @@ def test_a_member_that_is_not_needed_is_dropped():
     assert [o.label for o in dropped] == ["reynolds_efficiency@hpc"]
 
 
+@pytest.mark.slow
 def test_an_unlisted_effect_is_one_law_and_not_several_listed_effects():
     recorded = flights(carried(CLEARANCE), np.random.default_rng(3))
     a = Search(evidence(recorded), library(CLEARANCE[0], "turbine_tip_clearance")).run()
@@ -172,6 +173,7 @@ def test_a_fault_beside_an_unlisted_effect_is_named_in_part_where_no_law_can_be(
     assert abs(c.value - 0.004) < 4.0 * c.standard_error
 
 
+@pytest.mark.slow
 def test_of_a_name_in_part_the_rest_is_told_with_its_share_and_its_driver():
     a = in_part_alone()
     assert 0.05 < a.unexplained < 0.95 and a.rest[0].driver.driver == AMBIENT_PRESSURE
@@ -180,6 +182,7 @@ def test_of_a_name_in_part_the_rest_is_told_with_its_share_and_its_driver():
     assert AMBIENT_PRESSURE.words in told and share_left(a) == ""
 
 
+@pytest.mark.slow
 def test_a_name_that_explains_all_says_that_nothing_stays():
     a = three_causes()
     assert list(rest_sentences(a)) == [] and share_left(a) == "; nothing of its excess stays unexplained"

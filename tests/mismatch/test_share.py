@@ -75,6 +75,7 @@ def answered(e):
     return first, judged_on_all(search, first, e).answer, Search(e, LIBRARY).run()
 
 
+@pytest.mark.slow
 def test_an_effect_that_a_share_shows_is_named_and_judged_on_all_records(short):
     first, judged, whole = answered(flown(0.12))
     for answer in (first, judged, whole):
@@ -84,6 +85,7 @@ def test_an_effect_that_a_share_shows_is_named_and_judged_on_all_records(short):
     assert abs(a.value - b.value) < 0.1 * b.standard_error and np.isclose(a.standard_error, b.standard_error, rtol=0.02)
 
 
+@pytest.mark.slow
 def test_what_only_all_records_show_is_found_though_the_share_shows_nothing(short):
     first, judged, whole = answered(flown(0.01, seed=5))
     assert first.status == "nothing" and judged.status == "named"
@@ -91,6 +93,7 @@ def test_what_only_all_records_show_is_found_though_the_share_shows_nothing(shor
     assert "reynolds_efficiency@hpc" in [x.label for x in judged.explanations]
 
 
+@pytest.mark.slow
 def test_a_change_in_time_begins_on_all_records_where_it_does(short):
     _, judged, whole = answered(flown(0.0, seed=6, faulty=0.004))
     assert judged.explanations[0].label == whole.explanations[0].label == "sensor.T3.scale since record 1 of flight 6"

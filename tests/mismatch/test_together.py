@@ -86,5 +86,6 @@ def test_refine_fits_one_size_and_states_it_at_each_place():
     assert errors == {f"{TERM}.hpt.exponent": 0.01, f"{TERM}.lpt.exponent": 0.01}
 
 
+@pytest.mark.slow
 def test_it_is_told_with_its_places():
     assert "at HPT and LPT (reynolds_turbine_efficiency@hpt+lpt)" in headline(found().explanations[0])

@@ -78,11 +78,13 @@ def test_every_engine_has_departed_at_the_end_of_its_life(nominal, fleet):
     assert [row["verdict"] for row in table(out)] == ["fault"] * 100
 
 
+@pytest.mark.slow
 def test_at_least_95_of_100_engines_are_isolated_to_the_hpc_at_the_end_of_life(nominal, fleet):
     rows = isolated(nominal, fleet, "--last", "20")
     assert len(rows) == 100 and Counter(row["components"] for row in rows)["hpc"] >= 95
 
 
+@pytest.mark.slow
 def test_the_hpc_is_still_named_when_every_sensor_may_be_wrong_too(nominal, fleet):
     monitored = [f"--monitor={name}" for name in (*load_engine(ENGINE).monitored, "sensor.*.bias")]
     rows = isolated(nominal, fleet, "--last", "20", *monitored, "--largest", "3")

@@ -150,6 +150,7 @@ def test_energy_and_angular_momentum_balance_over_a_bodie_manoeuvre_at_default_o
         assert np.abs(work - (energy - energy[0])).max() < 2e-9 * np.ptp(energy)
 
 
+@pytest.mark.slow
 def test_the_tolerance_of_the_steps_is_not_that_of_the_run(folder):
     engine = turbojet(folder)
     f = flight(engine, **BODIE, records=np.linspace(0.0, 18.0, 101))

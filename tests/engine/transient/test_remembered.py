@@ -102,6 +102,7 @@ def test_metal_behind_a_step_warms_with_its_own_time_constant():
     assert T5[1:] / T5[:-1] == pytest.approx(np.full(3, np.exp(-4.0 / 8.0)), rel=1e-3)
 
 
+@pytest.mark.slow
 def test_two_time_constants_are_two_exponentials():
     engine = carrying(
         ("heat_soak", "turbine", {"exchange": 1e-4, "time_constant": 2.0}),
