@@ -146,12 +146,20 @@ def _as_copy(work: Callable[[int], Any], mine: range, theirs: int) -> NoReturn:
         found: list[Any] = [None] * (mine.stop if mine else 0)
         with working(1), listening(None):
             _done(work, mine, found)
-            text = pickle.dumps({k: found[k] for k in mine}, protocol=pickle.HIGHEST_PROTOCOL)
+            text = _told({k: found[k] for k in mine})
         with os.fdopen(theirs, "wb") as pipe:
             pipe.write(text)
         code = 0
     finally:
         os._exit(code)
+
+
+def _told(found: dict[int, Any]) -> bytes:
+    """Results on their way; or that one of them cannot be handed back, which is a fault of whoever made the pieces."""
+    try:
+        return pickle.dumps(found, protocol=pickle.HIGHEST_PROTOCOL)
+    except Exception as error:
+        return pickle.dumps({min(found): _Raised(TypeError(f"a result cannot be handed back: {error}"))})
 
 
 def _end(copies: dict[int, BinaryIO]) -> None:

@@ -53,6 +53,11 @@ def test_what_a_piece_raises_is_raised(bad):
             side_by_side(work, 4)
 
 
+def test_a_result_that_cannot_be_handed_back_is_told_as_what_it_is():
+    with working(2), pytest.raises(TypeError, match="cannot be handed back"):
+        side_by_side(lambda k: lambda: k, 2)
+
+
 def test_a_process_that_is_killed_is_told():
     def work(k: int) -> int:
         if k == 1:
