@@ -63,4 +63,4 @@ def test_so_are_those_of_what_looks_for_missing_physics(folder, command, monkeyp
         asked = [command, str(shipped("turbofan.yaml")), "faulty.csv", "-q", "-f", "json"]
         assert main([*asked, "-o", f"{jobs}.json", "--jobs", jobs]) in (0, 3)
         told.append((folder / f"{jobs}.json").read_bytes())
-    assert told[0] == told[1] and len(told[0]) > 500
+    assert told[0] == told[1] and len(told[0]) > 200
