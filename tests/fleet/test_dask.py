@@ -33,7 +33,8 @@ def killed_once(task):
 
 
 @pytest.mark.slow
-def test_a_cluster_that_loses_a_worker_finds_what_one_process_finds(fleet_file, tmp_path, monkeypatch):
+@pytest.mark.parametrize("workers", [2, 8])
+def test_a_cluster_that_loses_a_worker_finds_what_one_process_finds(fleet_file, tmp_path, monkeypatch, workers):
     from enginediag_cli.fleet import run
     from enginediag_cli.fleet.runners.on_dask import OnDask
 
@@ -46,7 +47,7 @@ def test_a_cluster_that_loses_a_worker_finds_what_one_process_finds(fleet_file, 
         for name, value in environment.items():
             patch.setenv(name, value)
         with distributed.LocalCluster(
-            n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None, silence_logs=50
+            n_workers=workers, threads_per_worker=1, processes=True, dashboard_address=None, silence_logs=50
         ) as cluster:
             runner = OnDask(cluster.scheduler_address)
             patch.setattr(run, "condense", killed_once)

@@ -11,8 +11,12 @@ import pytest
 import small_fleet
 
 from enginediag_cli.errors import DataError
+from enginediag_cli.fleet import run
+from enginediag_cli.fleet.fleet import load_fleet
 from enginediag_cli.fleet.keeping import merge, prune, standing
+from enginediag_cli.fleet.recordings import recordings_of
 from enginediag_cli.fleet.run import condense_all
+from enginediag_cli.fleet.runners.places import runner_for
 from enginediag_cli.fleet.runners.processes import Processes
 from enginediag_cli.fleet.runners.serial import Serial
 from enginediag_cli.fleet.store import Store
@@ -103,6 +107,20 @@ def test_processes_leave_the_same_bytes_as_one_process_also_when_one_of_them_die
     finally:
         runner.close()
     assert content(store) == content(alone)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("workers", [2, 8])
+def test_however_many_processes_work_all_that_is_found_is_the_same(fleet_file, tmp_path, monkeypatch, workers):
+    monkeypatch.setattr(run, "BATCH_FILES", 1)
+    fleet = load_fleet(fleet_file)
+    recordings = recordings_of(fleet)
+    found = {}
+    for number in (1, workers):
+        store = Store(tmp_path / str(number))
+        with runner_for(number) as runner:
+            found[number] = str(run.run_fleet(fleet, recordings, store, runner).finding), content(store)
+    assert found[1] == found[workers]
 
 
 def dies_once(task: tuple[int, str]) -> int:
