@@ -69,6 +69,7 @@ def test_a_recording_gives_the_same_bytes_in_both_formats(folder, run, monkeypat
     assert told[0].exit_code == 0 and told[0] == told[1]
 
 
+@pytest.mark.slow
 def test_statistics_and_trends_go_from_command_to_command_in_parquet(folder, run, monkeypatch, tmp_path):
     monkeypatch.chdir(folder / "csv")
     for name in ("s.parquet", "s.csv"):

@@ -93,6 +93,7 @@ def test_what_the_refined_engine_carries_is_not_searched_for_again(folder, run):
     assert again.exit_code == 2 and "carries it already" in again.stderr
 
 
+@pytest.mark.slow
 def test_explain_writes_rows_and_ends_with_1_on_request(folder, run):
     done = run("explain", ENGINE, folder / "flights.csv", "--format", "csv", "--no-header", "--exit-code", *LEFT_OUT)
     assert done.exit_code == 1

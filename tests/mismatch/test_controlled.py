@@ -73,6 +73,7 @@ def found() -> Found:
     return law
 
 
+@pytest.mark.slow
 def test_vanes_that_hold_the_exhaust_temperature_are_named_with_set_point_stop_and_release() -> None:
     law = found().best.law
     assert (law.actuator.name, law.hold) == ("compressor.vane_closing_deg", "T5_K")

@@ -71,6 +71,7 @@ def explained(files):
     return tell(evidence, advise=False)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "truth",
     [

@@ -146,6 +146,7 @@ def run_explain(*arguments):
     return ended.exit_code, ended.output
 
 
+@pytest.mark.slow
 def test_the_command_writes_the_flight_that_tells_and_simulate_flies_it(ambiguous, tmp_path):
     case = ambiguous[0]
     recording, planned = tmp_path / "cruise.csv", tmp_path / "next.yaml"

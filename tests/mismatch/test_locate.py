@@ -114,6 +114,7 @@ def test_a_loss_of_hpc_efficiency_that_began_in_the_fourth_flight_is_a_fault():
     assert found.within[0].cell.driver.name == "since flight 4"
 
 
+@pytest.mark.slow
 def test_a_bleed_that_no_column_records_is_an_effect_that_switches():
     def theta(k, n):
         return {"customer_bleed.hpc.fraction": 0.02 * ((np.arange(n) // (10 + k)) % 2)}

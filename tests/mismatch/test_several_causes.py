@@ -120,6 +120,7 @@ def test_a_member_that_is_not_there_is_not_needed(base):
     assert is_needed(trial, both[0], 8.0) and not is_needed(trial, both[1], 8.0)
 
 
+@pytest.mark.slow
 def test_a_member_that_is_not_needed_is_dropped():
     e = evidence(flights(carried(REYNOLDS), np.random.default_rng(22)))
     search = Search(e, library())
