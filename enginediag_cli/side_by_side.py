@@ -52,6 +52,11 @@ def working(jobs: int) -> Iterator[None]:
         _Current.jobs = before
 
 
+def jobs() -> int:
+    """How many processes work."""
+    return _Current.jobs
+
+
 def processes(pieces: int) -> int:
     """How many processes would work at so many pieces."""
     return max(1, min(_Current.jobs, pieces))

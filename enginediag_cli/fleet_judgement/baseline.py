@@ -12,7 +12,7 @@ of m readings is taken m times.
 from __future__ import annotations
 
 import numpy as np
-from scipy.stats import t as students_t
+from scipy.special import stdtr
 
 from enginediag_cli.fleet_judgement.consumption import of_conditions
 from enginediag_cli.fleet_judgement.health import Course
@@ -32,5 +32,5 @@ def p_of_still(flights: Flights, course: Course) -> float:
     t = np.arange(b) - 0.5 * (b - 1)
     contrast = t @ r / np.sqrt(t @ t)
     size = np.abs(contrast) / np.sqrt(np.diag(course.scatter))
-    p = 2.0 * students_t.sf(size, max(len(flights) - 1, 1))
+    p = 2.0 * stdtr(max(len(flights) - 1, 1), -size)
     return float(min(1.0, len(p) * p.min()))

@@ -28,7 +28,7 @@ from enginediag_cli.residuals.kept_records import KeptRecords
 from enginediag_cli.residuals.monitor import Monitor
 from enginediag_cli.residuals.score import Score
 from enginediag_cli.residuals.window import WindowStatistics
-from enginediag_cli.side_by_side import at_once, in_turn
+from enginediag_cli.side_by_side import at_once, side_by_side
 
 ADVISED = 3
 """Operating conditions advised: the best few say which way to fly, a longer list only repeats it."""
@@ -105,7 +105,7 @@ class Isolating:
         """All windows in turn. Raises DataError, NoVerdictError."""
         numbered = enumerate(self.files.windows(), start=1)
         while some := list(islice(numbered, at_once())):
-            yield from in_turn(partial(self._answered, some), len(some))
+            yield from side_by_side(partial(self._answered, some), len(some))
             if self.kept is not None:
                 self.kept.let_go(some[-1][1][0])
 

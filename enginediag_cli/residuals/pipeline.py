@@ -14,6 +14,7 @@ from operator import add
 
 import numpy as np
 
+from enginediag_cli.engine.batch import SHARE
 from enginediag_cli.error_model.slopes import COMMON
 from enginediag_cli.progress import each
 from enginediag_cli.recordings.table import Recording
@@ -30,14 +31,12 @@ from enginediag_cli.residuals.score import marginalise
 from enginediag_cli.residuals.statistics import LocalStatistics
 from enginediag_cli.residuals.window import WindowStatistics, joined, nothing_judged
 from enginediag_cli.residuals.windows import WindowPlan
-from enginediag_cli.side_by_side import in_turn, processes
+from enginediag_cli.side_by_side import in_turn, jobs, processes
 
 LINEARISE = ("estimate", "nominal")
 BATCH_RECORDS = 3_000
 """Windows wait for each other until they hold this many records, and are then re-linearised together: one call of the
 engine costs less than many. More would save little and hold sensitivities to a hundred parameters of each."""
-SHARE, MANY_BATCHES = 300, 64
-"""Records for which another process is worth its beginning, and processes at most among which windows are divided."""
 FLOWN = 12
 """Records of a window by which it is known where it was flown: a climb and a cruise have their corners among them."""
 SETTLED = 0.2
@@ -113,7 +112,7 @@ def window_statistics(
     counted = each(recordings, "records judged", size=len)
     for complete in cut(monitor, counted, plan, partial(_pieces, monitor), at_nominal=linearise == "nominal"):
         waiting.extend(complete)
-        if sum(map(_size, waiting)) >= BATCH_RECORDS * (processes(MANY_BATCHES) if apart else 1):
+        if sum(map(_size, waiting)) >= BATCH_RECORDS * (jobs() if apart else 1):
             yield from _finished(monitor, waiting, linearise, condense, apart)
     yield from _finished(monitor, waiting, linearise, condense, apart)
 
@@ -171,7 +170,8 @@ def _finished(
     if linearise == "nominal":
         yield from (_at_nominal(monitor, condense, pieces) for pieces in windows)
         return
-    share = sum(map(_size, windows)) / processes(MANY_BATCHES) if apart else np.inf
+    records = sum(map(_size, windows))
+    share = records / processes(records // SHARE) if apart else records
     batches = list(_batches(windows, min(BATCH_RECORDS, max(share, SHARE))))
 
     def judged(k: int) -> list[WindowStatistics]:

@@ -103,17 +103,18 @@ def measured(sizes: list[int], jobs: list[int], folder: Path, once: bool) -> Ite
         names = ", ".join(f"'engine_{number:05d}.csv'" for number in range(engines))
         fleet.write_text(FLEET.format(recordings=names), encoding="utf-8")
         store = folder / f"store_{engines}"
-        for number in jobs if once else ():
-            subprocess.run(["rm", "-rf", str(store)], check=True)
-            yield {"engines": engines, "what": "identify and all", **run(fleet, number, store)}
-        for number in () if once else jobs:
+        if once:
+            for number in jobs:
+                subprocess.run(["rm", "-rf", str(store)], check=True)
+                yield {"engines": engines, "what": "identify and all", **run(fleet, number, store)}
+            continue
+        for number in jobs:
             subprocess.run(["rm", "-rf", str(store / "recordings")], check=True)
             if not store.exists():  # the common model is identified once, by itself
                 yield {"engines": engines, "what": "identify and all", **run(fleet, number, store)}
                 subprocess.run(["rm", "-rf", str(store / "recordings")], check=True)
             yield {"engines": engines, "what": "all", **run(fleet, number, store)}
-        if not once:
-            yield {"engines": engines, "what": "again", **run(fleet, jobs[-1], store)}
+        yield {"engines": engines, "what": "again", **run(fleet, jobs[-1], store)}
 
 
 def compared(rows: list[dict[str, Any]], flights: int) -> dict[str, Any]:

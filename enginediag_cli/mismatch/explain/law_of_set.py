@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 from enginediag_cli.mismatch.explain.answer import Explanation
 from enginediag_cli.mismatch.explain.law_members import LawMembers
-from enginediag_cli.mismatch.explain.lawful import JUDGED, adequate
+from enginediag_cli.mismatch.explain.lawful import JUDGED, LISTED_FIRST, adequate
 from enginediag_cli.mismatch.explain.members import identity
 from enginediag_cli.mismatch.explain.stepwise import Sets
 from enginediag_cli.mismatch.fit.options import LAW
@@ -20,9 +20,9 @@ from enginediag_cli.mismatch.laws.scan import scanned
 from enginediag_cli.mismatch.laws.search import Fitted, LawSearch
 from enginediag_cli.progress import stage
 
-ANOTHER_PLACE = 7.0
+ANOTHER_PLACE = LISTED_FIRST
 """ln of the odds by which one law that nobody has written down is likelier beforehand than two at two places, their
-places and forms apart: a thousand to one, as for the first (`LISTED_FIRST`)."""
+places and forms apart: as for the first beside what is listed."""
 
 
 @dataclass(frozen=True)
