@@ -9,12 +9,13 @@ from typing import TYPE_CHECKING
 from enginediag_cli.drivers import CONSTANT
 from enginediag_cli.intervals import NORMAL_95
 from enginediag_cli.mismatch.explain.answer import FAILED, HIDDEN, LAW, NAMED, NOTHING
+from enginediag_cli.mismatch.fit.options import LAW as LAW_OPTION
 from enginediag_cli.mismatch.unrecorded.finding import Limit
 from enginediag_cli.physics.together import each
 from enginediag_cli.presentation.controls import control_sentences
 from enginediag_cli.presentation.flip_rows import explanation_flips
 from enginediag_cli.presentation.gated import gated_sentences
-from enginediag_cli.presentation.laws import law_sentences, left_sentence, nearest_law
+from enginediag_cli.presentation.laws import law_sentences, law_statement, left_sentence, nearest_law
 from enginediag_cli.presentation.names import listed, spelled
 from enginediag_cli.presentation.numbers import probability, rounded, with_unit
 from enginediag_cli.presentation.plans import advice_sentences
@@ -136,35 +137,33 @@ def _named(story: Story) -> Iterator[str]:
     yield f"{kind}: {headline(x)} (probability {probability(x.probability)})."
     for o in x.options:
         for e in o.hypothesis.effects:
-            yield f"  {e.term.STATEMENT} It varies with {o.driver.words}."
+            if o.kind == LAW_OPTION:
+                yield from law_statement(e, a.law)
+            else:
+                yield f"  {e.term.STATEMENT} It varies with {o.driver.words}."
             for c in x.coefficients:
                 if c.name in e.amplitudes:
                     yield f"  {coefficient(c, e)}"
         if o.hypothesis.discrepancies:
             yield "  It begins at that time and holds over all operating conditions, which no effect does."
-    yield _gained(story)
-    asked = x.flights == x.flights
-    share = "every flight is" if x.flights >= 1.0 else f"{100 * x.flights:.0f} % of the flights are"
-    told = f"; {share} predicted better from the others" if asked else ""
-    yield (
-        f"  With it χ² falls from {_whole(x.objective + x.gain)} to {_whole(x.objective)} for {_whole(a.readings)} "
-        f"readings{told}{share_left(a)}."
-    )
+    if a.law is not None:
+        yield from law_sentences(a.law)
+    yield _gained(story, share_left(a))
     yield from rest_sentences(a)
     if len(a.explanations) > 1:
         others = [f"{headline(other)} ({probability(other.probability)})" for other in a.explanations[1:]]
         yield f"These flights cannot tell it from {listed(others, 'or')}."
 
 
-def _gained(story: Story) -> str:
-    """What the first explanation gains, on the flights together and on those left out in turn."""
+def _gained(story: Story, left: str = "") -> str:
+    """What the first explanation gains, on the flights together and on those left out in turn, and what is `left`."""
     x = story.answer.explanations[0]
     asked = x.flights == x.flights
     share = "every flight is" if x.flights >= 1.0 else f"{100 * x.flights:.0f} % of the flights are"
     told = f"; {share} predicted better from the others" if asked else ""
     return (
         f"  With it χ² falls from {_whole(x.objective + x.gain)} to {_whole(x.objective)} for "
-        f"{_whole(story.answer.readings)} readings{told}."
+        f"{_whole(story.answer.readings)} readings{told}{left}."
     )
 
 
@@ -175,8 +174,7 @@ def _law(story: Story) -> Iterator[str]:
     effects = [e for o in x.options for e in o.hypothesis.effects]
     yield f"No listed effect explains it; {'a law does' if len(effects) == 1 else 'two laws together do'}:"
     for e in effects:
-        yield f"  {e.term.STATEMENT}"
-        yield f"  {e.term.EQUATION}"
+        yield from law_statement(e, a.law)
         for c in x.coefficients:
             if c.name in e.amplitudes:
                 yield f"  {coefficient(c, e)}"

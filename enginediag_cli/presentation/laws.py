@@ -6,18 +6,27 @@ from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING, Any
 
 from enginediag_cli.intervals import NORMAL_95
+from enginediag_cli.mismatch.laws.finding import TOGETHER
 from enginediag_cli.physics.laws.written import entry_of
 from enginediag_cli.presentation.names import listed
 from enginediag_cli.presentation.numbers import probability, rounded, with_unit
 
 if TYPE_CHECKING:
+    from enginediag_cli.engine.term import Effect
     from enginediag_cli.mismatch.laws.band import Band
     from enginediag_cli.mismatch.laws.finding import Group, LawFinding
 
-SETTLED, POSSIBLE = 0.95, 0.02
-"""Probability from which a place or what it varies with is told as settled, and below which a rival is not told."""
+POSSIBLE = 0.02
+"""Probability below which a rival is not told."""
 MOST = 3
 """Rivals in a sentence."""
+
+
+def law_statement(e: Effect, found: LawFinding | None) -> Iterator[str]:
+    """What a law says, as the likeliest where what it varies with is not settled."""
+    settled = found is None or len(found.along) == 1
+    yield f"  {'' if settled else 'The likeliest of those that these flights cannot tell apart: '}{e.term.STATEMENT}"
+    yield f"  {e.term.EQUATION}"
 
 
 def law_sentences(found: LawFinding) -> Iterator[str]:
@@ -76,6 +85,7 @@ def law_document(found: LawFinding) -> dict[str, Any]:
             for groups, q in found.drivers
             if q > POSSIBLE
         ],
+        "along": [[[v.name for v in g] for g in groups] for groups in found.along],
         "excess": found.excess,
         "explained": found.explained,
         "moves": list(found.moves),
@@ -98,7 +108,7 @@ def _band(b: Band) -> dict[str, Any]:
 
 def _settled(what: str, of: Sequence[tuple[str, float]]) -> str:
     likely = [(words, q) for words, q in of if q > POSSIBLE][:MOST]
-    if likely[0][1] >= SETTLED:
+    if likely[0][1] >= TOGETHER:
         return f"{what} is settled: {likely[0][0]} (probability {probability(likely[0][1])})."
     return f"{what} is not settled: {listed([f'{words} ({probability(q)})' for words, q in likely], 'or')}."
 
@@ -106,7 +116,7 @@ def _settled(what: str, of: Sequence[tuple[str, float]]) -> str:
 def _where(found: LawFinding) -> str:
     alike = {p.name for p in found.alike}
     likely = [(p, q) for p, q in found.places[1:] if p.name in alike and q > POSSIBLE][:MOST]
-    if not likely or found.together < SETTLED:
+    if not likely or found.together < TOGETHER:
         return _settled("Where", [(p.words or p.name, q) for p, q in found.places])
     words = [f"{p.words or p.name} ({probability(q)})" for p, q in (found.places[0], *likely)]
     return (

@@ -9,7 +9,7 @@ import pytest
 from enginediag_cli.engine.term import Coefficient, Effect
 from enginediag_cli.mismatch.explain.explain import Search
 from enginediag_cli.mismatch.explain.law_members import LawMembers
-from enginediag_cli.mismatch.explain.law_of_set import LawOfSet
+from enginediag_cli.mismatch.explain.law_of_set import LawOfSet, OfSet
 from enginediag_cli.mismatch.explain.stepwise import Sets
 from enginediag_cli.mismatch.fit.evidence import Flight
 from enginediag_cli.mismatch.fit.identified import NO_HYPOTHESIS, identify_with
@@ -64,18 +64,23 @@ def named(sets: Sets, members: LawMembers, form: str, variables: list[str]):
 
 def test_a_law_that_joined_along_two_variables_is_told_along_its_own_one(sets: Sets) -> None:
     members = LawMembers(sets.fits.base.found, sets.prices)
-    told = LawOfSet(sets, members).of(named(sets, members, "bump_by", ["mach", "power"]))
-    first = told[0]
+    of_set = LawOfSet(sets, members).of(named(sets, members, "bump_by", ["mach", "power"]))
+    told, first = of_set.explanations, of_set.explanations[0]
     laws = [o for o in first.options if o.kind == LAW]
     variables = {n for o in laws for e in o.hypothesis.effects for n in e.term.variables}
     assert variables == {"mach"} and any(o.label.startswith("sensor.T45.scale") for o in first.options)
     assert sum(x.probability for x in told) == pytest.approx(1.0)
     step = next(c for c in first.coefficients if "T45" in c.name)
     assert abs(step.value - STEP) < 4.0 * step.standard_error
+    law = of_set.finding
+    assert law is not None and law.places[0][0].name == "hpc.efficiency" and law.band is not None
+    assert any(v.name == "mach" for groups in law.along for group in groups for v in group)
+    # what the other member explains is no part of what the law does
+    assert law.excess < sets.fits.base.objective - sets.fits.base.projection.dof
 
 
 def test_sets_without_a_law_stay_as_they_were_named(sets: Sets) -> None:
     members = LawMembers(sets.fits.base.found, sets.prices)
     (trial,) = sets.fits.refit([(step_of(sets),)]) or []
     alone = [sets.fits.explanation(trial, 1.0, 0.0, 1.0)]
-    assert LawOfSet(sets, members).of(alone) == alone
+    assert LawOfSet(sets, members).of(alone) == OfSet(tuple(alone))

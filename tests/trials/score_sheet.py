@@ -59,6 +59,8 @@ LAW_ROWS = {
     "law_place_right_less_stated": "… rate less mean stated probability",
     "law_driver": "its variables told, each by a group that these flights cannot tell apart",
     "law_driver_of_all": "… of all",
+    "law_driver_told": "its variables among those that are told as holding the truth at 95 %",
+    "law_drivers_told": "how many of these are told",
     "law_driver_or_alike": "… or those of a law that these flights cannot tell from the true one",
     "law_driver_right_less_stated": "… rate less mean stated probability of the variables",
     "law_curve": "curve within noise of the truth (D < 11)",
@@ -83,6 +85,7 @@ SEVERAL_ROWS = {
     "several_all_of_four": "all of four",
     "several_share": "share of the causes named",
     "several_none_false": "none named that is not there",
+    "several_none_told_false": "none told false: what is left open between rivals is not said to be there",
     "several_unexplained": "unexplained share told within 10 points",
     "several_no_verdict": "did not converge",
 }
@@ -92,7 +95,7 @@ TITLES = {
     kinds.REALISTIC: "realistic truth",
 }
 SIZE = "alias_set_size"
-MEANS = (SIZE, "dynamic_alias_set_size", "drivers_told")
+MEANS = (SIZE, "dynamic_alias_set_size", "drivers_told", "law_drivers_told")
 MEDIANS = tuple(n for n in LAW_ROWS if "gain" in n)
 DIFFERENCES = ("law_place_right_less_stated", "law_driver_right_less_stated")
 

@@ -88,8 +88,10 @@ def law_answer(place, component, variables, entry, probability=0.9):
             "places": [{"location": place, "component": component, "probability": probability}],
             "drivers": [{"variables": [[v] for v in variables], "probability": probability}],
             "laws": [{"entry": entry, "probability": 1.0, "label": "it"}],
+            "along": [[[v] for v in variables]],
             "explained": 1.0,
             "together": probability,
+            "alike": [place],
         },
     }
 
@@ -229,7 +231,7 @@ def test_what_is_found_of_a_law_is_told_with_the_coefficients_that_were_fitted(t
     raw = {"explanations": [{"laws": entries(explained)}], **law_told(nothing)}
     told = ToldLaw.of(json.loads(json.dumps(raw)))
     assert told.places == ((law.place.name, 0.8),) and told.explained == 0.9
-    assert told.drivers == (((tuple(v.name for v in variables),), 0.9),)
+    assert told.drivers == (((tuple(v.name for v in variables),), 0.9),) and told.along == (told.drivers[0][0],)
     (effect,) = all_built(turbojet, told.entries)
     assert effect.values["a"] == pytest.approx(0.7 * value, rel=1e-5)
     assert raw["law"]["laws"][0]["entry"] == raw["explanations"][0]["laws"][0]

@@ -53,10 +53,11 @@ class Answer:
     """`explanations`: the alias set, best first (empty unless something is named); `cells`: where the mismatch is, by
     free form, most surprising first, and `places` by component; `unseen`: effects that these flights cannot show;
     `hidden`: findings of an unrecorded driver; `gates`: −ln p thresholds on listed effects, of detection and of
-    adequacy; `surprise`: the largest −ln p of a listed effect at the model as it is; `rejected`: label → why, for what
-    was fitted and not named; `law`: what no listed effect explains, as a law (status LAW, `explanations` are the
-    laws); `unexplained`: share (0 to 1) of the excess χ² that stays with the first explanation, None where there is
-    none to explain; `rest`: where that is, of an explanation in part, most surprising first."""
+    adequacy; `surprise`: the largest −ln p of a listed effect at the model as it is; `rejected`: label → why, for
+    what was fitted and not named; `law`: what no listed effect explains, as a law (status LAW, `explanations` are
+    the laws; status NAMED, it is in the first explanation beside what is listed; else none is enough);
+    `unexplained`: share (0 to 1) of the excess χ² that stays with the first explanation, None where there is none
+    to explain; `rest`: where that is, of an explanation in part, most surprising first."""
 
     status: str
     reason: str

@@ -160,7 +160,7 @@ class Search(Fits):
         if law.explanations and law.evidence > max(evidence, of_set):
             return self.answer(LAW, "", rest, law.explanations, hidden, law.finding)
         if mixed.explanations and mixed.evidence > evidence:
-            return self.answer(NAMED, "", rest, mixed.explanations, hidden)
+            return self.answer(NAMED, "", rest, mixed.explanations, hidden, mixed.finding)
         # an amplitude of its own in every record follows any driver: it must be the better account of the two
         if named and evidence < 0.5 * (named[0].gain - 2.0 * len(named[0].coefficients)):
             return self.answer(NAMED, "", rest, named, hidden)
@@ -168,7 +168,7 @@ class Search(Fits):
         if hidden and (named or evidence > 0.5 * recorded):
             return self.answer(HIDDEN, "", rest, named or mixed.explanations, hidden)
         if mixed.explanations:
-            return self.answer(NAMED, "", rest, mixed.explanations, hidden)
+            return self.answer(NAMED, "", rest, mixed.explanations, hidden, mixed.finding)
         part = in_part(sets, self.few)
         if part is not None:
             told = self.answer(NAMED, "", rest, (part.explanation,), hidden)
@@ -203,7 +203,8 @@ class Search(Fits):
         named = self.few.judged(mixed.explanations, lambda t: -2.0 * evidence(t), lambda t: True)
         if not named:
             return Mixed()
-        return Mixed(tuple(named), evidence(self.fitted[named[0].label]) - evidence(self.base))
+        finding = mixed.finding if named[0].label == mixed.explanations[0].label else None
+        return Mixed(tuple(named), evidence(self.fitted[named[0].label]) - evidence(self.base), finding)
 
     def _with_estimated_noise(self, rest: Remainder) -> Remainder:
         """What is left when the noise is what nothing explains; weights and noise in turn."""

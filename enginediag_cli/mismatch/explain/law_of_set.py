@@ -16,6 +16,7 @@ from enginediag_cli.mismatch.explain.lawful import JUDGED, LISTED_FIRST, adequat
 from enginediag_cli.mismatch.explain.members import identity
 from enginediag_cli.mismatch.explain.stepwise import Sets
 from enginediag_cli.mismatch.fit.options import LAW
+from enginediag_cli.mismatch.laws.finding import LawFinding
 from enginediag_cli.mismatch.laws.scan import scanned
 from enginediag_cli.mismatch.laws.search import Fitted, LawSearch
 from enginediag_cli.progress import stage
@@ -26,6 +27,15 @@ places and forms apart: as for the first beside what is listed."""
 
 
 @dataclass(frozen=True)
+class OfSet:
+    """`explanations`: what is named, likeliest first; `finding`: what is known of its law, None where it stayed as it
+    was."""
+
+    explanations: tuple[Explanation, ...]
+    finding: LawFinding | None = None
+
+
+@dataclass(frozen=True)
 class LawOfSet:
     """Sets that were named, and the laws that `members` knows."""
 
@@ -33,7 +43,7 @@ class LawOfSet:
     members: LawMembers
 
     @stage("weighing the law of a set")
-    def of(self, named: Sequence[Explanation]) -> list[Explanation]:
+    def of(self, named: Sequence[Explanation]) -> OfSet:
         """What was named, with the law of the first as it is after this search, alone or with its rivals; as it was
         where none that was found explains as well."""
         trial = self.sets.fits.fitted[named[0].label]
@@ -41,7 +51,7 @@ class LawOfSet:
         others = tuple(o for o in trial.options if o.kind != LAW)
         base = self.sets.fitted(others) if laws and others else None
         if base is None:
-            return list(named)
+            return OfSet(tuple(named))
         also = tuple(self.members.known[o.label] for o in laws)
         search = LawSearch(base, scanned(base.found, base.projection), self.sets.fits.refit, (also,))
         self.members.learn(p for f in search.single for p in f.laws)
@@ -49,7 +59,10 @@ class LawOfSet:
         same = [x for x in named if {identity(o) for o in x.options if o.kind != LAW} == own]
         judged = adequate(self.sets.fits, _simplest(search.single)[:JUDGED])
         told = judged.told(self.sets.fits, sum(x.probability for x in same))
-        return [*told, *(x for x in named if x not in same)] if told else list(named)
+        if not told:
+            return OfSet(tuple(named))
+        finding = search.finding(judged.fitted, base, not self.sets.fits.from_recordings)
+        return OfSet((*told, *(x for x in named if x not in same)), finding)
 
 
 def _simplest(found: Sequence[Fitted]) -> list[Fitted]:

@@ -16,16 +16,19 @@ from enginediag_cli.mismatch.explain.law_of_set import LawOfSet
 from enginediag_cli.mismatch.explain.stepwise import Sets
 from enginediag_cli.mismatch.fit.options import LAW
 from enginediag_cli.mismatch.fit.trial_fit import Trial
+from enginediag_cli.mismatch.laws.finding import LawFinding
 from enginediag_cli.mismatch.laws.shortlist import Proposal
 
 
 @dataclass(frozen=True)
 class Mixed:
     """`explanations`: sets of listed options and laws, likeliest first, empty where none explains the mismatch;
-    `evidence`: ln, of the first, against the model as it is."""
+    `evidence`: ln, of the first, against the model as it is; `finding`: what is known of its law, None where that was
+    not weighed by itself."""
 
     explanations: tuple[Explanation, ...] = ()
     evidence: float = 0.0
+    finding: LawFinding | None = None
 
 
 def with_laws(sets: Sets, tried: Iterable[Proposal] = ()) -> Mixed:
@@ -40,6 +43,6 @@ def with_laws(sets: Sets, tried: Iterable[Proposal] = ()) -> Mixed:
     named = sets.grown((propose,))
     if not named or all(o.kind == LAW for o in named[0].options):
         return Mixed()
-    named = LawOfSet(sets, members).of(named)
-    first = sets.fits.fitted[named[0].label]
-    return Mixed(tuple(named), sets.evidence(first) - sets.evidence(sets.fits.base))
+    told = LawOfSet(sets, members).of(named)
+    first = sets.fits.fitted[told.explanations[0].label]
+    return Mixed(told.explanations, sets.evidence(first) - sets.evidence(sets.fits.base), told.finding)

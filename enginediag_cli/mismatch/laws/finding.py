@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
+
 from enginediag_cli.mismatch.fit.freeform import Location
 from enginediag_cli.mismatch.fit.options import Option
 from enginediag_cli.mismatch.laws.band import Band
@@ -12,6 +14,10 @@ from enginediag_cli.physics.laws.variables import Variable
 
 Group = tuple[Variable, ...]
 """Variables that the records cannot tell apart, the one that the law has first."""
+
+
+TOGETHER = 0.95
+"""Probability from which what is told holds the truth, alone or together with its rivals."""
 
 
 @dataclass(frozen=True)
@@ -49,3 +55,10 @@ class LawFinding:
         """Probability of the first place and of those that cannot be told from it."""
         known = {self.places[0][0].name, *(p.name for p in self.alike)}
         return min(sum(q for p, q in self.places if p.name in known), 1.0)
+
+    @property
+    def along(self) -> tuple[tuple[Group, ...], ...]:
+        """What it varies with: the first where that is settled, else as many, likeliest first, as hold the truth
+        together."""
+        total = np.cumsum([q for _, q in self.drivers])
+        return tuple(groups for groups, _ in self.drivers[: 1 + int(np.searchsorted(total, TOGETHER))])

@@ -8,6 +8,8 @@ said, of place p̂, groups of variables Ĝ and curve f̂; visible: λ ≥ 60 and
     law_place    p̂ = p, λ_sep(p̂) < 11, or D < 11                            visible, a law was said
     law_driver   as many groups as variables, each v ∈ V correlated with
                  one of its own by more than 0.95 in these recordings       visible, a law was said
+    law_driver_told  law_driver of one of those that are said to hold the
+                 truth together, of which there are law_drivers_told        visible, a law was said
     law_driver_or_alike  law_driver, or D < 11                              visible, a law was said
     law_curve    D < 11                                                     visible, a law was said
     law_form     D < 11 with the law's coefficients fitted anew, too        visible, a law was said

@@ -134,6 +134,10 @@ class Opened:
         marks["law_alone"] = len({entry["at"] for entry in told.entries}) == 1
         marks["stated"] = [told.together, marks["law_place"]]
         marks["law_driver_or_alike"] = marks["law_driver"] or apart < ALIAS
+        marks["law_driver_told"] = any(
+            same_driver(list(self.truth.law.variables), groups, self.values) for groups in told.along
+        )
+        marks["law_drivers_told"] = [len(told.along)]
         marks["stated_driver"] = [told.drivers[0][1], marks["law_driver"]]
         here = [e for e in laws or () if law_of(e).acts.leaf == self.truth.law.acts.leaf]
         if exact and here:

@@ -25,6 +25,8 @@ LAW_SCORES: Mapping[str, Score] = {
     "law_component": Score("law_component", _LAW),
     "law_driver": Score("law_driver", _LAW, *DRIVER),
     "law_driver_of_all": Score("law_driver_of_all", _LAW, *DRIVER),
+    "law_driver_told": Score("law_driver_told", _LAW),
+    "law_drivers_told": Score("law_drivers_told", _LAW, size=True),
     "law_driver_or_alike": Score("law_driver_or_alike", _LAW),
     "law_curve": Score("law_curve", _LAW, *CURVE),
     "law_curve_of_all": Score("law_curve_of_all", _LAW, *CURVE),

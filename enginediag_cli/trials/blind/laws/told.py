@@ -53,8 +53,10 @@ def law_told(a: Answer) -> dict[str, Any]:
                 }
                 for law, e in laws
             ],
+            "along": [[[v.name for v in group] for group in groups] for groups in a.law.along],
             "explained": a.law.explained,
             "together": float(a.law.together),
+            "alike": [a.law.places[0][0].name, *(p.name for p in a.law.alike)],
         }
     }
 
@@ -66,11 +68,14 @@ def _laws(options: Sequence[Option]) -> list[Effect]:
 @dataclass(frozen=True)
 class ToldLaw:
     """A law as it was said: names of places (as `locations_of` has them) and groups of variables, likeliest first, with
-    their probabilities; `entries` of the laws that are said to act, several where one was not enough; `explained`:
-    share of the excess; `together`: probability of the first place and of those that are said to be alike."""
+    their probabilities, `along`: those of them that hold the truth together; `entries` of the laws that are said to
+    act, several where one was not enough; `explained`: share of the excess; `together`: probability of the first place
+    and of those that are said to be `alike`, which the first is one of."""
 
     places: tuple[tuple[str, float], ...]
     drivers: tuple[tuple[tuple[tuple[str, ...], ...], float], ...]
+    along: tuple[tuple[tuple[str, ...], ...], ...]
+    alike: tuple[str, ...]
     entries: tuple[Entry, ...]
     explained: float
     together: float
@@ -85,6 +90,8 @@ class ToldLaw:
         return ToldLaw(
             tuple((p["location"], float(p["probability"])) for p in law["places"]),
             tuple((tuple(tuple(g) for g in d["variables"]), float(d["probability"])) for d in law["drivers"]),
+            tuple(tuple(tuple(g) for g in groups) for groups in law["along"]),
+            tuple(law["alike"]),
             tuple(first.get("laws", ()) or [law["laws"][0]["entry"]]),
             float(law["explained"]),
             float(law["together"]),

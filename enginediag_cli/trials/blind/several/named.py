@@ -33,6 +33,12 @@ class Named:
     laws: tuple[Effect, ...] = ()
     is_law: bool = False
 
+    def lacks_in(self, said: Said) -> bool:
+        """Whether one of the explanations that were told as rivals does without it."""
+        told: Sequence[Mapping[str, Any]] = said.raw.get("explanations", ())
+        place = self.cause.name.partition("@")[2] if self.is_law else ""
+        return any(not _has(x, self.cause.name, place) for x in told)
+
     def hypothesis(self, engine: Engine, records: int, values: Mapping[str, float]) -> Hypothesis | None:
         """It as something to fit; None where that is not possible."""
         if self.is_law:
@@ -63,6 +69,13 @@ def named_causes(engine: Engine, said: Said) -> tuple[list[Named], Mapping[str, 
         own = all_built(engine, [laws[n] for n in names])
         found.append(Named(Cause(names[0]), own or (), is_law=True))
     return found, {n: c[0] for n, c in first.get("coefficients", {}).items()}
+
+
+def _has(explanation: Mapping[str, Any], name: str, place: str) -> bool:
+    """Whether it has a cause of this name, or a law at this place."""
+    if place:
+        return any(entry["at"] == place for entry in explanation.get("laws", ()))
+    return any(Cause.from_json(c).name == name for c in explanation["causes"])
 
 
 def matched(same: np.ndarray) -> tuple[int, ...]:

@@ -3,6 +3,9 @@
     several_all          every true cause is named, or one of its aliases         each λ given the others ≥ 40
     several_share        share of the true causes named so                        the same
     several_none_false   nothing is named that is neither true nor an alias       the same
+    several_none_told_false  the same, but for what is told as one of several
+                         that cannot be told apart: not in all explanations, or a
+                         law with variables or places that hold the true one      the same
     several_unexplained  the share of the excess that is said to stay is within
                          0.1 of the one that stays                                the same, where one was said
 
@@ -39,6 +42,7 @@ from enginediag_cli.trials.blind.causes import Cause, causes_of, hypothesis
 from enginediag_cli.trials.blind.laws.marks import same_driver
 from enginediag_cli.trials.blind.laws.opened import centred, described
 from enginediag_cli.trials.blind.laws.places import inseparable, joined, place_separability
+from enginediag_cli.trials.blind.laws.told import ToldLaw
 from enginediag_cli.trials.blind.laws.truth import LawTruth, along, curve, law_of
 from enginediag_cli.trials.blind.opened import evidence_of, short, trial_record
 from enginediag_cli.trials.blind.recorded import Recorded
@@ -94,12 +98,17 @@ class Opened:
         named, values = named_causes(self.engine, said)
         stays = self._stays(named, values, total)
         same = np.zeros((len(self.truth), len(named)), bool)
+        told_law, law_is_open = ToldLaw.of(said.raw), False
         aliases = []
         for i, (cause, fit) in enumerate(zip(self.truth, fits, strict=True)):
             law = self._law(cause)
             near = self._aliases(cause, fit)
             aliases.append(sorted(near))
-            alike = self._same_law(law, fit, named) if law is not None else [False] * len(named)
+            alike = [False] * len(named)
+            if law is not None and any(n.laws for n in named):
+                known = self._known(law, fit)
+                alike = [known.is_told_by(n) for n in named]
+                law_is_open = told_law is not None and known.is_among(told_law)
             for j, n in enumerate(named):
                 same[i, j] = alike[j] if n.is_law and law is not None else n.cause.name in {cause.name, *near}
         for i, j in np.argwhere(~same):  # what has no place yet may still be an alias that nobody has looked at
@@ -113,6 +122,9 @@ class Opened:
             "several_all": min(told) >= 0,
             "several_share": [float(np.mean([j >= 0 for j in told]))],
             "several_none_false": bool(same.any(axis=0).all()) if named else True,
+            "several_none_told_false": all(
+                same[:, j].any() or (n.is_law and law_is_open) or n.lacks_in(said) for j, n in enumerate(named)
+            ),
         }
         if stated is not None and np.isfinite(stays):
             marks["several_unexplained"] = bool(abs(float(stated) - stays) <= CLOSE)
@@ -161,24 +173,15 @@ class Opened:
                     found.add(name)
         return frozenset(found)
 
-    def _same_law(self, law: LawTruth, fit: Identified, named: Sequence[Named]) -> list[bool]:
-        """Of each named cause whether it is a law at the place of the true one and of its variables."""
-        if not any(n.laws for n in named):
-            return [False] * len(named)
+    def _known(self, law: LawTruth, fit: Identified) -> KnownLaw:
+        """The true law beside the other causes."""
         clean = self.base.evidence
         truth = self.engine.with_effects((*self.engine.effects, *self.sealed.effects))
         theta = {**self.sealed.health, **self.sealed.values}
         values = along(truth, inputs_of(clean), theta, tuple(variables_of(self.engine.network).values()))
         far = place_separability(fit, self.nuisance, curve(law.effect, values), law.place)
-        alike = {law.place.name, *inseparable(far)}
         at = {p.parameter: p.name for p in locations_of(self.engine, list(clean.noise.sigma))}
-        found = []
-        for n in named:
-            told = [law_of(e) for e in n.laws]
-            variables = apart([v for each in told for v in each.variables], values)
-            place = at.get(told[0].acts.leaf) if told else None
-            found.append(place in alike and same_driver(list(law.law.variables), [[v] for v in variables], values))
-        return found
+        return KnownLaw(list(law.law.variables), frozenset({law.place.name, *inseparable(far)}), at, values)
 
     def _stands_for(self, i: int, named: Named, values: Mapping[str, float]) -> bool:
         """Whether a named cause in place of a true one leaves nothing that shows."""
@@ -198,6 +201,30 @@ class Opened:
             return np.nan
         fit = self._fit(joined(*(h for h in own if h is not None)))
         return float(np.clip(Projection(fit).objective / total, 0.0, 1.0)) if fit.converged else np.nan
+
+
+@dataclass(frozen=True)
+class KnownLaw:
+    """A true law of these `variables`: its place and those that cannot be told from it; `at`: name of the place of each
+    parameter; `values`: of all variables over the records (N,)."""
+
+    variables: Sequence[str]
+    places: frozenset[str]
+    at: Mapping[str, str]
+    values: Mapping[str, np.ndarray]
+
+    def is_told_by(self, named: Named) -> bool:
+        """Whether what is named is a law at its place and of its variables."""
+        told = [law_of(e) for e in named.laws]
+        variables = apart([v for each in told for v in each.variables], self.values)
+        place = self.at.get(told[0].acts.leaf) if told else None
+        return place in self.places and same_driver(self.variables, [[v] for v in variables], self.values)
+
+    def is_among(self, told: ToldLaw) -> bool:
+        """Whether it is one of those that are told as not to be told apart."""
+        return not self.places.isdisjoint(told.alike) and any(
+            same_driver(self.variables, groups, self.values) for groups in told.along
+        )
 
 
 def apart(variables: Sequence[str], values: Mapping[str, np.ndarray]) -> list[str]:

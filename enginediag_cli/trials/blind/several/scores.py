@@ -15,6 +15,7 @@ SEVERAL_SCORES: Mapping[str, Score] = {
     "several_all_of_four": Score("several_all", _FOUR),
     "several_share": Score("several_share", kinds.SEVERAL_KINDS, size=True),
     "several_none_false": Score("several_none_false", kinds.SEVERAL_KINDS, ">= 0.95", ">= 0.95"),
+    "several_none_told_false": Score("several_none_told_false", kinds.SEVERAL_KINDS),
     "several_unexplained": Score("several_unexplained", kinds.SEVERAL_KINDS, ">= 0.95", ">= 0.95"),
     "several_no_verdict": Score("no_verdict", kinds.SEVERAL_KINDS),
 }
