@@ -138,6 +138,8 @@ def scores(sheet: Sheet, rows: Mapping[str, str] = ROWS) -> None:
     print("| | " + " | ".join(f"target | {title}" for title in titles.values()) + " |")
     print("|---" * (1 + 2 * len(titles)) + "|")
     for name, words in rows.items():
+        if name not in sheet:
+            continue  # asked of no trial of these kinds
         cells = [f"{target(name, sheet[name][truth]['target'])} | {cell(name, sheet[name][truth])}" for truth in titles]
         print(f"| {words} | " + " | ".join(cells) + " |")
 

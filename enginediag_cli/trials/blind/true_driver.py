@@ -32,5 +32,8 @@ def driver_is_right(evidence: Evidence, health: Mapping[str, float], driver: Dri
 
 
 def _correlation(a: np.ndarray, b: np.ndarray) -> float:
+    """0 where one of them stands still."""
     good = np.isfinite(a) & np.isfinite(b)
+    if not (good.any() and np.ptp(a[good]) and np.ptp(b[good])):
+        return 0.0
     return abs(float(np.corrcoef(a[good], b[good])[0, 1]))

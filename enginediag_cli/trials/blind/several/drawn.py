@@ -13,7 +13,7 @@ import numpy as np
 
 from enginediag_cli.engine.engine import Engine
 from enginediag_cli.engine.term import Effect
-from enginediag_cli.errors import DataError
+from enginediag_cli.errors import DataError, NoVerdictError
 from enginediag_cli.mismatch.fit.extended import Discrepancy
 from enginediag_cli.mismatch.fit.identified import Hypothesis, identify_with, nuisance
 from enginediag_cli.mismatch.fit.projection import Projection
@@ -177,7 +177,8 @@ def _step(ground: Ground, kind: str, n: int, rng: np.random.Generator) -> Part:
 def _given(
     ground: Ground, flights: Sequence[Mapping[str, np.ndarray]], model_error: float, parts: Sequence[Part]
 ) -> list[float] | None:
-    """λ of each cause given the others, on these flights without noise; None where a fit does not converge."""
+    """λ of each cause given the others, on these flights without noise; None where a fit does not converge, or begins
+    where the engine cannot run."""
     engine, n = ground.engine, ground.found.evidence.records
     several = Several.of(parts)
     truth = engine.with_effects((*engine.effects, *several.effects))
@@ -193,7 +194,10 @@ def _given(
     found = []
     for k in range(len(parts)):
         others = joined(*(p.hypothesis(engine, n) for j, p in enumerate(parts) if j != k))
-        fit = identify_with(base.evidence, others, nuisance(base.evidence), base)
+        try:
+            fit = identify_with(base.evidence, others, nuisance(base.evidence), base)
+        except NoVerdictError:
+            return None
         if not fit.converged:
             return None
         found.append(Projection(fit).objective)
