@@ -8,9 +8,11 @@ import os
 # the matrices of the tests are small: threads of the linear algebra would only wait for each other
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
+# what collecting makes stays until the end: nothing of it need be looked at for circles of references, then or later
+gc.disable()
+
 
 def pytest_collection_finish() -> None:
-    """What collecting left stays until the end: the search for circles of references need not look at it again."""
-    gc.collect()
     gc.freeze()
     gc.set_threshold(20_000, 10, 10)
+    gc.enable()
