@@ -67,7 +67,7 @@ def test_follow_gives_a_row_per_block_and_an_alarm_in_faulty_flights_only(files)
         "--idle",
         "0",
         "--window",
-        "50",
+        "100",
         "-q",
         "-n",
         files["nominal.yaml"],

@@ -44,7 +44,7 @@ def folder(tmp_path_factory):
 def test_the_bytes_are_the_same(folder, command, monkeypatch):
     monkeypatch.chdir(folder)
     if command[0] == "identify":
-        simulate = ["simulate", command[1], "--flights", "2", "--seed", "4", "-q", "-o", command[2]]
+        simulate = ["simulate", command[1], "--records", f"{RECORDS}", "--seed", "4", "-q", "-o", command[2]]
         assert main(simulate) == 0
     suffix = "yaml" if command[0] == "identify" else "json" if "json" in command else "csv"
     told = []

@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import csv
 import json
+from functools import cache
 from pathlib import Path
 
 import pytest
 
+from enginediag_cli.physics import engine_file
+from enginediag_cli.physics.engine_file import load_engine
 from enginediag_cli.physics.registry import term, term_names
 
 CONFIGS = Path(__file__).parents[2] / "configs"
@@ -50,8 +53,12 @@ def test_the_list_for_people_has_one_line_for_each_term(run):
     assert max(map(len, lines)) <= 140
 
 
+load_once = cache(load_engine)
+
+
 @pytest.mark.parametrize("name", term_names())
-def test_a_term_is_shown_in_full(run, name):
+def test_a_term_is_shown_in_full(run, name, monkeypatch):
+    monkeypatch.setattr(engine_file, "load_engine", load_once)
     ended = run("physics", name, "--format", "table")
     assert ended.exit_code == 0 and ended.stderr == ""
     shown = " ".join(ended.stdout.split())

@@ -58,11 +58,11 @@ def test_a_commands_module_imports_no_numerics_before_it_runs(name):
 
 
 def test_detect_of_few_records_imports_only_what_it_uses(tmp_path):
-    nominal, two = tmp_path / "nominal.yaml", tmp_path / "two.csv"
-    healthy = str(TOP / "sample_data" / "healthy_snapshots.csv")
-    engine = str(TOP / "configs" / "turbofan.yaml")
-    assert main(["identify", engine, healthy, "--no-cross-validation", "-q", "-o", str(nominal)]) == 0
-    lines = (TOP / "sample_data" / "fouling_snapshots.csv").read_text(encoding="utf-8").splitlines(keepends=True)
+    nominal, healthy, two = tmp_path / "nominal.yaml", tmp_path / "healthy.csv", tmp_path / "two.csv"
+    engine = str(TOP / "configs" / "turbojet.yaml")
+    assert main(["simulate", engine, "--records", "300", "--seed", "1", "-q", "-o", str(healthy)]) == 0
+    assert main(["identify", engine, str(healthy), "--no-cross-validation", "-q", "-o", str(nominal)]) == 0
+    lines = healthy.read_text(encoding="utf-8").splitlines(keepends=True)
     two.write_text("".join([line for line in lines if not line.startswith("#")][:3]), encoding="utf-8")
     words = ["detect", "-q", "-n", str(nominal), str(two)]
     modules = imported_by(f"from enginediag_cli.__main__ import main\nassert main({words!r}) == 0")

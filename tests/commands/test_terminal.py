@@ -86,7 +86,7 @@ def test_identification_shows_its_progress_on_a_terminal_and_wipes_it(folder):
 
 
 def test_quiet_shows_no_progress(folder):
-    code, shown, _ = on_terminal(folder, "identify", "tj.yaml", "in.csv", "-o", "q.yaml", "-q", streams=("stderr",))
+    code, shown, _ = on_terminal(folder, "isolate", "-n", "n.yaml", "in.csv", "-o", "q.csv", "-q", streams=("stderr",))
     assert (code, shown) == (0, b"")
 
 

@@ -11,13 +11,26 @@ import pytest
 from enginediag_cli.identification import attempts
 from enginediag_cli.identification.attempts import GivenUp, best_attempt, considered, operating_points, without_shapes
 from enginediag_cli.identification.normal_equations import blocks
-from enginediag_cli.identification.passes import fit_and_noise
-from enginediag_cli.identification.problem import TrainingRecording, build_problem
+from enginediag_cli.identification.passes import Passes
+from enginediag_cli.identification.passes import fit_and_noise as fit_anew
+from enginediag_cli.identification.problem import Problem, TrainingRecording, build_problem
 from enginediag_cli.identification.settings import IdentificationSettings
 from enginediag_cli.physics.engine_file import load_engine
 
 CONFIGS = Path(__file__).parents[2] / "configs"
 SETTINGS = IdentificationSettings(parameters=("hpc.efficiency", "hpc.flow_capacity", "hpc.map.*"))
+
+
+FITS: dict[tuple[object, ...], Passes] = {}
+
+
+def fit_and_noise(problem: Problem, settings: IdentificationSettings, accuracy: float) -> Passes:
+    """The fit of a problem of this engine, made once: the tests differ in what is said of it."""
+    numbers = (problem.measured, problem.sigma, problem.prior_mean, problem.prior_sigma, problem.lower, problem.upper)
+    key = (problem.names, *(x.tobytes() for x in numbers), repr(settings), accuracy)
+    if key not in FITS:
+        FITS[key] = fit_anew(problem, settings, accuracy)
+    return FITS[key]
 
 
 @pytest.fixture(scope="module")

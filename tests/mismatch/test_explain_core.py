@@ -16,6 +16,7 @@ def _answer(*effects, seed=1, without=(), **settings):
     return explain(evidence(recorded, **settings), library)
 
 
+@pytest.mark.slow
 def test_a_concealed_reynolds_effect_is_named_with_its_coefficient():
     a = _answer(("reynolds_efficiency", "hpc", {"exponent": 0.1}))
     assert a.status == NAMED and a.explanations[0].label == "reynolds_efficiency@hpc"
@@ -47,6 +48,7 @@ def test_an_effect_that_the_library_lacks_is_a_law_at_its_place():
     assert {c.location.component for c in a.cells[:3]} & {"hpt"} and a.law.places[0][0].component == "hpt"
 
 
+@pytest.mark.slow
 def test_nothing_is_named_on_flights_of_the_model_itself():
     said = [_answer(seed=s).status for s in range(31, 37)]
     # at 5 % a search, two or more of six would happen once in 30

@@ -62,6 +62,7 @@ def named(sets: Sets, members: LawMembers, form: str, variables: list[str]):
     return [sets.fits.explanation(trial, 1.0, 0.0, 1.0)]
 
 
+@pytest.mark.slow
 def test_a_law_that_joined_along_two_variables_is_told_along_its_own_one(sets: Sets) -> None:
     members = LawMembers(sets.fits.base.found, sets.prices)
     of_set = LawOfSet(sets, members).of(named(sets, members, "bump_by", ["mach", "power"]))

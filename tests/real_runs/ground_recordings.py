@@ -5,11 +5,12 @@ from __future__ import annotations
 import csv
 import io
 import os
-import subprocess
-import sys
+from contextlib import redirect_stderr, redirect_stdout
 from pathlib import Path
 
 import pytest
+
+from enginediag_cli.__main__ import main
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 CONFIGS = REPOSITORY / "configs"
@@ -27,17 +28,16 @@ def public_data(name: str) -> Path:
 
 
 def enginediag(*arguments):
-    """Standard output and standard error of one run of the program that ended well."""
-    done = subprocess.run(
-        [sys.executable, "-m", "enginediag_cli", *map(str, arguments)],
-        capture_output=True,
-        text=True,
-        encoding="utf-8",
-        cwd=REPOSITORY,
-        timeout=300,
-    )
-    assert done.returncode == 0, done.stderr
-    return done.stdout, done.stderr
+    """Standard output and standard error of one run of the program, in this process, that ended well."""
+    before = os.getcwd()
+    os.chdir(REPOSITORY)
+    try:
+        with redirect_stdout(io.StringIO()) as out, redirect_stderr(io.StringIO()) as told:
+            code = main([str(a) for a in arguments])
+    finally:
+        os.chdir(before)
+    assert code == 0, told.getvalue()
+    return out.getvalue(), told.getvalue()
 
 
 def table(text):

@@ -170,7 +170,7 @@ def test_the_journal_of_another_study_is_refused(study_file, finished, capsys):
 
 def test_an_interrupted_study_keeps_its_journal_and_no_output(study_file, tmp_path):
     many = tmp_path / "many.yaml"
-    many.write_text(SMALL.replace("repetitions: 60", "repetitions: 6000"), encoding="utf-8")
+    many.write_text(SMALL.replace("repetitions: 103", "repetitions: 6000"), encoding="utf-8")
     out, kept = tmp_path / "out.json", tmp_path / "out.json.journal"
     child = subprocess.Popen(
         [sys.executable, "-m", "enginediag_cli", "study", str(many), "-o", str(out), "--processes", "1"],

@@ -40,8 +40,13 @@ def _known(records: int = 200) -> list[Known]:
     return [Known(variables[n], r.uniform(*at, records), k) for k, (n, at) in enumerate(ranges.items())]
 
 
+@cache
+def _every_formula() -> tuple[Formula, ...]:
+    return tuple(formulas(_known()))
+
+
 def _formulas(form: Form) -> list[Formula]:
-    return [f for f in formulas(_known()) if f.form is form]
+    return [f for f in _every_formula() if f.form is form]
 
 
 def _values(formula: Formula, at: np.ndarray) -> dict[str, np.ndarray | float]:
