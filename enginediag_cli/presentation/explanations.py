@@ -21,7 +21,7 @@ from enginediag_cli.presentation.numbers import probability, rounded, with_unit
 from enginediag_cli.presentation.plans import advice_sentences
 from enginediag_cli.presentation.rejections import why_rejected
 from enginediag_cli.presentation.sentences import change, count
-from enginediag_cli.presentation.unexplained import rest_sentences, share_left
+from enginediag_cli.presentation.unexplained import doubt_sentence, rest_sentences, share_left
 
 if TYPE_CHECKING:
     from enginediag_cli.engine.term import Coefficient as Declared
@@ -150,6 +150,7 @@ def _named(story: Story) -> Iterator[str]:
         yield from law_sentences(a.law)
     yield _gained(story, share_left(a))
     yield from rest_sentences(a)
+    yield from doubt_sentence(a)
     if len(a.explanations) > 1:
         others = [f"{headline(other)} ({probability(other.probability)})" for other in a.explanations[1:]]
         yield f"These flights cannot tell it from {listed(others, 'or')}."

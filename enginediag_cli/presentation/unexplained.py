@@ -8,12 +8,15 @@ from typing import TYPE_CHECKING
 from enginediag_cli.drivers import CONSTANT
 from enginediag_cli.mismatch.explain.curves import best_places
 from enginediag_cli.presentation.names import listed
+from enginediag_cli.presentation.numbers import probability
 
 if TYPE_CHECKING:
     from enginediag_cli.mismatch.explain.answer import Answer
 
 LEAST_SHARE = 0.005
 """A share that is told as nothing."""
+LIKELIER = 0.5
+"""Probability of all that is told from which it is likelier than not."""
 PLACES = 3
 """Places that are told one by one."""
 
@@ -25,6 +28,16 @@ def share_left(a: Answer) -> str:
     if a.unexplained < LEAST_SHARE:
         return "; nothing of its excess stays unexplained"
     return f"; {100 * a.unexplained:.0f} % of its excess stays unexplained"
+
+
+def doubt_sentence(a: Answer) -> Iterator[str]:
+    """Where what is named and its rivals are together less likely than all that was fitted and not named."""
+    told = sum(x.probability for x in a.explanations)
+    if told < LIKELIER and not a.in_part:
+        yield (
+            f"It is more likely something else (probability {probability(1.0 - told)}): sets that leave a misfit, or "
+            "hold physics that is not listed, are together likelier than all that explains everything."
+        )
 
 
 def rest_sentences(a: Answer) -> Iterator[str]:

@@ -20,6 +20,7 @@ from functools import cached_property
 import numpy as np
 
 from enginediag_cli.engine.term import Effect
+from enginediag_cli.mismatch.explain.among_all import among_all
 from enginediag_cli.mismatch.explain.answer import (
     FAILED,
     HIDDEN,
@@ -189,7 +190,7 @@ class Search(Fits):
         few, best = self.few, rest.cells[0] if rest.cells else None
         if few.are_all:
             sets = Sets(self, best, self.proposers, least=least)
-            return sets, sets.named(singles, rest.scores)
+            return sets, among_all(sets, sets.named(singles, rest.scores))
         left = few.left()
         sets = Sets(few.fits, left.cells[0] if left.cells else None, self.proposers, many=True, least=least)
         named = sets.named(few.singles(left), left.scores)

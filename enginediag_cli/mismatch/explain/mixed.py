@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
+from enginediag_cli.mismatch.explain.among_all import among_all
 from enginediag_cli.mismatch.explain.answer import Explanation
 from enginediag_cli.mismatch.explain.currency import Offer
 from enginediag_cli.mismatch.explain.law_members import LawMembers
@@ -45,4 +46,5 @@ def with_laws(sets: Sets, tried: Iterable[Proposal] = ()) -> Mixed:
         return Mixed()
     told = LawOfSet(sets, members).of(named)
     first = sets.fits.fitted[told.explanations[0].label]
-    return Mixed(told.explanations, sets.evidence(first) - sets.evidence(sets.fits.base), told.finding)
+    among = tuple(among_all(sets, told.explanations))
+    return Mixed(among, sets.evidence(first) - sets.evidence(sets.fits.base), told.finding)

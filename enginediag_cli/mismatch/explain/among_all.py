@@ -1,0 +1,49 @@
+"""How likely what is named is among all sets that were fitted, and not only among those that explain all.
+
+    p = Σ exp ln p(y, S) of those named / Σ of these and of all rivals
+
+A rival is a set that holds none of those named whole. One that leaves a misfit is a rival, too: what it shares with the
+truth may be all that is listed of it. So is one with a free curve. Unlisted physics at one place is the same whatever
+its form: how likely forms and variables are is weighed where a law is sought.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from enginediag_cli.mismatch.explain.answer import Explanation
+from enginediag_cli.mismatch.explain.members import identity
+from enginediag_cli.mismatch.explain.stepwise import Sets
+from enginediag_cli.mismatch.fit.options import FREE, LAW, Option
+
+Held = frozenset[tuple[str, ...]]
+
+
+def among_all(sets: Sets, named: Sequence[Explanation]) -> list[Explanation]:
+    """What is named, in its order, with probabilities among all sets."""
+    if not named:
+        return []
+    own = [_held(x.options) for x in named]
+    evidence = [sets.evidence(sets.fits.fitted[x.label]) for x in named]
+    rivals: dict[Held, float] = {}
+    for trial in sets.likeliest():
+        held = _held(trial.options)
+        if not any(mine <= held for mine in own):
+            rivals.setdefault(held, sets.evidence(trial))
+    told, all_told = np.logaddexp.reduce(evidence), sum(x.probability for x in named)
+    share = float(np.exp(told - np.logaddexp.reduce([told, *rivals.values()])))
+    return [replace(x, probability=share * x.probability / all_told) for x in named]
+
+
+def _held(options: Sequence[Option]) -> Held:
+    return frozenset(_what(o) for o in options)
+
+
+def _what(option: Option) -> tuple[str, ...]:
+    if option.kind not in (LAW, FREE):
+        return identity(option)
+    moved = [d.target for d in option.hypothesis.discrepancies] + [e.site.name for e in option.hypothesis.effects]
+    return ("unlisted", *dict.fromkeys(moved))
