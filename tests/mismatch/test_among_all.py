@@ -26,7 +26,9 @@ LAW_AT_X, OTHER_LAW_AT_X, FREE_AT_X = option("l", LAW, "x"), option("m", LAW, "x
 
 def probabilities(named, *others) -> list[float]:
     """Of sets that are named, among these: each a tuple of options and its ln evidence."""
-    trials = [SimpleNamespace(options=o, label="+".join(x.label for x in o), evidence=e) for o, e in (*named, *others)]
+    trials = [
+        SimpleNamespace(options=o, label=" + ".join(x.label for x in o), evidence=e) for o, e in (*named, *others)
+    ]
     trials.sort(key=lambda t: -t.evidence)
     sets = SimpleNamespace(
         fits=SimpleNamespace(fitted={t.label: t for t in trials}),
