@@ -64,6 +64,11 @@ def margin(key: str, engine: EngineFound, marks: Sequence[Mark] = ()) -> Chart |
     )
 
 
+def maintenance_marks(engine: EngineFound) -> list[Mark]:
+    """Maintenance at the first flight after it, by its count."""
+    return [Mark(float(x.number), f"{x.kind} {x.component}".strip()) for x in engine.events if x.number]
+
+
 def _forecast(now: float, left_K: float, median: float, ends: tuple[float, float], flights: int) -> list[Layer]:
     """Straight from what is left now to nothing after so many flights; of each end of the interval as well."""
     last = max(1.0, min(median, AHEAD * flights))

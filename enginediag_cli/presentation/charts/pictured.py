@@ -12,6 +12,8 @@ from enginediag_cli.presentation.charts.detection_course import detection_course
 from enginediag_cli.presentation.charts.given import ALONE, given_rows
 from enginediag_cli.presentation.charts.health_trend import Course, health_trend
 from enginediag_cli.presentation.charts.identified_fit import identified_fit
+from enginediag_cli.presentation.charts.margin import maintenance_marks, margin
+from enginediag_cli.presentation.charts.margin_found import margin_found
 from enginediag_cli.presentation.charts.model import Chart, Mark, Origin
 from enginediag_cli.presentation.charts.of_window import window_fingerprint
 from enginediag_cli.presentation.charts.order import order_of
@@ -104,6 +106,17 @@ def of_trend(series: Series, rows: Sequence[Mapping[str, Any]]) -> Chart:
         for row in of_it
     }
     return health_trend("trend", mine, names, series.known, marks, caption=told, courses=courses)
+
+
+def of_margin(rows: Sequence[Mapping[str, Any]]) -> Chart:
+    """Of the first engine: its margin over flights, with maintenance; rows: of `trend --what margin`. Raises
+    NoVerdictError where no flight tells of it."""
+    told = [_row(row) for row in rows]
+    found = margin_found([row for row in told if row.text("engine") == told[0].text("engine")])
+    chart = None if found is None else margin("margin", found, maintenance_marks(found))
+    if chart is None:
+        raise NoVerdictError("--picture: no flight tells of a margin that could be drawn")
+    return chart
 
 
 def of_identification(result: IdentificationResult) -> Chart:
