@@ -1,4 +1,4 @@
-"""`--limit` and `--events` of commands that follow the margin of a turbine temperature."""
+"""`--limit`, `--events` and `--baseline` of commands that follow the margin of a turbine temperature."""
 
 from __future__ import annotations
 
@@ -17,10 +17,11 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Asked:
-    """limits_K: column → limit; events: file of maintenance, "" for none."""
+    """limits_K: column → limit; events: file of maintenance, "" for none; baseline: flights, 0 where not said."""
 
     limits_K: dict[str, float]
     events: str
+    baseline: int
 
     def __bool__(self) -> bool:
         return bool(self.limits_K or self.events)
@@ -33,7 +34,9 @@ class Asked:
     @property
     def notes(self) -> dict[str, str]:
         """Choices that a result depends on, for its provenance."""
-        return {"limit": ", ".join(f"{c} {v:g}" for c, v in self.limits_K.items())} if self.limits_K else {}
+        limits = ", ".join(f"{c} {v:g}" for c, v in self.limits_K.items())
+        told = {"limit": limits, "baseline": self.baseline and f"first {self.baseline} flights"}
+        return {name: str(value) for name, value in told.items() if value}
 
     def question(self, *, healthy: int = 0, sensors: bool = True) -> MarginQuestion:
         """With the events of the file; healthy, sensors: as of `MarginQuestion`. Raises ConfigError."""
@@ -44,15 +47,17 @@ class Asked:
         from enginediag_cli.fleet_judgement.of_series import MarginQuestion
 
         events = read_events(Path(self.events), named=False) if self.events else ()
-        return MarginQuestion(self.limits_K, events, os.path.basename(self.events), healthy, sensors)
+        return MarginQuestion(self.limits_K, events, os.path.basename(self.events), self.baseline, healthy, sensors)
 
 
 def margin_options(function: Callable[..., Any]) -> Callable[..., Any]:
-    """The two options as one argument `asked: Asked`."""
+    """The three options as one argument `asked: Asked`."""
 
     @wraps(function)
-    def with_asked(*args: Any, limits: tuple[tuple[str, float], ...], events_path: str | None, **others: Any) -> Any:
-        return function(*args, asked=Asked(dict(limits), events_path or ""), **others)
+    def with_asked(
+        *args: Any, limits: tuple[tuple[str, float], ...], events_path: str | None, baseline: int, **others: Any
+    ) -> Any:
+        return function(*args, asked=Asked(dict(limits), events_path or "", baseline), **others)
 
     limit = click.option(
         "--limit",
@@ -72,4 +77,12 @@ def margin_options(function: Callable[..., Any]) -> Callable[..., Any]:
         help="CSV of maintenance as a fleet's: columns kind (wash, overhaul, exchange), flight (the first after it) or "
         "time_s, component, and engine, which may be left out of one engine's.",
     )
-    return limit(events(with_asked))
+    baseline = click.option(
+        "--baseline",
+        metavar="FLIGHTS",
+        type=click.IntRange(min=0),
+        default=0,
+        help="First flights of an engine that are believed healthy: the margin that wear has taken is counted from "
+        "them; those of --reference, or else the first flight, where not given.",
+    )
+    return limit(events(baseline(with_asked)))

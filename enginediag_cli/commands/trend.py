@@ -102,7 +102,7 @@ def trend(
     same change. `work_scope` (json) is by how much turbine temperature and fuel would fall at equal thrust or power if
     a component were again as it was before it changed; --event and --events say what maintenance did bring. Flights, or
     windows of a recording without flights, are counted from 1, per engine. --reference N says that nothing began in the
-    first N records of an engine; margins are counted from there, else from its first flight.
+    first N records of an engine.
     """
     from dataclasses import replace
 

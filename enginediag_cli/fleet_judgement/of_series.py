@@ -28,12 +28,14 @@ FIRST = 1
 
 @dataclass(frozen=True)
 class MarginQuestion:
-    """limits_K: column → limit at the reference condition; events: of a file that is called so; healthy: first records
-    of an engine, of each, in which nothing began; sensors: instruments are suspects."""
+    """limits_K: column → limit at the reference condition; events: of a file that is called so; baseline: first flights
+    of an engine, of each, that are believed healthy, 0: those within its first `healthy` records; sensors: instruments
+    are suspects."""
 
     limits_K: Mapping[str, float] = field(default_factory=dict)
     events: Sequence[Event] = ()
     events_file: str = ""
+    baseline: int = 0
     healthy: int = 0
     sensors: bool = True
 
@@ -83,7 +85,7 @@ def margins_of(series: Series, question: MarginQuestion) -> Margins:
     scale = _scale(series, settings)
     histories = []
     for engine, stretches in series.stretches.items():
-        baseline = max(series.healthy(engine, question.healthy), FIRST)
+        baseline = max(question.baseline or series.healthy(engine, question.healthy), FIRST)
         histories.append(EngineHistory(engine, "", stretches, baseline, events.get(engine, ())))
     findings = [_with_reason(judged_engine(history, series, settings, scale)) for history in histories]
     findings = with_forecasts(findings, settings)

@@ -6,6 +6,7 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
+from enginediag_cli.fleet_judgement.finding import Estimate
 from enginediag_cli.intervals import NORMAL_95
 from enginediag_cli.presentation.messages import Messages
 from enginediag_cli.presentation.names import listed
@@ -18,7 +19,7 @@ from enginediag_cli.work_scope.reference import POWER
 
 if TYPE_CHECKING:
     from enginediag_cli.detection.trend_of_files import Series, Stretch
-    from enginediag_cli.fleet_judgement.finding import Estimate, EventRow, Margin
+    from enginediag_cli.fleet_judgement.finding import EventRow, Margin
     from enginediag_cli.fleet_judgement.of_series import Brought, Followed, Margins
     from enginediag_cli.parameters import Parameter
     from enginediag_cli.presentation.charts.fleet_found import MarginFound
@@ -117,16 +118,24 @@ def _known(value: float) -> float | None:
 
 
 def tell_margins(messages: Messages, margins: Margins) -> None:
-    """Margins and what is odd about the events, in words."""
-    if margins.others:
-        messages.warning(f"events name engines of which there is no recording: {', '.join(margins.others)}")
+    """Margins, what maintenance brought, and what is odd about the events, in words."""
     for engine, one in margins.engines.items():
         name = f"engine {engine}: " if engine else ""
         messages.note(f"{name}{margin_words(one.finding.margin)}")
         for event, brought in zip(one.finding.events, one.brought, strict=True):
             messages.note(f"{name}{_maintenance_words(event, brought, one.reference, margins.series)}")
+    for line in odd_events(margins):
+        messages.warning(line)
+
+
+def odd_events(margins: Margins) -> Iterator[str]:
+    """Events of engines or flights that no recording has."""
+    if margins.others:
+        yield f"events name engines of which there is no recording: {', '.join(margins.others)}"
+    for engine, one in margins.engines.items():
+        name = f"engine {engine}: " if engine else ""
         for flight, hint in one.unknown.items():
-            messages.warning(f"{name}maintenance before flight {flight!r}, which is not recorded; {hint}")
+            yield f"{name}maintenance before flight {flight!r}, which is not recorded; {hint}"
 
 
 def _maintenance_words(event: EventRow, found: Brought, reference: Reference | None, series: Series) -> str:
@@ -158,6 +167,9 @@ def margin_words(m: Margin | MarginFound) -> str:
         used = f"wear has taken {_size(m.consumed_K)} of the {quantity} margin"
         mend = f": --limit {m.column} KELVIN states it" if m.reason == NO_LIMIT else ""
         return f"{used}; cannot tell how much is left, because {m.reason or NO_LIMIT}{mend}"
+    if m.now_K.value <= 0:
+        over = Estimate(-m.now_K.value, -m.now_K.high, -m.now_K.low)
+        return f"{quantity} has passed its limit of {m.limit_K:g} K by {_size(over)} at the reference condition"
     told = f"{quantity} margin {_size(m.now_K)} to the limit of {m.limit_K:g} K"
     if m.reason:
         return f"{told}; cannot tell how many flights that is, because {m.reason}"
