@@ -32,7 +32,7 @@ def margin_blocks(engine: EngineEvidence, key: str) -> Iterator[Block]:
         if engine.of(kinds.TREND) or engine.of(kinds.FLIGHTS):
             yield Words(NOT_FOLLOWED, quiet=True)
         return
-    told = margin_words(found.margin).replace(" -", " −")
+    told = margin_words(found.margin)
     yield Words(f"{told[0].upper()}{told[1:]}.")
     chart = margin(f"{key}-margin", found, maintenance_marks(found))
     if chart is not None:
