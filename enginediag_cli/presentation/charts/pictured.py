@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
@@ -20,6 +19,7 @@ from enginediag_cli.presentation.charts.order import order_of
 from enginediag_cli.presentation.charts.rows import Row
 from enginediag_cli.presentation.charts.sizes import scale_of
 from enginediag_cli.presentation.charts.static import picture
+from enginediag_cli.presentation.pictures.written import write_drawing
 
 if TYPE_CHECKING:
     from enginediag_cli.detection.trend_of_files import Series
@@ -32,19 +32,7 @@ LIKELY = 0.5
 
 def write_picture(chart: Chart, path: str) -> None:
     """As PNG for a name that says so, else as SVG. Raises DataError without what PNG needs, OSError."""
-    drawing = picture(chart).text()
-    if os.path.splitext(path.lower())[1] == ".png":
-        from enginediag_cli.presentation.pictures.png import png
-        from enginediag_cli.recordings.write import binary_output
-
-        data = png(drawing, path)
-        with binary_output(path) as raw:
-            raw.write(data)
-        return
-    from enginediag_cli.recordings.write import output
-
-    with output(path) as stream:
-        stream.write(drawing)
+    write_drawing(picture(chart).text(), path)
 
 
 def of_detection(rows: Iterable[Mapping[str, Any]]) -> Chart:
