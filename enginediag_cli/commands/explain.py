@@ -17,7 +17,8 @@ from enginediag_cli.commands.options import (
     output_options,
     pass_messages,
 )
-from enginediag_cli.commands.parameter_types import CSV_SUFFIXES, PICTURE_SUFFIXES
+from enginediag_cli.commands.parameter_types import CSV_SUFFIXES
+from enginediag_cli.commands.picture_option import picture_option
 from enginediag_cli.errors import ExitCode
 from enginediag_cli.presentation.messages import Messages
 from enginediag_cli.presentation.output import Output
@@ -45,12 +46,7 @@ if TYPE_CHECKING:
     type=OutputFile(CSV_SUFFIXES),
     help="Write what no listed effect explains as curves along its driver, as CSV or .parquet.",
 )
-@click.option(
-    "--picture",
-    metavar="FILE",
-    type=OutputFile(PICTURE_SUFFIXES),
-    help="Draw what no listed effect explains, a law along its variable or a free curve, with its band, as SVG.",
-)
+@picture_option("what no listed effect explains, a law along its variable or a free curve, with its band,")
 @click.option("--no-advice", is_flag=True, help="Do not look for recordings that would separate rival explanations.")
 @click.option(
     "--plan",
@@ -70,7 +66,7 @@ def explain(
     without: tuple[str, ...],
     amplitudes: str | None,
     curves: str | None,
-    picture: str | None,
+    picture_path: str | None,
     no_advice: bool,
     plan: str | None,
     exit_code: bool,
@@ -119,8 +115,8 @@ def explain(
             messages.note(f"{path}: no {what} was found, the file has no rows")
     if plan:
         _write_plan(messages, plan, story)
-    if picture:
-        _draw(messages, story, picture)
+    if picture_path:
+        _draw(messages, story, picture_path)
     if story.answer.status == FAILED and story.control is None:
         return ExitCode.NO_VERDICT
     return ExitCode.FINDING if exit_code and not story.found_nothing else ExitCode.DONE
@@ -128,13 +124,14 @@ def explain(
 
 def _draw(messages: Messages, story: Story, path: str) -> None:
     from enginediag_cli.presentation.explanation_picture import picture
+    from enginediag_cli.presentation.pictures.written import write_drawing
 
     try:
         text = picture(story)
     except ValueError as nothing:
         messages.note(f"{path}: not written, {nothing}")
         return
-    Output(path).write_text(text)
+    write_drawing(text, path)
 
 
 def _present(output: Output, story: Story, head: tuple[str, ...]) -> None:

@@ -8,7 +8,6 @@ import click
 
 from enginediag_cli.commands.mismatch_options import mismatch_options, provenance, tell_case
 from enginediag_cli.commands.options import (
-    OutputFile,
     exit_code_option,
     exit_codes,
     jobs_option,
@@ -16,7 +15,7 @@ from enginediag_cli.commands.options import (
     output_options,
     pass_messages,
 )
-from enginediag_cli.commands.parameter_types import PICTURE_SUFFIXES
+from enginediag_cli.commands.picture_option import picture_option
 from enginediag_cli.errors import ExitCode
 from enginediag_cli.presentation.messages import Messages
 from enginediag_cli.presentation.output import Output
@@ -32,13 +31,7 @@ if TYPE_CHECKING:
 )
 @mismatch_options
 @click.option("--all", "everything", is_flag=True, help="Write every place of the map, not only those within reach.")
-@click.option(
-    "--picture",
-    "picture_path",
-    metavar="FILE.svg",
-    type=OutputFile(PICTURE_SUFFIXES),
-    help="Draw the map, and the residuals that show it best, into FILE.svg.",
-)
+@picture_option("the map, and the residuals that show it best,")
 @click.option(
     "--per-record",
     "every",
@@ -102,11 +95,10 @@ def locate(
     for line in told:
         messages.note(line)
     if picture_path is not None:
-        from enginediag_cli.recordings.write import output as opened
+        from enginediag_cli.presentation.pictures.written import write_drawing
 
         title = f"{loaded.evidence.engine.name}: where model and recordings differ"
-        with opened(picture_path) as stream:
-            stream.write(picture(located, kind, title, told[:3]))
+        write_drawing(picture(located, kind, title, told[:3]), picture_path)
     return ExitCode.FINDING if located.mismatch and exit_code else ExitCode.DONE
 
 

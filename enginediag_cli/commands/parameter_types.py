@@ -15,7 +15,7 @@ TABLE_SUFFIXES = ("", ".txt", ".dat", ".csv", ".json", ".ndjson", ".jsonl", ".pa
 CSV_SUFFIXES = ("", ".txt", ".dat", ".csv", ".parquet")
 """Those of tables of columns alone."""
 
-PICTURE_SUFFIXES = ("", ".svg")
+PICTURE_SUFFIXES = ("", ".svg", ".png")
 
 
 class FiniteRange(click.FloatRange):
@@ -80,3 +80,9 @@ class OutputFile(click.Path):
             if path.lower() != path.lower().removesuffix(".gz"):
                 self.fail(f"{path}: a Parquet file is packed inside; leave out .gz (.csv, .json, .ndjson)", param, ctx)
             parquet_library(path, "write a .csv")
+        if suffix == ".png" and suffix in self.suffixes:
+            from enginediag_cli.presentation.pictures.png import check_pillow
+
+            if path.lower().endswith(".gz"):
+                self.fail(f"{path}: a PNG file is packed inside; leave out .gz", param, ctx)
+            check_pillow(path)

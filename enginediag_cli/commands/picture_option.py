@@ -7,11 +7,9 @@ from typing import TypeVar
 
 import click
 
-from enginediag_cli.commands.options import OutputFile
+from enginediag_cli.commands.parameter_types import PICTURE_SUFFIXES, OutputFile
 
 Function = TypeVar("Function", bound=Callable[..., object])
-
-SUFFIXES = ("", ".svg", ".png")
 
 
 def picture_option(what: str) -> Callable[[Function], Function]:
@@ -20,6 +18,6 @@ def picture_option(what: str) -> Callable[[Function], Function]:
         "--picture",
         "picture_path",
         metavar="FILE.svg|png",
-        type=OutputFile(SUFFIXES),
+        type=OutputFile(PICTURE_SUFFIXES),
         help=f"Draw {what} into FILE (.png needs the extra enginediag[report]).",
     )

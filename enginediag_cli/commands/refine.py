@@ -21,7 +21,8 @@ from enginediag_cli.commands.options import (
     output_file_option,
     pass_messages,
 )
-from enginediag_cli.commands.parameter_types import CSV_SUFFIXES, PICTURE_SUFFIXES
+from enginediag_cli.commands.parameter_types import CSV_SUFFIXES
+from enginediag_cli.commands.picture_option import picture_option
 from enginediag_cli.errors import ExitCode
 from enginediag_cli.presentation.messages import Messages
 
@@ -97,7 +98,7 @@ class Written(NamedTuple):
     type=OutputFile(),
     help="Write before and after to FILE (.csv, .json, .parquet or a table), beside standard error.",
 )
-@click.option("--picture", metavar="FILE", type=OutputFile(PICTURE_SUFFIXES), help="Draw before and after as SVG.")
+@picture_option("before and after")
 @jobs_option
 @message_options
 @pass_messages
@@ -113,7 +114,7 @@ def refine(
     window: int,
     output_path: str,
     report: str | None,
-    picture: str | None,
+    picture_path: str | None,
 ) -> ExitCode:
     """Fit what the model of an engine lacks, and write an engine file that carries it.
 
@@ -144,7 +145,7 @@ def refine(
         head = provenance("refine", case, inherited, unseen=", ".join(evidence.flights[k].label for k in unseen))
         if states:
             messages.note(f"{states}: not written; what a control does in a record is in active_limit of simulate")
-        return _control(messages, case, loaded, unseen, Written(output_path, report, picture, head))
+        return _control(messages, case, loaded, unseen, Written(output_path, report, picture_path, head))
     evidence = judged_by_trained_noise(evidence, unseen)
     training = evidence.only([k for k in range(len(evidence.flights)) if k not in unseen])
     if terms:
@@ -165,7 +166,7 @@ def refine(
     except ValueError as error:
         raise click.UsageError(str(error)) from None
     head = provenance("refine", case, inherited, unseen=", ".join(evidence.flights[k].label for k in unseen))
-    _present(messages, found, Written(output_path, report, picture, head))
+    _present(messages, found, Written(output_path, report, picture_path, head))
     told = refusal(found)
     if told:
         messages.error(f"{told}; {output_path} is not written")
@@ -198,10 +199,10 @@ def _control(messages: Messages, case: Case, loaded: Loaded, unseen: list[int], 
     rows = list(refined_controls.rows(found))
     _report(to, rows, refined_controls.COLUMNS, lambda: refined_controls.document(found, to.head))
     if to.picture and found.after:
-        from enginediag_cli.presentation.output import Output
+        from enginediag_cli.presentation.pictures.written import write_drawing
         from enginediag_cli.presentation.refined_control_picture import picture
 
-        Output(to.picture).write_text(picture(found))
+        write_drawing(picture(found), to.picture)
     if not found.accepted:
         messages.error(f"{refined_controls.refusal(found)}; {to.place} is not written")
         return ExitCode.NO_VERDICT
@@ -291,10 +292,10 @@ def _present(messages: Messages, found: Refinement, to: Written) -> None:
         messages.note(line)
     _report(to, rows, refinements.COLUMNS, lambda: refinements.document(found, to.head))
     if to.picture and found.unseen is not None:
-        from enginediag_cli.presentation.output import Output
+        from enginediag_cli.presentation.pictures.written import write_drawing
         from enginediag_cli.presentation.refinement_picture import picture
 
-        Output(to.picture).write_text(picture(found))
+        write_drawing(picture(found), to.picture)
 
 
 def _report(

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import os
 import shlex
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import click
 
 from enginediag_cli.commands.intake_options import compared_options, judging_options, source_options, window_options
 from enginediag_cli.commands.judging import Compared
+from enginediag_cli.commands.margin_options import Asked, margin_options
 from enginediag_cli.commands.options import (
     OutputFile,
     exit_codes,
@@ -36,6 +38,7 @@ PAGE_SUFFIXES = ("", ".html", ".htm")
 @judging_options
 @window_options
 @false_alarm_option
+@margin_options
 @click.option("--title", default="", metavar="TEXT", help="Headline of the page.")
 @click.option("--static", is_flag=True, help="Pictures that do not move, although bokeh is installed: a small file.")
 @click.option(
@@ -56,6 +59,7 @@ def report(
     compared: Compared,
     judging: Judging,
     false_alarm: float,
+    asked: Asked,
     title: str,
     static: bool,
     output_path: str,
@@ -65,13 +69,15 @@ def report(
     \b
     enginediag report detected.csv isolated.csv trend.csv nominal.yaml -o report.html
     enginediag report -n nominal.yaml flights.csv -o report.html
+    enginediag report -n nominal.yaml flights.csv --limit T45_K 1180 --events washes.csv -o report.html
     enginediag report explained.json refined.json -o missing_physics.html
     enginediag report fleet.json -o fleet.html
 
     FILEs are what detect, isolate, trend, residual, locate, explain, refine --report, fleet and identify wrote, as CSV
     or JSON with all columns, in any order; what each is, its content says. With -n the others are recordings, which are
-    detected, isolated and followed here. The page asks nothing of any network. Plots move where bokeh is installed
-    (pip install 'enginediag[report]'); the same files give the same bytes.
+    detected, isolated and followed here; the margin of their turbine temperature is counted to --limit, and --events
+    tells of maintenance. The page asks nothing of any network. Plots move where bokeh is installed (pip install
+    'enginediag[report]'); the same files give the same bytes.
     """
     from enginediag_cli.presentation.charts.interactive import WITHOUT
     from enginediag_cli.presentation.report.build import page_of
@@ -81,8 +87,10 @@ def report(
     from enginediag_cli.recordings.write import output
 
     judges = compared.nominal is not None
+    if asked and not judges:
+        raise click.UsageError("--limit and --events need -n NOMINAL; of results, give what trend --what margin wrote")
     results = [read_result(path, source.label(path), recordings=judges) for path in source.files]
-    evidence, left_out = _evidence(messages, source, compared, judging, false_alarm, results)
+    evidence, left_out = _evidence(messages, source, compared, judging, _Told(false_alarm, asked), results)
     if not static and not moves():
         messages.note(WITHOUT)
     page = page_of(evidence, title=title, command=[_shown()], left_out=left_out, versions=versions(static))
@@ -93,12 +101,20 @@ def report(
     return ExitCode.DONE if judged or not page.leads else ExitCode.NO_VERDICT
 
 
+@dataclass(frozen=True)
+class _Told:
+    """What recordings are judged with."""
+
+    false_alarm: float
+    asked: Asked
+
+
 def _evidence(
     messages: Messages,
     source: Source,
     compared: Compared,
     judging: Judging,
-    false_alarm: float,
+    told: _Told,
     results: list[Result],
 ) -> tuple[Evidence, list[str]]:
     """What the results say, with what recordings say that are judged here."""
@@ -121,7 +137,8 @@ def _evidence(
     monitor = compared.open(messages, source, model_error=judging.model_error)
     suspicious = compared.open(Messages(quiet=True), source, sensors=True, model_error=judging.model_error)
     assert monitor is not None and suspicious is not None
-    question = Question(source, monitor, suspicious, judging, false_alarm)
+    margins = told.asked.question(healthy=judging.reference)
+    question = Question(source, monitor, suspicious, judging, told.false_alarm, margins)
     return computed(question, [*results, nominal_result(compared.nominal)])
 
 
@@ -135,6 +152,8 @@ def _shown() -> str:
             continue
         option = max(parameter.opts, key=len)
         path = isinstance(parameter.type, click.Path) and isinstance(value, str)
-        words += [option] if value is True else [option, os.path.basename(value) if path else str(value)]
+        for each in value if isinstance(value, tuple) else (os.path.basename(value) if path else value,):
+            items = each if isinstance(each, tuple) else (each,)
+            words += [option, *(str(item) for item in items if item is not True)]
     files = context.params.get("recordings") or ()
     return shlex.join([*words, *(os.path.basename(path) for path in files)])

@@ -24,7 +24,7 @@ from enginediag_cli.recordings.provenance import sha256_of
 from enginediag_cli.recordings.table import Recording
 from enginediag_cli.residuals.monitor import Monitor
 from enginediag_cli.residuals.pipeline import window_statistics
-from enginediag_cli.residuals.series_monitor import certain, monitored_as_read, of_series
+from enginediag_cli.residuals.series_monitor import for_comparison, monitored_as_read, of_series
 from enginediag_cli.residuals.window import WindowStatistics
 
 PART = 2000
@@ -117,9 +117,7 @@ def _together(making: Making, store: Store, todo: dict[str, str]) -> dict[str, O
 def series_monitor(nominal: str, fingerprint: str) -> Monitor:
     """What windows of a series are held against: every instrument is suspected, nominal is not. One per worker and
     nominal file; fingerprint: what that file held when the work was planned."""
-    found = certain(whole_monitor(nominal, fingerprint))
-    # the law of each statistic is asked of windows that are judged alone
-    return replace(found, noise=replace(found.noise, kurtosis=None, readings=None, rho_error=None, rho_common=None))
+    return for_comparison(whole_monitor(nominal, fingerprint))
 
 
 @lru_cache(maxsize=4)

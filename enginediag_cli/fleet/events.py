@@ -15,8 +15,9 @@ from enginediag_cli.recordings.table import Recording
 COLUMNS = ("engine", "kind", "flight", "time_s", "component")
 
 
-def read_events(path: Path) -> tuple[Event, ...]:
-    """Events in the order of the file. Raises ConfigError with every row that is wrong."""
+def read_events(path: Path, *, named: bool = True) -> tuple[Event, ...]:
+    """Events in the order of the file; named: each says its engine, as it must where there are several. Raises
+    ConfigError with every row that is wrong."""
     try:
         table = read_all(str(path), declared=("time_s",), by_suffix=False)
     except DataError as error:
@@ -28,9 +29,8 @@ def read_events(path: Path) -> tuple[Event, ...]:
         for column in table.order
         if column not in COLUMNS
     ]
-    problems += [
-        Problem(head, f"no column {c!r}", "columns: " + ", ".join(COLUMNS)) for c in COLUMNS[:2] if c not in known
-    ]
+    needed = COLUMNS[:2] if named else COLUMNS[1:2]
+    problems += [Problem(head, f"no column {c!r}", "columns: " + ", ".join(COLUMNS)) for c in needed if c not in known]
     if not known & {"flight", "time_s"}:
         problems.append(Problem(head, "no column 'flight' and none 'time_s'", "one of them says when an event was"))
     if problems:
@@ -39,7 +39,7 @@ def read_events(path: Path) -> tuple[Event, ...]:
     for k in range(len(table)):
         event = _event(table, k)
         place = Mark(str(path), int(table.line[k]))
-        wrong = list(_wrong(event, place))
+        wrong = list(_wrong(event, place, named))
         problems += wrong
         if not wrong:
             events.append(event)
@@ -56,8 +56,8 @@ def _event(table: Recording, k: int) -> Event:
     return Event(text("engine"), text("kind"), text("flight"), time, text("component"))
 
 
-def _wrong(event: Event, place: Mark) -> Iterator[Problem]:
-    if not event.engine:
+def _wrong(event: Event, place: Mark, named: bool) -> Iterator[Problem]:
+    if named and not event.engine:
         yield Problem(place, "the event names no engine", "its serial number belongs in the column 'engine'")
     if event.kind not in KINDS:
         yield Problem(place, f"unknown kind of event {event.kind!r}", near(event.kind, KINDS))

@@ -21,6 +21,7 @@ from enginediag_cli.fleet_judgement.finding import (
     FleetSettings,
     FlightRow,
     HealthRow,
+    Moved,
     State,
 )
 from enginediag_cli.fleet_judgement.health import Course, course
@@ -104,6 +105,7 @@ def judged_engine(
         events=_events(found, used, history, earlier),
         margin=used.margin,
         state=_state(found),
+        moved=_moved(found, history),
     )
 
 
@@ -295,3 +297,21 @@ def _events(found: _Judged, used: Consumption, history: EngineHistory, earlier: 
             recovered = _estimate(-value, np.sqrt(variance), 1.0)
         rows.append(EventRow(event, number + 1, gains, recovered))
     return tuple(rows)
+
+
+def _moved(found: _Judged, history: EngineHistory) -> tuple[Moved | None, ...]:
+    """What each event of a history did, in the order of `_events`."""
+    c, flights = found.course, found.flights
+    told: list[Moved | None] = []
+    for event in history.events:
+        if event not in flights.events:
+            told.append(None)
+            continue
+        at = flights.events.index(event)
+        mean, covariance = c.told(c.of_event(at))
+        before = c.path[int(np.argmax(c.steps[:, at] > 0)) - 1]
+        k = np.flatnonzero(np.abs(c.of_event(at)).sum(axis=1))
+        names = tuple(flights.described[p].name for p in c.parameters[k])
+        unit = c.unit[k]
+        told.append(Moved(names, unit * before[k], unit * mean[k], np.outer(unit, unit) * covariance[np.ix_(k, k)]))
+    return tuple(told)

@@ -101,11 +101,23 @@ class State:
 
 
 @dataclass(frozen=True)
+class Moved:
+    """What an event of maintenance did to parameters `names`, as one Gaussian of `mean` (k,) and `covariance` (k, k),
+    and their change `before` (k,) it, all in their units."""
+
+    names: tuple[str, ...]
+    before: np.ndarray
+    mean: np.ndarray
+    covariance: np.ndarray
+
+
+@dataclass(frozen=True)
 class EngineFinding:
     """What the history of one engine says. flights, records: how many; verdict: HEALTHY, CHANGED or NO_VERDICT, and its
     `reason`; log10_e: of the sequential test at the end of its data; discovery: whether the fleet's list holds it;
     since: number of the first changed flight, from 1, with its 95 % interval, 0 where nothing is found; severity: how
-    far it has gone towards its limit, in `severity_unit` ("K" of the margin, or "sigma", prior standard deviations)."""
+    far it has gone towards its limit, in `severity_unit` ("K" of the margin, or "sigma", prior standard deviations);
+    moved: what each of the events did, None where that is not known."""
 
     serial: str
     build: str
@@ -127,6 +139,7 @@ class EngineFinding:
     margin: Margin = Margin()
     baseline: int = 0
     state: State | None = field(default=None, repr=False, compare=False)
+    moved: Sequence[Moved | None] = field(default=(), repr=False, compare=False)
 
 
 @dataclass(frozen=True)

@@ -9,6 +9,7 @@ so that what components have lost adds up as it does in the engine: kelvins of m
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -46,8 +47,8 @@ class MarginScale:
         return ", ".join(f"{c} {v:.6g}" for c, v in self.at.items()) + (f", at given {self.held}" if self.held else "")
 
 
-def margin_scale(series: Series) -> MarginScale:
-    """The scale of the engine that a series is of."""
+def margin_scale(series: Series, among: Collection[str] = ()) -> MarginScale:
+    """The scale of the engine that a series is of; among: columns one of which it is, where that is wished."""
     monitor = series.monitor
     if monitor is None or monitor.envelope is None:
         return MarginScale(reason="statistics without their engine do not tell what a change means for temperatures")
@@ -57,6 +58,7 @@ def margin_scale(series: Series) -> MarginScale:
     declared = getattr(engine, "declared", None)
     hot = set(hot_columns(declared["components"])) if declared else set()
     columns = [c for c in monitor.sensors if c in engine.sensors and _reads_only(engine.sensors[c], hot)]
+    columns = [c for c in columns if not among or c in among]
     if not columns:
         return MarginScale(reason="no temperature of burnt gas is recorded")
     try:

@@ -123,9 +123,9 @@ def document(result: FleetResult, provenance: Sequence[str]) -> dict[str, Any]:
 
 
 def _engine(x: EngineFinding) -> dict[str, Any]:
-    """Without its `state`, of which `common` tells what it comes to."""
-    told = asdict(replace(x, state=None))
-    del told["state"]
+    """Without its `state`, of which `common` tells what it comes to, and without the moments of its `events`."""
+    told = asdict(replace(x, state=None, moved=()))
+    del told["state"], told["moved"]
     return told
 
 

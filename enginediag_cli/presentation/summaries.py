@@ -43,6 +43,24 @@ TREND = (
     *_COURSE,
 )
 
+MARGIN = (
+    "engine",
+    "row",
+    "number",
+    "flight",
+    "used_K",
+    "margin_K",
+    "margin_low",
+    "margin_high",
+    "remaining_flights",
+    "remaining_flights_low",
+    "remaining_flights_high",
+    "event",
+    "recovered_K",
+    "reason",
+)
+"""What is left, flight by flight, what maintenance gave back, and how long it lasts."""
+
 TREND_COMPONENTS = ("engine", "verdict", "components", "probability", "kind", "onset", *_COURSE)
 
 FLIGHTS = ("engine", "number", "flight", "parameter", "change", "low", "high", "unit", "records", "source")

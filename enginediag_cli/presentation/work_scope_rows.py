@@ -87,6 +87,12 @@ def _reversed(gain: Gain) -> Gain:
     return Gain(gain.module, gain.names, t, f)
 
 
+def gain_words(gain: Gain, reference: Reference) -> str:
+    """What maintenance did: "lowered T45 by 6.1 K ± 0.6 K and lowered fuel flow by 0.40 % ± 0.04 % at equal thrust
+    (design point)"."""
+    return _told(gain, reference, past=True)
+
+
 def _told(gain: Gain, reference: Reference, past: bool = False) -> str:
     quantity, unit = split_column(reference.temperature)
     name = quantity if reference.recorded else f"{quantity} (of the model)"

@@ -61,6 +61,13 @@ def certain(monitor: Monitor) -> Monitor:
     return ReducedMonitor(**fields, curvature=bent, whole=alone, root=np.zeros((k, 0)))
 
 
+def for_comparison(monitor: Monitor) -> Monitor:
+    """The monitor by which a fleet condenses flights that are compared with each other: `certain`, and without the law
+    of each statistic, which is asked of windows that are judged alone."""
+    found = certain(monitor)
+    return replace(found, noise=replace(found.noise, kurtosis=None, readings=None, rho_error=None, rho_common=None))
+
+
 def effects_of_inputs(
     monitor: Monitor, inputs: Mapping[str, np.ndarray], sizes: Mapping[str, float]
 ) -> dict[str, dict[str, np.ndarray]]:

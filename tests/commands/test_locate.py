@@ -49,6 +49,14 @@ def folder(tmp_path_factory):
     return folder
 
 
+def test_the_map_is_drawn_as_png_the_same_each_time(folder, run):
+    pytest.importorskip("PIL", reason="no Pillow here: pip install 'enginediag[report]'")
+    maps = [folder / "map.png", folder / "again.png"]
+    for path in maps:
+        assert run("locate", ENGINE, folder / "reynolds.csv", "--picture", path, "-q").exit_code == 0
+    assert maps[0].read_bytes().startswith(b"\x89PNG") and maps[0].read_bytes() == maps[1].read_bytes()
+
+
 def test_a_located_mismatch_is_a_finding_with_rows_words_and_a_picture(folder, run):
     ended = run("locate", ENGINE, folder / "reynolds.csv", "--picture", folder / "map.svg", "--exit-code")
     assert ended.exit_code == 1

@@ -88,9 +88,9 @@ def test_a_table_under_a_name_that_promises_another_format_is_refused_with_what_
     assert ended.exit_code == 2
     assert ".csv, .json, .ndjson" in ended.stderr
     assert not Path(name).exists()
-    ended = run("locate", "tf.yaml", "in.csv", "--picture", "map.png")
+    ended = run("locate", "tf.yaml", "in.csv", "--picture", "map.jpg")
     assert ended.exit_code == 2
-    assert "possible are .svg" in ended.stderr
+    assert "possible are .svg, .png" in ended.stderr
 
 
 @pytest.mark.parametrize("name", ["x.csv", "x", "x.json", "x.ndjson", "x.jsonl.gz", "x.CSV.gz"])

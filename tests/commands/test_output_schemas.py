@@ -105,6 +105,7 @@ def folder(tmp_path_factory):
         for position, cell in zip(at, worn[k], strict=True):
             cells[position] = cell
         drifting[k] = ",".join(cells)
+    (path / "washes.csv").write_text("kind,flight\nwash,4\noverhaul,99\n")
     (path / "series.csv").write_text("\n".join(drifting) + "\n")
     return path
 
@@ -118,6 +119,7 @@ COMMANDS = {
     "trend": "trend -n nominal.yaml series.csv --window 10",
     "trend/components": "trend -n nominal.yaml series.csv --window 10 --by component",
     "trend/flights": "trend -n nominal.yaml series.csv --what flights",
+    "trend/margin": "trend -n nominal.yaml series.csv --what margin --window 10 --events washes.csv",
     "residual": "residual -n nominal.yaml --sensors flights.csv",
     "residual/records": "residual -n nominal.yaml --what records flights.csv",
     "locate": "locate engine.yaml faulty.csv",

@@ -57,17 +57,17 @@ def texts(flight: np.ndarray) -> list[str]:
     return [str(int(f)) for f in flight]
 
 
-def conditions(engine, number: int) -> tuple[dict[str, np.ndarray], np.ndarray]:
+def conditions(engine, number: int, flights: int = FLIGHTS) -> tuple[dict[str, np.ndarray], np.ndarray]:
     """Columns of the flights of an engine, and the number of each record's flight."""
     rng = np.random.default_rng([2, number])
-    phase = np.tile(np.linspace(0, 1, RECORDS), FLIGHTS)
-    flight = np.repeat(np.arange(1, FLIGHTS + 1), RECORDS)
+    phase = np.tile(np.linspace(0, 1, RECORDS), flights)
+    flight = np.repeat(np.arange(1, flights + 1), RECORDS)
     n = len(phase)
     columns = {
         "time_s": 10.0 * np.arange(n),
         "altitude_m": 6e3 * phase,
         "mach": 0.2 + 0.4 * phase,
-        "dT_isa_K": np.repeat(rng.uniform(0, 10, FLIGHTS), RECORDS),
+        "dT_isa_K": np.repeat(rng.uniform(0, 10, flights), RECORDS),
     }
     columns["Wf_kg_s"] = engine.power_from_fraction(0.9 - 0.2 * phase, columns)
     return columns, flight

@@ -42,7 +42,9 @@ def margin(key: str, engine: EngineFound, marks: Sequence[Mark] = ()) -> Chart |
     layers: list[Layer] = [Intervals("each flight by itself", x, y, low, high, 0, origins=origins)]
     caption = m.reason and f"No forecast: {m.reason}."
     left = m.remaining_flights
-    if of_limit and math.isfinite(left.value):
+    if of_limit and m.now_K.value <= 0:
+        caption = "The limit is passed."
+    elif of_limit and math.isfinite(left.value):
         layers += _forecast(x[-1], m.now_K.value, left.value, (left.low, left.high), len(x))
         caption = (
             f"Flights until the limit: {_told(left.value)}, 90 % interval {_told(left.low)} to {_told(left.high)}."
@@ -62,6 +64,11 @@ def margin(key: str, engine: EngineFound, marks: Sequence[Mark] = ()) -> Chart |
         marks,
         [Level(0.0, f"limit {m.limit_K:g} K" if math.isfinite(m.limit_K) else "limit")] if of_limit else [],
     )
+
+
+def maintenance_marks(engine: EngineFound) -> list[Mark]:
+    """Maintenance at the first flight after it, by its count."""
+    return [Mark(float(x.number), f"{x.kind} {x.component}".strip()) for x in engine.events if x.number]
 
 
 def _forecast(now: float, left_K: float, median: float, ends: tuple[float, float], flights: int) -> list[Layer]:

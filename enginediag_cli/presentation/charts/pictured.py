@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
@@ -12,12 +11,15 @@ from enginediag_cli.presentation.charts.detection_course import detection_course
 from enginediag_cli.presentation.charts.given import ALONE, given_rows
 from enginediag_cli.presentation.charts.health_trend import Course, health_trend
 from enginediag_cli.presentation.charts.identified_fit import identified_fit
+from enginediag_cli.presentation.charts.margin import maintenance_marks, margin
+from enginediag_cli.presentation.charts.margin_found import margin_found
 from enginediag_cli.presentation.charts.model import Chart, Mark, Origin
 from enginediag_cli.presentation.charts.of_window import window_fingerprint
 from enginediag_cli.presentation.charts.order import order_of
 from enginediag_cli.presentation.charts.rows import Row
 from enginediag_cli.presentation.charts.sizes import scale_of
 from enginediag_cli.presentation.charts.static import picture
+from enginediag_cli.presentation.pictures.written import write_drawing
 
 if TYPE_CHECKING:
     from enginediag_cli.detection.trend_of_files import Series
@@ -30,19 +32,7 @@ LIKELY = 0.5
 
 def write_picture(chart: Chart, path: str) -> None:
     """As PNG for a name that says so, else as SVG. Raises DataError without what PNG needs, OSError."""
-    drawing = picture(chart).text()
-    if os.path.splitext(path.lower())[1] == ".png":
-        from enginediag_cli.presentation.pictures.png import png
-        from enginediag_cli.recordings.write import binary_output
-
-        data = png(drawing, path)
-        with binary_output(path) as raw:
-            raw.write(data)
-        return
-    from enginediag_cli.recordings.write import output
-
-    with output(path) as stream:
-        stream.write(drawing)
+    write_drawing(picture(chart).text(), path)
 
 
 def of_detection(rows: Iterable[Mapping[str, Any]]) -> Chart:
@@ -104,6 +94,17 @@ def of_trend(series: Series, rows: Sequence[Mapping[str, Any]]) -> Chart:
         for row in of_it
     }
     return health_trend("trend", mine, names, series.known, marks, caption=told, courses=courses)
+
+
+def of_margin(rows: Sequence[Mapping[str, Any]]) -> Chart:
+    """Of the first engine: its margin over flights, with maintenance; rows: of `trend --what margin`. Raises
+    NoVerdictError where no flight tells of it."""
+    told = [_row(row) for row in rows]
+    found = margin_found([row for row in told if row.text("engine") == told[0].text("engine")])
+    chart = None if found is None else margin("margin", found, maintenance_marks(found))
+    if chart is None:
+        raise NoVerdictError("--picture: no flight tells of a margin that could be drawn")
+    return chart
 
 
 def of_identification(result: IdentificationResult) -> Chart:

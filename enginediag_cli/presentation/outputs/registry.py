@@ -18,6 +18,7 @@ OUTPUTS = {
     "trend": "trend:TREND",
     "trend/components": "trend:EVENTS",
     "trend/flights": "trend:FLIGHTS",
+    "trend/margin": "trend:MARGIN",
     "residual": "residual:RESIDUAL",
     "residual/records": "residual:RECORDS",
     "locate": "locate:LOCATE",

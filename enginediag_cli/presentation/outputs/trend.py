@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from enginediag_cli.config.fields import Field
 from enginediag_cli.presentation.outputs.beside import ASKED_SCOPE, SCOPE
 from enginediag_cli.presentation.outputs.declared import Table, column
 
@@ -82,5 +83,45 @@ FLIGHTS = Table(
         column("low", "number", "lower end of the 95 % interval", _PARAMETER),
         column("high", "number", "upper end of the 95 % interval", _PARAMETER),
         column("unit", "text", "unit of the change; 1 is a share of nominal"),
+    ),
+)
+
+_ESTIMATE = "of all flights together; in a row of a flight, by that flight alone"
+
+
+def _estimated(name: str, help: str, unit: str, level: str = "95 %") -> tuple[Field, Field, Field]:
+    stem = name.removesuffix(f"_{unit}")
+    return (
+        column(name, "number", help, unit, empty=True),
+        column(f"{stem}_low", "number", f"lower end of its {level} interval", unit, empty=True),
+        column(f"{stem}_high", "number", f"upper end of its {level} interval", unit, empty=True),
+    )
+
+
+MARGIN = Table(
+    "trend/margin",
+    1,
+    "trend --what margin: one row per flight, one per event of maintenance, and one with the margin of each engine",
+    (
+        column("engine", "text", "engine, as its recording calls it"),
+        column("row", "text", "what the row tells: flight, maintenance or margin"),
+        column("number", "integer", "flight, counted from 1; the first after maintenance; the last", empty=True),
+        column("flight", "text", "that flight, as its recording calls it", empty=True),
+        column("source", "text", "file that holds it", empty=True),
+        column("column", "text", "the hottest recorded temperature of burnt gas, whose margin it is", empty=True),
+        column("condition", "text", "reference condition of the margin", empty=True),
+        column("limit_K", "number", "limit of the temperature there, as stated", "K", empty=True),
+        *_estimated("used_K", f"kelvins that wear has taken since the baseline, {_ESTIMATE}", "K"),
+        *_estimated("margin_K", f"kelvins to the limit, {_ESTIMATE}", "K"),
+        *_estimated("remaining_flights", "flights until the limit; empty: no end in sight", "", "90 %"),
+        *_estimated("rate_K", "kelvins that wear takes in a flight now", "K"),
+        column("event", "text", "wash, overhaul or exchange", empty=True),
+        column("component", "text", "component that it was done to; empty: the engine", empty=True),
+        column("brought", "texts", "what each parameter gained, with its 95 % interval"),
+        *_estimated("recovered_K", "kelvins of margin that maintenance gave back", "K"),
+        *_estimated("temperature_gain_K", "by how much turbine temperature fell at equal power", "K"),
+        *_estimated("fuel_gain_percent", "by how much fuel flow fell at equal power", "%"),
+        column("held", "text", "at which power and operating point that is", empty=True),
+        column("reason", "text", "why something cannot be told", empty=True),
     ),
 )

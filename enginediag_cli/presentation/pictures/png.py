@@ -21,16 +21,25 @@ SCALE, FINER = 2.0, 2
 FONTS = ("DejaVuSans.ttf", "LiberationSans-Regular.ttf", "Arial.ttf")
 SPELLED = {"χ²": "chi2", "−": "-", "–": "-", "·": ".", "…": "...", "→": "->", "×": "x", "σ": "sigma", "²": "2"}
 """What Pillow's own font has no letters for."""
+EDGE = 8.0
+"""Pixels of the drawing that a line keeps from its right edge: letters differ in width, and one too long is smaller."""
 BOLDER = 0.6
 """Width of the outline that makes letters bold, in pixels of the drawing."""
 
 
-def png(svg: str, path: str) -> bytes:
-    """The file's bytes, from the text of a `Drawing`. path: for the message. Raises DataError without Pillow."""
+def check_pillow(path: str) -> None:
+    """Raises DataError, about this file, where there is no Pillow."""
     try:
-        from PIL import Image, ImageDraw
+        import PIL  # noqa: F401
     except ImportError:
         raise DataError(f"{path}: PNG needs Pillow: pip install 'enginediag[report]'; or name a .svg") from None
+
+
+def png(svg: str, path: str) -> bytes:
+    """The file's bytes, from the text of a `Drawing`. path: for the message. Raises DataError without Pillow."""
+    check_pillow(path)
+    from PIL import Image, ImageDraw
+
     root = ElementTree.fromstring(svg)
     scale = SCALE * FINER
     size = (round(float(root.get("width", "1")) * scale), round(float(root.get("height", "1")) * scale))
@@ -90,8 +99,12 @@ class _Painter:
             self.on.ellipse((x - r, y - r, x + r, y + r), fill=_colour(v, "stroke"))
 
     def _text(self, v: Mapping[str, str], text: str) -> None:
-        font = self._font(float(v.get("font-size", "12")))
+        size = float(v.get("font-size", "12"))
+        font = self._font(size)
         told = _spelled(text) if self._own else text
+        room = self.image.width - EDGE * self.scale - self._n(v, "x")
+        if v.get("text-anchor", "start") == "start" and "transform" not in v and font.getlength(told) > room > 0:
+            font = self._font(size * room / font.getlength(told))
         anchor = {"start": "ls", "middle": "ms", "end": "rs"}[v.get("text-anchor", "start")]
         bold = round(BOLDER * self.scale / 2) if v.get("font-weight") == "bold" else 0
         x, y, ink = self._n(v, "x"), self._n(v, "y"), v.get("fill", "#000000")

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 
+from enginediag_cli.fleet_judgement.of_series import MarginQuestion
 from enginediag_cli.intake.intake import Intake
 from enginediag_cli.intake.source import Source
 from enginediag_cli.intake.wanted import columns_of
@@ -27,13 +28,15 @@ from enginediag_cli.residuals.window import WindowStatistics
 
 @dataclass(frozen=True)
 class Question:
-    """`monitor` watches the engine alone, `suspicious` every instrument, too; false_alarm: level of the tests."""
+    """`monitor` watches the engine alone, `suspicious` every instrument, too; false_alarm: level of the tests; margins:
+    what is asked of the margin."""
 
     source: Source
     monitor: Monitor
     suspicious: Monitor
     judging: Judging
     false_alarm: float
+    margins: MarginQuestion = field(default_factory=MarginQuestion)
 
 
 def computed(question: Question, given: Sequence[Result]) -> tuple[Evidence, list[str]]:
@@ -45,6 +48,7 @@ def computed(question: Question, given: Sequence[Result]) -> tuple[Evidence, lis
         kinds.DETECTED: list(_detected(question, left_out)),
         kinds.ISOLATED: list(_isolated(question, windows)),
         **_series(question),
+        kinds.MARGIN: _margins(question, left_out),
     }
     evidence = evidence_of(given, question.suspicious.meaning)
     for kind, found in rows.items():
@@ -112,6 +116,26 @@ def _series(question: Question) -> dict[kinds.Kind, list[Row]]:
     for engine, story in stories_of(series, reference=question.judging.reference, generic=generic):
         last = _place(series.stretches[engine][-1].window)
         told[kinds.TREND] += [Row(row, last) for row in trend_rows(engine, story, series)]
+    return told
+
+
+@stage("following the margin")
+def _margins(question: Question, left_out: list[str]) -> list[Row]:
+    from enginediag_cli.detection.trend_of_files import series_of
+    from enginediag_cli.fleet_judgement.of_series import margins_of
+    from enginediag_cli.presentation.margin_rows import margin_rows, odd_events
+    from enginediag_cli.residuals.series_monitor import for_comparison, of_series
+
+    monitor = of_series(question.suspicious)
+    judging = replace(question.judging, plan=question.judging.plan.of_series, reference=0)
+    files = _files(question, for_comparison(monitor), judging, summed=question.judging.plan.whole)
+    files.series = True
+    margins = margins_of(replace(series_of(files, of_readings=True), monitor=monitor), question.margins)
+    left_out += odd_events(margins)
+    told = []
+    for row in margin_rows(margins):
+        stretches = margins.series.stretches[row["engine"]]
+        told.append(Row(row, _place(stretches[(row["number"] or len(stretches)) - 1].window)))
     return told
 
 

@@ -26,6 +26,7 @@ from enginediag_cli.presentation.charts.snapshots import snapshots
 from enginediag_cli.presentation.names import listed
 from enginediag_cli.presentation.numbers import probability
 from enginediag_cli.presentation.report.evidence import EngineEvidence, Evidence
+from enginediag_cli.presentation.report.margin_sections import maintenance_in, margin_blocks
 from enginediag_cli.presentation.report.page import Block, Section, Tabled, Words
 from enginediag_cli.presentation.report.results import kinds
 from enginediag_cli.presentation.report.verdicts import changed_in_trend, first_of_last_run, size_in_words
@@ -37,6 +38,7 @@ def engine_section(engine: EngineEvidence, evidence: Evidence, key: str) -> Sect
     blocks = [
         *_one_engine(engine),
         *_health(engine, evidence, key),
+        *margin_blocks(engine, key),
         *_fingerprint(engine, evidence, key),
         *_detection(engine, key),
     ]
@@ -72,7 +74,8 @@ def _health(engine: EngineEvidence, evidence: Evidence, key: str) -> Iterator[Bl
         if engine.of(kinds.TREND):
             yield Words("Health flight by flight is drawn where `trend --what flights` is given, too.", quiet=True)
         return
-    marks = _events(engine, evidence, flight_order(alone))
+    order = flight_order(alone)
+    marks = [*_onsets(engine, evidence, order), *maintenance_in(engine, order)]
     for number, group in enumerate(_by_unit(names, evidence)):
         yield health_trend(
             f"{key}-health{number or ''}", alone, group, evidence.known, marks, caption=told, courses=courses
@@ -105,7 +108,7 @@ def _by_unit(names: Sequence[str], evidence: Evidence) -> list[list[str]]:
     return list(found.values())
 
 
-def _events(engine: EngineEvidence, evidence: Evidence, order: Order) -> list[Mark]:
+def _onsets(engine: EngineEvidence, evidence: Evidence, order: Order) -> list[Mark]:
     """Onsets, once each, with the stretch in which they may lie."""
     found: dict[tuple[int, int, int], list[str]] = {}
     for row in changed_in_trend(engine):

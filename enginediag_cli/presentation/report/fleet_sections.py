@@ -11,8 +11,8 @@ from enginediag_cli.presentation.charts.evidence_course import evidence_course
 from enginediag_cli.presentation.charts.fleet_found import EngineFound, HealthFound
 from enginediag_cli.presentation.charts.fleet_map import fleet_map
 from enginediag_cli.presentation.charts.fleet_ranking import fleet_ranking
-from enginediag_cli.presentation.charts.margin import margin
-from enginediag_cli.presentation.charts.model import Column, Mark, Table, Value
+from enginediag_cli.presentation.charts.margin import maintenance_marks, margin
+from enginediag_cli.presentation.charts.model import Column, Table, Value
 from enginediag_cli.presentation.names import listed
 from enginediag_cli.presentation.numbers import probability, rounded, with_unit
 from enginediag_cli.presentation.report.next_steps import next_step
@@ -121,7 +121,7 @@ def fleet_section(result: Result, engines: Sequence[EngineFound], key: str) -> S
 
 
 def _engine(e: EngineFound, key: str) -> Section:
-    marks = [Mark(float(x.number), f"{x.kind} {x.component}".strip()) for x in e.events if x.number]
+    marks = maintenance_marks(e)
     charts = [margin(f"{key}-margin", e, marks), evidence_course(f"{key}-evidence", e, marks)]
     blocks: list[Block] = [Words(e.reason)] if e.reason else []
     blocks += [chart for chart in charts if chart is not None]

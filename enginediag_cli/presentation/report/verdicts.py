@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from enginediag_cli.parameters import meanings
 from enginediag_cli.presentation.charts.rows import Row, rival
 from enginediag_cli.presentation.isolation_rows import CANNOT_TELL
+from enginediag_cli.presentation.maintenance_rows import MAINTENANCE
 from enginediag_cli.presentation.names import listed
 from enginediag_cli.presentation.numbers import probability, rounded
 from enginediag_cli.presentation.report.evidence import EngineEvidence, Evidence
@@ -53,9 +54,13 @@ def _in_doubt(engine: EngineEvidence, found: _Found) -> _Found:
     return State.CANNOT_TELL, f"{told}ask explain what the model lacks. Nearest to it: {sentence}", names
 
 
+UNCHANGED = ("", "steady", MAINTENANCE)
+"""Kinds of rows of `trend` that tell of no change by itself."""
+
+
 def changed_in_trend(engine: EngineEvidence) -> list[Row]:
     """Rows of `trend` of parameters that have probably changed."""
-    rows = [row for row in engine.of(kinds.TREND) if row.text("kind") not in ("", "steady")]
+    rows = [row for row in engine.of(kinds.TREND) if row.text("kind") not in UNCHANGED]
     return [row for row in rows if row.number("probability") >= LIKELY]
 
 
@@ -69,7 +74,7 @@ def _by_trend(engine: EngineEvidence, evidence: Evidence) -> _Found | None:
             doubt = f"Something changed, and what is not settled; the likeliest ({probability(most)}): {told}."
             return State.CANNOT_TELL, doubt, names
         return State.CHANGED, f"{told}.", names
-    suspects = [row for row in rows if row.text("kind") not in ("", "steady")]
+    suspects = [row for row in rows if row.text("kind") not in UNCHANGED]
     if suspects and rows[0].text("verdict") == "changed":
         parts = {row.text("component"): row for row in suspects}
         each = [f"{_part(row, evidence)} ({probability(row.number('probability'))})" for row in parts.values()]

@@ -45,6 +45,7 @@ COMPONENTS = _kind("isolated components", "isolate --by component", "verdict com
 TREND = _kind("trend", "trend", "parameter kind onset change change_low change_high verdict")
 EVENTS = _kind("trend by component", "trend --by component", "components kind onset onset_flight flights")
 FLIGHTS = _kind("health of each flight", "trend --what flights", "parameter number change low high unit")
+MARGIN = _kind("margin", "trend --what margin", "row limit_K used_K margin_K remaining_flights recovered_K")
 FOLLOWED = _kind("evidence as records came", "detect --follow", "log10_e block alarm")
 DETECTED = _kind("verdicts", "detect", "verdict statistic threshold p_value alarm")
 LOCATED = _kind("places of a mismatch", "locate", "driver location statistic share stability")
@@ -54,7 +55,7 @@ FLEET = Kind("fleet", "fleet", keys=frozenset({"engines", "discoveries", "left_o
 NOMINAL = Kind("nominal engine", "identify")
 RECORDING = Kind("recording", "simulate")
 
-TABLES = (STATISTICS, RECORDS, ISOLATED, COMPONENTS, TREND, EVENTS, FLIGHTS, FOLLOWED, DETECTED, LOCATED)
+TABLES = (STATISTICS, RECORDS, ISOLATED, COMPONENTS, TREND, EVENTS, FLIGHTS, MARGIN, FOLLOWED, DETECTED, LOCATED)
 DOCUMENTS = (FLEET, EXPLAINED, REFINED)
 
 

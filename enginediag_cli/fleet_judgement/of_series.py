@@ -1,0 +1,160 @@
+"""The margin of engines whose flights are at hand as a series: the judgement of a fleet, of one engine or of some."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from enginediag_cli.config.hints import near
+from enginediag_cli.detection.trend_of_files import Series
+from enginediag_cli.errors import DataError
+from enginediag_cli.fleet_judgement.engine import judged_engine
+from enginediag_cli.fleet_judgement.finding import EngineFinding, FleetSettings, Moved
+from enginediag_cli.fleet_judgement.history import EngineHistory, Event
+from enginediag_cli.fleet_judgement.margin import MarginScale, margin_scale
+from enginediag_cli.fleet_judgement.remaining import with_forecasts
+from enginediag_cli.fleet_judgement.whose_events import events_by_engine
+from enginediag_cli.work_scope.equal_power import PowerNotHeldError
+from enginediag_cli.work_scope.gain import Gain, Moments, brought
+from enginediag_cli.work_scope.of_series import brought_before, conditions_of
+from enginediag_cli.work_scope.reference import Reference
+from enginediag_cli.work_scope.scope import NOT_KNOWN, Scoping
+
+FIRST = 1
+"""Flights that are believed healthy where nobody says how many: wear is counted from the first on."""
+
+
+@dataclass(frozen=True)
+class MarginQuestion:
+    """limits_K: column → limit at the reference condition; events: of a file that is called so; baseline: first flights
+    of an engine, of each, that are believed healthy, 0: those within its first `healthy` records; sensors: instruments
+    are suspects."""
+
+    limits_K: Mapping[str, float] = field(default_factory=dict)
+    events: Sequence[Event] = ()
+    events_file: str = ""
+    baseline: int = 0
+    healthy: int = 0
+    sensors: bool = True
+
+
+@dataclass(frozen=True)
+class Brought:
+    """What an event of maintenance did: changes of the parameters `names` with their standard `deviation`, and by how
+    much temperature and fuel fell at equal power, None with the `reason`."""
+
+    names: tuple[str, ...] = ()
+    change: tuple[float, ...] = ()
+    deviation: tuple[float, ...] = ()
+    gain: Gain | None = None
+    reason: str = ""
+
+
+@dataclass(frozen=True)
+class Followed:
+    """An engine with its margin, forecast and maintenance; brought: of each event of the finding, in its order, told at
+    `reference`; unknown: flights of events that are not recorded, and what may be meant."""
+
+    finding: EngineFinding
+    brought: Sequence[Brought]
+    reference: Reference | None
+    unknown: Mapping[str, str]
+
+
+@dataclass(frozen=True)
+class Margins:
+    """The engines of a series, by their names; others: engines that events name, and no recording."""
+
+    engines: Mapping[str, Followed]
+    series: Series
+    others: Sequence[str]
+
+
+def margins_of(series: Series, question: MarginQuestion) -> Margins:
+    """What a fleet of the engines of a series finds of each, and what maintenance brought.
+
+    series: with its monitor, which says what a change does to the temperature. Raises DataError for a limit of what is
+    no temperature of burnt gas, for events of nobody, and when flights of an engine have statistics of different
+    parameters.
+    """
+    assert series.monitor is not None
+    events, others = events_by_engine(question.events, series.stretches, question.events_file)
+    settings = FleetSettings(sensors=question.sensors, limits_K=question.limits_K, thorough=False)
+    scale = _scale(series, settings)
+    histories = []
+    for engine, stretches in series.stretches.items():
+        baseline = max(question.baseline or series.healthy(engine, question.healthy), FIRST)
+        histories.append(EngineHistory(engine, "", stretches, baseline, events.get(engine, ())))
+    findings = [_with_reason(judged_engine(history, series, settings, scale)) for history in histories]
+    findings = with_forecasts(findings, settings)
+    scoping = Scoping(series.monitor)
+    found = [_followed(f, h, series, scoping) for f, h in zip(findings, histories, strict=True)]
+    return Margins({one.finding.serial: one for one in found}, series, others)
+
+
+def _scale(series: Series, settings: FleetSettings) -> MarginScale:
+    """Of the hottest temperature, or of the hottest that has a limit."""
+    assert series.monitor is not None
+    limits, scale = settings.limits_K, margin_scale(series)
+    for column in limits:
+        if column not in series.monitor.sensors:
+            known = [scale.column] if scale.column else []
+            raise DataError(f"--limit: the engine has no sensor {column!r}; {near(column, known)}")
+    if not limits or not scale.column or scale.column in limits:
+        return scale
+    own = margin_scale(series, limits)
+    if not own.column:
+        told = ", ".join(limits)
+        raise DataError(f"--limit: {told} is no temperature of burnt gas; the hottest that is recorded: {scale.column}")
+    return own
+
+
+def _followed(finding: EngineFinding, history: EngineHistory, series: Series, scoping: Scoping) -> Followed:
+    reference = scoping.reference(conditions_of(history.stretches))
+    moved = finding.moved or [None] * len(finding.events)
+    whole = [e.number for e, change in zip(finding.events, moved, strict=True) if change is None and e.number > 1]
+    # of the whole engine, which the course of health does not cross: the nearest flights on either side
+    across = {found.flight: found for found in brought_before(scoping, series, finding.serial, whole)}
+    told = []
+    for event, change in zip(finding.events, moved, strict=True):
+        if change is not None:
+            told.append(_brought(change, scoping, reference))
+        elif (m := across.get(event.number)) is not None:
+            told.append(Brought(m.names, m.change, m.deviation, m.gain, m.reason))
+        else:
+            told.append(Brought())
+    return Followed(finding, told, reference, _unknown(history))
+
+
+def _brought(moved: Moved, scoping: Scoping, reference: Reference | None) -> Brought:
+    """At equal power, by the course of health: what flights on either side wore is no part of it."""
+    deviation = np.sqrt(np.diag(moved.covariance))
+    found = Brought(moved.names, tuple(moved.mean.tolist()), tuple(deviation.tolist()))
+    if scoping.engine is None or reference is None:
+        return replace(found, reason=NOT_KNOWN)
+    change = Moments(moved.names, moved.mean, moved.covariance)
+    try:
+        return replace(found, gain=brought(scoping.engine, reference, scoping.base, moved.before, change))
+    except PowerNotHeldError as error:
+        return replace(found, reason=str(error))
+
+
+def _with_reason(finding: EngineFinding) -> EngineFinding:
+    """An engine that could not be followed has no margin for the same reason."""
+    if finding.by_flight or finding.margin.reason:
+        return finding
+    return replace(finding, margin=replace(finding.margin, reason=finding.reason))
+
+
+def _unknown(history: EngineHistory) -> dict[str, str]:
+    """Flights that events name and nobody recorded, each with a hint."""
+    last = len(history.stretches)
+    labels = [label for x in history.stretches if (label := x.window.flight)]
+    found = {}
+    for event in history.events:
+        numbered = not labels and event.flight.isdigit() and int(event.flight) <= last
+        if event.flight and event.flight not in labels and not numbered:
+            found[event.flight] = near(event.flight, labels) if labels else f"its flights are numbered 1 to {last}"
+    return found
