@@ -81,7 +81,7 @@ def judged_engine(
     used = consumption_of(flights, found.course, margin_scale(series) if scale is None else scale, settings)
     stands_out = path.log_e[-1] >= -np.log(settings.false_discovery)
     since = (0, 0, 0)
-    if verdict == CHANGED or stands_out or chance >= SUSPECTED:
+    if settings.onsets and (verdict == CHANGED or stands_out or chance >= SUSPECTED):
         since = _since(onset_law(flights.rows(), suspects, flights.baseline), flights)
     health = _health(found, chance, since, current)
     best, low, high = since if verdict == CHANGED or stands_out else (0, 0, 0)

@@ -81,7 +81,7 @@ def margins_of(series: Series, question: MarginQuestion) -> Margins:
     """
     assert series.monitor is not None
     events, others = events_by_engine(question.events, series.stretches, question.events_file)
-    settings = FleetSettings(sensors=question.sensors, limits_K=question.limits_K, thorough=False)
+    settings = FleetSettings(sensors=question.sensors, limits_K=question.limits_K, thorough=False, onsets=False)
     scale = _scale(series, settings)
     histories = []
     for engine, stretches in series.stretches.items():
