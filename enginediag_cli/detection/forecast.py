@@ -190,10 +190,11 @@ def forecast(fit: Fitted, population: Population, limit: float, deviation: float
 
     w, none = _posterior(fit, population)
     tau, kappa = np.broadcast_to(TAU[:, None], w.shape), np.broadcast_to(KAPPA, w.shape)
-    slope = _slope(fit, tau, kappa)
-    level = float(np.sum(w * (fit.base + fit.grown)) + none * fit.base_none)
+    # a law that has no weight may be out of all numbers by now
+    slope, now = np.where(w > 0, _slope(fit, tau, kappa), 0.0), np.where(w > 0, fit.base + fit.grown, 0.0)
+    level = float(np.sum(w * now) + none * fit.base_none)
     rate = float(np.sum(w * slope))
-    second = float(np.sum(w * (fit.base + fit.grown - level) ** 2) + none * (fit.base_none - level) ** 2)
+    second = float(np.sum(w * (now - level) ** 2) + none * (fit.base_none - level) ** 2)
     rate_error = float(np.sqrt(np.sum(w * (slope - rate) ** 2) + none * rate**2))
     some = w > FEWEST_TOLD
     w, tau, kappa, base = w[some], tau[some], kappa[some], fit.base[some]

@@ -81,7 +81,7 @@ def judged_engine(
     used = consumption_of(flights, found.course, margin_scale(series) if scale is None else scale, settings)
     stands_out = path.log_e[-1] >= -np.log(settings.false_discovery)
     since = (0, 0, 0)
-    if verdict == CHANGED or stands_out or chance >= SUSPECTED:
+    if settings.onsets and (verdict == CHANGED or stands_out or chance >= SUSPECTED):
         since = _since(onset_law(flights.rows(), suspects, flights.baseline), flights)
     health = _health(found, chance, since, current)
     best, low, high = since if verdict == CHANGED or stands_out else (0, 0, 0)
@@ -105,7 +105,7 @@ def judged_engine(
         events=_events(found, used, history, earlier),
         margin=used.margin,
         state=_state(found),
-        moved=_moved(found, history),
+        moved=_moved(flights, found.course, history),
     )
 
 
@@ -299,9 +299,16 @@ def _events(found: _Judged, used: Consumption, history: EngineHistory, earlier: 
     return tuple(rows)
 
 
-def _moved(found: _Judged, history: EngineHistory) -> tuple[Moved | None, ...]:
-    """What each event of a history did, in the order of `_events`."""
-    c, flights = found.course, found.flights
+def moved_by(history: EngineHistory, series: Series) -> tuple[Moved | None, ...]:
+    """What each event did, by one course of health over all flights: those that renewed the whole engine, too, and
+    those before, of which the judgement of an engine tells nothing. None where flights are on one side alone."""
+    flights = flights_of(history, series)
+    compressors = compressors_of(series)
+    moved = [renewed(e, flights.described, compressors) for e in flights.events]
+    return _moved(flights, course(flights, moved), history)
+
+
+def _moved(flights: Flights, c: Course, history: EngineHistory) -> tuple[Moved | None, ...]:
     told: list[Moved | None] = []
     for event in history.events:
         if event not in flights.events:

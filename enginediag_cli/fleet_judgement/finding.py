@@ -187,7 +187,8 @@ class FleetSettings:
     healthy engines among those listed, on average; sensors: instruments are suspects; generic: the maps are not the
     engine's own; limits_K: column → limit of its temperature at the reference condition; consumed_limit_K: K of margin
     at which an engine is taken off, with its standard deviation, where that and no temperature is known, as from
-    engines that were; thorough: engines that stand out are judged as `trend` does, at a second each."""
+    engines that were; thorough: engines that stand out are judged as `trend` does, at a second each; onsets: since
+    when they have changed is asked, which takes longest of very many flights."""
 
     false_alarm: float = 0.01
     false_discovery: float = 0.05
@@ -196,3 +197,4 @@ class FleetSettings:
     limits_K: Mapping[str, float] = field(default_factory=dict)
     consumed_limit_K: tuple[float, float] | None = None
     thorough: bool = True
+    onsets: bool = True

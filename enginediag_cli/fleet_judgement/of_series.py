@@ -10,7 +10,7 @@ import numpy as np
 from enginediag_cli.config.hints import near
 from enginediag_cli.detection.trend_of_files import Series
 from enginediag_cli.errors import DataError
-from enginediag_cli.fleet_judgement.engine import judged_engine
+from enginediag_cli.fleet_judgement.engine import judged_engine, moved_by
 from enginediag_cli.fleet_judgement.finding import EngineFinding, FleetSettings, Moved
 from enginediag_cli.fleet_judgement.history import EngineHistory, Event
 from enginediag_cli.fleet_judgement.margin import MarginScale, margin_scale
@@ -18,7 +18,7 @@ from enginediag_cli.fleet_judgement.remaining import with_forecasts
 from enginediag_cli.fleet_judgement.whose_events import events_by_engine
 from enginediag_cli.work_scope.equal_power import PowerNotHeldError
 from enginediag_cli.work_scope.gain import Gain, Moments, brought
-from enginediag_cli.work_scope.of_series import brought_before, conditions_of
+from enginediag_cli.work_scope.of_series import conditions_of
 from enginediag_cli.work_scope.reference import Reference
 from enginediag_cli.work_scope.scope import NOT_KNOWN, Scoping
 
@@ -81,7 +81,7 @@ def margins_of(series: Series, question: MarginQuestion) -> Margins:
     """
     assert series.monitor is not None
     events, others = events_by_engine(question.events, series.stretches, question.events_file)
-    settings = FleetSettings(sensors=question.sensors, limits_K=question.limits_K, thorough=False)
+    settings = FleetSettings(sensors=question.sensors, limits_K=question.limits_K, thorough=False, onsets=False)
     scale = _scale(series, settings)
     histories = []
     for engine, stretches in series.stretches.items():
@@ -113,18 +113,11 @@ def _scale(series: Series, settings: FleetSettings) -> MarginScale:
 
 def _followed(finding: EngineFinding, history: EngineHistory, series: Series, scoping: Scoping) -> Followed:
     reference = scoping.reference(conditions_of(history.stretches))
-    moved = finding.moved or [None] * len(finding.events)
-    whole = [e.number for e, change in zip(finding.events, moved, strict=True) if change is None and e.number > 1]
-    # of the whole engine, which the course of health does not cross: the nearest flights on either side
-    across = {found.flight: found for found in brought_before(scoping, series, finding.serial, whole)}
-    told = []
-    for event, change in zip(finding.events, moved, strict=True):
-        if change is not None:
-            told.append(_brought(change, scoping, reference))
-        elif (m := across.get(event.number)) is not None:
-            told.append(Brought(m.names, m.change, m.deviation, m.gain, m.reason))
-        else:
-            told.append(Brought())
+    moved = list(finding.moved)
+    if any(change is None for change in moved):
+        across = moved_by(history, series)
+        moved = [mine or other for mine, other in zip(moved, across, strict=True)]
+    told = [Brought() if change is None else _brought(change, scoping, reference) for change in moved]
     return Followed(finding, told, reference, _unknown(history))
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
@@ -21,14 +21,6 @@ def maintenance_of(scoping: Scoping, series: Series, engine: str, events: Sequen
     """
     stretches = series.stretches[engine]
     flights = [_number(stretches, event, engine) for event in events]
-    if 1 in flights:
-        raise DataError("--event: no flight lies before the maintenance at flight 1")
-    yield from brought_before(scoping, series, engine, flights)
-
-
-def brought_before(scoping: Scoping, series: Series, engine: str, flights: Collection[int]) -> Iterator[Maintenance]:
-    """What the maintenance before each of these flights, numbers from 2, did bring to an engine, in their order."""
-    stretches = series.stretches[engine]
     monitor, conditions = series.monitor, conditions_of(stretches)
     spread = {}
     if monitor is not None and flights:
@@ -37,7 +29,10 @@ def brought_before(scoping: Scoping, series: Series, engine: str, flights: Colle
         spread = {name: s.sigma for name, s in stated.items() if s.origin == SPREAD}
     statistics = [x.statistics for x in stretches]
     for flight in sorted(set(flights)):
-        yield maintenance(scoping, statistics, flight, tuple(flights), spread, conditions)
+        try:
+            yield maintenance(scoping, statistics, flight, flights, spread, conditions)
+        except ValueError as error:
+            raise DataError(f"--event: {error}") from None
 
 
 def conditions_of(stretches: Sequence[Stretch]) -> Mapping[str, float]:

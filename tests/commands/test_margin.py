@@ -181,3 +181,15 @@ def test_a_limit_of_the_file_of_options_is_that_of_the_command_line(here, run):
     typed = margin(run, *ASKED)
     Path("enginediag.yaml").write_text("kind: defaults\ntrend: {limit: [T5_K 1030], events: washes.csv, baseline: 3}\n")
     assert margin(run) == typed
+
+
+def test_maintenance_that_brought_nothing_is_not_blamed_for_the_wear_of_the_flights_about_it(here, run):
+    Path("events.csv").write_text("kind,flight,component\nwash,5,\noverhaul,10,\nwash,15,\nexchange,30,turbine\n")
+    rows = margin(run, "--limit", "T5_K", "1030", "--events", "events.csv")
+    early, overhaul, wash, later = (row for row in rows if row["row"] == "maintenance")
+    for nothing in (early, overhaul):
+        assert nothing["temperature_gain_low"] < 0 < nothing["temperature_gain_high"] < 8
+    assert wash["temperature_gain_low"] > 0 and wash["recovered_low"] > 0
+    assert "another one since" in overhaul["reason"] and "before the engine was renewed" in early["reason"]
+    assert later["number"] is None and later["reason"] == "no flight is after it"
+    assert min(row["number"] for row in rows if row["row"] == "flight") == 10  # a renewed engine begins again

@@ -104,3 +104,11 @@ def test_a_limit_that_has_been_passed_leaves_no_flights():
     t = np.arange(1.0, 101.0, 5)
     found = forecast(fitted(course(t, 0.5 * t, 0.1), 10.0), straight(np.log(20.0), 0.5), 10.0)
     assert found.quantile(0.95) == 0.0
+
+
+@pytest.mark.filterwarnings("error")
+def test_thousands_of_flights_are_forecast_with_an_interval_although_steep_laws_leave_all_numbers():
+    t = np.linspace(1.0, 20_000.0, 60)
+    found = forecast(fitted(course(t, 1e-3 * t, 1.0), 40.0), unknown(), 40.0)
+    assert found.rate == pytest.approx(1e-3, rel=0.1) and 0 < found.rate_error < 1e-3
+    assert 0 < found.level_error < 2.0

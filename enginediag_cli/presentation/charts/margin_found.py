@@ -2,22 +2,21 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 from enginediag_cli.fleet_judgement.finding import Estimate
 from enginediag_cli.intervals import NORMAL_95
 from enginediag_cli.presentation.charts.fleet_found import NAN, EngineFound, EventFound, FlightFound, MarginFound
-from enginediag_cli.presentation.charts.model import Origin
 from enginediag_cli.presentation.charts.rows import Row
 from enginediag_cli.presentation.margin_rows import FLIGHT, MAINTENANCE, WHOLE
 
 
 @dataclass(frozen=True)
 class Brought:
-    """One event of maintenance: its row, and what stands in it."""
+    """One event of maintenance, and what it brought: `gains` in words, and how much temperature and fuel fell."""
 
-    row: Row
     event: EventFound
     flight: str
     gains: Sequence[str]
@@ -53,7 +52,7 @@ def margin_found(rows: Sequence[Row]) -> EngineFound | None:
 def maintenance_found(rows: Sequence[Row]) -> list[Brought]:
     """The events of maintenance, in the order of their flights."""
     found = [_brought(row) for row in rows if row.text("row") == MAINTENANCE]
-    return sorted(found, key=lambda x: x.event.number)
+    return sorted(found, key=lambda x: x.event.number or math.inf)
 
 
 def estimate(row: Row, name: str) -> Estimate:
@@ -70,7 +69,7 @@ def _flight(row: Row) -> FlightFound:
 
 def _brought(row: Row) -> Brought:
     kind, component = row.text("event"), row.text("component")
-    place = Origin(row.origin.file, row.origin.row)
-    event = EventFound(kind, component, row.count("number"), estimate(row, "recovered_K"), row.text("reason"), place)
+    recovered, reason = estimate(row, "recovered_K"), row.text("reason")
+    event = EventFound(kind, component, row.count("number"), recovered, reason, row.origin)
     gains, fuel = row.list("brought"), estimate(row, "fuel_gain_percent")
-    return Brought(row, event, row.text("flight"), gains, estimate(row, "temperature_gain_K"), fuel, row.text("held"))
+    return Brought(event, row.text("flight"), gains, estimate(row, "temperature_gain_K"), fuel, row.text("held"))

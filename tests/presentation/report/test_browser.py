@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 from browser import CHROMIUM, Browser
 from results_of_commands import engine_files, fleet, records
+from washed_engine import make
 
 from enginediag_cli.__main__ import main
 from enginediag_cli.presentation.charts.interactive import available
@@ -143,3 +144,29 @@ def test_a_fleet_is_read_on_a_phone_in_the_dark(browser, tmp_path) -> None:
     assert browser.errors == []
     assert browser.value("getComputedStyle(document.body).backgroundColor") == "rgb(27, 34, 43)"
     browser.dark(False)
+
+
+@pytest.mark.parametrize("width, phone", [(1200, False), (390, True)])
+def test_the_margin_of_one_engine_is_drawn_with_its_wash_and_is_no_wider_than_the_screen(
+    browser, washed, width, phone
+) -> None:
+    opened(browser, washed, width, 6000, phone=phone)
+    drawn = "document.getElementById('engine-1-margin')"
+    if available():
+        browser.wait(f"{drawn}.dataset.drawn === 'yes'")
+    assert browser.value(f"{drawn}.querySelector('.drawn').textContent").find("wash") >= 0
+    assert browser.value("document.documentElement.scrollWidth") <= width
+    box = f"{drawn}.getBoundingClientRect()"
+    assert browser.value(f"{box}.right") <= width and browser.value(f"{box}.height") > 200
+    assert browser.errors == [] and foreign(browser) == []
+
+
+@pytest.fixture(scope="module")
+def washed(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The page of an engine that was washed, with a limit."""
+    folder = tmp_path_factory.mktemp("washed")
+    recording = make(folder)
+    asked = ["--limit", "T5_K", "1030", "--events", str(folder / "washes.csv"), "--baseline", "3"]
+    page = str(folder / "page.html")
+    assert main(["report", "-n", str(folder / "nominal.yaml"), str(recording), *asked, "-q", "-o", page]) == 0
+    return folder / "page.html"
