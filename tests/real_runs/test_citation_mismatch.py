@@ -100,22 +100,22 @@ def test_no_single_part_or_instrument_fits_as_well(trials, side):
     best = trials[side][BLEED].objective
     assert trials[side]["HPC efficiency"].objective > best + 20
     for rival in ("LPT efficiency", "HPT flow capacity", "core nozzle area", "fuel meter", "thermocouples"):
-        assert trials[side][rival].objective > best + 100, rival
+        assert trials[side][rival].objective > best + 250, rival
 
 
-def test_it_takes_instruments_of_each_engine_at_once_to_fit_as_well(trials):
-    """Fit alone does not exclude that: four instruments would have to step in the same second, five times."""
+def test_it_takes_three_instruments_of_each_engine_at_once_to_fit_as_well(trials):
+    """Fit alone does not exclude that: six instruments would have to step in the same second, five times."""
     both = {
         name: sum(trials[side][name].objective for side in story.SIDES)
         for name in (BLEED, "fuel meter and thermocouples at once", "fuel meter, thermocouples and N2 at once")
     }
-    best = both.pop(BLEED)
-    assert all(abs(together - best) < 50 for together in both.values())
+    assert both[BLEED] < both["fuel meter and thermocouples at once"]
+    assert abs(both[BLEED] - both["fuel meter, thermocouples and N2 at once"]) < 30
 
 
 def test_the_engines_ask_for_the_same_share_of_bleed(trials):
     (a, s), (b, t) = (trials[side][BLEED].coefficients[FRACTION] for side in story.SIDES)
-    assert 0.025 < a < 0.04 and 0.025 < b < 0.04
+    assert 0.03 < a < 0.045 and 0.03 < b < 0.045
     assert abs(a - b) < 2.0 * np.hypot(s, t)
 
 
@@ -146,5 +146,5 @@ def test_explain_names_the_bleed(flights, folder, side):
     )
     first = table(out)[0]
     assert (first["status"], first["kind"], first["name"]) == ("hidden", "switch", BLEED)
-    assert 0.025 < float(first["low"]) < float(first["high"]) < 0.04
+    assert 0.03 < float(first["low"]) < float(first["high"]) < 0.04
     assert "5 changes within flights" in told
