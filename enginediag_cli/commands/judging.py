@@ -56,11 +56,13 @@ class Compared:
         return [self.nominal] if self.nominal else []
 
 
-def judged_files(source: Source, monitor: Monitor | None, judging: Judging, *, summed: bool = False) -> JudgedFiles:
-    """The files as windows; summed: windows of a flight are added up."""
+def judged_files(
+    source: Source, monitor: Monitor | None, judging: Judging, *, summed: bool = False, series: bool = False
+) -> JudgedFiles:
+    """The files as windows; summed: windows of a flight are added up; series: they are compared with each other."""
     from enginediag_cli.residuals.files import JudgedFiles
 
-    return JudgedFiles(open_intake(source, monitor), monitor, judging, summed=summed, given=_given())
+    return JudgedFiles(open_intake(source, monitor), monitor, judging, summed=summed, given=_given(), series=series)
 
 
 def _given() -> dict[str, bool]:

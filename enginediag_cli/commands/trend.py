@@ -23,10 +23,8 @@ from enginediag_cli.presentation.summaries import FLIGHTS, MARGIN, TREND, TREND_
 
 if TYPE_CHECKING:
     from enginediag_cli.errors import ExitCode
-    from enginediag_cli.fleet_judgement.of_series import MarginQuestion, Margins
     from enginediag_cli.intake.source import Source
-    from enginediag_cli.residuals.files import JudgedFiles, Judging
-    from enginediag_cli.residuals.monitor import Monitor
+    from enginediag_cli.residuals.files import Judging
 
 
 @click.command(short_help="Follow health over flights: level, onset and rate of deterioration.", epilog=exit_codes())
@@ -119,7 +117,7 @@ def trend(
         trend_rows,
     )
     from enginediag_cli.recordings.provenance import header_lines
-    from enginediag_cli.residuals.series_monitor import of_series
+    from enginediag_cli.residuals.series_monitor import for_comparison, of_series
     from enginediag_cli.work_scope.of_series import conditions_of, maintenance_of
     from enginediag_cli.work_scope.scope import Scoping
 
@@ -140,12 +138,14 @@ def trend(
     monitor = None if monitor is None else of_series(monitor)
     margins = None
     if followed and monitor is not None:
-        files, margins = _margins(source, monitor, judging, question, whole=whole)
+        from enginediag_cli.fleet_judgement.of_series import margins_of
+
+        files = judged_files(source, for_comparison(monitor), judging, summed=whole, series=True)
+        margins = margins_of(files, monitor, question)
         series = margins.series
         tell_margins(messages, margins)
     if margins is None or what != "margin":
-        files = judged_files(source, monitor, judging, summed=whole)
-        files.series = True
+        files = judged_files(source, monitor, judging, summed=whole, series=True)
         series = series_of(files, of_readings=what == "trend")
     if monitor is None and series.stretches and what == "trend":
         messages.note(
@@ -198,19 +198,3 @@ def trend(
     if series.lost:
         messages.warning(f"{series.lost} windows without a verdict were left out")
     return ending(0, len(rows), False)
-
-
-def _margins(
-    source: Source, monitor: Monitor, judging: Judging, question: MarginQuestion, *, whole: bool
-) -> tuple[JudgedFiles, Margins]:
-    """The margins of the engines of files, whose flights are condensed as a fleet does."""
-    from dataclasses import replace
-
-    from enginediag_cli.detection.trend_of_files import series_of
-    from enginediag_cli.fleet_judgement.of_series import margins_of
-    from enginediag_cli.residuals.series_monitor import for_comparison
-
-    files = judged_files(source, for_comparison(monitor), judging, summed=whole)
-    files.series = True
-    series = replace(series_of(files, of_readings=True), monitor=monitor)
-    return files, margins_of(series, question)

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from enginediag_cli.config.hints import near
-from enginediag_cli.detection.trend_of_files import Series
+from enginediag_cli.detection.trend_of_files import Series, Windows, series_of
 from enginediag_cli.errors import DataError
 from enginediag_cli.fleet_judgement.engine import judged_engine, moved_by
 from enginediag_cli.fleet_judgement.finding import EngineFinding, FleetSettings, Moved
@@ -16,11 +16,11 @@ from enginediag_cli.fleet_judgement.history import EngineHistory, Event
 from enginediag_cli.fleet_judgement.margin import MarginScale, margin_scale
 from enginediag_cli.fleet_judgement.remaining import with_forecasts
 from enginediag_cli.fleet_judgement.whose_events import events_by_engine
-from enginediag_cli.work_scope.equal_power import PowerNotHeldError
-from enginediag_cli.work_scope.gain import Gain, Moments, brought
+from enginediag_cli.residuals.monitor import Monitor
+from enginediag_cli.work_scope.gain import Gain, Moments
 from enginediag_cli.work_scope.of_series import conditions_of
 from enginediag_cli.work_scope.reference import Reference
-from enginediag_cli.work_scope.scope import NOT_KNOWN, Scoping
+from enginediag_cli.work_scope.scope import Scoping
 
 FIRST = 1
 """Flights that are believed healthy where nobody says how many: wear is counted from the first on."""
@@ -72,14 +72,14 @@ class Margins:
     others: Sequence[str]
 
 
-def margins_of(series: Series, question: MarginQuestion) -> Margins:
-    """What a fleet of the engines of a series finds of each, and what maintenance brought.
+def margins_of(files: Windows, monitor: Monitor, question: MarginQuestion) -> Margins:
+    """What a fleet of the engines of these files finds of each, and what maintenance brought.
 
-    series: with its monitor, which says what a change does to the temperature. Raises DataError for a limit of what is
-    no temperature of burnt gas, for events of nobody, and when flights of an engine have statistics of different
-    parameters.
+    files: windows of a series, made by `for_comparison(monitor)`; monitor: says what a change does to the temperature.
+    Raises DataError for a limit of what is no temperature of burnt gas, for events of nobody, and when flights of an
+    engine have statistics of different parameters.
     """
-    assert series.monitor is not None
+    series = replace(series_of(files, of_readings=True), monitor=monitor)
     events, others = events_by_engine(question.events, series.stretches, question.events_file)
     settings = FleetSettings(sensors=question.sensors, limits_K=question.limits_K, thorough=False, onsets=False)
     scale = _scale(series, settings)
@@ -89,7 +89,7 @@ def margins_of(series: Series, question: MarginQuestion) -> Margins:
         histories.append(EngineHistory(engine, "", stretches, baseline, events.get(engine, ())))
     findings = [_with_reason(judged_engine(history, series, settings, scale)) for history in histories]
     findings = with_forecasts(findings, settings)
-    scoping = Scoping(series.monitor)
+    scoping = Scoping(monitor)
     found = [_followed(f, h, series, scoping) for f, h in zip(findings, histories, strict=True)]
     return Margins({one.finding.serial: one for one in found}, series, others)
 
@@ -112,26 +112,21 @@ def _scale(series: Series, settings: FleetSettings) -> MarginScale:
 
 
 def _followed(finding: EngineFinding, history: EngineHistory, series: Series, scoping: Scoping) -> Followed:
-    reference = scoping.reference(conditions_of(history.stretches))
+    recorded = conditions_of(history.stretches)
     moved = list(finding.moved)
     if any(change is None for change in moved):
         across = moved_by(history, series)
         moved = [mine or other for mine, other in zip(moved, across, strict=True)]
-    told = [Brought() if change is None else _brought(change, scoping, reference) for change in moved]
-    return Followed(finding, told, reference, _unknown(history))
+    told = [Brought() if change is None else _brought(change, scoping, recorded) for change in moved]
+    return Followed(finding, told, scoping.reference(recorded), _unknown(history))
 
 
-def _brought(moved: Moved, scoping: Scoping, reference: Reference | None) -> Brought:
+def _brought(moved: Moved, scoping: Scoping, recorded: Mapping[str, float]) -> Brought:
     """At equal power, by the course of health: what flights on either side wore is no part of it."""
     deviation = np.sqrt(np.diag(moved.covariance))
-    found = Brought(moved.names, tuple(moved.mean.tolist()), tuple(deviation.tolist()))
-    if scoping.engine is None or reference is None:
-        return replace(found, reason=NOT_KNOWN)
     change = Moments(moved.names, moved.mean, moved.covariance)
-    try:
-        return replace(found, gain=brought(scoping.engine, reference, scoping.base, moved.before, change))
-    except PowerNotHeldError as error:
-        return replace(found, reason=str(error))
+    gain, reason = scoping.brought(moved.before, change, recorded)
+    return Brought(moved.names, tuple(moved.mean.tolist()), tuple(deviation.tolist()), gain, reason)
 
 
 def _with_reason(finding: EngineFinding) -> EngineFinding:

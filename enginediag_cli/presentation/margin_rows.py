@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Any
 from enginediag_cli.fleet_judgement.finding import Estimate
 from enginediag_cli.intervals import NORMAL_95
 from enginediag_cli.presentation.messages import Messages
-from enginediag_cli.presentation.names import listed
+from enginediag_cli.presentation.names import listed, maintained
 from enginediag_cli.presentation.numbers import rounded, with_unit
-from enginediag_cli.presentation.outputs.trend import MARGIN
+from enginediag_cli.presentation.outputs.trend import MARGIN, with_ends
 from enginediag_cli.presentation.sentences import change, count
 from enginediag_cli.presentation.work_scope_rows import gain_cells, gain_words
 from enginediag_cli.units import split_column
@@ -109,8 +109,7 @@ def _estimate(name: str, x: Estimate) -> dict[str, float | None]:
 
 def _cells(name: str, values: Sequence[float]) -> dict[str, float | None]:
     """Cells that hold nothing where a number is not known or has no end."""
-    stem = name.removesuffix("_K")
-    return dict(zip((name, f"{stem}_low", f"{stem}_high"), map(_known, values), strict=True))
+    return dict(zip(with_ends(name), map(_known, values), strict=True))
 
 
 def _known(value: float) -> float | None:
@@ -141,7 +140,7 @@ def odd_events(margins: Margins) -> Iterator[str]:
 def _maintenance_words(event: EventRow, found: Brought, reference: Reference | None, series: Series) -> str:
     """For instance "wash before flight 15: compressor isentropic efficiency rose by 1.0 % ± 0.4 %; it lowered T5 by
     8 K ± 3 K and lowered fuel flow by 0.9 % ± 0.3 % at equal thrust (design point)"."""
-    what = f"{event.event.kind} {event.event.component}".strip()
+    what = maintained(event.event.kind, event.event.component)
     when = event.event.flight or f"at {event.event.time_s:g} s"
     head = f"{what} before flight {when}" if event.event.flight else f"{what} {when}"
     parts = changes(found, series.known)

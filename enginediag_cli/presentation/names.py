@@ -6,12 +6,17 @@ from collections.abc import Iterable, Mapping
 
 from enginediag_cli.parameters import Parameter, meanings, spelled
 
-__all__ = ["listed", "spelled", "told"]
+__all__ = ["listed", "maintained", "spelled", "told"]
 
 
 def told(known: Mapping[str, Parameter], names: Iterable[str]) -> list[str]:
     """The parameters of these names as an engineer says them; one that is not known keeps its name."""
     return [p.words for p in meanings(known, names).values()]
+
+
+def maintained(kind: str, component: str) -> str:
+    """Maintenance in words: "exchange turbine"; of the whole engine its kind."""
+    return f"{kind} {component}".strip()
 
 
 def listed(items: list[str] | tuple[str, ...], last: str = "and") -> str:

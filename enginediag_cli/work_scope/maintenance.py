@@ -31,9 +31,8 @@ from enginediag_cli.isolation.prior import SetPrior
 from enginediag_cli.residuals.excitation import range_space
 from enginediag_cli.residuals.score import Score, fisher_score
 from enginediag_cli.residuals.statistics import LocalStatistics
-from enginediag_cli.work_scope.equal_power import PowerNotHeldError
-from enginediag_cli.work_scope.gain import Gain, Moments, brought
-from enginediag_cli.work_scope.scope import NOT_KNOWN, Scoping
+from enginediag_cli.work_scope.gain import Gain, Moments
+from enginediag_cli.work_scope.scope import Scoping
 
 NEAR = 10
 """Flights on each side of an event that are compared: more tell of wear rather than of the event."""
@@ -91,15 +90,8 @@ def maintenance(
     at = score.indices(names)
     engine = [i for i, p in enumerate(score.described) if not p.of_instrument]
     told = Moments(tuple(score.parameters[i] for i in engine), mean[engine], covariance[np.ix_(engine, engine)])
-    gain, reason = None, NOT_KNOWN
-    reference = scoping.reference(recorded or {})
-    if scoping.engine is not None and reference is not None:
-        # the level before, as far as flights tell it beyond what is plausible
-        start = _held(one)[engine]
-        try:
-            gain, reason = brought(scoping.engine, reference, scoping.base, start, told), ""
-        except PowerNotHeldError as error:
-            reason = str(error)
+    # the level before, as far as flights tell it beyond what is plausible
+    gain, reason = scoping.brought(_held(one)[engine], told, recorded or {})
     return Maintenance(
         flight,
         before.flights,

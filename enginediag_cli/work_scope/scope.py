@@ -18,7 +18,7 @@ from enginediag_cli.isolation.story import Member, Story
 from enginediag_cli.parameters import Parameter
 from enginediag_cli.residuals.monitor import Monitor
 from enginediag_cli.work_scope.equal_power import PowerNotHeldError
-from enginediag_cli.work_scope.gain import Gain, Moments, gains
+from enginediag_cli.work_scope.gain import Gain, Moments, brought, gains
 from enginediag_cli.work_scope.reference import Reference, plain_engine, reference_of
 
 NOT_KNOWN = "the engine file gives neither thrust nor power at an operating point that could be held"
@@ -93,6 +93,19 @@ class Scoping:
                 found += [g for g in scope.gains if g.module not in [f.module for f in found]]
         ordered = tuple(sorted(found, key=lambda g: -abs(g.temperature.value)))
         return WorkScope(ordered, scope.reference)
+
+    def brought(
+        self, before: np.ndarray, difference: Moments, recorded: Mapping[str, float]
+    ) -> tuple[Gain | None, str]:
+        """What the change `difference` from the level `before` (k,) did lower temperature and fuel by at equal power;
+        or None with the reason. recorded: as of `reference`."""
+        reference = self.reference(recorded)
+        if self.engine is None or reference is None:
+            return None, NOT_KNOWN
+        try:
+            return brought(self.engine, reference, self.base, before, difference), ""
+        except PowerNotHeldError as error:
+            return None, str(error)
 
     def _health(self, described: Sequence[Parameter], mean: np.ndarray, covariance: np.ndarray) -> Moments:
         known = self.engine.parameters if self.engine is not None else {}

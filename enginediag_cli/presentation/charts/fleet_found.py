@@ -12,6 +12,7 @@ from enginediag_cli.fleet_judgement.finding import Estimate
 from enginediag_cli.parameters import Parameter, spelled, unspecified
 from enginediag_cli.presentation.charts.model import Origin
 from enginediag_cli.presentation.charts.sizes import scale_of
+from enginediag_cli.presentation.names import maintained
 
 NAN = float("nan")
 
@@ -75,6 +76,10 @@ class EventFound:
     recovered_K: Estimate
     reason: str
     origin: Origin
+
+    @property
+    def words(self) -> str:
+        return maintained(self.kind, self.component)
 
 
 @dataclass(frozen=True)

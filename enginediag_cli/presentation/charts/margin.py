@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from typing import Protocol
 
 from enginediag_cli.intervals import NORMAL_95
-from enginediag_cli.presentation.charts.fleet_found import EngineFound
+from enginediag_cli.presentation.charts.fleet_found import EventFound, FlightFound, MarginFound
 from enginediag_cli.presentation.charts.model import (
     Axis,
     Band,
@@ -25,7 +26,18 @@ AHEAD = 2.0
 """A forecast is drawn up to so many times the flights that are there, or to its limit if that comes first."""
 
 
-def margin(key: str, engine: EngineFound, marks: Sequence[Mark] = ()) -> Chart | None:
+class WithMargin(Protocol):
+    """An engine whose margin can be drawn."""
+
+    @property
+    def margin(self) -> MarginFound: ...
+    @property
+    def by_flight(self) -> Sequence[FlightFound]: ...
+    @property
+    def events(self) -> Sequence[EventFound]: ...
+
+
+def margin(key: str, engine: WithMargin, marks: Sequence[Mark] = ()) -> Chart | None:
     """None where no flight tells of the margin."""
     told = [f for f in engine.by_flight if math.isfinite(f.consumed_K)]
     if not told:
@@ -66,9 +78,9 @@ def margin(key: str, engine: EngineFound, marks: Sequence[Mark] = ()) -> Chart |
     )
 
 
-def maintenance_marks(engine: EngineFound) -> list[Mark]:
+def maintenance_marks(engine: WithMargin) -> list[Mark]:
     """Maintenance at the first flight after it, by its count."""
-    return [Mark(float(x.number), f"{x.kind} {x.component}".strip()) for x in engine.events if x.number]
+    return [Mark(float(x.number), x.words) for x in engine.events if x.number]
 
 
 def _forecast(now: float, left_K: float, median: float, ends: tuple[float, float], flights: int) -> list[Layer]:

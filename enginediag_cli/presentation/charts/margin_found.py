@@ -8,9 +8,10 @@ from dataclasses import dataclass
 
 from enginediag_cli.fleet_judgement.finding import Estimate
 from enginediag_cli.intervals import NORMAL_95
-from enginediag_cli.presentation.charts.fleet_found import NAN, EngineFound, EventFound, FlightFound, MarginFound
+from enginediag_cli.presentation.charts.fleet_found import NAN, EventFound, FlightFound, MarginFound
 from enginediag_cli.presentation.charts.rows import Row
 from enginediag_cli.presentation.margin_rows import FLIGHT, MAINTENANCE, WHOLE
+from enginediag_cli.presentation.outputs.trend import with_ends
 
 
 @dataclass(frozen=True)
@@ -25,8 +26,17 @@ class Brought:
     held: str
 
 
-def margin_found(rows: Sequence[Row]) -> EngineFound | None:
-    """The engine of these rows; None where none of them tells of its margin as a whole."""
+@dataclass(frozen=True)
+class OwnMargin:
+    """An engine's margin, flight by flight and as a whole, with its maintenance."""
+
+    margin: MarginFound
+    by_flight: Sequence[FlightFound]
+    events: Sequence[EventFound]
+
+
+def margin_found(rows: Sequence[Row]) -> OwnMargin | None:
+    """The margin of the engine of these rows; None where none of them tells of its margin as a whole."""
     whole = next((row for row in rows if row.text("row") == WHOLE), None)
     if whole is None:
         return None
@@ -40,13 +50,7 @@ def margin_found(rows: Sequence[Row]) -> EngineFound | None:
         whole.text("reason"),
     )
     flights = [_flight(row) for row in rows if row.text("row") == FLIGHT]
-    events = [found.event for found in maintenance_found(rows)]
-    nothing = Estimate()
-    number = whole.count("number")
-    return EngineFound(
-        whole.text("engine"), "", number, 0, "", "", NAN, False, (0, 0, 0), "", nothing, "", (), flights, events, m,
-        whole.origin,
-    )  # fmt: skip
+    return OwnMargin(m, flights, [found.event for found in maintenance_found(rows)])
 
 
 def maintenance_found(rows: Sequence[Row]) -> list[Brought]:
@@ -57,8 +61,8 @@ def maintenance_found(rows: Sequence[Row]) -> list[Brought]:
 
 def estimate(row: Row, name: str) -> Estimate:
     """A value with the cells of its interval."""
-    stem = name.removesuffix("_K")
-    return Estimate(row.number(name), row.number(f"{stem}_low"), row.number(f"{stem}_high"))
+    value, low, high = map(row.number, with_ends(name))
+    return Estimate(value, low, high)
 
 
 def _flight(row: Row) -> FlightFound:

@@ -89,13 +89,15 @@ FLIGHTS = Table(
 _ESTIMATE = "of all flights together; in a row of a flight, by that flight alone"
 
 
-def _estimated(name: str, help: str, unit: str, level: str = "95 %") -> tuple[Field, Field, Field]:
-    stem = name.removesuffix(f"_{unit}")
-    return (
-        column(name, "number", help, unit, empty=True),
-        column(f"{stem}_low", "number", f"lower end of its {level} interval", unit, empty=True),
-        column(f"{stem}_high", "number", f"upper end of its {level} interval", unit, empty=True),
-    )
+def with_ends(name: str) -> tuple[str, str, str]:
+    """A column of the margin's table, and those of its interval: used_K, used_low, used_high."""
+    stem = name.removesuffix("_K")
+    return name, f"{stem}_low", f"{stem}_high"
+
+
+def _estimated(name: str, help: str, unit: str, level: str = "95 %") -> tuple[Field, ...]:
+    told = (help, f"lower end of its {level} interval", f"upper end of its {level} interval")
+    return tuple(column(n, "number", what, unit, empty=True) for n, what in zip(with_ends(name), told, strict=True))
 
 
 MARGIN = Table(

@@ -103,11 +103,7 @@ def _series(question: Question) -> dict[kinds.Kind, list[Row]]:
     from enginediag_cli.presentation.trend_rows import flight_rows, trend_rows
     from enginediag_cli.residuals.series_monitor import of_series
 
-    whole = question.judging.plan.whole
-    judging = replace(question.judging, plan=question.judging.plan.of_series, reference=0)
-    files = _files(question, of_series(question.suspicious), judging, summed=whole)
-    files.series = True
-    series = series_of(files)
+    series = series_of(_series_files(question, of_series(question.suspicious)))
     told: dict[kinds.Kind, list[Row]] = {kinds.FLIGHTS: [], kinds.TREND: []}
     for row in flight_rows(series):
         window = series.stretches[row["engine"]][row["number"] - 1].window
@@ -121,16 +117,12 @@ def _series(question: Question) -> dict[kinds.Kind, list[Row]]:
 
 @stage("following the margin")
 def _margins(question: Question, left_out: list[str]) -> list[Row]:
-    from enginediag_cli.detection.trend_of_files import series_of
     from enginediag_cli.fleet_judgement.of_series import margins_of
     from enginediag_cli.presentation.margin_rows import margin_rows, odd_events
     from enginediag_cli.residuals.series_monitor import for_comparison, of_series
 
     monitor = of_series(question.suspicious)
-    judging = replace(question.judging, plan=question.judging.plan.of_series, reference=0)
-    files = _files(question, for_comparison(monitor), judging, summed=question.judging.plan.whole)
-    files.series = True
-    margins = margins_of(replace(series_of(files, of_readings=True), monitor=monitor), question.margins)
+    margins = margins_of(_series_files(question, for_comparison(monitor)), monitor, question.margins)
     left_out += odd_events(margins)
     told = []
     for row in margin_rows(margins):
@@ -180,10 +172,15 @@ ALTITUDE = "altitude_m"
 """The input of every engine that flies."""
 
 
-def _files(
-    question: Question, monitor: Monitor, judging: Judging | None = None, *, summed: bool = False
-) -> JudgedFiles:
-    return JudgedFiles(_intake(question, monitor), monitor, judging or question.judging, summed=summed)
+def _files(question: Question, monitor: Monitor) -> JudgedFiles:
+    return JudgedFiles(_intake(question, monitor), monitor, question.judging)
+
+
+def _series_files(question: Question, monitor: Monitor) -> JudgedFiles:
+    """Windows that are compared with each other; a reference is of the series, not of a window."""
+    plan = question.judging.plan
+    judging = replace(question.judging, plan=plan.of_series, reference=0)
+    return JudgedFiles(_intake(question, monitor), monitor, judging, summed=plan.whole, series=True)
 
 
 def _intake(question: Question, monitor: Monitor) -> Intake:

@@ -42,16 +42,12 @@ def margin_blocks(engine: EngineEvidence, key: str) -> Iterator[Block]:
 
 def maintenance_in(engine: EngineEvidence, order: Order) -> list[Mark]:
     """Maintenance at its place among the flights of another chart."""
-    told = {x.event.number: f"{x.event.kind} {x.event.component}".strip() for x in _events(engine)}
+    told = {x.event.number: x.event.words for x in maintenance_found(engine.of(kinds.MARGIN))}
     for row in engine.of(kinds.TREND):
         if row.text("kind") == MAINTENANCE:
             told.setdefault(row.count("onset"), MAINTENANCE)
     places = ((order.at(number), words) for number, words in sorted(told.items()) if number)
     return [Mark(x, words) for x, words in places if x is not None]
-
-
-def _events(engine: EngineEvidence) -> list[Brought]:
-    return maintenance_found(engine.of(kinds.MARGIN))
 
 
 COLUMNS = (
@@ -73,7 +69,7 @@ def _table(events: Sequence[Brought]) -> Iterator[Block]:
         e = x.event
         rows.append(
             (
-                f"{e.kind} {e.component}".strip(),
+                e.words,
                 x.flight or e.number or "none recorded",
                 listed(list(x.gains)),
                 _fell(x.temperature_K, "K"),
