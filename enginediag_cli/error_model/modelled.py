@@ -162,6 +162,12 @@ class MapErrorModel(WrappedModel):
         rms = {machine: np.sqrt(np.mean(values**2, axis=0)).tolist() for machine, values in curves.items()}
         return {name: size for g in self._groups for name, size in zip(g.names, rms[g.machine.name], strict=True)}
 
+    def coordinates(self, frozen: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+        """Map coordinates (N, 2) of each machine, from frozen columns."""
+        return {
+            g.machine.name: np.column_stack([frozen[c] for c in g.machine.coordinate_columns]) for g in self._groups
+        }
+
     def frozen(self, inputs: Mapping[str, Any], sensors: Sequence[str], **options: Any) -> dict[str, np.ndarray]:
         """Frozen columns (N,) by name of all map errors at these records, 0 where there is no prediction; options: of
         the model's prediction."""

@@ -12,6 +12,7 @@ import numpy as np
 
 from enginediag_cli.engine.warm import apart
 from enginediag_cli.identification.gauss_newton import Fit, solve
+from enginediag_cli.identification.map_error import with_range_of
 from enginediag_cli.identification.normal_equations import NormalEquations, normal_equations
 from enginediag_cli.identification.problem import Problem
 from enginediag_cli.identification.steps import ways
@@ -54,7 +55,9 @@ def block_folds(recording: np.ndarray, block: int) -> np.ndarray:
 def cross_validate(problem: Problem, fit: Fit, block: int, max_iterations: int = MAX_ITERATIONS) -> CrossValidation:
     """Refit without each fold, starting from the full fit, and predict the fold.
 
-    Offsets of a recording come from its remaining records, or stay at zero when none remain.
+    Offsets of a recording come from its remaining records, or stay at zero when none remain. Errors of the maps begin
+    anew where the remaining records end, as in the fit of a user who has no others: curves that know where the fold
+    lies would be bent there by what lies elsewhere.
     """
     fold_of = block_folds(problem.recording, block)
     predicted = np.full(problem.measured.shape, np.nan)
@@ -67,7 +70,8 @@ def cross_validate(problem: Problem, fit: Fit, block: int, max_iterations: int =
         """What is predicted (n, m) of the records of a fold, None where the fit to the others did not converge."""
         out = fold_of == folds[k]
         # left out are the readings, not the records: their derivatives are those of the full fit, where these were kept
-        without = replace(problem, measured=np.where(out[:, None], np.nan, problem.measured))
+        without = with_range_of(problem, ~out & fit.equations.ok)
+        without = replace(without, measured=np.where(out[:, None], np.nan, problem.measured))
         with apart(problem.model):  # folds know nothing of each other, whoever fits them
             part = solve(
                 without,
@@ -75,7 +79,7 @@ def cross_validate(problem: Problem, fit: Fit, block: int, max_iterations: int =
                 max_iterations=max_iterations,
                 tolerance=TOLERANCE,
                 derivatives=ways(problem)[0],
-                begin=_without(problem, fit, out),
+                begin=_without(without, fit, out),
             )
         return part.equations.predicted[out] if part.converged else None
 
@@ -88,12 +92,15 @@ def cross_validate(problem: Problem, fit: Fit, block: int, max_iterations: int =
     return CrossValidation(predicted, len(folds), failed)
 
 
-def _without(problem: Problem, fit: Fit, out: np.ndarray) -> NormalEquations | None:
+def _without(without: Problem, fit: Fit, out: np.ndarray) -> NormalEquations | None:
     """Equations at the fit of all records but those `out` (N,), where the fit has kept its derivatives."""
     whole = fit.equations
     if whole.at is None:
         return None
-    part = normal_equations(problem.select(out), fit.x, fit.z, whole.at.select(out))
+    at = whole.at.with_curves(without, fit.x)
+    if at is not whole.at:
+        return normal_equations(without, fit.x, fit.z, at)
+    part = normal_equations(without.select(out), fit.x, fit.z, at.select(out))
     sums = {f: getattr(whole, f) - getattr(part, f) for f in ("H_xx", "H_xz", "H_zz", "g_x", "g_z")}
     return replace(
         whole,

@@ -60,6 +60,17 @@ def with_map_error(problem: Problem, accuracy: float) -> Problem:
     return replace(extended, inputs={**problem.inputs, **model.frozen(problem.inputs, problem.sensors)})
 
 
+def with_range_of(problem: Problem, records: np.ndarray) -> Problem:
+    """The problem with errors of maps that know no other range than that of some of its records (N,) bool, as if it had
+    been built of these alone."""
+    model = problem.model
+    if not isinstance(model, MapErrorModel):
+        return problem
+    at = model.coordinates(problem.inputs)
+    learnt = [learn_curves(c.machine, at[c.machine][records]) or c for c in model.curves]
+    return replace(problem, model=MapErrorModel(model.model, learnt, model.sizes))
+
+
 def map_error_sizes(problem: Problem, stated: float) -> tuple[MapErrorSize, ...]:
     """Sizes of the map errors as the problem has them."""
     if not isinstance(problem.model, MapErrorModel):

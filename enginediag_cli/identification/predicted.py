@@ -10,7 +10,7 @@ follow from columns of the records.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -75,6 +75,18 @@ class Predicted:
         t = self.tangent
         tangent = Tangent(t.names, t.own[keep], t.of_maps[keep], t.curves[keep], t.known[keep])
         return Predicted(self.y[keep], self.status[keep], tangent, self.taken)
+
+    def with_curves(self, problem: Problem, x: np.ndarray) -> Predicted:
+        """The same at x (p,) where errors of maps follow the curves of another problem, which readings follow linearly;
+        itself where there are none."""
+        t, model = self.tangent, problem.model
+        if not t.amounts or not isinstance(model, MapErrorModel):
+            return self
+        curves = model.factors(problem.inputs, problem.sensors)[1]
+        amounts = (problem.prior_sigma * x + problem.prior_mean)[-t.amounts :].reshape(t.curves.shape[1:])
+        moved = np.einsum("ngc,gc->ng", curves - t.curves, amounts)
+        y = self.y + np.matmul(t.of_maps, moved[:, :, None])[:, :, 0]
+        return Predicted(y, self.status, replace(t, curves=curves), self.taken)
 
     def by_parameters(self, problem: Problem, rows: slice) -> np.ndarray:
         """Derivatives (n, m, p) by all parameters that are sought; a new array."""

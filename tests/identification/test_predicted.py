@@ -9,7 +9,7 @@ import pytest
 from identification_toy import ToyEngine, fly
 
 from enginediag_cli.engine.warm import warm
-from enginediag_cli.identification.map_error import with_map_error
+from enginediag_cli.identification.map_error import with_map_error, with_range_of
 from enginediag_cli.identification.normal_equations import near_equations, normal_equations, predicted_at
 from enginediag_cli.identification.problem import TrainingRecording, build_problem
 from enginediag_cli.identification.settings import IdentificationSettings
@@ -87,19 +87,47 @@ def test_a_record_that_fails_has_neither_prediction_nor_weight(point):
     same(normal_equations(problem, x, z, kept), normal_equations(problem, x, z))
 
 
-def test_amounts_of_map_error_follow_from_columns_of_the_records():
-    """Asked as directions of the model, and as products of what each record brings along."""
+@pytest.fixture(scope="module")
+def turbojet():
+    """Records of a turbojet, climbing, and the same with errors of its maps among what is sought."""
     engine, rng, n = load_engine(str(shipped("turbojet.yaml"))), np.random.default_rng(1), 40
-    h = rng.uniform(0, 10_000, n)
+    h = np.sort(rng.uniform(0, 10_000, n))
     columns = {"altitude_m": h, "mach": 0.3 + 0.5 * h / 11_000, "dT_isa_K": np.full(n, 3.0)}
-    columns[engine.power_setting] = engine.power_from_fraction(rng.uniform(0.3, 1, n), columns)
+    columns[engine.power_setting] = engine.power_from_fraction(np.linspace(0.3, 1, n), columns)
     readings = engine.predict(columns, {}, sensors=list(engine.sensors)).y
     columns |= dict(zip(engine.sensors, readings.T, strict=True))
     plain = build_problem(warm(engine), [TrainingRecording("flight", columns)], IdentificationSettings())
-    extended = with_map_error(plain, 0.01)
+    return plain, with_map_error(plain, 0.01)
+
+
+def test_amounts_of_map_error_follow_from_columns_of_the_records(turbojet):
+    """Asked as directions of the model, and as products of what each record brings along."""
+    plain, extended = turbojet
+    rng = np.random.default_rng(1)
     x, z = 0.1 * rng.standard_normal(len(extended.parameters)), np.zeros((1, 0))
     kept = predicted_at(extended, x, z)
     assert kept.tangent.amounts == len(extended.parameters) - len(plain.parameters) > 0
     assert kept.fits(extended)
     assert not kept.fits(plain)
     same(normal_equations(extended, x, z, kept), normal_equations(extended, x, z))
+
+
+def test_maps_know_no_other_range_than_that_of_the_records_that_are_left(turbojet):
+    plain, extended = turbojet
+    early = np.arange(len(plain.recording)) < 25
+    left = with_range_of(extended, early)
+    alone = with_map_error(plain.select(early), 0.01)
+    for curves, expected, whole in zip(left.model.curves, alone.model.curves, extended.model.curves, strict=True):
+        assert curves.centre == pytest.approx(expected.centre)
+        assert curves.reach == pytest.approx(expected.reach)
+        assert curves.centre != whole.centre
+    assert with_range_of(plain, early) is plain
+
+
+def test_what_was_kept_needs_no_new_derivatives_where_errors_of_maps_have_another_range(turbojet):
+    plain, extended = turbojet
+    x, z = 0.1 * np.random.default_rng(1).standard_normal(len(extended.parameters)), np.zeros((1, 0))
+    kept, left = predicted_at(extended, x, z), with_range_of(extended, np.arange(len(plain.recording)) < 25)
+    same(normal_equations(left, x, z, kept.with_curves(left, x)), normal_equations(left, x, z))
+    of_none = predicted_at(plain, x[: len(plain.parameters)], z)
+    assert of_none.with_curves(plain, x[: len(plain.parameters)]) is of_none
