@@ -40,6 +40,7 @@ from enginediag_cli.mismatch.fit.options import (
 from enginediag_cli.mismatch.fit.projection import Projection
 from enginediag_cli.physics.registry import candidates
 from enginediag_cli.trials.blind.causes import Begun, Cause, Key, causes_of, hypothesis, key
+from enginediag_cli.trials.blind.lowest import lowest
 
 ALIAS = 11.0
 """λ_sep below which the right of two explanations wins less than 19 times out of 20."""
@@ -135,7 +136,10 @@ def _left(
     evidence: Evidence, other: Hypothesis, along: Nuisance, base: Identified, hopeless: float = np.inf
 ) -> tuple[float, bool]:
     """χ² with another hypothesis, and whether that fit converged; it is given up where it is `hopeless`."""
-    found = identify_with(evidence, other, along, base, hopeless=hopeless)
+    if np.isfinite(hopeless):
+        found = identify_with(evidence, other, along, base, hopeless=hopeless)
+    else:
+        found = lowest(evidence, other, along, base, ALIAS)
     return Projection(found).objective, found.converged
 
 

@@ -27,6 +27,7 @@ from enginediag_cli.mismatch.fit.identified import (
     nuisance,
     stacked,
 )
+from enginediag_cli.trials.blind.lowest import lowest
 from enginediag_cli.trials.blind.visible import VISIBLE
 
 NONE, FOUND, TRUE, SPLINE = "none", "found", "true", "spline"
@@ -69,7 +70,7 @@ class Ahead:
         does not converge. `engine`: one that carries more than that of the evidence."""
         both = self.both if engine is None else replace(self.both, engine=engine)
         plain = hypothesis is NO_HYPOTHESIS and engine is None
-        fit = self.base if plain else identify_with(both, hypothesis, self.along, self.base)
+        fit = self.base if plain else lowest(both, hypothesis, self.along, self.base, 0.0)
         if not fit.converged:
             return None
         last = len(self.true)

@@ -22,7 +22,6 @@ from enginediag_cli.mismatch.fit.identified import (
     inputs_of,
     nuisance,
 )
-from enginediag_cli.mismatch.fit.projection import Projection
 from enginediag_cli.physics.laws.variables import variables_of
 from enginediag_cli.physics.laws.written import entry_of
 from enginediag_cli.trials.blind.laws.ahead import FOUND, NONE, SPLINE, TRUE, Ahead
@@ -38,6 +37,7 @@ from enginediag_cli.trials.blind.laws.places import curved, inseparable, place_n
 from enginediag_cli.trials.blind.laws.spline import spline
 from enginediag_cli.trials.blind.laws.told import ToldLaw, all_built
 from enginediag_cli.trials.blind.laws.truth import LawTruth, along, curve, law_of
+from enginediag_cli.trials.blind.lowest import left_by, lowest
 from enginediag_cli.trials.blind.opened import evidence_of, short, trial_record
 from enginediag_cli.trials.blind.recorded import Recorded, readings
 from enginediag_cli.trials.blind.score import Marks, Said
@@ -162,12 +162,10 @@ class Opened:
         if laws is None:
             return np.inf
         if sought:
-            free = identify_with(self.base.evidence, Hypothesis(tuple(laws)), self.nuisance, self.base)
-            return Projection(free).objective if free.converged else np.inf
+            return left_by(lowest(self.base.evidence, Hypothesis(tuple(laws)), self.nuisance, self.base, ALIAS))
         engine = self.base.evidence.engine
         evidence = replace(self.base.evidence, engine=engine.with_effects((*engine.effects, *laws)))
-        fit = identify_with(evidence, NO_HYPOTHESIS, self.nuisance, self.base)
-        return Projection(fit).objective if fit.converged else np.inf
+        return left_by(lowest(evidence, NO_HYPOTHESIS, self.nuisance, self.base, ALIAS))
 
     def ahead(
         self, laws: Sequence[Effect] | None, place: Location | None, told: ToldLaw, searched: Evidence

@@ -17,8 +17,9 @@ from enginediag_cli.mismatch.fit.columns import Columns
 from enginediag_cli.mismatch.fit.extended import Discrepancy
 from enginediag_cli.mismatch.fit.families import Sums, grid
 from enginediag_cli.mismatch.fit.freeform import Location, locations
-from enginediag_cli.mismatch.fit.identified import Hypothesis, Identified, Nuisance, identify_with
+from enginediag_cli.mismatch.fit.identified import Hypothesis, Identified, Nuisance
 from enginediag_cli.mismatch.fit.projection import Projection
+from enginediag_cli.trials.blind.lowest import lowest
 from enginediag_cli.trials.blind.separability import ALIAS, NEAR
 
 REFITTED = 4
@@ -43,7 +44,7 @@ def place_separability(base: Identified, along: Nuisance, f: np.ndarray, truth: 
     near = sorted((p for p in where if left[p.name] < NEAR + 0.05 * projection.objective), key=lambda p: left[p.name])
     for p in near[:REFITTED]:
         rival = joined(base.hypothesis, curved(p, {"law": f - f.mean()}, base, BELIEVED))
-        fit = identify_with(base.evidence, rival, along, base)
+        fit = lowest(base.evidence, rival, along, base, ALIAS)
         if fit.converged:
             left[p.name] = Projection(fit).objective
     return left

@@ -44,6 +44,7 @@ from enginediag_cli.trials.blind.laws.opened import centred, described
 from enginediag_cli.trials.blind.laws.places import inseparable, joined, place_separability
 from enginediag_cli.trials.blind.laws.told import ToldLaw
 from enginediag_cli.trials.blind.laws.truth import LawTruth, along, curve, law_of
+from enginediag_cli.trials.blind.lowest import lowest
 from enginediag_cli.trials.blind.opened import evidence_of, short, trial_record
 from enginediag_cli.trials.blind.recorded import Recorded
 from enginediag_cli.trials.blind.score import Marks, Said
@@ -137,7 +138,7 @@ class Opened:
         }
 
     def _fit(self, sought: Hypothesis, start: Identified | None = None) -> Identified:
-        return identify_with(self.base.evidence, sought, self.nuisance, start or self.base)
+        return lowest(self.base.evidence, sought, self.nuisance, start or self.base, ALIAS)
 
     def _others(self, k: int) -> Hypothesis:
         return joined(*(self._true(c) for j, c in enumerate(self.truth) if j != k))
