@@ -9,9 +9,14 @@ the parallel sum of W. N. Anderson and R. J. Duffin (1969) J. Math. Anal. Appl. 
 have in common cancels. Instruments differ by their spread from flight to flight. Repair may move a parameter
 either way: wear says nothing of it.
 
-A level is told by the flights nearest to the event, as many as have one: with b = Σ b_k, I = Σ I_k of a side,
+A level is that at the event itself, told by the flights nearest to it: what they wore on the way there or since is no
+part of it. With δ_k = δ + d_k s at the distance d_k of flight k and a wear s ~ N(0, (WEAR D)²) of each side,
 
-    ĉ = (Σ b_kᵀ I_k⁺ b_k − bᵀ I⁺ b) / (Σ rank I_k − rank I)
+    b = Σ b_k − M Σ d_k b_k,     I = Σ I_k − M Σ d_k I_k,     M = Σ d_k I_k (Σ d_k² I_k + S⁻¹)⁻¹,
+
+as many flights as have such a course: with χ² of the course, and what it has of degrees of freedom,
+
+    ĉ = (Σ b_kᵀ I_k⁺ b_k − χ²) / (Σ rank I_k − rank)
 
 is 1 where they do, and above it by what the model does not know of flights; evidence is divided by it.
 """
@@ -35,7 +40,10 @@ from enginediag_cli.work_scope.gain import Gain, Moments
 from enginediag_cli.work_scope.scope import Scoping
 
 NEAR = 10
-"""Flights on each side of an event that are compared: more tell of wear rather than of the event."""
+"""Flights on each side of an event that are compared: over more of them wear is no straight line."""
+WEAR = 0.05
+"""Standard deviation of what a part wears from flight to flight, in prior standard deviations of a change: half of one
+in ten flights. Judgement: fast wear is that of a hundredth in as many. Instruments do not wear."""
 DIFFERENT = 4.0
 """ĉ from which flights have no common level: they differ by twice what their noise and instruments explain."""
 LARGEST = 5
@@ -129,27 +137,77 @@ class Level:
 
 
 def _level(side: Sequence[LocalStatistics], spread: Mapping[str, float]) -> Level:
-    """The flights of a side, the nearest first, as long as they have a level in common: two at least, where there are;
+    """The flights of a side, the nearest first, as long as they have a course in common: two at least, where there are;
     instruments' errors are each flight's own."""
     found: Level | None = None
-    p = len(side[0].parameters)
-    b, information, separate, ranks = np.zeros(p), np.zeros((p, p)), 0.0, 0
+    of = _Course.begun(len(side[0].parameters))
     for k, x in enumerate(side, start=1):
         variance = np.square([spread.get(name, 0.0) for name in x.parameters])
         own = fisher_score(x, uncertainty=np.diag(variance))
-        b, information = b + own.b, information + own.information
-        separate, ranks = separate + own.glr, ranks + own.rank
-        D = own.prior_sigma
-        space = range_space(information, D)
-        glr = float(np.sum(((D * b) @ space.basis) ** 2 / space.eigenvalues))
-        freedom = ranks - len(space.eigenvalues)
-        dispersion = max((separate - glr) / freedom, 1.0) if freedom > 0 else 1.0
+        of = of.joined(own, k - 0.5)
+        dispersion = of.dispersion(own)
         if found is not None and k > 2 and dispersion > DIFFERENT:
             break
-        score = replace(own, b=b, information=information, glr=glr, rank=len(space.eigenvalues))
-        found = Level(score, k, dispersion)
+        found = Level(of.at_the_event(own), k, dispersion)
     assert found is not None
     return found
+
+
+@dataclass(frozen=True)
+class _Course:
+    """Sums over flights of a side, in prior standard deviations: score and information of level and wear, (2p,) and
+    (2p, 2p); χ² and rank of the flights one by one."""
+
+    b: np.ndarray
+    information: np.ndarray
+    separate: float
+    ranks: int
+
+    @staticmethod
+    def begun(p: int) -> _Course:
+        return _Course(np.zeros(2 * p), np.zeros((2 * p, 2 * p)), 0.0, 0)
+
+    def joined(self, own: Score, distance: float) -> _Course:
+        b, information = own.scaled()
+        d = np.array([1.0, distance])
+        return _Course(
+            self.b + np.kron(d, b),
+            self.information + np.kron(np.outer(d, d), information),
+            self.separate + own.glr,
+            self.ranks + own.rank,
+        )
+
+    def _parts(self, like: Score) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Positions of the levels, and of the wear of what can wear, with its precision."""
+        p = len(like.parameters)
+        wears = np.array([not q.of_instrument for q in like.described])
+        return np.arange(p), p + np.flatnonzero(wears), np.full(int(wears.sum()), WEAR**-2)
+
+    def at_the_event(self, like: Score) -> Score:
+        """The score of the level there, wear being whatever it was."""
+        level, wear, precision = self._parts(like)
+        cross = self.information[np.ix_(level, wear)]
+        M = np.linalg.solve(self.information[np.ix_(wear, wear)] + np.diag(precision), cross.T).T
+        b = self.b[level] - M @ self.b[wear]
+        I = self.information[np.ix_(level, level)] - M @ cross.T
+        I = (I + I.T) / 2
+        inner = range_space(I, np.ones(len(b)))
+        glr = float(np.sum((b @ inner.basis) ** 2 / inner.eigenvalues))
+        D = like.prior_sigma
+        return replace(like, b=b / D, information=I / D / D[:, None], glr=glr, rank=inner.rank)
+
+    def dispersion(self, like: Score) -> float:
+        """ĉ, at least 1; 1 where nothing is left to tell it by."""
+        level, wear, precision = self._parts(like)
+        there = self.at_the_event(like)
+        own = self.information[np.ix_(wear, wear)]
+        held = np.linalg.solve(own + np.diag(precision), self.b[wear])
+        chi2 = there.glr + float(self.b[wear] @ held)
+        cross = self.information[np.ix_(level, wear)]
+        beside = own - cross.T @ np.linalg.pinv(self.information[np.ix_(level, level)], hermitian=True) @ cross
+        told = float(np.trace(np.linalg.solve(beside + np.diag(precision), beside)))
+        freedom = self.ranks - there.rank - told
+        return max((self.separate - chi2) / freedom, 1.0) if freedom > 0.5 else 1.0
 
 
 def _held(level: Score) -> np.ndarray:

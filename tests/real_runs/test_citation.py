@@ -169,6 +169,8 @@ def test_the_whole_flight_is_reproduced_as_well(flights, tmp_path, side):
 @pytest.mark.slow
 @pytest.mark.xfail(reason="0.18 and 0.17 points: a climb that is left out is not told by the cruise", strict=True)
 @pytest.mark.parametrize("side", SIDES)
-def test_blocks_of_the_whole_flight_that_are_left_out_are_predicted_within_an_eighth_of_a_point(flights, tmp_path, side):
+def test_blocks_of_the_whole_flight_that_are_left_out_are_predicted_within_an_eighth_of_a_point(
+    flights, tmp_path, side
+):
     N2, _, _ = rms(identify(flights, tmp_path, side), "cross_validated")
     assert N2 <= 0.12

@@ -128,27 +128,51 @@ def test_the_score_of_a_difference_estimates_the_difference_of_the_estimates() -
     assert np.linalg.inv(found.information) == pytest.approx(variance, rel=1e-6)
 
 
-def test_what_a_wash_did_bring_is_told_by_the_flights_next_to_it(engine, tmp_path: Path, capsys) -> None:
-    """Healthy flights, fouled ones, washed ones: the healthy ones are no level before the wash."""
-    path, rng = CONFIGS / "turbofan.yaml", np.random.default_rng(6)
+def followed(engine, folder: Path, states, rng):
+    """Series and scoping of flights with these values of HPC flow capacity and efficiency."""
+    path = CONFIGS / "turbofan.yaml"
     inputs = climb(engine, 40)
-    write_known(engine, path, inputs, tmp_path / "nominal.yaml")
+    write_known(engine, path, inputs, folder / "nominal.yaml")
     flights = []
-    for k, (flow, efficiency) in enumerate([(1, 1)] * 2 + [(0.97, 0.985)] * 3 + [(0.99, 0.995)] * 3, start=1):
+    for k, (flow, efficiency) in enumerate(states, start=1):
         table = recorded(engine, inputs, {"hpc.flow_capacity": flow, "hpc.efficiency": efficiency}, rng)
         flights.append({**table, "flight": np.full(40, str(k))})
     table = {c: np.concatenate([f[c] for f in flights]) for c in flights[0]}
     labels = table.pop("flight")
-    write_csv(tmp_path / "series.csv", [Recording(table, {"flight": labels.tolist()})])
-    monitor = monitor_of(open_baseline(str(tmp_path / "nominal.yaml")), sensors=True)
+    write_csv(folder / "series.csv", [Recording(table, {"flight": labels.tolist()})])
+    monitor = monitor_of(open_baseline(str(folder / "nominal.yaml")), sensors=True)
     files = JudgedFiles(
-        Intake(Source((str(tmp_path / "series.csv"),)), columns_of(monitor.engine, monitor.sensors)),
+        Intake(Source((str(folder / "series.csv"),)), columns_of(monitor.engine, monitor.sensors)),
         monitor,
         Judging(WindowPlan().of_series),
         summed=True,
         series=True,
     )
-    series, scoping = series_of(files), Scoping(monitor)
+    return series_of(files), Scoping(monitor)
+
+
+@pytest.mark.parametrize("restored", [0.0, 0.01])
+def test_what_flights_wore_before_and_after_a_wash_is_not_laid_to_it(engine, tmp_path: Path, restored) -> None:
+    """A hundredth of efficiency in ten flights, on either side."""
+    worn = [0.0012 * k - restored * (k > 10) for k in range(1, 21)]
+    series, scoping = followed(engine, tmp_path, [(1.0, 1.0 - w) for w in worn], np.random.default_rng(8))
+    (found,) = maintenance_of(scoping, series, "", ["11"])
+    assert (found.before, found.after) == (10, 10)
+    if not restored:
+        assert not found.names or found.probability < 0.5
+        return
+    assert found.names == ("hpc.efficiency",)
+    assert abs(found.change[0] - restored) < 2.5 * found.deviation[0] < 0.5 * restored
+    y = at_equal_power(engine, scoping.reference({}), {}, ("hpc.efficiency",), np.array([[-worn[9]], [-worn[10]]])).y
+    true = y[0, 0] - y[1, 0]
+    # flight 11 has worn a little again
+    assert abs(found.gain.temperature.value - true) < 3 * found.gain.temperature.deviation + 0.15 * true
+
+
+def test_what_a_wash_did_bring_is_told_by_the_flights_next_to_it(engine, tmp_path: Path, capsys) -> None:
+    """Healthy flights, fouled ones, washed ones: the healthy ones are no level before the wash."""
+    states = [(1, 1)] * 2 + [(0.97, 0.985)] * 3 + [(0.99, 0.995)] * 3
+    series, scoping = followed(engine, tmp_path, states, np.random.default_rng(6))
     (found,) = maintenance_of(scoping, series, "", ["6"])
     assert (found.before, found.after) == (3, 3)
     assert set(found.names) == {"hpc.flow_capacity", "hpc.efficiency"}
