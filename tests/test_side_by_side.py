@@ -9,11 +9,12 @@ import time
 import numpy as np
 import pytest
 
+from enginediag_cli.engine import batch
 from enginediag_cli.engine.batch import SHARE
 from enginediag_cli.errors import DataError, WorkerDiedError
 from enginediag_cli.physics.engine_file import load_engine
 from enginediag_cli.shipped import shipped
-from enginediag_cli.side_by_side import CAN_COPY, in_turn, processes, side_by_side, working
+from enginediag_cli.side_by_side import CAN_COPY, in_turn, processes, resident_MB, side_by_side, working
 
 pytestmark = pytest.mark.skipif(not CAN_COPY, reason="processes cannot begin as copies on this system")
 
@@ -87,7 +88,8 @@ def test_whoever_is_interrupted_leaves_no_process_behind(tmp_path):
 
 
 @pytest.mark.parametrize("fails", [False, True])
-def test_a_prediction_is_the_same_to_the_last_digit_whoever_solves_its_points(fails):
+def test_a_prediction_is_the_same_to_the_last_digit_whoever_solves_its_points(fails, monkeypatch):
+    monkeypatch.setattr(batch, "resident_MB", lambda: 0.0)
     engine = load_engine(shipped("turbofan.yaml"))
     rng = np.random.default_rng(5)
     n = 3 * SHARE + 17
@@ -107,3 +109,22 @@ def test_a_prediction_is_the_same_to_the_last_digit_whoever_solves_its_points(fa
             assert np.array_equal(getattr(one, name), getattr(other, name), equal_nan=True), name
         assert [one.reason(k) for k in range(n)] == [other.reason(k) for k in range(n)]
         assert all(np.array_equal(one.limits[name], other.limits[name]) for name in one.limits)
+
+
+def test_a_large_process_has_no_copy_of_it_solve_few_points(monkeypatch):
+    """The copy would take longer than the points."""
+    engine, n, asked = load_engine(shipped("turbojet.yaml")), 2 * SHARE, []
+    inputs = {"altitude_m": np.zeros(n), "mach": np.zeros(n), "dT_isa_K": np.zeros(n)}
+    inputs[engine.power_setting] = engine.power_from_fraction(np.full(n, 0.8), inputs)
+    monkeypatch.setattr(batch, "side_by_side", lambda work, pieces: asked.append(pieces) or [None] * pieces)
+    for memory in (0.0, 1000.0):
+        monkeypatch.setattr(batch, "resident_MB", lambda memory=memory: memory)
+        with working(2):
+            assert engine.predict(inputs, {}).ok.all()
+        assert asked == [2]
+
+
+def test_a_process_knows_how_much_memory_it_holds():
+    before = resident_MB()
+    kept = np.ones(25_000_000)
+    assert 150.0 < resident_MB() - before < 300.0 and kept.size

@@ -17,12 +17,13 @@ from enginediag_cli.engine.dual import Array
 from enginediag_cli.engine.outputs import Outputs, Read
 from enginediag_cli.engine.prediction import NOT_CONVERGED
 from enginediag_cli.engine.strategy import Strategy, Tries
-from enginediag_cli.side_by_side import processes, side_by_side
+from enginediag_cli.side_by_side import processes, resident_MB, side_by_side
 
 CHUNK = 10_000
 """Most points that are solved together: enough to hide the overhead of calls, few enough for memory."""
-SHARE = 300
-"""Fewest points for which another process is begun: it takes as long as a hundred of them."""
+SHARE, SHARE_PER_MB = 300, 4.0
+"""Fewest points for which another process is begun, and how many more for each megabyte that this one holds: a copy of
+a small process takes as long as some hundred points, and one of a large process has its tables of memory to copy."""
 
 
 @dataclass(frozen=True)
@@ -60,7 +61,8 @@ class Batch:
 
     def _by_several(self, at: Array, start: Array | None, tries: Tries) -> bool:
         """Whether several processes solved these points."""
-        n = processes(len(at) // SHARE)
+        most = len(at) // SHARE
+        n = processes(int(len(at) / (SHARE + SHARE_PER_MB * resident_MB()))) if processes(most) > 1 else 1
         if n == 1:
             return False
         parts = np.array_split(at, n)
