@@ -87,6 +87,8 @@ def test_the_page_of_one_engine_has_its_margin_with_forecast_and_maintenance(her
     assert run("report", *JUDGED, *ASKED, "--static", "-q", "-o", "page.html").exit_code == 0
     told, drawn = words(Path("page.html")), figure(Path("page.html"), "engine-1-margin")
     assert f"to the limit of {LIMIT_K:g} K" in told and "flights to it (90 %:" in told
+    first = Path("page.html").read_text(encoding="utf-8").split('<nav aria-label="Contents">')[0]
+    assert "<dt>Margin</dt><dd>T5 margin" in first and "flights to it (90 %:" in first
     assert "T5 margin and its forecast" in drawn and "90 % of the forecast" in drawn
     assert ">wash</text>" in drawn and f"limit {LIMIT_K:g} K" in drawn
     assert ">wash</text>" in figure(Path("page.html"), "engine-1-health")
@@ -108,6 +110,7 @@ def test_a_page_of_results_draws_the_same_margin_as_one_of_recordings(here, run)
     assert ">wash</text>" in figure(Path("read.html"), "engine-1-health")
     without = ("flights.csv", "trend.csv", "nominal.yaml")
     assert run("report", *without, "--static", "-q", "-o", "without.html").exit_code in (0, 3)
+    assert "<dt>Margin</dt>" not in Path("without.html").read_text(encoding="utf-8")
     assert "Cannot tell the margin of the turbine temperature, because none of these results follows it" in words(
         Path("without.html")
     )

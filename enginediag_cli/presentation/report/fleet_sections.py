@@ -41,7 +41,7 @@ def fleet_lead(document: Mapping[str, Any], engines: Sequence[EngineFound], key:
         surely = f"{count(len(listed_), 'engine')} on the list of discoveries: {surely}"
     worst = [e for e in engines if e.verdict == "changed"][:1]
     step = [f"Begin with {e.serial}: {_step(e)}" for e in worst]
-    return Lead(state, sentence, "", surely, "", " ".join(step), key=key, badge="fleet")
+    return Lead(state, sentence, surely=surely, next=" ".join(step), key=key, badge="fleet")
 
 
 GLANCE = (

@@ -76,7 +76,12 @@ def _page(page: Page, scripts: Sequence[str], plots: Mapping[str, Any]) -> Itera
 
 
 def _lead(lead: Lead) -> str:
-    facts = [("How surely", lead.surely), ("Since", lead.since), ("What to do next", lead.next)]
+    facts = [
+        ("How surely", lead.surely),
+        ("Since", lead.since),
+        ("Margin", lead.margin),
+        ("What to do next", lead.next),
+    ]
     rows = "".join(f"<dt>{name}</dt><dd>{said(text)}</dd>" for name, text in facts if text)
     for word, lines in (("What would flip it", lead.flips), ("Not excluded either", lead.rivals)):
         if lines:

@@ -56,14 +56,15 @@ Block: TypeAlias = Words | Bullets | Listing | Tabled | Chart
 
 @dataclass(frozen=True)
 class Lead:
-    """The first screen, of one engine: what is so, how surely, since when, what to do next, what would flip it;
-    `badge`: the state in other words."""
+    """The first screen, of one engine: what is so, how surely, since when, how far it is from its limit, what to do
+    next, what would flip it; `badge`: the state in other words."""
 
     state: State
     sentence: str
     engine: str = ""
     surely: str = ""
     since: str = ""
+    margin: str = ""
     next: str = ""
     flips: Sequence[str] = ()
     rivals: Sequence[str] = ()

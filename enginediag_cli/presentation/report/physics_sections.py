@@ -58,12 +58,10 @@ def _explained(answer: Mapping[str, Any], key: str) -> Lead:
     return Lead(
         state,
         _headline(told) or str(answer.get("reason") or status),
-        "",
-        "; ".join(surely),
-        "",
-        f"Next recording: {next_[0]}." if advice.get("suggestions") else " ".join(next_),
-        flips,
-        rivals,
+        surely="; ".join(surely),
+        next=f"Next recording: {next_[0]}." if advice.get("suggestions") else " ".join(next_),
+        flips=flips,
+        rivals=rivals,
         key=key,
         badge=BADGES.get(status, status),
     )
@@ -89,7 +87,12 @@ def _refined(answer: Mapping[str, Any], key: str) -> Lead:
     more = str(answer.get("still_missing") or "")
     next_ = "Use the refined engine file with every other command." if accepted else ""
     return Lead(
-        state, sentence, "", surely, "", f"{next_} {more}".strip(), key=key, badge=f"refinement {answer['verdict']}"
+        state,
+        sentence,
+        surely=surely,
+        next=f"{next_} {more}".strip(),
+        key=key,
+        badge=f"refinement {answer['verdict']}",
     )
 
 

@@ -6,9 +6,11 @@ import math
 from collections.abc import Sequence
 
 from enginediag_cli.parameters import meanings
+from enginediag_cli.presentation.charts.margin_found import margin_found
 from enginediag_cli.presentation.charts.rows import Row, rival
 from enginediag_cli.presentation.isolation_rows import CANNOT_TELL
 from enginediag_cli.presentation.maintenance_rows import MAINTENANCE
+from enginediag_cli.presentation.margin_rows import margin_words
 from enginediag_cli.presentation.names import listed
 from enginediag_cli.presentation.numbers import probability, rounded
 from enginediag_cli.presentation.report.evidence import EngineEvidence, Evidence
@@ -32,11 +34,14 @@ def lead_of(engine: EngineEvidence, evidence: Evidence, key: str) -> Lead:
         state,
         sentence,
         engine.engine,
-        _surely(engine),
-        _since(engine, state),
-        next_step(state, [evidence.known[n] for n in names if n in evidence.known], _telling(engine), _advice(engine)),
-        _flips(engine),
-        _rivals(engine, evidence),
+        surely=_surely(engine),
+        since=_since(engine, state),
+        margin=_margin(engine),
+        next=next_step(
+            state, [evidence.known[n] for n in names if n in evidence.known], _telling(engine), _advice(engine)
+        ),
+        flips=_flips(engine),
+        rivals=_rivals(engine, evidence),
         key=key,
     )
 
@@ -199,6 +204,12 @@ def _since(engine: EngineEvidence, state: State) -> str:
         return f"{named}, {word}{within}"
     run = first_of_last_run(engine.of(kinds.DETECTED))
     return f"{run.window}, the first of an unbroken run of alarms" if run is not None else ""
+
+
+def _margin(engine: EngineEvidence) -> str:
+    """How far the turbine temperature is from its limit, where a result follows it."""
+    found = margin_found(engine.of(kinds.MARGIN))
+    return f"{_capital(margin_words(found.margin))}." if found is not None else ""
 
 
 def first_of_last_run(rows: Sequence[Row]) -> Row | None:
