@@ -105,6 +105,7 @@ class Fits:
             reach = reach_of(best, alone)
             trial = attempt(options, self._nearest(options), self.along, of_few, reach, onward=self.onward)
             reached = objective_of(trial.found.fit)
+            trial.found.model.rest()
             self.fitted[trial.label] = trial
             if trial.converged:
                 trials.append(trial)
