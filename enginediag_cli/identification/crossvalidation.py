@@ -70,8 +70,8 @@ def cross_validate(problem: Problem, fit: Fit, block: int, max_iterations: int =
         """What is predicted (n, m) of the records of a fold, None where the fit to the others did not converge."""
         out = fold_of == folds[k]
         # left out are the readings, not the records: their derivatives are those of the full fit, where these were kept
-        without = with_range_of(problem, ~out & fit.equations.ok)
-        without = replace(without, measured=np.where(out[:, None], np.nan, problem.measured))
+        rest = with_range_of(problem, ~out & fit.equations.ok)
+        without = replace(rest, measured=np.where(out[:, None], np.nan, problem.measured))
         with apart(problem.model):  # folds know nothing of each other, whoever fits them
             part = solve(
                 without,
@@ -79,7 +79,7 @@ def cross_validate(problem: Problem, fit: Fit, block: int, max_iterations: int =
                 max_iterations=max_iterations,
                 tolerance=TOLERANCE,
                 derivatives=ways(problem)[0],
-                begin=_without(without, fit, out),
+                begin=_without(rest, fit, out),
             )
         return part.equations.predicted[out] if part.converged else None
 
@@ -92,15 +92,16 @@ def cross_validate(problem: Problem, fit: Fit, block: int, max_iterations: int =
     return CrossValidation(predicted, len(folds), failed)
 
 
-def _without(without: Problem, fit: Fit, out: np.ndarray) -> NormalEquations | None:
-    """Equations at the fit of all records but those `out` (N,), where the fit has kept its derivatives."""
+def _without(problem: Problem, fit: Fit, out: np.ndarray) -> NormalEquations | None:
+    """Equations at the fit of all records but those `out` (N,), where the fit has kept its derivatives. `problem`: with
+    the readings of these, too, and with the errors of maps that a fit without them has."""
     whole = fit.equations
     if whole.at is None:
         return None
-    at = whole.at.with_curves(without, fit.x)
-    if at is not whole.at:
-        return normal_equations(without, fit.x, fit.z, at)
-    part = normal_equations(without.select(out), fit.x, fit.z, at.select(out))
+    at = whole.at.with_curves(problem, fit.x)
+    if at is not whole.at:  # of other curves all sums are others
+        whole = normal_equations(problem, fit.x, fit.z, at)
+    part = normal_equations(problem.select(out), fit.x, fit.z, at.select(out))
     sums = {f: getattr(whole, f) - getattr(part, f) for f in ("H_xx", "H_xz", "H_zz", "g_x", "g_z")}
     return replace(
         whole,

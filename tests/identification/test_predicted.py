@@ -9,6 +9,8 @@ import pytest
 from identification_toy import ToyEngine, fly
 
 from enginediag_cli.engine.warm import warm
+from enginediag_cli.identification.crossvalidation import _without
+from enginediag_cli.identification.gauss_newton import Fit
 from enginediag_cli.identification.map_error import with_map_error, with_range_of
 from enginediag_cli.identification.normal_equations import near_equations, normal_equations, predicted_at
 from enginediag_cli.identification.problem import TrainingRecording, build_problem
@@ -131,3 +133,18 @@ def test_what_was_kept_needs_no_new_derivatives_where_errors_of_maps_have_anothe
     same(normal_equations(left, x, z, kept.with_curves(left, x)), normal_equations(left, x, z))
     of_none = predicted_at(plain, x[: len(plain.parameters)], z)
     assert of_none.with_curves(plain, x[: len(plain.parameters)]) is of_none
+
+
+@pytest.mark.parametrize("maps", [False, True])
+def test_a_fit_without_a_block_begins_at_the_equations_of_all_other_records(turbojet, maps):
+    """Made of those of the whole, with the errors of maps that a fit without the block has."""
+    problem = turbojet[maps]
+    x, z = 0.1 * np.random.default_rng(1).standard_normal(len(problem.parameters)), np.zeros((1, 0))
+    whole = normal_equations(problem, x, z, predicted_at(problem, x, z))
+    out = np.arange(len(problem.recording)) >= 25
+    rest = with_range_of(problem, ~out)
+    found = _without(rest, Fit(x, z, whole, np.zeros(len(x), bool), True, "", ()), out)
+    expected = normal_equations(replace(rest, measured=np.where(out[:, None], np.nan, rest.measured)), x, z)
+    same(found, expected)
+    assert np.isnan(found.residual[out]).all()
+    assert found.residual[~out] == pytest.approx(expected.residual[~out], rel=1e-6, abs=1e-6)
