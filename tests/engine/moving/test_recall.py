@@ -85,15 +85,20 @@ def test_derivatives_are_those_of_differences(name):
     moves = 0
     for j, parameter in enumerate(wrt):
         value = engine.parameters[parameter].nominal
-        h = 1e-5 * max(abs(value), 1e-3)
-        y = [engine.predict(inputs, {parameter: value + side * h}, sensors=sensors).y for side in (2, 1, -1, -2)]
-        difference = (8.0 * (y[1] - y[2]) - (y[0] - y[3])) / (12.0 * h)
-        scale = np.abs(difference).max(axis=0)
-        scale[scale < 1e-6 * np.abs(at.y).max(axis=0)] = 0.0  # what the solver's tolerance leaves
+        # of small steps the last digits of the solutions are left, which processors round in their own ways
+        for step in (1e-5, 1e-4):
+            h = step * max(abs(value), 1e-3)
+            y = [engine.predict(inputs, {parameter: value + side * h}, sensors=sensors).y for side in (2, 1, -1, -2)]
+            difference = (8.0 * (y[1] - y[2]) - (y[0] - y[3])) / (12.0 * h)
+            scale = np.abs(difference).max(axis=0)
+            scale[scale < 1e-6 * np.abs(at.y).max(axis=0)] = 0.0  # what the solver's tolerance leaves
+            error = np.abs(at.jacobian[:, :, j] - difference) / np.where(scale > 0.0, scale, np.inf)
+            # where a delay meets a record there is a kink
+            near = np.quantile(error, 0.99)
+            if near < 1e-6:
+                break
         moves += bool(scale.any())
-        error = np.abs(at.jacobian[:, :, j] - difference) / np.where(scale > 0.0, scale, np.inf)
-        # where a delay meets a record there is a kink
-        assert np.quantile(error, 0.99) < 1e-6, parameter
+        assert near < 1e-6, parameter
     assert moves >= len(coefficients(engine))
 
 
