@@ -61,8 +61,9 @@ class Batch:
 
     def _by_several(self, at: Array, start: Array | None, tries: Tries) -> bool:
         """Whether several processes solved these points."""
-        most = len(at) // SHARE
-        n = processes(int(len(at) / (SHARE + SHARE_PER_MB * resident_MB()))) if processes(most) > 1 else 1
+        n = processes(len(at) // SHARE)
+        if n > 1:  # seldom so, and to ask for the memory takes time
+            n = processes(int(len(at) / (SHARE + SHARE_PER_MB * resident_MB())))
         if n == 1:
             return False
         parts = np.array_split(at, n)

@@ -164,9 +164,7 @@ class MapErrorModel(WrappedModel):
 
     def coordinates(self, frozen: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
         """Map coordinates (N, 2) of each machine, from frozen columns."""
-        return {
-            g.machine.name: np.column_stack([frozen[c] for c in g.machine.coordinate_columns]) for g in self._groups
-        }
+        return _coordinates_at(self._groups, frozen, len(next(iter(frozen.values()), ())))
 
     def frozen(self, inputs: Mapping[str, Any], sensors: Sequence[str], **options: Any) -> dict[str, np.ndarray]:
         """Frozen columns (N,) by name of all map errors at these records, 0 where there is no prediction; options: of
@@ -206,9 +204,15 @@ def _columns(at: list[int]) -> slice | list[int]:
 
 def _curves_at(groups: Sequence[_Group], frozen: Mapping[str, np.ndarray], n: int) -> dict[str, np.ndarray]:
     """Machine → values (n, CURVES) of its curves at the frozen coordinates."""
+    curves = {g.machine.name: g.curves for g in groups}
+    return {name: curves[name].at(at) for name, at in _coordinates_at(groups, frozen, n).items()}
+
+
+def _coordinates_at(groups: Sequence[_Group], frozen: Mapping[str, np.ndarray], n: int) -> dict[str, np.ndarray]:
+    """Machine → its frozen coordinates (n, 2)."""
     return {
-        machine.name: curves.at(np.column_stack([np.broadcast_to(frozen[c], (n,)) for c in machine.coordinate_columns]))
-        for machine, curves in {g.machine.name: (g.machine, g.curves) for g in groups}.values()
+        machine.name: np.column_stack([np.broadcast_to(frozen[c], (n,)) for c in machine.coordinate_columns])
+        for machine in {g.machine.name: g.machine for g in groups}.values()
     }
 
 

@@ -104,6 +104,17 @@ def test_contiguous_blocks_left_out_are_predicted(identified, side):
     assert N2 <= 0.36 and ITT <= 6.0 and Wf <= 1.3
 
 
+RIGHT = pytest.param(
+    "right", marks=pytest.mark.xfail(reason="0.35 points and 1.22 % with three quarters of the flight", strict=True)
+)
+
+
+@pytest.mark.parametrize("side", [SIDES[0], RIGHT])
+def test_contiguous_blocks_left_out_are_predicted_within_a_third_of_a_point(identified, side):
+    N2, _, Wf = rms(identified[side], "cross_validated")
+    assert N2 <= 0.31 and Wf <= 1.2
+
+
 @pytest.mark.parametrize("side", SIDES)
 def test_the_quarter_of_the_flight_held_out_is_predicted_within_half_a_per_cent_more(identified, side):
     N2, ITT, Wf = rms(identified[side], "held_out")

@@ -1,8 +1,8 @@
-"""The lowest of the fits to flights without noise that one truth is held against.
+"""The lower of two fits, where the truth of a trial is held against what was said.
 
 A large effect that the model lacks may take what is identified into another valley, in which a fit that goes on from
-there stays when the effect is put in. Priors lie at the true state here, so that a fit that begins at them finds the
-valley of the truth.
+there stays when the effect is put in. A fit that begins at the priors, which lie near the true state or at it, finds
+the valley of the truth.
 """
 
 from __future__ import annotations

@@ -161,11 +161,11 @@ class Opened:
         anew, too."""
         if laws is None:
             return np.inf
-        if sought:
-            return left_by(lowest(self.base.evidence, Hypothesis(tuple(laws)), self.nuisance, self.base, ALIAS))
-        engine = self.base.evidence.engine
-        evidence = replace(self.base.evidence, engine=engine.with_effects((*engine.effects, *laws)))
-        return left_by(lowest(evidence, NO_HYPOTHESIS, self.nuisance, self.base, ALIAS))
+        evidence, free = self.base.evidence, Hypothesis(tuple(laws))
+        if not sought:
+            engine = evidence.engine
+            evidence, free = replace(evidence, engine=engine.with_effects((*engine.effects, *laws))), NO_HYPOTHESIS
+        return left_by(lowest(evidence, free, self.nuisance, self.base, ALIAS))
 
     def ahead(
         self, laws: Sequence[Effect] | None, place: Location | None, told: ToldLaw, searched: Evidence
