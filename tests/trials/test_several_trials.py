@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
 
@@ -23,6 +24,7 @@ from enginediag_cli.trials.blind.several.named import matched, named_causes
 from enginediag_cli.trials.blind.several.opened import apart
 from enginediag_cli.trials.blind.sheet import sheet
 from enginediag_cli.trials.blind.trial import Plan, run_trial
+from enginediag_cli.trials.blind.visible import drawable
 
 CONFIGS = Path(__file__).parents[2] / "configs"
 PATH = str(CONFIGS / "turbojet.yaml")
@@ -109,7 +111,15 @@ def test_sizes_stay_within_what_is_plausible():
     s = drawn(THREE)
     for e in s.effects:
         for c in () if isinstance(e.term, Law) else e.term.amplitudes():
-            assert c.lower <= s.values[e.parameter_name(c.name)] <= c.upper
+            assert c.lower < s.values[e.parameter_name(c.name)] < c.upper
+
+
+def test_a_cause_that_would_end_at_a_bound_is_drawn_anew(turbojet):
+    first = next(e for e in drawable(turbojet) if all(np.isfinite(c.upper) for c in e.term.amplitudes()))
+    values = {c.name: c.absent + 0.6 * (c.upper - c.absent) for c in first.term.amplitudes()}
+    part = Part("effect", Cause(first.label), 1.0, replace(first, values=values))
+    assert part.is_plausible
+    assert not part.scaled(2.0).is_plausible and not part.scaled(1.0 / 0.6).is_plausible
 
 
 # how it is marked

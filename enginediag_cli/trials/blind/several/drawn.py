@@ -59,11 +59,16 @@ class Part:
         if self.effect is None:
             return None
         known = {c.name: c for c in self.effect.term.amplitudes()}
-        values = {
-            n: float(np.clip(known[n].absent + self.size * (v - known[n].absent), known[n].lower, known[n].upper))
-            for n, v in self.effect.values.items()
-        }
+        values = {n: known[n].absent + self.size * (v - known[n].absent) for n, v in self.effect.values.items()}
         return replace(self.effect, values=values)
+
+    @property
+    def is_plausible(self) -> bool:
+        """Every coefficient of an effect within its bounds: who explains refuses one that ends at a bound."""
+        if self.law is not None or self.carried is None:
+            return True
+        sizes = set(self.carried.amplitudes)
+        return all(p.lower < p.nominal < p.upper for p in self.carried.parameters() if p.name in sizes)
 
     def hypothesis(self, engine: Engine, records: int) -> Hypothesis:
         """The cause as something to fit, begun at its size."""
@@ -177,8 +182,10 @@ def _step(ground: Ground, kind: str, n: int, rng: np.random.Generator) -> Part:
 def _given(
     ground: Ground, flights: Sequence[Mapping[str, np.ndarray]], model_error: float, parts: Sequence[Part]
 ) -> list[float] | None:
-    """λ of each cause given the others, on these flights without noise; None where a fit does not converge, or begins
-    where the engine cannot run."""
+    """λ of each cause given the others, on these flights without noise; None where one is not plausible, a fit does not
+    converge, or begins where the engine cannot run."""
+    if not all(p.is_plausible for p in parts):
+        return None
     engine, n = ground.engine, ground.found.evidence.records
     several = Several.of(parts)
     truth = engine.with_effects((*engine.effects, *several.effects))
