@@ -210,14 +210,19 @@ class Recall:
             recalled.slopes |= {n: slopes for n, (_, slopes) in found.items()}
             recalled.settled = True
             return
+        held = any(there(m, theta) for m in states)
         back = np.zeros((N, len(states), len(states)))  # how signals follow what is remembered, at the first sweep
         for sweep in range(SWEEPS):
             # what no way has led to is tried again from its neighbours, not in every way once a sweep
-            p = engine.solved({**points, **m_now}, theta, N, names, () if sweep else names, start, walk=sweep == 0)
+            follow = names if held and not sweep else ()
+            p = engine.solved({**points, **m_now}, theta, N, names, follow, start, walk=sweep == 0)
             start = np.where(np.isfinite(p.x), p.x, np.nan)
+            s = np.stack([_signal(m, tape, p.y[:, i]) for i, m in enumerate(states)], axis=1)
+            if not held:  # nothing is passed on, whatever the signals are and follow
+                recalled.settled = True
+                break
             if not sweep:
                 back = np.nan_to_num(p.jacobian) * ~np.array(measured)[:, None]
-            s = np.stack([_signal(m, tape, p.y[:, i]) for i, m in enumerate(states)], axis=1)
             new = _consistent(states, tape, theta, s, back, m_now)
             change = [_change(new[n], m_now[n]) for n in names]
             m_now = new
@@ -229,6 +234,10 @@ class Recall:
         recalled.values |= m_now
         recalled.slopes |= {n: {} for n in names}
         if not wrt:
+            return
+        if not held:
+            own = {m.name: filtered(m, tape, Known(s[:, i], {}), theta, wrt)[1] for i, m in enumerate(states)}
+            recalled.slopes |= own
             return
         leaves = tuple(dict.fromkeys((*given, *names)))
         p = engine.solved(
@@ -291,6 +300,11 @@ def active(m: Memory, theta: Mapping[str, Any], wrt: Sequence[str]) -> bool:
     return sought or any(bool(np.any(theta[n] != absent)) for n, absent in m.absent.items())
 
 
+def there(m: Memory, theta: Mapping[str, Any]) -> bool:
+    """Whether it remembers anything: absent, it passes nothing on."""
+    return any(float(np.mean(theta[n])) != absent for n, absent in m.absent.items())
+
+
 def asked_for(
     engine: Engine, points: Mapping[str, Any], theta: Mapping[str, Any], wrt: Sequence[str], size: int
 ) -> Known:
@@ -309,9 +323,7 @@ def filtered(
     m: Memory, tape: Tape, signal: Known, theta: Mapping[str, Any], wrt: Sequence[str]
 ) -> tuple[Array, dict[str, Array]]:
     """What a memory makes of its signal: values (N,) and derivatives (N,) by name, of its trials as well."""
-    # absent, it passes nothing on
-    there = any(float(np.mean(theta[n])) != absent for n, absent in m.absent.items())
-    names = list(signal.slopes) if there else []
+    names = list(signal.slopes) if there(m, theta) else []
     rows = np.stack([signal.slopes[n] for n in names]) if names else np.zeros((0, len(tape)))
     coefficients = [float(np.mean(theta[c])) for c in m.coefficients]
     clock = tape.clock(m.shown_by)
