@@ -1,4 +1,4 @@
-"""False discoveries over engines and time: python tests/benchmarks/fleet_discoveries.py [--engines N] [--flights N]
+"""False discoveries over engines and time: python tests/benchmarks/fleet_discoveries.py [--engines N] [--flights N] [--wander S]
 
 Healthy engines, and as many as a twentieth of them that are faulty, as local statistics in the turbofan's own geometry
 (`tests/fleet_judgement/turbofan_fleet.py` says what healthy engines differ by). E at several looks, the share of
@@ -46,8 +46,9 @@ def main() -> None:
     options.add_argument("--flights", type=int, default=200)
     options.add_argument("--scatter", type=float, default=1.0, help="of flights, by how much larger than usual")
     options.add_argument("--wander", type=float, default=0.0, help="of instruments, by how much of their offsets")
+    options.add_argument("--seed", type=int, default=12)
     asked = options.parse_args()
-    rng = np.random.default_rng(12)
+    rng = np.random.default_rng(asked.seed)
     healthy = paths(rng, asked.engines, asked, False)
     faulty = paths(rng, max(asked.engines // 20, 1), asked, True)
     looks = [n for n in (40, 60, 100, 150, 200) if n <= asked.flights] or [asked.flights]

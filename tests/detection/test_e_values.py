@@ -38,8 +38,8 @@ def test_an_engine_without_an_e_value_counts_and_is_not_listed():
 
 def test_e_knows_neither_level_nor_scatter_of_the_readings():
     rng = np.random.default_rng(2)
-    z = rng.standard_normal((40, M))
-    z[25:] += DIRECTIONS[2]
+    z = rng.standard_normal((80, M))
+    z[50:] += DIRECTIONS[2]
     T = np.tril(rng.standard_normal((M, M))) + 3 * np.eye(M)
     found = e_path(rows(z), SUSPECTS, 10)
     moved = e_path(rows(z @ T.T + 100.0), Suspects(DIRECTIONS @ T.T, SUSPECTS.weights), 10)
@@ -96,7 +96,7 @@ def test_the_onset_and_the_suspect_of_a_change_are_found():
     z = rng.standard_normal((80, M))
     z[50:] += 4 * DIRECTIONS[1]
     found = e_path(rows(z), SUSPECTS, 20)
-    assert found.log_e[-1] > 10 and found.log_e[45] < 2
+    assert found.log_e[-1] > 6 and found.log_e[45] < 2
     assert abs(int(np.argmax(found.onset)) - 50) <= 4 and found.growing < 0.5
     assert int(np.argmax(found.suspect)) == 1
 

@@ -52,6 +52,16 @@ def test_what_is_worn_is_named_with_its_onset_and_what_it_takes_of_the_margin():
     assert found.by_flight[-1].p_value < 1e-6
 
 
+def test_instruments_that_wander_each_by_itself_are_no_change():
+    """By six tenths of the offsets that come with each flight, over 5 to 30 flights: one engine in a hundred may be called
+    changed."""
+    rng = np.random.default_rng(41)
+    quick = FleetSettings(thorough=False, onsets=False)
+    found = [judged(engine_history(rng, str(k), 100, wander=0.6), quick) for k in range(60)]
+    assert sum(f.verdict == CHANGED for f in found) <= 3  # 99.7 % of all fleets where one in a hundred is
+    assert sum(max(r.log10_e for r in f.by_flight) > np.log10(20) for f in found) <= 8  # 3 at most on average, Ville
+
+
 def test_an_instrument_that_fails_uses_no_margin():
     change = lost(100, {"sensor.T45.bias": 6.0}, np.arange(100) >= 50)
     found = judged(engine_history(np.random.default_rng(3), "C", 100, change))
