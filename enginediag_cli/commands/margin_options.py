@@ -1,4 +1,4 @@
-"""`--limit`, `--events` and `--baseline` of commands that follow the margin of a turbine temperature."""
+"""What the margin of a turbine temperature is counted to and from, for commands that follow it."""
 
 from __future__ import annotations
 
@@ -17,14 +17,18 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Asked:
-    """limits_K: column → limit; events: file of maintenance, "" for none; baseline: flights, 0 where not said."""
+    """limits_K: column → limit; consumed_limit_K: margin that is lost when an engine is taken off, and its standard
+    deviation; taken_off: engines that tell it; events: file of maintenance, "" for none; baseline: flights, 0 where not
+    said."""
 
     limits_K: dict[str, float]
+    consumed_limit_K: tuple[float, float] | None
+    taken_off: tuple[str, ...]
     events: str
     baseline: int
 
     def __bool__(self) -> bool:
-        return bool(self.limits_K or self.events)
+        return bool(self.limits_K or self.consumed_limit_K or self.taken_off or self.events)
 
     @property
     def configs(self) -> list[str]:
@@ -35,7 +39,13 @@ class Asked:
     def notes(self) -> dict[str, str]:
         """Choices that a result depends on, for its provenance."""
         limits = ", ".join(f"{c} {v:g}" for c, v in self.limits_K.items())
-        told = {"limit": limits, "baseline": self.baseline and f"first {self.baseline} flights"}
+        consumed = " ± ".join(f"{v:g}" for v in self.consumed_limit_K or ())
+        told = {
+            "limit": limits,
+            "consumed limit": consumed and f"{consumed} K",
+            "taken off": ", ".join(self.taken_off),
+            "baseline": self.baseline and f"first {self.baseline} flights",
+        }
         return {name: str(value) for name, value in told.items() if value}
 
     def question(self, *, healthy: int = 0, sensors: bool = True) -> MarginQuestion:
@@ -47,17 +57,35 @@ class Asked:
         from enginediag_cli.fleet_judgement.of_series import MarginQuestion
 
         events = read_events(Path(self.events), named=False) if self.events else ()
-        return MarginQuestion(self.limits_K, events, os.path.basename(self.events), self.baseline, healthy, sensors)
+        return MarginQuestion(
+            self.limits_K,
+            self.consumed_limit_K,
+            self.taken_off,
+            events,
+            os.path.basename(self.events),
+            self.baseline,
+            healthy,
+            sensors,
+        )
 
 
 def margin_options(function: Callable[..., Any]) -> Callable[..., Any]:
-    """The three options as one argument `asked: Asked`."""
+    """The options as one argument `asked: Asked`."""
 
     @wraps(function)
     def with_asked(
-        *args: Any, limits: tuple[tuple[str, float], ...], events_path: str | None, baseline: int, **others: Any
+        *args: Any,
+        limits: tuple[tuple[str, float], ...],
+        consumed_limit_K: tuple[float, float] | None,
+        taken_off: tuple[str, ...],
+        events_path: str | None,
+        baseline: int,
+        **others: Any,
     ) -> Any:
-        return function(*args, asked=Asked(dict(limits), events_path or "", baseline), **others)
+        if sum(map(bool, (limits, consumed_limit_K, taken_off))) > 1:
+            raise click.UsageError("a limit is one of --limit, --consumed-limit and --taken-off")
+        asked = Asked(dict(limits), consumed_limit_K, taken_off, events_path or "", baseline)
+        return function(*args, asked=asked, **others)
 
     limit = click.option(
         "--limit",
@@ -68,6 +96,22 @@ def margin_options(function: Callable[..., Any]) -> Callable[..., Any]:
         multiple=True,
         help="Highest permitted turbine temperature, such as T45_K 1180, at the hottest operating point that "
         "identification had: what its margin is counted to.",
+    )
+    consumed = click.option(
+        "--consumed-limit",
+        "consumed_limit_K",
+        nargs=2,
+        type=FiniteRange(min=0, min_open=True),
+        metavar="KELVIN KELVIN",
+        help="Where no temperature limit is known: margin that engines have lost when they are taken off, and its "
+        "standard deviation, such as 25 3.",
+    )
+    taken_off = click.option(
+        "--taken-off",
+        metavar="ENGINE",
+        multiple=True,
+        help="An engine of these recordings that end where it was taken off because it was worn; of three at least: "
+        "what they had lost by then is the limit of all others.",
     )
     events = click.option(
         "--events",
@@ -85,4 +129,4 @@ def margin_options(function: Callable[..., Any]) -> Callable[..., Any]:
         help="First flights of an engine that are believed healthy: the margin that wear has taken is counted from "
         "them; those of --reference, or else the first flight, where not given.",
     )
-    return limit(events(baseline(with_asked)))
+    return limit(consumed(taken_off(events(baseline(with_asked)))))

@@ -75,9 +75,9 @@ def report(
 
     FILEs are what detect, isolate, trend, residual, locate, explain, refine --report, fleet and identify wrote, as CSV
     or JSON with all columns, in any order; what each is, its content says. With -n the others are recordings, which are
-    detected, isolated and followed here; the margin of their turbine temperature is counted to --limit, and --events
-    tells of maintenance. The page asks nothing of any network. Plots move where bokeh is installed (pip install
-    'enginediag[report]'); the same files give the same bytes.
+    detected, isolated and followed here; the margin of their turbine temperature is counted to --limit, or to what
+    stands in its place, and --events tells of maintenance. The page asks nothing of any network. Plots move where bokeh
+    is installed (pip install 'enginediag[report]'); the same files give the same bytes.
     """
     from enginediag_cli.presentation.charts.interactive import WITHOUT
     from enginediag_cli.presentation.report.build import page_of
@@ -88,7 +88,7 @@ def report(
 
     judges = compared.nominal is not None
     if asked and not judges:
-        raise click.UsageError("--limit and --events need -n NOMINAL; of results, give what trend --what margin wrote")
+        raise click.UsageError("limits and --events need -n NOMINAL; of results, give what trend --what margin wrote")
     results = [read_result(path, source.label(path), recordings=judges) for path in source.files]
     evidence, left_out = _evidence(messages, source, compared, judging, _Told(false_alarm, asked), results)
     if not static and not moves():

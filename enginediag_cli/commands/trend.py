@@ -125,9 +125,9 @@ def trend(
         raise click.UsageError(f"--event needs --nominal, and does not go with --what {what}")
     followed = bool(asked) or what == "margin"
     if followed and compared.nominal is None:
-        raise click.UsageError("--what margin, --limit and --events need --nominal: the engine says what wear heats")
+        raise click.UsageError("--what margin, its limits and --events need --nominal: the engine says what wear heats")
     if followed and what != "margin" and "-" in source.files:
-        raise click.UsageError("standard input is read once, and --limit and --events read it again: name a file")
+        raise click.UsageError("standard input is read once, and limits and --events read it again: name a file")
     whole = judging.plan.whole
     notes = {**source.notes, **judging.notes, **asked.notes}
     healthy = judging.reference

@@ -9,7 +9,8 @@ that does not, whose residual is known up to its size σ and its law in time K, 
 itself, or wandering, of each direction by itself, since instruments do not wander alike. Level, errors that come with
 the operating point (coefficients N(0, λ σ²)), offsets that change from flight to flight, how large they are, how they
 go together and how long they last are nuisance of both hypotheses. With L Lᵀ = K + X λ Xᵀ the rows of V = L⁻¹ Z are
-independent given σ, and L⁻¹ is causal. With h = L⁻¹ g for a course g (n,) of a change, and sums over the first n flights
+independent given σ, and L⁻¹ is causal. With h = L⁻¹ g for a course g (n,) of a change, and sums over the first n
+flights
 
     A = Σ v vᵀ,   c = Σ h v,   γ = Σ h²,   a = dᵀA⁻¹d,   b = cᵀA⁻¹d,   γ_d = γ − cᵀA⁻¹c + b²/a
 
@@ -35,6 +36,7 @@ directions, sizes, courses and onsets, all weighed beforehand.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
@@ -272,7 +274,7 @@ class _Sums:
     def of(w: _Whitened, peaks: np.ndarray, clipped: bool) -> _Sums:
         v = _clipped(w.v) if clipped else w.v
         edges = [0, *(peaks + 1).tolist()]
-        spans = [slice(a, b) for a, b in zip(edges[:-1], edges[1:], strict=True)]
+        spans = [slice(a, b) for a, b in pairwise(edges)]
         A = np.cumsum([v[s].T @ v[s] for s in spans], axis=0)
         c = np.cumsum(np.stack([w.h[:, s] @ v[s] for s in spans], axis=1), axis=1)
         gamma = np.cumsum(np.stack([np.sum(w.h[:, s] ** 2, axis=1) for s in spans], axis=1), axis=1)

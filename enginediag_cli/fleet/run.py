@@ -8,7 +8,6 @@ from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
-from enginediag_cli.config.hints import near
 from enginediag_cli.errors import DataError, NoVerdictError
 from enginediag_cli.fleet.condense import CondenseTask, Outcome, condense, whole_monitor
 from enginediag_cli.fleet.fleet import Fleet
@@ -20,7 +19,7 @@ from enginediag_cli.fleet.store import Store
 from enginediag_cli.fleet.tree import TreeSum
 from enginediag_cli.fleet_judgement.finding import EngineFinding, FleetFinding, FleetSettings
 from enginediag_cli.fleet_judgement.fleet import judged_fleet
-from enginediag_cli.fleet_judgement.remaining import learnt_limit
+from enginediag_cli.fleet_judgement.remaining import with_taken_off
 from enginediag_cli.progress import each
 from enginediag_cli.residuals.admission import Elsewhere
 from enginediag_cli.residuals.statistics import LocalStatistics
@@ -181,7 +180,7 @@ def run_fleet(fleet: Fleet, recordings: Sequence[Recorded], store: Store, runner
         why = f": {left_out[0][0]}: {left_out[0][1]}" if left_out else ""
         raise NoVerdictError(f"{fleet.path}: no engine to judge{why}")
     findings, sums, elsewhere = _judged(tasks, runner)
-    settings = _with_limit(fleet, tasks[0].settings, findings)
+    settings = with_taken_off(tasks[0].settings, findings, fleet.judge["taken_off"], f"{fleet.path}: taken_off")
     serials = {task.serial for task in tasks}
     known = whole_monitor(tasks[0].nominal, tasks[0].fingerprint).meaning
     return FleetResult(
@@ -195,24 +194,6 @@ def run_fleet(fleet: Fleet, recordings: Sequence[Recorded], store: Store, runner
         elsewhere,
         settings.consumed_limit_K,
     )
-
-
-def _with_limit(fleet: Fleet, settings: FleetSettings, findings: Sequence[EngineFinding]) -> FleetSettings:
-    """The settings with the limit that engines had reached that were taken off, where the fleet file names them."""
-    named = dict.fromkeys(fleet.judge["taken_off"])
-    if not named:
-        return settings
-    known = {finding.serial: finding for finding in findings}
-    for serial in named:
-        if serial not in known:
-            raise DataError(
-                f"{fleet.path}: taken_off names engine {serial}, which is not judged; {near(serial, known)}"
-            )
-    try:
-        limit = learnt_limit([known[serial] for serial in named])
-    except ValueError as error:
-        raise DataError(f"{fleet.path}: taken_off: {error}") from None
-    return replace(settings, consumed_limit_K=limit)
 
 
 def _judged(

@@ -14,7 +14,7 @@ from enginediag_cli.fleet_judgement.engine import judged_engine, moved_by
 from enginediag_cli.fleet_judgement.finding import EngineFinding, FleetSettings, Moved
 from enginediag_cli.fleet_judgement.history import EngineHistory, Event
 from enginediag_cli.fleet_judgement.margin import MarginScale, margin_scale
-from enginediag_cli.fleet_judgement.remaining import with_forecasts
+from enginediag_cli.fleet_judgement.remaining import with_forecasts, with_taken_off
 from enginediag_cli.fleet_judgement.whose_events import events_by_engine
 from enginediag_cli.residuals.monitor import Monitor
 from enginediag_cli.work_scope.gain import Gain, Moments
@@ -28,11 +28,14 @@ FIRST = 1
 
 @dataclass(frozen=True)
 class MarginQuestion:
-    """limits_K: column → limit at the reference condition; events: of a file that is called so; baseline: first flights
-    of an engine, of each, that are believed healthy, 0: those within its first `healthy` records; sensors: instruments
-    are suspects."""
+    """limits_K: column → limit at the reference condition; consumed_limit_K: K of margin that engines have lost when
+    they are taken off, with its standard deviation, where that and no temperature is known; taken_off: engines whose
+    recordings end there, which tell it; events: of a file that is called so; baseline: first flights of an engine, of
+    each, that are believed healthy, 0: those within its first `healthy` records; sensors: instruments are suspects."""
 
     limits_K: Mapping[str, float] = field(default_factory=dict)
+    consumed_limit_K: tuple[float, float] | None = None
+    taken_off: Sequence[str] = ()
     events: Sequence[Event] = ()
     events_file: str = ""
     baseline: int = 0
@@ -65,33 +68,43 @@ class Followed:
 
 @dataclass(frozen=True)
 class Margins:
-    """The engines of a series, by their names; others: engines that events name, and no recording."""
+    """The engines of a series, by their names; others: engines that events name, and no recording; learnt_K: margin
+    that engines had lost when they were taken off, with its standard deviation, where some tell it."""
 
     engines: Mapping[str, Followed]
     series: Series
     others: Sequence[str]
+    learnt_K: tuple[float, float] | None = None
 
 
 def margins_of(files: Windows, monitor: Monitor, question: MarginQuestion) -> Margins:
     """What a fleet of the engines of these files finds of each, and what maintenance brought.
 
     files: windows of a series, made by `for_comparison(monitor)`; monitor: says what a change does to the temperature.
-    Raises DataError for a limit of what is no temperature of burnt gas, for events of nobody, and when flights of an
-    engine have statistics of different parameters.
+    Raises DataError for a limit of what is no temperature of burnt gas, for events of nobody, for engines taken off
+    that do not tell a limit, and when flights of an engine have statistics of different parameters.
     """
     series = replace(series_of(files, of_readings=True), monitor=monitor)
     events, others = events_by_engine(question.events, series.stretches, question.events_file)
-    settings = FleetSettings(sensors=question.sensors, limits_K=question.limits_K, thorough=False, onsets=False)
+    settings = FleetSettings(
+        sensors=question.sensors,
+        limits_K=question.limits_K,
+        consumed_limit_K=question.consumed_limit_K,
+        thorough=False,
+        onsets=False,
+    )
     scale = _scale(series, settings)
     histories = []
     for engine, stretches in series.stretches.items():
         baseline = max(question.baseline or series.healthy(engine, question.healthy), FIRST)
         histories.append(EngineHistory(engine, "", stretches, baseline, events.get(engine, ())))
     findings = [_with_reason(judged_engine(history, series, settings, scale)) for history in histories]
+    settings = with_taken_off(settings, findings, question.taken_off, "--taken-off")
     findings = with_forecasts(findings, settings)
+    learnt = settings.consumed_limit_K if question.taken_off else None
     scoping = Scoping(monitor)
     found = [_followed(f, h, series, scoping) for f, h in zip(findings, histories, strict=True)]
-    return Margins({one.finding.serial: one for one in found}, series, others)
+    return Margins({one.finding.serial: one for one in found}, series, others, learnt)
 
 
 def _scale(series: Series, settings: FleetSettings) -> MarginScale:

@@ -7,7 +7,9 @@ from dataclasses import replace
 
 import numpy as np
 
+from enginediag_cli.config.hints import near
 from enginediag_cli.detection.forecast import Course, Fitted, Population, fitted, forecast, learnt
+from enginediag_cli.errors import DataError
 from enginediag_cli.fleet_judgement.finding import EngineFinding, Estimate, FleetSettings
 from enginediag_cli.intervals import NORMAL_95
 
@@ -68,6 +70,25 @@ def learnt_limit(failed: Sequence[EngineFinding]) -> tuple[float, float]:
     reference = float(np.median([f.severity.value for f in failed]))
     fits = [fitted(c, reference) for c in courses]
     return limit_from(*ends_of(fits, learnt(fits)))
+
+
+def with_taken_off(
+    settings: FleetSettings, findings: Sequence[EngineFinding], named: Sequence[str], where: str
+) -> FleetSettings:
+    """The settings with the limit that engines had reached that were taken off, where some are `named`; where: what
+    names them. Raises DataError for one that is not among the findings, and where they do not tell a limit."""
+    if not named:
+        return settings
+    known = {finding.serial: finding for finding in findings}
+    for serial in named:
+        if serial not in known:
+            hint = near(serial, known) if any(known) else "the recordings name no engines, as a column `engine` does"
+            raise DataError(f"{where} names engine {serial}, which is not judged; {hint}")
+    try:
+        limit = learnt_limit([known[serial] for serial in dict.fromkeys(named)])
+    except ValueError as error:
+        raise DataError(f"{where}: {error}") from None
+    return replace(settings, consumed_limit_K=limit)
 
 
 def ends_of(fits: Sequence[Fitted], population: Population) -> tuple[np.ndarray, np.ndarray]:

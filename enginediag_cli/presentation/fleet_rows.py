@@ -7,6 +7,7 @@ from dataclasses import asdict, replace
 from typing import TYPE_CHECKING, Any
 
 from enginediag_cli.presentation.left_out import elsewhere_lines, not_judged_lines
+from enginediag_cli.presentation.margin_rows import taken_off_words
 from enginediag_cli.presentation.messages import Messages
 from enginediag_cli.presentation.sentences import count
 
@@ -178,8 +179,7 @@ def tell_result(messages: Messages, result: FleetResult) -> None:
         f"{count(counts['records'], 'record')}; {count(counts['fresh'], 'recording')} condensed anew"
     )
     if result.consumed_limit_K and result.fleet.judge["taken_off"]:
-        mean, spread = result.consumed_limit_K
-        messages.note(f"engines were taken off with {mean:.0f} K of their margin lost, give or take {spread:.0f} K")
+        messages.note(taken_off_words(result.consumed_limit_K))
     for common in result.finding.common:
         if common.common:
             messages.note(f"{common.words}: {common.reading}")

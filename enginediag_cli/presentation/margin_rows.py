@@ -30,6 +30,8 @@ FLIGHT, MAINTENANCE, WHOLE = "flight", "maintenance", "margin"
 """What a row tells, in its cell `row`."""
 NO_LIMIT = "no limit is stated"
 """The reason that can be mended by an option."""
+AS_MUCH = "until as much is lost as when engines are taken off"
+"""The limit where no temperature is stated."""
 
 
 def margin_rows(margins: Margins) -> Iterator[dict[str, Any]]:
@@ -123,8 +125,15 @@ def tell_margins(messages: Messages, margins: Margins) -> None:
         messages.note(f"{name}{margin_words(one.finding.margin)}")
         for event, brought in zip(one.finding.events, one.brought, strict=True):
             messages.note(f"{name}{_maintenance_words(event, brought, one.reference, margins.series)}")
+    if margins.learnt_K is not None:
+        messages.note(taken_off_words(margins.learnt_K))
     for line in odd_events(margins):
         messages.warning(line)
+
+
+def taken_off_words(limit_K: tuple[float, float]) -> str:
+    """What engines that were taken off tell of how far the others may go."""
+    return "engines were taken off with {:.0f} K of their margin lost, give or take {:.0f} K".format(*limit_K)
 
 
 def odd_events(margins: Margins) -> Iterator[str]:
@@ -164,6 +173,8 @@ def margin_words(m: Margin | MarginFound) -> str:
     quantity = split_column(m.column)[0]
     if not math.isfinite(m.now_K.value):
         used = f"wear has taken {_size(m.consumed_K)} of the {quantity} margin"
+        if not m.reason and not math.isnan(m.remaining_flights.value):
+            return f"{used}; {remaining_words(m.remaining_flights, AS_MUCH)}"
         mend = f": --limit {m.column} KELVIN states it" if m.reason == NO_LIMIT else ""
         return f"{used}; cannot tell how much is left, because {m.reason or NO_LIMIT}{mend}"
     if m.now_K.value <= 0:
@@ -175,13 +186,13 @@ def margin_words(m: Margin | MarginFound) -> str:
     return f"{told}; {remaining_words(m.remaining_flights)}"
 
 
-def remaining_words(left: Estimate) -> str:
-    """Flights to the limit with their 90 % interval."""
+def remaining_words(left: Estimate, until: str = "to it") -> str:
+    """Flights to the limit with their 90 % interval; `until`: what the limit is called."""
     if not math.isfinite(left.value):
         begin = f", 90 %: not before {rounded(left.low)} flights" if math.isfinite(left.low) else ""
         return f"no end in sight: what these flights show does not reach the limit{begin}"
     end = f"{left.high:,.0f}" if math.isfinite(left.high) else "no end in sight"
-    return f"{count(round(left.value), 'flight')} to it (90 %: {left.low:,.0f} to {end})"
+    return f"{count(round(left.value), 'flight')} {until} (90 %: {left.low:,.0f} to {end})"
 
 
 def _size(x: Estimate) -> str:

@@ -1,4 +1,4 @@
-"""False discoveries over engines and time: python tests/benchmarks/fleet_discoveries.py [--engines N] [--flights N] [--wander S]
+"""False discoveries over engines and time: python tests/benchmarks/fleet_discoveries.py [--engines N] [--wander S]
 
 Healthy engines, and as many as a twentieth of them that are faulty, as local statistics in the turbofan's own geometry
 (`tests/fleet_judgement/turbofan_fleet.py` says what healthy engines differ by). E at several looks, the share of

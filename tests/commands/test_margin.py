@@ -10,7 +10,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import small_fleet
 from washed_engine import BASELINE, LIMIT_K, WASHED, make
+
+from enginediag_cli.presentation.outputs.trend import with_ends
 
 ASKED = ("--limit", "T5_K", f"{LIMIT_K:g}", "--events", "washes.csv", "--baseline", str(BASELINE))
 JUDGED = ("-n", "nominal.yaml", "engine_7.csv")
@@ -61,6 +64,42 @@ def test_the_same_engine_alone_and_in_a_fleet_has_the_same_margin(here, run):
         assert told[estimate] == {"value": value, "low": m[f"{name}_low"], "high": m[f"{name}_high"]}
     assert [f["consumed_K"] for f in engine["by_flight"]] == [f["used_K"] for f in flights]
     assert engine["events"][0]["recovered_K"]["value"] == wash["recovered_K"]
+
+
+def test_a_limit_of_lost_margin_serves_one_engine_as_it_serves_a_fleet(here, run):
+    judge = "judge: {consumed_limit_K: [25, 3]}"
+    Path("fleet.yaml").write_text(Path("fleet.yaml").read_text().replace("judge: {limits_K: {T5_K: 1030}}", judge))
+    assert run("fleet", "fleet.yaml", "--jobs", "1", "-q", "-f", "json", "-o", "fleet.json").exit_code == 0
+    (engine,) = json.loads(Path("fleet.json").read_text())["engines"]
+    *_, whole = margin(run, "--consumed-limit", "25", "3", *ASKED[3:])
+    left = engine["margin"]["remaining_flights"]
+    assert left == {k: whole[n] for k, n in zip(left, with_ends("remaining_flights"), strict=True)}
+    assert left["low"] < (25 - whole["used_K"]) / whole["rate_K"] < left["high"] and whole["margin_K"] is None
+    told = run("trend", *JUDGED, "--what", "margin", "--consumed-limit", "25", "3", *ASKED[3:]).stderr
+    assert "until as much is lost as when engines are taken off (90 %:" in told
+    both = run("trend", *JUDGED, "--what", "margin", "--consumed-limit", "25", "3", *ASKED)
+    assert both.exit_code == 2 and "a limit is one of --limit, --consumed-limit and --taken-off" in both.stderr
+
+
+def test_engines_that_were_taken_off_tell_the_others_how_far_they_may_go(tmp_path, monkeypatch, run):
+    small_fleet.make(tmp_path)
+    monkeypatch.chdir(tmp_path)
+    lines = []
+    for k in range(1, 5):
+        head, *rows = Path(f"engine_{k}.csv").read_text().splitlines()
+        lines += [f"engine,{head}"] * (k == 1) + [f"{k},{row}" for row in rows]
+    Path("all.csv").write_text("\n".join(lines) + "\n")
+    asked = ("trend", "-n", "nominal.yaml", "all.csv", "--what", "margin", "--baseline", "3", "-f", "json")
+    ended = run(*asked, "--taken-off", "1", "--taken-off", "2", "--taken-off", "3")
+    assert ended.exit_code == 0 and "engines were taken off with" in ended.stderr
+    *_, fourth = json.loads(ended.stdout)
+    assert fourth["engine"] == "4" and "no limit" not in fourth["reason"]
+    few = run(*asked, "--taken-off", "1", "--taken-off", "2")
+    assert few.exit_code == 2 and "a limit is learnt from 3 lives at least, and 2 can be followed" in few.stderr
+    other = run(*asked, "--taken-off", "1", "--taken-off", "2", "--taken-off", "7")
+    assert other.exit_code == 2 and "--taken-off names engine 7, which is not judged" in other.stderr
+    unnamed = run("trend", "-n", "nominal.yaml", "engine_1.csv", "--what", "margin", "--taken-off", "1")
+    assert unnamed.exit_code == 2 and "the recordings name no engines" in unnamed.stderr
 
 
 def test_a_wash_that_gave_back_one_per_cent_is_told_with_its_gain_of_turbine_temperature(here, run):

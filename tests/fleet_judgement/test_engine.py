@@ -53,8 +53,8 @@ def test_what_is_worn_is_named_with_its_onset_and_what_it_takes_of_the_margin():
 
 
 def test_instruments_that_wander_each_by_itself_are_no_change():
-    """By six tenths of the offsets that come with each flight, over 5 to 30 flights: one engine in a hundred may be called
-    changed."""
+    """By six tenths of the offsets that come with each flight, over 5 to 30 flights: one engine in a hundred may be
+    called changed."""
     rng = np.random.default_rng(41)
     quick = FleetSettings(thorough=False, onsets=False)
     found = [judged(engine_history(rng, str(k), 100, wander=0.6), quick) for k in range(60)]

@@ -236,8 +236,8 @@ class Recall:
         if not wrt:
             return
         if not held:
-            own = {m.name: filtered(m, tape, Known(s[:, i], {}), theta, wrt)[1] for i, m in enumerate(states)}
-            recalled.slopes |= own
+            for i, m in enumerate(states):
+                recalled.slopes[m.name] = filtered(m, tape, Known(s[:, i], {}), theta, wrt)[1]
             return
         leaves = tuple(dict.fromkeys((*given, *names)))
         p = engine.solved(
