@@ -16,8 +16,9 @@ from enginediag_cli.mismatch.fit.identified import NO_HYPOTHESIS, identify_with
 from enginediag_cli.mismatch.fit.options import LAW, Option, onset
 from enginediag_cli.mismatch.fit.projection import Projection
 from enginediag_cli.mismatch.fit.trial_fit import Trial, remainder
-from enginediag_cli.mismatch.laws.scan import scored
-from enginediag_cli.mismatch.laws.shortlist import proposal
+from enginediag_cli.mismatch.laws.scan import Scan, known_variables, scored
+from enginediag_cli.mismatch.laws.search import LawSearch
+from enginediag_cli.mismatch.laws.shortlist import Proposal, proposal
 from enginediag_cli.physics.laws.expression import Expression
 from enginediag_cli.physics.laws.law import Acts, Law
 from enginediag_cli.physics.laws.variables import variables_of
@@ -51,12 +52,17 @@ def step_of(sets: Sets) -> Option:
     return next(o for o in own if onset(o) == SINCE * RECORDS)
 
 
+def law_at(sets: Sets, members: LawMembers, name: str, form: str, variables: list[str]) -> Proposal:
+    """The best law of this form at a place."""
+    base = sets.fits.base
+    place = [w for w in members.where if w.name == name]
+    own = [f for f in members.formulas if f.form.name == form and [k.variable.name for k in f.of] == variables]
+    return proposal(scored(base.found, base.projection, place, own, 0.0)[0], base.found.evidence.engine)
+
+
 def named(sets: Sets, members: LawMembers, form: str, variables: list[str]):
     """A set of the step and of a law of this form, as it might have been named."""
-    base = sets.fits.base
-    place = [w for w in members.where if w.name == "hpc.efficiency"]
-    own = [f for f in members.formulas if f.form.name == form and [k.variable.name for k in f.of] == variables]
-    law = proposal(scored(base.found, base.projection, place, own, 0.0)[0], base.found.evidence.engine)
+    law = law_at(sets, members, "hpc.efficiency", form, variables)
     members.learn([law])
     (trial,) = sets.fits.refit([(step_of(sets), law.option)]) or []
     return [sets.fits.explanation(trial, 1.0, 0.0, 1.0)]
@@ -78,6 +84,15 @@ def test_a_law_that_joined_along_two_variables_is_told_along_its_own_one(sets: S
     assert any(v.name == "mach" for groups in law.along for group in groups for v in group)
     # what the other member explains is no part of what the law does
     assert law.excess < sets.fits.base.objective - sets.fits.base.projection.dof
+
+
+def test_what_is_known_of_laws_at_two_places_has_a_place_where_only_these_were_fitted(sets: Sets) -> None:
+    members = LawMembers(sets.fits.base.found, sets.prices)
+    both = tuple(law_at(sets, members, f"hpc.{q}", "optimum", ["mach"]) for q in ("efficiency", "flow_capacity"))
+    search = LawSearch(sets.fits.base, Scan((), tuple(known_variables(sets.fits.base.found))), sets.fits.refit, (both,))
+    assert search.single and not search.single[0].at_one_place and not search.double
+    finding = search.finding(search.single[:1], sets.fits.base, True)
+    assert finding.places[0][0].name.startswith("hpc.") and finding.together == pytest.approx(1.0)
 
 
 def test_sets_without_a_law_stay_as_they_were_named(sets: Sets) -> None:

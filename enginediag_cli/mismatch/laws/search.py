@@ -294,7 +294,9 @@ class LawSearch:
             place = {p.name: p for p in locations(self.base.found)}
             weighed = [(place[where[0]], where[1], total) for where, total in self._totals().items()]
         else:
-            weighed = [(f.laws[0].candidate.location, f.where[1], f.standing) for f in self.double]
+            # those that were fitted in any case are among the single ones
+            apart = {f.trial.label: f for f in (*self.double, *self.single) if not f.at_one_place}
+            weighed = [(f.laws[0].candidate.location, f.where[1], f.standing) for f in apart.values()]
         p = map(float, shares([e for _, _, e in weighed]))
         laws = [(place, groups, q) for (place, groups, _), q in zip(weighed, p, strict=True)]
         excess = max(base.objective - base.projection.dof, 0.0)
