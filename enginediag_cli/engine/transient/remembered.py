@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 from enginediag_cli.engine.dual import Array, Value, value
 from enginediag_cli.engine.evaluation import Evaluation
 from enginediag_cli.engine.hooks import Hooks
+from enginediag_cli.engine.moving.filters.base import Following, Integrated, WithStates
 from enginediag_cli.engine.moving.memory import Memory
 from enginediag_cli.engine.transient.state import ELAPSED, STEP, State
 from enginediag_cli.parameters import spelled
@@ -24,9 +25,12 @@ class Remembered(State):
     """State `number` of a memory's filter, in the unit of its signal, which it is equal to in equilibrium."""
 
     def __init__(self, memory: Memory, number: int, network: Network):
-        self.memory, self.number = memory, number
-        self.follows = memory.filter.FOLLOWS
-        self.beside = tuple(f"{memory.name}.state_{k + 1}" for k in range(memory.filter.STATES))
+        filter = memory.filter
+        if not isinstance(filter, WithStates):
+            raise TypeError(f"what {memory.name} remembers has no states")
+        self.memory, self.number, self.filter = memory, number, filter
+        self.follows = isinstance(filter, Following)
+        self.beside = tuple(f"{memory.name}.state_{k + 1}" for k in range(filter.STATES))
         self.name = self.beside[number]
         self.words, self.unit = spelled(memory.name), ""
         self.leaf = network.leaf_of(memory.column) if memory.column else memory.name
@@ -35,7 +39,7 @@ class Remembered(State):
         if self.number:
             return  # the first one speaks for all
         held = hooks.leaves.setdefault(self.leaf, [])
-        filtered = Filtering([Remembered(self.memory, k, network) for k in range(self.memory.filter.STATES)])
+        filtered = Filtering([Remembered(self.memory, k, network) for k in range(self.filter.STATES)])
         # what the network is told comes before effects on it, one memory behind the other
         held.insert(sum(isinstance(hook, Filtering) for hook in held), filtered)
 
@@ -49,11 +53,13 @@ class Remembered(State):
 
     def slope(self, e: Evaluation) -> Value:
         m = self.memory
+        assert isinstance(self.filter, Integrated)
         states = [e.signals[name] for name in self.beside]
-        return m.filter.slopes(e.signals[m.name], states, [e[c] for c in m.coefficients])[self.number]
+        return self.filter.slopes(e.signals[m.name], states, [e[c] for c in m.coefficients])[self.number]
 
     def overrun(self, time: Array, x: Array, leaves: Mapping[str, Value]) -> Array:
-        return self.memory.filter.overrun(time, x, [value(leaves[c]) for c in self.memory.coefficients])
+        assert isinstance(self.filter, Following)
+        return self.filter.overrun(time, x, [value(leaves[c]) for c in self.memory.coefficients])
 
 
 class Filtering:
@@ -65,11 +71,11 @@ class Filtering:
         self.states, self.memory = tuple(states), states[0].memory
 
     def __call__(self, e: Evaluation, x: Value) -> Value:
-        m, filter = self.memory, self.memory.filter
+        m, filter = self.memory, self.states[0].filter
         signal = x if m.column else e.signals[m.name]
         coefficients = [e[c] for c in m.coefficients]
         if e.has(self.states[0].base):
-            step = e[ELAPSED] if filter.FOLLOWS else e[STEP]
+            step = e[ELAPSED] if self.states[0].follows else e[STEP]
             states = filter.stage(signal, [e[s.base] for s in self.states], step, coefficients)
         else:
             states = tuple(e[s.name] for s in self.states)

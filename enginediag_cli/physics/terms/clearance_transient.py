@@ -12,7 +12,7 @@ from enginediag_cli.engine.components.base import scalar
 from enginediag_cli.engine.dual import Array, Value
 from enginediag_cli.engine.evaluation import Evaluation
 from enginediag_cli.engine.moving.filters.lag import Lag
-from enginediag_cli.engine.moving.filters.scaled import Scaled
+from enginediag_cli.engine.moving.filters.scaled import ScaledIntegrated
 from enginediag_cli.engine.moving.tape import PAST
 from enginediag_cli.engine.term import Coefficient, Place, Site, Term
 from enginediag_cli.physics.parts import core_compressor, turbines
@@ -84,7 +84,7 @@ class ClearanceTransient(Term):
         def pull(speed_rpm: Array) -> Array:
             return np.asarray((speed_rpm / design) ** 2)
 
-        behind = at.remember(Scaled(Lag()), ("loss", "time_constant"), recorded=column, measured=pull)
+        behind = at.remember(ScaledIntegrated(Lag()), ("loss", "time_constant"), recorded=column, measured=pull)
 
         def efficiency(e: Evaluation, factor: Value) -> Value:
             n = e.shaft(shaft).speed_rpm * (1.0 / design)

@@ -10,7 +10,7 @@ from enginediag_cli.engine.components.base import scalar
 from enginediag_cli.engine.evaluation import Evaluation
 from enginediag_cli.engine.flow import Flow
 from enginediag_cli.engine.moving.filters.lag import Lag
-from enginediag_cli.engine.moving.filters.scaled import Scaled
+from enginediag_cli.engine.moving.filters.scaled import ScaledIntegrated
 from enginediag_cli.engine.moving.tape import PAST
 from enginediag_cli.engine.term import Coefficient, Place, Site, Term
 
@@ -71,7 +71,7 @@ class HeatSoak(Term):
         station = at.component.values["to"]
         design = at.design.flows[station]
         capacity = scalar(design.W * design.gas.heat_capacity(design.T, design.mixture))
-        heat = at.remember(Scaled(Lag()), ("exchange", "time_constant"))
+        heat = at.remember(ScaledIntegrated(Lag()), ("exchange", "time_constant"))
 
         def soaked(e: Evaluation, flow: Flow) -> Flow:
             # ε (T_metal − T): negative while the metal is colder than the gas

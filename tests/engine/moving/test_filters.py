@@ -12,7 +12,7 @@ from enginediag_cli.engine.moving.filters.lag import Lag
 from enginediag_cli.engine.moving.filters.per_full import PerFull
 from enginediag_cli.engine.moving.filters.rate_limit import RateLimit
 from enginediag_cli.engine.moving.filters.rate_of_change import RateOfChange
-from enginediag_cli.engine.moving.filters.scaled import Scaled
+from enginediag_cli.engine.moving.filters.scaled import Scaled, ScaledIntegrated
 from enginediag_cli.engine.moving.filters.second_order import SecondOrder
 
 NO_DIRECTIONS = np.zeros((0, 0))
@@ -47,7 +47,7 @@ FILTERS = {
     "rate limit": (RateLimit(), (0.7, 0.31)),
     "rate limit upwards only": (RateLimit(), (0.9, 0.0)),
     "rate limit per full scale": (PerFull(RateLimit(), 40.0), (30.0, 50.0)),
-    "heat flow": (Scaled(Lag()), (2.5, 12.0)),
+    "heat flow": (ScaledIntegrated(Lag()), (2.5, 12.0)),
     "inertia": (Scaled(RateOfChange()), (0.4,)),
 }
 

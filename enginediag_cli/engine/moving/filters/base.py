@@ -63,41 +63,54 @@ class Filtered:
 
 
 class Filter(ABC):
-    """On a recording it is called along the whole time; in a simulation its `STATES` are integrated with those of the
-    engine. Without any, it is called along the run that has been integrated."""
+    """On a recording it is called along the whole time; in a simulation, too, along the run that has been integrated,
+    unless it has states."""
 
     COEFFICIENTS: int
     STATES = 0
-    FOLLOWS = False
-    """Whether its state goes with the signal at once, as far as it can from where a step of the integration began."""
 
     @abstractmethod
     def __call__(self, clock: Clock, signal: Array, along: Array, coefficients: Sequence[float]) -> Filtered:
         """The deviation of the output from the signal, or a rate: 0 in equilibrium. `signal` (N,) finite; `along`
         (K, N) its derivatives."""
 
+    def bends(self, time: Array, coefficients: Sequence[float]) -> Array:
+        """Times at which the output of a filter without states bends, for a signal that bends at `time` (N,)."""
+        return time
+
+
+class WithStates(Filter):
+    """In a simulation its `STATES` move with those of the engine."""
+
+    @abstractmethod
     def stage(
         self, signal: Value, base: Sequence[Value], step: Value, coefficients: Sequence[Value]
     ) -> tuple[Value, ...]:
         """States x = base + step · dx/dt of an implicit stage, while the signal is this; in equilibrium all are the
         signal."""
-        raise NotImplementedError
 
-    def slopes(self, signal: Value, states: Sequence[Value], coefficients: Sequence[Value]) -> tuple[Value, ...]:
-        """dx/dt of the states; not of one that follows."""
-        raise NotImplementedError
-
+    @abstractmethod
     def deviation(self, signal: Value, states: Sequence[Value], coefficients: Sequence[Value]) -> Value:
         """The same as a call gives, from the states."""
-        raise NotImplementedError
 
+
+class Integrated(WithStates):
+    """Its states are integrated."""
+
+    @abstractmethod
+    def slopes(self, signal: Value, states: Sequence[Value], coefficients: Sequence[Value]) -> tuple[Value, ...]:
+        """dx/dt of the states."""
+
+
+class Following(WithStates):
+    """Its state goes with the signal at once, as far as it can from where a step of the integration began: `step` of a
+    stage is the time since then."""
+
+    STATES = 1
+
+    @abstractmethod
     def overrun(self, time: Array, x: Array, coefficients: Sequence[float]) -> Array:
-        """By how much a state that follows, x (k, N) at rising `time` (k, N), moved further than it can (N,)."""
-        return np.zeros(x.shape[1])
-
-    def bends(self, time: Array, coefficients: Sequence[float]) -> Array:
-        """Times at which the output of a filter without states bends, for a signal that bends at `time` (N,)."""
-        return time
+        """By how much the state, x (k, N) at rising `time` (k, N), moved further than it can (N,)."""
 
 
 def recursion(a: Array, g: Array) -> Array:

@@ -7,13 +7,13 @@ from collections.abc import Sequence
 import numpy as np
 
 from enginediag_cli.engine.dual import Array, Value
-from enginediag_cli.engine.moving.filters.base import Clock, Filter, Filtered, recursion
+from enginediag_cli.engine.moving.filters.base import Clock, Filtered, Integrated, recursion
 
 LONGEST = 700.0
 """Time constants after which nothing is left that a double could hold."""
 
 
-class Lag(Filter):
+class Lag(Integrated):
     """τ dm/dt = u − m. The deviation v = m − u follows, exactly for straight u with slope r over a step h,
 
     v_k = a v_{k−1} − τ (1 − a) r_k,   a = exp(−h/τ);   v = −τ r on a ramp that lasts, 0 in equilibrium and for τ = 0.

@@ -1,4 +1,4 @@
-"""A filter with its signal counted in full scales, so that its coefficients do not depend on the size of a machine."""
+"""A filter that follows, its signal counted in full scales: its coefficients do not depend on the size of a machine."""
 
 from __future__ import annotations
 
@@ -6,16 +6,15 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from enginediag_cli.engine.dual import Array, Value
-from enginediag_cli.engine.moving.filters.base import Clock, Filter, Filtered
+from enginediag_cli.engine.moving.filters.base import Clock, Filtered, Following
 
 
-class PerFull(Filter):
+class PerFull(Following):
     """`inner` of the signal over `full`, times `full`: slownesses of a rate limit are then seconds for a full scale."""
 
-    def __init__(self, inner: Filter, full: float):
+    def __init__(self, inner: Following, full: float):
         self.inner, self.full = inner, full
         self.COEFFICIENTS = inner.COEFFICIENTS
-        self.STATES, self.FOLLOWS = inner.STATES, inner.FOLLOWS
 
     def __call__(self, clock: Clock, signal: Array, along: Array, coefficients: Sequence[float]) -> Filtered:
         if clock.start is not None:
@@ -30,17 +29,9 @@ class PerFull(Filter):
         states = self.inner.stage(signal * share, [b * share for b in base], step, coefficients)
         return tuple(x * self.full for x in states)
 
-    def slopes(self, signal: Value, states: Sequence[Value], coefficients: Sequence[Value]) -> tuple[Value, ...]:
-        share = 1.0 / self.full
-        inner = self.inner.slopes(signal * share, [x * share for x in states], coefficients)
-        return tuple(x * self.full for x in inner)
-
     def deviation(self, signal: Value, states: Sequence[Value], coefficients: Sequence[Value]) -> Value:
         share = 1.0 / self.full
         return self.inner.deviation(signal * share, [x * share for x in states], coefficients) * self.full
 
     def overrun(self, time: Array, x: Array, coefficients: Sequence[float]) -> Array:
         return self.inner.overrun(time, x / self.full, coefficients) * self.full
-
-    def bends(self, time: Array, coefficients: Sequence[float]) -> Array:
-        return self.inner.bends(time, coefficients)

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from enginediag_cli.engine.dual import Array, Value, maximum, value
-from enginediag_cli.engine.moving.filters.base import Clock, Filter, Filtered
+from enginediag_cli.engine.moving.filters.base import Clock, Filtered, Following
 
 WINDOW = 256
 """Records that are looked through at once for the end of a ramp; each further look is over twice as many."""
@@ -15,7 +15,7 @@ NEVER = 1e-300
 """Seconds per unit that are as good as none: no limit."""
 
 
-class RateLimit(Filter):
+class RateLimit(Following):
     """dm/dt = min(max(u', −1/s₂), 1/s₁) while m follows u; on a ramp ±1/s until it meets u. Coefficients are the
     *slownesses* s₁ (up) and s₂ (down), seconds per unit of the signal; 0 is no limit.
 
@@ -26,8 +26,6 @@ class RateLimit(Filter):
     """
 
     COEFFICIENTS = 2
-    STATES = 1
-    FOLLOWS = True
 
     def __call__(self, clock: Clock, signal: Array, along: Array, coefficients: Sequence[float]) -> Filtered:
         slowness = [max(float(c), 0.0) for c in coefficients]
@@ -46,7 +44,6 @@ class RateLimit(Filter):
     def stage(
         self, signal: Value, base: Sequence[Value], step: Value, coefficients: Sequence[Value]
     ) -> tuple[Value, ...]:
-        # `step` is the time since the base
         up, down = (step / np.maximum(value(c), NEVER) for c in coefficients)
         under_top = -1.0 * maximum(signal * -1.0, (base[0] + up) * -1.0)
         return (maximum(under_top, base[0] - down),)

@@ -8,11 +8,11 @@ from dataclasses import replace
 import numpy as np
 
 from enginediag_cli.engine.dual import Array, Value
-from enginediag_cli.engine.moving.filters.base import Clock, Filter, Filtered
+from enginediag_cli.engine.moving.filters.base import Clock, Filtered, Integrated
 from enginediag_cli.engine.moving.filters.lag import Lag
 
 
-class SecondOrder(Filter):
+class SecondOrder(Integrated):
     """τ₁τ₂ m'' + (τ₁ + τ₂) m' + m = u, as two lags, by τ = τ₁ + τ₂ and the share τ₂/τ. The output of the first is
     taken straight between the records, which costs of the order of (h/τ)² of what changes within a step h."""
 
