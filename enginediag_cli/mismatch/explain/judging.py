@@ -110,7 +110,7 @@ class Fits:
             if trial.converged:
                 trials.append(trial)
                 best = min(best, reached)
-            elif reached > reach:
+            elif reached > reach.hopeless:
                 self.rejected[trial.label] = Rejected(Reason.WORSE, reached - best)
             else:
                 self.rejected[trial.label] = Rejected(Reason.NOT_CONVERGED, what=trial.found.reason)

@@ -5,7 +5,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from enginediag_cli.identification.gauss_newton import Fit
-from enginediag_cli.mismatch.fit.identified import NO_HYPOTHESIS, Identified, Nuisance, fit_of_few, objective_of
+from enginediag_cli.mismatch.fit.identified import (
+    NO_HYPOTHESIS,
+    Identified,
+    Nuisance,
+    Reach,
+    fit_of_few,
+    objective_of,
+)
 from enginediag_cli.mismatch.fit.options import Option, together
 
 PLAINLY_WORSE, PLAINLY_SHARE = 30.0, 0.1
@@ -15,9 +22,11 @@ is not fitted to all: five times ALIAS, and more than the choice of the records 
 Set = tuple[Option, ...]
 
 
-def reach_of(best: float, alone: float) -> float:
-    """The objective beyond which a set is plainly worse than the best one, which has lowered it from `alone`."""
-    return best + PLAINLY_WORSE + PLAINLY_SHARE * max(alone - best, 0.0)
+def reach_of(best: float, alone: float) -> Reach:
+    """Beyond which objective a set is plainly worse than the best one, which has lowered it from `alone`, and beyond
+    which it is not told beside that."""
+    behind = best + PLAINLY_WORSE
+    return Reach(behind + PLAINLY_SHARE * max(alone - best, 0.0), behind)
 
 
 def worth_fitting(
@@ -30,7 +39,7 @@ def worth_fitting(
         return [(options, None) for options in sets], []
     found = [(options, fit_of_few(base.evidence, together(*options), along, base)) for options in sets]
     best = min((objective_of(f) for _, f in found if f is not None), default=objective_of(alone))
-    reach = reach_of(best, objective_of(alone)) - best
+    reach = reach_of(best, objective_of(alone)).hopeless - best
     behind = [objective_of(f) - best if f is not None else 0.0 for _, f in found]
     near = [pair for pair, worse in zip(found, behind, strict=True) if worse <= reach]
     return near, [(options, worse) for (options, _), worse in zip(found, behind, strict=True) if worse > reach]

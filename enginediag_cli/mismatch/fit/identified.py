@@ -49,6 +49,18 @@ MAX_LOST = 0.1
 
 
 @dataclass(frozen=True)
+class Reach:
+    """How far a fit is worth its time. `hopeless`: the objective (`objective_of`) above which nobody wants it, and it
+    is given up; `behind`: above which it is only ranked: there it has settled as soon as it cannot come below."""
+
+    hopeless: float = np.inf
+    behind: float = np.inf
+
+
+ANY_REACH = Reach()
+
+
+@dataclass(frozen=True)
 class Hypothesis:
     """What is sought beside the nuisance: effects (their amplitudes) and discrepancies with their curves (N,) over
     all records of the evidence in order."""
@@ -179,12 +191,12 @@ def identify_with(
     along: Nuisance,
     start: Identified | None = None,
     of_few: Fit | None = None,
-    hopeless: float = np.inf,
+    reach: Reach = ANY_REACH,
     roughly: bool = False,
 ) -> Identified:
     """Fit nuisance and hypothesis together, from another fit where one is given; `of_few`: from what `fit_of_few` has
-    found of the same hypothesis. A start from a share of the records is as good as one from few of them. `hopeless`:
-    the objective (`objective_of`) above which the fit is given up; `roughly`: only to compare it with others."""
+    found of the same hypothesis. A start from a share of the records is as good as one from few of them. `roughly`:
+    only to compare it with others."""
     model, problem, rho = problem_with(evidence, hypothesis, along, start)
     first, iterations = _start(problem, start, hypothesis) or _begun(problem, hypothesis), ITERATIONS
     few = _few(problem)
@@ -194,9 +206,9 @@ def identify_with(
         fit, settled = (of_few, True) if of_few is not None else _fit(few, first)
         first, iterations = ((fit.x, fit.z), CLOSE_BY) if settled else (first, ITERATIONS)
     if roughly:
-        fit, settled = _fit(problem, first, ROUGHLY[0], hopeless, (ROUGHLY[0] * ROUGHLY[1], NEARLY_SETTLED))
+        fit, settled = _fit(problem, first, ROUGHLY[0], reach, (ROUGHLY[0] * ROUGHLY[1], NEARLY_SETTLED))
     else:
-        fit, settled = _fit(problem, first, iterations, hopeless)
+        fit, settled = _fit(problem, first, iterations, reach)
     return Identified(evidence, hypothesis, model, problem, fit, settled, rho)
 
 
@@ -236,23 +248,27 @@ def _fit(
     problem: Problem,
     start: tuple[np.ndarray, np.ndarray] | None,
     iterations: int = ITERATIONS,
-    hopeless: float = np.inf,
+    reach: Reach = ANY_REACH,
     enough: tuple[int, float] = (ROUNDS * ITERATIONS, SETTLED),
 ) -> tuple[Fit, bool]:
     """The fit, and whether it has converged or settled; `enough`: iterations after the first round at most, and what
-    is settled. In rounds of `iterations`; given up where it is `hopeless`."""
-    fit = solve(problem, start, max_iterations=iterations, tolerance=TOLERANCE, hopeless=hopeless)
+    is settled. In rounds of `iterations`; given up, or settled, as its `reach` says."""
+    fit = solve(problem, start, max_iterations=iterations, tolerance=TOLERANCE, hopeless=reach.hopeless)
     readings = int(np.isfinite(problem.measured).sum())
-    for _ in range(enough[0] // iterations):
+    rounds = enough[0] // iterations
+    for _ in range(rounds):
         if fit.converged:
             return fit, True
         if not fit.iterations:
             raise NoVerdictError("the engine has no prediction for any record that could be fitted")
         before = objective_of(fit)
-        if before - HOPE * fit.decrement**2 > hopeless:
+        if before - HOPE * fit.decrement**2 > reach.hopeless:
             return fit, False
-        fit = solve(problem, (fit.x, fit.z), max_iterations=iterations, tolerance=TOLERANCE, hopeless=hopeless)
+        fit = solve(problem, (fit.x, fit.z), max_iterations=iterations, tolerance=TOLERANCE, hopeless=reach.hopeless)
         fall = before - objective_of(fit)
+        # where a search zigzags at a bound its next step promises what it never gains
+        if min(fit.decrement**2, rounds * fall) < objective_of(fit) - reach.behind:
+            return fit, True
         near = fit.decrement**2 < STUCK_SHARE * max(before, readings)
         # the same fall by iteration, however long the rounds
         if near and fall < max(enough[1], SETTLED_SHARE * (before - readings)) * iterations / ITERATIONS:

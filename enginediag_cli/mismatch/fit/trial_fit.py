@@ -18,7 +18,14 @@ from enginediag_cli.mismatch.fit.believable import along_driver, with_belief
 from enginediag_cli.mismatch.fit.columns import Columns
 from enginediag_cli.mismatch.fit.families import Scored, correlations
 from enginediag_cli.mismatch.fit.freeform import Cell, free_form, locations
-from enginediag_cli.mismatch.fit.identified import Hypothesis, Identified, Nuisance, identify_with
+from enginediag_cli.mismatch.fit.identified import (
+    ANY_REACH,
+    Hypothesis,
+    Identified,
+    Nuisance,
+    Reach,
+    identify_with,
+)
 from enginediag_cli.mismatch.fit.options import (
     EFFECT,
     FAULT,
@@ -246,20 +253,20 @@ def attempt(
     start: Identified,
     along: Nuisance,
     of_few: Fit | None = None,
-    hopeless: float = np.inf,
+    reach: Reach = ANY_REACH,
     onward: bool = False,
 ) -> Trial:
     """Fit nuisance and options together to the evidence of another fit. It begins at the prior means, the nominal
     state: the other fit, without the options, is bent by what they explain; or where a fit `of_few` records ended. It
-    is given up where it is `hopeless` (`identify_with`). `onward`: it begins at the other fit and ends roughly, which
+    is worth as much time as its `reach` says. `onward`: it begins at the other fit and ends roughly, which
     is enough to compare sets by.
 
     Of effects that remember and act at one place, one works on what the other makes: a limit behind a lag is not a lag
     behind a limit. Both orders are fitted, and the better one is the trial."""
-    trial = _attempt(options, start, along, of_few, hopeless, onward)
+    trial = _attempt(options, start, along, of_few, reach, onward)
     if not _one_behind_the_other(options):
         return trial
-    turned = _attempt(options[::-1], start, along, None, hopeless)
+    turned = _attempt(options[::-1], start, along, None, reach)
     better = turned.converged and (not trial.converged or turned.objective < trial.objective)
     return turned if better else trial
 
@@ -280,19 +287,19 @@ def _attempt(
     start: Identified,
     along: Nuisance,
     of_few: Fit | None,
-    hopeless: float,
+    reach: Reach,
     onward: bool = False,
 ) -> Trial:
     """The options in this order."""
     begun = start if onward else None
-    found = identify_with(start.evidence, together(*options), along, begun, of_few, hopeless, onward)
+    found = identify_with(start.evidence, together(*options), along, begun, of_few, reach, onward)
     trial = Trial(tuple(options), found, Projection(found))
     evened = [_evened(o, found.theta) for o in options]
     if all(o is None for o in evened):
         return trial
     # where nothing met one of two limits, no derivative shows it: it is tried at the size of the other
     other = [e or o for e, o in zip(evened, options, strict=True)]
-    again = identify_with(start.evidence, together(*other), along, hopeless=hopeless)
+    again = identify_with(start.evidence, together(*other), along, reach=reach)
     second = Trial(tuple(other), again, Projection(again))
     return second if second.converged and second.objective < trial.objective else trial
 

@@ -25,6 +25,7 @@ from enginediag_cli.mismatch.fit.identified import (
     Hypothesis,
     Identified,
     Nuisance,
+    Reach,
     identify_with,
     nuisance,
 )
@@ -137,7 +138,7 @@ def _left(
 ) -> tuple[float, bool]:
     """χ² with another hypothesis, and whether that fit converged; it is given up where it is `hopeless`."""
     if np.isfinite(hopeless):
-        found = identify_with(evidence, other, along, base, hopeless=hopeless)
+        found = identify_with(evidence, other, along, base, reach=Reach(hopeless))
     else:
         found = lowest(evidence, other, along, base, ALIAS)
     return Projection(found).objective, found.converged
