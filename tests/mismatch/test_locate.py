@@ -163,10 +163,13 @@ def test_a_fit_that_has_no_prediction_for_many_records_is_no_verdict():
 
 
 @pytest.mark.slow
-def test_the_same_seed_gives_the_same_map(reynolds):
-    again = locate(evidence(recorded(REYNOLDS, **SHAPE), map_accuracy=0.003))
-    told = [(p.location, p.group, p.statistic, p.p, p.stability) for p in again.places]
-    assert told == [(p.location, p.group, p.statistic, p.p, p.stability) for p in reynolds.places]
+def test_the_same_seed_gives_the_same_map():
+    def told():
+        turbofan.cache_clear()  # where an engine was solved before it begins the next time
+        found = locate(evidence(recorded(REYNOLDS, **SHAPE), map_accuracy=0.003))
+        return [(p.location, p.group, p.statistic, p.p, p.stability) for p in found.places]
+
+    assert told() == told()
 
 
 @pytest.mark.slow

@@ -129,6 +129,12 @@ class Located:
     def within(self) -> tuple[Place, ...]:
         return tuple(p for p in self.places if p.within)
 
+    def carrying(self, cell: Cell) -> Projection | None:
+        """Of a fit that has a cell's curve; None where it does not converge."""
+        evidence = self.found.evidence
+        fit = identify_with(evidence, free_hypothesis(cell, self.found), nuisance(evidence), self.found)
+        return Projection(fit) if fit.converged else None
+
 
 def locate(evidence: Evidence) -> Located:
     """The map of a mismatch. Raises DataError where the recordings make no problem."""

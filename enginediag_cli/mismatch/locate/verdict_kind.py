@@ -14,7 +14,8 @@ from dataclasses import dataclass
 
 from enginediag_cli.drivers import SWITCH as RECORDED_SWITCH
 from enginediag_cli.drivers import TIME
-from enginediag_cli.mismatch.locate.fleet import Difference, PerEngine, differences, per_engine
+from enginediag_cli.mismatch.fit.projection import Projection
+from enginediag_cli.mismatch.locate.fleet import LEAST_ENGINES, Difference, PerEngine, differences, per_engine
 from enginediag_cli.mismatch.locate.locate import Located, Place
 from enginediag_cli.mismatch.unrecorded.hidden import HiddenFinding
 
@@ -37,8 +38,8 @@ AGREE = 0.01
 @dataclass(frozen=True)
 class Kind:
     """`names`: the kinds that the places within reach are of, the first place's first; `engines`: the first place
-    fitted to each engine (None for one engine); `worn`: the engine that stands out of its fleet;
-    `hidden`: the finding that beats the map, if one does."""
+    fitted to each engine (None for one engine); `worn`: the engine that stands out of its fleet, where nothing is missing, or what is
+    missing has a place; `hidden`: the finding that beats the map, if one does."""
 
     names: tuple[str, ...]
     engines: PerEngine | None = None
@@ -54,18 +55,26 @@ def kind_of(located: Located) -> Kind:
     """Judge a map."""
     if not located.converged or located.projection is None or located.presence is None:
         return Kind((NO_VERDICT,))
-    worn = tuple(d for d in differences(located.projection)[:1] if d.p <= located.presence.false_alarm)
     if not located.mismatch:
-        return Kind((NOTHING,), worn=worn)
+        return Kind((NOTHING,), worn=_worn(located.projection, located.presence.false_alarm))
     hidden = hidden_beats_map(located)
     if hidden is not None:
-        return Kind((SWITCH if hidden.is_switch else UNRECORDED,), worn=worn, hidden=hidden)
+        return Kind((SWITCH if hidden.is_switch else UNRECORDED,), hidden=hidden)
     within = located.within
     if not within:
-        return Kind((UNLOCATED,), worn=worn)
+        return Kind((UNLOCATED,))
     engines = per_engine(located.projection, within[0].cell)
     names = dict.fromkeys(_kind(p, engines) for p in within)
+    several = len(located.found.evidence.engines) >= LEAST_ENGINES
+    taken_up = located.carrying(within[0].cell) if several else None
+    worn = () if taken_up is None else _worn(taken_up, located.presence.false_alarm)
     return Kind(tuple(names), engines, worn)
+
+
+def _worn(projection: Projection, false_alarm: float) -> tuple[Difference, ...]:
+    """The engine that stands out of its fleet at a fit that lacks nothing: what flights show besides, each engine in
+    flights of its own, would pass for differences between engines."""
+    return tuple(d for d in differences(projection)[:1] if d.p <= false_alarm)
 
 
 def hidden_beats_map(located: Located) -> HiddenFinding | None:
