@@ -38,8 +38,8 @@ AGREE = 0.01
 @dataclass(frozen=True)
 class Kind:
     """`names`: the kinds that the places within reach are of, the first place's first; `engines`: the first place
-    fitted to each engine (None for one engine); `worn`: the engine that stands out of its fleet, where nothing is missing, or what is
-    missing has a place; `hidden`: the finding that beats the map, if one does."""
+    fitted to each engine (None for one engine); `worn`: the engine that stands out of its fleet, where nothing is
+    missing, or what is missing has a place; `hidden`: the finding that beats the map, if one does."""
 
     names: tuple[str, ...]
     engines: PerEngine | None = None
