@@ -58,14 +58,14 @@ class Asked:
 
         events = read_events(Path(self.events), named=False) if self.events else ()
         return MarginQuestion(
-            self.limits_K,
-            self.consumed_limit_K,
-            self.taken_off,
-            events,
-            os.path.basename(self.events),
-            self.baseline,
-            healthy,
-            sensors,
+            limits_K=self.limits_K,
+            consumed_limit_K=self.consumed_limit_K,
+            taken_off=self.taken_off,
+            events=events,
+            events_file=os.path.basename(self.events),
+            baseline=self.baseline,
+            healthy=healthy,
+            sensors=sensors,
         )
 
 

@@ -185,8 +185,9 @@ class _Ratios:
         along, by_reading = _Best(), _Best()
         for share, length, chance in LAWS:
             sums = _Sums.of(_whitened(rows, among, share, length), peaks, clipped)
-            along.add(*sums.along(suspects.directions, g, k), k, chance)
-            by_reading.add(*sums.by_reading(g, k), k, chance)
+            told, gamma = sums.told(g, k), sums.gamma[g, k]
+            along.add(*sums.along(suspects.directions, told, gamma, k), k, chance)
+            by_reading.add(*sums.by_reading(told, gamma, k), k, chance)
         found = np.zeros((len(among.g), len(peaks), len(suspects.weights)))
         anywhere = np.zeros(found.shape[:2])
         found[g, k] = along.log(k)
@@ -282,32 +283,33 @@ class _Sums:
         log_root = np.log(np.diagonal(R, axis1=1, axis2=2))
         return _Sums(np.linalg.inv(R), log_root, c, gamma, np.cumsum(w.log_scale)[peaks], peaks + 1.0)
 
-    def along(self, directions: np.ndarray, g: np.ndarray, k: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """log p (peaks, d), and log L (K, d), its mean over sizes, of the courses g at the peaks k (K,)."""
+    def told(self, g: np.ndarray, k: np.ndarray) -> np.ndarray:
+        """R⁻¹ c (K, m) of the courses g at the peaks k (K,)."""
+        return np.asarray(np.matmul(self.root[k], self.c[g, k][:, :, None])[:, :, 0])
+
+    def along(
+        self, directions: np.ndarray, told: np.ndarray, gamma: np.ndarray, k: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """log p (peaks, d), and log L (K, d), its mean over sizes, of courses told (K, m) with γ (K,) at peaks k."""
         m = directions.shape[1]
         seen = self.root @ directions.T  # (peaks, m, d)
         a = np.sum(seen**2, axis=1)
         free = 0.5 * (self.flights - m)
         same = (-self.log_scale - self.log_root.sum(axis=1))[:, None] + (free - 0.5)[:, None] * np.log(a)
-        told = self._told(g, k)
         explained = np.matmul(told[:, None, :], seen[k])[:, 0] ** 2 / a[k]
-        left = (self.gamma[g, k] - np.sum(told**2, axis=1))[:, None] + explained
+        left = (gamma - np.sum(told**2, axis=1))[:, None] + explained
         logs = _log_ratios(explained, left, free[k][:, None], SIZES)
         most = logs.max(axis=0)
         return same, np.log(np.exp(logs - most).mean(axis=0)) + most
 
-    def by_reading(self, g: np.ndarray, k: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def by_reading(self, told: np.ndarray, gamma: np.ndarray, k: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """The same of each reading regressed on those before it: (peaks, m), and of each size (ANY, K, m)."""
         free = 0.5 * (self.flights[:, None] - np.arange(1, self.log_root.shape[1] + 1))
         before = np.cumsum(self.log_root, axis=1) - self.log_root
         same = -self.log_scale[:, None] - before - 2 * free * self.log_root
-        square = self._told(g, k) ** 2
-        left = self.gamma[g, k][:, None] - np.cumsum(square, axis=1) + square
+        square = told**2
+        left = gamma[:, None] - np.cumsum(square, axis=1) + square
         return same, _log_ratios(square, left, free[k], ANY)
-
-    def _told(self, g: np.ndarray, k: np.ndarray) -> np.ndarray:
-        """R⁻¹ c (K, m)."""
-        return np.asarray(np.matmul(self.root[k], self.c[g, k][:, :, None])[:, :, 0])
 
 
 def _log_ratios(explained: np.ndarray, left: np.ndarray, free: np.ndarray, sizes: tuple[float, ...]) -> np.ndarray:

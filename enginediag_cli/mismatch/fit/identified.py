@@ -195,8 +195,8 @@ def identify_with(
     roughly: bool = False,
 ) -> Identified:
     """Fit nuisance and hypothesis together, from another fit where one is given; `of_few`: from what `fit_of_few` has
-    found of the same hypothesis. A start from a share of the records is as good as one from few of them. `roughly`:
-    only to compare it with others."""
+    found of the same hypothesis. A start from a share of the records is as good as one from few of them. `reach`:
+    how far it is worth its time; `roughly`: only to compare it with others."""
     model, problem, rho = problem_with(evidence, hypothesis, along, start)
     first, iterations = _start(problem, start, hypothesis) or _begun(problem, hypothesis), ITERATIONS
     few = _few(problem)

@@ -18,14 +18,7 @@ from enginediag_cli.mismatch.fit.believable import along_driver, with_belief
 from enginediag_cli.mismatch.fit.columns import Columns
 from enginediag_cli.mismatch.fit.families import Scored, correlations
 from enginediag_cli.mismatch.fit.freeform import Cell, free_form, locations
-from enginediag_cli.mismatch.fit.identified import (
-    ANY_REACH,
-    Hypothesis,
-    Identified,
-    Nuisance,
-    Reach,
-    identify_with,
-)
+from enginediag_cli.mismatch.fit.identified import ANY_REACH, Hypothesis, Identified, Nuisance, Reach, identify_with
 from enginediag_cli.mismatch.fit.options import (
     EFFECT,
     FAULT,
@@ -257,9 +250,9 @@ def attempt(
     onward: bool = False,
 ) -> Trial:
     """Fit nuisance and options together to the evidence of another fit. It begins at the prior means, the nominal
-    state: the other fit, without the options, is bent by what they explain; or where a fit `of_few` records ended. It
-    is worth as much time as its `reach` says. `onward`: it begins at the other fit and ends roughly, which
-    is enough to compare sets by.
+    state: the other fit, without the options, is bent by what they explain; or where a fit `of_few` records ended.
+    `reach`: how far it is worth its time. `onward`: it begins at the other fit and ends roughly, which is enough to
+    compare sets by.
 
     Of effects that remember and act at one place, one works on what the other makes: a limit behind a lag is not a lag
     behind a limit. Both orders are fitted, and the better one is the trial."""

@@ -12,30 +12,33 @@ from enginediag_cli.engine.moving.filters.base import Clock, Filter, Filtered, I
 
 
 class Scaled(Filter):
-    """The first coefficient times what `inner`, which has no states, makes with the others: a power is an inertia times
-    a rate."""
+    """The first coefficient times what `inner` makes with the others: a power is an inertia times a rate. A simulation
+    takes it for a filter without states."""
 
     def __init__(self, inner: Filter):
         self.inner = inner
         self.COEFFICIENTS = 1 + inner.COEFFICIENTS
 
     def __call__(self, clock: Clock, signal: Array, along: Array, coefficients: Sequence[float]) -> Filtered:
-        return _scaled(self.inner, clock, signal, along, coefficients)
+        size = float(coefficients[0])
+        clock = replace(clock, start=None)  # a power or a heat flow is not what is read
+        one = self.inner(clock, signal, along, coefficients[1:])
+        own = np.concatenate([one.value[None], size * one.own])
+        return Filtered(size * one.value, size * one.along, own)
 
     def bends(self, time: Array, coefficients: Sequence[float]) -> Array:
         return self.inner.bends(time, coefficients[1:])
 
 
-class ScaledIntegrated(Integrated):
+class ScaledIntegrated(Scaled, Integrated):
     """The same of a filter whose states are integrated: a heat flow is a conductance times a difference of
     temperatures."""
 
-    def __init__(self, inner: Integrated):
-        self.inner = inner
-        self.COEFFICIENTS, self.STATES = 1 + inner.COEFFICIENTS, inner.STATES
+    inner: Integrated
 
-    def __call__(self, clock: Clock, signal: Array, along: Array, coefficients: Sequence[float]) -> Filtered:
-        return _scaled(self.inner, clock, signal, along, coefficients)
+    def __init__(self, inner: Integrated):
+        super().__init__(inner)
+        self.STATES = inner.STATES
 
     def stage(
         self, signal: Value, base: Sequence[Value], step: Value, coefficients: Sequence[Value]
@@ -47,11 +50,3 @@ class ScaledIntegrated(Integrated):
 
     def deviation(self, signal: Value, states: Sequence[Value], coefficients: Sequence[Value]) -> Value:
         return self.inner.deviation(signal, states, coefficients[1:]) * coefficients[0]
-
-
-def _scaled(inner: Filter, clock: Clock, signal: Array, along: Array, coefficients: Sequence[float]) -> Filtered:
-    size = float(coefficients[0])
-    clock = replace(clock, start=None)  # a power or a heat flow is not what is read
-    one = inner(clock, signal, along, coefficients[1:])
-    own = np.concatenate([one.value[None], size * one.own])
-    return Filtered(size * one.value, size * one.along, own)

@@ -65,10 +65,10 @@ class Part:
     @property
     def is_plausible(self) -> bool:
         """Every coefficient of an effect within its bounds: who explains refuses one that ends at a bound."""
-        if self.law is not None or self.carried is None:
+        effect = self.carried if self.law is None else None
+        if effect is None:
             return True
-        sizes = set(self.carried.amplitudes)
-        return all(p.lower < p.nominal < p.upper for p in self.carried.parameters() if p.name in sizes)
+        return all(p.lower < p.nominal < p.upper for p in effect.parameters() if p.name in effect.amplitudes)
 
     def hypothesis(self, engine: Engine, records: int) -> Hypothesis:
         """The cause as something to fit, begun at its size."""
