@@ -104,7 +104,9 @@ def ended_line(path: Path) -> dict:
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
 def test_a_run_that_is_terminated_says_so_at_last(log, number):
-    process = start("check", "-", "--log", str(log))
+    # what was begun by nohup inherits SIGHUP ignored
+    listen = {"preexec_fn": lambda: signal.signal(number, signal.SIG_DFL)}
+    process = start("check", "-", "--log", str(log), **listen)
     until = time.monotonic() + 30
     while not (log.exists() and log.read_text()) and time.monotonic() < until:
         time.sleep(0.02)

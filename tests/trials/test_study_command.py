@@ -176,6 +176,8 @@ def test_an_interrupted_study_keeps_its_journal_and_no_output(study_file, tmp_pa
         [sys.executable, "-m", "enginediag_cli", "study", str(many), "-o", str(out), "--processes", "1"],
         stderr=subprocess.PIPE,
         text=True,
+        # a background job of a shell without job control inherits SIGINT ignored
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
     )
     patience = time.monotonic() + 60
     while time.monotonic() < patience and (not kept.exists() or kept.read_text().count("\n") < 2):
