@@ -11,7 +11,7 @@ Source: D. J. C. MacKay, Neural Computation 4 (1992) 415–447.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import combinations, product
 
 import numpy as np
@@ -24,7 +24,7 @@ from enginediag_cli.mismatch.fit.families import Sums, grid
 from enginediag_cli.mismatch.fit.freeform import Location, locations
 from enginediag_cli.mismatch.fit.identified import Identified
 from enginediag_cli.mismatch.fit.projection import Projection
-from enginediag_cli.mismatch.laws.grammar import FORMS, Form
+from enginediag_cli.mismatch.laws.grammar import FORMS, Form, Shape
 from enginediag_cli.physics.laws.variables import Variable, variables_of
 from enginediag_cli.progress import stage
 
@@ -35,11 +35,18 @@ PAIRS = 0.25
 @dataclass(frozen=True)
 class Known:
     """A variable with its values in the fit's records (N,); `group`: variables of one number cannot be told apart
-    there."""
+    there; `tries`: of shapes, and of finer ones, once they were asked for."""
 
     variable: Variable
     values: np.ndarray
     group: int
+    tries: dict[tuple[Shape, bool], tuple[float, ...]] = field(default_factory=dict, compare=False, repr=False)
+
+    def tried(self, shape: Shape, finer: bool) -> tuple[float, ...]:
+        """Values of a shape to begin with."""
+        if (shape, finer) not in self.tries:
+            self.tries[shape, finer] = (shape.finer if finer and shape.finer else shape.tries)(self.values)
+        return self.tries[shape, finer]
 
 
 @dataclass(frozen=True)
@@ -128,13 +135,13 @@ def share_of_variables(count: int, groups: int) -> float:
 def _shaped(form: Form, of: tuple[Known, ...], share: float, finer: bool) -> Iterator[Formula]:
     if form.ratios and any(k.variable.recorded for k in of):
         return
-    tries = [(s.finer if finer and s.finer else s.tries)(of[s.of].values) for s in form.shapes]
-    count = int(np.prod([len(t) for t in tries]))
-    for values in product(*tries):
-        shape = {s.letter: v for s, v in zip(form.shapes, values, strict=True)}
-        curve = over_records(form, of, shape)
-        if np.isfinite(curve).all() and np.std(curve) > 0.0:
-            yield Formula(form, of, shape, curve, float(np.log(share)), count)
+    tried = list(product(*(of[s.of].tried(s, finer) for s in form.shapes)))
+    letters, together = [s.letter for s in form.shapes], np.array(tried).T[:, :, None]  # (letters, tries, 1)
+    curves = np.atleast_2d(over_records(form, of, dict(zip(letters, together, strict=True))))
+    there = np.isfinite(curves).all(axis=1) & (np.std(curves, axis=1) > 0.0)
+    for k in np.flatnonzero(there):
+        shape = dict(zip(letters, tried[k], strict=True))
+        yield Formula(form, of, shape, curves[k], float(np.log(share)), len(tried))
 
 
 @dataclass(frozen=True)
@@ -150,8 +157,9 @@ class Scan:
         return list({id(c.formula): c.formula for c in self.candidates}.values())
 
 
-def over_records(form: Form, of: Sequence[Known], shape: Mapping[str, float]) -> np.ndarray:
-    """A form of variables over their records (N,), amplitude 1; not finite where it is nothing."""
+def over_records(form: Form, of: Sequence[Known], shape: Mapping[str, float | np.ndarray]) -> np.ndarray:
+    """A form of variables over their records (N,), amplitude 1; (tries, N) where its shape has (tries, 1) each; not
+    finite where it is nothing."""
     with np.errstate(all="ignore"):
         return np.asarray(form.expression.at({**letters_of(of), **shape, "a": 1.0}), float)
 
