@@ -22,7 +22,8 @@ from enginediag_cli.mismatch.laws.finding import FittedLaw, LawFinding
 from enginediag_cli.mismatch.laws.grammar import FORMS
 from enginediag_cli.mismatch.laws.posterior import evidence_of, places_of, shares, variables_of_laws
 from enginediag_cli.mismatch.laws.refined import refined
-from enginediag_cli.mismatch.laws.scan import Candidate, Scan, formulas_of, prior_of_a_place, scanned, scored
+from enginediag_cli.mismatch.laws.said import Said
+from enginediag_cli.mismatch.laws.scan import Candidate, Known, Scan, formulas_of, prior_of_a_place, scanned, scored
 from enginediag_cli.mismatch.laws.shortlist import (
     Proposal,
     along_the_same,
@@ -31,7 +32,7 @@ from enginediag_cli.mismatch.laws.shortlist import (
     within_reach,
 )
 from enginediag_cli.mismatch.laws.smooth import Smooth, carried, prior_of_variables, smooth_evidence
-from enginediag_cli.mismatch.laws.steps import as_steps
+from enginediag_cli.mismatch.laws.steps import Bends, as_curve, as_surface, bends_of
 
 BEHIND, SECOND = 2, 3
 """Laws to which a second one is sought where none is enough by itself; how many of these are fitted to each."""
@@ -123,6 +124,7 @@ class LawSearch:
     double: list[Fitted] = field(default_factory=list)
     smooth: list[Smooth] = field(default_factory=list)
     refined: list[Candidate] = field(default_factory=list)
+    bends: dict[Where, Bends] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         self.engine = self.base.found.evidence.engine
@@ -137,15 +139,23 @@ class LawSearch:
         self.single = ordered(replace(f, beside=total[f.where] - best[f.where].evidence) for f in self.single)
 
     def _smooth_laws(self) -> list[Fitted]:
-        """A smooth curve as a law, of the likeliest place and variables, where no listed form is as likely there."""
+        """Smooth curves as laws, of the likeliest places and variables where they are nearly as likely as any form; and
+        a surface of the likeliest two where it is likelier than all of theirs."""
+        found: list[tuple[Proposal, ...]] = []
+        for first in self._apart():
+            place, bends = first.laws[0].candidate.location, self.bends.get(first.where)
+            if bends is not None and bends.evidence + self._prior_of((bends.of,)) > first.evidence - NEARLY:
+                found.append(as_curve(place, bends, self._prior_of((bends.of,)), self.engine))
         s = max(self.smooth, key=lambda s: s.evidence, default=None)
         best = self._best().get(s.where) if s is not None else None
-        if s is None or best is None or s.evidence <= best.evidence:
-            return []
-        size = float(np.std(curve_of(best.effects, best.trial, self.scan.known)[0]))
-        prior = prior_of_variables(s.of, len({k.group for k in self.scan.known})) + prior_of_a_place(self.base.found)
-        laws = as_steps(s.place, s.of, size, prior, self.engine)
-        return self._fitted([laws]) if laws else []
+        if s is not None and best is not None and len(s.of) == 2 and s.evidence > best.evidence:
+            size = float(np.std(curve_of(best.effects, best.trial, self.scan.known)[0]))
+            found.append(as_surface(s.place, (s.of[0], s.of[1]), size, self._prior_of(s.of), self.engine))
+        return self._fitted([laws for laws in found if laws])
+
+    def _prior_of(self, of: Sequence[Known]) -> float:
+        """ln, of a place and of variables whatever the form."""
+        return prior_of_variables(of, len({k.group for k in self.scan.known})) + prior_of_a_place(self.base.found)
 
     @property
     def most(self) -> float:
@@ -164,7 +174,7 @@ class LawSearch:
         the records hardly tell apart the best counts."""
         of: dict[Where, dict[object, float]] = {}
         for where, form, evidence in (
-            *((f.where, tuple(p.candidate.formula.form.name for p in f.laws), f.evidence) for f in self.single),
+            *((f.where, _forms_of(f), f.evidence) for f in self.single),
             *((s.where, None, s.evidence) for s in self.smooth),
             *self._unfitted(),
         ):
@@ -191,8 +201,9 @@ class LawSearch:
             if at.found.converged:
                 here = smooth_evidence(at, known, prior)
                 likely = sorted({s.groups: s for s in reversed(here)}.values(), key=lambda s: -s.evidence)[:SETS]
-                finer = [f for s in likely for f in formulas_of(s.of, known, finer=True)]
-                self.refined += refined(at, [*every, *finer], known, prior)
+                finer, said = [f for s in likely for f in formulas_of(s.of, known, finer=True)], Said(at)
+                self.refined += refined(said, [*every, *finer], known, prior)
+                self.bends |= {s.where: bends_of(said, s.of[0]) for s in likely if len(s.of) == 1}
                 found += here
         self.refined.sort(key=lambda c: -c.weight)
         return found
@@ -369,6 +380,12 @@ def _predicts(more: Fitted, fewer: Fitted) -> float:
     (1994) 1947–1975 (the price of the choice)."""
     k = len(more.trial.hypothesis.names) - len(fewer.trial.hypothesis.names)
     return fewer.trial.objective - more.trial.objective - 2.0 * (k + float(np.log(len(FORMS))))
+
+
+def _forms_of(f: Fitted) -> object:
+    """Names of a law's forms; none of a smooth curve or surface."""
+    forms = [p.candidate.formula.form for p in f.laws]
+    return tuple(form.name for form in forms) if all(form.listed for form in forms) else None
 
 
 def _form_of(c: Candidate) -> tuple[str, str, frozenset[int]]:

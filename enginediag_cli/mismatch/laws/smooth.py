@@ -212,8 +212,12 @@ def _variances(parts: tuple[int, ...], degrees: tuple[int, ...]) -> np.ndarray:
 
 def _averaged(G: np.ndarray, g: np.ndarray, W: np.ndarray) -> float:
     """ln of the mean, over W (w, k), of the evidence of a linear model."""
+    return float(np.logaddexp.reduce(linear_evidence(G, g, W)) - np.log(len(W)))
+
+
+def linear_evidence(G: np.ndarray, g: np.ndarray, W: np.ndarray) -> np.ndarray:
+    """ln evidence (w,) of a linear model with products G (k, k) and pulls g (k,), by variances W (w, k)."""
     root = np.sqrt(W)
     L = np.linalg.cholesky(np.eye(len(g)) + root[:, :, None] * G * root[:, None, :])
     h = np.linalg.solve(L, (root * g)[:, :, None])[:, :, 0]
-    ln = 0.5 * np.sum(h**2, axis=1) - np.log(np.diagonal(L, axis1=1, axis2=2)).sum(axis=1)
-    return float(np.logaddexp.reduce(ln) - np.log(len(W)))
+    return np.asarray(0.5 * np.sum(h**2, axis=1) - np.log(np.diagonal(L, axis1=1, axis2=2)).sum(axis=1))

@@ -3,8 +3,9 @@
     f = Σ_k a_k s_k(x)     s_k(x) = tanh((x − c_k)/w) − tanh((x₀ − c_k)/w)     a_k ~ N(0, σ²)
 
 with places c_k evenly over what was flown and w their distance: any curve that bends no faster, 0 at the design point,
-and constant beyond what was flown, where nothing is known. Of two variables their own sums, and the products of steps
-s_k(x) s_l(y). It has no shape to fit, its sizes are linear, and their prior keeps them where records tell nothing.
+and constant beyond what was flown, where nothing is known. How many steps of one variable there are, and σ, is told by
+their evidence: as many as the curve bends. Of two variables their own sums, and the products of steps s_k(x) s_l(y).
+It has no shape to fit, its sizes are linear, and their prior keeps them where records tell nothing.
 """
 
 from __future__ import annotations
@@ -19,13 +20,19 @@ from enginediag_cli.engine.term import Coefficient, Effect
 from enginediag_cli.mismatch.fit.freeform import Location
 from enginediag_cli.mismatch.laws.grammar import EDGES_OF_STEPS, Form, span
 from enginediag_cli.mismatch.laws.proposed import acting, place_of, statement_of
+from enginediag_cli.mismatch.laws.said import Said
 from enginediag_cli.mismatch.laws.scan import Candidate, Formula, Known
 from enginediag_cli.mismatch.laws.shortlist import Proposal, carrying
+from enginediag_cli.mismatch.laws.smooth import linear_evidence
 from enginediag_cli.physics.laws.expression import LONGEST, Expression
 from enginediag_cli.physics.laws.law import Law
 
-ALONE, BESIDE, TOGETHER = 6, 4, 3
-"""Steps along one variable; along each of two; and along each in their products."""
+ALONE = (4, 6, 8, 11, 15)
+"""Steps along one variable, of which the likeliest number is taken."""
+SHARES = (0.1, 0.3, 1.0)
+"""σ, over the standard deviation of the law that a fit carries, likewise."""
+BESIDE, TOGETHER = 4, 3
+"""Steps along each of two variables; and along each in their products."""
 DIGITS = 5
 """Significant digits of places and widths in a formula."""
 
@@ -58,27 +65,75 @@ class Part:
         return "_".join((self.form.name, *(k.variable.name for k in self.of), *filter(None, [self.number])))
 
 
-def as_steps(place: Location, of: Sequence[Known], size: float, prior: float, engine: Engine) -> tuple[Proposal, ...]:
-    """Laws that together are a smooth curve of one variable or surface of two at a place; `size`: standard deviation
-    of a curve there over the records, `prior`: ln, of place and variables, which the first law bears. None where the
-    variables' names make formulas that are too long."""
-    parts = [Part(OWN, (k,), _steps(k, ALONE if len(of) == 1 else BESIDE)) for k in of]
-    if len(of) == 2:
-        x, y = of
-        for number, step in enumerate(_steps(x, TOGETHER), start=1):
-            parts.append(Part(BOTH, (x, y), _steps(y, TOGETHER), f"{step} * ", str(number)))
+@dataclass(frozen=True)
+class Bends:
+    """How finely a curve of one variable bends: `count` steps, `size` their σ, both the likeliest; `evidence`: ln, of
+    all that were tried, against the fit without the law that is carried; `choice`: what it is less than that of the
+    likeliest."""
+
+    of: Known
+    count: int
+    size: float
+    evidence: float
+    choice: float
+
+
+def bends_of(said: Said, k: Known) -> Bends:
+    """Of what a place says of curves of a variable, the evidence that of linear models of a ~ N(0, σ²)."""
+    tried = [(count, share * float(np.std(said.at.f))) for count in ALONE for share in SHARES]
+    found: list[float] = []
+    for count in ALONE:
+        places, w = _grid(k, count)
+        steps = np.tanh((k.values[:, None] - places) / w) - np.tanh((k.variable.reference - places) / w)
+        G, g, _ = said.of(steps[:, None, :])
+        sizes = np.array([size for n, size in tried if n == count])
+        found += list(linear_evidence(G[0], g[0], np.repeat(sizes[:, None] ** 2, count, axis=1)))
+    best = int(np.argmax(found))
+    all_of_them = float(np.logaddexp.reduce(found) - np.log(len(found)))
+    return Bends(k, *tried[best], said.gain + all_of_them, all_of_them - found[best])
+
+
+def as_curve(place: Location, bends: Bends, prior: float, engine: Engine) -> tuple[Proposal, ...]:
+    """The law that is a smooth curve of one variable at a place; `prior`: ln, of place and variable. None where the
+    variable's name makes a formula that is too long."""
+    part = Part(OWN, (bends.of,), _steps(bends.of, bends.count))
+    return _proposals(place, [part], bends.size, prior + bends.choice, engine)
+
+
+def as_surface(
+    place: Location, of: tuple[Known, Known], size: float, prior: float, engine: Engine
+) -> tuple[Proposal, ...]:
+    """Laws that together are a smooth surface of two variables at a place; `size`: standard deviation of a curve there
+    over the records, `prior`: ln, of place and variables, which the first law bears. None where the variables' names
+    make formulas that are too long."""
+    x, y = of
+    parts = [Part(OWN, (k,), _steps(k, BESIDE)) for k in of]
+    for number, step in enumerate(_steps(x, TOGETHER), start=1):
+        parts.append(Part(BOTH, (x, y), _steps(y, TOGETHER), f"{step} * ", str(number)))
+    return _proposals(place, parts, size, prior, engine)
+
+
+def _proposals(
+    place: Location, parts: Sequence[Part], size: float, prior: float, engine: Engine
+) -> tuple[Proposal, ...]:
     if any(len(p.text) > LONGEST for p in parts):
         return ()
     return tuple(_proposal(place, p, size, prior if p is parts[0] else 0.0, engine) for p in parts)
 
 
-def _steps(k: Known, count: int) -> tuple[str, ...]:
-    """Steps of a variable, evenly over what was flown."""
+def _grid(k: Known, count: int) -> tuple[np.ndarray, float]:
+    """Places (count,) of steps of a variable, evenly over what was flown, and their width."""
     low, high = (float(q) for q in np.quantile(k.values, EDGES_OF_STEPS))
-    name, x0 = k.variable.name, k.variable.reference
     w = _rounded(max((high - low) / (count - 1), 1e-3 * span(k.values)))
+    return np.array([_rounded(float(c)) for c in np.linspace(low, high, count)]), w
+
+
+def _steps(k: Known, count: int) -> tuple[str, ...]:
+    """Steps of a variable."""
+    name, x0 = k.variable.name, k.variable.reference
+    places, w = _grid(k, count)
     found = []
-    for c in map(_rounded, np.linspace(low, high, count)):
+    for c in map(float, places):
         found.append(f"(tanh(({name} - {c!r}) / {w!r}) - ({float(np.tanh((x0 - c) / w))!r}))")
     return tuple(found)
 

@@ -14,7 +14,7 @@ import numpy as np
 
 from enginediag_cli.engine.dual import Value, chain, exp, log, maximum, minimum, power, sqrt, value
 
-LONGEST = 1000
+LONGEST = 2000
 """Letters of a formula."""
 DEEPEST = 40
 """Parentheses and operations within each other."""

@@ -17,6 +17,7 @@ from enginediag_cli.mismatch.laws.alike import places_alike
 from enginediag_cli.mismatch.laws.grammar import FORMS
 from enginediag_cli.mismatch.laws.posterior import evidence_of
 from enginediag_cli.mismatch.laws.refined import refined
+from enginediag_cli.mismatch.laws.said import Said
 from enginediag_cli.mismatch.laws.scan import Candidate, formulas, formulas_of, known_variables, scored
 from enginediag_cli.mismatch.laws.shortlist import proposal
 from enginediag_cli.mismatch.laws.smooth import Carried, carried
@@ -55,7 +56,7 @@ class Searched:
         return attempt([option], self.base.found, nuisance(self.given))
 
     def refined(self) -> list[Candidate]:
-        return refined(self.at, list(formulas(self.known)), self.known, 0.0)
+        return refined(Said(self.at), list(formulas(self.known)), self.known, 0.0)
 
 
 @pytest.fixture(scope="module")
@@ -89,7 +90,10 @@ def test_a_threshold_times_another_variable_is_told_from_either_alone() -> None:
 
 def test_the_order_of_the_tries_changes_nothing(narrow: Searched) -> None:
     tries = list(formulas(narrow.known))
-    forward, backward = refined(narrow.at, tries, narrow.known, 0.0), refined(narrow.at, tries[::-1], narrow.known, 0.0)
+    forward, backward = (
+        refined(Said(narrow.at), tries, narrow.known, 0.0),
+        refined(Said(narrow.at), tries[::-1], narrow.known, 0.0),
+    )
     for one, other in zip(forward[:5], backward[:5], strict=True):
         assert one.formula.form is other.formula.form
         assert one.weight == pytest.approx(other.weight, abs=1e-6)
@@ -105,7 +109,10 @@ def test_every_form_is_said_once_of_the_same_variables(narrow: Searched) -> None
 
 def test_a_prior_of_the_place_is_added_as_it_is(narrow: Searched) -> None:
     tries = list(formulas(narrow.known))
-    one, other = refined(narrow.at, tries, narrow.known, 0.0)[0], refined(narrow.at, tries, narrow.known, -2.0)[0]
+    one, other = (
+        refined(Said(narrow.at), tries, narrow.known, 0.0)[0],
+        refined(Said(narrow.at), tries, narrow.known, -2.0)[0],
+    )
     assert other.weight == pytest.approx(one.weight - 2.0)
     assert replace(other, weight=one.weight, prior=one.prior).formula.shape == one.formula.shape
 

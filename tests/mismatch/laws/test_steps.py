@@ -11,10 +11,15 @@ import pytest
 
 from enginediag_cli.mismatch.fit.freeform import locations
 from enginediag_cli.mismatch.fit.identified import NO_HYPOTHESIS, identify_with, nuisance
+from enginediag_cli.mismatch.fit.projection import Projection
+from enginediag_cli.mismatch.laws.said import Said
 from enginediag_cli.mismatch.laws.scan import known_variables
-from enginediag_cli.mismatch.laws.steps import ALONE, BESIDE, TOGETHER, as_steps
+from enginediag_cli.mismatch.laws.smooth import Carried
+from enginediag_cli.mismatch.laws.steps import BESIDE, TOGETHER, Bends, as_curve, as_surface, bends_of
 from enginediag_cli.physics.laws.written import entry_of
 from enginediag_cli.trials.blind.laws.told import all_built
+
+COUNT = 8
 
 
 @pytest.fixture(scope="module")
@@ -23,6 +28,14 @@ def ground():
     found = identify_with(given, NO_HYPOTHESIS, nuisance(given))
     place = next(p for p in locations(found) if p.name == "hpc.efficiency")
     return given.engine, place, {k.variable.name: k for k in known_variables(found)}
+
+
+def _laws(ground, of, prior=0.0):
+    """A curve of eight steps of one variable, or a surface of two."""
+    engine, place, _ = ground
+    if len(of) == 1:
+        return as_curve(place, Bends(of[0], COUNT, 0.01, 0.0, 0.0), prior, engine)
+    return as_surface(place, of, 0.01, prior, engine)
 
 
 def _summed(laws, x, sizes):
@@ -35,11 +48,9 @@ def _summed(laws, x, sizes):
 
 @pytest.mark.parametrize("names", [("mach",), ("power", "mach")])
 def test_it_is_nothing_at_the_design_point_and_constant_beyond_what_was_flown(ground, names):
-    engine, place, known = ground
-    laws = [
-        e for p in as_steps(place, [known[n] for n in names], 0.01, 0.0, engine) for e in p.option.hypothesis.effects
-    ]
-    sizes = np.random.default_rng(1).normal(0.0, 0.01, ALONE)
+    known = ground[2]
+    laws = [e for p in _laws(ground, [known[n] for n in names]) for e in p.option.hypothesis.effects]
+    sizes = np.random.default_rng(1).normal(0.0, 0.01, COUNT)
     at_design = {n: np.array([known[n].variable.reference]) for n in names}
     assert np.abs(_summed(laws, at_design, sizes)).max() < 1e-15
     far = {n: known[n].values.max() + np.ptp(known[n].values) * np.array([4.0, 40.0]) for n in names}
@@ -47,30 +58,47 @@ def test_it_is_nothing_at_the_design_point_and_constant_beyond_what_was_flown(gr
     assert np.ptp(_summed(laws, far, sizes)) < 1e-6 * np.ptp(inside)
 
 
-@pytest.mark.parametrize(("names", "coefficients"), [(("mach",), ALONE), (("power", "mach"), 2 * BESIDE + TOGETHER**2)])
+@pytest.mark.parametrize(("names", "coefficients"), [(("mach",), COUNT), (("power", "mach"), 2 * BESIDE + TOGETHER**2)])
 def test_an_engine_file_carries_it_as_laws(ground, names, coefficients):
-    engine, place, known = ground
-    proposals = as_steps(place, [known[n] for n in names], 0.01, 0.0, engine)
+    engine, _, known = ground
+    proposals = _laws(ground, [known[n] for n in names])
     effects = [e for p in proposals for e in p.option.hypothesis.effects]
     assert sum(len(e.term.COEFFICIENTS) for e in effects) == coefficients
     assert all(a.label != b.label for a, b in combinations(effects, 2))
     built = all_built(engine, [entry_of(e) for e in effects])
     assert built is not None
     x = {n: known[n].values for n in names}
-    sizes = np.random.default_rng(2).normal(0.0, 0.01, ALONE)
+    sizes = np.random.default_rng(2).normal(0.0, 0.01, COUNT)
     assert np.array_equal(_summed(effects, x, sizes), _summed(built, x, sizes))
 
 
 def test_only_the_first_law_bears_the_prior_of_place_and_variables(ground):
-    engine, place, known = ground
-    proposals = as_steps(place, [known["power"], known["mach"]], 0.01, -7.0, engine)
+    known = ground[2]
+    proposals = _laws(ground, [known["power"], known["mach"]], -7.0)
     assert [p.candidate.prior for p in proposals] == [-7.0, *[0.0] * (len(proposals) - 1)]
 
 
 def test_long_names_make_no_formula_that_cannot_be_read(ground):
-    engine, place, known = ground
+    known = ground[2]
     for name, other in combinations(known.values(), 2):
-        for p in as_steps(place, [name, other], 0.01, 0.0, engine):
+        for p in _laws(ground, [name, other]):
             assert len(next(iter(p.option.hypothesis.effects)).term.expression.text) <= 700
-    variable = replace(known["power"].variable, name="a_name_that_goes_on_and_on_" * 6)
-    assert as_steps(place, [replace(known["power"], variable=variable)], 0.01, 0.0, engine) == ()
+    variable = replace(known["power"].variable, name="a_name_that_goes_on_and_on_" * 12)
+    assert _laws(ground, [replace(known["power"], variable=variable)]) == ()
+
+
+def test_as_many_steps_are_taken_as_a_curve_bends():
+    """Half a wave of a variable takes few, two and a half waves many; the evidence is of all that were tried."""
+    given = concealed.evidence(concealed.flights((), np.random.default_rng(1311), count=4, records=60))
+    found = identify_with(given, NO_HYPOTHESIS, nuisance(given))
+    place = next(p for p in locations(found) if p.name == "hpc.efficiency")
+    mach = next(k for k in known_variables(found) if k.variable.name == "mach")
+    u = (mach.values - mach.values.min()) / np.ptp(mach.values)
+    counts = []
+    for waves in (0.5, 2.5):
+        # what a fit carries is added back to what it leaves: there is nothing else in these flights
+        carried = Carried(found, Projection(found), place, 0.02 * np.sin(2.0 * np.pi * waves * u), 0.0)
+        bends = bends_of(Said(carried), mach)
+        assert bends.choice <= 0.0
+        counts.append(bends.count)
+    assert counts[0] <= 6 and counts[1] >= 11
