@@ -112,11 +112,13 @@ class Form:
         return "y" in self.expression.names
 
 
-def _place(within: tuple[float, ...], letter: str = "c", of: int = 0) -> Shape:
+def _place(
+    within: tuple[float, ...], letter: str = "c", of: int = 0, finer: tuple[float, ...] | None = WITHIN
+) -> Shape:
     def at(shares: tuple[float, ...]) -> Tries:
         return lambda x: tuple(float(v) for v in np.nanquantile(x, shares))
 
-    return Shape(letter, at(within), 0.5, _near, of=of, finer=at(WITHIN))
+    return Shape(letter, at(within), 0.5, _near, of=of, finer=at(finer) if finer else None)
 
 
 def _zero() -> Shape:
@@ -170,6 +172,8 @@ RAMP_UP, RAMP_DOWN = f"(x - c + {HYPERBOLA})", f"(x - c - {HYPERBOLA})"
 STEP, BUMP, TURNING = _moved(TANH), _moved(PEAK), _moved(HYPERBOLA)
 STEPS = _moved(f"{TANH} * tanh((y - d) / v)")
 SPOT = _moved("exp(-((x - c) / w) ** 2 - ((y - d) / v) ** 2)")
+DISTANCE = _moved("sqrt(((x - c) / w) ** 2 + ((y - d) / v) ** 2 + 1)")
+CROSSED = _moved("tanh((x - c) / w * ((y - d) / v))")
 
 
 def _from(of_first: str) -> str:
@@ -180,12 +184,28 @@ def _from(of_first: str) -> str:
 OF_TWO = (PLACE_OF_TWO, WIDE)
 FROM = (*OF_TWO, _zero())
 """Shapes of a form of the first variable that is multiplied by how far the second is from a value of it."""
-EACH = (*OF_TWO, _place(WITHIN_OF_TWO, "d", 1), _width(WIDTH_OF_TWO, "v", 1, FINER_WIDTHS))
+WIDE_OF_SECOND = _width(WIDTH_OF_TWO, "v", 1, FINER_WIDTHS)
+EACH = (*OF_TWO, _place(WITHIN_OF_TWO, "d", 1), WIDE_OF_SECOND)
 """Shapes of a form that has a place and a width of each."""
+OF_BOTH = (*OF_TWO, _place((0.5,), "d", 1, None), WIDE_OF_SECOND)
+"""Shapes of a form of a weighted sum, whose one place c and d say together."""
 AS_A_STEP, NEAR_ONE = "as a smooth step in the first", "near one value of the first"
 BEYOND, BELOW = "beyond a threshold of the first", "below a threshold of the first"
 FROM_A_VALUE = "the more the farther the second is from one value, of"
+HOW_FAR = "how far each is from a value of it, of"
 THE_MORE = "the more the larger the second, of"
+
+
+def _of_a_group(name: str, words: str, text: str) -> tuple[Form, Form]:
+    """What one variable does as z, done by a weighted sum and by a weighted difference of two: by a group of them that
+    nobody has formed."""
+    found = []
+    for group, sign in (("sum", "+"), ("difference", "-")):
+        of_both = re.sub(r"\bz\b", f"((x - c) / w {sign} (y - d) / v)", text)
+        words_of_both = f"{words} a weighted {group} of"
+        found.append(Form(f"{name}_of_{group}", words_of_both, f"a * {_moved(of_both)}", OF_BOTH, weight=0.25))
+    return found[0], found[1]
+
 
 FORMS = (
     Form("linear", "in proportion to", "a * (x - x0)", weight=4.0),
@@ -214,5 +234,11 @@ FORMS = (
     Form("below_from", f"{BELOW}, {FROM_A_VALUE}", f"a * {_from(RAMP_DOWN)}", FROM, weight=0.5, turned=True),
     Form("steps", "as the product of smooth steps in", f"a * {STEPS}", EACH, weight=0.5),
     Form("spot", "near one point of", f"a * {SPOT}", EACH, weight=0.5),
+    Form("distance", "by the distance from one point of", f"a * {DISTANCE}", EACH, weight=0.5),
+    Form("crossed", f"as a smooth step in the product of {HOW_FAR}", f"a * {CROSSED}", EACH, weight=0.5),
+    *_of_a_group("step", "as a smooth step in", "tanh(z)"),
+    *_of_a_group("bump", "near one value of", "exp(-z ** 2)"),
+    *_of_a_group("above", "beyond a threshold of", "(z + sqrt(z ** 2 + 1))"),
+    *_of_a_group("below", "below a threshold of", "(z - sqrt(z ** 2 + 1))"),
 )
 """What a law may be, simple forms first."""

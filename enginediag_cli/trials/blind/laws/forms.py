@@ -47,11 +47,11 @@ OUTSIDE: Mapping[str, str] = {
     "bump and slope": "exp(-u ** 2) + q * u",
     "cubic": "u ** 3 - u",
     "odd powers": "x ** n + q * y ** m",
-    "bounded product": "tanh(u * v)",
+    "saddle": "u * v / (1 + max(u * v, -u * v))",
     "corner": "max(u, 0) * max(v, 0)",
-    "distance": "sqrt(u ** 2 + v ** 2 + 0.01)",
+    "higher of two": "max(u, v)",
     "ratio with offset": "x / (1 + b * y)",
-    "slanted kink": "max(u + v, 0)",
+    "slanted root": "sqrt(max(u + v, 0) + 0.01)",
 }
 """Forms that no grammar holds, by name; of two variables where y or v stands in them."""
 RATIOS = ("rational", "odd powers", "ratio with offset")
