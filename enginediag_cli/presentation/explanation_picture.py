@@ -10,6 +10,7 @@ import numpy as np
 
 from enginediag_cli.drivers import CONSTANT
 from enginediag_cli.intervals import NORMAL_95
+from enginediag_cli.presentation.laws import equation
 from enginediag_cli.presentation.pictures.axes import Panel, padded
 from enginediag_cli.presentation.pictures.svg import BLUE, INK, ORANGE, SMALL
 from enginediag_cli.presentation.refinement_picture import HEAD, LINE, MARGIN, WIDTH, headed, lines_of
@@ -72,7 +73,7 @@ def _of_law(story: Story) -> _Drawn | None:
     effect = first.option.hypothesis.effects[0]
     told = [
         effect.term.STATEMENT,
-        effect.term.EQUATION,
+        equation(effect.term),
         f"Vertical: {words}, {unit}, over the records that were flown.",
     ]
     return _Drawn(

@@ -15,7 +15,14 @@ from enginediag_cli.physics.together import each
 from enginediag_cli.presentation.controls import control_sentences
 from enginediag_cli.presentation.flip_rows import explanation_flips
 from enginediag_cli.presentation.gated import gated_sentences
-from enginediag_cli.presentation.laws import law_sentences, law_statement, left_sentence, nearest_law
+from enginediag_cli.presentation.laws import (
+    equations,
+    law_sentences,
+    law_statement,
+    left_sentence,
+    nearest_law,
+    of_many,
+)
 from enginediag_cli.presentation.names import listed, spelled
 from enginediag_cli.presentation.numbers import probability, rounded, with_unit
 from enginediag_cli.presentation.plans import advice_sentences
@@ -141,9 +148,7 @@ def _named(story: Story) -> Iterator[str]:
                 yield from law_statement(e, a.law)
             else:
                 yield f"  {e.term.STATEMENT} It varies with {o.driver.words}."
-            for c in x.coefficients:
-                if c.name in e.amplitudes:
-                    yield f"  {coefficient(c, e)}"
+            yield from _coefficients(x, e)
         if o.hypothesis.discrepancies:
             yield "  It begins at that time and holds over all operating conditions, which no effect does."
     if a.law is not None:
@@ -176,22 +181,21 @@ def _law(story: Story) -> Iterator[str]:
     yield f"No listed effect explains it; {'a law does' if len(effects) == 1 else 'two laws together do'}:"
     for e in effects:
         yield from law_statement(e, a.law)
-        for c in x.coefficients:
-            if c.name in e.amplitudes:
-                yield f"  {coefficient(c, e)}"
+        yield from _coefficients(x, e)
     yield from law_sentences(a.law)
     yield left_sentence(a.law)
     yield _gained(story)
     if len(a.explanations) > 1:
-        others = [
-            f"{' with '.join(_equation(o) for o in other.options)} ({probability(other.probability)})"
-            for other in a.explanations[1:]
-        ]
+        others = [f"{equations(other.options)} ({probability(other.probability)})" for other in a.explanations[1:]]
         yield f"These flights cannot tell it from {listed(others, 'or')}."
 
 
-def _equation(o: Option) -> str:
-    return o.hypothesis.effects[0].term.EQUATION.replace(",  ", ", ")
+def _coefficients(x: Explanation, effect: Effect) -> Iterator[str]:
+    """Those of an effect, each in a line; of a law with many its curve is told in their place."""
+    if not of_many(effect.term):
+        for c in x.coefficients:
+            if c.name in effect.amplitudes:
+                yield f"  {coefficient(c, effect)}"
 
 
 def coefficient(c: Coefficient, effect: Effect) -> str:

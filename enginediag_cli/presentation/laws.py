@@ -5,14 +5,18 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from enginediag_cli.intervals import NORMAL_95
 from enginediag_cli.mismatch.laws.finding import TOGETHER
+from enginediag_cli.physics.laws.law import Law
 from enginediag_cli.physics.laws.written import entry_of
 from enginediag_cli.presentation.names import listed
 from enginediag_cli.presentation.numbers import probability, rounded, with_unit
 
 if TYPE_CHECKING:
-    from enginediag_cli.engine.term import Effect
+    from enginediag_cli.engine.term import Effect, Term
+    from enginediag_cli.mismatch.fit.options import Option
     from enginediag_cli.mismatch.laws.band import Band
     from enginediag_cli.mismatch.laws.finding import Group, LawFinding
 
@@ -20,13 +24,37 @@ POSSIBLE = 0.02
 """Probability below which a rival is not told."""
 MOST = 3
 """Rivals in a sentence."""
+MANY = 5
+"""Coefficients of a law that a reader follows; of one with more its curve is told in their place."""
+ALONG = 5
+"""Points of such a curve that are told."""
+
+
+def of_many(term: Term) -> bool:
+    """Whether a law has more coefficients than a reader follows."""
+    return isinstance(term, Law) and len(term.COEFFICIENTS) > MANY
+
+
+def equation(term: Term) -> str:
+    """What an effect says, as a line has it."""
+    if isinstance(term, Law) and of_many(term):
+        return (
+            f"{term.changed}, f a formula of {len(term.COEFFICIENTS)} coefficients that varies with "
+            f"{term.varies_with()}: JSON and `refine` write it whole"
+        )
+    return term.EQUATION.replace(",  ", ", ")
+
+
+def equations(options: Sequence[Option]) -> str:
+    """Laws of one explanation."""
+    return " with ".join(equation(o.hypothesis.effects[0].term) for o in options)
 
 
 def law_statement(e: Effect, found: LawFinding | None) -> Iterator[str]:
     """What a law says, as the likeliest where what it varies with is not settled."""
     settled = found is None or len(found.along) == 1
     yield f"  {'' if settled else 'The likeliest of those that these flights cannot tell apart: '}{e.term.STATEMENT}"
-    yield f"  {e.term.EQUATION}"
+    yield f"  {equation(e.term)}." if of_many(e.term) else f"  {e.term.EQUATION}"
 
 
 def law_sentences(found: LawFinding) -> Iterator[str]:
@@ -42,7 +70,7 @@ def law_sentences(found: LawFinding) -> Iterator[str]:
     what = first.location.words or first.location.name
     yield f"  Over the records it changes {what} by {least} to {most} about the mean."
     if found.band is not None:
-        yield from _along(found.band)
+        yield from _along(found.band, ALONG if of_many(first.option.hypothesis.effects[0].term) else 2)
 
 
 def left_sentence(found: LawFinding) -> str:
@@ -58,9 +86,8 @@ def left_sentence(found: LawFinding) -> str:
 def nearest_law(found: LawFinding) -> str:
     """Where no law is enough: how far the likeliest goes."""
     first = found.laws[0]
-    equation = first.option.hypothesis.effects[0].term.EQUATION.replace(",  ", ", ")
     share = "" if found.explained is None else f" explains {_percent(found.explained)} of what is beyond the noise and"
-    return f"  The nearest law, {equation},{share} leaves a misfit behind."
+    return f"  The nearest law, {equation(first.option.hypothesis.effects[0].term)},{share} leaves a misfit behind."
 
 
 def law_document(found: LawFinding) -> dict[str, Any]:
@@ -129,14 +156,16 @@ def _groups(groups: Sequence[Group]) -> str:
     return listed([g[0].words for g in groups], "and")
 
 
-def _along(b: Band) -> Iterator[str]:
+def _along(b: Band, points: int) -> Iterator[str]:
+    """The curve at so many points, the ends among them."""
     ends = [
         f"{_size(float(b.change[k]), b.unit, float(NORMAL_95 * b.standard_error[k]))} at {rounded(float(b.at[k]))}"
-        for k in (0, -1)
+        for k in np.linspace(0, len(b.at) - 1, points).round().astype(int)
     ]
     name = b.of.variable.words
     over = "" if b.of.variable.recorded else ", in design values"
-    yield f"  Along {name}{over} it goes from {ends[0]} to {ends[1]}, whatever the form."
+    over_middle = f" over {', '.join(ends[1:-1])}" if ends[1:-1] else ""
+    yield f"  Along {name}{over} it goes from {ends[0]}{over_middle} to {ends[-1]}, whatever the form."
     below, above = b.parts
     told = [f"below {rounded(below)}"] if below is not None else []
     told += [f"above {rounded(above)}"] if above is not None else []

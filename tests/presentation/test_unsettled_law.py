@@ -1,4 +1,4 @@
-"""What a law varies with is told as settled only where one set of variables is likely enough."""
+"""What a law varies with is settled only where one set of variables is likely enough; it is told as a reader follows."""
 
 from __future__ import annotations
 
@@ -6,8 +6,11 @@ from types import SimpleNamespace
 
 import pytest
 
+from enginediag_cli.engine.term import Coefficient, Effect
 from enginediag_cli.mismatch.laws.finding import LawFinding
-from enginediag_cli.presentation.laws import law_statement
+from enginediag_cli.physics.laws.expression import Expression
+from enginediag_cli.physics.laws.law import Acts, Law
+from enginediag_cli.presentation.laws import equation, law_statement, of_many
 
 EFFECT = SimpleNamespace(term=SimpleNamespace(STATEMENT="Efficiency changes with Mach number.", EQUATION="eta (1 + f)"))
 
@@ -30,3 +33,18 @@ def test_the_likeliest_of_several_is_no_statement_of_its_own():
     assert settled.strip() == EFFECT.term.STATEMENT
     assert "cannot tell apart" in open_ and open_.endswith(EFFECT.term.STATEMENT)
     assert next(law_statement(EFFECT, None)).strip() == EFFECT.term.STATEMENT
+
+
+def _law(count: int) -> Effect:
+    """A formula of so many coefficients at the HPC's efficiency."""
+    sizes = tuple(Coefficient(f"a{k}", "1", "size", 0.0, -1.0, 1.0, 0.1, 0.0) for k in range(count))
+    acts = Acts("hpc.efficiency", "hpc", "", True)
+    text = Expression.parsed(" + ".join(f"a{k}" for k in range(count)))
+    return Effect(Law("truth", acts, text, {}, sizes, "Efficiency changes."), acts.site, {})
+
+
+def test_a_formula_of_many_coefficients_is_not_written_out():
+    few, many = _law(5), _law(6)
+    assert not of_many(few.term) and list(law_statement(few, None))[1].endswith("f = a0 + a1 + a2 + a3 + a4")
+    assert of_many(many.term) and "a0" not in list(law_statement(many, None))[1]
+    assert "6 coefficients" in equation(many.term) and "hpc.efficiency (1 + f)" in equation(many.term)

@@ -47,7 +47,7 @@ class Acts:
 
 
 class Law(Term):
-    """`expression` f of `variables` and `coefficients`, at `acts`."""
+    """`expression` f of `variables` and `coefficients`, at `acts`; `changed`: what the place is with f."""
 
     OF_A_FILE = True
 
@@ -66,10 +66,10 @@ class Law(Term):
         self.NAME, self.COEFFICIENTS = name, coefficients
         self.TITLE = "Law"
         self.STATEMENT = statement or f"Law at {acts.leaf} that varies with {self.varies_with()}."
-        how = f"{acts.leaf} (1 + f)" if acts.factor else f"{acts.leaf} + f"
+        self.changed = f"{acts.leaf} (1 + f)" if acts.factor else f"{acts.leaf} + f"
         if acts.through is not None:
             self.INPUTS = acts.through.term.INPUTS
-        self.EQUATION = f"{how},  f = {expression.text}"
+        self.EQUATION = f"{self.changed},  f = {expression.text}"
         self.DRIVER = next((v.driver for v in self.variables.values()), CONSTANT)
         self.REFERENCE = reference or "the engine file that states it"
 
