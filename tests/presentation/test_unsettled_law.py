@@ -1,4 +1,4 @@
-"""What a law varies with is settled only where one set of variables is likely enough; it is told as a reader follows."""
+"""What a law varies with is settled only where one set of variables is likely enough; a reader can follow it."""
 
 from __future__ import annotations
 
