@@ -23,7 +23,7 @@ from enginediag_cli.mismatch.laws.grammar import FORMS
 from enginediag_cli.mismatch.laws.posterior import evidence_of, places_of, shares, variables_of_laws
 from enginediag_cli.mismatch.laws.refined import refined
 from enginediag_cli.mismatch.laws.said import Said
-from enginediag_cli.mismatch.laws.scan import Candidate, Known, Scan, formulas_of, prior_of_a_place, scanned, scored
+from enginediag_cli.mismatch.laws.scan import Candidate, Scan, formulas_of, prior_of_a_place, scanned, scored
 from enginediag_cli.mismatch.laws.shortlist import (
     Proposal,
     along_the_same,
@@ -32,7 +32,7 @@ from enginediag_cli.mismatch.laws.shortlist import (
     within_reach,
 )
 from enginediag_cli.mismatch.laws.smooth import Smooth, carried, prior_of_variables, smooth_evidence
-from enginediag_cli.mismatch.laws.steps import Bends, as_curve, as_surface, bends_of
+from enginediag_cli.mismatch.laws.steps import Bends, as_curve, as_surface, bends_of, prior_of_curve
 
 BEHIND, SECOND = 2, 3
 """Laws to which a second one is sought where none is enough by itself; how many of these are fitted to each."""
@@ -142,20 +142,18 @@ class LawSearch:
         """Smooth curves as laws, of the likeliest places and variables where they are nearly as likely as any form; and
         a surface of the likeliest two where it is likelier than all of theirs."""
         found: list[tuple[Proposal, ...]] = []
+        here, groups = prior_of_a_place(self.base.found), len({k.group for k in self.scan.known})
         for first in self._apart():
-            place, bends = first.laws[0].candidate.location, self.bends.get(first.where)
-            if bends is not None and bends.evidence + self._prior_of((bends.of,)) > first.evidence - NEARLY:
-                found.append(as_curve(place, bends, self._prior_of((bends.of,)), self.engine))
+            place, bends, prior = first.laws[0].candidate.location, self.bends.get(first.where), prior_of_curve(groups)
+            if bends is not None and bends.evidence + prior + here > first.evidence - NEARLY:
+                found.append(as_curve(place, bends, prior + here, self.engine))
         s = max(self.smooth, key=lambda s: s.evidence, default=None)
         best = self._best().get(s.where) if s is not None else None
         if s is not None and best is not None and len(s.of) == 2 and s.evidence > best.evidence:
             size = float(np.std(curve_of(best.effects, best.trial, self.scan.known)[0]))
-            found.append(as_surface(s.place, (s.of[0], s.of[1]), size, self._prior_of(s.of), self.engine))
+            prior = prior_of_variables(s.of, groups) + here
+            found.append(as_surface(s.place, (s.of[0], s.of[1]), size, prior, self.engine))
         return self._fitted([laws for laws in found if laws])
-
-    def _prior_of(self, of: Sequence[Known]) -> float:
-        """ln, of a place and of variables whatever the form."""
-        return prior_of_variables(of, len({k.group for k in self.scan.known})) + prior_of_a_place(self.base.found)
 
     @property
     def most(self) -> float:
