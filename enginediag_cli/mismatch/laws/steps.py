@@ -36,6 +36,9 @@ BESIDE, TOGETHER = 4, 3
 DIGITS = 5
 """Significant digits of places and widths in a formula."""
 
+CURVE = 0.5
+"""Prior weight of a curve among forms of one variable."""
+
 OWN = Form("smooth", "as a smooth curve of", "")
 BOTH = Form("smooth_product", "as a smooth surface of", "")
 
@@ -94,11 +97,11 @@ def bends_of(said: Said, k: Known) -> Bends:
 
 
 def prior_of_curve(groups: int) -> float:
-    """ln, of one variable of so many groups, and of a curve: to be told it is one more form, as likely as any. In a
-    linear twin of the search (280 laws, place and variable known) curves are within noise as often as with a third of
-    all laws unlisted, and a tenth of what the grammar has is told as a curve, not a third."""
-    weights = 1.0 + sum(f.weight for f in FORMS if not f.pairs)
-    return float(np.log(share_of_variables(1, groups) / weights))
+    """ln, of one variable of so many groups, and of a curve: to be told it is half as likely as any one form. In a
+    linear twin of the search (280 laws, place and variable known) curves are within noise as often as where a third of
+    all laws is unlisted, and one in twenty of what the grammar has is told as a curve, not a third."""
+    weights = CURVE + sum(f.weight for f in FORMS if not f.pairs)
+    return float(np.log(share_of_variables(1, groups) * CURVE / weights))
 
 
 def as_curve(place: Location, bends: Bends, prior: float, engine: Engine) -> tuple[Proposal, ...]:
