@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from enginediag_cli.engine.dual import Dual, value
-from enginediag_cli.physics.laws.expression import Expression, ExpressionError, unit_of
+from enginediag_cli.physics.laws.expression import LONGEST, Expression, ExpressionError, unit_of
 
 FORMULAS = {
     "a * (x - 1) + b": lambda a, b, x: a * (x - 1) + b,
@@ -59,7 +59,7 @@ def test_a_whole_power_of_nothing_has_a_derivative() -> None:
         "",
         "(" * 300 + "x" + ")" * 300,
         "-" * 100 + "x",
-        "x" * 1100,
+        "x" * (LONGEST + 1),
     ],
 )
 def test_what_is_no_formula_is_refused_and_never_run(text: str) -> None:
