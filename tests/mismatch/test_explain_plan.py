@@ -12,14 +12,19 @@ from refine_flights import ENGINE, engine, evidence, library, write_csv
 
 from enginediag_cli.commands.explain import explain
 from enginediag_cli.commands.simulate import simulate
+from enginediag_cli.engine.term import Coefficient as Declared
+from enginediag_cli.engine.term import Effect
 from enginediag_cli.mismatch.explain.answer import Coefficient, Explanation
-from enginediag_cli.mismatch.explain.plan import Course, plan
+from enginediag_cli.mismatch.explain.plan import Course, plan, whatever_the_form
 from enginediag_cli.mismatch.explain.reach import REACH, within_reach
 from enginediag_cli.mismatch.explain.rejected import Reason, Rejected
 from enginediag_cli.mismatch.fit.evidence import Flight
-from enginediag_cli.mismatch.fit.identified import NO_HYPOTHESIS, identify_with, nuisance
-from enginediag_cli.mismatch.fit.options import effect_option
+from enginediag_cli.mismatch.fit.identified import NO_HYPOTHESIS, Hypothesis, identify_with, nuisance
+from enginediag_cli.mismatch.fit.options import LAW, Option, effect_option
 from enginediag_cli.mismatch.fit.trial_fit import attempt
+from enginediag_cli.physics.laws.expression import Expression
+from enginediag_cli.physics.laws.law import Acts, Law
+from enginediag_cli.physics.laws.variables import variables_of
 from enginediag_cli.physics.registry import effect, term_names
 from enginediag_cli.planning.flights import SWEEP
 from enginediag_cli.planning.suggestion import SENSOR
@@ -107,6 +112,26 @@ def test_the_floor_is_free_over_the_conditions_of_the_candidates(ambiguous):
 def test_an_explanation_alone_needs_no_plan(ambiguous):
     _, base, found = ambiguous
     assert plan(base, found[:1]) is None
+
+
+def _law(form: str, variable: str, probability: float) -> Explanation:
+    """A law of this form at the HPC's efficiency."""
+    sizes = (Declared("a", "1", "size", 0.0, -1.0, 1.0, 0.05, 0.01),)
+    acts, own = Acts("hpc.efficiency", "hpc", "", True), variables_of(engine().network)[variable]
+    law = Law(f"{form}_{variable}", acts, Expression.parsed(f"a * ({variable} - 1)"), {variable: own}, sizes)
+    found = Effect(law, acts.site, {"a": 0.01})
+    return Explanation(
+        (Option(LAW, found.label, "hpc", own.driver, Hypothesis((found,))),), (), 0.0, 9.0, probability, 0.0, 1.0
+    )
+
+
+def test_laws_of_the_same_variables_at_the_same_place_are_one_rival_whatever_their_form(ambiguous):
+    step, curve = _law("step", "power", 0.4), _law("smooth", "power", 0.3)
+    other, listed = _law("step", "reynolds_index", 0.2), replace(ambiguous[2][0], probability=0.1)
+    found = whatever_the_form([step, curve, other, listed])
+    assert [x.options for x in found] == [step.options, other.options, listed.options]
+    assert [x.probability for x in found] == pytest.approx([0.7, 0.2, 0.1])
+    assert plan(ambiguous[1], [step, curve]) is None
 
 
 def test_candidates_stand_behind_the_flights_without_readings(ambiguous):

@@ -17,11 +17,13 @@ import numpy as np
 
 from enginediag_cli.engine.engine import Engine
 from enginediag_cli.engine.moving.tape import MOMENT
+from enginediag_cli.engine.term import Effect
 from enginediag_cli.mismatch.explain.answer import Explanation
 from enginediag_cli.mismatch.explain.foreseen import Foreseen, Rival
 from enginediag_cli.mismatch.fit.evidence import Evidence, Flight
 from enginediag_cli.mismatch.fit.extended import NUMBER
 from enginediag_cli.mismatch.fit.identified import Identified, inputs_of, nuisance, stacked
+from enginediag_cli.physics.laws.law import Law
 from enginediag_cli.planning.flight import PlannedFlight
 from enginediag_cli.planning.flights import flights
 from enginediag_cli.planning.manoeuvres import manoeuvres
@@ -75,7 +77,7 @@ def remembers(explanation: Explanation) -> bool:
 def plan(base: Identified, explanations: Sequence[Explanation]) -> Advice | None:
     """What would separate explanations fitted to the evidence of `base`; None where fewer than two of them are, or can
     be fitted again."""
-    rivals = list(explanations[:MOST_RIVALS])
+    rivals = whatever_the_form(explanations)[:MOST_RIVALS]
     if len(rivals) < 2:
         return None
     engine, flown = base.evidence.engine, inputs_of(base.evidence)
@@ -90,6 +92,25 @@ def plan(base: Identified, explanations: Sequence[Explanation]) -> Advice | None
     found = [*_of_flights(fitted, weight, course), *_of_records(fitted, weight, course)]
     told = tuple((r.label, float(p)) for r, p in zip(fitted, weight, strict=True))
     return Advice(told, tuple(best_first(found)))
+
+
+def whatever_the_form(explanations: Sequence[Explanation]) -> list[Explanation]:
+    """Of laws of the same variables at the same places the likeliest stands for all, with the probability of all: which
+    form a law has changes little where one can fly, and nothing of what is to be done."""
+    found: dict[object, Explanation] = {}
+    for x in explanations:
+        what = frozenset(_what(e) for o in x.options for e in o.hypothesis.effects)
+        key = (what, frozenset(o.label for o in x.options if not o.hypothesis.effects))
+        first = found.setdefault(key, x)
+        if first is not x:
+            found[key] = replace(first, probability=first.probability + x.probability)
+    return list(found.values())
+
+
+def _what(effect: Effect) -> tuple[str, frozenset[str]]:
+    """A law's place and variables; any other effect by its name."""
+    law = effect.term
+    return (law.acts.leaf, frozenset(law.variables)) if isinstance(law, Law) else (effect.label, frozenset())
 
 
 def fitted_rivals(course: Course, base: Identified, explanations: Sequence[Explanation]) -> list[Rival]:
