@@ -71,8 +71,8 @@ class Part:
 @dataclass(frozen=True)
 class Bends:
     """How finely a curve of one variable bends: `count` steps, `size` their σ, both the likeliest; `evidence`: ln, of
-    all that were tried, against the fit without the law that is carried; `choice`: what it is less than that of the
-    likeliest."""
+    all that were tried, against the fit without the law that is carried; `choice`: ln, what having chosen the likeliest
+    costs, 0 or less."""
 
     of: Known
     count: int
