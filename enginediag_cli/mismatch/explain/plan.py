@@ -98,9 +98,10 @@ def whatever_the_form(explanations: Sequence[Explanation]) -> list[Explanation]:
     """Of laws of the same variables at the same places the likeliest stands for all, with the probability of all: which
     form a law has changes little where one can fly, and nothing of what is to be done."""
     found: dict[object, Explanation] = {}
-    for x in explanations:
-        what = frozenset(_what(e) for o in x.options for e in o.hypothesis.effects)
-        key = (what, frozenset(o.label for o in x.options if not o.hypothesis.effects))
+    for k, x in enumerate(explanations):
+        effects = [e for o in x.options for e in o.hypothesis.effects]
+        others = frozenset(o.label for o in x.options if not o.hypothesis.effects)
+        key = (frozenset(map(_what, effects)), others) if any(isinstance(e.term, Law) for e in effects) else k
         first = found.setdefault(key, x)
         if first is not x:
             found[key] = replace(first, probability=first.probability + x.probability)
