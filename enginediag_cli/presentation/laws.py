@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeGuard
 
 import numpy as np
 
@@ -30,14 +30,14 @@ ALONG = 5
 """Points of such a curve that are told."""
 
 
-def of_many(term: Term) -> bool:
+def of_many(term: Term) -> TypeGuard[Law]:
     """Whether a law has more coefficients than a reader follows."""
     return isinstance(term, Law) and len(term.COEFFICIENTS) > MANY
 
 
 def equation(term: Term) -> str:
     """What an effect says, as a line has it."""
-    if isinstance(term, Law) and of_many(term):
+    if of_many(term):
         return (
             f"{term.changed}, f a formula of {len(term.COEFFICIENTS)} coefficients that varies with "
             f"{term.varies_with()}: JSON and `refine` write it whole"

@@ -8,7 +8,7 @@ smooth: a threshold has a width, since Newton's method stalls at a kink.
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -196,15 +196,12 @@ HOW_FAR = "how far each is from a value of it, of"
 THE_MORE = "the more the larger the second, of"
 
 
-def _of_a_group(name: str, words: str, text: str) -> tuple[Form, Form]:
+def _of_a_group(name: str, words: str, text: str) -> Iterator[Form]:
     """What one variable does as z, done by a weighted sum and by a weighted difference of two: by a group of them that
     nobody has formed."""
-    found = []
     for group, sign in (("sum", "+"), ("difference", "-")):
-        of_both = re.sub(r"\bz\b", f"((x - c) / w {sign} (y - d) / v)", text)
-        words_of_both = f"{words} a weighted {group} of"
-        found.append(Form(f"{name}_of_{group}", words_of_both, f"a * {_moved(of_both)}", OF_BOTH, weight=0.25))
-    return found[0], found[1]
+        of_both = _moved(re.sub(r"\bz\b", f"((x - c) / w {sign} (y - d) / v)", text))
+        yield Form(f"{name}_of_{group}", f"{words} a weighted {group} of", f"a * {of_both}", OF_BOTH, weight=0.25)
 
 
 FORMS = (

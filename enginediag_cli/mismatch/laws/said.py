@@ -39,7 +39,6 @@ class Said:
         through = [at.place.through] if at.place.through is not None else []
         columns = Columns(at.found, [at.place.parameter], through)
         self.any = AnyCurve.at(at.projection, columns, at.place.parameter)
-        self.carried, self.scale = at.f, at.place.scale
         own = self.any.grams(at.f[:, None, None])[0, 0, 0]
         # less what the law is worth at the fit that carries it
         self.gain = at.gain - (float(self.any.pulls(at.f)) + 0.5 * own)
@@ -47,11 +46,11 @@ class Said:
     def of(self, curves: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Products (K, k, k), and pulls (K, k) of what is left and carried, of sets of curves (N, K, k); standard
         deviation (K,) of an amplitude of the first, none (NaN) of a curve that does not vary."""
-        beside = np.broadcast_to(self.carried[:, None, None], (*curves.shape[:2], 1))
+        beside = np.broadcast_to(self.at.f[:, None, None], (*curves.shape[:2], 1))
         G = self.any.grams(np.concatenate([curves, beside], axis=2))
         rms = np.std(curves[:, :, 0], axis=0)
         varies = rms > np.maximum(STILL * np.abs(curves[:, :, 0]).max(axis=0), LEAST)
-        tau = np.where(varies, self.scale / np.where(varies, rms, 1.0), np.nan)
+        tau = np.where(varies, self.at.place.scale / np.where(varies, rms, 1.0), np.nan)
         return G[:, :-1, :-1], self.any.pulls(curves) + G[:, :-1, -1], tau
 
     def best(self, tries: Sequence[Formula]) -> list[Formula]:

@@ -143,10 +143,11 @@ class LawSearch:
         a surface of the likeliest two where it is likelier than all of theirs."""
         found: list[tuple[Proposal, ...]] = []
         here, groups = prior_of_a_place(self.base.found), len({k.group for k in self.scan.known})
+        prior = prior_of_curve(groups) + here
         for first in self._apart():
-            place, bends, prior = first.laws[0].candidate.location, self.bends.get(first.where), prior_of_curve(groups)
-            if bends is not None and bends.evidence + prior + here > first.evidence - NEARLY:
-                found.append(as_curve(place, bends, prior + here, self.engine))
+            bends = self.bends.get(first.where)
+            if bends is not None and bends.evidence + prior > first.evidence - NEARLY:
+                found.append(as_curve(first.laws[0].candidate.location, bends, prior, self.engine))
         s = max(self.smooth, key=lambda s: s.evidence, default=None)
         best = self._best().get(s.where) if s is not None else None
         if s is not None and best is not None and len(s.of) == 2 and s.evidence > best.evidence:

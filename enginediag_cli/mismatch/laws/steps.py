@@ -83,17 +83,17 @@ class Bends:
 
 def bends_of(said: Said, k: Known) -> Bends:
     """Of what a place says of curves of a variable, the evidence that of linear models of a ~ N(0, σ²)."""
-    tried = [(count, share * float(np.std(said.at.f))) for count in ALONE for share in SHARES]
-    found: list[float] = []
-    for count in ALONE:
+    sizes = float(np.std(said.at.f)) * np.array(SHARES)
+    found = np.empty((len(ALONE), len(sizes)))
+    for j, count in enumerate(ALONE):
         places, w = _grid(k, count)
-        steps = np.tanh((k.values[:, None] - places) / w) - np.tanh((k.variable.reference - places) / w)
+        c = np.array(places)
+        steps = np.tanh((k.values[:, None] - c) / w) - np.tanh((k.variable.reference - c) / w)
         G, g, _ = said.of(steps[:, None, :])
-        sizes = np.array([size for n, size in tried if n == count])
-        found += list(linear_evidence(G[0], g[0], np.repeat(sizes[:, None] ** 2, count, axis=1)))
-    best = int(np.argmax(found))
-    all_of_them = float(np.logaddexp.reduce(found) - np.log(len(found)))
-    return Bends(k, *tried[best], said.gain + all_of_them, all_of_them - found[best])
+        found[j] = linear_evidence(G[0], g[0], np.repeat(sizes[:, None] ** 2, count, axis=1))
+    fineness, size = divmod(int(np.argmax(found)), len(sizes))
+    evidence = float(np.logaddexp.reduce(found, axis=None) - np.log(found.size))
+    return Bends(k, ALONE[fineness], float(sizes[size]), said.gain + evidence, evidence - float(found.max()))
 
 
 def prior_of_curve(groups: int) -> float:
@@ -132,11 +132,11 @@ def _proposals(
     return tuple(_proposal(place, p, size, prior if p is parts[0] else 0.0, engine) for p in parts)
 
 
-def _grid(k: Known, count: int) -> tuple[np.ndarray, float]:
-    """Places (count,) of steps of a variable, evenly over what was flown, and their width."""
+def _grid(k: Known, count: int) -> tuple[list[float], float]:
+    """Places of so many steps of a variable, evenly over what was flown, and their width."""
     low, high = (float(q) for q in np.quantile(k.values, EDGES_OF_STEPS))
     w = _rounded(max((high - low) / (count - 1), 1e-3 * span(k.values)))
-    return np.array([_rounded(float(c)) for c in np.linspace(low, high, count)]), w
+    return [_rounded(float(c)) for c in np.linspace(low, high, count)], w
 
 
 def _steps(k: Known, count: int) -> tuple[str, ...]:
@@ -144,7 +144,7 @@ def _steps(k: Known, count: int) -> tuple[str, ...]:
     name, x0 = k.variable.name, k.variable.reference
     places, w = _grid(k, count)
     found = []
-    for c in map(float, places):
+    for c in places:
         found.append(f"(tanh(({name} - {c!r}) / {w!r}) - ({float(np.tanh((x0 - c) / w))!r}))")
     return tuple(found)
 

@@ -15,7 +15,7 @@ from enginediag_cli.mismatch.fit.projection import Projection
 from enginediag_cli.mismatch.laws.said import Said
 from enginediag_cli.mismatch.laws.scan import known_variables
 from enginediag_cli.mismatch.laws.smooth import Carried
-from enginediag_cli.mismatch.laws.steps import BESIDE, TOGETHER, Bends, as_curve, as_surface, bends_of
+from enginediag_cli.mismatch.laws.steps import ALONE, BESIDE, TOGETHER, Bends, as_curve, as_surface, bends_of
 from enginediag_cli.physics.laws.written import entry_of
 from enginediag_cli.trials.blind.laws.told import all_built
 
@@ -83,6 +83,8 @@ def test_long_names_make_no_formula_that_cannot_be_read(ground):
     for name, other in combinations(known.values(), 2):
         for p in _laws(ground, [name, other]):
             assert len(next(iter(p.option.hypothesis.effects)).term.expression.text) <= 700
+    for name in known.values():
+        assert as_curve(ground[1], Bends(name, ALONE[-1], 0.01, 0.0, 0.0), 0.0, ground[0])
     variable = replace(known["power"].variable, name="a_name_that_goes_on_and_on_" * 12)
     assert _laws(ground, [replace(known["power"], variable=variable)]) == ()
 
