@@ -46,6 +46,12 @@ def sets() -> Sets:
     return Sets(search, None)
 
 
+@pytest.fixture(scope="module")
+def members(sets: Sets) -> LawMembers:
+    """The laws that these sets know."""
+    return LawMembers(sets.fits.base.found, sets.prices)
+
+
 def step_of(sets: Sets) -> Option:
     """The step of T45 that begins when it does."""
     own = (o for o in sets.fits.library if o.label.startswith("sensor.T45.scale"))
@@ -60,22 +66,27 @@ def law_at(sets: Sets, members: LawMembers, name: str, form: str, variables: lis
     return proposal(scored(base.found, base.projection, place, own, 0.0)[0], base.found.evidence.engine)
 
 
-def named(sets: Sets, members: LawMembers, form: str, variables: list[str]):
-    """A set of the step and of a law of this form, as it might have been named."""
+def named(sets: Sets, members: LawMembers, form: str, variables: list[str], beside: str = ""):
+    """A set of the step and of a law of this form, as it might have been named; with a fault `beside` them."""
     law = law_at(sets, members, "hpc.efficiency", form, variables)
     members.learn([law])
-    (trial,) = sets.fits.refit([(step_of(sets), law.option)]) or []
+    further = [next(o for o in sets.fits.library if o.label.startswith(beside))] if beside else []
+    (trial,) = sets.fits.refit([(step_of(sets), *further, law.option)]) or []
     return [sets.fits.explanation(trial, 1.0, 0.0, 1.0)]
 
 
 @pytest.mark.slow
-def test_a_law_that_joined_along_two_variables_is_told_along_its_own_one(sets: Sets) -> None:
-    members = LawMembers(sets.fits.base.found, sets.prices)
-    of_set = LawOfSet(sets, members).of(named(sets, members, "bump_by", ["mach", "power"]))
+@pytest.mark.parametrize("idle", ["", "sensor.P3.scale"])
+def test_a_law_that_joined_along_two_variables_is_told_along_its_own_one(
+    sets: Sets, members: LawMembers, idle: str
+) -> None:
+    of_set = LawOfSet(sets, members).of(named(sets, members, "bump_by", ["mach", "power"], beside=idle))
     told, first = of_set.explanations, of_set.explanations[0]
     laws = [o for o in first.options if o.kind == LAW]
     variables = {n for o in laws for e in o.hypothesis.effects for n in e.term.variables}
     assert variables == {"mach"} and any(o.label.startswith("sensor.T45.scale") for o in first.options)
+    # what the law leaves nothing to do is not told beside it
+    assert len(first.options) == len(laws) + 1
     assert sum(x.probability for x in told) == pytest.approx(1.0)
     step = next(c for c in first.coefficients if "T45" in c.name)
     assert abs(step.value - STEP) < 4.0 * step.standard_error
@@ -86,8 +97,9 @@ def test_a_law_that_joined_along_two_variables_is_told_along_its_own_one(sets: S
     assert law.excess < sets.fits.base.objective - sets.fits.base.projection.dof
 
 
-def test_what_is_known_of_laws_at_two_places_has_a_place_where_only_these_were_fitted(sets: Sets) -> None:
-    members = LawMembers(sets.fits.base.found, sets.prices)
+def test_what_is_known_of_laws_at_two_places_has_a_place_where_only_these_were_fitted(
+    sets: Sets, members: LawMembers
+) -> None:
     both = tuple(law_at(sets, members, f"hpc.{q}", "optimum", ["mach"]) for q in ("efficiency", "flow_capacity"))
     search = LawSearch(sets.fits.base, Scan((), tuple(known_variables(sets.fits.base.found))), sets.fits.refit, (both,))
     assert search.single and not search.single[0].at_one_place and not search.double
@@ -95,8 +107,7 @@ def test_what_is_known_of_laws_at_two_places_has_a_place_where_only_these_were_f
     assert finding.places[0][0].name.startswith("hpc.") and finding.together == pytest.approx(1.0)
 
 
-def test_sets_without_a_law_stay_as_they_were_named(sets: Sets) -> None:
-    members = LawMembers(sets.fits.base.found, sets.prices)
+def test_sets_without_a_law_stay_as_they_were_named(sets: Sets, members: LawMembers) -> None:
     (trial,) = sets.fits.refit([(step_of(sets),)]) or []
     alone = [sets.fits.explanation(trial, 1.0, 0.0, 1.0)]
     assert LawOfSet(sets, members).of(alone) == OfSet(tuple(alone))

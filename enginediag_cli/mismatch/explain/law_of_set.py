@@ -12,13 +12,15 @@ from dataclasses import dataclass
 
 from enginediag_cli.mismatch.explain.answer import Explanation
 from enginediag_cli.mismatch.explain.law_members import LawMembers
-from enginediag_cli.mismatch.explain.lawful import JUDGED, LISTED_FIRST, adequate
+from enginediag_cli.mismatch.explain.lawful import JUDGED, LISTED_FIRST, Judged, adequate
 from enginediag_cli.mismatch.explain.members import identity
 from enginediag_cli.mismatch.explain.stepwise import Sets
-from enginediag_cli.mismatch.fit.options import LAW
+from enginediag_cli.mismatch.fit.options import LAW, Option
+from enginediag_cli.mismatch.fit.trial_fit import Trial, is_needed
 from enginediag_cli.mismatch.laws.finding import LawFinding
 from enginediag_cli.mismatch.laws.scan import scanned
 from enginediag_cli.mismatch.laws.search import Fitted, LawSearch
+from enginediag_cli.mismatch.laws.shortlist import Proposal
 from enginediag_cli.progress import stage
 
 ANOTHER_PLACE = LISTED_FIRST
@@ -45,24 +47,50 @@ class LawOfSet:
     @stage("weighing the law of a set")
     def of(self, named: Sequence[Explanation]) -> OfSet:
         """What was named, with the law of the first as it is after this search, alone or with its rivals; as it was
-        where none that was found explains as well."""
+        where none that was found explains as well. What the law leaves nothing to do is dropped, and the law searched
+        again."""
         trial = self.sets.fits.fitted[named[0].label]
         laws = [o for o in trial.options if o.kind == LAW]
-        others = tuple(o for o in trial.options if o.kind != LAW)
-        base = self.sets.fitted(others) if laws and others else None
-        if base is None:
-            return OfSet(tuple(named))
+        beside = [o for o in trial.options if o.kind != LAW]
+        own, found = set(map(identity, beside)), None
         also = tuple(self.members.known[o.label] for o in laws)
+        while laws and beside:
+            further = self._searched(tuple(beside), also)
+            if further is None:
+                break
+            found = further
+            idle = [o for o in beside if not is_needed(found.first, o, self.sets.fits.adequate.of(o))]
+            if not idle:
+                break
+            beside.remove(idle[0])
+        if found is None:
+            return OfSet(tuple(named))
+        same = [x for x in named if {identity(o) for o in x.options if o.kind != LAW} == own]
+        told = found.judged.told(self.sets.fits, sum(x.probability for x in same))
+        finding = found.search.finding(found.judged.fitted, found.search.base, not self.sets.fits.from_recordings)
+        return OfSet((*told, *(x for x in named if x not in same)), finding)
+
+    def _searched(self, others: tuple[Option, ...], also: tuple[Proposal, ...]) -> _Searched | None:
+        """Laws beside these members; None where none explains."""
+        base = self.sets.fitted(others)
+        if base is None:
+            return None
         search = LawSearch(base, scanned(base.found, base.projection), self.sets.fits.refit, (also,))
         self.members.learn(p for f in search.single for p in f.laws)
-        own = set(map(identity, others))
-        same = [x for x in named if {identity(o) for o in x.options if o.kind != LAW} == own]
         judged = adequate(self.sets.fits, _simplest(search.single)[:JUDGED])
-        told = judged.told(self.sets.fits, sum(x.probability for x in same))
-        if not told:
-            return OfSet(tuple(named))
-        finding = search.finding(judged.fitted, base, not self.sets.fits.from_recordings)
-        return OfSet((*told, *(x for x in named if x not in same)), finding)
+        return _Searched(search, judged) if judged.found else None
+
+
+@dataclass(frozen=True)
+class _Searched:
+    """A search of laws beside some members, and which of them explain: at least one."""
+
+    search: LawSearch
+    judged: Judged
+
+    @property
+    def first(self) -> Trial:
+        return self.judged.fitted[0].trial
 
 
 def _simplest(found: Sequence[Fitted]) -> list[Fitted]:

@@ -169,6 +169,10 @@ class Gates:
     faults: float = np.inf
     cells: float = np.inf
 
+    def of(self, option: Option) -> float:
+        """That of a listed option."""
+        return self.effects if option.kind == EFFECT else self.faults
+
 
 @dataclass(frozen=True)
 class Remainder:
@@ -233,7 +237,7 @@ class Remainder:
 
     def judged_by(self, gates: Gates) -> list[tuple[Scored, float]]:
         """Everything that was looked for, with its gate."""
-        of = [(s, gates.effects if s.option.kind == EFFECT else gates.faults) for s in self.scores if s.feasible]
+        of = [(s, gates.of(s.option)) for s in self.scores if s.feasible]
         return [*of, *((c, gates.cells) for c in self.cells)]
 
     def blocks(self) -> list[Scored]:
