@@ -24,24 +24,23 @@ POSSIBLE = 0.02
 """Probability below which a rival is not told."""
 MOST = 3
 """Rivals in a sentence."""
-MANY = 5
-"""Coefficients of a law that a reader follows; of one with more its curve is told in their place."""
+MANY, LONG = 5, 300
+"""Coefficients of a law, and letters of its formula, that a reader follows; of one with more its curve is told in their
+place."""
 ALONG = 5
 """Points of such a curve that are told."""
 
 
 def of_many(term: Term) -> TypeGuard[Law]:
-    """Whether a law has more coefficients than a reader follows."""
-    return isinstance(term, Law) and len(term.COEFFICIENTS) > MANY
+    """Whether a law has more coefficients, or a longer formula, than a reader follows."""
+    return isinstance(term, Law) and (len(term.COEFFICIENTS) > MANY or len(term.expression.text) > LONG)
 
 
 def equation(term: Term) -> str:
     """What an effect says, as a line has it."""
     if of_many(term):
-        return (
-            f"{term.changed}, f a formula of {len(term.COEFFICIENTS)} coefficients that varies with "
-            f"{term.varies_with()}: JSON and `refine` write it whole"
-        )
+        of = f"formula of {len(term.COEFFICIENTS)} coefficients" if len(term.COEFFICIENTS) > MANY else "long formula"
+        return f"{term.changed}, f a {of} that varies with {term.varies_with()}: JSON and `refine` write it whole"
     return term.EQUATION.replace(",  ", ", ")
 
 
@@ -62,6 +61,7 @@ def law_sentences(found: LawFinding) -> Iterator[str]:
     first = found.laws[0]
     yield f"  {_where(found)}"
     yield f"  {_settled('What it varies with', [(_groups(g), q) for g, q in found.drivers])}"
+    yield from _averaged(found)
     alike = [v.words for group in found.drivers[0][0] for v in group[1:]]
     if alike:
         more = [f"{len(alike) - MOST} more"] if len(alike) > MOST else []
@@ -107,6 +107,7 @@ def law_document(found: LawFinding) -> dict[str, Any]:
             {"location": p.name, "component": p.component, "probability": q} for p, q in found.places if q > POSSIBLE
         ],
         "alike": [p.name for p in found.alike],
+        "forms": [{"words": list(x.words), "expression": x.text, "probability": x.probability} for x in found.forms],
         "drivers": [
             {"variables": [[v.name for v in g] for g in groups], "probability": q}
             for groups, q in found.drivers
@@ -171,6 +172,19 @@ def _along(b: Band, points: int) -> Iterator[str]:
     told += [f"above {rounded(above)}"] if above is not None else []
     if told:
         yield f"  Forms that fit as well part {listed(told, 'and')}: there it is not known."
+
+
+def _averaged(found: LawFinding) -> Iterator[str]:
+    """What a law is an average of, where its form is not settled."""
+    if not found.forms:
+        return
+    it = "it" if len(found.drivers[0][0]) == 1 else "both"
+    likely = [
+        (" and ".join(f"{w} {it}" for w in x.words), x.probability) for x in found.forms if x.probability > POSSIBLE
+    ]
+    told = listed([f"{words} ({probability(q)})" for words, q in likely[:MOST]], "or")
+    yield f"  Its form is not settled, and it is the average of {len(found.forms)}: {told}."
+    yield f"  The likeliest alone: f = {found.forms[0].text}."
 
 
 def _size(x: float, unit: str, half: float | None = None) -> str:

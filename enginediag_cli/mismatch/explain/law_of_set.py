@@ -18,8 +18,9 @@ from enginediag_cli.mismatch.explain.stepwise import Sets
 from enginediag_cli.mismatch.fit.options import LAW, Option
 from enginediag_cli.mismatch.fit.trial_fit import Trial, is_needed
 from enginediag_cli.mismatch.laws.finding import LawFinding
+from enginediag_cli.mismatch.laws.fitted import Fitted
 from enginediag_cli.mismatch.laws.scan import scanned
-from enginediag_cli.mismatch.laws.search import Fitted, LawSearch
+from enginediag_cli.mismatch.laws.search import LawSearch
 from enginediag_cli.mismatch.laws.shortlist import Proposal
 from enginediag_cli.progress import stage
 
@@ -76,8 +77,8 @@ class LawOfSet:
         if base is None:
             return None
         search = LawSearch(base, scanned(base.found, base.projection), self.sets.fits.refit, (also,))
-        self.members.learn(p for f in search.single for p in f.laws)
-        judged = adequate(self.sets.fits, _simplest(search.single)[:JUDGED])
+        self.members.learn(p for f in (*search.single, *search.told) for p in f.laws)
+        judged = adequate(self.sets.fits, _simplest(search.told)[:JUDGED])
         return _Searched(search, judged) if judged.found else None
 
 

@@ -10,9 +10,10 @@ from enginediag_cli.mismatch.explain.few import ON_ALL, Few
 from enginediag_cli.mismatch.explain.judging import Fits
 from enginediag_cli.mismatch.explain.rejected import Rejected
 from enginediag_cli.mismatch.laws.finding import LawFinding
+from enginediag_cli.mismatch.laws.fitted import Fitted, ordered
 from enginediag_cli.mismatch.laws.posterior import shares
 from enginediag_cli.mismatch.laws.scan import Scan, scanned
-from enginediag_cli.mismatch.laws.search import Fitted, LawSearch, ordered
+from enginediag_cli.mismatch.laws.search import LawSearch
 from enginediag_cli.mismatch.laws.shortlist import Proposal
 
 LEAST = 3.0
@@ -75,7 +76,7 @@ class LawsAlone:
 
     def single(self) -> Lawful:
         """By one law, perhaps with the same formula at further places."""
-        return self._of(self._search.single) if self._likely else Lawful((), None, 0.0)
+        return self._of(self._search.told) if self._likely else Lawful((), None, 0.0)
 
     def double(self) -> Lawful:
         """By two together."""
@@ -84,11 +85,16 @@ class LawsAlone:
     def _of(self, tried: Sequence[Fitted]) -> Lawful:
         laws, fits = self._search, self.few.whole
         known = not fits.from_recordings
-        more = [f for first in tried[:FURTHER] for f in laws.elsewhere_too(first)]
+        formed = [f for f in tried if not f.forms]
+        more = [f for first in formed[:FURTHER] for f in laws.elsewhere_too(first)]
         likeliest = ordered([*tried, *more])
-        judged = adequate(fits, likeliest[:JUDGED] if self.few.are_all else _on_all(self.few, likeliest[:ON_ALL]))
+        if not self.few.are_all:
+            apart = (f for f in likeliest if f.forms or f.where not in laws.averages)
+            likeliest = _on_all(self.few, list(apart)[:ON_ALL])
+        judged = adequate(fits, likeliest[:JUDGED])
         fits.rejected.update(judged.rejected)
-        proposals = tuple({p.option.label: p for f in (*laws.single, *laws.double) for p in f.laws}.values())
+        every = (*laws.told, *laws.single, *laws.double)
+        proposals = tuple({p.option.label: p for f in every for p in f.laws}.values())
         if judged.found:
             finding = laws.finding(judged.fitted, fits.base, known)
             return Lawful(judged.told(fits), finding, judged.fitted[0].evidence, proposals)
@@ -131,6 +137,8 @@ def adequate(fits: Fits, fitted: Sequence[Fitted]) -> Judged:
     for f in fitted:
         if found and f.standing < found[0][0].standing - AS_GOOD:
             break
+        if any(g.forms and g.where == f.where for g, _, _ in found):
+            continue  # one of those that are averaged
         left, flights, why = fits.judge(f.trial, needed=True)
         if why is None:
             found.append((f, left, flights))

@@ -33,12 +33,23 @@ class FittedLaw:
 
 
 @dataclass(frozen=True)
+class Share:
+    """A law's part in an average: the words of its forms, its formula with numbers in the places of coefficients, its
+    probability."""
+
+    words: tuple[str, ...]
+    text: str
+    probability: float
+
+
+@dataclass(frozen=True)
 class LawFinding:
     """`laws`: fitted, likeliest first; `places` and `drivers` with their probabilities, each driver as the groups of
     one or two variables; `excess`: χ² of the model as it is beyond its noise, `explained`: the share of it that the
     first law explains, None where the recordings alone say how large the noise is; `moves`: by how much the first law
     changes its place in the records, about the mean, least and most, in `unit`; `band`: its curve, where it varies
-    with one variable; `alike`: places that these recordings cannot tell from the first."""
+    with one variable; `alike`: places that these recordings cannot tell from the first; `forms`: what the first law is
+    an average of, likeliest first, nothing where its form is settled."""
 
     laws: tuple[FittedLaw, ...]
     places: tuple[tuple[Location, float], ...]
@@ -49,6 +60,7 @@ class LawFinding:
     unit: str
     band: Band | None
     alike: tuple[Location, ...] = ()
+    forms: tuple[Share, ...] = ()
 
     @property
     def together(self) -> float:

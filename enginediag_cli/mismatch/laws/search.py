@@ -6,21 +6,22 @@ fit, and how likely each is beside the others is decided here.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from enginediag_cli.engine.term import Effect
 from enginediag_cli.mismatch.fit.freeform import locations
 from enginediag_cli.mismatch.fit.options import Option
 from enginediag_cli.mismatch.fit.trial_fit import Trial
 from enginediag_cli.mismatch.laws.alike import places_alike
+from enginediag_cli.mismatch.laws.average import average_of
 from enginediag_cli.mismatch.laws.band import EDGES, Weighed, band_of, curve_of
 from enginediag_cli.mismatch.laws.elsewhere_too import MOST_PLACES, RIVAL, elsewhere_too
 from enginediag_cli.mismatch.laws.finding import FittedLaw, LawFinding
+from enginediag_cli.mismatch.laws.fitted import Fitted, Where, ordered
 from enginediag_cli.mismatch.laws.grammar import FORMS
-from enginediag_cli.mismatch.laws.posterior import evidence_of, places_of, shares, variables_of_laws
+from enginediag_cli.mismatch.laws.posterior import places_of, shares, variables_of_laws
 from enginediag_cli.mismatch.laws.refined import refined
 from enginediag_cli.mismatch.laws.said import Said
 from enginediag_cli.mismatch.laws.scan import Candidate, Scan, formulas_of, prior_of_a_place, scanned, scored
@@ -55,66 +56,15 @@ PLACES, WITHIN = 3, 15.0
 """Places at which variables are weighed whatever the form, at most, and by how much of ln evidence the best law at one
 may be behind."""
 
-Where = tuple[str, frozenset[int]]
-"""Name of a place, and groups of variables."""
 Fitting = Callable[[Sequence[tuple[Option, ...]]], Sequence[Trial] | None]
 """Fits sets of options; trials that converged."""
 
 
 @dataclass
-class Fitted:
-    """Laws, one or several together, fitted: the trial, and ln evidence against the model as it is; `beside`: what all
-    other laws of its variables at its place, listed or just smooth, add to that of the best one there."""
-
-    laws: tuple[Proposal, ...]
-    trial: Trial
-    evidence: float
-    beside: float = 0.0
-
-    @classmethod
-    def to(cls, base: Trial, laws: tuple[Proposal, ...], trial: Trial) -> Fitted:
-        """A trial of laws, weighed against the base of the same records."""
-        return cls(laws, trial, evidence_of(base, trial, sum(p.candidate.prior for p in laws)))
-
-    def again(self, base: Trial, trial: Trial) -> Fitted:
-        """The same laws fitted to other records."""
-        return replace(Fitted.to(base, self.laws, trial), beside=self.beside)
-
-    @property
-    def standing(self) -> float:
-        """ln evidence by which it is put in order: that of its place and variables, told by their best law."""
-        return self.evidence + self.beside
-
-    @property
-    def options(self) -> tuple[Option, ...]:
-        return tuple(p.option for p in self.laws)
-
-    @property
-    def effects(self) -> tuple[Effect, ...]:
-        return tuple(e for o in self.options for e in o.hypothesis.effects)
-
-    @property
-    def where(self) -> Where:
-        """Place of the first, and the groups of variables of all that act there."""
-        place = self.laws[0].candidate.location.name
-        own = (p.candidate.formula.groups for p in self.laws if p.candidate.location.name == place)
-        return place, frozenset().union(*own)
-
-    @property
-    def at_the_first(self) -> tuple[Effect, ...]:
-        """Those that act at the first one's place."""
-        place = self.where[0]
-        return tuple(e for p in self.laws if p.candidate.location.name == place for e in p.option.hypothesis.effects)
-
-    @property
-    def at_one_place(self) -> bool:
-        return len({p.candidate.location.name for p in self.laws}) == 1
-
-
-@dataclass
 class LawSearch:
     """One search from a base that lacks something, beside what this has. `also`: laws that are fitted in any case;
-    `single` and `double`: those that were fitted, likeliest first."""
+    `single` and `double`: those that were fitted, likeliest first; `said`: what places
+    say, by name; `averages`: of places and variables whose form is not settled."""
 
     base: Trial
     scan: Scan
@@ -125,6 +75,8 @@ class LawSearch:
     smooth: list[Smooth] = field(default_factory=list)
     refined: list[Candidate] = field(default_factory=list)
     bends: dict[Where, Bends] = field(default_factory=dict)
+    said: dict[str, Said] = field(default_factory=dict)
+    averages: dict[Where, Fitted] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         self.engine = self.base.found.evidence.engine
@@ -137,6 +89,31 @@ class LawSearch:
         self.single = [*self.single, *self._smooth_laws()]
         total, best = self._totals(), self._best()
         self.single = ordered(replace(f, beside=total[f.where] - best[f.where].evidence) for f in self.single)
+        self.averages = self._averages()
+
+    @property
+    def told(self) -> list[Fitted]:
+        """Single laws as they may be told, likeliest first: of place and variables whose form is not settled the
+        average, and then the likeliest form alone."""
+        best = self._best()
+        own = (f for f in self.single if f.where not in self.averages or f is best[f.where])
+        return ordered([*self.averages.values(), *own])
+
+    def _averages(self) -> dict[Where, Fitted]:
+        """Of the likeliest places and variables."""
+        found: dict[Where, Fitted] = {}
+        for first in self._apart():
+            said = self.said.get(first.where[0])
+            if said is None or first.standing < self.single[0].standing - NEARLY:
+                continue
+            averaged = average_of(first, self.single, self.refined, self.scan.known, said)
+            if averaged is None:
+                continue
+            for fitted in self._fitted([(averaged.law,)]):
+                if fitted.trial.objective < first.trial.objective + 2.0 * BARELY:
+                    beside = max(first.standing - averaged.evidence, 0.0) + LIKELIER
+                    found[first.where] = averaged.fitted(fitted, beside)
+        return found
 
     def _smooth_laws(self) -> list[Fitted]:
         """Smooth curves as laws, of the likeliest places and variables where they are nearly as likely as any form; and
@@ -201,6 +178,7 @@ class LawSearch:
                 here = smooth_evidence(at, known, prior)
                 likely = sorted({s.groups: s for s in reversed(here)}.values(), key=lambda s: -s.evidence)[:SETS]
                 finer, said = [f for s in likely for f in formulas_of(s.of, known, finer=True)], Said(at)
+                self.said[at.place.name] = said
                 self.refined += refined(said, [*every, *finer], known, prior)
                 self.bends |= {s.where: bends_of(said, s.of[0]) for s in likely if len(s.of) == 1}
                 found += here
@@ -334,6 +312,7 @@ class LawSearch:
             unit,
             band_of(self._at_one_place(best), self.scan.known, unit),
             alike,
+            best[0].forms,
         )
 
     def _at_one_place(self, best: Sequence[Fitted]) -> list[Weighed]:
@@ -390,8 +369,3 @@ def _forms_of(f: Fitted) -> object:
 def _form_of(c: Candidate) -> tuple[str, str, frozenset[int]]:
     """Place, form and groups of variables: a fit moves one shape into another."""
     return c.location.name, c.formula.form.name, c.formula.groups
-
-
-def ordered(fitted: Iterable[Fitted]) -> list[Fitted]:
-    """Likeliest first."""
-    return sorted(fitted, key=lambda f: -f.standing)

@@ -1,0 +1,73 @@
+"""A law that was fitted, and by what it is put in order."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+
+from enginediag_cli.engine.term import Effect
+from enginediag_cli.mismatch.fit.options import Option
+from enginediag_cli.mismatch.fit.trial_fit import Trial
+from enginediag_cli.mismatch.laws.finding import Share
+from enginediag_cli.mismatch.laws.posterior import evidence_of
+from enginediag_cli.mismatch.laws.shortlist import Proposal
+
+Where = tuple[str, frozenset[int]]
+"""Name of a place, and groups of variables."""
+
+
+@dataclass
+class Fitted:
+    """Laws, one or several together, fitted: the trial, and ln evidence against the model as it is; `beside`: what all
+    other laws of its variables at its place, listed or just smooth, add to that of the best one there; `forms`: what
+    it is an average of, nothing for a law of one form."""
+
+    laws: tuple[Proposal, ...]
+    trial: Trial
+    evidence: float
+    beside: float = 0.0
+    forms: tuple[Share, ...] = ()
+
+    @classmethod
+    def to(cls, base: Trial, laws: tuple[Proposal, ...], trial: Trial) -> Fitted:
+        """A trial of laws, weighed against the base of the same records."""
+        return cls(laws, trial, evidence_of(base, trial, sum(p.candidate.prior for p in laws)))
+
+    def again(self, base: Trial, trial: Trial) -> Fitted:
+        """The same laws fitted to other records."""
+        return replace(Fitted.to(base, self.laws, trial), beside=self.beside, forms=self.forms)
+
+    @property
+    def standing(self) -> float:
+        """ln evidence by which it is put in order: that of its place and variables, told by their best law."""
+        return self.evidence + self.beside
+
+    @property
+    def options(self) -> tuple[Option, ...]:
+        return tuple(p.option for p in self.laws)
+
+    @property
+    def effects(self) -> tuple[Effect, ...]:
+        return tuple(e for o in self.options for e in o.hypothesis.effects)
+
+    @property
+    def where(self) -> Where:
+        """Place of the first, and the groups of variables of all that act there."""
+        place = self.laws[0].candidate.location.name
+        own = (p.candidate.formula.groups for p in self.laws if p.candidate.location.name == place)
+        return place, frozenset().union(*own)
+
+    @property
+    def at_the_first(self) -> tuple[Effect, ...]:
+        """Those that act at the first one's place."""
+        place = self.where[0]
+        return tuple(e for p in self.laws if p.candidate.location.name == place for e in p.option.hypothesis.effects)
+
+    @property
+    def at_one_place(self) -> bool:
+        return len({p.candidate.location.name for p in self.laws}) == 1
+
+
+def ordered(fitted: Iterable[Fitted]) -> list[Fitted]:
+    """Likeliest first."""
+    return sorted(fitted, key=lambda f: -f.standing)

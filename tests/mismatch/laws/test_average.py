@@ -1,0 +1,126 @@
+"""Where no form of a law is settled its average over the likely ones is one law, which engine files carry."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import concealed
+import numpy as np
+import pytest
+
+from enginediag_cli.engine.term import Coefficient, Effect
+from enginediag_cli.mismatch.fit.freeform import locations
+from enginediag_cli.mismatch.fit.identified import NO_HYPOTHESIS, identify_with, nuisance
+from enginediag_cli.mismatch.fit.projection import Projection
+from enginediag_cli.mismatch.fit.trial_fit import Trial, attempt
+from enginediag_cli.mismatch.laws.average import Averaged, average_of
+from enginediag_cli.mismatch.laws.band import summed
+from enginediag_cli.mismatch.laws.fitted import Fitted
+from enginediag_cli.mismatch.laws.refined import refined
+from enginediag_cli.mismatch.laws.said import Said
+from enginediag_cli.mismatch.laws.scan import Candidate, Known, formulas_of, known_variables
+from enginediag_cli.mismatch.laws.shortlist import proposal
+from enginediag_cli.mismatch.laws.smooth import Carried
+from enginediag_cli.physics.laws.expression import Expression
+from enginediag_cli.physics.laws.law import Acts, Law
+from enginediag_cli.physics.laws.variables import variables_of
+from enginediag_cli.physics.laws.written import entry_of
+from enginediag_cli.trials.blind.laws.told import all_built
+
+SWING = "a * (mach - 0.55) / 0.15 * exp(-((mach - 0.55) / 0.15) ** 2)"
+FORMS = ("step", "optimum", "bump")
+
+
+class Ground:
+    """A swing over Mach number at the HPC's efficiency, which no form has; three forms that were fitted to it, another
+    that was only sought, and what the place says."""
+
+    def __init__(self) -> None:
+        engine = concealed.turbofan()
+        mach = variables_of(engine.network)["mach"]
+        size = Coefficient("a", "1", "size", 0.0, -1.0, 1.0, 0.05, 0.02)
+        law = Law("truth", Acts("hpc.efficiency", "hpc", "", True), Expression.parsed(SWING), {"mach": mach}, (size,))
+        truth = Effect(law, law.acts.site, {"a": 0.02})
+        given = concealed.evidence(concealed.flights((truth,), np.random.default_rng(1320), count=4, records=40))
+        found = identify_with(given, NO_HYPOTHESIS, nuisance(given))
+        self.engine, self.base = given.engine, Trial((), found, Projection(found))
+        self.known: list[Known] = [k for k in known_variables(found) if k.variable.name in ("mach", "power")]
+        place = next(p for p in locations(found) if p.name == "hpc.efficiency")
+        own = [k for k in self.known if k.variable.name == "mach"]
+        self.said = Said(Carried(found, self.base.projection, place, np.zeros(len(found.number)), 0.0))
+        sought = refined(self.said, list(formulas_of(own, self.known)), own, 0.0)
+        best = {c.formula.form.name: c for c in sought}
+        self.fitted = [replace(self._fitted(best[name]), evidence=20.0) for name in FORMS]
+        self.sought: list[Candidate] = [replace(best["valley"], weight=20.0)]
+
+    def _fitted(self, candidate: Candidate) -> Fitted:
+        law = proposal(candidate, self.engine)
+        trial = attempt([law.option], self.base.found, nuisance(self.base.found.evidence))
+        return Fitted.to(self.base, (law,), trial)
+
+    def average(self, *evidence: float) -> Averaged | None:
+        """With this ln evidence of the three."""
+        fitted = [replace(f, evidence=e) for f, e in zip(self.fitted, evidence, strict=True)]
+        return average_of(fitted[0], fitted, self.sought, self.known, self.said)
+
+
+@pytest.fixture(scope="module")
+def ground() -> Ground:
+    return Ground()
+
+
+def curve_of(averaged: Averaged, known: list[Known]) -> np.ndarray:
+    (effect,) = averaged.law.option.hypothesis.effects
+    size = {effect.parameter_name("a"): averaged.law.candidate.amplitude}
+    return summed([effect], {k.variable.name: k.values for k in known}, size)
+
+
+def test_the_average_is_that_of_all_forms_by_their_probabilities(ground: Ground) -> None:
+    averaged = ground.average(20.0, 20.0, 19.0)
+    assert averaged is not None
+    values = {k.variable.name: k.values for k in ground.known}
+    curves = [summed(f.effects, values, {n: v for n, (v, _) in f.trial.coefficients.items()}) for f in ground.fitted]
+    curves += [c.amplitude * c.formula.curve for c in ground.sought]
+    p = np.exp([0.0, 0.0, -1.0, 0.0])
+    mean = p @ np.array(curves) / p.sum()
+    assert np.allclose(curve_of(averaged, ground.known), mean, atol=1e-4 * np.ptp(mean))
+    assert [x.probability for x in averaged.forms] == pytest.approx(sorted(p / p.sum(), reverse=True))
+    assert averaged.evidence == pytest.approx(20.0 + np.log(p.sum()))
+
+
+def test_an_engine_file_carries_it_and_it_is_nothing_at_the_design_point(ground: Ground) -> None:
+    averaged = ground.average(20.0, 20.0, 20.0)
+    assert averaged is not None
+    (effect,) = averaged.law.option.hypothesis.effects
+    values = {"a": averaged.law.candidate.amplitude}
+    built = all_built(ground.engine, [entry_of(effect.with_values({effect.parameter_name("a"): values["a"]}))])
+    assert built is not None and len(built) == 1
+    at_design = {n: np.array([v.reference]) for n, v in effect.term.variables.items()}
+    there = np.asarray(effect.term.expression.at({**at_design, **values}), float)
+    assert np.abs(there).max() < 1e-9 * np.ptp(curve_of(averaged, ground.known))
+
+
+def test_a_form_that_has_most_of_it_is_told_as_it_stands(ground: Ground) -> None:
+    assert ground.average(25.0, 20.0, 20.0) is None
+
+
+def test_a_form_that_these_flights_do_not_tell_from_the_average_is_told_as_it_stands(ground: Ground) -> None:
+    first = ground.fitted[0]
+    c = {n: v for n, (v, _) in first.trial.coefficients.items()}
+    curve = summed(first.effects, {k.variable.name: k.values for k in ground.known}, c)
+    twin = replace(ground.sought[0], amplitude=1.0, formula=replace(ground.sought[0].formula, curve=curve))
+    assert average_of(first, [first], [twin], ground.known, ground.said) is None
+    other = replace(twin, formula=replace(twin.formula, curve=0.2 * curve))
+    assert average_of(first, [first], [other], ground.known, ground.said) is not None
+
+
+def test_its_prior_says_that_it_is_as_likely_as_all_its_forms_together(ground: Ground) -> None:
+    averaged = ground.average(20.0, 20.0, 20.0)
+    assert averaged is not None
+    trial = attempt([averaged.law.option], ground.base.found, nuisance(ground.base.found.evidence))
+    assert trial.converged
+    fitted = averaged.fitted(Fitted.to(ground.base, (averaged.law,), trial), 0.0)
+    again = Fitted.to(ground.base, fitted.laws, trial)
+    assert fitted.forms == averaged.forms and again.evidence == pytest.approx(averaged.evidence)
+    # χ² is convex in the curve
+    assert trial.objective < max(f.trial.objective for f in ground.fitted) + 1.0
