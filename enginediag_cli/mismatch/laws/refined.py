@@ -12,11 +12,11 @@ from collections.abc import Sequence
 import numpy as np
 
 from enginediag_cli.mismatch.fit.trial_fit import Trial
+from enginediag_cli.mismatch.laws.carried import Carried
 from enginediag_cli.mismatch.laws.proposed import possible
 from enginediag_cli.mismatch.laws.said import Said
 from enginediag_cli.mismatch.laws.scan import Candidate, Formula, Known, of_same_groups, of_same_variables
 from enginediag_cli.mismatch.laws.shaping import Shaping
-from enginediag_cli.mismatch.laws.smooth import Carried
 from enginediag_cli.progress import stage
 
 ALIKE = 6

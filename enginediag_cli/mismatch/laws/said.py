@@ -15,9 +15,9 @@ import numpy as np
 from enginediag_cli.engine.driver import STILL
 from enginediag_cli.mismatch.fit.any_curve import AnyCurve
 from enginediag_cli.mismatch.fit.columns import Columns
+from enginediag_cli.mismatch.laws.carried import Carried
 from enginediag_cli.mismatch.laws.scan import Formula
 from enginediag_cli.mismatch.laws.shaping import Shaping
-from enginediag_cli.mismatch.laws.smooth import Carried
 
 AT_ONCE = 500
 """Tries that are scored at once."""

@@ -17,6 +17,7 @@ from enginediag_cli.mismatch.fit.trial_fit import Trial
 from enginediag_cli.mismatch.laws.alike import places_alike
 from enginediag_cli.mismatch.laws.average import average_of
 from enginediag_cli.mismatch.laws.band import EDGES, Weighed, band_of, curve_of
+from enginediag_cli.mismatch.laws.carried import carried
 from enginediag_cli.mismatch.laws.elsewhere_too import MOST_PLACES, RIVAL, elsewhere_too
 from enginediag_cli.mismatch.laws.finding import FittedLaw, LawFinding
 from enginediag_cli.mismatch.laws.fitted import Fitted, Where, ordered
@@ -32,7 +33,7 @@ from enginediag_cli.mismatch.laws.shortlist import (
     proposal,
     within_reach,
 )
-from enginediag_cli.mismatch.laws.smooth import Smooth, carried, prior_of_variables, smooth_evidence
+from enginediag_cli.mismatch.laws.smooth import Smooth, prior_of_variables, smooth_evidence
 from enginediag_cli.mismatch.laws.steps import Bends, as_curve, as_surface, bends_of, prior_of_curve
 
 BEHIND, SECOND = 2, 3
@@ -175,9 +176,10 @@ class LawSearch:
         for first in self._at_places():
             at = carried(self.base, first.trial, first.effects, first.laws[0].candidate.location, known)
             if at.found.converged:
-                here = smooth_evidence(at, known, prior)
+                said = Said(at)
+                here = smooth_evidence(said, known, prior)
                 likely = sorted({s.groups: s for s in reversed(here)}.values(), key=lambda s: -s.evidence)[:SETS]
-                finer, said = [f for s in likely for f in formulas_of(s.of, known, finer=True)], Said(at)
+                finer = [f for s in likely for f in formulas_of(s.of, known, finer=True)]
                 self.said[at.place.name] = said
                 self.refined += refined(said, [*every, *finer], known, prior)
                 self.bends |= {s.where: bends_of(said, s.of[0]) for s in likely if len(s.of) == 1}

@@ -19,20 +19,14 @@ Source: C. E. Rasmussen, C. K. I. Williams, Gaussian Processes for Machine Learn
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import lru_cache
 from itertools import combinations, product
 
 import numpy as np
 
-from enginediag_cli.engine.term import Effect
-from enginediag_cli.mismatch.fit.columns import Columns
-from enginediag_cli.mismatch.fit.families import Sums, grid
 from enginediag_cli.mismatch.fit.freeform import Location
-from enginediag_cli.mismatch.fit.identified import Identified, identify_with, nuisance
-from enginediag_cli.mismatch.fit.projection import Projection
-from enginediag_cli.mismatch.fit.trial_fit import Trial
-from enginediag_cli.mismatch.laws.band import summed
+from enginediag_cli.mismatch.laws.said import Said
 from enginediag_cli.mismatch.laws.scan import Known, share_of_variables
 from enginediag_cli.progress import stage
 
@@ -99,46 +93,19 @@ class Block:
     degrees: tuple[int, ...]
 
 
-@dataclass(frozen=True)
-class Carried:
-    """A fit whose engine carries a law at a place, which is f (N,) over the records; `gain`: half of the χ² that the
-    fit without it had more."""
-
-    found: Identified
-    projection: Projection
-    place: Location
-    f: np.ndarray
-    gain: float
-
-
-def carried(base: Trial, trial: Trial, laws: Sequence[Effect], place: Location, known: Sequence[Known]) -> Carried:
-    """The fit of an engine that carries the laws of a trial, all at one place, as this has fitted them, beside what the
-    base has. What identification absorbs is that of the base: a floor's curves along what a law moves would be curves
-    of the law."""
-    evidence = base.found.evidence
-    coefficients = {n: value for n, (value, _) in trial.coefficients.items()}
-    fixed = tuple(e.with_values(coefficients) for e in laws)
-    engine = evidence.engine.with_effects((*evidence.engine.effects, *fixed))
-    found = identify_with(replace(evidence, engine=engine), base.hypothesis, nuisance(evidence), base.found)
-    projection = Projection(found)
-    f = summed(laws, {k.variable.name: k.values for k in known}, coefficients)
-    return Carried(found, projection, place, f, 0.5 * (base.objective - projection.objective))
-
-
 @stage("weighing variables of laws")
-def smooth_evidence(at: Carried, known: Sequence[Known], prior: float) -> list[Smooth]:
-    """All variables and pairs of them at a place, likeliest first, by linearisation at the fit that carries a law
-    there. ln evidence against the base; `prior`: ln, of the place."""
-    columns = Columns(at.found, [at.place.parameter], [at.place.through] if at.place.through is not None else [])
+def smooth_evidence(said: Said, known: Sequence[Known], prior: float) -> list[Smooth]:
+    """All variables and pairs of them at a place, likeliest first, of what that says by linearisation at the fit that
+    carries a law there. ln evidence against the base; `prior`: ln, of the place."""
     every: list[tuple[Known, ...]] = [(k,) for k in known]
     every += [pair for pair in combinations(known, 2) if pair[0].group != pair[1].group]
-    found = _weighed(at, columns, every, ROUGH)
+    found = _weighed(said, every, ROUGH)
     order = sorted(range(len(every)), key=lambda k: -found[k])[:BEST]
-    for k, evidence in zip(order, _weighed(at, columns, [every[k] for k in order], FINE), strict=True):
+    for k, evidence in zip(order, _weighed(said, [every[k] for k in order], FINE), strict=True):
         found[k] = max(found[k], evidence)
     groups = len({k.group for k in known})
     weighed = [
-        Smooth(at.place, of, e + prior_of_variables(of, groups) + prior + at.gain)
+        Smooth(said.at.place, of, e + prior_of_variables(of, groups) + prior + said.gain)
         for of, e in zip(every, found, strict=True)
     ]
     return sorted(weighed, key=lambda s: (-s.evidence, sorted(s.names)))
@@ -149,23 +116,19 @@ def prior_of_variables(of: Sequence[Known], groups: int) -> float:
     return float(np.log((UNLISTED if len(of) == 1 else UNLISTED_OF_TWO) * share_of_variables(len(of), groups)))
 
 
-def _weighed(at: Carried, columns: Columns, sets: Sequence[tuple[Known, ...]], to: Degrees) -> list[float]:
-    """ln evidence of each set of variables, against the fit that carries the law."""
+def _weighed(said: Said, sets: Sequence[tuple[Known, ...]], to: Degrees) -> list[float]:
+    """ln evidence of each set of variables, against the fit without the law that is carried."""
     curves, blocks = _features(sets, to)
-    law, size = curves.shape[1], float(np.std(at.f))
-    family = grid([at.place.parameter], np.column_stack([curves, at.f]), [[*b.columns, law] for b in blocks])
-    sums = Sums(at.projection, columns, family)
+    (G,), (g,), _ = said.of(curves[:, None, :])
+    size = float(np.std(said.at.f))
     # sizes are those of the law that was found, which might have been anything as large as the place allows
-    priced = min(float(np.log(size / at.place.scale)), 0.0)
-    result = []
+    priced = min(float(np.log(size / said.at.place.scale)), 0.0)
+    found = []
     for b in blocks:
-        of = np.array([(0, c) for c in (*b.columns, law)])
-        whole, pull = sums.gram(of), sums.pulls(of)
-        # what the law is worth at the fit that carries it
-        worth = pull[-1] + 0.5 * whole[-1, -1]
+        own = list(b.columns)
         W = size**2 * _variances(b.parts, b.degrees)
-        result.append(_averaged(whole[:-1, :-1], pull[:-1] + whole[:-1, -1], W) - worth + priced)
-    return result
+        found.append(_averaged(G[np.ix_(own, own)], g[own], W) + priced)
+    return found
 
 
 def _features(sets: Sequence[tuple[Known, ...]], to: Degrees) -> tuple[np.ndarray, list[Block]]:

@@ -15,12 +15,12 @@ from enginediag_cli.mismatch.fit.projection import Projection
 from enginediag_cli.mismatch.fit.trial_fit import Trial, attempt
 from enginediag_cli.mismatch.laws.average import Averaged, average_of
 from enginediag_cli.mismatch.laws.band import summed
+from enginediag_cli.mismatch.laws.carried import Carried
 from enginediag_cli.mismatch.laws.fitted import Fitted
 from enginediag_cli.mismatch.laws.refined import refined
 from enginediag_cli.mismatch.laws.said import Said
 from enginediag_cli.mismatch.laws.scan import Candidate, Known, formulas_of, known_variables
 from enginediag_cli.mismatch.laws.shortlist import proposal
-from enginediag_cli.mismatch.laws.smooth import Carried
 from enginediag_cli.physics.laws.expression import Expression
 from enginediag_cli.physics.laws.law import Acts, Law
 from enginediag_cli.physics.laws.variables import variables_of

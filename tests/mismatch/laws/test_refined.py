@@ -14,13 +14,13 @@ from enginediag_cli.mismatch.fit.identified import NO_HYPOTHESIS, identify_with,
 from enginediag_cli.mismatch.fit.projection import Projection
 from enginediag_cli.mismatch.fit.trial_fit import Trial, attempt
 from enginediag_cli.mismatch.laws.alike import places_alike
+from enginediag_cli.mismatch.laws.carried import Carried, carried
 from enginediag_cli.mismatch.laws.grammar import FORMS
 from enginediag_cli.mismatch.laws.posterior import evidence_of
 from enginediag_cli.mismatch.laws.refined import refined
 from enginediag_cli.mismatch.laws.said import Said
 from enginediag_cli.mismatch.laws.scan import Candidate, formulas, formulas_of, known_variables, scored
 from enginediag_cli.mismatch.laws.shortlist import proposal
-from enginediag_cli.mismatch.laws.smooth import Carried, carried
 from enginediag_cli.physics.laws.expression import Expression
 from enginediag_cli.physics.laws.law import Acts, Law
 from enginediag_cli.physics.laws.variables import variables_of

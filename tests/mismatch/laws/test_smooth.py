@@ -13,9 +13,11 @@ from enginediag_cli.mismatch.fit.freeform import locations
 from enginediag_cli.mismatch.fit.identified import NO_HYPOTHESIS, identify_with, nuisance
 from enginediag_cli.mismatch.fit.projection import Projection
 from enginediag_cli.mismatch.fit.trial_fit import Trial, attempt
+from enginediag_cli.mismatch.laws.carried import carried
+from enginediag_cli.mismatch.laws.said import Said
 from enginediag_cli.mismatch.laws.scan import formulas_of, known_variables, prior_of_a_place, scored
 from enginediag_cli.mismatch.laws.shortlist import proposal
-from enginediag_cli.mismatch.laws.smooth import Smooth, carried, smooth_evidence
+from enginediag_cli.mismatch.laws.smooth import Smooth, smooth_evidence
 from enginediag_cli.physics.laws.expression import Expression
 from enginediag_cli.physics.laws.law import Acts, Law
 from enginediag_cli.physics.laws.variables import variables_of
@@ -42,7 +44,7 @@ def _searched(formula: str, size: float, of: tuple[str, ...], carrying: str, see
     trial = attempt([first.option], found, nuisance(given))
     at = carried(base, trial, trial.hypothesis.effects, place, known)
     assert at.found.converged and at.gain == pytest.approx(0.5 * (base.objective - trial.objective), abs=2.0)
-    return smooth_evidence(at, known, prior_of_a_place(found))
+    return smooth_evidence(Said(at), known, prior_of_a_place(found))
 
 
 def test_a_curve_that_no_form_has_is_of_its_own_variable() -> None:

@@ -12,9 +12,9 @@ import pytest
 from enginediag_cli.mismatch.fit.freeform import locations
 from enginediag_cli.mismatch.fit.identified import NO_HYPOTHESIS, identify_with, nuisance
 from enginediag_cli.mismatch.fit.projection import Projection
+from enginediag_cli.mismatch.laws.carried import Carried
 from enginediag_cli.mismatch.laws.said import Said
 from enginediag_cli.mismatch.laws.scan import known_variables
-from enginediag_cli.mismatch.laws.smooth import Carried
 from enginediag_cli.mismatch.laws.steps import ALONE, BESIDE, TOGETHER, Bends, as_curve, as_surface, bends_of
 from enginediag_cli.physics.laws.written import entry_of
 from enginediag_cli.trials.blind.laws.told import all_built

@@ -1,0 +1,43 @@
+"""A fit of an engine that carries a law already, from which others at its place are weighed: a model without a large
+law answers it with other derivatives."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from enginediag_cli.engine.term import Effect
+from enginediag_cli.mismatch.fit.freeform import Location
+from enginediag_cli.mismatch.fit.identified import Identified, identify_with, nuisance
+from enginediag_cli.mismatch.fit.projection import Projection
+from enginediag_cli.mismatch.fit.trial_fit import Trial
+from enginediag_cli.mismatch.laws.band import summed
+from enginediag_cli.mismatch.laws.scan import Known
+
+
+@dataclass(frozen=True)
+class Carried:
+    """A fit whose engine carries a law at a place, which is f (N,) over the records; `gain`: half of the χ² that the
+    fit without it had more."""
+
+    found: Identified
+    projection: Projection
+    place: Location
+    f: np.ndarray
+    gain: float
+
+
+def carried(base: Trial, trial: Trial, laws: Sequence[Effect], place: Location, known: Sequence[Known]) -> Carried:
+    """The fit of an engine that carries the laws of a trial, all at one place, as this has fitted them, beside what the
+    base has. What identification absorbs is that of the base: a floor's curves along what a law moves would be curves
+    of the law."""
+    evidence = base.found.evidence
+    coefficients = {n: value for n, (value, _) in trial.coefficients.items()}
+    fixed = tuple(e.with_values(coefficients) for e in laws)
+    engine = evidence.engine.with_effects((*evidence.engine.effects, *fixed))
+    found = identify_with(replace(evidence, engine=engine), base.hypothesis, nuisance(evidence), base.found)
+    projection = Projection(found)
+    f = summed(laws, {k.variable.name: k.values for k in known}, coefficients)
+    return Carried(found, projection, place, f, 0.5 * (base.objective - projection.objective))
