@@ -65,7 +65,7 @@ class Averaged:
 
 
 @dataclass(frozen=True)
-class _Member:
+class Member:
     """What may be: `curve` (N,) over the records, ln evidence, whether it is a single listed form."""
 
     words: tuple[str, ...]
@@ -75,18 +75,22 @@ class _Member:
     listed: bool
 
 
-def average_of(
-    first: Fitted, fitted: Sequence[Fitted], sought: Sequence[Candidate], known: Sequence[Known], said: Said
-) -> Averaged | None:
-    """The average of laws of the first one's variables at its place, `fitted` or only `sought`; `said`: what that place
-    says. None where a form is settled, or is the average as far as it was flown, or a formula has no room for enough
-    of them."""
-    members = _members(first, fitted, sought, known)
+@dataclass(frozen=True)
+class Mean:
+    """`curve` (N,) of an average, of these members with their probabilities, likeliest first."""
+
+    of: tuple[tuple[Member, float], ...]
+    curve: np.ndarray
+
+
+def mean_of(members: Sequence[Member], said: Said) -> Mean | None:
+    """The average of laws of the same variables at one place, of which `said` is what that says. None where a form is
+    settled, or is the average as far as it was flown, or a formula has no room for enough of them."""
     evidence = [m.evidence for m in members]
     best = members[int(np.argmax(evidence))]
     if shares([m.evidence for m in members if m.listed or not best.listed]).max() >= SETTLED:
         return None
-    chosen, room = list[tuple[_Member, float]](), LONGEST
+    chosen, room = list[tuple[Member, float]](), LONGEST
     for q, m in sorted(zip(shares(evidence), members, strict=True), key=lambda x: -x[0]):
         own = len(m.text) + BESIDE
         if q >= LEAST and own <= room:
@@ -95,18 +99,31 @@ def average_of(
     told = sum(q for _, q in chosen)
     if told < 1.0 - MISSED:
         return None
-    mean = np.sum([q * m.curve for m, q in chosen], axis=0) / told
-    if not np.std(mean) or said.apart(best.curve, mean) < THE_SAME:
+    curve = np.sum([q * m.curve for m, q in chosen], axis=0) / told
+    if not np.std(curve) or said.apart(best.curve, curve) < THE_SAME:
         return None
-    forms = tuple(Share(m.words, m.text, q) for m, q in chosen)
-    return Averaged(_proposal(first, forms, mean, known), forms, float(np.logaddexp.reduce(evidence)))
+    return Mean(tuple(chosen), curve)
+
+
+def average_of(
+    first: Fitted, fitted: Sequence[Fitted], sought: Sequence[Candidate], known: Sequence[Known], said: Said
+) -> Averaged | None:
+    """The average of laws of the first one's variables at its place, `fitted` or only `sought`; `said`: what that place
+    says. None where there is none that is better told than a form."""
+    members = _members(first, fitted, sought, known)
+    mean = mean_of(members, said)
+    if mean is None:
+        return None
+    forms = tuple(Share(m.words, m.text, q) for m, q in mean.of)
+    together = float(np.logaddexp.reduce([m.evidence for m in members]))
+    return Averaged(_proposal(first, forms, mean.curve, known), forms, together)
 
 
 def _members(
     first: Fitted, fitted: Sequence[Fitted], sought: Sequence[Candidate], known: Sequence[Known]
-) -> list[_Member]:
+) -> list[Member]:
     place, names = first.where[0], _names(first)
-    values, found, forms = {k.variable.name: k.values for k in known}, list[_Member](), set[tuple[str, ...]]()
+    values, found, forms = {k.variable.name: k.values for k in known}, list[Member](), set[tuple[str, ...]]()
     for f in fitted:
         if f.where[0] != place or not f.at_one_place or _names(f) != names:
             continue
@@ -115,7 +132,7 @@ def _members(
         listed = len(f.laws) == 1 and f.laws[0].candidate.formula.form.listed
         forms |= {f.laws[0].candidate.formula.what} if listed else set()
         words = tuple(p.candidate.formula.form.words for p in f.laws)
-        found.append(_Member(words, _text(f.effects, c), curve, f.evidence, listed))
+        found.append(Member(words, _text(f.effects, c), curve, f.evidence, listed))
     for k in sought:
         if (
             k.location.name == place
@@ -125,7 +142,7 @@ def _members(
             (effect,) = proposal(k, first.trial.found.evidence.engine).option.hypothesis.effects
             shape = {effect.parameter_name(n): v for n, v in {**k.formula.shape, AMPLITUDE: k.amplitude}.items()}
             curve = k.amplitude * k.formula.curve
-            found.append(_Member((k.formula.form.words,), _text([effect], shape), curve, k.weight, True))
+            found.append(Member((k.formula.form.words,), _text([effect], shape), curve, k.weight, True))
     return found
 
 

@@ -9,6 +9,8 @@ place is linear in the readings' residuals e with f₀ added back,
 from __future__ import annotations
 
 from collections.abc import Sequence
+from copy import copy
+from dataclasses import replace
 
 import numpy as np
 
@@ -42,6 +44,12 @@ class Said:
         own = self.any.grams(at.f[:, None, None])[0, 0, 0]
         # less what the law is worth at the fit that carries it
         self.gain = at.gain - (float(self.any.pulls(at.f)) + 0.5 * own)
+
+    def with_carried(self, f: np.ndarray, pull: np.ndarray) -> Said:
+        """Of the same place, what it would say if a fit carried the law f (N,) and left noise that pulls so (N,)."""
+        other = copy(self)
+        other.at, other.any, other.gain = replace(self.at, f=f), replace(self.any, pull=pull), 0.0
+        return other
 
     def of(self, curves: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Products (K, k, k), and pulls (K, k) of what is left and carried, of sets of curves (N, K, k); standard

@@ -86,14 +86,18 @@ def bends_of(said: Said, k: Known) -> Bends:
     sizes = float(np.std(said.at.f)) * np.array(SHARES)
     found = np.empty((len(ALONE), len(sizes)))
     for j, count in enumerate(ALONE):
-        places, w = _grid(k, count)
-        c = np.array(places)
-        steps = np.tanh((k.values[:, None] - c) / w) - np.tanh((k.variable.reference - c) / w)
-        G, g, _ = said.of(steps[:, None, :])
+        G, g, _ = said.of(_over_records(k, count)[:, None, :])
         found[j] = linear_evidence(G[0], g[0], np.repeat(sizes[:, None] ** 2, count, axis=1))
     fineness, size = divmod(int(np.argmax(found)), len(sizes))
     evidence = float(np.logaddexp.reduce(found, axis=None) - np.log(found.size))
     return Bends(k, ALONE[fineness], float(sizes[size]), said.gain + evidence, evidence - float(found.max()))
+
+
+def curve_by(said: Said, bends: Bends) -> np.ndarray:
+    """The curve (N,) itself, by what a place says."""
+    steps = _over_records(bends.of, bends.count)
+    (G,), (g,), _ = said.of(steps[:, None, :])
+    return np.asarray(steps @ np.linalg.solve(G + np.eye(bends.count) / bends.size**2, g))
 
 
 def prior_of_curve(groups: int) -> float:
@@ -137,6 +141,13 @@ def _grid(k: Known, count: int) -> tuple[list[float], float]:
     low, high = (float(q) for q in np.quantile(k.values, EDGES_OF_STEPS))
     w = _rounded(max((high - low) / (count - 1), 1e-3 * span(k.values)))
     return [_rounded(float(c)) for c in np.linspace(low, high, count)], w
+
+
+def _over_records(k: Known, count: int) -> np.ndarray:
+    """Steps of a variable over the records (N, count)."""
+    places, w = _grid(k, count)
+    c = np.array(places)
+    return np.asarray(np.tanh((k.values[:, None] - c) / w) - np.tanh((k.variable.reference - c) / w))
 
 
 def _steps(k: Known, count: int) -> tuple[str, ...]:

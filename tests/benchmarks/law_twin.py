@@ -1,0 +1,187 @@
+"""A linear twin of the search for laws: many trials in minutes, to compare what blind trials are too few for.
+
+    python tests/benchmarks/law_twin.py --laws 300 --seed 41
+
+Laws are drawn as blind trials draw them, on the engines and flights of blind trials, and what the place of each says of
+any curve is computed once from a fit without noise: H (N, N), the curvature of χ² over the records, everything that is
+identified projected out. The noise of a recording is drawn as what it adds to that,
+
+    pull = H f + n,  n ~ N(0, H)
+
+so that a trial costs a second. The tool's own search of variables, forms and shapes works on it as on a recording; the
+place is given, sums of forms are not tried, and a model that is not linear is not seen. Counted is D = (f̂ − f)ᵀH(f̂ − f)
+< 11 as in blind trials, of the likeliest law, and of what is told (the average where no form is settled).
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from enginediag_cli.commands.proving import SEVERAL_ENGINES
+from enginediag_cli.mismatch.laws.average import Member, mean_of
+from enginediag_cli.mismatch.laws.carried import Carried
+from enginediag_cli.mismatch.laws.refined import refined
+from enginediag_cli.mismatch.laws.said import Said
+from enginediag_cli.mismatch.laws.scan import Candidate, Formula, Known, formulas, formulas_of
+from enginediag_cli.mismatch.laws.search import SETS
+from enginediag_cli.mismatch.laws.smooth import smooth_evidence
+from enginediag_cli.mismatch.laws.steps import Bends, bends_of, curve_by, prior_of_curve
+from enginediag_cli.physics.engine_file import load_engine
+from enginediag_cli.shipped import shipped
+from enginediag_cli.trials.blind.flights import draw_flights
+from enginediag_cli.trials.blind.laws.drawn import Ground, Sort, shaped_law
+from enginediag_cli.trials.blind.laws.marks import same_driver
+from enginediag_cli.trials.blind.laws.truth import LawTruth, curve
+from enginediag_cli.trials.blind.separability import ALIAS
+from enginediag_cli.trials.rates import wilson
+
+PER_ENGINE, TRIES = 3, 60
+"""Sets of flights of each engine; laws that are drawn of one sort."""
+
+Groups = frozenset[int]
+
+
+@dataclass(frozen=True)
+class Flown:
+    """Flights of an engine, and every formula of their variables."""
+
+    ground: Ground
+    every: Sequence[Formula]
+
+
+@dataclass
+class Case:
+    """A law, its curve f (N,), and what its place says of it with noise."""
+
+    flown: Flown
+    truth: LawTruth
+    f: np.ndarray
+    said: Said
+
+    def within(self, found: np.ndarray) -> bool:
+        return self.said.apart(found, self.f) < ALIAS
+
+    def right(self, groups: Groups) -> bool:
+        known = self.flown.ground.known
+        named = [[k.variable.name for k in known if k.group == g] for g in groups]
+        return same_driver(list(self.truth.law.variables), named, {k.variable.name: k.values for k in known})
+
+
+def flown(seed: int) -> list[Flown]:
+    found = []
+    for j, name in enumerate(SEVERAL_ENGINES):
+        engine = load_engine(str(shipped(name)))
+        for k in range(PER_ENGINE):
+            flights, training = draw_flights(engine, np.random.default_rng([seed, j, k]))
+            ground = Ground.of(engine, flights[:training], 0.0)
+            found.append(Flown(ground, list(formulas(ground.known))))
+    return found
+
+
+def cases(seed: int, count: int) -> Iterator[Case]:
+    grounds, rng = flown(seed), np.random.default_rng([seed, len(SEVERAL_ENGINES)])
+    roots: dict[tuple[int, str], tuple[Said, np.ndarray]] = {}
+    while count:
+        at = int(rng.integers(len(grounds)))
+        ground, sort = grounds[at].ground, Sort.drawn(rng)
+        drawn = (shaped_law(ground, sort, rng) for _ in range(TRIES))
+        truth = next((t for t in drawn if t is not None), None)
+        if truth is None:
+            continue
+        f = curve(truth.effect, {k.variable.name: k.values for k in ground.known})
+        if (at, truth.place.name) not in roots:
+            clean = Said(Carried(ground.found, ground.projection, truth.place, f, 0.0))
+            values, vectors = np.linalg.eigh(clean.any.grams(np.eye(len(f))[:, None, :])[0])
+            roots[at, truth.place.name] = clean, vectors * np.sqrt(np.maximum(values, 0.0))
+        clean, root = roots[at, truth.place.name]
+        said = clean.with_carried(f, root @ rng.standard_normal(root.shape[1]))
+        yield Case(grounds[at], truth, f, said)
+        count -= 1
+
+
+@dataclass(frozen=True)
+class Told:
+    """Of the likeliest variables and form: whether the variables are right, the likeliest law's curve and what is
+    told are within noise, and whether an average is told."""
+
+    variables: bool
+    likeliest: bool
+    told: bool
+    averaged: bool
+
+
+def answered(case: Case) -> Told:
+    known = list(case.flown.ground.known)
+    smooth = smooth_evidence(case.said, known, 0.0)
+    likely = list({s.groups: s for s in reversed(smooth)}.values())
+    likely = sorted(likely, key=lambda s: -s.evidence)[:SETS]
+    finer = [f for s in likely for f in formulas_of(s.of, known, finer=True)]
+    laws = refined(case.said, [*case.flown.every, *finer], known, 0.0)
+    bends = [bends_of(case.said, s.of[0]) for s in likely if len(s.of) == 1]
+    # of variables that are alike the best counts, as in the search
+    totals: dict[Groups, dict[str, float]] = {s.groups: {"": s.evidence} for s in reversed(smooth)}
+    for c in sorted(laws, key=lambda c: c.weight):
+        totals.setdefault(c.formula.groups, {})[c.formula.form.name] = c.weight
+    first = max(totals, key=lambda g: float(np.logaddexp.reduce(list(totals[g].values()))))
+    members = _members(case.said, laws, bends, known)
+    own = max(members.values(), key=lambda ms: max(m.evidence for m in ms))
+    best, mean = max(own, key=lambda m: m.evidence), mean_of(own, case.said)
+    told = best.curve if mean is None else mean.curve
+    return Told(case.right(first), case.within(best.curve), case.within(told), mean is not None)
+
+
+def _members(
+    said: Said, laws: Sequence[Candidate], bends: Sequence[Bends], known: Sequence[Known]
+) -> dict[frozenset[str], list[Member]]:
+    """By names of variables."""
+    found: dict[frozenset[str], list[Member]] = {}
+    for c in laws:
+        member = Member((c.formula.form.words,), "", c.amplitude * c.formula.curve, c.weight, True)
+        found.setdefault(frozenset(k.variable.name for k in c.formula.of), []).append(member)
+    prior = prior_of_curve(len({k.group for k in known}))
+    for b in bends:
+        member = Member((), "", curve_by(said, b), b.evidence + prior + b.choice, False)
+        found.setdefault(frozenset([b.of.variable.name]), []).append(member)
+    return found
+
+
+def _row(words: str, told: Sequence[Told]) -> None:
+    counts = [sum(getattr(t, n) for t in told) for n in ("variables", "likeliest", "told", "averaged")]
+    rates = []
+    for k in counts:
+        low, high = wilson(k, len(told))
+        rates.append(f"{100 * k / len(told):5.1f} ({100 * low:.0f}–{100 * high:.0f})")
+    print(f"{words:24} {len(told):5}  " + "  ".join(f"{r:>14}" for r in rates))
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser()
+    parser.add_argument("--laws", type=int, default=300)
+    parser.add_argument("--seed", type=int, default=41)
+    parser.add_argument("--json", action="store_true", help="one line for each law")
+    asked = parser.parse_args()
+    found: list[tuple[Case, Told]] = []
+    for case in cases(asked.seed, asked.laws):
+        found.append((case, answered(case)))
+        if asked.json:
+            print(json.dumps({"form": case.truth.form, "outside": case.truth.outside, **vars(found[-1][1])}))
+        print(f"{len(found)} of {asked.laws}", end="\r", file=sys.stderr)
+    if asked.json:
+        return
+    print(f"{'%':24} {'laws':>5}  " + "  ".join(f"{w:>14}" for w in ("variables", "likeliest", "as told", "averaged")))
+    _row("all", [t for _, t in found])
+    for two in (False, True):
+        for outside in (False, True):
+            own = [t for c, t in found if (len(c.truth.law.variables) == 2, c.truth.outside) == (two, outside)]
+            if own:
+                _row(f"{'two' if two else 'one'}, {'outside' if outside else 'in'} the grammar", own)
+
+
+if __name__ == "__main__":
+    main()
