@@ -7,19 +7,22 @@ Mathematics says what is independent and does not know how many work:
 
 Each process begins as a copy of this one, knows all that it knows, and hands back what its pieces came to; nothing else
 that it does is seen. Results are those of one process, to the last digit, so whatever is random or is learnt from one
-piece for the next has no place in a piece. Pieces of pieces are done where the piece is.
+piece for the next has no place in a piece. Pieces of pieces are done where the piece is. What cannot be handed back as
+it is, or is here already, `Handing` tells how to hand back.
 """
 
 from __future__ import annotations
 
 import gc
+import io
 import os
 import pickle
 import signal
 import sys
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
 from functools import partial
 from typing import Any, BinaryIO, NoReturn, TypeVar
 
@@ -34,6 +37,36 @@ CAN_COPY = sys.platform.startswith("linux")
 
 AT_ONCE = 4
 """Pieces of each process that are waited for: with more of them one long piece keeps fewer processes waiting."""
+
+
+def _itself(result: Any) -> Any:
+    return result
+
+
+@dataclass(frozen=True)
+class Handing:
+    """How a result comes from a copy: `pack` gives what is handed back, which `unpack` makes the result of here;
+    `shared`: what both have, which comes back as the very object that it is here."""
+
+    pack: Callable[[Any], Any] = _itself
+    unpack: Callable[[Any], Any] = _itself
+    shared: Sequence[object] = ()
+
+    def told(self, found: dict[int, Any]) -> bytes:
+        """Results on their way; raises what pickling raises."""
+        text, numbers = io.BytesIO(), {id(o): k for k, o in enumerate(self.shared)}
+        pickler = pickle.Pickler(text, protocol=pickle.HIGHEST_PROTOCOL)
+        pickler.persistent_id = lambda o: numbers.get(id(o))  # type: ignore[method-assign]
+        pickler.dump({k: r if isinstance(r, _Raised) else self.pack(r) for k, r in found.items()})
+        return text.getvalue()
+
+    def heard(self, text: bytes) -> dict[int, Any]:
+        unpickler = pickle.Unpickler(io.BytesIO(text))
+        unpickler.persistent_load = lambda k: self.shared[k]  # type: ignore[method-assign]
+        return {k: r if isinstance(r, _Raised) else self.unpack(r) for k, r in unpickler.load().items()}
+
+
+AS_IT_IS = Handing()
 
 
 class _Current:
@@ -71,9 +104,9 @@ def resident_MB() -> float:
         return 0.0
 
 
-def side_by_side(work: Callable[[int], Result], pieces: int) -> list[Result]:
-    """work(0) … work(pieces − 1), in order. Results have to be picklable. Raises WorkerDiedError, and what the first
-    piece raises that raises anything."""
+def side_by_side(work: Callable[[int], Result], pieces: int, handing: Handing = AS_IT_IS) -> list[Result]:
+    """work(0) … work(pieces − 1), in order. What is handed back has to be picklable. Raises WorkerDiedError, and what
+    the first piece raises that raises anything."""
     n = processes(pieces)
     if n == 1:
         return [work(k) for k in range(pieces)]
@@ -81,7 +114,7 @@ def side_by_side(work: Callable[[int], Result], pieces: int) -> list[Result]:
     found: list[Any] = [None] * pieces
     try:
         for first in range(1, n):
-            process, results = _begin(work, range(first, pieces, n))
+            process, results = _begin(work, range(first, pieces, n), handing)
             copies[process] = results
         with working(1):
             _done(work, range(0, pieces, n), found)
@@ -95,7 +128,7 @@ def side_by_side(work: Callable[[int], Result], pieces: int) -> list[Result]:
                     "a process that worked beside this one was ended from outside, perhaps because memory ran out; use "
                     "fewer --jobs"
                 )
-            for k, result in pickle.loads(told).items():
+            for k, result in handing.heard(told).items():
                 found[k] = result
     finally:
         _end(copies)
@@ -136,7 +169,7 @@ def _done(work: Callable[[int], Result], mine: range, found: list[Any]) -> None:
             return
 
 
-def _begin(work: Callable[[int], Any], mine: range) -> tuple[int, BinaryIO]:
+def _begin(work: Callable[[int], Any], mine: range, handing: Handing) -> tuple[int, BinaryIO]:
     """A copy of this process that does these pieces; and where its results can be read."""
     results, theirs = os.pipe()
     with warnings.catch_warnings():
@@ -145,12 +178,12 @@ def _begin(work: Callable[[int], Any], mine: range) -> tuple[int, BinaryIO]:
         process = os.fork()
     if process == 0:
         os.close(results)
-        _as_copy(work, mine, theirs)
+        _as_copy(work, mine, theirs, handing)
     os.close(theirs)
     return process, os.fdopen(results, "rb")
 
 
-def _as_copy(work: Callable[[int], Any], mine: range, theirs: int) -> NoReturn:
+def _as_copy(work: Callable[[int], Any], mine: range, theirs: int, handing: Handing) -> NoReturn:
     """The life of a copy: it shows nothing, tidies up nothing, and is gone when it has told its results."""
     code = 1
     try:
@@ -160,7 +193,7 @@ def _as_copy(work: Callable[[int], Any], mine: range, theirs: int) -> NoReturn:
         found: list[Any] = [None] * (mine.stop if mine else 0)
         with working(1), listening(None):
             _done(work, mine, found)
-            text = _told({k: found[k] for k in mine})
+            text = _told({k: found[k] for k in mine}, handing)
         with os.fdopen(theirs, "wb") as pipe:
             pipe.write(text)
         code = 0
@@ -168,10 +201,10 @@ def _as_copy(work: Callable[[int], Any], mine: range, theirs: int) -> NoReturn:
         os._exit(code)
 
 
-def _told(found: dict[int, Any]) -> bytes:
+def _told(found: dict[int, Any], handing: Handing) -> bytes:
     """Results on their way; or that one of them cannot be handed back, which is a fault of whoever made the pieces."""
     try:
-        return pickle.dumps(found, protocol=pickle.HIGHEST_PROTOCOL)
+        return handing.told(found)
     except Exception as error:
         return pickle.dumps({min(found): _Raised(TypeError(f"a result cannot be handed back: {error}"))})
 

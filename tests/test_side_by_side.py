@@ -14,7 +14,7 @@ from enginediag_cli.engine.batch import SHARE
 from enginediag_cli.errors import DataError, WorkerDiedError
 from enginediag_cli.physics.engine_file import load_engine
 from enginediag_cli.shipped import shipped
-from enginediag_cli.side_by_side import CAN_COPY, in_turn, processes, resident_MB, side_by_side, working
+from enginediag_cli.side_by_side import CAN_COPY, Handing, in_turn, processes, resident_MB, side_by_side, working
 
 pytestmark = pytest.mark.skipif(not CAN_COPY, reason="processes cannot begin as copies on this system")
 
@@ -58,6 +58,22 @@ def test_what_a_piece_raises_is_raised(bad):
 def test_a_result_that_cannot_be_handed_back_is_told_as_what_it_is():
     with working(2), pytest.raises(TypeError, match="cannot be handed back"):
         side_by_side(lambda k: lambda: k, 2)
+
+
+@pytest.mark.parametrize("jobs", [1, 2])
+def test_what_both_processes_have_comes_back_as_itself(jobs):
+    known = [object(), [1.0], "a name"]
+    with working(jobs):
+        found = side_by_side(lambda k: (known[0], {"of": known[1]}, [k]), 4, Handing(shared=known))
+    assert [own for *_, own in found] == [[0], [1], [2], [3]]
+    assert all(first is known[0] and named["of"] is known[1] for first, named, _ in found)
+
+
+def test_only_what_another_process_did_is_packed():
+    handing = Handing(pack=lambda f: f(), unpack=lambda value: lambda: value + 10)
+    with working(2):
+        found = side_by_side(lambda k: lambda: k, 4, handing)
+    assert [f() for f in found] == [0, 11, 2, 13]
 
 
 def test_a_process_that_is_killed_is_told():

@@ -32,6 +32,8 @@ NEIGHBOURS = 4
 """Batches, the last that were solved, among whose operating points new records look for the nearest."""
 
 Model = TypeVar("Model")
+Memory = OrderedDict[int, tuple[np.ndarray, np.ndarray]]
+"""Operating points (N, d) and unknowns (nx, N) of batches, by what tells them apart, the last one last."""
 
 
 class WarmEngine(WrappedModel):
@@ -44,7 +46,7 @@ class WarmEngine(WrappedModel):
     ):
         super().__init__(engine, {})
         self._walk, self._remembered = walk, remembered
-        self._last: OrderedDict[int, tuple[np.ndarray, np.ndarray]] = OrderedDict()
+        self._last: Memory = OrderedDict()
         self._found: OrderedDict[int, _Found] = OrderedDict()
         if like is not None and like.model.unknowns == engine.unknowns:
             self._last = like._last
@@ -86,6 +88,15 @@ class WarmEngine(WrappedModel):
             self._last.update(last)
             self._found.clear()
             self._found.update(found)
+
+    @property
+    def memory(self) -> Memory:
+        """Where records had their solutions, for another process."""
+        return self._last
+
+    def remember(self, memory: Memory) -> None:
+        """Begin where another process has ended."""
+        self._last = memory
 
     def rest(self) -> None:
         """Forget what was predicted last: the fit is over."""

@@ -24,12 +24,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from enginediag_cli.commands.proving import SEVERAL_ENGINES
+from enginediag_cli.mismatch.laws.at_place import SETS
 from enginediag_cli.mismatch.laws.average import Member, mean_of
 from enginediag_cli.mismatch.laws.carried import Carried
 from enginediag_cli.mismatch.laws.refined import refined
 from enginediag_cli.mismatch.laws.said import Said
 from enginediag_cli.mismatch.laws.scan import Candidate, Formula, Known, formulas, formulas_of
-from enginediag_cli.mismatch.laws.search import SETS
 from enginediag_cli.mismatch.laws.smooth import smooth_evidence
 from enginediag_cli.mismatch.laws.steps import Bends, bends_of, curve_by, prior_of_curve
 from enginediag_cli.physics.engine_file import load_engine
@@ -65,7 +65,7 @@ class Case:
     said: Said
 
     def within(self, found: np.ndarray) -> bool:
-        return self.said.apart(found, self.f) < ALIAS
+        return self.said.any.apart(found, self.f) < ALIAS
 
     def right(self, groups: Groups) -> bool:
         known = self.flown.ground.known
@@ -131,7 +131,7 @@ def answered(case: Case) -> Told:
     first = max(totals, key=lambda g: float(np.logaddexp.reduce(list(totals[g].values()))))
     members = _members(case.said, laws, bends, known)
     own = max(members.values(), key=lambda ms: max(m.evidence for m in ms))
-    best, mean = max(own, key=lambda m: m.evidence), mean_of(own, case.said)
+    best, mean = max(own, key=lambda m: m.evidence), mean_of(own, case.said.any)
     told = best.curve if mean is None else mean.curve
     return Told(case.right(first), case.within(best.curve), case.within(told), mean is not None)
 

@@ -9,16 +9,19 @@ import numpy as np
 from enginediag_cli.drivers import TIME
 from enginediag_cli.engine.driver import DriverValues
 from enginediag_cli.engine.term import Effect
+from enginediag_cli.identification.gauss_newton import Fit
 from enginediag_cli.mismatch.explain.answer import Coefficient, Explanation
 from enginediag_cli.mismatch.explain.rejected import Reason, Rejected
 from enginediag_cli.mismatch.explain.repeated import repeated
 from enginediag_cli.mismatch.explain.worth_fitting import reach_of, worth_fitting
 from enginediag_cli.mismatch.fit.evidence import Evidence
 from enginediag_cli.mismatch.fit.freeform import Cell
+from enginediag_cli.mismatch.fit.handed import trials_handed
 from enginediag_cli.mismatch.fit.held_out import flights_gained
 from enginediag_cli.mismatch.fit.identified import (
     NO_HYPOTHESIS,
     Identified,
+    Reach,
     drivers_of,
     identify_with,
     nuisance,
@@ -31,6 +34,7 @@ from enginediag_cli.mismatch.fit.share import every_so_often
 from enginediag_cli.mismatch.fit.trial_fit import Gates, Remainder, Trial, attempt, not_needed, remainder
 from enginediag_cli.physics.registry import candidates
 from enginediag_cli.progress import each
+from enginediag_cli.side_by_side import side_by_side
 
 ALIAS = 6.0
 """Explanations whose χ² is within this of the best are told together."""
@@ -41,6 +45,10 @@ ADEQUATE = 0.01
 MOST_FLIGHTS = 0.75
 """Share of the flights, held out in turn, that must gain by an explanation: chance alone gives half of them.
 Judgement."""
+
+AT_ONCE = 4
+"""Sets that are fitted together, however many processes there are: the best of them says how far the next are worth
+their time. Judgement."""
 
 REMEMBERED = 8
 """Remainders that are kept, the last: what is judged soon proposes what may join it."""
@@ -101,22 +109,34 @@ class Fits:
             told = Rejected(Reason.WORSE, worse, "on a few of the records")
             self.rejected[" + ".join(o.label for o in options)] = told
         alone, best = objective_of(self.base.found.fit), np.inf
-        for options, of_few in each(near, "fitting candidates", len(near)):
+        most = 1 if self.onward else AT_ONCE
+        some_by_some = (near[k : k + most] for k in range(0, len(near), most))
+        for some in each(some_by_some, "fitting candidates", len(near), len):
             reach = reach_of(best, alone)
-            trial = attempt(options, self._nearest(options), self.along, of_few, reach, onward=self.onward)
-            reached = objective_of(trial.found.fit)
-            trial.found.model.rest()
-            self.fitted[trial.label] = trial
-            if trial.converged:
-                trials.append(trial)
-                best = min(best, reached)
-            elif reached > reach.hopeless:
-                self.rejected[trial.label] = Rejected(Reason.WORSE, reached - best)
-            else:
-                self.rejected[trial.label] = Rejected(Reason.NOT_CONVERGED, what=trial.found.reason)
+            for trial in self._attempted(some, reach):
+                reached = objective_of(trial.found.fit)
+                trial.found.model.rest()
+                self.fitted[trial.label] = trial
+                if trial.converged:
+                    trials.append(trial)
+                    best = min(best, reached)
+                elif reached > reach.hopeless:
+                    self.rejected[trial.label] = Rejected(Reason.WORSE, reached - best)
+                else:
+                    self.rejected[trial.label] = Rejected(Reason.NOT_CONVERGED, what=trial.found.reason)
         if sets and not trials:
             return None
         return sorted(trials, key=lambda t: t.weighed)
+
+    def _attempted(self, sets: Sequence[tuple[tuple[Option, ...], Fit | None]], reach: Reach) -> list[Trial]:
+        """Fits of these sets, no further than is worth it, side by side."""
+
+        def fitted(k: int) -> Trial:
+            options, of_few = sets[k]
+            return attempt(options, self._nearest(options), self.along, of_few, reach, onward=self.onward)
+
+        every = list({o.label: o for options, _ in sets for o in options}.values())
+        return side_by_side(fitted, len(sets), trials_handed(self.evidence, self.along, every))
 
     def _nearest(self, options: Sequence[Option]) -> Identified:
         """The fit that a fit of these goes on from: that with most of them, where these are few records; the base."""

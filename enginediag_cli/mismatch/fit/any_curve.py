@@ -78,3 +78,7 @@ class AnyCurve:
             v = np.add.reduceat(self.own[:, k, None, None] * curves, self.starts, axis=0).transpose(1, 0, 2)
             G -= v.transpose(0, 2, 1) @ v
         return np.asarray((G + G.transpose(0, 2, 1)) / 2)
+
+    def apart(self, f: np.ndarray, g: np.ndarray) -> float:
+        """The non-centrality at which two curves (N,) could be told apart here."""
+        return float(self.grams((f - g)[:, None, None])[0, 0, 0])

@@ -21,10 +21,11 @@ Comput. 34 (2012) A206–A239 (sequential QR of a tall matrix).
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 
@@ -231,6 +232,18 @@ class Projection:
         self.objective = float(triangle[p, p] ** 2) + rest
         self.step = np.linalg.solve(self.R, self.pull)
         self._kept = kept if size <= KEPT_BYTES else None
+
+    @property
+    def kept(self) -> dict[str, Any]:
+        """All that it is but the fit."""
+        return {name: value for name, value in vars(self).items() if name != "found"}
+
+    @classmethod
+    def again(cls, found: Identified, kept: Mapping[str, Any]) -> Projection:
+        """What another process has `kept`, of the same fit."""
+        new = cls.__new__(cls)
+        vars(new).update(kept, found=found)
+        return new
 
     def stream(self) -> Iterator[Rows]:
         """All records by chunks, in order."""

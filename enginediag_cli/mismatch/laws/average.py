@@ -21,13 +21,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from enginediag_cli.engine.term import Coefficient, Effect, Term
+from enginediag_cli.mismatch.fit.any_curve import AnyCurve
 from enginediag_cli.mismatch.laws.band import summed
 from enginediag_cli.mismatch.laws.finding import Share
 from enginediag_cli.mismatch.laws.fitted import Fitted
 from enginediag_cli.mismatch.laws.grammar import Form
 from enginediag_cli.mismatch.laws.posterior import shares
 from enginediag_cli.mismatch.laws.proposed import AMPLITUDE, DIGITS, acting, place_of, statement_of
-from enginediag_cli.mismatch.laws.said import Said
 from enginediag_cli.mismatch.laws.scan import Candidate, Formula, Known
 from enginediag_cli.mismatch.laws.shortlist import Proposal, carrying, proposal
 from enginediag_cli.physics.laws.expression import LONGEST, Expression
@@ -83,8 +83,8 @@ class Mean:
     curve: np.ndarray
 
 
-def mean_of(members: Sequence[Member], said: Said) -> Mean | None:
-    """The average of laws of the same variables at one place, of which `said` is what that says. None where a form is
+def mean_of(members: Sequence[Member], says: AnyCurve) -> Mean | None:
+    """The average of laws of the same variables at one place, of which it says this. None where a form is
     settled, or is the average as far as it was flown, or a formula has no room for enough of them."""
     evidence = [m.evidence for m in members]
     best = members[int(np.argmax(evidence))]
@@ -100,18 +100,18 @@ def mean_of(members: Sequence[Member], said: Said) -> Mean | None:
     if told < 1.0 - MISSED:
         return None
     curve = np.sum([q * m.curve for m, q in chosen], axis=0) / told
-    if not np.std(curve) or said.apart(best.curve, curve) < THE_SAME:
+    if not np.std(curve) or says.apart(best.curve, curve) < THE_SAME:
         return None
     return Mean(tuple(chosen), curve)
 
 
 def average_of(
-    first: Fitted, fitted: Sequence[Fitted], sought: Sequence[Candidate], known: Sequence[Known], said: Said
+    first: Fitted, fitted: Sequence[Fitted], sought: Sequence[Candidate], known: Sequence[Known], says: AnyCurve
 ) -> Averaged | None:
-    """The average of laws of the first one's variables at its place, `fitted` or only `sought`; `said`: what that place
-    says. None where there is none that is better told than a form."""
+    """The average of laws of the first one's variables at its place, `fitted` or only `sought`; `says`: what that place
+    does. None where there is none that is better told than a form."""
     members = _members(first, fitted, sought, known)
-    mean = mean_of(members, said)
+    mean = mean_of(members, says)
     if mean is None:
         return None
     forms = tuple(Share(m.words, m.text, q) for m, q in mean.of)

@@ -61,10 +61,6 @@ class Said:
         tau = np.where(varies, self.at.place.scale / np.where(varies, rms, 1.0), np.nan)
         return G[:, :-1, :-1], self.any.pulls(curves) + G[:, :-1, -1], tau
 
-    def apart(self, f: np.ndarray, g: np.ndarray) -> float:
-        """The non-centrality at which two curves (N,) could be told apart here."""
-        return float(self.any.grams((f - g)[:, None, None])[0, 0, 0])
-
     def best(self, tries: Sequence[Formula]) -> list[Formula]:
         """Of each form of the same variables, in their order, the best as they stand."""
         weight = np.empty(len(tries))

@@ -11,20 +11,19 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from enginediag_cli.mismatch.fit.any_curve import AnyCurve
 from enginediag_cli.mismatch.fit.freeform import locations
 from enginediag_cli.mismatch.fit.options import Option
 from enginediag_cli.mismatch.fit.trial_fit import Trial
 from enginediag_cli.mismatch.laws.alike import places_alike
+from enginediag_cli.mismatch.laws.at_place import said_at_places
 from enginediag_cli.mismatch.laws.average import average_of
 from enginediag_cli.mismatch.laws.band import EDGES, Weighed, band_of, curve_of
-from enginediag_cli.mismatch.laws.carried import carried
 from enginediag_cli.mismatch.laws.elsewhere_too import MOST_PLACES, RIVAL, elsewhere_too
 from enginediag_cli.mismatch.laws.finding import FittedLaw, LawFinding
 from enginediag_cli.mismatch.laws.fitted import Fitted, Where, ordered
 from enginediag_cli.mismatch.laws.grammar import FORMS
 from enginediag_cli.mismatch.laws.posterior import places_of, shares, variables_of_laws
-from enginediag_cli.mismatch.laws.refined import refined
-from enginediag_cli.mismatch.laws.said import Said
 from enginediag_cli.mismatch.laws.scan import Candidate, Scan, formulas_of, prior_of_a_place, scanned, scored
 from enginediag_cli.mismatch.laws.shortlist import (
     Proposal,
@@ -33,14 +32,14 @@ from enginediag_cli.mismatch.laws.shortlist import (
     proposal,
     within_reach,
 )
-from enginediag_cli.mismatch.laws.smooth import Smooth, prior_of_variables, smooth_evidence
-from enginediag_cli.mismatch.laws.steps import Bends, as_curve, as_surface, bends_of, prior_of_curve
+from enginediag_cli.mismatch.laws.smooth import Smooth, prior_of_variables
+from enginediag_cli.mismatch.laws.steps import Bends, as_curve, as_surface, prior_of_curve
 
 BEHIND, SECOND = 2, 3
 """Laws to which a second one is sought where none is enough by itself; how many of these are fitted to each."""
 
-SETS, SHAPED = 10, 6
-"""Sets of variables at a place of which all forms are shaped, likeliest first; how many of these are fitted."""
+SHAPED = 6
+"""Forms that are fitted with the shape that suits them, likeliest first."""
 BARELY, NEARLY = 1.0, 4.0
 """ln evidence by which a form must be likelier than when it was fitted, and by which it may be behind the best."""
 STARTS, APART = 4, 10.0
@@ -64,8 +63,8 @@ Fitting = Callable[[Sequence[tuple[Option, ...]]], Sequence[Trial] | None]
 @dataclass
 class LawSearch:
     """One search from a base that lacks something, beside what this has. `also`: laws that are fitted in any case;
-    `single` and `double`: those that were fitted, likeliest first; `said`: what places
-    say, by name; `averages`: of places and variables whose form is not settled."""
+    `single` and `double`: those that were fitted, likeliest first; `says`: what places
+    say of any curve, by name; `averages`: of places and variables whose form is not settled."""
 
     base: Trial
     scan: Scan
@@ -76,14 +75,14 @@ class LawSearch:
     smooth: list[Smooth] = field(default_factory=list)
     refined: list[Candidate] = field(default_factory=list)
     bends: dict[Where, Bends] = field(default_factory=dict)
-    said: dict[str, Said] = field(default_factory=dict)
+    says: dict[str, AnyCurve] = field(default_factory=dict)
     averages: dict[Where, Fitted] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         self.engine = self.base.found.evidence.engine
         candidates = self.scan.candidates
         self.single = self._fitted([*((p,) for p in elsewhere(candidates, self.engine)), *self.also])
-        self.smooth = self._smooth()
+        self._weigh()
         self.single = self._with(self._fitted([(p,) for p in self._shaped()]))
         for first in self._apart():
             self.single = [*self.single, *self._of_more_forms(first)]
@@ -104,10 +103,10 @@ class LawSearch:
         """Of the likeliest places and variables."""
         found: dict[Where, Fitted] = {}
         for first in self._apart():
-            said = self.said.get(first.where[0])
-            if said is None or first.standing < self.single[0].standing - NEARLY:
+            says = self.says.get(first.where[0])
+            if says is None or first.standing < self.single[0].standing - NEARLY:
                 continue
-            averaged = average_of(first, self.single, self.refined, self.scan.known, said)
+            averaged = average_of(first, self.single, self.refined, self.scan.known, says)
             if averaged is None:
                 continue
             for fitted in self._fitted([(averaged.law,)]):
@@ -169,23 +168,14 @@ class LawSearch:
                 best.setdefault(f.where[0], f)
         return list(best.values())[:PLACES]
 
-    def _smooth(self) -> list[Smooth]:
+    def _weigh(self) -> None:
         """All variables at the places of the best laws, whatever the form; and every form of the likeliest of them."""
-        known, prior, found = self.scan.known, prior_of_a_place(self.base.found), list[Smooth]()
-        every = self.scan.formulas
-        for first in self._at_places():
-            at = carried(self.base, first.trial, first.effects, first.laws[0].candidate.location, known)
-            if at.found.converged:
-                said = Said(at)
-                here = smooth_evidence(said, known, prior)
-                likely = sorted({s.groups: s for s in reversed(here)}.values(), key=lambda s: -s.evidence)[:SETS]
-                finer = [f for s in likely for f in formulas_of(s.of, known, finer=True)]
-                self.said[at.place.name] = said
-                self.refined += refined(said, [*every, *finer], known, prior)
-                self.bends |= {s.where: bends_of(said, s.of[0]) for s in likely if len(s.of) == 1}
-                found += here
+        for here in said_at_places(self.base, self.scan, self._at_places()):
+            self.smooth += here.smooth
+            self.refined += here.refined
+            self.bends |= {s.where: b for s, b in here.bends}
+            self.says[here.place] = here.says
         self.refined.sort(key=lambda c: -c.weight)
-        return found
 
     def _shaped(self) -> list[Proposal]:
         """The likeliest forms with their best shapes, of which no fit was as good."""

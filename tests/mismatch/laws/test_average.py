@@ -61,7 +61,7 @@ class Ground:
     def average(self, *evidence: float) -> Averaged | None:
         """With this ln evidence of the three."""
         fitted = [replace(f, evidence=e) for f, e in zip(self.fitted, evidence, strict=True)]
-        return average_of(fitted[0], fitted, self.sought, self.known, self.said)
+        return average_of(fitted[0], fitted, self.sought, self.known, self.said.any)
 
 
 @pytest.fixture(scope="module")
@@ -109,9 +109,9 @@ def test_a_form_that_these_flights_do_not_tell_from_the_average_is_told_as_it_st
     c = {n: v for n, (v, _) in first.trial.coefficients.items()}
     curve = summed(first.effects, {k.variable.name: k.values for k in ground.known}, c)
     twin = replace(ground.sought[0], amplitude=1.0, formula=replace(ground.sought[0].formula, curve=curve))
-    assert average_of(first, [first], [twin], ground.known, ground.said) is None
+    assert average_of(first, [first], [twin], ground.known, ground.said.any) is None
     other = replace(twin, formula=replace(twin.formula, curve=0.2 * curve))
-    assert average_of(first, [first], [other], ground.known, ground.said) is not None
+    assert average_of(first, [first], [other], ground.known, ground.said.any) is not None
 
 
 def test_its_prior_says_that_it_is_as_likely_as_all_its_forms_together(ground: Ground) -> None:
