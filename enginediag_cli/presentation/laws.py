@@ -179,12 +179,12 @@ def _averaged(found: LawFinding) -> Iterator[str]:
     if not found.forms:
         return
     it = "it" if len(found.drivers[0][0]) == 1 else "both"
-    likely = [
-        (" and ".join(f"{w} {it}" for w in x.words), x.probability) for x in found.forms if x.probability > POSSIBLE
-    ]
-    told = listed([f"{words} ({probability(q)})" for words, q in likely[:MOST]], "or")
+    likely = [x for x in found.forms if x.probability > POSSIBLE][:MOST]
+    words = [" and ".join(f"{w} {it}" for w in dict.fromkeys(x.words)) for x in likely]
+    told = listed([f"{w} ({probability(x.probability)})" for w, x in zip(words, likely, strict=True)], "or")
     yield f"  Its form is not settled, and it is the average of {len(found.forms)}: {told}."
-    yield f"  The likeliest alone: f = {found.forms[0].text}."
+    if len(likely[0].text) <= LONG:
+        yield f"  The likeliest alone: f = {likely[0].text}."
 
 
 def _size(x: float, unit: str, half: float | None = None) -> str:

@@ -7,10 +7,10 @@ from types import SimpleNamespace
 import pytest
 
 from enginediag_cli.engine.term import Coefficient, Effect
-from enginediag_cli.mismatch.laws.finding import LawFinding
+from enginediag_cli.mismatch.laws.finding import LawFinding, Share
 from enginediag_cli.physics.laws.expression import Expression
 from enginediag_cli.physics.laws.law import Acts, Law
-from enginediag_cli.presentation.laws import equation, law_statement, of_many
+from enginediag_cli.presentation.laws import LONG, equation, law_sentences, law_statement, of_many
 
 EFFECT = SimpleNamespace(term=SimpleNamespace(STATEMENT="Efficiency changes with Mach number.", EQUATION="eta (1 + f)"))
 
@@ -48,3 +48,34 @@ def test_a_formula_of_many_coefficients_is_not_written_out():
     assert not of_many(few.term) and list(law_statement(few, None))[1].endswith("f = a0 + a1 + a2 + a3 + a4")
     assert of_many(many.term) and "a0" not in list(law_statement(many, None))[1]
     assert "6 coefficients" in equation(many.term) and "hpc.efficiency (1 + f)" in equation(many.term)
+
+
+def averaged(*forms: Share) -> LawFinding:
+    place, mach = (
+        SimpleNamespace(name="hpc.efficiency", words="HPC efficiency", component="hpc"),
+        SimpleNamespace(words="Mach number"),
+    )
+    law = SimpleNamespace(location=place, option=SimpleNamespace(hypothesis=SimpleNamespace(effects=(_law(1),))))
+    return LawFinding((law,), ((place, 1.0),), ((((mach,),), 1.0),), 100.0, 1.0, (-0.01, 0.01), "1", None, (), forms)
+
+
+def test_of_an_average_the_forms_are_told_and_the_likeliest_formula():
+    step = Share(("as a smooth step in",), "0.01 * tanh(mach)", 0.55)
+    both = Share(("in proportion to", "near one value of"), "0.02 * mach", 0.44)
+    told = "\n".join(law_sentences(averaged(step, both, Share(("by",), "1", 0.01))))
+    assert (
+        "the average of 3: as a smooth step in it (0.55) or in proportion to it and near one value of it (0.44)."
+        in told
+    )
+    assert "The likeliest alone: f = 0.01 * tanh(mach)." in told
+    long = Share(step.words, "0" * (LONG + 1), 1.0)
+    assert "likeliest alone" not in "\n".join(law_sentences(averaged(long)))
+    assert "average" not in "\n".join(law_sentences(averaged()))
+
+
+def test_a_formula_that_is_long_is_not_written_out():
+    acts = Acts("hpc.efficiency", "hpc", "", True)
+    size = Coefficient("a", "1", "size", 0.0, -1.0, 1.0, 0.1, 0.0)
+    text = "a * (" + " + ".join(["0.123456"] * (LONG // 10)) + ")"
+    law = Law("long", acts, Expression.parsed(text), {}, (size,), "Efficiency changes.")
+    assert of_many(law) and "long formula" in equation(law) and "0.123456" not in equation(law)

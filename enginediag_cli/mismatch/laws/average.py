@@ -60,7 +60,7 @@ class Averaged:
         """The average as it was fitted, as likely as all its forms together: they have paid for shapes that it has no
         more."""
         prior = self.evidence - found.evidence
-        law = replace(self.law, candidate=replace(self.law.candidate, prior=prior, weight=prior))
+        law = replace(self.law, candidate=replace(self.law.candidate, prior=prior, weight=self.evidence))
         return replace(found, laws=(law,), evidence=self.evidence, beside=beside, forms=self.forms)
 
 
