@@ -54,16 +54,34 @@ class Handing:
 
     def told(self, found: dict[int, Any]) -> bytes:
         """Results on their way; raises what pickling raises."""
-        text, numbers = io.BytesIO(), {id(o): k for k, o in enumerate(self.shared)}
-        pickler = pickle.Pickler(text, protocol=pickle.HIGHEST_PROTOCOL)
-        pickler.persistent_id = lambda o: numbers.get(id(o))  # type: ignore[method-assign]
-        pickler.dump({k: r if isinstance(r, _Raised) else self.pack(r) for k, r in found.items()})
+        text = io.BytesIO()
+        _Pickler(text, self.shared).dump({k: r if isinstance(r, _Raised) else self.pack(r) for k, r in found.items()})
         return text.getvalue()
 
     def heard(self, text: bytes) -> dict[int, Any]:
-        unpickler = pickle.Unpickler(io.BytesIO(text))
-        unpickler.persistent_load = lambda k: self.shared[k]  # type: ignore[method-assign]
-        return {k: r if isinstance(r, _Raised) else self.unpack(r) for k, r in unpickler.load().items()}
+        """What was told, here."""
+        found = _Unpickler(text, self.shared).load()
+        return {k: r if isinstance(r, _Raised) else self.unpack(r) for k, r in found.items()}
+
+
+class _Pickler(pickle.Pickler):
+    """Tells what is shared by its number."""
+
+    def __init__(self, text: io.BytesIO, shared: Sequence[object]):
+        super().__init__(text, protocol=pickle.HIGHEST_PROTOCOL)
+        self._number = {id(o): k for k, o in enumerate(shared)}
+
+    def persistent_id(self, o: object) -> int | None:
+        return self._number.get(id(o))
+
+
+class _Unpickler(pickle.Unpickler):
+    def __init__(self, text: bytes, shared: Sequence[object]):
+        super().__init__(io.BytesIO(text))
+        self._shared = shared
+
+    def persistent_load(self, number: int) -> object:
+        return self._shared[number]
 
 
 AS_IT_IS = Handing()

@@ -25,8 +25,8 @@ import numpy as np
 
 from enginediag_cli.commands.proving import SEVERAL_ENGINES
 from enginediag_cli.mismatch.laws.at_place import SETS
-from enginediag_cli.mismatch.laws.average import Member, mean_of
 from enginediag_cli.mismatch.laws.carried import Carried
+from enginediag_cli.mismatch.laws.mean import Member, mean_of
 from enginediag_cli.mismatch.laws.refined import refined
 from enginediag_cli.mismatch.laws.said import Said
 from enginediag_cli.mismatch.laws.scan import Candidate, Formula, Known, formulas, formulas_of
