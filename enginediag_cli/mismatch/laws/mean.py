@@ -6,8 +6,8 @@ with the coefficients that each has been fitted with, or sought at the fit that 
 are nearly as likely err each in its own way, and their average less than the likeliest of them. Where the likeliest
 form has most of what all listed ones have, or these flights do not tell it from the average, it is told as it stands:
 its coefficients say more to a reader than an average does. In a linear twin of the search
-(`tests/benchmarks/law_twin.py`, 600 laws of two seeds) the average is told of one law in six, and what is told is within
-noise of the truth in 498 where the likeliest alone is in 494.
+(`tests/benchmarks/law_twin.py`, 600 laws of two seeds) the average is told of one law in six, and what is told is
+within noise of the truth in 498 where the likeliest alone is in 494.
 
 Source: J. A. Hoeting et al., Statistical Science 14 (1999) 382–417.
 """
