@@ -52,14 +52,16 @@ class Said:
         return other
 
     def of(self, curves: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Products (K, k, k), and pulls (K, k) of what is left and carried, of sets of curves (N, K, k); standard
-        deviation (K,) of an amplitude of the first, none (NaN) of a curve that does not vary."""
+        """Products (K, k, k), and pulls (K, k) of what is left and carried, of sets of curves (N, K, k), not finite of
+        one that is too large to square; standard deviation (K,) of an amplitude of the first, none (NaN) of a curve
+        that does not vary."""
         beside = np.broadcast_to(self.at.f[:, None, None], (*curves.shape[:2], 1))
-        G = self.any.grams(np.concatenate([curves, beside], axis=2))
-        rms = np.std(curves[:, :, 0], axis=0)
-        varies = rms > np.maximum(STILL * np.abs(curves[:, :, 0]).max(axis=0), LEAST)
-        tau = np.where(varies, self.at.place.scale / np.where(varies, rms, 1.0), np.nan)
-        return G[:, :-1, :-1], self.any.pulls(curves) + G[:, :-1, -1], tau
+        with np.errstate(over="ignore", invalid="ignore"):
+            G = self.any.grams(np.concatenate([curves, beside], axis=2))
+            rms = np.std(curves[:, :, 0], axis=0)
+            varies = rms > np.maximum(STILL * np.abs(curves[:, :, 0]).max(axis=0), LEAST)
+            tau = np.where(varies, self.at.place.scale / np.where(varies, rms, 1.0), np.nan)
+            return G[:, :-1, :-1], self.any.pulls(curves) + G[:, :-1, -1], tau
 
     def best(self, tries: Sequence[Formula]) -> list[Formula]:
         """Of each form of the same variables, in their order, the best as they stand."""

@@ -138,7 +138,9 @@ def _shaped(form: Form, of: tuple[Known, ...], share: float, finer: bool) -> Ite
     tried = list(product(*(of[s.of].tried(s, finer) for s in form.shapes)))
     letters, together = [s.letter for s in form.shapes], np.array(tried).T[:, :, None]  # (letters, tries, 1)
     curves = np.atleast_2d(over_records(form, of, dict(zip(letters, together, strict=True))))
-    there = np.isfinite(curves).all(axis=1) & (np.std(curves, axis=1) > 0.0)
+    with np.errstate(over="ignore", invalid="ignore"):  # what is too large to square is no law
+        spread = np.std(curves, axis=1)
+    there = np.isfinite(curves).all(axis=1) & np.isfinite(spread) & (spread > 0.0)
     for k in np.flatnonzero(there):
         shape = dict(zip(letters, tried[k], strict=True))
         yield Formula(form, of, shape, curves[k], float(np.log(share)), len(tried))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from dataclasses import replace
 
 import concealed
@@ -67,6 +68,14 @@ class Ground:
 @pytest.fixture(scope="module")
 def ground() -> Ground:
     return Ground()
+
+
+def test_a_curve_that_is_too_large_to_square_is_none_without_a_warning(ground: Ground) -> None:
+    huge = np.linspace(1.0, 1e200, len(ground.base.found.number))[:, None, None]
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        G, _, _ = ground.said.of(huge)
+    assert not np.isfinite(G).all()
 
 
 def curve_of(averaged: Averaged, known: list[Known]) -> np.ndarray:
