@@ -24,14 +24,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from enginediag_cli.commands.proving import SEVERAL_ENGINES
-from enginediag_cli.mismatch.laws.at_place import SETS
+from enginediag_cli.mismatch.laws.at_place import AtPlace, all_said
 from enginediag_cli.mismatch.laws.carried import Carried
 from enginediag_cli.mismatch.laws.mean import Member, mean_of
-from enginediag_cli.mismatch.laws.refined import refined
 from enginediag_cli.mismatch.laws.said import Said
-from enginediag_cli.mismatch.laws.scan import Candidate, Formula, Known, formulas, formulas_of
-from enginediag_cli.mismatch.laws.smooth import smooth_evidence
-from enginediag_cli.mismatch.laws.steps import Bends, bends_of, curve_by, prior_of_curve
+from enginediag_cli.mismatch.laws.scan import Formula, Known, formulas
+from enginediag_cli.mismatch.laws.steps import prior_of_curve, steps_over
 from enginediag_cli.physics.engine_file import load_engine
 from enginediag_cli.shipped import shipped
 from enginediag_cli.trials.blind.flights import draw_flights
@@ -118,35 +116,31 @@ class Told:
 
 def answered(case: Case) -> Told:
     known = list(case.flown.ground.known)
-    smooth = smooth_evidence(case.said, known, 0.0)
-    likely = list({s.groups: s for s in reversed(smooth)}.values())
-    likely = sorted(likely, key=lambda s: -s.evidence)[:SETS]
-    finer = [f for s in likely for f in formulas_of(s.of, known, finer=True)]
-    laws = refined(case.said, [*case.flown.every, *finer], known, 0.0)
-    bends = [bends_of(case.said, s.of[0]) for s in likely if len(s.of) == 1]
+    here = all_said(case.said, case.flown.every, known, 0.0)
     # of variables that are alike the best counts, as in the search
-    totals: dict[Groups, dict[str, float]] = {s.groups: {"": s.evidence} for s in reversed(smooth)}
-    for c in sorted(laws, key=lambda c: c.weight):
+    totals: dict[Groups, dict[str, float]] = {s.groups: {"": s.evidence} for s in reversed(here.smooth)}
+    for c in sorted(here.refined, key=lambda c: c.weight):
         totals.setdefault(c.formula.groups, {})[c.formula.form.name] = c.weight
     first = max(totals, key=lambda g: float(np.logaddexp.reduce(list(totals[g].values()))))
-    members = _members(case.said, laws, bends, known)
+    members = _members(case.said, here, known)
     own = max(members.values(), key=lambda ms: max(m.evidence for m in ms))
-    best, mean = max(own, key=lambda m: m.evidence), mean_of(own, case.said.any)
+    best, mean = max(own, key=lambda m: m.evidence), mean_of(own, here.says)
     told = best.curve if mean is None else mean.curve
     return Told(case.right(first), case.within(best.curve), case.within(told), mean is not None)
 
 
-def _members(
-    said: Said, laws: Sequence[Candidate], bends: Sequence[Bends], known: Sequence[Known]
-) -> dict[frozenset[str], list[Member]]:
+def _members(said: Said, here: AtPlace, known: Sequence[Known]) -> dict[frozenset[str], list[Member]]:
     """By names of variables."""
     found: dict[frozenset[str], list[Member]] = {}
-    for c in laws:
+    for c in here.refined:
         member = Member((c.formula.form.words,), "", c.amplitude * c.formula.curve, c.weight, True)
         found.setdefault(frozenset(k.variable.name for k in c.formula.of), []).append(member)
     prior = prior_of_curve(len({k.group for k in known}))
-    for b in bends:
-        member = Member((), "", curve_by(said, b), b.evidence + prior + b.choice, False)
+    for b in here.bends.values():
+        steps = steps_over(b.of, b.count)
+        (G,), (g,), _ = said.of(steps[:, None, :])
+        smooth = steps @ np.linalg.solve(G + np.eye(b.count) / b.size**2, g)
+        member = Member((), "", smooth, b.evidence + prior + b.choice, False)
         found.setdefault(frozenset([b.of.variable.name]), []).append(member)
     return found
 

@@ -77,7 +77,7 @@ class LawOfSet:
         if base is None:
             return None
         search = LawSearch(base, scanned(base.found, base.projection), self.sets.fits.refit, (also,))
-        self.members.learn(p for f in (*search.single, *search.told) for p in f.laws)
+        self.members.learn(search.proposals)
         judged = adequate(self.sets.fits, _simplest(search.told)[:JUDGED])
         return _Searched(search, judged) if judged.found else None
 

@@ -93,8 +93,7 @@ class LawsAlone:
             likeliest = _on_all(self.few, list(apart)[:ON_ALL])
         judged = adequate(fits, likeliest[:JUDGED])
         fits.rejected.update(judged.rejected)
-        every = (*laws.told, *laws.single, *laws.double)
-        proposals = tuple({p.option.label: p for f in every for p in f.laws}.values())
+        proposals = tuple(laws.proposals)
         if judged.found:
             finding = laws.finding(judged.fitted, fits.base, known)
             return Lawful(judged.told(fits), finding, judged.fitted[0].evidence, proposals)

@@ -9,11 +9,11 @@ from enginediag_cli.engine.warm import apart
 from enginediag_cli.mismatch.fit.any_curve import AnyCurve
 from enginediag_cli.mismatch.fit.trial_fit import Trial
 from enginediag_cli.mismatch.laws.carried import carried
-from enginediag_cli.mismatch.laws.fitted import Fitted
+from enginediag_cli.mismatch.laws.fitted import Fitted, Where
 from enginediag_cli.mismatch.laws.grammar import FORMS
 from enginediag_cli.mismatch.laws.refined import refined
 from enginediag_cli.mismatch.laws.said import Said
-from enginediag_cli.mismatch.laws.scan import Candidate, Scan, formulas_of, prior_of_a_place
+from enginediag_cli.mismatch.laws.scan import Candidate, Formula, Known, Scan, formulas_of, prior_of_a_place
 from enginediag_cli.mismatch.laws.smooth import Smooth, smooth_evidence
 from enginediag_cli.mismatch.laws.steps import Bends, bends_of
 from enginediag_cli.side_by_side import Handing, side_by_side
@@ -30,28 +30,30 @@ class AtPlace:
     place: str
     smooth: list[Smooth]
     refined: list[Candidate]
-    bends: list[tuple[Smooth, Bends]]
+    bends: dict[Where, Bends]
     says: AnyCurve
 
 
 def said_at_places(base: Trial, scan: Scan, laws: Sequence[Fitted]) -> list[AtPlace]:
     """At the places of these laws, where a fit that carries them converges."""
+    tries, prior = scan.formulas, prior_of_a_place(base.found)
+
+    def at_place(k: int) -> AtPlace | None:
+        law = laws[k]
+        # each place begins where the base has ended, whichever was asked before
+        with apart(base.found.model):
+            at = carried(base, law.trial, law.effects, law.laws[0].candidate.location, scan.known)
+            return all_said(Said(at), tries, scan.known, prior) if at.found.converged else None
+
     handing = Handing(shared=[*scan.known, *FORMS, *(f.laws[0].candidate.location for f in laws)])
-    found = side_by_side(lambda k: _said_at(base, scan, laws[k]), len(laws), handing)
-    return [here for here in found if here is not None]
+    return [here for here in side_by_side(at_place, len(laws), handing) if here is not None]
 
 
-def _said_at(base: Trial, scan: Scan, law: Fitted) -> AtPlace | None:
-    known, prior, place = scan.known, prior_of_a_place(base.found), law.laws[0].candidate.location
-    # each place begins where the base has ended, whichever was asked before
-    with apart(base.found.model):
-        at = carried(base, law.trial, law.effects, place, known)
-        if not at.found.converged:
-            return None
-        said = Said(at)
-        here = smooth_evidence(said, known, prior)
-        likely = sorted({s.groups: s for s in reversed(here)}.values(), key=lambda s: -s.evidence)[:SETS]
-        finer = [f for s in likely for f in formulas_of(s.of, known, finer=True)]
-        shaped = refined(said, [*scan.formulas, *finer], known, prior)
-        bends = [(s, bends_of(said, s.of[0])) for s in likely if len(s.of) == 1]
-    return AtPlace(place.name, here, shaped, bends, said.any)
+def all_said(said: Said, tries: Sequence[Formula], known: Sequence[Known], prior: float) -> AtPlace:
+    """Of these formulas, and of more tries of the likeliest variables; `prior`: ln, of the place."""
+    smooth = smooth_evidence(said, known, prior)
+    likely = sorted({s.groups: s for s in reversed(smooth)}.values(), key=lambda s: -s.evidence)[:SETS]
+    finer = [f for s in likely for f in formulas_of(s.of, known, finer=True)]
+    shaped = refined(said, [*tries, *finer], known, prior)
+    bends = {s.where: bends_of(said, s.of[0]) for s in likely if len(s.of) == 1}
+    return AtPlace(said.at.place.name, smooth, shaped, bends, said.any)

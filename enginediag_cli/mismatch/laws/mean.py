@@ -25,7 +25,7 @@ from enginediag_cli.mismatch.laws.proposed import DIGITS
 from enginediag_cli.physics.laws.expression import LONGEST
 
 SETTLED = 0.7
-"""Share of all listed forms from which one is told as it stands. Judgement: three of four."""
+"""Share of all listed forms from which one is told as it stands. Judgement."""
 THE_SAME = 0.5
 """Non-centrality below which these flights do not tell the likeliest form from the average: the form is told."""
 LEAST = 0.01
@@ -57,7 +57,7 @@ class Mean:
 
 
 def mean_of(members: Sequence[Member], says: AnyCurve) -> Mean | None:
-    """The average of laws of the same variables at one place, of which it says this. None where a form is
+    """The average of laws of the same variables at one place; `says`: what that does of any curve. None where a form is
     settled, or is the average as far as it was flown, or a formula has no room for enough of them."""
     evidence = [m.evidence for m in members]
     best = members[int(np.argmax(evidence))]

@@ -63,8 +63,8 @@ Fitting = Callable[[Sequence[tuple[Option, ...]]], Sequence[Trial] | None]
 @dataclass
 class LawSearch:
     """One search from a base that lacks something, beside what this has. `also`: laws that are fitted in any case;
-    `single` and `double`: those that were fitted, likeliest first; `says`: what places
-    say of any curve, by name; `averages`: of places and variables whose form is not settled."""
+    `single` and `double`: those that were fitted, likeliest first; `says`: what places say of any curve, by name;
+    `averages`: of places and variables whose form is not settled."""
 
     base: Trial
     scan: Scan
@@ -98,6 +98,12 @@ class LawSearch:
         best = self._best()
         own = (f for f in self.single if f.where not in self.averages or f is best[f.where])
         return ordered([*self.averages.values(), *own])
+
+    @property
+    def proposals(self) -> list[Proposal]:
+        """All laws that were fitted, once."""
+        every = (*self.averages.values(), *self.single, *self.double)
+        return list({p.option.label: p for f in every for p in f.laws}.values())
 
     def _averages(self) -> dict[Where, Fitted]:
         """Of the likeliest places and variables."""
@@ -173,7 +179,7 @@ class LawSearch:
         for here in said_at_places(self.base, self.scan, self._at_places()):
             self.smooth += here.smooth
             self.refined += here.refined
-            self.bends |= {s.where: b for s, b in here.bends}
+            self.bends |= here.bends
             self.says[here.place] = here.says
         self.refined.sort(key=lambda c: -c.weight)
 

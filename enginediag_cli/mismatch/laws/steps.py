@@ -86,18 +86,11 @@ def bends_of(said: Said, k: Known) -> Bends:
     sizes = float(np.std(said.at.f)) * np.array(SHARES)
     found = np.empty((len(ALONE), len(sizes)))
     for j, count in enumerate(ALONE):
-        G, g, _ = said.of(_over_records(k, count)[:, None, :])
+        G, g, _ = said.of(steps_over(k, count)[:, None, :])
         found[j] = linear_evidence(G[0], g[0], np.repeat(sizes[:, None] ** 2, count, axis=1))
     fineness, size = divmod(int(np.argmax(found)), len(sizes))
     evidence = float(np.logaddexp.reduce(found, axis=None) - np.log(found.size))
     return Bends(k, ALONE[fineness], float(sizes[size]), said.gain + evidence, evidence - float(found.max()))
-
-
-def curve_by(said: Said, bends: Bends) -> np.ndarray:
-    """The curve (N,) itself, by what a place says."""
-    steps = _over_records(bends.of, bends.count)
-    (G,), (g,), _ = said.of(steps[:, None, :])
-    return np.asarray(steps @ np.linalg.solve(G + np.eye(bends.count) / bends.size**2, g))
 
 
 def prior_of_curve(groups: int) -> float:
@@ -143,7 +136,7 @@ def _grid(k: Known, count: int) -> tuple[list[float], float]:
     return [_rounded(float(c)) for c in np.linspace(low, high, count)], w
 
 
-def _over_records(k: Known, count: int) -> np.ndarray:
+def steps_over(k: Known, count: int) -> np.ndarray:
     """Steps of a variable over the records (N, count)."""
     places, w = _grid(k, count)
     c = np.array(places)
