@@ -24,25 +24,45 @@ A, B, C = map(option, "abc")
 LAW_AT_X, OTHER_LAW_AT_X, FREE_AT_X = option("l", LAW, "x"), option("m", LAW, "x"), option("f", FREE, "x")
 
 
-def probabilities(named, *others) -> list[float]:
-    """Of sets that are named, among these: each a tuple of options and its ln evidence."""
+def told(named, *others) -> list[Explanation]:
+    """What is told of sets that are named, among these: each a tuple of options and its ln evidence."""
     trials = [
         SimpleNamespace(options=o, label=" + ".join(x.label for x in o), evidence=e) for o, e in (*named, *others)
     ]
     trials.sort(key=lambda t: -t.evidence)
     sets = SimpleNamespace(
-        fits=SimpleNamespace(fitted={t.label: t for t in trials}),
+        fits=SimpleNamespace(
+            fitted={t.label: t for t in trials},
+            left=lambda t: SimpleNamespace(surprise=9.0),
+            flights=lambda t: 1.0,
+            explanation=lambda t, p, left, flights: Explanation(t.options, (), 0.0, 0.0, p, left, flights),
+        ),
         evidence=lambda t: t.evidence,
         likeliest=lambda: trials,
     )
     share = np.exp([e for _, e in named])
-    told = [Explanation(o, (), 0.0, 0.0, p, 0.0, 1.0) for (o, _), p in zip(named, share / share.sum(), strict=True)]
-    return [x.probability for x in among_all(sets, told)]
+    known = [Explanation(o, (), 0.0, 0.0, p, 0.0, 1.0) for (o, _), p in zip(named, share / share.sum(), strict=True)]
+    return among_all(sets, known)
+
+
+def probabilities(named, *others) -> list[float]:
+    return [x.probability for x in told(named, *others)]
 
 
 def test_a_set_that_leaves_something_and_is_as_likely_takes_half():
     assert probabilities([((A, B), -10.0)], ((A, C), -10.0)) == pytest.approx([0.5])
-    assert probabilities([((A, B), -10.0)], ((A,), -10.0 + np.log(3.0))) == pytest.approx([0.25])
+    assert probabilities([((A, B), -10.0)], ((C,), -10.0 + np.log(3.0))) == pytest.approx([0.25])
+
+
+def test_a_member_that_is_not_settled_is_told_after_the_set_without_it():
+    simpler, first = told([((A, B), -10.0)], ((A,), -11.0), ((C,), -9.0))
+    assert simpler.options == (A,) and first.options == (A, B)
+    assert first.probability / simpler.probability == pytest.approx(np.exp(1.0))
+    assert simpler.left == 9.0  # what it leaves is told
+
+
+def test_a_member_whose_odds_are_over_three_to_one_is_told():
+    assert [x.options for x in told([((A, B), -10.0)], ((A,), -10.0 - np.log(4.0)), ((), -10.0))] == [(A, B)]
 
 
 def test_a_set_that_holds_all_that_is_named_is_no_rival():

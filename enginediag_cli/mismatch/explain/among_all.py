@@ -5,6 +5,9 @@
 A rival is a set that holds none of those named whole. One that leaves a misfit is a rival, too: what it shares with the
 truth may be all that is listed of it. So is one with a free curve. Unlisted physics at one place is the same whatever
 its form: how likely forms and variables are is weighed where a law is sought.
+
+A rival that is the first one without some of its members, and nearly as likely, is told before it: that these act is
+not settled, though what is left without them is over the gates.
 """
 
 from __future__ import annotations
@@ -18,24 +21,39 @@ from enginediag_cli.mismatch.explain.answer import Explanation
 from enginediag_cli.mismatch.explain.members import identity
 from enginediag_cli.mismatch.explain.stepwise import Sets
 from enginediag_cli.mismatch.fit.options import FREE, LAW, Option
+from enginediag_cli.mismatch.fit.trial_fit import Trial
+
+SETTLED = 3.0
+"""Odds against the same without them from which members of a set are told to act. Judgement."""
 
 Held = frozenset[tuple[str, ...]]
 
 
 def among_all(sets: Sets, named: Sequence[Explanation]) -> list[Explanation]:
-    """What is named, in its order, with probabilities among all sets."""
+    """What is named, in its order, with probabilities among all sets; before it the same without members that are not
+    settled."""
     if not named:
         return []
     own = [_held(x.options) for x in named]
     evidence = [sets.evidence(sets.fits.fitted[x.label]) for x in named]
-    rivals: dict[Held, float] = {}
+    rivals: dict[Held, Trial] = {}
     for trial in sets.likeliest():
         held = _held(trial.options)
         if not any(mine <= held for mine in own):
-            rivals.setdefault(held, sets.evidence(trial))
+            rivals.setdefault(held, trial)
     told, all_told = np.logaddexp.reduce(evidence), sum(x.probability for x in named)
-    share = float(np.exp(told - np.logaddexp.reduce([told, *rivals.values()])))
-    return [replace(x, probability=share * x.probability / all_told) for x in named]
+    total = np.logaddexp.reduce([told, *map(sets.evidence, rivals.values())])
+    share = float(np.exp(told - total))
+    found = [replace(x, probability=share * x.probability / all_told) for x in named]
+    for held, trial in rivals.items():
+        if held and held < own[0] and sets.evidence(trial) > evidence[0] - np.log(SETTLED):
+            return [_simpler(sets, trial, float(np.exp(sets.evidence(trial) - total))), *found]
+    return found
+
+
+def _simpler(sets: Sets, trial: Trial, probability: float) -> Explanation:
+    fits = sets.fits
+    return fits.explanation(trial, probability, fits.left(trial).surprise, fits.flights(trial))
 
 
 def _held(options: Sequence[Option]) -> Held:

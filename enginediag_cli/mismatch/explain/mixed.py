@@ -47,4 +47,5 @@ def with_laws(sets: Sets, tried: Iterable[Proposal] = ()) -> Mixed:
     told = LawOfSet(sets, members).of(named)
     first = sets.fits.fitted[told.explanations[0].label]
     among = tuple(among_all(sets, told.explanations))
-    return Mixed(among, sets.evidence(first) - sets.evidence(sets.fits.base), told.finding)
+    finding = told.finding if among[0].label == told.explanations[0].label else None
+    return Mixed(among, sets.evidence(first) - sets.evidence(sets.fits.base), finding)
