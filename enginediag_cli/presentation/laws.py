@@ -182,9 +182,11 @@ def _averaged(found: LawFinding) -> Iterator[str]:
     likely = [x for x in found.forms if x.probability > POSSIBLE][:MOST]
     words = [" and ".join(f"{w} {it}" for w in dict.fromkeys(x.words)) for x in likely]
     told = listed([f"{w} ({probability(x.probability)})" for w, x in zip(words, likely, strict=True)], "or")
-    yield f"  Its form is not settled, and it is the average of {len(found.forms)}: {told}."
-    if len(likely[0].text) <= LONG:
-        yield f"  The likeliest alone: f = {likely[0].text}."
+    several = f"the average of {len(found.forms)}: {told}" if len(found.forms) > 1 else "the average of smooth curves"
+    yield f"  Its form is not settled, and it is {several}."
+    alone = next((x.text for x in likely if len(x.text) <= LONG), None)
+    if alone is not None:
+        yield f"  The likeliest {'' if alone == likely[0].text else 'formula '}alone: f = {alone}."
 
 
 def _size(x: float, unit: str, half: float | None = None) -> str:

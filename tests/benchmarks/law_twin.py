@@ -25,11 +25,11 @@ import numpy as np
 
 from enginediag_cli.commands.proving import SEVERAL_ENGINES
 from enginediag_cli.mismatch.laws.at_place import AtPlace, all_said
+from enginediag_cli.mismatch.laws.average import smooth_member
 from enginediag_cli.mismatch.laws.carried import Carried
 from enginediag_cli.mismatch.laws.mean import Member, mean_of
 from enginediag_cli.mismatch.laws.said import Said
 from enginediag_cli.mismatch.laws.scan import Formula, Known, formulas
-from enginediag_cli.mismatch.laws.steps import prior_of_curve, steps_over
 from enginediag_cli.physics.engine_file import load_engine
 from enginediag_cli.shipped import shipped
 from enginediag_cli.trials.blind.flights import draw_flights
@@ -122,26 +122,21 @@ def answered(case: Case) -> Told:
     for c in sorted(here.refined, key=lambda c: c.weight):
         totals.setdefault(c.formula.groups, {})[c.formula.form.name] = c.weight
     first = max(totals, key=lambda g: float(np.logaddexp.reduce(list(totals[g].values()))))
-    members = _members(case.said, here, known)
+    members = _members(here, known)
     own = max(members.values(), key=lambda ms: max(m.evidence for m in ms))
     best, mean = max(own, key=lambda m: m.evidence), mean_of(own, here.says)
     told = best.curve if mean is None else mean.curve
     return Told(case.right(first), case.within(best.curve), case.within(told), mean is not None)
 
 
-def _members(said: Said, here: AtPlace, known: Sequence[Known]) -> dict[frozenset[str], list[Member]]:
+def _members(here: AtPlace, known: Sequence[Known]) -> dict[frozenset[str], list[Member]]:
     """By names of variables."""
     found: dict[frozenset[str], list[Member]] = {}
     for c in here.refined:
         member = Member((c.formula.form.words,), "", c.amplitude * c.formula.curve, c.weight, True)
         found.setdefault(frozenset(k.variable.name for k in c.formula.of), []).append(member)
-    prior = prior_of_curve(len({k.group for k in known}))
-    for b in here.bends.values():
-        steps = steps_over(b.of, b.count)
-        (G,), (g,), _ = said.of(steps[:, None, :])
-        smooth = steps @ np.linalg.solve(G + np.eye(b.count) / b.size**2, g)
-        member = Member((), "", smooth, b.evidence + prior + b.choice, False)
-        found.setdefault(frozenset([b.of.variable.name]), []).append(member)
+    for b in here.bends:
+        found.setdefault(b.names, []).append(smooth_member(b, len({k.group for k in known}), 0.0))
     return found
 
 

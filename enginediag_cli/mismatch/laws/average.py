@@ -20,6 +20,8 @@ from enginediag_cli.mismatch.laws.mean import Member, mean_of
 from enginediag_cli.mismatch.laws.proposed import AMPLITUDE, DIGITS, acting, place_of, statement_of
 from enginediag_cli.mismatch.laws.scan import Candidate, Formula, Known
 from enginediag_cli.mismatch.laws.shortlist import Proposal, carrying, proposal
+from enginediag_cli.mismatch.laws.smooth import prior_of_variables
+from enginediag_cli.mismatch.laws.steps import OWN, Bends
 from enginediag_cli.physics.laws.expression import Expression
 from enginediag_cli.physics.laws.law import Law
 
@@ -43,11 +45,17 @@ class Averaged:
 
 
 def average_of(
-    first: Fitted, fitted: Sequence[Fitted], sought: Sequence[Candidate], known: Sequence[Known], says: AnyCurve
+    first: Fitted,
+    fitted: Sequence[Fitted],
+    sought: Sequence[Candidate],
+    known: Sequence[Known],
+    says: AnyCurve,
+    smooth: Sequence[Member] = (),
 ) -> Averaged | None:
-    """The average of laws of the first one's variables at its place, `fitted` or only `sought`; `says`: what that place
-    does. None where there is none that is better told than a form."""
-    members = _members(first, fitted, sought, known)
+    """The average of laws of the first one's variables at its place, `fitted` or only `sought`, and of `smooth` curves
+    there, where it is of one variable; `says`: what that place does. None where there is none that is better
+    told than a form."""
+    members = [*_members(first, fitted, sought, known), *smooth]
     mean = mean_of(members, says)
     if mean is None:
         return None
@@ -56,20 +64,27 @@ def average_of(
     return Averaged(_proposal(first, forms, mean.curve, known), forms, together)
 
 
+def smooth_member(bends: Bends, groups: int, prior: float) -> Member:
+    """All smooth curves of a variable, one of so many groups, as one of what may be, as likely beforehand as laws that
+    have no listed form are; `prior`: ln, of the place."""
+    whole = bends.evidence + prior_of_variables((bends.of,), groups) + prior
+    return Member((OWN.words,), bends.text, bends.curve, whole, False)
+
+
 def _members(
     first: Fitted, fitted: Sequence[Fitted], sought: Sequence[Candidate], known: Sequence[Known]
 ) -> list[Member]:
-    place, names = first.where[0], _names(first)
+    place, names = first.where[0], first.names
     values, found, forms = {k.variable.name: k.values for k in known}, list[Member](), set[tuple[str, ...]]()
     for f in fitted:
-        if f.where[0] != place or not f.at_one_place or _names(f) != names:
+        if f.where[0] != place or not f.at_one_place or f.names != names or _is_curve(f):
             continue
         c = {n: value for n, (value, _) in f.trial.coefficients.items()}
         curve = summed(f.effects, values, c)
         listed = len(f.laws) == 1 and f.laws[0].candidate.formula.form.listed
         forms |= {f.laws[0].candidate.formula.what} if listed else set()
         words = tuple(p.candidate.formula.form.words for p in f.laws)
-        found.append(Member(words, _text(f.effects, c), curve, f.evidence, listed))
+        found.append(Member(words, _text(f.effects, c), curve, f.evidence, True))
     for k in sought:
         if (
             k.location.name == place
@@ -83,9 +98,9 @@ def _members(
     return found
 
 
-def _names(f: Fitted) -> frozenset[str]:
-    """Variables of what acts at the first one's place."""
-    return frozenset(k.variable.name for p in f.laws for k in p.candidate.formula.of)
+def _is_curve(f: Fitted) -> bool:
+    """Whether it is one smooth curve: of all of them together there is a member already."""
+    return len(f.laws) == 1 and f.laws[0].candidate.formula.form is OWN
 
 
 def _text(effects: Sequence[Effect], c: Mapping[str, float]) -> str:
@@ -111,7 +126,7 @@ def _proposal(first: Fitted, forms: Sequence[Share], mean: np.ndarray, known: Se
     size = float(np.std(mean))
     over = size * sum(x.probability for x in forms)
     text = " + ".join(f"{x.probability / over:.{DIGITS}g} * ({x.text})" for x in forms)
-    of = tuple(k for k in known if k.variable.name in _names(first))
+    of = tuple(k for k in known if k.variable.name in first.names)
     parameter = place_of(place, engine)
     acts, unit = acting(place, parameter)
     law = Law(

@@ -58,6 +58,11 @@ class Fitted:
         return place, frozenset().union(*own)
 
     @property
+    def names(self) -> frozenset[str]:
+        """Of the variables of all its laws."""
+        return frozenset(k.variable.name for p in self.laws for k in p.candidate.formula.of)
+
+    @property
     def at_the_first(self) -> tuple[Effect, ...]:
         """Those that act at the first one's place."""
         place = self.where[0]

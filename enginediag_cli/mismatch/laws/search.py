@@ -17,7 +17,7 @@ from enginediag_cli.mismatch.fit.options import Option
 from enginediag_cli.mismatch.fit.trial_fit import Trial
 from enginediag_cli.mismatch.laws.alike import places_alike
 from enginediag_cli.mismatch.laws.at_place import said_at_places
-from enginediag_cli.mismatch.laws.average import average_of
+from enginediag_cli.mismatch.laws.average import average_of, smooth_member
 from enginediag_cli.mismatch.laws.band import EDGES, Weighed, band_of, curve_of
 from enginediag_cli.mismatch.laws.elsewhere_too import MOST_PLACES, RIVAL, elsewhere_too
 from enginediag_cli.mismatch.laws.finding import FittedLaw, LawFinding
@@ -37,6 +37,10 @@ from enginediag_cli.mismatch.laws.steps import Bends, as_curve, as_surface, prio
 
 BEHIND, SECOND = 2, 3
 """Laws to which a second one is sought where none is enough by itself; how many of these are fitted to each."""
+
+AS_GOOD = 6.0
+"""χ² by which an average may be behind its likeliest form, which bends to the noise: explanations so near are told
+together."""
 
 SHAPED = 6
 """Forms that are fitted with the shape that suits them, likeliest first."""
@@ -74,7 +78,7 @@ class LawSearch:
     double: list[Fitted] = field(default_factory=list)
     smooth: list[Smooth] = field(default_factory=list)
     refined: list[Candidate] = field(default_factory=list)
-    bends: dict[Where, Bends] = field(default_factory=dict)
+    bends: dict[str, list[Bends]] = field(default_factory=dict)
     says: dict[str, AnyCurve] = field(default_factory=dict)
     averages: dict[Where, Fitted] = field(default_factory=dict)
 
@@ -108,15 +112,17 @@ class LawSearch:
     def _averages(self) -> dict[Where, Fitted]:
         """Of the likeliest places and variables."""
         found: dict[Where, Fitted] = {}
+        here = prior_of_a_place(self.base.found)
         for first in self._apart():
             says = self.says.get(first.where[0])
             if says is None or first.standing < self.single[0].standing - NEARLY:
                 continue
-            averaged = average_of(first, self.single, self.refined, self.scan.known, says)
+            smooth = [smooth_member(b, self._groups, here) for b in self._bends(first) if b.names == first.names]
+            averaged = average_of(first, self.single, self.refined, self.scan.known, says, smooth)
             if averaged is None:
                 continue
             for fitted in self._fitted([(averaged.law,)]):
-                if fitted.trial.objective < first.trial.objective + 2.0 * BARELY:
+                if fitted.trial.objective < first.trial.objective + AS_GOOD:
                     beside = max(first.standing - averaged.evidence, 0.0) + LIKELIER
                     found[first.where] = averaged.fitted(fitted, beside)
         return found
@@ -125,19 +131,29 @@ class LawSearch:
         """Smooth curves as laws, of the likeliest places and variables where they are nearly as likely as any form; and
         a surface of the likeliest two where it is likelier than all of theirs."""
         found: list[tuple[Proposal, ...]] = []
-        here, groups = prior_of_a_place(self.base.found), len({k.group for k in self.scan.known})
-        prior = prior_of_curve(groups) + here
+        here = prior_of_a_place(self.base.found)
+        prior = prior_of_curve(self._groups) + here
         for first in self._apart():
-            bends = self.bends.get(first.where)
+            bends = next(iter(self._bends(first)), None)
             if bends is not None and bends.evidence + prior > first.evidence - NEARLY:
                 found.append(as_curve(first.laws[0].candidate.location, bends, prior, self.engine))
         s = max(self.smooth, key=lambda s: s.evidence, default=None)
         best = self._best().get(s.where) if s is not None else None
         if s is not None and best is not None and len(s.of) == 2 and s.evidence > best.evidence:
             size = float(np.std(curve_of(best.effects, best.trial, self.scan.known)[0]))
-            prior = prior_of_variables(s.of, groups) + here
+            prior = prior_of_variables(s.of, self._groups) + here
             found.append(as_surface(s.place, (s.of[0], s.of[1]), size, prior, self.engine))
         return self._fitted([laws for laws in found if laws])
+
+    def _bends(self, first: Fitted) -> list[Bends]:
+        """Smooth curves of a law's one variable, and of those that cannot be told from it, at its place, likeliest
+        first."""
+        place, groups = first.where
+        return [b for b in self.bends.get(place, ()) if {b.of.group} == groups]
+
+    @property
+    def _groups(self) -> int:
+        return len({k.group for k in self.scan.known})
 
     @property
     def most(self) -> float:
@@ -179,7 +195,7 @@ class LawSearch:
         for here in said_at_places(self.base, self.scan, self._at_places()):
             self.smooth += here.smooth
             self.refined += here.refined
-            self.bends |= here.bends
+            self.bends[here.place] = here.bends
             self.says[here.place] = here.says
         self.refined.sort(key=lambda c: -c.weight)
 
