@@ -30,6 +30,7 @@ from enginediag_cli.mismatch.laws.carried import Carried
 from enginediag_cli.mismatch.laws.mean import Member, mean_of
 from enginediag_cli.mismatch.laws.said import Said
 from enginediag_cli.mismatch.laws.scan import Formula, Known, formulas
+from enginediag_cli.mismatch.laws.steps import OWN
 from enginediag_cli.physics.engine_file import load_engine
 from enginediag_cli.shipped import shipped
 from enginediag_cli.trials.blind.flights import draw_flights
@@ -124,7 +125,8 @@ def answered(case: Case) -> Told:
     first = max(totals, key=lambda g: float(np.logaddexp.reduce(list(totals[g].values()))))
     members = _members(here, known)
     own = max(members.values(), key=lambda ms: max(m.evidence for m in ms))
-    best, mean = max(own, key=lambda m: m.evidence), mean_of(own, here.says)
+    best = max(own, key=lambda m: m.evidence)
+    mean = mean_of(own, None if best.words == (OWN.words,) else best.curve, here.says)
     told = best.curve if mean is None else mean.curve
     return Told(case.right(first), case.within(best.curve), case.within(told), mean is not None)
 
@@ -133,7 +135,7 @@ def _members(here: AtPlace, known: Sequence[Known]) -> dict[frozenset[str], list
     """By names of variables."""
     found: dict[frozenset[str], list[Member]] = {}
     for c in here.refined:
-        member = Member((c.formula.form.words,), "", c.amplitude * c.formula.curve, c.weight, True)
+        member = Member((c.formula.form.words,), "", c.amplitude * c.formula.curve, c.weight)
         found.setdefault(frozenset(k.variable.name for k in c.formula.of), []).append(member)
     for b in here.bends:
         found.setdefault(b.names, []).append(smooth_member(b, len({k.group for k in known}), 0.0))

@@ -56,7 +56,8 @@ def average_of(
     there, where it is of one variable; `says`: what that place does. None where there is none that is better
     told than a form."""
     members = [*_members(first, fitted, sought, known), *smooth]
-    mean = mean_of(members, says)
+    alone = None if _is_curve(first) else _curve(first, known)
+    mean = mean_of(members, alone, says)
     if mean is None:
         return None
     forms = tuple(Share(m.words, m.text, q) for m, q in mean.of)
@@ -68,23 +69,21 @@ def smooth_member(bends: Bends, groups: int, prior: float) -> Member:
     """All smooth curves of a variable, one of so many groups, as one of what may be, as likely beforehand as laws that
     have no listed form are; `prior`: ln, of the place."""
     whole = bends.evidence + prior_of_variables((bends.of,), groups) + prior
-    return Member((OWN.words,), bends.text, bends.curve, whole, False)
+    return Member((OWN.words,), bends.text, bends.curve, whole)
 
 
 def _members(
     first: Fitted, fitted: Sequence[Fitted], sought: Sequence[Candidate], known: Sequence[Known]
 ) -> list[Member]:
     place, names = first.where[0], first.names
-    values, found, forms = {k.variable.name: k.values for k in known}, list[Member](), set[tuple[str, ...]]()
+    found, forms = list[Member](), set[tuple[str, ...]]()
     for f in fitted:
         if f.where[0] != place or not f.at_one_place or f.names != names or _is_curve(f):
             continue
-        c = {n: value for n, (value, _) in f.trial.coefficients.items()}
-        curve = summed(f.effects, values, c)
         listed = len(f.laws) == 1 and f.laws[0].candidate.formula.form.listed
         forms |= {f.laws[0].candidate.formula.what} if listed else set()
         words = tuple(p.candidate.formula.form.words for p in f.laws)
-        found.append(Member(words, _text(f.effects, c), curve, f.evidence, True))
+        found.append(Member(words, _text(f.effects, _fitted(f)), _curve(f, known), f.evidence))
     for k in sought:
         if (
             k.location.name == place
@@ -94,13 +93,23 @@ def _members(
             (effect,) = proposal(k, first.trial.found.evidence.engine).option.hypothesis.effects
             shape = {effect.parameter_name(n): v for n, v in {**k.formula.shape, AMPLITUDE: k.amplitude}.items()}
             curve = k.amplitude * k.formula.curve
-            found.append(Member((k.formula.form.words,), _text([effect], shape), curve, k.weight, True))
+            found.append(Member((k.formula.form.words,), _text([effect], shape), curve, k.weight))
     return found
 
 
 def _is_curve(f: Fitted) -> bool:
     """Whether it is one smooth curve: of all of them together there is a member already."""
     return len(f.laws) == 1 and f.laws[0].candidate.formula.form is OWN
+
+
+def _fitted(f: Fitted) -> dict[str, float]:
+    """Coefficients by parameter name."""
+    return {n: value for n, (value, _) in f.trial.coefficients.items()}
+
+
+def _curve(f: Fitted, known: Sequence[Known]) -> np.ndarray:
+    """Over the records (N,)."""
+    return summed(f.effects, {k.variable.name: k.values for k in known}, _fitted(f))
 
 
 def _text(effects: Sequence[Effect], c: Mapping[str, float]) -> str:

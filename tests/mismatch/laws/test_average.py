@@ -106,7 +106,7 @@ def test_all_smooth_curves_of_a_variable_are_one_of_its_members(ground: Ground) 
     f = 0.02 * (values - 0.55) / 0.15 * np.exp(-(((values - 0.55) / 0.15) ** 2))
     its = []
     for evidence in (0.0, 20.0, 26.0):
-        smooth = Member(("smooth",), "0.02 * (mach - 0.8)", f, evidence, False)
+        smooth = Member(("smooth",), "0.02 * (mach - 0.8)", f, evidence)
         averaged = average_of(fitted[0], fitted, ground.sought, ground.known, ground.said.any, [smooth])
         assert averaged is not None
         its.append(sum(x.probability for x in averaged.forms if x.words == ("smooth",)))
