@@ -30,7 +30,7 @@ from enginediag_cli.mismatch.laws.carried import Carried
 from enginediag_cli.mismatch.laws.mean import Member, mean_of
 from enginediag_cli.mismatch.laws.said import Said
 from enginediag_cli.mismatch.laws.scan import Formula, Known, formulas
-from enginediag_cli.mismatch.laws.steps import OWN
+from enginediag_cli.mismatch.laws.steps import prior_of_curve
 from enginediag_cli.physics.engine_file import load_engine
 from enginediag_cli.shipped import shipped
 from enginediag_cli.trials.blind.flights import draw_flights
@@ -123,23 +123,25 @@ def answered(case: Case) -> Told:
     for c in sorted(here.refined, key=lambda c: c.weight):
         totals.setdefault(c.formula.groups, {})[c.formula.form.name] = c.weight
     first = max(totals, key=lambda g: float(np.logaddexp.reduce(list(totals[g].values()))))
-    members = _members(here, known)
-    own = max(members.values(), key=lambda ms: max(m.evidence for m in ms))
+    own, smooth = _members(here, known)
+    mean = mean_of(own, None if smooth else max(own, key=lambda m: m.evidence).curve, here.says.any)
     best = max(own, key=lambda m: m.evidence)
-    mean = mean_of(own, None if best.words == (OWN.words,) else best.curve, here.says)
     told = best.curve if mean is None else mean.curve
     return Told(case.right(first), case.within(best.curve), case.within(told), mean is not None)
 
 
-def _members(here: AtPlace, known: Sequence[Known]) -> dict[frozenset[str], list[Member]]:
-    """By names of variables."""
+def _members(here: AtPlace, known: Sequence[Known]) -> tuple[list[Member], bool]:
+    """What a law of the likeliest variables may be, and whether a smooth curve is the likeliest."""
     found: dict[frozenset[str], list[Member]] = {}
     for c in here.refined:
         member = Member((c.formula.form.words,), "", c.amplitude * c.formula.curve, c.weight)
         found.setdefault(frozenset(k.variable.name for k in c.formula.of), []).append(member)
-    for b in here.bends:
-        found.setdefault(b.names, []).append(smooth_member(b, len({k.group for k in known}), 0.0))
-    return found
+    groups, curves = len({k.group for k in known}), list(here.bends.values())
+    forms = {names: max(m.evidence for m in own) for names, own in found.items()}
+    alone = {frozenset([b.of.variable.name]): b.evidence + prior_of_curve(groups) for b in curves}
+    names = max({**forms, **alone}, key=lambda n: max(forms.get(n, -np.inf), alone.get(n, -np.inf)))
+    smooth = smooth_member(here.says, [k for k in known if k.variable.name in names], groups, 0.0)
+    return [*found.get(names, []), smooth], alone.get(names, -np.inf) > forms.get(names, -np.inf)
 
 
 def _row(words: str, told: Sequence[Told]) -> None:

@@ -6,13 +6,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from enginediag_cli.engine.warm import apart
-from enginediag_cli.mismatch.fit.any_curve import AnyCurve
 from enginediag_cli.mismatch.fit.trial_fit import Trial
 from enginediag_cli.mismatch.laws.carried import carried
-from enginediag_cli.mismatch.laws.fitted import Fitted
+from enginediag_cli.mismatch.laws.fitted import Fitted, Where
 from enginediag_cli.mismatch.laws.grammar import FORMS
 from enginediag_cli.mismatch.laws.refined import refined
-from enginediag_cli.mismatch.laws.said import Said
+from enginediag_cli.mismatch.laws.said import Said, Says
 from enginediag_cli.mismatch.laws.scan import Candidate, Formula, Known, Scan, formulas_of, prior_of_a_place
 from enginediag_cli.mismatch.laws.smooth import Smooth, smooth_evidence
 from enginediag_cli.mismatch.laws.steps import Bends, bends_of
@@ -25,13 +24,13 @@ SETS = 10
 @dataclass(frozen=True)
 class AtPlace:
     """What a place says at a fit that carries a law there: of smooth curves of all variables, of every form with the
-    shape that suits it, of how finely curves of one variable bend, likeliest first, and of any curve."""
+    shape that suits it, of how finely curves of one variable bend, and of any curve."""
 
     place: str
     smooth: list[Smooth]
     refined: list[Candidate]
-    bends: list[Bends]
-    says: AnyCurve
+    bends: dict[Where, Bends]
+    says: Says
 
 
 def said_at_places(base: Trial, scan: Scan, laws: Sequence[Fitted]) -> list[AtPlace]:
@@ -55,6 +54,5 @@ def all_said(said: Said, tries: Sequence[Formula], known: Sequence[Known], prior
     likely = sorted({s.groups: s for s in reversed(smooth)}.values(), key=lambda s: -s.evidence)[:SETS]
     finer = [f for s in likely for f in formulas_of(s.of, known, finer=True)]
     shaped = refined(said, [*tries, *finer], known, prior)
-    alone = {k.group for s in likely if len(s.of) == 1 for k in s.of}
-    bends = sorted((bends_of(said, k) for k in known if k.group in alone), key=lambda b: -b.evidence)
-    return AtPlace(said.at.place.name, smooth, shaped, bends, said.any)
+    bends = {s.where: bends_of(said, s.of[0]) for s in likely if len(s.of) == 1}
+    return AtPlace(said.at.place.name, smooth, shaped, bends, said.kept)

@@ -11,20 +11,23 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from enginediag_cli.engine.term import Coefficient, Effect, Term
-from enginediag_cli.mismatch.fit.any_curve import AnyCurve
+from enginediag_cli.mismatch.laws.additive import additive_of
 from enginediag_cli.mismatch.laws.band import summed
 from enginediag_cli.mismatch.laws.finding import Share
 from enginediag_cli.mismatch.laws.fitted import Fitted
 from enginediag_cli.mismatch.laws.grammar import Form
 from enginediag_cli.mismatch.laws.mean import Member, mean_of
 from enginediag_cli.mismatch.laws.proposed import AMPLITUDE, DIGITS, acting, place_of, statement_of
+from enginediag_cli.mismatch.laws.said import Says
 from enginediag_cli.mismatch.laws.scan import Candidate, Formula, Known
 from enginediag_cli.mismatch.laws.shortlist import Proposal, carrying, proposal
 from enginediag_cli.mismatch.laws.smooth import prior_of_variables
-from enginediag_cli.mismatch.laws.steps import OWN, Bends
+from enginediag_cli.mismatch.laws.steps import OWN
 from enginediag_cli.physics.laws.expression import Expression
 from enginediag_cli.physics.laws.law import Law
 
+MOST_VARIABLES = 2
+"""Of a law: of more no smooth curves are weighed."""
 AVERAGE = Form("average", "as the average of the likely forms of", "")
 
 
@@ -49,15 +52,18 @@ def average_of(
     fitted: Sequence[Fitted],
     sought: Sequence[Candidate],
     known: Sequence[Known],
-    says: AnyCurve,
-    smooth: Sequence[Member] = (),
+    says: Says,
+    prior: float,
 ) -> Averaged | None:
-    """The average of laws of the first one's variables at its place, `fitted` or only `sought`, and of `smooth` curves
-    there, where it is of one variable; `says`: what that place does. None where there is none that is better
+    """The average of laws of the first one's variables at its place, `fitted` or only `sought`, and of all smooth
+    curves of these; `says`: what that place does, `prior`: ln, of the place. None where there is none that is better
     told than a form."""
-    members = [*_members(first, fitted, sought, known), *smooth]
+    members = _members(first, fitted, sought, known)
+    of = [k for k in known if k.variable.name in first.names]
+    if len(of) <= MOST_VARIABLES:
+        members.append(smooth_member(says, of, len({k.group for k in known}), prior))
     alone = None if _is_curve(first) else _curve(first, known)
-    mean = mean_of(members, alone, says)
+    mean = mean_of(members, alone, says.any)
     if mean is None:
         return None
     forms = tuple(Share(m.words, m.text, q) for m, q in mean.of)
@@ -65,11 +71,12 @@ def average_of(
     return Averaged(_proposal(first, forms, mean.curve, known), forms, together)
 
 
-def smooth_member(bends: Bends, groups: int, prior: float) -> Member:
-    """All smooth curves of a variable, one of so many groups, as one of what may be, as likely beforehand as laws that
-    have no listed form are; `prior`: ln, of the place."""
-    whole = bends.evidence + prior_of_variables((bends.of,), groups) + prior
-    return Member((OWN.words,), bends.text, bends.curve, whole)
+def smooth_member(says: Says, of: Sequence[Known], groups: int, prior: float) -> Member:
+    """All smooth curves of variables, of so many groups in all, as one of what may be, as likely beforehand as laws
+    that have no listed form are; `prior`: ln, of the place."""
+    smooth = additive_of(says, of)
+    whole = smooth.evidence + prior_of_variables(of, groups) + prior
+    return Member((OWN.words,), smooth.text, smooth.curve, whole)
 
 
 def _members(

@@ -170,10 +170,18 @@ HYPERBOLA = "sqrt((x - c) ** 2 + w ** 2)"
 """|x − c| with a width: with ±(x − x0) it is straight on one side of c and constant on the other."""
 RAMP_UP, RAMP_DOWN = f"(x - c + {HYPERBOLA})", f"(x - c - {HYPERBOLA})"
 STEP, BUMP, TURNING = _moved(TANH), _moved(PEAK), _moved(HYPERBOLA)
+ROOT_UP, ROOT_DOWN = _moved(f"sqrt{RAMP_UP}"), _moved(f"sqrt(-{RAMP_DOWN})")
+"""What flows through an opening that a pressure begins to hold open."""
 STEPS = _moved(f"{TANH} * tanh((y - d) / v)")
 SPOT = _moved("exp(-((x - c) / w) ** 2 - ((y - d) / v) ** 2)")
 DISTANCE = _moved("sqrt(((x - c) / w) ** 2 + ((y - d) / v) ** 2 + 1)")
 CROSSED = _moved("tanh((x - c) / w * ((y - d) / v))")
+
+
+def _ramps(first: str, second: str) -> str:
+    """The product of what each of two variables does beyond (+) or below (-) a threshold of it."""
+    u, v = "(x - c) / w", "(y - d) / v"
+    return _moved(f"({u} {first} sqrt(({u}) ** 2 + 1)) * ({v} {second} sqrt(({v}) ** 2 + 1))")
 
 
 def _from(of_first: str) -> str:
@@ -192,6 +200,7 @@ OF_BOTH = (*OF_TWO, _place((0.5,), "d", 1, None), WIDE_OF_SECOND)
 AS_A_STEP, NEAR_ONE = "as a smooth step in the first", "near one value of the first"
 BEYOND, BELOW = "beyond a threshold of the first", "below a threshold of the first"
 FROM_A_VALUE = "the more the farther the second is from one value, of"
+BELOW_SECOND, PRODUCT = "below one of the second", "in proportion to the product of"
 HOW_FAR = "how far each is from a value of it, of"
 THE_MORE = "the more the larger the second, of"
 
@@ -204,6 +213,18 @@ def _of_a_group(name: str, words: str, text: str) -> Iterator[Form]:
         yield Form(f"{name}_of_{group}", f"{words} a weighted {group} of", f"a * {of_both}", OF_BOTH, weight=0.25)
 
 
+def _selected() -> Iterator[Form]:
+    """The higher, or the lower, of two straight lines, each of a variable, both rising, or the second falling."""
+    for group, (own, other) in (("rising", "+-"), ("opposed", "-+")):
+        lines = f"(x - c) / w {own} (y - d) / v"
+        apart = f"sqrt(((x - c) / w {other} (y - d) / v) ** 2 + 1)"
+        for word, sign in (("higher", "+"), ("lower", "-")):
+            text = _moved(f"({lines} {sign} {apart})")
+            yield Form(
+                f"{word}_{group}", f"as the {word} of two lines, {group}, in", f"a * {text}", OF_BOTH, weight=0.25
+            )
+
+
 FORMS = (
     Form("linear", "in proportion to", "a * (x - x0)", weight=4.0),
     Form("logarithm", "as the logarithm of", "a * ln(x)", ratios=True, weight=3.0),
@@ -213,6 +234,8 @@ FORMS = (
     Form("saturation", "saturating with", "a * (x / (x + k) - 1 / (1 + k))", (HALF,), ratios=True),
     Form("above", "beyond a threshold of", f"a * (x - x0 + {TURNING})", (PLACE, TURN)),
     Form("below", "below a threshold of", f"a * (x - x0 - {TURNING})", (PLACE, TURN)),
+    Form("root_above", "as the root beyond a threshold of", f"a * {ROOT_UP}", (PLACE, TURN), weight=0.5),
+    Form("root_below", "as the root below a threshold of", f"a * {ROOT_DOWN}", (PLACE, TURN), weight=0.5),
     Form("step", "as a smooth step in", f"a * {STEP}", (PLACE, WIDTH)),
     Form("bump", "near one value of", f"a * {BUMP}", (PLACE, WIDTH)),
     Form("valley", "by the distance from one value of", f"a * {TURNING}", (PLACE, TURN)),
@@ -233,6 +256,19 @@ FORMS = (
     Form("spot", "near one point of", f"a * {SPOT}", EACH, weight=0.5),
     Form("distance", "by the distance from one point of", f"a * {DISTANCE}", EACH, weight=0.5),
     Form("crossed", f"as a smooth step in the product of {HOW_FAR}", f"a * {CROSSED}", EACH, weight=0.5),
+    Form("above_above", f"beyond a threshold of each, {PRODUCT}", f"a * {_ramps('+', '+')}", EACH, weight=0.25),
+    Form("below_below", f"below a threshold of each, {PRODUCT}", f"a * {_ramps('-', '-')}", EACH, weight=0.25),
+    Form(
+        "above_below",
+        f"{BEYOND} and {BELOW_SECOND}, {PRODUCT}",
+        f"a * {_ramps('+', '-')}",
+        EACH,
+        weight=0.25,
+        turned=True,
+    ),
+    *_selected(),
+    *_of_a_group("root_above", "as the root beyond a threshold of", "sqrt(z + sqrt(z ** 2 + 1))"),
+    *_of_a_group("root_below", "as the root below a threshold of", "sqrt(sqrt(z ** 2 + 1) - z)"),
     *_of_a_group("step", "as a smooth step in", "tanh(z)"),
     *_of_a_group("bump", "near one value of", "exp(-z ** 2)"),
     *_of_a_group("above", "beyond a threshold of", "(z + sqrt(z ** 2 + 1))"),

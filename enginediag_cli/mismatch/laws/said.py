@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from copy import copy
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -33,6 +33,21 @@ LEAST = 1e-9
 """Standard deviation of a form of size 1 from which it is anything: a bump far from all records is not."""
 
 
+@dataclass(frozen=True)
+class Says:
+    """What stays of what a place says when the fit there is gone: of `any` curve, the law `f` (N,) that was carried,
+    and `gain`: ½ χ² that a fit without either had more."""
+
+    any: AnyCurve
+    f: np.ndarray
+    gain: float
+
+    def of(self, curves: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Products (k, k), and pulls (k,) of what is left and carried, of curves (N, k)."""
+        G = self.any.grams(np.column_stack([curves, self.f])[:, None, :])[0]
+        return G[:-1, :-1], self.any.pulls(curves) + G[:-1, -1]
+
+
 class Said:
     """What a place says of any curve beside what is carried there; `gain`: ½ χ² that a fit without either had more."""
 
@@ -44,6 +59,10 @@ class Said:
         own = self.any.grams(at.f[:, None, None])[0, 0, 0]
         # less what the law is worth at the fit that carries it
         self.gain = at.gain - (float(self.any.pulls(at.f)) + 0.5 * own)
+
+    @property
+    def kept(self) -> Says:
+        return Says(self.any, self.at.f, self.gain)
 
     def with_carried(self, f: np.ndarray, pull: np.ndarray) -> Said:
         """Of the same place, what it would say if a fit carried the law f (N,) and left noise that pulls so (N,)."""

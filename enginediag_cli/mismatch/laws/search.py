@@ -11,19 +11,19 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from enginediag_cli.mismatch.fit.any_curve import AnyCurve
 from enginediag_cli.mismatch.fit.freeform import locations
 from enginediag_cli.mismatch.fit.options import Option
 from enginediag_cli.mismatch.fit.trial_fit import Trial
 from enginediag_cli.mismatch.laws.alike import places_alike
 from enginediag_cli.mismatch.laws.at_place import said_at_places
-from enginediag_cli.mismatch.laws.average import average_of, smooth_member
+from enginediag_cli.mismatch.laws.average import average_of
 from enginediag_cli.mismatch.laws.band import EDGES, Weighed, band_of, curve_of
 from enginediag_cli.mismatch.laws.elsewhere_too import MOST_PLACES, RIVAL, elsewhere_too
 from enginediag_cli.mismatch.laws.finding import FittedLaw, LawFinding
 from enginediag_cli.mismatch.laws.fitted import Fitted, Where, ordered
 from enginediag_cli.mismatch.laws.grammar import FORMS
 from enginediag_cli.mismatch.laws.posterior import places_of, shares, variables_of_laws
+from enginediag_cli.mismatch.laws.said import Says
 from enginediag_cli.mismatch.laws.scan import Candidate, Scan, formulas_of, prior_of_a_place, scanned, scored
 from enginediag_cli.mismatch.laws.shortlist import (
     Proposal,
@@ -78,8 +78,8 @@ class LawSearch:
     double: list[Fitted] = field(default_factory=list)
     smooth: list[Smooth] = field(default_factory=list)
     refined: list[Candidate] = field(default_factory=list)
-    bends: dict[str, list[Bends]] = field(default_factory=dict)
-    says: dict[str, AnyCurve] = field(default_factory=dict)
+    bends: dict[Where, Bends] = field(default_factory=dict)
+    says: dict[str, Says] = field(default_factory=dict)
     averages: dict[Where, Fitted] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -117,8 +117,7 @@ class LawSearch:
             says = self.says.get(first.where[0])
             if says is None or first.standing < self.single[0].standing - NEARLY:
                 continue
-            smooth = [smooth_member(b, self._groups, here) for b in self._bends(first) if b.names == first.names]
-            averaged = average_of(first, self.single, self.refined, self.scan.known, says, smooth)
+            averaged = average_of(first, self.single, self.refined, self.scan.known, says, here)
             if averaged is None:
                 continue
             for fitted in self._fitted([(averaged.law,)]):
@@ -134,7 +133,7 @@ class LawSearch:
         here = prior_of_a_place(self.base.found)
         prior = prior_of_curve(self._groups) + here
         for first in self._apart():
-            bends = next(iter(self._bends(first)), None)
+            bends = self.bends.get(first.where)
             if bends is not None and bends.evidence + prior > first.evidence - NEARLY:
                 found.append(as_curve(first.laws[0].candidate.location, bends, prior, self.engine))
         s = max(self.smooth, key=lambda s: s.evidence, default=None)
@@ -144,12 +143,6 @@ class LawSearch:
             prior = prior_of_variables(s.of, self._groups) + here
             found.append(as_surface(s.place, (s.of[0], s.of[1]), size, prior, self.engine))
         return self._fitted([laws for laws in found if laws])
-
-    def _bends(self, first: Fitted) -> list[Bends]:
-        """Smooth curves of a law's one variable, and of those that cannot be told from it, at its place, likeliest
-        first."""
-        place, groups = first.where
-        return [b for b in self.bends.get(place, ()) if {b.of.group} == groups]
 
     @property
     def _groups(self) -> int:
@@ -195,7 +188,7 @@ class LawSearch:
         for here in said_at_places(self.base, self.scan, self._at_places()):
             self.smooth += here.smooth
             self.refined += here.refined
-            self.bends[here.place] = here.bends
+            self.bends |= here.bends
             self.says[here.place] = here.says
         self.refined.sort(key=lambda c: -c.weight)
 

@@ -6,10 +6,6 @@ with places c_k evenly over what was flown and w their distance: any curve that 
 and constant beyond what was flown, where nothing is known. How many steps of one variable there are, and σ, is told by
 their evidence: as many as the curve bends. Of two variables their own sums, and the products of steps s_k(x) s_l(y).
 It has no shape to fit, its sizes are linear, and their prior keeps them where records tell nothing.
-
-The average of what all numbers of steps and all σ say, by their probabilities, errs less than the likeliest of them: in
-a linear twin of the search (464 laws of one variable) it alone is within noise of forms that no list holds in 90 %, the
-likeliest of all listed forms and curves in 82.
 """
 
 from __future__ import annotations
@@ -39,8 +35,6 @@ BESIDE, TOGETHER = 4, 3
 """Steps along each of two variables; and along each in their products."""
 DIGITS, DIGITS_OF_SIZES = 5, 4
 """Significant digits of places and widths in a formula, and of sizes with numbers in their places."""
-THE_SAME = 0.1
-"""Non-centrality at which two curves are one."""
 
 CURVE = 0.5
 """Prior weight of a curve among forms of one variable."""
@@ -78,61 +72,25 @@ class Part:
 class Bends:
     """How finely a curve of one variable bends: `count` steps, `size` their σ, both the likeliest; `evidence`: ln, of
     all that were tried, against the fit without the law that is carried; `choice`: ln, what having chosen the likeliest
-    costs, 0 or less; `sizes` (n,): of as many steps as the average of all takes."""
+    costs, 0 or less."""
 
     of: Known
     count: int
     size: float
     evidence: float
     choice: float
-    sizes: np.ndarray
-
-    @property
-    def names(self) -> frozenset[str]:
-        return frozenset([self.of.variable.name])
-
-    @property
-    def curve(self) -> np.ndarray:
-        """The average over the records (N,)."""
-        return np.asarray(steps_over(self.of, len(self.sizes)) @ self.sizes)
-
-    @property
-    def text(self) -> str:
-        """Its formula."""
-        name, (places, w) = self.of.variable.name, _grid(self.of, len(self.sizes))
-        sizes = [float(f"{a:.{DIGITS_OF_SIZES}g}") for a in self.sizes]
-        there = sum(
-            a * float(np.tanh((self.of.variable.reference - c) / w)) for a, c in zip(sizes, places, strict=True)
-        )
-        terms = [f"({a!r}) * tanh(({name} - {c!r}) / {w!r})" for a, c in zip(sizes, places, strict=True)]
-        return " + ".join([*terms, f"({-there!r})"])
 
 
 def bends_of(said: Said, k: Known) -> Bends:
     """Of what a place says of curves of a variable, the evidence that of linear models of a ~ N(0, σ²)."""
-    sigmas = float(np.std(said.at.f)) * np.array(SHARES)
-    found, curves = np.empty((len(ALONE), len(sigmas))), np.empty((len(ALONE), len(sigmas), len(k.values)))
+    sizes = float(np.std(said.at.f)) * np.array(SHARES)
+    found = np.empty((len(ALONE), len(sizes)))
     for j, count in enumerate(ALONE):
-        steps = steps_over(k, count)
-        (G,), (g,), _ = said.of(steps[:, None, :])
-        found[j] = linear_evidence(G, g, np.repeat(sigmas[:, None] ** 2, count, axis=1))
-        curves[j] = [steps @ np.linalg.solve(G + np.eye(count) / s**2, g) for s in sigmas]
-    fineness, size = divmod(int(np.argmax(found)), len(sigmas))
-    total = float(np.logaddexp.reduce(found, axis=None))
-    mean = np.tensordot(np.exp(found - total), curves, axes=2)
-    evidence = total - float(np.log(found.size))
-    choice = evidence - float(found.max())
-    return Bends(k, ALONE[fineness], float(sigmas[size]), said.gain + evidence, choice, _as_steps(said, k, mean))
-
-
-def _as_steps(said: Said, k: Known, curve: np.ndarray) -> np.ndarray:
-    """Sizes of the fewest steps that a curve (N,) cannot be told from; else of the most."""
-    for count in ALONE:
-        steps = steps_over(k, count)
-        sizes = np.linalg.lstsq(steps, curve, rcond=None)[0]
-        if said.any.apart(steps @ sizes, curve) < THE_SAME:
-            break
-    return np.asarray(sizes)
+        G, g, _ = said.of(steps_over(k, count)[:, None, :])
+        found[j] = linear_evidence(G[0], g[0], np.repeat(sizes[:, None] ** 2, count, axis=1))
+    fineness, size = divmod(int(np.argmax(found)), len(sizes))
+    evidence = float(np.logaddexp.reduce(found, axis=None) - np.log(found.size))
+    return Bends(k, ALONE[fineness], float(sizes[size]), said.gain + evidence, evidence - float(found.max()))
 
 
 def prior_of_curve(groups: int) -> float:
@@ -193,6 +151,15 @@ def _steps(k: Known, count: int) -> tuple[str, ...]:
     for c in places:
         found.append(f"(tanh(({name} - {c!r}) / {w!r}) - ({float(np.tanh((x0 - c) / w))!r}))")
     return tuple(found)
+
+
+def formula_of(k: Known, sizes: np.ndarray) -> str:
+    """Steps of a variable with numbers in the places of their sizes (n,), 0 at the design point."""
+    (places, w), x0 = _grid(k, len(sizes)), k.variable.reference
+    told = [float(f"{a:.{DIGITS_OF_SIZES}g}") for a in sizes]
+    there = sum(a * float(np.tanh((x0 - c) / w)) for a, c in zip(told, places, strict=True))
+    terms = [f"({a!r}) * tanh(({k.variable.name} - {c!r}) / {w!r})" for a, c in zip(told, places, strict=True)]
+    return " + ".join([*terms, f"({-there!r})"])
 
 
 def _rounded(x: float) -> float:

@@ -42,18 +42,22 @@ OUTSIDE: Mapping[str, str] = {
     "ramp": "min(max(u, -1), 1)",
     "uneven step": "exp(-exp(-u))",
     "growth": "exp(u)",
-    "root": "sqrt(max(u, 0) + 0.01)",
     "step and slope": "tanh(u) + q * u",
     "bump and slope": "exp(-u ** 2) + q * u",
     "cubic": "u ** 3 - u",
+    "Runge": "1 / (1 + u ** 2)",
     "odd powers": "x ** n + q * y ** m",
     "saddle": "u * v / (1 + max(u * v, -u * v))",
-    "corner": "max(u, 0) * max(v, 0)",
-    "higher of two": "max(u, v)",
     "ratio with offset": "x / (1 + b * y)",
-    "slanted root": "sqrt(max(u + v, 0) + 0.01)",
+    "Keijzer 12": "u ** 4 - u ** 3 + v ** 2 / 2 - v",
+    "Keijzer 14": "1 / (2 + u ** 2 + v ** 2)",
+    "Keijzer 15": "u ** 3 / 5 + v ** 3 / 2 - v - u",
+    "Pagie": "u ** 4 / (1 + u ** 4) + v ** 4 / (1 + v ** 4)",
+    "Kotanchek": "exp(-u ** 2) / (1.2 + v ** 2)",
 }
-"""Forms that no grammar holds, by name; of two variables where y or v stands in them."""
+"""Forms that no grammar holds, by name; of two variables where y or v stands in them. Those with the name of a person
+are of lists on which others have tried symbolic regression: C. Runge (1901); M. Keijzer, EuroGP (2003) 70–82; L. Pagie,
+P. Hogeweg, Evol. Comput. 5 (1997) 401–418; E. Vladislavleva et al., IEEE Trans. Evol. Comput. 13 (2009) 333–349."""
 RATIOS = ("rational", "odd powers", "ratio with offset")
 """Those whose variables must be above 0."""
 
