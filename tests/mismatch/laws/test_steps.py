@@ -16,7 +16,6 @@ from enginediag_cli.mismatch.laws.carried import Carried
 from enginediag_cli.mismatch.laws.said import Said
 from enginediag_cli.mismatch.laws.scan import known_variables
 from enginediag_cli.mismatch.laws.steps import ALONE, BESIDE, TOGETHER, Bends, as_curve, as_surface, bends_of
-from enginediag_cli.physics.laws.expression import Expression
 from enginediag_cli.physics.laws.written import entry_of
 from enginediag_cli.trials.blind.laws.told import all_built
 
@@ -35,7 +34,7 @@ def _laws(ground, of, prior=0.0):
     """A curve of eight steps of one variable, or a surface of two."""
     engine, place, _ = ground
     if len(of) == 1:
-        return as_curve(place, Bends(of[0], COUNT, 0.01, 0.0, 0.0, np.zeros(COUNT)), prior, engine)
+        return as_curve(place, Bends(of[0], COUNT, 0.01, 0.0, 0.0), prior, engine)
     return as_surface(place, of, 0.01, prior, engine)
 
 
@@ -85,14 +84,13 @@ def test_long_names_make_no_formula_that_cannot_be_read(ground):
         for p in _laws(ground, [name, other]):
             assert len(next(iter(p.option.hypothesis.effects)).term.expression.text) <= 700
     for name in known.values():
-        assert as_curve(ground[1], Bends(name, ALONE[-1], 0.01, 0.0, 0.0, np.zeros(COUNT)), 0.0, ground[0])
+        assert as_curve(ground[1], Bends(name, ALONE[-1], 0.01, 0.0, 0.0), 0.0, ground[0])
     variable = replace(known["power"].variable, name="a_name_that_goes_on_and_on_" * 12)
     assert _laws(ground, [replace(known["power"], variable=variable)]) == ()
 
 
 def test_as_many_steps_are_taken_as_a_curve_bends():
-    """Half a wave of a variable takes few, two and a half waves many; the evidence is of all that were tried, their
-    average follows the curve, and its formula says the same and is nothing at the design point."""
+    """Half a wave of a variable takes few, two and a half waves many; the evidence is of all that were tried."""
     given = concealed.evidence(concealed.flights((), np.random.default_rng(1311), count=4, records=60))
     found = identify_with(given, NO_HYPOTHESIS, nuisance(given))
     place = next(p for p in locations(found) if p.name == "hpc.efficiency")
@@ -101,12 +99,8 @@ def test_as_many_steps_are_taken_as_a_curve_bends():
     counts = []
     for waves in (0.5, 2.5):
         # what a fit carries is added back to what it leaves: there is nothing else in these flights
-        f = 0.02 * np.sin(2.0 * np.pi * waves * u)
-        bends = bends_of(Said(Carried(found, Projection(found), place, f, 0.0)), mach)
+        carried = Carried(found, Projection(found), place, 0.02 * np.sin(2.0 * np.pi * waves * u), 0.0)
+        bends = bends_of(Said(carried), mach)
         assert bends.choice <= 0.0
-        assert np.std(bends.curve - f) < 0.1 * np.std(f)
-        formula, x0 = Expression.parsed(bends.text), mach.variable.reference
-        assert np.asarray(formula.at({"mach": mach.values})) == pytest.approx(bends.curve, abs=1e-3 * np.ptp(f))
-        assert abs(float(np.asarray(formula.at({"mach": np.array([x0])}))[0])) < 1e-12
         counts.append(bends.count)
     assert counts[0] <= 6 and counts[1] >= 11
