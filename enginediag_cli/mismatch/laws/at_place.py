@@ -48,6 +48,12 @@ def said_at_places(base: Trial, scan: Scan, laws: Sequence[Fitted]) -> list[AtPl
     return [here for here in side_by_side(at_place, len(laws), handing) if here is not None]
 
 
+def said_at(base: Trial, law: Fitted, scan: Scan) -> Says | None:
+    """At the place of a law, where a fit that carries it converges."""
+    at = carried(base, law.trial, law.effects, law.laws[0].candidate.location, scan.known)
+    return Said(at).kept if at.found.converged else None
+
+
 def all_said(said: Said, tries: Sequence[Formula], known: Sequence[Known], prior: float) -> AtPlace:
     """Of these formulas, and of more tries of the likeliest variables; `prior`: ln, of the place."""
     smooth = smooth_evidence(said, known, prior)

@@ -12,7 +12,6 @@ import numpy as np
 
 from enginediag_cli.engine.term import Coefficient, Effect, Term
 from enginediag_cli.mismatch.laws.additive import additive_of
-from enginediag_cli.mismatch.laws.band import summed
 from enginediag_cli.mismatch.laws.finding import Share
 from enginediag_cli.mismatch.laws.fitted import Fitted
 from enginediag_cli.mismatch.laws.grammar import Form
@@ -28,6 +27,7 @@ from enginediag_cli.physics.laws.law import Law
 
 MOST_VARIABLES = 2
 """Of a law: of more no smooth curves are weighed."""
+SUM = "as a sum of smooth curves of"
 AVERAGE = Form("average", "as the average of the likely forms of", "")
 
 
@@ -62,7 +62,7 @@ def average_of(
     of = [k for k in known if k.variable.name in first.names]
     if len(of) <= MOST_VARIABLES:
         members.append(smooth_member(says, of, len({k.group for k in known}), prior))
-    alone = None if _is_curve(first) else _curve(first, known)
+    alone = None if _is_curve(first) else first.curve(known)
     mean = mean_of(members, alone, says.any)
     if mean is None:
         return None
@@ -76,7 +76,7 @@ def smooth_member(says: Says, of: Sequence[Known], groups: int, prior: float) ->
     that have no listed form are; `prior`: ln, of the place."""
     smooth = additive_of(says, of)
     whole = smooth.evidence + prior_of_variables(of, groups) + prior
-    return Member((OWN.words,), smooth.text, smooth.curve, whole)
+    return Member((OWN.words if len(of) == 1 else SUM,), smooth.text, smooth.curve, whole)
 
 
 def _members(
@@ -90,7 +90,7 @@ def _members(
         listed = len(f.laws) == 1 and f.laws[0].candidate.formula.form.listed
         forms |= {f.laws[0].candidate.formula.what} if listed else set()
         words = tuple(p.candidate.formula.form.words for p in f.laws)
-        found.append(Member(words, _text(f.effects, _fitted(f)), _curve(f, known), f.evidence))
+        found.append(Member(words, _text(f.effects, f.values), f.curve(known), f.evidence))
     for k in sought:
         if (
             k.location.name == place
@@ -107,16 +107,6 @@ def _members(
 def _is_curve(f: Fitted) -> bool:
     """Whether it is one smooth curve: of all of them together there is a member already."""
     return len(f.laws) == 1 and f.laws[0].candidate.formula.form is OWN
-
-
-def _fitted(f: Fitted) -> dict[str, float]:
-    """Coefficients by parameter name."""
-    return {n: value for n, (value, _) in f.trial.coefficients.items()}
-
-
-def _curve(f: Fitted, known: Sequence[Known]) -> np.ndarray:
-    """Over the records (N,)."""
-    return summed(f.effects, {k.variable.name: k.values for k in known}, _fitted(f))
 
 
 def _text(effects: Sequence[Effect], c: Mapping[str, float]) -> str:

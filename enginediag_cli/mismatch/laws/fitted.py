@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
+
+import numpy as np
 
 from enginediag_cli.engine.term import Effect
 from enginediag_cli.mismatch.fit.options import Option
 from enginediag_cli.mismatch.fit.trial_fit import Trial
+from enginediag_cli.mismatch.laws.band import summed
 from enginediag_cli.mismatch.laws.finding import Share
 from enginediag_cli.mismatch.laws.posterior import evidence_of
+from enginediag_cli.mismatch.laws.scan import Known
 from enginediag_cli.mismatch.laws.shortlist import Proposal
 
 Where = tuple[str, frozenset[int]]
@@ -61,6 +65,15 @@ class Fitted:
     def names(self) -> frozenset[str]:
         """Of the variables of all its laws."""
         return frozenset(k.variable.name for p in self.laws for k in p.candidate.formula.of)
+
+    @property
+    def values(self) -> dict[str, float]:
+        """Coefficients by parameter name, as they were fitted."""
+        return {n: value for n, (value, _) in self.trial.coefficients.items()}
+
+    def curve(self, known: Sequence[Known]) -> np.ndarray:
+        """All its laws together over the records (N,)."""
+        return summed(self.effects, {k.variable.name: k.values for k in known}, self.values)
 
     @property
     def at_the_first(self) -> tuple[Effect, ...]:

@@ -15,7 +15,7 @@ from enginediag_cli.mismatch.fit.freeform import locations
 from enginediag_cli.mismatch.fit.options import Option
 from enginediag_cli.mismatch.fit.trial_fit import Trial
 from enginediag_cli.mismatch.laws.alike import places_alike
-from enginediag_cli.mismatch.laws.at_place import said_at_places
+from enginediag_cli.mismatch.laws.at_place import said_at, said_at_places
 from enginediag_cli.mismatch.laws.average import average_of
 from enginediag_cli.mismatch.laws.band import EDGES, Weighed, band_of, curve_of
 from enginediag_cli.mismatch.laws.elsewhere_too import MOST_PLACES, RIVAL, elsewhere_too
@@ -41,6 +41,10 @@ BEHIND, SECOND = 2, 3
 AS_GOOD = 6.0
 """χ² by which an average may be behind its likeliest form, which bends to the noise: explanations so near are told
 together."""
+
+PASSES, SETTLED = 3, 0.5
+"""Averages of the same laws, each at a fit that carries the one before, at most; non-centrality by which one differs
+from the one before it where it is the last."""
 
 SHAPED = 6
 """Forms that are fitted with the shape that suits them, likeliest first."""
@@ -112,18 +116,31 @@ class LawSearch:
     def _averages(self) -> dict[Where, Fitted]:
         """Of the likeliest places and variables."""
         found: dict[Where, Fitted] = {}
-        here = prior_of_a_place(self.base.found)
         for first in self._apart():
-            says = self.says.get(first.where[0])
-            if says is None or first.standing < self.single[0].standing - NEARLY:
+            if first.standing < self.single[0].standing - NEARLY:
                 continue
-            averaged = average_of(first, self.single, self.refined, self.scan.known, says, here)
-            if averaged is None:
-                continue
-            for fitted in self._fitted([(averaged.law,)]):
-                if fitted.trial.objective < first.trial.objective + AS_GOOD:
-                    beside = max(first.standing - averaged.evidence, 0.0) + LIKELIER
-                    found[first.where] = averaged.fitted(fitted, beside)
+            average = self._average(first)
+            if average is not None and average.trial.objective < first.trial.objective + AS_GOOD:
+                found[first.where] = average
+        return found
+
+    def _average(self, first: Fitted) -> Fitted | None:
+        """Of laws of the first one's variables at its place, weighed again at a fit that carries their average until
+        that stays: far from the law that was carried first, what a place says of curves is not linear."""
+        says, found, before = self.says.get(first.where[0]), None, None
+        for _ in range(PASSES):
+            if says is None:
+                break
+            known, prior = self.scan.known, prior_of_a_place(self.base.found)
+            average = average_of(first, self.single, self.refined, known, says, prior)
+            fitted = self._fitted([(average.law,)]) if average is not None else []
+            if average is None or not fitted:
+                return None
+            found = average.fitted(fitted[0], max(first.standing - average.evidence, 0.0) + LIKELIER)
+            curve = found.curve(known)
+            if before is not None and says.any.apart(before, curve) < SETTLED:
+                break
+            says, before = said_at(self.base, found, self.scan), curve
         return found
 
     def _smooth_laws(self) -> list[Fitted]:
