@@ -14,13 +14,14 @@ from enginediag_cli.mismatch.fit.freeform import locations
 from enginediag_cli.mismatch.fit.identified import NO_HYPOTHESIS, identify_with, nuisance
 from enginediag_cli.mismatch.fit.projection import Projection
 from enginediag_cli.mismatch.fit.trial_fit import Trial, attempt
+from enginediag_cli.mismatch.laws.at_place import said_at
 from enginediag_cli.mismatch.laws.average import Averaged, average_of, smooth_member
 from enginediag_cli.mismatch.laws.band import summed
 from enginediag_cli.mismatch.laws.carried import Carried
 from enginediag_cli.mismatch.laws.fitted import Fitted
 from enginediag_cli.mismatch.laws.refined import refined
 from enginediag_cli.mismatch.laws.said import Said
-from enginediag_cli.mismatch.laws.scan import Candidate, Known, formulas_of, known_variables
+from enginediag_cli.mismatch.laws.scan import Candidate, Known, Scan, formulas_of, known_variables
 from enginediag_cli.mismatch.laws.shortlist import proposal
 from enginediag_cli.physics.laws.expression import Expression
 from enginediag_cli.physics.laws.law import Acts, Law
@@ -149,3 +150,17 @@ def test_its_prior_says_that_it_is_as_likely_as_all_its_forms_together(ground: G
     assert fitted.forms == averaged.forms and again.evidence == pytest.approx(averaged.evidence)
     # χ² is convex in the curve
     assert trial.objective < max(f.trial.objective for f in ground.fitted) + 1.0
+
+
+def test_weighed_at_a_fit_that_carries_it_an_average_follows_a_large_law_better(ground: Ground) -> None:
+    """The derivatives of an engine that lacks a part of a large law are not those of one that has it."""
+    scan, left, last = Scan((), tuple(ground.known)), [], ground.fitted[1]
+    for _ in range(2):
+        says = said_at(ground.base, last, scan)
+        assert says is not None
+        averaged = average_of(last, ground.fitted, [], ground.known, says, 1000.0)  # smooth curves outweigh all forms
+        assert averaged is not None and len(averaged.forms) == 1
+        trial = attempt([averaged.law.option], ground.base.found, nuisance(ground.base.found.evidence))
+        left.append(trial.objective)
+        last = averaged.fitted(Fitted.to(ground.base, (averaged.law,), trial), 0.0)
+    assert left[1] < left[0] < min(f.trial.objective for f in ground.fitted)
