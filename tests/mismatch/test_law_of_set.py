@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from copy import deepcopy
+
 import concealed
 import numpy as np
 import pytest
@@ -95,6 +97,20 @@ def test_a_law_that_joined_along_two_variables_is_told_along_its_own_one(
     assert any(v.name == "mach" for groups in law.along for group in groups for v in group)
     # what the other member explains is no part of what the law does
     assert law.excess < sets.fits.base.objective - sets.fits.base.projection.dof
+
+
+@pytest.mark.slow
+def test_a_rival_that_holds_something_else_stays_behind_the_law_as_it_was_searched(
+    sets: Sets, members: LawMembers
+) -> None:
+    """Both hold the same step, each with curves of its own."""
+    first = named(sets, members, "bump", ["mach"])
+    law = next(o for o in first[0].options if o.kind == LAW)
+    beside = next(o for o in sets.fits.library if o.label.startswith("sensor.P3.scale"))
+    (trial,) = sets.fits.refit([(deepcopy(step_of(sets)), beside, law)]) or []
+    rival = sets.fits.explanation(trial, 0.1, 0.0, 1.0)
+    told = LawOfSet(sets, members).of([*first, rival]).explanations
+    assert told[-1] is rival and all(x is not rival for x in told[:-1])
 
 
 def test_what_is_known_of_laws_at_two_places_has_a_place_where_only_these_were_fitted(

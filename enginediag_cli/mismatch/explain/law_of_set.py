@@ -63,13 +63,15 @@ class LawOfSet:
             idle = [o for o in beside if not is_needed(found.first, o, self.sets.fits.adequate.of(o))]
             if not idle:
                 break
-            beside.remove(idle[0])
+            beside = [o for o in beside if o is not idle[0]]
         if found is None:
             return OfSet(tuple(named))
-        same = [x for x in named if {identity(o) for o in x.options if o.kind != LAW} == own]
+        same, others = list[Explanation](), list[Explanation]()
+        for x in named:
+            (same if {identity(o) for o in x.options if o.kind != LAW} == own else others).append(x)
         told = found.judged.told(self.sets.fits, sum(x.probability for x in same))
         finding = found.search.finding(found.judged.fitted, found.search.base, not self.sets.fits.from_recordings)
-        return OfSet((*told, *(x for x in named if x not in same)), finding)
+        return OfSet((*told, *others), finding)
 
     def _searched(self, others: tuple[Option, ...], also: tuple[Proposal, ...]) -> _Searched | None:
         """Laws beside these members; None where none explains."""
