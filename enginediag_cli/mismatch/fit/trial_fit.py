@@ -94,6 +94,11 @@ class Trial:
     def hypothesis(self) -> Hypothesis:
         return self.found.hypothesis
 
+    @property
+    def values(self) -> dict[str, float]:
+        """Each of the options' coefficients, in its unit."""
+        return {n: value for n, (value, _) in self.coefficients.items()}
+
     @cached_property
     def coefficients(self) -> dict[str, tuple[float, float]]:
         """Value and standard error of each of the options' coefficients, in its unit. One whitened Newton step is

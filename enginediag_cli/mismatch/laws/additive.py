@@ -19,6 +19,7 @@ import numpy as np
 
 from enginediag_cli.mismatch.laws.said import Says
 from enginediag_cli.mismatch.laws.scan import Known
+from enginediag_cli.mismatch.laws.smooth import linear_evidence
 from enginediag_cli.mismatch.laws.steps import ALONE, SHARES, formula_of, steps_over
 
 OF_TWO = ALONE[:4]
@@ -55,13 +56,9 @@ def additive_of(says: Says, of: Sequence[Known]) -> Additive:
     found, curves = list[float](), list[np.ndarray]()
     for count in product(counts, repeat=len(of)):
         steps = _steps(of, count)
-        G, g = says.of(steps)
-        values, V = np.linalg.eigh(G)
-        pulls, values = V.T @ g, np.maximum(values, 0.0)
-        for s2 in sigmas**2:
-            held = 1.0 + s2 * values
-            found.append(0.5 * float(np.sum(s2 * pulls**2 / held)) - 0.5 * float(np.log(held).sum()))
-            curves.append(steps @ (V @ (s2 * pulls / held)))
+        (G,), (g,) = says.of(steps[:, None, :])
+        found += linear_evidence(G, g, np.repeat(sigmas[:, None] ** 2, len(g), axis=1)).tolist()
+        curves += [steps @ np.linalg.solve(np.eye(len(g)) + s2 * G, s2 * g) for s2 in sigmas**2]
     total = float(np.logaddexp.reduce(found))
     mean = np.exp(np.array(found) - total) @ np.array(curves)
     return Additive(tuple(of), _fewest(says, of, counts, mean), says.gain + total - float(np.log(len(found))))

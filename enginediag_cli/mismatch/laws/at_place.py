@@ -38,20 +38,19 @@ def said_at_places(base: Trial, scan: Scan, laws: Sequence[Fitted]) -> list[AtPl
     tries, prior = scan.formulas, prior_of_a_place(base.found)
 
     def at_place(k: int) -> AtPlace | None:
-        law = laws[k]
         # each place begins where the base has ended, whichever was asked before
         with apart(base.found.model):
-            at = carried(base, law.trial, law.effects, law.laws[0].candidate.location, scan.known)
-            return all_said(Said(at), tries, scan.known, prior) if at.found.converged else None
+            said = said_at(base, laws[k], scan)
+            return None if said is None else all_said(said, tries, scan.known, prior)
 
     handing = Handing(shared=[*scan.known, *FORMS, *(f.laws[0].candidate.location for f in laws)])
     return [here for here in side_by_side(at_place, len(laws), handing) if here is not None]
 
 
-def said_at(base: Trial, law: Fitted, scan: Scan) -> Says | None:
+def said_at(base: Trial, law: Fitted, scan: Scan) -> Said | None:
     """At the place of a law, where a fit that carries it converges."""
     at = carried(base, law.trial, law.effects, law.laws[0].candidate.location, scan.known)
-    return Said(at).kept if at.found.converged else None
+    return Said(at) if at.found.converged else None
 
 
 def all_said(said: Said, tries: Sequence[Formula], known: Sequence[Known], prior: float) -> AtPlace:

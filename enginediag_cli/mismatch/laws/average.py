@@ -48,27 +48,22 @@ class Averaged:
 
 
 def average_of(
-    first: Fitted,
-    fitted: Sequence[Fitted],
-    sought: Sequence[Candidate],
-    known: Sequence[Known],
-    says: Says,
-    prior: float,
+    first: Fitted, forms: Sequence[Member], known: Sequence[Known], says: Says, prior: float
 ) -> Averaged | None:
-    """The average of laws of the first one's variables at its place, `fitted` or only `sought`, and of all smooth
-    curves of these; `says`: what that place does, `prior`: ln, of the place. None where there is none that is better
-    told than a form."""
-    members = _members(first, fitted, sought, known)
-    of = [k for k in known if k.variable.name in first.names]
+    """The average of `forms` of the first one's variables at its place (`members_of`), and of all smooth curves of
+    these; `says`: what that place does, `prior`: ln, of the place. None where there is none that is better told than a
+    form."""
+    members = [*forms]
+    of = tuple(k for k in known if k.variable.name in first.names)
     if len(of) <= MOST_VARIABLES:
         members.append(smooth_member(says, of, len({k.group for k in known}), prior))
     alone = None if _is_curve(first) else first.curve(known)
     mean = mean_of(members, alone, says.any)
     if mean is None:
         return None
-    forms = tuple(Share(m.words, m.text, q) for m, q in mean.of)
+    told = tuple(Share(m.words, m.text, q) for m, q in mean.of)
     together = float(np.logaddexp.reduce([m.evidence for m in members]))
-    return Averaged(_proposal(first, forms, mean.curve, known), forms, together)
+    return Averaged(_proposal(first, told, mean.curve, of), told, together)
 
 
 def smooth_member(says: Says, of: Sequence[Known], groups: int, prior: float) -> Member:
@@ -79,9 +74,10 @@ def smooth_member(says: Says, of: Sequence[Known], groups: int, prior: float) ->
     return Member((OWN.words if len(of) == 1 else SUM,), smooth.text, smooth.curve, whole)
 
 
-def _members(
+def members_of(
     first: Fitted, fitted: Sequence[Fitted], sought: Sequence[Candidate], known: Sequence[Known]
 ) -> list[Member]:
+    """Laws of the first one's variables at its place, `fitted` or only `sought`, single smooth curves apart."""
     place, names = first.where[0], first.names
     found, forms = list[Member](), set[tuple[str, ...]]()
     for f in fitted:
@@ -90,7 +86,7 @@ def _members(
         listed = len(f.laws) == 1 and f.laws[0].candidate.formula.form.listed
         forms |= {f.laws[0].candidate.formula.what} if listed else set()
         words = tuple(p.candidate.formula.form.words for p in f.laws)
-        found.append(Member(words, _text(f.effects, f.values), f.curve(known), f.evidence))
+        found.append(Member(words, _text(f.effects, f.trial.values), f.curve(known), f.evidence))
     for k in sought:
         if (
             k.location.name == place
@@ -126,13 +122,12 @@ def _number(x: float) -> str:
     return f"{x:.{DIGITS}g}" if x >= 0.0 else f"({x:.{DIGITS}g})"
 
 
-def _proposal(first: Fitted, forms: Sequence[Share], mean: np.ndarray, known: Sequence[Known]) -> Proposal:
+def _proposal(first: Fitted, forms: Sequence[Share], mean: np.ndarray, of: tuple[Known, ...]) -> Proposal:
     """The average as a law; what its size multiplies has a standard deviation of 1 over the records."""
     place, engine = first.laws[0].candidate.location, first.trial.found.evidence.engine
     size = float(np.std(mean))
     over = size * sum(x.probability for x in forms)
     text = " + ".join(f"{x.probability / over:.{DIGITS}g} * ({x.text})" for x in forms)
-    of = tuple(k for k in known if k.variable.name in first.names)
     parameter = place_of(place, engine)
     acts, unit = acting(place, parameter)
     law = Law(

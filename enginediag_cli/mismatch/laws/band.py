@@ -105,7 +105,7 @@ def _parting(laws: Sequence[Weighed], of: Known, flown: np.ndarray) -> tuple[flo
 
 def _along(effects: Sequence[Effect], trial: Trial, of: Known, x: np.ndarray) -> np.ndarray:
     """Laws of one variable at values of it, about their mean over the records."""
-    c = {n: v for n, (v, _) in trial.coefficients.items()}
+    c = trial.values
     name = of.variable.name
     return np.asarray(summed(effects, {name: x}, c) - np.nanmean(summed(effects, {name: of.values}, c)))
 

@@ -34,10 +34,9 @@ def carried(base: Trial, trial: Trial, laws: Sequence[Effect], place: Location, 
     base has. What identification absorbs is that of the base: a floor's curves along what a law moves would be curves
     of the law."""
     evidence = base.found.evidence
-    coefficients = {n: value for n, (value, _) in trial.coefficients.items()}
-    fixed = tuple(e.with_values(coefficients) for e in laws)
+    fixed = tuple(e.with_values(trial.values) for e in laws)
     engine = evidence.engine.with_effects((*evidence.engine.effects, *fixed))
     found = identify_with(replace(evidence, engine=engine), base.hypothesis, nuisance(evidence), base.found)
     projection = Projection(found)
-    f = summed(laws, {k.variable.name: k.values for k in known}, coefficients)
+    f = summed(laws, {k.variable.name: k.values for k in known}, trial.values)
     return Carried(found, projection, place, f, 0.5 * (base.objective - projection.objective))

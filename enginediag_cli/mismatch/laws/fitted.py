@@ -66,14 +66,9 @@ class Fitted:
         """Of the variables of all its laws."""
         return frozenset(k.variable.name for p in self.laws for k in p.candidate.formula.of)
 
-    @property
-    def values(self) -> dict[str, float]:
-        """Coefficients by parameter name, as they were fitted."""
-        return {n: value for n, (value, _) in self.trial.coefficients.items()}
-
     def curve(self, known: Sequence[Known]) -> np.ndarray:
         """All its laws together over the records (N,)."""
-        return summed(self.effects, {k.variable.name: k.values for k in known}, self.values)
+        return summed(self.effects, {k.variable.name: k.values for k in known}, self.trial.values)
 
     @property
     def at_the_first(self) -> tuple[Effect, ...]:

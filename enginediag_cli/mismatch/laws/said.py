@@ -43,9 +43,10 @@ class Says:
     gain: float
 
     def of(self, curves: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Products (k, k), and pulls (k,) of what is left and carried, of curves (N, k)."""
-        G = self.any.grams(np.column_stack([curves, self.f])[:, None, :])[0]
-        return G[:-1, :-1], self.any.pulls(curves) + G[:-1, -1]
+        """Products (K, k, k), and pulls (K, k) of what is left and carried, of sets of curves (N, K, k)."""
+        beside = np.broadcast_to(self.f[:, None, None], (*curves.shape[:2], 1))
+        G = self.any.grams(np.concatenate([curves, beside], axis=2))
+        return G[:, :-1, :-1], self.any.pulls(curves) + G[:, :-1, -1]
 
 
 class Said:
@@ -74,13 +75,12 @@ class Said:
         """Products (K, k, k), and pulls (K, k) of what is left and carried, of sets of curves (N, K, k), not finite of
         one that is too large to square; standard deviation (K,) of an amplitude of the first, none (NaN) of a curve
         that does not vary."""
-        beside = np.broadcast_to(self.at.f[:, None, None], (*curves.shape[:2], 1))
         with np.errstate(over="ignore", invalid="ignore"):
-            G = self.any.grams(np.concatenate([curves, beside], axis=2))
+            G, g = self.kept.of(curves)
             rms = np.std(curves[:, :, 0], axis=0)
             varies = rms > np.maximum(STILL * np.abs(curves[:, :, 0]).max(axis=0), LEAST)
             tau = np.where(varies, self.at.place.scale / np.where(varies, rms, 1.0), np.nan)
-            return G[:, :-1, :-1], self.any.pulls(curves) + G[:, :-1, -1], tau
+            return G, g, tau
 
     def best(self, tries: Sequence[Formula]) -> list[Formula]:
         """Of each form of the same variables, in their order, the best as they stand."""

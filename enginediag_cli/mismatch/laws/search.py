@@ -16,7 +16,7 @@ from enginediag_cli.mismatch.fit.options import Option
 from enginediag_cli.mismatch.fit.trial_fit import Trial
 from enginediag_cli.mismatch.laws.alike import places_alike
 from enginediag_cli.mismatch.laws.at_place import said_at, said_at_places
-from enginediag_cli.mismatch.laws.average import average_of
+from enginediag_cli.mismatch.laws.average import average_of, members_of
 from enginediag_cli.mismatch.laws.band import EDGES, Weighed, band_of, curve_of
 from enginediag_cli.mismatch.laws.elsewhere_too import MOST_PLACES, RIVAL, elsewhere_too
 from enginediag_cli.mismatch.laws.finding import FittedLaw, LawFinding
@@ -127,20 +127,24 @@ class LawSearch:
     def _average(self, first: Fitted) -> Fitted | None:
         """Of laws of the first one's variables at its place, weighed again at a fit that carries their average until
         that stays: far from the law that was carried first, what a place says of curves is not linear."""
-        says, found, before = self.says.get(first.where[0]), None, None
+        says, known, prior = self.says.get(first.where[0]), self.scan.known, prior_of_a_place(self.base.found)
+        if says is None:
+            return None
+        forms, found = members_of(first, self.single, self.refined, known), None
         for _ in range(PASSES):
-            if says is None:
-                break
-            known, prior = self.scan.known, prior_of_a_place(self.base.found)
-            average = average_of(first, self.single, self.refined, known, says, prior)
+            before = found
+            if before is not None:
+                said = said_at(self.base, before, self.scan)
+                if said is None:
+                    break
+                says = said.kept
+            average = average_of(first, forms, known, says, prior)
             fitted = self._fitted([(average.law,)]) if average is not None else []
             if average is None or not fitted:
                 return None
             found = average.fitted(fitted[0], max(first.standing - average.evidence, 0.0) + LIKELIER)
-            curve = found.curve(known)
-            if before is not None and says.any.apart(before, curve) < SETTLED:
+            if before is not None and says.any.apart(before.curve(known), found.curve(known)) < SETTLED:
                 break
-            says, before = said_at(self.base, found, self.scan), curve
         return found
 
     def _smooth_laws(self) -> list[Fitted]:

@@ -15,12 +15,12 @@ from enginediag_cli.mismatch.fit.identified import NO_HYPOTHESIS, identify_with,
 from enginediag_cli.mismatch.fit.projection import Projection
 from enginediag_cli.mismatch.fit.trial_fit import Trial, attempt
 from enginediag_cli.mismatch.laws.at_place import said_at
-from enginediag_cli.mismatch.laws.average import Averaged, average_of, smooth_member
+from enginediag_cli.mismatch.laws.average import Averaged, average_of, members_of, smooth_member
 from enginediag_cli.mismatch.laws.band import summed
 from enginediag_cli.mismatch.laws.carried import Carried
 from enginediag_cli.mismatch.laws.fitted import Fitted
 from enginediag_cli.mismatch.laws.refined import refined
-from enginediag_cli.mismatch.laws.said import Said
+from enginediag_cli.mismatch.laws.said import Said, Says
 from enginediag_cli.mismatch.laws.scan import Candidate, Known, Scan, formulas_of, known_variables
 from enginediag_cli.mismatch.laws.shortlist import proposal
 from enginediag_cli.physics.laws.expression import Expression
@@ -33,6 +33,12 @@ SWING = "a * (mach - 0.55) / 0.15 * exp(-((mach - 0.55) / 0.15) ** 2)"
 FORMS = ("step", "optimum", "bump")
 UNLIKELY = -1000.0
 """ln of the prior of a place at which smooth curves have no say."""
+
+
+def average_from(
+    first: Fitted, fitted: list[Fitted], sought: list[Candidate], known: list[Known], says: Says, prior: float
+) -> Averaged | None:
+    return average_of(first, members_of(first, fitted, sought, known), known, says, prior)
 
 
 class Ground:
@@ -65,7 +71,7 @@ class Ground:
     def average(self, *evidence: float) -> Averaged | None:
         """With this ln evidence of the three."""
         fitted = [replace(f, evidence=e) for f, e in zip(self.fitted, evidence, strict=True)]
-        return average_of(fitted[0], fitted, self.sought, self.known, self.said.kept, UNLIKELY)
+        return average_from(fitted[0], fitted, self.sought, self.known, self.said.kept, UNLIKELY)
 
 
 @pytest.fixture(scope="module")
@@ -108,7 +114,7 @@ def test_all_smooth_curves_of_a_variable_are_one_of_its_members(ground: Ground) 
     smooth = smooth_member(ground.said.kept, mach, len({k.group for k in ground.known}), 0.0)
     for ahead in (-20.0, 0.0, 6.0):
         prior = 20.0 + ahead - smooth.evidence
-        averaged = average_of(fitted[0], fitted, ground.sought, ground.known, ground.said.kept, prior)
+        averaged = average_from(fitted[0], fitted, ground.sought, ground.known, ground.said.kept, prior)
         assert averaged is not None
         its = sum(x.probability for x in averaged.forms if x.words == smooth.words)
         assert its == pytest.approx(1.0 / (1.0 + 4.0 * np.exp(-0.5 * ahead)), abs=1e-4)
@@ -135,9 +141,9 @@ def test_a_form_that_these_flights_do_not_tell_from_the_average_is_told_as_it_st
     c = {n: v for n, (v, _) in first.trial.coefficients.items()}
     curve = summed(first.effects, {k.variable.name: k.values for k in ground.known}, c)
     twin = replace(ground.sought[0], amplitude=1.0, formula=replace(ground.sought[0].formula, curve=curve))
-    assert average_of(first, [first], [twin], ground.known, ground.said.kept, UNLIKELY) is None
+    assert average_from(first, [first], [twin], ground.known, ground.said.kept, UNLIKELY) is None
     other = replace(twin, formula=replace(twin.formula, curve=0.2 * curve))
-    assert average_of(first, [first], [other], ground.known, ground.said.kept, UNLIKELY) is not None
+    assert average_from(first, [first], [other], ground.known, ground.said.kept, UNLIKELY) is not None
 
 
 def test_its_prior_says_that_it_is_as_likely_as_all_its_forms_together(ground: Ground) -> None:
@@ -156,9 +162,11 @@ def test_weighed_at_a_fit_that_carries_it_an_average_follows_a_large_law_better(
     """The derivatives of an engine that lacks a part of a large law are not those of one that has it."""
     scan, left, last = Scan((), tuple(ground.known)), [], ground.fitted[1]
     for _ in range(2):
-        says = said_at(ground.base, last, scan)
-        assert says is not None
-        averaged = average_of(last, ground.fitted, [], ground.known, says, 1000.0)  # smooth curves outweigh all forms
+        said = said_at(ground.base, last, scan)
+        assert said is not None
+        averaged = average_from(
+            last, ground.fitted, [], ground.known, said.kept, 1000.0
+        )  # smooth curves outweigh all forms
         assert averaged is not None and len(averaged.forms) == 1
         trial = attempt([averaged.law.option], ground.base.found, nuisance(ground.base.found.evidence))
         left.append(trial.objective)
