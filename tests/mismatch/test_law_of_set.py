@@ -21,6 +21,7 @@ from enginediag_cli.mismatch.fit.trial_fit import Trial, remainder
 from enginediag_cli.mismatch.laws.scan import Scan, known_variables, scored
 from enginediag_cli.mismatch.laws.search import LawSearch
 from enginediag_cli.mismatch.laws.shortlist import Proposal, proposal
+from enginediag_cli.mismatch.laws.summary import summary
 from enginediag_cli.physics.laws.expression import Expression
 from enginediag_cli.physics.laws.law import Acts, Law
 from enginediag_cli.physics.laws.variables import variables_of
@@ -119,7 +120,7 @@ def test_what_is_known_of_laws_at_two_places_has_a_place_where_only_these_were_f
     both = tuple(law_at(sets, members, f"hpc.{q}", "optimum", ["mach"]) for q in ("efficiency", "flow_capacity"))
     search = LawSearch(sets.fits.base, Scan((), tuple(known_variables(sets.fits.base.found))), sets.fits.refit, (both,))
     assert search.single and not search.single[0].at_one_place and not search.double
-    finding = search.finding(search.single[:1], sets.fits.base, True)
+    finding = summary(search, search.single[:1], sets.fits.base, True)
     assert finding.places[0][0].name.startswith("hpc.") and finding.together == pytest.approx(1.0)
 
 

@@ -6,8 +6,9 @@ from types import SimpleNamespace
 
 import pytest
 
-from enginediag_cli.mismatch.explain.judging import ALIAS
+from enginediag_cli.mismatch.explain.judging import ALIAS, Fits
 from enginediag_cli.mismatch.explain.law_of_set import ANOTHER_PLACE, _simplest
+from enginediag_cli.mismatch.explain.rejected import Reason, Rejected
 from enginediag_cli.mismatch.explain.stepwise import Sets
 
 
@@ -30,6 +31,28 @@ def test_a_pair_that_is_left_far_behind_is_not_named(behind, idle, stands):
     named = [SimpleNamespace(label="named")]
     assert sets._unless_outdone(named) == (named if stands else [])
     assert sets._unless_outdone([]) == []
+
+
+def named_of(weighed: dict[str, float], **why: Reason) -> tuple[list[str], Fits]:
+    """What is named of trials of which only χ² is known, and why they are no explanation."""
+    fits = object.__new__(Fits)
+    fits.rejected = {}
+    fits.judge = lambda t: (1.0, 1.0, Rejected(why[t.label]) if t.label in why else None)
+    fits.explanation = lambda t, p, left, flights: SimpleNamespace(label=t.label, probability=p)
+    trials = [SimpleNamespace(label=n, weighed=w, projection=SimpleNamespace(rest=int)) for n, w in weighed.items()]
+    return [x.label for x in fits.named(trials)], fits
+
+
+def test_what_is_left_far_behind_by_what_leaves_a_misfit_is_no_explanation():
+    # it leaves all of that misfit and more, only where nothing is over a gate
+    named, fits = named_of({"better": 0.0, "worse": ALIAS + 1.0}, better=Reason.LEAVES_MISFIT)
+    assert named == [] and fits.rejected["worse"].reason is Reason.WORSE
+    assert named_of({"better": 0.0, "near": ALIAS - 1.0}, better=Reason.LEAVES_MISFIT)[0] == ["near"]
+
+
+@pytest.mark.parametrize("why", [Reason.AT_BOUND, Reason.NOT_NEEDED, Reason.FEW_FLIGHTS])
+def test_what_is_no_explanation_for_another_reason_leaves_the_name_to_others(why):
+    assert named_of({"better": 0.0, "worse": ALIAS + 1.0}, better=why)[0] == ["worse"]
 
 
 def law(standing: float, *at: tuple[str, str]):

@@ -14,11 +14,12 @@ from enginediag_cli.mismatch.explain.explain import Search
 from enginediag_cli.mismatch.explain.free_members import Unlisted, free_option
 from enginediag_cli.mismatch.explain.in_part import in_part
 from enginediag_cli.mismatch.explain.members import identity
+from enginediag_cli.mismatch.explain.promised import promising
 from enginediag_cli.mismatch.explain.stepwise import Sets
 from enginediag_cli.mismatch.fit.evidence import Flight
 from enginediag_cli.mismatch.fit.identified import NO_HYPOTHESIS, identify_with, nuisance
 from enginediag_cli.mismatch.fit.options import LAW as OF_A_LAW
-from enginediag_cli.mismatch.fit.options import effect_option, option_scores
+from enginediag_cli.mismatch.fit.options import effect_option, fault_options, onset, option_scores
 from enginediag_cli.mismatch.fit.projection import Projection
 from enginediag_cli.mismatch.fit.trial_fit import Trial, attempt, is_needed, not_needed
 from enginediag_cli.physics.registry import candidates
@@ -118,6 +119,26 @@ def test_a_member_that_is_not_there_is_not_needed(base):
     trial = attempt(both, base.found, nuisance(base.found.evidence))
     assert not_needed(trial, 8.0) == "handling_bleed@booster"
     assert is_needed(trial, both[0], 8.0) and not is_needed(trial, both[1], 8.0)
+
+
+def test_a_step_between_the_onsets_that_are_scored_promises_what_its_fit_gains():
+    recorded = list(flights((), np.random.default_rng(25)))
+    at, columns = 23, dict(recorded[2].columns)
+    columns["T45_K"] = columns["T45_K"] * (1.0 + 0.004 * (np.arange(60) >= at))
+    recorded[2] = replace(recorded[2], columns=columns)
+    recorded[3:] = stepped(recorded[3:], "T45_K", 0.004, 0)
+    e = evidence(recorded)
+    found = identify_with(e, NO_HYPOTHESIS, nuisance(e))
+    base = Trial((), found, Projection(found))
+    options = fault_options(found)
+    prices = Prices(options)
+    scores = option_scores(found, base.projection, options)
+    coarse = max(prices.promise(s, scales_of(s.option), prices.of(s.option)) for s in scores)
+    first = promising(prices, base, scores, 4)[0]
+    assert identity(first.option) == ("sensor.T45.scale",) and onset(first.option) == 2 * 60 + at
+    trial = attempt([first.option], found, nuisance(e))
+    assert trial.converged and first.gain > coarse
+    assert first.gain == pytest.approx(prices.evidence(trial) - prices.evidence(base), rel=0.05)
 
 
 @pytest.mark.slow

@@ -66,6 +66,9 @@ needs no comparison with sets of effects."""
 MAIN, UNRECORDED = 0.8, 0.2
 """Shares of the probability of a false alarm, of the gate on recorded drivers and of that on unrecorded ones."""
 
+WITHOUT_LAWS = 3
+"""Listed options that are told together without a look at laws beside fewer. Judgement: several listed ones imitate a
+law between them, and each that it takes is one more to be wrong about."""
 
 TWICE = 2.0
 """A refit as two states seldom more than doubles the LR of a place: as long as twice the largest would not outweigh
@@ -151,7 +154,7 @@ class Search(Fits):
         # listed ones that explain no more than a law that explains all need not be found
         sets, named = self._of_sets(rest, singles, laws.most - LISTED_FIRST if law.explanations else -np.inf)
         of_set = max((self._evidence_of(x) for x in named[:1]), default=0.0)
-        mixed = Mixed() if named else self._mixed(sets, law.tried)
+        named, mixed = self._or_with_laws(sets, named, law.tried)
         if not law.explanations and not mixed.explanations:
             law = laws.double()
         of_set = max(of_set, mixed.evidence)
@@ -195,6 +198,18 @@ class Search(Fits):
         sets = Sets(few.fits, left.cells[0] if left.cells else None, self.proposers, many=True, least=least)
         named = sets.named(few.singles(left), left.scores)
         return sets, few.judged(named, lambda t: -2.0 * sets.prices.evidence(t), lambda t: self.counts(t, best))
+
+    def _or_with_laws(
+        self, sets: Sets, named: list[Explanation], tried: Sequence[Proposal]
+    ) -> tuple[list[Explanation], Mixed]:
+        """What is named of listed options alone, or what is with laws beside them: sought where nothing is, and where
+        it takes so many that fewer with a law may be likelier."""
+        if named and len(named[0].options) <= WITHOUT_LAWS:
+            return named, Mixed()
+        mixed, evidence = self._mixed(sets, tried), sets.prices.evidence
+        if named and mixed.evidence <= evidence(self.fitted[named[0].label]) - evidence(self.base):
+            return named, Mixed()
+        return ([] if mixed.explanations else named), mixed
 
     def _mixed(self, sets: Sets, tried: Sequence[Proposal]) -> Mixed:
         """Listed options with laws beside them: sought on few of many records."""

@@ -150,11 +150,13 @@ class Fits:
         self, trials: Sequence[Trial], weighed: Callable[[Trial], float] = lambda t: t.weighed
     ) -> list[Explanation]:
         """The alias set of the best adequate trial, best first; empty when none is adequate. `trials` are in the order
-        of `weighed`, in units of χ²."""
+        of `weighed`, in units of χ². What is as far behind one that leaves a misfit is no explanation either: it only
+        leaves more of it where nothing looks so closely."""
         adequate: list[tuple[Trial, float, float]] = []
+        first: Trial | None = None  # that explains most, whether or not it explains all
         elsewhere = 0.0  # odds of what is too far behind to be told
         for trial in trials:
-            behind = weighed(trial) - weighed(adequate[0][0]) if adequate else 0.0
+            behind = 0.0 if first is None else weighed(trial) - weighed(first)
             if behind > ALIAS:
                 trial.projection.rest()
                 self.rejected.setdefault(trial.label, Rejected(Reason.WORSE, behind))
@@ -166,6 +168,8 @@ class Fits:
                 self.rejected[trial.label] = why
             else:
                 adequate.append((trial, left, flights))
+            if first is None and (why is None or why.reason is Reason.LEAVES_MISFIT):
+                first = trial
         if not adequate:
             return []
         odds = np.exp([-0.5 * (weighed(t) - weighed(adequate[0][0])) for t, _, _ in adequate])

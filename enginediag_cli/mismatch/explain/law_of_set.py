@@ -22,6 +22,7 @@ from enginediag_cli.mismatch.laws.fitted import Fitted
 from enginediag_cli.mismatch.laws.scan import scanned
 from enginediag_cli.mismatch.laws.search import LawSearch
 from enginediag_cli.mismatch.laws.shortlist import Proposal
+from enginediag_cli.mismatch.laws.summary import summary
 from enginediag_cli.progress import stage
 
 ANOTHER_PLACE = LISTED_FIRST
@@ -70,7 +71,7 @@ class LawOfSet:
         for x in named:
             (same if {identity(o) for o in x.options if o.kind != LAW} == own else others).append(x)
         told = found.judged.told(self.sets.fits, sum(x.probability for x in same))
-        finding = found.search.finding(found.judged.fitted, found.search.base, not self.sets.fits.from_recordings)
+        finding = summary(found.search, found.judged.fitted, found.search.base, not self.sets.fits.from_recordings)
         return OfSet((*told, *others), finding)
 
     def _searched(self, others: tuple[Option, ...], also: tuple[Proposal, ...]) -> _Searched | None:

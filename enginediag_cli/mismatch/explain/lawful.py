@@ -15,6 +15,7 @@ from enginediag_cli.mismatch.laws.posterior import shares
 from enginediag_cli.mismatch.laws.scan import Scan, scanned
 from enginediag_cli.mismatch.laws.search import LawSearch
 from enginediag_cli.mismatch.laws.shortlist import Proposal
+from enginediag_cli.mismatch.laws.summary import summary
 
 LEAST = 3.0
 """ln evidence from which a law is told: twenty to one, everything that was tried counted in its prior."""
@@ -95,9 +96,9 @@ class LawsAlone:
         fits.rejected.update(judged.rejected)
         proposals = tuple(laws.proposals)
         if judged.found:
-            finding = laws.finding(judged.fitted, fits.base, known)
+            finding = summary(laws, judged.fitted, fits.base, known)
             return Lawful(judged.told(fits), finding, judged.fitted[0].evidence, proposals)
-        finding = laws.finding(laws.single[:1], self.few.fits.base, known)
+        finding = summary(laws, laws.single[:1], self.few.fits.base, known)
         return Lawful((), finding, laws.most, proposals)
 
 

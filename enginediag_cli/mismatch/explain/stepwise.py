@@ -14,13 +14,12 @@ and be likelier than unlisted physics (one free-form block or two), which severa
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
-from dataclasses import replace
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
 from enginediag_cli.mismatch.explain.answer import Explanation
-from enginediag_cli.mismatch.explain.currency import Offer, Prices, scales_of
+from enginediag_cli.mismatch.explain.currency import Offer, Prices
 from enginediag_cli.mismatch.explain.free_members import Unlisted
 from enginediag_cli.mismatch.explain.judging import ALIAS, Fits
 from enginediag_cli.mismatch.explain.members import (
@@ -28,7 +27,6 @@ from enginediag_cli.mismatch.explain.members import (
     Members,
     add,
     at_once,
-    clashes,
     different,
     identity,
     key_of,
@@ -36,9 +34,10 @@ from enginediag_cli.mismatch.explain.members import (
     too_far,
 )
 from enginediag_cli.mismatch.explain.pairs import EXTENDED, best_pairs, forward
+from enginediag_cli.mismatch.explain.promised import promising
 from enginediag_cli.mismatch.explain.rejected import Reason, Rejected
 from enginediag_cli.mismatch.fit.freeform import Cell
-from enginediag_cli.mismatch.fit.options import EFFECT, FREE, LAW, Option, OptionScore, effect_option, with_best_onset
+from enginediag_cli.mismatch.fit.options import EFFECT, FREE, LAW, Option, OptionScore, effect_option
 from enginediag_cli.mismatch.fit.trial_fit import Trial, not_needed
 from enginediag_cli.physics.together import kinds_of_places
 
@@ -293,20 +292,8 @@ class Sets:
         if key not in self._offers:
             left = self.fits.left(trial)
             self._adequate[trial.label] = not (left.unranked or left.over(self.fits.adequate))
-            self._offers[key] = self._promising(trial, left.scores)
+            self._offers[key] = promising(self.prices, trial, left.scores, OFFERED + 1)
         return self._offers[key]
-
-    def _promising(self, trial: Trial, scores: Iterable[OptionScore]) -> list[Offer]:
-        best: dict[tuple[str, ...], Offer] = {}
-        for s in scores:
-            if s.score.absorbed or not s.feasible or clashes(s.option, trial.options):
-                continue
-            price, own = self.prices.of(s.option), identity(s.option)
-            gain = self.prices.promise(s, scales_of(s.option), price)
-            if gain > 0.0 and (own not in best or gain > best[own].gain):
-                best[own] = Offer(s.option, price, gain)
-        found = sorted(best.values(), key=lambda o: (-o.gain, o.option.label))[: OFFERED + 1]
-        return [replace(o, option=with_best_onset(trial.found, trial.projection, o.option)) for o in found]
 
     def _exchanges(self, trial: Trial, proposers: Sequence[Proposer], enough: float) -> list[Members]:
         """Sets with another option, or another time, in the place of one member, that promise more than `enough`."""

@@ -14,15 +14,12 @@ import numpy as np
 from enginediag_cli.mismatch.fit.freeform import locations
 from enginediag_cli.mismatch.fit.options import Option
 from enginediag_cli.mismatch.fit.trial_fit import Trial
-from enginediag_cli.mismatch.laws.alike import places_alike
 from enginediag_cli.mismatch.laws.at_place import said_at, said_at_places
 from enginediag_cli.mismatch.laws.average import average_of, members_of
-from enginediag_cli.mismatch.laws.band import EDGES, Weighed, band_of, curve_of
+from enginediag_cli.mismatch.laws.band import curve_of
 from enginediag_cli.mismatch.laws.elsewhere_too import MOST_PLACES, RIVAL, elsewhere_too
-from enginediag_cli.mismatch.laws.finding import FittedLaw, LawFinding
 from enginediag_cli.mismatch.laws.fitted import Fitted, Where, ordered
 from enginediag_cli.mismatch.laws.grammar import FORMS
-from enginediag_cli.mismatch.laws.posterior import places_of, shares, variables_of_laws
 from enginediag_cli.mismatch.laws.said import Says
 from enginediag_cli.mismatch.laws.scan import Candidate, Scan, formulas_of, prior_of_a_place, scanned, scored
 from enginediag_cli.mismatch.laws.shortlist import (
@@ -46,6 +43,9 @@ PASSES, SETTLED = 3, 0.5
 """Averages of the same laws, each at a fit that carries the one before, at most; non-centrality by which one differs
 from the one before it where it is the last."""
 
+CURVES = 2
+"""Smooth curves of one variable, likeliest first, that are fitted though no form of it was."""
+
 SHAPED = 6
 """Forms that are fitted with the shape that suits them, likeliest first."""
 BARELY, NEARLY = 1.0, 4.0
@@ -57,8 +57,6 @@ MOST_FORMS = 5
 """Forms of one law: what needs more is no law."""
 LIKELIER = 1e-3
 """ln evidence by which a law with a further form goes before the same without it where prediction alone asks for it."""
-UNLIKELY = 5.0
-"""ln evidence by which a form is behind the best that has no say in the curve any more."""
 
 PLACES, WITHIN = 3, 15.0
 """Places at which variables are weighed whatever the form, at most, and by how much of ln evidence the best law at one
@@ -95,7 +93,7 @@ class LawSearch:
         for first in self._apart():
             self.single = [*self.single, *self._of_more_forms(first)]
         self.single = [*self.single, *self._smooth_laws()]
-        total, best = self._totals(), self._best()
+        total, best = self.totals(), self._best()
         self.single = ordered(replace(f, beside=total[f.where] - best[f.where].evidence) for f in self.single)
         self.averages = self._averages()
 
@@ -148,19 +146,22 @@ class LawSearch:
         return found
 
     def _smooth_laws(self) -> list[Fitted]:
-        """Smooth curves as laws, of the likeliest places and variables where they are nearly as likely as any form; and
-        a surface of the likeliest two where it is likelier than all of theirs."""
+        """Smooth curves as laws, of the likeliest places and variables where they are nearly as likely as any form, or
+        no form was; and a surface of the likeliest two where it is likelier than all of theirs."""
         found: list[tuple[Proposal, ...]] = []
         here = prior_of_a_place(self.base.found)
-        prior = prior_of_curve(self._groups) + here
-        for first in self._apart():
-            bends = self.bends.get(first.where)
-            if bends is not None and bends.evidence + prior > first.evidence - NEARLY:
-                found.append(as_curve(first.laws[0].candidate.location, bends, prior, self.engine))
+        prior, place = prior_of_curve(self._groups) + here, {p.name: p for p in locations(self.base.found)}
+        total, best = self.totals(), self._best()
+        likeliest = sorted(self.bends, key=lambda w: -total[w])
+        for where in dict.fromkeys([*(f.where for f in self._apart()), *likeliest[:CURVES]]):
+            bends = self.bends.get(where)
+            least = (best[where].evidence if where in best else self.most) - NEARLY
+            if bends is not None and bends.evidence + prior > least:
+                found.append(as_curve(place[where[0]], bends, prior, self.engine))
         s = max(self.smooth, key=lambda s: s.evidence, default=None)
-        best = self._best().get(s.where) if s is not None else None
-        if s is not None and best is not None and len(s.of) == 2 and s.evidence > best.evidence:
-            size = float(np.std(curve_of(best.effects, best.trial, self.scan.known)[0]))
+        own = best.get(s.where) if s is not None else None
+        if s is not None and own is not None and len(s.of) == 2 and s.evidence > own.evidence:
+            size = float(np.std(curve_of(own.effects, own.trial, self.scan.known)[0]))
             prior = prior_of_variables(s.of, self._groups) + here
             found.append(as_surface(s.place, (s.of[0], s.of[1]), size, prior, self.engine))
         return self._fitted([laws for laws in found if laws])
@@ -181,7 +182,7 @@ class LawSearch:
             best.setdefault(f.where, f)
         return best
 
-    def _totals(self) -> dict[Where, float]:
+    def totals(self) -> dict[Where, float]:
         """ln evidence of each place and variables: of the forms, each once, and of all smooth curves. Of variables that
         the records hardly tell apart the best counts."""
         of: dict[Where, dict[object, float]] = {}
@@ -195,12 +196,12 @@ class LawSearch:
         return {where: float(np.logaddexp.reduce(list(own.values()))) for where, own in of.items()}
 
     def _at_places(self) -> list[Fitted]:
-        """The best law of one form at each of the best places: a sum that is known at one of them is no measure of
-        what others may come to."""
+        """The best law at each of the best places, as likely as the best of one form: a sum that is known at one of
+        them is no measure of what others may come to."""
         best: dict[str, Fitted] = {}
-        alone = [f for f in self.single if len(f.laws) == 1]
-        for f in alone:
-            if f.evidence > alone[0].evidence - WITHIN:
+        alone = next((f.evidence for f in self.single if len(f.laws) == 1), np.inf)
+        for f in self.single:
+            if f.at_one_place and f.evidence > alone - WITHIN:
                 best.setdefault(f.where[0], f)
         return list(best.values())[:PLACES]
 
@@ -232,7 +233,7 @@ class LawSearch:
 
     def _apart(self) -> list[Fitted]:
         """The best law of each of the best places and variables, whatever the form."""
-        best, total = self._best(), self._totals()
+        best, total = self._best(), self.totals()
         likeliest = sorted(best, key=lambda w: -total[w])[:STARTS]
         return [best[where] for where in likeliest if total[where] > total[likeliest[0]] - APART]
 
@@ -302,57 +303,6 @@ class LawSearch:
         likelier = [f for f in (*found, *further) if f.evidence > self.most]
         self.double = ordered([*self.double, *likelier])
         return self.double
-
-    def finding(self, best: Sequence[Fitted], base: Trial, noise_known: bool) -> LawFinding:
-        """What is known of laws; `best`: those that are told, likeliest first, and `base` the fit without them;
-        `noise_known`: not from the recordings alone."""
-        if best[0].at_one_place:
-            place = {p.name: p for p in locations(self.base.found)}
-            weighed = [(place[where[0]], where[1], total) for where, total in self._totals().items()]
-        else:
-            # those that were fitted in any case are among the single ones
-            apart = {f.trial.label: f for f in (*self.double, *self.single) if not f.at_one_place}
-            weighed = [(f.laws[0].candidate.location, f.where[1], f.standing) for f in apart.values()]
-        p = map(float, shares([e for _, _, e in weighed]))
-        laws = [(place, groups, q) for (place, groups, _), q in zip(weighed, p, strict=True)]
-        excess = max(base.objective - base.projection.dof, 0.0)
-        told = [
-            FittedLaw(p.option, p.candidate.location, p.candidate.formula, f.standing, float(share))
-            for f, share in zip(best, shares([f.standing for f in best]), strict=True)
-            for p in f.laws
-        ]
-        named = [k.variable.name for f in best for p in f.laws for k in p.candidate.formula.of]
-        drop = base.objective - best[0].trial.objective
-        own = best[0].at_the_first
-        curve, _ = curve_of(own, best[0].trial, self.scan.known)
-        places = places_of(laws)
-        first_is_likeliest = best[0].at_one_place and best[0].where[0] == places[0][0].name
-        others = [p for p, _ in places[1:]] if first_is_likeliest else []
-        alike = places_alike(self.base, places[0][0], curve, others) if others else ()
-        unit = own[0].term.COEFFICIENTS[0].unit
-        return LawFinding(
-            tuple(told),
-            tuple(places),
-            tuple(variables_of_laws(laws, self.scan.known, named)),
-            excess,
-            min(drop / max(excess, drop), 1.0) if noise_known else None,
-            (float(np.quantile(curve, EDGES[0])), float(np.quantile(curve, EDGES[1]))),
-            unit,
-            band_of(self._at_one_place(best), self.scan.known, unit),
-            alike,
-            best[0].forms,
-        )
-
-    def _at_one_place(self, best: Sequence[Fitted]) -> list[Weighed]:
-        """Laws at the first one's place along the same variables, with their probabilities, as a band is of; none where
-        several places are moved."""
-        if not best[0].at_one_place:
-            return []
-        # what is told may have been fitted to more records since
-        here = next((f for f in self.single if f.trial.label == best[0].trial.label), best[0])
-        same = [f for f in self.single if f.where == here.where and f.evidence > here.evidence - UNLIKELY]
-        p = shares([f.evidence for f in same])
-        return [(f.effects, f.trial, float(q)) for f, q in zip(same, p, strict=True)]
 
     def _unfitted(self) -> list[tuple[Where, tuple[str, ...], float]]:
         """Candidates that were not fitted: at places where forms were shaped by these, else by their scores, moved as a
