@@ -202,9 +202,9 @@ class Search(Fits):
     def _or_with_laws(
         self, sets: Sets, named: list[Explanation], tried: Sequence[Proposal]
     ) -> tuple[list[Explanation], Mixed]:
-        """What is named of listed options alone, or what is with laws beside them: sought where nothing is, and where
-        it takes so many that fewer with a law may be likelier."""
-        if named and len(named[0].options) <= WITHOUT_LAWS:
+        """What is named of listed options alone, or what is with laws beside them: sought where nothing is, where it
+        takes so many that fewer with a law may be likelier, and where a curve in the place of one leaves less."""
+        if named and len(named[0].options) <= WITHOUT_LAWS and not sets.leaves_to_a_curve(named[0].label):
             return named, Mixed()
         mixed, evidence = self._mixed(sets, tried), sets.prices.evidence
         if named and mixed.evidence <= evidence(self.fitted[named[0].label]) - evidence(self.base):

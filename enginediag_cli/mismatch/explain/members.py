@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 from enginediag_cli.drivers import TIME
-from enginediag_cli.mismatch.fit.options import LAW, Option
+from enginediag_cli.engine.term import Effect
+from enginediag_cli.mismatch.fit.options import EFFECT, LAW, Option, effect_option
 from enginediag_cli.mismatch.fit.trial_fit import Trial
 from enginediag_cli.physics.together import each
 
@@ -63,3 +64,18 @@ def too_far(best: Trial, gained: float) -> bool:
     PACE times what the last round `gained`."""
     left = 0.5 * (best.objective - best.projection.dof)
     return left > PACE * gained * (MOST_MEMBERS - len(best.options))
+
+
+def tied(trial: Trial, places: Mapping[str, Effect]) -> Members:
+    """Its members with one size in the place of several, where an effect acts at places of one kind; else none.
+    `places`: label of each effect that may → the one that acts at all of them."""
+    at: dict[str, list[Option]] = {}
+    for o in trial.options:
+        for e in o.hypothesis.effects:
+            if o.kind == EFFECT and e.label in places:
+                at.setdefault(places[e.label].label, []).append(o)
+    several = next((own for own in at.values() if len(own) > 1), [])
+    if not several:
+        return ()
+    others = (o for o in trial.options if all(o is not s for s in several))
+    return (*others, effect_option(places[several[0].label]))

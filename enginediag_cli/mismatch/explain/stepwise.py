@@ -14,7 +14,7 @@ and be likelier than unlisted physics (one free-form block or two), which severa
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 
 import numpy as np
 
@@ -31,13 +31,14 @@ from enginediag_cli.mismatch.explain.members import (
     identity,
     key_of,
     law_places,
+    tied,
     too_far,
 )
 from enginediag_cli.mismatch.explain.pairs import EXTENDED, best_pairs, forward
 from enginediag_cli.mismatch.explain.promised import promising
 from enginediag_cli.mismatch.explain.rejected import Reason, Rejected
 from enginediag_cli.mismatch.fit.freeform import Cell
-from enginediag_cli.mismatch.fit.options import EFFECT, FREE, LAW, Option, OptionScore, effect_option
+from enginediag_cli.mismatch.fit.options import EFFECT, FREE, LAW, Option, OptionScore
 from enginediag_cli.mismatch.fit.trial_fit import Trial, not_needed
 from enginediag_cli.physics.together import kinds_of_places
 
@@ -70,7 +71,6 @@ LAWS_APART = 2
 EXCHANGED = 2
 """Options that are tried in the place of each member of a set."""
 
-Settled = Callable[[Sequence[Trial]], list[Explanation]]
 Proposer = Callable[[Trial], Sequence[Offer]]
 """Offers further options for what a trial leaves: what no library holds."""
 
@@ -112,18 +112,18 @@ class Sets:
         named = self.fits.named([s for s in fitted if self.fits.counts(s, self.best)])
         if named and not self.many:
             named = self._with_rivals(named[0], fitted)
-        return self._unless_outdone(named) or self._grown(self.proposers, self._settled)
+        return self._unless_outdone(named) or self._grown(self.proposers)
 
     def _with_rivals(self, first: Explanation, pairs: Sequence[Trial]) -> list[Explanation]:
         """The alias set of a pair, with what explains as much in the place of either member, or began at another
         time: its own fit without the other did not propose it. Empty where a free curve does in the place of one."""
         trial = self.fits.fitted[first.label]
         reach = self.evidence(trial) - 0.5 * ALIAS - SLACK
-        tied = self._tied(trial)
-        more = self.fits.refit([*self._exchanges(trial, (self.unlisted,), reach), *([tied] if tied else [])]) or []
+        one = tied(trial, self.places)
+        more = self.fits.refit([*self._exchanges(trial, (self.unlisted,), reach), *([one] if one else [])]) or []
         every = [t for t in (*pairs, *more) if all(o.kind != FREE for o in t.options)]
         # sets of different size compare by their evidence
-        weighed = (lambda t: -2.0 * self.evidence(t)) if tied else (lambda t: t.weighed)
+        weighed = (lambda t: -2.0 * self.evidence(t)) if one else (lambda t: t.weighed)
         ranked = different(sorted(every, key=weighed))
         counting = [t for t in ranked if self.fits.counts(t, self.best) and not self._imitates(t)]
         return self.fits.named(counting, weighed)
@@ -133,11 +133,11 @@ class Sets:
     def grown(self, proposers: Sequence[Proposer]) -> list[Explanation]:
         """The alias set of the sets that grow with what these propose beside what is listed; empty when none is
         adequate."""
-        return self._grown((*self.proposers, *proposers), self._settled)
+        return self._grown((*self.proposers, *proposers))
 
     def with_unlisted(self) -> list[Trial]:
         """All sets, likeliest first, when free curves have been among what may be a member."""
-        self._grown((*self.proposers, self.unlisted), None)
+        self._grown((*self.proposers, self.unlisted), settle=False)
         return self.likeliest()
 
     def only_unlisted(self) -> Trial:
@@ -155,34 +155,32 @@ class Sets:
             self._only_unlisted = trial
         return self._only_unlisted
 
-    def _grown(self, proposers: Sequence[Proposer], settled: Settled | None) -> list[Explanation]:
-        """Steps until a set of listed options is `settled`, or none makes the likeliest one likelier; of all sets where
-        nothing settles them. What promises less than free curves that leave nothing is not tried."""
+    def _grown(self, proposers: Sequence[Proposer], settle: bool = True) -> list[Explanation]:
+        """Steps until a set of listed options is settled, or none makes the likeliest one likelier; of all sets where
+        they are not to `settle`. What promises less than free curves that leave nothing is not tried."""
         alone = self.only_unlisted()
         least = self.evidence(self.fits.base) + self.least
         enough = max(self.evidence(alone) if self._is_adequate(alone) else -np.inf, least) - 0.5 * ALIAS
-        exchanged, stalled, listed = "", False, settled is not None
+        exchanged, stalled = "", False
         for _ in range(ROUNDS_OF_MANY if self.many else ROUNDS):
-            beam = self._beam(listed)
-            if settled and (named := settled(beam)):
-                return self._or_a_rival(named, proposers, settled)
-            done = settled is None and self._is_adequate(beam[0])
+            beam = self._beam(settle)
+            if settle and (named := self._settled(beam, proposers)):
+                return self._or_a_rival(named, proposers)
+            done = not settle and self._is_adequate(beam[0])
             new = [] if done or stalled else self._proposed(beam, proposers, enough)
             within = beam[0].label != exchanged and self.evidence(beam[0]) > enough - WITHIN_REACH
-            if not new and within and not (self.many and listed):
+            if not new and within and not (self.many and settle):
                 exchanged = beam[0].label
                 new = self._exchanges(beam[0], proposers, enough)
             if not new:
                 return []
             self._fit(new)
-            gained = self.evidence(best := self.likeliest(listed)[0]) - self.evidence(beam[0])
+            gained = self.evidence(best := self.likeliest(settle)[0]) - self.evidence(beam[0])
             stalled = gained < LIKELIER or too_far(best, gained) or self._fits > MOST_FITS
-        named = settled(self._beam(listed)) if settled else []
-        return self._or_a_rival(named, proposers, settled) if settled and named else []
+        named = self._settled(self._beam(settle), proposers) if settle else []
+        return self._or_a_rival(named, proposers) if named else []
 
-    def _or_a_rival(
-        self, named: list[Explanation], proposers: Sequence[Proposer], settled: Settled
-    ) -> list[Explanation]:
+    def _or_a_rival(self, named: list[Explanation], proposers: Sequence[Proposer]) -> list[Explanation]:
         """What was settled, or what sets that hold something else grow to, where what they leave promises more at once,
         or may in the end: ½ (χ² − χ² of the settled one), less what a member costs, is about all that can be gained."""
         for _ in range(0 if self.many else RIVAL_ROUNDS):
@@ -195,7 +193,7 @@ class Sets:
             if not new or self._fits > MOST_FITS:
                 break
             self._fit(list({key_of(n): n for n in new}.values()))
-            named = settled(self._beam(listed=True)) or named
+            named = self._settled(self._beam(listed=True), proposers) or named
         return self._unless_outdone(named)
 
     def _unless_outdone(self, named: list[Explanation]) -> list[Explanation]:
@@ -259,7 +257,7 @@ class Sets:
         promised: list[tuple[float, Members]] = []
         for trial in beam:
             fewer = self._without_idle(trial)
-            promised += [(self.evidence(trial), other) for other in (fewer, self._tied(trial)) if other]
+            promised += [(self.evidence(trial), other) for other in (fewer, tied(trial, self.places)) if other]
             if len(trial.options) < MOST_MEMBERS:
                 for offer in self._offered(trial, proposers, OFFERED):
                     promised.append((self._hope(trial, offer), (*trial.options, offer.option)))
@@ -295,10 +293,13 @@ class Sets:
             self._offers[key] = promising(self.prices, trial, left.scores, OFFERED + 1)
         return self._offers[key]
 
-    def _exchanges(self, trial: Trial, proposers: Sequence[Proposer], enough: float) -> list[Members]:
-        """Sets with another option, or another time, in the place of one member, that promise more than `enough`."""
+    def _exchanges(
+        self, trial: Trial, proposers: Sequence[Proposer], enough: float, of: Iterable[Option] | None = None
+    ) -> list[Members]:
+        """Sets with another option, or another time, in the place of one member, of all or of these, that promise more
+        than `enough`."""
         new: list[Members] = []
-        for member in trial.options:
+        for member in trial.options if of is None else of:
             others = tuple(o for o in trial.options if o is not member)
             without = self.fitted(others)
             if without is None:
@@ -312,15 +313,20 @@ class Sets:
 
     # deciding
 
-    def _settled(self, beam: Sequence[Trial]) -> list[Explanation]:
-        """The alias set of the likeliest sets, where one of them is adequate."""
+    def _settled(self, beam: Sequence[Trial], proposers: Sequence[Proposer]) -> list[Explanation]:
+        """The alias set of the likeliest sets, where one of them is adequate. In the place of each effect what is
+        proposed is tried, too: it may be unlisted physics that the effect imitates."""
         good = self._good(beam)
         if good is None:
             return []
         reach = -np.inf
         while good is not None and self.evidence(good) > reach + 0.5 * ALIAS:
             reach = self.evidence(good) - 0.5 * ALIAS
-            self._fit(self._exchanges(good, (*self.proposers, self.unlisted), reach - SLACK))
+            effects = [o for o in good.options if o.kind == EFFECT]
+            new = self._exchanges(good, (*self.proposers, self.unlisted), reach - SLACK)
+            for other in self._exchanges(good, proposers, reach - SLACK, effects):
+                add(new, other)
+            self._fit(new)
             good = self._good(self._beam(listed=True))
         near = [t for t in self.likeliest(listed=True) if self.evidence(t) >= reach and at_once(t) > 1]
         near = different([t for t in near if self._counts(t) and not self._imitates(t)])
@@ -335,6 +341,13 @@ class Sets:
             self._fit(fewer)
             beam = self._beam(listed=True)
         return next((t for t in beam if at_once(t) > 1 and self._is_adequate(t) and self._counts(t)), None)
+
+    def leaves_to_a_curve(self, label: str) -> bool:
+        """Whether a set with a free curve leaves less than this one, at two of χ² for each coefficient: what a curve
+        costs besides, since it may be any, a law of few does not."""
+        told = self.fits.fitted.get(label)
+        curves = (t for t in self.likeliest() if any(o.kind == FREE for o in t.options))
+        return told is not None and any(_paid(t) < _paid(told) for t in curves)
 
     def _imitates(self, trial: Trial) -> bool:
         """Whether a set with a free curve is likelier: members of this one imitate unlisted physics then. What such a
@@ -360,19 +373,6 @@ class Sets:
         idle = not_needed(trial, self.fits.adequate.effects)
         return tuple(o for o in trial.options if o.label != idle) if idle and len(trial.options) > 1 else ()
 
-    def _tied(self, trial: Trial) -> Members:
-        """Its members with one size in the place of several, where an effect acts at places of one kind; else none."""
-        at: dict[str, list[Option]] = {}
-        for o in trial.options:
-            for e in o.hypothesis.effects:
-                if o.kind == EFFECT and e.label in self.places:
-                    at.setdefault(self.places[e.label].label, []).append(o)
-        several = next((own for own in at.values() if len(own) > 1), [])
-        if not several:
-            return ()
-        others = (o for o in trial.options if all(o is not s for s in several))
-        return (*others, effect_option(self.places[several[0].label]))
-
     def _is_adequate(self, trial: Trial) -> bool:
         self._listed(trial)
         return self._adequate[trial.label]
@@ -385,3 +385,8 @@ class Sets:
             return True
         self.fits.rejected[trial.label] = Rejected(Reason.ONE_UNLISTED)
         return False
+
+
+def _paid(trial: Trial) -> float:
+    """χ² that a trial leaves, and two for each coefficient (H. Akaike, 1974)."""
+    return trial.objective + 2.0 * len(trial.hypothesis.names)
