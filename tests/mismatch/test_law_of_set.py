@@ -101,17 +101,18 @@ def test_a_law_that_joined_along_two_variables_is_told_along_its_own_one(
 
 
 @pytest.mark.slow
-def test_a_rival_that_holds_something_else_stays_behind_the_law_as_it_was_searched(
+def test_the_law_of_each_rival_is_searched_and_what_holds_the_same_then_is_told_once(
     sets: Sets, members: LawMembers
 ) -> None:
-    """Both hold the same step, each with curves of its own."""
+    """The rival holds the same step and a fault besides, which its law leaves nothing to do once it is searched."""
     first = named(sets, members, "bump", ["mach"])
     law = next(o for o in first[0].options if o.kind == LAW)
     beside = next(o for o in sets.fits.library if o.label.startswith("sensor.P3.scale"))
     (trial,) = sets.fits.refit([(deepcopy(step_of(sets)), beside, law)]) or []
     rival = sets.fits.explanation(trial, 0.1, 0.0, 1.0)
-    told = LawOfSet(sets, members).of([*first, rival]).explanations
-    assert told[-1] is rival and all(x is not rival for x in told[:-1])
+    told = LawOfSet(sets, members).of([rival, *first]).explanations
+    assert all("P3" not in x.label for x in told) and len({x.label for x in told}) == len(told)
+    assert sum(x.probability for x in told) == pytest.approx(1.1)
 
 
 def test_what_is_known_of_laws_at_two_places_has_a_place_where_only_these_were_fitted(

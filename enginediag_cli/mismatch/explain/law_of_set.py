@@ -8,7 +8,7 @@ variables, by every form with the shape that suits it, at every place.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from enginediag_cli.mismatch.explain.answer import Explanation
 from enginediag_cli.mismatch.explain.law_members import LawMembers
@@ -19,15 +19,22 @@ from enginediag_cli.mismatch.fit.options import LAW, Option
 from enginediag_cli.mismatch.fit.trial_fit import Trial, is_needed
 from enginediag_cli.mismatch.laws.finding import LawFinding
 from enginediag_cli.mismatch.laws.fitted import Fitted
+from enginediag_cli.mismatch.laws.posterior import shares
 from enginediag_cli.mismatch.laws.scan import scanned
 from enginediag_cli.mismatch.laws.search import LawSearch
 from enginediag_cli.mismatch.laws.shortlist import Proposal
 from enginediag_cli.mismatch.laws.summary import summary
 from enginediag_cli.progress import stage
 
+Held = frozenset[tuple[str, ...]]
+
 ANOTHER_PLACE = LISTED_FIRST
 """ln of the odds by which one law that nobody has written down is likelier beforehand than two at two places, their
 places and forms apart: as for the first beside what is listed."""
+
+
+SEARCHED = 3
+"""Sets that hold different things beside their laws, likeliest first, of which the law is searched. Judgement."""
 
 
 @dataclass(frozen=True)
@@ -48,14 +55,30 @@ class LawOfSet:
 
     @stage("weighing the law of a set")
     def of(self, named: Sequence[Explanation]) -> OfSet:
-        """What was named, with the law of the first as it is after this search, alone or with its rivals; as it was
-        where none that was found explains as well. What the law leaves nothing to do is dropped, and the law searched
-        again."""
-        trial = self.sets.fits.fitted[named[0].label]
-        laws = [o for o in trial.options if o.kind == LAW]
-        beside = [o for o in trial.options if o.kind != LAW]
-        own, found = set(map(identity, beside)), None
-        also = tuple(self.members.known[o.label] for o in laws)
+        """What was named, likeliest first by what its laws are after this search: of each set of what is listed, alone
+        or with its rivals. As it was named where none that was found explains as well."""
+        same: dict[Held, list[Explanation]] = {}
+        for x in named:
+            same.setdefault(_held(x.options), []).append(x)
+        found: dict[Held, _Told] = {}
+        for k, own in enumerate(same.values()):
+            told = self._searched_again(own) if k < SEARCHED else None
+            told = told or _Told(tuple(own), self._evidence(own[0]))
+            found.setdefault(_held(told.explanations[0].options), told)
+        likeliest = sorted(found.values(), key=lambda t: -t.evidence)
+        share = sum(x.probability for x in named) * shares([t.evidence for t in likeliest])
+        every = [x for t, p in zip(likeliest, share, strict=True) for x in t.with_probability(float(p))]
+        return OfSet(tuple(every), likeliest[0].finding)
+
+    def _evidence(self, x: Explanation) -> float:
+        return self.sets.evidence(self.sets.fits.fitted[x.label])
+
+    def _searched_again(self, own: Sequence[Explanation]) -> _Told | None:
+        """Explanations that hold the same but for their laws, with their law searched beside the rest; what it leaves
+        nothing to do is dropped, and the law searched again. None where there is none to search."""
+        laws = [o for o in own[0].options if o.kind == LAW]
+        beside = [o for o in own[0].options if o.kind != LAW]
+        also, found = tuple(self.members.known[o.label] for o in laws), None
         while laws and beside:
             further = self._searched(tuple(beside), also)
             if further is None:
@@ -66,13 +89,10 @@ class LawOfSet:
                 break
             beside = [o for o in beside if o is not idle[0]]
         if found is None:
-            return OfSet(tuple(named))
-        same, others = list[Explanation](), list[Explanation]()
-        for x in named:
-            (same if {identity(o) for o in x.options if o.kind != LAW} == own else others).append(x)
-        told = found.judged.told(self.sets.fits, sum(x.probability for x in same))
-        finding = summary(found.search, found.judged.fitted, found.search.base, not self.sets.fits.from_recordings)
-        return OfSet((*told, *others), finding)
+            return None
+        fitted, base, fits = found.judged.fitted, found.search.base, self.sets.fits
+        finding = summary(found.search, fitted, base, not fits.from_recordings)
+        return _Told(found.judged.told(fits), self.sets.evidence(base) + fitted[0].standing, finding)
 
     def _searched(self, others: tuple[Option, ...], also: tuple[Proposal, ...]) -> _Searched | None:
         """Laws beside these members; None where none explains."""
@@ -83,6 +103,20 @@ class LawOfSet:
         self.members.learn(search.proposals)
         judged = adequate(self.sets.fits, _simplest(search.told)[:JUDGED])
         return _Searched(search, judged) if judged.found else None
+
+
+@dataclass(frozen=True)
+class _Told:
+    """Explanations that hold the same but for their laws; ln evidence of all of them, what is known of the law."""
+
+    explanations: tuple[Explanation, ...]
+    evidence: float
+    finding: LawFinding | None = None
+
+    def with_probability(self, p: float) -> list[Explanation]:
+        """Shares of it, as they have them of each other."""
+        total = sum(x.probability for x in self.explanations)
+        return [replace(x, probability=p * x.probability / total) for x in self.explanations]
 
 
 @dataclass(frozen=True)
@@ -108,3 +142,8 @@ def _the_same(f: Fitted) -> bool:
     """Whether its laws are of one form and the same variables."""
     formulas = [p.candidate.formula for p in f.laws]
     return len({(x.form.name, x.groups) for x in formulas}) == 1
+
+
+def _held(options: Sequence[Option]) -> Held:
+    """What a set holds but for its laws."""
+    return frozenset(identity(o) for o in options if o.kind != LAW)
