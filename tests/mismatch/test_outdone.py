@@ -10,6 +10,7 @@ from enginediag_cli.mismatch.explain.judging import ALIAS, Fits
 from enginediag_cli.mismatch.explain.law_of_set import ANOTHER_PLACE, _simplest
 from enginediag_cli.mismatch.explain.rejected import Reason, Rejected
 from enginediag_cli.mismatch.explain.stepwise import Sets
+from enginediag_cli.mismatch.fit.options import FREE, LAW
 
 
 def sets_of(evidence: dict[str, float], idle: tuple[str, ...] = ()) -> Sets:
@@ -31,6 +32,31 @@ def test_a_pair_that_is_left_far_behind_is_not_named(behind, idle, stands):
     named = [SimpleNamespace(label="named")]
     assert sets._unless_outdone(named) == (named if stands else [])
     assert sets._unless_outdone([]) == []
+
+
+@pytest.mark.parametrize(
+    ("left", "coefficients", "kind", "less"),
+    [
+        (90.0, 4, FREE, True),
+        (93.0, 4, FREE, False),
+        (90.0, 4, LAW, False),
+    ],
+)
+def test_a_curve_that_leaves_less_than_it_costs_calls_for_a_law(left, coefficients, kind, less):
+    def trial(label, objective, k, of):
+        return SimpleNamespace(
+            label=label,
+            objective=objective,
+            hypothesis=SimpleNamespace(names=["x"] * k),
+            options=[SimpleNamespace(kind=o) for o in of],
+        )
+
+    sets = object.__new__(Sets)
+    named, other = trial("named", 100.0, 1, ["effect"]), trial("other", left, coefficients + 1, ["effect", kind])
+    sets.fits = SimpleNamespace(fitted={t.label: t for t in (named, other)})
+    sets.likeliest = lambda listed=False: [named, other]
+    assert sets.leaves_to_a_curve("named") is less
+    assert not sets.leaves_to_a_curve("of other records")
 
 
 def named_of(weighed: dict[str, float], **why: Reason) -> tuple[list[str], Fits]:

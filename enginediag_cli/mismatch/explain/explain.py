@@ -208,7 +208,8 @@ class Search(Fits):
             return named, Mixed()
         mixed, evidence = self._mixed(sets, tried), sets.prices.evidence
         if named and mixed.evidence <= evidence(self.fitted[named[0].label]) - evidence(self.base):
-            return named, Mixed()
+            # those with laws are rivals now
+            return among_all(sets, named) if self.few.are_all else named, Mixed()
         return ([] if mixed.explanations else named), mixed
 
     def _mixed(self, sets: Sets, tried: Sequence[Proposal]) -> Mixed:

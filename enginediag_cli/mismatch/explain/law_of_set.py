@@ -26,15 +26,15 @@ from enginediag_cli.mismatch.laws.shortlist import Proposal
 from enginediag_cli.mismatch.laws.summary import summary
 from enginediag_cli.progress import stage
 
-Held = frozenset[tuple[str, ...]]
-
 ANOTHER_PLACE = LISTED_FIRST
 """ln of the odds by which one law that nobody has written down is likelier beforehand than two at two places, their
 places and forms apart: as for the first beside what is listed."""
 
-
 SEARCHED = 3
 """Sets that hold different things beside their laws, likeliest first, of which the law is searched. Judgement."""
+
+Held = frozenset[tuple[str, ...]]
+"""What a set holds but for its laws."""
 
 
 @dataclass(frozen=True)
@@ -145,5 +145,4 @@ def _the_same(f: Fitted) -> bool:
 
 
 def _held(options: Sequence[Option]) -> Held:
-    """What a set holds but for its laws."""
     return frozenset(identity(o) for o in options if o.kind != LAW)
