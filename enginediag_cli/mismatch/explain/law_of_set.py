@@ -12,8 +12,8 @@ from dataclasses import dataclass, replace
 
 from enginediag_cli.mismatch.explain.answer import Explanation
 from enginediag_cli.mismatch.explain.law_members import LawMembers
-from enginediag_cli.mismatch.explain.lawful import JUDGED, LISTED_FIRST, Judged, adequate
-from enginediag_cli.mismatch.explain.members import identity
+from enginediag_cli.mismatch.explain.lawful import AS_GOOD, JUDGED, LISTED_FIRST, Judged, adequate
+from enginediag_cli.mismatch.explain.members import Members, identity
 from enginediag_cli.mismatch.explain.stepwise import Sets
 from enginediag_cli.mismatch.fit.options import LAW, Option
 from enginediag_cli.mismatch.fit.trial_fit import Trial, is_needed
@@ -30,8 +30,9 @@ ANOTHER_PLACE = LISTED_FIRST
 """ln of the odds by which one law that nobody has written down is likelier beforehand than two at two places, their
 places and forms apart: as for the first beside what is listed."""
 
-SEARCHED = 3
-"""Sets that hold different things beside their laws, likeliest first, of which the law is searched. Judgement."""
+SEARCHED, NEAR = 4, 10.0
+"""Sets that hold different things beside their laws, likeliest first, of which the law is searched, and ln evidence by
+which one that was not named may be behind: all forms have brought up to 35 of it. Judgement."""
 
 Held = frozenset[tuple[str, ...]]
 """What a set holds but for its laws."""
@@ -61,25 +62,39 @@ class LawOfSet:
         for x in named:
             same.setdefault(_held(x.options), []).append(x)
         found: dict[Held, _Told] = {}
-        for k, own in enumerate(same.values()):
-            told = self._searched_again(own) if k < SEARCHED else None
-            told = told or _Told(tuple(own), self._evidence(own[0]))
-            found.setdefault(_held(told.explanations[0].options), told)
+        for options in self._searched_for(named):
+            told = self._searched_again(options)
+            if told is not None:
+                found.setdefault(_held(told.explanations[0].options), told)
+                same.pop(_held(options), None)
+        for held, own in same.items():
+            found.setdefault(held, _Told(tuple(own), self._evidence(own[0].label)))
         likeliest = sorted(found.values(), key=lambda t: -t.evidence)
+        likeliest = [t for t in likeliest if t.evidence > likeliest[0].evidence - AS_GOOD]
         share = sum(x.probability for x in named) * shares([t.evidence for t in likeliest])
         every = [x for t, p in zip(likeliest, share, strict=True) for x in t.with_probability(float(p))]
         return OfSet(tuple(every), likeliest[0].finding)
 
-    def _evidence(self, x: Explanation) -> float:
-        return self.sets.evidence(self.sets.fits.fitted[x.label])
+    def _searched_for(self, named: Sequence[Explanation]) -> list[Members]:
+        """Sets of which the law is searched, that hold different things beside it: what was named, and what is so near
+        with the few forms that were tried while sets grew."""
+        least = self._evidence(named[0].label) - NEAR
+        near = (t for t in self.sets.likeliest(listed=True) if self.sets.evidence(t) > least)
+        first: dict[Held, Members] = {}
+        for options in (*(x.options for x in named), *(t.options for t in near)):
+            if any(o.kind == LAW for o in options) and _held(options):
+                first.setdefault(_held(options), tuple(options))
+        return list(first.values())[:SEARCHED]
 
-    def _searched_again(self, own: Sequence[Explanation]) -> _Told | None:
+    def _evidence(self, label: str) -> float:
+        return self.sets.evidence(self.sets.fits.fitted[label])
+
+    def _searched_again(self, options: Members) -> _Told | None:
         """Explanations that hold the same but for their laws, with their law searched beside the rest; what it leaves
-        nothing to do is dropped, and the law searched again. None where there is none to search."""
-        laws = [o for o in own[0].options if o.kind == LAW]
-        beside = [o for o in own[0].options if o.kind != LAW]
-        also, found = tuple(self.members.known[o.label] for o in laws), None
-        while laws and beside:
+        nothing to do is dropped, and the law searched again. None where none that is found explains."""
+        beside = [o for o in options if o.kind != LAW]
+        also, found = tuple(self.members.known[o.label] for o in options if o.kind == LAW), None
+        while beside:
             further = self._searched(tuple(beside), also)
             if further is None:
                 break

@@ -67,7 +67,8 @@ SLACK, ERRS = 5.0, 0.2
 RIVAL_ROUNDS = 3
 """Rounds in which other sets may grow where one is settled, at most: they lack as many members as causes differ."""
 LAWS_APART = 2
-"""Of sets without laws, and with a law at one place, the likeliest is grown from in any case."""
+"""Places of laws: of sets without laws, and with a law at each of the likeliest of them, the likeliest is grown from in
+any case."""
 EXCHANGED = 2
 """Options that are tried in the place of each member of a set."""
 
@@ -207,9 +208,13 @@ class Sets:
         ranked = different(self.likeliest(listed))
         if listed:
             # several laws that imitate what is listed would crowd out the sets that hold it
-            of_laws = [next((t for t in ranked if law_places(t) == n), None) for n in range(LAWS_APART)]
-            apart = [t for t in of_laws if t is not None and not self.many]
-            return list({t.label: t for t in (*ranked[: self.beam], *apart)}.values())
+            apart: dict[frozenset[str], Trial] = {}
+            for t in ranked if not self.many else ():
+                if len(law_places(t)) <= 1:
+                    apart.setdefault(law_places(t), t)
+            bare = [t for places, t in apart.items() if not places]
+            with_law = [t for places, t in apart.items() if places][:LAWS_APART]
+            return list({t.label: t for t in (*ranked[: self.beam], *bare, *with_law)}.values())
         named = [t for t in ranked if any(o.kind != FREE for o in t.options)]
         return list({t.label: t for t in (*ranked[: self.beside], *named[: self.beside])}.values())
 

@@ -92,6 +92,7 @@ class LawSearch:
         self.single = self._with(self._fitted([(p,) for p in self._shaped()]))
         for first in self._apart():
             self.single = [*self.single, *self._of_more_forms(first)]
+        self.single = self._with(self._fitted(self._at_other_places()))
         self.single = [*self.single, *self._smooth_laws()]
         total, best = self.totals(), self._best()
         self.single = ordered(replace(f, beside=total[f.where] - best[f.where].evidence) for f in self.single)
@@ -236,6 +237,22 @@ class LawSearch:
         best, total = self._best(), self.totals()
         likeliest = sorted(best, key=lambda w: -total[w])[:STARTS]
         return [best[where] for where in likeliest if total[where] > total[likeliest[0]] - APART]
+
+    def _at_other_places(self) -> list[tuple[Proposal, ...]]:
+        """The likeliest law of listed forms at each of the other places that were weighed: places are compared by the
+        same, and far from the law that was carried at one what it says of forms is not linear."""
+        first = next((f for f in ordered(self.single) if f.at_one_place and _forms_of(f)), None)
+        if first is None:
+            return []
+        sets: list[tuple[Proposal, ...]] = []
+        for place in (p for p in locations(self.base.found) if p.name in self.says and p.name != first.where[0]):
+            laws = []
+            for p in first.laws:
+                (c,) = scored(self.base.found, self.base.projection, [place], [p.candidate.formula], 0.0)
+                laws.append(proposal(replace(c, prior=p.candidate.prior), self.engine))
+            sets.append(tuple(laws))
+        fitted = {tuple(p.option.label for p in f.laws) for f in self.single}
+        return [laws for laws in sets if tuple(p.option.label for p in laws) not in fitted]
 
     def _of_more_forms(self, first: Fitted) -> list[Fitted]:
         """A law with further forms of the same variables at its place: a curve that no form has is a sum of some. One
