@@ -31,10 +31,9 @@ def at_once(trial: Trial) -> int:
     return sum(len(each(e)) for e in effects) + sum(bool(o.hypothesis.discrepancies) for o in trial.options)
 
 
-def law_places(trial: Trial) -> frozenset[str]:
-    """What its laws act on."""
-    laws = (o for o in trial.options if o.kind == LAW)
-    return frozenset(n for o in laws for e in o.hypothesis.effects for n in e.site.acts_on)
+def law_places(trial: Trial) -> int:
+    """At how many places it has laws."""
+    return len({n for o in trial.options if o.kind == LAW for e in o.hypothesis.effects for n in e.site.acts_on})
 
 
 def different(trials: Sequence[Trial]) -> list[Trial]:

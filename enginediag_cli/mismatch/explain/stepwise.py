@@ -67,8 +67,7 @@ SLACK, ERRS = 5.0, 0.2
 RIVAL_ROUNDS = 3
 """Rounds in which other sets may grow where one is settled, at most: they lack as many members as causes differ."""
 LAWS_APART = 2
-"""Places of laws: of sets without laws, and with a law at each of the likeliest of them, the likeliest is grown from in
-any case."""
+"""Of sets without laws, and with a law at one place, the likeliest is grown from in any case."""
 EXCHANGED = 2
 """Options that are tried in the place of each member of a set."""
 
@@ -165,7 +164,7 @@ class Sets:
         exchanged, stalled = "", False
         for _ in range(ROUNDS_OF_MANY if self.many else ROUNDS):
             beam = self._beam(settle)
-            if settle and (named := self._settled(beam, proposers)):
+            if settle and (named := self._settled(beam)):
                 return self._or_a_rival(named, proposers)
             done = not settle and self._is_adequate(beam[0])
             new = [] if done or stalled else self._proposed(beam, proposers, enough)
@@ -178,7 +177,7 @@ class Sets:
             self._fit(new)
             gained = self.evidence(best := self.likeliest(settle)[0]) - self.evidence(beam[0])
             stalled = gained < LIKELIER or too_far(best, gained) or self._fits > MOST_FITS
-        named = self._settled(self._beam(settle), proposers) if settle else []
+        named = self._settled(self._beam(settle)) if settle else []
         return self._or_a_rival(named, proposers) if named else []
 
     def _or_a_rival(self, named: list[Explanation], proposers: Sequence[Proposer]) -> list[Explanation]:
@@ -194,7 +193,8 @@ class Sets:
             if not new or self._fits > MOST_FITS:
                 break
             self._fit(list({key_of(n): n for n in new}.values()))
-            named = self._settled(self._beam(listed=True), proposers) or named
+            named = self._settled(self._beam(listed=True)) or named
+        named = self._settled(self._beam(listed=True), proposers) or named
         return self._unless_outdone(named)
 
     def _unless_outdone(self, named: list[Explanation]) -> list[Explanation]:
@@ -208,13 +208,9 @@ class Sets:
         ranked = different(self.likeliest(listed))
         if listed:
             # several laws that imitate what is listed would crowd out the sets that hold it
-            apart: dict[frozenset[str], Trial] = {}
-            for t in ranked if not self.many else ():
-                if len(law_places(t)) <= 1:
-                    apart.setdefault(law_places(t), t)
-            bare = [t for places, t in apart.items() if not places]
-            with_law = [t for places, t in apart.items() if places][:LAWS_APART]
-            return list({t.label: t for t in (*ranked[: self.beam], *bare, *with_law)}.values())
+            of_laws = [next((t for t in ranked if law_places(t) == n), None) for n in range(LAWS_APART)]
+            apart = [t for t in of_laws if t is not None and not self.many]
+            return list({t.label: t for t in (*ranked[: self.beam], *apart)}.values())
         named = [t for t in ranked if any(o.kind != FREE for o in t.options)]
         return list({t.label: t for t in (*ranked[: self.beside], *named[: self.beside])}.values())
 
@@ -318,7 +314,7 @@ class Sets:
 
     # deciding
 
-    def _settled(self, beam: Sequence[Trial], proposers: Sequence[Proposer]) -> list[Explanation]:
+    def _settled(self, beam: Sequence[Trial], proposers: Sequence[Proposer] = ()) -> list[Explanation]:
         """The alias set of the likeliest sets, where one of them is adequate. In the place of each effect what is
         proposed is tried, too: it may be unlisted physics that the effect imitates."""
         good = self._good(beam)

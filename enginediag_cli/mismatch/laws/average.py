@@ -33,17 +33,21 @@ AVERAGE = Form("average", "as the average of the likely forms of", "")
 
 @dataclass(frozen=True)
 class Averaged:
-    """An average as a law that can be fitted, its forms, likeliest first, and their ln evidence together."""
+    """An average as a law that can be fitted, its forms, likeliest first, and their ln evidence together, of which
+    `place` is ln of the prior of a place."""
 
     law: Proposal
     forms: tuple[Share, ...]
     evidence: float
+    place: float
 
     def fitted(self, found: Fitted, beside: float) -> Fitted:
         """The average as it was fitted, as likely as all its forms together: they have paid for shapes that it has no
         more."""
         prior = self.evidence - found.evidence
-        law = replace(self.law, candidate=replace(self.law.candidate, prior=prior, weight=self.evidence))
+        formula = replace(self.law.candidate.formula, prior=prior - self.place)
+        candidate = replace(self.law.candidate, formula=formula, prior=prior, weight=self.evidence)
+        law = replace(self.law, candidate=candidate)
         return replace(found, laws=(law,), evidence=self.evidence, beside=beside, forms=self.forms)
 
 
@@ -63,7 +67,7 @@ def average_of(
         return None
     told = tuple(Share(m.words, m.text, q) for m, q in mean.of)
     together = float(np.logaddexp.reduce([m.evidence for m in members]))
-    return Averaged(_proposal(first, told, mean.curve, of), told, together)
+    return Averaged(_proposal(first, told, mean.curve, of), told, together, prior)
 
 
 def smooth_member(says: Says, of: Sequence[Known], groups: int, prior: float) -> Member:
