@@ -30,7 +30,7 @@ ANOTHER_PLACE = LISTED_FIRST
 """ln of the odds by which one law that nobody has written down is likelier beforehand than two at two places, their
 places and forms apart: as for the first beside what is listed."""
 
-SEARCHED, NEAR = 4, 10.0
+SEARCHED, NEAR = 2, 10.0
 """Sets that hold different things beside their laws, likeliest first, of which the law is searched, and ln evidence by
 which one that was not named may be behind: all forms have brought up to 35 of it. Judgement."""
 
