@@ -6,6 +6,8 @@ same place a further form costs the choice among such forms alone, and the same 
 among the places of that quantity: one law then says what two would.
 
     price of a set of laws = −Σ ln prior,   the first of each kind whole, what goes with it as its choice
+
+Whole it has the share of probability that unlisted physics has beside effects and changes in time (`currency`).
 """
 
 from __future__ import annotations
@@ -16,7 +18,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from enginediag_cli.engine.engine import Engine
-from enginediag_cli.mismatch.explain.currency import Offer, Prices
+from enginediag_cli.mismatch.explain.currency import FREE_FORM, Offer, Prices
 from enginediag_cli.mismatch.fit.freeform import Location, locations
 from enginediag_cli.mismatch.fit.identified import Identified
 from enginediag_cli.mismatch.fit.options import LAW, Option
@@ -94,7 +96,7 @@ class LawMembers:
     def _prior(self, law: Candidate, others: Sequence[Candidate]) -> float:
         """ln: of a law by itself, of a further form, or of the same formula at another place."""
         f, place = law.formula, law.location
-        alone = self._whole.get(f.what, f.prior) + self._of_a_place
+        alone = self._whole.get(f.what, f.prior) + self._of_a_place + float(np.log(FREE_FORM))
         if any(o.location.name == place.name and f.groups <= o.formula.groups for o in others):
             groups = next(o.formula.groups for o in others if o.location.name == place.name)
             return max(alone, self._whole.get(f.what, f.prior) - self._family(groups | f.groups))

@@ -38,7 +38,7 @@ from enginediag_cli.mismatch.explain.pairs import EXTENDED, best_pairs, forward
 from enginediag_cli.mismatch.explain.promised import promising
 from enginediag_cli.mismatch.explain.rejected import Reason, Rejected
 from enginediag_cli.mismatch.fit.freeform import Cell
-from enginediag_cli.mismatch.fit.options import EFFECT, FREE, LAW, Option, OptionScore
+from enginediag_cli.mismatch.fit.options import FREE, LAW, Option, OptionScore
 from enginediag_cli.mismatch.fit.trial_fit import Trial, not_needed
 from enginediag_cli.physics.together import kinds_of_places
 
@@ -315,17 +315,17 @@ class Sets:
     # deciding
 
     def _settled(self, beam: Sequence[Trial], proposers: Sequence[Proposer] = ()) -> list[Explanation]:
-        """The alias set of the likeliest sets, where one of them is adequate. In the place of each effect what is
-        proposed is tried, too: it may be unlisted physics that the effect imitates."""
+        """The alias set of the likeliest sets, where one of them is adequate. In the place of each member that is no law
+        what is proposed is tried, too: it may imitate unlisted physics."""
         good = self._good(beam)
         if good is None:
             return []
         reach = -np.inf
         while good is not None and self.evidence(good) > reach + 0.5 * ALIAS:
             reach = self.evidence(good) - 0.5 * ALIAS
-            effects = [o for o in good.options if o.kind == EFFECT]
+            listed = [o for o in good.options if o.kind != LAW]
             new = self._exchanges(good, (*self.proposers, self.unlisted), reach - SLACK)
-            for other in self._exchanges(good, proposers, reach - SLACK, effects):
+            for other in self._exchanges(good, proposers, reach - SLACK, listed):
                 add(new, other)
             self._fit(new)
             good = self._good(self._beam(listed=True))
