@@ -315,8 +315,8 @@ class Sets:
     # deciding
 
     def _settled(self, beam: Sequence[Trial], proposers: Sequence[Proposer] = ()) -> list[Explanation]:
-        """The alias set of the likeliest sets, where one of them is adequate. In the place of each member that is no law
-        what is proposed is tried, too: it may imitate unlisted physics."""
+        """The alias set of the likeliest sets, where one of them is adequate. What is proposed is tried in the place of
+        each member that is no law: it may imitate unlisted physics."""
         good = self._good(beam)
         if good is None:
             return []
