@@ -206,22 +206,26 @@ class Search(Fits):
         takes so many that fewer with a law may be likelier, and where a curve in the place of one leaves less."""
         if named and len(named[0].options) <= WITHOUT_LAWS and not sets.leaves_to_a_curve(named[0].label):
             return named, Mixed()
-        mixed, evidence = self._mixed(sets, tried), sets.prices.evidence
-        if named and mixed.evidence <= evidence(self.fitted[named[0].label]) - evidence(self.base):
+        mixed = self._mixed(sets, tried)
+        if named and mixed.evidence <= self._gained(sets, named[0]):
             # those with laws are rivals now
             return among_all(sets, named) if self.few.are_all else named, Mixed()
         return ([] if mixed.explanations else named), mixed
 
     def _mixed(self, sets: Sets, tried: Sequence[Proposal]) -> Mixed:
         """Listed options with laws beside them: sought on few of many records."""
-        mixed, evidence = with_laws(sets, tried), sets.prices.evidence
+        mixed = with_laws(sets, tried)
         if self.few.are_all or not mixed.explanations:
             return mixed
-        named = self.few.judged(mixed.explanations, lambda t: -2.0 * evidence(t), lambda t: True)
+        named = self.few.judged(mixed.explanations, lambda t: -2.0 * sets.prices.evidence(t), lambda t: True)
         if not named:
             return Mixed()
         finding = mixed.finding if named[0].label == mixed.explanations[0].label else None
-        return Mixed(tuple(named), evidence(self.fitted[named[0].label]) - evidence(self.base), finding)
+        return Mixed(tuple(named), self._gained(sets, named[0]), finding)
+
+    def _gained(self, sets: Sets, x: Explanation) -> float:
+        """ln evidence of what is named against the model as it is, as sets compare."""
+        return sets.prices.evidence(self.fitted[x.label]) - sets.prices.evidence(self.base)
 
     def _with_estimated_noise(self, rest: Remainder) -> Remainder:
         """What is left when the noise is what nothing explains; weights and noise in turn."""

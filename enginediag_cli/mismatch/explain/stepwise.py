@@ -347,19 +347,21 @@ class Sets:
         """Whether a set with a free curve leaves less than this one, at two of χ² for each coefficient: what a curve
         costs besides, since it may be any, a law of few does not."""
         told = self.fits.fitted.get(label)
-        curves = (t for t in self.likeliest() if any(o.kind == FREE for o in t.options))
-        return told is not None and any(_paid(t) < _paid(told) for t in curves)
+        return told is not None and any(_paid(t) < _paid(told) for t in self._with_curves())
+
+    def _with_curves(self) -> list[Trial]:
+        """Sets that hold a free curve, likeliest first."""
+        return [t for t in self.likeliest() if any(o.kind == FREE for o in t.options)]
 
     def _imitates(self, trial: Trial) -> bool:
         """Whether a set with a free curve is likelier: members of this one imitate unlisted physics then. What such a
         set does not need is dropped first."""
         for _ in trial.options:
-            mixed = [t for t in self.likeliest() if any(o.kind == FREE for o in t.options)][: self.beam]
-            fewer = [f for f in map(self._without_idle, mixed) if f and not self._known(f)]
+            fewer = [f for f in map(self._without_idle, self._with_curves()[: self.beam]) if f and not self._known(f)]
             if not fewer:
                 break
             self._fit(fewer)
-        mixed = [t for t in self.likeliest() if any(o.kind == FREE for o in t.options)]
+        mixed = self._with_curves()
         own = {identity(o) for o in trial.options if o.kind != LAW}
         if len(own) < len(trial.options):
             # a curve in the place of a law says no more of what is listed beside it

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from enginediag_cli.mismatch.fit.freeform import locations
+from enginediag_cli.mismatch.fit.freeform import Location, locations
 from enginediag_cli.mismatch.fit.options import Option
 from enginediag_cli.mismatch.fit.trial_fit import Trial
 from enginediag_cli.mismatch.laws.at_place import said_at, said_at_places
@@ -244,13 +244,13 @@ class LawSearch:
         first = next((f for f in ordered(self.single) if f.at_one_place and _forms_of(f)), None)
         if first is None:
             return []
-        sets: list[tuple[Proposal, ...]] = []
-        for place in (p for p in locations(self.base.found) if p.name in self.says and p.name != first.where[0]):
-            laws = []
-            for p in first.laws:
-                (c,) = scored(self.base.found, self.base.projection, [place], [p.candidate.formula], 0.0)
-                laws.append(proposal(replace(c, prior=p.candidate.prior), self.engine))
-            sets.append(tuple(laws))
+
+        def at(place: Location, law: Proposal) -> Proposal:
+            (c,) = scored(self.base.found, self.base.projection, [place], [law.candidate.formula], 0.0)
+            return proposal(replace(c, prior=law.candidate.prior), self.engine)
+
+        others = [p for p in locations(self.base.found) if p.name in self.says and p.name != first.where[0]]
+        sets = [tuple(at(place, law) for law in first.laws) for place in others]
         fitted = {tuple(p.option.label for p in f.laws) for f in self.single}
         return [laws for laws in sets if tuple(p.option.label for p in laws) not in fitted]
 

@@ -164,9 +164,8 @@ def test_weighed_at_a_fit_that_carries_it_an_average_follows_a_large_law_better(
     for _ in range(2):
         said = said_at(ground.base, last, scan)
         assert said is not None
-        averaged = average_from(
-            last, ground.fitted, [], ground.known, said.kept, 1000.0
-        )  # smooth curves outweigh all forms
+        # smooth curves outweigh all forms
+        averaged = average_from(last, ground.fitted, [], ground.known, said.kept, 1000.0)
         assert averaged is not None and len(averaged.forms) == 1
         trial = attempt([averaged.law.option], ground.base.found, nuisance(ground.base.found.evidence))
         left.append(trial.objective)
