@@ -18,15 +18,12 @@ from dataclasses import replace
 import numpy as np
 
 from enginediag_cli.mismatch.explain.answer import Explanation
-from enginediag_cli.mismatch.explain.members import identity
+from enginediag_cli.mismatch.explain.members import Held, held
 from enginediag_cli.mismatch.explain.stepwise import Sets
-from enginediag_cli.mismatch.fit.options import FREE, LAW, Option
 from enginediag_cli.mismatch.fit.trial_fit import Trial
 
 SETTLED = 3.0
 """Odds against the same without them from which members of a set are told to act. Judgement."""
-
-Held = frozenset[tuple[str, ...]]
 
 
 def among_all(sets: Sets, named: Sequence[Explanation]) -> list[Explanation]:
@@ -34,19 +31,19 @@ def among_all(sets: Sets, named: Sequence[Explanation]) -> list[Explanation]:
     settled."""
     if not named:
         return []
-    own = [_held(x.options) for x in named]
+    own = [held(x.options) for x in named]
     evidence = [sets.evidence(sets.fits.fitted[x.label]) for x in named]
     rivals: dict[Held, Trial] = {}
     for trial in sets.likeliest():
-        held = _held(trial.options)
-        if not any(mine <= held for mine in own):
-            rivals.setdefault(held, trial)
+        has = held(trial.options)
+        if not any(mine <= has for mine in own):
+            rivals.setdefault(has, trial)
     told, all_told = np.logaddexp.reduce(evidence), sum(x.probability for x in named)
     total = np.logaddexp.reduce([told, *map(sets.evidence, rivals.values())])
     share = float(np.exp(told - total))
     found = [replace(x, probability=share * x.probability / all_told) for x in named]
-    for held, trial in rivals.items():
-        if held and held < own[0] and sets.evidence(trial) > evidence[0] - np.log(SETTLED):
+    for has, trial in rivals.items():
+        if has and has < own[0] and sets.evidence(trial) > evidence[0] - np.log(SETTLED):
             return [_simpler(sets, trial, float(np.exp(sets.evidence(trial) - total))), *found]
     return found
 
@@ -54,14 +51,3 @@ def among_all(sets: Sets, named: Sequence[Explanation]) -> list[Explanation]:
 def _simpler(sets: Sets, trial: Trial, probability: float) -> Explanation:
     fits = sets.fits
     return fits.explanation(trial, probability, fits.left(trial).surprise, fits.flights(trial))
-
-
-def _held(options: Sequence[Option]) -> Held:
-    return frozenset(_what(o) for o in options)
-
-
-def _what(option: Option) -> tuple[str, ...]:
-    if option.kind not in (LAW, FREE):
-        return identity(option)
-    moved = [d.target for d in option.hypothesis.discrepancies] + [e.site.name for e in option.hypothesis.effects]
-    return ("unlisted", *dict.fromkeys(moved))

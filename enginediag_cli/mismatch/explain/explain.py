@@ -31,6 +31,7 @@ from enginediag_cli.mismatch.explain.answer import (
     Answer,
     Explanation,
 )
+from enginediag_cli.mismatch.explain.exchanges import Proposer
 from enginediag_cli.mismatch.explain.few import Few
 from enginediag_cli.mismatch.explain.in_part import in_part, left_by
 from enginediag_cli.mismatch.explain.judging import ADEQUATE, ALIAS, Fits
@@ -39,7 +40,7 @@ from enginediag_cli.mismatch.explain.members import MOST_MEMBERS
 from enginediag_cli.mismatch.explain.mixed import Mixed, with_laws
 from enginediag_cli.mismatch.explain.repeated import repeated
 from enginediag_cli.mismatch.explain.shortlist import shortlisted
-from enginediag_cli.mismatch.explain.stepwise import Proposer, Sets
+from enginediag_cli.mismatch.explain.stepwise import Sets
 from enginediag_cli.mismatch.fit.evidence import Evidence
 from enginediag_cli.mismatch.fit.freeform import places
 from enginediag_cli.mismatch.fit.identified import NO_HYPOTHESIS, identify_with
@@ -203,14 +204,21 @@ class Search(Fits):
         self, sets: Sets, named: list[Explanation], tried: Sequence[Proposal]
     ) -> tuple[list[Explanation], Mixed]:
         """What is named of listed options alone, or what is with laws beside them: sought where nothing is, where it
-        takes so many that fewer with a law may be likelier, and where a curve in the place of one leaves less."""
+        takes so many that fewer with a law may be likelier, and where a curve in the place of one leaves less. Where
+        neither is plainly likelier both are told."""
         if named and len(named[0].options) <= WITHOUT_LAWS and not sets.leaves_to_a_curve(named[0].label):
             return named, Mixed()
         mixed = self._mixed(sets, tried)
-        if named and mixed.evidence <= self._gained(sets, named[0]):
-            # those with laws are rivals now
-            return among_all(sets, named) if self.few.are_all else named, Mixed()
-        return ([] if mixed.explanations else named), mixed
+        # those with laws are rivals now
+        alone = among_all(sets, named) if self.few.are_all else named
+        own = self._gained(sets, named[0]) if named else -np.inf
+        if not mixed.explanations:
+            return alone, mixed
+        near = abs(own - mixed.evidence) < 0.5 * ALIAS
+        if own < mixed.evidence:
+            told = _together(mixed.explanations, alone) if near else mixed.explanations
+            return [], replace(mixed, explanations=told)
+        return [*(_together(alone, mixed.explanations) if near else alone)], Mixed()
 
     def _mixed(self, sets: Sets, tried: Sequence[Proposal]) -> Mixed:
         """Listed options with laws beside them: sought on few of many records."""
@@ -308,6 +316,12 @@ class Search(Fits):
 def _evidence(hidden: Sequence[Hidden]) -> float:
     """ln likelihood ratio of the best finding of an unrecorded driver; −∞ without one."""
     return max(hidden[0].lr, hidden[0].gain) if hidden else -np.inf
+
+
+def _together(first: Sequence[Explanation], others: Sequence[Explanation]) -> tuple[Explanation, ...]:
+    """Explanations that cannot be told apart, each once."""
+    known = {x.label for x in first}
+    return (*first, *(x for x in others if x.label not in known))
 
 
 def explain(evidence: Evidence, effects: Sequence[Effect] | None = None, hidden: HiddenSearch | None = None) -> Answer:

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 
 from enginediag_cli.drivers import TIME
 from enginediag_cli.engine.term import Effect
-from enginediag_cli.mismatch.fit.options import EFFECT, LAW, Option, effect_option
+from enginediag_cli.mismatch.fit.options import EFFECT, FREE, LAW, Option, effect_option
 from enginediag_cli.mismatch.fit.trial_fit import Trial
 from enginediag_cli.physics.together import each
 
@@ -16,6 +16,7 @@ PACE = 3.0
 """Times the gain of the last round that each further member may bring: they come largest first. Judgement."""
 
 Members = tuple[Option, ...]
+Held = frozenset[tuple[str, ...]]
 
 
 def identity(option: Option) -> tuple[str, ...]:
@@ -23,6 +24,18 @@ def identity(option: Option) -> tuple[str, ...]:
     if option.driver == TIME:
         return tuple(d.target for d in option.hypothesis.discrepancies)
     return (option.label,)
+
+
+def held(options: Sequence[Option]) -> Held:
+    """What these are; of what is not listed only the places, whatever its form."""
+    return frozenset(_what(o) for o in options)
+
+
+def _what(option: Option) -> tuple[str, ...]:
+    if option.kind not in (LAW, FREE):
+        return identity(option)
+    moved = [d.target for d in option.hypothesis.discrepancies] + [e.site.name for e in option.hypothesis.effects]
+    return ("unlisted", *dict.fromkeys(moved))
 
 
 def at_once(trial: Trial) -> int:

@@ -14,12 +14,13 @@ and be likelier than unlisted physics (one free-form block or two), which severa
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
 from enginediag_cli.mismatch.explain.answer import Explanation
 from enginediag_cli.mismatch.explain.currency import Offer, Prices
+from enginediag_cli.mismatch.explain.exchanges import Proposer, exchanges, in_rivals
 from enginediag_cli.mismatch.explain.free_members import Unlisted
 from enginediag_cli.mismatch.explain.judging import ALIAS, Fits
 from enginediag_cli.mismatch.explain.members import (
@@ -38,7 +39,7 @@ from enginediag_cli.mismatch.explain.pairs import EXTENDED, best_pairs, forward
 from enginediag_cli.mismatch.explain.promised import promising
 from enginediag_cli.mismatch.explain.rejected import Reason, Rejected
 from enginediag_cli.mismatch.fit.freeform import Cell
-from enginediag_cli.mismatch.fit.options import FREE, LAW, Option, OptionScore
+from enginediag_cli.mismatch.fit.options import FREE, LAW, OptionScore
 from enginediag_cli.mismatch.fit.trial_fit import Trial, not_needed
 from enginediag_cli.physics.together import kinds_of_places
 
@@ -68,11 +69,6 @@ RIVAL_ROUNDS = 3
 """Rounds in which other sets may grow where one is settled, at most: they lack as many members as causes differ."""
 LAWS_APART = 2
 """Of sets without laws, and with a law at one place, the likeliest is grown from in any case."""
-EXCHANGED = 2
-"""Options that are tried in the place of each member of a set."""
-
-Proposer = Callable[[Trial], Sequence[Offer]]
-"""Offers further options for what a trial leaves: what no library holds."""
 
 
 class Sets:
@@ -120,7 +116,7 @@ class Sets:
         trial = self.fits.fitted[first.label]
         reach = self.evidence(trial) - 0.5 * ALIAS - SLACK
         one = tied(trial, self.places)
-        more = self.fits.refit([*self._exchanges(trial, (self.unlisted,), reach), *([one] if one else [])]) or []
+        more = self.fits.refit([*exchanges(self, trial, (self.unlisted,), reach), *([one] if one else [])]) or []
         every = [t for t in (*pairs, *more) if all(o.kind != FREE for o in t.options)]
         # sets of different size compare by their evidence
         weighed = (lambda t: -2.0 * self.evidence(t)) if one else (lambda t: t.weighed)
@@ -146,7 +142,7 @@ class Sets:
             trial = self.fits.base
             for _ in range(UNLISTED):
                 wider = [(*trial.options, o.option) for o in self.offered_by(self.unlisted, trial)[:CURVES]]
-                self._fit([w for w in wider if not self._known(w)])
+                self._fit([w for w in wider if not self.known(w)])
                 found = [t for t in map(self._of, wider) if t is not None and t.converged]
                 best = max(found, key=self.evidence, default=trial)
                 if self.evidence(best) <= self.evidence(trial):
@@ -171,7 +167,7 @@ class Sets:
             within = beam[0].label != exchanged and self.evidence(beam[0]) > enough - WITHIN_REACH
             if not new and within and not (self.many and settle):
                 exchanged = beam[0].label
-                new = self._exchanges(beam[0], proposers, enough)
+                new = exchanges(self, beam[0], proposers, enough)
             if not new:
                 return []
             self._fit(new)
@@ -185,11 +181,13 @@ class Sets:
         or may in the end: ½ (χ² − χ² of the settled one), less what a member costs, is about all that can be gained."""
         for _ in range(0 if self.many else RIVAL_ROUNDS):
             best = self.fits.fitted[named[0].label]
-            own, enough = set(map(identity, best.options)), self.evidence(best) + 0.5 * ALIAS
+            own, told = set(map(identity, best.options)), self.evidence(best)
+            enough = told + 0.5 * ALIAS
             others = [t for t in self._beam(listed=True) if not set(map(identity, t.options)) <= own]
             floor = self.prices.least + 0.5 * best.objective
             far = [t for t in others if self.evidence(t) + 0.5 * t.objective - floor > enough]
             new = [*self._proposed(others, proposers, enough), *self._proposed(far, proposers, -np.inf)]
+            new = new or in_rivals(self, best, self.unlisted, told - WITHIN_REACH, told - 0.5 * ALIAS - SLACK)
             if not new or self._fits > MOST_FITS:
                 break
             self._fit(list({key_of(n): n for n in new}.values()))
@@ -232,7 +230,7 @@ class Sets:
 
     def fitted(self, members: Members) -> Trial | None:
         """The fit of these members, made where there is none; None where it did not settle."""
-        if not self._known(members):
+        if not self.known(members):
             self._fit([members])
         trial = self._of(members)
         return trial if trial is not None and trial.converged else None
@@ -249,7 +247,7 @@ class Sets:
         every = (self.fits.base, *self.fits.fitted.values())
         return next((t for t in every if key_of(t.options) == key_of(members)), None)
 
-    def _known(self, members: Members) -> bool:
+    def known(self, members: Members) -> bool:
         return self._of(members) is not None
 
     def _proposed(self, beam: Sequence[Trial], proposers: Sequence[Proposer], enough: float) -> list[Members]:
@@ -260,20 +258,20 @@ class Sets:
             fewer = self._without_idle(trial)
             promised += [(self.evidence(trial), other) for other in (fewer, tied(trial, self.places)) if other]
             if len(trial.options) < MOST_MEMBERS:
-                for offer in self._offered(trial, proposers, OFFERED):
-                    promised.append((self._hope(trial, offer), (*trial.options, offer.option)))
+                for offer in self.offered(trial, proposers, OFFERED):
+                    promised.append((self.hope(trial, offer), (*trial.options, offer.option)))
         new: list[Members] = []
         for promise, members in sorted(promised, key=lambda p: -p[0]):
-            if promise > enough and not self._known(members):
+            if promise > enough and not self.known(members):
                 add(new, members)
         of_library = [n for n in new if n[-1].kind not in (FREE, LAW)]
         return [*of_library[: self.tried], *[n for n in new if n[-1].kind in (FREE, LAW)][: self.tried]]
 
-    def _hope(self, trial: Trial, offer: Offer) -> float:
+    def hope(self, trial: Trial, offer: Offer) -> float:
         """The evidence with the offer that its promise does not exclude."""
         return self.evidence(trial) + (1.0 + ERRS) * offer.gain
 
-    def _offered(self, trial: Trial, proposers: Sequence[Proposer], most: int) -> list[Offer]:
+    def offered(self, trial: Trial, proposers: Sequence[Proposer], most: int) -> list[Offer]:
         """What the remainder of a trial proposes that promises a gain: the `most` best of what is listed, and of each
         proposer's, which would outbid all that is listed, since a free curve is next to what it imitates."""
         return [*self._listed(trial)[:most], *(o for p in proposers for o in self.offered_by(p, trial)[:most])]
@@ -294,24 +292,6 @@ class Sets:
             self._offers[key] = promising(self.prices, trial, left.scores, OFFERED + 1)
         return self._offers[key]
 
-    def _exchanges(
-        self, trial: Trial, proposers: Sequence[Proposer], enough: float, of: Iterable[Option] | None = None
-    ) -> list[Members]:
-        """Sets with another option, or another time, in the place of one member, of all or of these, that promise more
-        than `enough`."""
-        new: list[Members] = []
-        for member in trial.options if of is None else of:
-            others = tuple(o for o in trial.options if o is not member)
-            without = self.fitted(others)
-            if without is None:
-                continue
-            for offer in self._offered(without, proposers, EXCHANGED + 1):
-                if offer.option.label == member.label:
-                    continue
-                if self._hope(without, offer) > enough and not self._known((*others, offer.option)):
-                    add(new, (*others, offer.option))
-        return new
-
     # deciding
 
     def _settled(self, beam: Sequence[Trial], proposers: Sequence[Proposer] = ()) -> list[Explanation]:
@@ -324,8 +304,8 @@ class Sets:
         while good is not None and self.evidence(good) > reach + 0.5 * ALIAS:
             reach = self.evidence(good) - 0.5 * ALIAS
             listed = [o for o in good.options if o.kind != LAW]
-            new = self._exchanges(good, (*self.proposers, self.unlisted), reach - SLACK)
-            for other in self._exchanges(good, proposers, reach - SLACK, listed):
+            new = exchanges(self, good, (*self.proposers, self.unlisted), reach - SLACK)
+            for other in exchanges(self, good, proposers, reach - SLACK, listed):
                 add(new, other)
             self._fit(new)
             good = self._good(self._beam(listed=True))
@@ -336,7 +316,7 @@ class Sets:
     def _good(self, beam: Sequence[Trial]) -> Trial | None:
         """The likeliest set that is adequate and counts, what is not needed dropped."""
         for _ in range(MOST_MEMBERS):
-            fewer = [f for f in map(self._without_idle, beam) if f and not self._known(f)]
+            fewer = [f for f in map(self._without_idle, beam) if f and not self.known(f)]
             if not fewer:
                 break
             self._fit(fewer)
@@ -357,7 +337,7 @@ class Sets:
         """Whether a set with a free curve is likelier: members of this one imitate unlisted physics then. What such a
         set does not need is dropped first."""
         for _ in trial.options:
-            fewer = [f for f in map(self._without_idle, self._with_curves()[: self.beam]) if f and not self._known(f)]
+            fewer = [f for f in map(self._without_idle, self._with_curves()[: self.beam]) if f and not self.known(f)]
             if not fewer:
                 break
             self._fit(fewer)

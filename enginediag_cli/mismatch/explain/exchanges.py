@@ -1,0 +1,78 @@
+"""Sets with another option, or another time, in the place of one member.
+
+What settles first is where the search began, and what lies beside it one member at a time. A set that holds something
+else and leaves a misfit may lack a single exchange to explain all, and be likelier than what was settled.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from typing import Protocol
+
+from enginediag_cli.mismatch.explain.currency import Offer
+from enginediag_cli.mismatch.explain.members import MOST_MEMBERS, Held, Members, add, held
+from enginediag_cli.mismatch.fit.options import Option
+from enginediag_cli.mismatch.fit.trial_fit import Trial
+
+Proposer = Callable[[Trial], Sequence[Offer]]
+"""Offers further options for what a trial leaves: what no library holds."""
+
+EXCHANGED = 2
+"""Options that are tried in the place of each member of a set."""
+RIVALS = 2
+"""Sets that hold something else, likeliest first, in which members are exchanged once one is settled."""
+
+
+class Searched(Protocol):
+    """A search of sets, as exchanges ask it."""
+
+    def likeliest(self, listed: bool = False) -> list[Trial]: ...
+
+    def evidence(self, trial: Trial) -> float: ...
+
+    def fitted(self, members: Members) -> Trial | None: ...
+
+    def known(self, members: Members) -> bool: ...
+
+    def offered(self, trial: Trial, proposers: Sequence[Proposer], most: int) -> list[Offer]: ...
+
+    def offered_by(self, proposer: Proposer, trial: Trial) -> list[Offer]: ...
+
+    def hope(self, trial: Trial, offer: Offer) -> float: ...
+
+
+def exchanges(
+    sets: Searched, trial: Trial, proposers: Sequence[Proposer], enough: float, of: Iterable[Option] | None = None
+) -> list[Members]:
+    """Sets with something else in the place of one member, of all or of these, that promise more than `enough`."""
+    new: list[Members] = []
+    for member in trial.options if of is None else of:
+        others = tuple(o for o in trial.options if o is not member)
+        without = sets.fitted(others)
+        if without is None:
+            continue
+        for offer in sets.offered(without, proposers, EXCHANGED + 1):
+            if offer.option.label == member.label:
+                continue
+            if sets.hope(without, offer) > enough and not sets.known((*others, offer.option)):
+                add(new, (*others, offer.option))
+    return new
+
+
+def in_rivals(sets: Searched, settled: Trial, unlisted: Proposer, least: float, enough: float) -> list[Members]:
+    """Exchanges of listed options in the likeliest sets that hold something else than the settled one, neither more
+    nor less of the same, and are likelier than `least`; and such a set with the free curve that says most beside it:
+    what was settled may imitate what nobody has listed."""
+    own = held(settled.options)
+    first: dict[Held, Trial] = {}
+    for t in sets.likeliest(listed=True):
+        other = held(t.options)
+        if sets.evidence(t) > least and not (other <= own or own <= other):
+            first.setdefault(other, t)
+    new: list[Members] = []
+    for t in list(first.values())[:RIVALS]:
+        curves = [o for o in sets.offered_by(unlisted, t)[:1] if sets.hope(t, o) > enough]
+        wider = [(*t.options, o.option) for o in curves if len(t.options) < MOST_MEMBERS]
+        for members in (*exchanges(sets, t, (), enough), *(w for w in wider if not sets.known(w))):
+            add(new, members)
+    return new
