@@ -30,7 +30,8 @@ from enginediag_cli.mismatch.laws.carried import Carried
 from enginediag_cli.mismatch.laws.mean import Member, mean_of
 from enginediag_cli.mismatch.laws.said import Said
 from enginediag_cli.mismatch.laws.scan import Formula, Known, formulas
-from enginediag_cli.mismatch.laws.steps import prior_of_curve
+from enginediag_cli.mismatch.laws.smooth import prior_of_variables
+from enginediag_cli.mismatch.laws.steps import Bends, prior_of_curve
 from enginediag_cli.physics.engine_file import load_engine
 from enginediag_cli.shipped import shipped
 from enginediag_cli.trials.blind.flights import draw_flights
@@ -120,6 +121,9 @@ def answered(case: Case) -> Told:
     here = all_said(case.said, case.flown.every, known, 0.0)
     # of variables that are alike the best counts, as in the search
     totals: dict[Groups, dict[str, float]] = {s.groups: {"": s.evidence} for s in reversed(here.smooth)}
+    for (_, groups), b in here.bends.items():
+        if len(b.of) == 2:
+            totals[groups][""] = max(totals[groups][""], b.evidence + _prior(b, known))
     for c in sorted(here.refined, key=lambda c: c.weight):
         totals.setdefault(c.formula.groups, {})[c.formula.form.name] = c.weight
     first = max(totals, key=lambda g: float(np.logaddexp.reduce(list(totals[g].values()))))
@@ -136,12 +140,19 @@ def _members(here: AtPlace, known: Sequence[Known]) -> tuple[list[Member], bool]
     for c in here.refined:
         member = Member((c.formula.form.words,), "", c.amplitude * c.formula.curve, c.weight)
         found.setdefault(frozenset(k.variable.name for k in c.formula.of), []).append(member)
-    groups, curves = len({k.group for k in known}), list(here.bends.values())
     forms = {names: max(m.evidence for m in own) for names, own in found.items()}
-    alone = {frozenset([b.of.variable.name]): b.evidence + prior_of_curve(groups) for b in curves}
-    names = max({**forms, **alone}, key=lambda n: max(forms.get(n, -np.inf), alone.get(n, -np.inf)))
-    smooth = smooth_member(here.says, [k for k in known if k.variable.name in names], groups, 0.0)
-    return [*found.get(names, []), smooth], alone.get(names, -np.inf) > forms.get(names, -np.inf)
+    curves = {frozenset(k.variable.name for k in b.of): b.evidence + _prior(b, known) for b in here.bends.values()}
+    names = max({**forms, **curves}, key=lambda n: max(forms.get(n, -np.inf), curves.get(n, -np.inf)))
+    smooth = smooth_member(here.says, [k for k in known if k.variable.name in names], _groups(known), 0.0)
+    return [*found.get(names, []), smooth], curves.get(names, -np.inf) > forms.get(names, -np.inf)
+
+
+def _prior(b: Bends, known: Sequence[Known]) -> float:
+    return prior_of_curve(_groups(known)) if len(b.of) == 1 else prior_of_variables(b.of, _groups(known))
+
+
+def _groups(known: Sequence[Known]) -> int:
+    return len({k.group for k in known})
 
 
 def _row(words: str, told: Sequence[Told]) -> None:

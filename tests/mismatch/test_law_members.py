@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from concealed import carried, evidence, flights
 
-from enginediag_cli.mismatch.explain.currency import Prices
+from enginediag_cli.mismatch.explain.currency import FREE_FORM, Prices
 from enginediag_cli.mismatch.explain.explain import Search
 from enginediag_cli.mismatch.explain.free_members import Unlisted
 from enginediag_cli.mismatch.explain.law_members import LawMembers
@@ -14,8 +14,9 @@ from enginediag_cli.mismatch.fit.identified import NO_HYPOTHESIS, identify_with,
 from enginediag_cli.mismatch.fit.options import LAW, fault_options
 from enginediag_cli.mismatch.fit.projection import Projection
 from enginediag_cli.mismatch.fit.trial_fit import Trial
-from enginediag_cli.mismatch.laws.scan import scored
+from enginediag_cli.mismatch.laws.scan import known_variables, scored
 from enginediag_cli.mismatch.laws.shortlist import proposal
+from enginediag_cli.mismatch.laws.steps import Bends, as_curve
 
 
 @pytest.fixture(scope="module")
@@ -82,3 +83,14 @@ def test_a_sensor_may_step_whether_or_not_its_constant_error_is_identified(base)
     targets = {o.target.name for o in fault_options(found)}
     assert {"sensor.T45.scale", "sensor.N2.scale", "hpc.efficiency"} <= targets
     assert targets == {o.target.name for o in fault_options(base.found)}
+
+
+def test_a_curve_in_several_parts_pays_for_its_place_once(base, members):
+    where = next(w for w in members.where if w.name == "hpc.efficiency")
+    of = tuple(next(k for k in known_variables(base.found) if k.variable.name == n) for n in ("mach", "power"))
+    laws = as_curve(where, Bends(of, (4, 4), 0.01, 0.0, 0.0), -5.0, -3.0, base.found.evidence.engine)
+    members.learn(laws)
+    options = [p.option for p in laws]
+    places = np.log(len(members.where)) - np.log(FREE_FORM)
+    assert members.price(options) == pytest.approx(5.0 + places)
+    assert members.price(options[::-1]) == pytest.approx(5.0 + places)

@@ -96,6 +96,8 @@ class LawMembers:
     def _prior(self, law: Candidate, others: Sequence[Candidate]) -> float:
         """ln: of a law by itself, of a further form, or of the same formula at another place."""
         f, place = law.formula, law.location
+        if not f.form.listed and any(o.location.name == place.name and not o.formula.form.listed for o in others):
+            return f.prior  # a part of one curve, or surface: its place is paid for
         alone = self._whole.get(f.what, f.prior) + self._of_a_place + float(np.log(FREE_FORM))
         if any(o.location.name == place.name and f.groups <= o.formula.groups for o in others):
             groups = next(o.formula.groups for o in others if o.location.name == place.name)

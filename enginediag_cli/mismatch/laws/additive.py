@@ -13,17 +13,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import product
 
 import numpy as np
 
+from enginediag_cli.mismatch.laws.posterior import shares
 from enginediag_cli.mismatch.laws.said import Says
 from enginediag_cli.mismatch.laws.scan import Known
-from enginediag_cli.mismatch.laws.smooth import linear_evidence
-from enginediag_cli.mismatch.laws.steps import ALONE, SHARES, formula_of, steps_over
+from enginediag_cli.mismatch.laws.steps import formula_of, steps_over, together, tried_of
 
-OF_TWO = ALONE[:4]
-"""Steps along each of two variables."""
 THE_SAME = 0.1
 """Non-centrality at which two curves are one."""
 
@@ -51,27 +48,20 @@ class Additive:
 
 def additive_of(says: Says, of: Sequence[Known]) -> Additive:
     """Of what a place says of curves of one variable, or of two."""
-    counts = ALONE if len(of) == 1 else OF_TWO
-    sigmas = float(np.std(says.f)) * np.array(SHARES)
-    found, curves = list[float](), list[np.ndarray]()
-    for count in product(counts, repeat=len(of)):
-        steps = _steps(of, count)
-        (G,), (g,) = says.of(steps[:, None, :])
-        found += linear_evidence(G, g, np.repeat(sigmas[:, None] ** 2, len(g), axis=1)).tolist()
-        curves += [steps @ np.linalg.solve(np.eye(len(g)) + s2 * G, s2 * g) for s2 in sigmas**2]
-    total = float(np.logaddexp.reduce(found))
-    mean = np.exp(np.array(found) - total) @ np.array(curves)
-    return Additive(tuple(of), _fewest(says, of, counts, mean), says.gain + total - float(np.log(len(found))))
-
-
-def _steps(of: Sequence[Known], counts: Sequence[int]) -> np.ndarray:
-    return np.hstack([steps_over(k, n) for k, n in zip(of, counts, strict=True)])
+    tried = tried_of(says, of)
+    curves, total = list[np.ndarray](), together(says, tried)
+    for t in tried:
+        one = np.eye(len(t.pulls))
+        curves += [t.steps @ np.linalg.solve(one + s2 * t.products, s2 * t.pulls) for s2 in t.sizes**2]
+    weight = shares([float(e) for t in tried for e in t.evidence])
+    counts = sorted({n for t in tried for n in t.counts})
+    return Additive(tuple(of), _fewest(says, of, counts, weight @ np.array(curves)), total)
 
 
 def _fewest(says: Says, of: Sequence[Known], counts: Sequence[int], curve: np.ndarray) -> tuple[np.ndarray, ...]:
     """Sizes of the fewest steps of each variable that a curve (N,) cannot be told from; else of the most."""
     for count in counts:
-        steps = _steps(of, [count] * len(of))
+        steps = np.hstack([steps_over(k, count) for k in of])
         sizes = np.linalg.lstsq(steps, curve, rcond=None)[0]
         if says.any.apart(steps @ sizes, curve) < THE_SAME:
             break

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import islice
 
 from enginediag_cli.engine.warm import apart
 from enginediag_cli.mismatch.fit.trial_fit import Trial
@@ -20,11 +21,15 @@ from enginediag_cli.side_by_side import Handing, side_by_side
 SETS = 10
 """Sets of variables at a place of which all forms are shaped, likeliest first."""
 
+TRIED, HARDLY = 4, 3.0
+"""Choices of variables of the same groups of which curves, or sums of them, are weighed, and by how much of ln evidence
+one may be behind the best of surfaces."""
+
 
 @dataclass(frozen=True)
 class AtPlace:
-    """What a place says at a fit that carries a law there: of smooth curves of all variables, of every form with the
-    shape that suits it, of how finely curves of one variable bend, and of any curve."""
+    """What a place says at a fit that carries a law there: of smooth curves and surfaces of all variables, of every
+    form with the shape that suits it, of how finely curves of the likeliest bend and sums of them, and of any curve."""
 
     place: str
     smooth: list[Smooth]
@@ -59,5 +64,11 @@ def all_said(said: Said, tries: Sequence[Formula], known: Sequence[Known], prior
     likely = sorted({s.groups: s for s in reversed(smooth)}.values(), key=lambda s: -s.evidence)[:SETS]
     finer = [f for s in likely for f in formulas_of(s.of, known, finer=True)]
     shaped = refined(said, [*tries, *finer], known, prior)
-    bends = {s.where: bends_of(said, s.of[0]) for s in likely if len(s.of) == 1}
-    return AtPlace(said.at.place.name, smooth, shaped, bends, said.kept)
+    says = said.kept
+    return AtPlace(said.at.place.name, smooth, shaped, {s.where: _bends(says, s, smooth) for s in likely}, says)
+
+
+def _bends(says: Says, best: Smooth, smooth: Sequence[Smooth]) -> Bends:
+    """Of the likeliest of a set's variables: which of those that the records hardly tell apart it is."""
+    alike = (s for s in smooth if s.groups == best.groups and s.evidence > best.evidence - HARDLY)
+    return max((bends_of(says, s.of) for s in islice(alike, TRIED)), key=lambda b: b.evidence)

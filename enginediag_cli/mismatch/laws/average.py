@@ -105,8 +105,8 @@ def members_of(
 
 
 def _is_curve(f: Fitted) -> bool:
-    """Whether it is one smooth curve: of all of them together there is a member already."""
-    return len(f.laws) == 1 and f.laws[0].candidate.formula.form is OWN
+    """Whether it is a smooth curve, or a sum of one of each of two: of all of them together there is a member."""
+    return all(p.candidate.formula.form is OWN for p in f.laws)
 
 
 def _text(effects: Sequence[Effect], c: Mapping[str, float]) -> str:

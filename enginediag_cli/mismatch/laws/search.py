@@ -147,25 +147,30 @@ class LawSearch:
         return found
 
     def _smooth_laws(self) -> list[Fitted]:
-        """Smooth curves as laws, of the likeliest places and variables where they are nearly as likely as any form, or
-        no form was; and a surface of the likeliest two where it is likelier than all of theirs."""
+        """Smooth curves as laws, or sums of one of each of two, of the likeliest places and variables where they are
+        nearly as likely as any form, or no form was; and a surface of the likeliest two where it is likelier than all
+        of theirs."""
         found: list[tuple[Proposal, ...]] = []
         here = prior_of_a_place(self.base.found)
-        prior, place = prior_of_curve(self._groups) + here, {p.name: p for p in locations(self.base.found)}
+        place = {p.name: p for p in locations(self.base.found)}
         total, best = self.totals(), self._best()
         likeliest = sorted(self.bends, key=lambda w: -total[w])
         for where in dict.fromkeys([*(f.where for f in self._apart()), *likeliest[:CURVES]]):
             bends = self.bends.get(where)
             least = (best[where].evidence if where in best else self.most) - NEARLY
-            if bends is not None and bends.evidence + prior > least:
-                found.append(as_curve(place[where[0]], bends, prior, self.engine))
+            if bends is not None and bends.evidence + self._prior(bends) + here > least:
+                found.append(as_curve(place[where[0]], bends, self._prior(bends), here, self.engine))
         s = max(self.smooth, key=lambda s: s.evidence, default=None)
         own = best.get(s.where) if s is not None else None
         if s is not None and own is not None and len(s.of) == 2 and s.evidence > own.evidence:
             size = float(np.std(curve_of(own.effects, own.trial, self.scan.known)[0]))
-            prior = prior_of_variables(s.of, self._groups) + here
-            found.append(as_surface(s.place, (s.of[0], s.of[1]), size, prior, self.engine))
+            prior = prior_of_variables(s.of, self._groups)
+            found.append(as_surface(s.place, (s.of[0], s.of[1]), size, prior, here, self.engine))
         return self._fitted([laws for laws in found if laws])
+
+    def _prior(self, bends: Bends) -> float:
+        """ln, of its variables and of a curve of one, or a sum of curves of two."""
+        return prior_of_curve(self._groups) if len(bends.of) == 1 else prior_of_variables(bends.of, self._groups)
 
     @property
     def _groups(self) -> int:
@@ -184,12 +189,14 @@ class LawSearch:
         return best
 
     def totals(self) -> dict[Where, float]:
-        """ln evidence of each place and variables: of the forms, each once, and of all smooth curves. Of variables that
-        the records hardly tell apart the best counts."""
+        """ln evidence of each place and variables: of the forms, each once, and of all smooth curves, sums of them or
+        surfaces. Of variables that the records hardly tell apart the best counts."""
         of: dict[Where, dict[object, float]] = {}
+        here = prior_of_a_place(self.base.found)
         for where, form, evidence in (
             *((f.where, _forms_of(f), f.evidence) for f in self.single),
             *((s.where, None, s.evidence) for s in self.smooth),
+            *((where, None, b.evidence + self._prior(b) + here) for where, b in self.bends.items() if len(b.of) == 2),
             *self._unfitted(),
         ):
             own = of.setdefault(where, {})

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import product
 
 import numpy as np
 
@@ -20,7 +21,7 @@ from enginediag_cli.engine.term import Coefficient, Effect
 from enginediag_cli.mismatch.fit.freeform import Location
 from enginediag_cli.mismatch.laws.grammar import EDGES_OF_STEPS, FORMS, Form, span
 from enginediag_cli.mismatch.laws.proposed import acting, place_of, statement_of
-from enginediag_cli.mismatch.laws.said import Said
+from enginediag_cli.mismatch.laws.said import Says
 from enginediag_cli.mismatch.laws.scan import Candidate, Formula, Known, share_of_variables
 from enginediag_cli.mismatch.laws.shortlist import Proposal, carrying
 from enginediag_cli.mismatch.laws.smooth import linear_evidence
@@ -29,6 +30,8 @@ from enginediag_cli.physics.laws.law import Law
 
 ALONE = (4, 6, 8, 11, 15)
 """Steps along one variable, of which the likeliest number is taken."""
+OF_TWO = ALONE[:4]
+"""Steps along each of two variables."""
 SHARES = (0.1, 0.3, 1.0)
 """σ, over the standard deviation of the law that a fit carries, likewise."""
 BESIDE, TOGETHER = 4, 3
@@ -69,28 +72,55 @@ class Part:
 
 
 @dataclass(frozen=True)
-class Bends:
-    """How finely a curve of one variable bends: `count` steps, `size` their σ, both the likeliest; `evidence`: ln, of
-    all that were tried, against the fit without the law that is carried; `choice`: ln, what having chosen the likeliest
-    costs, 0 or less."""
+class Tried:
+    """So many steps along each of some variables, with every σ: `steps` over the records (N, k), what a place says of
+    them (`products` (k, k), `pulls` (k,)), and ln evidence (w,) of a ~ N(0, σ²), each of the `sizes` (w,)."""
 
-    of: Known
-    count: int
+    counts: tuple[int, ...]
+    steps: np.ndarray
+    products: np.ndarray
+    pulls: np.ndarray
+    sizes: np.ndarray
+    evidence: np.ndarray
+
+
+def tried_of(says: Says, of: Sequence[Known]) -> list[Tried]:
+    """All numbers of steps along one variable, or along each of two."""
+    sizes, found = float(np.std(says.f)) * np.array(SHARES), list[Tried]()
+    for counts in product(ALONE if len(of) == 1 else OF_TWO, repeat=len(of)):
+        steps = np.hstack([steps_over(k, n) for k, n in zip(of, counts, strict=True)])
+        (G,), (g,) = says.of(steps[:, None, :])
+        evidence = linear_evidence(G, g, np.repeat(sizes[:, None] ** 2, len(g), axis=1))
+        found.append(Tried(counts, steps, G, g, sizes, evidence))
+    return found
+
+
+def together(says: Says, tried: Sequence[Tried]) -> float:
+    """ln evidence of all that were tried, against the fit without the law that is carried."""
+    found = np.concatenate([t.evidence for t in tried])
+    return says.gain + float(np.logaddexp.reduce(found) - np.log(found.size))
+
+
+@dataclass(frozen=True)
+class Bends:
+    """How finely a curve of one variable bends, or a sum of one of each of two: steps along each (`counts`), `size`
+    their σ, both the likeliest; `evidence`: ln, of all that were tried, against the fit without the law that is
+    carried; `choice`: ln, what having chosen the likeliest costs, 0 or less."""
+
+    of: tuple[Known, ...]
+    counts: tuple[int, ...]
     size: float
     evidence: float
     choice: float
 
 
-def bends_of(said: Said, k: Known) -> Bends:
-    """Of what a place says of curves of a variable, the evidence that of linear models of a ~ N(0, σ²)."""
-    sizes = float(np.std(said.at.f)) * np.array(SHARES)
-    found = np.empty((len(ALONE), len(sizes)))
-    for j, count in enumerate(ALONE):
-        G, g, _ = said.of(steps_over(k, count)[:, None, :])
-        found[j] = linear_evidence(G[0], g[0], np.repeat(sizes[:, None] ** 2, count, axis=1))
-    fineness, size = divmod(int(np.argmax(found)), len(sizes))
-    evidence = float(np.logaddexp.reduce(found, axis=None) - np.log(found.size))
-    return Bends(k, ALONE[fineness], float(sizes[size]), said.gain + evidence, evidence - float(found.max()))
+def bends_of(says: Says, of: Sequence[Known]) -> Bends:
+    """Of what a place says of curves of a variable, or of sums of them."""
+    tried = tried_of(says, of)
+    best = max(tried, key=lambda t: float(t.evidence.max()))
+    size, evidence = int(np.argmax(best.evidence)), together(says, tried)
+    choice = evidence - says.gain - float(best.evidence.max())
+    return Bends(tuple(of), best.counts, float(best.sizes[size]), evidence, choice)
 
 
 def prior_of_curve(groups: int) -> float:
@@ -101,32 +131,32 @@ def prior_of_curve(groups: int) -> float:
     return float(np.log(share_of_variables(1, groups) * CURVE / weights))
 
 
-def as_curve(place: Location, bends: Bends, prior: float, engine: Engine) -> tuple[Proposal, ...]:
-    """The law that is a smooth curve of one variable at a place; `prior`: ln, of place and variable. None where the
-    variable's name makes a formula that is too long."""
-    part = Part(OWN, (bends.of,), _steps(bends.of, bends.count))
-    return _proposals(place, [part], bends.size, prior + bends.choice, engine)
+def as_curve(place: Location, bends: Bends, prior: float, here: float, engine: Engine) -> tuple[Proposal, ...]:
+    """The law that is a smooth curve of one variable at a place, or laws that are one of each of two; `prior`: ln, of
+    variables, `here` of the place. None where a variable's name makes a formula that is too long."""
+    parts = [Part(OWN, (k,), _steps(k, n)) for k, n in zip(bends.of, bends.counts, strict=True)]
+    return _proposals(place, parts, bends.size, (prior + bends.choice, here), engine)
 
 
 def as_surface(
-    place: Location, of: tuple[Known, Known], size: float, prior: float, engine: Engine
+    place: Location, of: tuple[Known, Known], size: float, prior: float, here: float, engine: Engine
 ) -> tuple[Proposal, ...]:
     """Laws that together are a smooth surface of two variables at a place; `size`: standard deviation of a curve there
-    over the records, `prior`: ln, of place and variables, which the first law bears. None where the variables' names
-    make formulas that are too long."""
+    over the records, `prior`: ln, of variables, `here` of the place, which the first law bears. None where the
+    variables' names make formulas that are too long."""
     x, y = of
     parts = [Part(OWN, (k,), _steps(k, BESIDE)) for k in of]
     for number, step in enumerate(_steps(x, TOGETHER), start=1):
         parts.append(Part(BOTH, (x, y), _steps(y, TOGETHER), f"{step} * ", str(number)))
-    return _proposals(place, parts, size, prior, engine)
+    return _proposals(place, parts, size, (prior, here), engine)
 
 
 def _proposals(
-    place: Location, parts: Sequence[Part], size: float, prior: float, engine: Engine
+    place: Location, parts: Sequence[Part], size: float, priors: tuple[float, float], engine: Engine
 ) -> tuple[Proposal, ...]:
     if any(len(p.text) > LONGEST for p in parts):
         return ()
-    return tuple(_proposal(place, p, size, prior if p is parts[0] else 0.0, engine) for p in parts)
+    return tuple(_proposal(place, p, size, priors if p is parts[0] else (0.0, 0.0), engine) for p in parts)
 
 
 def _grid(k: Known, count: int) -> tuple[list[float], float]:
@@ -166,7 +196,8 @@ def _rounded(x: float) -> float:
     return float(f"{x:.{DIGITS}g}")
 
 
-def _proposal(place: Location, part: Part, size: float, prior: float, engine: Engine) -> Proposal:
+def _proposal(place: Location, part: Part, size: float, priors: tuple[float, float], engine: Engine) -> Proposal:
+    prior, here = priors
     letters, expression = part.letters, Expression.parsed(part.text)
     values = {k.variable.name: k.values for k in part.of}
     curve = np.asarray(expression.at({**values, **dict.fromkeys(letters, 1.0)}), float)
@@ -177,4 +208,4 @@ def _proposal(place: Location, part: Part, size: float, prior: float, engine: En
     statement = statement_of(place, parameter, part.form, part.of)
     law = Law(part.name, acts, expression, variables, coefficients, statement)
     formula = Formula(part.form, part.of, {}, curve, prior)
-    return carrying(Candidate(place, formula, 0.0, 0.0, prior, prior), Effect(law, acts.site, {}))
+    return carrying(Candidate(place, formula, 0.0, 0.0, prior + here, prior + here), Effect(law, acts.site, {}))

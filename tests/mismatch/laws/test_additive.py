@@ -82,5 +82,5 @@ def test_its_formula_is_its_curve_and_nothing_at_the_design_point(ground: Ground
 
 def test_of_one_variable_it_is_as_likely_as_all_numbers_of_steps_together(ground: Ground) -> None:
     (mach,) = ground.of("mach")
-    said = ground.said(0.02 * np.sin(4.0 * share(mach)))
-    assert additive_of(said.kept, [mach]).evidence == pytest.approx(bends_of(said, mach).evidence)
+    says = ground.said(0.02 * np.sin(4.0 * share(mach))).kept
+    assert additive_of(says, [mach]).evidence == pytest.approx(bends_of(says, [mach]).evidence)

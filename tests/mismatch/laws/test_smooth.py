@@ -15,9 +15,10 @@ from enginediag_cli.mismatch.fit.projection import Projection
 from enginediag_cli.mismatch.fit.trial_fit import Trial, attempt
 from enginediag_cli.mismatch.laws.carried import carried
 from enginediag_cli.mismatch.laws.said import Said
-from enginediag_cli.mismatch.laws.scan import formulas_of, known_variables, prior_of_a_place, scored
+from enginediag_cli.mismatch.laws.scan import Known, formulas_of, known_variables, prior_of_a_place, scored
 from enginediag_cli.mismatch.laws.shortlist import proposal
-from enginediag_cli.mismatch.laws.smooth import Smooth, smooth_evidence
+from enginediag_cli.mismatch.laws.smooth import Smooth, prior_of_variables, smooth_evidence
+from enginediag_cli.mismatch.laws.steps import bends_of
 from enginediag_cli.physics.laws.expression import Expression
 from enginediag_cli.physics.laws.law import Acts, Law
 from enginediag_cli.physics.laws.variables import variables_of
@@ -25,8 +26,16 @@ from enginediag_cli.physics.laws.variables import variables_of
 LISTED = ("reynolds_index", "power", "mach")
 
 
-def _searched(formula: str, size: float, of: tuple[str, ...], carrying: str, seed: int = 1300) -> list[Smooth]:
-    """What smooth curves say of a law at the HPC's efficiency, at a fit that carries the best law of one variable."""
+def _searched(formula: str, size: float, of: tuple[str, ...], carrying: str) -> list[Smooth]:
+    """What smooth curves say of a law."""
+    said, known, prior = _said(formula, size, of, carrying)
+    return smooth_evidence(said, known, prior)
+
+
+def _said(
+    formula: str, size: float, of: tuple[str, ...], carrying: str, seed: int = 1300
+) -> tuple[Said, list[Known], float]:
+    """Of a law at the HPC's efficiency, at a fit that carries the best law of one variable."""
     engine = concealed.turbofan()
     acts = Acts("hpc.efficiency", "hpc", "", True)
     a = Coefficient("a", "1", "size", 0.0, -1.0, 1.0, 0.05, size)
@@ -44,7 +53,7 @@ def _searched(formula: str, size: float, of: tuple[str, ...], carrying: str, see
     trial = attempt([first.option], found, nuisance(given))
     at = carried(base, trial, trial.hypothesis.effects, place, known)
     assert at.found.converged and at.gain == pytest.approx(0.5 * (base.objective - trial.objective), abs=2.0)
-    return smooth_evidence(Said(at), known, prior_of_a_place(found))
+    return Said(at), known, prior_of_a_place(found)
 
 
 def test_a_curve_that_no_form_has_is_of_its_own_variable() -> None:
@@ -60,6 +69,20 @@ def test_a_product_is_told_from_either_variable_alone() -> None:
     assert said[0].names == {"power", "mach"}
     single = max(s.evidence for s in said if len(s.of) == 1)
     assert said[0].evidence > single + 5.0
+
+
+def test_a_sum_of_a_valley_of_each_of_two_is_likelier_as_that_than_as_any_surface() -> None:
+    def valley(x: str, c: float, w: float) -> str:
+        return f"(({x} - {c}) / {w}) ** 4 / (1 + (({x} - {c}) / {w}) ** 4)"
+
+    both = [("mach", 0.5, 0.15), ("power", 0.75, 0.1)]
+    at_design = " - ".join(valley("0" if x == "mach" else "1", c, w) for x, c, w in both)
+    formula = f"a * ({' + '.join(valley(*own) for own in both)} - {at_design})"
+    said, known, prior = _said(formula, 0.03, ("mach", "power"), "power")
+    smooth = smooth_evidence(said, known, prior)
+    of = [k for k in known if k.variable.name in ("mach", "power")]
+    whole = bends_of(said.kept, of).evidence + prior_of_variables(of, len({k.group for k in known})) + prior
+    assert whole > max(s.evidence for s in smooth) + 3.0
 
 
 def test_a_law_of_one_variable_is_not_told_of_two() -> None:

@@ -19,7 +19,7 @@ from enginediag_cli.mismatch.laws.steps import ALONE, BESIDE, TOGETHER, Bends, a
 from enginediag_cli.physics.laws.written import entry_of
 from enginediag_cli.trials.blind.laws.told import all_built
 
-COUNT = 8
+COUNT, HERE = 8, -3.0
 
 
 @pytest.fixture(scope="module")
@@ -34,8 +34,8 @@ def _laws(ground, of, prior=0.0):
     """A curve of eight steps of one variable, or a surface of two."""
     engine, place, _ = ground
     if len(of) == 1:
-        return as_curve(place, Bends(of[0], COUNT, 0.01, 0.0, 0.0), prior, engine)
-    return as_surface(place, of, 0.01, prior, engine)
+        return as_curve(place, Bends((of[0],), (COUNT,), 0.01, 0.0, 0.0), prior, HERE, engine)
+    return as_surface(place, of, 0.01, prior, HERE, engine)
 
 
 def _summed(laws, x, sizes):
@@ -75,7 +75,8 @@ def test_an_engine_file_carries_it_as_laws(ground, names, coefficients):
 def test_only_the_first_law_bears_the_prior_of_place_and_variables(ground):
     known = ground[2]
     proposals = _laws(ground, [known["power"], known["mach"]], -7.0)
-    assert [p.candidate.prior for p in proposals] == [-7.0, *[0.0] * (len(proposals) - 1)]
+    assert [p.candidate.prior for p in proposals] == [-7.0 + HERE, *[0.0] * (len(proposals) - 1)]
+    assert [p.candidate.formula.prior for p in proposals] == [-7.0, *[0.0] * (len(proposals) - 1)]
 
 
 def test_long_names_make_no_formula_that_cannot_be_read(ground):
@@ -84,7 +85,7 @@ def test_long_names_make_no_formula_that_cannot_be_read(ground):
         for p in _laws(ground, [name, other]):
             assert len(next(iter(p.option.hypothesis.effects)).term.expression.text) <= 700
     for name in known.values():
-        assert as_curve(ground[1], Bends(name, ALONE[-1], 0.01, 0.0, 0.0), 0.0, ground[0])
+        assert as_curve(ground[1], Bends((name,), (ALONE[-1],), 0.01, 0.0, 0.0), 0.0, 0.0, ground[0])
     variable = replace(known["power"].variable, name="a_name_that_goes_on_and_on_" * 12)
     assert _laws(ground, [replace(known["power"], variable=variable)]) == ()
 
@@ -100,7 +101,7 @@ def test_as_many_steps_are_taken_as_a_curve_bends():
     for waves in (0.5, 2.5):
         # what a fit carries is added back to what it leaves: there is nothing else in these flights
         carried = Carried(found, Projection(found), place, 0.02 * np.sin(2.0 * np.pi * waves * u), 0.0)
-        bends = bends_of(Said(carried), mach)
+        bends = bends_of(Said(carried).kept, [mach])
         assert bends.choice <= 0.0
-        counts.append(bends.count)
+        counts += bends.counts
     assert counts[0] <= 6 and counts[1] >= 11
