@@ -30,8 +30,7 @@ from enginediag_cli.mismatch.laws.carried import Carried
 from enginediag_cli.mismatch.laws.mean import Member, mean_of
 from enginediag_cli.mismatch.laws.said import Said
 from enginediag_cli.mismatch.laws.scan import Formula, Known, formulas
-from enginediag_cli.mismatch.laws.smooth import prior_of_variables
-from enginediag_cli.mismatch.laws.steps import Bends, prior_of_curve
+from enginediag_cli.mismatch.laws.steps import prior_of
 from enginediag_cli.physics.engine_file import load_engine
 from enginediag_cli.shipped import shipped
 from enginediag_cli.trials.blind.flights import draw_flights
@@ -117,13 +116,13 @@ class Told:
 
 
 def answered(case: Case) -> Told:
-    known = list(case.flown.ground.known)
+    known, groups = list(case.flown.ground.known), _groups(case.flown.ground.known)
     here = all_said(case.said, case.flown.every, known, 0.0)
     # of variables that are alike the best counts, as in the search
     totals: dict[Groups, dict[str, float]] = {s.groups: {"": s.evidence} for s in reversed(here.smooth)}
-    for (_, groups), b in here.bends.items():
+    for (_, own_groups), b in here.bends.items():
         if len(b.of) == 2:
-            totals[groups][""] = max(totals[groups][""], b.evidence + _prior(b, known))
+            totals[own_groups][""] = max(totals[own_groups][""], b.evidence + prior_of(b, groups))
     for c in sorted(here.refined, key=lambda c: c.weight):
         totals.setdefault(c.formula.groups, {})[c.formula.form.name] = c.weight
     first = max(totals, key=lambda g: float(np.logaddexp.reduce(list(totals[g].values()))))
@@ -141,14 +140,11 @@ def _members(here: AtPlace, known: Sequence[Known]) -> tuple[list[Member], bool]
         member = Member((c.formula.form.words,), "", c.amplitude * c.formula.curve, c.weight)
         found.setdefault(frozenset(k.variable.name for k in c.formula.of), []).append(member)
     forms = {names: max(m.evidence for m in own) for names, own in found.items()}
-    curves = {frozenset(k.variable.name for k in b.of): b.evidence + _prior(b, known) for b in here.bends.values()}
+    groups, bends = _groups(known), here.bends.values()
+    curves = {frozenset(k.variable.name for k in b.of): b.evidence + prior_of(b, groups) for b in bends}
     names = max({**forms, **curves}, key=lambda n: max(forms.get(n, -np.inf), curves.get(n, -np.inf)))
-    smooth = smooth_member(here.says, [k for k in known if k.variable.name in names], _groups(known), 0.0)
+    smooth = smooth_member(here.says, [k for k in known if k.variable.name in names], groups, 0.0)
     return [*found.get(names, []), smooth], curves.get(names, -np.inf) > forms.get(names, -np.inf)
-
-
-def _prior(b: Bends, known: Sequence[Known]) -> float:
-    return prior_of_curve(_groups(known)) if len(b.of) == 1 else prior_of_variables(b.of, _groups(known))
 
 
 def _groups(known: Sequence[Known]) -> int:

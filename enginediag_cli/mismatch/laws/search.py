@@ -30,7 +30,7 @@ from enginediag_cli.mismatch.laws.shortlist import (
     within_reach,
 )
 from enginediag_cli.mismatch.laws.smooth import Smooth, prior_of_variables
-from enginediag_cli.mismatch.laws.steps import Bends, as_curve, as_surface, prior_of_curve
+from enginediag_cli.mismatch.laws.steps import Bends, as_curve, as_surface, prior_of
 
 BEHIND, SECOND = 2, 3
 """Laws to which a second one is sought where none is enough by itself; how many of these are fitted to each."""
@@ -158,8 +158,8 @@ class LawSearch:
         for where in dict.fromkeys([*(f.where for f in self._apart()), *likeliest[:CURVES]]):
             bends = self.bends.get(where)
             least = (best[where].evidence if where in best else self.most) - NEARLY
-            if bends is not None and bends.evidence + self._prior(bends) + here > least:
-                found.append(as_curve(place[where[0]], bends, self._prior(bends), here, self.engine))
+            if bends is not None and bends.evidence + prior_of(bends, self._groups) + here > least:
+                found.append(as_curve(place[where[0]], bends, prior_of(bends, self._groups), here, self.engine))
         s = max(self.smooth, key=lambda s: s.evidence, default=None)
         own = best.get(s.where) if s is not None else None
         if s is not None and own is not None and len(s.of) == 2 and s.evidence > own.evidence:
@@ -167,10 +167,6 @@ class LawSearch:
             prior = prior_of_variables(s.of, self._groups)
             found.append(as_surface(s.place, (s.of[0], s.of[1]), size, prior, here, self.engine))
         return self._fitted([laws for laws in found if laws])
-
-    def _prior(self, bends: Bends) -> float:
-        """ln, of its variables and of a curve of one, or a sum of curves of two."""
-        return prior_of_curve(self._groups) if len(bends.of) == 1 else prior_of_variables(bends.of, self._groups)
 
     @property
     def _groups(self) -> int:
@@ -192,16 +188,20 @@ class LawSearch:
         """ln evidence of each place and variables: of the forms, each once, and of all smooth curves, sums of them or
         surfaces. Of variables that the records hardly tell apart the best counts."""
         of: dict[Where, dict[object, float]] = {}
-        here = prior_of_a_place(self.base.found)
         for where, form, evidence in (
             *((f.where, _forms_of(f), f.evidence) for f in self.single),
             *((s.where, None, s.evidence) for s in self.smooth),
-            *((where, None, b.evidence + self._prior(b) + here) for where, b in self.bends.items() if len(b.of) == 2),
+            *((where, None, evidence) for where, evidence in self._sums()),
             *self._unfitted(),
         ):
             own = of.setdefault(where, {})
             own[form] = max(own.get(form, -np.inf), evidence)
         return {where: float(np.logaddexp.reduce(list(own.values()))) for where, own in of.items()}
+
+    def _sums(self) -> list[tuple[Where, float]]:
+        """ln evidence of all sums of a curve of each of two variables."""
+        here, of_two = prior_of_a_place(self.base.found), ((w, b) for w, b in self.bends.items() if len(b.of) == 2)
+        return [(where, b.evidence + prior_of(b, self._groups) + here) for where, b in of_two]
 
     def _at_places(self) -> list[Fitted]:
         """The best law at each of the best places, as likely as the best of one form: a sum that is known at one of

@@ -24,7 +24,7 @@ from enginediag_cli.mismatch.laws.proposed import acting, place_of, statement_of
 from enginediag_cli.mismatch.laws.said import Says
 from enginediag_cli.mismatch.laws.scan import Candidate, Formula, Known, share_of_variables
 from enginediag_cli.mismatch.laws.shortlist import Proposal, carrying
-from enginediag_cli.mismatch.laws.smooth import linear_evidence
+from enginediag_cli.mismatch.laws.smooth import linear_evidence, prior_of_variables
 from enginediag_cli.physics.laws.expression import LONGEST, Expression
 from enginediag_cli.physics.laws.law import Law
 
@@ -41,6 +41,9 @@ DIGITS, DIGITS_OF_SIZES = 5, 4
 
 CURVE = 0.5
 """Prior weight of a curve among forms of one variable."""
+SUM = 0.25
+"""Share of laws of two variables that have no listed form which are sums of one of each. In the twin with all of it two
+of 175 laws of one variable are told of two, with an eighth or none of it they are not."""
 
 OWN = Form("smooth", "as a smooth curve of", "")
 BOTH = Form("smooth_product", "as a smooth surface of", "")
@@ -129,6 +132,13 @@ def prior_of_curve(groups: int) -> float:
     all laws is unlisted, and one in twenty of what the grammar has is told as a curve, not a third."""
     weights = CURVE + sum(f.weight for f in FORMS if not f.pairs)
     return float(np.log(share_of_variables(1, groups) * CURVE / weights))
+
+
+def prior_of(bends: Bends, groups: int) -> float:
+    """ln, of its variables, of so many groups, and of a curve of one, or a sum of curves of two."""
+    if len(bends.of) == 1:
+        return prior_of_curve(groups)
+    return prior_of_variables(bends.of, groups) + float(np.log(SUM))
 
 
 def as_curve(place: Location, bends: Bends, prior: float, here: float, engine: Engine) -> tuple[Proposal, ...]:
