@@ -6,7 +6,8 @@ whatever their members are, compared in one currency (`currency`):
 1. forward: what the best few sets leave proposes the next members (effects, changes in time, and what `proposers` have
    to offer); the most promising are fitted, with everything else anew;
 2. backward: a member that is not needed beside the others is dropped;
-3. exchange: at the fit without each member, in turn, what explains as much in its place, or began at another time;
+3. exchange: at the fit without each member, in turn, what explains as much in its place, or began at another time
+   (`exchanges`); once a set is adequate also in those that hold something else, though they leave something;
 
 until a set is adequate, or nothing that is tried makes any likelier. What is named must be needed, member by member,
 and be likelier than unlisted physics (one free-form block or two), which several listed ones together can imitate.

@@ -1,0 +1,93 @@
+"""Members are exchanged for what promises more in their place, in what was settled and in what holds something else."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import pytest
+
+from enginediag_cli.drivers import CONSTANT
+from enginediag_cli.mismatch.explain.currency import Offer
+from enginediag_cli.mismatch.explain.exchanges import exchanges, in_rivals
+from enginediag_cli.mismatch.fit.extended import Discrepancy
+from enginediag_cli.mismatch.fit.identified import Hypothesis
+from enginediag_cli.mismatch.fit.options import EFFECT, FREE, Option
+
+
+def option(name: str, kind: str = EFFECT, at: str = "") -> Option:
+    moved = (Discrepancy(at, name, 1.0),) if at else ()
+    return Option(kind, name, "", CONSTANT, Hypothesis((), moved))
+
+
+BY_NAME = {o.label: o for o in (*map(option, "abcd"), option("f", FREE, "x"))}
+"""Four that are listed, and a free curve."""
+
+
+class Sets:
+    """Sets of these ln evidences, a letter for each member, and what each would gain by an option."""
+
+    def __init__(self, evidence: dict[str, float], gains: dict[tuple[str, str], float]):
+        trials = (SimpleNamespace(options=tuple(BY_NAME[n] for n in k), evidence=e) for k, e in evidence.items())
+        self.of = {self._key(t.options): t for t in trials}
+        self.gains = gains
+
+    def likeliest(self, listed=False):
+        return sorted(self.of.values(), key=lambda t: -t.evidence)
+
+    def evidence(self, trial):
+        return trial.evidence
+
+    def fitted(self, members):
+        return self.of.get(self._key(members))
+
+    def known(self, members):
+        return self._key(members) in self.of
+
+    def offered(self, trial, proposers, most):
+        own = (self._offer(trial, BY_NAME[n]) for n in "abcd")
+        return [o for o in own if o is not None][:most]
+
+    def offered_by(self, proposer, trial):
+        found = self._offer(trial, BY_NAME["f"])
+        return [found] if found is not None else []
+
+    def hope(self, trial, offer):
+        return trial.evidence + offer.gain
+
+    def _offer(self, trial, option):
+        gain = self.gains.get((self._key(trial.options), option.label))
+        return None if gain is None else Offer(option, 0.0, gain)
+
+    def _key(self, members):
+        return "".join(sorted(o.label for o in members))
+
+
+def labels(found) -> list[str]:
+    return ["".join(sorted(o.label for o in members)) for members in found]
+
+
+def test_what_promises_more_in_the_place_of_a_member_is_tried_and_no_other():
+    sets = Sets({"ab": 0.0, "a": -20.0, "b": -30.0}, {("a", "c"): 19.0, ("a", "d"): 5.0, ("b", "a"): 40.0})
+    trial = sets.of["ab"]
+    assert labels(exchanges(sets, trial, (), -3.0)) == ["ac"]
+    assert labels(exchanges(sets, trial, (), -3.0, of=[BY_NAME["a"]])) == []
+
+
+@pytest.mark.parametrize(
+    ("rival", "tried"),
+    [
+        ("ac", ["ad"]),  # c has d in its place
+        ("abc", []),  # more of the same
+        ("a", []),  # less of it
+    ],
+)
+def test_members_of_a_set_that_holds_something_else_are_exchanged_too(rival, tried):
+    sets = Sets({"ab": 0.0, "a": -20.0, "c": -40.0, rival: -4.0}, {("a", "d"): 25.0})
+    settled = sets.of["ab"]
+    assert labels(in_rivals(sets, settled, lambda t: [], -15.0, -8.0)) == tried
+    assert in_rivals(sets, settled, lambda t: [], -3.0, -8.0) == []  # too far behind
+
+
+def test_a_rival_has_a_free_curve_beside_it_where_that_promises_more():
+    sets = Sets({"ab": 0.0, "ac": -4.0, "a": -20.0, "c": -40.0}, {("ac", "f"): 6.0})
+    assert labels(in_rivals(sets, sets.of["ab"], lambda t: [], -15.0, -8.0)) == ["acf"]
