@@ -19,7 +19,7 @@ import numpy as np
 from enginediag_cli.mismatch.laws.posterior import shares
 from enginediag_cli.mismatch.laws.said import Says
 from enginediag_cli.mismatch.laws.scan import Known
-from enginediag_cli.mismatch.laws.steps import formula_of, steps_over, together, tried_of
+from enginediag_cli.mismatch.laws.steps import formula_of, of_all, steps_over, tried_of
 
 THE_SAME = 0.1
 """Non-centrality at which two curves are one."""
@@ -49,7 +49,7 @@ class Additive:
 def additive_of(says: Says, of: Sequence[Known]) -> Additive:
     """Of what a place says of curves of one variable, or of two."""
     tried = tried_of(says, of)
-    curves, total = list[np.ndarray](), together(says, tried)
+    curves, total = list[np.ndarray](), of_all(says, tried)
     for t in tried:
         one = np.eye(len(t.pulls))
         curves += [t.steps @ np.linalg.solve(one + s2 * t.products, s2 * t.pulls) for s2 in t.sizes**2]

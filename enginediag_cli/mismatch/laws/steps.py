@@ -98,7 +98,7 @@ def tried_of(says: Says, of: Sequence[Known]) -> list[Tried]:
     return found
 
 
-def together(says: Says, tried: Sequence[Tried]) -> float:
+def of_all(says: Says, tried: Sequence[Tried]) -> float:
     """ln evidence of all that were tried, against the fit without the law that is carried."""
     found = np.concatenate([t.evidence for t in tried])
     return says.gain + float(np.logaddexp.reduce(found) - np.log(found.size))
@@ -121,7 +121,7 @@ def bends_of(says: Says, of: Sequence[Known]) -> Bends:
     """Of what a place says of curves of a variable, or of sums of them."""
     tried = tried_of(says, of)
     best = max(tried, key=lambda t: float(t.evidence.max()))
-    size, evidence = int(np.argmax(best.evidence)), together(says, tried)
+    size, evidence = int(np.argmax(best.evidence)), of_all(says, tried)
     choice = evidence - says.gain - float(best.evidence.max())
     return Bends(tuple(of), best.counts, float(best.sizes[size]), evidence, choice)
 
