@@ -30,7 +30,7 @@ from enginediag_cli.mismatch.laws.carried import Carried
 from enginediag_cli.mismatch.laws.mean import Member, mean_of
 from enginediag_cli.mismatch.laws.said import Said
 from enginediag_cli.mismatch.laws.scan import Formula, Known, formulas
-from enginediag_cli.mismatch.laws.steps import prior_of
+from enginediag_cli.mismatch.laws.steps import prior_of, prior_of_all
 from enginediag_cli.physics.engine_file import load_engine
 from enginediag_cli.shipped import shipped
 from enginediag_cli.trials.blind.flights import draw_flights
@@ -120,9 +120,8 @@ def answered(case: Case) -> Told:
     here = all_said(case.said, case.flown.every, known, 0.0)
     # of variables that are alike the best counts, as in the search
     totals: dict[Groups, dict[str, float]] = {s.groups: {"": s.evidence} for s in reversed(here.smooth)}
-    for (_, own_groups), b in here.bends.items():
-        if len(b.of) == 2:
-            totals[own_groups][""] = max(totals[own_groups][""], b.evidence + prior_of(b, groups))
+    for (_, of), b in here.bends.items():
+        totals[of][""] = max(totals[of][""], b.evidence + prior_of_all(b, groups))
     for c in sorted(here.refined, key=lambda c: c.weight):
         totals.setdefault(c.formula.groups, {})[c.formula.form.name] = c.weight
     first = max(totals, key=lambda g: float(np.logaddexp.reduce(list(totals[g].values()))))

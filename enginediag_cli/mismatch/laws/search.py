@@ -30,7 +30,7 @@ from enginediag_cli.mismatch.laws.shortlist import (
     within_reach,
 )
 from enginediag_cli.mismatch.laws.smooth import Smooth, prior_of_variables
-from enginediag_cli.mismatch.laws.steps import Bends, as_curve, as_surface, prior_of
+from enginediag_cli.mismatch.laws.steps import Bends, as_curve, as_surface, prior_of, prior_of_all
 
 BEHIND, SECOND = 2, 3
 """Laws to which a second one is sought where none is enough by itself; how many of these are fitted to each."""
@@ -191,17 +191,17 @@ class LawSearch:
         for where, form, evidence in (
             *((f.where, _forms_of(f), f.evidence) for f in self.single),
             *((s.where, None, s.evidence) for s in self.smooth),
-            *((where, None, evidence) for where, evidence in self._sums()),
+            *((where, None, evidence) for where, evidence in self._curves()),
             *self._unfitted(),
         ):
             own = of.setdefault(where, {})
             own[form] = max(own.get(form, -np.inf), evidence)
         return {where: float(np.logaddexp.reduce(list(own.values()))) for where, own in of.items()}
 
-    def _sums(self) -> list[tuple[Where, float]]:
-        """ln evidence of all sums of a curve of each of two variables."""
-        here, of_two = prior_of_a_place(self.base.found), ((w, b) for w, b in self.bends.items() if len(b.of) == 2)
-        return [(where, b.evidence + prior_of(b, self._groups) + here) for where, b in of_two]
+    def _curves(self) -> list[tuple[Where, float]]:
+        """ln evidence of all curves of one variable, and of all sums of one of each of two, by steps."""
+        here = prior_of_a_place(self.base.found)
+        return [(where, b.evidence + prior_of_all(b, self._groups) + here) for where, b in self.bends.items()]
 
     def _at_places(self) -> list[Fitted]:
         """The best law at each of the best places, as likely as the best of one form: a sum that is known at one of

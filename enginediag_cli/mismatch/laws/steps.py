@@ -135,10 +135,14 @@ def prior_of_curve(groups: int) -> float:
 
 
 def prior_of(bends: Bends, groups: int) -> float:
-    """ln, of its variables, of so many groups, and of a curve of one, or a sum of curves of two."""
-    if len(bends.of) == 1:
-        return prior_of_curve(groups)
-    return prior_of_variables(bends.of, groups) + float(np.log(SUM))
+    """ln, of its variables, of so many groups, and of a curve of one, or a sum of curves of two, that is told."""
+    return prior_of_curve(groups) if len(bends.of) == 1 else prior_of_all(bends, groups)
+
+
+def prior_of_all(bends: Bends, groups: int) -> float:
+    """ln, of its variables, and of all curves of one, or all sums of curves of two, where variables are weighed."""
+    share = 1.0 if len(bends.of) == 1 else SUM
+    return prior_of_variables(bends.of, groups) + float(np.log(share))
 
 
 def as_curve(place: Location, bends: Bends, prior: float, here: float, engine: Engine) -> tuple[Proposal, ...]:
