@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 from enginediag_cli.mismatch.explain.answer import Explanation
 from enginediag_cli.mismatch.explain.law_members import LawMembers
 from enginediag_cli.mismatch.explain.lawful import AS_GOOD, JUDGED, LISTED_FIRST, Judged, adequate
-from enginediag_cli.mismatch.explain.members import Members, identity
+from enginediag_cli.mismatch.explain.members import Held, Members, identity
 from enginediag_cli.mismatch.explain.stepwise import Sets
 from enginediag_cli.mismatch.fit.options import LAW, Option
 from enginediag_cli.mismatch.fit.trial_fit import Trial, is_needed
@@ -33,9 +33,6 @@ places and forms apart: as for the first beside what is listed."""
 SEARCHED, NEAR = 2, 10.0
 """Sets that hold different things beside their laws, likeliest first, of which the law is searched, and ln evidence by
 which one that was not named may be behind: all forms have brought up to 35 of it. Judgement."""
-
-Held = frozenset[tuple[str, ...]]
-"""What a set holds but for its laws."""
 
 
 @dataclass(frozen=True)
@@ -160,4 +157,5 @@ def _the_same(f: Fitted) -> bool:
 
 
 def _held(options: Sequence[Option]) -> Held:
+    """What a set holds but for its laws."""
     return frozenset(identity(o) for o in options if o.kind != LAW)

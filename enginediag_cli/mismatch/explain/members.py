@@ -17,6 +17,7 @@ PACE = 3.0
 
 Members = tuple[Option, ...]
 Held = frozenset[tuple[str, ...]]
+"""What a set holds, whatever its order, times and sizes."""
 
 
 def identity(option: Option) -> tuple[str, ...]:
