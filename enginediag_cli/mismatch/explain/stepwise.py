@@ -249,6 +249,7 @@ class Sets:
         return next((t for t in every if key_of(t.options) == key_of(members)), None)
 
     def known(self, members: Members) -> bool:
+        """Whether they were fitted, in whatever order."""
         return self._of(members) is not None
 
     def _proposed(self, beam: Sequence[Trial], proposers: Sequence[Proposer], enough: float) -> list[Members]:
@@ -278,6 +279,7 @@ class Sets:
         return [*self._listed(trial)[:most], *(o for p in proposers for o in self.offered_by(p, trial)[:most])]
 
     def offered_by(self, proposer: Proposer, trial: Trial) -> list[Offer]:
+        """What a proposer offers beside what a trial has that promises a gain, most first."""
         key = trial.label, proposer
         if key not in self._offers:
             found = [o for o in proposer(trial) if not set(o.option.hypothesis.names) & set(trial.hypothesis.names)]
