@@ -29,7 +29,7 @@ from enginediag_cli.mismatch.laws.average import smooth_member
 from enginediag_cli.mismatch.laws.carried import Carried
 from enginediag_cli.mismatch.laws.mean import Member, mean_of
 from enginediag_cli.mismatch.laws.said import Said
-from enginediag_cli.mismatch.laws.scan import Formula, Known, formulas
+from enginediag_cli.mismatch.laws.scan import Formula, Known, formulas, number_of_groups
 from enginediag_cli.mismatch.laws.steps import prior_of, prior_of_all
 from enginediag_cli.physics.engine_file import load_engine
 from enginediag_cli.shipped import shipped
@@ -116,7 +116,7 @@ class Told:
 
 
 def answered(case: Case) -> Told:
-    known, groups = list(case.flown.ground.known), _groups(case.flown.ground.known)
+    known, groups = list(case.flown.ground.known), number_of_groups(case.flown.ground.known)
     here = all_said(case.said, case.flown.every, known, 0.0)
     # of variables that are alike the best counts, as in the search
     totals: dict[Groups, dict[str, float]] = {s.groups: {"": s.evidence} for s in reversed(here.smooth)}
@@ -139,15 +139,11 @@ def _members(here: AtPlace, known: Sequence[Known]) -> tuple[list[Member], bool]
         member = Member((c.formula.form.words,), "", c.amplitude * c.formula.curve, c.weight)
         found.setdefault(frozenset(k.variable.name for k in c.formula.of), []).append(member)
     forms = {names: max(m.evidence for m in own) for names, own in found.items()}
-    groups, bends = _groups(known), here.bends.values()
+    groups, bends = number_of_groups(known), here.bends.values()
     curves = {frozenset(k.variable.name for k in b.of): b.evidence + prior_of(b, groups) for b in bends}
     names = max({**forms, **curves}, key=lambda n: max(forms.get(n, -np.inf), curves.get(n, -np.inf)))
     smooth = smooth_member(here.says, [k for k in known if k.variable.name in names], groups, 0.0)
     return [*found.get(names, []), smooth], curves.get(names, -np.inf) > forms.get(names, -np.inf)
-
-
-def _groups(known: Sequence[Known]) -> int:
-    return len({k.group for k in known})
 
 
 def _row(words: str, told: Sequence[Told]) -> None:

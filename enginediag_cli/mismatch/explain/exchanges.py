@@ -71,8 +71,10 @@ def in_rivals(sets: Searched, settled: Trial, unlisted: Proposer, least: float, 
             first.setdefault(other, t)
     new: list[Members] = []
     for t in list(first.values())[:RIVALS]:
-        curves = [o for o in sets.offered_by(unlisted, t)[:1] if sets.hope(t, o) > enough]
-        wider = [(*t.options, o.option) for o in curves if len(t.options) < MOST_MEMBERS]
-        for members in (*exchanges(sets, t, (), enough), *(w for w in wider if not sets.known(w))):
+        for members in exchanges(sets, t, (), enough):
             add(new, members)
+        for curve in sets.offered_by(unlisted, t)[:1] if len(t.options) < MOST_MEMBERS else ():
+            wider = (*t.options, curve.option)
+            if sets.hope(t, curve) > enough and not sets.known(wider):
+                add(new, wider)
     return new

@@ -216,9 +216,8 @@ class Search(Fits):
             return alone, mixed
         near = abs(own - mixed.evidence) < 0.5 * ALIAS
         if own < mixed.evidence:
-            told = _together(mixed.explanations, alone) if near else mixed.explanations
-            return [], replace(mixed, explanations=told)
-        return [*(_together(alone, mixed.explanations) if near else alone)], Mixed()
+            return [], replace(mixed, explanations=_together(mixed.explanations, alone if near else ()))
+        return [*_together(alone, mixed.explanations if near else ())], Mixed()
 
     def _mixed(self, sets: Sets, tried: Sequence[Proposal]) -> Mixed:
         """Listed options with laws beside them: sought on few of many records."""

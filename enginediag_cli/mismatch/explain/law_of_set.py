@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 from enginediag_cli.mismatch.explain.answer import Explanation
 from enginediag_cli.mismatch.explain.law_members import LawMembers
 from enginediag_cli.mismatch.explain.lawful import AS_GOOD, JUDGED, LISTED_FIRST, Judged, adequate
-from enginediag_cli.mismatch.explain.members import Held, Members, identity
+from enginediag_cli.mismatch.explain.members import Held, Members, held
 from enginediag_cli.mismatch.explain.stepwise import Sets
 from enginediag_cli.mismatch.fit.options import LAW, Option
 from enginediag_cli.mismatch.fit.trial_fit import Trial, is_needed
@@ -64,8 +64,8 @@ class LawOfSet:
             if told is not None:
                 found.setdefault(_held(told.explanations[0].options), told)
                 same.pop(_held(options), None)
-        for held, own in same.items():
-            found.setdefault(held, _Told(tuple(own), self._evidence(own[0].label)))
+        for beside, own in same.items():
+            found.setdefault(beside, _Told(tuple(own), self._evidence(own[0].label)))
         likeliest = sorted(found.values(), key=lambda t: -t.evidence)
         likeliest = [t for t in likeliest if t.evidence > likeliest[0].evidence - AS_GOOD]
         share = sum(x.probability for x in named) * shares([t.evidence for t in likeliest])
@@ -158,4 +158,4 @@ def _the_same(f: Fitted) -> bool:
 
 def _held(options: Sequence[Option]) -> Held:
     """What a set holds but for its laws."""
-    return frozenset(identity(o) for o in options if o.kind != LAW)
+    return held([o for o in options if o.kind != LAW])

@@ -115,9 +115,9 @@ class Sets:
         """The alias set of a pair, with what explains as much in the place of either member, or began at another
         time: its own fit without the other did not propose it. Empty where a free curve does in the place of one."""
         trial = self.fits.fitted[first.label]
-        reach = self.evidence(trial) - 0.5 * ALIAS - SLACK
         one = tied(trial, self.places)
-        more = self.fits.refit([*exchanges(self, trial, (self.unlisted,), reach), *([one] if one else [])]) or []
+        other = exchanges(self, trial, (self.unlisted,), self._near(trial))
+        more = self.fits.refit([*other, *([one] if one else [])]) or []
         every = [t for t in (*pairs, *more) if all(o.kind != FREE for o in t.options)]
         # sets of different size compare by their evidence
         weighed = (lambda t: -2.0 * self.evidence(t)) if one else (lambda t: t.weighed)
@@ -179,16 +179,16 @@ class Sets:
 
     def _or_a_rival(self, named: list[Explanation], proposers: Sequence[Proposer]) -> list[Explanation]:
         """What was settled, or what sets that hold something else grow to, where what they leave promises more at once,
-        or may in the end: ½ (χ² − χ² of the settled one), less what a member costs, is about all that can be gained."""
+        or may in the end: ½ (χ² − χ² of the settled one), less what a member costs, is about all that can be gained.
+        Where they promise nothing more members of theirs are exchanged."""
         for _ in range(0 if self.many else RIVAL_ROUNDS):
             best = self.fits.fitted[named[0].label]
-            own, told = set(map(identity, best.options)), self.evidence(best)
-            enough = told + 0.5 * ALIAS
+            own, enough = set(map(identity, best.options)), self.evidence(best) + 0.5 * ALIAS
             others = [t for t in self._beam(listed=True) if not set(map(identity, t.options)) <= own]
             floor = self.prices.least + 0.5 * best.objective
             far = [t for t in others if self.evidence(t) + 0.5 * t.objective - floor > enough]
             new = [*self._proposed(others, proposers, enough), *self._proposed(far, proposers, -np.inf)]
-            new = new or in_rivals(self, best, self.unlisted, told - WITHIN_REACH, told - 0.5 * ALIAS - SLACK)
+            new = new or in_rivals(self, best, self.unlisted, self.evidence(best) - WITHIN_REACH, self._near(best))
             if not new or self._fits > MOST_FITS:
                 break
             self._fit(list({key_of(n): n for n in new}.values()))
@@ -269,6 +269,10 @@ class Sets:
         of_library = [n for n in new if n[-1].kind not in (FREE, LAW)]
         return [*of_library[: self.tried], *[n for n in new if n[-1].kind in (FREE, LAW)][: self.tried]]
 
+    def _near(self, trial: Trial) -> float:
+        """The evidence that what is tried beside a settled trial must promise: to be told with it, as far as known."""
+        return self.evidence(trial) - 0.5 * ALIAS - SLACK
+
     def hope(self, trial: Trial, offer: Offer) -> float:
         """The evidence with the offer that its promise does not exclude."""
         return self.evidence(trial) + (1.0 + ERRS) * offer.gain
@@ -307,8 +311,8 @@ class Sets:
         while good is not None and self.evidence(good) > reach + 0.5 * ALIAS:
             reach = self.evidence(good) - 0.5 * ALIAS
             listed = [o for o in good.options if o.kind != LAW]
-            new = exchanges(self, good, (*self.proposers, self.unlisted), reach - SLACK)
-            for other in exchanges(self, good, proposers, reach - SLACK, listed):
+            new = exchanges(self, good, (*self.proposers, self.unlisted), self._near(good))
+            for other in exchanges(self, good, proposers, self._near(good), listed):
                 add(new, other)
             self._fit(new)
             good = self._good(self._beam(listed=True))

@@ -18,7 +18,7 @@ from enginediag_cli.mismatch.laws.grammar import Form
 from enginediag_cli.mismatch.laws.mean import Member, mean_of
 from enginediag_cli.mismatch.laws.proposed import AMPLITUDE, DIGITS, acting, place_of, statement_of
 from enginediag_cli.mismatch.laws.said import Says
-from enginediag_cli.mismatch.laws.scan import Candidate, Formula, Known
+from enginediag_cli.mismatch.laws.scan import Candidate, Formula, Known, number_of_groups
 from enginediag_cli.mismatch.laws.shortlist import Proposal, carrying, proposal
 from enginediag_cli.mismatch.laws.smooth import prior_of_variables
 from enginediag_cli.mismatch.laws.steps import OWN
@@ -60,7 +60,7 @@ def average_of(
     members = [*forms]
     of = tuple(k for k in known if k.variable.name in first.names)
     if len(of) <= MOST_VARIABLES:
-        members.append(smooth_member(says, of, len({k.group for k in known}), prior))
+        members.append(smooth_member(says, of, number_of_groups(known), prior))
     alone = None if _is_curve(first) else first.curve(known)
     mean = mean_of(members, alone, says.any)
     if mean is None:

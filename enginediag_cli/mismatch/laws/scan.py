@@ -119,12 +119,17 @@ def formulas_of(
     """All forms of one variable, or of two together, with their prior among all of the variables `known`: variables
     that cannot be told apart have that of their group. `finer`: with more tries of their shapes."""
     own = [f for f in forms if f.pairs == (len(of) == 2)]
-    share = share_of_variables(len(of), len({k.group for k in known}))
+    share = share_of_variables(len(of), number_of_groups(known))
     orders = {f.name: (of, of[::-1]) if f.turned else (of,) for f in own}
     for form in own:
         for order in orders[form.name]:
             part = share * form.weight / sum(f.weight for f in own) / len(orders[form.name])
             yield from _shaped(form, tuple(order), part, finer)
+
+
+def number_of_groups(known: Sequence[Known]) -> int:
+    """Of variables that cannot be told apart."""
+    return len({k.group for k in known})
 
 
 def share_of_variables(count: int, groups: int) -> float:

@@ -21,7 +21,15 @@ from enginediag_cli.mismatch.laws.elsewhere_too import MOST_PLACES, RIVAL, elsew
 from enginediag_cli.mismatch.laws.fitted import Fitted, Where, ordered
 from enginediag_cli.mismatch.laws.grammar import FORMS
 from enginediag_cli.mismatch.laws.said import Says
-from enginediag_cli.mismatch.laws.scan import Candidate, Scan, formulas_of, prior_of_a_place, scanned, scored
+from enginediag_cli.mismatch.laws.scan import (
+    Candidate,
+    Scan,
+    formulas_of,
+    number_of_groups,
+    prior_of_a_place,
+    scanned,
+    scored,
+)
 from enginediag_cli.mismatch.laws.shortlist import (
     Proposal,
     along_the_same,
@@ -157,9 +165,12 @@ class LawSearch:
         likeliest = sorted(self.bends, key=lambda w: -total[w])
         for where in dict.fromkeys([*(f.where for f in self._apart()), *likeliest[:CURVES]]):
             bends = self.bends.get(where)
+            if bends is None:
+                continue
             least = (best[where].evidence if where in best else self.most) - NEARLY
-            if bends is not None and bends.evidence + prior_of(bends, self._groups) + here > least:
-                found.append(as_curve(place[where[0]], bends, prior_of(bends, self._groups), here, self.engine))
+            prior = prior_of(bends, self._groups)
+            if bends.evidence + prior + here > least:
+                found.append(as_curve(place[where[0]], bends, prior, here, self.engine))
         s = max(self.smooth, key=lambda s: s.evidence, default=None)
         own = best.get(s.where) if s is not None else None
         if s is not None and own is not None and len(s.of) == 2 and s.evidence > own.evidence:
@@ -170,7 +181,7 @@ class LawSearch:
 
     @property
     def _groups(self) -> int:
-        return len({k.group for k in self.scan.known})
+        return number_of_groups(self.scan.known)
 
     @property
     def most(self) -> float:
@@ -191,17 +202,17 @@ class LawSearch:
         for where, form, evidence in (
             *((f.where, _forms_of(f), f.evidence) for f in self.single),
             *((s.where, None, s.evidence) for s in self.smooth),
-            *((where, None, evidence) for where, evidence in self._curves()),
+            *self._curves(),
             *self._unfitted(),
         ):
             own = of.setdefault(where, {})
             own[form] = max(own.get(form, -np.inf), evidence)
         return {where: float(np.logaddexp.reduce(list(own.values()))) for where, own in of.items()}
 
-    def _curves(self) -> list[tuple[Where, float]]:
+    def _curves(self) -> list[tuple[Where, None, float]]:
         """ln evidence of all curves of one variable, and of all sums of one of each of two, by steps."""
         here = prior_of_a_place(self.base.found)
-        return [(where, b.evidence + prior_of_all(b, self._groups) + here) for where, b in self.bends.items()]
+        return [(where, None, b.evidence + prior_of_all(b, self._groups) + here) for where, b in self.bends.items()]
 
     def _at_places(self) -> list[Fitted]:
         """The best law at each of the best places, as likely as the best of one form: a sum that is known at one of

@@ -27,7 +27,7 @@ import numpy as np
 
 from enginediag_cli.mismatch.fit.freeform import Location
 from enginediag_cli.mismatch.laws.said import Said
-from enginediag_cli.mismatch.laws.scan import Known, share_of_variables
+from enginediag_cli.mismatch.laws.scan import Known, number_of_groups, share_of_variables
 from enginediag_cli.progress import stage
 
 SIZES = (0.1, 0.4, 1.6)
@@ -103,7 +103,7 @@ def smooth_evidence(said: Said, known: Sequence[Known], prior: float) -> list[Sm
     order = sorted(range(len(every)), key=lambda k: -found[k])[:BEST]
     for k, evidence in zip(order, _weighed(said, [every[k] for k in order], FINE), strict=True):
         found[k] = max(found[k], evidence)
-    groups = len({k.group for k in known})
+    groups = number_of_groups(known)
     weighed = [
         Smooth(said.at.place, of, e + prior_of_variables(of, groups) + prior + said.gain)
         for of, e in zip(every, found, strict=True)
