@@ -51,11 +51,13 @@ class Offer:
 
 class Prices:
     """What a member of a set costs before it is fitted. `own`: prices by label, of options that bring theirs;
-    `of_laws`: what the laws of a set cost together, where not as much as each by itself."""
+    `of_laws`: what the laws of a set cost together, where not as much as each by itself; `within`: what physics says
+    of laws that a trial has fitted, ln, 0 or less."""
 
     def __init__(self, library: Sequence[Option]):
         self.own: dict[str, float] = {}
         self.of_laws: Callable[[Sequence[Option]], float] = lambda laws: sum(self.own[o.label] for o in laws)
+        self.within: Callable[[Trial], float] = lambda trial: 0.0
         effects = {o.label for o in library if o.driver != TIME}
         self._effect = float(np.log(max(len(effects), 1) / EFFECTS))
         self._change = float(np.log(max(sum(o.driver == TIME for o in library), 1) / CHANGES))
@@ -79,7 +81,7 @@ class Prices:
         paid = sum(self.of(o) for o in trial.options if o.kind != LAW)
         laws = [o for o in trial.options if o.kind == LAW]
         paid += self.of_laws(laws) + HELD * held(trial, [n for o in laws for n in o.hypothesis.names])
-        return -0.5 * trial.objective - narrowed(trial.projection) - paid
+        return self.within(trial) - 0.5 * trial.objective - narrowed(trial.projection) - paid
 
     def promise(self, block: Scored, scales: np.ndarray, price: float) -> float:
         """Δ of a block whose coefficients are N(0, scales²) (k,)."""

@@ -24,6 +24,7 @@ from enginediag_cli.mismatch.fit.identified import Identified
 from enginediag_cli.mismatch.fit.options import LAW, Option
 from enginediag_cli.mismatch.fit.trial_fit import Trial
 from enginediag_cli.mismatch.laws.elsewhere_too import elsewhere_too, likes
+from enginediag_cli.mismatch.laws.fitted import ln_within
 from enginediag_cli.mismatch.laws.refined import reshaped
 from enginediag_cli.mismatch.laws.scan import Candidate, Formula, formulas, known_variables, scored
 from enginediag_cli.mismatch.laws.shortlist import Proposal, elsewhere, proposal
@@ -52,7 +53,7 @@ class LawMembers:
         self.where = locations(self.base)
         self.formulas = list(formulas(known_variables(self.base)))
         self._whole = {f.what: f.prior for f in self.formulas}
-        self.prices.of_laws = self.price
+        self.prices.of_laws, self.prices.within = self.price, self.within
 
     def learn(self, proposals: Iterable[Proposal]) -> None:
         """Laws that were fitted elsewhere may be members, too."""
@@ -86,6 +87,10 @@ class LawMembers:
             taken.append(left.pop(-k))
             paid -= prior
         return paid
+
+    def within(self, trial: Trial) -> float:
+        """What physics says of the laws of a trial: ln, 0 or less."""
+        return ln_within([self.known[o.label] for o in trial.options if o.kind == LAW], trial)
 
     def _offer(self, p: Proposal, trial: Trial) -> Offer:
         """Its promise is its weight without the prior that it was scored with, less what it adds to the price."""

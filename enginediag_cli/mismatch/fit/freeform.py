@@ -60,6 +60,13 @@ class Location:
         return (self,) if self.also is None else (replace(self, also=None), self.also)
 
 
+def parameter_at(place: Location, engine: Engine) -> Parameter:
+    """The parameter that stands for a place: of the engine, or the size of the effect that brings it in."""
+    if place.through is None:
+        return engine.parameters[place.parameter]
+    return next(p for p in place.through.parameters() if p.name == place.parameter)
+
+
 def locations(found: Identified) -> list[Location]:
     """Every health parameter, loss, nozzle area and cooling flow, every bleed and shaft load, every recorded sensor."""
     return locations_of(found.evidence.engine, found.problem.sensors)

@@ -11,12 +11,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from enginediag_cli.engine.term import Coefficient, Effect, Term
+from enginediag_cli.mismatch.fit.freeform import parameter_at
 from enginediag_cli.mismatch.laws.additive import additive_of
 from enginediag_cli.mismatch.laws.finding import Share
 from enginediag_cli.mismatch.laws.fitted import Fitted
 from enginediag_cli.mismatch.laws.grammar import Form
 from enginediag_cli.mismatch.laws.mean import Member, mean_of
-from enginediag_cli.mismatch.laws.proposed import AMPLITUDE, DIGITS, acting, place_of, statement_of
+from enginediag_cli.mismatch.laws.proposed import AMPLITUDE, DIGITS, acting, statement_of
 from enginediag_cli.mismatch.laws.said import Says
 from enginediag_cli.mismatch.laws.scan import Candidate, Formula, Known, number_of_groups
 from enginediag_cli.mismatch.laws.shortlist import Proposal, carrying, proposal
@@ -132,7 +133,7 @@ def _proposal(first: Fitted, forms: Sequence[Share], mean: np.ndarray, of: tuple
     size = float(np.std(mean))
     over = size * sum(x.probability for x in forms)
     text = " + ".join(f"{x.probability / over:.{DIGITS}g} * ({x.text})" for x in forms)
-    parameter = place_of(place, engine)
+    parameter = parameter_at(place, engine)
     acts, unit = acting(place, parameter)
     law = Law(
         "_".join((AVERAGE.name, *(k.variable.name for k in of))),

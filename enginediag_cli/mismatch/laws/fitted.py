@@ -10,11 +10,12 @@ import numpy as np
 from enginediag_cli.engine.term import Effect
 from enginediag_cli.mismatch.fit.options import Option
 from enginediag_cli.mismatch.fit.trial_fit import Trial
-from enginediag_cli.mismatch.laws.band import summed
+from enginediag_cli.mismatch.laws.band import curve_of, summed
 from enginediag_cli.mismatch.laws.finding import Share
 from enginediag_cli.mismatch.laws.posterior import evidence_of
 from enginediag_cli.mismatch.laws.scan import Known
 from enginediag_cli.mismatch.laws.shortlist import Proposal
+from enginediag_cli.mismatch.laws.within import Room
 
 Where = tuple[str, frozenset[int]]
 """Name of a place, and groups of variables."""
@@ -35,7 +36,8 @@ class Fitted:
     @classmethod
     def to(cls, base: Trial, laws: tuple[Proposal, ...], trial: Trial) -> Fitted:
         """A trial of laws, weighed against the base of the same records."""
-        return cls(laws, trial, evidence_of(base, trial, sum(p.candidate.prior for p in laws)))
+        prior = sum(p.candidate.prior for p in laws)
+        return cls(laws, trial, evidence_of(base, trial, prior) + ln_within(laws, trial))
 
     def again(self, base: Trial, trial: Trial) -> Fitted:
         """The same laws fitted to other records."""
@@ -79,6 +81,23 @@ class Fitted:
     @property
     def at_one_place(self) -> bool:
         return len({p.candidate.location.name for p in self.laws}) == 1
+
+
+def ln_within(laws: Sequence[Proposal], trial: Trial) -> float:
+    """What physics says (`within`) of laws that a trial has fitted, at each of their places; nothing where they were
+    found on other records."""
+    total = 0.0
+    for place in {p.candidate.location.name: p.candidate.location for p in laws}.values():
+        own = [p for p in laws if p.candidate.location.name == place.name]
+        effects = [e for p in own for e in p.option.hypothesis.effects]
+        known = {k.variable.name: k for p in own for k in p.candidate.formula.of}
+        if any(len(k.values) != len(trial.found.number) for k in known.values()):
+            continue
+        f = summed(effects, {n: k.values for n, k in known.items()}, trial.values)
+        room = Room.at(trial.found, place, float(np.mean(f)))
+        if not room.allows(f):
+            total += room.of_curve(*curve_of(effects, trial, list(known.values())))
+    return total
 
 
 def ordered(fitted: Iterable[Fitted]) -> list[Fitted]:

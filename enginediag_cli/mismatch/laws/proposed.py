@@ -7,7 +7,6 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from enginediag_cli.engine.engine import Engine
 from enginediag_cli.engine.term import Coefficient, Effect
 from enginediag_cli.mismatch.fit.freeform import Location
 from enginediag_cli.mismatch.laws.grammar import Form
@@ -21,13 +20,6 @@ AMPLITUDE = "a"
 """The letter of every form that is its size."""
 DIGITS = 6
 """Significant digits of what stands in a formula as a number."""
-
-
-def place_of(location: Location, engine: Engine) -> Parameter:
-    """The parameter that stands for a place: of the engine, or the size of the effect that brings it in."""
-    if location.through is None:
-        return engine.parameters[location.parameter]
-    return next(p for p in location.through.parameters() if p.name == location.parameter)
 
 
 def possible(candidate: Candidate) -> bool:

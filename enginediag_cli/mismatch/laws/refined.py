@@ -17,6 +17,7 @@ from enginediag_cli.mismatch.laws.proposed import possible
 from enginediag_cli.mismatch.laws.said import Said
 from enginediag_cli.mismatch.laws.scan import Candidate, Formula, Known, of_same_groups, of_same_variables
 from enginediag_cli.mismatch.laws.shaping import Shaping
+from enginediag_cli.mismatch.laws.within import Room, ends_of
 from enginediag_cli.progress import stage
 
 ALIKE = 6
@@ -64,10 +65,13 @@ def _sought(said: Said, tries: Sequence[Formula], prior: float) -> list[Candidat
     for _ in range(ROUNDS):
         said.look([s for s in shaping if not s.settled])
     found: dict[object, Candidate] = {}
+    room = Room.at(said.at.found, said.at.place)
     for s in sorted(shaping, key=lambda s: -s.evidence - s.formula.prior):
         if np.isfinite(s.evidence):
-            own = s.formula.prior + prior
-            weight = said.gain + s.evidence + own
-            c = Candidate(said.at.place, s.found(), s.amplitude, s.statistic, weight, own)
+            formula, own = s.found(), s.formula.prior + prior
+            weight = (
+                said.gain + s.evidence + own + float(room.of_curves(s.amplitude, ends_of(formula.curve), s.statistic))
+            )
+            c = Candidate(said.at.place, formula, s.amplitude, s.statistic, weight, own)
             found.setdefault(_form_of(c), c)
     return [c for c in found.values() if possible(c)]

@@ -25,6 +25,7 @@ from enginediag_cli.mismatch.fit.freeform import Location, locations
 from enginediag_cli.mismatch.fit.identified import Identified
 from enginediag_cli.mismatch.fit.projection import Projection
 from enginediag_cli.mismatch.laws.grammar import FORMS, Form, Shape
+from enginediag_cli.mismatch.laws.within import Room, ends_of
 from enginediag_cli.physics.laws.variables import Variable, variables_of
 from enginediag_cli.progress import stage
 
@@ -218,10 +219,11 @@ def scored(
         narrowed = 1.0 + G * place.scale**2
         weight = 0.5 * g**2 * place.scale**2 / narrowed - 0.5 * np.log(narrowed)
         step = g * place.scale**2 / narrowed
+        T = g**2 / np.maximum(G, 1e-300)
+        weight += Room.at(found, place).of_curves(step, ends_of(curves), T)
         for k, law in enumerate(laws):
-            T = float(g[k] ** 2 / max(G[k], 1e-300))
             told = float(weight[k]) + law.prior + prior - float(np.log(law.tried))
-            result.append(Candidate(place, law, float(step[k] / rms[k]), T, told, law.prior + prior))
+            result.append(Candidate(place, law, float(step[k] / rms[k]), float(T[k]), told, law.prior + prior))
     return sorted(result, key=lambda c: -c.weight)
 
 

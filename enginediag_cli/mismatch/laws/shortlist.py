@@ -10,10 +10,11 @@ import numpy as np
 
 from enginediag_cli.engine.engine import Engine
 from enginediag_cli.engine.term import Effect
+from enginediag_cli.mismatch.fit.freeform import parameter_at
 from enginediag_cli.mismatch.fit.identified import Hypothesis
 from enginediag_cli.mismatch.fit.options import LAW, Option
 from enginediag_cli.mismatch.fit.trial_fit import Trial
-from enginediag_cli.mismatch.laws.proposed import place_of, possible, proposed
+from enginediag_cli.mismatch.laws.proposed import possible, proposed
 from enginediag_cli.mismatch.laws.refined import reshaped
 from enginediag_cli.mismatch.laws.scan import (
     Candidate,
@@ -75,7 +76,7 @@ def proposal(candidate: Candidate, engine: Engine) -> Proposal:
     """The law of a candidate as an option, under a name of its own among laws at that place."""
     formula = candidate.formula
     name = "_".join((formula.form.name, *(k.variable.name for k in formula.of)))
-    return carrying(candidate, proposed(candidate, place_of(candidate.location, engine), name))
+    return carrying(candidate, proposed(candidate, parameter_at(candidate.location, engine), name))
 
 
 def carrying(candidate: Candidate, effect: Effect) -> Proposal:

@@ -18,9 +18,9 @@ import numpy as np
 
 from enginediag_cli.engine.engine import Engine
 from enginediag_cli.engine.term import Coefficient, Effect
-from enginediag_cli.mismatch.fit.freeform import Location
+from enginediag_cli.mismatch.fit.freeform import Location, parameter_at
 from enginediag_cli.mismatch.laws.grammar import EDGES_OF_STEPS, FORMS, Form, span
-from enginediag_cli.mismatch.laws.proposed import acting, place_of, statement_of
+from enginediag_cli.mismatch.laws.proposed import acting, statement_of
 from enginediag_cli.mismatch.laws.said import Says
 from enginediag_cli.mismatch.laws.scan import Candidate, Formula, Known, share_of_variables
 from enginediag_cli.mismatch.laws.shortlist import Proposal, carrying
@@ -215,7 +215,7 @@ def _proposal(place: Location, part: Part, size: float, priors: tuple[float, flo
     letters, expression = part.letters, Expression.parsed(part.text)
     values = {k.variable.name: k.values for k in part.of}
     curve = np.asarray(expression.at({**values, **dict.fromkeys(letters, 1.0)}), float)
-    parameter = place_of(place, engine)
+    parameter = parameter_at(place, engine)
     acts, unit = acting(place, parameter)
     coefficients = tuple(Coefficient(a, unit, "size", 0.0, -np.inf, np.inf, size, 0.0) for a in letters)
     variables = {k.variable.name: k.variable for k in part.of}
