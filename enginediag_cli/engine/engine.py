@@ -170,8 +170,8 @@ class Engine:
         `inputs`: column -> (N,) or number, all of `self.inputs`; `parameters`: name -> number or (N,), the
         rest nominal; `sensors`: columns to return, default all sensors, or any model column ("T4_K");
         `wrt`: parameters or input columns; `start`: unknowns (nx, N) to begin with, e.g. an earlier `x`; `also`: model
-        columns of which the values will do, without derivatives. `walk`: whether
-        points that fail from there are worth every other way to them.
+        columns of which the values will do, without derivatives, and as they are, whatever sensors read of them.
+        `walk`: whether points that fail from there are worth every other way to them.
         Raises KeyError for unknown names, ValueError for unequal lengths and for a column asked for twice. A point
         that fails is a flagged row, never an exception; so is one whose switch is neither 0 nor 1. `envelope` is not
         checked here: it is for those who generate or judge operating points.

@@ -86,7 +86,7 @@ class Outputs:
         with np.errstate(all="ignore"):
             found = {c: self._read(e, c) for c in self.columns}
             for c, column in enumerate(self.columns_also):
-                self.also[points, c] = _values(e, self._read(e, column))[rows]
+                self.also[points, c] = _values(e, self._of_model(e, column))[rows]
         for c, x in enumerate(found.values()):
             self.y[points, c] = _values(e, x)[rows]
         if self.wrt and self.columns:
@@ -124,6 +124,13 @@ class Outputs:
         if column in self.sensors:
             return self.sensors[column].read(self.network, e)
         return self.network.read(e, column)
+
+    def _of_model(self, e: Evaluation, column: str) -> Value:
+        """What is there, whatever a sensor reads of it; of what only a sensor has, what that reads."""
+        try:
+            return self.network.read(e, column)
+        except KeyError:
+            return self._read(e, column)
 
 
 class OfPoints:

@@ -95,7 +95,7 @@ def cases(seed: int, count: int) -> Iterator[Case]:
             continue
         f = curve(truth.effect, {k.variable.name: k.values for k in ground.known})
         if (at, truth.place.name) not in roots:
-            clean = Said(Carried(ground.found, ground.projection, truth.place, f, 0.0))
+            clean = Said(Carried(ground.found, ground.projection, truth.place, f, 0.0, tuple(ground.known)))
             values, vectors = np.linalg.eigh(clean.any.grams(np.eye(len(f))[:, None, :])[0])
             roots[at, truth.place.name] = clean, vectors * np.sqrt(np.maximum(values, 0.0))
         clean, root = roots[at, truth.place.name]
@@ -117,7 +117,7 @@ class Told:
 
 def answered(case: Case) -> Told:
     known, groups = list(case.flown.ground.known), number_of_groups(case.flown.ground.known)
-    here = all_said(case.said, case.flown.every, known, 0.0)
+    here = all_said(case.said, case.flown.every, 0.0)
     # of variables that are alike the best counts, as in the search
     totals: dict[Groups, dict[str, float]] = {s.groups: {"": s.evidence} for s in reversed(here.smooth)}
     for (_, of), b in here.bends.items():

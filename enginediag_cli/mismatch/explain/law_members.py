@@ -26,7 +26,7 @@ from enginediag_cli.mismatch.fit.trial_fit import Trial
 from enginediag_cli.mismatch.laws.elsewhere_too import elsewhere_too, likes
 from enginediag_cli.mismatch.laws.fitted import ln_within
 from enginediag_cli.mismatch.laws.refined import reshaped
-from enginediag_cli.mismatch.laws.scan import Candidate, Formula, formulas, known_variables, scored
+from enginediag_cli.mismatch.laws.scan import Candidate, Formula, formulas, known_variables, scored, seen_at
 from enginediag_cli.mismatch.laws.shortlist import Proposal, elsewhere, proposal
 
 PLACES = 4
@@ -51,7 +51,8 @@ class LawMembers:
 
     def __post_init__(self) -> None:
         self.where = locations(self.base)
-        self.formulas = list(formulas(known_variables(self.base)))
+        self.variables = known_variables(self.base)
+        self.formulas = list(formulas(self.variables))
         self._whole = {f.what: f.prior for f in self.formulas}
         self.prices.of_laws, self.prices.within = self.price, self.within
 
@@ -132,10 +133,12 @@ class LawMembers:
         return scored(trial.found, trial.projection, where, laws, prior)
 
     def _usable(self, trial: Trial) -> list[Formula]:
-        """Formulas over the records that the trial has."""
-        if np.array_equal(trial.found.number, self.base.number):
-            return self.formulas
-        return list(formulas(known_variables(trial.found)))
+        """Formulas over the records that the trial has, of variables as it has them."""
+        if not np.array_equal(trial.found.number, self.base.number):
+            return list(formulas(known_variables(trial.found)))
+        seen = seen_at(trial.found, self.variables)
+        moved = any(k is not own for k, own in zip(seen, self.variables, strict=True))
+        return list(formulas(seen)) if moved else self.formulas
 
     @property
     def _of_a_place(self) -> float:

@@ -13,7 +13,7 @@ from enginediag_cli.mismatch.laws.fitted import Fitted, Where
 from enginediag_cli.mismatch.laws.grammar import FORMS
 from enginediag_cli.mismatch.laws.refined import refined
 from enginediag_cli.mismatch.laws.said import Said, Says
-from enginediag_cli.mismatch.laws.scan import Candidate, Formula, Known, Scan, formulas_of, prior_of_a_place
+from enginediag_cli.mismatch.laws.scan import Candidate, Formula, Scan, formulas, formulas_of, prior_of_a_place
 from enginediag_cli.mismatch.laws.smooth import Smooth, smooth_evidence
 from enginediag_cli.mismatch.laws.steps import Bends, bends_of
 from enginediag_cli.side_by_side import Handing, side_by_side
@@ -40,16 +40,22 @@ class AtPlace:
 
 def said_at_places(base: Trial, scan: Scan, laws: Sequence[Fitted]) -> list[AtPlace]:
     """At the places of these laws, where a fit that carries them converges."""
-    tries, prior = scan.formulas, prior_of_a_place(base.found)
+    prior = prior_of_a_place(base.found)
 
     def at_place(k: int) -> AtPlace | None:
         # each place begins where the base has ended, whichever was asked before
         with apart(base.found.model):
             said = said_at(base, laws[k], scan)
-            return None if said is None else all_said(said, tries, scan.known, prior)
+            return None if said is None else all_said(said, _tried(said, scan), prior)
 
     handing = Handing(shared=[*scan.known, *FORMS, *(f.laws[0].candidate.location for f in laws)])
     return [here for here in side_by_side(at_place, len(laws), handing) if here is not None]
+
+
+def _tried(said: Said, scan: Scan) -> Sequence[Formula]:
+    """The formulas of a scan over the variables as a place's fit has them."""
+    moved = any(k is not own for k, own in zip(said.at.known, scan.known, strict=True))
+    return list(formulas(said.at.known)) if moved else scan.formulas
 
 
 def said_at(base: Trial, law: Fitted, scan: Scan) -> Said | None:
@@ -58,8 +64,9 @@ def said_at(base: Trial, law: Fitted, scan: Scan) -> Said | None:
     return Said(at) if at.found.converged else None
 
 
-def all_said(said: Said, tries: Sequence[Formula], known: Sequence[Known], prior: float) -> AtPlace:
+def all_said(said: Said, tries: Sequence[Formula], prior: float) -> AtPlace:
     """Of these formulas, and of more tries of the likeliest variables; `prior`: ln, of the place."""
+    known = said.at.known
     smooth = smooth_evidence(said, known, prior)
     likely = sorted({s.groups: s for s in reversed(smooth)}.values(), key=lambda s: -s.evidence)[:SETS]
     finer = [f for s in likely for f in formulas_of(s.of, known, finer=True)]

@@ -52,13 +52,12 @@ class Averaged:
         return replace(found, laws=(law,), evidence=self.evidence, beside=beside, forms=self.forms)
 
 
-def average_of(
-    first: Fitted, forms: Sequence[Member], known: Sequence[Known], says: Says, prior: float
-) -> Averaged | None:
+def average_of(first: Fitted, forms: Sequence[Member], says: Says, prior: float) -> Averaged | None:
     """The average of `forms` of the first one's variables at its place (`members_of`), and of all smooth curves of
     these; `says`: what that place does, `prior`: ln, of the place. None where there is none that is better told than a
     form."""
     members = [*forms]
+    known = says.known
     of = tuple(k for k in known if k.variable.name in first.names)
     if len(of) <= MOST_VARIABLES:
         members.append(smooth_member(says, of, number_of_groups(known), prior))

@@ -14,19 +14,20 @@ from enginediag_cli.mismatch.fit.identified import Identified, identify_with, nu
 from enginediag_cli.mismatch.fit.projection import Projection
 from enginediag_cli.mismatch.fit.trial_fit import Trial
 from enginediag_cli.mismatch.laws.band import summed
-from enginediag_cli.mismatch.laws.scan import Known
+from enginediag_cli.mismatch.laws.scan import Known, seen_at
 
 
 @dataclass(frozen=True)
 class Carried:
     """A fit whose engine carries a law at a place, which is f (N,) over the records; `gain`: half of the χ² that the
-    fit without it had more."""
+    fit without it had more; `known`: variables as this fit has them."""
 
     found: Identified
     projection: Projection
     place: Location
     f: np.ndarray
     gain: float
+    known: tuple[Known, ...]
 
 
 def carried(base: Trial, trial: Trial, laws: Sequence[Effect], place: Location, known: Sequence[Known]) -> Carried:
@@ -38,5 +39,6 @@ def carried(base: Trial, trial: Trial, laws: Sequence[Effect], place: Location, 
     engine = evidence.engine.with_effects((*evidence.engine.effects, *fixed))
     found = identify_with(replace(evidence, engine=engine), base.hypothesis, nuisance(evidence), base.found)
     projection = Projection(found)
-    f = summed(laws, {k.variable.name: k.values for k in known}, trial.values)
-    return Carried(found, projection, place, f, 0.5 * (base.objective - projection.objective))
+    seen = seen_at(found, known)
+    f = summed(laws, {k.variable.name: k.values for k in seen}, trial.values)
+    return Carried(found, projection, place, f, 0.5 * (base.objective - projection.objective), seen)

@@ -15,7 +15,7 @@ import numpy as np
 
 from enginediag_cli.mismatch.fit.freeform import Location
 from enginediag_cli.mismatch.fit.trial_fit import Trial
-from enginediag_cli.mismatch.laws.scan import Candidate, Formula, over_records, scored
+from enginediag_cli.mismatch.laws.scan import Candidate, Formula, over_records, scored, seen_at
 from enginediag_cli.mismatch.laws.shortlist import Proposal, proposal
 
 MOST_PLACES = 5
@@ -51,5 +51,6 @@ def _as_fitted(law: Proposal, trial: Trial) -> Formula:
     formula = law.candidate.formula
     effect = law.option.hypothesis.effects[0]
     shape = {n: trial.coefficients[effect.parameter_name(n)][0] for n in formula.shape}
-    curve = over_records(formula.form, formula.of, shape)
-    return replace(formula, shape=shape, curve=curve, prior=0.0, tried=1)
+    of = seen_at(trial.found, formula.of)
+    curve = over_records(formula.form, of, shape)
+    return replace(formula, of=of, shape=shape, curve=curve, prior=0.0, tried=1)

@@ -13,7 +13,7 @@ from enginediag_cli.mismatch.fit.trial_fit import Trial
 from enginediag_cli.mismatch.laws.band import curve_of, summed
 from enginediag_cli.mismatch.laws.finding import Share
 from enginediag_cli.mismatch.laws.posterior import evidence_of
-from enginediag_cli.mismatch.laws.scan import Known
+from enginediag_cli.mismatch.laws.scan import Known, seen_at
 from enginediag_cli.mismatch.laws.shortlist import Proposal
 from enginediag_cli.mismatch.laws.within import Room
 
@@ -96,7 +96,7 @@ def ln_within(laws: Sequence[Proposal], trial: Trial) -> float:
         f = summed(effects, {n: k.values for n, k in known.items()}, trial.values)
         room = Room.at(trial.found, place, float(np.mean(f)))
         if not room.allows(f):
-            total += room.of_curve(*curve_of(effects, trial, list(known.values())))
+            total += room.of_curve(*curve_of(effects, trial, seen_at(trial.found, list(known.values()))))
     return total
 
 

@@ -48,7 +48,7 @@ def reshaped(trial: Trial, candidates: Sequence[Candidate], most: int) -> list[C
     for place in {c.location.name: c.location for c in chosen}.values():
         own = [c for c in chosen if c.location.name == place.name]
         nothing = np.zeros(len(trial.found.number))
-        at = Carried(trial.found, trial.projection, place, nothing, 0.0)
+        at = Carried(trial.found, trial.projection, place, nothing, 0.0, ())
         prior = own[0].prior - own[0].formula.prior
         tries = [f for c in own for f in (c.formula, *of_same_variables(c.formula))]
         found += _sought(Said(at), tries, prior)

@@ -18,7 +18,7 @@ from enginediag_cli.engine.driver import STILL
 from enginediag_cli.mismatch.fit.any_curve import AnyCurve
 from enginediag_cli.mismatch.fit.columns import Columns
 from enginediag_cli.mismatch.laws.carried import Carried
-from enginediag_cli.mismatch.laws.scan import Formula
+from enginediag_cli.mismatch.laws.scan import Formula, Known
 from enginediag_cli.mismatch.laws.shaping import Shaping
 
 AT_ONCE = 500
@@ -36,11 +36,12 @@ LEAST = 1e-9
 @dataclass(frozen=True)
 class Says:
     """What stays of what a place says when the fit there is gone: of `any` curve, the law `f` (N,) that was carried,
-    and `gain`: ½ χ² that a fit without either had more."""
+    `gain`: ½ χ² that a fit without either had more, and the variables `known` as the fit had them."""
 
     any: AnyCurve
     f: np.ndarray
     gain: float
+    known: tuple[Known, ...]
 
     def of(self, curves: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Products (K, k, k), and pulls (K, k) of what is left and carried, of sets of curves (N, K, k)."""
@@ -63,7 +64,7 @@ class Said:
 
     @property
     def kept(self) -> Says:
-        return Says(self.any, self.at.f, self.gain)
+        return Says(self.any, self.at.f, self.gain, self.at.known)
 
     def with_carried(self, f: np.ndarray, pull: np.ndarray) -> Said:
         """Of the same place, what it would say if a fit carried the law f (N,) and left noise that pulls so (N,)."""

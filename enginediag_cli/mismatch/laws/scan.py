@@ -11,7 +11,7 @@ Source: D. J. C. MacKay, Neural Computation 4 (1992) 415–447.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import combinations, product
 
 import numpy as np
@@ -20,6 +20,7 @@ from enginediag_cli.drivers import SAME
 from enginediag_cli.engine.driver import STILL
 from enginediag_cli.engine.dual import Value
 from enginediag_cli.mismatch.fit.columns import Columns
+from enginediag_cli.mismatch.fit.extended import ExtendedModel
 from enginediag_cli.mismatch.fit.families import Sums, grid
 from enginediag_cli.mismatch.fit.freeform import Location, locations
 from enginediag_cli.mismatch.fit.identified import Identified
@@ -31,6 +32,8 @@ from enginediag_cli.progress import stage
 
 PAIRS = 0.25
 """Prior share of laws of two variables. Judgement."""
+MOVED = 0.01
+"""Of a variable's standard deviation over the records, by which one may differ between two fits and be the same."""
 
 
 @dataclass(frozen=True)
@@ -87,24 +90,44 @@ class Candidate:
 
 def known_variables(found: Identified) -> list[Known]:
     """Variables that move in the fit's records, in groups that these cannot tell apart."""
-    engine = found.evidence.engine
-    every = list(variables_of(engine.network).values())
-    columns = tuple(dict.fromkeys(c for v in every if not v.recorded for c in v.columns))
-    theta = {n: v for n, v in found.theta.items() if n in engine.parameters}
-    p = engine.predict(found.problem.inputs, theta, sensors=columns)
-    at = dict(zip(columns, np.where(p.ok[:, None], p.y, np.nan).T, strict=True))
-    at |= {c: np.asarray(x, float) for c, x in found.problem.inputs.items()}
     result: list[Known] = []
-    for v in every:
-        if any(c not in at for c in v.columns):
-            continue
-        x = np.broadcast_to(v.values(at), p.ok.shape)
-        x = np.where(np.isfinite(x), x, np.nanmedian(x))
+    for v, x in _values(found, list(variables_of(found.evidence.engine.network).values())):
         if np.std(x) <= STILL * max(1e-300, float(np.mean(np.abs(x)))):
             continue
         alike = (k.group for k in result if abs(float(np.corrcoef(k.values, x)[0, 1])) > SAME)
         result.append(Known(v, x, next(alike, 1 + max((k.group for k in result), default=-1))))
     return result
+
+
+def seen_at(found: Identified, known: Sequence[Known]) -> tuple[Known, ...]:
+    """The same variables, in the same groups, as another fit of the same records has them: a model without a large law
+    is worn where it lacks it, and computes other pressures and temperatures. As they are where nothing has moved, or
+    the records are others."""
+    if any(len(k.values) != len(found.number) for k in known):
+        return tuple(known)
+    at = {v.name: x for v, x in _values(found, [k.variable for k in known])}
+    return tuple(
+        k
+        if np.abs(at[k.variable.name] - k.values).max() <= MOVED * np.std(k.values)
+        else replace(k, values=at[k.variable.name], tries={})
+        for k in known
+    )
+
+
+def _values(found: Identified, variables: Sequence[Variable]) -> Iterator[tuple[Variable, np.ndarray]]:
+    """Variables that the inputs and the fitted engine tell, with all that it was fitted with, over the fit's records
+    (N,): what is in the gas path, whatever sensors read of it."""
+    columns = tuple(dict.fromkeys(c for v in variables if not v.recorded for c in v.columns))
+    at = {c: np.asarray(x, float) for c, x in found.problem.inputs.items()}
+    if columns:
+        # by itself: how a fit goes on does not depend on who has looked at it
+        model = ExtendedModel(found.model.engine, found.model.discrepancies)
+        p = model.predict(found.problem.inputs, found.theta, sensors=(), also=columns)
+        at = dict(zip(columns, np.where(p.ok[:, None], p.also, np.nan).T, strict=True)) | at
+    for v in variables:
+        if all(c in at for c in v.columns):
+            x = np.broadcast_to(v.values(at), found.number.shape)
+            yield v, np.where(np.isfinite(x), x, np.nanmedian(x))
 
 
 def formulas(known: Sequence[Known], forms: Sequence[Form] = FORMS) -> Iterator[Formula]:

@@ -134,10 +134,10 @@ class LawSearch:
     def _average(self, first: Fitted) -> Fitted | None:
         """Of laws of the first one's variables at its place, weighed again at a fit that carries their average until
         that stays: far from the law that was carried first, what a place says of curves is not linear."""
-        says, known, prior = self.says.get(first.where[0]), self.scan.known, prior_of_a_place(self.base.found)
+        says, prior, found = self.says.get(first.where[0]), prior_of_a_place(self.base.found), None
         if says is None:
             return None
-        forms, found = members_of(first, self.single, self.refined, known), None
+        forms = members_of(first, self.single, self.refined, says.known)
         for _ in range(PASSES):
             before = found
             if before is not None:
@@ -145,12 +145,12 @@ class LawSearch:
                 if said is None:
                     break
                 says = said.kept
-            average = average_of(first, forms, known, says, prior)
+            average = average_of(first, forms, says, prior)
             fitted = self._fitted([(average.law,)]) if average is not None else []
             if average is None or not fitted:
                 return None
             found = average.fitted(fitted[0], max(first.standing - average.evidence, 0.0) + LIKELIER)
-            if before is not None and says.any.apart(before.curve(known), found.curve(known)) < SETTLED:
+            if before is not None and says.any.apart(before.curve(says.known), found.curve(says.known)) < SETTLED:
                 break
         return found
 
@@ -174,7 +174,7 @@ class LawSearch:
         s = max(self.smooth, key=lambda s: s.evidence, default=None)
         own = best.get(s.where) if s is not None else None
         if s is not None and own is not None and len(s.of) == 2 and s.evidence > own.evidence:
-            size = float(np.std(curve_of(own.effects, own.trial, self.scan.known)[0]))
+            size = float(np.std(curve_of(own.effects, own.trial, self.says[s.place.name].known)[0]))
             prior = prior_of_variables(s.of, self._groups)
             found.append(as_surface(s.place, (s.of[0], s.of[1]), size, prior, here, self.engine))
         return self._fitted([laws for laws in found if laws])

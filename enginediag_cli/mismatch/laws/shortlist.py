@@ -21,6 +21,7 @@ from enginediag_cli.mismatch.laws.scan import (
     Scan,
     formulas_of,
     scored,
+    seen_at,
 )
 
 WHERE = 6
@@ -54,7 +55,8 @@ def along_the_same(scan: Scan, laws: Sequence[Proposal], fitted: Trial) -> list[
     what the fit of these laws leaves. Beforehand one of such formulas is as likely as another, by their priors."""
     place, engine = laws[0].candidate.location, fitted.found.evidence.engine
     here = [p.candidate.formula for p in laws if p.candidate.location.name == place.name]
-    of = {k.group: k for f in reversed(here) for k in f.of}
+    seen = seen_at(fitted.found, [k for f in reversed(here) for k in f.of])
+    of = {k.group: k for k in seen}
     sets = [(k,) for k in of.values()] + list(combinations(of.values(), 2))
     family = [f for s in sets for f in formulas_of(s, scan.known)]
     whole = float(np.log(np.sum([np.exp(f.prior) / f.tried for f in family])))

@@ -13,6 +13,7 @@ from enginediag_cli.mismatch.laws.band import EDGES, Weighed, band_of, curve_of
 from enginediag_cli.mismatch.laws.finding import FittedLaw, LawFinding
 from enginediag_cli.mismatch.laws.fitted import Fitted
 from enginediag_cli.mismatch.laws.posterior import places_of, shares, variables_of_laws
+from enginediag_cli.mismatch.laws.scan import seen_at
 from enginediag_cli.mismatch.laws.search import LawSearch
 
 UNLIKELY = 5.0
@@ -22,7 +23,7 @@ UNLIKELY = 5.0
 def summary(search: LawSearch, best: Sequence[Fitted], base: Trial, noise_known: bool) -> LawFinding:
     """Of a search; `best`: laws that are told, likeliest first, and `base` the fit without them; `noise_known`: not
     from the recordings alone."""
-    known = search.scan.known
+    known = seen_at(best[0].trial.found, search.scan.known)
     if best[0].at_one_place:
         place = {p.name: p for p in locations(search.base.found)}
         weighed = [(place[where[0]], where[1], total) for where, total in search.totals().items()]

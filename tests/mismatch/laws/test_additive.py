@@ -32,7 +32,7 @@ class Ground:
 
     def said(self, f: np.ndarray) -> Said:
         """What is carried is added back to what the fit leaves: there is nothing else in these flights."""
-        return Said(Carried(self.found, self.projection, self.place, f, 0.0))
+        return Said(Carried(self.found, self.projection, self.place, f, 0.0, ()))
 
 
 @pytest.fixture(scope="module")

@@ -36,9 +36,9 @@ UNLIKELY = -1000.0
 
 
 def average_from(
-    first: Fitted, fitted: list[Fitted], sought: list[Candidate], known: list[Known], says: Says, prior: float
+    first: Fitted, fitted: list[Fitted], sought: list[Candidate], says: Says, prior: float
 ) -> Averaged | None:
-    return average_of(first, members_of(first, fitted, sought, known), known, says, prior)
+    return average_of(first, members_of(first, fitted, sought, says.known), says, prior)
 
 
 class Ground:
@@ -57,7 +57,9 @@ class Ground:
         self.known: list[Known] = [k for k in known_variables(found) if k.variable.name in ("mach", "power")]
         place = next(p for p in locations(found) if p.name == "hpc.efficiency")
         own = [k for k in self.known if k.variable.name == "mach"]
-        self.said = Said(Carried(found, self.base.projection, place, np.zeros(len(found.number)), 0.0))
+        self.said = Said(
+            Carried(found, self.base.projection, place, np.zeros(len(found.number)), 0.0, tuple(self.known))
+        )
         sought = refined(self.said, list(formulas_of(own, self.known)), own, 0.0)
         best = {c.formula.form.name: c for c in sought}
         self.fitted = [replace(self._fitted(best[name]), evidence=20.0) for name in FORMS]
@@ -71,7 +73,7 @@ class Ground:
     def average(self, *evidence: float) -> Averaged | None:
         """With this ln evidence of the three."""
         fitted = [replace(f, evidence=e) for f, e in zip(self.fitted, evidence, strict=True)]
-        return average_from(fitted[0], fitted, self.sought, self.known, self.said.kept, UNLIKELY)
+        return average_from(fitted[0], fitted, self.sought, self.said.kept, UNLIKELY)
 
 
 @pytest.fixture(scope="module")
@@ -114,7 +116,7 @@ def test_all_smooth_curves_of_a_variable_are_one_of_its_members(ground: Ground) 
     smooth = smooth_member(ground.said.kept, mach, len({k.group for k in ground.known}), 0.0)
     for ahead in (-20.0, 0.0, 6.0):
         prior = 20.0 + ahead - smooth.evidence
-        averaged = average_from(fitted[0], fitted, ground.sought, ground.known, ground.said.kept, prior)
+        averaged = average_from(fitted[0], fitted, ground.sought, ground.said.kept, prior)
         assert averaged is not None
         its = sum(x.probability for x in averaged.forms if x.words == smooth.words)
         assert its == pytest.approx(1.0 / (1.0 + 4.0 * np.exp(-0.5 * ahead)), abs=1e-4)
@@ -141,9 +143,9 @@ def test_a_form_that_these_flights_do_not_tell_from_the_average_is_told_as_it_st
     c = {n: v for n, (v, _) in first.trial.coefficients.items()}
     curve = summed(first.effects, {k.variable.name: k.values for k in ground.known}, c)
     twin = replace(ground.sought[0], amplitude=1.0, formula=replace(ground.sought[0].formula, curve=curve))
-    assert average_from(first, [first], [twin], ground.known, ground.said.kept, UNLIKELY) is None
+    assert average_from(first, [first], [twin], ground.said.kept, UNLIKELY) is None
     other = replace(twin, formula=replace(twin.formula, curve=0.2 * curve))
-    assert average_from(first, [first], [other], ground.known, ground.said.kept, UNLIKELY) is not None
+    assert average_from(first, [first], [other], ground.said.kept, UNLIKELY) is not None
 
 
 def test_its_prior_says_that_it_is_as_likely_as_all_its_forms_together(ground: Ground) -> None:
@@ -165,7 +167,7 @@ def test_weighed_at_a_fit_that_carries_it_an_average_follows_a_large_law_better(
         said = said_at(ground.base, last, scan)
         assert said is not None
         # smooth curves outweigh all forms
-        averaged = average_from(last, ground.fitted, [], ground.known, said.kept, 1000.0)
+        averaged = average_from(last, ground.fitted, [], said.kept, 1000.0)
         assert averaged is not None and len(averaged.forms) == 1
         trial = attempt([averaged.law.option], ground.base.found, nuisance(ground.base.found.evidence))
         left.append(trial.objective)

@@ -100,7 +100,7 @@ def test_as_many_steps_are_taken_as_a_curve_bends():
     counts = []
     for waves in (0.5, 2.5):
         # what a fit carries is added back to what it leaves: there is nothing else in these flights
-        carried = Carried(found, Projection(found), place, 0.02 * np.sin(2.0 * np.pi * waves * u), 0.0)
+        carried = Carried(found, Projection(found), place, 0.02 * np.sin(2.0 * np.pi * waves * u), 0.0, ())
         bends = bends_of(Said(carried).kept, [mach])
         assert bends.choice <= 0.0
         counts += bends.counts

@@ -55,8 +55,9 @@ def along(engine: Engine, inputs: Columns, theta: Mapping[str, Any], of: Sequenc
     n = len(next(iter(at.values())))
     if columns:
         known = {c: x for c, x in inputs.items() if c in engine.inputs or c in engine.optional_inputs}
-        p = engine.predict(known, {k: v for k, v in theta.items() if k in engine.parameters}, sensors=columns)
-        at |= dict(zip(columns, np.where(p.ok[:, None], p.y, np.nan).T, strict=True))
+        own = {k: v for k, v in theta.items() if k in engine.parameters}
+        p = engine.predict(known, own, sensors=(), also=columns)
+        at |= dict(zip(columns, np.where(p.ok[:, None], p.also, np.nan).T, strict=True))
     return {v.name: np.broadcast_to(v.values(at), (n,)) for v in of}
 
 
