@@ -270,6 +270,14 @@ def test_sensor_parameters_act_on_their_own_reading_only(engine, points, solved)
     assert np.allclose(p.y, expected, rtol=1e-9)
 
 
+def test_what_is_asked_for_beside_readings_is_what_is_there(engine, points, solved):
+    wrong = {"sensor.P3.scale": 1.02, "sensor.N1.scale": 0.99}
+    p = engine.predict(points, wrong, sensors=("P3_Pa", "N1_rpm"), also=("P3_Pa", "N1_rpm", "T4_K"))
+    true = engine.predict(points, sensors=("P3_Pa", "N1_rpm", "T4_K"))
+    assert np.allclose(p.y, true.y[:, :2] * [1.02, 0.99], rtol=1e-12)
+    assert np.array_equal(p.also, true.y)
+
+
 def test_power_from_fraction_spans_the_corrected_range(engine, points):
     at_rest = {"altitude_m": 0.0, "mach": 0.0, "dT_isa_K": 0.0}
     assert engine.power_from_fraction(np.array([0.0, 1.0]), at_rest) == pytest.approx(np.array(engine.power_range))

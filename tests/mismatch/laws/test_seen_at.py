@@ -73,3 +73,13 @@ def test_what_is_recorded_and_what_did_not_move_stays_the_same_object(searched: 
     assert at["mach"] is own["mach"] and at[ALONG] is not own[ALONG]
     assert at[ALONG].group == own[ALONG].group
     assert all(a is b for a, b in zip(seen_at(searched.base.found, searched.known), searched.known, strict=True))
+
+
+def test_variables_are_what_is_in_the_gas_path_whatever_a_sensor_reads(searched: Searched) -> None:
+    found = searched.at.found
+    plain = {n: v for n, v in found.theta.items() if not n.startswith("sensor.")}
+    gas_path = {n: v for n, v in plain.items() if n in found.evidence.engine.parameters}
+    p = found.evidence.engine.predict(found.problem.inputs, gas_path, sensors=(), also=("T3_K", "P3_Pa"))
+    index = next(k for k in searched.at.known if k.variable.name == ALONG)
+    assert found.theta["sensor.P3.scale"] != 1.0
+    assert index.values == pytest.approx(index.variable.values(dict(zip(("T3_K", "P3_Pa"), p.also.T, strict=True))))
