@@ -13,7 +13,7 @@ from enginediag_cli.mismatch.explain.law_members import LawMembers
 from enginediag_cli.mismatch.fit.identified import NO_HYPOTHESIS, identify_with, nuisance
 from enginediag_cli.mismatch.fit.options import LAW, fault_options
 from enginediag_cli.mismatch.fit.projection import Projection
-from enginediag_cli.mismatch.fit.trial_fit import Trial
+from enginediag_cli.mismatch.fit.trial_fit import Trial, attempt
 from enginediag_cli.mismatch.laws.scan import known_variables, scored
 from enginediag_cli.mismatch.laws.shortlist import proposal
 from enginediag_cli.mismatch.laws.steps import Bends, as_curve
@@ -94,3 +94,19 @@ def test_a_curve_in_several_parts_pays_for_its_place_once(base, members):
     places = np.log(len(members.where)) - np.log(FREE_FORM)
     assert members.price(options) == pytest.approx(5.0 + places)
     assert members.price(options[::-1]) == pytest.approx(5.0 + places)
+
+
+def test_a_curve_of_other_steps_and_the_same_name_takes_its_place(base, members):
+    """Another fit of a set finds another curve of the same variable there, of more steps."""
+    where = next(w for w in members.where if w.name == "fan.efficiency")
+    of = (next(k for k in known_variables(base.found) if k.variable.name == "mach"),)
+    engine = base.found.evidence.engine
+    few, more = (as_curve(where, Bends(of, (n,), 0.01, 0.0, 0.0), -n, -3.0, engine) for n in (4, 8))
+    trial = attempt([p.option for p in more], base.found, nuisance(base.found.evidence))
+    members.learn(few)
+    cheaper = members.price([trial.options[0]])
+    members.learn(more)
+    assert few[0].option.label == more[0].option.label
+    assert members.price([trial.options[0]]) == pytest.approx(cheaper + 4.0)
+    members.learn(few)
+    assert members.within(trial) == 0.0

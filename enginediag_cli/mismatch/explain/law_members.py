@@ -57,10 +57,12 @@ class LawMembers:
         self.prices.of_laws, self.prices.within = self.price, self.within
 
     def learn(self, proposals: Iterable[Proposal]) -> None:
-        """Laws that were fitted elsewhere may be members, too."""
+        """Laws that were fitted elsewhere may be members, too. Averages and curves of one name are those that were
+        fitted last."""
         for p in proposals:
-            self.known.setdefault(p.option.label, p)
-            self.prices.own.setdefault(p.option.label, self.price([p.option]))
+            if p.option.label not in self.known or not p.candidate.formula.form.listed:
+                self.known[p.option.label] = p
+                self.prices.own[p.option.label] = self.price([p.option])
 
     def offers(self, trial: Trial, curves: Curves) -> list[Offer]:
         """Laws beside what a trial has, at the places of these free curves and beside its own laws."""

@@ -114,6 +114,8 @@ class LawOfSet:
         search = LawSearch(base, scanned(base.found, base.projection), self.sets.fits.refit, (also,))
         self.members.learn(search.proposals)
         judged = adequate(self.sets.fits, _simplest(search.told)[:JUDGED])
+        for f in judged.fitted:  # priced while the laws of this search are those that are known
+            self.sets.evidence(f.trial)
         return _Searched(search, judged) if judged.found else None
 
 

@@ -91,7 +91,7 @@ class Sets:
         self.places = kinds_of_places(effects, fits.evidence.engine.network)
         self.many, self.least = many, least
         self.beam, self.beside, self.tried = (1, 1, TRIED_OF_MANY) if many else (BEAM, BESIDE, TRIED)
-        self._evidence: dict[str, float] = {}
+        self._evidence: dict[str, tuple[Trial, float]] = {}
         self._offers: dict[tuple[str, Proposer | None], list[Offer]] = {}
         self._adequate: dict[str, bool] = {}
         self._only_unlisted: Trial | None = None
@@ -225,9 +225,11 @@ class Sets:
 
     def evidence(self, trial: Trial) -> float:
         """ln p(y, S) of the trial's set."""
-        if trial.label not in self._evidence:
-            self._evidence[trial.label] = self.prices.evidence(trial)
-        return self._evidence[trial.label]
+        known = self._evidence.get(trial.label)
+        # an average or a curve of the same variables at the same place has the same name when it is another
+        if known is None or known[0] is not trial:
+            known = self._evidence[trial.label] = trial, self.prices.evidence(trial)
+        return known[1]
 
     def fitted(self, members: Members) -> Trial | None:
         """The fit of these members, made where there is none; None where it did not settle."""

@@ -86,10 +86,11 @@ class Fitted:
 def ln_within(laws: Sequence[Proposal], trial: Trial) -> float:
     """What physics says (`within`) of laws that a trial has fitted, at each of their places; nothing where they were
     found on other records."""
-    total = 0.0
+    total, fitted = 0.0, {o.label: o for o in trial.options}
     for place in {p.candidate.location.name: p.candidate.location for p in laws}.values():
         own = [p for p in laws if p.candidate.location.name == place.name]
-        effects = [e for p in own for e in p.option.hypothesis.effects]
+        # a curve of one variable at a place has one name, however many steps it has
+        effects = [e for p in own for e in fitted[p.option.label].hypothesis.effects]
         known = {k.variable.name: k for p in own for k in p.candidate.formula.of}
         if any(len(k.values) != len(trial.found.number) for k in known.values()):
             continue
