@@ -309,16 +309,16 @@ class Sets:
         good = self._good(beam)
         if good is None:
             return []
-        reach = -np.inf
-        while good is not None and self.evidence(good) > reach + 0.5 * ALIAS:
-            reach = self.evidence(good) - 0.5 * ALIAS
+        best = -np.inf
+        while good is not None and self.evidence(good) > best:
+            best = self.evidence(good)
             listed = [o for o in good.options if o.kind != LAW]
             new = exchanges(self, good, (*self.proposers, self.unlisted), self._near(good))
             for other in exchanges(self, good, proposers, self._near(good), listed):
                 add(new, other)
             self._fit(new)
             good = self._good(self._beam(listed=True))
-        near = [t for t in self.likeliest(listed=True) if self.evidence(t) >= reach and at_once(t) > 1]
+        near = [t for t in self.likeliest(listed=True) if self.evidence(t) >= best - 0.5 * ALIAS and at_once(t) > 1]
         near = different([t for t in near if self._counts(t) and not self._imitates(t)])
         return self.fits.named(near, lambda t: -2.0 * self.evidence(t))
 

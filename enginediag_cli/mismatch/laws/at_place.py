@@ -13,7 +13,15 @@ from enginediag_cli.mismatch.laws.fitted import Fitted, Where
 from enginediag_cli.mismatch.laws.grammar import FORMS
 from enginediag_cli.mismatch.laws.refined import refined
 from enginediag_cli.mismatch.laws.said import Said, Says
-from enginediag_cli.mismatch.laws.scan import Candidate, Formula, Scan, formulas, formulas_of, prior_of_a_place
+from enginediag_cli.mismatch.laws.scan import (
+    Candidate,
+    Formula,
+    Scan,
+    formulas,
+    formulas_of,
+    moved,
+    prior_of_a_place,
+)
 from enginediag_cli.mismatch.laws.smooth import Smooth, smooth_evidence
 from enginediag_cli.mismatch.laws.steps import Bends, bends_of
 from enginediag_cli.side_by_side import Handing, side_by_side
@@ -54,8 +62,7 @@ def said_at_places(base: Trial, scan: Scan, laws: Sequence[Fitted]) -> list[AtPl
 
 def _tried(said: Said, scan: Scan) -> Sequence[Formula]:
     """The formulas of a scan over the variables as a place's fit has them."""
-    moved = any(k is not own for k, own in zip(said.at.known, scan.known, strict=True))
-    return list(formulas(said.at.known)) if moved else scan.formulas
+    return list(formulas(said.at.known)) if moved(said.at.known, scan.known) else scan.formulas
 
 
 def said_at(base: Trial, law: Fitted, scan: Scan) -> Said | None:

@@ -69,9 +69,8 @@ def _sought(said: Said, tries: Sequence[Formula], prior: float) -> list[Candidat
     for s in sorted(shaping, key=lambda s: -s.evidence - s.formula.prior):
         if np.isfinite(s.evidence):
             formula, own = s.found(), s.formula.prior + prior
-            weight = (
-                said.gain + s.evidence + own + float(room.of_curves(s.amplitude, ends_of(formula.curve), s.statistic))
-            )
+            within = float(room.of_curves(s.amplitude, ends_of(formula.curve), s.statistic))
+            weight = said.gain + s.evidence + own + within
             c = Candidate(said.at.place, formula, s.amplitude, s.statistic, weight, own)
             found.setdefault(_form_of(c), c)
     return [c for c in found.values() if possible(c)]

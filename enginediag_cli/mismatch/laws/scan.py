@@ -114,6 +114,11 @@ def seen_at(found: Identified, known: Sequence[Known]) -> tuple[Known, ...]:
     )
 
 
+def moved(seen: Sequence[Known], known: Sequence[Known]) -> bool:
+    """Whether variables are others at the fit that they were seen at."""
+    return any(k is not own for k, own in zip(seen, known, strict=True))
+
+
 def _values(found: Identified, variables: Sequence[Variable]) -> Iterator[tuple[Variable, np.ndarray]]:
     """Variables that the inputs and the fitted engine tell, with all that it was fitted with, over the fit's records
     (N,): what is in the gas path, whatever sensors read of it."""
