@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
 from enginediag_cli.drivers import CONSTANT
+from enginediag_cli.mismatch.explain import stepwise
 from enginediag_cli.mismatch.explain.currency import Offer
 from enginediag_cli.mismatch.explain.exchanges import exchanges, in_rivals
 from enginediag_cli.mismatch.fit.extended import Discrepancy
@@ -91,3 +93,24 @@ def test_members_of_a_set_that_holds_something_else_are_exchanged_too(rival, tri
 def test_a_rival_has_a_free_curve_beside_it_where_that_promises_more():
     sets = Sets({"ab": 0.0, "ac": -4.0, "a": -20.0, "c": -40.0}, {("ac", "f"): 6.0})
     assert labels(in_rivals(sets, sets.of["ab"], lambda t: [], -15.0, -8.0)) == ["acf"]
+
+
+@pytest.mark.parametrize("evidence", [-1021.8186973059272, -510.17751482413536, -3.693201614627458, 0.0])
+def test_what_is_settled_is_settled_at_once_whatever_its_evidence(evidence):
+    """−510.17751482413536 − 3 + 3 is a little less."""
+    sets, asked = Sets({"ab": evidence}, {}), []
+
+    def good(beam):
+        asked.append(beam)
+        assert len(asked) < 5
+        return sets.of["ab"]
+
+    named = SimpleNamespace(named=lambda near, weight: near)
+    search = SimpleNamespace(
+        **{n: getattr(sets, n) for n in ("likeliest", "evidence", "fitted", "known", "offered", "offered_by", "hope")},
+        **dict.fromkeys(("_counts", "_is_adequate"), lambda trial: True),
+        **{"_good": good, "_near": lambda trial: -np.inf, "_fit": lambda new: None, "_beam": lambda listed: []},
+        **{"_imitates": lambda trial: False, "proposers": (), "unlisted": None, "fits": named},
+    )
+    stepwise.Sets._settled(search, [])
+    assert len(asked) == 2
