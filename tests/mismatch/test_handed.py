@@ -96,6 +96,9 @@ def test_places_say_the_same_whoever_asks_them() -> None:
         # variables are those of each place's own fit, one object for all that is said there
         for here in said:
             assert {k.variable.name for k in here.says.known} == {k.variable.name for k in known}
+            # what has not moved is the very object that was handed over
+            pairs = zip(here.says.known, known, strict=True)
+            assert all(k is own or not np.array_equal(k.values, own.values) for k, own in pairs)
             own = set(map(id, here.says.known))
             assert {id(k) for s in here.smooth for k in s.of} <= own
             assert {id(k) for b in here.bends.values() for k in b.of} <= own

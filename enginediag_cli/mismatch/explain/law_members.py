@@ -26,7 +26,15 @@ from enginediag_cli.mismatch.fit.trial_fit import Trial
 from enginediag_cli.mismatch.laws.elsewhere_too import elsewhere_too, likes
 from enginediag_cli.mismatch.laws.fitted import ln_within
 from enginediag_cli.mismatch.laws.refined import reshaped
-from enginediag_cli.mismatch.laws.scan import Candidate, Formula, formulas, known_variables, moved, scored, seen_at
+from enginediag_cli.mismatch.laws.scan import (
+    Candidate,
+    Formula,
+    formulas,
+    formulas_over,
+    known_variables,
+    scored,
+    seen_at,
+)
 from enginediag_cli.mismatch.laws.shortlist import Proposal, elsewhere, proposal
 
 PLACES = 4
@@ -138,8 +146,7 @@ class LawMembers:
         """Formulas over the records that the trial has, of variables as it has them."""
         if not np.array_equal(trial.found.number, self.base.number):
             return list(formulas(known_variables(trial.found)))
-        seen = seen_at(trial.found, self.variables)
-        return list(formulas(seen)) if moved(seen, self.variables) else self.formulas
+        return formulas_over(seen_at(trial.found, self.variables), self.variables, self.formulas)
 
     @property
     def _of_a_place(self) -> float:

@@ -17,9 +17,8 @@ from enginediag_cli.mismatch.laws.scan import (
     Candidate,
     Formula,
     Scan,
-    formulas,
     formulas_of,
-    moved,
+    formulas_over,
     prior_of_a_place,
 )
 from enginediag_cli.mismatch.laws.smooth import Smooth, smooth_evidence
@@ -48,21 +47,16 @@ class AtPlace:
 
 def said_at_places(base: Trial, scan: Scan, laws: Sequence[Fitted]) -> list[AtPlace]:
     """At the places of these laws, where a fit that carries them converges."""
-    prior = prior_of_a_place(base.found)
+    tries, prior = scan.formulas, prior_of_a_place(base.found)
 
     def at_place(k: int) -> AtPlace | None:
         # each place begins where the base has ended, whichever was asked before
         with apart(base.found.model):
             said = said_at(base, laws[k], scan)
-            return None if said is None else all_said(said, _tried(said, scan), prior)
+            return None if said is None else all_said(said, formulas_over(said.at.known, scan.known, tries), prior)
 
     handing = Handing(shared=[*scan.known, *FORMS, *(f.laws[0].candidate.location for f in laws)])
     return [here for here in side_by_side(at_place, len(laws), handing) if here is not None]
-
-
-def _tried(said: Said, scan: Scan) -> Sequence[Formula]:
-    """The formulas of a scan over the variables as a place's fit has them."""
-    return list(formulas(said.at.known)) if moved(said.at.known, scan.known) else scan.formulas
 
 
 def said_at(base: Trial, law: Fitted, scan: Scan) -> Said | None:

@@ -114,11 +114,6 @@ def seen_at(found: Identified, known: Sequence[Known]) -> tuple[Known, ...]:
     )
 
 
-def moved(seen: Sequence[Known], known: Sequence[Known]) -> bool:
-    """Whether variables are others at the fit that they were seen at."""
-    return any(k is not own for k, own in zip(seen, known, strict=True))
-
-
 def _values(found: Identified, variables: Sequence[Variable]) -> Iterator[tuple[Variable, np.ndarray]]:
     """Variables that the inputs and the fitted engine tell, with all that it was fitted with, over the fit's records
     (N,): what is in the gas path, whatever sensors read of it."""
@@ -154,6 +149,11 @@ def formulas_of(
         for order in orders[form.name]:
             part = share * form.weight / sum(f.weight for f in own) / len(orders[form.name])
             yield from _shaped(form, tuple(order), part, finer)
+
+
+def formulas_over(seen: Sequence[Known], known: Sequence[Known], own: list[Formula]) -> list[Formula]:
+    """All formulas of variables as another fit has them; `own`, those of `known`, where nothing has moved."""
+    return own if all(k is as_it_was for k, as_it_was in zip(seen, known, strict=True)) else list(formulas(seen))
 
 
 def number_of_groups(known: Sequence[Known]) -> int:
