@@ -1,6 +1,6 @@
 """A linear twin of the search for laws: many trials in minutes, to compare what blind trials are too few for.
 
-    python tests/benchmarks/law_twin.py --laws 300 --seed 41
+    python tests/benchmarks/law_twin.py --laws 300 --seed 41 --map-accuracy 0.003
 
 Laws are drawn as blind trials draw them, on the engines and flights of blind trials, and what the place of each says of
 any curve is computed once from a fit without noise: H (N, N), the curvature of χ² over the records, everything that is
@@ -72,19 +72,19 @@ class Case:
         return same_driver(list(self.truth.law.variables), named, {k.variable.name: k.values for k in known})
 
 
-def flown(seed: int) -> list[Flown]:
+def flown(seed: int, accuracy: float) -> list[Flown]:
     found = []
     for j, name in enumerate(SEVERAL_ENGINES):
         engine = load_engine(str(shipped(name)))
         for k in range(PER_ENGINE):
             flights, training = draw_flights(engine, np.random.default_rng([seed, j, k]))
-            ground = Ground.of(engine, flights[:training], 0.0)
+            ground = Ground.of(engine, flights[:training], accuracy)
             found.append(Flown(ground, list(formulas(ground.known))))
     return found
 
 
-def cases(seed: int, count: int) -> Iterator[Case]:
-    grounds, rng = flown(seed), np.random.default_rng([seed, len(SEVERAL_ENGINES)])
+def cases(seed: int, count: int, accuracy: float) -> Iterator[Case]:
+    grounds, rng = flown(seed, accuracy), np.random.default_rng([seed, len(SEVERAL_ENGINES)])
     roots: dict[tuple[int, str], tuple[Said, np.ndarray]] = {}
     while count:
         at = int(rng.integers(len(grounds)))
@@ -159,10 +159,11 @@ def main() -> None:
     parser = argparse.ArgumentParser()
     parser.add_argument("--laws", type=int, default=300)
     parser.add_argument("--seed", type=int, default=41)
+    parser.add_argument("--map-accuracy", type=float, default=0.0, help="of the maps, which may err so much")
     parser.add_argument("--json", action="store_true", help="one line for each law")
     asked = parser.parse_args()
     found: list[tuple[Case, Told]] = []
-    for case in cases(asked.seed, asked.laws):
+    for case in cases(asked.seed, asked.laws, asked.map_accuracy):
         found.append((case, answered(case)))
         if asked.json:
             print(json.dumps({"form": case.truth.form, "outside": case.truth.outside, **vars(found[-1][1])}))

@@ -1,10 +1,12 @@
 """All smooth curves of a variable, or all sums of one of each of two, as one thing that a law may be.
 
-    f = Σ_v Σ_k a_vk s_k(x_v)        a_vk ~ N(0, σ²)
+    f = Σ_v Σ_k a_vk s_k(x_v)        a_vk ~ N(0, σ²)        s_k: steps (`steps`), of any number and σ
+    f = Σ_v Σ_i α_vi q_i(x_v)        α_vi ~ N(0, A_v² ρⁱ)   q_i: polynomials (`polynomials`), of any A and ρ
 
-with the steps s_k of `steps`. What all numbers of steps and all σ say is averaged by their evidence: that errs less
-than the likeliest of them. In a linear twin of the search (464 laws of one variable) it is by itself within noise of
-forms that no list holds in 90 %, the likeliest of all listed forms and curves in 82.
+both kinds as likely beforehand. What all of them say is averaged by their evidence: that errs less than the likeliest
+of them, and of kinds that err each in its own way less than of one. In a linear twin of the search (maps that may err
+by 0.3 %, 109 laws of one variable of forms that no list holds) steps leave 19 beyond noise, polynomials 27, both
+together 13, and the likeliest of all listed forms and curves 16.
 
 Source: T. Hastie, R. Tibshirani, Generalized Additive Models (1990), chapter 4.
 """
@@ -16,10 +18,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from enginediag_cli.mismatch.laws.linear import Linear, ln_mean
+from enginediag_cli.mismatch.laws.polynomials import polynomials_of
 from enginediag_cli.mismatch.laws.posterior import shares
 from enginediag_cli.mismatch.laws.said import Says
 from enginediag_cli.mismatch.laws.scan import Known
-from enginediag_cli.mismatch.laws.steps import formula_of, of_all, steps_over, tried_of
+from enginediag_cli.mismatch.laws.steps import formula_of, steps_over, tried_of
 
 THE_SAME = 0.1
 """Non-centrality at which two curves are one."""
@@ -49,13 +53,14 @@ class Additive:
 def additive_of(says: Says, of: Sequence[Known]) -> Additive:
     """Of what a place says of curves of one variable, or of two."""
     tried = tried_of(says, of)
-    curves, total = list[np.ndarray](), of_all(says, tried)
-    for t in tried:
-        one = np.eye(len(t.pulls))
-        curves += [t.steps @ np.linalg.solve(one + s2 * t.products, s2 * t.pulls) for s2 in t.sizes**2]
-    weight = shares([float(e) for t in tried for e in t.evidence])
-    counts = sorted({n for t in tried for n in t.counts})
-    return Additive(tuple(of), _fewest(says, of, counts, weight @ np.array(curves)), total)
+    kinds: list[list[Linear]] = [[*tried.values()], [polynomials_of(says, of)]]
+    likely = [np.concatenate([t.evidence for t in kind]) for kind in kinds]
+    curves = np.concatenate([t.curves for kind in kinds for t in kind])
+    # of a kind that has many choices each is less likely beforehand
+    weight = shares([e for own in likely for e in own - np.log(len(own))])
+    counts = sorted({n for each in tried for n in each})
+    evidence = says.gain + ln_mean([ln_mean(own) for own in likely])
+    return Additive(tuple(of), _fewest(says, of, counts, weight @ curves), evidence)
 
 
 def _fewest(says: Says, of: Sequence[Known], counts: Sequence[int], curve: np.ndarray) -> tuple[np.ndarray, ...]:

@@ -20,20 +20,17 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import lru_cache
 from itertools import combinations, product
 
 import numpy as np
 
 from enginediag_cli.mismatch.fit.freeform import Location
+from enginediag_cli.mismatch.laws.linear import linear_evidence, ln_mean
+from enginediag_cli.mismatch.laws.polynomials import orthonormal, variances
 from enginediag_cli.mismatch.laws.said import Said
 from enginediag_cli.mismatch.laws.scan import Known, number_of_groups, share_of_variables
 from enginediag_cli.progress import stage
 
-SIZES = (0.1, 0.4, 1.6)
-"""Standard deviations of the parts of a surface, over that of the law at the fit."""
-SMOOTH = (0.15, 0.45, 0.85)
-"""ρ: variance of a degree over that of the one before."""
 UNLISTED, UNLISTED_OF_TWO = 0.3, 0.02
 """Shares of laws of one variable, and of two, that have no listed form. Judgement: surfaces of two variables that move
 nearly together bend along either and along what they differ by, and imitate any sharp curve of one."""
@@ -126,8 +123,8 @@ def _weighed(said: Said, sets: Sequence[tuple[Known, ...]], to: Degrees) -> list
     found = []
     for b in blocks:
         own = list(b.columns)
-        W = size**2 * _variances(b.parts, b.degrees)
-        found.append(_averaged(G[np.ix_(own, own)], g[own], W) + priced)
+        W = size**2 * variances(b.parts, b.degrees)
+        found.append(ln_mean(linear_evidence(G[np.ix_(own, own)], g[own], W)) + priced)
     return found
 
 
@@ -135,7 +132,7 @@ def _features(sets: Sequence[tuple[Known, ...]], to: Degrees) -> tuple[np.ndarra
     """Curves (N, F), and which of them each set of one variable or two has."""
     known = {k.variable.name: k for of in sets for k in of}
     most = max(to.alone, to.beside)
-    own = {n: _polynomials(k.values, most) for n, k in known.items()}
+    own = {n: orthonormal(k.values, most) for n, k in known.items()}
     at = {n: 1 + most * j for j, n in enumerate(own)}
     columns = [np.ones((len(next(iter(own.values()))), 1)), *own.values()]
     count, blocks = 1 + most * len(own), []
@@ -152,35 +149,3 @@ def _features(sets: Sequence[tuple[Known, ...]], to: Degrees) -> tuple[np.ndarra
         at_columns, parts, degrees = zip(*terms, strict=True)
         blocks.append(Block(of, at_columns, parts, degrees))
     return np.column_stack(columns), blocks
-
-
-def _polynomials(x: np.ndarray, degree: int) -> np.ndarray:
-    """Orthonormal polynomials of a variable (N,) over the records: (N, degree), of zero mean and unit variance."""
-    low, high = float(np.min(x)), float(np.max(x))
-    V = np.polynomial.chebyshev.chebvander(2.0 * (x - low) / (high - low) - 1.0, degree)
-    return np.asarray(np.linalg.qr(V)[0][:, 1:] * np.sqrt(len(x)))
-
-
-@lru_cache(maxsize=8)
-def _variances(parts: tuple[int, ...], degrees: tuple[int, ...]) -> np.ndarray:
-    """W (w, k): every choice of sizes of the parts and of smoothness."""
-    part, degree = np.array(parts), np.array(degrees, float)
-    found = []
-    for rho in SMOOTH:
-        share = rho**degree
-        share = share / np.array([share[part == p].sum() for p in part])
-        found += [share * np.array(sizes)[part] ** 2 for sizes in product(SIZES, repeat=len(set(parts)))]
-    return np.array(found)
-
-
-def _averaged(G: np.ndarray, g: np.ndarray, W: np.ndarray) -> float:
-    """ln of the mean, over W (w, k), of the evidence of a linear model."""
-    return float(np.logaddexp.reduce(linear_evidence(G, g, W)) - np.log(len(W)))
-
-
-def linear_evidence(G: np.ndarray, g: np.ndarray, W: np.ndarray) -> np.ndarray:
-    """ln evidence (w,) of a linear model with products G (k, k) and pulls g (k,), by variances W (w, k)."""
-    root = np.sqrt(W)
-    L = np.linalg.cholesky(np.eye(len(g)) + root[:, :, None] * G * root[:, None, :])
-    h = np.linalg.solve(L, (root * g)[:, :, None])[:, :, 0]
-    return np.asarray(0.5 * np.sum(h**2, axis=1) - np.log(np.diagonal(L, axis1=1, axis2=2)).sum(axis=1))

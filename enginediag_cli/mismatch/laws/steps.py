@@ -20,11 +20,12 @@ from enginediag_cli.engine.engine import Engine
 from enginediag_cli.engine.term import Coefficient, Effect
 from enginediag_cli.mismatch.fit.freeform import Location, parameter_at
 from enginediag_cli.mismatch.laws.grammar import EDGES_OF_STEPS, FORMS, Form, span
+from enginediag_cli.mismatch.laws.linear import Linear, evidence_of_all
 from enginediag_cli.mismatch.laws.proposed import acting, statement_of
 from enginediag_cli.mismatch.laws.said import Says
 from enginediag_cli.mismatch.laws.scan import Candidate, Formula, Known, share_of_variables
 from enginediag_cli.mismatch.laws.shortlist import Proposal, carrying
-from enginediag_cli.mismatch.laws.smooth import linear_evidence, prior_of_variables
+from enginediag_cli.mismatch.laws.smooth import prior_of_variables
 from enginediag_cli.physics.laws.expression import LONGEST, Expression
 from enginediag_cli.physics.laws.law import Law
 
@@ -74,34 +75,13 @@ class Part:
         return "_".join((self.form.name, *(k.variable.name for k in self.of), *filter(None, [self.number])))
 
 
-@dataclass(frozen=True)
-class Tried:
-    """So many steps along each of some variables, with every σ: `steps` over the records (N, k), what a place says of
-    them (`products` (k, k), `pulls` (k,)), and ln evidence (w,) of a ~ N(0, σ²), each of the `sizes` (w,)."""
-
-    counts: tuple[int, ...]
-    steps: np.ndarray
-    products: np.ndarray
-    pulls: np.ndarray
-    sizes: np.ndarray
-    evidence: np.ndarray
-
-
-def tried_of(says: Says, of: Sequence[Known]) -> list[Tried]:
-    """All numbers of steps along one variable, or along each of two."""
-    sizes, found = float(np.std(says.f)) * np.array(SHARES), list[Tried]()
+def tried_of(says: Says, of: Sequence[Known]) -> dict[tuple[int, ...], Linear]:
+    """All numbers of steps along one variable, or along each of two, with every σ."""
+    sizes, found = float(np.std(says.f)) * np.array(SHARES), dict[tuple[int, ...], Linear]()
     for counts in product(ALONE if len(of) == 1 else OF_TWO, repeat=len(of)):
         steps = np.hstack([steps_over(k, n) for k, n in zip(of, counts, strict=True)])
-        (G,), (g,) = says.of(steps[:, None, :])
-        evidence = linear_evidence(G, g, np.repeat(sizes[:, None] ** 2, len(g), axis=1))
-        found.append(Tried(counts, steps, G, g, sizes, evidence))
+        found[counts] = Linear.of(says, steps, np.repeat(sizes[:, None] ** 2, steps.shape[1], axis=1))
     return found
-
-
-def of_all(says: Says, tried: Sequence[Tried]) -> float:
-    """ln evidence of all that were tried, against the fit without the law that is carried."""
-    found = np.concatenate([t.evidence for t in tried])
-    return says.gain + float(np.logaddexp.reduce(found) - np.log(found.size))
 
 
 @dataclass(frozen=True)
@@ -120,10 +100,10 @@ class Bends:
 def bends_of(says: Says, of: Sequence[Known]) -> Bends:
     """Of what a place says of curves of a variable, or of sums of them."""
     tried = tried_of(says, of)
-    best = max(tried, key=lambda t: float(t.evidence.max()))
-    size, evidence = int(np.argmax(best.evidence)), of_all(says, tried)
-    choice = evidence - says.gain - float(best.evidence.max())
-    return Bends(tuple(of), best.counts, float(best.sizes[size]), evidence, choice)
+    counts, best = max(tried.items(), key=lambda t: float(t[1].evidence.max()))
+    size = float(np.sqrt(best.variances[np.argmax(best.evidence), 0]))
+    evidence = evidence_of_all([*tried.values()])
+    return Bends(tuple(of), counts, size, says.gain + evidence, evidence - float(best.evidence.max()))
 
 
 def prior_of_curve(groups: int) -> float:

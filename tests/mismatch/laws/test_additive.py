@@ -11,6 +11,8 @@ from enginediag_cli.mismatch.fit.identified import NO_HYPOTHESIS, identify_with,
 from enginediag_cli.mismatch.fit.projection import Projection
 from enginediag_cli.mismatch.laws.additive import Additive, additive_of
 from enginediag_cli.mismatch.laws.carried import Carried
+from enginediag_cli.mismatch.laws.linear import evidence_of_all
+from enginediag_cli.mismatch.laws.polynomials import polynomials_of
 from enginediag_cli.mismatch.laws.said import Said
 from enginediag_cli.mismatch.laws.scan import Known, known_variables
 from enginediag_cli.mismatch.laws.steps import bends_of
@@ -80,7 +82,8 @@ def test_its_formula_is_its_curve_and_nothing_at_the_design_point(ground: Ground
     assert abs(float(np.asarray(there)[0])) < 1e-12
 
 
-def test_of_one_variable_it_is_as_likely_as_all_numbers_of_steps_together(ground: Ground) -> None:
+def test_steps_and_polynomials_are_as_likely_beforehand_and_it_is_what_both_say(ground: Ground) -> None:
     (mach,) = ground.of("mach")
     says = ground.said(0.02 * np.sin(4.0 * share(mach))).kept
-    assert additive_of(says, [mach]).evidence == pytest.approx(bends_of(says, [mach]).evidence)
+    steps, polynomials = bends_of(says, [mach]).evidence, says.gain + evidence_of_all([polynomials_of(says, [mach])])
+    assert additive_of(says, [mach]).evidence == pytest.approx(np.logaddexp(steps, polynomials) - np.log(2.0))
