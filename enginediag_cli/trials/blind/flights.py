@@ -43,7 +43,9 @@ def draw_flights(engine: Engine, rng: np.random.Generator) -> tuple[list[dict[st
     flights = []
     for k in range(count):
         n = int(rng.integers(RECORDS[0], RECORDS[1] + 1))
-        columns = {"time_s": step * np.arange(n), **draw(engine, n, rng)}
+        told = draw(engine, n, rng)
+        told = {c: told[c] if c in told else _governed(engine, c, n, rng) for c in engine.inputs}
+        columns = {"time_s": step * np.arange(n), **told}
         for c, start in hours.items():
             columns[c] = start[k] + columns["time_s"] / 3600.0
         flights.append(columns)
@@ -111,7 +113,7 @@ def _flight(engine: Engine, n: int, rng: np.random.Generator) -> dict[str, np.nd
     columns = {c: v for c, v in columns.items() if c in engine.inputs}
     power = engine.power_from_fraction(np.clip(fraction, 0.0, 1.0), columns)
     columns[engine.power_setting] = np.clip(power, *_limit(engine, engine.power_setting, (-np.inf, np.inf)))
-    return {c: columns[c] if c in columns else _governed(engine, c, n, rng) for c in engine.inputs}
+    return columns
 
 
 def _governed(engine: Engine, column: str, n: int, rng: np.random.Generator) -> np.ndarray:
