@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import pairwise
 from types import MappingProxyType
 
 import numpy as np
@@ -27,8 +28,9 @@ RECORDS = 2**26
 AT_ONCE_S = 1e-6
 """What two records of one time lie apart: a step between them, not a quantity with two values."""
 START = 6
-"""Readings at the beginning of a stretch whose median tells where a memory begins, where one shows it. Judgement: of an
-even number those of a meter that alternates between two values cancel."""
+"""Readings at the beginning of a stretch whose median tells where a memory begins, where one shows it; a stretch of
+fewer begins in equilibrium, else these would be told by themselves: of hourly records, each a stretch of its own, any
+misfit would be a lag. Judgement: of an even number those of a meter that alternates between two values cancel."""
 GAP_S = 900.0
 """A longer step of time begins a new stretch, at its steady state: an engine may have been shut down and started
 meanwhile. Over a shorter one columns are taken to run straight. Judgement."""
@@ -49,22 +51,18 @@ class Tape:
 
     def clock(self, shown_by: str = "") -> Clock:
         """The clock of filters; `shown_by`: column that shows their output, from which it is known at the beginnings of
-        stretches: the median of the first START readings of each."""
+        stretches: the median of the first START readings of each that has as many."""
         if shown_by not in self.columns:
             return Clock(self.time, self.first)
         start, x = np.full(len(self), np.nan), self.columns[shown_by]
-        for k in np.flatnonzero(self.first).tolist():
-            start[k] = np.median(x[k : k + START][~np.logical_or.accumulate(_others(self.first[k : k + START]))])
+        for k, stop in pairwise([*np.flatnonzero(self.first).tolist(), len(self)]):
+            if stop - k >= START:
+                start[k] = np.median(x[k : k + START])
         return Clock(self.time, self.first, start)
 
     def tells(self, column: str) -> bool:
         """Whether the recording has readings of a column."""
         return column in self.columns
-
-
-def _others(first: Array) -> Array:
-    """Where, behind its first record, another stretch begins."""
-    return np.append(False, first[1:])
 
 
 def tape_of(columns: Mapping[str, Array], names: Sequence[str]) -> Tape | None:

@@ -154,6 +154,16 @@ def test_a_gap_or_time_that_goes_back_begins_anew_and_a_recording_written_backwa
     assert engine.predict(on_tape(engine, turned)).y[::-1] == pytest.approx(alone, rel=1e-9)
 
 
+@pytest.mark.parametrize("name", ["load_control_lag", "load_second_order_lag", "load_rate_limit"])
+def test_where_every_record_is_a_stretch_of_its_own_a_memory_is_not_told_by_the_readings_that_it_is_to_explain(name):
+    """Hourly records, read wrong: the filter's output is shown by the reading, and would be that of each record."""
+    engine = moving(MOVING[name][0], **MOVING[name][1])
+    columns = flight(engine) | {"time_s": 3600.0 * np.arange(80.0)}
+    inputs = on_tape(engine, columns | {"el_power_W": np.random.default_rng(1).uniform(2e4, 1e5, 80)})
+    steady = engine.predict({c: v for c, v in inputs.items() if c != MOMENT}).y
+    assert engine.predict(inputs).y == pytest.approx(steady, rel=1e-12)
+
+
 def test_parameters_given_for_a_record_hold_at_that_record():
     engine = moving("citation_jt15d", probe_lag__ITT={"time_constant": 4.0})
     inputs = on_tape(engine, flight(engine))
