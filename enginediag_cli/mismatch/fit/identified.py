@@ -17,7 +17,7 @@ from enginediag_cli.identification.problem import Problem, TrainingRecording, bu
 from enginediag_cli.identification.settings import IdentificationSettings
 from enginediag_cli.mismatch.fit.evidence import Evidence
 from enginediag_cli.mismatch.fit.extended import NUMBER, Discrepancy, ExtendedModel
-from enginediag_cli.mismatch.fit.nuisance import constants, floor, found_floor
+from enginediag_cli.mismatch.fit.nuisance import constants, floor, found_floor, read_wrong
 from enginediag_cli.physics.registry import own_drivers
 from enginediag_cli.progress import stage
 
@@ -181,7 +181,10 @@ def nuisance(evidence: Evidence) -> Nuisance:
             # sensors and health belong to one engine, the design to all of them
             if engine.parameters[n].family in ("health", "sensor"):
                 discrepancies.append(Discrepancy(n, f"engine {name}", BETWEEN_ENGINES * sigma))
-    return Nuisance({**s.nuisance, **constants(engine, s.map_accuracy, s.nuisance)}, tuple(discrepancies), curves)
+    # what is told of a recording's offsets is all that its sensors may be wrong by
+    plain = [c for c in evidence.noise.sigma if c not in s.offsets and c not in s.scale_offsets]
+    constant = constants(engine, s.map_accuracy, s.nuisance) | read_wrong(engine, plain, s.nuisance)
+    return Nuisance({**s.nuisance, **constant}, tuple(discrepancies), curves)
 
 
 @stage("fitting the model")

@@ -4,12 +4,13 @@ Health of each engine, sensor errors, and the *model-error floor*: every base mo
 shapes of its maps above all, and that error repeats on every flight. Each turbomachine's efficiency and flow
 capacity may therefore vary as a polynomial of third degree in its corrected speed and of second in its position
 on the speed line, each curve of unit mean square with a prior standard deviation equal to the stated accuracy of
-the maps; losses, bleeds, areas and mechanical efficiency may be wrong by a constant of that size.
+the maps; losses, bleeds, areas and mechanical efficiency may be wrong by a constant of that size. Sensors of which no
+error is identified have a scale error with its own prior.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 
 import numpy as np
 
@@ -35,6 +36,14 @@ def constants(engine: Engine, accuracy: float, known: Mapping[str, float]) -> di
         return {}
     own = [p for p in engine.parameters.values() if p.family in ("design", "health")]
     return {p.name: accuracy for p in own if p.name not in known and p.quantity in CONSTANTS}
+
+
+def read_wrong(engine: Engine, recorded: Iterable[str], known: Mapping[str, float]) -> dict[str, float]:
+    """Prior standard deviations of the scale errors of `recorded` sensors of which no error is identified: an
+    instrument is a little wrong whether or not that is asked for, however exact the maps are."""
+    every = [engine.sensors[c].parameters() for c in recorded if c in engine.sensors]
+    unknown = [own for own in every if not any(p.name in known for p in own)]
+    return {p.name: p.prior_sigma for own in unknown for p in own if p.quantity == "scale"}
 
 
 def map_curves(
