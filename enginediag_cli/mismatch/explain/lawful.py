@@ -16,6 +16,7 @@ from enginediag_cli.mismatch.laws.scan import Scan, scanned
 from enginediag_cli.mismatch.laws.search import LawSearch
 from enginediag_cli.mismatch.laws.shortlist import Proposal
 from enginediag_cli.mismatch.laws.summary import summary
+from enginediag_cli.mismatch.laws.unlisted import any_curve_at_all
 
 LEAST = 3.0
 """ln evidence from which a law is told: twenty to one, everything that was tried counted in its prior."""
@@ -50,8 +51,10 @@ class Ground:
 
     @property
     def most(self) -> float:
-        """ln evidence of the likeliest, by score, on these records; 0 where there is none."""
-        return self.scan.candidates[0].weight if self.scan.candidates else 0.0
+        """ln evidence of the likeliest on these records by score, a form or any smooth curve; 0 where there is none."""
+        base = self.few.fits.base
+        listed = self.scan.candidates[0].weight if self.scan.candidates else 0.0
+        return max(listed, any_curve_at_all(base.found, base.projection, self.scan.known))
 
 
 def ground_of(few: Few) -> Ground:

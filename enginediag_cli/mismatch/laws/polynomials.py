@@ -18,18 +18,18 @@ from enginediag_cli.mismatch.laws.said import Says
 from enginediag_cli.mismatch.laws.scan import Known
 
 SIZES = (0.1, 0.4, 1.6)
-"""A of the parts of a law, over the standard deviation of that which a fit carries."""
+"""A of the parts of a law over its size: the standard deviation of one that a fit carries, or of what is plausible."""
 SMOOTH = (0.15, 0.45, 0.85)
 """ρ: variance of a degree over that of the one before."""
 HIGHEST = 11
 """Degree of a curve, or of each of a sum of two."""
 
 
-def polynomials_of(says: Says, of: Sequence[Known]) -> Linear:
-    """All curves of one variable, or sums of one of each of two, with every size and smoothness."""
+def polynomials_of(says: Says, of: Sequence[Known], size: float) -> Linear:
+    """All curves of one variable, or sums of one of each of two, of every smoothness and every share of a size."""
     columns = np.hstack([from_design(k, HIGHEST) for k in of])
     parts, degrees = zip(*product(range(len(of)), range(HIGHEST)), strict=True)
-    return Linear.of(says, columns, float(np.var(says.f)) * variances(parts, degrees))
+    return Linear.of(says, columns, size**2 * variances(parts, degrees))
 
 
 def from_design(k: Known, degree: int) -> np.ndarray:
