@@ -61,3 +61,10 @@ def test_what_is_stated_of_recordings_offsets_is_all_that_their_sensors_are_wron
     read = {**flights[0].columns, **dict(zip(plant.sensors, y.T, strict=True))}
     given = build_evidence(plant, [replace(flights[0], columns=read)], Asked())
     assert given.settings.offsets and not any(n.startswith("sensor.") for n in nuisance(given).sigma)
+
+
+def test_instruments_of_each_engine_are_its_own(engine: Engine) -> None:
+    given = evidence(engine, {}, 0.0)
+    fleet = replace(given, flights=[replace(f, engine=name) for f, name in zip(given.flights, "ab", strict=True)])
+    found = nuisance(fleet)
+    assert {f"{n}|engine b" for n in WRONG} <= {d.name for d in found.discrepancies}

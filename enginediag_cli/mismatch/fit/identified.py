@@ -175,16 +175,16 @@ def nuisance(evidence: Evidence) -> Nuisance:
     of_engine = np.concatenate(
         [np.full(len(next(iter(f.columns.values()))), evidence.engines.index(f.engine)) for f in evidence.flights]
     )
+    # what is told of a recording's offsets is all that its sensors may be wrong by
+    plain = [c for c in evidence.noise.sigma if c not in s.offsets and c not in s.scale_offsets]
+    own = {**s.nuisance, **read_wrong(engine, plain, s.nuisance)}
     for k, name in enumerate(evidence.engines[1:], start=1):
         curves[f"engine {name}"] = (of_engine == k).astype(float)
-        for n, sigma in s.nuisance.items():
+        for n, sigma in own.items():
             # sensors and health belong to one engine, the design to all of them
             if engine.parameters[n].family in ("health", "sensor"):
                 discrepancies.append(Discrepancy(n, f"engine {name}", BETWEEN_ENGINES * sigma))
-    # what is told of a recording's offsets is all that its sensors may be wrong by
-    plain = [c for c in evidence.noise.sigma if c not in s.offsets and c not in s.scale_offsets]
-    constant = constants(engine, s.map_accuracy, s.nuisance) | read_wrong(engine, plain, s.nuisance)
-    return Nuisance({**s.nuisance, **constant}, tuple(discrepancies), curves)
+    return Nuisance({**own, **constants(engine, s.map_accuracy, s.nuisance)}, tuple(discrepancies), curves)
 
 
 @stage("fitting the model")
