@@ -118,16 +118,13 @@ def test_the_hpc_is_named_less_surely_earlier_in_life(nominal, fleet):
 
 @pytest.mark.slow
 def test_at_six_conditions_the_hpc_is_named_at_the_end_of_life_in_95_of_100_engines(tmp_path):
-    """FD002, every fourth engine."""
-    with gzip.open(public_data("cmapss") / "train_FD002.csv.gz", "rt", encoding="utf-8") as lines:
-        header, *rest = lines
-    fourth, nominal = tmp_path / "fourth.csv", tmp_path / "six.yaml"
-    fourth.write_text(header + "".join(x for x in rest if int(x.split(",")[0]) % 4 == 3), encoding="utf-8")
+    """FD002: of fewer engines errors of the maps are known less well, and engines are told from each other less."""
+    fleet, nominal = public_data("cmapss") / "train_FD002.csv.gz", tmp_path / "six.yaml"
     enginediag(
-        "identify", ENGINE, fourth, "--recorder", RECORDER, "--first", "20", "--no-cross-validation", "-o", nominal
+        "identify", ENGINE, fleet, "--recorder", RECORDER, "--first", "20", "--no-cross-validation", "-o", nominal
     )
     found = read_nominal(nominal)
     stated = load_engine(ENGINE).sensors
     assert all(n.sigma < 1.2 * stated[n.sensor].noise_sigma for n in found.noise)
-    rows = isolated(nominal, fourth, "--last", "20")
-    assert len(rows) == 65 and Counter(row["components"] for row in rows)["hpc"] >= 62
+    rows = isolated(nominal, fleet, "--last", "20")
+    assert len(rows) == 260 and Counter(row["components"] for row in rows)["hpc"] >= 247
