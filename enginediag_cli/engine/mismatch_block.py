@@ -14,7 +14,8 @@ MISMATCH = Section(
             "nuisance",
             "texts",
             "names or patterns of what is identified along with an effect; default: what "
-            "`identification:` estimates, else the monitored parameters and the sensors' scale errors",
+            "`identification:` estimates, else the monitored parameters and the sensors' scale errors; "
+            "besides, the scale of each sensor of which no error is identified and no offsets of recordings are stated",
             (),
         ),
         Field(

@@ -10,7 +10,7 @@ error is identified have a scale error with its own prior.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping
 
 import numpy as np
 
@@ -22,12 +22,15 @@ from enginediag_cli.error_model.machines import QUANTITIES, machines_of, map_coo
 from enginediag_cli.error_model.modelled import map_error_name
 from enginediag_cli.identification.nominal import Nominal
 from enginediag_cli.mismatch.fit.extended import Discrepancy
+from enginediag_cli.parameters import Parameter
 
 SPEED_DEGREE, POSITION_DEGREE = 3, 2
 """Degrees of what a map may err by along speed and across it: shapes that a map's author gets wrong. Judgement; the
 blind trials' map errors are of other shapes on purpose."""
 CONSTANTS = ("pressure_recovery", "pressure_loss", "fraction", "area", "mechanical_efficiency")
 """Quantities of components that may be wrong by a constant as large as the stated error of the maps."""
+READ_WRONG = ("bias", "scale")
+"""Errors of a sensor that are constant, or may step in time."""
 
 
 def constants(engine: Engine, accuracy: float, known: Mapping[str, float]) -> dict[str, float]:
@@ -38,12 +41,17 @@ def constants(engine: Engine, accuracy: float, known: Mapping[str, float]) -> di
     return {p.name: accuracy for p in own if p.name not in known and p.quantity in CONSTANTS}
 
 
+def scales_not_identified(engine: Engine, recorded: Iterable[str], identified: Collection[str]) -> list[Parameter]:
+    """Scales of the recorded sensors of which no error is among the parameters that are `identified`."""
+    every = [[p for p in engine.sensors[c].parameters() if p.quantity in READ_WRONG] for c in recorded]
+    unknown = [own for own in every if not any(p.name in identified for p in own)]
+    return [p for own in unknown for p in own if p.quantity == "scale"]
+
+
 def read_wrong(engine: Engine, recorded: Iterable[str], known: Mapping[str, float]) -> dict[str, float]:
     """Prior standard deviations of the scale errors of `recorded` sensors of which no error is identified: an
     instrument is a little wrong whether or not that is asked for, however exact the maps are."""
-    every = [engine.sensors[c].parameters() for c in recorded if c in engine.sensors]
-    unknown = [own for own in every if not any(p.name in known for p in own)]
-    return {p.name: p.prior_sigma for own in unknown for p in own if p.quantity == "scale"}
+    return {p.name: p.prior_sigma for p in scales_not_identified(engine, recorded, known)}
 
 
 def map_curves(

@@ -19,6 +19,7 @@ from enginediag_cli.mismatch.fit.evidence import Evidence
 from enginediag_cli.mismatch.fit.extended import Discrepancy
 from enginediag_cli.mismatch.fit.families import Candidates, Scored, Sums, grid
 from enginediag_cli.mismatch.fit.identified import Hypothesis, Identified
+from enginediag_cli.mismatch.fit.nuisance import READ_WRONG, scales_not_identified
 from enginediag_cli.mismatch.fit.projection import Projection, Score
 from enginediag_cli.parameters import Parameter
 
@@ -27,8 +28,6 @@ FREE = "free form"
 """Kind of an unlisted effect: free curves of one place along one driver."""
 PARTS_OF_FLIGHT = 4
 """Onsets that are tried in a flight: the best is refined between its neighbours."""
-READ_WRONG = ("bias", "scale")
-"""Errors of a sensor that may step in time."""
 ONSETS_AT_ONCE = 400
 """Onsets, evenly spaced, of one look about an option's own; where they lie apart, the best is looked about again."""
 UNSEEN = 1e-3
@@ -111,7 +110,7 @@ def fault_options(found: Identified) -> list[Option]:
     evidence = found.evidence
     parameters = evidence.engine.parameters
     watched = [n for n in found.problem.names if n in parameters and parameters[n].family in ("health", "sensor")]
-    watched += _not_identified(found, watched)
+    watched += [p.name for p in scales_not_identified(evidence.engine, found.problem.sensors, watched)]
     reads = [n for n in watched if parameters[n].of_sensor and parameters[n].quantity in READ_WRONG]
     watched = [n for n in watched if n in evidence.engine.monitored or n in reads]
     # a sensor's scale and bias step alike within what a flight spans
@@ -133,15 +132,6 @@ def fault_options(found: Identified) -> list[Option]:
                 )
             )
     return result
-
-
-def _not_identified(found: Identified, identified: Sequence[str]) -> list[str]:
-    """Scales of the recorded sensors of which no error is identified."""
-    parameters = found.evidence.engine.parameters
-    sensors = [found.evidence.engine.sensors[c] for c in found.problem.sensors]
-    known = {parameters[n].component for n in identified if parameters[n].quantity in READ_WRONG}
-    own = [p for s in sensors for p in s.parameters() if p.quantity == "scale" and p.component not in known]
-    return [p.name for p in own if p.name in parameters]
 
 
 def _steps(found: Identified) -> dict[str, np.ndarray]:

@@ -19,7 +19,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from enginediag_cli.mismatch.laws.linear import Linear, ln_mean
-from enginediag_cli.mismatch.laws.polynomials import polynomials_of
+from enginediag_cli.mismatch.laws.polynomials import Polynomials
 from enginediag_cli.mismatch.laws.posterior import shares
 from enginediag_cli.mismatch.laws.said import Says
 from enginediag_cli.mismatch.laws.scan import Known
@@ -53,7 +53,7 @@ class Additive:
 def additive_of(says: Says, of: Sequence[Known]) -> Additive:
     """Of what a place says of curves of one variable, or of two."""
     tried = tried_of(says, of)
-    kinds: list[list[Linear]] = [[*tried.values()], [polynomials_of(says, of, float(np.std(says.f)))]]
+    kinds: list[list[Linear]] = [[*tried.values()], [Polynomials.of(of).at(says, float(np.std(says.f)))]]
     likely = [np.concatenate([t.evidence for t in kind]) for kind in kinds]
     curves = np.concatenate([t.curves for kind in kinds for t in kind])
     # of a kind that has many choices each is less likely beforehand

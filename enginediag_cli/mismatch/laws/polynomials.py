@@ -8,6 +8,7 @@ with q_i orthonormal over the records, the variances scaled to add up to A².
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import lru_cache
 from itertools import product
 
@@ -25,11 +26,22 @@ HIGHEST = 11
 """Degree of a curve, or of each of a sum of two."""
 
 
-def polynomials_of(says: Says, of: Sequence[Known], size: float) -> Linear:
-    """All curves of one variable, or sums of one of each of two, of every smoothness and every share of a size."""
-    columns = np.hstack([from_design(k, HIGHEST) for k in of])
-    parts, degrees = zip(*product(range(len(of)), range(HIGHEST)), strict=True)
-    return Linear.of(says, columns, size**2 * variances(parts, degrees))
+@dataclass(frozen=True)
+class Polynomials:
+    """Curves of one variable, or sums of one of each of two: `columns` (N, k) over the records, and their variances
+    (w, k), of every smoothness and every share of a size of 1."""
+
+    columns: np.ndarray
+    variances: np.ndarray
+
+    @staticmethod
+    def of(known: Sequence[Known]) -> Polynomials:
+        parts, degrees = zip(*product(range(len(known)), range(HIGHEST)), strict=True)
+        return Polynomials(np.hstack([from_design(k, HIGHEST) for k in known]), variances(parts, degrees))
+
+    def at(self, says: Says, size: float) -> Linear:
+        """What a place says of them, of this size."""
+        return Linear.of(says, self.columns, size**2 * self.variances)
 
 
 def from_design(k: Known, degree: int) -> np.ndarray:

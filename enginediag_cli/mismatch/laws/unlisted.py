@@ -17,7 +17,7 @@ from enginediag_cli.mismatch.fit.freeform import locations
 from enginediag_cli.mismatch.fit.identified import Identified
 from enginediag_cli.mismatch.fit.projection import Projection
 from enginediag_cli.mismatch.laws.linear import evidence_of_all
-from enginediag_cli.mismatch.laws.polynomials import polynomials_of
+from enginediag_cli.mismatch.laws.polynomials import Polynomials
 from enginediag_cli.mismatch.laws.said import Says
 from enginediag_cli.mismatch.laws.scan import Known, number_of_groups, prior_of_a_place
 from enginediag_cli.mismatch.laws.smooth import prior_of_variables
@@ -27,11 +27,11 @@ def any_curve_at_all(found: Identified, projection: Projection, known: Sequence[
     """ln evidence of all smooth curves of the likeliest variable at its place, priors included; −∞ without any."""
     where = locations(found)
     columns = Columns(found, [p.parameter for p in where], [p.through for p in where if p.through is not None])
-    nothing, groups = np.zeros(len(found.number)), number_of_groups(known)
+    nothing = np.zeros(len(found.number))
+    every = [(prior_of_variables([k], number_of_groups(known)), Polynomials.of([k])) for k in known]
     best = -np.inf
     for place in where:
         says = Says(AnyCurve.at(projection, columns, place.parameter), nothing, 0.0, tuple(known))
-        for k in known:
-            curves = evidence_of_all([polynomials_of(says, [k], place.scale)])
-            best = max(best, curves + prior_of_variables([k], groups))
+        for prior, curves in every:
+            best = max(best, evidence_of_all([curves.at(says, place.scale)]) + prior)
     return best + prior_of_a_place(found)

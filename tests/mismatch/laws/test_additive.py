@@ -12,7 +12,7 @@ from enginediag_cli.mismatch.fit.projection import Projection
 from enginediag_cli.mismatch.laws.additive import Additive, additive_of
 from enginediag_cli.mismatch.laws.carried import Carried
 from enginediag_cli.mismatch.laws.linear import evidence_of_all
-from enginediag_cli.mismatch.laws.polynomials import polynomials_of
+from enginediag_cli.mismatch.laws.polynomials import Polynomials
 from enginediag_cli.mismatch.laws.said import Said
 from enginediag_cli.mismatch.laws.scan import Known, known_variables
 from enginediag_cli.mismatch.laws.steps import bends_of
@@ -85,6 +85,6 @@ def test_its_formula_is_its_curve_and_nothing_at_the_design_point(ground: Ground
 def test_steps_and_polynomials_are_as_likely_beforehand_and_it_is_what_both_say(ground: Ground) -> None:
     (mach,) = ground.of("mach")
     says = ground.said(0.02 * np.sin(4.0 * share(mach))).kept
-    smooth = polynomials_of(says, [mach], float(np.std(says.f)))
+    smooth = Polynomials.of([mach]).at(says, float(np.std(says.f)))
     steps, polynomials = bends_of(says, [mach]).evidence, says.gain + evidence_of_all([smooth])
     assert additive_of(says, [mach]).evidence == pytest.approx(np.logaddexp(steps, polynomials) - np.log(2.0))
