@@ -65,6 +65,11 @@ def test_a_member_whose_odds_are_over_three_to_one_is_told():
     assert [x.options for x in told([((A, B), -10.0)], ((A,), -10.0 - np.log(4.0)), ((), -10.0))] == [(A, B)]
 
 
+def test_forms_of_one_law_are_weighed_together_before_a_set_without_a_member_is_told_first():
+    forms = [((A, B, LAW_AT_X), -20.0), ((A, B, OTHER_LAW_AT_X), -10.0)]
+    assert [len(x.options) for x in told(forms, ((A, FREE_AT_X), -18.0))] == [3, 3]
+
+
 def test_a_set_that_holds_all_that_is_named_is_no_rival():
     assert probabilities([((A, B), -10.0)], ((A, B, C), -9.0), ((A, B, FREE_AT_X), -8.0)) == pytest.approx([1.0])
 

@@ -14,8 +14,10 @@ from enginediag_cli.physics.engine_file import load_engine
 from enginediag_cli.physics.laws.law import Law
 from enginediag_cli.physics.laws.written import entry_of
 from enginediag_cli.trials.blind import kinds
+from enginediag_cli.trials.blind import sealed as sealing
 from enginediag_cli.trials.blind import trial as trials
 from enginediag_cli.trials.blind.causes import Cause
+from enginediag_cli.trials.blind.laws.drawn import NothingShownError
 from enginediag_cli.trials.blind.recorded import record
 from enginediag_cli.trials.blind.score import Said
 from enginediag_cli.trials.blind.sealed import draw
@@ -205,3 +207,27 @@ def test_pairs_triples_and_fours_are_counted_apart():
     found = sheet([trial(TWO, True), trial(THREE, False), trial(FOUR, True)])
     assert [found[f"several_all_of_{n}"]["rate"] for n in ("two", "three", "four")] == [1.0, 0.0, 1.0]
     assert found["several_share"]["rate"] == pytest.approx(2.5 / 3) and found["no_verdict"]["of"] == 0
+
+
+def test_flights_that_show_nothing_are_drawn_anew_and_do_not_end_the_sheet(monkeypatch, turbojet):
+    refused = []
+
+    def conceal(engine, trial, rng):
+        refused.append(trial)
+        if len(refused) < 3:
+            raise NothingShownError("nothing shows")
+        return trial
+
+    monkeypatch.setattr(sealing, "with_several", conceal)
+    found = draw(turbojet, SEED, 7, (kinds.SAME_MODEL,), (THREE,))
+    assert len(refused) == 3 and found is refused[-1] and found.trial == 7
+    assert len({t.noise_seed for t in refused}) == 3  # each time all is another
+
+
+def test_an_engine_that_never_shows_anything_is_told(monkeypatch, turbojet):
+    def conceal(engine, trial, rng):
+        raise NothingShownError("nothing shows")
+
+    monkeypatch.setattr(sealing, "with_several", conceal)
+    with pytest.raises(NothingShownError, match="nothing shows"):
+        draw(turbojet, SEED, 7, (kinds.SAME_MODEL,), (THREE,))

@@ -42,8 +42,10 @@ def among_all(sets: Sets, named: Sequence[Explanation]) -> list[Explanation]:
     total = np.logaddexp.reduce([told, *map(sets.evidence, rivals.values())])
     share = float(np.exp(told - total))
     found = [replace(x, probability=share * x.probability / all_told) for x in named]
+    # of the first with all its forms: one of them by itself may be told first and be far from the likeliest
+    first = np.logaddexp.reduce([e for e, mine in zip(evidence, own, strict=True) if mine == own[0]])
     for has, trial in rivals.items():
-        if has and has < own[0] and sets.evidence(trial) > evidence[0] - np.log(SETTLED):
+        if has and has < own[0] and sets.evidence(trial) > first - np.log(SETTLED):
             return [_simpler(sets, trial, float(np.exp(sets.evidence(trial) - total))), *found]
     return found
 

@@ -12,7 +12,7 @@ from enginediag_cli.engine.term import Effect
 from enginediag_cli.trials.blind import kinds
 from enginediag_cli.trials.blind.causes import Cause
 from enginediag_cli.trials.blind.flights import draw_flights
-from enginediag_cli.trials.blind.laws.drawn import draw_law
+from enginediag_cli.trials.blind.laws.drawn import NothingShownError, draw_law
 from enginediag_cli.trials.blind.laws.truth import LawTruth
 from enginediag_cli.trials.blind.map_error import MapErrors, draw_map_errors
 from enginediag_cli.trials.blind.memories import draw_memories
@@ -34,6 +34,8 @@ NOISE_FACTOR = (0.5, 2.0)
 INPUT_SIGMA: Mapping[str, float] = {"altitude_m": 8.0, "mach": 0.001}
 """Noise of recorded conditions, in their unit: what an air-data computer is good for."""
 POWER_SIGMA = 0.002  # of a reading
+AGAIN = 4
+"""Times that a trial is drawn anew, flights, kind and all, where its flights show nothing that it could conceal."""
 TRIAL_STREAM, SIZE_STREAM, TRUTH_STREAM, ENGINE_STREAM, LAW_STREAM = 0, 1, 2, 3, 5
 """Streams of random numbers that must not share a draw."""
 
@@ -86,9 +88,10 @@ class Sealed:
         return self.realistic.sensors if self.realistic else tuple(engine.sensors)
 
 
-def stream(seed: int, trial: int, what: int = TRIAL_STREAM) -> np.random.Generator:
-    """A trial's own random numbers, whatever other trials there are."""
-    return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(what, trial)))
+def stream(seed: int, trial: int, what: int = TRIAL_STREAM, again: int = 0) -> np.random.Generator:
+    """A trial's own random numbers, whatever other trials there are; others each time that it is drawn `again`."""
+    key = (what, trial, again) if again else (what, trial)
+    return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=key))
 
 
 def engine_of(engines: Sequence[str], seed: int, trial: int) -> str:
@@ -97,8 +100,20 @@ def engine_of(engines: Sequence[str], seed: int, trial: int) -> str:
 
 
 def draw(engine: Engine, seed: int, trial: int, truths: Sequence[str], chosen: Sequence[str]) -> Sealed:
-    """Trial number `trial` of a seed, of one of these truths and kinds."""
-    rng = stream(seed, trial)
+    """Trial number `trial` of a seed, of one of these truths and kinds. Raises DataError of an engine that cannot be
+    flown so; NothingShownError where no flights show what the trial could conceal."""
+    for again in range(AGAIN):
+        try:
+            return _drawn(engine, (seed, trial, again), truths, chosen)
+        except NothingShownError:
+            continue
+    return _drawn(engine, (seed, trial, AGAIN), truths, chosen)
+
+
+def _drawn(engine: Engine, number: tuple[int, int, int], truths: Sequence[str], chosen: Sequence[str]) -> Sealed:
+    """The trial that has a number: of seed, trial, and how often it has been drawn before."""
+    seed, trial, again = number
+    rng = stream(seed, trial, again=again)
     truth = str(rng.choice(list(truths)))
     weights = np.array([kinds.weight(k) for k in chosen], float)
     kind = str(rng.choice(list(chosen), p=weights / weights.sum()))
@@ -106,7 +121,8 @@ def draw(engine: Engine, seed: int, trial: int, truths: Sequence[str], chosen: S
     flights, training = draw_moving_flights(engine, rng) if kinds.moves(kind) else draw_flights(engine, rng)
     realistic = None
     if truth == kinds.REALISTIC:
-        realistic, kind = draw_realistic(engine, len(flights), stream(seed, trial, TRUTH_STREAM)), kinds.base(kind)
+        own = stream(seed, trial, TRUTH_STREAM, again)
+        realistic, kind = draw_realistic(engine, len(flights), own), kinds.base(kind)
     sizes = [len(f["time_s"]) for f in flights]
     n = sum(sizes[:training])
     what = kinds.base(kind)
@@ -140,7 +156,7 @@ def draw(engine: Engine, seed: int, trial: int, truths: Sequence[str], chosen: S
         realistic,
     )
     conceal = {kinds.LAW: with_law, kinds.SEVERAL: with_several}.get(kinds.choice(kind))
-    return conceal(engine, sealed, stream(seed, trial, LAW_STREAM)) if conceal else sealed
+    return conceal(engine, sealed, stream(seed, trial, LAW_STREAM, again)) if conceal else sealed
 
 
 def with_law(engine: Engine, sealed: Sealed, rng: np.random.Generator) -> Sealed:

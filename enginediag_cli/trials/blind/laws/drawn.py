@@ -52,6 +52,10 @@ KEPT = 60
 rarer for it."""
 
 
+class NothingShownError(DataError):
+    """The flights of a trial show nothing that it could conceal: others may."""
+
+
 @dataclass(frozen=True)
 class Ground:
     """What laws are drawn on: an engine, the fit to its flights without noise, places, and what moves."""
@@ -65,12 +69,13 @@ class Ground:
 
     @staticmethod
     def of(engine: Engine, flights: Sequence[Mapping[str, np.ndarray]], model_error: float) -> Ground:
-        """Of the flights that are not held back. Raises DataError where nothing can be fitted or nothing moves."""
+        """Of the flights that are not held back. Raises NothingShownError where nothing can be fitted or nothing
+        moves."""
         found = noise_free_fit(engine, flights, model_error)
         places = tuple(p for p in locations_of(engine, found.problem.sensors) if p.through is None)
         known = tuple(k for k in known_variables(found) if span(k.values) > MOVES * max(np.ptp(k.values), _size(k)))
         if not found.converged or not known or not places:
-            raise DataError(f"{engine.name}: blind trials of laws need variables that move, and a fit that converges")
+            raise NothingShownError(f"{engine.name}: laws need variables that move, and a fit that converges")
         columns = Columns(found, [p.parameter for p in places], [])
         return Ground(engine, found, Projection(found), columns, places, known)
 
@@ -90,7 +95,7 @@ def draw_law(
 ) -> LawTruth:
     """A law that these flights show, with a plausible size, that no effect or fault of the library says as well.
 
-    Raises DataError where none is found.
+    Raises NothingShownError where none is found.
     """
     ground = Ground.of(engine, flights[:training], model_error)
     higher, at_ceiling = draw_higher(engine, rng)
@@ -106,7 +111,7 @@ def draw_law(
             return replace(found, higher=higher, at_ceiling=at_ceiling)
         if flown >= FLOWN:
             break
-    raise DataError(f"{engine.name}: no law was found that these flights show and the library lacks")
+    raise NothingShownError(f"{engine.name}: no law was found that these flights show and the library lacks")
 
 
 @dataclass(frozen=True)

@@ -13,12 +13,12 @@ import numpy as np
 
 from enginediag_cli.engine.engine import Engine
 from enginediag_cli.engine.term import Effect
-from enginediag_cli.errors import DataError, NoVerdictError
+from enginediag_cli.errors import NoVerdictError
 from enginediag_cli.mismatch.fit.extended import Discrepancy
 from enginediag_cli.mismatch.fit.identified import Hypothesis, identify_with, nuisance
 from enginediag_cli.mismatch.fit.projection import Projection
 from enginediag_cli.trials.blind.causes import Cause
-from enginediag_cli.trials.blind.laws.drawn import Ground, Sort, shaped_law
+from enginediag_cli.trials.blind.laws.drawn import Ground, NothingShownError, Sort, shaped_law
 from enginediag_cli.trials.blind.laws.places import joined
 from enginediag_cli.trials.blind.laws.truth import LawTruth
 from enginediag_cli.trials.blind.visible import drawable, noise_free_fit, true_readings, weights
@@ -117,7 +117,8 @@ def draw_several(
     count: int,
     rng: np.random.Generator,
 ) -> Several:
-    """So many causes that these flights, those that are searched, show. Raises DataError where none are found."""
+    """So many causes that these flights, those that are searched, show. Raises NothingShownError where none are
+    found."""
     ground = Ground.of(engine, flights, model_error)
     for _ in range(TRIES):
         parts = _parts(ground, count, rng)
@@ -130,7 +131,7 @@ def draw_several(
         last = _given(ground, flights, model_error, parts) if parts else None
         if last is not None and min(last) >= SHOWS:
             return Several.of(parts)
-    raise DataError(f"{engine.name}: no {count} causes were found that these flights show beside each other")
+    raise NothingShownError(f"{engine.name}: no {count} causes were found that these flights show beside each other")
 
 
 def _parts(ground: Ground, count: int, rng: np.random.Generator) -> list[Part]:
