@@ -85,7 +85,8 @@ class Term(ABC):
     `TRIALS`: sizes at which a search tries the effect, where its derivative at absence tells nothing: a rate limit that
     nothing meets, a delay whose length matters.
     `SWITCHES`: commanded, so it may be on or off without any column showing it. `OF_A_FILE`: an engine file states it,
-    and no library holds it. `SOUGHT`: whether a search tries it, or only engine files carry it.
+    and no library holds it. `SOUGHT`: whether a search tries it, or only engine files carry it. `MEASURED`: it goes
+    by a reading as that was measured, and holds its noise.
     """
 
     NAME: str
@@ -100,6 +101,7 @@ class Term(ABC):
     SWITCHES: bool = False
     OF_A_FILE: bool = False
     SOUGHT: bool = True
+    MEASURED: bool = False
 
     def __init_subclass__(cls, **given: object) -> None:
         """Raises TypeError for a term whose driver is none: words would be missing where it is told."""

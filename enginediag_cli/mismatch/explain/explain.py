@@ -237,7 +237,7 @@ class Search(Fits):
     def _with_estimated_noise(self, rest: Remainder) -> Remainder:
         """What is left when the noise is what nothing explains; weights and noise in turn."""
         for _ in range(NOISE_PASSES):
-            noise, before = estimated_noise(self.base.projection, rest.blocks()), self.evidence.noise
+            noise, before = estimated_noise(self.base.projection, rest.beside_noise()), self.evidence.noise
             self.evidence = with_noise(self.evidence, noise)
             found = identify_with(self.evidence, NO_HYPOTHESIS, self.along, self.base.found)
             self.base = Trial((), found, Projection(found))

@@ -249,6 +249,15 @@ class Remainder:
         """Everything that can be ranked."""
         return [b for b in (*self.scores, *self.cells) if not b.score.absorbed]
 
+    def beside_noise(self) -> list[Scored]:
+        """The same but for effects that go by readings as they were measured: some of these together are a reading's
+        noise, which then would be explained."""
+        return [b for b in self.blocks() if not (isinstance(b, OptionScore) and _goes_by_readings(b.option))]
+
+
+def _goes_by_readings(option: Option) -> bool:
+    return any(e.term.MEASURED for e in option.hypothesis.effects)
+
 
 def attempt(
     options: Sequence[Option],

@@ -124,7 +124,7 @@ def _with_estimated_noise(
         after = fit_both(concealed(evidence, unseen), effects, along)[1]
         library = effect_options(candidates(evidence.engine))
         rest = remainder(after, library, drivers_of(after.found.evidence, after.found.theta))
-        evidence = with_noise(evidence, estimated_noise(after.projection, rest.blocks()))
+        evidence = with_noise(evidence, estimated_noise(after.projection, rest.beside_noise()))
     return evidence
 
 

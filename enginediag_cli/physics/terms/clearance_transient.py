@@ -68,6 +68,7 @@ class ClearanceTransient(Term):
         "(paces of casing and disc); ranges assumed"
     )
     INPUTS = PAST
+    MEASURED = True
     TRIALS = tuple({"loss": 0.02, "time_constant": t} for t in (10.0, 40.0, 150.0, 600.0))
 
     def sites(self, network: Network) -> Iterable[Site]:

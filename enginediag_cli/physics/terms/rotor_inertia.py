@@ -46,6 +46,7 @@ class RotorInertia(Term):
         "Walsh & Fletcher, Gas Turbine Performance, 2nd ed. 2004, ch. 8; ranges from model jets to fans, assumed"
     )
     INPUTS = PAST
+    MEASURED = True
 
     def sites(self, network: Network) -> Iterable[Site]:
         for name, shaft in network.shafts.items():
