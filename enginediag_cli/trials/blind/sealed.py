@@ -9,6 +9,7 @@ import numpy as np
 
 from enginediag_cli.engine.engine import Engine
 from enginediag_cli.engine.term import Effect
+from enginediag_cli.errors import NoVerdictError
 from enginediag_cli.trials.blind import kinds
 from enginediag_cli.trials.blind.causes import Cause
 from enginediag_cli.trials.blind.flights import draw_flights
@@ -105,7 +106,7 @@ def draw(engine: Engine, seed: int, trial: int, truths: Sequence[str], chosen: S
     for again in range(AGAIN):
         try:
             return _drawn(engine, (seed, trial, again), truths, chosen)
-        except NothingShownError:
+        except (NothingShownError, NoVerdictError):  # the second: where what was tried lets the engine run nowhere
             continue
     return _drawn(engine, (seed, trial, AGAIN), truths, chosen)
 
