@@ -245,9 +245,14 @@ class Place:
     ) -> Callable[[Evaluation, Value], Value]:
         """remembered(e, signal): what `filter` makes of the signal's past, 0 in equilibrium; to be called by a hook in
         every evaluation. `recorded`, `measured`, `sensor`, `turns`: as of `Memory`."""
-        memory = replace(
-            self._memory(filter, coefficients), recorded=recorded, measured=measured, sensor=sensor, turns=turns
-        )
+        memory = self._memory(filter, coefficients)
+        return self._remembered(replace(memory, recorded=recorded, measured=measured, sensor=sensor, turns=turns))
+
+    def follow(self, filter: Filter, coefficients: Sequence[str]) -> Callable[[Evaluation, Value], Value]:
+        """The same where the effect multiplies by its size what is remembered."""
+        return self._remembered(replace(self._memory(filter, coefficients), multiplied=True))
+
+    def _remembered(self, memory: Memory) -> Callable[[Evaluation, Value], Value]:
         self._hooks.memories.append(memory)
         self._states.append(memory.name)
 

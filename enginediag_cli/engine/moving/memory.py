@@ -24,6 +24,8 @@ class Memory:
     recordings that shows what the filter makes, if there is one: it tells where it begins. `tried`: names of
     directions along which the effect is tried at one size each, with the values of `coefficients`. `turns`: the shaft
     of which the first coefficient is the inertia, where the effect is that; simulations have its speed as a state.
+    `multiplied`: the size of the effect is none of the coefficients but multiplies what is remembered, which is there
+    before the effect is.
     """
 
     name: str
@@ -37,3 +39,4 @@ class Memory:
     measured: Callable[[Array], Array] = np.asarray
     tried: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
     turns: str = ""
+    multiplied: bool = False

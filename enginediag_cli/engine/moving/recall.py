@@ -301,8 +301,8 @@ def active(m: Memory, theta: Mapping[str, Any], wrt: Sequence[str]) -> bool:
 
 
 def there(m: Memory, theta: Mapping[str, Any]) -> bool:
-    """Whether it remembers anything: absent, it passes nothing on."""
-    return any(float(np.mean(theta[n])) != absent for n, absent in m.absent.items())
+    """Whether it remembers anything: absent, it passes nothing on, unless its size multiplies what is remembered."""
+    return m.multiplied or any(float(np.mean(theta[n])) != absent for n, absent in m.absent.items())
 
 
 def asked_for(

@@ -318,9 +318,12 @@ def _evidence(hidden: Sequence[Hidden]) -> float:
 
 
 def _together(first: Sequence[Explanation], others: Sequence[Explanation]) -> tuple[Explanation, ...]:
-    """Explanations that cannot be told apart, each once."""
+    """Explanations that cannot be told apart, each once. Laws are weighed anew after what is listed alone, which may
+    leave more than 1 for all of them: their odds stand."""
     known = {x.label for x in first}
-    return (*first, *(x for x in others if x.label not in known))
+    every = (*first, *(x for x in others if x.label not in known))
+    most = max(sum(x.probability for x in every), 1.0)
+    return tuple(replace(x, probability=x.probability / most) for x in every)
 
 
 def explain(evidence: Evidence, effects: Sequence[Effect] | None = None, hidden: HiddenSearch | None = None) -> Answer:

@@ -16,7 +16,9 @@ import numpy as np
 from enginediag_cli.engine.dual import value
 from enginediag_cli.engine.term import Effect
 from enginediag_cli.mismatch.fit.trial_fit import Trial
+from enginediag_cli.mismatch.laws.past import past_along
 from enginediag_cli.mismatch.laws.scan import Known
+from enginediag_cli.physics.laws.expression import Past
 from enginediag_cli.physics.laws.law import Law
 
 POINTS = 25
@@ -53,15 +55,14 @@ class Band:
 
 def curve_of(effects: Sequence[Effect], trial: Trial, known: Sequence[Known]) -> tuple[np.ndarray, np.ndarray]:
     """Fitted laws at one place together over the fit's records (N,), about their mean, with the standard error (N,)."""
-    x = {k.variable.name: k.values for k in known}
     told = trial.coefficients
     names = [e.parameter_name(c.name) for e in effects for c in e.term.COEFFICIENTS]
     c = np.array([told[n][0] for n in names])
-    f = _centred(effects, x, dict(zip(names, c, strict=True)))
+    f = _centred(effects, known, dict(zip(names, c, strict=True)))
     steps = STEP * np.maximum(np.abs(c), STEP)
     slopes = np.stack(
         [
-            (_centred(effects, x, dict(zip(names, c + d, strict=True))) - f) / s
+            (_centred(effects, known, dict(zip(names, c + d, strict=True))) - f) / s
             for s, d in zip(steps, np.diag(steps), strict=True)
         ]
     )
@@ -107,7 +108,8 @@ def _along(effects: Sequence[Effect], trial: Trial, of: Known, x: np.ndarray) ->
     """Laws of one variable at values of it, about their mean over the records."""
     c = trial.values
     name = of.variable.name
-    return np.asarray(summed(effects, {name: x}, c) - np.nanmean(summed(effects, {name: of.values}, c)))
+    flown = _total(effects, {name: of.values}, c, None)
+    return np.asarray(_total(effects, {name: x}, c, None) - np.nanmean(flown))
 
 
 def variables_in(effects: Sequence[Effect]) -> frozenset[str]:
@@ -115,20 +117,28 @@ def variables_in(effects: Sequence[Effect]) -> frozenset[str]:
     return frozenset(n for e in effects if isinstance(e.term, Law) for n in e.term.variables)
 
 
-def _centred(effects: Sequence[Effect], x: Mapping[str, np.ndarray], c: Mapping[str, float]) -> np.ndarray:
-    f = summed(effects, x, c)
+def _centred(effects: Sequence[Effect], known: Sequence[Known], c: Mapping[str, float]) -> np.ndarray:
+    f = summed(effects, known, c)
     return np.asarray(f - np.nanmean(f))
 
 
-def summed(effects: Sequence[Effect], x: Mapping[str, np.ndarray], c: Mapping[str, float]) -> np.ndarray:
-    """Σ f at values of the variables; `c`: coefficients by parameter name."""
+def summed(effects: Sequence[Effect], known: Sequence[Known], c: Mapping[str, float]) -> np.ndarray:
+    """Σ f over the fit's records (N,), of variables known there; `c`: coefficients by parameter name."""
+    clock = known[0].clock if known else None
+    return _total(effects, {k.variable.name: k.values for k in known}, c, past_along(clock))
+
+
+def _total(
+    effects: Sequence[Effect], x: Mapping[str, np.ndarray], c: Mapping[str, float], past: Past | None
+) -> np.ndarray:
+    """The same at values of the variables; in equilibrium without a past."""
     total: np.ndarray = np.zeros(np.shape(next(iter(x.values()))))
     for e in effects:
         law = e.term
         assert isinstance(law, Law)
         own = {k.name: c[e.parameter_name(k.name)] for k in law.COEFFICIENTS}
         with np.errstate(all="ignore"):
-            total = total + np.asarray(value(law.expression.at({**{n: x[n] for n in law.variables}, **own})))
+            total = total + np.asarray(value(law.expression.at({**{n: x[n] for n in law.variables}, **own}, past)))
     return total
 
 

@@ -40,5 +40,5 @@ def carried(base: Trial, trial: Trial, laws: Sequence[Effect], place: Location, 
     found = identify_with(replace(evidence, engine=engine), base.hypothesis, nuisance(evidence), base.found)
     projection = Projection(found)
     seen = seen_at(found, known)
-    f = summed(laws, {k.variable.name: k.values for k in seen}, trial.values)
+    f = summed(laws, seen, trial.values)
     return Carried(found, projection, place, f, 0.5 * (base.objective - projection.objective), seen)

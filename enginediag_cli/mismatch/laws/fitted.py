@@ -70,7 +70,7 @@ class Fitted:
 
     def curve(self, known: Sequence[Known]) -> np.ndarray:
         """All its laws together over the records (N,)."""
-        return summed(self.effects, {k.variable.name: k.values for k in known}, self.trial.values)
+        return summed(self.effects, known, self.trial.values)
 
     @property
     def at_the_first(self) -> tuple[Effect, ...]:
@@ -94,7 +94,7 @@ def ln_within(laws: Sequence[Proposal], trial: Trial) -> float:
         known = {k.variable.name: k for p in own for k in p.candidate.formula.of}
         if any(len(k.values) != len(trial.found.number) for k in known.values()):
             continue
-        f = summed(effects, {n: k.values for n, k in known.items()}, trial.values)
+        f = summed(effects, list(known.values()), trial.values)
         room = Room.at(trial.found, place, float(np.mean(f)))
         if not room.allows(f):
             total += room.of_curve(*curve_of(effects, trial, seen_at(trial.found, list(known.values()))))

@@ -45,6 +45,11 @@ STEEPEST = 6.0
 """Exponents may be: more grows beyond all bounds where nobody flew."""
 HALVES = (0.3, 1.0, 3.0)
 """Values of a ratio at which what saturates is half of all."""
+SECONDS, LONG, LONGEST = (10.0, 60.0, 300.0), 200.0, 5000.0
+"""Time constants that a lag may have, and times that a limited rate takes over a variable's range, s: what metal and
+actuators take; the standard deviation of their prior, and what they are at most."""
+PLAY, MOST_PLAY = (0.03, 0.1, 0.25), 0.6
+"""Of a switch, half of what it takes to switch back, of the range that its variable has in the records."""
 LEAST_HALF, MOST_HALF = 0.02, 20.0
 """Of those: nothing that varies, and a straight line."""
 
@@ -52,6 +57,7 @@ _parsed = lru_cache(maxsize=None)(Expression.parsed)
 
 Tries = Callable[[np.ndarray], tuple[float, ...]]
 Bounds = Callable[[np.ndarray], tuple[float, float]]
+Over = Callable[[np.ndarray], float]
 
 
 def span(x: np.ndarray) -> float:
@@ -60,24 +66,30 @@ def span(x: np.ndarray) -> float:
     return float(high - low)
 
 
+def as_it_stands(x: np.ndarray) -> float:
+    """Of a shape that no variable's range says anything of."""
+    return 1.0
+
+
 @dataclass(frozen=True)
 class Shape:
     """One letter of a form; `tries`: values to begin with, of a variable's values in the records (N,), which are also
-    where its prior lies; `share`: the standard deviation of that, of the variable's range or, with `of_range` not set,
-    as it stands; `bounds`: how far it may go; `of`: which of a form's variables it is
-    of; `finer`: more values to begin with, where few forms are tried."""
+    where its prior lies; `share`: the standard deviation of that, in what `over` makes of these, the variable's range;
+    `bounds`: how far it may go; `of`: which of a form's variables it is of; `finer`: more values to begin with, where
+    few forms are tried; `unit`: it is none of the variable's."""
 
     letter: str
     tries: Tries
     share: float
     bounds: Bounds
-    of_range: bool = True
+    over: Over = span
     of: int = 0
     finer: Tries | None = None
+    unit: str = "1"
 
     def sigma(self, x: np.ndarray) -> float:
         """The prior's standard deviation."""
-        return self.share * (span(x) if self.of_range else 1.0)
+        return self.share * self.over(x)
 
     def centre(self, x: np.ndarray) -> float:
         """The prior's mean."""
@@ -105,6 +117,11 @@ class Form:
     def listed(self) -> bool:
         """Whether it has a formula of its own; a curve of steps has none."""
         return bool(self.text)
+
+    @property
+    def remembers(self) -> bool:
+        """Whether it follows a variable along time."""
+        return bool(self.expression.followed) if self.listed else False
 
     @property
     def pairs(self) -> bool:
@@ -149,14 +166,36 @@ def _width(shares: tuple[float, ...], letter: str = "w", of: int = 0, finer: tup
 
 
 def _exponent(letter: str, tries: tuple[float, ...]) -> Shape:
-    return Shape(letter, lambda x: tries, 2.0, lambda x: (-STEEPEST, STEEPEST), of_range=False)
+    return Shape(letter, lambda x: tries, 2.0, lambda x: (-STEEPEST, STEEPEST), as_it_stands)
 
 
 PLACE, PLACE_OF_TWO = _place(WITHIN), _place(WITHIN_OF_TWO)
 WIDTH, TURN, WIDE = _width(WIDTHS), _width(TURNS), _width(WIDTH_OF_TWO, finer=FINER_WIDTHS)
 EXPONENT = _exponent("n", EXPONENTS)
 BOTH_EXPONENTS = (_exponent("n", EXPONENTS_OF_TWO), _exponent("m", EXPONENTS_OF_TWO))
-HALF = Shape("k", lambda x: HALVES, 1.5, lambda x: (LEAST_HALF, MOST_HALF), of_range=False)
+HALF = Shape("k", lambda x: HALVES, 1.5, lambda x: (LEAST_HALF, MOST_HALF), as_it_stands)
+
+
+def _seconds() -> Shape:
+    return Shape("t", lambda x: SECONDS, LONG, lambda x: (0.0, LONGEST), as_it_stands, unit="s")
+
+
+def _slowness() -> Shape:
+    """Seconds for the variable's range, over that."""
+
+    def tries(x: np.ndarray) -> tuple[float, ...]:
+        return tuple(t / span(x) for t in SECONDS)
+
+    return Shape("s", tries, LONG, lambda x: (0.0, LONGEST / span(x)), lambda x: 1.0 / span(x), unit="s")
+
+
+def _play() -> Shape:
+    """Half of what lies between where it switches on the way up and on the way down."""
+
+    def tries(x: np.ndarray) -> tuple[float, ...]:
+        return tuple(h * span(x) for h in PLAY)
+
+    return Shape("h", tries, 0.2, lambda x: (0.0, MOST_PLAY * span(x)))
 
 
 def _moved(text: str) -> str:
@@ -172,6 +211,8 @@ RAMP_UP, RAMP_DOWN = f"(x - c + {HYPERBOLA})", f"(x - c - {HYPERBOLA})"
 STEP, BUMP, TURNING = _moved(TANH), _moved(PEAK), _moved(HYPERBOLA)
 ROOT_UP, ROOT_DOWN = _moved(f"sqrt{RAMP_UP}"), _moved(f"sqrt(-{RAMP_DOWN})")
 """What flows through an opening that a pressure begins to hold open."""
+SWITCH = "(tanh((backlash(x, h) - c) / w) - tanh((x0 - c) / w))"
+"""On from c + h on, on the way up, and off from c − h on, on the way down."""
 STEPS = _moved(f"{TANH} * tanh((y - d) / v)")
 SPOT = _moved("exp(-((x - c) / w) ** 2 - ((y - d) / v) ** 2)")
 DISTANCE = _moved("sqrt(((x - c) / w) ** 2 + ((y - d) / v) ** 2 + 1)")
@@ -239,6 +280,9 @@ FORMS = (
     Form("step", "as a smooth step in", f"a * {STEP}", (PLACE, WIDTH)),
     Form("bump", "near one value of", f"a * {BUMP}", (PLACE, WIDTH)),
     Form("valley", "by the distance from one value of", f"a * {TURNING}", (PLACE, TURN)),
+    Form("lagged", "with a lag, in proportion to", "a * (lagged(x, t) - x0)", (_seconds(),), weight=0.5),
+    Form("limited", "at a limited rate, in proportion to", "a * (limited(x, s, s) - x0)", (_slowness(),), weight=0.5),
+    Form("switch", "as a switch with hysteresis in", f"a * {SWITCH}", (PLACE, TURN, _play()), weight=0.5),
     Form("both", "as the product of what moves of", "a * (x - x0) * (y - y0)"),
     Form("by", f"as the first, {THE_MORE}", "a * (x - x0) * y", turned=True),
     Form("product", "as the product of", "a * (x * y - x0 * y0)"),

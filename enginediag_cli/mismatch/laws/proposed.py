@@ -42,7 +42,7 @@ def proposed(candidate: Candidate, parameter: Parameter, name: str) -> Effect:
     for s in formula.form.shapes:
         at, x = formula.shape[s.letter], formula.of[s.of].values
         # a shape at a bound is another form: a threshold beyond what was flown is a straight line
-        shape = Coefficient(s.letter, "1", "shape", at, *s.bounds(x), s.sigma(x), at, free=True, closed=True)
+        shape = Coefficient(s.letter, s.unit, "shape", at, *s.bounds(x), s.sigma(x), at, free=True, closed=True)
         coefficients.append(shape)
     variables = {k.variable.name: k.variable for k in formula.of}
     statement = statement_of(candidate.location, parameter, formula.form, formula.of)

@@ -19,6 +19,7 @@ import numpy as np
 from enginediag_cli.drivers import SAME
 from enginediag_cli.engine.driver import STILL
 from enginediag_cli.engine.dual import Value
+from enginediag_cli.engine.moving.filters.base import Clock
 from enginediag_cli.mismatch.fit.columns import Columns
 from enginediag_cli.mismatch.fit.extended import ExtendedModel
 from enginediag_cli.mismatch.fit.families import Sums, grid
@@ -26,6 +27,7 @@ from enginediag_cli.mismatch.fit.freeform import Location, locations
 from enginediag_cli.mismatch.fit.identified import Identified
 from enginediag_cli.mismatch.fit.projection import Projection
 from enginediag_cli.mismatch.laws.grammar import FORMS, Form, Shape
+from enginediag_cli.mismatch.laws.past import clock_of, past_along
 from enginediag_cli.mismatch.laws.within import Room, ends_of
 from enginediag_cli.physics.laws.variables import Variable, variables_of
 from enginediag_cli.progress import stage
@@ -39,11 +41,13 @@ MOVED = 0.01
 @dataclass(frozen=True)
 class Known:
     """A variable with its values in the fit's records (N,); `group`: variables of one number cannot be told apart
-    there; `tries`: of shapes, and of finer ones, once they were asked for."""
+    there; `clock`: of these records, None where they are no course; `tries`: of shapes, and of finer ones, once they
+    were asked for."""
 
     variable: Variable
     values: np.ndarray
     group: int
+    clock: Clock | None = field(default=None, compare=False, repr=False)
     tries: dict[tuple[Shape, bool], tuple[float, ...]] = field(default_factory=dict, compare=False, repr=False)
 
     def tried(self, shape: Shape, finer: bool) -> tuple[float, ...]:
@@ -90,12 +94,12 @@ class Candidate:
 
 def known_variables(found: Identified) -> list[Known]:
     """Variables that move in the fit's records, in groups that these cannot tell apart."""
-    result: list[Known] = []
+    result, clock = list[Known](), clock_of(found)
     for v, x in _values(found, list(variables_of(found.evidence.engine.network).values())):
         if np.std(x) <= STILL * max(1e-300, float(np.mean(np.abs(x)))):
             continue
         alike = (k.group for k in result if abs(float(np.corrcoef(k.values, x)[0, 1])) > SAME)
-        result.append(Known(v, x, next(alike, 1 + max((k.group for k in result), default=-1))))
+        result.append(Known(v, x, next(alike, 1 + max((k.group for k in result), default=-1)), clock))
     return result
 
 
@@ -142,7 +146,7 @@ def formulas_of(
 ) -> Iterator[Formula]:
     """All forms of one variable, or of two together, with their prior among all of the variables `known`: variables
     that cannot be told apart have that of their group. `finer`: with more tries of their shapes."""
-    own = [f for f in forms if f.pairs == (len(of) == 2)]
+    own = [f for f in forms if f.pairs == (len(of) == 2) and not (f.remembers and of[0].clock is None)]
     share = share_of_variables(len(of), number_of_groups(known))
     orders = {f.name: (of, of[::-1]) if f.turned else (of,) for f in own}
     for form in own:
@@ -197,7 +201,7 @@ def over_records(form: Form, of: Sequence[Known], shape: Mapping[str, float | np
     """A form of variables over their records (N,), amplitude 1; (tries, N) where its shape has (tries, 1) each; not
     finite where it is nothing."""
     with np.errstate(all="ignore"):
-        return np.asarray(form.expression.at({**letters_of(of), **shape, "a": 1.0}), float)
+        return np.asarray(form.expression.at({**letters_of(of), **shape, "a": 1.0}, past_along(of[0].clock)), float)
 
 
 def letters_of(of: Sequence[Known]) -> dict[str, Value]:

@@ -110,7 +110,7 @@ def prior_of_curve(groups: int) -> float:
     """ln, of one variable of so many groups, and of a curve: to be told it is half as likely as any one form. In a
     linear twin of the search (280 laws, place and variable known) curves are within noise as often as where a third of
     all laws is unlisted, and one in twenty of what the grammar has is told as a curve, not a third."""
-    weights = CURVE + sum(f.weight for f in FORMS if not f.pairs)
+    weights = CURVE + sum(f.weight for f in FORMS if not (f.pairs or f.remembers))
     return float(np.log(share_of_variables(1, groups) * CURVE / weights))
 
 

@@ -1,18 +1,19 @@
 """A formula as text → a function of named values, with exact derivatives and checked units.
 
-What may stand in it is listed here and nothing else: numbers, names, + − * / and **, parentheses and FUNCTIONS. The
-text is parsed and never run.
+What may stand in it is listed here and nothing else: numbers, names, + − * / and **, parentheses, FUNCTIONS and those
+that remember (`followers`). The text is parsed and never run.
 """
 
 from __future__ import annotations
 
 import ast
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from enginediag_cli.engine.dual import Value, chain, exp, log, maximum, minimum, power, sqrt, value
+from enginediag_cli.physics.laws.followers import FOLLOWERS, Followed
 
 LONGEST = 2000
 """Letters of a formula."""
@@ -48,13 +49,17 @@ FUNCTIONS: Mapping[str, tuple[Callable[..., Value], int]] = {
 }
 """Function and how many arguments it takes."""
 
+Past = Callable[[Followed, Value, Mapping[str, Value]], Value]
+"""How far a follower lies from its signal, where names have these values."""
+
 
 @dataclass(frozen=True)
 class Expression:
-    """`names`: what its values must be given for."""
+    """`names`: what its values must be given for; `followed`: what of it remembers."""
 
     text: str
     names: frozenset[str]
+    followed: tuple[Followed, ...]
     _root: ast.expr
 
     @staticmethod
@@ -69,11 +74,13 @@ class Expression:
             raise ExpressionError(f"'{text}' is no formula", at - 1) from error
         names: set[str] = set()
         _check(root, names, 0)
-        return Expression(text, frozenset(names), root)
+        calls = (n for n in ast.walk(root) if isinstance(n, ast.Call))
+        followed = tuple(_followed(n) for n in calls if _called(n) in FOLLOWERS)
+        return Expression(text, frozenset(names), followed, root)
 
-    def at(self, values: Mapping[str, Value]) -> Value:
-        """Its value (N,) or scalar where its names have these."""
-        return _value(self._root, values)
+    def at(self, values: Mapping[str, Value], past: Past | None = None) -> Value:
+        """Its value (N,) or scalar where its names have these; in equilibrium without a `past`."""
+        return _value(self._root, values, past)
 
     def unit(self, units: Mapping[str, Unit]) -> Unit:
         """Its unit where its names have these. Raises ExpressionError where they do not go together."""
@@ -110,23 +117,38 @@ def _check(node: ast.expr, names: set[str], depth: int) -> None:
                 raise ExpressionError(f"{name} takes {FUNCTIONS[name][1]}, not {len(arguments)}", node.col_offset)
             for a in arguments:
                 _check(a, names, depth + 1)
+        case ast.Call(func=ast.Name(id=name), args=[signal, *by], keywords=[]) if name in FOLLOWERS:
+            wanted = len(FOLLOWERS[name].units)
+            if len(by) != wanted or not all(isinstance(b, ast.Name) for b in by):
+                told = f"{name} takes what it follows and {wanted} name{'s' * (wanted > 1)} of coefficients behind it"
+                raise ExpressionError(told, node.col_offset)
+            for a in (signal, *by):
+                _check(a, names, depth + 1)
         case _:
-            allowed = f"numbers, names, + - * / **, parentheses and {', '.join(FUNCTIONS)}"
+            allowed = f"numbers, names, + - * / **, parentheses and {', '.join((*FUNCTIONS, *FOLLOWERS))}"
             raise ExpressionError(f"a formula has {allowed}, nothing else", node.col_offset)
 
 
-def _value(node: ast.expr, values: Mapping[str, Value]) -> Value:
+def _called(node: ast.Call) -> str:
+    return node.func.id if isinstance(node.func, ast.Name) else ""
+
+
+def _followed(node: ast.Call) -> Followed:
+    return Followed(_called(node), tuple(a.id for a in node.args[1:] if isinstance(a, ast.Name)), node.col_offset)
+
+
+def _value(node: ast.expr, values: Mapping[str, Value], past: Past | None) -> Value:
     match node:
         case ast.Constant(value=number):
             return float(number)  # type: ignore[arg-type]  # checked
         case ast.Name(id=name):
             return values[name]
         case ast.UnaryOp(op=op, operand=a):
-            return _value(a, values) * (-1.0 if isinstance(op, ast.USub) else 1.0)
+            return _value(a, values, past) * (-1.0 if isinstance(op, ast.USub) else 1.0)
         case ast.BinOp(left=a, op=ast.Pow(), right=b):
-            return _power(_value(a, values), _value(b, values))
+            return _power(_value(a, values, past), _value(b, values, past))
         case ast.BinOp(left=a, op=op, right=b):
-            x, y = _value(a, values), _value(b, values)
+            x, y = _value(a, values, past), _value(b, values, past)
             match op:
                 case ast.Add():
                     return x + y
@@ -135,8 +157,11 @@ def _value(node: ast.expr, values: Mapping[str, Value]) -> Value:
                 case ast.Mult():
                     return x * y
             return x / y
+        case ast.Call(func=ast.Name(id=name), args=[signal, *_]) if name in FOLLOWERS:
+            x = _value(signal, values, past)
+            return x if past is None else x + past(_followed(node), x, values)
         case ast.Call(func=ast.Name(id=name), args=arguments):
-            return FUNCTIONS[name][0](*(_value(a, values) for a in arguments))
+            return FUNCTIONS[name][0](*(_value(a, values, past) for a in arguments))
     raise AssertionError("checked when it was parsed")
 
 
@@ -160,6 +185,9 @@ def _unit(node: ast.expr, units: Mapping[str, Unit]) -> Unit:
             return _combined(node, op, _unit(a, units), _unit(b, units))
         case ast.Call(func=ast.Name(id=name), args=arguments):
             found = [_unit(a, units) for a in arguments]
+            if name in FOLLOWERS:
+                _check_units(node, name, found)
+                return {}
             if FUNCTIONS[name][0] in (minimum, maximum):
                 if found[0] != found[1]:
                     raise ExpressionError(_unlike(found[0], found[1]), node.col_offset)
@@ -167,6 +195,13 @@ def _unit(node: ast.expr, units: Mapping[str, Unit]) -> Unit:
             if found[0]:
                 raise ExpressionError(f"{name} takes a number, not {words_of(found[0])}", node.col_offset)
     return {}
+
+
+def _check_units(node: ast.Call, name: str, found: Sequence[Unit]) -> None:
+    """Of what a follower takes: it follows a number without a unit."""
+    for own, wanted in zip(found, (unit_of("1"), *map(unit_of, FOLLOWERS[name].units)), strict=True):
+        if own != wanted:
+            raise ExpressionError(f"{name} takes {words_of(wanted)}, not {words_of(own)}", node.col_offset)
 
 
 def _combined(node: ast.BinOp, op: ast.operator, a: Unit, b: Unit) -> Unit:

@@ -5,7 +5,8 @@
     an effect of the library, of size absent + f, where the law acts at the size of an effect
 
 f is a formula of variables and coefficients. What a variable that lies further down the gas path than the parameter is,
-is an unknown of the network, and that it is so is its balance.
+is an unknown of the network, and that it is so is its balance. What remembers in it (`followers`) is a memory of the
+engine, as of any effect.
 """
 
 from __future__ import annotations
@@ -18,8 +19,10 @@ from typing import TYPE_CHECKING
 from enginediag_cli.drivers import CONSTANT
 from enginediag_cli.engine.dual import Value
 from enginediag_cli.engine.evaluation import Evaluation
+from enginediag_cli.engine.moving.tape import PAST
 from enginediag_cli.engine.term import Coefficient, Effect, Place, Site, Term
 from enginediag_cli.physics.laws.expression import Expression
+from enginediag_cli.physics.laws.followers import Followed
 from enginediag_cli.physics.laws.variables import Variable
 
 if TYPE_CHECKING:
@@ -69,6 +72,8 @@ class Law(Term):
         self.changed = f"{acts.leaf} (1 + f)" if acts.factor else f"{acts.leaf} + f"
         if acts.through is not None:
             self.INPUTS = acts.through.term.INPUTS
+        if expression.followed:
+            self.INPUTS = {**self.INPUTS, **PAST}
         self.EQUATION = f"{self.changed},  f = {expression.text}"
         self.DRIVER = next((v.driver for v in self.variables.values()), CONSTANT)
         self.REFERENCE = reference or "the engine file that states it"
@@ -104,9 +109,13 @@ class Law(Term):
 
     def _formula(self, at: Place, unknown: Mapping[str, str]) -> Callable[[Evaluation], Value]:
         names = tuple(c.name for c in self.COEFFICIENTS if c.name in self.expression.names)
+        remembered = {k: at.follow(k.filter, k.by) for k in self.expression.followed}
 
         def f(e: Evaluation) -> Value:
+            def past(of: Followed, signal: Value, values: Mapping[str, Value]) -> Value:
+                return remembered[of](e, signal)
+
             values = {n: e[unknown[n]] if n in unknown else v.at(e, at.network) for n, v in self.variables.items()}
-            return self.expression.at(values | {n: at.c(e, n) for n in names})
+            return self.expression.at(values | {n: at.c(e, n) for n in names}, past)
 
         return f

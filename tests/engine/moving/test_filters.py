@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from enginediag_cli.engine.moving.filters.backlash import Backlash
 from enginediag_cli.engine.moving.filters.base import Clock
 from enginediag_cli.engine.moving.filters.delay import Delay
 from enginediag_cli.engine.moving.filters.hysteresis import Hysteresis
@@ -47,6 +48,7 @@ FILTERS = {
     "rate limit": (RateLimit(), (0.7, 0.31)),
     "rate limit upwards only": (RateLimit(), (0.9, 0.0)),
     "rate limit per full scale": (PerFull(RateLimit(), 40.0), (30.0, 50.0)),
+    "backlash": (Backlash(), (3.0,)),
     "heat flow": (ScaledIntegrated(Lag()), (2.5, 12.0)),
     "inertia": (Scaled(RateOfChange()), (0.4,)),
 }
@@ -208,3 +210,18 @@ def test_hysteresis_is_what_a_valve_that_is_watched_record_by_record_does():
     found = Hysteresis()(clock, u, along, (low, band))
     assert np.array_equal(found.value, wanted) and 0.0 < wanted.mean() < 0.5
     assert not found.along.any() and not found.own.any()
+
+
+def test_backlash_is_what_goes_record_by_record():
+    clock, u, along = uneven(seed=3)
+    h, found = 4.0, []
+    for k, first in enumerate(clock.first):
+        found.append(u[k] if first else min(max(found[-1], u[k] - h), u[k] + h))
+    assert np.allclose(u + Backlash()(clock, u, along, (h,)).value, found, atol=1e-12)
+
+
+def test_what_switches_with_backlash_switches_later_both_ways():
+    time = np.arange(0.0, 200.0)
+    u = np.interp(time, [0.0, 100.0, 199.0], [0.0, 1.0, 0.0])
+    on = u + alone(Backlash(), clock_of(time), u, 0.1).value > 0.5
+    assert u[on][0] == pytest.approx(0.6, abs=0.02) and u[on][-1] == pytest.approx(0.4, abs=0.02)

@@ -92,14 +92,15 @@ def test_a_curve_that_is_too_large_to_square_is_none_without_a_warning(ground: G
 def curve_of(averaged: Averaged, known: list[Known]) -> np.ndarray:
     (effect,) = averaged.law.option.hypothesis.effects
     size = {effect.parameter_name("a"): averaged.law.candidate.amplitude}
-    return summed([effect], {k.variable.name: k.values for k in known}, size)
+    return summed([effect], known, size)
 
 
 def test_the_average_is_that_of_all_forms_by_their_probabilities(ground: Ground) -> None:
     averaged = ground.average(20.0, 20.0, 19.0)
     assert averaged is not None
-    values = {k.variable.name: k.values for k in ground.known}
-    curves = [summed(f.effects, values, {n: v for n, (v, _) in f.trial.coefficients.items()}) for f in ground.fitted]
+    curves = [
+        summed(f.effects, ground.known, {n: v for n, (v, _) in f.trial.coefficients.items()}) for f in ground.fitted
+    ]
     curves += [c.amplitude * c.formula.curve for c in ground.sought]
     odds = np.exp([0.0, 0.0, -1.0, 0.0])
     p = np.sqrt(odds)  # evidence tells approximations apart more surely than they are right
@@ -141,7 +142,7 @@ def test_a_form_that_has_most_of_it_is_told_as_it_stands(ground: Ground) -> None
 def test_a_form_that_these_flights_do_not_tell_from_the_average_is_told_as_it_stands(ground: Ground) -> None:
     first = ground.fitted[0]
     c = {n: v for n, (v, _) in first.trial.coefficients.items()}
-    curve = summed(first.effects, {k.variable.name: k.values for k in ground.known}, c)
+    curve = summed(first.effects, ground.known, c)
     twin = replace(ground.sought[0], amplitude=1.0, formula=replace(ground.sought[0].formula, curve=curve))
     assert average_from(first, [first], [twin], ground.said.kept, UNLIKELY) is None
     other = replace(twin, formula=replace(twin.formula, curve=0.2 * curve))

@@ -13,8 +13,10 @@ import yaml
 from enginediag_cli.engine.description import EngineDescription
 from enginediag_cli.engine.dual import Dual, value
 from enginediag_cli.engine.engine import Engine
+from enginediag_cli.engine.moving.filters.base import Clock
 from enginediag_cli.mismatch.fit.freeform import Location
 from enginediag_cli.mismatch.laws.grammar import FORMS, Form
+from enginediag_cli.mismatch.laws.past import past_along
 from enginediag_cli.mismatch.laws.proposed import proposed
 from enginediag_cli.mismatch.laws.scan import Candidate, Formula, Known, formulas
 from enginediag_cli.physics.engine_file import load_engine
@@ -33,11 +35,12 @@ def _turbofan() -> Engine:
 
 
 def _known(records: int = 200) -> list[Known]:
-    """Two ratios and one variable as it stands."""
+    """Two ratios and one variable as it stands, once a minute."""
+    clock = Clock(60.0 * np.arange(records), np.arange(records) == 0)
     r = np.random.default_rng(1)
     variables = variables_of(_turbofan().network)
     ranges = {"power": (0.6, 1.1), "reynolds_index": (0.3, 1.2), "mach": (0.0, 0.8)}
-    return [Known(variables[n], r.uniform(*at, records), k) for k, (n, at) in enumerate(ranges.items())]
+    return [Known(variables[n], r.uniform(*at, records), k, clock) for k, (n, at) in enumerate(ranges.items())]
 
 
 @cache
@@ -93,7 +96,8 @@ def test_its_derivatives_are_those_of_differences(form: Form) -> None:
 def test_it_has_no_kink_and_no_unit(form: Form) -> None:
     assert form.name.isidentifier()
     assert "max" not in form.text and "min" not in form.text
-    assert form.expression.unit(dict.fromkeys(form.expression.names, unit_of("1"))) == {}
+    units = dict.fromkeys(form.expression.names, unit_of("1")) | {s.letter: unit_of(s.unit) for s in form.shapes}
+    assert form.expression.unit(units) == {}
 
 
 @EACH
@@ -122,5 +126,6 @@ def test_a_formula_that_was_found_stands_in_an_engine_file_as_the_same_numbers(f
     for c in law.term.COEFFICIENTS:
         assert (own[c.name].free, own[c.name].lower) == (c.free, pytest.approx(c.lower, rel=1e-5))
     names = {k.variable.name: k.values for k in formula.of}
-    of_file = read.term.expression.at({**names, **{c.name: read.values[c.name] for c in read.term.COEFFICIENTS}})
+    sizes = {c.name: read.values[c.name] for c in read.term.COEFFICIENTS}
+    of_file = read.term.expression.at({**names, **sizes}, past_along(formula.of[0].clock))
     assert np.allclose(of_file, 0.02 * formula.curve, rtol=1e-4, atol=1e-6 * np.std(formula.curve))

@@ -63,7 +63,7 @@ def test_the_law_that_is_carried_is_what_the_simulator_does(searched: Searched) 
 
 
 def test_with_the_variables_of_the_fit_that_lacks_it_it_would_be_another(searched: Searched) -> None:
-    lacking = summed(searched.effects, {k.variable.name: k.values for k in searched.known}, searched.trial.values)
+    lacking = summed(searched.effects, searched.known, searched.trial.values)
     assert np.abs(lacking - searched.simulated()).max() > 1e-4
 
 

@@ -74,7 +74,8 @@ class Shaped:
 def of_grammar(of: Sequence[Known], rng: np.random.Generator) -> Shaped:
     """A form that the search has, with a shape that it need not try."""
     pairs = len(of) == 2
-    usable = [f for f in FORMS if f.pairs == pairs and not (f.ratios and _recorded(of))]
+    static = (f for f in FORMS if not f.remembers)  # marks compare curves over what variables are
+    usable = [f for f in static if f.pairs == pairs and not (f.ratios and _recorded(of))]
     form = usable[int(rng.integers(len(usable)))]
     return Shaped(form.name, False, _written(form.text, of, _shape(form, of, rng)))
 
