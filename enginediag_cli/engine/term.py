@@ -118,6 +118,11 @@ class Term(ABC):
         """The coefficients that are sought."""
         return tuple(c for c in self.COEFFICIENTS if not c.shape)
 
+    @property
+    def one_sided(self) -> tuple[str, ...]:
+        """Coefficients of which records may tell one end only: any larger, or any smaller, explains as well."""
+        return ()
+
     def varies_with(self) -> str:
         """In words."""
         return self.DRIVER.words

@@ -34,6 +34,7 @@ from enginediag_cli.mismatch.fit.options import (
     parameters_of,
     together,
 )
+from enginediag_cli.mismatch.fit.plateau import interval_at
 from enginediag_cli.mismatch.fit.projection import Projection
 from enginediag_cli.mismatch.fit.response import response_error, tolerated
 from enginediag_cli.mismatch.fit.scores import critical_surprise, surprise
@@ -127,7 +128,7 @@ class Trial:
     def intervals(self) -> dict[str, tuple[float, float]]:
         """95 % interval of each of the options' coefficients. That of one of an effect that remembers keeps to its
         bounds; where the records tell nothing of its derivative, as of a limit that nothing met, it ends at the size
-        from which on they would."""
+        from which on they would; where they tell one end only, the other lies where χ² has risen (`plateau`)."""
         found = {n: (v - NORMAL_95 * s, v + NORMAL_95 * s) for n, (v, s) in self.coefficients.items()}
         parameters = self.found.model.parameters
         for n in (n for e in self.hypothesis.effects if e.tried for n in e.amplitudes):
@@ -135,6 +136,9 @@ class Trial:
             found[n] = max(low, p.lower), min(high, p.upper)
             if self.coefficients[n][1] > UNTOLD * p.prior_sigma and self._absent.get(n) == p.lower:
                 found[n] = p.lower, largest(self.projection, n)
+        for n in (e.parameter_name(c) for e in self.hypothesis.effects for c in e.term.one_sided):
+            if self.converged and n in found and self.coefficients[n][1] > 0.0:
+                found[n] = interval_at(self.found, n, self.coefficients[n][1])
         return found
 
     @property

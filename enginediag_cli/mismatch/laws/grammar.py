@@ -18,12 +18,16 @@ from enginediag_cli.physics.laws.expression import Expression
 
 WITHIN = (0.1, 0.3, 0.5, 0.7, 0.9)
 """Quantiles of a variable over the records at which a form may have its place."""
+FINELY = tuple(np.linspace(0.05, 0.95, 10))
+"""The same of a threshold that is passed now and then."""
 WITHIN_OF_TWO = (0.3, 0.7)
 """The same of a form of two variables, of which there are many: shapes are sought from there."""
 WIDTHS = (0.25, 1.0)
 """Widths of a form, of the range that its variable has in the records (5 to 95 %)."""
 TURNS = (0.05, 0.3)
 """Widths of a threshold, likewise: sharp and gradual."""
+SHARPLY = (0.03, 0.15)
+"""Of a switch, which is sharp or gradual."""
 WIDTH_OF_TWO = (0.4,)
 """Of a form of two variables, likewise."""
 FINER_WIDTHS = (0.12, 0.4)
@@ -48,7 +52,7 @@ HALVES = (0.3, 1.0, 3.0)
 SECONDS, LONG, LONGEST = (10.0, 60.0, 300.0), 200.0, 5000.0
 """Time constants that a lag may have, and times that a limited rate takes over a variable's range, s: what metal and
 actuators take; the standard deviation of their prior, and what they are at most."""
-PLAY, MOST_PLAY = (0.03, 0.1, 0.25), 0.6
+PLAY, MOST_PLAY = (0.03, 0.08, 0.2), 0.6
 """Of a switch, half of what it takes to switch back, of the range that its variable has in the records."""
 LEAST_HALF, MOST_HALF = 0.02, 20.0
 """Of those: nothing that varies, and a straight line."""
@@ -170,6 +174,8 @@ def _exponent(letter: str, tries: tuple[float, ...]) -> Shape:
 
 
 PLACE, PLACE_OF_TWO = _place(WITHIN), _place(WITHIN_OF_TWO)
+SWITCHED = _place(FINELY, finer=FINELY)
+SHARP = _width(SHARPLY)
 WIDTH, TURN, WIDE = _width(WIDTHS), _width(TURNS), _width(WIDTH_OF_TWO, finer=FINER_WIDTHS)
 EXPONENT = _exponent("n", EXPONENTS)
 BOTH_EXPONENTS = (_exponent("n", EXPONENTS_OF_TWO), _exponent("m", EXPONENTS_OF_TWO))
@@ -211,8 +217,8 @@ RAMP_UP, RAMP_DOWN = f"(x - c + {HYPERBOLA})", f"(x - c - {HYPERBOLA})"
 STEP, BUMP, TURNING = _moved(TANH), _moved(PEAK), _moved(HYPERBOLA)
 ROOT_UP, ROOT_DOWN = _moved(f"sqrt{RAMP_UP}"), _moved(f"sqrt(-{RAMP_DOWN})")
 """What flows through an opening that a pressure begins to hold open."""
-SWITCH = "(tanh((backlash(x, h) - c) / w) - tanh((x0 - c) / w))"
-"""On from c + h on, on the way up, and off from c − h on, on the way down."""
+SWITCH = "(tanh((backlash(x, h) - h - c) / w) - tanh((x0 - h - c) / w))"
+"""Off below c on the way down, and on from c + 2h on the way up: each has a letter of its own that it is told by."""
 STEPS = _moved(f"{TANH} * tanh((y - d) / v)")
 SPOT = _moved("exp(-((x - c) / w) ** 2 - ((y - d) / v) ** 2)")
 DISTANCE = _moved("sqrt(((x - c) / w) ** 2 + ((y - d) / v) ** 2 + 1)")
@@ -282,7 +288,7 @@ FORMS = (
     Form("valley", "by the distance from one value of", f"a * {TURNING}", (PLACE, TURN)),
     Form("lagged", "with a lag, in proportion to", "a * (lagged(x, t) - x0)", (_seconds(),), weight=0.5),
     Form("limited", "at a limited rate, in proportion to", "a * (limited(x, s, s) - x0)", (_slowness(),), weight=0.5),
-    Form("switch", "as a switch with hysteresis in", f"a * {SWITCH}", (PLACE, TURN, _play()), weight=0.5),
+    Form("switch", "as a switch with hysteresis in", f"a * {SWITCH}", (SWITCHED, SHARP, _play()), weight=0.5),
     Form("both", "as the product of what moves of", "a * (x - x0) * (y - y0)"),
     Form("by", f"as the first, {THE_MORE}", "a * (x - x0) * y", turned=True),
     Form("product", "as the product of", "a * (x * y - x0 * y0)"),

@@ -78,6 +78,10 @@ class Law(Term):
         self.DRIVER = next((v.driver for v in self.variables.values()), CONSTANT)
         self.REFERENCE = reference or "the engine file that states it"
 
+    @property
+    def one_sided(self) -> tuple[str, ...]:
+        return tuple(dict.fromkeys(n for k in self.expression.followed for n in k.by))
+
     def varies_with(self) -> str:
         """All that its formula has."""
         return ", ".join(v.words for v in self.variables.values()) or CONSTANT.words
