@@ -15,6 +15,7 @@ from enginediag_cli.engine.term import Coefficient, Effect
 from enginediag_cli.errors import Problem
 from enginediag_cli.parameters import Parameter
 from enginediag_cli.physics.laws.expression import FUNCTIONS, Expression, ExpressionError, unit_of, words_of
+from enginediag_cli.physics.laws.followers import FOLLOWERS
 from enginediag_cli.physics.laws.law import Acts, Law
 from enginediag_cli.physics.laws.lever import at_lever, levers, varies_itself
 from enginediag_cli.physics.laws.variables import Variable, variables_of
@@ -153,7 +154,7 @@ def _name_problems(entry: _Entry, expression: Expression, variables: Mapping[str
             told = f"'{name}' is no variable of this engine and no coefficient of the law"
             yield entry.problem(told, near(name, [*variables, *declared]), "expression")
     for name in declared:
-        if name in variables or name in FUNCTIONS:
+        if name in variables or name in FUNCTIONS or name in FOLLOWERS:
             yield entry.problem(f"'{name}' is the name of something else in formulas", "", "coefficients", name)
         elif name not in expression.names:
             yield entry.problem(f"the formula does not have '{name}'", "", "coefficients", name)

@@ -115,6 +115,11 @@ def test_what_a_follower_takes_is_told(text: str, told: str) -> None:
         Expression.parsed(text)
 
 
+def test_a_coefficient_has_no_name_of_a_follower() -> None:
+    with pytest.raises(ConfigError, match="'lagged' is the name of something else in formulas"):
+        carrying("lagged * (corrected_N1 - 1)", "lagged: {value: 0.1, absent: 0, prior_sigma: 0.1}")
+
+
 def test_a_time_without_a_unit_is_refused() -> None:
     with pytest.raises(ConfigError, match="lagged takes s, not 1"):
         carrying("a * (lagged(corrected_N1, t) - 1)", "a: {value: 0.1, absent: 0, prior_sigma: 0.1}", "t: {value: 3.0}")
