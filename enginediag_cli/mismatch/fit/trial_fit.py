@@ -292,8 +292,9 @@ def _remembered(effect: Effect) -> tuple[str, ...]:
 
 
 def _one_behind_the_other(options: Sequence[Option]) -> bool:
-    """Whether two of the options remember and act on the same thing."""
-    acts_on = [n for o in options for e in o.hypothesis.effects if _remembered(e) for n in e.site.acts_on]
+    """Whether two of the options remember and act on the same thing; a law follows what both leave."""
+    effects = [e for o in options if o.kind != LAW for e in o.hypothesis.effects if _remembered(e)]
+    acts_on = [n for e in effects for n in e.site.acts_on]
     return len(acts_on) > len(set(acts_on))
 
 

@@ -357,9 +357,9 @@ class LawSearch:
 
     def _fitted(self, sets: Sequence[tuple[Proposal, ...]]) -> list[Fitted]:
         beside = self.base.options
-        of = {tuple(o.label for o in beside) + tuple(p.option.label for p in s): s for s in sets}
+        of = {frozenset(o.label for o in (*beside, *(p.option for p in s))): s for s in sets}
         trials = self.fit([(*beside, *(p.option for p in s)) for s in of.values()]) or []
-        return ordered(Fitted.to(self.base, of[tuple(o.label for o in t.options)], t) for t in trials)
+        return ordered(Fitted.to(self.base, of[frozenset(o.label for o in t.options)], t) for t in trials)
 
 
 def _predicts(more: Fitted, fewer: Fitted) -> float:

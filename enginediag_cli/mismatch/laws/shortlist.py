@@ -52,13 +52,16 @@ def elsewhere(candidates: Sequence[Candidate], engine: Engine, most: int = WHERE
 
 def along_the_same(scan: Scan, laws: Sequence[Proposal], fitted: Trial) -> list[Proposal]:
     """What may be added to laws at their first one's place, of formulas of the same variables or of some of them, by
-    what the fit of these laws leaves. Beforehand one of such formulas is as likely as another, by their priors."""
+    what the fit of these laws leaves. Beforehand one of such formulas is as likely as another, by their priors. What
+    remembers is a law by itself: a fit of it takes whole recordings, some times over."""
+    if any(p.candidate.formula.form.remembers for p in laws):
+        return []
     place, engine = laws[0].candidate.location, fitted.found.evidence.engine
     here = [p.candidate.formula for p in laws if p.candidate.location.name == place.name]
     seen = seen_at(fitted.found, [k for f in reversed(here) for k in f.of])
     of = {k.group: k for k in seen}
     sets = [(k,) for k in of.values()] + list(combinations(of.values(), 2))
-    family = [f for s in sets for f in formulas_of(s, scan.known)]
+    family = [f for s in sets for f in formulas_of(s, scan.known) if not f.form.remembers]
     whole = float(np.log(np.sum([np.exp(f.prior) / f.tried for f in family])))
     scores = scored(fitted.found, fitted.projection, [place], family, -whole)
     known = {p.option.label for p in laws}
