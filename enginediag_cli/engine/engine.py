@@ -134,6 +134,15 @@ class Engine:
         """Those that were given other nominal values than the file's."""
         return dict(self._moved)
 
+    @property
+    def recalled(self) -> Any:
+        """What its effects remember of recordings, for another process (`recall_again`)."""
+        return self._recall.kept
+
+    def recall_again(self, recalled: Any) -> None:
+        """Go on where another process has ended."""
+        self._recall.again(recalled)
+
     def forget_start(self) -> None:
         """Forgets the fitted start, as if the engine had just been loaded."""
         self._strategy.forget()

@@ -82,6 +82,15 @@ class Recall:
             start[:, rows] = x[:, place[rows]]
         return start if np.isfinite(start).any() else None
 
+    @property
+    def kept(self) -> tuple[OrderedDict[tuple[Any, ...], Recalled], dict[tuple[int, int], Array]]:
+        """All that is remembered, for another process."""
+        return self._found, self._starts
+
+    def again(self, kept: tuple[OrderedDict[tuple[Any, ...], Recalled], dict[tuple[int, int], Array]]) -> None:
+        """Go on where another process has ended."""
+        self._found, self._starts = kept
+
     def forget(self) -> None:
         self._found.clear()
         self._starts.clear()

@@ -16,6 +16,7 @@ from enginediag_cli.mismatch.laws.said import Said, Says
 from enginediag_cli.mismatch.laws.scan import (
     Candidate,
     Formula,
+    Known,
     Scan,
     formulas_of,
     formulas_over,
@@ -55,8 +56,14 @@ def said_at_places(base: Trial, scan: Scan, laws: Sequence[Fitted]) -> list[AtPl
             said = said_at(base, laws[k], scan)
             return None if said is None else all_said(said, formulas_over(said.at.known, scan.known, tries), prior)
 
-    handing = Handing(shared=[*scan.known, *FORMS, *(f.laws[0].candidate.location for f in laws)])
+    handing = Handing(shared=[*in_both(scan.known), *(f.laws[0].candidate.location for f in laws)])
     return [here for here in side_by_side(at_place, len(laws), handing) if here is not None]
+
+
+def in_both(known: Sequence[Known]) -> list[object]:
+    """What a process and its copies both have of formulas: variables, forms, and shapes, of which those that were tried
+    are kept with a variable that has moved."""
+    return [*known, *(k.variable for k in known), *FORMS, *(s for f in FORMS for s in f.shapes)]
 
 
 def said_at(base: Trial, law: Fitted, scan: Scan) -> Said | None:
