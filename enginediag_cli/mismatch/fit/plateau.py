@@ -1,11 +1,12 @@
 """Intervals of coefficients beyond which χ² does not rise: of a play that is at least so large, any larger explains.
 
 An interval of ± 1.96 standard errors is that of a parabola. At its end θ_e χ² has risen by 3.84 where it is one; where
-it has not, the end moves on, twice as far each time, as long as
+it has risen by less than half of that, the end moves on, twice as far each time, as long as
 
-    χ²(θ_e) − χ²(θ) < 3.84,     everything else at its best for θ_e by linearisation,
+    χ²(θ_e) − χ²(θ) < 1.92,     everything else at its best for θ_e by linearisation,
 
-and at most to the bound. Source: D. J. Venzon, S. H. Moolgavkar, Appl. Statist. 37 (1988) 87–94 (profile likelihood).
+and at most to the bound: it is never too narrow, and up to twice too wide.
+Source: D. J. Venzon, S. H. Moolgavkar, Appl. Statist. 37 (1988) 87–94 (profile likelihood).
 """
 
 from __future__ import annotations
@@ -17,8 +18,8 @@ from enginediag_cli.intervals import NORMAL_95
 from enginediag_cli.mismatch.fit.identified import Identified
 from enginediag_cli.mismatch.fit.projection import Projection
 
-RISEN = NORMAL_95**2
-"""Of χ² at the end of a 95 % interval."""
+RISEN = 0.5 * NORMAL_95**2
+"""Of χ², half of what it has risen by at the end of a 95 % interval: less is no parabola."""
 FARTHER, STEPS = 2.0, 8
 """By how much farther from the estimate an end is tried, and how often."""
 
@@ -38,7 +39,7 @@ def _end(found: Identified, j: int, least: float, way: tuple[float, float, float
     """From an estimate by a first end to a bound."""
     at, end, bound = way
     for _ in range(STEPS):
-        if end == bound or not _objective(found, j, end) < least + 0.5 * RISEN:
+        if end == bound or not _objective(found, j, end) < least + RISEN:
             return end
         farther = at + FARTHER * (end - at)
         end = bound if abs(farther - at) >= abs(bound - at) else farther

@@ -153,6 +153,14 @@ def _name_problems(entry: _Entry, expression: Expression, variables: Mapping[str
         if name not in variables and name not in declared:
             told = f"'{name}' is no variable of this engine and no coefficient of the law"
             yield entry.problem(told, near(name, [*variables, *declared]), "expression")
+    for follower in expression.followed:
+        at = f"(letter {follower.at + 1})"
+        if not follower.of & set(variables):
+            yield entry.problem(f"{follower.name} follows no variable {at}", "", "expression")
+        for name in follower.by:
+            if name in variables:
+                told = f"{follower.name} goes by coefficients, and '{name}' is a variable {at}"
+                yield entry.problem(told, "", "expression")
     for name in declared:
         if name in variables or name in FUNCTIONS or name in FOLLOWERS:
             yield entry.problem(f"'{name}' is the name of something else in formulas", "", "coefficients", name)

@@ -134,7 +134,9 @@ def _called(node: ast.Call) -> str:
 
 
 def _followed(node: ast.Call) -> Followed:
-    return Followed(_called(node), tuple(a.id for a in node.args[1:] if isinstance(a, ast.Name)), node.col_offset)
+    signal, *by = node.args
+    of = frozenset(n.id for n in ast.walk(signal) if isinstance(n, ast.Name))
+    return Followed(_called(node), of, tuple(a.id for a in by if isinstance(a, ast.Name)), node.col_offset)
 
 
 def _value(node: ast.expr, values: Mapping[str, Value], past: Past | None) -> Value:

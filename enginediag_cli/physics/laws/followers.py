@@ -36,9 +36,11 @@ FOLLOWERS: Mapping[str, Follower] = {
 
 @dataclass(frozen=True)
 class Followed:
-    """A follower in a formula: `name`, the coefficients that it goes `by`, and the letter `at` which it stands."""
+    """A follower in a formula: `name`, the names `of` what it follows, the coefficients that it goes `by`, and the
+    letter `at` which it stands."""
 
     name: str
+    of: frozenset[str]
     by: tuple[str, ...]
     at: int
 

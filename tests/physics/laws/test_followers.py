@@ -115,6 +115,19 @@ def test_what_a_follower_takes_is_told(text: str, told: str) -> None:
         Expression.parsed(text)
 
 
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        ("a * (backlash(corrected_N1, mach) - 1)", "backlash goes by coefficients, and 'mach' is a variable"),
+        ("a * (backlash(h, h) - h) * (power - 1)", "backlash follows no variable"),
+        ("a * (backlash(1, h) - 1) + a * h * (power - 1)", "backlash follows no variable"),
+    ],
+)
+def test_what_follows_nothing_or_goes_by_no_coefficient_is_refused(text: str, told: str) -> None:
+    with pytest.raises(ConfigError, match=told):
+        carrying(text, "a: {value: 0.1, absent: 0, prior_sigma: 0.1}", "h: {value: 0.02}")
+
+
 def test_a_coefficient_has_no_name_of_a_follower() -> None:
     with pytest.raises(ConfigError, match="'lagged' is the name of something else in formulas"):
         carrying("lagged * (corrected_N1 - 1)", "lagged: {value: 0.1, absent: 0, prior_sigma: 0.1}")
