@@ -90,13 +90,14 @@ class WarmEngine(WrappedModel):
             self._found.update(found)
 
     @property
-    def memory(self) -> Memory:
-        """Where records had their solutions, for another process."""
-        return self._last
+    def memory(self) -> tuple[Memory, Any]:
+        """Where records had their solutions, and what effects remember of recordings, for another process."""
+        return self._last, self.model.recalled
 
-    def remember(self, memory: Memory) -> None:
+    def remember(self, memory: tuple[Memory, Any]) -> None:
         """Begin where another process has ended."""
-        self._last = memory
+        self._last, recalled = memory
+        self.model.recall_again(recalled)
 
     def rest(self) -> None:
         """Forget what was predicted last: the fit is over."""

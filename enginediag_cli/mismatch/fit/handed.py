@@ -22,14 +22,12 @@ from enginediag_cli.side_by_side import Handing
 
 @dataclass(frozen=True)
 class Handed:
-    """A trial without its model and problem; `memory`: of the model, `recalled`: by its effects, `projected`: of the
-    projection."""
+    """A trial without its model and problem; `memory`: of the model, `projected`: of the projection."""
 
     options: tuple[Option, ...]
     fit: Fit
     settled: bool
     memory: Any
-    recalled: Any
     projected: Mapping[str, Any]
 
 
@@ -38,14 +36,12 @@ def trials_handed(evidence: Evidence, along: Nuisance, options: Sequence[Option]
 
     def pack(trial: Trial) -> Handed:
         found = trial.found
-        model, kept = found.model, trial.projection.kept
-        return Handed(trial.options, found.fit, found.settled, model.memory, model.recalled, kept)
+        return Handed(trial.options, found.fit, found.settled, found.model.memory, trial.projection.kept)
 
     def unpack(of: Handed) -> Trial:
         hypothesis = together(*of.options)
         model, problem, rho = problem_with(evidence, hypothesis, along)
         model.remember(of.memory)
-        model.recall_again(of.recalled)
         found = Identified(evidence, hypothesis, model, problem, of.fit, of.settled, rho)
         return Trial(of.options, found, Projection.again(found, of.projected))
 

@@ -30,14 +30,13 @@ def interval_at(found: Identified, name: str, standard_error: float) -> tuple[fl
     lower, upper = float(found.problem.lower[j]), float(found.problem.upper[j])
     at, least = found.theta[name], _objective(found, j, found.theta[name])
     return (
-        _end(found, j, least, (at, max(at - NORMAL_95 * standard_error, lower), lower)),
-        _end(found, j, least, (at, min(at + NORMAL_95 * standard_error, upper), upper)),
+        _end(found, j, least, at, max(at - NORMAL_95 * standard_error, lower), lower),
+        _end(found, j, least, at, min(at + NORMAL_95 * standard_error, upper), upper),
     )
 
 
-def _end(found: Identified, j: int, least: float, way: tuple[float, float, float]) -> float:
+def _end(found: Identified, j: int, least: float, at: float, end: float, bound: float) -> float:
     """From an estimate by a first end to a bound."""
-    at, end, bound = way
     for _ in range(STEPS):
         if end == bound or not _objective(found, j, end) < least + RISEN:
             return end

@@ -56,7 +56,7 @@ def average_of(first: Fitted, forms: Sequence[Member], says: Says, prior: float)
     """The average of `forms` of the first one's variables at its place (`members_of`), and of all smooth curves of
     these; `says`: what that place does, `prior`: ln, of the place. None where there is none that is better told than a
     form."""
-    if _remembers(first):
+    if first.remembers:
         return None  # what it was before is no function of what its variables are now
     members = [*forms]
     known = says.known
@@ -87,7 +87,7 @@ def members_of(
     place, names = first.where[0], first.names
     found, forms = list[Member](), set[tuple[str, ...]]()
     for f in fitted:
-        if f.where[0] != place or not f.at_one_place or f.names != names or _is_curve(f) or _remembers(f):
+        if f.where[0] != place or not f.at_one_place or f.names != names or _is_curve(f) or f.remembers:
             continue
         listed = len(f.laws) == 1 and f.laws[0].candidate.formula.form.listed
         forms |= {f.laws[0].candidate.formula.what} if listed else set()
@@ -110,10 +110,6 @@ def members_of(
 def _is_curve(f: Fitted) -> bool:
     """Whether it is a smooth curve, or a sum of one of each of two: of all of them together there is a member."""
     return all(p.candidate.formula.form is OWN for p in f.laws)
-
-
-def _remembers(f: Fitted) -> bool:
-    return any(p.candidate.formula.form.remembers for p in f.laws)
 
 
 def _text(effects: Sequence[Effect], c: Mapping[str, float]) -> str:

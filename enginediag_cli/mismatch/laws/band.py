@@ -16,8 +16,7 @@ import numpy as np
 from enginediag_cli.engine.dual import value
 from enginediag_cli.engine.term import Effect
 from enginediag_cli.mismatch.fit.trial_fit import Trial
-from enginediag_cli.mismatch.laws.past import past_along
-from enginediag_cli.mismatch.laws.scan import Known
+from enginediag_cli.mismatch.laws.scan import Known, past_of
 from enginediag_cli.physics.laws.expression import Past
 from enginediag_cli.physics.laws.law import Law
 
@@ -124,8 +123,7 @@ def _centred(effects: Sequence[Effect], known: Sequence[Known], c: Mapping[str, 
 
 def summed(effects: Sequence[Effect], known: Sequence[Known], c: Mapping[str, float]) -> np.ndarray:
     """Σ f over the fit's records (N,), of variables known there; `c`: coefficients by parameter name."""
-    clock = known[0].clock if known else None
-    return _total(effects, {k.variable.name: k.values for k in known}, c, past_along(clock))
+    return _total(effects, {k.variable.name: k.values for k in known}, c, past_of(known))
 
 
 def _total(

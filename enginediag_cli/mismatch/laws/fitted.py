@@ -79,6 +79,11 @@ class Fitted:
         return tuple(e for p in self.laws if p.candidate.location.name == place for e in p.option.hypothesis.effects)
 
     @property
+    def remembers(self) -> bool:
+        """Whether one of its laws follows a variable along time."""
+        return any(p.remembers for p in self.laws)
+
+    @property
     def at_one_place(self) -> bool:
         return len({p.candidate.location.name for p in self.laws}) == 1
 

@@ -125,7 +125,7 @@ class Form:
     @property
     def remembers(self) -> bool:
         """Whether it follows a variable along time."""
-        return bool(self.expression.followed) if self.listed else False
+        return self.listed and bool(self.expression.followed)
 
     @property
     def pairs(self) -> bool:
@@ -159,14 +159,15 @@ def _near(x: np.ndarray) -> tuple[float, float]:
     return float(np.nanmin(x)) - OUTSIDE * span(x), float(np.nanmax(x)) + OUTSIDE * span(x)
 
 
-def _width(shares: tuple[float, ...], letter: str = "w", of: int = 0, finer: tuple[float, ...] | None = None) -> Shape:
-    def of_span(shares: tuple[float, ...]) -> Tries:
-        return lambda x: tuple(w * span(x) for w in shares)
+def _of_span(shares: tuple[float, ...]) -> Tries:
+    return lambda x: tuple(w * span(x) for w in shares)
 
+
+def _width(shares: tuple[float, ...], letter: str = "w", of: int = 0, finer: tuple[float, ...] | None = None) -> Shape:
     def bounds(x: np.ndarray) -> tuple[float, float]:
         return NARROWEST * span(x), WIDEST * span(x)
 
-    return Shape(letter, of_span(shares), 0.5, bounds, of=of, finer=of_span(finer) if finer else None)
+    return Shape(letter, _of_span(shares), 0.5, bounds, of=of, finer=_of_span(finer) if finer else None)
 
 
 def _exponent(letter: str, tries: tuple[float, ...]) -> Shape:
@@ -174,7 +175,7 @@ def _exponent(letter: str, tries: tuple[float, ...]) -> Shape:
 
 
 PLACE, PLACE_OF_TWO = _place(WITHIN), _place(WITHIN_OF_TWO)
-SWITCHED = _place(FINELY, finer=FINELY)
+SWITCHED = _place(FINELY, finer=None)
 SHARP = _width(SHARPLY)
 WIDTH, TURN, WIDE = _width(WIDTHS), _width(TURNS), _width(WIDTH_OF_TWO, finer=FINER_WIDTHS)
 EXPONENT = _exponent("n", EXPONENTS)
@@ -197,11 +198,7 @@ def _slowness() -> Shape:
 
 def _play() -> Shape:
     """Half of what lies between where it switches on the way up and on the way down."""
-
-    def tries(x: np.ndarray) -> tuple[float, ...]:
-        return tuple(h * span(x) for h in PLAY)
-
-    return Shape("h", tries, 0.2, lambda x: (0.0, MOST_PLAY * span(x)))
+    return Shape("h", _of_span(PLAY), 0.2, lambda x: (0.0, MOST_PLAY * span(x)))
 
 
 def _moved(text: str) -> str:

@@ -29,6 +29,7 @@ from enginediag_cli.mismatch.fit.projection import Projection
 from enginediag_cli.mismatch.laws.grammar import FORMS, Form, Shape
 from enginediag_cli.mismatch.laws.past import clock_of, past_along
 from enginediag_cli.mismatch.laws.within import Room, ends_of
+from enginediag_cli.physics.laws.expression import Past
 from enginediag_cli.physics.laws.variables import Variable, variables_of
 from enginediag_cli.progress import stage
 
@@ -201,7 +202,12 @@ def over_records(form: Form, of: Sequence[Known], shape: Mapping[str, float | np
     """A form of variables over their records (N,), amplitude 1; (tries, N) where its shape has (tries, 1) each; not
     finite where it is nothing."""
     with np.errstate(all="ignore"):
-        return np.asarray(form.expression.at({**letters_of(of), **shape, "a": 1.0}, past_along(of[0].clock)), float)
+        return np.asarray(form.expression.at({**letters_of(of), **shape, "a": 1.0}, past_of(of)), float)
+
+
+def past_of(known: Sequence[Known]) -> Past | None:
+    """Of formulas of variables over their records."""
+    return past_along(known[0].clock) if known else None
 
 
 def letters_of(of: Sequence[Known]) -> dict[str, Value]:

@@ -19,8 +19,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from enginediag_cli.engine.dual import Dual
-from enginediag_cli.mismatch.laws.past import past_along
-from enginediag_cli.mismatch.laws.scan import Formula, letters_of, prior_of_shape
+from enginediag_cli.mismatch.laws.scan import Formula, letters_of, past_of, prior_of_shape
 
 SETTLED = 0.01
 """Gain of ln evidence in a step below which nothing is sought any more."""
@@ -72,7 +71,7 @@ class Shaping:
             d[j] = self.sigma[j]
             letters[letter] = Dual(np.full(N, at), d)
         with np.errstate(all="ignore"):
-            h = self.formula.form.expression.at(letters, past_along(self.formula.of[0].clock))
+            h = self.formula.form.expression.at(letters, past_of(self.formula.of))
         found = np.zeros((N, 1 + len(self.z)))
         if isinstance(h, Dual):
             found[:, 0], found[:, 1 : 1 + len(h.d)] = h.v, h.d.T

@@ -41,6 +41,11 @@ class Proposal:
     candidate: Candidate
     option: Option
 
+    @property
+    def remembers(self) -> bool:
+        """Whether it follows a variable along time."""
+        return self.candidate.formula.form.remembers
+
 
 def elsewhere(candidates: Sequence[Candidate], engine: Engine, most: int = WHERE) -> list[Proposal]:
     """The best form at each of the best places along the best variables; `candidates` likeliest first."""
@@ -54,7 +59,7 @@ def along_the_same(scan: Scan, laws: Sequence[Proposal], fitted: Trial) -> list[
     """What may be added to laws at their first one's place, of formulas of the same variables or of some of them, by
     what the fit of these laws leaves. Beforehand one of such formulas is as likely as another, by their priors. What
     remembers is a law by itself: a fit of it takes whole recordings, some times over."""
-    if any(p.candidate.formula.form.remembers for p in laws):
+    if any(p.remembers for p in laws):
         return []
     place, engine = laws[0].candidate.location, fitted.found.evidence.engine
     here = [p.candidate.formula for p in laws if p.candidate.location.name == place.name]

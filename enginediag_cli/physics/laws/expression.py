@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import ast
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -51,16 +51,23 @@ FUNCTIONS: Mapping[str, tuple[Callable[..., Value], int]] = {
 
 Past = Callable[[Followed, Value, Mapping[str, Value]], Value]
 """How far a follower lies from its signal, where names have these values."""
+Follow = Callable[[ast.Call, Value], Value]
+"""The same of a call in a formula."""
 
 
 @dataclass(frozen=True)
 class Expression:
-    """`names`: what its values must be given for; `followed`: what of it remembers."""
+    """`names`: what its values must be given for."""
 
     text: str
     names: frozenset[str]
-    followed: tuple[Followed, ...]
     _root: ast.expr
+    _calls: Mapping[ast.Call, Followed] = field(compare=False)
+
+    @property
+    def followed(self) -> tuple[Followed, ...]:
+        """What of it remembers."""
+        return tuple(self._calls.values())
 
     @staticmethod
     def parsed(text: str) -> Expression:
@@ -75,12 +82,12 @@ class Expression:
         names: set[str] = set()
         _check(root, names, 0)
         calls = (n for n in ast.walk(root) if isinstance(n, ast.Call))
-        followed = tuple(_followed(n) for n in calls if _called(n) in FOLLOWERS)
-        return Expression(text, frozenset(names), followed, root)
+        return Expression(text, frozenset(names), root, {n: _followed(n) for n in calls if _called(n) in FOLLOWERS})
 
     def at(self, values: Mapping[str, Value], past: Past | None = None) -> Value:
         """Its value (N,) or scalar where its names have these; in equilibrium without a `past`."""
-        return _value(self._root, values, past)
+        follow = None if past is None else lambda call, x: past(self._calls[call], x, values)
+        return _value(self._root, values, follow)
 
     def unit(self, units: Mapping[str, Unit]) -> Unit:
         """Its unit where its names have these. Raises ExpressionError where they do not go together."""
@@ -139,18 +146,18 @@ def _followed(node: ast.Call) -> Followed:
     return Followed(_called(node), of, tuple(a.id for a in by if isinstance(a, ast.Name)), node.col_offset)
 
 
-def _value(node: ast.expr, values: Mapping[str, Value], past: Past | None) -> Value:
+def _value(node: ast.expr, values: Mapping[str, Value], follow: Follow | None) -> Value:
     match node:
         case ast.Constant(value=number):
             return float(number)  # type: ignore[arg-type]  # checked
         case ast.Name(id=name):
             return values[name]
         case ast.UnaryOp(op=op, operand=a):
-            return _value(a, values, past) * (-1.0 if isinstance(op, ast.USub) else 1.0)
+            return _value(a, values, follow) * (-1.0 if isinstance(op, ast.USub) else 1.0)
         case ast.BinOp(left=a, op=ast.Pow(), right=b):
-            return _power(_value(a, values, past), _value(b, values, past))
+            return _power(_value(a, values, follow), _value(b, values, follow))
         case ast.BinOp(left=a, op=op, right=b):
-            x, y = _value(a, values, past), _value(b, values, past)
+            x, y = _value(a, values, follow), _value(b, values, follow)
             match op:
                 case ast.Add():
                     return x + y
@@ -160,10 +167,10 @@ def _value(node: ast.expr, values: Mapping[str, Value], past: Past | None) -> Va
                     return x * y
             return x / y
         case ast.Call(func=ast.Name(id=name), args=[signal, *_]) if name in FOLLOWERS:
-            x = _value(signal, values, past)
-            return x if past is None else x + past(_followed(node), x, values)
+            x = _value(signal, values, follow)
+            return x if follow is None else x + follow(node, x)
         case ast.Call(func=ast.Name(id=name), args=arguments):
-            return FUNCTIONS[name][0](*(_value(a, values, past) for a in arguments))
+            return FUNCTIONS[name][0](*(_value(a, values, follow) for a in arguments))
     raise AssertionError("checked when it was parsed")
 
 

@@ -105,15 +105,14 @@ def draw(engine: Engine, seed: int, trial: int, truths: Sequence[str], chosen: S
     flown so; NothingShownError where no flights show what the trial could conceal."""
     for again in range(AGAIN):
         try:
-            return _drawn(engine, (seed, trial, again), truths, chosen)
+            return _drawn(engine, seed, trial, truths, chosen, again)
         except (NothingShownError, NoVerdictError):  # the second: where what was tried lets the engine run nowhere
             continue
-    return _drawn(engine, (seed, trial, AGAIN), truths, chosen)
+    return _drawn(engine, seed, trial, truths, chosen, AGAIN)
 
 
-def _drawn(engine: Engine, number: tuple[int, int, int], truths: Sequence[str], chosen: Sequence[str]) -> Sealed:
-    """The trial that has a number: of seed, trial, and how often it has been drawn before."""
-    seed, trial, again = number
+def _drawn(engine: Engine, seed: int, trial: int, truths: Sequence[str], chosen: Sequence[str], again: int) -> Sealed:
+    """The trial, drawn as often before as `again` says."""
     rng = stream(seed, trial, again=again)
     truth = str(rng.choice(list(truths)))
     weights = np.array([kinds.weight(k) for k in chosen], float)

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from enginediag_cli.engine.dual import Array, Value, maximum
+from enginediag_cli.engine.dual import Array, Value, maximum, minimum
 from enginediag_cli.engine.moving.filters.base import Clock, Filtered, Following
 
 
@@ -46,11 +46,7 @@ class Backlash(Following):
         self, signal: Value, base: Sequence[Value], step: Value, coefficients: Sequence[Value]
     ) -> tuple[Value, ...]:
         h = coefficients[0]
-        dragged = maximum(base[0], signal - h)
-        return (-1.0 * maximum(-1.0 * dragged, -1.0 * (signal + h)),)
-
-    def deviation(self, signal: Value, states: Sequence[Value], coefficients: Sequence[Value]) -> Value:
-        return states[0] - signal
+        return (minimum(maximum(base[0], signal - h), signal + h),)
 
     def overrun(self, time: Array, x: Array, coefficients: Sequence[float]) -> Array:
         return np.zeros(x.shape[-1])

@@ -89,9 +89,9 @@ class WithStates(Filter):
         """States x = base + step · dx/dt of an implicit stage, while the signal is this; in equilibrium all are the
         signal."""
 
-    @abstractmethod
     def deviation(self, signal: Value, states: Sequence[Value], coefficients: Sequence[Value]) -> Value:
-        """The same as a call gives, from the states."""
+        """The same as a call gives, from the states: of filters in a row the last is what is read."""
+        return states[-1] - signal
 
 
 class Integrated(WithStates):

@@ -45,6 +45,3 @@ class Lag(Integrated):
 
     def slopes(self, signal: Value, states: Sequence[Value], coefficients: Sequence[Value]) -> tuple[Value, ...]:
         return ((signal - states[0]) / coefficients[0],)
-
-    def deviation(self, signal: Value, states: Sequence[Value], coefficients: Sequence[Value]) -> Value:
-        return states[0] - signal

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from enginediag_cli.engine.dual import Array, Value, maximum, value
+from enginediag_cli.engine.dual import Array, Value, maximum, minimum, value
 from enginediag_cli.engine.moving.filters.base import Clock, Filtered, Following
 
 WINDOW = 256
@@ -45,11 +45,7 @@ class RateLimit(Following):
         self, signal: Value, base: Sequence[Value], step: Value, coefficients: Sequence[Value]
     ) -> tuple[Value, ...]:
         up, down = (step / np.maximum(value(c), NEVER) for c in coefficients)
-        under_top = -1.0 * maximum(signal * -1.0, (base[0] + up) * -1.0)
-        return (maximum(under_top, base[0] - down),)
-
-    def deviation(self, signal: Value, states: Sequence[Value], coefficients: Sequence[Value]) -> Value:
-        return states[0] - signal
+        return (maximum(minimum(signal, base[0] + up), base[0] - down),)
 
     def overrun(self, time: Array, x: Array, coefficients: Sequence[float]) -> Array:
         moved, h = np.diff(x, axis=0), np.diff(time, axis=0)

@@ -41,6 +41,3 @@ class SecondOrder(Integrated):
     def slopes(self, signal: Value, states: Sequence[Value], coefficients: Sequence[Value]) -> tuple[Value, ...]:
         (first, second), (total, share) = states, coefficients
         return (signal - first) / (total * (1.0 - share)), (first - second) / (total * share)
-
-    def deviation(self, signal: Value, states: Sequence[Value], coefficients: Sequence[Value]) -> Value:
-        return states[1] - signal
