@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Sequence, Set
 from typing import TYPE_CHECKING, Any, TypeGuard
 
 import numpy as np
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from enginediag_cli.engine.term import Effect, Term
     from enginediag_cli.mismatch.fit.options import Option
     from enginediag_cli.mismatch.laws.band import Band
-    from enginediag_cli.mismatch.laws.finding import Group, LawFinding
+    from enginediag_cli.mismatch.laws.finding import Group, LawFinding, Share
 
 POSSIBLE = 0.02
 """Probability below which a rival is not told."""
@@ -107,7 +107,16 @@ def law_document(found: LawFinding) -> dict[str, Any]:
             {"location": p.name, "component": p.component, "probability": q} for p, q in found.places if q > POSSIBLE
         ],
         "alike": [p.name for p in found.alike],
-        "forms": [{"words": list(x.words), "expression": x.text, "probability": x.probability} for x in found.forms],
+        "forms": [
+            {
+                "words": list(x.words),
+                "variables": [v.name for v in x.of],
+                "expression": x.text,
+                "probability": x.probability,
+                "written": x.written,
+            }
+            for x in found.forms
+        ],
         "drivers": [
             {"variables": [[v.name for v in g] for g in groups], "probability": q}
             for groups, q in found.drivers
@@ -178,15 +187,27 @@ def _averaged(found: LawFinding) -> Iterator[str]:
     """What a law is an average of, where its form is not settled."""
     if not found.forms:
         return
-    it = "it" if len(found.drivers[0][0]) == 1 else "both"
+    first = frozenset(g[0].name for g in found.drivers[0][0])
     likely = [x for x in found.forms if x.probability > POSSIBLE][:MOST]
-    words = [" and ".join(f"{w} {it}" for w in dict.fromkeys(x.words)) for x in likely]
+    words = [_form(x, first) for x in likely]
     told = listed([f"{w} ({probability(x.probability)})" for w, x in zip(words, likely, strict=True)], "or")
-    several = f"the average of {len(found.forms)}: {told}" if len(found.forms) > 1 else "the average of smooth curves"
+    written = sum(x.written for x in found.forms)
+    few = f", of which {written} {'stand' if written > 1 else 'stands'} for all" if written < len(found.forms) else ""
+    several = (
+        f"the average of {len(found.forms)}: {told}{few}" if len(found.forms) > 1 else "the average of smooth curves"
+    )
     yield f"  Its form is not settled, and it is {several}."
     alone = next((x.text for x in likely if len(x.text) <= LONG), None)
     if alone is not None:
         yield f"  The likeliest {'' if alone == likely[0].text else 'formula '}alone: f = {alone}."
+
+
+def _form(x: Share, first: Set[str]) -> str:
+    """Its forms in words; its variables by name where they are not those that are told `first`."""
+    it = "it" if len(x.of) == 1 else "both"
+    if {v.name for v in x.of} != first:
+        it = listed([v.words for v in x.of], "and")
+    return " and ".join(f"{w} {it}" for w in dict.fromkeys(x.words))
 
 
 def _size(x: float, unit: str, half: float | None = None) -> str:

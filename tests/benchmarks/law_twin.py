@@ -24,12 +24,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from enginediag_cli.commands.proving import SEVERAL_ENGINES
-from enginediag_cli.mismatch.laws.at_place import AtPlace, all_said
-from enginediag_cli.mismatch.laws.average import smooth_member
+from enginediag_cli.mismatch.laws.at_place import all_said
+from enginediag_cli.mismatch.laws.average import Sought, with_smooth
 from enginediag_cli.mismatch.laws.carried import Carried
-from enginediag_cli.mismatch.laws.mean import Member, mean_of
+from enginediag_cli.mismatch.laws.fitted import Where
+from enginediag_cli.mismatch.laws.mean import mean_of
 from enginediag_cli.mismatch.laws.said import Said
-from enginediag_cli.mismatch.laws.scan import Formula, Known, formulas, number_of_groups
+from enginediag_cli.mismatch.laws.scan import Formula, formulas, number_of_groups
 from enginediag_cli.mismatch.laws.steps import prior_of, prior_of_all
 from enginediag_cli.physics.engine_file import load_engine
 from enginediag_cli.shipped import shipped
@@ -116,34 +117,26 @@ class Told:
 
 
 def answered(case: Case) -> Told:
-    known, groups = list(case.flown.ground.known), number_of_groups(case.flown.ground.known)
+    ground = case.flown.ground
+    groups, place = number_of_groups(ground.known), case.truth.place.name
     here = all_said(case.said, case.flown.every, 0.0)
     # of variables that are alike the best counts, as in the search
-    totals: dict[Groups, dict[str, float]] = {s.groups: {"": s.evidence} for s in reversed(here.smooth)}
-    for (_, of), b in here.bends.items():
-        totals[of][""] = max(totals[of][""], b.evidence + prior_of_all(b, groups))
+    totals: dict[Where, dict[str, float]] = {s.where: {"": s.evidence} for s in reversed(here.smooth)}
+    for where, b in here.bends.items():
+        totals[where][""] = max(totals[where][""], b.evidence + prior_of_all(b, groups))
     for c in sorted(here.refined, key=lambda c: c.weight):
-        totals.setdefault(c.formula.groups, {})[c.formula.form.name] = c.weight
-    first = max(totals, key=lambda g: float(np.logaddexp.reduce(list(totals[g].values()))))
-    own, smooth = _members(here, known)
-    mean = mean_of(own, None if smooth else max(own, key=lambda m: m.evidence).curve, here.says.any)
-    best = max(own, key=lambda m: m.evidence)
+        totals.setdefault((place, c.formula.groups), {})[c.formula.form.name] = c.weight
+    total = {where: float(np.logaddexp.reduce(list(own.values()))) for where, own in totals.items()}
+    known = {*here.bends, *((place, c.formula.groups) for c in here.refined)}
+    first = max(known, key=lambda where: total[where])
+    sets = Sought([], here.refined, here.bends).along(first, here.says.known, total, ground.engine)
+    along = [with_smooth(a, here.says, 0.0) for a in sets]
+    smooth = max((b.evidence + prior_of(b, groups) for w, b in here.bends.items() if w == first), default=-np.inf)
+    forms = max((m.evidence for m in sets[0].members), default=-np.inf)
+    best = max(along[0].members, key=lambda m: m.evidence)
+    mean = mean_of(along, None if smooth > forms else best.curve, here.says.any)
     told = best.curve if mean is None else mean.curve
-    return Told(case.right(first), case.within(best.curve), case.within(told), mean is not None)
-
-
-def _members(here: AtPlace, known: Sequence[Known]) -> tuple[list[Member], bool]:
-    """What a law of the likeliest variables may be, and whether a smooth curve is the likeliest."""
-    found: dict[frozenset[str], list[Member]] = {}
-    for c in here.refined:
-        member = Member((c.formula.form.words,), "", c.amplitude * c.formula.curve, c.weight)
-        found.setdefault(frozenset(k.variable.name for k in c.formula.of), []).append(member)
-    forms = {names: max(m.evidence for m in own) for names, own in found.items()}
-    groups, bends = number_of_groups(known), here.bends.values()
-    curves = {frozenset(k.variable.name for k in b.of): b.evidence + prior_of(b, groups) for b in bends}
-    names = max({**forms, **curves}, key=lambda n: max(forms.get(n, -np.inf), curves.get(n, -np.inf)))
-    smooth = smooth_member(here.says, [k for k in known if k.variable.name in names], groups, 0.0)
-    return [*found.get(names, []), smooth], curves.get(names, -np.inf) > forms.get(names, -np.inf)
+    return Told(case.right(first[1]), case.within(best.curve), case.within(told), mean is not None)
 
 
 def _row(words: str, told: Sequence[Told]) -> None:

@@ -50,25 +50,26 @@ def test_a_formula_of_many_coefficients_is_not_written_out():
     assert "6 coefficients" in equation(many.term) and "hpc.efficiency (1 + f)" in equation(many.term)
 
 
+MACH, N1 = SimpleNamespace(name="mach", words="Mach number"), SimpleNamespace(name="N1", words="N1")
+
+
 def averaged(*forms: Share) -> LawFinding:
-    place, mach = (
-        SimpleNamespace(name="hpc.efficiency", words="HPC efficiency", component="hpc"),
-        SimpleNamespace(words="Mach number"),
-    )
+    place = SimpleNamespace(name="hpc.efficiency", words="HPC efficiency", component="hpc")
     law = SimpleNamespace(location=place, option=SimpleNamespace(hypothesis=SimpleNamespace(effects=(_law(1),))))
-    return LawFinding((law,), ((place, 1.0),), ((((mach,),), 1.0),), 100.0, 1.0, (-0.01, 0.01), "1", None, (), forms)
+    return LawFinding((law,), ((place, 1.0),), ((((MACH,),), 1.0),), 100.0, 1.0, (-0.01, 0.01), "1", None, (), forms)
 
 
 def test_of_an_average_the_forms_are_told_and_the_likeliest_formula():
-    step = Share(("as a smooth step in",), "0.01 * tanh(mach)", 0.55)
-    both = Share(("in proportion to", "near one value of"), "0.02 * mach", 0.44)
-    told = "\n".join(law_sentences(averaged(step, both, Share(("by",), "1", 0.01))))
+    step = Share(("as a smooth step in",), "0.01 * tanh(mach)", 0.55, (MACH,), True)
+    both = Share(("in proportion to", "near one value of"), "0.02 * mach", 0.24, (MACH,), True)
+    other = Share(("in proportion to",), "0.02 * N1", 0.20, (N1,), False)
+    told = "\n".join(law_sentences(averaged(step, both, other, Share(("by",), "1", 0.01, (MACH,), False))))
     assert (
-        "the average of 3: as a smooth step in it (0.55) or in proportion to it and near one value of it (0.44)."
-        in told
+        "the average of 4: as a smooth step in it (0.55), in proportion to it and near one value of it (0.24) or "
+        "in proportion to N1 (0.20), of which 2 stand for all." in told
     )
     assert "The likeliest alone: f = 0.01 * tanh(mach)." in told
-    long = Share(step.words, "0" * (LONG + 1), 1.0)
+    long = Share(step.words, "0" * (LONG + 1), 1.0, (MACH,), True)
     assert "likeliest alone" not in "\n".join(law_sentences(averaged(long)))
     assert "average" not in "\n".join(law_sentences(averaged()))
 

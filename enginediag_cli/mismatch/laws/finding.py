@@ -35,11 +35,13 @@ class FittedLaw:
 @dataclass(frozen=True)
 class Share:
     """A law's part in an average: the words of its forms, its formula with numbers in the places of coefficients, its
-    probability."""
+    probability and variables, and whether it is `written` as one of the few that stand for all."""
 
     words: tuple[str, ...]
     text: str
     probability: float
+    of: tuple[Variable, ...]
+    written: bool
 
 
 @dataclass(frozen=True)

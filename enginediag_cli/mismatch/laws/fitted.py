@@ -32,6 +32,7 @@ class Fitted:
     evidence: float
     beside: float = 0.0
     forms: tuple[Share, ...] = ()
+    told_for: Where | None = None
 
     @classmethod
     def to(cls, base: Trial, laws: tuple[Proposal, ...], trial: Trial) -> Fitted:
@@ -41,7 +42,7 @@ class Fitted:
 
     def again(self, base: Trial, trial: Trial) -> Fitted:
         """The same laws fitted to other records."""
-        return replace(Fitted.to(base, self.laws, trial), beside=self.beside, forms=self.forms)
+        return replace(Fitted.to(base, self.laws, trial), beside=self.beside, forms=self.forms, told_for=self.told_for)
 
     @property
     def standing(self) -> float:
@@ -59,6 +60,8 @@ class Fitted:
     @property
     def where(self) -> Where:
         """Place of the first, and the groups of variables of all that act there."""
+        if self.told_for is not None:
+            return self.told_for
         place = self.laws[0].candidate.location.name
         own = (p.candidate.formula.groups for p in self.laws if p.candidate.location.name == place)
         return place, frozenset().union(*own)

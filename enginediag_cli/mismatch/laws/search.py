@@ -15,7 +15,7 @@ from enginediag_cli.mismatch.fit.freeform import Location, locations
 from enginediag_cli.mismatch.fit.options import Option
 from enginediag_cli.mismatch.fit.trial_fit import Trial
 from enginediag_cli.mismatch.laws.at_place import said_at, said_at_places
-from enginediag_cli.mismatch.laws.average import average_of, members_of
+from enginediag_cli.mismatch.laws.average import Sought, average_of
 from enginediag_cli.mismatch.laws.band import curve_of
 from enginediag_cli.mismatch.laws.elsewhere_too import MOST_PLACES, RIVAL, elsewhere_too
 from enginediag_cli.mismatch.laws.fitted import Fitted, Where, ordered
@@ -121,23 +121,27 @@ class LawSearch:
         return list({p.option.label: p for f in every for p in f.laws}.values())
 
     def _averages(self) -> dict[Where, Fitted]:
-        """Of the likeliest places and variables."""
+        """Of the likeliest places and variables; the likeliest of a place holds laws of its others, too."""
         found: dict[Where, Fitted] = {}
+        places = set[str]()
         for first in self._apart():
             if first.standing < self.single[0].standing - NEARLY:
                 continue
-            average = self._average(first)
+            average = self._average(first, first.where[0] in places)
             if average is not None and average.trial.objective < first.trial.objective + AS_GOOD:
                 found[first.where] = average
+            places.add(first.where[0])
         return found
 
-    def _average(self, first: Fitted) -> Fitted | None:
-        """Of laws of the first one's variables at its place, weighed again at a fit that carries their average until
-        that stays: far from the law that was carried first, what a place says of curves is not linear."""
+    def _average(self, first: Fitted, alone: bool) -> Fitted | None:
+        """Of laws of the first one's variables at its place, and unless these are `alone` of others there, weighed
+        again at a fit that carries their average until that stays: far from the law that was carried first, what a
+        place says of curves is not linear."""
         says, prior, found = self.says.get(first.where[0]), prior_of_a_place(self.base.found), None
-        if says is None:
-            return None
-        forms = members_of(first, self.single, self.refined, says.known)
+        if says is None or first.remembers or not first.at_one_place:
+            return None  # what a variable was before is no function of what it is now
+        sought = Sought(self.single, self.refined, self.bends)
+        along = sought.along(first.where, says.known, self.totals(), self.engine)[: 1 if alone else None]
         for _ in range(PASSES):
             before = found
             if before is not None:
@@ -145,7 +149,7 @@ class LawSearch:
                 if said is None:
                     break
                 says = said.kept
-            average = average_of(first, forms, says, prior)
+            average = average_of(first, along, says, prior)
             fitted = self._fitted([(average.law,)]) if average is not None else []
             if average is None or not fitted:
                 return None
