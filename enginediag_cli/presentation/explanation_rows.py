@@ -16,6 +16,7 @@ from enginediag_cli.presentation.laws import law_document
 from enginediag_cli.presentation.outputs.explain import EXPLAIN
 from enginediag_cli.presentation.plans import advice_document
 from enginediag_cli.presentation.rejections import why_rejected
+from enginediag_cli.presentation.unrecorded import follows_document
 
 if TYPE_CHECKING:
     from enginediag_cli.mismatch.explain.answer import Explanation
@@ -75,6 +76,7 @@ def document(story: Story, provenance: tuple[str, ...]) -> dict[str, Any]:
         "places": [_place(c) for c in a.cells[:CELLS]],
         "curves": [_curve(c) for c in story.curves],
         "law": None if a.law is None else law_document(a.law),
+        "follows": [follows_document(x) for x in story.follows],
         "hidden": [
             _hidden_row(f)
             | {

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 from enginediag_cli.drivers import CONSTANT
 from enginediag_cli.intervals import NORMAL_95
 from enginediag_cli.mismatch.explain.answer import FAILED, HIDDEN, LAW, NAMED, NOTHING
 from enginediag_cli.mismatch.fit.options import LAW as LAW_OPTION
-from enginediag_cli.mismatch.unrecorded.finding import Limit
 from enginediag_cli.physics.together import each
 from enginediag_cli.presentation.controls import control_sentences
 from enginediag_cli.presentation.flip_rows import explanation_flips
@@ -29,6 +28,7 @@ from enginediag_cli.presentation.plans import advice_sentences
 from enginediag_cli.presentation.rejections import why_rejected
 from enginediag_cli.presentation.sentences import change, count
 from enginediag_cli.presentation.unexplained import doubt_sentence, rest_sentences, share_left
+from enginediag_cli.presentation.unrecorded import hidden_sentences
 
 if TYPE_CHECKING:
     from enginediag_cli.engine.term import Coefficient as Declared
@@ -37,13 +37,9 @@ if TYPE_CHECKING:
     from enginediag_cli.mismatch.explain.curves import Curve
     from enginediag_cli.mismatch.explain.story import Story
     from enginediag_cli.mismatch.fit.options import Option
-    from enginediag_cli.mismatch.unrecorded.finding import Switch
-    from enginediag_cli.mismatch.unrecorded.hidden import HiddenFinding
 
 SHOWN = 5
 """Rejected explanations that are told one by one; the rest are counted."""
-MOST_SWITCHES = 12
-"""Switching times in a sentence that can still be read."""
 
 
 def sentences(story: Story) -> Iterator[str]:
@@ -66,7 +62,7 @@ def sentences(story: Story) -> Iterator[str]:
         yield from _law(story)
     elif a.status == HIDDEN:
         for finding, effects in zip(story.hidden[:1], story.hidden_effects, strict=False):
-            yield from _hidden(story, finding, effects)
+            yield from hidden_sentences(story, finding, effects)
     else:
         yield from _none(story)
     yield from _rejected(story)
@@ -274,86 +270,6 @@ def _driver_value(c: Curve, k: int) -> str:
     if driver.counted_in:
         return rounded(math.exp(value))
     return rounded(value) if driver.unit == "1" else with_unit(value, driver.unit)
-
-
-_LIMITS: dict[Limit, Callable[[str], str]] = {
-    Limit.BASE_FIT: lambda what: f"The fit without this effect did not converge: {what}.",
-    Limit.REFIT: lambda what: f"The fit of this effect as two states did not converge: {what}.",
-    Limit.AT_BOUND: lambda _: "The size of this effect is at its physical bound, so that its interval says little.",
-    Limit.UNBELIEVED: lambda _: "Nothing there changes by so much within seconds and back: this is not believed.",
-    Limit.UNSETTLED: lambda _: (
-        "Which records are on still changed when the fit of this effect ended: its switching times are approximate."
-    ),
-}
-
-
-def _hidden(story: Story, f: HiddenFinding, effects: tuple[Effect, ...]) -> Iterator[str]:
-    where = f.location.words
-    rivals = f" (or {listed([r.words for r in f.rivals], 'or')})" if f.rivals else ""
-    likelier = f"log likelihood +{rounded(f.lr)}; chance alone reaches +{rounded(f.threshold)}"
-    unit = "" if f.unit == "1" else f.unit
-    if f.is_switch:
-        half = 0.5 * (f.interval[1] - f.interval[0])
-        yield (
-            f"An effect at {where}{rivals} switches between two states that no column records: "
-            f"{count(len(f.switches), 'change')} within flights, of size {with_unit(f.coefficient, unit, half)} "
-            f"({likelier})."
-        )
-        yield from _switched(f.switches)
-        if f.doubtful:
-            told = [
-                f"{count(d.records, 'record')} of {d.flight}"
-                + (f" ({d.first_s:.10g} to {d.last_s:.10g} s)" if math.isfinite(d.first_s + d.last_s) else "")
-                for d in f.doubtful
-            ]
-            yield f"  These readings do not say in which state the engine was in {listed(told, 'and')}."
-        yield (
-            "  Which state is on follows from the sign that physics gives."
-            if f.sign
-            else "  The readings do not say which of the two states is on."
-        )
-    else:
-        yield (
-            f"An effect at {where}{rivals} varies with something that no column records ({likelier}); two "
-            "states do not describe it better than a drifting amplitude."
-        )
-    if story.switched:
-        best = story.switched[0].objective
-        told = [
-            f"{t.label} ({', '.join(with_unit(v, '', NORMAL_95 * e) for v, e in t.coefficients.values())}"
-            + (f", χ² {rounded(t.objective - best)} worse)" if t is not story.switched[0] else ")")
-            for t in story.switched
-        ]
-        yield f"  Listed effects that act there, refitted with these states, best first: {listed(told, 'or')}."
-    elif effects:
-        yield f"  Listed effects that act there: {listed([e.label for e in effects], 'or')}."
-    if f.remark:
-        yield f"  {_LIMITS[f.remark.limit](f.remark.what)}"
-
-
-def _switched(switches: Sequence[Switch]) -> Iterator[str]:
-    """When, flight by flight."""
-    shown = switches[:MOST_SWITCHES]
-    more = f"; and {len(switches) - MOST_SWITCHES} more" if len(switches) > MOST_SWITCHES else ""
-    for flight in dict.fromkeys(s.flight for s in shown):
-        told = ", ".join(f"{'on' if s.on else 'off'} {moment(s)}" for s in shown if s.flight == flight)
-        last = more if flight == shown[-1].flight else ""
-        yield f"  In {flight} switched {told}{last}."
-    timed = sum(s.narrowed for s in shown)
-    if timed:
-        rest = "" if timed == len(shown) else "; where that is not said, they do not tell it closer than steady ones"
-        yield f"  Times of 95 % are told by unsteady records between steady ones, to which nothing was fitted{rest}."
-
-
-def moment(s: Switch) -> str:
-    """When a state changed: by the unsteady records, or between those that are judged, whose times are the middles of
-    what was averaged."""
-    if s.narrowed:
-        low, high = math.floor(10.0 * s.earliest_s) / 10.0, math.ceil(10.0 * s.latest_s) / 10.0
-        return f"between {low:.10g} and {high:.10g} s (95 %)"
-    if not (math.isfinite(s.before_s) and math.isfinite(s.time_s)):
-        return f"at record {s.record + 1}"
-    return f"between {s.before_s:.10g} and {s.time_s:.10g} s"
 
 
 def _rejected(story: Story) -> Iterator[str]:

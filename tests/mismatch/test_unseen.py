@@ -18,7 +18,8 @@ from enginediag_cli.mismatch.fit.projection import Projection
 from enginediag_cli.mismatch.fit.trial_fit import Trial
 from enginediag_cli.mismatch.unrecorded.finding import Switch
 from enginediag_cli.physics.registry import effect
-from enginediag_cli.presentation.explanations import curve_in_words, moment
+from enginediag_cli.presentation.explanations import curve_in_words
+from enginediag_cli.presentation.unrecorded import moment
 
 
 @pytest.fixture(scope="module")

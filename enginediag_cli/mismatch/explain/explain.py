@@ -35,6 +35,7 @@ from enginediag_cli.mismatch.explain.exchanges import Proposer
 from enginediag_cli.mismatch.explain.few import Few
 from enginediag_cli.mismatch.explain.in_part import in_part, left_by
 from enginediag_cli.mismatch.explain.judging import ADEQUATE, ALIAS, Fits
+from enginediag_cli.mismatch.explain.latched_laws import outweighing
 from enginediag_cli.mismatch.explain.lawful import LISTED_FIRST, Ground, LawsAlone, ground_of
 from enginediag_cli.mismatch.explain.members import MOST_MEMBERS
 from enginediag_cli.mismatch.explain.mixed import Mixed, with_laws
@@ -113,7 +114,7 @@ class Search(Fits):
         if rest.over(self.detect):
             return self.decide(rest)
         if self.unrecorded():
-            return self.answer(HIDDEN, "", rest, hidden=self.unrecorded())
+            return self._hidden(rest)
         return self.answer(NOTHING, "nothing stands out of noise and identified parameters", rest)
 
     def weighed(self, rest: Remainder) -> Remainder:
@@ -140,7 +141,7 @@ class Search(Fits):
         if self._hidden_at_most > PLAINLY * 0.5 * recorded:
             evidence = _evidence(self.unrecorded())
             if evidence > NEARLY_ALL * 0.5 * excess and evidence > PLAINLY * 0.5 * recorded:
-                return self.answer(HIDDEN, "", rest, hidden=self.unrecorded())
+                return self._hidden(rest)
         singles = self.refit([(self.timed(s.option),) for s in shortlisted(rest.scores, self.plain)])
         unfitted, singles = singles is None, singles or []
         named = self.named(singles)
@@ -171,7 +172,7 @@ class Search(Fits):
             return self.answer(NAMED, "", rest, named, hidden)
         # that no column records the driver is only a finding where the best recorded one explains less
         if hidden and (named or evidence > 0.5 * recorded):
-            return self.answer(HIDDEN, "", rest, named or mixed.explanations, hidden)
+            return self._hidden(rest, named or mixed.explanations)
         if mixed.explanations:
             return self.answer(NAMED, "", rest, mixed.explanations, hidden, mixed.finding)
         part = in_part(sets, self.few)
@@ -187,6 +188,15 @@ class Search(Fits):
             hidden=hidden,
             law=law.finding,
         )
+
+    def _hidden(self, rest: Remainder, named: Sequence[Explanation] = ()) -> Answer:
+        """A driver that no column records; or a law, where the states are those of thresholds of something recorded."""
+        hidden = self.unrecorded()
+        also = outweighing(hidden[0], _evidence(hidden), self) if self.few.are_all else []
+        law = LawsAlone(self.laws, also).single() if also else None
+        if law is not None and law.explanations and law.evidence > _evidence(hidden):
+            return self.answer(LAW, "", rest, law.explanations, hidden, law.finding)
+        return self.answer(HIDDEN, "", rest, named, hidden)
 
     def _of_sets(self, rest: Remainder, singles: Sequence[Trial], least: float) -> tuple[Sets, list[Explanation]]:
         """The search of sets, and what it names: sought on few of many records. `rest` and `singles` are of all;

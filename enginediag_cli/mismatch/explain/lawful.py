@@ -63,11 +63,11 @@ def ground_of(few: Few) -> Ground:
 
 class LawsAlone:
     """Laws that explain what the base lacks, of the formulas scored, nothing else beside them. Of many records some
-    say which laws are likely, and all of them judge the best of these."""
+    say which laws are likely, and all of them judge the best of these. `also`: laws that are tried in any case."""
 
-    def __init__(self, ground: Ground):
+    def __init__(self, ground: Ground, also: Sequence[tuple[Proposal, ...]] = ()):
         self.few = ground.few
-        self._search = LawSearch(ground.few.fits.base, ground.scan, ground.few.fits.refit)
+        self._search = LawSearch(ground.few.fits.base, ground.scan, ground.few.fits.refit, also)
 
     @property
     def most(self) -> float:

@@ -22,6 +22,7 @@ from enginediag_cli.mismatch.explain.curves import Curve, best_places, fitted_cu
 from enginediag_cli.mismatch.explain.explain import Search
 from enginediag_cli.mismatch.explain.flips import flips_of_answer
 from enginediag_cli.mismatch.explain.floor_cost import FloorCost, floor_cost
+from enginediag_cli.mismatch.explain.follows import Follows, followed
 from enginediag_cli.mismatch.explain.gated import Gated, gated_out
 from enginediag_cli.mismatch.explain.on_all import Searched, searched_on_share
 from enginediag_cli.mismatch.explain.plan import Advice, plan
@@ -56,6 +57,7 @@ class Story:
     control: Found | None = None  # that the engine file lacks and the engine that was searched has
     gated: Gated | None = None  # what was left out of the search with the records that are not steady
     flips: Flips | None = None  # what would change the first name, None where nothing is named
+    follows: tuple[Follows, ...] = ()  # what the first of `hidden` follows after all, best first
     planned: bool = False  # whether the best recording of every kind is asked for
 
     @property
@@ -126,6 +128,7 @@ def tell(
         searched,
         gated=gated,
         flips=flips_of_answer(answer, search),
+        follows=followed(hidden[0], base.found) if hidden else (),
     )
 
 

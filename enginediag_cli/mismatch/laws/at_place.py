@@ -10,7 +10,7 @@ from enginediag_cli.engine.warm import apart
 from enginediag_cli.mismatch.fit.trial_fit import Trial
 from enginediag_cli.mismatch.laws.carried import carried
 from enginediag_cli.mismatch.laws.fitted import Fitted, Where
-from enginediag_cli.mismatch.laws.grammar import FORMS
+from enginediag_cli.mismatch.laws.grammar import FORMS, LATCHES
 from enginediag_cli.mismatch.laws.refined import refined
 from enginediag_cli.mismatch.laws.said import Said, Says
 from enginediag_cli.mismatch.laws.scan import (
@@ -63,7 +63,8 @@ def said_at_places(base: Trial, scan: Scan, laws: Sequence[Fitted]) -> list[AtPl
 def in_both(known: Sequence[Known]) -> list[object]:
     """What a process and its copies both have of formulas: variables, forms, and shapes, of which those that were tried
     are kept with a variable that has moved."""
-    return [*known, *(k.variable for k in known), *FORMS, *(s for f in FORMS for s in f.shapes)]
+    forms = dict.fromkeys((*FORMS, *LATCHES))
+    return [*known, *(k.variable for k in known), *forms, *(s for f in forms for s in f.shapes)]
 
 
 def said_at(base: Trial, law: Fitted, scan: Scan) -> Said | None:

@@ -201,6 +201,9 @@ def _play() -> Shape:
     return Shape("h", _of_span(PLAY), 0.2, lambda x: (0.0, MOST_PLAY * span(x)))
 
 
+PLAYING = (SWITCHED, SHARP, _play())
+
+
 def _moved(text: str) -> str:
     """What a text is, less what it is at the design point."""
     there = re.sub(r"\b[xy]\b", lambda m: f"{m[0]}0", text)
@@ -214,8 +217,14 @@ RAMP_UP, RAMP_DOWN = f"(x - c + {HYPERBOLA})", f"(x - c - {HYPERBOLA})"
 STEP, BUMP, TURNING = _moved(TANH), _moved(PEAK), _moved(HYPERBOLA)
 ROOT_UP, ROOT_DOWN = _moved(f"sqrt{RAMP_UP}"), _moved(f"sqrt(-{RAMP_DOWN})")
 """What flows through an opening that a pressure begins to hold open."""
-SWITCH = "(tanh((backlash(x, h) - h - c) / w) - tanh((x0 - h - c) / w))"
+LATCH, LATCH_THERE = "tanh((backlash(x, h) - h - c) / w)", "tanh((x0 - h - c) / w)"
+SWITCH = f"({LATCH} - {LATCH_THERE})"
 """Off below c on the way down, and on from c + 2h on the way up: each has a letter of its own that it is told by."""
+ON_THE_WAY_UP = f"((1 - {LATCH}) * (1 + {TANH}) - (1 - {LATCH_THERE}) * (1 + tanh((x0 - c) / w)))"
+ON_THE_WAY_DOWN = (
+    f"((1 + {LATCH}) * (1 - tanh((x - c - 2 * h) / w)) - (1 + {LATCH_THERE}) * (1 - tanh((x0 - c - 2 * h) / w)))"
+)
+"""Between c and c + 2h, after coming from below, or from above."""
 STEPS = _moved(f"{TANH} * tanh((y - d) / v)")
 SPOT = _moved("exp(-((x - c) / w) ** 2 - ((y - d) / v) ** 2)")
 DISTANCE = _moved("sqrt(((x - c) / w) ** 2 + ((y - d) / v) ** 2 + 1)")
@@ -285,7 +294,7 @@ FORMS = (
     Form("valley", "by the distance from one value of", f"a * {TURNING}", (PLACE, TURN)),
     Form("lagged", "with a lag, in proportion to", "a * (lagged(x, t) - x0)", (_seconds(),), weight=0.5),
     Form("limited", "at a limited rate, in proportion to", "a * (limited(x, s, s) - x0)", (_slowness(),), weight=0.5),
-    Form("switch", "as a switch with hysteresis in", f"a * {SWITCH}", (SWITCHED, SHARP, _play()), weight=0.5),
+    Form("switch", "as a switch with hysteresis in", f"a * {SWITCH}", PLAYING, weight=0.5),
     Form("both", "as the product of what moves of", "a * (x - x0) * (y - y0)"),
     Form("by", f"as the first, {THE_MORE}", "a * (x - x0) * y", turned=True),
     Form("product", "as the product of", "a * (x * y - x0 * y0)"),
@@ -322,3 +331,10 @@ FORMS = (
     *_of_a_group("below", "below a threshold of", "(z - sqrt(z ** 2 + 1))"),
 )
 """What a law may be, simple forms first."""
+
+LATCHES = (
+    next(f for f in FORMS if f.name == "switch"),
+    Form("rising", "on the way up between two values of", f"a * {ON_THE_WAY_UP}", PLAYING, weight=0.5),
+    Form("falling", "on the way down between two values of", f"a * {ON_THE_WAY_DOWN}", PLAYING, weight=0.5),
+)
+"""What a switch may do whose states say where its thresholds lie: without these the last two are not sought."""

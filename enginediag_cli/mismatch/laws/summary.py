@@ -64,8 +64,8 @@ def summary(search: LawSearch, best: Sequence[Fitted], base: Trial, noise_known:
 
 def _at_one_place(search: LawSearch, best: Sequence[Fitted]) -> list[Weighed]:
     """Laws at the first one's place along the same variables, with their probabilities, as a band is of; none where
-    several places are moved."""
-    if not best[0].at_one_place:
+    several places are moved, or by what a variable was before."""
+    if not best[0].at_one_place or best[0].remembers:
         return []
     # what is told may have been fitted to more records since
     here = next((f for f in search.single if f.trial.label == best[0].trial.label), best[0])

@@ -17,7 +17,8 @@ class BleedValveHysteresis(CompressorValve):
     """W = W_exit (1 − b) while n_open ≤ n < n_open + Δn after n < n_open, n = N_c/N_c,design of the site's compressor.
 
     What a valve bleeds below n_open is another effect (`handling_bleed`), which needs no memory. No search tries it: it
-    jumps where nobody knows its thresholds. What it does in a recording is found as a switch that no column records.
+    jumps where nobody knows its thresholds. What it does in a recording is found as a switch that no column records,
+    whose states say what it follows and between which thresholds.
     """
 
     NAME = "bleed_valve_hysteresis"

@@ -1,0 +1,69 @@
+"""Laws of a switch whose states say what it follows: its thresholds begin where the states have them.
+
+A law with sharp thresholds is found from near them only: between records the readings say nothing of where they lie.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from enginediag_cli.mismatch.explain.follows import Follows, followed
+from enginediag_cli.mismatch.explain.judging import Fits
+from enginediag_cli.mismatch.fit.freeform import Location
+from enginediag_cli.mismatch.fit.trial_fit import Trial
+from enginediag_cli.mismatch.laws.fitted import Fitted
+from enginediag_cli.mismatch.laws.grammar import FORMS, LATCHES, span
+from enginediag_cli.mismatch.laws.scan import (
+    Formula,
+    Known,
+    known_variables,
+    number_of_groups,
+    over_records,
+    prior_of_a_place,
+    scored,
+    share_of_variables,
+)
+from enginediag_cli.mismatch.laws.shortlist import Proposal, proposal
+from enginediag_cli.mismatch.unrecorded.latched import Latched, Way
+from enginediag_cli.mismatch.unrecorded.recorded_driver import Hidden
+
+WIDTHS = (0.03, 0.08)
+"""Of a threshold, of the variable's range: where a sharp one is in the way of its own fit a wider one is not."""
+VARIABLES, PLACES = 2, 3
+"""That are tried, best first."""
+
+FORM = dict(zip((Way.ABOVE, Way.RISING, Way.FALLING), LATCHES, strict=True)) | {Way.BELOW: LATCHES[0]}
+
+
+def outweighing(finding: Hidden, evidence: float, fits: Fits) -> list[tuple[Proposal, ...]]:
+    """Laws along what a switch follows that are likelier than the switch by itself, of this ln `evidence`; each with
+    the width that suits it best."""
+    best: dict[str, tuple[float, Proposal]] = {}
+    places = (finding.location, *finding.rivals)[:PLACES]
+    for p in _proposals(followed(finding, fits.base.found), places, fits.base):
+        for trial in fits.refit([(p.option,)]) or []:
+            own = Fitted.to(fits.base, (p,), trial).evidence
+            if own > best.get(p.option.label, (evidence, p))[0]:
+                best[p.option.label] = own, p
+    return [(p,) for _, p in best.values()]
+
+
+def _proposals(follows: Sequence[Follows], places: Sequence[Location], base: Trial) -> list[Proposal]:
+    known = known_variables(base.found)
+    of = {k.variable.name: k for k in known}
+    formulas = [
+        _formula(f.latch, of[f.variable.name], width, number_of_groups(known))
+        for f in follows[:VARIABLES]
+        for width in WIDTHS
+    ]
+    found = scored(base.found, base.projection, places, formulas, prior_of_a_place(base.found))
+    return [proposal(c, base.found.evidence.engine) for c in found]
+
+
+def _formula(latch: Latched, of: Known, width: float, groups: int) -> Formula:
+    form = FORM[latch.way]
+    shape = {"c": latch.lower, "h": 0.5 * (latch.upper - latch.lower), "w": width * span(of.values)}
+    share = share_of_variables(1, groups) * form.weight / sum(f.weight for f in FORMS if not f.pairs)
+    return Formula(form, (of,), shape, over_records(form, (of,), shape), float(np.log(share)))
