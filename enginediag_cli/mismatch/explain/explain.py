@@ -194,7 +194,7 @@ class Search(Fits):
         hidden = self.unrecorded()
         also = outweighing(hidden[0], _evidence(hidden), self) if self.few.are_all else []
         law = LawsAlone(self.laws, also).single() if also else None
-        if law is not None and law.explanations and law.evidence > _evidence(hidden):
+        if law is not None and law.explanations and law.explanations[0].label in {p.option.label for (p,) in also}:
             return self.answer(LAW, "", rest, law.explanations, hidden, law.finding)
         return self.answer(HIDDEN, "", rest, named, hidden)
 

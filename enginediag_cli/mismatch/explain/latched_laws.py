@@ -1,6 +1,8 @@
 """Laws of a switch whose states say what it follows: its thresholds begin where the states have them.
 
 A law with sharp thresholds is found from near them only: between records the readings say nothing of where they lie.
+With the moments of its changes given by thresholds a switch is likelier than by itself by what these save (`latched`).
+A law in their place, which is gradual where a valve jumps, may be less so by no more than that.
 """
 
 from __future__ import annotations
@@ -29,8 +31,8 @@ from enginediag_cli.mismatch.laws.shortlist import Proposal, proposal
 from enginediag_cli.mismatch.unrecorded.latched import Latched, Way
 from enginediag_cli.mismatch.unrecorded.recorded_driver import Hidden
 
-WIDTHS = (0.03, 0.08)
-"""Of a threshold, of the variable's range: where a sharp one is in the way of its own fit a wider one is not."""
+WIDTHS = (0.08, 0.03)
+"""Of a threshold, of the variable's range: a sharp one is often in the way of its own fit, and is tried last."""
 VARIABLES, PLACES = 2, 3
 """That are tried, best first."""
 
@@ -38,26 +40,22 @@ FORM = dict(zip((Way.ABOVE, Way.RISING, Way.FALLING), LATCHES, strict=True)) | {
 
 
 def outweighing(finding: Hidden, evidence: float, fits: Fits) -> list[tuple[Proposal, ...]]:
-    """Laws along what a switch follows that are likelier than the switch by itself, of this ln `evidence`; each with
-    the width that suits it best."""
-    best: dict[str, tuple[float, Proposal]] = {}
+    """Laws along what a switch follows that are as likely as that switch, of this ln `evidence` by itself."""
+    found: dict[str, Proposal] = {}
+    follows = followed(finding, fits.base.found)[:VARIABLES]
     places = (finding.location, *finding.rivals)[:PLACES]
-    for p in _proposals(followed(finding, fits.base.found), places, fits.base):
-        for trial in fits.refit([(p.option,)]) or []:
-            own = Fitted.to(fits.base, (p,), trial).evidence
-            if own > best.get(p.option.label, (evidence, p))[0]:
-                best[p.option.label] = own, p
-    return [(p,) for _, p in best.values()]
+    for width in WIDTHS if follows else ():
+        for p in _proposals(follows, places, width, fits.base):
+            trials = [] if p.option.label in found else fits.refit([(p.option,)]) or []
+            if any(Fitted.to(fits.base, (p,), t).evidence > evidence - follows[0].latch.gain for t in trials):
+                found[p.option.label] = p
+    return [(p,) for p in found.values()]
 
 
-def _proposals(follows: Sequence[Follows], places: Sequence[Location], base: Trial) -> list[Proposal]:
+def _proposals(follows: Sequence[Follows], places: Sequence[Location], width: float, base: Trial) -> list[Proposal]:
     known = known_variables(base.found)
     of = {k.variable.name: k for k in known}
-    formulas = [
-        _formula(f.latch, of[f.variable.name], width, number_of_groups(known))
-        for f in follows[:VARIABLES]
-        for width in WIDTHS
-    ]
+    formulas = [_formula(f.latch, of[f.variable.name], width, number_of_groups(known)) for f in follows]
     found = scored(base.found, base.projection, places, formulas, prior_of_a_place(base.found))
     return [proposal(c, base.found.evidence.engine) for c in found]
 
