@@ -15,7 +15,7 @@ from enginediag_cli.engine.term import Coefficient, Effect, Term
 from enginediag_cli.mismatch.fit.freeform import parameter_at
 from enginediag_cli.mismatch.laws.additive import additive_of
 from enginediag_cli.mismatch.laws.finding import Share
-from enginediag_cli.mismatch.laws.fitted import Fitted, Where
+from enginediag_cli.mismatch.laws.fitted import LIKELIER, Fitted, Where
 from enginediag_cli.mismatch.laws.grammar import Form
 from enginediag_cli.mismatch.laws.mean import Along, Mean, Member, mean_of
 from enginediag_cli.mismatch.laws.proposed import AMPLITUDE, DIGITS, acting, statement_of
@@ -124,6 +124,8 @@ class Sought:
         for f in self.fitted:
             if f.where[0] != place or not f.at_one_place or f.names != names or _is_curve(f) or f.remembers:
                 continue
+            if any(_predicts_instead(g, f) for g in self.fitted):
+                continue
             listed = len(f.laws) == 1 and f.laws[0].candidate.formula.form.listed
             forms |= {f.laws[0].candidate.formula.what} if listed else set()
             words = tuple(p.candidate.formula.form.words for p in f.laws)
@@ -144,6 +146,12 @@ class Sought:
 
 def _named(names: frozenset[str], known: Sequence[Known]) -> tuple[Known, ...]:
     return tuple(k for k in known if k.variable.name in names)
+
+
+def _predicts_instead(more: Fitted, fewer: Fitted) -> bool:
+    """Whether it is the same with a further form that prediction has asked for, and as likely for that reason alone."""
+    options = {o.label for o in fewer.options}
+    return options < {o.label for o in more.options} and more.evidence <= fewer.evidence + LIKELIER
 
 
 def _is_curve(f: Fitted) -> bool:

@@ -17,6 +17,9 @@ from enginediag_cli.mismatch.laws.scan import Known, seen_at
 from enginediag_cli.mismatch.laws.shortlist import Proposal
 from enginediag_cli.mismatch.laws.within import Room
 
+LIKELIER = 1e-3
+"""ln evidence by which a law with a further form goes before the same without it where prediction alone asks for it."""
+
 Where = tuple[str, frozenset[int]]
 """Name of a place, and groups of variables."""
 

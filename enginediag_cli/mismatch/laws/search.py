@@ -18,7 +18,7 @@ from enginediag_cli.mismatch.laws.at_place import said_at, said_at_places
 from enginediag_cli.mismatch.laws.average import Sought, average_of
 from enginediag_cli.mismatch.laws.band import curve_of
 from enginediag_cli.mismatch.laws.elsewhere_too import MOST_PLACES, RIVAL, elsewhere_too
-from enginediag_cli.mismatch.laws.fitted import Fitted, Where, ordered
+from enginediag_cli.mismatch.laws.fitted import LIKELIER, Fitted, Where, ordered
 from enginediag_cli.mismatch.laws.grammar import FORMS
 from enginediag_cli.mismatch.laws.said import Says
 from enginediag_cli.mismatch.laws.scan import (
@@ -63,9 +63,6 @@ STARTS, APART = 4, 10.0
 be behind: of two variables that act together the right two may come first only with more than one form."""
 MOST_FORMS = 5
 """Forms of one law: what needs more is no law."""
-LIKELIER = 1e-3
-"""ln evidence by which a law with a further form goes before the same without it where prediction alone asks for it."""
-
 PLACES, WITHIN = 3, 15.0
 """Places at which variables are weighed whatever the form, at most, and by how much of ln evidence the best law at one
 may be behind."""
