@@ -18,7 +18,7 @@ from enginediag_cli.mismatch.laws.at_place import said_at
 from enginediag_cli.mismatch.laws.average import Averaged, Sought, average_of, smooth_member
 from enginediag_cli.mismatch.laws.band import summed
 from enginediag_cli.mismatch.laws.carried import Carried
-from enginediag_cli.mismatch.laws.fitted import Fitted
+from enginediag_cli.mismatch.laws.fitted import LIKELIER, Fitted
 from enginediag_cli.mismatch.laws.mean import NEAR, Along, Member, mean_of
 from enginediag_cli.mismatch.laws.refined import refined
 from enginediag_cli.mismatch.laws.said import Said, Says
@@ -180,6 +180,17 @@ def test_weighed_at_a_fit_that_carries_it_an_average_follows_a_large_law_better(
         left.append(trial.objective)
         last = averaged.fitted(Fitted.to(ground.base, (averaged.law,), trial), 0.0)
     assert left[1] < left[0] < min(f.trial.objective for f in ground.fitted)
+
+
+def test_a_sum_that_predicts_worse_than_with_a_further_form_is_no_part_beside_it(ground: Ground) -> None:
+    """A further form that only prediction asks for leaves a law as likely as it was, by definition: not as a rival."""
+    first, second = ground.fitted[:2]
+    mach = [k for k in ground.known if k.variable.name == "mach"]
+    trial = attempt([*first.options, *second.options], ground.base.found, nuisance(ground.base.found.evidence))
+    both = Fitted((*first.laws, *second.laws), trial, first.evidence + LIKELIER)
+    for more, count in ((both, 1), (replace(both, evidence=first.evidence + 1.0), 2)):
+        members = Sought([more, first], [], {}).members("hpc.efficiency", mach, ground.known, ground.engine)
+        assert len(members) == count and members[0].words == tuple(p.candidate.formula.form.words for p in both.laws)
 
 
 def member(curve: np.ndarray, evidence: float, text: str = "1") -> Member:
