@@ -179,9 +179,11 @@ def _number(x: float) -> str:
 def _proposal(first: Fitted, mean: Mean) -> Proposal:
     """The average as a law; what its size multiplies has a standard deviation of 1 over the records."""
     place, engine = first.laws[0].candidate.location, first.trial.found.evidence.engine
-    of = tuple({k.variable.name: k for x in mean.written for k in x.of}.values())
+    # those that it is told for lead
+    parts = sorted(mean.written, key=lambda x: {k.variable.name for k in x.of} != first.names)
+    of = tuple({k.variable.name: k for x in parts for k in x.of}.values())
     size = float(np.std(mean.curve))
-    text = " + ".join(f"{x.weight / size:.{DIGITS}g} * ({x.member.text})" for x in mean.written)
+    text = " + ".join(f"{x.weight / size:.{DIGITS}g} * ({x.member.text})" for x in parts)
     parameter = parameter_at(place, engine)
     acts, unit = acting(place, parameter)
     law = Law(
