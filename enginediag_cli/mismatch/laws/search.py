@@ -215,24 +215,30 @@ class LawSearch:
         here = prior_of_a_place(self.base.found)
         return [(where, None, b.evidence + prior_of_all(b, self._groups) + here) for where, b in self.bends.items()]
 
-    def _at_places(self) -> list[Fitted]:
-        """The best law at each of the best places, as likely as the best of one form: a sum that is known at one of
-        them is no measure of what others may come to."""
+    def _at_places(self, gained: float) -> list[Fitted]:
+        """The best law at each of the best places that were not weighed yet, as likely as the best of one form, or less
+        by what the best has `gained` that no form says: a sum that is known at one of them is no measure of what others
+        may come to, nor is a smooth curve."""
         best: dict[str, Fitted] = {}
         alone = next((f.evidence for f in self.single if len(f.laws) == 1), np.inf)
         for f in self.single:
-            if f.at_one_place and f.evidence > alone - WITHIN:
+            if f.at_one_place and f.evidence > alone - WITHIN - gained and f.where[0] not in self.says:
                 best.setdefault(f.where[0], f)
-        return list(best.values())[:PLACES]
+        return list(best.values())[: PLACES - len(self.says)]
 
     def _weigh(self) -> None:
         """All variables at the places of the best laws, whatever the form; and every form of the likeliest of them."""
-        for here in said_at_places(self.base, self.scan, self._at_places()):
+        self._weigh_at(self._at_places(0.0))
+        if self.says:
+            self._weigh_at(self._at_places(max(self.totals().values()) - self.most))
+        self.refined.sort(key=lambda c: -c.weight)
+
+    def _weigh_at(self, laws: Sequence[Fitted]) -> None:
+        for here in said_at_places(self.base, self.scan, laws):
             self.smooth += here.smooth
             self.refined += here.refined
             self.bends |= here.bends
             self.says[here.place] = here.says
-        self.refined.sort(key=lambda c: -c.weight)
 
     def _shaped(self) -> list[Proposal]:
         """The likeliest forms with their best shapes, of which no fit was as good."""
