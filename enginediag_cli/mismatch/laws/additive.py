@@ -31,23 +31,24 @@ THE_SAME = 0.1
 
 @dataclass(frozen=True)
 class Additive:
-    """The average of smooth curves of variables, or of sums of them: `sizes` of as many steps of each as it takes;
-    `evidence`: ln, of all, against the fit without the law that is carried."""
+    """The average of smooth curves of variables, or of sums of them: `sizes` of as many steps of each as it takes, of
+    which `count` are along most of it; `evidence`: ln, of all, against the fit without the law that is carried."""
 
     of: tuple[Known, ...]
+    count: int
     sizes: tuple[np.ndarray, ...]
     evidence: float
 
     @property
     def curve(self) -> np.ndarray:
         """Over the records (N,)."""
-        each = [steps_over(k, len(a)) @ a for k, a in zip(self.of, self.sizes, strict=True)]
+        each = [steps_over(k, self.count) @ a for k, a in zip(self.of, self.sizes, strict=True)]
         return np.asarray(np.sum(each, axis=0))
 
     @property
     def text(self) -> str:
         """Its formula."""
-        return " + ".join(formula_of(k, a) for k, a in zip(self.of, self.sizes, strict=True))
+        return " + ".join(formula_of(k, self.count, a) for k, a in zip(self.of, self.sizes, strict=True))
 
 
 def additive_of(says: Says, of: Sequence[Known]) -> Additive:
@@ -60,14 +61,18 @@ def additive_of(says: Says, of: Sequence[Known]) -> Additive:
     weight = shares([e for own in likely for e in own - np.log(len(own))])
     counts = sorted({n for each in tried for n in each})
     evidence = says.gain + ln_mean([ln_mean(own) for own in likely])
-    return Additive(tuple(of), _fewest(says, of, counts, weight @ curves), evidence)
+    return Additive(tuple(of), *_fewest(says, of, counts, weight @ curves), evidence)
 
 
-def _fewest(says: Says, of: Sequence[Known], counts: Sequence[int], curve: np.ndarray) -> tuple[np.ndarray, ...]:
-    """Sizes of the fewest steps of each variable that a curve (N,) cannot be told from; else of the most."""
+def _fewest(
+    says: Says, of: Sequence[Known], counts: Sequence[int], curve: np.ndarray
+) -> tuple[int, tuple[np.ndarray, ...]]:
+    """How many steps are the fewest that a curve (N,) cannot be told from, and their sizes of each variable; else the
+    most."""
     for count in counts:
-        steps = np.hstack([steps_over(k, count) for k in of])
+        each = [steps_over(k, count) for k in of]
+        steps = np.hstack(each)
         sizes = np.linalg.lstsq(steps, curve, rcond=None)[0]
         if says.any.apart(steps @ sizes, curve) < THE_SAME:
             break
-    return tuple(np.split(sizes, len(of)))
+    return count, tuple(np.split(sizes, np.cumsum([e.shape[1] for e in each])[:-1]))

@@ -2,10 +2,10 @@
 
     f = Σ_k a_k s_k(x)     s_k(x) = tanh((x − c_k)/w) − tanh((x₀ − c_k)/w)     a_k ~ N(0, σ²)
 
-with places c_k evenly over what was flown and w their distance: any curve that bends no faster, 0 at the design point,
-and constant beyond what was flown, where nothing is known. How many steps of one variable there are, and σ, is told by
-their evidence: as many as the curve bends. Of two variables their own sums, and the products of steps s_k(x) s_l(y).
-It has no shape to fit, its sizes are linear, and their prior keeps them where records tell nothing.
+with places c_k evenly over all that was flown and w their distance: any curve that bends no faster, 0 at the design
+point, and constant beyond it, where nothing is known. How many steps of one variable there are, and σ, is told by their
+evidence: as many as the curve bends. Of two variables their own sums, and the products of steps s_k(x) s_l(y). It has
+no shape to fit, its sizes are linear, and their prior keeps them where records tell nothing.
 """
 
 from __future__ import annotations
@@ -35,6 +35,8 @@ OF_TWO = ALONE[:4]
 """Steps along each of two variables."""
 SHARES = (0.1, 0.3, 1.0)
 """σ, over the standard deviation of the law that a fit carries, likewise."""
+BEYOND = 1.0 / 3.0
+"""Of these, as many more at most towards either end of what was flown."""
 BESIDE, TOGETHER = 4, 3
 """Steps along each of two variables; and along each in their products."""
 DIGITS, DIGITS_OF_SIZES = 5, 4
@@ -86,8 +88,8 @@ def tried_of(says: Says, of: Sequence[Known]) -> dict[tuple[int, ...], Linear]:
 
 @dataclass(frozen=True)
 class Bends:
-    """How finely a curve of one variable bends, or a sum of one of each of two: steps along each (`counts`), `size`
-    their σ, both the likeliest; `evidence`: ln, of all that were tried, against the fit without the law that is
+    """How finely a curve of one variable bends, or a sum of one of each of two: steps along most of each (`counts`),
+    `size` their σ, both the likeliest; `evidence`: ln, of all that were tried, against the fit without the law that is
     carried; `choice`: ln, what having chosen the likeliest costs, 0 or less."""
 
     of: tuple[Known, ...]
@@ -139,9 +141,9 @@ def as_surface(
     over the records, `prior`: ln, of variables, `here` of the place, which the first law bears. None where the
     variables' names make formulas that are too long."""
     x, y = of
-    parts = [Part(OWN, (k,), _steps(k, BESIDE)) for k in of]
-    for number, step in enumerate(_steps(x, TOGETHER), start=1):
-        parts.append(Part(BOTH, (x, y), _steps(y, TOGETHER), f"{step} * ", str(number)))
+    parts = [Part(OWN, (k,), _steps(k, BESIDE, 0.0)) for k in of]
+    for number, step in enumerate(_steps(x, TOGETHER, 0.0), start=1):
+        parts.append(Part(BOTH, (x, y), _steps(y, TOGETHER, 0.0), f"{step} * ", str(number)))
     return _proposals(place, parts, size, (prior, here), engine)
 
 
@@ -153,33 +155,36 @@ def _proposals(
     return tuple(_proposal(place, p, size, priors if p is parts[0] else (0.0, 0.0), engine) for p in parts)
 
 
-def _grid(k: Known, count: int) -> tuple[list[float], float]:
-    """Places of so many steps of a variable, evenly over what was flown, and their width."""
+def _grid(k: Known, count: int, beyond: float = BEYOND) -> tuple[list[float], float]:
+    """Places of steps of a variable and their width: so many evenly over most of what was flown, and on from there to
+    its ends, where few records may lie far from all others."""
     low, high = (float(q) for q in np.quantile(k.values, EDGES_OF_STEPS))
     w = _rounded(max((high - low) / (count - 1), 1e-3 * span(k.values)))
-    return [_rounded(float(c)) for c in np.linspace(low, high, count)], w
+    ends = low - float(np.min(k.values)), float(np.max(k.values)) - high
+    before, after = (min(int(np.ceil(end / w)), int(beyond * count)) for end in ends)
+    return [_rounded(low + w * j) for j in range(-before, count + after)], w
 
 
 def steps_over(k: Known, count: int) -> np.ndarray:
-    """Steps of a variable over the records (N, count)."""
+    """Steps of a variable over the records (N, n), n at least `count`."""
     places, w = _grid(k, count)
     c = np.array(places)
     return np.asarray(np.tanh((k.values[:, None] - c) / w) - np.tanh((k.variable.reference - c) / w))
 
 
-def _steps(k: Known, count: int) -> tuple[str, ...]:
+def _steps(k: Known, count: int, beyond: float = BEYOND) -> tuple[str, ...]:
     """Steps of a variable."""
     name, x0 = k.variable.name, k.variable.reference
-    places, w = _grid(k, count)
+    places, w = _grid(k, count, beyond)
     found = []
     for c in places:
         found.append(f"(tanh(({name} - {c!r}) / {w!r}) - ({float(np.tanh((x0 - c) / w))!r}))")
     return tuple(found)
 
 
-def formula_of(k: Known, sizes: np.ndarray) -> str:
+def formula_of(k: Known, count: int, sizes: np.ndarray) -> str:
     """Steps of a variable with numbers in the places of their sizes (n,), 0 at the design point."""
-    (places, w), x0 = _grid(k, len(sizes)), k.variable.reference
+    (places, w), x0 = _grid(k, count), k.variable.reference
     told = [float(f"{a:.{DIGITS_OF_SIZES}g}") for a in sizes]
     there = sum(a * float(np.tanh((x0 - c) / w)) for a, c in zip(told, places, strict=True))
     terms = [f"({a!r}) * tanh(({k.variable.name} - {c!r}) / {w!r})" for a, c in zip(told, places, strict=True)]
