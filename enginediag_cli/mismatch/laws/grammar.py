@@ -214,7 +214,7 @@ TANH, PEAK = "tanh((x - c) / w)", "exp(-((x - c) / w) ** 2)"
 HYPERBOLA = "sqrt((x - c) ** 2 + w ** 2)"
 """|x − c| with a width: with ±(x − x0) it is straight on one side of c and constant on the other."""
 RAMP_UP, RAMP_DOWN = f"(x - c + {HYPERBOLA})", f"(x - c - {HYPERBOLA})"
-STEP, BUMP, TURNING = _moved(TANH), _moved(PEAK), _moved(HYPERBOLA)
+STEP, BUMP, TURNING, WAVE = _moved(TANH), _moved(PEAK), _moved(HYPERBOLA), _moved(f"(x - c) / w * {PEAK}")
 ROOT_UP, ROOT_DOWN = _moved(f"sqrt{RAMP_UP}"), _moved(f"sqrt(-{RAMP_DOWN})")
 """What flows through an opening that a pressure begins to hold open."""
 LATCH, LATCH_THERE = "tanh((backlash(x, h) - h - c) / w)", "tanh((x0 - h - c) / w)"
@@ -291,6 +291,7 @@ FORMS = (
     Form("root_below", "as the root below a threshold of", f"a * {ROOT_DOWN}", (PLACE, TURN), weight=0.5),
     Form("step", "as a smooth step in", f"a * {STEP}", (PLACE, WIDTH)),
     Form("bump", "near one value of", f"a * {BUMP}", (PLACE, WIDTH)),
+    Form("wave", "one way before one value and the other way after it, of", f"a * {WAVE}", (PLACE, WIDTH), weight=0.5),
     Form("valley", "by the distance from one value of", f"a * {TURNING}", (PLACE, TURN)),
     Form("lagged", "with a lag, in proportion to", "a * (lagged(x, t) - x0)", (_seconds(),), weight=0.5),
     Form("limited", "at a limited rate, in proportion to", "a * (limited(x, s, s) - x0)", (_slowness(),), weight=0.5),

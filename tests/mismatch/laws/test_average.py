@@ -46,8 +46,8 @@ def average_from(
 
 
 class Ground:
-    """A swing over Mach number at the HPC's efficiency, which no form has; three forms that were fitted to it, another
-    that was only sought, and what the place says."""
+    """A wave over Mach number at the HPC's efficiency; three other forms that were fitted to it, another that was
+    only sought, and what the place says."""
 
     def __init__(self) -> None:
         engine = concealed.turbofan()

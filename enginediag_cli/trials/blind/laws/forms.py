@@ -37,7 +37,6 @@ OUTSIDE: Mapping[str, str] = {
     "sine": SINE,
     "odd bump": "u ** 3 * exp(-u ** 2)",
     "flat bump": "exp(-max(u, -u) ** 3)",
-    "swing": "u * exp(-u ** 2)",
     "rational": "x ** 2 / (1 + b * x ** 2)",
     "ramp": "min(max(u, -1), 1)",
     "uneven step": "exp(-exp(-u))",
