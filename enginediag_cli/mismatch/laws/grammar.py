@@ -291,7 +291,7 @@ FORMS = (
     Form("root_below", "as the root below a threshold of", f"a * {ROOT_DOWN}", (PLACE, TURN), weight=0.5),
     Form("step", "as a smooth step in", f"a * {STEP}", (PLACE, WIDTH)),
     Form("bump", "near one value of", f"a * {BUMP}", (PLACE, WIDTH)),
-    Form("wave", "one way before one value and the other way after it, of", f"a * {WAVE}", (PLACE, WIDTH), weight=0.5),
+    Form("wave", "as a wave about one value of", f"a * {WAVE}", (PLACE, WIDTH), weight=0.5),
     Form("valley", "by the distance from one value of", f"a * {TURNING}", (PLACE, TURN)),
     Form("lagged", "with a lag, in proportion to", "a * (lagged(x, t) - x0)", (_seconds(),), weight=0.5),
     Form("limited", "at a limited rate, in proportion to", "a * (limited(x, s, s) - x0)", (_slowness(),), weight=0.5),
