@@ -100,6 +100,8 @@ def mean_of(along: Sequence[Along], alone: np.ndarray | None, says: AnyCurve) ->
     is a smooth curve and no formula is lost by the average; `says`: what the place says of any curve. None where the
     likeliest is the average as far as it was flown, or no formula that there is room for comes nearer."""
     parts = sorted(_parts(along), key=lambda x: -x.probability)
+    if not parts:
+        return None
     curves = np.stack([x.member.curve for x in parts], axis=1)
     mean = curves @ [x.probability for x in parts]
     off = np.inf if alone is None else _apart_in_shape(alone, mean, says)
@@ -134,10 +136,19 @@ def _fewest(parts: Sequence[Part], curves: np.ndarray, mean: np.ndarray, says: A
     weights, kept, room = np.zeros(len(parts)), list[int](), LONGEST
     while float(np.sum((seen @ weights - target) ** 2)) > NEAR:
         further = [j for j in range(len(parts)) if j not in kept and len(parts[j].member.text) + BESIDE <= room]
-        tried = [(*nnls(seen[:, [*kept, j]], target), j) for j in further]
+        tried = [(own, j) for j in further if (own := _weighed(seen[:, [*kept, j]], target)) is not None]
         if not tried:
             break
-        found, _, j = min(tried, key=lambda t: t[1])
+        (found, _), j = min(tried, key=lambda t: t[0][1])
         kept, room = [*kept, j], room - len(parts[j].member.text) - BESIDE
         weights[kept] = found
     return weights
+
+
+def _weighed(A: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, float] | None:
+    """Weights w ≥ 0 of the least |Aw − b|, and that; None where its iteration does not end."""
+    try:
+        w, left = nnls(A, b)
+    except RuntimeError:
+        return None
+    return w, float(left)
