@@ -278,8 +278,11 @@ def test_the_truth_is_right_in_everything(few, turbojet, truth):
 
 
 @pytest.mark.slow
-def test_the_truth_is_the_truth_where_a_large_law_has_driven_the_fit_without_it_into_another_valley():
-    """From the fit without it, the fit with the true law ended 330 of chi-square above the truth."""
+def test_the_truth_is_the_truth_where_a_large_law_has_driven_the_fit_without_it_into_another_valley(monkeypatch):
+    """A wave, as laws were drawn while no grammar had one. From the fit without it, the fit with the true law ended 330
+    of chi-square above the truth."""
+    first = list(OUTSIDE.items())
+    monkeypatch.setattr(forms, "OUTSIDE", dict([*first[:3], ("swing", "u * exp(-u ** 2)"), *first[3:]]))
     engines = tuple(str(CONFIGS / f"{n}.yaml") for n in ("turbofan", "turbojet", "power_plant", "turboshaft"))
     truths, seed, trial = (kinds.SAME_MODEL, kinds.MAP_ERROR), 7601, 27
     sealed = draw(load_engine(engine_of(engines, seed, trial)), seed, trial, truths, kinds.LAW_KINDS)
