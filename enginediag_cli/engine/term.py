@@ -253,9 +253,11 @@ class Place:
         memory = self._memory(filter, coefficients)
         return self._remembered(replace(memory, recorded=recorded, measured=measured, sensor=sensor, turns=turns))
 
-    def follow(self, filter: Filter, coefficients: Sequence[str]) -> Callable[[Evaluation, Value], Value]:
-        """The same where the effect multiplies by its size what is remembered."""
-        return self._remembered(replace(self._memory(filter, coefficients), multiplied=True))
+    def follow(self, filter: Filter, coefficients: Sequence[str], leaf: str) -> Callable[[Evaluation, Value], Value]:
+        """The same where the effect, at a leaf or a sensor's column, multiplies by its size what is remembered."""
+        shown = (s for s in self.network.sensors.values() if leaf in (s.column, *(p.name for p in s.parameters())))
+        sensor = next((s.column for s in shown), "")
+        return self._remembered(replace(self._memory(filter, coefficients), sensor=sensor, multiplied=True))
 
     def _remembered(self, memory: Memory) -> Callable[[Evaluation, Value], Value]:
         self._hooks.memories.append(memory)

@@ -113,7 +113,7 @@ class Law(Term):
 
     def _formula(self, at: Place, unknown: Mapping[str, str]) -> Callable[[Evaluation], Value]:
         names = tuple(c.name for c in self.COEFFICIENTS if c.name in self.expression.names)
-        remembered = {k: at.follow(k.filter, k.by) for k in self.expression.followed}
+        remembered = {k: at.follow(k.filter, k.by, self.acts.leaf) for k in self.expression.followed}
 
         def f(e: Evaluation) -> Value:
             def past(of: Followed, signal: Value, values: Mapping[str, Value]) -> Value:

@@ -23,12 +23,12 @@ SHAPES = {
 }
 
 
-def carrying(expression: str, *coefficients: str) -> Engine:
+def carrying(expression: str, *coefficients: str, at: str = "compressor.efficiency") -> Engine:
     lines = "".join(f"      {c}\n" for c in coefficients)
     block = f"""
 physics:
   - law: slow
-    at: compressor.efficiency
+    at: {at}
     expression: {expression}
     coefficients:
 {lines}"""
@@ -54,6 +54,20 @@ def recording(engine: Engine, seed: int = 0) -> dict[str, np.ndarray]:
 def predicted(engine: Engine, columns, theta=None, wrt=(), sensors=None):
     inputs = {c: columns[c] for c in engine.inputs}
     return engine.predict({**inputs, MOMENT: engine.tapes.add(columns)}, theta or {}, wrt=wrt, sensors=sensors)
+
+
+def test_a_sensor_that_remembers_leaves_all_others_as_they_are() -> None:
+    """Also where it is not asked for: what is remembered is known from that sensor alone."""
+    place = "sensor.T3.scale"
+    size = "a: {value: 0.01, absent: 0, prior_sigma: 0.1}"
+    engine = carrying("a * (lagged(corrected_N1, t) - 1)", size, SHAPES["lagged"][1], at=place)
+    plain, columns = load_engine(TURBOJET), recording(engine)
+    inputs = {c: columns[c] for c in engine.inputs}
+    others = tuple(c for c in engine.sensors if c != "T3_K")
+    p = predicted(engine, columns, wrt=(f"slow.{place}.a",), sensors=others)
+    assert p.ok.all() and np.allclose(p.y, plain.predict(inputs, sensors=others).y, rtol=1e-9)
+    own = predicted(engine, columns, sensors=("T3_K",)).y
+    assert np.abs(own / plain.predict(inputs, sensors=("T3_K",)).y - 1.0).max() > 1e-4
 
 
 @pytest.mark.parametrize("name", SHAPES)
