@@ -85,7 +85,8 @@ def follows_sentences(follows: Sequence[Follows]) -> Iterator[str]:
     """What a switch that no column records follows, and what else would give its states back as well."""
     if not follows:
         return
-    first, latch = follows[0], follows[0].latch
+    first, latch = follows[0].of.variable, follows[0].latch
+    changes, records = count(follows[0].changes, "change"), count(latch.sure, "record")
     low, high = rounded(latch.lower), rounded(latch.upper)
     when = {
         Way.ABOVE: f"on above {high}, off below {low}",
@@ -93,12 +94,12 @@ def follows_sentences(follows: Sequence[Follows]) -> Iterator[str]:
         Way.FALLING: f"on between {low} and {high} after coming from above",
         Way.RISING: f"on between {low} and {high} after coming from below",
     }[latch.way]
-    over = "" if first.variable.recorded else " (in design values)"
+    over = "" if first.recorded else " (in design values)"
     yield (
-        f"  But its states are those of hysteresis in {first.variable.words}{over}: {when}, which gives back "
-        f"{latch.turns} of {count(first.changes, 'change')} and all but {latch.wrong} of {count(latch.sure, 'record')}."
+        f"  But its states are those of hysteresis in {first.words}{over}: {when}, which gives back "
+        f"{latch.turns} of {changes} and all but {latch.wrong} of {records}."
     )
-    others = [f.variable.words for f in follows[1 : 1 + MOST_OTHERS]]
+    others = [f.of.variable.words for f in follows[1 : 1 + MOST_OTHERS]]
     if others:
         yield f"  Thresholds of {listed(others, 'or')} do it nearly as well."
 
@@ -132,8 +133,8 @@ def follows_document(follows: Follows) -> dict[str, Any]:
     """The same as an object."""
     latch = follows.latch
     return {
-        "variable": follows.variable.name,
-        "way": latch.way.name.lower(),
+        "variable": follows.of.variable.name,
+        "way": latch.way.value,
         "lower": latch.lower,
         "upper": latch.upper,
         "turns": latch.turns,

@@ -13,7 +13,7 @@ from enginediag_cli.presentation.unrecorded import follows_document, follows_sen
 
 def follows(way: Way, words: str = "corrected N1", recorded: bool = False) -> Follows:
     variable = SimpleNamespace(name="corrected_N1", words=words, recorded=recorded)
-    return Follows(variable, Latched(0, way, 0.85, 0.879, 18, 1, 600, 44.3), 18)
+    return Follows(SimpleNamespace(variable=variable), Latched(0, way, 0.85, 0.879, 18, 1, 600, 44.3), 18)
 
 
 @pytest.mark.parametrize(

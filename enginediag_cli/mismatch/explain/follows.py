@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from enginediag_cli.mismatch.fit.identified import Identified
-from enginediag_cli.mismatch.laws.past import clock_of
-from enginediag_cli.mismatch.laws.scan import known_variables
+from enginediag_cli.mismatch.laws.scan import Known
 from enginediag_cli.mismatch.unrecorded.latched import Latched, States, latched
 from enginediag_cli.mismatch.unrecorded.recorded_driver import Hidden
-from enginediag_cli.physics.laws.variables import Variable
 
 AS_WELL = 3.0
 """Nats by which another variable may give the states back less well and be told beside the best."""
@@ -19,25 +18,22 @@ AS_WELL = 3.0
 
 @dataclass(frozen=True)
 class Follows:
-    """Thresholds of `variable` that give the states of a switch back, and of so many `changes` in all."""
+    """Thresholds of a variable that give the states of a switch back, and of so many `changes` in all."""
 
-    variable: Variable
+    of: Known
     latch: Latched
     changes: int
 
 
-def followed(finding: Hidden, found: Identified) -> tuple[Follows, ...]:
-    """Variables of a fit whose thresholds give the states of a finding back, best first; none where records are not the
-    course of anything."""
-    clock = clock_of(found)
+def followed(finding: Hidden, found: Identified, known: Sequence[Known]) -> tuple[Follows, ...]:
+    """Those of the variables `known` in a fit whose thresholds give the states of a finding back, best first; none
+    where records are not the course of anything."""
+    clock = known[0].clock if known else None
     if clock is None or not finding.is_switch or finding.states is None:
         return ()
     probability = dict(zip(finding.number.tolist(), finding.states.tolist(), strict=True))
     states = States.of(np.array([probability.get(n, 0.5) for n in found.number.tolist()]), clock)
-    known = known_variables(found)
     latches = latched(states, [k.values for k in known])
     return tuple(
-        Follows(known[x.variable].variable, x, len(states.changes))
-        for x in latches
-        if x.gain > latches[0].gain - AS_WELL
+        Follows(known[x.variable], x, len(states.changes)) for x in latches if x.gain > latches[0].gain - AS_WELL
     )

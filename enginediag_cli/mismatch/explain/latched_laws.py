@@ -16,10 +16,9 @@ from enginediag_cli.mismatch.explain.judging import Fits
 from enginediag_cli.mismatch.fit.freeform import Location
 from enginediag_cli.mismatch.fit.trial_fit import Trial
 from enginediag_cli.mismatch.laws.fitted import Fitted
-from enginediag_cli.mismatch.laws.grammar import FORMS, LATCHES, span
+from enginediag_cli.mismatch.laws.grammar import FALLING, FORMS, RISING, SWITCHING, span
 from enginediag_cli.mismatch.laws.scan import (
     Formula,
-    Known,
     known_variables,
     number_of_groups,
     over_records,
@@ -28,7 +27,7 @@ from enginediag_cli.mismatch.laws.scan import (
     share_of_variables,
 )
 from enginediag_cli.mismatch.laws.shortlist import Proposal, proposal
-from enginediag_cli.mismatch.unrecorded.latched import Latched, Way
+from enginediag_cli.mismatch.unrecorded.latched import Way
 from enginediag_cli.mismatch.unrecorded.recorded_driver import Hidden
 
 WIDTHS = (0.08, 0.03)
@@ -36,31 +35,31 @@ WIDTHS = (0.08, 0.03)
 VARIABLES, PLACES = 2, 3
 """That are tried, best first."""
 
-FORM = dict(zip((Way.ABOVE, Way.RISING, Way.FALLING), LATCHES, strict=True)) | {Way.BELOW: LATCHES[0]}
+FORM = {Way.ABOVE: SWITCHING, Way.BELOW: SWITCHING, Way.RISING: RISING, Way.FALLING: FALLING}
 
 
 def outweighing(finding: Hidden, evidence: float, fits: Fits) -> list[tuple[Proposal, ...]]:
     """Laws along what a switch follows that are as likely as that switch, of this ln `evidence` by itself."""
     found: dict[str, Proposal] = {}
-    follows = followed(finding, fits.base.found)[:VARIABLES]
+    known = known_variables(fits.base.found)
+    follows = followed(finding, fits.base.found, known)[:VARIABLES]
     places = (finding.location, *finding.rivals)[:PLACES]
     for width in WIDTHS if follows else ():
-        for p in _proposals(follows, places, width, fits.base):
+        formulas = [_formula(f, width, number_of_groups(known)) for f in follows]
+        for p in _proposals(formulas, places, fits.base):
             trials = [] if p.option.label in found else fits.refit([(p.option,)]) or []
             if any(Fitted.to(fits.base, (p,), t).evidence > evidence - follows[0].latch.gain for t in trials):
                 found[p.option.label] = p
     return [(p,) for p in found.values()]
 
 
-def _proposals(follows: Sequence[Follows], places: Sequence[Location], width: float, base: Trial) -> list[Proposal]:
-    known = known_variables(base.found)
-    of = {k.variable.name: k for k in known}
-    formulas = [_formula(f.latch, of[f.variable.name], width, number_of_groups(known)) for f in follows]
+def _proposals(formulas: Sequence[Formula], places: Sequence[Location], base: Trial) -> list[Proposal]:
     found = scored(base.found, base.projection, places, formulas, prior_of_a_place(base.found))
     return [proposal(c, base.found.evidence.engine) for c in found]
 
 
-def _formula(latch: Latched, of: Known, width: float, groups: int) -> Formula:
+def _formula(follows: Follows, width: float, groups: int) -> Formula:
+    of, latch = follows.of, follows.latch
     form = FORM[latch.way]
     shape = {"c": latch.lower, "h": 0.5 * (latch.upper - latch.lower), "w": width * span(of.values)}
     share = share_of_variables(1, groups) * form.weight / sum(f.weight for f in FORMS if not f.pairs)

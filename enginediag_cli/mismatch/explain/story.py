@@ -34,6 +34,7 @@ from enginediag_cli.mismatch.fit.options import EFFECT
 from enginediag_cli.mismatch.fit.options import LAW as OF_A_LAW
 from enginediag_cli.mismatch.fit.share import is_long
 from enginediag_cli.mismatch.fit.trial_fit import Trial
+from enginediag_cli.mismatch.laws.scan import known_variables
 from enginediag_cli.mismatch.unrecorded.hidden import HiddenFinding, effects_at
 from enginediag_cli.mismatch.unrecorded.switched import effects_that_switch
 
@@ -128,7 +129,7 @@ def tell(
         searched,
         gated=gated,
         flips=flips_of_answer(answer, search),
-        follows=followed(hidden[0], base.found) if hidden else (),
+        follows=followed(hidden[0], base.found, known_variables(base.found)) if hidden else (),
     )
 
 

@@ -204,9 +204,13 @@ def _play() -> Shape:
 PLAYING = (SWITCHED, SHARP, _play())
 
 
+DRAGGED = "backlash(x, h)"
+"""A variable with a play."""
+
+
 def _moved(text: str) -> str:
-    """What a text is, less what it is at the design point."""
-    there = re.sub(r"\b[xy]\b", lambda m: f"{m[0]}0", text)
+    """What a text is, less what it is at the design point, where a variable with a play is what it is itself."""
+    there = re.sub(r"\b[xy]\b", lambda m: f"{m[0]}0", text.replace(DRAGGED, "x"))
     return f"({text} - {there})"
 
 
@@ -217,13 +221,11 @@ RAMP_UP, RAMP_DOWN = f"(x - c + {HYPERBOLA})", f"(x - c - {HYPERBOLA})"
 STEP, BUMP, TURNING, WAVE = _moved(TANH), _moved(PEAK), _moved(HYPERBOLA), _moved(f"(x - c) / w * {PEAK}")
 ROOT_UP, ROOT_DOWN = _moved(f"sqrt{RAMP_UP}"), _moved(f"sqrt(-{RAMP_DOWN})")
 """What flows through an opening that a pressure begins to hold open."""
-LATCH, LATCH_THERE = "tanh((backlash(x, h) - h - c) / w)", "tanh((x0 - h - c) / w)"
-SWITCH = f"({LATCH} - {LATCH_THERE})"
+LATCH = f"tanh(({DRAGGED} - h - c) / w)"
+SWITCH = _moved(LATCH)
 """Off below c on the way down, and on from c + 2h on the way up: each has a letter of its own that it is told by."""
-ON_THE_WAY_UP = f"((1 - {LATCH}) * (1 + {TANH}) - (1 - {LATCH_THERE}) * (1 + tanh((x0 - c) / w)))"
-ON_THE_WAY_DOWN = (
-    f"((1 + {LATCH}) * (1 - tanh((x - c - 2 * h) / w)) - (1 + {LATCH_THERE}) * (1 - tanh((x0 - c - 2 * h) / w)))"
-)
+ON_THE_WAY_UP = _moved(f"(1 - {LATCH}) * (1 + {TANH})")
+ON_THE_WAY_DOWN = _moved(f"(1 + {LATCH}) * (1 - tanh((x - c - 2 * h) / w))")
 """Between c and c + 2h, after coming from below, or from above."""
 STEPS = _moved(f"{TANH} * tanh((y - d) / v)")
 SPOT = _moved("exp(-((x - c) / w) ** 2 - ((y - d) / v) ** 2)")
@@ -278,6 +280,7 @@ def _selected() -> Iterator[Form]:
             )
 
 
+SWITCHING = Form("switch", "as a switch with hysteresis in", f"a * {SWITCH}", PLAYING, weight=0.5)
 FORMS = (
     Form("linear", "in proportion to", "a * (x - x0)", weight=4.0),
     Form("logarithm", "as the logarithm of", "a * ln(x)", ratios=True, weight=3.0),
@@ -295,7 +298,7 @@ FORMS = (
     Form("valley", "by the distance from one value of", f"a * {TURNING}", (PLACE, TURN)),
     Form("lagged", "with a lag, in proportion to", "a * (lagged(x, t) - x0)", (_seconds(),), weight=0.5),
     Form("limited", "at a limited rate, in proportion to", "a * (limited(x, s, s) - x0)", (_slowness(),), weight=0.5),
-    Form("switch", "as a switch with hysteresis in", f"a * {SWITCH}", PLAYING, weight=0.5),
+    SWITCHING,
     Form("both", "as the product of what moves of", "a * (x - x0) * (y - y0)"),
     Form("by", f"as the first, {THE_MORE}", "a * (x - x0) * y", turned=True),
     Form("product", "as the product of", "a * (x * y - x0 * y0)"),
@@ -333,9 +336,7 @@ FORMS = (
 )
 """What a law may be, simple forms first."""
 
-LATCHES = (
-    next(f for f in FORMS if f.name == "switch"),
-    Form("rising", "on the way up between two values of", f"a * {ON_THE_WAY_UP}", PLAYING, weight=0.5),
-    Form("falling", "on the way down between two values of", f"a * {ON_THE_WAY_DOWN}", PLAYING, weight=0.5),
-)
+RISING = Form("rising", "on the way up between two values of", f"a * {ON_THE_WAY_UP}", PLAYING, weight=0.5)
+FALLING = Form("falling", "on the way down between two values of", f"a * {ON_THE_WAY_DOWN}", PLAYING, weight=0.5)
+LATCHES = (SWITCHING, RISING, FALLING)
 """What a switch may do whose states say where its thresholds lie: without these the last two are not sought."""

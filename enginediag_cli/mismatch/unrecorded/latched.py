@@ -26,6 +26,7 @@ from functools import cached_property
 import numpy as np
 
 from enginediag_cli.engine.moving.filters.base import Clock
+from enginediag_cli.engine.moving.filters.hysteresis import came_from
 
 GRID, FINER = 80, 30
 """Values of a variable among which thresholds are sought, and about the best of them again."""
@@ -36,12 +37,10 @@ LEAST = 3.0
 
 
 class Way(Enum):
-    """When the second of two states is on."""
+    """When the second of two states is on: from the upper threshold on until below the lower one, the other way round,
+    or between the two, having come from above or from below."""
 
-    ABOVE = "from the upper threshold on, until below the lower one"
-    BELOW = "from the lower threshold down, until above the upper one"
-    FALLING = "between the two, having come from above"
-    RISING = "between the two, having come from below"
+    ABOVE, BELOW, FALLING, RISING = "above", "below", "falling", "rising"
 
 
 @dataclass(frozen=True)
@@ -106,18 +105,15 @@ def _tried(states: States, variable: int, x: np.ndarray, levels: tuple[np.ndarra
     """The best of all ways for each lower threshold of these and its best upper ones, variables and thresholds not
     paid for."""
     N, (lower, upper) = len(x), levels
-    start = np.maximum.accumulate(np.where(states.clock.first, np.arange(N), 0))
     changes = states.changes
     for low in lower:
         highs = upper[upper > low]
         if not len(highs):
             continue
-        above = x[None, :] >= highs[:, None]  # (pairs, N)
-        decided = above | (x <= low)[None, :]
-        last = np.maximum.accumulate(np.where(decided, np.arange(N), -1), axis=1)
-        known = (last >= start) & states.sure
-        latch = np.take_along_axis(above, np.maximum(last, 0), axis=1)
-        for way, told in _ways(latch, ~decided):
+        above, below = x[None, :] >= highs[:, None], (x <= low)[None, :]  # (pairs, N), (1, N)
+        latch, told_at_all = came_from(states.clock, above, below)
+        known = told_at_all & states.sure
+        for way, told in _ways(latch, ~(above | below)):
             right = known & (told == states.on)
             wrong = (known & ~right).sum(axis=1)
             turns = (right[:, changes[:, 0]] & right[:, changes[:, 1]]).sum(axis=1)

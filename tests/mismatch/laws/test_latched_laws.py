@@ -14,6 +14,7 @@ from enginediag_cli.mismatch.explain.explain import Search
 from enginediag_cli.mismatch.explain.follows import followed
 from enginediag_cli.mismatch.explain.unrecorded_search import hidden_search, with_own_noise
 from enginediag_cli.mismatch.fit.load import Case, load_case
+from enginediag_cli.mismatch.laws.scan import known_variables
 from enginediag_cli.physics.engine_file import load_engine
 from enginediag_cli.physics.registry import candidates, effect
 from enginediag_cli.shipped import shipped
@@ -75,4 +76,4 @@ def test_air_that_is_bled_at_times_follows_nothing(tmp_path: Path) -> None:
     search = searched(tmp_path, bled, 0.0, 7)
     answer = search.run()
     assert answer.status == HIDDEN and answer.hidden[0].location.name == "customer_bleed@compressor"
-    assert followed(answer.hidden[0], search.base.found) == ()
+    assert followed(answer.hidden[0], search.base.found, known_variables(search.base.found)) == ()
