@@ -10,10 +10,10 @@ import pytest
 from enginediag_cli.drivers import CONSTANT
 from enginediag_cli.mismatch.explain import stepwise
 from enginediag_cli.mismatch.explain.currency import Offer
-from enginediag_cli.mismatch.explain.exchanges import exchanges, in_rivals
+from enginediag_cli.mismatch.explain.exchanges import exchanges, in_rivals, two_for_a_law
 from enginediag_cli.mismatch.fit.extended import Discrepancy
 from enginediag_cli.mismatch.fit.identified import Hypothesis
-from enginediag_cli.mismatch.fit.options import EFFECT, FREE, Option
+from enginediag_cli.mismatch.fit.options import EFFECT, FREE, LAW, Option
 
 
 def option(name: str, kind: str = EFFECT, at: str = "") -> Option:
@@ -21,8 +21,8 @@ def option(name: str, kind: str = EFFECT, at: str = "") -> Option:
     return Option(kind, name, "", CONSTANT, Hypothesis((), moved))
 
 
-BY_NAME = {o.label: o for o in (*map(option, "abcd"), option("f", FREE, "x"))}
-"""Four that are listed, and a free curve."""
+BY_NAME = {o.label: o for o in (*map(option, "abcd"), option("f", FREE, "x"), option("l", LAW, "y"))}
+"""Four that are listed, a free curve, and a law."""
 
 
 class Sets:
@@ -93,6 +93,15 @@ def test_members_of_a_set_that_holds_something_else_are_exchanged_too(rival, tri
 def test_a_rival_has_a_free_curve_beside_it_where_that_promises_more():
     sets = Sets({"ab": 0.0, "ac": -4.0, "a": -20.0, "c": -40.0}, {("ac", "f"): 6.0})
     assert labels(in_rivals(sets, sets.of["ab"], lambda t: [], -15.0, -8.0)) == ["acf"]
+
+
+def test_a_law_has_two_listed_ones_in_its_place_where_either_alone_promises_far_too_little():
+    gains = {("a", "c"): 30.0, ("ac", "d"): 29.0, ("ac", "b"): 2.0}
+    sets = Sets({"al": 0.0, "a": -60.0, "ac": -30.0}, gains)
+    assert labels(exchanges(sets, sets.of["al"], (), -10.0)) == []
+    assert labels(two_for_a_law(sets, sets.of["al"], -10.0)) == ["acd"]
+    of_listed = Sets({"ab": 0.0, "a": -60.0, "ac": -30.0}, gains)
+    assert two_for_a_law(of_listed, of_listed.of["ab"], -10.0) == []
 
 
 @pytest.mark.parametrize("evidence", [-1021.8186973059272, -510.17751482413536, -3.693201614627458, 0.0])

@@ -11,7 +11,7 @@ from typing import Protocol
 
 from enginediag_cli.mismatch.explain.currency import Offer
 from enginediag_cli.mismatch.explain.members import MOST_MEMBERS, Held, Members, add, held
-from enginediag_cli.mismatch.fit.options import Option
+from enginediag_cli.mismatch.fit.options import LAW, Option
 from enginediag_cli.mismatch.fit.trial_fit import Trial
 
 Proposer = Callable[[Trial], Sequence[Offer]]
@@ -19,6 +19,8 @@ Proposer = Callable[[Trial], Sequence[Offer]]
 
 EXCHANGED = 2
 """Options that are tried in the place of each member of a set."""
+FIRST_OF_TWO = 3
+"""Options that are fitted in the place of a law for others to be tried beside them."""
 RIVALS = 2
 """Sets that hold something else, likeliest first, in which members are exchanged once one is settled."""
 
@@ -57,6 +59,27 @@ def exchanges(
             if sets.hope(without, offer) > enough and not sets.known((*others, offer.option)):
                 add(new, (*others, offer.option))
     return new
+
+
+def two_for_a_law(sets: Searched, trial: Trial, enough: float) -> list[Members]:
+    """Sets with two listed options in the place of a law, that promise more than `enough`. A law is free in form and
+    may be as likely as two effects at once, either of which alone promises far too little to be tried in its place."""
+    new: list[Members] = []
+    for half in (h for o in trial.options if o.kind == LAW for h in _with_one_more(sets, trial, o)):
+        for second in sets.offered(half, (), EXCHANGED):
+            both = (*half.options, second.option)
+            if sets.hope(half, second) > enough and not sets.known(both):
+                add(new, both)
+    return new
+
+
+def _with_one_more(sets: Searched, trial: Trial, law: Option) -> list[Trial]:
+    """The set without its law, with each of the best listed options in its place."""
+    without = sets.fitted(tuple(o for o in trial.options if o is not law))
+    if without is None:
+        return []
+    fits = [sets.fitted((*without.options, o.option)) for o in sets.offered(without, (), FIRST_OF_TWO)]
+    return [f for f in fits if f is not None]
 
 
 def in_rivals(sets: Searched, settled: Trial, unlisted: Proposer, least: float, enough: float) -> list[Members]:

@@ -16,14 +16,16 @@ from enginediag_cli.mismatch.explain.judging import Fits
 from enginediag_cli.mismatch.fit.freeform import Location
 from enginediag_cli.mismatch.fit.trial_fit import Trial
 from enginediag_cli.mismatch.laws.fitted import Fitted
-from enginediag_cli.mismatch.laws.grammar import FALLING, FORMS, RISING, SWITCHING, span
+from enginediag_cli.mismatch.laws.grammar import FALLING, RISING, SWITCHING, span
 from enginediag_cli.mismatch.laws.scan import (
     Formula,
+    forms_of,
     known_variables,
     number_of_groups,
     over_records,
     prior_of_a_place,
     scored,
+    share_of_form,
     share_of_variables,
 )
 from enginediag_cli.mismatch.laws.shortlist import Proposal, proposal
@@ -62,5 +64,5 @@ def _formula(follows: Follows, width: float, groups: int) -> Formula:
     of, latch = follows.of, follows.latch
     form = FORM[latch.way]
     shape = {"c": latch.lower, "h": 0.5 * (latch.upper - latch.lower), "w": width * span(of.values)}
-    share = share_of_variables(1, groups) * form.weight / sum(f.weight for f in FORMS if not f.pairs)
+    share = share_of_variables(1, groups) * share_of_form(form, forms_of((of,)))
     return Formula(form, (of,), shape, over_records(form, (of,), shape), float(np.log(share)))

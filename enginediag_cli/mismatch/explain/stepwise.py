@@ -21,7 +21,7 @@ import numpy as np
 
 from enginediag_cli.mismatch.explain.answer import Explanation
 from enginediag_cli.mismatch.explain.currency import Offer, Prices
-from enginediag_cli.mismatch.explain.exchanges import Proposer, exchanges, in_rivals
+from enginediag_cli.mismatch.explain.exchanges import Proposer, exchanges, in_rivals, two_for_a_law
 from enginediag_cli.mismatch.explain.free_members import Unlisted
 from enginediag_cli.mismatch.explain.judging import ALIAS, Fits
 from enginediag_cli.mismatch.explain.members import (
@@ -188,6 +188,7 @@ class Sets:
             floor = self.prices.least + 0.5 * best.objective
             far = [t for t in others if self.evidence(t) + 0.5 * t.objective - floor > enough]
             new = [*self._proposed(others, proposers, enough), *self._proposed(far, proposers, -np.inf)]
+            new = new or two_for_a_law(self, best, self._near(best))
             new = new or in_rivals(self, best, self.unlisted, self.evidence(best) - WITHIN_REACH, self._near(best))
             if not new or self._fits > MOST_FITS:
                 break

@@ -147,13 +147,23 @@ def formulas_of(
 ) -> Iterator[Formula]:
     """All forms of one variable, or of two together, with their prior among all of the variables `known`: variables
     that cannot be told apart have that of their group. `finer`: with more tries of their shapes."""
-    own = [f for f in forms if f.pairs == (len(of) == 2) and not (f.remembers and of[0].clock is None)]
+    own = forms_of(of, forms)
     share = share_of_variables(len(of), number_of_groups(known))
     orders = {f.name: (of, of[::-1]) if f.turned else (of,) for f in own}
     for form in own:
         for order in orders[form.name]:
-            part = share * form.weight / sum(f.weight for f in own) / len(orders[form.name])
+            part = share * share_of_form(form, own) / len(orders[form.name])
             yield from _shaped(form, tuple(order), part, finer)
+
+
+def forms_of(of: Sequence[Known], forms: Sequence[Form] = FORMS) -> list[Form]:
+    """Those of one variable, or of two, whose values over the records may have them."""
+    return [f for f in forms if f.pairs == (len(of) == 2) and not (f.remembers and of[0].clock is None)]
+
+
+def share_of_form(form: Form, own: Sequence[Form]) -> float:
+    """Prior of a form among those that variables may have."""
+    return form.weight / sum(f.weight for f in own)
 
 
 def formulas_over(seen: Sequence[Known], known: Sequence[Known], own: list[Formula]) -> list[Formula]:
