@@ -7,18 +7,24 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from enginediag_cli.drivers import CONSTANT
+from enginediag_cli.drivers import CONSTANT, TIME
 from enginediag_cli.mismatch.explain import stepwise
 from enginediag_cli.mismatch.explain.currency import Offer
 from enginediag_cli.mismatch.explain.exchanges import exchanges, in_rivals, two_for_a_law
 from enginediag_cli.mismatch.fit.extended import Discrepancy
 from enginediag_cli.mismatch.fit.identified import Hypothesis
-from enginediag_cli.mismatch.fit.options import EFFECT, FREE, LAW, Option
+from enginediag_cli.mismatch.fit.options import EFFECT, FAULT, FREE, LAW, Option
 
 
 def option(name: str, kind: str = EFFECT, at: str = "") -> Option:
     moved = (Discrepancy(at, name, 1.0),) if at else ()
     return Option(kind, name, "", CONSTANT, Hypothesis((), moved))
+
+
+def change(at: str, first: int) -> Option:
+    name = f"since {first}"
+    moved = Hypothesis((), (Discrepancy(at, name, 1.0),), {name: (np.arange(3) >= first).astype(float)})
+    return Option(FAULT, f"{at} {name}", "", TIME, moved)
 
 
 BY_NAME = {o.label: o for o in (*map(option, "abcd"), option("f", FREE, "x"), option("l", LAW, "y"))}
@@ -93,6 +99,16 @@ def test_members_of_a_set_that_holds_something_else_are_exchanged_too(rival, tri
 def test_a_rival_has_a_free_curve_beside_it_where_that_promises_more():
     sets = Sets({"ab": 0.0, "ac": -4.0, "a": -20.0, "c": -40.0}, {("ac", "f"): 6.0})
     assert labels(in_rivals(sets, sets.of["ab"], lambda t: [], -15.0, -8.0)) == ["acf"]
+
+
+def test_a_change_in_time_is_tried_with_the_onset_of_the_one_in_whose_place_it_is_too(monkeypatch):
+    early, late = change("x", 1), change("y", 2)
+    for o in (early, late):
+        monkeypatch.setitem(BY_NAME, o.label, o)
+    sets = Sets({"a": -20.0}, {})
+    monkeypatch.setattr(sets, "offered", lambda *_: [Offer(early, 0.0, 30.0)])
+    trial = SimpleNamespace(options=(BY_NAME["a"], late), evidence=0.0)
+    assert [m[-1].label for m in exchanges(sets, trial, (), 0.0, of=[late])] == ["x since 1", "x since 2"]
 
 
 def test_a_law_has_two_listed_ones_in_its_place_where_either_alone_promises_far_too_little():

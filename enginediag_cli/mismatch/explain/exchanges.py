@@ -11,7 +11,7 @@ from typing import Protocol
 
 from enginediag_cli.mismatch.explain.currency import Offer
 from enginediag_cli.mismatch.explain.members import MOST_MEMBERS, Held, Members, add, held
-from enginediag_cli.mismatch.fit.options import LAW, Option
+from enginediag_cli.mismatch.fit.options import LAW, Option, begun_with
 from enginediag_cli.mismatch.fit.trial_fit import Trial
 
 Proposer = Callable[[Trial], Sequence[Offer]]
@@ -46,7 +46,9 @@ class Searched(Protocol):
 def exchanges(
     sets: Searched, trial: Trial, proposers: Sequence[Proposer], enough: float, of: Iterable[Option] | None = None
 ) -> list[Members]:
-    """Sets with something else in the place of one member, of all or of these, that promise more than `enough`."""
+    """Sets with something else in the place of one member, of all or of these, that promise more than `enough`. A
+    change in time has the onset that suits what is left, and that of the change in whose place it is: everything else
+    bends to the fit without one, which may see another's onset somewhere else."""
     new: list[Members] = []
     for member in trial.options if of is None else of:
         others = tuple(o for o in trial.options if o is not member)
@@ -56,8 +58,11 @@ def exchanges(
         for offer in sets.offered(without, proposers, EXCHANGED + 1):
             if offer.option.label == member.label:
                 continue
-            if sets.hope(without, offer) > enough and not sets.known((*others, offer.option)):
-                add(new, (*others, offer.option))
+            if sets.hope(without, offer) <= enough:
+                continue
+            for option in (offer.option, begun_with(offer.option, member)):
+                if not sets.known((*others, option)):
+                    add(new, (*others, option))
     return new
 
 

@@ -206,6 +206,14 @@ def stepping(option: Option, evidence: Evidence, at: int) -> Option:
     return _begun(option, name, curve)
 
 
+def begun_with(option: Option, other: Option) -> Option:
+    """A change in time that begins with the record with which another does; any other option as it is."""
+    if not option.driver == other.driver == TIME:
+        return option
+    (of,) = other.hypothesis.discrepancies
+    return _begun(option, of.curve, other.hypothesis.curves[of.curve])
+
+
 def _begun(option: Option, name: str, curve: np.ndarray) -> Option:
     (d,) = option.hypothesis.discrepancies
     return Option(
