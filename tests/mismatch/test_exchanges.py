@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from enginediag_cli.drivers import CONSTANT, TIME
-from enginediag_cli.mismatch.explain import stepwise
 from enginediag_cli.mismatch.explain.currency import Offer
+from enginediag_cli.mismatch.explain.deciding import Deciding
 from enginediag_cli.mismatch.explain.exchanges import exchanges, in_rivals, two_for_a_law
 from enginediag_cli.mismatch.fit.extended import Discrepancy
 from enginediag_cli.mismatch.fit.identified import Hypothesis
@@ -130,12 +130,10 @@ def test_what_is_settled_is_settled_at_once_whatever_its_evidence(evidence):
         assert len(asked) < 5
         return sets.of["ab"]
 
-    named = SimpleNamespace(named=lambda near, weight: near)
-    search = SimpleNamespace(
-        **{n: getattr(sets, n) for n in ("likeliest", "evidence", "fitted", "known", "offered", "offered_by", "hope")},
-        **dict.fromkeys(("_counts", "_is_adequate"), lambda trial: True),
-        **{"_good": good, "_near": lambda trial: -np.inf, "_fit": lambda new: None, "_beam": lambda listed: []},
-        **{"_imitates": lambda trial: False, "proposers": (), "unlisted": None, "fits": named},
-    )
-    stepwise.Sets._settled(search, [])
+    for name, answer in {"weighed": None, "near": -np.inf, "fit": None, "beam": [], "unlisted": None}.items():
+        setattr(sets, name, lambda *_, answer=answer, **__: answer)
+    sets.fits = SimpleNamespace(named=lambda near, weighed: near)
+    deciding = Deciding(sets, None)
+    deciding._good, deciding._counts, deciding.imitates = good, lambda trial: True, lambda trial: False
+    deciding.settled([])
     assert len(asked) == 2

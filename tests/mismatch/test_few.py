@@ -11,8 +11,8 @@ from enginediag_cli.mismatch.explain import few as searched
 from enginediag_cli.mismatch.explain.answer import NAMED
 from enginediag_cli.mismatch.explain.explain import Search
 from enginediag_cli.mismatch.explain.few import Few
+from enginediag_cli.mismatch.explain.fitted_sets import FittedSets
 from enginediag_cli.mismatch.explain.members import identity
-from enginediag_cli.mismatch.explain.stepwise import Sets
 from enginediag_cli.mismatch.fit.options import stepping
 from enginediag_cli.mismatch.fit.share import every_so_often
 
@@ -73,7 +73,7 @@ def test_a_change_of_few_records_begins_on_all_with_the_same_record(quarter):
 def test_a_free_curve_of_few_records_is_along_the_same_driver_on_all(quarter):
     search().run()
     few = Few.of(search())
-    sets = Sets(few.fits, None, many=True)
+    sets = FittedSets(few.fits, many=True)
     offer = sets.unlisted(few.fits.base)[0]
     (trial,) = few.fits.refit([(offer.option,)])
     on_all = few.on_all(trial, sets.unlisted)

@@ -10,9 +10,9 @@ import pytest
 
 from enginediag_cli.engine.term import Coefficient, Effect
 from enginediag_cli.mismatch.explain.explain import Search
+from enginediag_cli.mismatch.explain.fitted_sets import FittedSets
 from enginediag_cli.mismatch.explain.law_members import LawMembers
 from enginediag_cli.mismatch.explain.law_of_set import LawOfSet, OfSet
-from enginediag_cli.mismatch.explain.stepwise import Sets
 from enginediag_cli.mismatch.fit.evidence import Flight
 from enginediag_cli.mismatch.fit.identified import NO_HYPOTHESIS, identify_with
 from enginediag_cli.mismatch.fit.options import LAW, Option, onset
@@ -31,7 +31,7 @@ STEP, SINCE, RECORDS = 0.004, 3, 40
 
 
 @pytest.fixture(scope="module")
-def sets() -> Sets:
+def sets() -> FittedSets:
     """Of flights with a wave over Mach number at the HPC's efficiency, and a T45 that reads 0.4 % more since one."""
     engine = concealed.turbofan()
     size = Coefficient("a", "1", "size", 0.0, -1.0, 1.0, 0.05, 0.03)
@@ -46,22 +46,22 @@ def sets() -> Sets:
     found = identify_with(search.evidence, NO_HYPOTHESIS, search.along)
     search.look_from(Trial((), found, Projection(found)))
     search.weighed(remainder(search.base, search.library, search.along_drivers))
-    return Sets(search, None)
+    return FittedSets(search)
 
 
 @pytest.fixture(scope="module")
-def members(sets: Sets) -> LawMembers:
+def members(sets: FittedSets) -> LawMembers:
     """The laws that these sets know."""
     return LawMembers(sets.fits.base.found, sets.prices)
 
 
-def step_of(sets: Sets) -> Option:
+def step_of(sets: FittedSets) -> Option:
     """The step of T45 that begins when it does."""
     own = (o for o in sets.fits.library if o.label.startswith("sensor.T45.scale"))
     return next(o for o in own if onset(o) == SINCE * RECORDS)
 
 
-def law_at(sets: Sets, members: LawMembers, name: str, form: str, variables: list[str]) -> Proposal:
+def law_at(sets: FittedSets, members: LawMembers, name: str, form: str, variables: list[str]) -> Proposal:
     """The best law of this form at a place."""
     base = sets.fits.base
     place = [w for w in members.where if w.name == name]
@@ -69,7 +69,7 @@ def law_at(sets: Sets, members: LawMembers, name: str, form: str, variables: lis
     return proposal(scored(base.found, base.projection, place, own, 0.0)[0], base.found.evidence.engine)
 
 
-def named(sets: Sets, members: LawMembers, form: str, variables: list[str], beside: str = ""):
+def named(sets: FittedSets, members: LawMembers, form: str, variables: list[str], beside: str = ""):
     """A set of the step and of a law of this form, as it might have been named; with a fault `beside` them."""
     law = law_at(sets, members, "hpc.efficiency", form, variables)
     members.learn([law])
@@ -81,7 +81,7 @@ def named(sets: Sets, members: LawMembers, form: str, variables: list[str], besi
 @pytest.mark.slow
 @pytest.mark.parametrize("idle", ["", "sensor.P3.scale"])
 def test_a_law_that_joined_along_two_variables_is_told_along_its_own_one(
-    sets: Sets, members: LawMembers, idle: str
+    sets: FittedSets, members: LawMembers, idle: str
 ) -> None:
     of_set = LawOfSet(sets, members).of(named(sets, members, "bump_by", ["mach", "power"], beside=idle))
     told, first = of_set.explanations, of_set.explanations[0]
@@ -102,7 +102,7 @@ def test_a_law_that_joined_along_two_variables_is_told_along_its_own_one(
 
 @pytest.mark.slow
 def test_the_law_of_each_rival_is_searched_and_what_holds_the_same_then_is_told_once(
-    sets: Sets, members: LawMembers
+    sets: FittedSets, members: LawMembers
 ) -> None:
     """The rival holds the same step and a fault besides, which its law leaves nothing to do once it is searched."""
     first = named(sets, members, "bump", ["mach"])
@@ -116,7 +116,7 @@ def test_the_law_of_each_rival_is_searched_and_what_holds_the_same_then_is_told_
 
 
 def test_what_is_known_of_laws_at_two_places_has_a_place_where_only_these_were_fitted(
-    sets: Sets, members: LawMembers
+    sets: FittedSets, members: LawMembers
 ) -> None:
     both = tuple(law_at(sets, members, f"hpc.{q}", "optimum", ["mach"]) for q in ("efficiency", "flow_capacity"))
     search = LawSearch(sets.fits.base, Scan((), tuple(known_variables(sets.fits.base.found))), sets.fits.refit, (both,))
@@ -125,7 +125,10 @@ def test_what_is_known_of_laws_at_two_places_has_a_place_where_only_these_were_f
     assert finding.places[0][0].name.startswith("hpc.") and finding.together == pytest.approx(1.0)
 
 
-def test_sets_without_a_law_stay_as_they_were_named(sets: Sets, members: LawMembers) -> None:
+def test_sets_without_a_law_stay_as_they_were_named(
+    sets: FittedSets, members: LawMembers, monkeypatch: pytest.MonkeyPatch
+) -> None:
     (trial,) = sets.fits.refit([(step_of(sets),)]) or []
+    monkeypatch.setattr(sets.fits, "fitted", {trial.label: trial})  # no set with a law is near it
     alone = [sets.fits.explanation(trial, 1.0, 0.0, 1.0)]
     assert LawOfSet(sets, members).of(alone) == OfSet(tuple(alone))

@@ -6,32 +6,33 @@ from types import SimpleNamespace
 
 import pytest
 
+from enginediag_cli.mismatch.explain.deciding import Deciding
 from enginediag_cli.mismatch.explain.judging import ALIAS, Fits
 from enginediag_cli.mismatch.explain.law_of_set import ANOTHER_PLACE, _simplest
 from enginediag_cli.mismatch.explain.rejected import Reason, Rejected
-from enginediag_cli.mismatch.explain.stepwise import Sets
 from enginediag_cli.mismatch.fit.options import FREE, LAW
 
 
-def sets_of(evidence: dict[str, float], idle: tuple[str, ...] = ()) -> Sets:
-    """Sets of which only the evidence is known, and which of them hold a member that is not needed."""
-    sets = object.__new__(Sets)
+def deciding_of(evidence: dict[str, float], idle: tuple[str, ...] = ()) -> Deciding:
+    """Of sets of which only the evidence is known, and which of them hold a member that is not needed."""
     trials = {label: SimpleNamespace(label=label) for label in evidence}
-    sets.fits = SimpleNamespace(fitted=trials)
-    sets.evidence = lambda t: evidence[t.label]
-    sets.likeliest = lambda listed=False: sorted(trials.values(), key=lambda t: -evidence[t.label])
-    sets._without_idle = lambda t: ("others",) if t.label in idle else ()
-    return sets
+    sets = SimpleNamespace(
+        fits=SimpleNamespace(fitted=trials),
+        evidence=lambda t: evidence[t.label],
+        likeliest=lambda listed=False: sorted(trials.values(), key=lambda t: -evidence[t.label]),
+        without_idle=lambda t: ("others",) if t.label in idle else (),
+    )
+    return Deciding(sets, None)
 
 
 @pytest.mark.parametrize(
     ("behind", "idle", "stands"), [(0.5 * ALIAS - 0.1, (), True), (20.0, (), False), (20.0, ("better",), True)]
 )
 def test_a_pair_that_is_left_far_behind_is_not_named(behind, idle, stands):
-    sets = sets_of({"base": -500.0, "named": -behind, "better": 0.0}, idle)
+    deciding = deciding_of({"base": -500.0, "named": -behind, "better": 0.0}, idle)
     named = [SimpleNamespace(label="named")]
-    assert sets._unless_outdone(named) == (named if stands else [])
-    assert sets._unless_outdone([]) == []
+    assert deciding.unless_outdone(named) == (named if stands else [])
+    assert deciding.unless_outdone([]) == []
 
 
 @pytest.mark.parametrize(
@@ -51,12 +52,11 @@ def test_a_curve_that_leaves_less_than_it_costs_calls_for_a_law(left, coefficien
             options=[SimpleNamespace(kind=o) for o in of],
         )
 
-    sets = object.__new__(Sets)
     named, other = trial("named", 100.0, 1, ["effect"]), trial("other", left, coefficients + 1, ["effect", kind])
-    sets.fits = SimpleNamespace(fitted={t.label: t for t in (named, other)})
-    sets.likeliest = lambda listed=False: [named, other]
-    assert sets.leaves_to_a_curve("named") is less
-    assert not sets.leaves_to_a_curve("of other records")
+    fits = SimpleNamespace(fitted={t.label: t for t in (named, other)})
+    deciding = Deciding(SimpleNamespace(fits=fits, likeliest=lambda listed=False: [named, other]), None)
+    assert deciding.leaves_to_a_curve("named") is less
+    assert not deciding.leaves_to_a_curve("of other records")
 
 
 def named_of(weighed: dict[str, float], **why: Reason) -> tuple[list[str], Fits]:

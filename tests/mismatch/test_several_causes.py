@@ -15,7 +15,7 @@ from enginediag_cli.mismatch.explain.free_members import Unlisted, free_option
 from enginediag_cli.mismatch.explain.in_part import in_part
 from enginediag_cli.mismatch.explain.members import identity
 from enginediag_cli.mismatch.explain.promised import promising
-from enginediag_cli.mismatch.explain.stepwise import Sets
+from enginediag_cli.mismatch.explain.stepwise import Stepwise
 from enginediag_cli.mismatch.fit.evidence import Flight
 from enginediag_cli.mismatch.fit.identified import NO_HYPOTHESIS, identify_with, nuisance
 from enginediag_cli.mismatch.fit.options import LAW as OF_A_LAW
@@ -146,11 +146,12 @@ def test_a_member_that_is_not_needed_is_dropped():
     e = evidence(flights(carried(REYNOLDS), np.random.default_rng(22)))
     search = Search(e, library())
     search.run()
-    sets = Sets(search, None)
+    stepwise = Stepwise(search, None)
+    sets = stepwise.sets
     search.refit([(option("reynolds_efficiency@hpc"), option("handling_bleed@booster"))])
     beam = [t for t in sets.likeliest() if len(t.options) == 2]
     search.fitted.pop("reynolds_efficiency@hpc", None)
-    (dropped,) = [s for s in sets._proposed(beam, (), -np.inf) if len(s) == 1]
+    (dropped,) = [s for s in stepwise._proposed(beam, (), -np.inf) if len(s) == 1]
     assert [o.label for o in dropped] == ["reynolds_efficiency@hpc"]
 
 
@@ -174,7 +175,7 @@ def fault_beside_unlisted():
 def in_part_alone():
     """What would be told of it if no law could be."""
     search, a = fault_beside_unlisted()
-    part = in_part(Sets(search, a.cells[0]))
+    part = in_part(Stepwise(search, a.cells[0]))
     return replace(a, explanations=(part.explanation,), unexplained=part.unexplained, rest=part.cells)
 
 

@@ -19,6 +19,9 @@ def explained(name: str) -> Explanation:
 
 LISTED, WITH_LAW = explained("listed"), explained("with a law")
 
+SEARCH = SimpleNamespace(sets=None, deciding=SimpleNamespace(leaves_to_a_curve=lambda label: True))
+"""Of sets, that finds a curve which leaves less."""
+
 
 class Asked(Search):
     """A search that names one set of what is listed, and finds this with laws."""
@@ -45,12 +48,11 @@ class Asked(Search):
 )
 def test_sets_with_and_without_a_law_are_told_together_where_they_are_as_likely(behind, named, told):
     search = Asked(100.0, Mixed((WITH_LAW,), 100.0 - behind, None))
-    sets = SimpleNamespace(leaves_to_a_curve=lambda label: True)
-    found, mixed = search._or_with_laws(sets, [LISTED], ())
+    found, mixed = search._or_with_laws(SEARCH, [LISTED], ())
     assert [x.label for x in found] == named
     assert [x.label for x in mixed.explanations] == told
 
 
 def test_what_is_listed_stays_where_laws_explain_nothing():
-    search, sets = Asked(100.0, Mixed()), SimpleNamespace(leaves_to_a_curve=lambda label: True)
-    assert search._or_with_laws(sets, [LISTED], ()) == ([LISTED], Mixed())
+    search = Asked(100.0, Mixed())
+    assert search._or_with_laws(SEARCH, [LISTED], ()) == ([LISTED], Mixed())

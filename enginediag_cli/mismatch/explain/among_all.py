@@ -18,15 +18,15 @@ from dataclasses import replace
 import numpy as np
 
 from enginediag_cli.mismatch.explain.answer import Explanation
+from enginediag_cli.mismatch.explain.fitted_sets import FittedSets
 from enginediag_cli.mismatch.explain.members import Held, held
-from enginediag_cli.mismatch.explain.stepwise import Sets
 from enginediag_cli.mismatch.fit.trial_fit import Trial
 
 SETTLED = 3.0
 """Odds against the same without them from which members of a set are told to act. Judgement."""
 
 
-def among_all(sets: Sets, named: Sequence[Explanation]) -> list[Explanation]:
+def among_all(sets: FittedSets, named: Sequence[Explanation]) -> list[Explanation]:
     """What is named, in its order, with probabilities among all sets; before it the same without members that are not
     settled."""
     if not named:
@@ -50,6 +50,6 @@ def among_all(sets: Sets, named: Sequence[Explanation]) -> list[Explanation]:
     return found
 
 
-def _simpler(sets: Sets, trial: Trial, probability: float) -> Explanation:
+def _simpler(sets: FittedSets, trial: Trial, probability: float) -> Explanation:
     fits = sets.fits
     return fits.explanation(trial, probability, fits.left(trial).surprise, fits.flights(trial))

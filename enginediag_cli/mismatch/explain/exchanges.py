@@ -6,16 +6,12 @@ else and leaves a misfit may lack a single exchange to explain all, and be likel
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
-from typing import Protocol
+from collections.abc import Iterable, Sequence
 
-from enginediag_cli.mismatch.explain.currency import Offer
+from enginediag_cli.mismatch.explain.fitted_sets import FittedSets, Proposer
 from enginediag_cli.mismatch.explain.members import MOST_MEMBERS, Held, Members, add, held
 from enginediag_cli.mismatch.fit.options import LAW, Option, begun_with
 from enginediag_cli.mismatch.fit.trial_fit import Trial
-
-Proposer = Callable[[Trial], Sequence[Offer]]
-"""Offers further options for what a trial leaves: what no library holds."""
 
 EXCHANGED = 2
 """Options that are tried in the place of each member of a set."""
@@ -25,26 +21,8 @@ RIVALS = 2
 """Sets that hold something else, likeliest first, in which members are exchanged once one is settled."""
 
 
-class Searched(Protocol):
-    """A search of sets, as exchanges ask it."""
-
-    def likeliest(self, listed: bool = False) -> list[Trial]: ...
-
-    def evidence(self, trial: Trial) -> float: ...
-
-    def fitted(self, members: Members) -> Trial | None: ...
-
-    def known(self, members: Members) -> bool: ...
-
-    def offered(self, trial: Trial, proposers: Sequence[Proposer], most: int) -> list[Offer]: ...
-
-    def offered_by(self, proposer: Proposer, trial: Trial) -> list[Offer]: ...
-
-    def hope(self, trial: Trial, offer: Offer) -> float: ...
-
-
 def exchanges(
-    sets: Searched, trial: Trial, proposers: Sequence[Proposer], enough: float, of: Iterable[Option] | None = None
+    sets: FittedSets, trial: Trial, proposers: Sequence[Proposer], enough: float, of: Iterable[Option] | None = None
 ) -> list[Members]:
     """Sets with something else in the place of one member, of all or of these, that promise more than `enough`. A
     change in time has the onset that suits what is left, and that of the change in whose place it is: everything else
@@ -66,7 +44,7 @@ def exchanges(
     return new
 
 
-def two_for_a_law(sets: Searched, trial: Trial, enough: float) -> list[Members]:
+def two_for_a_law(sets: FittedSets, trial: Trial, enough: float) -> list[Members]:
     """Sets with two listed options in the place of a law, that promise more than `enough`. A law is free in form and
     may be as likely as two effects at once, either of which alone promises far too little to be tried in its place."""
     new: list[Members] = []
@@ -78,7 +56,7 @@ def two_for_a_law(sets: Searched, trial: Trial, enough: float) -> list[Members]:
     return new
 
 
-def _with_one_more(sets: Searched, trial: Trial, law: Option) -> list[Trial]:
+def _with_one_more(sets: FittedSets, trial: Trial, law: Option) -> list[Trial]:
     """The set without its law, with each of the best listed options in its place."""
     without = sets.fitted(tuple(o for o in trial.options if o is not law))
     if without is None:
@@ -87,7 +65,7 @@ def _with_one_more(sets: Searched, trial: Trial, law: Option) -> list[Trial]:
     return [f for f in fits if f is not None]
 
 
-def in_rivals(sets: Searched, settled: Trial, unlisted: Proposer, least: float, enough: float) -> list[Members]:
+def in_rivals(sets: FittedSets, settled: Trial, unlisted: Proposer, least: float, enough: float) -> list[Members]:
     """Exchanges of listed options in the likeliest sets that hold something else than the settled one, neither more
     nor less of the same, and are likelier than `least`; and such a set with the free curve that says most beside it:
     what was settled may imitate what nobody has listed."""

@@ -33,6 +33,7 @@ from enginediag_cli.mismatch.explain.answer import (
 )
 from enginediag_cli.mismatch.explain.exchanges import Proposer
 from enginediag_cli.mismatch.explain.few import Few
+from enginediag_cli.mismatch.explain.fitted_sets import FittedSets
 from enginediag_cli.mismatch.explain.in_part import in_part, left_by
 from enginediag_cli.mismatch.explain.judging import ADEQUATE, ALIAS, Fits
 from enginediag_cli.mismatch.explain.latched_laws import outweighing
@@ -41,7 +42,7 @@ from enginediag_cli.mismatch.explain.members import MOST_MEMBERS
 from enginediag_cli.mismatch.explain.mixed import Mixed, with_laws
 from enginediag_cli.mismatch.explain.repeated import repeated
 from enginediag_cli.mismatch.explain.shortlist import shortlisted
-from enginediag_cli.mismatch.explain.stepwise import Sets
+from enginediag_cli.mismatch.explain.stepwise import Stepwise
 from enginediag_cli.mismatch.fit.evidence import Evidence
 from enginediag_cli.mismatch.fit.freeform import places
 from enginediag_cli.mismatch.fit.identified import NO_HYPOTHESIS, identify_with
@@ -154,9 +155,9 @@ class Search(Fits):
         if named:
             return self.answer(LAW, "", rest, law.explanations, law=law.finding)
         # listed ones that explain no more than a law that explains all need not be found
-        sets, named = self._of_sets(rest, singles, laws.most - LISTED_FIRST if law.explanations else -np.inf)
+        search, named = self._of_sets(rest, singles, laws.most - LISTED_FIRST if law.explanations else -np.inf)
         of_set = max((self._evidence_of(x) for x in named[:1]), default=0.0)
-        named, mixed = self._or_with_laws(sets, named, law.tried)
+        named, mixed = self._or_with_laws(search, named, law.tried)
         if not law.explanations and not mixed.explanations:
             law = laws.double()
         of_set = max(of_set, mixed.evidence)
@@ -175,7 +176,7 @@ class Search(Fits):
             return self._hidden(rest, named or mixed.explanations)
         if mixed.explanations:
             return self.answer(NAMED, "", rest, mixed.explanations, hidden, mixed.finding)
-        part = in_part(sets, self.few)
+        part = in_part(search, self.few)
         if part is not None:
             told = self.answer(NAMED, "", rest, (part.explanation,), hidden)
             return replace(told, unexplained=part.unexplained, rest=part.cells)
@@ -198,30 +199,30 @@ class Search(Fits):
             return self.answer(LAW, "", rest, law.explanations, hidden, law.finding)
         return self.answer(HIDDEN, "", rest, named, hidden)
 
-    def _of_sets(self, rest: Remainder, singles: Sequence[Trial], least: float) -> tuple[Sets, list[Explanation]]:
+    def _of_sets(self, rest: Remainder, singles: Sequence[Trial], least: float) -> tuple[Stepwise, list[Explanation]]:
         """The search of sets, and what it names: sought on few of many records. `rest` and `singles` are of all;
         `least`: ln evidence that a set must promise."""
         few, best = self.few, rest.cells[0] if rest.cells else None
         if few.are_all:
-            sets = Sets(self, best, self.proposers, least=least)
-            return sets, among_all(sets, sets.named(singles, rest.scores))
+            search = Stepwise(self, best, self.proposers, least=least)
+            return search, among_all(search.sets, search.named(singles, rest.scores))
         left = few.left()
-        sets = Sets(few.fits, left.cells[0] if left.cells else None, self.proposers, many=True, least=least)
-        named = sets.named(few.singles(left), left.scores)
-        return sets, few.judged(named, lambda t: -2.0 * sets.prices.evidence(t), lambda t: self.counts(t, best))
+        search = Stepwise(few.fits, left.cells[0] if left.cells else None, self.proposers, many=True, least=least)
+        named = search.named(few.singles(left), left.scores)
+        return search, few.judged(named, search.sets.weighed, lambda t: self.counts(t, best))
 
     def _or_with_laws(
-        self, sets: Sets, named: list[Explanation], tried: Sequence[Proposal]
+        self, search: Stepwise, named: list[Explanation], tried: Sequence[Proposal]
     ) -> tuple[list[Explanation], Mixed]:
         """What is named of listed options alone, or what is with laws beside them: sought where nothing is, where it
         takes so many that fewer with a law may be likelier, and where a curve in the place of one leaves less. Where
         neither is plainly likelier both are told."""
-        if named and len(named[0].options) <= WITHOUT_LAWS and not sets.leaves_to_a_curve(named[0].label):
+        if named and len(named[0].options) <= WITHOUT_LAWS and not search.deciding.leaves_to_a_curve(named[0].label):
             return named, Mixed()
-        mixed = self._mixed(sets, tried)
+        mixed = self._mixed(search, tried)
         # those with laws are rivals now
-        alone = among_all(sets, named) if self.few.are_all else named
-        own = self._gained(sets, named[0]) if named else -np.inf
+        alone = among_all(search.sets, named) if self.few.are_all else named
+        own = self._gained(search.sets, named[0]) if named else -np.inf
         if not mixed.explanations:
             return alone, mixed
         near = abs(own - mixed.evidence) < 0.5 * ALIAS
@@ -229,20 +230,20 @@ class Search(Fits):
             return [], replace(mixed, explanations=_together(mixed.explanations, alone if near else ()))
         return [*_together(alone, mixed.explanations if near else ())], Mixed()
 
-    def _mixed(self, sets: Sets, tried: Sequence[Proposal]) -> Mixed:
+    def _mixed(self, search: Stepwise, tried: Sequence[Proposal]) -> Mixed:
         """Listed options with laws beside them: sought on few of many records."""
-        mixed = with_laws(sets, tried)
+        mixed = with_laws(search, tried)
         if self.few.are_all or not mixed.explanations:
             return mixed
-        named = self.few.judged(mixed.explanations, lambda t: -2.0 * sets.prices.evidence(t), lambda t: True)
+        named = self.few.judged(mixed.explanations, search.sets.weighed, lambda t: True)
         if not named:
             return Mixed()
         finding = mixed.finding if named[0].label == mixed.explanations[0].label else None
-        return Mixed(tuple(named), self._gained(sets, named[0]), finding)
+        return Mixed(tuple(named), self._gained(search.sets, named[0]), finding)
 
-    def _gained(self, sets: Sets, x: Explanation) -> float:
+    def _gained(self, sets: FittedSets, x: Explanation) -> float:
         """ln evidence of what is named against the model as it is, as sets compare."""
-        return sets.prices.evidence(self.fitted[x.label]) - sets.prices.evidence(self.base)
+        return sets.evidence(self.fitted[x.label]) - sets.evidence(self.base)
 
     def _with_estimated_noise(self, rest: Remainder) -> Remainder:
         """What is left when the noise is what nothing explains; weights and noise in turn."""

@@ -25,9 +25,10 @@ from enginediag_cli.drivers import TIME
 from enginediag_cli.intervals import NORMAL_95
 from enginediag_cli.mismatch.explain.answer import Explanation
 from enginediag_cli.mismatch.explain.few import Few
+from enginediag_cli.mismatch.explain.fitted_sets import FittedSets
 from enginediag_cli.mismatch.explain.judging import MOST_FLIGHTS, Fits
 from enginediag_cli.mismatch.explain.members import identity
-from enginediag_cli.mismatch.explain.stepwise import Sets
+from enginediag_cli.mismatch.explain.stepwise import Stepwise
 from enginediag_cli.mismatch.fit.freeform import Cell
 from enginediag_cli.mismatch.fit.options import FREE, Option
 from enginediag_cli.mismatch.fit.trial_fit import Trial, is_needed, remainder
@@ -50,11 +51,11 @@ class Part:
     cells: tuple[Cell, ...]
 
 
-def in_part(sets: Sets, few: Few | None = None) -> Part | None:
+def in_part(search: Stepwise, few: Few | None = None) -> Part | None:
     """What stands of the best sets that were found; None where nothing does. `few`: where these are sets of few of many
     records, which are judged on all."""
-    fits = sets.fits
-    ranked = sets.with_unlisted()
+    sets, fits = search.sets, search.sets.fits
+    ranked = search.with_unlisted()
     best = ranked[0]
     within = [t for t in ranked if sets.evidence(t) > sets.evidence(best) - NEARLY_AS_LIKELY]
     standing = [o for o in listed(best) if _stands(o, best, within, sets)]
@@ -107,7 +108,7 @@ def listed(trial: Trial) -> list[Option]:
     return [o for o in trial.options if o.kind != FREE]
 
 
-def _stands(option: Option, best: Trial, within: Sequence[Trial], sets: Sets) -> bool:
+def _stands(option: Option, best: Trial, within: Sequence[Trial], sets: FittedSets) -> bool:
     """Whether every likely set holds it, and the best one needs it."""
     if not all(identity(option) in map(identity, t.options) for t in within):
         return False

@@ -11,10 +11,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from enginediag_cli.mismatch.explain.answer import Explanation
+from enginediag_cli.mismatch.explain.fitted_sets import FittedSets
 from enginediag_cli.mismatch.explain.law_members import LawMembers
 from enginediag_cli.mismatch.explain.lawful import AS_GOOD, JUDGED, LISTED_FIRST, Judged, adequate
 from enginediag_cli.mismatch.explain.members import Held, Members, held
-from enginediag_cli.mismatch.explain.stepwise import Sets
 from enginediag_cli.mismatch.fit.options import LAW, Option
 from enginediag_cli.mismatch.fit.trial_fit import Trial, is_needed
 from enginediag_cli.mismatch.laws.finding import LawFinding
@@ -48,7 +48,7 @@ class OfSet:
 class LawOfSet:
     """Sets that were named, and the laws that `members` knows."""
 
-    sets: Sets
+    sets: FittedSets
     members: LawMembers
 
     @stage("weighing the law of a set")

@@ -14,7 +14,7 @@ from enginediag_cli.mismatch.explain.answer import Explanation
 from enginediag_cli.mismatch.explain.currency import Offer
 from enginediag_cli.mismatch.explain.law_members import LawMembers
 from enginediag_cli.mismatch.explain.law_of_set import LawOfSet
-from enginediag_cli.mismatch.explain.stepwise import Sets
+from enginediag_cli.mismatch.explain.stepwise import Stepwise
 from enginediag_cli.mismatch.fit.options import LAW
 from enginediag_cli.mismatch.fit.trial_fit import Trial
 from enginediag_cli.mismatch.laws.finding import LawFinding
@@ -32,16 +32,17 @@ class Mixed:
     finding: LawFinding | None = None
 
 
-def with_laws(sets: Sets, tried: Iterable[Proposal] = ()) -> Mixed:
+def with_laws(search: Stepwise, tried: Iterable[Proposal] = ()) -> Mixed:
     """The alias set of listed options with laws beside them; none where laws alone are likelier. `tried`: laws that
     were fitted; sets do not grow from curves of steps, which take up what other members would say."""
+    sets = search.sets
     members = LawMembers(sets.fits.base.found, sets.prices)
     members.learn(p for p in tried if p.candidate.formula.form.listed)
 
     def propose(trial: Trial) -> Sequence[Offer]:
         return members.offers(trial, sets.offered_by(sets.unlisted, trial))
 
-    named = sets.grown((propose,))
+    named = search.grown((propose,))
     if not named or all(o.kind == LAW for o in named[0].options):
         return Mixed()
     told = LawOfSet(sets, members).of(named)
