@@ -11,11 +11,13 @@ from scipy.optimize import minimize
 from enginediag_cli.mismatch.explain.answer import NAMED
 from enginediag_cli.mismatch.explain.explain import Search
 from enginediag_cli.mismatch.explain.flips import flips_of_answer, shortest
+from enginediag_cli.mismatch.fit.attempt import attempt
 from enginediag_cli.mismatch.fit.evidence import Flight
 from enginediag_cli.mismatch.fit.identified import NO_HYPOTHESIS, identify_with
 from enginediag_cli.mismatch.fit.options import effect_options
 from enginediag_cli.mismatch.fit.projection import Projection
-from enginediag_cli.mismatch.fit.trial_fit import Gates, Trial, attempt
+from enginediag_cli.mismatch.fit.remainder import Gates
+from enginediag_cli.mismatch.fit.trial import Trial
 from enginediag_cli.physics.registry import candidates
 from enginediag_cli.presentation.flip_rows import flips_sentence
 

@@ -13,10 +13,10 @@ from enginediag_cli.intake.source import Source
 from enginediag_cli.mismatch.explain.answer import NAMED, NOTHING, Coefficient, Explanation
 from enginediag_cli.mismatch.explain.plan import plan
 from enginediag_cli.mismatch.explain.story import tell
+from enginediag_cli.mismatch.fit.attempt import attempt, begun
 from enginediag_cli.mismatch.fit.evidence import Noise
 from enginediag_cli.mismatch.fit.identified import NO_HYPOTHESIS, identify_with, nuisance
 from enginediag_cli.mismatch.fit.load import Case, load_case
-from enginediag_cli.mismatch.fit.trial_fit import attempt, begun
 from enginediag_cli.mismatch.refine.refine import refine
 from enginediag_cli.physics.engine_file import load_engine
 from enginediag_cli.physics.registry import effect

@@ -18,10 +18,10 @@ from enginediag_cli.mismatch.explain.answer import Coefficient, Explanation
 from enginediag_cli.mismatch.explain.plan import Course, plan, whatever_the_form
 from enginediag_cli.mismatch.explain.reach import REACH, within_reach
 from enginediag_cli.mismatch.explain.rejected import Reason, Rejected
+from enginediag_cli.mismatch.fit.attempt import attempt
 from enginediag_cli.mismatch.fit.evidence import Flight
 from enginediag_cli.mismatch.fit.identified import NO_HYPOTHESIS, Hypothesis, identify_with, nuisance
 from enginediag_cli.mismatch.fit.options import LAW, Option, effect_option
-from enginediag_cli.mismatch.fit.trial_fit import attempt
 from enginediag_cli.physics.laws.expression import Expression
 from enginediag_cli.physics.laws.law import Acts, Law
 from enginediag_cli.physics.laws.variables import variables_of

@@ -12,9 +12,9 @@ from enginediag_cli.mismatch.explain.answer import Coefficient, Explanation
 from enginediag_cli.mismatch.explain.curves import best_places
 from enginediag_cli.mismatch.explain.plan import plan
 from enginediag_cli.mismatch.explain.story import named_effects, tell
+from enginediag_cli.mismatch.fit.attempt import attempt
 from enginediag_cli.mismatch.fit.identified import NO_HYPOTHESIS, identify_with, nuisance
 from enginediag_cli.mismatch.fit.options import effect_option
-from enginediag_cli.mismatch.fit.trial_fit import attempt
 from enginediag_cli.planning.suggestion import SAME, SWITCH, best_of_each_kind
 from enginediag_cli.presentation.explanation_rows import document, rows
 from enginediag_cli.presentation.explanations import sentences

@@ -10,7 +10,8 @@ from enginediag_cli.mismatch.explain.judging import Fits
 from enginediag_cli.mismatch.fit.freeform import locations
 from enginediag_cli.mismatch.fit.identified import NO_HYPOTHESIS, identify_with
 from enginediag_cli.mismatch.fit.projection import Projection
-from enginediag_cli.mismatch.fit.trial_fit import Trial, remainder
+from enginediag_cli.mismatch.fit.remainder import remainder
+from enginediag_cli.mismatch.fit.trial import Trial
 from enginediag_cli.mismatch.laws.at_place import said_at_places
 from enginediag_cli.mismatch.laws.fitted import Fitted
 from enginediag_cli.mismatch.laws.scan import Scan, formulas_of, known_variables, scored

@@ -7,8 +7,8 @@ from types import SimpleNamespace
 import pytest
 
 from enginediag_cli.engine.moving.tape import PAST
+from enginediag_cli.mismatch.fit.attempt import _one_behind_the_other
 from enginediag_cli.mismatch.fit.options import EFFECT, LAW
-from enginediag_cli.mismatch.fit.trial_fit import _one_behind_the_other
 from enginediag_cli.mismatch.laws.search import LawSearch
 
 

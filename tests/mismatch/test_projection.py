@@ -5,12 +5,12 @@ import pytest
 from concealed import WholeRows, carried, evidence, flights, turbofan
 from scipy import stats
 
+from enginediag_cli.mismatch.fit.attempt import attempt
 from enginediag_cli.mismatch.fit.held_out import held_out_objectives
 from enginediag_cli.mismatch.fit.identified import NO_HYPOTHESIS, identify_with, nuisance
 from enginediag_cli.mismatch.fit.options import effect_option, option_scores
 from enginediag_cli.mismatch.fit.projection import DenseRows, Projection
 from enginediag_cli.mismatch.fit.scores import critical_surprise, surprise
-from enginediag_cli.mismatch.fit.trial_fit import attempt
 from enginediag_cli.physics.registry import effect
 
 

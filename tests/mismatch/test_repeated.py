@@ -12,7 +12,8 @@ from enginediag_cli.mismatch.fit.identified import NO_HYPOTHESIS, drivers_of, id
 from enginediag_cli.mismatch.fit.noise import estimated_noise, with_noise
 from enginediag_cli.mismatch.fit.options import effect_option
 from enginediag_cli.mismatch.fit.projection import Projection
-from enginediag_cli.mismatch.fit.trial_fit import Gates, Trial, remainder
+from enginediag_cli.mismatch.fit.remainder import Gates, remainder
+from enginediag_cli.mismatch.fit.trial import Trial
 from enginediag_cli.physics.registry import candidates
 
 ANY = Gates(5.0, 5.0, 5.0)

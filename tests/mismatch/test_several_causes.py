@@ -16,12 +16,14 @@ from enginediag_cli.mismatch.explain.in_part import in_part
 from enginediag_cli.mismatch.explain.members import identity
 from enginediag_cli.mismatch.explain.promised import promising
 from enginediag_cli.mismatch.explain.stepwise import Stepwise
+from enginediag_cli.mismatch.fit.attempt import attempt
 from enginediag_cli.mismatch.fit.evidence import Flight
 from enginediag_cli.mismatch.fit.identified import NO_HYPOTHESIS, identify_with, nuisance
+from enginediag_cli.mismatch.fit.needed import is_needed, not_needed
 from enginediag_cli.mismatch.fit.options import LAW as OF_A_LAW
 from enginediag_cli.mismatch.fit.options import effect_option, fault_options, onset, option_scores
 from enginediag_cli.mismatch.fit.projection import Projection
-from enginediag_cli.mismatch.fit.trial_fit import Trial, attempt, is_needed, not_needed
+from enginediag_cli.mismatch.fit.trial import Trial
 from enginediag_cli.physics.registry import candidates
 from enginediag_cli.presentation.unexplained import rest_sentences, share_left
 

@@ -14,7 +14,7 @@ from enginediag_cli.mismatch.fit.evidence import Flight
 from enginediag_cli.mismatch.fit.identified import NO_HYPOTHESIS, identify_with, nuisance
 from enginediag_cli.mismatch.fit.load import build_evidence
 from enginediag_cli.mismatch.fit.projection import Projection
-from enginediag_cli.mismatch.fit.trial_fit import Trial
+from enginediag_cli.mismatch.fit.trial import Trial
 from enginediag_cli.mismatch.unrecorded.hidden import hidden_amplitudes
 from enginediag_cli.mismatch.unrecorded.switched import STATE, effects_that_switch, with_state_column
 from enginediag_cli.physics.registry import candidates, effect, limits

@@ -15,7 +15,7 @@ from enginediag_cli.mismatch.fit.freeform import free_form
 from enginediag_cli.mismatch.fit.identified import drivers_of
 from enginediag_cli.mismatch.fit.options import effect_option
 from enginediag_cli.mismatch.fit.projection import Projection
-from enginediag_cli.mismatch.fit.trial_fit import Trial
+from enginediag_cli.mismatch.fit.trial import Trial
 from enginediag_cli.mismatch.unrecorded.finding import Switch
 from enginediag_cli.physics.registry import effect
 from enginediag_cli.presentation.explanations import curve_in_words

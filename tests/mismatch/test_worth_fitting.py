@@ -8,9 +8,9 @@ from concealed import carried, evidence, flights
 
 from enginediag_cli.mismatch.explain.worth_fitting import worth_fitting
 from enginediag_cli.mismatch.fit import identified
+from enginediag_cli.mismatch.fit.attempt import attempt
 from enginediag_cli.mismatch.fit.identified import NO_HYPOTHESIS, identify_with, nuisance
 from enginediag_cli.mismatch.fit.options import effect_option
-from enginediag_cli.mismatch.fit.trial_fit import attempt
 
 
 @pytest.fixture(scope="module")

@@ -25,7 +25,7 @@ from enginediag_cli.mismatch.fit.identified import NO_HYPOTHESIS, Identified, Nu
 from enginediag_cli.mismatch.fit.load import Case, load_case
 from enginediag_cli.mismatch.fit.options import Option
 from enginediag_cli.mismatch.fit.projection import Projection
-from enginediag_cli.mismatch.fit.trial_fit import Trial
+from enginediag_cli.mismatch.fit.trial import Trial
 from enginediag_cli.mismatch.refine.refine import fit_both
 from enginediag_cli.mismatch.refine.switch import inferred, switch_column
 from enginediag_cli.mismatch.refine.unseen import concealed, predicted

@@ -33,7 +33,7 @@ from ground_recordings import public_data
 
 from enginediag_cli.mismatch.fit.identified import stacked
 from enginediag_cli.mismatch.fit.projection import Projection
-from enginediag_cli.mismatch.fit.trial_fit import Trial
+from enginediag_cli.mismatch.fit.trial import Trial
 
 NAME = "@".join(BLEED)
 NO_GAIN = 0.98

@@ -20,7 +20,7 @@ import numpy as np
 from enginediag_cli.mismatch.explain.answer import Explanation
 from enginediag_cli.mismatch.explain.fitted_sets import FittedSets
 from enginediag_cli.mismatch.explain.members import Held, held
-from enginediag_cli.mismatch.fit.trial_fit import Trial
+from enginediag_cli.mismatch.fit.trial import Trial
 
 SETTLED = 3.0
 """Odds against the same without them from which members of a set are told to act. Judgement."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from enginediag_cli.intake.flights import every_record
 from enginediag_cli.intake.intake import Intake
 from enginediag_cli.mismatch.fit.identified import Identified, Nuisance
-from enginediag_cli.mismatch.fit.trial_fit import Trial
+from enginediag_cli.mismatch.fit.trial import Trial
 from enginediag_cli.mismatch.unrecorded.hidden import HiddenFinding
 from enginediag_cli.mismatch.unrecorded.switched import states_of, switched_parameters, switched_trials
 from enginediag_cli.mismatch.unrecorded.timed import timed

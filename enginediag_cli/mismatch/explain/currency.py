@@ -28,7 +28,8 @@ from enginediag_cli.drivers import TIME
 from enginediag_cli.mismatch.fit.families import Scored
 from enginediag_cli.mismatch.fit.options import EFFECT, LAW, Option
 from enginediag_cli.mismatch.fit.projection import Projection
-from enginediag_cli.mismatch.fit.trial_fit import MEMORY_PRICE, SHARES, Trial
+from enginediag_cli.mismatch.fit.remainder import SHARES
+from enginediag_cli.mismatch.fit.trial import MEMORY_PRICE, Trial
 from enginediag_cli.mismatch.laws.posterior import HELD, held
 
 EFFECTS, CHANGES, FREE_FORM = SHARES

@@ -11,7 +11,7 @@ from collections.abc import Iterable, Sequence
 from enginediag_cli.mismatch.explain.fitted_sets import FittedSets, Proposer
 from enginediag_cli.mismatch.explain.members import MOST_MEMBERS, Held, Members, add, held
 from enginediag_cli.mismatch.fit.options import LAW, Option, begun_with
-from enginediag_cli.mismatch.fit.trial_fit import Trial
+from enginediag_cli.mismatch.fit.trial import Trial
 
 EXCHANGED = 2
 """Options that are tried in the place of each member of a set."""

@@ -51,7 +51,8 @@ from enginediag_cli.mismatch.fit.options import (
     EFFECT,
 )
 from enginediag_cli.mismatch.fit.projection import Projection
-from enginediag_cli.mismatch.fit.trial_fit import Gates, Remainder, Trial, remainder
+from enginediag_cli.mismatch.fit.remainder import Gates, Remainder, remainder
+from enginediag_cli.mismatch.fit.trial import Trial
 from enginediag_cli.mismatch.laws.finding import LawFinding
 from enginediag_cli.mismatch.laws.posterior import evidence_of
 from enginediag_cli.mismatch.laws.shortlist import Proposal

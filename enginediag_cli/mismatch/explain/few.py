@@ -24,7 +24,8 @@ from enginediag_cli.mismatch.fit.evidence import Evidence
 from enginediag_cli.mismatch.fit.identified import identify_with
 from enginediag_cli.mismatch.fit.options import FREE, Option, onset, stepping, together
 from enginediag_cli.mismatch.fit.projection import Projection
-from enginediag_cli.mismatch.fit.trial_fit import Remainder, Trial, remainder
+from enginediag_cli.mismatch.fit.remainder import Remainder, remainder
+from enginediag_cli.mismatch.fit.trial import Trial
 
 ENOUGH = 1000
 """Records that say which sets of options are likely."""

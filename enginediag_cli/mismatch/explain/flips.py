@@ -32,7 +32,7 @@ from enginediag_cli.mismatch.explain.judging import Fits
 from enginediag_cli.mismatch.fit.columns import Columns
 from enginediag_cli.mismatch.fit.families import Sums, grid
 from enginediag_cli.mismatch.fit.identified import Identified
-from enginediag_cli.mismatch.fit.trial_fit import Trial
+from enginediag_cli.mismatch.fit.trial import Trial
 from enginediag_cli.progress import stage
 
 RIVALS = 3

@@ -14,7 +14,8 @@ from enginediag_cli.mismatch.fit.extended import Discrepancy
 from enginediag_cli.mismatch.fit.freeform import DEGREE, Cell, machine_cells
 from enginediag_cli.mismatch.fit.identified import Hypothesis
 from enginediag_cli.mismatch.fit.options import FREE, Option
-from enginediag_cli.mismatch.fit.trial_fit import Trial, remainder
+from enginediag_cli.mismatch.fit.remainder import remainder
+from enginediag_cli.mismatch.fit.trial import Trial
 
 CELLS = 12
 """Cells, most surprising first, whose promise is asked for."""

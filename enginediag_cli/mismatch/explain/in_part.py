@@ -30,8 +30,10 @@ from enginediag_cli.mismatch.explain.judging import MOST_FLIGHTS, Fits
 from enginediag_cli.mismatch.explain.members import identity
 from enginediag_cli.mismatch.explain.stepwise import Stepwise
 from enginediag_cli.mismatch.fit.freeform import Cell
+from enginediag_cli.mismatch.fit.needed import is_needed
 from enginediag_cli.mismatch.fit.options import FREE, Option
-from enginediag_cli.mismatch.fit.trial_fit import Trial, is_needed, remainder
+from enginediag_cli.mismatch.fit.remainder import remainder
+from enginediag_cli.mismatch.fit.trial import Trial
 
 NEARLY_AS_LIKELY = 4.6
 """ln of the odds, a hundred to one, within which sets must agree on a member. Judgement."""

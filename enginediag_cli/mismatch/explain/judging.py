@@ -14,6 +14,7 @@ from enginediag_cli.mismatch.explain.answer import Coefficient, Explanation
 from enginediag_cli.mismatch.explain.rejected import Reason, Rejected
 from enginediag_cli.mismatch.explain.repeated import repeated
 from enginediag_cli.mismatch.explain.worth_fitting import reach_of, worth_fitting
+from enginediag_cli.mismatch.fit.attempt import attempt
 from enginediag_cli.mismatch.fit.evidence import Evidence
 from enginediag_cli.mismatch.fit.freeform import Cell
 from enginediag_cli.mismatch.fit.handed import trials_handed
@@ -27,11 +28,13 @@ from enginediag_cli.mismatch.fit.identified import (
     nuisance,
     objective_of,
 )
+from enginediag_cli.mismatch.fit.needed import not_needed
 from enginediag_cli.mismatch.fit.options import Option, effect_options, fault_options, with_best_onset
 from enginediag_cli.mismatch.fit.projection import Projection
+from enginediag_cli.mismatch.fit.remainder import Gates, Remainder, remainder
 from enginediag_cli.mismatch.fit.response import response_error
 from enginediag_cli.mismatch.fit.share import every_so_often
-from enginediag_cli.mismatch.fit.trial_fit import Gates, Remainder, Trial, attempt, not_needed, remainder
+from enginediag_cli.mismatch.fit.trial import Trial
 from enginediag_cli.physics.registry import candidates
 from enginediag_cli.progress import each
 from enginediag_cli.side_by_side import side_by_side

@@ -14,7 +14,7 @@ import numpy as np
 from enginediag_cli.mismatch.explain.follows import Follows, followed
 from enginediag_cli.mismatch.explain.judging import Fits
 from enginediag_cli.mismatch.fit.freeform import Location
-from enginediag_cli.mismatch.fit.trial_fit import Trial
+from enginediag_cli.mismatch.fit.trial import Trial
 from enginediag_cli.mismatch.laws.fitted import Fitted
 from enginediag_cli.mismatch.laws.grammar import FALLING, RISING, SWITCHING, span
 from enginediag_cli.mismatch.laws.scan import (

@@ -22,7 +22,7 @@ from enginediag_cli.mismatch.explain.currency import FREE_FORM, Offer, Prices
 from enginediag_cli.mismatch.fit.freeform import Location, locations
 from enginediag_cli.mismatch.fit.identified import Identified
 from enginediag_cli.mismatch.fit.options import LAW, Option
-from enginediag_cli.mismatch.fit.trial_fit import Trial
+from enginediag_cli.mismatch.fit.trial import Trial
 from enginediag_cli.mismatch.laws.elsewhere_too import elsewhere_too, likes
 from enginediag_cli.mismatch.laws.fitted import ln_within
 from enginediag_cli.mismatch.laws.refined import reshaped

@@ -15,8 +15,9 @@ from enginediag_cli.mismatch.explain.fitted_sets import FittedSets
 from enginediag_cli.mismatch.explain.law_members import LawMembers
 from enginediag_cli.mismatch.explain.lawful import AS_GOOD, JUDGED, LISTED_FIRST, Judged, adequate
 from enginediag_cli.mismatch.explain.members import Held, Members, held
+from enginediag_cli.mismatch.fit.needed import is_needed
 from enginediag_cli.mismatch.fit.options import LAW, Option
-from enginediag_cli.mismatch.fit.trial_fit import Trial, is_needed
+from enginediag_cli.mismatch.fit.trial import Trial
 from enginediag_cli.mismatch.laws.finding import LawFinding
 from enginediag_cli.mismatch.laws.fitted import Fitted
 from enginediag_cli.mismatch.laws.posterior import shares

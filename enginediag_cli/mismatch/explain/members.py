@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from enginediag_cli.drivers import TIME
 from enginediag_cli.engine.term import Effect
 from enginediag_cli.mismatch.fit.options import EFFECT, FREE, LAW, Option, effect_option
-from enginediag_cli.mismatch.fit.trial_fit import Trial
+from enginediag_cli.mismatch.fit.trial import Trial
 from enginediag_cli.physics.together import each
 
 MOST_MEMBERS = 6

@@ -16,7 +16,7 @@ from enginediag_cli.mismatch.explain.law_members import LawMembers
 from enginediag_cli.mismatch.explain.law_of_set import LawOfSet
 from enginediag_cli.mismatch.explain.stepwise import Stepwise
 from enginediag_cli.mismatch.fit.options import LAW
-from enginediag_cli.mismatch.fit.trial_fit import Trial
+from enginediag_cli.mismatch.fit.trial import Trial
 from enginediag_cli.mismatch.laws.finding import LawFinding
 from enginediag_cli.mismatch.laws.shortlist import Proposal
 

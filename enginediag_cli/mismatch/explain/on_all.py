@@ -37,8 +37,9 @@ from enginediag_cli.mismatch.fit.options import (
     with_best_onset,
 )
 from enginediag_cli.mismatch.fit.projection import Projection
+from enginediag_cli.mismatch.fit.remainder import remainder
 from enginediag_cli.mismatch.fit.share import on_share
-from enginediag_cli.mismatch.fit.trial_fit import Trial, remainder
+from enginediag_cli.mismatch.fit.trial import Trial
 from enginediag_cli.mismatch.unrecorded.elsewhere import flights_that_switch
 from enginediag_cli.progress import each
 

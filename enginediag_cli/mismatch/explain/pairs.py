@@ -11,7 +11,8 @@ from enginediag_cli.drivers import TIME
 from enginediag_cli.mismatch.explain.members import Members, add
 from enginediag_cli.mismatch.fit.families import first_products
 from enginediag_cli.mismatch.fit.options import Option, OptionScore, with_best_onset
-from enginediag_cli.mismatch.fit.trial_fit import Trial, remainder
+from enginediag_cli.mismatch.fit.remainder import remainder
+from enginediag_cli.mismatch.fit.trial import Trial
 
 MOST = 60
 """Options that pairs are made of: 1,770 pairs, a second's work."""

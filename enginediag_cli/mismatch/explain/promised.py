@@ -8,7 +8,7 @@ from enginediag_cli.drivers import TIME
 from enginediag_cli.mismatch.explain.currency import Offer, Prices, scales_of
 from enginediag_cli.mismatch.explain.members import clashes, identity
 from enginediag_cli.mismatch.fit.options import OptionScore, option_scores, with_best_onset
-from enginediag_cli.mismatch.fit.trial_fit import Trial
+from enginediag_cli.mismatch.fit.trial import Trial
 
 
 def promising(prices: Prices, trial: Trial, scores: Iterable[OptionScore], most: int) -> list[Offer]:

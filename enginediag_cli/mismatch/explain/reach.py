@@ -13,7 +13,7 @@ import numpy as np
 
 from enginediag_cli.mismatch.explain.answer import Answer, Coefficient, Explanation
 from enginediag_cli.mismatch.explain.rejected import Reason
-from enginediag_cli.mismatch.fit.trial_fit import Trial
+from enginediag_cli.mismatch.fit.trial import Trial
 
 REACH = 14.0
 """Units of χ² behind the best up to which an explanation counts: odds of a thousand to one. Judgement."""

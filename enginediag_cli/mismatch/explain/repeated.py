@@ -31,8 +31,8 @@ from enginediag_cli.mismatch.fit.families import Scored, Sums, grid
 from enginediag_cli.mismatch.fit.neighbours import operating
 from enginediag_cli.mismatch.fit.options import OptionScore
 from enginediag_cli.mismatch.fit.projection import Projection, Score
+from enginediag_cli.mismatch.fit.remainder import Gates, Remainder
 from enginediag_cli.mismatch.fit.scores import surprise
-from enginediag_cli.mismatch.fit.trial_fit import Gates, Remainder
 from enginediag_cli.mismatch.unrecorded.aircraft import grid_of
 from enginediag_cli.progress import stage
 

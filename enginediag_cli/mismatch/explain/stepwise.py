@@ -36,7 +36,7 @@ from enginediag_cli.mismatch.explain.members import (
 from enginediag_cli.mismatch.explain.pairs import EXTENDED, best_pairs, forward
 from enginediag_cli.mismatch.fit.freeform import Cell
 from enginediag_cli.mismatch.fit.options import FREE, LAW, OptionScore
-from enginediag_cli.mismatch.fit.trial_fit import Trial
+from enginediag_cli.mismatch.fit.trial import Trial
 from enginediag_cli.physics.together import kinds_of_places
 
 PAIRS = 4

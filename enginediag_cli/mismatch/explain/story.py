@@ -33,7 +33,7 @@ from enginediag_cli.mismatch.fit.evidence import Evidence
 from enginediag_cli.mismatch.fit.options import EFFECT
 from enginediag_cli.mismatch.fit.options import LAW as OF_A_LAW
 from enginediag_cli.mismatch.fit.share import is_long
-from enginediag_cli.mismatch.fit.trial_fit import Trial
+from enginediag_cli.mismatch.fit.trial import Trial
 from enginediag_cli.mismatch.laws.scan import known_variables
 from enginediag_cli.mismatch.unrecorded.hidden import HiddenFinding, effects_at
 from enginediag_cli.mismatch.unrecorded.switched import effects_that_switch

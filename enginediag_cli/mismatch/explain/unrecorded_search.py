@@ -8,7 +8,7 @@ import numpy as np
 
 from enginediag_cli.mismatch.explain.explain import UNRECORDED
 from enginediag_cli.mismatch.fit.evidence import Evidence
-from enginediag_cli.mismatch.fit.trial_fit import Trial
+from enginediag_cli.mismatch.fit.trial import Trial
 from enginediag_cli.mismatch.unrecorded.hidden import Scan
 from enginediag_cli.mismatch.unrecorded.own_noise import freed_of_switches
 from enginediag_cli.progress import stage

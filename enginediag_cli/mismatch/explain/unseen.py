@@ -16,7 +16,7 @@ from enginediag_cli.engine.driver import Driver
 from enginediag_cli.mismatch.explain.floor_cost import VISIBLE
 from enginediag_cli.mismatch.fit.freeform import of_effect
 from enginediag_cli.mismatch.fit.options import Option
-from enginediag_cli.mismatch.fit.trial_fit import Trial
+from enginediag_cli.mismatch.fit.trial import Trial
 from enginediag_cli.mismatch.unrecorded.refit import location_columns
 from enginediag_cli.mismatch.unrecorded.whitened_rows import Basis, basis, direction
 

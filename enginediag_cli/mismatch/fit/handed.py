@@ -16,7 +16,7 @@ from enginediag_cli.mismatch.fit.evidence import Evidence
 from enginediag_cli.mismatch.fit.identified import Identified, Nuisance, problem_with
 from enginediag_cli.mismatch.fit.options import Option, together
 from enginediag_cli.mismatch.fit.projection import Projection
-from enginediag_cli.mismatch.fit.trial_fit import Trial
+from enginediag_cli.mismatch.fit.trial import Trial
 from enginediag_cli.side_by_side import Handing
 
 

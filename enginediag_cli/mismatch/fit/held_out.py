@@ -11,7 +11,7 @@ from itertools import groupby
 import numpy as np
 
 from enginediag_cli.mismatch.fit.projection import Projection
-from enginediag_cli.mismatch.fit.trial_fit import Trial
+from enginediag_cli.mismatch.fit.trial import Trial
 
 
 def flights_gained(base: Trial, trial: Trial) -> float:

@@ -17,7 +17,7 @@ import numpy as np
 from enginediag_cli.mismatch.fit.columns import Columns
 from enginediag_cli.mismatch.fit.families import Sums, grid
 from enginediag_cli.mismatch.fit.freeform import Location
-from enginediag_cli.mismatch.fit.trial_fit import Trial
+from enginediag_cli.mismatch.fit.trial import Trial
 
 ALIKE = 11.0
 """λ_sep from which two accounts are told apart: 3.3 standard errors along the one direction in which they differ, as

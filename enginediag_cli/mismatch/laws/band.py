@@ -15,7 +15,7 @@ import numpy as np
 
 from enginediag_cli.engine.dual import value
 from enginediag_cli.engine.term import Effect
-from enginediag_cli.mismatch.fit.trial_fit import Trial
+from enginediag_cli.mismatch.fit.trial import Trial
 from enginediag_cli.mismatch.laws.scan import Known, past_of
 from enginediag_cli.physics.laws.expression import Past
 from enginediag_cli.physics.laws.law import Law

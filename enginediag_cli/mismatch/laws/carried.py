@@ -12,7 +12,7 @@ from enginediag_cli.engine.term import Effect
 from enginediag_cli.mismatch.fit.freeform import Location
 from enginediag_cli.mismatch.fit.identified import Identified, identify_with, nuisance
 from enginediag_cli.mismatch.fit.projection import Projection
-from enginediag_cli.mismatch.fit.trial_fit import Trial
+from enginediag_cli.mismatch.fit.trial import Trial
 from enginediag_cli.mismatch.laws.band import summed
 from enginediag_cli.mismatch.laws.scan import Known, seen_at
 

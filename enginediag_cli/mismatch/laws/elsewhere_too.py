@@ -14,7 +14,7 @@ from dataclasses import replace
 import numpy as np
 
 from enginediag_cli.mismatch.fit.freeform import Location
-from enginediag_cli.mismatch.fit.trial_fit import Trial
+from enginediag_cli.mismatch.fit.trial import Trial
 from enginediag_cli.mismatch.laws.scan import Candidate, Formula, over_records, scored, seen_at
 from enginediag_cli.mismatch.laws.shortlist import Proposal, proposal
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from enginediag_cli.engine.term import Effect
 from enginediag_cli.mismatch.fit.options import Option
-from enginediag_cli.mismatch.fit.trial_fit import Trial
+from enginediag_cli.mismatch.fit.trial import Trial
 from enginediag_cli.mismatch.laws.band import curve_of, summed
 from enginediag_cli.mismatch.laws.finding import Share
 from enginediag_cli.mismatch.laws.posterior import evidence_of

@@ -16,7 +16,7 @@ from typing import TypeVar
 import numpy as np
 
 from enginediag_cli.mismatch.fit.freeform import Location
-from enginediag_cli.mismatch.fit.trial_fit import Trial
+from enginediag_cli.mismatch.fit.trial import Trial
 from enginediag_cli.mismatch.laws.finding import Group
 from enginediag_cli.mismatch.laws.scan import Known
 

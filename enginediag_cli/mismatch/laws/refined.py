@@ -11,7 +11,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from enginediag_cli.mismatch.fit.trial_fit import Trial
+from enginediag_cli.mismatch.fit.trial import Trial
 from enginediag_cli.mismatch.laws.carried import Carried
 from enginediag_cli.mismatch.laws.proposed import possible
 from enginediag_cli.mismatch.laws.said import Said

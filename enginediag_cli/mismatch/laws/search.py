@@ -13,7 +13,7 @@ import numpy as np
 
 from enginediag_cli.mismatch.fit.freeform import Location, locations
 from enginediag_cli.mismatch.fit.options import Option
-from enginediag_cli.mismatch.fit.trial_fit import Trial
+from enginediag_cli.mismatch.fit.trial import Trial
 from enginediag_cli.mismatch.laws.at_place import said_at, said_at_places
 from enginediag_cli.mismatch.laws.average import Sought, average_of
 from enginediag_cli.mismatch.laws.band import curve_of

@@ -13,7 +13,7 @@ from enginediag_cli.engine.term import Effect
 from enginediag_cli.mismatch.fit.freeform import parameter_at
 from enginediag_cli.mismatch.fit.identified import Hypothesis
 from enginediag_cli.mismatch.fit.options import LAW, Option
-from enginediag_cli.mismatch.fit.trial_fit import Trial
+from enginediag_cli.mismatch.fit.trial import Trial
 from enginediag_cli.mismatch.laws.proposed import possible, proposed
 from enginediag_cli.mismatch.laws.refined import reshaped
 from enginediag_cli.mismatch.laws.scan import (

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from enginediag_cli.mismatch.fit.freeform import locations
-from enginediag_cli.mismatch.fit.trial_fit import Trial
+from enginediag_cli.mismatch.fit.trial import Trial
 from enginediag_cli.mismatch.laws.alike import places_alike
 from enginediag_cli.mismatch.laws.band import EDGES, Weighed, band_of, curve_of
 from enginediag_cli.mismatch.laws.finding import FittedLaw, LawFinding

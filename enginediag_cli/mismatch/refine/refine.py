@@ -12,12 +12,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from enginediag_cli.engine.term import Effect
+from enginediag_cli.mismatch.fit.attempt import attempt, begun
 from enginediag_cli.mismatch.fit.evidence import Evidence, Flight
 from enginediag_cli.mismatch.fit.identified import NO_HYPOTHESIS, Nuisance, drivers_of, identify_with, nuisance
 from enginediag_cli.mismatch.fit.noise import estimated_noise, with_noise
 from enginediag_cli.mismatch.fit.options import effect_options
 from enginediag_cli.mismatch.fit.projection import Projection
-from enginediag_cli.mismatch.fit.trial_fit import Trial, attempt, begun, remainder
+from enginediag_cli.mismatch.fit.remainder import remainder
+from enginediag_cli.mismatch.fit.trial import Trial
 from enginediag_cli.mismatch.refine.alarms import Alarms, alarms
 from enginediag_cli.mismatch.refine.criteria import Criterion, Prediction, Verdict, verdict
 from enginediag_cli.mismatch.refine.significance import significance

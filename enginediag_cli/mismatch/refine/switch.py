@@ -23,7 +23,7 @@ from enginediag_cli.mismatch.explain.unrecorded_search import hidden_search, wit
 from enginediag_cli.mismatch.fit.evidence import Evidence, Flight
 from enginediag_cli.mismatch.fit.identified import NO_HYPOTHESIS, Identified, Nuisance, identify_with, nuisance
 from enginediag_cli.mismatch.fit.projection import Frame, Projection
-from enginediag_cli.mismatch.fit.trial_fit import Trial
+from enginediag_cli.mismatch.fit.trial import Trial
 from enginediag_cli.mismatch.refine.criteria import Prediction, Records
 from enginediag_cli.mismatch.refine.prediction import Change
 from enginediag_cli.mismatch.refine.unseen import (

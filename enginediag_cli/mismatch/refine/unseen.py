@@ -23,7 +23,7 @@ from enginediag_cli.identification.quality import EVERYTHING, SensorQuality, sen
 from enginediag_cli.mismatch.fit.evidence import Evidence, Flight
 from enginediag_cli.mismatch.fit.identified import Identified, Nuisance, problem_with
 from enginediag_cli.mismatch.fit.projection import Frame, nuisance_columns
-from enginediag_cli.mismatch.fit.trial_fit import Trial
+from enginediag_cli.mismatch.fit.trial import Trial
 from enginediag_cli.mismatch.refine.criteria import Prediction, Records
 from enginediag_cli.mismatch.refine.prediction import Change
 

@@ -13,11 +13,12 @@ import numpy as np
 
 from enginediag_cli.drivers import SWITCH
 from enginediag_cli.engine.term import Effect
+from enginediag_cli.mismatch.fit.attempt import attempt
 from enginediag_cli.mismatch.fit.evidence import Evidence
 from enginediag_cli.mismatch.fit.extended import Discrepancy
 from enginediag_cli.mismatch.fit.identified import Hypothesis, Identified, Nuisance
 from enginediag_cli.mismatch.fit.options import Option, effect_option
-from enginediag_cli.mismatch.fit.trial_fit import Trial, attempt
+from enginediag_cli.mismatch.fit.trial import Trial
 from enginediag_cli.mismatch.unrecorded.hidden import HiddenFinding, effects_at, finding_at
 
 TIED = 11.0

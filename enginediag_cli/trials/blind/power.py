@@ -10,7 +10,7 @@ from enginediag_cli.engine.engine import Engine
 from enginediag_cli.mismatch.explain.floor_cost import floor_cost
 from enginediag_cli.mismatch.fit.options import effect_option
 from enginediag_cli.mismatch.fit.projection import Projection
-from enginediag_cli.mismatch.fit.trial_fit import Trial
+from enginediag_cli.mismatch.fit.trial import Trial
 from enginediag_cli.trials.blind import kinds
 from enginediag_cli.trials.blind.flights import draw_flights
 from enginediag_cli.trials.blind.sealed import SIZE_STREAM, stream

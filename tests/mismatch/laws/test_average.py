@@ -10,10 +10,11 @@ import numpy as np
 import pytest
 
 from enginediag_cli.engine.term import Coefficient, Effect
+from enginediag_cli.mismatch.fit.attempt import attempt
 from enginediag_cli.mismatch.fit.freeform import locations
 from enginediag_cli.mismatch.fit.identified import NO_HYPOTHESIS, identify_with, nuisance
 from enginediag_cli.mismatch.fit.projection import Projection
-from enginediag_cli.mismatch.fit.trial_fit import Trial, attempt
+from enginediag_cli.mismatch.fit.trial import Trial
 from enginediag_cli.mismatch.laws.at_place import said_at
 from enginediag_cli.mismatch.laws.average import Averaged, Sought, average_of, smooth_member
 from enginediag_cli.mismatch.laws.band import summed

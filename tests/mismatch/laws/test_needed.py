@@ -6,10 +6,12 @@ import concealed
 import numpy as np
 
 from enginediag_cli.engine.term import Coefficient, Effect
+from enginediag_cli.mismatch.fit.attempt import attempt
 from enginediag_cli.mismatch.fit.freeform import locations
 from enginediag_cli.mismatch.fit.identified import NO_HYPOTHESIS, identify_with, nuisance
+from enginediag_cli.mismatch.fit.needed import not_needed
 from enginediag_cli.mismatch.fit.projection import Projection
-from enginediag_cli.mismatch.fit.trial_fit import Trial, attempt, not_needed
+from enginediag_cli.mismatch.fit.trial import Trial
 from enginediag_cli.mismatch.laws.scan import formulas, known_variables, scored
 from enginediag_cli.mismatch.laws.shortlist import proposal
 from enginediag_cli.physics.laws.expression import Expression

@@ -9,10 +9,11 @@ import numpy as np
 import pytest
 
 from enginediag_cli.engine.term import Coefficient, Effect
+from enginediag_cli.mismatch.fit.attempt import attempt
 from enginediag_cli.mismatch.fit.freeform import locations
 from enginediag_cli.mismatch.fit.identified import NO_HYPOTHESIS, identify_with, nuisance
 from enginediag_cli.mismatch.fit.projection import Projection
-from enginediag_cli.mismatch.fit.trial_fit import Trial, attempt
+from enginediag_cli.mismatch.fit.trial import Trial
 from enginediag_cli.mismatch.laws.carried import carried
 from enginediag_cli.mismatch.laws.said import Said
 from enginediag_cli.mismatch.laws.scan import Known, formulas_of, known_variables, prior_of_a_place, scored

@@ -8,10 +8,11 @@ import pytest
 from scipy.stats import norm
 
 from enginediag_cli.engine.term import Coefficient, Effect
+from enginediag_cli.mismatch.fit.attempt import attempt
 from enginediag_cli.mismatch.fit.freeform import locations
 from enginediag_cli.mismatch.fit.identified import NO_HYPOTHESIS, identify_with, nuisance
 from enginediag_cli.mismatch.fit.projection import Projection
-from enginediag_cli.mismatch.fit.trial_fit import Trial, attempt
+from enginediag_cli.mismatch.fit.trial import Trial
 from enginediag_cli.mismatch.laws.fitted import Fitted, ln_within
 from enginediag_cli.mismatch.laws.posterior import evidence_of
 from enginediag_cli.mismatch.laws.scan import Candidate, formulas, known_variables, scored
