@@ -47,6 +47,8 @@ SHORTENED, SHORTER, BOLDER = 0.25, 0.5, 4.0
 after one that kept its promise. Judgement: back at full length in one or two steps."""
 MAX_REJECTED = 24
 """Rejected steps in a row after which nothing is expected of another."""
+CREEPING = 1e-3
+"""Share of a full step: where one so short still loses records there is a wall, before which a search would creep."""
 LOOKED, HOPE = 4, 10.0
 """Iterations before a search may be given up as hopeless, and how many times what the next step promises may still be
 gained in all. Judgement: far from the optimum promises are of the right size, in a bent valley several times too
@@ -133,11 +135,11 @@ def solve(
     del begin
     if not now.ok.any():
         return Fit(x, z, now, np.zeros(p, bool), False, "no record converged at the starting point", ())
-    kinks, boldness, rejected, walls = Kinks(), 1.0, 0, 0
+    kinks, boldness, rejected, walls, walled = Kinks(), 1.0, 0, 0, False
     now, here = _confirmed(problem, now, (x, z), (low, high), kinks, derivatives, tolerance)
     history = [Iteration(total(now, x, z), here.decrement, int((~now.ok).sum()), boldness, True)]
     for _ in each(range(max_iterations), "iterations of the fit"):
-        if here.decrement < tolerance or rejected >= MAX_REJECTED:
+        if here.decrement < tolerance or rejected >= MAX_REJECTED or walled:
             break
         if len(history) > LOOKED and 2.0 * total(now, x, z) - HOPE * here.decrement**2 > hopeless:
             break
@@ -169,7 +171,7 @@ def solve(
             rejected = 0
             boldness = min(1.0, boldness * (BOLDER if step.gain > 0.5 * step.promised else 1.0))
         else:
-            rejected, walls = rejected + 1, walls + step.lost
+            rejected, walls, walled = rejected + 1, walls + step.lost, step.lost and boldness < CREEPING
             boldness *= SHORTENED if step.lost else SHORTER
         now, here = _confirmed(problem, now, (x, z), (low, high), kinks, derivatives, tolerance)
         history.append(Iteration(total(now, x, z), here.decrement, int((~trial.ok).sum()), boldness, step.accepted))

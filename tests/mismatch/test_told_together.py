@@ -10,6 +10,8 @@ from enginediag_cli.mismatch.explain.answer import Explanation
 from enginediag_cli.mismatch.explain.explain import Search
 from enginediag_cli.mismatch.explain.judging import ALIAS
 from enginediag_cli.mismatch.explain.mixed import Mixed
+from enginediag_cli.mismatch.explain.rejected import Reason, Rejected
+from enginediag_cli.mismatch.fit.remainder import Gates
 
 
 def explained(name: str) -> Explanation:
@@ -56,3 +58,52 @@ def test_sets_with_and_without_a_law_are_told_together_where_they_are_as_likely(
 def test_what_is_listed_stays_where_laws_explain_nothing():
     search = Asked(100.0, Mixed())
     assert search._or_with_laws(SEARCH, [LISTED], ()) == ([LISTED], Mixed())
+
+
+def alone(name: str, weighed: float) -> SimpleNamespace:
+    return SimpleNamespace(label=name, weighed=weighed)
+
+
+@pytest.mark.parametrize(
+    ("left", "behind", "sought"),
+    [
+        (30.0, 4.0, True),  # 20 over the gate, 2 behind
+        (30.0, -4.0, True),
+        (30.0, 60.0, False),
+        (9.0, 4.0, False),  # under the gate of its kind
+    ],
+)
+def test_a_rival_that_leaves_more_than_it_is_behind_may_lack_something_beside_it(left, behind, sought):
+    search = Search.__new__(Search)
+    search.adequate = Gates(9.0, 10.0, 10.0)
+    search.rejected = {"rival": Rejected(Reason.LEAVES_MISFIT, left), "worse": Rejected(Reason.WORSE, 12.0)}
+    named = alone("named", 100.0)
+    assert search._lacks_another(alone("rival", 100.0 + behind), named) is sought
+    assert not search._lacks_another(named, named) and not search._lacks_another(alone("worse", 112.0), named)
+
+
+@pytest.mark.parametrize(
+    ("of_sets", "told"),
+    [
+        (20.0, ["set"]),
+        (0.5 * ALIAS - 0.1, ["set", "single"]),
+        (-0.5 * ALIAS + 0.1, ["single", "set"]),
+        (-20.0, ["single"]),
+    ],
+)
+def test_a_single_option_is_named_unless_sets_that_hold_its_rival_are_likelier(of_sets, told):
+    class Single(Asked):
+        def _of_sets(self, rest, singles, least):
+            return SEARCH, [explained("set")]
+
+        def _gained(self, sets, x):
+            return of_sets if x.label == "set" else 0.0
+
+        def _lacks_another(self, trial, than):
+            return trial.label == "rival"
+
+    search = Single(0.0, Mixed())
+    search.fitted = {"single": alone("single", 100.0)}
+    single = explained("single")
+    assert [x.label for x in search._or_sets(None, [alone("rival", 101.0)], [single])] == told
+    assert search._or_sets(None, [alone("other", 101.0)], [single]) == [single]

@@ -32,6 +32,9 @@ if TYPE_CHECKING:
 SWEEPS = 30
 """Solves of a tape at most. A memory that gives back a tenth of its signal needs nine; heat soak that takes a quarter,
 half of what its range allows, more than twelve on a real flight."""
+STUCK = 8
+"""Sweeps over which what changes must halve: what does not cannot settle within SWEEPS, as a switch that turns itself
+off does not at all."""
 SETTLED = 1e-9
 """Of the largest value of a memory: a sweep that changes less was the last."""
 KEPT = 20_000_000
@@ -220,6 +223,7 @@ class Recall:
             recalled.settled = True
             return
         held = any(there(m, theta) for m in states)
+        changes: list[float] = []
         back = np.zeros((N, len(states), len(states)))  # how signals follow what is remembered, at the first sweep
         for sweep in range(SWEEPS):
             # what no way has led to is tried again from its neighbours, not in every way once a sweep
@@ -233,10 +237,12 @@ class Recall:
             if not sweep:
                 back = np.nan_to_num(p.jacobian) * ~np.array(measured)[:, None]
             new = _consistent(states, tape, theta, s, back, m_now)
-            change = [_change(new[n], m_now[n]) for n in names]
+            changes.append(max(_change(new[n], m_now[n]) for n in names))
             m_now = new
-            if max(change) < SETTLED:
+            if changes[-1] < SETTLED:
                 recalled.settled = True
+                break
+            if sweep >= STUCK and changes[-1] > 0.5 * changes[-1 - STUCK]:
                 break
         if start is not None:
             self._starts[k, N] = start

@@ -40,6 +40,7 @@ from enginediag_cli.mismatch.explain.latched_laws import outweighing
 from enginediag_cli.mismatch.explain.lawful import LISTED_FIRST, Ground, LawsAlone, ground_of
 from enginediag_cli.mismatch.explain.members import MOST_MEMBERS
 from enginediag_cli.mismatch.explain.mixed import Mixed, with_laws
+from enginediag_cli.mismatch.explain.rejected import Reason
 from enginediag_cli.mismatch.explain.repeated import repeated
 from enginediag_cli.mismatch.explain.shortlist import shortlisted
 from enginediag_cli.mismatch.explain.stepwise import Stepwise
@@ -146,7 +147,7 @@ class Search(Fits):
                 return self._hidden(rest)
         singles = self.refit([(self.timed(s.option),) for s in shortlisted(rest.scores, self.plain)])
         unfitted, singles = singles is None, singles or []
-        named = self.named(singles)
+        named = self._or_sets(rest, singles, self.named(singles))
         if named and recorded <= named[0].gain + ALIAS:
             return self.answer(NAMED, "", rest, named)
         laws = LawsAlone(self.laws)
@@ -211,6 +212,28 @@ class Search(Fits):
         search = Stepwise(few.fits, left.cells[0] if left.cells else None, self.proposers, many=True, least=least)
         named = search.named(few.singles(left), left.scores)
         return search, few.judged(named, search.sets.weighed, lambda t: self.counts(t, best))
+
+    def _or_sets(self, rest: Remainder, singles: Sequence[Trial], named: list[Explanation]) -> list[Explanation]:
+        """What is named of single options, or of sets where these are likelier: sought where another single one, for
+        all that it leaves, may be right and lack something beside it. Where neither is plainly likelier both are
+        told."""
+        if not named or not any(self._lacks_another(t, self.fitted[named[0].label]) for t in singles):
+            return named
+        search, several = self._of_sets(rest, singles, -np.inf)
+        alone = among_all(search.sets, named) if self.few.are_all else named
+        ahead = self._gained(search.sets, several[0]) - self._gained(search.sets, named[0]) if several else -np.inf
+        near = abs(ahead) < 0.5 * ALIAS
+        if ahead > 0.0:
+            return [*_together(several, alone if near else ())]
+        return [*_together(alone, several if near else ())]
+
+    def _lacks_another(self, trial: Trial, than: Trial) -> bool:
+        """Whether a trial that leaves a misfit may explain more than another with something that makes up for it: more
+        is over the gates than it is behind, in ln likelihood."""
+        why, gates = self.rejected.get(trial.label), self.adequate
+        if why is None or why.reason is not Reason.LEAVES_MISFIT:
+            return False
+        return why.figure - max(gates.effects, gates.faults, gates.cells) > 0.5 * (trial.weighed - than.weighed)
 
     def _or_with_laws(
         self, search: Stepwise, named: list[Explanation], tried: Sequence[Proposal]

@@ -333,12 +333,14 @@ class LawSearch:
 
     def with_second(self) -> list[Fitted]:
         """The best laws with the one that says most about what each leaves, and with further forms of the variables of
-        both; those that are likelier than any without."""
+        both; those that are likelier than any without. What remembers is no second law: a fit of it takes minutes where
+        flights do not hold it."""
         sets: list[tuple[Proposal, ...]] = []
         for first in self.single[:BEHIND]:
             left = scanned(first.trial.found, first.trial.projection)
             known = {o.label for o in first.options}
-            more = [p for p in elsewhere(left.candidates, self.engine, SECOND) if p.option.label not in known]
+            at_once = [c for c in left.candidates if not c.formula.form.remembers]
+            more = [p for p in elsewhere(at_once, self.engine, SECOND) if p.option.label not in known]
             sets += [(*first.laws, p) for p in more]
         found = self._fitted(sets)
         further = [f for second in found[:1] for f in self._of_more_forms(second)]
