@@ -61,7 +61,7 @@ def test_what_is_listed_stays_where_laws_explain_nothing():
 
 
 def alone(name: str, weighed: float) -> SimpleNamespace:
-    return SimpleNamespace(label=name, weighed=weighed)
+    return SimpleNamespace(label=name, weighed=weighed, projection=SimpleNamespace(rest=lambda: None))
 
 
 @pytest.mark.parametrize(
@@ -69,17 +69,20 @@ def alone(name: str, weighed: float) -> SimpleNamespace:
     [
         (30.0, 4.0, True),  # 20 over the gate, 2 behind
         (30.0, -4.0, True),
-        (30.0, 60.0, False),
+        (30.0, 41.0, False),
+        (90.0, 60.0, False),  # too far
         (9.0, 4.0, False),  # under the gate of its kind
     ],
 )
-def test_a_rival_that_leaves_more_than_it_is_behind_may_lack_something_beside_it(left, behind, sought):
+@pytest.mark.parametrize("reason", [Reason.LEAVES_MISFIT, Reason.WORSE])
+def test_a_rival_that_leaves_more_than_it_is_behind_may_lack_something_beside_it(left, behind, sought, reason):
     search = Search.__new__(Search)
     search.adequate = Gates(9.0, 10.0, 10.0)
-    search.rejected = {"rival": Rejected(Reason.LEAVES_MISFIT, left), "worse": Rejected(Reason.WORSE, 12.0)}
+    search.rejected = {"rival": Rejected(reason, left), "bound": Rejected(Reason.AT_BOUND)}
+    search.left = lambda trial: SimpleNamespace(surprise=left)
     named = alone("named", 100.0)
     assert search._lacks_another(alone("rival", 100.0 + behind), named) is sought
-    assert not search._lacks_another(named, named) and not search._lacks_another(alone("worse", 112.0), named)
+    assert not search._lacks_another(named, named) and not search._lacks_another(alone("bound", 100.0), named)
 
 
 @pytest.mark.parametrize(

@@ -71,6 +71,8 @@ needs no comparison with sets of effects."""
 MAIN, UNRECORDED = 0.8, 0.2
 """Shares of the probability of a false alarm, of the gate on recorded drivers and of that on unrecorded ones."""
 
+FAR_BEHIND = 4.0 * ALIAS
+"""χ² by which a single option may be behind another and be right in part. Judgement."""
 WITHOUT_LAWS = 3
 """Listed options that are told together without a look at laws beside fewer. Judgement: several listed ones imitate a
 law between them, and each that it takes is one more to be wrong about."""
@@ -230,10 +232,12 @@ class Search(Fits):
     def _lacks_another(self, trial: Trial, than: Trial) -> bool:
         """Whether a trial that leaves a misfit may explain more than another with something that makes up for it: more
         is over the gates than it is behind, in ln likelihood."""
-        why, gates = self.rejected.get(trial.label), self.adequate
-        if why is None or why.reason is not Reason.LEAVES_MISFIT:
+        why, gates, behind = self.rejected.get(trial.label), self.adequate, trial.weighed - than.weighed
+        if why is None or why.reason not in (Reason.LEAVES_MISFIT, Reason.WORSE) or behind > FAR_BEHIND:
             return False
-        return why.figure - max(gates.effects, gates.faults, gates.cells) > 0.5 * (trial.weighed - than.weighed)
+        left = self.left(trial).surprise
+        trial.projection.rest()
+        return left - max(gates.effects, gates.faults, gates.cells) > 0.5 * behind
 
     def _or_with_laws(
         self, search: Stepwise, named: list[Explanation], tried: Sequence[Proposal]
