@@ -176,7 +176,7 @@ def solve(
         now, here = _confirmed(problem, now, (x, z), (low, high), kinks, derivatives, tolerance)
         history.append(Iteration(total(now, x, z), here.decrement, int((~trial.ok).sum()), boldness, step.accepted))
     end = Fit(x, z, now, here.held & (low < high), False, "", tuple(history))
-    return _ended(end, tolerance, rejected, walls)
+    return _ended(end, tolerance, rejected if rejected >= MAX_REJECTED or walled else 0, walls)
 
 
 def resumed(
@@ -208,16 +208,17 @@ def _confirmed(
     return now, here
 
 
-def _ended(fit: Fit, tolerance: float, rejected: int, walls: int) -> Fit:
-    """The fit with its verdict: converged or not, and why."""
+def _ended(fit: Fit, tolerance: float, in_vain: int, walls: int) -> Fit:
+    """The fit with its verdict: converged or not, and why. `in_vain`: rejected steps in a row after which nothing was
+    expected of another; 0 where the search ended otherwise."""
     distance = f"{fit.decrement:.1e} standard errors"
     if fit.decrement < tolerance:
         return replace(fit, converged=True, reason=f"the distance to the optimum is {distance}")
-    if rejected >= MAX_REJECTED:
+    if in_vain:
         if fit.decrement < STALL:
             reason = f"no step lowers the misfit any more; the distance to the optimum is at most {distance}"
             return replace(fit, converged=True, reason=reason)
-        reason = f"{rejected} steps in a row did not lower the misfit, {distance} from the optimum"
+        reason = f"{in_vain} steps in a row did not lower the misfit, {distance} from the optimum"
     else:
         reason = f"after {len(fit.iterations) - 1} iterations the optimum is {distance} away"
     return replace(fit, reason=reason + _walls(walls))

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from identification_toy import PARAMETERS, TRUTH, ToyEngine, fly, health
 
-from enginediag_cli.identification.gauss_newton import solve
+from enginediag_cli.identification.gauss_newton import CREEPING, solve
 from enginediag_cli.identification.loss import LOSSES
 from enginediag_cli.identification.normal_equations import predict
 from enginediag_cli.identification.problem import TrainingRecording, build_problem
@@ -90,6 +90,7 @@ def test_a_step_that_loses_records_is_not_taken_for_a_better_fit():
     problem = problem_of(wall, [recording])
     fit = solve(problem)
     assert not fit.converged
+    assert sum(i.boldness < CREEPING for i in fit.iterations) <= 2  # nor does it creep along the wall
     assert "lost" in fit.reason
     assert not fit.failed.any()
     assert problem.physical(fit.x)["hpc.efficiency"] >= 0.97
