@@ -90,7 +90,8 @@ def test_a_step_that_loses_records_is_not_taken_for_a_better_fit():
     problem = problem_of(wall, [recording])
     fit = solve(problem)
     assert not fit.converged
-    assert sum(i.boldness < CREEPING for i in fit.iterations) <= 2  # nor does it creep along the wall
+    # nor does the search creep along the wall
+    assert fit.iterations[-1].boldness < CREEPING and len(fit.iterations) < 30 and "in a row" in fit.reason
     assert "lost" in fit.reason
     assert not fit.failed.any()
     assert problem.physical(fit.x)["hpc.efficiency"] >= 0.97
