@@ -31,9 +31,8 @@ from enginediag_cli.mismatch.explain.answer import (
     Answer,
     Explanation,
 )
-from enginediag_cli.mismatch.explain.exchanges import Proposer
 from enginediag_cli.mismatch.explain.few import Few
-from enginediag_cli.mismatch.explain.fitted_sets import FittedSets
+from enginediag_cli.mismatch.explain.fitted_sets import FittedSets, Proposer
 from enginediag_cli.mismatch.explain.in_part import in_part, left_by
 from enginediag_cli.mismatch.explain.judging import ADEQUATE, ALIAS, Fits
 from enginediag_cli.mismatch.explain.latched_laws import outweighing
@@ -48,9 +47,7 @@ from enginediag_cli.mismatch.fit.evidence import Evidence
 from enginediag_cli.mismatch.fit.freeform import places
 from enginediag_cli.mismatch.fit.identified import NO_HYPOTHESIS, identify_with
 from enginediag_cli.mismatch.fit.noise import doubtful, estimated_noise, with_noise
-from enginediag_cli.mismatch.fit.options import (
-    EFFECT,
-)
+from enginediag_cli.mismatch.fit.options import EFFECT
 from enginediag_cli.mismatch.fit.projection import Projection
 from enginediag_cli.mismatch.fit.remainder import Gates, Remainder, remainder
 from enginediag_cli.mismatch.fit.trial import Trial
@@ -222,12 +219,12 @@ class Search(Fits):
         if not named or not any(self._lacks_another(t, self.fitted[named[0].label]) for t in singles):
             return named
         search, several = self._of_sets(rest, singles, -np.inf)
-        alone = among_all(search.sets, named) if self.few.are_all else named
         ahead = self._gained(search.sets, several[0]) - self._gained(search.sets, named[0]) if several else -np.inf
-        near = abs(ahead) < 0.5 * ALIAS
-        if ahead > 0.0:
-            return [*_together(several, alone if near else ())]
-        return [*_together(alone, several if near else ())]
+        return [*_likelier_first(several, self._among(search, named), ahead)]
+
+    def _among(self, search: Stepwise, named: list[Explanation]) -> list[Explanation]:
+        """What is named, with its probabilities among all sets of this search; of few of many records as it is."""
+        return among_all(search.sets, named) if self.few.are_all else named
 
     def _lacks_another(self, trial: Trial, than: Trial) -> bool:
         """Whether a trial that leaves a misfit may explain more than another with something that makes up for it: more
@@ -249,14 +246,12 @@ class Search(Fits):
             return named, Mixed()
         mixed = self._mixed(search, tried)
         # those with laws are rivals now
-        alone = among_all(search.sets, named) if self.few.are_all else named
+        alone = self._among(search, named)
         own = self._gained(search.sets, named[0]) if named else -np.inf
         if not mixed.explanations:
             return alone, mixed
-        near = abs(own - mixed.evidence) < 0.5 * ALIAS
-        if own < mixed.evidence:
-            return [], replace(mixed, explanations=_together(mixed.explanations, alone if near else ()))
-        return [*_together(alone, mixed.explanations if near else ())], Mixed()
+        told = _likelier_first(mixed.explanations, alone, mixed.evidence - own)
+        return ([], replace(mixed, explanations=told)) if own < mixed.evidence else ([*told], Mixed())
 
     def _mixed(self, search: Stepwise, tried: Sequence[Proposal]) -> Mixed:
         """Listed options with laws beside them: sought on few of many records."""
@@ -354,6 +349,15 @@ class Search(Fits):
 def _evidence(hidden: Sequence[Hidden]) -> float:
     """ln likelihood ratio of the best finding of an unrecorded driver; −∞ without one."""
     return max(hidden[0].lr, hidden[0].gain) if hidden else -np.inf
+
+
+def _likelier_first(
+    ones: Sequence[Explanation], others: Sequence[Explanation], ahead: float
+) -> tuple[Explanation, ...]:
+    """Of two alias sets the likelier, `ahead` being the ln evidence of `ones` against the others; and the other after
+    it where neither is plainly likelier."""
+    first, second = (ones, others) if ahead > 0.0 else (others, ones)
+    return _together(first, second if abs(ahead) < 0.5 * ALIAS else ())
 
 
 def _together(first: Sequence[Explanation], others: Sequence[Explanation]) -> tuple[Explanation, ...]:

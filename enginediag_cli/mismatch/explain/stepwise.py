@@ -69,7 +69,7 @@ class Stepwise:
     ):
         self.sets = FittedSets(fits, many)
         self.deciding = Deciding(self.sets, best, proposers)
-        self.proposers, self.many, self.least = tuple(proposers), many, least
+        self.proposers, self.least = tuple(proposers), least
         effects = [e for o in fits.library for e in o.hypothesis.effects]
         self.places = kinds_of_places(effects, fits.evidence.engine.network)
 
@@ -84,7 +84,7 @@ class Stepwise:
             add(pairs, wider)
         fitted = sets.fits.refit(pairs) or []
         named = sets.fits.named([s for s in fitted if sets.fits.counts(s, self.deciding.best)])
-        if named and not self.many:
+        if named and not sets.many:
             named = self._with_rivals(named[0], fitted)
         return self.deciding.unless_outdone(named) or self._grown(self.proposers)
 
@@ -123,14 +123,14 @@ class Stepwise:
         least = sets.evidence(sets.fits.base) + self.least
         enough = max(sets.evidence(alone) if sets.is_adequate(alone) else -np.inf, least) - 0.5 * ALIAS
         exchanged, stalled = "", False
-        for _ in range(ROUNDS_OF_MANY if self.many else ROUNDS):
+        for _ in range(ROUNDS_OF_MANY if sets.many else ROUNDS):
             beam = sets.beam(settle)
             if settle and (named := self.deciding.settled(beam)):
                 return self._or_a_rival(named, proposers)
             done = not settle and sets.is_adequate(beam[0])
             new = [] if done or stalled else self._proposed(beam, proposers, enough)
             within = beam[0].label != exchanged and sets.evidence(beam[0]) > enough - WITHIN_REACH
-            if not new and within and not (self.many and settle):
+            if not new and within and not (sets.many and settle):
                 exchanged = beam[0].label
                 new = exchanges(sets, beam[0], proposers, enough)
             if not new:
@@ -146,7 +146,7 @@ class Stepwise:
         or may in the end: ½ (χ² − χ² of the settled one), less what a member costs, is about all that can be gained.
         Where they promise nothing more members of theirs are exchanged."""
         sets = self.sets
-        for _ in range(0 if self.many else RIVAL_ROUNDS):
+        for _ in range(0 if sets.many else RIVAL_ROUNDS):
             best = sets.fits.fitted[named[0].label]
             own, enough = set(map(identity, best.options)), sets.evidence(best) + 0.5 * ALIAS
             others = [t for t in sets.beam(listed=True) if not set(map(identity, t.options)) <= own]
@@ -178,6 +178,6 @@ class Stepwise:
         for promise, members in sorted(promised, key=lambda p: -p[0]):
             if promise > enough and not sets.known(members):
                 add(new, members)
-        most = TRIED_OF_MANY if self.many else TRIED
+        most = TRIED_OF_MANY if sets.many else TRIED
         of_library = [n for n in new if n[-1].kind not in (FREE, LAW)]
         return [*of_library[:most], *[n for n in new if n[-1].kind in (FREE, LAW)][:most]]
