@@ -67,8 +67,8 @@ class LiveRecorder:
     def gate(self) -> GateReport:
         """What the gate, or the averaging, kept."""
         if self.recorder.average_s > 0.0:
-            return GateReport(self.kept, self.windows, self.reasons, f"windows of {self.recorder.average_s:g} s")
-        return GateReport(self.kept, self.records, self.reasons)
+            return GateReport(self.kept, self.windows, dict(self.reasons), f"windows of {self.recorder.average_s:g} s")
+        return GateReport(self.kept, self.records, dict(self.reasons))
 
     def add(self, raw: Recording, *, end: bool = False) -> Recording:
         """What has become final by these records of the file; `end`: no more will come. Raises DataError."""

@@ -108,3 +108,25 @@ def test_what_is_read_back_is_what_was_condensed(tasks):
     assert first.n == small_fleet.RECORDS and first.parameters == tuple(meaning)
     np.testing.assert_array_equal(first.F, first.F.T)
     assert set(windows[0].conditions) >= {"altitude_m", "mach"}
+
+
+@pytest.mark.parametrize(
+    ("gate", "left"),
+    [("steady: {minimum: {Wf_kg_s: 0.001}}", 0), ("steady: {maximum: {mach: 0.4}}", 80), ("average_s: 60", 1)],
+)
+def test_what_a_recorders_gate_has_left_out_is_kept_beside_the_windows(fleet_file, tmp_path, gate, left):
+    for name in ("engine.yaml", "nominal.yaml", "engine_1.csv"):
+        (tmp_path / name).write_bytes((fleet_file.parent / name).read_bytes())
+    columns = read_all(str(tmp_path / "engine_1.csv")).columns
+    mapped = [f"  {column}: {{from: {column}}}" for column in columns]
+    text = ["kind: recorder", "description: its own columns", "columns:", *mapped, "text: {flight: flight}", gate, ""]
+    (tmp_path / "recorder.yaml").write_text("\n".join(text), encoding="utf-8")
+    fleet = tmp_path / "fleet.yaml"
+    fleet.write_text(f"{small_fleet.FLEET}recorder: recorder.yaml\n", encoding="utf-8")
+    _, recordings, models, store = small_fleet.opened(fleet, tmp_path / "store")
+    for fresh in (True, False):  # made, and found again
+        (outcome,) = condense_all(recordings, models, store, Serial())
+        assert outcome.trouble == "" and outcome.fresh == fresh
+        (told,) = outcome.condensed.left_out
+        assert sum(told.gate.reasons.values()) == left
+        assert told.gate.kept == told.gate.total - left
