@@ -16,7 +16,7 @@ from enginediag_cli.recordings.average import average
 from enginediag_cli.recordings.channel import Channel, load_channel
 from enginediag_cli.recordings.conversion import Conversion
 from enginediag_cli.recordings.derived import RULES
-from enginediag_cli.recordings.dialect import DELIMITERS, Dialect, known_encoding
+from enginediag_cli.recordings.dialect import DELIMITERS, THOUSANDS, Dialect, known_encoding
 from enginediag_cli.recordings.masking import Judged, mask_recording
 from enginediag_cli.recordings.quality import MaskReport, QualitySettings, insist_on_something
 from enginediag_cli.recordings.read import read_all
@@ -69,14 +69,7 @@ class Recorder:
     @property
     def dialect(self) -> Dialect:
         """How its files are written."""
-        file = self.values["file"]
-        return Dialect(
-            DELIMITERS.get(file["delimiter"], "auto"),
-            "," if file["decimal"] == "comma" else ".",
-            file["encoding"],
-            file["header_line"],
-            file["unit_row"],
-        )
+        return dialect_of(self.values["file"])
 
     def judged(self, inputs: Collection[str] = ()) -> Judged:
         """What is masked of an engine's recording; `inputs`: columns that may stand still (see masking.py)."""
@@ -162,6 +155,22 @@ class Recorder:
         if report.kept == 0:
             raise NoVerdictError(f"{recording.source}: no steady record is left: {report.report_line()}")
         return MappedRecording(name, kept, masks, report, errors)
+
+
+def dialect_of(file: Mapping[str, Any]) -> Dialect:
+    """How a file is written by the keys of a section `file`."""
+    return Dialect(
+        DELIMITERS.get(file["delimiter"], file["delimiter"]),
+        "," if file["decimal"] == "comma" else ".",
+        file["encoding"],
+        file["header_line"],
+        file["unit_row"],
+        tuple(file["names"]),
+        tuple(int(width) for width in file["widths"]),
+        THOUSANDS.get(file["thousands"], ""),
+        tuple(file["missing"]),
+        file["sheet"],
+    )
 
 
 def load_recorder(path: str | Path) -> Recorder:

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from enginediag_cli.config.fields import Field, Section, Variants
 from enginediag_cli.recordings.derived import RULES
-from enginediag_cli.recordings.dialect import DELIMITERS
+from enginediag_cli.recordings.dialect import DELIMITERS, LAYOUTS, THOUSANDS
+from enginediag_cli.recordings.stamps import NUMBERS
 
 _COLUMN = Section(
     "column",
@@ -70,15 +71,35 @@ _STEADY = Section(
     ),
 )
 
+_LONG = Section(
+    "long",
+    "an export of one reading a line: time, tag, value; each tag becomes a column of this name",
+    (
+        Field("tag", "text", "column of the tags' names"),
+        Field("value", "text", "column of the values"),
+        Field("quality", "text", "column of the quality of a value; none if empty", ""),
+        Field("good", "texts", "words of the quality of a value that is used, in any case", ()),
+        Field("clock", "text", "tag at whose times there is a record; none: whenever a used tag has a value", ""),
+        Field("max_age_s", "number", "how long a tag's last value is held; 0: its own time", 0.0, "s", minimum=0.0),
+    ),
+)
+
 _FILE = Section(
     "file",
     "how the file is written",
     (
-        Field("delimiter", "choice", "between cells", "auto", choices=("auto", *DELIMITERS)),
+        Field("delimiter", "choice", "between cells", "auto", choices=("auto", *DELIMITERS, *LAYOUTS)),
+        Field("widths", "numbers", "characters of each column, of delimiter: fixed", ()),
         Field("decimal", "choice", "decimal mark", "point", choices=("point", "comma")),
+        Field("thousands", "choice", "mark between groups of three digits", "none", choices=("none", *THOUSANDS)),
         Field("encoding", "text", "of the text, as Python names it: utf-8, latin-1, cp1252", "utf-8"),
+        Field("header", "choice", "whether a line names the columns", "line", choices=("line", "none")),
         Field("header_line", "integer", "line of the header; 0: the first that is not blank or #", 0, minimum=0),
+        Field("names", "texts", "names of the columns, of header: none; an empty one is not read", ()),
         Field("unit_row", "boolean", "whether a row of units follows the header", False),
+        Field("missing", "texts", "further words for a missing value, in any case; a number by its value", ()),
+        Field("sheet", "text", "sheet of an Excel workbook; the first if empty", ""),
+        Field("long", "section", "an export of one reading a line", None, section=_LONG),
     ),
 )
 
@@ -87,8 +108,14 @@ _TIME = Section(
     "time stamps that become time_s, in seconds",
     (
         Field("from", "texts", "column of the stamp, or of date and of time"),
-        Field("format", "text", "iso (ISO 8601), or as in strptime: '%d.%m.%Y %H:%M:%S'", "iso"),
-        Field("zone", "text", "time zone of stamps that do not say: +02:00; UTC if not given", ""),
+        Field(
+            "format",
+            "text",
+            "iso (ISO 8601; a time of day alone may pass midnight), as in strptime ('%d.%m.%Y %H:%M:%S'), or a number: "
+            + ", ".join(NUMBERS),
+            "iso",
+        ),
+        Field("zone", "text", "time zone of stamps that do not say: +02:00 or Europe/Berlin; UTC if not given", ""),
         Field(
             "since",
             "choice",
@@ -96,6 +123,20 @@ _TIME = Section(
             "first_record",
             choices=("first_record", "epoch"),
         ),
+    ),
+)
+
+_JOIN = Section(
+    "join",
+    "a second file, at another rate, whose columns are read along with the recording's",
+    (
+        Field("recording", "text", "its name, beside the recording: {name} is that of the recording without ending"),
+        Field("cut", "text", "end of the recording's name that {name} is without, such as _fast", ""),
+        Field("file", "section", "how it is written; none: as the recording", None, section=_FILE),
+        Field("time", "section", "its time stamps; none: as the recording's", None, section=_TIME),
+        Field("prefix", "text", "put before the names of its columns", ""),
+        Field("how", "choice", "last value held, or each to the nearest record", "hold", choices=("hold", "nearest")),
+        Field("max_age_s", "number", "how far a value may be from a record that takes it", unit="s", minimum=0.0),
     ),
 )
 
@@ -108,6 +149,7 @@ RECORDER_FILE = Section(
         Field("sources", "texts", "where the facts come from", ()),
         Field("file", "section", "how the file is written", {}, section=_FILE),
         Field("time", "section", "time stamps; none: time is a number, or not recorded", None, section=_TIME),
+        Field("joins", "named_sections", "further files, beside the recording, joined on time", (), section=_JOIN),
         Field("columns", "section_map", "target column (with its SI unit) to its source", section=_COLUMN),
         Field("engines", "section_map", "engines of the file by name; none: one engine", {}, section=_ENGINE),
         Field("constants", "number_map", "columns with one value", {}),

@@ -16,6 +16,10 @@ from enginediag_cli.recordings.table import Recording
 FRACTION = re.compile(r"(.*?)[.,](\d+)(.*)")
 """A stamp with a fraction of a second: what stands before it, its digits, what stands behind."""
 
+NUMBERS = ("seconds", "seconds_of_day", "epoch_s", "epoch_ms", "excel_days")
+"""Forms of stamps that are numbers: seconds from anywhere, seconds since midnight, seconds and milliseconds since 1970
+in UTC, and days since 30 December 1899, which is how spreadsheets keep local time."""
+
 EPOCH = datetime(1970, 1, 1, tzinfo=timezone.utc)
 """Where the seconds of a time stamp begin, as in POSIX."""
 
