@@ -68,13 +68,14 @@ if TYPE_CHECKING:
     "--kind",
     "chosen",
     multiple=True,
-    type=click.Choice(tuple(dict.fromkeys((*CHOICES, *isolated.KINDS)))),
+    type=click.Choice(tuple(dict.fromkeys((*CHOICES, *isolated.CHOICES)))),
     metavar="KIND",
     help=f"Only trials of this kind; may be given several times. To explain, one of {', '.join(KINDS)}, or, "
     "never drawn unasked, dynamic: recordings that move and effects that remember; law: effects that no library holds; "
     "planned: effects with rivals, what to fly next, and whether that tells; "
     f"several: two to four causes ({', '.join(k for own in APART.values() for k in own)}); to isolate, one of "
-    f"{', '.join(isolated.KINDS)}.",
+    f"{', '.join(isolated.KINDS)}, or, never drawn unasked, {isolated.FIELD}: whole flights with everything at once, a "
+    "quarter of them healthy.",
 )
 @click.option(
     "--jobs",
@@ -122,6 +123,7 @@ def prove(
     enginediag prove --trials 400 --seed 12 --trials-output trials.jsonl --resume
     enginediag prove --kind law --trials 200 --seed 12
     enginediag prove --question isolate --truth realistic --trials 400 --seed 12
+    enginediag prove --question isolate --kind field --trials 320 --seed 12
 
     The explainer, or isolator, is a process of its own that is given the recordings, the engine file, and what is known
     of noise and maps. ENGINE.yaml is turbofan.yaml when not given; of realistic truths each has one of turbofan,

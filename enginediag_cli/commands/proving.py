@@ -48,7 +48,7 @@ class Asked:
     def check(self) -> None:
         """Raises click.UsageError for choices that do not go together."""
         isolating = self.question == ISOLATE
-        kinds = isolated.KINDS if isolating else explained.CHOICES
+        kinds = isolated.CHOICES if isolating else explained.CHOICES
         truths = isolated.TRUTHS if isolating else explained.TRUTHS
         for option, values, own in (("--kind", self.chosen, kinds), ("--truth", self.truths, truths)):
             odd = [v for v in values if v not in own]
@@ -56,6 +56,8 @@ class Asked:
                 raise click.UsageError(
                     f"{option} {odd[0]} does not go with --question {self.question}; one of {', '.join(own)} does"
                 )
+        if isolating and isolated.FIELD in self.chosen and len(self.chosen) > 1:
+            raise click.UsageError(f"--kind {isolated.FIELD} holds the other kinds in fixed shares; give it alone")
         if self.moving and explained.REALISTIC in self.truths:
             raise click.UsageError(
                 f"--kind {explained.DYNAMIC} does not go with --truth {explained.REALISTIC}, whose clocks and probes "

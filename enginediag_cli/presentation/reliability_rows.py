@@ -55,7 +55,7 @@ def _sheet_rows(found: Mapping[str, Any]) -> Iterator[dict[str, Any]]:
 def _bin_rows(found: Mapping[str, Any]) -> Iterator[dict[str, Any]]:
     for kind, own in found["reliability"].items():
         for b in own:
-            place = {"kind": kind, "bin": f"{b['from']:g} to {b['to']:g}", "stated": b["stated"]}
+            place = {"kind": kind, "bin": f"{b['from']:g} to {b['to']:g}", "stated": b["stated"], "gap": b["gap"]}
             yield {"table": "reliability", "score": "right", **place, **_numbers(b)}
 
 
@@ -96,6 +96,7 @@ def tables(found: Mapping[str, Any]) -> list[list[dict[str, Any]]]:
             "stated": f"{b['from']:g} to {b['to']:g}",
             "mean stated": f"{b['stated']:.3f}",
             "right": cell(b),
+            "gap": f"{b['gap']:+.3f}",
         }
         for kind, own in found["reliability"].items()
         for b in own

@@ -17,7 +17,7 @@ from enginediag_cli.trials.isolated.isolator import answer
 from enginediag_cli.trials.isolated.recorded import record
 from enginediag_cli.trials.isolated.reliability import by_kind, reliability, sheet
 from enginediag_cli.trials.isolated.score import CANNOT_TELL, NAMED, NO_VERDICT, NOT_IDENTIFIED, NOTHING, marks, outcome
-from enginediag_cli.trials.isolated.sealed import Change, draw, reading
+from enginediag_cli.trials.isolated.sealed import Change, draw, group_of, reading
 
 CONFIGS = Path(__file__).parents[2] / "configs"
 
@@ -58,7 +58,7 @@ def test_only_the_judged_flight_is_changed(turbojet, tmp_path):
     files = sorted(p.name for p in (tmp_path / "with").glob("*.csv"))
     for name in files:
         a, b = (np.genfromtxt(tmp_path / w / name, delimiter=",", names=True) for w in ("with", "without"))
-        assert np.allclose(a["T3_K"] - b["T3_K"], 25.0 if name == "judged.csv" else 0.0, atol=1e-5)
+        assert np.allclose(a["T3_K"] - b["T3_K"], 25.0 if name.startswith("judged") else 0.0, atol=1e-5)
     assert sum(name.startswith("healthy") for name in files) in (4, 5, 6)
 
 
@@ -77,6 +77,28 @@ def test_the_isolator_says_what_the_commands_say(turbojet, tmp_path):
     assert len(window["sets"]) - 1 == len(
         json.loads(row["rivals"]) if row["rivals"].startswith("[") else row["rivals"].split(";")
     )
+
+
+def test_the_field_holds_its_shares_and_one_engine_for_several_judged_flights(turbojet, tmp_path):
+    cycle = [kinds.field_kind(k) for k in range(320)]
+    assert cycle.count(kinds.NULL) == 80 and sum(cycle.count(k) for k in kinds.INSTRUMENTS) == 60
+    one, other = (draw(turbojet, 5, k, (kinds.REALISTIC,), (kinds.FIELD,)) for k in (1, 2))
+    assert one.health == other.health and one.changes != other.changes
+    assert group_of(1, (kinds.FIELD,)) == group_of(2, (kinds.FIELD,)) != group_of(8, (kinds.FIELD,))
+    for a, b in zip(one.flights[:-1], other.flights[:-1], strict=True):
+        assert all(np.array_equal(a[c], b[c]) for c in a)
+    assert not np.array_equal(one.flights[-1]["mach"], other.flights[-1]["mach"])
+    texts = []
+    for sealed in (one, other):
+        folder = tmp_path / str(sealed.trial)
+        folder.mkdir()
+        files = record(turbojet, sealed, folder)
+        texts.append([p.read_text() for p in files.healthy])
+        data = np.genfromtxt(files.judged, delimiter=",", names=True)
+        assert np.all(np.diff(data["time_s"]) == 60.0)
+        cells = np.isnan(np.stack([data[c] for c in turbojet.sensors]))
+        assert 0.01 < cells.mean() < 0.12
+    assert texts[0] == texts[1]  # healthy recordings are the group's
 
 
 # marks
@@ -152,7 +174,9 @@ def test_what_was_not_judged_has_no_marks_but_that(turbojet, component):
         ({"error": "it broke"}, "failed"),
     ):
         assert outcome(told) == came
-        assert set(marks(turbojet, component, told)) == {"judged", "cannot_tell", "no_verdict", "not_identified"}
+        m = marks(turbojet, component, told)
+        assert set(m) == {"judged", "cannot_tell", "no_verdict", "not_identified", "exact_fault", "covered_fault"}
+        assert not m["exact_fault"] and not m["covered_fault"]  # of all faults, those without an answer too
     assert outcome(said([], named=False)) == NOTHING and outcome(said(["x"])) == NAMED
 
 
@@ -176,5 +200,8 @@ def test_reliability_counts_each_name_in_the_bin_of_its_probability():
 def test_the_sheet_compares_what_is_probable_with_what_was_stated():
     found = sheet(records((0.8, True), (0.8, True), (0.8, False), (0.8, True), (0.95, True)))
     assert found["right_less_stated_when_probable"]["rate"] == pytest.approx(0.75 - 0.8)
+    assert found["largest_gap"]["of"] == 0  # too few names for a bin
+    many = sheet(records(*[(0.8, True)] * 9, *[(0.8, False)] * 3))["largest_gap"]
+    assert many["rate"] == pytest.approx(0.75 - 0.8) and many["of"] == 12
     assert found["right_when_sure"]["rate"] == 1.0 and found["right_when_sure"]["target"] == ">= 0.88"
     assert by_kind(records((0.8, True)))["all"]["outcomes"][NAMED] == 1

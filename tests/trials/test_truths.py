@@ -18,6 +18,7 @@ from enginediag_cli.trials.blind.truths.distortion import Range, draw_distortion
 from enginediag_cli.trials.blind.truths.heat_soak import HeatSoak
 from enginediag_cli.trials.blind.truths.instruments import draw_instruments
 from enginediag_cli.trials.blind.truths.realistic import SHAPE, draw_realistic, noisy, remembering
+from enginediag_cli.trials.blind.truths.recorder import Recorder, draw_recorder
 from enginediag_cli.trials.blind.truths.tables import ENGINE_FILE, tabulated
 from enginediag_cli.trials.blind.visible import drawable
 
@@ -108,7 +109,7 @@ def test_a_late_clock_shows_an_earlier_reading_and_nothing_else():
     t = np.arange(5.0) * 30.0
     read = Clocks({"a": 0.5}).sample(t, {"time_s": t, "a": 2.0 * t, "b": t})
     assert np.allclose(read["a"][1:], 2.0 * t[1:] - 1.0) and np.array_equal(read["b"], t)
-    assert all(abs(d) <= 0.5 for d in draw_clocks(("a", "b"), np.random.default_rng(0)).delays.values())
+    assert all(abs(d) <= 1.0 for d in draw_clocks(("a", "b"), np.random.default_rng(0)).delays.values())
 
 
 def test_a_soaked_probe_forgets_what_was_before_and_ends_at_the_gas():
@@ -118,6 +119,31 @@ def test_a_soaked_probe_forgets_what_was_before_and_ends_at_the_gas():
     assert read[0] == pytest.approx(0.02 * 50.0, rel=0.11) and abs(read[-1]) < 1e-6
     # T_m decays with the lag: e-fold in 300 s, ten records
     assert read[11] / read[1] == pytest.approx(np.exp(-1.0), rel=1e-6)
+
+
+def test_a_lagging_sensor_is_behind_a_ramp_by_its_lag_and_answers_a_step_in_time():
+    t = np.arange(0.0, 200.0, 10.0)
+    recorder = Recorder({"a": 2.0}, {}, {}, frozenset())
+    ramp = recorder.follow(t, {"a": 3.0 * t})["a"] - 3.0 * t
+    assert ramp[0] == 0.0 and ramp[-1] == pytest.approx(-6.0, rel=1e-9)
+    bend = recorder.follow(t, {"a": np.minimum(t, 100.0)})["a"] - np.minimum(t, 100.0)
+    assert bend[11] / bend[10] == pytest.approx(np.exp(-5.0), rel=1e-9)
+
+
+def test_a_recorder_rounds_drops_and_spoils_the_stated_share_of_cells(engines):
+    engine = engines["turbofan"]
+    u = flown(engine)
+    recorder = draw_recorder(engine, u, np.random.default_rng(1))
+    n = 40000
+    true = {c: np.full(n, 500.0) for c in engine.sensors} | {c: np.full(n, float(v[0])) for c, v in u.items()}
+    read = recorder.write(true, np.random.default_rng(2))
+    for c, s in engine.sensors.items():
+        assert np.isnan(read[c]).mean() == pytest.approx(0.05, abs=0.01)
+        steps = read[c][np.isfinite(read[c])] / recorder.quanta[c]
+        assert np.allclose(steps, np.round(steps)) and 0.3 <= recorder.quanta[c] / s.noise_sigma <= 2.0
+        off = np.abs(read[c] - 500.0) / s.noise_sigma
+        assert np.nanmean(off > 8.0) == pytest.approx(0.01, abs=0.004) and np.nanmax(off) <= 31.0
+    assert all(np.isfinite(read[c]).all() and np.any(read[c] != np.median(read[c])) for c in engine.inputs)
 
 
 def test_noise_that_remembers_has_unit_variance_and_its_correlation():
@@ -151,9 +177,10 @@ def test_noise_leaves_inputs_alone(engines):
 
 
 def test_a_third_of_realistic_trials_has_airline_sensors_and_shapes_are_wrong_by_what_is_said(engines):
-    drawn = [draw_realistic(engines["turbofan"], 6, np.random.default_rng(k)) for k in range(300)]
+    flights = draw_flights(engines["turbofan"], np.random.default_rng(0))[0]
+    drawn = [draw_realistic(engines["turbofan"], flights, np.random.default_rng(k)) for k in range(300)]
     assert np.mean([d.airline for d in drawn]) == pytest.approx(1 / 3, abs=0.08)
-    assert all(0.003 <= d.shape <= 0.02 for d in drawn)
+    assert all(0.003 <= d.shape <= 0.015 for d in drawn)
 
 
 def test_the_open_folder_of_a_realistic_trial_holds_the_model_and_no_table(engines, tmp_path):

@@ -59,6 +59,7 @@ ISOLATED = Table(
         column("kind", "text", "kind of the trials", empty=True),
         column("bin", "text", "bin of stated probability", empty=True),
         column("stated", "number", "mean stated probability of the bin", empty=True),
+        column("gap", "number", "rate less mean stated probability", empty=True),
         *_RATE,
     ),
     document=(

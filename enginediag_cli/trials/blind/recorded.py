@@ -18,7 +18,7 @@ from enginediag_cli.trials.blind import kinds
 from enginediag_cli.trials.blind.causes import Cause
 from enginediag_cli.trials.blind.flights import hour_columns, stack
 from enginediag_cli.trials.blind.sealed import Sealed
-from enginediag_cli.trials.blind.truths.realistic import noisy, realistic_engine
+from enginediag_cli.trials.blind.truths.realistic import realistic_engine
 
 
 @dataclass(frozen=True)
@@ -83,7 +83,7 @@ def record(engine: Engine, sealed: Sealed) -> Recorded:
         label = f"flight_{k + 1}"
         if sealed.realistic is not None:
             read = sealed.realistic.read(k, {**flight, **dict(zip(engine.sensors, true[rows].T, strict=True))})
-            read = noisy(engine, sealed.realistic.rho, read, rng)
+            read = sealed.realistic.write(engine, read, rng)
         else:
             noise = sigma * _remembering(rng.standard_normal((n, len(sigma))), sealed.noise.rho)
             read = _with_input_noise(flight, sealed, rng)

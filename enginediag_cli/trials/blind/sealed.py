@@ -122,7 +122,7 @@ def _drawn(engine: Engine, seed: int, trial: int, truths: Sequence[str], chosen:
     realistic = None
     if truth == kinds.REALISTIC:
         own = stream(seed, trial, TRUTH_STREAM, again)
-        realistic, kind = draw_realistic(engine, len(flights), own), kinds.base(kind)
+        realistic, kind = draw_realistic(engine, flights, own), kinds.base(kind)
     sizes = [len(f["time_s"]) for f in flights]
     n = sum(sizes[:training])
     what = kinds.base(kind)

@@ -11,6 +11,8 @@ place: the name of a parameter of the engine, or `reading` and the column of an 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 from time import process_time
 from typing import Any
@@ -41,22 +43,40 @@ FALSE_ALARM = 0.01
 """What `isolate` tests by when nobody chooses."""
 
 
-def answer(question: Mapping[str, Any]) -> dict[str, Any]:
-    """What is said of the recording that is to be judged."""
+@dataclass(frozen=True)
+class Identified:
+    """What `identify` made of healthy recordings: the nominal file, None where it did not converge."""
+
+    engine: Engine
+    nominal: Path | None
+    reason: str
+    seconds: float
+
+
+@lru_cache(maxsize=1)
+def identified(engine_path: Path, healthy: tuple[str, ...]) -> Identified:
+    """The engine identified on these files; kept while questions are about the same ones."""
     begun = process_time()
-    engine_path = Path(question["engine"])
     engine = load_engine(engine_path)
-    intake = Intake(Source(tuple(question["healthy"])), columns_of(engine))
+    intake = Intake(Source(healthy), columns_of(engine))
     training, _ = without_repeats([f.recording for f in whole_flights(intake)], (*engine.inputs, *engine.sensors))
     found = identify(engine, training)
-    identified = process_time()
-    told: dict[str, Any] = {"identified": found.converged, "reason": found.reason}
+    path = None
     if found.converged:
         path = engine_path.parent / NOMINAL
         # whether it is smooth, which `identify` finds out as well, is asked by `detect` alone
         write_nominal(found.nominal(engine_path.name, sha256_of(engine_path), {}), str(path))
-        told["windows"] = [_window(w, engine) for w in _windows(path, question["judged"])]
-    return told | {"identify_seconds": identified - begun, "seconds": process_time() - begun}
+    return Identified(engine, path, found.reason, process_time() - begun)
+
+
+def answer(question: Mapping[str, Any]) -> dict[str, Any]:
+    """What is said of the recording that is to be judged."""
+    begun = process_time()
+    found = identified(Path(question["engine"]), tuple(question["healthy"]))
+    told: dict[str, Any] = {"identified": found.nominal is not None, "reason": found.reason}
+    if found.nominal is not None:
+        told["windows"] = [_window(w, found.engine) for w in _windows(found.nominal, question["judged"])]
+    return told | {"identify_seconds": found.seconds, "seconds": process_time() - begun}
 
 
 def _windows(nominal: Path, judged: str) -> Sequence[IsolatedWindow]:

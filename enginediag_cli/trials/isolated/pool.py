@@ -4,22 +4,26 @@ from __future__ import annotations
 
 from collections.abc import Generator, Iterable
 from functools import lru_cache, partial
+from itertools import groupby
 from typing import Any
 
 from enginediag_cli.trials.blind.correspondent import Correspondent
-from enginediag_cli.trials.isolated.trial import Plan, run_trial
+from enginediag_cli.trials.isolated.sealed import group_of
+from enginediag_cli.trials.isolated.trial import Plan, run_group
 from enginediag_cli.trials.pool import run_pieces
 
 ISOLATOR = "enginediag_cli.trials.isolated.isolator"
 
 
 def run_trials(plan: Plan, todo: Iterable[int], jobs: int) -> Generator[tuple[int, dict[str, Any]], None, None]:
-    """Number and record of each trial as it is finished, in any order."""
-    return run_pieces(partial(_run, plan), todo, jobs)
+    """Number and record of each trial, those of a group together as they are finished, in any order."""
+    groups = [tuple(own) for _, own in groupby(todo, lambda trial: group_of(trial, plan.kinds))]
+    for trials, records in run_pieces(partial(_run, plan), groups, jobs):
+        yield from zip(trials, records, strict=True)
 
 
-def _run(plan: Plan, trial: int) -> dict[str, Any]:
-    return run_trial(plan, trial, _isolator())
+def _run(plan: Plan, trials: tuple[int, ...]) -> list[dict[str, Any]]:
+    return run_group(plan, trials, _isolator())
 
 
 @lru_cache(maxsize=1)

@@ -35,14 +35,17 @@ def record(engine: Engine, sealed: Sealed, folder: Path) -> Files:
     sensors = drawn.sensors if drawn else tuple(engine.sensors)
     paths, failed, last = [], 0, len(sealed.flights) - 1
     for k in range(len(sealed.flights)):
+        if k == last:  # trials of one engine share its healthy recordings, not what is judged
+            rng = np.random.default_rng((sealed.noise_seed, sealed.trial))
         columns = _true_columns(truth, sealed, k)
         good = np.isfinite(np.stack([columns[c] for c in sensors])).all(axis=0)
-        failed += int((~good).sum())
         if drawn:
             columns = drawn.read(k, columns)
         columns = _wrong(sealed, columns) if k == last else columns
-        columns = noisy(engine, drawn.rho if drawn else 0.0, columns, rng)
-        path = folder / ("judged.csv" if k == last else f"healthy_{k + 1}.csv")
+        columns, good = {c: v[:: sealed.every] for c, v in columns.items()}, good[:: sealed.every]
+        failed += int((~good).sum())
+        columns = drawn.write(engine, columns, rng) if drawn else noisy(engine, 0.0, columns, rng)
+        path = folder / (f"judged_{sealed.trial}.csv" if k == last else f"healthy_{k + 1}.csv")
         with output(path) as stream:
             kept = {c: columns[c][good] for c in ("time_s", *engine.inputs, *sensors)}
             CsvWriter(stream).write(Recording(kept))
@@ -54,7 +57,7 @@ def true_engine(engine: Engine, sealed: Sealed) -> Engine:
     """The truth: the model itself, or its realistic relative, whose tables are read back and gone."""
     if sealed.realistic is None:
         return engine
-    return realistic_engine(engine, sealed.realistic, stack(sealed.flights))
+    return realistic_engine(engine, sealed.realistic, stack(sealed.flights[:-1]))
 
 
 def _true_columns(truth: Engine, sealed: Sealed, k: int) -> dict[str, np.ndarray]:

@@ -20,6 +20,9 @@ Record = Mapping[str, Any]
 PROBABILITY_BINS = (0.0, 0.5, 0.7, 0.9, 1.0)
 """Edges of the stated probabilities whose truth is counted: below even, doubtful, probable, sure."""
 ALL = "all"
+LEAST_NAMES = 10
+"""Names in a bin below which its gap is chance: ten that are right three times in four have a standard error of 14
+points, already more than the gap that is aimed at."""
 
 
 @dataclass(frozen=True)
@@ -47,7 +50,23 @@ def _probable(records: Sequence[Record]) -> dict[str, Any]:
     return right_less_stated(stated(records), PROBABLE, SURE)
 
 
+def _gap(records: Sequence[Record]) -> dict[str, Any]:
+    """The bin of stated probability, of at least so many names, whose truth is furthest from what is stated: right less
+    stated, with the interval of what is right."""
+    rows = [b for b in _bins(stated(records)) if b["of"] >= LEAST_NAMES]
+    if not rows:
+        return {"rate": None, "count": 0, "of": 0, "low": None, "high": None}
+    worst = max(rows, key=lambda b: abs(b["gap"]))
+    low, high = worst["low"] - worst["stated"], worst["high"] - worst["stated"]
+    return {"rate": worst["gap"], "count": worst["count"], "of": worst["of"], "low": low, "high": high}
+
+
 SCORES: Mapping[str, Score] = {
+    "false_alarm": Score(mark("false_alarm"), "<= 0.0375"),
+    "exact_fault": Score(mark("exact_fault"), ">= 0.55"),
+    "exact_instrument": Score(mark("exact_instrument"), ">= 0.70"),
+    "covered_fault": Score(mark("covered_fault"), ">= 0.95"),
+    "largest_gap": Score(_gap, "within 0.08"),
     "right_when_sure": Score(_sure, SURE_TARGET),
     "right_less_stated_when_probable": Score(_probable, PROBABLE_TARGET),
     "false_name": Score(mark("false_name"), "<= 0.05"),
@@ -114,6 +133,7 @@ def _bins(said: Sequence[tuple[float, bool]]) -> list[dict[str, Any]]:
                     "to": high,
                     "stated": float(np.mean([p for p, _ in own])),
                     "rate": right / n,
+                    "gap": right / n - float(np.mean([p for p, _ in own])),
                     "count": right,
                     "of": n,
                     "low": least,

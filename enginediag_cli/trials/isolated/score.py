@@ -2,6 +2,7 @@
 
 With T the places that are wrong, A the answer's and R its rivals (sets of places, each):
 
+    false_alarm   the verdict is a fault where nothing is wrong
     right         A = T. Of physics, which isolation does not know: A lies where the effect acts
     covered       T ∈ {A} ∪ R, or the class that is told holds T; not asked of physics
     false_name    a name where nothing is wrong
@@ -17,6 +18,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from enginediag_cli.detection.verdict import FAULT
 from enginediag_cli.engine.engine import Engine
 from enginediag_cli.trials.blind.causes import Cause, components
 from enginediag_cli.trials.isolated import kinds
@@ -27,6 +29,9 @@ NO_VERDICT, NOT_IDENTIFIED, FAILED = "no verdict", "not identified", "failed"
 OUTCOMES = (NAMED, NOTHING, CANNOT_TELL, NO_VERDICT, NOT_IDENTIFIED, FAILED)
 JUDGED = (NAMED, NOTHING, CANNOT_TELL)
 """Outcomes that are an answer."""
+
+OF_ALL_FAULTS = {"exact_fault": "exact", "exact_instrument": "exact", "covered_fault": "covered"}
+"""Marks of every trial with a fault, judged or not, and those of judged trials that they repeat."""
 
 Marks = dict[str, Any]
 
@@ -50,9 +55,15 @@ def marks(engine: Engine, sealed: Sealed, told: Mapping[str, Any]) -> Marks:
     came = outcome(told)
     found: Marks = {"judged": came in JUDGED, "cannot_tell": came == CANNOT_TELL}
     found |= {"no_verdict": came in (NO_VERDICT, FAILED), "not_identified": came == NOT_IDENTIFIED}
+    window = _window(told)
+    if sealed.kind == kinds.NULL:
+        found["false_alarm"] = window.get("verdict") == FAULT
+    elif not sealed.effects:
+        found |= {"exact_fault": False, "covered_fault": False}
+        if sealed.kind in kinds.INSTRUMENTS:
+            found["exact_instrument"] = False
     if came not in JUDGED:
         return found
-    window = _window(told)
     truth = frozenset(c.place for c in sealed.changes)
     said = frozenset(window["sets"][0]) if came == NAMED else frozenset()
     outputs, inputs = ({reading(c) for c in columns} for columns in (engine.sensors, engine.inputs))
@@ -75,6 +86,7 @@ def marks(engine: Engine, sealed: Sealed, told: Mapping[str, Any]) -> Marks:
         found["exact"] = came != CANNOT_TELL and right
         sets = [frozenset(s) for s in (*window["sets"], *window.get("class", ()))]
         found["covered"] = truth in sets
+        found |= {name: found[of] for name, of in OF_ALL_FAULTS.items() if name in found}
         if came == NAMED:
             inside = _intervals(sealed, window["sizes"])
             found |= {"interval": inside} if inside else {}

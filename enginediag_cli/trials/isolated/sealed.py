@@ -10,6 +10,8 @@ import numpy as np
 
 from enginediag_cli.engine.engine import Engine
 from enginediag_cli.engine.term import Effect
+from enginediag_cli.simulation.default_flight import default_plan
+from enginediag_cli.simulation.flights import generate_flights
 from enginediag_cli.trials.blind.flights import draw_flights
 from enginediag_cli.trials.blind.sealed import SIZE, draw_health, stream
 from enginediag_cli.trials.blind.truths.instruments import input_spread
@@ -26,9 +28,16 @@ INPUT = (4.0, 20.0)
 """Error of an input channel over what such channels differ by from flight to flight."""
 TOGETHER = (2, 3)
 """Changes at once, from and to, in trials with several."""
+FIELD_FAULT, FIELD_INSTRUMENT = (0.01, 0.03), (0.005, 0.02)
+"""Relative change of a component's parameter, and of an instrument's reading at its median, in the field: what a shop
+visit or a check of the instrument confirms."""
+FIELD_HEALTHY, FIELD_TOGETHER = 6, 2
+"""Healthy flights that an engine is identified on, and changes at once in trials with several, in the field."""
+FIELD_STEP_S, FIELD_EVERY = 10.0, 6
+"""Points of a flight in the field are as close as lags and clocks ask for; every sixth is recorded, one a minute."""
 SENSOR_AMONG = 0.2
 """Chance that one of several changes is of an output sensor."""
-TRIAL_STREAM, TRUTH_STREAM = 10, 11
+TRIAL_STREAM, TRUTH_STREAM, CHANGE_STREAM = 10, 11, 12
 """Streams of random numbers that no other trials use."""
 
 
@@ -50,7 +59,8 @@ class Change:
 @dataclass(frozen=True)
 class Sealed:
     """The answer of a trial. `flights`: inputs of every flight, the last one to be judged and the others healthy;
-    `values`: coefficients of `effects` in that last one; `realistic`: what else is wrong, None where nothing is."""
+    `values`: coefficients of `effects` in that last one; `realistic`: what else is wrong, None where nothing is; every:
+    how many points of a flight there are for each that is recorded."""
 
     trial: int
     truth: str
@@ -62,6 +72,7 @@ class Sealed:
     flights: Sequence[Mapping[str, np.ndarray]]
     realistic: Realistic | None
     noise_seed: int
+    every: int = 1
 
 
 def reading(column: str) -> str:
@@ -71,6 +82,8 @@ def reading(column: str) -> str:
 
 def draw(engine: Engine, seed: int, trial: int, truths: Sequence[str], chosen: Sequence[str]) -> Sealed:
     """Trial number `trial` of a seed, of one of these truths and kinds."""
+    if tuple(chosen) == (kinds.FIELD,):
+        return _draw_in_field(engine, seed, trial, truths)
     rng = stream(seed, trial, TRIAL_STREAM)
     truth = str(rng.choice(list(truths)))
     share = np.array([kinds.WEIGHTS[k] for k in chosen], float)
@@ -79,7 +92,7 @@ def draw(engine: Engine, seed: int, trial: int, truths: Sequence[str], chosen: S
     flights, training = draw_flights(engine, rng)
     flights = flights[: training + 1]
     own = stream(seed, trial, TRUTH_STREAM)
-    realistic = draw_realistic(engine, len(flights), own) if truth == kinds.REALISTIC else None
+    realistic = draw_realistic(engine, flights, own) if truth == kinds.REALISTIC else None
     sensors = realistic.sensors if realistic else tuple(engine.sensors)
     effects, values = _physics(engine, rng) if kind == kinds.PHYSICS else ((), {})
     changes = [Change(e.label, 0.0) for e in effects]
@@ -87,6 +100,64 @@ def draw(engine: Engine, seed: int, trial: int, truths: Sequence[str], chosen: S
     return Sealed(
         trial, truth, kind, health, tuple(changes), effects, values, flights, realistic, int(rng.integers(2**62))
     )
+
+
+def group_of(trial: int, chosen: Sequence[str]) -> int:
+    """The number that trials of one engine, with one set of healthy flights, share."""
+    return trial // kinds.FIELD_JUDGED if tuple(chosen) == (kinds.FIELD,) else trial
+
+
+def _draw_in_field(engine: Engine, seed: int, trial: int, truths: Sequence[str]) -> Sealed:
+    """Engine, healthy flights and errors from the number of the group; what is wrong from that of the trial."""
+    group, number = divmod(trial, kinds.FIELD_JUDGED)
+    rng, own = stream(seed, group, TRIAL_STREAM), stream(seed, group, TRUTH_STREAM)
+    truth = str(rng.choice(list(truths)))
+    health = draw_health(engine, rng)
+    noise_seed = int(rng.integers(2**62))
+    flights = field_flights(engine, FIELD_HEALTHY + kinds.FIELD_JUDGED, rng)
+    at = [*range(FIELD_HEALTHY), FIELD_HEALTHY + number]
+    realistic = None
+    if truth == kinds.REALISTIC:
+        realistic = draw_realistic(engine, flights, own, airline=0.0).only(at)
+    flights = [flights[k] for k in at]
+    kind = kinds.field_kind(trial)
+    changes = _field_changes(engine, kind, flights[-1], stream(seed, trial, CHANGE_STREAM))
+    return Sealed(trial, truth, kind, health, tuple(changes), (), {}, flights, realistic, noise_seed, FIELD_EVERY)
+
+
+def field_flights(engine: Engine, count: int, rng: np.random.Generator) -> list[dict[str, np.ndarray]]:
+    """Columns (N,) of so many whole flights of an airliner, or days on the ground: time and the engine's inputs."""
+    if "altitude_m" not in engine.inputs:
+        days: list[dict[str, np.ndarray]] = []
+        while len(days) < count:
+            days += draw_flights(engine, rng)[0]
+        return days[:count]
+    plan = default_plan(engine)
+    plan["mission"]["record_interval_s"] = FIELD_STEP_S
+    columns = generate_flights(plan, engine, rng, flights=count).columns
+    kept = ("time_s", *engine.inputs)
+    return [{c: np.asarray(columns[c][columns["flight"] == k], float) for c in kept} for k in range(1, count + 1)]
+
+
+def _field_changes(
+    engine: Engine, kind: str, flight: Mapping[str, np.ndarray], rng: np.random.Generator
+) -> list[Change]:
+    """Changes in the field: an instrument's error is an offset as often as a scale."""
+    if kind == kinds.OUTPUT_SENSOR:
+        return [_field_sensor(engine, flight, rng)]
+    if kind == kinds.INPUT_CHANNEL:
+        return [_of_input(engine, rng)]
+    if kind == kinds.SEVERAL:
+        wrong = [_field_sensor(engine, flight, rng)] if rng.random() < SENSOR_AMONG else []
+        return [*_of_components(engine, FIELD_TOGETHER - len(wrong), rng, FIELD_FAULT), *wrong]
+    return _of_components(engine, 1, rng, FIELD_FAULT) if kind == kinds.COMPONENT else []
+
+
+def _field_sensor(engine: Engine, flight: Mapping[str, np.ndarray], rng: np.random.Generator) -> Change:
+    column = str(rng.choice(list(engine.sensors)))
+    size, share = _sign(rng) * _log_uniform(FIELD_INSTRUMENT, rng), bool(rng.random() < 0.5)
+    y = engine.predict({c: flight[c] for c in engine.inputs}, sensors=(column,)).y
+    return Change(reading(column), size if share else size * float(np.nanmedian(y)), share, instrument=True)
 
 
 def _changes(engine: Engine, kind: str, sensors: Sequence[str], rng: np.random.Generator) -> list[Change]:
@@ -111,12 +182,14 @@ def _sign(rng: np.random.Generator) -> float:
     return float(rng.choice((-1.0, 1.0)))
 
 
-def _of_components(engine: Engine, count: int, rng: np.random.Generator) -> list[Change]:
+def _of_components(
+    engine: Engine, count: int, rng: np.random.Generator, sizes: tuple[float, float] = FAULT
+) -> list[Change]:
     """Changes of monitored parameters; what only wears never gets better."""
     found = []
     for name in rng.choice(list(engine.monitored), count, replace=False):
         p = engine.parameters[str(name)]
-        size, sign = _log_uniform(FAULT, rng), _sign(rng)
+        size, sign = _log_uniform(sizes, rng), _sign(rng)
         found.append(Change(p.name, (p.wear or sign) * size * (abs(p.nominal) or 1.0)))
     return found
 

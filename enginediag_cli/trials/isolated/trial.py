@@ -1,9 +1,9 @@
-"""One blind trial of isolation from its seed to its marks."""
+"""Blind trials of isolation from their seed to their marks."""
 
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from time import process_time
@@ -11,12 +11,13 @@ from typing import Any
 
 import numpy as np
 
+from enginediag_cli.engine.engine import Engine
 from enginediag_cli.physics.engine_file import load_engine
 from enginediag_cli.trials.blind.correspondent import Correspondent
 from enginediag_cli.trials.blind.sealed import engine_of
 from enginediag_cli.trials.isolated.recorded import record
 from enginediag_cli.trials.isolated.score import marks, outcome
-from enginediag_cli.trials.isolated.sealed import Sealed, draw
+from enginediag_cli.trials.isolated.sealed import Sealed, draw, group_of
 
 KEPT = 10
 """Sets that a trial's record keeps; the last ones are hardly possible."""
@@ -32,20 +33,25 @@ class Plan:
     kinds: tuple[str, ...]
 
 
-def run_trial(plan: Plan, trial: int, isolator: Correspondent) -> dict[str, Any]:
-    """Draw, record, ask, open the answer and mark it."""
-    begun = process_time()
-    path = engine_of(plan.engines, plan.seed, trial)
+def run_group(plan: Plan, trials: Sequence[int], isolator: Correspondent) -> list[dict[str, Any]]:
+    """Trials of one group of `group_of`: draw, record, ask, open the answer and mark it."""
+    path = engine_of(plan.engines, plan.seed, group_of(trials[0], plan.kinds))
     engine = load_engine(path)
-    sealed = draw(engine, plan.seed, trial, plan.truths, plan.kinds)
     with tempfile.TemporaryDirectory(prefix="enginediag_") as folder:
-        files = record(engine, sealed, Path(folder))
-        told = isolator.ask(
-            {"engine": str(files.engine), "healthy": [str(p) for p in files.healthy], "judged": str(files.judged)}
-        )
+        return [_run_trial(plan, engine, trial, isolator, Path(folder)) for trial in trials]
+
+
+def _run_trial(plan: Plan, engine: Engine, trial: int, isolator: Correspondent, folder: Path) -> dict[str, Any]:
+    begun = process_time()
+    sealed = draw(engine, plan.seed, trial, plan.truths, plan.kinds)
+    files = record(engine, sealed, folder)
+    told = isolator.ask(
+        {"engine": str(files.engine), "healthy": [str(p) for p in files.healthy], "judged": str(files.judged)}
+    )
     found = _record(sealed, told, marks(engine, sealed, told))
     return found | {
         "engine": engine.name,
+        "group": group_of(trial, plan.kinds),
         "failed_records": files.failed,
         "seconds": round(process_time() - begun, 3),
         "isolator_seconds": round(told.get("seconds", 0.0), 3),

@@ -1,4 +1,4 @@
-"""Clocks that do not agree: every column of a recording is sampled a part of a second early or late.
+"""Clocks that do not agree: every column of a recording is sampled up to a second early or late.
 
 A bus that collects readings of several computers stamps them when they arrive. The reading of record k is then that of
 the time t_k − τ, with a delay τ for each column, the same in all flights of an engine; between records linear.
@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-LARGEST_S = 0.5
+LARGEST_S = 1.0
 """Delay, early or late, drawn uniformly."""
 
 

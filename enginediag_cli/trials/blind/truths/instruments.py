@@ -23,7 +23,7 @@ is drawn here is plain to see, and far below what a check of the reading itself 
 SCALE = 0.0005
 """Standard deviation of an output's scale error."""
 INPUT_BIAS: Mapping[str, float] = {
-    "altitude_m": 6.0,
+    "altitude_m": 12.0,
     "mach": 0.0015,
     "dT_isa_K": 0.4,
     "ambient_temperature_K": 0.4,

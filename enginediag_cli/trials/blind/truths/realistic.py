@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -14,15 +14,16 @@ from enginediag_cli.trials.blind.truths.airline import airline_sensors
 from enginediag_cli.trials.blind.truths.clocks import Clocks, draw_clocks
 from enginediag_cli.trials.blind.truths.heat_soak import HeatSoak, draw_heat_soak
 from enginediag_cli.trials.blind.truths.instruments import Instruments, draw_instruments
+from enginediag_cli.trials.blind.truths.recorder import Recorder, draw_recorder
 from enginediag_cli.trials.blind.truths.tables import tabulated
 
-SHAPE = (0.003, 0.02)
+SHAPE = (0.003, 0.015)
 """Error of a map's shape, from and to, drawn on a logarithmic scale: more than an engine file states."""
 AIRLINE = 1.0 / 3.0
 """Share of trials with airline sensors only."""
 SOAKED = 0.5
 """Share of trials with a heat-soaked probe."""
-RHO = (0.0, 0.7)
+RHO = (0.0, 0.8)
 """Correlation of noise from record to record, from and to."""
 
 Columns = Mapping[str, np.ndarray]
@@ -41,28 +42,44 @@ class Realistic:
     clocks: Clocks
     soak: HeatSoak | None
     rho: float
+    recorder: Recorder
+
+    def only(self, flights: Sequence[int]) -> Realistic:
+        """The same of these flights alone, in this order."""
+        instruments = replace(self.instruments, flights=tuple(self.instruments.flights[k] for k in flights))
+        soak = self.soak and replace(self.soak, before=tuple(self.soak.before[k] for k in flights))
+        return replace(self, instruments=instruments, soak=soak)
 
     def read(self, flight: int, columns: Columns) -> dict[str, np.ndarray]:
-        """Time, inputs and true outputs (N,) of one flight → what is recorded of them, but for noise."""
+        """Time, inputs and true outputs (N,) of one flight → what its instruments show, but for noise."""
         time = columns["time_s"]
         if self.soak is not None and self.soak.column in self.sensors:
             columns = self.soak.read(flight, time, columns)
+        columns = self.recorder.follow(time, columns)
         return self.instruments.read(flight, self.clocks.sample(time, columns))
 
+    def write(self, engine: Engine, columns: Columns, rng: np.random.Generator) -> dict[str, np.ndarray]:
+        """What the recorder writes of such columns (N,): noise, steps of rounding, missing and gross cells."""
+        return self.recorder.write(noisy(engine, self.rho, columns, rng), rng)
 
-def draw_realistic(engine: Engine, flights: int, rng: np.random.Generator) -> Realistic:
-    """The errors of one trial with so many flights."""
-    airline = bool(rng.random() < AIRLINE)
-    soak = draw_heat_soak(engine, flights, rng)
+
+def draw_realistic(
+    engine: Engine, flights: Sequence[Columns], rng: np.random.Generator, *, airline: float = AIRLINE
+) -> Realistic:
+    """The errors of one trial with these flights; airline: chance that only a cockpit's sensors are recorded."""
+    cockpit = bool(rng.random() < airline)
+    soak = draw_heat_soak(engine, len(flights), rng)
+    flown = {c: np.concatenate([f[c] for f in flights]) for c in engine.inputs}
     return Realistic(
         float(np.exp(rng.uniform(*np.log(SHAPE)))),
         int(rng.integers(2**62)),
-        airline,
-        airline_sensors(engine) if airline else tuple(engine.sensors),
-        draw_instruments(engine, flights, rng),
+        cockpit,
+        airline_sensors(engine) if cockpit else tuple(engine.sensors),
+        draw_instruments(engine, len(flights), rng),
         draw_clocks((*engine.inputs, *engine.sensors), rng),
         soak if rng.random() < SOAKED else None,
         float(rng.uniform(*RHO)),
+        draw_recorder(engine, flown, rng),
     )
 
 
