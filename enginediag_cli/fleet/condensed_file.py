@@ -21,6 +21,7 @@ import numpy as np
 from enginediag_cli.errors import DataError
 from enginediag_cli.intake.left_out import LeftOut
 from enginediag_cli.parameters import Parameter
+from enginediag_cli.recordings.formats.base import ReadingCounts
 from enginediag_cli.recordings.read import Absent
 from enginediag_cli.recordings.steady import GateReport
 from enginediag_cli.residuals.admission import Elsewhere
@@ -153,7 +154,9 @@ def _as_mapping(left: LeftOut) -> dict[str, Any]:
 
 def _left_out(told: Mapping[str, Any]) -> LeftOut:
     gate = None if told["gate"] is None else GateReport(**told["gate"])
-    return LeftOut(**{**told, "gate": gate, "absent": tuple(Absent(**a) for a in told["absent"])})
+    reading = ReadingCounts(**told.get("reading", {}))
+    absent = tuple(Absent(**a) for a in told["absent"])
+    return LeftOut(**{**told, "gate": gate, "absent": absent, "reading": reading})
 
 
 def _columns(conditions: int, p: int) -> dict[str, slice]:

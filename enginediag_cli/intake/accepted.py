@@ -18,8 +18,9 @@ from enginediag_cli.intake.left_out import LeftOut
 from enginediag_cli.intake.wanted import Wanted, columns_of
 from enginediag_cli.recordings.acceptance import Acceptance, UnitDoubt, accept
 from enginediag_cli.recordings.conversion import Conversion
+from enginediag_cli.recordings.formats.base import ReadingCounts
 from enginediag_cli.recordings.masking import mask_recording
-from enginediag_cli.recordings.read import read, read_all
+from enginediag_cli.recordings.read import read
 from enginediag_cli.recordings.table import Recording, concat
 from enginediag_cli.units import UNITS, find_unit, split_column
 
@@ -148,15 +149,17 @@ def accepted(file: str, against: Against) -> Iterator[Accepted]:
         yield from _mapped(file, against, against.recorder)
         return
     wanted = against.wanted
-    chunks = read(file, declared=wanted.declared if wanted else (), chunk_records=CHUNK)
+    left, counts = LeftOut(file), ReadingCounts()
+    chunks = read(file, declared=wanted.declared if wanted else (), chunk_records=CHUNK, counts=counts)
     raw = concat(list(of_engine(chunks, against.instance)))
+    left.reading = counts
     if wanted is None:
-        yield _held(file, against, accept(raw), raw, None)
+        yield _held(file, against, accept(raw), raw, None, left)
         return
     judged = judged_columns(wanted, raw)
     found = accept(raw, wanted.given, wanted.sensors, against.switches, judged)
     clean, _ = mask_recording(raw, judged)
-    yield _held(file, against, _without_optional(found, wanted), raw, clean)
+    yield _held(file, against, _without_optional(found, wanted), raw, clean, left)
 
 
 def _without_optional(found: Acceptance, wanted: Wanted | None) -> Acceptance:
@@ -168,7 +171,8 @@ def _without_optional(found: Acceptance, wanted: Wanted | None) -> Acceptance:
 def _mapped(file: str, against: Against, recorder: Recorder) -> Iterator[Accepted]:
     wanted = against.wanted
     given = wanted.given if wanted is not None else ()
-    raw = read_all(file, **recorder.reading)
+    counts = ReadingCounts()
+    raw = concat(list(recorder.chunks(file, counts=counts)))
     for name in engines_wanted(recorder.engines, against.instance, file, fleet=True):
         one = replace(recorder, engines={name: recorder.engines[name]})
         whole = one.derive(Conversion(one, name).add(raw, end=True))
@@ -180,6 +184,7 @@ def _mapped(file: str, against: Against, recorder: Recorder) -> Iterator[Accepte
             one.judged(given),
         )
         left, refused = LeftOut(file, name), ""
+        left.reading = counts
         try:
             mapped = next(one.map(raw, inputs=given))
         except NoVerdictError as error:

@@ -13,7 +13,7 @@ from enginediag_cli.intake.left_out import LeftOut
 from enginediag_cli.intake.past import Past
 from enginediag_cli.intake.source import STDIN, Source, refuse_repeated
 from enginediag_cli.intake.wanted import Wanted
-from enginediag_cli.recordings.formats.base import TableFile
+from enginediag_cli.recordings.formats.base import ReadingCounts, TableFile
 from enginediag_cli.recordings.masking import Judged, Masker
 from enginediag_cli.recordings.read import read, table_file
 from enginediag_cli.recordings.table import Recording
@@ -106,15 +106,18 @@ class File:
         wanted = intake.wanted
         masker: Masker | None = None
         past = Past(wanted.tapes)
-        chunks = read(self.table, declared=wanted.declared, chunk_records=CHUNK)
+        counts = ReadingCounts()
+        chunks = read(self.table, declared=wanted.declared, chunk_records=CHUNK, counts=counts)
         for chunk in of_engine(chunks, intake.source.engine_instance):
             if masker is None:
                 intake.remember(chunk)
                 left.absent = wanted.absent(chunk)
                 masker = Masker(judged_columns(wanted, chunk))
             left.records += len(chunk)
+            left.reading = counts
             yield from (past.told("", part) for part in self._counted(masker.add(chunk), masker, left))
         if masker is not None:
+            left.reading = counts
             yield from (past.told("", part) for part in self._counted(masker.end(), masker, left))
 
     @staticmethod
@@ -138,6 +141,7 @@ class File:
                 intake.remember(recording)
                 left_out[name].absent = intake.wanted.absent(recording)
             left_out[name].mapped(stream.engines[name])
+            left_out[name].reading = stream.counts
             part = past.told(name, recording)
             if wanted and name != wanted:
                 part = part.select(named_rows(recording, wanted))
@@ -145,6 +149,7 @@ class File:
             yield part
         for name, live in stream.engines.items():
             left_out[name].mapped(live)
+            left_out[name].reading = stream.counts
             if wanted and name != wanted and not named[name]:
                 raise DataError(f"{self.name}: no record of engine {wanted!r}")
 

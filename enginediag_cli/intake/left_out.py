@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
+from enginediag_cli.recordings.formats.base import ReadingCounts
+
 if TYPE_CHECKING:
     from enginediag_cli.recordings.live import LiveRecorder
     from enginediag_cli.recordings.masking import MaskCounts
@@ -18,7 +20,8 @@ class LeftOut:
 
     records: read from it, those of other engines not counted; columns: column → reason → readings masked, `readings`
     of that column in all; frozen, repeated: whole records not used, because nothing in them moved or because they
-    were there before; gate: what the recorder's stability gate kept; absent: sensors without a column.
+    were there before; gate: what the recorder's stability gate kept; absent: sensors without a column; reading: what
+    of the file was no record or no reading.
     Counts are complete when the recording has been read to its end.
     """
 
@@ -31,6 +34,7 @@ class LeftOut:
     repeated: int = 0
     gate: GateReport | None = None
     absent: tuple[Absent, ...] = ()
+    reading: ReadingCounts = field(default_factory=ReadingCounts)
 
     def masked(self, counts: MaskCounts) -> None:
         """Take over what a masker has counted so far."""

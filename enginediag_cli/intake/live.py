@@ -10,6 +10,7 @@ from enginediag_cli.intake.intake import Intake, engines_wanted, judged_columns,
 from enginediag_cli.intake.left_out import LeftOut
 from enginediag_cli.intake.past import Past
 from enginediag_cli.intake.source import STDIN
+from enginediag_cli.recordings.formats.base import ReadingCounts
 from enginediag_cli.recordings.growing import GrowingFile
 from enginediag_cli.recordings.live import LiveRecorder
 from enginediag_cli.recordings.masking import LiveMasker
@@ -32,13 +33,15 @@ def _own(intake: Intake, source: Any, block: int) -> Iterator[Recording]:
     intake.left_out.append(left)
     masker: LiveMasker | None = None
     past = Past(wanted.tapes)
-    chunks = read(source, declared=wanted.declared, chunk_records=block)
+    counts = ReadingCounts()
+    chunks = read(source, declared=wanted.declared, chunk_records=block, tolerant=True, counts=counts)
     for chunk in of_engine(chunks, intake.source.engine_instance):
         if masker is None:
             intake.remember(chunk)
             left.absent = wanted.absent(chunk)
             masker = LiveMasker(judged_columns(wanted, chunk))
         left.records += len(chunk)
+        left.reading = counts
         found = masker.add(chunk)
         left.masked(masker.counts)
         yield from (past.told("", piece) for piece in found if len(piece))
@@ -55,7 +58,8 @@ def _mapped(intake: Intake, source: Any, block: int) -> Iterator[Recording]:
     held: list[Recording] = []
     past = Past(None if recorder.steady or recorder.average_s > 0.0 else columns.tapes)
     last: Recording | None = None
-    for chunk in chain(read(source, chunk_records=block, **recorder.reading), [None]):
+    counts = ReadingCounts()
+    for chunk in chain(recorder.chunks(source, block, tolerant=True, counts=counts), [None]):
         if last is None:
             if chunk is not None:
                 intake.remember(chunk)
@@ -63,6 +67,7 @@ def _mapped(intake: Intake, source: Any, block: int) -> Iterator[Recording]:
             found = live.add(last, end=chunk is None)
             left.absent = columns.absent(found)
             left.mapped(live)
+            left.reading = counts
             held.append(found.select(named_rows(found, wanted)) if wanted and live.engine != wanted else found)
             if chunk is None or sum(map(len, held)) >= block:
                 piece, held = concat(held), []

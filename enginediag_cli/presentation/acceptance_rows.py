@@ -24,8 +24,8 @@ ACCEPTANCE_SUMMARY = ("file", "level", "line", "problem", "found", "hint")
 
 @dataclass(frozen=True)
 class Remark:
-    """One thing that is known of a recording. about: sensors, inputs, units, frozen, time, repeated, switch, masked,
-    gate, envelope; name: the column that it concerns; count: records, readings or columns."""
+    """One thing that is known of a recording. about: sensors, inputs, units, frozen, time, repeated, switch, read,
+    masked, gate, envelope; name: the column that it concerns; count: records, readings or columns."""
 
     level: str
     about: str
@@ -201,6 +201,8 @@ def _steps(kind: str, stretches: Stretches, number: int, usual: float) -> Iterat
 
 def _masks(report: Accepted) -> Iterator[Remark]:
     left = report.left
+    for line in left.reading.report_lines():
+        yield Remark(NOTE, "read", line)
     for column, reasons in left.columns.items():
         lost, why = sum(reasons.values()), ", ".join(f"{reason} {n}" for reason, n in reasons.items())
         told = f"{column}: {lost} of {left.readings[column]} readings masked ({why})"

@@ -42,6 +42,7 @@ def tell_absent(messages: Messages, left: LeftOut) -> None:
 def left_out_lines(left: LeftOut) -> Iterator[str]:
     """One line per column that lost readings, and one per reason for which whole records went."""
     place = _place(left)
+    yield from (f"{place}: {line}" for line in left.reading.report_lines())
     for column, reasons in left.columns.items():
         why = ", ".join(f"{reason} {n}" for reason, n in reasons.items())
         yield f"{place}: {column}: {sum(reasons.values())} of {left.readings[column]} readings masked ({why})"

@@ -6,6 +6,7 @@ import time
 from collections.abc import Callable, Iterator
 
 from enginediag_cli.errors import DataError
+from enginediag_cli.recordings.source import LONGEST_LINE
 
 POLL_S = 0.2
 """Between looks at a file that grows: a row appears at once to an eye, and waiting costs nothing."""
@@ -37,9 +38,11 @@ class GrowingFile:
         with stream:
             held, idle = "", 0.0
             while True:
-                line = stream.readline()
+                line = stream.readline(LONGEST_LINE + 1)
                 if line:
                     held, idle = held + line, 0.0
+                    if len(held) > LONGEST_LINE:
+                        raise DataError(f"{self.name}: a line of more than {LONGEST_LINE} characters; is it a table?")
                     if held.endswith("\n"):
                         yield held
                         held = ""

@@ -18,8 +18,8 @@ import numpy as np
 from enginediag_cli.errors import NoVerdictError
 from enginediag_cli.recordings.average import average
 from enginediag_cli.recordings.conversion import Conversion
+from enginediag_cli.recordings.formats.base import ReadingCounts
 from enginediag_cli.recordings.masking import LiveMasker, MaskCounts, Masker
-from enginediag_cli.recordings.read import read
 from enginediag_cli.recordings.recorder import Recorder
 from enginediag_cli.recordings.source import Source
 from enginediag_cli.recordings.steady import GateReport, failures, first_reasons
@@ -149,7 +149,8 @@ class LiveRecorder:
 class RecorderStream:
     """A foreign file mapped in bounded memory; iterate once for (engine, records), every piece with some records.
 
-    engines: engine → its LiveRecorder, whose counts and report lines are complete at the end. Rows are those of
+    engines: engine → its LiveRecorder, whose counts and report lines are complete at the end, as are `counts`, what of
+    the file was no record or no reading. Rows are those of
     `Recorder.read`, but that heat soak has forgotten its beginning after 12 time constants, where `read` has not.
     """
 
@@ -162,13 +163,13 @@ class RecorderStream:
         engines: Collection[str] | None = None,
     ):
         chosen = [name for name in recorder.engines if engines is None or name in engines]
-        self._recorder, self._source, self._chunk = recorder, source, chunk_records
+        self._recorder, self._source, self._chunk, self.counts = recorder, source, chunk_records, ReadingCounts()
         self.engines = {name: LiveRecorder(recorder, name, search=True, inputs=inputs) for name in chosen}
 
     def __iter__(self) -> Iterator[tuple[str, Recording]]:
         """Raises DataError as `Recorder.read` does, and NoVerdictError at the end of an engine without any record."""
         last: Recording | None = None
-        for chunk in read(self._source, chunk_records=self._chunk, **self._recorder.reading):
+        for chunk in self._recorder.chunks(self._source, self._chunk, counts=self.counts):
             if last is not None:
                 yield from self._add(last, end=False)
             last = chunk

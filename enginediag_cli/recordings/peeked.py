@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import zlib
 from collections.abc import Iterable, Iterator
 from contextlib import suppress
 from itertools import chain
@@ -21,7 +22,12 @@ class Peeked:
         rest = self._stream
         try:
             self._peek()
-        except (UnicodeDecodeError, OSError, EOFError) as error:  # whoever reads on meets it, and says what it means
+        except (
+            UnicodeDecodeError,
+            OSError,
+            EOFError,
+            zlib.error,
+        ) as error:  # whoever reads on meets it, and says what it means
             rest = _broken(error)
         self._lines = chain(self._head, rest)
 

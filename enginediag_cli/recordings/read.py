@@ -10,10 +10,11 @@ from collections.abc import Collection, Iterable, Iterator
 from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from enginediag_cli.progress import touched
 from enginediag_cli.recordings.dialect import OWN, Dialect
-from enginediag_cli.recordings.formats.base import Asked, TableFile
+from enginediag_cli.recordings.formats.base import Asked, ReadingCounts, TableFile
 from enginediag_cli.recordings.formats.csv_in import CsvTable
 from enginediag_cli.recordings.formats.parquet_in import ParquetTable, is_parquet
 from enginediag_cli.recordings.source import Source, opened
@@ -47,14 +48,22 @@ def read(
     by_suffix: bool = True,
     chunk_records: int = 20_000,
     dialect: Dialect = OWN,
+    texts: Collection[str] | None = None,
+    stamps: Collection[str] = (),
+    tolerant: bool = False,
+    counts: ReadingCounts | None = None,
 ) -> Iterator[Recording]:
     """Yield the records of a file in chunks; a file without records yields one empty recording.
 
-    source: as in `table_file`, or what that gave. Numbers are the columns named in `declared` and `required` and, with
-    `by_suffix`, those whose name carries a unit; the rest is text. Columns in `required` must be there; `dialect`: how
-    a CSV file is written. Raises DataError naming file, physical line (row, in Parquet) and column.
+    source: as in `table_file`, or what that gave. Numbers are the columns named in `declared` and `required` (but for
+    those of `texts`) and, with `by_suffix`, those whose name carries a unit; the rest is text, of which only `texts` is
+    read if that is given. Columns in `required` must be there; `dialect`: how a CSV file is written; `stamps`: columns
+    of text with a time in every record; `tolerant`: lines that are no records are passed over, for a file that is still
+    being written; `counts` takes what was read as no record or no reading. Raises DataError naming file, physical line
+    (row, in Parquet) and column.
     """
-    asked = Asked({*declared, *required}, required, by_suffix, dialect)
+    numbers = {*declared, *required} - set(texts or ())
+    asked = Asked(numbers, required, by_suffix, dialect, texts, stamps, tolerant, counts or ReadingCounts())
     if isinstance(source, TableFile):
         touched("read:", source.name)
         yield from source.records(asked, chunk_records)
@@ -64,16 +73,9 @@ def read(
         yield from table.records(asked, chunk_records)
 
 
-def read_all(
-    source: Source,
-    *,
-    declared: Collection[str] = (),
-    required: Collection[str] = (),
-    by_suffix: bool = True,
-    dialect: Dialect = OWN,
-) -> Recording:
-    """As `read`, the whole file as one recording."""
-    return concat(list(read(source, declared=declared, required=required, by_suffix=by_suffix, dialect=dialect)))
+def read_all(source: Source, **how: Any) -> Recording:
+    """As `read`, with its keywords, the whole file as one recording."""
+    return concat(list(read(source, **how)))
 
 
 @dataclass(frozen=True)

@@ -3,30 +3,37 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from itertools import combinations
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from enginediag_cli.config.checked import Checked
+from enginediag_cli.config.hints import near
 from enginediag_cli.config.kinds import load_checked
 from enginediag_cli.errors import ConfigError, DataError, NoVerdictError, Problem
 from enginediag_cli.recordings.average import average
 from enginediag_cli.recordings.channel import Channel, load_channel
 from enginediag_cli.recordings.conversion import Conversion
 from enginediag_cli.recordings.derived import RULES
-from enginediag_cli.recordings.dialect import DELIMITERS, THOUSANDS, Dialect, known_encoding
+from enginediag_cli.recordings.dialect import DELIMITERS, FIXED, THOUSANDS, WHITESPACE, Dialect, known_encoding
+from enginediag_cli.recordings.formats.base import ReadingCounts
 from enginediag_cli.recordings.masking import Judged, mask_recording
 from enginediag_cli.recordings.quality import MaskReport, QualitySettings, insist_on_something
-from enginediag_cli.recordings.read import read_all
+from enginediag_cli.recordings.read import read
 from enginediag_cli.recordings.source import Source
-from enginediag_cli.recordings.stamps import check_forward, zone_of
+from enginediag_cli.recordings.stamps import NUMBERS, check_forward, zone_of
 from enginediag_cli.recordings.steady import GateReport, SteadySettings, failures, gate
-from enginediag_cli.recordings.table import Recording
+from enginediag_cli.recordings.table import Recording, concat
 
 if TYPE_CHECKING:
     from enginediag_cli.recordings.live import RecorderStream
+
+
+Place = tuple[str | int, ...]
+"""Keys and names on the way to a value of the file."""
 
 
 @dataclass(frozen=True)
@@ -34,7 +41,7 @@ class MappedRecording:
     """One engine's recording, and what happened to it on the way.
 
     gate is None where the recorder has no gate and does not average; standard_error (column → (M,)) is empty
-    where it does not average.
+    where it does not average; counts: what of the file was no record or no reading.
     """
 
     engine: str
@@ -42,11 +49,12 @@ class MappedRecording:
     masks: MaskReport
     gate: GateReport | None
     standard_error: Mapping[str, np.ndarray] = field(default_factory=dict)
+    counts: ReadingCounts = field(default_factory=ReadingCounts)
 
     def report_lines(self) -> list[str]:
         """What was masked and left out, for stderr."""
         start = self.recording.source + (f", engine {self.engine}" if self.engine else "")
-        lines = [f"{start}: {line}" for line in self.masks.report_lines()]
+        lines = [f"{start}: {line}" for line in (*self.counts.report_lines(), *self.masks.report_lines())]
         return lines + ([f"{start}: {self.gate.report_line()}"] if self.gate else [])
 
 
@@ -82,7 +90,21 @@ class Recorder:
 
     def read(self, source: Source, inputs: Collection[str] = ()) -> list[MappedRecording]:
         """Read and map a whole file (`-`: stdin), one result per engine. Raises DataError, NoVerdictError."""
-        return list(self.map(read_all(source, **self.reading), inputs=inputs))
+        counts = ReadingCounts()
+        whole = concat(list(self.chunks(source, counts=counts)))
+        return [replace(mapped, counts=counts) for mapped in self.map(whole, inputs=inputs)]
+
+    def chunks(
+        self,
+        source: Source,
+        chunk_records: int = 20_000,
+        *,
+        tolerant: bool = False,
+        counts: ReadingCounts | None = None,
+    ) -> Iterator[Recording]:
+        """The records of a file (`-`: stdin) in its own columns, those that the recorder names; `tolerant` and
+        `counts` as in `recordings.read.read`. Raises DataError."""
+        yield from read(source, chunk_records=chunk_records, tolerant=tolerant, counts=counts, **self.reading)
 
     def stream(
         self,
@@ -98,8 +120,19 @@ class Recorder:
 
     @property
     def reading(self) -> dict[str, Any]:
-        """Arguments with which `recordings.read.read` reads a file of this recorder."""
-        return {"required": self.source_columns, "by_suffix": False, "dialect": self.dialect}
+        """Arguments with which `recordings.read.read` reads a file of this recorder: the columns that it names, and no
+        others."""
+        time = tuple(self.values["time"]["from"]) if self.values["time"] else ()
+        texts = tuple(dict.fromkeys((*self.values["text"].values(), *self.values["keep"], *time)))
+        numbers = self.source_columns
+        return {
+            "required": tuple(dict.fromkeys((*numbers, *texts))),
+            "declared": numbers,
+            "by_suffix": False,
+            "dialect": self.dialect,
+            "texts": tuple(column for column in texts if column not in numbers),
+            "stamps": time,
+        }
 
     def map(
         self, recording: Recording, *, steady: bool = True, inputs: Collection[str] = ()
@@ -194,32 +227,78 @@ def load_recorder(path: str | Path) -> Recorder:
     )
 
 
-def _file_problems(checked: Checked) -> list[Problem]:
-    """Problems of the sections `file` and `time` that only their values together show."""
-    values, problems = checked.values, []
-    file, time = values["file"], values["time"]
+def _problems_of_file(checked: Checked, here: Place, file: Mapping[str, Any] | None) -> Iterator[Problem]:
+    """Problems of a section `file` that only its values together show."""
+    if file is None:
+        return
     if not known_encoding(file["encoding"]):
         hint = "such as utf-8, latin-1 or cp1252"
-        problems.append(checked.problem(("file", "encoding"), f"no encoding {file['encoding']!r}", hint))
-    if file["delimiter"] == "comma" and file["decimal"] == "comma":
-        problems.append(checked.problem(("file", "decimal"), "the decimal mark and the delimiter are both commas"))
+        yield checked.problem((*here, "encoding"), f"no encoding {file['encoding']!r}", hint)
+    marks = {"decimal mark": file["decimal"], "delimiter": file["delimiter"], "mark of thousands": file["thousands"]}
+    for (one, a), (other, b) in combinations(marks.items(), 2):
+        if a == b or {a, b} == {"space", WHITESPACE}:
+            key = "thousands" if "thousands" in other else "decimal"
+            yield checked.problem((*here, key), f"the {one} and the {other} are both {a}s")
+    if (file["header"] == "none") != bool(file["names"]):
+        hint = "such as header: none, names: [unit, cycle, T3]"
+        yield checked.problem((*here, "names"), "'header: none' and 'names' belong together", hint)
+    if (file["delimiter"] == FIXED) != bool(file["widths"]):
+        hint = "such as delimiter: fixed, widths: [10, 8, 8]"
+        yield checked.problem((*here, "widths"), "'delimiter: fixed' and 'widths' belong together", hint)
+    if any(width < 1 or width % 1 for width in file["widths"] if width is not None):
+        yield checked.problem((*here, "widths"), "widths are whole numbers of characters, from 1")
+    if file["names"] and file["widths"] and len(file["names"]) != len(file["widths"]):
+        what = f"{len(file['names'])} names for {len(file['widths'])} widths"
+        yield checked.problem((*here, "names"), what, "a column that is not read has the name ''")
+    long = file["long"]
+    if long is not None and bool(long["quality"]) != bool(long["good"]):
+        hint = "such as quality: Status, good: [Good]"
+        yield checked.problem((*here, "long"), "'quality' and 'good' belong together", hint)
+
+
+def _problems_of_time(checked: Checked, here: Place, time: Mapping[str, Any] | None) -> Iterator[Problem]:
+    """Problems of a section `time` that only its values together show."""
     if time is None:
-        return problems
-    if "time_s" in values["columns"]:
-        problems.append(checked.problem(("time",), "time_s is made twice", "leave it out of 'columns'"))
+        return
     if not time["from"]:
-        problems.append(checked.problem(("time", "from"), "no column of the time stamp"))
+        yield checked.problem((*here, "from"), "no column of the time stamp")
+    form = time["format"]
+    if form not in ("iso", *NUMBERS) and "%" not in form:
+        hint = near(form, ["iso", *NUMBERS]) + "; or a format as in strptime, '%d.%m.%Y %H:%M:%S'"
+        yield checked.problem((*here, "format"), f"no format of time stamps {form!r}", hint)
+    elif form in NUMBERS and len(time["from"]) > 1:
+        yield checked.problem((*here, "from"), f"a time of the form {form} is one column")
     try:
         zone_of(time["zone"])
-    except ValueError:
-        problems.append(checked.problem(("time", "zone"), f"no time zone {time['zone']!r}", "such as +02:00 or UTC"))
-    return problems
+    except ValueError as error:
+        yield checked.problem((*here, "zone"), f"no time zone {time['zone']!r}", str(error))
+
+
+def _file_problems(checked: Checked) -> Iterator[Problem]:
+    """Problems of the sections that say how files are written, and when."""
+    values = checked.values
+    yield from _problems_of_file(checked, ("file",), values["file"])
+    yield from _problems_of_time(checked, ("time",), values["time"])
+    timed = values["time"] is not None or "time_s" in values["columns"]
+    if values["time"] is not None and "time_s" in values["columns"]:
+        yield checked.problem(("time",), "time_s is made twice", "leave it out of 'columns'")
+    if values["file"]["long"] is not None and values["time"] is None:
+        yield checked.problem(("file", "long"), "a long export needs 'time:', the column of its time stamps")
+    for join in values["joins"]:
+        here = ("joins", join["name"])
+        yield from _problems_of_file(checked, (*here, "file"), join["file"])
+        yield from _problems_of_time(checked, (*here, "time"), join["time"])
+        if not timed:
+            yield checked.problem(here, "files are joined on time, and this recorder makes no time_s")
+        if join["time"] is None and values["time"] is None:
+            yield checked.problem(here, "a joined file needs 'time:', the column of its time stamps")
+        if "{name}" not in join["recording"] or Path(join["recording"]).name != join["recording"]:
+            hint = "such as '{name}_slow.csv'"
+            yield checked.problem((*here, "recording"), "the name of a file beside the recording, with {name}", hint)
 
 
 def _unknown_columns(checked: Checked, steady: SteadySettings | None) -> list[Problem]:
     """Problems for columns that a rule, a check or the gate names and that nothing makes."""
-    from enginediag_cli.config.hints import near
-
     values = checked.values
     made = [*values["columns"], *values["constants"], *(["time_s"] if values["time"] else [])]
     for engine in values["engines"].values():

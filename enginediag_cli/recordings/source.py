@@ -2,21 +2,56 @@
 
 from __future__ import annotations
 
+import codecs
 import gzip
+import io
 import os
 import stat
 import sys
+import zlib
 from collections.abc import Iterable, Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
+from functools import partial
 from pathlib import Path
-from typing import TextIO
+from typing import Any
 
 from enginediag_cli.errors import DataError
 
 Source = str | Path | Iterable[str]
 
-SHOWN_BYTES = 1 << 20
-"""Bytes of a file read at once when the place of a wrong one is looked for."""
+LONGEST_LINE = 1_000_000
+"""Characters of a line: a row of statistics may have thousands of cells of 20 characters. A longer one is refused as
+soon as so much of it is read, be there gigabytes more."""
+
+HEAD_BYTES = 512
+"""First bytes of a file, by which formats are recognised."""
+
+GZIP = b"\x1f\x8b"
+
+_EXPORT = "export it as CSV or Parquet"
+FORMATS: dict[bytes, tuple[str, str]] = {
+    b"\x89HDF\r\n\x1a\n": ("an HDF5 file (as MATLAB writes, too, from version 7.3 on)", _EXPORT),
+    b"MATLAB": ("a MATLAB .mat file", _EXPORT),
+    b"CDF\x01": ("a netCDF file", _EXPORT),
+    b"CDF\x02": ("a netCDF file", _EXPORT),
+    b"PK\x03\x04": (
+        "a zip archive, or an Excel workbook in a pipe or under another name",
+        "unpack it, or name it .xlsx",
+    ),
+    b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1": ("an Excel 97 workbook (.xls)", "save it as .xlsx or CSV"),
+    b"PAR1": ("a Parquet file, in a pipe or packed, whose index stands at its end", "give the file itself by its name"),
+    b"\x28\xb5\x2f\xfd": ("packed by zstd", "unpack it, or pack it by gzip"),
+    b"BZh": ("packed by bzip2", "unpack it, or pack it by gzip"),
+    b"\xfd7zXZ\0": ("packed by xz", "unpack it, or pack it by gzip"),
+    b"7z\xbc\xaf\x27\x1c": ("a 7-Zip archive", "unpack it"),
+    GZIP: ("packed by gzip twice", "unpack it once"),
+    b"SQLite format 3": ("an SQLite database", _EXPORT),
+    b"ARROW1": ("an Arrow (Feather) file", _EXPORT),
+    b"%PDF": ("a PDF document", _EXPORT),
+    b"MDF ": ("an ASAM MDF measurement file", _EXPORT),
+    b"TDSm": ("a LabVIEW TDMS file", _EXPORT),
+}
+"""First bytes → what such a file is, and what to do with it."""
 
 
 def refuse_devices(path: str | Path) -> None:
@@ -47,40 +82,105 @@ def _terminal(path: str | Path) -> bool:
 
 @contextmanager
 def opened(source: Source, codec: str = "utf-8-sig") -> Iterator[tuple[Iterable[str], str]]:
-    """The open text stream and its name; `-` is standard input, `.gz` is unpacked. Raises DataError."""
+    """The lines of a text and its name; `-` is standard input, what is packed by gzip is unpacked, a byte order mark
+    says which Unicode it is. Raises DataError, also for what is no text and for lines that are too long."""
     if not isinstance(source, (str, Path)):
-        yield source, getattr(source, "name", "<stream>")
-    elif str(source) == "-":
+        name = getattr(source, "name", "<stream>")
+        yield ShortLines(source, name), name
+        return
+    name = "<stdin>" if str(source) == "-" else str(source)
+    with ExitStack() as stack:
+        try:
+            binary = stack.enter_context(unpacked(source, name))
+            head = binary.peek(HEAD_BYTES)[:HEAD_BYTES]
+        except (gzip.BadGzipFile, EOFError, zlib.error) as error:
+            raise DataError(f"{name}: damaged gzip file ({error})") from error
+        except OSError as error:
+            raise DataError(f"{name}: {error.strerror or error}") from error
+        refuse_binary(head, name, codec)
+        text = stack.enter_context(io.TextIOWrapper(binary, encoding=unicode_of(head) or codec, newline=""))
+        yield ShortLines(text, name), name
+
+
+@contextmanager
+def unpacked(source: str | Path, name: str) -> Iterator[Any]:
+    """The bytes of a file (`-`: of standard input) as a buffered stream that can be peeked into. Raises OSError, and
+    DataError for what is no file."""
+    if str(source) == "-":
         # stdin's own text layer may use another encoding and would translate line ends inside quotes
-        stream = open(sys.stdin.fileno(), encoding=codec, newline="", closefd=False)
-        with stream:
-            yield stream, "<stdin>"
+        raw = open(sys.stdin.fileno(), "rb", closefd=False)
     else:
         refuse_devices(source)
-        try:
-            packed = str(source).endswith(".gz")
-            text: TextIO = (
-                gzip.open(source, "rt", encoding=codec, newline="")
-                if packed
-                else open(source, encoding=codec, newline="")
-            )
-        except OSError as error:
-            raise DataError(f"{source}: {error.strerror or error}") from error
-        with text:
-            yield text, str(source)
+        raw = open(source, "rb")
+    with raw:
+        packed = raw.peek(2)[:2] == GZIP
+        if not packed and raw.peek(1) and str(source).endswith(".gz"):
+            raise DataError(f"{name}: called .gz, but no gzip file")
+        if packed:
+            with gzip.GzipFile(fileobj=raw) as inside:
+                yield inside
+        else:
+            yield raw
+
+
+def refuse_binary(head: bytes, name: str, codec: str = "utf-8") -> None:
+    """Raises DataError for the first bytes of a file that is no text (in the encoding `codec`, if that has zeros in
+    it), with what it is and what to do."""
+    for magic, (what, cure) in FORMATS.items():
+        if head.startswith(magic):
+            raise DataError(f"{name}: {what}; {cure}")
+    zeros = head.count(0)
+    if not zeros or unicode_of(head) or codecs.lookup(codec).name.startswith(("utf-16", "utf-32")):
+        return
+    for odd, order in ((1, "le"), (0, "be")):  # of Western letters every second byte is zero
+        if 0.4 * len(head) <= zeros == head[odd::2].count(0):
+            what = "UTF-16 text without a byte order mark"
+            raise DataError(f"{name}: {what}; a recorder can state it, `file: {{encoding: utf-16-{order}}}`")
+    raise DataError(f"{name}: no text but binary data (it has NUL bytes); export it as CSV or Parquet")
+
+
+def unicode_of(head: bytes) -> str:
+    """The encoding that a byte order mark says, or "": UTF-8 needs none."""
+    if head.startswith((codecs.BOM_UTF32_LE, codecs.BOM_UTF32_BE)):
+        return "utf-32"
+    return "utf-16" if head.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)) else ""
+
+
+class ShortLines:
+    """The lines of a text, one in memory at a time. cut: after the last one, whether that has no line end."""
+
+    def __init__(self, stream: Iterable[str], name: str):
+        self.cut = False
+        self._lines = self._read(stream, name)
+
+    def __iter__(self) -> Iterator[str]:
+        """Raises DataError for a line longer than LONGEST_LINE, of which no more is read, and for one with a NUL."""
+        return self._lines
+
+    def _read(self, stream: Iterable[str], name: str) -> Iterator[str]:
+        read = getattr(stream, "readline", None)
+        lines = iter(stream) if read is None else iter(partial(read, LONGEST_LINE + 1), "")
+        number, line = 0, "\n"
+        for line in lines:
+            number += 1
+            if len(line) > LONGEST_LINE:
+                most = f"a line of more than {LONGEST_LINE} characters"
+                raise DataError(f"{name}:{number}: {most}; no table has such lines: is the file damaged or packed?")
+            if "\0" in line:
+                where = f"{name}:{number}:{line.index(chr(0)) + 1}"
+                raise DataError(f"{where}: a NUL character; the file is damaged or no text")
+            yield line
+        self.cut = not line.endswith(("\n", "\r"))
 
 
 def undecodable(source: Source, name: str, error: UnicodeDecodeError) -> DataError:
     """The error for a byte that is not text in the encoding: line, byte, and how to state another encoding."""
-    if error.object.startswith(b"PAR1"):
-        what = "a Parquet file, in a pipe or packed, whose index stands at its end"
-        return DataError(f"{name}: {what}; give the file itself by its name")
     line, byte = 0, error.object[error.start]
     regular = isinstance(source, (str, Path)) and os.path.isfile(source)
-    if regular and not error.encoding.startswith("utf-16"):
+    if regular and not error.encoding.startswith(("utf-16", "utf-32")):
         assert isinstance(source, (str, Path))
-        with gzip.open(source, "rb") if str(source).endswith(".gz") else open(source, "rb") as stream:
-            for number, text in enumerate(iter(lambda: stream.readline(SHOWN_BYTES), b""), start=1):
+        with unpacked(source, name) as stream:
+            for number, text in enumerate(iter(lambda: stream.readline(LONGEST_LINE), b""), start=1):
                 try:
                     text.decode(error.encoding)
                 except UnicodeDecodeError as found:

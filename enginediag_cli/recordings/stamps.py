@@ -1,16 +1,20 @@
-"""Time stamps to seconds: ISO 8601, or a stated format, with time zones."""
+"""Time stamps to seconds: ISO 8601, a stated format, or numbers; with time zones, and clocks that pass midnight."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
-from dataclasses import dataclass
-from datetime import datetime, timedelta, timezone
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from datetime import date, datetime, time, timedelta, timezone, tzinfo
+from typing import Any
+from zoneinfo import ZoneInfo, ZoneInfoNotFoundError, available_timezones
 
 import numpy as np
 
+from enginediag_cli.config.hints import closest
 from enginediag_cli.errors import DataError
-from enginediag_cli.recordings.formats.cells import MISSING
+from enginediag_cli.recordings.dialect import Dialect
+from enginediag_cli.recordings.formats.cells import NumberForm, is_missing, no_number
 from enginediag_cli.recordings.table import Recording
 
 FRACTION = re.compile(r"(.*?)[.,](\d+)(.*)")
@@ -22,45 +26,146 @@ in UTC, and days since 30 December 1899, which is how spreadsheets keep local ti
 
 EPOCH = datetime(1970, 1, 1, tzinfo=timezone.utc)
 """Where the seconds of a time stamp begin, as in POSIX."""
+SPREADSHEET_EPOCH = datetime(1899, 12, 30)
+"""Day 0 of spreadsheets, so that 1 March 1900 is day 61 as in the first of them."""
+DAY_S = 86400.0
+"""A day of a clock, in s."""
+PAST_MIDNIGHT_S = 0.5 * DAY_S
+"""A clock of a day that goes back by more than this has passed midnight, unless the recording has a gap of as much."""
 
 
 @dataclass
 class Stamps:
     """Seconds of the stamps in the columns `sources` (date and time of day may be two: joined by a space).
 
-    form: "iso", or a format of strptime; zone: hours:minutes east of UTC of stamps that do not say, "" for UTC;
-    since: "first_record" of the file (0 there: small numbers keep all digits), or "epoch", 1970-01-01 UTC.
+    form: "iso", a format of strptime, or one of NUMBERS; zone: of stamps that do not say, as in `zone_of`; since:
+    "first_record" of the file (0 there: small numbers keep all digits), or "epoch", 1970-01-01 UTC. A clock that shows
+    no date, or has it in a column of its own in which it stays, is taken a day on where it goes back by more than half
+    a day. numbers: how stamps that are numbers are written.
     """
 
     sources: Sequence[str]
     form: str = "iso"
     zone: str = ""
     since: str = "first_record"
+    numbers: NumberForm = field(default_factory=NumberForm)
     _start: float | None = None
+    _latest: float = -np.inf  # the last stamp as it was handed out, in s, but for `since`
+    _shown: float = np.nan  # the last one as the clock showed it
+    _date: date | None = None
+    _days: int = 0
+
+    def __post_init__(self) -> None:
+        self._tz = zone_of(self.zone)
 
     def seconds(self, recording: Recording) -> np.ndarray:
-        """(N,) s, NaN where a cell is empty. Raises DataError naming the line of a stamp that cannot be read."""
-        offset = zone_of(self.zone)
-        parts = [cells_of(recording, column) for column in self.sources]
-        values = np.full(len(recording), np.nan)
-        for k, cells in enumerate(zip(*parts, strict=True)):
-            text = " ".join(cell.strip() for cell in cells)
-            if text.strip().lower() in MISSING:
-                continue
-            try:
-                stamp = _iso(text) if self.form == "iso" else datetime.strptime(text, self.form)
-            except ValueError:
-                wanted = "an ISO 8601 time stamp" if self.form == "iso" else f"a time stamp of the form {self.form}"
-                place = f"{recording.source}:{recording.line[k]}:{'+'.join(self.sources)}"
-                raise DataError(f"{place}: not {wanted}: {text!r}") from None
-            stamp = stamp if stamp.tzinfo else stamp.replace(tzinfo=offset)
-            values[k] = (stamp - EPOCH).total_seconds()
+        """(N,) s, NaN where a cell is empty. Raises DataError naming the line of a stamp that cannot be read, or that
+        the stated zone has twice or not at all."""
+        values = self._numbers(recording) if self.form in NUMBERS else self._texts(recording)
         if self.since == "epoch":
             return values
         known = np.flatnonzero(np.isfinite(values))
         if self._start is None and known.size:
             self._start = float(values[known[0]])
         return values - (self._start or 0.0)
+
+    def _place(self, recording: Recording, k: int) -> str:
+        return f"{recording.source}:{recording.line[k]}:{'+'.join(self.sources)}"
+
+    def _texts(self, recording: Recording) -> np.ndarray:
+        parts = [cells_of(recording, column) for column in self.sources]
+        values = np.full(len(recording), np.nan)
+        for k, cells in enumerate(zip(*parts, strict=True)):
+            text = " ".join(cell.strip() for cell in cells)
+            if is_missing(text) or all(map(is_missing, cells)):
+                continue
+            try:
+                stamp, dated = self._read(text)
+            except ValueError:
+                wanted = "an ISO 8601 time stamp" if self.form == "iso" else f"a time stamp of the form {self.form}"
+                raise DataError(f"{self._place(recording, k)}: not {wanted}: {text!r}") from None
+            if stamp.tzinfo is not None:
+                values[k] = self._latest = (stamp - EPOCH).total_seconds()
+                continue
+            shown = (stamp - EPOCH.replace(tzinfo=None)).total_seconds()
+            if not dated or len(cells) > 1:
+                stamp += timedelta(days=self._days_past(shown, stamp.date() if dated else None))
+            values[k] = self._latest = self._absolute(stamp, recording, k)
+        return values
+
+    def _read(self, text: str) -> tuple[datetime, bool]:
+        """The stamp, and whether it has a date. Raises ValueError."""
+        if self.form == "iso":
+            if len(self.sources) == 1 and ":" in text[:3]:
+                return datetime.combine(EPOCH.date(), time.fromisoformat(_padded(text))), False
+            return _iso(text), True
+        dated = any(mark in self.form for mark in ("%d", "%j", "%x", "%c", "%U", "%W", "%s"))
+        stamp = datetime.strptime(text, self.form)
+        return (stamp if dated else datetime.combine(EPOCH.date(), stamp.timetz())), dated
+
+    def _days_past(self, shown: float, day: date | None) -> int:
+        """Days by which a clock is behind that shows so many seconds, and this date: it has passed midnight where it
+        goes back by more than half a day and the date stays."""
+        if day != self._date:
+            self._date, self._days = day, 0
+        elif shown - self._shown < -PAST_MIDNIGHT_S:
+            self._days += 1
+        self._shown = shown
+        return self._days
+
+    def _absolute(self, stamp: datetime, recording: Recording, k: int) -> float:
+        """s since 1970 of a stamp of the stated zone. An hour that a clock shows twice is the second one where time
+        would go back otherwise."""
+        first = (stamp.replace(tzinfo=self._tz) - EPOCH).total_seconds()
+        if isinstance(self._tz, timezone):
+            return first
+        second = (stamp.replace(tzinfo=self._tz, fold=1) - EPOCH).total_seconds()
+        if first == second:
+            return first
+        if second < first:  # as summer time begins the clock leaves out an hour
+            raise DataError(f"{self._place(recording, k)}: {stamp} does not exist in {self.zone}; is it another zone?")
+        if self._latest == -np.inf:
+            what = f"{stamp} comes twice in {self.zone}, and no record before says which it is"
+            raise DataError(f"{self._place(recording, k)}: {what}; state the zone as an offset, such as +01:00")
+        return second if first < self._latest else first
+
+    def _numbers(self, recording: Recording) -> np.ndarray:
+        (column,) = self.sources
+        if column in recording.columns:
+            read = recording[column]
+        else:
+            cells = recording.text[column]
+            read, bad, _ = self.numbers.values(cells)
+            if bad:
+                raise no_number(cells[bad[0]], self._place(recording, bad[0]))
+        if self.form == "excel_days":
+            return self._from_spreadsheet(read, recording)
+        if self.form != "seconds_of_day":
+            return read * {"seconds": 1.0, "epoch_s": 1.0, "epoch_ms": 1e-3}[self.form]
+        known = np.flatnonzero(np.isfinite(read))
+        steps = np.diff(read[known], prepend=self._shown)
+        days = self._days + np.cumsum(steps < -PAST_MIDNIGHT_S)
+        values = np.full(len(read), np.nan)
+        values[known] = read[known] + DAY_S * days
+        if known.size:
+            self._shown, self._days = float(read[known[-1]]), int(days[-1])
+        return values
+
+    def _from_spreadsheet(self, days: np.ndarray, recording: Recording) -> np.ndarray:
+        values = np.full(len(days), np.nan)
+        for k in np.flatnonzero(np.isfinite(days)):
+            try:
+                # a day has few binary digits left behind the point: to the millisecond, as spreadsheets show
+                stamp = SPREADSHEET_EPOCH + timedelta(milliseconds=round(days[k] * DAY_S * 1e3))
+            except OverflowError:
+                raise DataError(f"{self._place(recording, int(k))}: {days[k]:g} is no day of a spreadsheet") from None
+            values[k] = self._latest = self._absolute(stamp, recording, int(k))
+        return values
+
+
+def stamps_of(time: Mapping[str, Any], dialect: Dialect) -> Stamps:
+    """The stamps that a section `time` of a recorder declares, in a file that is written so."""
+    return Stamps(time["from"], time["format"], time["zone"], time["since"], NumberForm.from_dialect(dialect))
 
 
 def check_forward(recording: Recording) -> None:
@@ -77,15 +182,27 @@ def check_forward(recording: Recording) -> None:
             )
 
 
-def zone_of(zone: str) -> timezone:
-    """The time zone of `+02:00`, `-05:30`, `UTC` or "". Raises ValueError."""
+def zone_of(zone: str) -> tzinfo:
+    """The time zone of `+02:00`, `-05:30`, `UTC`, "" or an IANA name such as `Europe/Berlin`. Raises ValueError, which
+    says what would be one."""
     if zone in ("", "UTC", "Z"):
         return timezone.utc
-    if zone[0] not in "+-":
-        raise ValueError(zone)
-    hours, _, minutes = zone[1:].partition(":")
-    east = timedelta(hours=int(hours), minutes=int(minutes or 0))
-    return timezone(east if zone[0] == "+" else -east)
+    hint = "such as +02:00, UTC or Europe/Berlin"
+    if zone[0] in "+-":
+        hours, _, minutes = zone[1:].partition(":")
+        if not (hours.isdecimal() and (minutes or "0").isdecimal() and int(hours) < 24 and int(minutes or 0) < 60):
+            raise ValueError(hint)
+        east = timedelta(hours=int(hours), minutes=int(minutes or 0))
+        return timezone(east if zone[0] == "+" else -east)
+    try:
+        return ZoneInfo(zone)
+    except (ZoneInfoNotFoundError, OSError, ValueError):
+        pass
+    known = available_timezones()
+    if not known:
+        raise ValueError("this machine has no list of time zones: pip install tzdata, or state an offset, +02:00")
+    close = closest(zone, sorted(known))
+    raise ValueError(f"did you mean {close!r}?" if close else hint)
 
 
 def cells_of(recording: Recording, column: str) -> Sequence[str]:
@@ -101,8 +218,15 @@ def _iso(text: str) -> datetime:
     try:
         return datetime.fromisoformat(bare)
     except ValueError:
-        match = FRACTION.fullmatch(bare)
-        if match is None:
-            raise
-        head, digits, rest = match.groups()
-        return datetime.fromisoformat(f"{head}.{digits[:6]:0<6}{rest}")
+        return datetime.fromisoformat(_padded(bare))
+
+
+def _padded(text: str) -> str:
+    """The stamp with six digits behind the point. Raises ValueError where it has none."""
+    match = FRACTION.fullmatch(text)
+    if match is None:
+        if "." in text or "," in text:
+            raise ValueError(text)
+        return text
+    head, digits, rest = match.groups()
+    return f"{head}.{digits[:6]:0<6}{rest}"

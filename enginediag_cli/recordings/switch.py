@@ -44,9 +44,9 @@ def switch_faults(recording: Recording, switches: Iterable[str]) -> tuple[Switch
 
 
 def _is_switch(cell: str) -> bool:
-    from enginediag_cli.recordings.formats.cells import MISSING
+    from enginediag_cli.recordings.formats.cells import is_missing
 
-    if cell.lower() in MISSING:
+    if is_missing(cell):
         return True
     try:
         return float(cell) in (0.0, 1.0)

@@ -100,7 +100,7 @@ def test_a_group_of_thousands_in_a_file_with_decimal_commas_is_refused(tmp_path)
     [
         ("latin-1", "latin-11", "no encoding 'latin-11'"),
         ("decimal: comma", "decimal: comma, delimiter: comma", "both commas"),
-        ("[Zeit]}", "[Zeit], zone: CET}", "no time zone 'CET'"),
+        ("[Zeit]}", "[Zeit], zone: Europe/Berln}", "no time zone 'Europe/Berln'.*'Europe/Berlin'"),
         (", density_kg_m3: 800", "", "l/h is a volume flow and Wf_kg_s a mass flow.*density_kg_m3"),
         ("unit: shp", "unit: shp, density_kg_m3: 800", "a density turns"),
         ("unit: shp", "unit: shp, fill: hold", "belong together"),

@@ -70,7 +70,7 @@ def test_chunks_together_are_the_whole_file():
         ("T3_K,e\n1,x\n\n1,x,y\n", r"<stream>:4: 3 fields where the header has 2: 1,x,y"),
         ("T3_K,e\n1_000,x\n", r"<stream>:2:T3_K: not a number: '1_000'"),
         ("T3_K,e,T3_K\n1,x,2\n", r"<stream>:1:T3_K: two columns have this name"),
-        ("T3_K,\n1,x\n", r"<stream>:1: column 2 has no name"),
+        ("T3_K,T5_K\n1,2\n1,2,3\n1,2\n", r"<stream>:3: 3 fields where the header has 2: 1,2,3"),
         ("# only a head\n", r"<stream>: no header line"),
         ('T3_K,e\n1,"x\n', r"<stream>:2: unexpected end"),
     ],

@@ -1,6 +1,8 @@
-"""CSV in, in chunks of constant memory: declared columns as float64, all others as they came.
+"""Text tables in, in chunks of constant memory: declared columns as float64, all others as they came.
 
-Nothing is guessed: a column holds numbers because its name carries a unit or because the caller says so.
+Nothing is guessed of a column: it holds numbers because its name carries a unit or because the caller says so. Of a
+line it is decided whether it is a record: headers and rows of units that are repeated, comments, footers, and a last
+line that was cut are passed over and counted; any other line that does not fit is an error with its place.
 """
 
 from __future__ import annotations
@@ -8,22 +10,33 @@ from __future__ import annotations
 import csv
 import gzip
 import re
+import zlib
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, field
 from itertools import chain, islice
-from typing import Any
 
 import numpy as np
 
 from enginediag_cli.errors import DataError
-from enginediag_cli.recordings.dialect import DELIMITERS, separator_of
-from enginediag_cli.recordings.formats.base import Asked, TableFile, check_header
-from enginediag_cli.recordings.formats.cells import floats, points
+from enginediag_cli.recordings.dialect import DELIMITERS, FIXED, WHITESPACE, Dialect, separator_of
+from enginediag_cli.recordings.formats.base import Asked, TableFile, read_positions
+from enginediag_cli.recordings.formats.cells import NumberForm, is_missing, no_number
 from enginediag_cli.recordings.peeked import Peeked
 from enginediag_cli.recordings.source import Source, undecodable
-from enginediag_cli.recordings.table import Recording, check_clock
-from enginediag_cli.safe_text import unguarded
+from enginediag_cli.recordings.table import Recording, check_clock, concat
+from enginediag_cli.safe_text import shortened, unguarded
+from enginediag_cli.units import UnitError, find_unit, is_numeric_column, split_column
 
 _LINE_END = re.compile(r"\r\n|\r|\n")
+_SUMMARY = re.compile(r"\W*(total|sum|count|average|avg|mean|median|min(imum)?|max(imum)?|std(dev)?|end)\b", re.I)
+"""How a row below a table begins that sums it up."""
+
+CELLS_AT_ONCE = 400_000
+"""Cells that are texts in memory at once, some 30 MB, whatever the width of a table."""
+MOST_BLANK_LINES = 1_000_000
+"""Blank lines in a row after which a file is refused: packed, gigabytes of them take no room."""
+MOST_FOOTER_LINES = 50
+"""Lines at the end of a file that may be no records."""
 
 
 class CsvTable(TableFile):
@@ -31,61 +44,269 @@ class CsvTable(TableFile):
 
     def __init__(self, lines: Iterable[str], name: str, source: Source):
         """source: what the lines come from, to find the place of a byte that is no text."""
-        self._source = source
+        self._source, self._text = source, lines
         self.lines = peeked = Peeked(lines, name)
         self.name, self.provenance, self.columns = name, peeked.provenance, peeked.columns
 
     def records(self, asked: Asked, chunk_records: int) -> Iterator[Recording]:
         """See `TableFile.records`. Raises DataError naming file, physical line and column."""
         try:
-            yield from _records(self.lines, self.name, asked, chunk_records)
+            yield from _records(self.lines, self.name, asked, chunk_records, lambda: getattr(self._text, "cut", False))
         except UnicodeDecodeError as error:
             raise undecodable(self._source, self.name, error) from error
-        except (gzip.BadGzipFile, EOFError) as error:
+        except (gzip.BadGzipFile, EOFError, zlib.error) as error:
             raise DataError(f"{self.name}: damaged gzip file ({error})") from error
 
 
-def _records(stream: Iterable[str], name: str, asked: Asked, chunk_records: int) -> Iterator[Recording]:
+def _records(
+    stream: Iterable[str], name: str, asked: Asked, chunk_records: int, cut: Callable[[], bool]
+) -> Iterator[Recording]:
+    """cut: whether the last line has no end, known when it has been read."""
     dialect = asked.dialect
-    head, provenance, first = _head(stream, name, dialect.header_line)
-    separator = dialect.separator(first, f"{name}:{head + 1}")
-    # the header goes through the csv reader too, so that a quoted name may hold a comma or a line end
-    reader = csv.reader(chain([first], stream), strict=True, delimiter=separator)
-    try:
-        order = [unguarded(cell.strip()) for cell in next(reader)]
+    head, provenance, first = _head(stream, name, dialect)
+    place = f"{name}:{head + 1}"
+    rows = _Rows(chain([first], stream), dialect, dialect.separator(first, place), name, head)
+    if dialect.names:
+        order = [column.strip() for column in dialect.names]
+    else:
+        order = [unguarded(cell.strip()) for cell in rows.next_row() or []]
         if dialect.unit_row:
-            next(reader, None)
-    except csv.Error as error:
-        raise DataError(f"{name}:{head + 1}: {error}") from error
-    if len(order) == 1:
-        _other_delimiter(first, separator, f"{name}:{head + 1}")
-    check_header(order, asked.required, f"{name}:{head + 1}")
-    is_number = [asked.is_number(cell) for cell in order]
-    empty = True
-    while True:
-        before = reader.line_num
-        rows, line = _rows(reader, len(order), name, head, chunk_records)
-        ended = reader.line_num == before
-        if ended and not empty:
-            return
-        if not rows and not ended:
-            continue
-        cells = list(zip(*rows, strict=True)) if rows else [()] * len(order)
-        chunk = Recording(
-            columns={
-                c: floats(points(cells[j], dialect.decimal), _place(name, line, c))
-                for j, c in enumerate(order)
-                if is_number[j]
-            },
-            text={c: _texts(cells[j]) for j, c in enumerate(order) if not is_number[j]},
-            order=tuple(order),
-            line=line,
-            source=name,
-            provenance=tuple(provenance),
-        )
-        check_clock(chunk)
-        yield chunk
-        empty = False
+            rows.next_row()
+        _doubt_header(first, order, rows.separator, asked, place)
+    table = _Table(name, asked, order, read_positions(order, asked, place), tuple(provenance), cut)
+    at_once = max(1, min(chunk_records, CELLS_AT_ONCE // max(len(order), 1)))
+    waiting: list[Recording] = []
+    given = ended = False
+    while not ended:
+        raw, ended = rows.take(at_once)
+        waiting.append(table.read(raw, ended))
+        while (size := sum(map(len, waiting))) >= chunk_records or (ended and (size or not given)):
+            whole = concat(waiting)
+            waiting, given = [whole.select(slice(chunk_records, None))], True
+            chunk = whole.select(slice(0, chunk_records))
+            check_clock(chunk)
+            yield chunk
+
+
+Row = tuple[int, list[str]]
+"""The physical line on which a row begins, and its cells."""
+
+
+class _Rows:
+    """Rows of cells of an open text. separator: a delimiter, or a layout."""
+
+    def __init__(self, lines: Iterable[str], dialect: Dialect, separator: str, name: str, head: int):
+        self.separator = separator
+        self._name, self._line, self._blank = name, head + 1, 0
+        if separator == WHITESPACE:
+            self._reader: Iterator[list[str]] = (line.split() for line in lines)
+        elif separator == FIXED:
+            ends = np.cumsum(dialect.widths).tolist()
+            spans = [slice(a, b) for a, b in zip([0, *ends], ends, strict=False)]
+            self._reader = ([line.rstrip("\r\n")[span].strip() for span in spans] for line in lines)
+        else:
+            # the header goes through the csv reader too, so that a quoted name may hold a comma or a line end
+            self._reader = csv.reader(lines, strict=True, delimiter=separator)
+
+    def next_row(self) -> list[str] | None:
+        """The next row, None at the end. Raises DataError for a text that is no row."""
+        rows = self._rows(1)
+        if rows:
+            self._line += _lines_of(rows[0])
+        return rows[0] if rows else None
+
+    def _rows(self, most: int) -> list[list[str]]:
+        before = getattr(self._reader, "line_num", 0)
+        try:
+            return list(islice(self._reader, most))
+        except csv.Error as error:
+            line = self._line - 1 + getattr(self._reader, "line_num", 0) - before
+            raise DataError(f"{self._name}:{line}: {error}") from error
+
+    def take(self, most: int) -> tuple[list[Row], bool]:
+        """Up to `most` rows but for those that are blank, and whether the text has ended."""
+        first, before = self._line, getattr(self._reader, "line_num", 0)
+        rows = self._rows(most)
+        ended = len(rows) < most
+        if getattr(self._reader, "line_num", len(rows)) - before == len(rows) and all(
+            row and row[0] and not row[0].isspace() for row in rows
+        ):
+            self._line, self._blank = first + len(rows), 0
+            return list(enumerate(rows, start=first)), ended
+        found: list[Row] = []
+        for row in rows:  # a blank line, or a line end in a quoted cell
+            if any(cell and not cell.isspace() for cell in row):
+                found.append((self._line, row))
+                self._blank = 0
+            else:
+                self._blank += 1
+            self._line += _lines_of(row)
+        if self._blank > MOST_BLANK_LINES:
+            raise DataError(f"{self._name}:{self._line}: {self._blank} blank lines in a row; is it a table?")
+        return found, ended
+
+
+def _lines_of(row: Sequence[str]) -> int:
+    """Physical lines of a row: a line end is one in a quoted cell, or ends it."""
+    return 1 + sum(len(_LINE_END.findall(cell)) for cell in row if "\n" in cell or "\r" in cell)
+
+
+@dataclass
+class _Table:
+    """The records of one file. order: its columns; positions: of those that are read; held: rows that are no records,
+    and what is wrong with them, until it is known whether they end the file; header: line of the last header that was
+    repeated."""
+
+    name: str
+    asked: Asked
+    order: Sequence[str]
+    positions: Sequence[int]
+    provenance: tuple[str, ...]
+    cut: Callable[[], bool]
+    held: list[tuple[Row, DataError]] = field(default_factory=list)
+    records: int = 0
+    header: int = 0
+
+    def __post_init__(self) -> None:
+        asked = self.asked
+        self.form = NumberForm.from_dialect(asked.dialect)
+        self.numbers = [j for j in self.positions if asked.is_number(self.order[j])]
+        self.stamps = [j for j in self.positions if self.order[j] in asked.stamps]
+        named = [j for j, column in enumerate(self.order) if column]
+        self.least = named[-1] + 1 if named else 0  # the columns behind have no name, and need not be there
+
+    def read(self, rows: list[Row], ended: bool) -> Recording:
+        """The records of these rows, which may be none. Raises DataError for one that is neither record nor footer."""
+        width = len(self.order)
+        wrong: list[tuple[Row, DataError]] = []
+        if not all(map(width.__eq__, (len(cells) for _, cells in rows))):
+            rows, wrong = self._fitted(rows)
+        chunk, bad = self._columns(rows)
+        wrong += [(rows[k], error) for k, error in bad.items()]
+        if wrong or self.held:
+            keep = np.ones(len(rows), bool)
+            keep[list(bad)] = False
+            self._judge(sorted(wrong, key=lambda item: item[0][0]), chunk.line[keep], ended)
+            chunk = chunk.select(keep) if bad else chunk
+        self.records += len(chunk)
+        return chunk
+
+    def _fitted(self, rows: list[Row]) -> tuple[list[Row], list[tuple[Row, DataError]]]:
+        """Rows as wide as the header, but for columns without a name at its end and empty cells behind it; others, with
+        what is wrong."""
+        width = len(self.order)
+        fitting: list[Row] = []
+        wrong: list[tuple[Row, DataError]] = []
+        for line, cells in rows:
+            n = len(cells)
+            if n > width and not any(cell.strip() for cell in cells[width:]):
+                cells = cells[:width]
+            elif self.least <= n < width:
+                cells = cells + [""] * (width - n)
+            if len(cells) == width:
+                fitting.append((line, cells))
+            else:
+                shown = ",".join(cells[:4]) + (",…" if n > 4 else "")
+                owner = "`names`" if self.asked.dialect.names else "the header"
+                what = f"{n} fields where {owner} has {width}: {shortened(shown)}"
+                wrong.append(((line, cells), DataError(f"{self.name}:{line}: {what}")))
+        return fitting, wrong
+
+    def _columns(self, rows: list[Row]) -> tuple[Recording, dict[int, DataError]]:
+        """All rows (of one width) as records, and by index those in which a number or a stamp is none."""
+        lines = np.array([line for line, _ in rows], dtype=np.int64)
+        cells: list[tuple[str, ...]] = list(zip(*(c for _, c in rows), strict=True)) if rows else [()] * len(self.order)
+        bad: dict[int, DataError] = {}
+        columns: dict[str, np.ndarray] = {}
+        words = []
+        for j in self.numbers:
+            column = self.order[j]
+            columns[column], wrong, counts = self.form.values(cells[j])
+            words.append((column, counts))
+            for k in wrong:
+                bad.setdefault(k, no_number(cells[j][k], f"{self.name}:{lines[k]}:{column}"))
+        for j in self.stamps:
+            for k, cell in enumerate(cells[j]):
+                if not any(c.isdigit() for c in cell) and not is_missing(cell):
+                    what = f"{self.name}:{lines[k]}:{self.order[j]}: not a time stamp: {shortened(cell)!r}"
+                    bad.setdefault(k, DataError(what))
+        for column, counts in words:
+            self.asked.counts.take_words(column, counts)
+        text = {self.order[j]: _texts(cells[j]) for j in self.positions if self.order[j] not in columns}
+        order = tuple(self.order[j] for j in self.positions)
+        return Recording(columns, text, order, lines, self.name, self.provenance), bad
+
+    def _judge(self, wrong: list[tuple[Row, DataError]], good: np.ndarray, ended: bool) -> None:
+        """Count the rows that are no records where they may stand where they do; `good`: lines of the records here.
+        Raises the error of one that may not."""
+        counts, held = self.asked.counts, self.held
+        for row, error in wrong:
+            line, cells = row
+            first = not self.records and not (good.size and good[0] < line)
+            kind = self._kind(cells, line, first)
+            if kind or self.asked.tolerant:
+                counts.pass_over(kind or "line that is no record", line)
+            elif first:
+                raise error
+            else:
+                held.append((row, error))
+        if held and (len(held) > MOST_FOOTER_LINES or (good.size and good[-1] > held[0][0][0])):
+            raise held[0][1]
+        for k, ((line, cells), error) in enumerate(held if ended else ()):
+            if not self._like_a_record(cells):
+                counts.pass_over("footer", line)
+            elif self.cut() and k == len(held) - 1 and len(cells) <= len(self.order):
+                counts.pass_over("line that was cut off", line)
+            else:
+                raise error
+
+    def _kind(self, cells: Sequence[str], line: int, first: bool) -> str:
+        """What a row is that is no record, wherever it stands, or "". Raises DataError for a row of units that are not
+        those of the columns' names. first: no record stands before it."""
+        bare = [cell.strip() for cell in cells]
+        if [unguarded(cell) for cell in bare] == list(self.order):
+            self.header = line
+            return "repeated header"
+        if bare[0].startswith("#"):
+            return "comment"
+        if (first or line == self.header + 1) and self._units(bare, line):
+            self.header = line
+            return "row of units"
+        return ""
+
+    def _units(self, cells: Sequence[str], line: int) -> bool:
+        """Whether a row holds the units of the columns of numbers."""
+        named = [(self.order[j], cells[j].strip("[]() ")) for j in self.numbers if j < len(cells)]
+        given = [(column, cell) for column, cell in named if not is_missing(cell)]
+        try:
+            units = {column: find_unit(cell) for column, cell in given}
+        except UnitError:
+            return False
+        for column, unit in units.items() if self.asked.by_suffix else ():
+            stated = split_column(column)[1]
+            if stated and find_unit(stated).name != unit.name:
+                what = f"the row of units says {unit.name}, the column's name {stated}"
+                raise DataError(f"{self.name}:{line}:{column}: {what}; state in a recorder which of them it is")
+        return bool(given) and not any(_is_number(cell) for _, cell in given)
+
+    def _like_a_record(self, cells: Sequence[str]) -> bool:
+        """Whether a row holds numbers where a record does, or is as wide and begins with a digit, and does not begin as
+        a summary."""
+        first = next((cell.strip() for cell in cells if cell.strip()), "")
+        if _SUMMARY.match(first):
+            return False
+        if len(cells) == len(self.order) and first[:1].isdigit():
+            return True
+        values, _, _ = self.form.values([cells[j] for j in self.numbers if j < len(cells)])
+        return bool(np.isfinite(values).any())
+
+
+def _is_number(cell: str) -> bool:
+    try:
+        float(cell)
+    except ValueError:
+        return False
+    return True
 
 
 def _texts(cells: Sequence[str]) -> Sequence[str]:
@@ -93,23 +314,39 @@ def _texts(cells: Sequence[str]) -> Sequence[str]:
     return [unguarded(cell) for cell in cells] if "'" in "".join(cells) else list(cells)
 
 
-def _other_delimiter(header: str, separator: str, place: str) -> None:
-    """Raises DataError for a header of one column that another delimiter would part."""
-    found = separator_of(header)
+def _doubt_header(header: str, order: Sequence[str], separator: str, asked: Asked, place: str) -> None:
+    """Raises DataError for a header of one column that another delimiter would part, and for one of numbers."""
+    if any(column in asked.numbers for column in order):
+        return
+    words = header.split()
+    if all(_is_number(cell) for cell in (words if len(order) == 1 else order) if cell):
+        layout = "delimiter: whitespace, " if len(order) == 1 and len(words) > 1 else ""
+        raise DataError(
+            f"{place}: numbers where a header should name the columns: {shortened(header.strip())!r}; if the file has "
+            f"no header, a recorder names them: `file: {{{layout}header: none, names: [...]}}`"
+        )
+    if len(order) > 1:
+        return
+    found, word = separator_of(header), ""
     if found != separator and found in header:
         word = next(word for word, mark in DELIMITERS.items() if mark == found)
+    elif len(words) > 1 and any(map(is_numeric_column, words)):
+        found, word = "blanks", WHITESPACE
+    if word:
         raise DataError(
-            f"{place}: one column, {header.strip()[:60]!r}: cells seem to be parted by {found!r}; state it in a "
+            f"{place}: one column, {shortened(header.strip())!r}: cells seem to be parted by {found!r}; state it in a "
             f"recorder, `file: {{delimiter: {word}}}`, which `enginediag recorder FILE` drafts"
         )
 
 
-def _head(stream: Iterable[str], name: str, header_line: int) -> tuple[int, list[str], str]:
-    """Number of lines before the header, the provenance lines among them, and the header's first line."""
+def _head(stream: Iterable[str], name: str, dialect: Dialect) -> tuple[int, list[str], str]:
+    """Number of lines before the header (before the first record, where there is none), the provenance lines among
+    them, and its first line."""
     provenance: list[str] = []
+    stated, what = dialect.header_line, "record" if dialect.names else "header line"
     for number, text in enumerate(stream):
-        if header_line:
-            if number + 1 == header_line:
+        if stated:
+            if number + 1 == stated:
                 return number, provenance, text.lstrip("\ufeff")
             continue
         bare = text.lstrip("\ufeff").rstrip("\r\n")
@@ -117,37 +354,8 @@ def _head(stream: Iterable[str], name: str, header_line: int) -> tuple[int, list
             provenance.append(bare[1:].strip())
         elif bare.strip():
             return number, provenance, text.lstrip("\ufeff")
-    if header_line:
-        raise DataError(f"{name}: no header line: the file has fewer than {header_line} lines")
-    raise DataError(f"{name}: no header line: the file is empty")
-
-
-def _rows(reader: Any, width: int, name: str, head: int, chunk_records: int) -> tuple[list[list[str]], np.ndarray]:
-    """Up to chunk_records rows with the physical line on which each begins; blank lines are passed over.
-
-    `reader` is a csv.reader: its line_num counts the physical lines that it has taken.
-    """
-    before = reader.line_num
-    try:
-        rows = list(islice(reader, chunk_records))
-    except csv.Error as error:
-        raise DataError(f"{name}:{head + reader.line_num}: {error}") from error
-    if reader.line_num - before == len(rows) and all(map(width.__eq__, map(len, rows))) and width > 1:
-        return rows, head + before + 1 + np.arange(len(rows))
-    # a blank line, a quoted line end or a wrong row: find each row's own line. A quoted line end is one
-    # inside a cell, so the lines of a row are one more than its line ends.
-    taken, lines = [], []
-    line = head + before + 1
-    for row in rows:
-        if len(row) == width and any(cell.strip() for cell in row):
-            taken.append(row)
-            lines.append(line)
-        elif any(cell.strip() for cell in row):
-            shown = ",".join(row[:4]) + (",…" if len(row) > 4 else "")
-            raise DataError(f"{name}:{line}: {len(row)} fields where the header has {width}: {shown}")
-        line += 1 + sum(len(_LINE_END.findall(cell)) for cell in row)
-    return taken, np.array(lines, dtype=np.int64)
-
-
-def _place(name: str, line: np.ndarray, column: str) -> Callable[[int], str]:
-    return lambda k: f"{name}:{line[k]}:{column}"
+        if number > MOST_BLANK_LINES:
+            raise DataError(f"{name}: no {what} in the first {MOST_BLANK_LINES} lines; is it a table?")
+    if stated:
+        raise DataError(f"{name}: no {what}: the file has fewer than {stated} lines")
+    raise DataError(f"{name}: no {what}: the file is empty")

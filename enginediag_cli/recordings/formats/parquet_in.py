@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import os
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -13,8 +13,8 @@ import numpy as np
 
 from enginediag_cli.errors import DataError
 from enginediag_cli.recordings.formats.arrow import ArrowFile, Kind
-from enginediag_cli.recordings.formats.base import Asked, TableFile, check_header
-from enginediag_cli.recordings.formats.cells import floats, points
+from enginediag_cli.recordings.formats.base import Asked, TableFile, read_positions
+from enginediag_cli.recordings.formats.cells import NumberForm, no_number
 from enginediag_cli.recordings.table import Recording, check_clock, concat
 from enginediag_cli.safe_text import guarded
 
@@ -78,7 +78,8 @@ class ParquetTable(TableFile):
 
     def records(self, asked: Asked, chunk_records: int) -> Iterator[Recording]:
         """See `TableFile.records`. Raises DataError naming file, row, row group and column."""
-        check_header(self.columns, asked.required, self.name)
+        self._positions = read_positions(self.columns, asked, self.name)
+        self._form = NumberForm.from_dialect(asked.dialect)
         self._insist_on_numbers(asked)
         held: list[Recording] = []
         waiting, given = 0, False
@@ -106,7 +107,8 @@ class ParquetTable(TableFile):
         n = len(columns[0]) if columns else 0
         numbers: dict[str, np.ndarray] = {}
         texts: dict[str, Sequence[str]] = {}
-        for j, (name, kind) in enumerate(zip(self.columns, self._file.kinds, strict=True)):
+        for j in self._positions:
+            name, kind = self.columns[j], self._file.kinds[j]
             if not asked.is_number(name):
                 texts[name] = self._file.texts(columns[j], kind, group) if columns else []
             elif not columns:
@@ -114,15 +116,19 @@ class ParquetTable(TableFile):
             elif kind is Kind.NUMBER:
                 numbers[name] = self._file.floats(columns[j], group)
             else:
-                cells = points(self._file.texts(columns[j], kind, group), asked.dialect.decimal)
-                numbers[name] = floats(cells, self._place(name, row, group))
+                cells = self._file.texts(columns[j], kind, group)
+                numbers[name], bad, counts = self._form.values(cells)
+                if bad:
+                    raise no_number(cells[bad[0]], self._place(name, row + bad[0], group))
+                asked.counts.take_words(name, counts)
         line = len(self.provenance) + 2 + row + np.arange(n)
-        found = Recording(numbers, texts, self.columns, line, self.name, tuple(self.provenance))
+        order = tuple(self.columns[j] for j in self._positions)
+        found = Recording(numbers, texts, order, line, self.name, tuple(self.provenance))
         check_clock(found)
         return found
 
-    def _place(self, column: str, row: int, group: int) -> Callable[[int], str]:
-        return lambda k: f"{self.name}: row {row + k + 1} (row group {group}): column {column}"
+    def _place(self, column: str, row: int, group: int) -> str:
+        return f"{self.name}: row {row + 1} (row group {group}): column {column}"
 
     def _insist_on_numbers(self, asked: Asked) -> None:
         for name, kind, of in zip(self.columns, self._file.kinds, self._file.types, strict=True):
