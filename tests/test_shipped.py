@@ -57,15 +57,6 @@ def test_only_files_below_the_folder_are_shipped(name):
         shipped(name)
 
 
-def test_every_folder_of_configs_is_named_in_the_packaging():
-    declared = (CONFIGS.parent / "pyproject.toml").read_text(encoding="utf-8")
-    folders = {path.parent.relative_to(CONFIGS.parent).as_posix() for path in CONFIGS.rglob("*") if path.is_file()}
-    assert all(f'"share/enginediag/{folder}"' in declared for folder in folders)
-    files = [p for p in CONFIGS.rglob("*") if p.is_file() and p.parent.name != "ground_station"]  # shipped whole
-    others = {path.name for path in files if path.suffix != ".yaml"}
-    assert others == {"README.md"}, "data-files takes only *.yaml"
-
-
 def test_a_file_in_the_working_folder_goes_before_a_shipped_one(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     assert ConfigFile().convert("turbofan.yaml", None, None) == str(CONFIGS / "turbofan.yaml")

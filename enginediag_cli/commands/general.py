@@ -165,7 +165,7 @@ def _inputs(context: click.Context) -> Iterator[tuple[str, str]]:
         if not isinstance(parameter.type, click.Path) or isinstance(parameter.type, OutputFile):
             continue
         value = context.params.get(parameter.name or "")
-        what = max(parameter.opts, key=len) if isinstance(parameter, click.Option) else parameter.make_metavar(context)
+        what = max(parameter.opts, key=len) if isinstance(parameter, click.Option) else parameter.human_readable_name
         for path in value if isinstance(value, (list, tuple)) else [value]:
             if not isinstance(path, str):
                 continue

@@ -12,6 +12,7 @@ import click
 
 from enginediag_cli import __version__
 from enginediag_cli.commands.options import message_options
+from enginediag_cli.errors import ExitCode
 
 if TYPE_CHECKING:
     from click.shell_completion import CompletionItem
@@ -88,6 +89,12 @@ COMMANDS: dict[str, Entry] = {
 class LazyGroup(click.Group):
     """A click group that reads names and help lines from `COMMANDS` and imports nothing else."""
 
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        if not args and not ctx.resilient_parsing:
+            click.echo(ctx.get_help(), err=True, color=ctx.color)
+            ctx.exit(ExitCode.TROUBLE)  # which versions of click do by themselves with one code or another
+        return super().parse_args(ctx, args)
+
     def list_commands(self, ctx: click.Context) -> list[str]:
         return list(COMMANDS)
 
@@ -133,7 +140,11 @@ class LazyGroup(click.Group):
             formatter.write_dl([(name, entry.help) for name, entry in COMMANDS.items()])
 
 
-@click.group(cls=LazyGroup, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})
+@click.group(
+    cls=LazyGroup,
+    no_args_is_help=False,
+    context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
+)
 @click.version_option(__version__, prog_name="enginediag", message="%(prog)s %(version)s")
 @message_options
 def enginediag() -> None:

@@ -131,7 +131,7 @@ def output_file_option(help: str, suffixes: tuple[str, ...] = (), *, required: b
         "--output",
         "output_path",
         required=required,
-        default=None if required else "-",
+        **({} if required else {"default": "-"}),  # to click from 8.3 on, a default of None is one
         metavar="FILE",
         type=OutputFile(suffixes),
         help=help,

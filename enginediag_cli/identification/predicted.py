@@ -96,7 +96,7 @@ class Predicted:
         J = np.empty((n, m, own + t.amounts))
         J[:, :, :own] = t.own[rows, :, :own]
         if t.amounts:
-            amounts = J[:, :, own:].reshape(n, m, *t.curves.shape[1:], copy=False)
+            amounts = J[:, :, own:].reshape(n, m, *t.curves.shape[1:])  # one axis as two: a view, whatever the strides
             np.multiply(t.of_maps[rows, :, :, None], t.curves[rows, None], out=amounts)
         return J
 

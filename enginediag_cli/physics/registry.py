@@ -35,7 +35,8 @@ def term(name: str) -> Term:
     found = [
         c
         for _, c in inspect.getmembers(module, inspect.isclass)
-        if issubclass(c, Term) and c.__module__ == module.__name__ and getattr(c, "NAME", None) == name
+        # its module first: to Python 3.10 tuple[str, ...] is a class, of builtins, of which nothing is a subclass
+        if c.__module__ == module.__name__ and issubclass(c, Term) and getattr(c, "NAME", None) == name
     ]
     if len(found) != 1:
         raise TypeError(f"{module.__name__} must hold exactly one Term with NAME {name!r}")

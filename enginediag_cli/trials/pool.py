@@ -11,6 +11,7 @@ from contextlib import contextmanager
 from multiprocessing import get_context, parent_process
 from typing import TypeVar
 
+from enginediag_cli.config.reading import READING, Reading
 from enginediag_cli.errors import WorkerDiedError
 from enginediag_cli.trials.parent import end_with_parent
 
@@ -31,7 +32,7 @@ def run_pieces(
     if not todo:
         return
     workers = max(1, min(processes, len(todo)))
-    with single_threaded(), ProcessPoolExecutor(workers, get_context("spawn"), initializer=begin_worker) as pool:
+    with single_threaded(), worker_pool(workers) as pool:
         waiting: dict[Future[Result], Piece] = {pool.submit(work, piece): piece for piece in todo}
         try:
             for future in waiting if in_order else as_completed(waiting):
@@ -42,6 +43,11 @@ def run_pieces(
             ) from None
         finally:
             pool.shutdown(wait=True, cancel_futures=True)
+
+
+def worker_pool(workers: int) -> ProcessPoolExecutor:
+    """Processes that allow what this one does, and end with it."""
+    return ProcessPoolExecutor(workers, get_context("spawn"), initializer=begin_worker, initargs=(READING,))
 
 
 @contextmanager
@@ -59,9 +65,11 @@ def single_threaded() -> Iterator[None]:
                 os.environ[name] = value
 
 
-def begin_worker() -> None:
-    """What a process of a pool does first. Ctrl-C reaches every process of a terminal, and only the first one acts on
-    it; a killed parent, which can end nobody any more, takes its workers with it."""
+def begin_worker(reading: Reading) -> None:
+    """What a process of a pool does first: it reads what its parent may read. Ctrl-C reaches every process of a
+    terminal, and only the first one acts on it; a killed parent, which can end nobody any more, takes its workers with
+    it."""
+    READING.allow_outside = reading.allow_outside
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     parent = parent_process()
     if parent is not None and parent.pid is not None:

@@ -68,7 +68,7 @@ COMMANDS = {
     "identify": ("identify", "engine.yaml", "--no-cross-validation"),
     "locate": ("locate", "engine.yaml"),
     "explain": ("explain", "engine.yaml"),
-    "refine": ("refine", "engine.yaml", "--holdout-last", "1"),
+    "refine": ("refine", "engine.yaml", "--holdout-last", "1", "-o", "refined.yaml"),
 }
 """Every command that reads recordings for an engine, but check, whose report has tests of its own."""
 

@@ -6,11 +6,10 @@ from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from itertools import islice
-from multiprocessing import get_context
 
 from enginediag_cli.errors import WorkerDiedError
 from enginediag_cli.fleet.runners.runner import IN_WORK, Result, Task
-from enginediag_cli.trials.pool import begin_worker, single_threaded
+from enginediag_cli.trials.pool import single_threaded, worker_pool
 
 DEATHS = 3
 """Times that a process may be ended from outside before the run ends: what kills a worker kills the next one, too."""
@@ -66,7 +65,7 @@ class Processes:
 
     def _opened(self) -> ProcessPoolExecutor:
         if self._pool is None:
-            self._pool = ProcessPoolExecutor(self.workers, get_context("spawn"), initializer=begin_worker)
+            self._pool = worker_pool(self.workers)
         return self._pool
 
     def _replace(self) -> None:
