@@ -126,15 +126,16 @@ def output_options(function: Callable[..., Any]) -> Callable[..., Any]:
 
 def output_file_option(help: str, suffixes: tuple[str, ...] = (), *, required: bool = False) -> Callable[..., Any]:
     """`-o/--output FILE` as `output_path: str`; standard output when not given, unless it is required."""
+    absent: dict[str, Any] = {} if required else {"default": "-"}  # to click from 8.3 on, None is a value, too
     return click.option(
         "-o",
         "--output",
         "output_path",
         required=required,
-        **({} if required else {"default": "-"}),  # to click from 8.3 on, a default of None is one
         metavar="FILE",
         type=OutputFile(suffixes),
         help=help,
+        **absent,
     )
 
 
