@@ -40,30 +40,41 @@ def follows_no_clock(gap: np.ndarray) -> bool:
 
 
 def cells_of(predicted: np.ndarray) -> np.ndarray:
-    """Cell of each record, (N,) int from 0, by the predicted readings (N, m), NaN where there is none.
+    """Cell of each record, (N,) int from 0, by the predicted readings (N, m), NaN where there is none."""
+    return np.unique(Cells(predicted).places(predicted), axis=0, return_inverse=True)[1].reshape(-1)
 
-    Inputs have no common scale (an hour of weather, a metre of altitude): what they do to the readings has.
+
+class Cells:
+    """Cells of operating points, laid by the predicted readings (N, m) of some records, NaN where there is none.
+
+    Inputs have no common scale (an hour of weather, a metre of altitude): what they do to the readings has. A direction
+    is cut where there are no values, and between such cuts into intervals of one length.
     """
-    size = np.nanmean(np.abs(predicted), axis=0)
-    y = np.nan_to_num(predicted / np.where(size > 0, size, 1.0), nan=1.0)
-    y = y - y.mean(axis=0)
-    values, ways = np.linalg.eigh(y.T @ y)
-    scores = y @ ways[:, np.argsort(values)[::-1][:WAYS]]
-    side = max(CELL * float(np.ptp(scores[:, 0])), SAME * np.sqrt(y.shape[1]))
-    columns = [_cut(score, side) for score in scores.T]
-    return np.unique(np.column_stack(columns), axis=0, return_inverse=True)[1].reshape(-1)
 
+    def __init__(self, predicted: np.ndarray):
+        size = np.nanmean(np.abs(predicted), axis=0)
+        self._size = np.where(size > 0, size, 1.0)
+        y = self._scaled(predicted)
+        self._centre = y.mean(axis=0)
+        values, ways = np.linalg.eigh((y - self._centre).T @ (y - self._centre))
+        self._ways = ways[:, np.argsort(values)[::-1][:WAYS]]
+        scores = (y - self._centre) @ self._ways
+        self._side = max(CELL * float(np.ptp(scores[:, 0])), SAME * np.sqrt(y.shape[1]))
+        self._first = []  # of each direction, the lowest value of each stretch without a gap
+        for score in np.sort(scores, axis=0).T:
+            self._first.append(score[np.diff(score, prepend=-np.inf) > EMPTY * self._side])
 
-def _cut(u: np.ndarray, side: float) -> np.ndarray:
-    """Interval of each value, (N,) int: no longer than `side`, and cut where there are no values where that goes."""
-    order = np.argsort(u, kind="stable")
-    rises = np.diff(u[order], prepend=u[order[0]]) > EMPTY * side
-    group = np.cumsum(rises)
-    first = u[order][np.r_[0, np.flatnonzero(rises)]][group]
-    found = np.empty(len(u), int)
-    # numbered in the order of the values, so that no two intervals share a number
-    found[order] = np.cumsum(rises | (np.diff(np.floor((u[order] - first) / side), prepend=0.0) != 0))
-    return found
+    def places(self, predicted: np.ndarray) -> np.ndarray:
+        """Place of the cell of each record, (N, 2 WAYS) int: stretch and interval of each direction."""
+        scores = (self._scaled(predicted) - self._centre) @ self._ways
+        found = np.empty((len(scores), 2 * scores.shape[1]), int)
+        for i, (u, first) in enumerate(zip(scores.T, self._first, strict=True)):
+            stretch = np.maximum(np.searchsorted(first, u, side="right") - 1, 0)
+            found[:, 2 * i], found[:, 2 * i + 1] = stretch, np.floor((u - first[stretch]) / self._side)
+        return found
+
+    def _scaled(self, predicted: np.ndarray) -> np.ndarray:
+        return np.asarray(np.nan_to_num(predicted / self._size, nan=1.0))
 
 
 def lack_of_fit(

@@ -17,7 +17,7 @@ from enginediag_cli.methods.base import FittedMethod
 from enginediag_cli.methods.verdicts import Verdicts
 from enginediag_cli.methods.windows import Windows, filled
 from enginediag_cli.recordings.table import Recording
-from enginediag_cli.residuals.admission import JudgedChunk
+from enginediag_cli.residuals.admission import JudgedInputs
 from enginediag_cli.residuals.cut import cut
 from enginediag_cli.residuals.groups import Key, runs
 from enginediag_cli.residuals.monitor import Monitor
@@ -61,7 +61,7 @@ def recorded_windows(monitor: Monitor, recordings: Iterable[Recording], plan: Wi
 
     Raises DataError as `cut` does.
     """
-    for complete in cut(monitor, recordings, plan, _pieces, at_nominal=False):
+    for complete in cut(monitor, recordings, plan, _pieces):
         yield from map(_whole, complete)
 
 
@@ -106,17 +106,16 @@ def _judged(fitted: FittedMethod, batch: Sequence[RecordedWindow], false_alarm: 
 
 
 def _pieces(
-    part: Recording, chunk: JudgedChunk, key: Key, blocks: np.ndarray, lags: np.ndarray
+    part: Recording, taken: JudgedInputs, key: Key, blocks: np.ndarray, lags: np.ndarray
 ) -> Iterator[tuple[int, RecordedWindow]]:
     """The records of each block of one group in one chunk."""
-    taken = chunk.taken
     y = np.where(taken.judged[:, None], taken.y, np.nan)
     apart = np.where(np.isfinite(lags), np.minimum(lags, FARTHEST), FARTHEST).astype(int)
     for i, k in runs(blocks):
         rows = slice(i, k)
         steps = np.cumsum(apart[rows]) - 1  # empty records before the first stand for a jump from the block before
         inputs = {c: _spread(v[rows], steps) for c, v in taken.inputs.items()}
-        yield int(blocks[i]), RecordedWindow(place(part, chunk, key, rows), inputs, _spread(y[rows], steps))
+        yield int(blocks[i]), RecordedWindow(place(part, taken, key, rows), inputs, _spread(y[rows], steps))
 
 
 def _spread(values: np.ndarray, steps: np.ndarray) -> np.ndarray:

@@ -7,6 +7,7 @@ at which it is not known any more (`Envelope.within_reach`).
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -105,32 +106,51 @@ def judged_inputs(monitor: Monitor, recording: Recording, *, widening: bool = Tr
 
 
 @dataclass(frozen=True)
-class JudgedChunk:
-    """Records of a chunk: what is judged of them and, at nominal, residuals e (N, m), J (N, m, p) and failed (N,)."""
+class NominalResiduals:
+    """N records held against nominal, before any change is estimated: `inputs`, column -> (N,), what the engine
+    freezes at nominal among them; readings y (N, m), NaN where there is none; predicted (N, m), J (N, m, p); ok (N,):
+    those that the engine can compute; x: its unknowns (nx, N) there, None where it shows none."""
 
-    taken: JudgedInputs
-    failed: np.ndarray
-    e: np.ndarray | None = None
-    J: np.ndarray | None = None
+    inputs: Mapping[str, np.ndarray]
+    y: np.ndarray
+    predicted: np.ndarray
+    J: np.ndarray
+    ok: np.ndarray
+    x: np.ndarray | None
 
-    def of(self, rows: np.ndarray) -> JudgedChunk:
-        """The records of one flight and engine."""
-        return JudgedChunk(
-            self.taken.of(rows),
-            self.failed[rows],
-            None if self.e is None else self.e[rows],
-            None if self.J is None else self.J[rows],
-        )
+    @property
+    def e(self) -> np.ndarray:
+        """Residuals (N, m), NaN where there is none."""
+        return np.where(self.ok[:, None], self.y - self.predicted, np.nan)
+
+    def rows(self, some: slice | np.ndarray) -> NominalResiduals:
+        """Some of the records."""
+        inputs = {c: np.asarray(v)[some] for c, v in self.inputs.items()}
+        x = None if self.x is None else self.x[:, some]
+        return NominalResiduals(inputs, self.y[some], self.predicted[some], self.J[some], self.ok[some], x)
 
 
-def judged_chunk(monitor: Monitor, recording: Recording, *, at_nominal: bool) -> JudgedChunk:
-    """Everything that does not depend on flights, for a whole chunk: the engine likes long calls."""
-    taken = judged_inputs(monitor, recording)
-    y, failed, kept = taken.y, np.zeros(len(taken.y), bool), np.flatnonzero(taken.judged)
-    if not at_nominal or not kept.size:
-        return JudgedChunk(taken, failed)
-    predicted, sensitivities, ok, _ = monitor.predict({c: v[kept] for c, v in taken.inputs.items()}, monitor.theta0)
-    e, J = np.full(y.shape, np.nan), np.full((*y.shape, len(monitor.names)), np.nan)
-    e[kept], J[kept] = np.where(ok[:, None], y[kept] - predicted, np.nan), sensitivities
-    failed[kept[~ok]] = True
-    return JudgedChunk(taken, failed, e, J)
+def nominal_residuals(
+    monitor: Monitor,
+    inputs: Mapping[str, np.ndarray],
+    y: np.ndarray,
+    window: np.ndarray,
+    distinct: np.ndarray | None = None,
+) -> NominalResiduals:
+    """Records that are judged held against nominal: inputs (N,) by column and readings y (N, m) of consecutive
+    records of each window, whose number window (N,) ascends. distinct (N,): number of each record, where windows share
+    some.
+
+    What is judged by the model residual and not by the raw column is judged here: e and J of all records, before any
+    change is estimated, on the one way to statistics at nominal and at the estimate, of short windows (whole) and of
+    long ones (a stretch at a time). A reading that is not believed becomes NaN in `y`; a record whose inputs are not is
+    no longer `ok`.
+    """
+    rows = slice(None) if distinct is None else np.unique(distinct, return_index=True)[1]
+    asked = {c: v[rows] for c, v in inputs.items()}
+    predicted, J, ok, prediction = monitor.predict(asked, monitor.theta0)
+    # a fault is hypothesised with the errors of the maps where nominal has the machines: see `error_model.modelled`
+    known = {**asked, **getattr(prediction, "frozen", {})}
+    # unknowns of the engine, from which the next solution is near
+    found = NominalResiduals(known, y[rows], predicted, J, np.asarray(ok), getattr(prediction, "x", None))
+    return found if distinct is None else found.rows(np.unique(distinct, return_inverse=True)[1])

@@ -6,31 +6,49 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from enginediag_cli.residuals.noise import NoiseModel
 from enginediag_cli.residuals.statistics import LocalStatistics
 
 
 @dataclass(frozen=True)
 class Block:
-    """Statistics of consecutive records with what the next and the block before need to know of them.
+    """Sums over consecutive records with what the next and the block before need to know of them.
 
-    `head`, `tail` (m, p) and `decay` (m,) as in `correlated.LaggedSums`; `share` (m,) is the variance of one
-    whitened residual.
+    `sums`: their statistics, with V = F; `parts` (m, p, p): what the noise of each sensor contributes to V, None where
+    noise is white and certain, and V is F. `records`: how many follow each other, those without a reading counted.
+    `head`, `tail` (m, p) and `decay` (m,) as in `correlated.LaggedSums`.
     """
 
-    statistics: LocalStatistics
+    sums: LocalStatistics
+    noise: NoiseModel
+    parts: np.ndarray | None
+    records: int
     head: np.ndarray
     tail: np.ndarray
     decay: np.ndarray
-    share: np.ndarray
 
     def __add__(self, later: Block) -> Block:
-        """This block followed at once by `later`: V = V₁ + V₂ + cross + crossᵀ, cross = Σ_j tail₁ head₂ᵀ."""
-        cross = (self.tail * self.share[:, None]).T @ later.head
-        both = self.statistics + later.statistics
+        """This block followed at once by `later`: V_j = V_j1 + V_j2 + cross + crossᵀ, cross = tail_j1 head_j2ᵀ."""
+        parts = None
+        if self.parts is not None and later.parts is not None:
+            tail = self.tail / self.noise.inflation[:, None]  # in variances of one whitened residual
+            cross = tail[:, :, None] * later.head[:, None, :]
+            parts = self.parts + later.parts + cross + cross.transpose(0, 2, 1)
         return Block(
-            replace(both, V=both.V + cross + cross.T),
+            self.sums + later.sums,
+            self.noise,
+            parts,
+            self.records + later.records,
             self.head + self.decay[:, None] * later.head,
             later.tail + later.decay[:, None] * self.tail,
             self.decay * later.decay,
-            self.share,
         )
+
+    @property
+    def statistics(self) -> LocalStatistics:
+        """The statistics, with V and how uncertain it is for a window of so many records."""
+        if self.parts is None:
+            return self.sums
+        errors, bias = self.noise.doubt(self.records) or (None, np.zeros(len(self.parts)))
+        V = self.sums.F if self.noise.white else np.tensordot(1 / (1 + bias), self.parts, axes=1)
+        return replace(self.sums, V=V, by_sensor=None if errors is None else np.tensordot(errors, self.parts, axes=1))

@@ -9,25 +9,29 @@ import numpy as np
 
 from enginediag_cli.errors import DataError
 from enginediag_cli.recordings.table import Recording
-from enginediag_cli.residuals.admission import JudgedChunk, check_inputs, judged_chunk
+from enginediag_cli.residuals.admission import JudgedInputs, check_inputs, judged_inputs
 from enginediag_cli.residuals.groups import Key, Timeline, group_rows
 from enginediag_cli.residuals.monitor import Monitor
 from enginediag_cli.residuals.windows import WindowAssembler, WindowPlan
 
 Piece = TypeVar("Piece")
 
-Pieces = Callable[[Recording, JudgedChunk, Key, np.ndarray, np.ndarray], Iterable[tuple[int, Piece]]]
+Pieces = Callable[[Recording, JudgedInputs, Key, np.ndarray, np.ndarray], Iterable[tuple[int, Piece]]]
 """pieces(records of one group in one chunk, what is judged of them, group, block (n,) and lag (n,) of each record) ->
 number and piece of each block."""
 
 
 def cut(
-    monitor: Monitor, recordings: Iterable[Recording], plan: WindowPlan, pieces: Pieces[Piece], *, at_nominal: bool
+    monitor: Monitor,
+    recordings: Iterable[Recording],
+    plan: WindowPlan,
+    pieces: Pieces[Piece],
+    keep: Callable[[list[Piece]], None] = lambda pieces: None,
 ) -> Iterator[list[list[Piece]]]:
-    """The windows that each chunk completes, each as its pieces; chunks of one file come in order.
+    """The windows that each chunk completes, each as its pieces; chunks of one file come in order. keep: is shown the
+    pieces of each window that goes on, after every chunk.
 
-    at_nominal: whether what is judged holds residuals at nominal. Raises DataError when a recording lacks an input of
-    the engine, or a time that windows in time need.
+    Raises DataError when a recording lacks an input of the engine, or a time that windows in time need.
     """
     assemblers: dict[Key, WindowAssembler[Piece]] = {}
     timelines: dict[Key, Timeline] = {}
@@ -39,7 +43,7 @@ def cut(
             assemblers, timelines, source = {}, {}, recording.source
         check_inputs(monitor, recording)
         groups = group_rows(recording)
-        chunk = judged_chunk(monitor, recording, at_nominal=at_nominal)
+        taken = judged_inputs(monitor, recording)
         # a flight of which a whole chunk tells nothing has ended: memory holds the flights of one chunk
         for ended in [key for key in assemblers if key not in dict(groups)]:
             complete.extend(assemblers.pop(ended).flush())
@@ -49,8 +53,9 @@ def cut(
             assembler = assemblers.setdefault(key, WindowAssembler(mine))
             part = recording.select(rows)
             position, lags = _placed(timelines.setdefault(key, Timeline()), part, mine)
-            for number, piece in pieces(part, chunk.of(rows), key, mine.blocks(position), lags):
+            for number, piece in pieces(part, taken.of(rows), key, mine.blocks(position), lags):
                 complete.extend(assembler.push(number, piece))
+            keep(assembler.pieces)
         yield complete
     yield [window for assembler in assemblers.values() for window in assembler.flush()]
 

@@ -14,9 +14,16 @@ from enginediag_cli.residuals.monitor import Monitor
 from enginediag_cli.residuals.window import WindowStatistics
 
 
+MOST = 10_000
+"""Records of a window beyond which they are not handed out: the full model holds 10 kB of each. With so many the changes
+that are worth telling apart are small, and statistics at the window's estimate tell them."""
+HELD = 10 * MOST
+"""Records held at most: windows wait for each other until they hold some thousands."""
+
+
 class KeptRecords:
     """Chunks of recordings as they pass; `short_windows`: chunks before a window asked for are let go, so that
-    memory holds little more than a window."""
+    memory holds little more than a window. It never holds more than HELD records."""
 
     def __init__(self, monitor: Monitor, short_windows: bool):
         self._monitor, self._short = monitor, short_windows
@@ -26,6 +33,8 @@ class KeptRecords:
         """The chunks, each remembered before it is handed on."""
         for chunk in chunks:
             self._chunks.append(chunk)
+            while sum(map(len, self._chunks)) > HELD:
+                self._chunks.popleft()
             yield chunk
 
     def let_go(self, window: WindowStatistics) -> None:
@@ -35,8 +44,10 @@ class KeptRecords:
 
     def of(self, window: WindowStatistics) -> tuple[dict[str, np.ndarray], np.ndarray] | None:
         """Inputs, column -> (N,), and readings (N, m) of the records of a window that can be judged; None when
-        they are no longer held or there is none."""
+        they are no longer held, are more than MOST, or there is none."""
         self.let_go(window)
+        if window.records > MOST:
+            return None
         parts = []
         for chunk in self._chunks:
             if chunk.source != window.source or not len(chunk):

@@ -7,6 +7,8 @@ errors is thereby trusted less, and V ≈ F however correlated the noise.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 
 from enginediag_cli.residuals.blocks import Block
@@ -57,8 +59,8 @@ def block_statistics(
     *,
     lags: np.ndarray | None = None,
     information: np.ndarray | None = None,
-) -> list[Block]:
-    """Statistics of consecutive blocks of records, ready to be added up to windows.
+) -> Iterator[Block]:
+    """Statistics of consecutive blocks of records in turn, ready to be added up to windows.
 
     e (N, m), J (N, m, p): residuals and sensitivities at the θ0 of the frame of p parameters; starts (B,): first record
     of each block, ascending from 0. lags (N,): steps of time since the record before (inf: unrelated, a new recording);
@@ -71,40 +73,34 @@ def block_statistics(
     stops = np.append(starts[1:], N)
     share = 1 / noise.inflation  # variance of one whitened residual
     lagged = lagged_sums(G, noise.rho, lags, starts)
-    blocks = []
+    by_sensor = not noise.white or noise.readings is not None
     for b, (i, k) in enumerate(zip(starts, stops, strict=True)):
         rows = G[i:k].reshape(-1, p)
         F = rows.T @ rows if information is None else information[b]
-        doubt, parts, V = noise.doubt(k - i), None, F
-        if doubt is not None or not noise.white:
+        parts = terms = kurtosis = None
+        if by_sensor:
             parts = np.stack([h.T @ h for h in lagged.factors[:, i:k]]) * share[:, None, None]  # (m, p, p)
-            errors, bias = doubt or (None, np.zeros_like(share))
-            V = F if noise.white else np.tensordot(1 / (1 + bias), parts, axes=1)
-            parts = None if errors is None else np.tensordot(errors, parts, axes=1)
-        terms = kurtosis = None
         if noise.kurtosis is not None and (k - i) * G.shape[1] <= MAX_ROWS:
             told = np.flatnonzero(noise.kurtosis)
             terms = independent_rows(G[i:k, told], noise.rho[told], lags[i:k]) * np.sqrt(share[told])[:, None]
             terms, kurtosis = terms.reshape(-1, p), np.tile(noise.kurtosis[told], k - i)
         used = present[i:k]
-        statistics = LocalStatistics(
+        sums = LocalStatistics(
             parameters=tuple(frame.names),
             theta0=np.asarray(frame.theta0, float),
             prior_sigma=np.asarray(frame.prior_sigma, float),
             s=rows.T @ z[i:k].ravel(),
             F=F,
-            V=V,
+            V=F,
             n=int(used.any(axis=1).sum()),
             chi2=float(np.sum(z[i:k] ** 2)),
             # neighbours that differ more than by chance are no further measurements
             dof=float(used.sum(axis=0) @ np.minimum(share, 1.0)),
-            by_sensor=parts,
             rows=terms,
             kurtosis=kurtosis,
             meaning=frame.meaning,
         )
-        blocks.append(Block(statistics, lagged.head[b], lagged.tail[b], lagged.decay[b], share))
-    return blocks
+        yield Block(sums, noise, parts, int(k - i), lagged.head[b], lagged.tail[b], lagged.decay[b])
 
 
 def local_statistics(
@@ -118,4 +114,4 @@ def local_statistics(
 ) -> LocalStatistics:
     """Statistics of all records together; arguments as in `block_statistics`, information (p, p)."""
     known = None if information is None else information[None]
-    return block_statistics(e, J, noise, np.array([0]), frame, lags=lags, information=known)[0].statistics
+    return next(block_statistics(e, J, noise, np.array([0]), frame, lags=lags, information=known)).statistics

@@ -10,9 +10,11 @@ counted as noise, s becomes (1 + F C)⁻¹ s, and M with it. In units of a chang
 
 from __future__ import annotations
 
+from copy import copy
+
 import numpy as np
 
-from enginediag_cli.identification.repeated_points import cells_of
+from enginediag_cli.identification.repeated_points import Cells
 from enginediag_cli.residuals.excitation import range_space
 from enginediag_cli.residuals.local import whiten
 from enginediag_cli.residuals.noise import NoiseModel
@@ -20,24 +22,53 @@ from enginediag_cli.residuals.root import root_of
 from enginediag_cli.residuals.statistics import LocalStatistics
 
 
+class PointSums:
+    """f_cq of the parameters at `columns` (k,), record by record, in operating points that `laid_by` (N, m) tells
+    apart: predictions of all of the records, or of some that lie everywhere among them."""
+
+    def __init__(self, noise: NoiseModel, columns: np.ndarray, laid_by: np.ndarray):
+        self._noise, self._columns = noise, columns
+        computed = laid_by[np.isfinite(laid_by).all(axis=1)]
+        self._cells = Cells(computed) if len(computed) else None
+        self._sums: dict[tuple[int, ...], np.ndarray] = {}
+
+    def empty(self) -> PointSums:
+        """The same points without a record."""
+        other = copy(self)
+        other._sums = {}
+        return other
+
+    def add(self, predicted: np.ndarray, e: np.ndarray, J: np.ndarray) -> None:
+        """Records with predictions and residuals (N, m) and sensitivities (N, m, p); those without a residual are at no
+        point."""
+        there = np.isfinite(e).any(axis=1) & np.isfinite(predicted).all(axis=1)
+        if self._cells is None or not there.any():
+            return
+        _, G = whiten(e[there], J[there], self._noise)
+        places, cell = np.unique(self._cells.places(predicted[there]), axis=0, return_inverse=True)
+        order = np.argsort(cell.reshape(-1), kind="stable")
+        groups = np.split(order, np.cumsum(np.bincount(cell.reshape(-1)))[:-1])
+        for place, rows in zip(places.tolist(), groups, strict=True):
+            flat = G[rows].reshape(-1, G.shape[2])
+            self._sums[tuple(place)] = self._sums.get(tuple(place), 0.0) + flat.T @ flat[:, self._columns]
+
+    def squared(self, p: int) -> np.ndarray:
+        """Q (k, p, p)."""
+        found = np.zeros((len(self._columns), p, p))
+        for f in self._sums.values():
+            found += f.T[:, :, None] * f.T[:, None, :]
+        return found
+
+
 def sums_by_point(
     predicted: np.ndarray, e: np.ndarray, J: np.ndarray, noise: NoiseModel, columns: np.ndarray
 ) -> np.ndarray:
     """Q (k, p, p) for the parameters at `columns` (k,), from predictions and residuals (N, m) and sensitivities
-    (N, m, p); records without a residual are at no point."""
-    _, G = whiten(e, J, noise)
-    there = np.isfinite(e).any(axis=1) & np.isfinite(predicted).all(axis=1)
-    p = G.shape[2]
-    found = np.zeros((len(columns), p, p))
-    if not there.any():
-        return found
-    G, cell = G[there], cells_of(predicted[there])
-    order = np.argsort(cell, kind="stable")
-    for rows in np.split(order, np.flatnonzero(np.diff(cell[order])) + 1):
-        flat = G[rows].reshape(-1, p)
-        f = flat.T @ flat[:, columns]
-        found += f.T[:, :, None] * f.T[:, None, :]
-    return found
+    (N, m, p)."""
+    there = np.isfinite(e).any(axis=1)
+    sums = PointSums(noise, columns, predicted[there])
+    sums.add(predicted, e, J)
+    return sums.squared(J.shape[2])
 
 
 def covariance_of_change(

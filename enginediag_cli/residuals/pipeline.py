@@ -7,10 +7,9 @@ A record outside the operating points that identification saw, or without its in
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import partial, reduce
-from operator import add
+from itertools import pairwise
 
 import numpy as np
 
@@ -18,15 +17,17 @@ from enginediag_cli.engine.batch import SHARE
 from enginediag_cli.error_model.slopes import COMMON
 from enginediag_cli.progress import each
 from enginediag_cli.recordings.table import Recording
-from enginediag_cli.residuals.admission import JudgedChunk
+from enginediag_cli.residuals.admission import JudgedInputs, NominalResiduals, nominal_residuals
 from enginediag_cli.residuals.blocks import Block
 from enginediag_cli.residuals.cut import cut
 from enginediag_cli.residuals.groups import Key, runs
+from enginediag_cli.residuals.judged_records import JudgedRecords, Keeping, RecordsOfWindow, StoredRecords
 from enginediag_cli.residuals.local import block_statistics
+from enginediag_cli.residuals.long_windows import long_statistics
 from enginediag_cli.residuals.monitor import HELD, Monitor
 from enginediag_cli.residuals.operating_points import covariance_of_change, sums_by_point
 from enginediag_cli.residuals.reduced import ReducedMonitor
-from enginediag_cli.residuals.relinearise import Relinearised, Stop, relinearise
+from enginediag_cli.residuals.relinearise import Stop, relinearise
 from enginediag_cli.residuals.score import marginalise
 from enginediag_cli.residuals.statistics import LocalStatistics
 from enginediag_cli.residuals.window import WindowStatistics, joined, nothing_judged
@@ -50,13 +51,10 @@ more than the arithmetic, for more memory would."""
 
 @dataclass(frozen=True)
 class _Piece:
-    """Consecutive records of one block: bookkeeping, and the judged ones as a sum or as they are."""
+    """Consecutive records of one block: bookkeeping, and the judged ones as they are."""
 
     window: WindowStatistics
-    block: Block | None
-    inputs: Mapping[str, np.ndarray]
-    y: np.ndarray
-    lags: np.ndarray
+    judged: StoredRecords
 
 
 Condense = Callable[[WindowStatistics, LocalStatistics], WindowStatistics]
@@ -109,8 +107,9 @@ def window_statistics(
         raise ValueError(f"`linearise` must be one of {', '.join(LINEARISE)}, not {linearise!r}")
     condense = condense or monitored_only(monitor)
     waiting: deque[list[_Piece]] = deque()
+    keeping = Keeping()
     counted = each(recordings, "records judged", size=len)
-    for complete in cut(monitor, counted, plan, partial(_pieces, monitor), at_nominal=linearise == "nominal"):
+    for complete in cut(monitor, counted, plan, _pieces, lambda pieces: keeping([p.judged for p in pieces])):
         waiting.extend(complete)
         if sum(map(_size, waiting)) >= BATCH_RECORDS * (jobs() if apart else 1):
             yield from _finished(monitor, waiting, linearise, condense, apart)
@@ -118,31 +117,21 @@ def window_statistics(
 
 
 def _pieces(
-    monitor: Monitor, part: Recording, chunk: JudgedChunk, key: Key, blocks: np.ndarray, lags: np.ndarray
+    part: Recording, taken: JudgedInputs, key: Key, blocks: np.ndarray, lags: np.ndarray
 ) -> Iterator[tuple[int, _Piece]]:
     """One piece per block number of the records of one group in one chunk."""
-    inputs, y, judged = chunk.taken.inputs, chunk.taken.y, chunk.taken.judged
     # skipped records lengthen the lag of the next one that is judged
     elapsed = np.cumsum(np.where(np.isfinite(lags), lags, 1e9))
-    kept = np.flatnonzero(judged)
+    kept = np.flatnonzero(taken.judged)
     lags = np.diff(elapsed[kept], prepend=elapsed[kept[0]] - lags[kept[0]]) if kept.size else lags[:0]
-    sums: dict[int, Block] = {}
-    if chunk.e is not None and chunk.J is not None and kept.size:
-        starts = np.array([i for i, _ in runs(blocks[kept])])
-        found = block_statistics(chunk.e[kept], chunk.J[kept], monitor.noise, starts, monitor.frame, lags=lags)
-        sums = dict(zip(blocks[kept][starts].tolist(), found, strict=True))
     for i, k in runs(blocks):
-        number = int(blocks[i])
-        window = place(part, chunk, key, slice(i, k))
         mine = slice(*np.searchsorted(kept, [i, k]))
         rows = kept[mine]
-        yield (
-            number,
-            _Piece(window, sums.get(number), {c: v[rows] for c, v in inputs.items()}, y[rows], lags[mine]),
-        )
+        judged = JudgedRecords({c: v[rows] for c, v in taken.inputs.items()}, taken.y[rows], lags[mine])
+        yield int(blocks[i]), _Piece(place(part, taken, key, slice(i, k)), StoredRecords(judged))
 
 
-def place(part: Recording, chunk: JudgedChunk, key: Key, rows: slice) -> WindowStatistics:
+def place(part: Recording, taken: JudgedInputs, key: Key, rows: slice) -> WindowStatistics:
     """Bookkeeping of consecutive records of one group, without statistics."""
     time = part.columns.get("time_s", np.full(len(part), np.nan))
     first, last = rows.start, rows.stop - 1
@@ -153,11 +142,11 @@ def place(part: Recording, chunk: JudgedChunk, key: Key, rows: slice) -> WindowS
         float(time[first]),
         float(time[last]),
         last + 1 - first,
-        int(chunk.taken.outside[rows].sum()),
-        int(chunk.taken.incomplete[rows].sum()),
-        int(chunk.failed[rows].sum()),
+        int(taken.outside[rows].sum()),
+        int(taken.incomplete[rows].sum()),
+        0,
         None,
-        elsewhere=chunk.taken.elsewhere(rows),
+        elsewhere=taken.elsewhere(rows),
     )
 
 
@@ -167,54 +156,58 @@ def _finished(
     """Statistics of the waiting windows, in order; empties the queue."""
     windows = [*waiting]
     waiting.clear()
-    if linearise == "nominal":
-        yield from (_at_nominal(monitor, condense, pieces) for pieces in windows)
-        return
     records = sum(map(_size, windows))
     share = records / processes(records // SHARE) if apart else records
     batches = list(_batches(windows, min(BATCH_RECORDS, max(share, SHARE))))
 
     def judged(k: int) -> list[WindowStatistics]:
-        return list(_at_estimate(monitor, batches[k], condense))
+        return list(_judged(monitor, batches[k], linearise, condense))
 
     for found in in_turn(judged, len(batches)) if apart else map(judged, range(len(batches))):
         yield from found
 
 
 def _batches(windows: Sequence[list[_Piece]], records: float) -> Iterator[list[list[_Piece]]]:
-    """Windows that follow each other and hold so many records together, or just more."""
+    """Windows that follow each other and hold at most so many records together; one that holds more is by itself."""
     batch: list[list[_Piece]] = []
     size = 0
     for window in windows:
-        batch.append(window)
-        size += _size(window)
-        if size >= records:
+        if batch and size + _size(window) > records:
             yield batch
             batch, size = [], 0
+        batch.append(window)
+        size += _size(window)
     if batch:
         yield batch
 
 
 def _size(pieces: Sequence[_Piece]) -> int:
     """Records of a window that are judged."""
-    return sum(len(piece.y) for piece in pieces)
+    return sum(piece.judged.count for piece in pieces)
 
 
 def _whole(monitor: Monitor, pieces: Sequence[_Piece]) -> WindowStatistics:
     """Bookkeeping of a window, with the sensors that gave a reading in a record that was judged, and what was flown."""
-    y = np.concatenate([piece.y for piece in pieces])
-    seen = np.isfinite(y)
-    read = seen.any(axis=0)
-    means = np.where(seen, y, 0.0).sum(axis=0)[read] / seen.sum(axis=0)[read]
-    flown = {c: np.concatenate([piece.inputs[c] for piece in pieces]) for c in pieces[0].inputs}
-    some = np.unique(np.linspace(0, len(y) - 1, FLOWN).astype(int)) if len(y) else np.zeros(0, int)
+    records = RecordsOfWindow([piece.judged for piece in pieces])
+    n, m = len(records), len(monitor.sensors)
+    seen, sums = np.zeros(m, int), np.zeros(m)
+    flown: dict[str, float] = {}
+    for first in range(0, n, BATCH_RECORDS):
+        part = records.read([(first, min(first + BATCH_RECORDS, n))])
+        seen += np.isfinite(part.y).sum(axis=0)
+        sums += np.nansum(part.y, axis=0)
+        flown = {c: flown.get(c, 0.0) + float(values.sum()) for c, values in part.inputs.items()}
+    read = seen > 0
+    some = np.unique(np.linspace(0, n - 1, FLOWN).astype(int)) if n else np.zeros(0, int)
     return replace(
         joined([piece.window for piece in pieces]),
         sensors=int(read.sum()),
-        sensors_of=len(read),
-        conditions={c: float(values.mean()) for c, values in flown.items() if len(values)},
-        readings=dict(zip(np.array(monitor.sensors, object)[read].tolist(), means.tolist(), strict=True)),
-        flown={c: values[some] for c, values in flown.items()},
+        sensors_of=m,
+        conditions={c: total / n for c, total in flown.items()},
+        readings=dict(
+            zip(np.array(monitor.sensors, object)[read].tolist(), (sums[read] / seen[read]).tolist(), strict=True)
+        ),
+        flown=records.read([(k, k + 1) for k in some.tolist()]).inputs,
     )
 
 
@@ -243,71 +236,112 @@ def _is_silent(monitor: Monitor, name: str, statistics: LocalStatistics) -> bool
     return monitor.engine.parameters[name].of_instrument and not statistics.F[i, i]
 
 
-def _at_nominal(monitor: Monitor, condense: Condense, pieces: Sequence[_Piece]) -> WindowStatistics:
-    blocks = [piece.block for piece in pieces if piece.block is not None]
-    return _with_statistics(
-        monitor, condense, _whole(monitor, pieces), reduce(add, blocks).statistics if blocks else None
-    )
-
-
-def _at_estimate(monitor: Monitor, batch: Sequence[Sequence[_Piece]], condense: Condense) -> Iterator[WindowStatistics]:
-    """Re-linearise all windows of a batch together."""
+def _judged(
+    monitor: Monitor, batch: Sequence[Sequence[_Piece]], linearise: str, condense: Condense
+) -> Iterator[WindowStatistics]:
+    """The windows of a batch, which are computed together, or a window that is longer than a batch may be."""
+    if len(batch) == 1 and _size(batch[0]) > BATCH_RECORDS:
+        whole, records = _whole(monitor, batch[0]), RecordsOfWindow([piece.judged for piece in batch[0]])
+        found = long_statistics(monitor, records, linearise=linearise, tolerance=SETTLED)
+        whole = replace(whole, failed=found.failed)
+        yield _with_statistics(monitor, condense, whole, found.statistics, _unconverged(found.last_step))
+        return
     sizes = [_size(pieces) for pieces in batch]
-    window = np.repeat(np.cumsum(np.array(sizes) > 0) - 1, sizes)
-    every = [piece for pieces in batch for piece in pieces]
-    inputs = {c: np.concatenate([piece.inputs[c] for piece in every]) for c in every[0].inputs}
-    y, lags = np.concatenate([p.y for p in every]), np.concatenate([p.lags for p in every])
-
-    bent = monitor.curvature if isinstance(monitor, ReducedMonitor) else None
-    *nominal, prediction = monitor.predict(inputs, monitor.theta0)
-    # a fault is hypothesised with the errors of the maps where nominal has the machines: see `error_model.modelled`
-    inputs = {**inputs, **getattr(prediction, "frozen", {})}
-    x = getattr(prediction, "x", None)  # unknowns of the engine, from which the next solution is near
-
-    def predict(theta: np.ndarray, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        here = {c: values[rows] for c, values in inputs.items()}
-        start = None if x is None else x[:, rows]
-        return monitor.predict(here, theta, nuisance=False, start=start)[:3]
-
-    found = (
-        relinearise(
-            predict,
-            y,
-            monitor.hold,
-            monitor.noise,
-            window=window,
-            nominal=(nominal[0], nominal[1], nominal[2]),
-            stop=Stop(left_out=bent.left_out if bent else None, tolerance=SETTLED),
-        )
-        if len(y)
-        else None
-    )
-    every_block = iter(_blocks(monitor, found, sizes, lags) if found is not None else ())
+    every = RecordsOfWindow([piece.judged for pieces in batch for piece in pieces]).all
+    window = np.repeat(np.arange(len(sizes)), sizes)
+    nominal = nominal_residuals(monitor, every.inputs, every.y, window, _distinct(batch))
+    short = _at_estimate if linearise == "estimate" else _at_nominal
+    judged = iter(short(monitor, nominal, sizes, every.lags))
     first = 0
     for pieces, size in zip(batch, sizes, strict=True):
         rows = slice(first, first + size)
         first += size
-        if found is None or size == 0:
-            yield _with_statistics(monitor, condense, _whole(monitor, pieces), None)
+        whole = _whole(monitor, pieces)
+        if not size:
+            yield _with_statistics(monitor, condense, whole, None)
             continue
-        failed = int(np.sum(~found.ok[rows]))
-        whole = replace(_whole(monitor, pieces), failed=failed, solution=None if x is None else x[:, rows])
-        w = int(window[rows.start])
-        statistics = next(every_block).statistics
+        statistics, ok, last_step = next(judged)
+        x = None if nominal.x is None else nominal.x[:, rows]
+        whole = replace(whole, failed=size - int(ok.sum()), solution=x)
+        yield _with_statistics(monitor, condense, whole, statistics, _unconverged(last_step))
+
+
+def _distinct(batch: Sequence[Sequence[_Piece]]) -> np.ndarray | None:
+    """Number of each record of the windows among those that differ (N,); None where windows share none."""
+    first: dict[int, int] = {}
+    rows, n = [], 0
+    for piece in (piece for pieces in batch for piece in pieces):
+        if id(piece) not in first:
+            first[id(piece)] = n
+            n += piece.judged.count
+        rows.append(first[id(piece)] + np.arange(piece.judged.count))
+    return None if n == sum(map(len, rows)) else np.concatenate(rows)
+
+
+def _unconverged(last_step: float | None) -> str:
+    """Why a window whose estimate took so long a last step, in standard errors, has no verdict; None: it converged."""
+    if last_step is None:
+        return ""
+    return f"the re-estimate did not converge (last step {last_step:.2g} standard errors)"
+
+
+Short = tuple[LocalStatistics, np.ndarray, float | None]
+"""Statistics of a window, which of its records can be computed (n,), and the last step of an estimate that did not
+converge."""
+
+
+def _at_nominal(monitor: Monitor, nominal: NominalResiduals, sizes: Sequence[int], lags: np.ndarray) -> Iterator[Short]:
+    """Of each window that holds records; sizes (W,)."""
+    bounds = np.cumsum([0, *filter(None, sizes)])
+    for block, (first, stop) in zip(_blocks(monitor, nominal.e, nominal.J, sizes, lags), pairwise(bounds), strict=True):
+        yield block.statistics, nominal.ok[first:stop], None
+
+
+def _at_estimate(
+    monitor: Monitor, nominal: NominalResiduals, sizes: Sequence[int], lags: np.ndarray
+) -> Iterator[Short]:
+    """As `_at_nominal`; all windows are re-linearised together."""
+    if not len(nominal.y):
+        return
+    bent = monitor.curvature if isinstance(monitor, ReducedMonitor) else None
+    some = np.array(sizes)[np.array(sizes) > 0]
+
+    def predict(theta: np.ndarray, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        here = {c: values[rows] for c, values in nominal.inputs.items()}
+        start = None if nominal.x is None else nominal.x[:, rows]
+        return monitor.predict(here, theta, nuisance=False, start=start)[:3]
+
+    found = relinearise(
+        predict,
+        nominal.y,
+        monitor.hold,
+        monitor.noise,
+        window=np.repeat(np.arange(len(some)), some),
+        nominal=(nominal.predicted, nominal.J, nominal.ok),
+        stop=Stop(left_out=bent.left_out if bent else None, tolerance=SETTLED),
+    )
+    first = 0
+    for w, block in enumerate(_blocks(monitor, found.e, found.J, sizes, lags, found.information)):
+        rows = slice(first, first + some[w])
+        first += some[w]
+        statistics = block.statistics
         if monitor.slopes is not None:
-            of_points = sums_by_point(
-                nominal[0][rows], found.e[rows], found.J[rows], monitor.noise, monitor.slopes.position
+            points = sums_by_point(
+                nominal.predicted[rows], found.e[rows], found.J[rows], monitor.noise, monitor.slopes.position
             )
-            statistics = replace(statistics, points=of_points)
-        reason = (
-            ""
-            if found.converged[w] or statistics.n == 0
-            else (f"the re-estimate did not converge (last step {found.decrement[w]:.2g} standard errors)")
-        )
-        yield _with_statistics(monitor, condense, whole, statistics, reason)
+            statistics = replace(statistics, points=points)
+        settled = found.converged[w] or statistics.n == 0
+        yield statistics, found.ok[rows], None if settled else float(found.decrement[w])
 
 
-def _blocks(monitor: Monitor, found: Relinearised, sizes: Sequence[int], lags: np.ndarray) -> Iterator[Block]:
+def _blocks(
+    monitor: Monitor,
+    e: np.ndarray,
+    J: np.ndarray,
+    sizes: Sequence[int],
+    lags: np.ndarray,
+    information: np.ndarray | None = None,
+) -> Iterator[Block]:
     """Statistics of the windows that hold so many records, those without left out; of short windows together."""
     some = np.array(sizes)[np.array(sizes) > 0]
     starts = np.cumsum(some) - some
@@ -316,12 +350,12 @@ def _blocks(monitor: Monitor, found: Relinearised, sizes: Sequence[int], lags: n
         last = max(int(np.searchsorted(starts + some, starts[first] + TOGETHER, side="right")), first + 1)
         rows = slice(starts[first], starts[last - 1] + some[last - 1])
         yield from block_statistics(
-            found.e[rows],
-            found.J[rows],
+            e[rows],
+            J[rows],
             monitor.noise,
             starts[first:last] - starts[first],
             monitor.frame,
             lags=lags[rows],
-            information=found.information[first:last],
+            information=None if information is None else information[first:last],
         )
         first = last

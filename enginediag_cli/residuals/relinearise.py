@@ -8,12 +8,16 @@ by the prior, and every test reads the residuals carried back linearly from ther
 
 Parameters that only make nominal uncertain (map shapes, sensor offsets) do not move: their part stays linear
 with the sensitivities at nominal, where identification left them, and is eliminated at every step.
+
+The steps need nothing of the records but sums over them (`Sums`), which `Records` hands over: from memory here, from a
+file, a stretch at a time, in `long_windows.py`.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from typing import Protocol
 
 import numpy as np
 
@@ -63,17 +67,19 @@ class Relinearised:
 
 
 @dataclass
-class _State:
-    """Working point of w windows: theta (w, p), residuals and sensitivities of their records (of a trial only to what
-    moves, where the others are those at nominal), and per window the sums z·z (w,), s = Gᵀz (w, p) and F = GᵀG
-    (w, p, p) of whitened residuals and sensitivities."""
+class Sums:
+    """Of w windows at theta (w, p): z·z (w,), s = Gᵀz (w, p) and F = GᵀG (w, p, p) of whitened residuals and
+    sensitivities."""
 
     theta: np.ndarray
-    e: np.ndarray
-    J: np.ndarray
     zz: np.ndarray
     s: np.ndarray
     F: np.ndarray
+
+    def take(self, other: Sums, into: np.ndarray, some: np.ndarray) -> None:
+        """Take over `some` (v,) of the windows of another, which are those `into` (v,) of these."""
+        for name in ("theta", "zz", "s", "F"):
+            getattr(self, name)[into[some]] = getattr(other, name)[some]
 
 
 @dataclass(frozen=True)
@@ -89,15 +95,52 @@ class Hold:
     moving: int | None = None
     bounds: tuple[np.ndarray, np.ndarray] | None = None
 
+    @property
+    def q(self) -> int:
+        """How many parameters move."""
+        return len(self.theta0) if self.moving is None else self.moving
+
 
 @dataclass(frozen=True)
 class Stop:
     """A window has converged when its last step was below `tolerance` standard errors in total, or when all that its
-    first step leaves out, by `left_out`, is: such a window stays at θ0. None goes beyond `max_iterations`."""
+    first step leaves out, by `left_out`, is: such a window stays where it began. None goes beyond `max_iterations`."""
 
     tolerance: float = 0.05
     max_iterations: int = 20
     left_out: LeftOut | None = None
+
+
+@dataclass(frozen=True)
+class Trial:
+    """Sums at a trial point of some windows (w,): `lost`, which of them lose too many records there; `again`: sums
+    where these windows stand now, if some lost records for good, and `fewer`, which did."""
+
+    sums: Sums
+    lost: np.ndarray
+    again: Sums | None = None
+    fewer: np.ndarray | None = None
+
+
+class Records(Protocol):
+    """The records of W windows, as sums over them where the windows stand and at a trial point."""
+
+    @property
+    def used(self) -> np.ndarray:
+        """Records of each window (W,) that the model can compute."""
+
+    def begin(self) -> tuple[Sums, Sums]:
+        """Where the windows begin, and at nominal."""
+
+    def trial(self, chosen: np.ndarray, target: np.ndarray, here: Sums) -> Trial:
+        """At target (w, p), of the windows `chosen` (w,), which stand where `here` says."""
+
+    def move(self, accepted: np.ndarray) -> None:
+        """The chosen windows that are accepted (w,) stand at the trial point from now on."""
+
+    def bend(self, refused: np.ndarray) -> Sums:
+        """The chosen windows that are refused (w,) have the mean of the sensitivities where they stand and at the trial
+        point from now on: their sums where they stand."""
 
 
 def relinearise(
@@ -120,9 +163,20 @@ def relinearise(
     window = np.zeros(len(y), int) if window is None else window
     if np.any(np.diff(window) < 0):
         raise ValueError("`window` must not descend")
-    loop = _Loop(predict, y, hold, noise, window, nominal)
+    records = _InMemory(predict, y, hold, noise, window, nominal)
+    loop = GaussNewton(records, hold)
     loop.run(stop or Stop())
-    return loop.carried_back()
+    e, J = records.carried_back(loop.sums.theta)
+    return Relinearised(
+        theta=loop.sums.theta,
+        e=e,
+        J=J,
+        ok=records.ok,
+        converged=loop.converged,
+        decrement=loop.decrement,
+        iterations=loop.iteration,
+        information=loop.sums.F,
+    )
 
 
 @dataclass(frozen=True)
@@ -141,32 +195,17 @@ class _Steps:
         return _Steps(self.chosen[some], self.target[some], self.taken[some], self.promised[some], self.length[some])
 
 
-class _Loop:
+class GaussNewton:
     """Damped Gauss–Newton steps of W windows at once; each has its own damping and stops by itself."""
 
-    def __init__(
-        self,
-        predict: Predict,
-        y: np.ndarray,
-        hold: Hold,
-        noise: NoiseModel,
-        window: np.ndarray,
-        nominal: tuple[np.ndarray, np.ndarray, np.ndarray] | None,
-    ) -> None:
-        self.predict, self.y, self.noise, self.window = predict, y, noise, window
-        self.theta0, self.precision = np.asarray(hold.theta0, float), hold.precision
-        N, p = len(y), len(self.theta0)
-        self.q = p if hold.moving is None else hold.moving
+    def __init__(self, records: Records, hold: Hold) -> None:
+        self.records = records
+        self.theta0, self.precision, self.q = np.asarray(hold.theta0, float), hold.precision, hold.q
+        p = len(self.theta0)
         self.lower, self.upper = hold.bounds or (np.full(p, -np.inf), np.full(p, np.inf))
-        W = int(window[-1]) + 1 if N else 0
-        start = np.tile(self.theta0, (W, 1))
-        y0, self.J0, ok = nominal if nominal is not None else predict(start[window], np.arange(N))
-        self.ok = np.asarray(ok).copy()
-        e0 = np.where(self.ok[:, None], y - y0, np.nan)
-        z0, self.G0, self.present = whitened(e0, self.J0, noise)
-        self.state = _State(start, e0, self.J0, *_sums(z0, self.G0, window, W))
-        self.cost = self._cost(self.state)
-        self.at_nominal = self.cost.copy()
+        self.sums, nominal = records.begin()
+        W = len(self.sums.zz)
+        self.cost, self.at_nominal = self._cost(self.sums), self._cost(nominal)
         self.damping, self.decrement, self.active = np.zeros(W), np.full(W, np.inf), np.ones(W, bool)
         self.iteration = 0
         self.tolerance = 0.0
@@ -179,7 +218,7 @@ class _Loop:
             steps = self._steps()
             length = steps.length
             if stop.left_out is not None and self.iteration == 1:
-                missed = stop.left_out(steps.taken, np.bincount(self.window, self.ok, minlength=len(self.cost)))
+                missed = stop.left_out(steps.taken, self.records.used)
                 length = np.where(missed < NEGLIGIBLE, np.minimum(length, missed), length)
             settled = length < stop.tolerance  # so short a step changes nothing that is carried back: it is not taken
             self.decrement[steps.chosen[settled]] = length[settled]
@@ -189,25 +228,12 @@ class _Loop:
                 break
             self._try(remaining)
 
-    def carried_back(self) -> Relinearised:
-        """Residuals and sensitivities where the loop stands, carried back to θ0."""
-        state, q = self.state, self.q
-        back = np.einsum("kjp,kp->kj", state.J[:, :, :q], (state.theta - self.theta0)[self.window, :q])
-        return Relinearised(
-            theta=state.theta,
-            e=state.e + back,
-            J=state.J,
-            ok=self.ok,
-            converged=(self.decrement < self.tolerance) | self._stalled(),
-            decrement=self.decrement,
-            iterations=self.iteration,
-            information=state.F,
-        )
-
-    def _stalled(self) -> np.ndarray:
-        """Windows (w,) that are near enough to the least cost, although no step reaches it."""
+    @property
+    def converged(self) -> np.ndarray:
+        """Windows (W,) whose last step was short, or that are near enough to the least cost although no step reaches
+        it."""
         fallen = np.maximum(self.at_nominal - self.cost, 0.0)
-        return np.asarray(self.decrement**2 < STALLED * fallen)
+        return np.asarray((self.decrement < self.tolerance) | (self.decrement**2 < STALLED * fallen))
 
     def _steps(self) -> _Steps:
         """The next step of every active window, within the bounds."""
@@ -215,9 +241,9 @@ class _Loop:
         gradient, hessian = self._normal_equations(chosen)
         diagonal = self.damping[chosen, None] * np.einsum("wii->wi", hessian)
         step = np.linalg.solve(hessian + diagonal[:, :, None] * np.eye(q), gradient[:, :, None])[:, :, 0]
-        target = self.state.theta[chosen]
+        target = self.sums.theta[chosen]
         target[:, :q] = np.clip(target[:, :q] + step, self.lower[:q], self.upper[:q])
-        taken = (target - self.state.theta[chosen])[:, :q]
+        taken = (target - self.sums.theta[chosen])[:, :q]
         squared = np.einsum("wi,wij,wj->w", taken, hessian, taken)
         promised = 2 * np.sum(taken * gradient, axis=1) - squared
         length = np.sqrt(squared) * (1 + self.damping[chosen])  # as long as the step would be without damping
@@ -225,18 +251,21 @@ class _Loop:
 
     def _try(self, steps: _Steps) -> None:
         """Take the steps that lower the cost, and damp the next ones by how well they kept their promise."""
-        chosen, q = steps.chosen, self.q
-        rows = np.flatnonzero(self.active[self.window])
-        slot = np.searchsorted(chosen, self.window[rows])
-        predicted, J, fine = self.predict(steps.target[slot], rows)
-        lost = self._drop_failing(fine, chosen, rows, slot)
-        e = np.where((self.ok[rows] & fine)[:, None], self.y[rows] - predicted, np.nan)
-        trial = self._trial(steps, e, J[:, :, :q], rows, slot)
-        trial_cost = self._cost(trial)
+        chosen = steps.chosen
+        trial = self.records.trial(chosen, steps.target, self.sums)
+        if trial.again is not None and trial.fewer is not None:
+            self.sums.take(trial.again, chosen, trial.fewer)
+            self.cost[chosen] = self._cost(trial.again)
+        trial_cost = self._cost(trial.sums)
         before = self.cost[chosen]
-        accepted = ~lost & (trial_cost <= before)
-        self._accept(trial, chosen, rows, slot, accepted)
-        self._across_kinks(trial, chosen, rows, slot, ~lost & ~accepted & (self.damping[chosen] >= FIRST_DAMPING))
+        accepted = ~trial.lost & (trial_cost <= before)
+        self.records.move(accepted)
+        self.sums.take(trial.sums, chosen, accepted)
+        # shortened and refused again: the model is bent between here and there, as maps read linearly are, and the mean
+        # of the sensitivities on both sides tells its course better than either
+        bent = ~trial.lost & ~accepted & (self.damping[chosen] >= FIRST_DAMPING)
+        if bent.any():
+            self.sums.take(self.records.bend(bent), chosen, bent)
         self.cost[chosen[accepted]] = trial_cost[accepted]
         kept = np.where(accepted, before - trial_cost, 0.0) / np.maximum(steps.promised, 1e-300)
         damping = self.damping[chosen] * np.where(kept > KEPT_WELL, RELIEF, 1.0)
@@ -245,95 +274,145 @@ class _Loop:
         self.decrement[chosen] = steps.length
         self.active[chosen[self.damping[chosen] > MAX_DAMPING]] = False
 
-    def _trial(self, steps: _Steps, e: np.ndarray, J: np.ndarray, rows: np.ndarray, slot: np.ndarray) -> _State:
-        """Where the steps lead, with residuals e (n, m) and sensitivities J (n, m, q) there. The other parameters keep
-        their sensitivities, and the sums over them, as long as the same measurements count."""
-        q, chosen = self.q, steps.chosen
-        z, G, present = whitened(e, J, self.noise)
-        if not np.array_equal(present, self.present[rows]):
-            return _summed(steps.target, e, np.concatenate([J, self.J0[rows, :, q:]], axis=2), slot, self.noise)
-        zz = np.bincount(slot, np.sum(z**2, axis=1), minlength=len(chosen))
-        s, F = np.empty_like(self.state.s[chosen]), self.state.F[chosen]
-        for i, (first, stop) in enumerate(_runs(slot, len(chosen))):
-            part = slice(rows[first], rows[stop - 1] + 1)  # the records of a window follow each other
-            moved, whole = G[first:stop].reshape(-1, q), self.G0[part].reshape(-1, self.G0.shape[2])
-            residual = z[first:stop].ravel()
-            s[i, :q], s[i, q:] = moved.T @ residual, (residual @ whole)[q:]
-            F[i, :q, q:] = (moved.T @ whole)[:, q:]
-            F[i, q:, :q], F[i, :q, :q] = F[i, :q, q:].T, moved.T @ moved
-        return _State(steps.target, e, J, zz, s, F)
-
-    def _across_kinks(
-        self, trial: _State, chosen: np.ndarray, rows: np.ndarray, slot: np.ndarray, refused: np.ndarray
-    ) -> None:
-        """Windows (w,) whose shortened step was refused again: the model is bent between here and there, as maps read
-        linearly are, and the mean of the sensitivities on both sides tells its course better than either."""
-        if not refused.any():
-            return
-        bent = refused[slot]
-        J, width = self.state.J[rows], trial.J.shape[2]
-        mean = 0.5 * (J[:, :, :width] + trial.J)
-        J[:, :, :width] = np.where(np.isfinite(trial.J) & bent[:, None, None], mean, J[:, :, :width])
-        again = _summed(self.state.theta[chosen], self.state.e[rows], J, slot, self.noise)
-        self._accept(again, chosen, rows, slot, refused)
-
-    def _drop_failing(self, fine: np.ndarray, chosen: np.ndarray, rows: np.ndarray, slot: np.ndarray) -> np.ndarray:
-        """Leave failing records out of windows that lose few, for good; which windows lose too many (w,)."""
-        state, ok = self.state, self.ok
-        failing = ok[rows] & ~fine
-        if not failing.any():
-            return np.zeros(len(chosen), bool)
-        share = np.bincount(slot, failing) / np.maximum(np.bincount(slot, ok[rows]), 1)
-        dropped = failing & (share <= MAX_LOST)[slot]
-        ok[rows[dropped]] = False
-        state.e[rows[dropped]] = np.nan
-        again = _summed(state.theta[chosen], state.e[rows], state.J[rows], slot, self.noise)
-        self._accept(again, chosen, rows, slot, share > 0)
-        self.cost[chosen] = self._cost(again)
-        return np.asarray(share > MAX_LOST)
-
-    def _accept(
-        self, trial: _State, chosen: np.ndarray, rows: np.ndarray, slot: np.ndarray, accepted: np.ndarray
-    ) -> None:
-        """Take over the accepted (w,) of the chosen windows."""
-        moved = accepted[slot]
-        if self.state.J is self.J0:  # which is the caller's, and has what is not re-estimated
-            self.state.J = self.J0.copy()
-        self.state.e[rows[moved]] = trial.e[moved]
-        self.state.J[rows[moved], :, : trial.J.shape[2]] = trial.J[moved]
-        for name in ("theta", "zz", "s", "F"):
-            getattr(self.state, name)[chosen[accepted]] = getattr(trial, name)[accepted]
-
     def _normal_equations(self, chosen: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Gradient (w, q) and Gauss–Newton matrix (w, q, q) of half the least cost, nuisance eliminated."""
-        state, q = self.state, self.q
-        g = state.s[chosen] - (state.theta[chosen] - self.theta0) @ self.precision
-        H = state.F[chosen] + self.precision
+        sums, q = self.sums, self.q
+        g = sums.s[chosen] - (sums.theta[chosen] - self.theta0) @ self.precision
+        H = sums.F[chosen] + self.precision
         if q == g.shape[1]:
             return g, H
         inner = np.linalg.solve(H[:, q:, q:], np.concatenate([g[:, q:, None], H[:, q:, :q]], axis=2))
         gradient = g[:, :q] - np.einsum("wij,wj->wi", H[:, :q, q:], inner[:, :, 0])
         return gradient, H[:, :q, :q] - H[:, :q, q:] @ inner[:, :, 1:]
 
-    def _cost(self, state: _State) -> np.ndarray:
+    def _cost(self, sums: Sums) -> np.ndarray:
         """Σ z² + δᵀPδ of every window (w,), δ = θ − θ0, least over the linear nuisance parameters q, q+1, …
 
         With g = s − Pδ:  least cost = cost − g_bᵀ (F_bb + P_bb)⁻¹ g_b.
         """
         q, precision = self.q, self.precision
-        delta = state.theta - self.theta0
+        delta = sums.theta - self.theta0
         pulled = delta @ precision
-        cost = state.zz + np.sum(pulled * delta, axis=1)
-        g = (state.s - pulled)[:, q:, None]
+        cost = sums.zz + np.sum(pulled * delta, axis=1)
+        g = (sums.s - pulled)[:, q:, None]
         if g.shape[1]:
-            gained = np.linalg.solve(state.F[:, q:, q:] + precision[q:, q:], g)
+            gained = np.linalg.solve(sums.F[:, q:, q:] + precision[q:, q:], g)
             cost = cost - np.sum(g * gained, axis=(1, 2))
         return np.asarray(cost)
 
 
-def _summed(theta: np.ndarray, e: np.ndarray, J: np.ndarray, slot: np.ndarray, noise: NoiseModel) -> _State:
-    """Working point at theta (w, p) with the sums over the records (n,) of each window `slot` (n,)."""
-    return _State(theta, e, J, *_sums(*whiten(e, J, noise), slot, len(theta)))
+class _InMemory:
+    """Records (N,) of W windows with residuals e (N, m) and sensitivities J (N, m, p) where their windows stand, and
+    of a trial, to what moves alone: the others keep their sensitivities at nominal."""
+
+    def __init__(
+        self,
+        predict: Predict,
+        y: np.ndarray,
+        hold: Hold,
+        noise: NoiseModel,
+        window: np.ndarray,
+        nominal: tuple[np.ndarray, np.ndarray, np.ndarray] | None,
+    ) -> None:
+        self.predict, self.y, self.noise, self.window = predict, y, noise, window
+        self.theta0, self.q = np.asarray(hold.theta0, float), hold.q
+        self.W = int(window[-1]) + 1 if len(y) else 0
+        y0, self.J0, ok = nominal if nominal is not None else predict(self._start[window], np.arange(len(y)))
+        self.ok = np.asarray(ok).copy()
+        self.e, self.J = np.where(self.ok[:, None], y - y0, np.nan), self.J0
+        self.trial_e, self.trial_J = self.e[:0], self.J[:0]
+        self.here = self._start
+        self.rows = self.slot = np.zeros(0, int)
+
+    @property
+    def _start(self) -> np.ndarray:
+        return np.tile(self.theta0, (self.W, 1))
+
+    @property
+    def used(self) -> np.ndarray:
+        return np.bincount(self.window, self.ok, minlength=self.W)
+
+    def begin(self) -> tuple[Sums, Sums]:
+        z, self.G0, self.present = whitened(self.e, self.J0, self.noise)
+        nominal = Sums(self._start, *_sums(z, self.G0, self.window, self.W))
+        return replace(nominal, **{n: getattr(nominal, n).copy() for n in ("zz", "s", "F")}), nominal
+
+    def carried_back(self, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Residuals and sensitivities where the windows stand, at theta (W, p), carried back to θ0."""
+        q = self.q
+        back = np.einsum("kjp,kp->kj", self.J[:, :, :q], (theta - self.theta0)[self.window, :q])
+        return self.e + back, self.J
+
+    def trial(self, chosen: np.ndarray, target: np.ndarray, here: Sums) -> Trial:
+        active = np.zeros(self.W, bool)
+        active[chosen] = True
+        rows = self.rows = np.flatnonzero(active[self.window])
+        slot = self.slot = np.searchsorted(chosen, self.window[rows])
+        self.here = here.theta[chosen]
+        predicted, J, fine = self.predict(target[slot], rows)
+        again, lost, fewer = self._without_failing(fine, self.here)
+        self.trial_e = np.where((self.ok[rows] & fine)[:, None], self.y[rows] - predicted, np.nan)
+        self.trial_J = J[:, :, : self.q]
+        unmoved = again.F if again is not None else here.F[chosen]
+        return Trial(self._trial_sums(target, unmoved), lost, again, fewer)
+
+    def _trial_sums(self, target: np.ndarray, unmoved: np.ndarray) -> Sums:
+        """Sums at target (w, p); unmoved (w, p, p): F where the windows stand, whose part that does not move stays as
+        long as the same measurements count."""
+        q, rows, slot, w = self.q, self.rows, self.slot, len(target)
+        z, G, present = whitened(self.trial_e, self.trial_J, self.noise)
+        if not np.array_equal(present, self.present[rows]):
+            J = np.concatenate([self.trial_J, self.J0[rows, :, q:]], axis=2)
+            return _summed(target, self.trial_e, J, slot, self.noise)
+        zz = np.bincount(slot, np.sum(z**2, axis=1), minlength=w)
+        s, F = np.empty(target.shape), unmoved.copy()
+        for i, (first, stop) in enumerate(_runs(slot, w)):
+            part = slice(rows[first], rows[stop - 1] + 1)  # the records of a window follow each other
+            moved, whole = G[first:stop].reshape(-1, q), self.G0[part].reshape(-1, self.G0.shape[2])
+            residual = z[first:stop].ravel()
+            s[i, :q], s[i, q:] = moved.T @ residual, (residual @ whole)[q:]
+            F[i, :q, q:] = (moved.T @ whole)[:, q:]
+            F[i, q:, :q], F[i, :q, :q] = F[i, :q, q:].T, moved.T @ moved
+        return Sums(target, zz, s, F)
+
+    def _without_failing(
+        self, fine: np.ndarray, theta: np.ndarray
+    ) -> tuple[Sums | None, np.ndarray, np.ndarray | None]:
+        """Leave failing records out of windows that lose few, for good: the sums of the chosen windows then, which lose
+        too many (w,), and which lose any (w,)."""
+        rows, slot = self.rows, self.slot
+        failing = self.ok[rows] & ~fine
+        if not failing.any():
+            return None, np.zeros(len(theta), bool), None
+        share = np.bincount(slot, failing) / np.maximum(np.bincount(slot, self.ok[rows]), 1)
+        dropped = failing & (share <= MAX_LOST)[slot]
+        self.ok[rows[dropped]] = False
+        self.e[rows[dropped]] = np.nan
+        again = _summed(theta, self.e[rows], self.J[rows], slot, self.noise)
+        return again, np.asarray(share > MAX_LOST), np.asarray(share > 0)
+
+    def move(self, accepted: np.ndarray) -> None:
+        moved = accepted[self.slot]
+        self._take(self.trial_e[moved], self.trial_J[moved], self.rows[moved])
+
+    def bend(self, refused: np.ndarray) -> Sums:
+        bent, q = refused[self.slot], self.q
+        J = self.J[self.rows]
+        mean = 0.5 * (J[:, :, :q] + self.trial_J)
+        J[:, :, :q] = np.where(np.isfinite(self.trial_J) & bent[:, None, None], mean, J[:, :, :q])
+        self._take(self.e[self.rows[bent]], J[bent], self.rows[bent])
+        return _summed(self.here, self.e[self.rows], J, self.slot, self.noise)
+
+    def _take(self, e: np.ndarray, J: np.ndarray, rows: np.ndarray) -> None:
+        if self.J is self.J0:  # which is the caller's, and has what is not re-estimated
+            self.J = self.J0.copy()
+        self.e[rows] = e
+        self.J[rows, :, : J.shape[2]] = J
+
+
+def _summed(theta: np.ndarray, e: np.ndarray, J: np.ndarray, slot: np.ndarray, noise: NoiseModel) -> Sums:
+    """Sums at theta (w, p) over the records (n,) of each window `slot` (n,)."""
+    return Sums(theta, *_sums(*whiten(e, J, noise), slot, len(theta)))
 
 
 def _sums(z: np.ndarray, G: np.ndarray, slot: np.ndarray, w: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -100,6 +100,11 @@ class WindowAssembler(Generic[Piece]):
         self._first = 0  # first block of the window being filled
         self._uncovered = False  # a piece has come that no finished window holds
 
+    @property
+    def pieces(self) -> list[Piece]:
+        """Those of the window being filled."""
+        return [piece for _, piece in self._pieces]
+
     def push(self, block: int, piece: Piece) -> list[list[Piece]]:
         """Add a piece of block number `block` (never descending); returns the windows now complete."""
         finished = []
@@ -118,4 +123,4 @@ class WindowAssembler(Generic[Piece]):
         if not self._uncovered:
             return []
         self._uncovered = False
-        return [[piece for _, piece in self._pieces]]
+        return [self.pieces]

@@ -94,7 +94,8 @@ def test_blocks_add_up_exactly_to_the_whole_however_they_are_cut():
     e[13, 0] = np.nan
     noise = NoiseModel(np.ones(M), np.array([0.95, 0.5, 0.0, 0.7]))
     whole = statistics(e, J, noise)
-    blocks = block_statistics(e, J, noise, np.array([0, 1, 2, 17, 40]), Frame(NAMES, np.ones(P), np.full(P, 0.02)))
+    frame = Frame(NAMES, np.ones(P), np.full(P, 0.02))
+    blocks = list(block_statistics(e, J, noise, np.array([0, 1, 2, 17, 40]), frame))
     together = blocks[0] + (blocks[1] + blocks[2]) + (blocks[3] + blocks[4])
     for name in ("s", "F", "V", "n", "chi2", "dof"):
         np.testing.assert_allclose(getattr(together.statistics, name), getattr(whole, name), rtol=1e-10)
