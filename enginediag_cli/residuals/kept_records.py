@@ -13,10 +13,9 @@ from enginediag_cli.residuals.groups import group_rows
 from enginediag_cli.residuals.monitor import Monitor
 from enginediag_cli.residuals.window import WindowStatistics
 
-
 MOST = 10_000
-"""Records of a window beyond which they are not handed out: the full model holds 10 kB of each. With so many the changes
-that are worth telling apart are small, and statistics at the window's estimate tell them."""
+"""Records of a window beyond which they are not handed out: the full model holds 10 kB of each. With so many the
+statistics at the window's own estimate tell changes apart."""
 HELD = 10 * MOST
 """Records held at most: windows wait for each other until they hold some thousands."""
 
