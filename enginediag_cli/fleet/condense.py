@@ -22,6 +22,7 @@ from enginediag_cli.intake.source import Source
 from enginediag_cli.intake.wanted import columns_of
 from enginediag_cli.recordings.provenance import sha256_of
 from enginediag_cli.recordings.table import Recording
+from enginediag_cli.residuals.gross_gate import GrossErrorGate
 from enginediag_cli.residuals.monitor import Monitor
 from enginediag_cli.residuals.pipeline import window_statistics
 from enginediag_cli.residuals.series_monitor import for_comparison, monitored_as_read, of_series
@@ -98,15 +99,17 @@ def _together(making: Making, store: Store, todo: dict[str, str]) -> dict[str, O
         keeping = {
             p: _Kept(p, making.key(s), s, stack.enter_context(store.writing(making.key(s)))) for p, s in todo.items()
         }
+        gate = GrossErrorGate(monitor)
         windows = window_statistics(
             monitor,
-            _chunks(intake),
+            gate.clean(_chunks(intake)),
             making.plan,
             linearise=making.linearise,
             condense=partial(monitored_as_read, monitor),
         )
         for window in windows:
             keeping[window.source].take(window)
+        gate.report(intake.left_out)
         for path, kept in keeping.items():
             left_out = tuple(left for left in intake.left_out if left.file == path)
             found[path] = Outcome(path, kept.close(left_out), fresh=True)

@@ -19,7 +19,7 @@ from typing import Any, BinaryIO
 import numpy as np
 
 from enginediag_cli.errors import DataError
-from enginediag_cli.intake.left_out import LeftOut
+from enginediag_cli.intake.left_out import GrossCounts, LeftOut
 from enginediag_cli.parameters import Parameter
 from enginediag_cli.recordings.formats.base import ReadingCounts
 from enginediag_cli.recordings.read import Absent
@@ -155,8 +155,8 @@ def _as_mapping(left: LeftOut) -> dict[str, Any]:
 def _left_out(told: Mapping[str, Any]) -> LeftOut:
     gate = None if told["gate"] is None else GateReport(**told["gate"])
     reading = ReadingCounts(**told.get("reading", {}))
-    absent = tuple(Absent(**a) for a in told["absent"])
-    return LeftOut(**{**told, "gate": gate, "absent": absent, "reading": reading})
+    absent, gross = tuple(Absent(**a) for a in told["absent"]), GrossCounts(**told.get("gross", {}))
+    return LeftOut(**{**told, "gate": gate, "absent": absent, "reading": reading, "gross": gross})
 
 
 def _columns(conditions: int, p: int) -> dict[str, slice]:

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 
-from enginediag_cli.intake.left_out import LeftOut
+from enginediag_cli.intake.left_out import GrossCounts, LeftOut
 from enginediag_cli.presentation.messages import Messages
 from enginediag_cli.presentation.sentences import count
 from enginediag_cli.residuals.admission import Elsewhere
+
+SOME_LINES = 5
+"""Lines of the file that a sentence names: enough to look at; JSON holds more."""
 
 
 def tell_left_out(
@@ -50,8 +53,41 @@ def left_out_lines(left: LeftOut) -> Iterator[str]:
         yield f"{place}: {count(left.frozen, 'record')} in which nothing moves, not judged: the recorder was frozen"
     if left.repeated:
         yield f"{place}: {count(left.repeated, 'record')} that repeat an earlier one, not used again"
+    yield from (f"{place}: {line}" for line in gross_lines(left.gross))
     if left.gate is not None:
         yield f"{place}: {left.gate.report_line()}"
+
+
+def gross_lines(gross: GrossCounts) -> Iterator[str]:
+    """What was rejected as gross errors, a line per column; from a few per cent on it is a finding about the sensor."""
+    for column, n in sorted(gross.readings.items(), key=lambda item: (-item[1], item[0])):
+        share = f"{n} of {gross.judged:,} readings" + (
+            f" ({100 * gross.share(column):.2g} %)" if gross.noteworthy(column) else ""
+        )
+        if column in gross.dead:
+            what = "far from anything that the engine can give, not used: the sensor is dead, or its column is another"
+        else:
+            what = f"{'gross errors (spikes)' if n > 1 else 'a gross error (spike)'}, not used"
+            what += ": check the sensor and its wiring" if gross.noteworthy(column) else ""
+        yield f"{column}: {share} {'are' if n > 1 else 'is'} {what} ({_named_lines(gross.lines.get(column, ()), n)})"
+    for column, n in gross.wrong_inputs.items():
+        why = f"{column} is wrong there" if column else "most of their readings are wrong there"
+        why = "most of its readings are wrong there" if n == 1 and not column else why
+        lines = _named_lines(gross.lines.get(column, ()), n)
+        yield f"{count(n, 'record')} of {gross.judged:,} not judged: {why} ({lines})"
+    for column in gross.spoilt:
+        yield f"{column}: more than half of the readings are gross errors; all are used, judge without this sensor"
+    for column, runs in gross.excursions.items():
+        for first, last, n in runs:
+            yield (
+                f"{column}: short excursion in lines {first} to {last} ({n} records), taken for a disturbance of the "
+                "sensor and not used"
+            )
+
+
+def _named_lines(lines: Sequence[int], n: int) -> str:
+    named = ", ".join(map(str, lines[:SOME_LINES]))
+    return f"{'line' if n == 1 else 'lines'} {named}" + (", …" if n > len(lines[:SOME_LINES]) else "")
 
 
 def not_judged_lines(records: Mapping[str, int]) -> Iterator[str]:

@@ -14,6 +14,7 @@ from enginediag_cli.recordings.table import Recording
 from enginediag_cli.residuals.admission import Elsewhere
 from enginediag_cli.residuals.economy import Economy
 from enginediag_cli.residuals.flat import is_flat
+from enginediag_cli.residuals.gross_gate import GrossErrorGate
 from enginediag_cli.residuals.lagging import with_lagging
 from enginediag_cli.residuals.monitor import Monitor
 from enginediag_cli.residuals.pipeline import window_statistics
@@ -88,31 +89,35 @@ class JudgedFiles:
                 yield window if self.solutions else replace(window, solution=None), known
 
     def _condensed(self, file: File) -> Iterator[Window]:
-        monitor, judging = self.monitor, self.judging
+        monitor = self.monitor
         if monitor is None:
             raise DataError(f"{file.name}: a recording needs --nominal; only what residual has written does without")
-        recordings = self.passing(file.masked())
+        recordings: Iterable[Recording] = file.masked()
         if self.economy is not None:
             monitor, recordings = self.economy.of(recordings)
         else:
             self._few = monitor = self._few or with_lagging(reduced(monitor))
+        gate = GrossErrorGate(monitor)
+        recordings = self.passing(gate.clean(recordings))
+        for window in self._windows(monitor, recordings):
+            yield gate.judged(window), monitor.meaning
+        gate.report(self.intake.left_out)
+
+    def _windows(self, monitor: Monitor, recordings: Iterable[Recording]) -> Iterator[WindowStatistics]:
+        judging = self.judging
         if self.series:
             later = last_records(recordings, judging.last) if judging.last else recordings
             condense = partial(monitored_as_read, monitor)
-            for window in window_statistics(
-                monitor, later, judging.plan, linearise=judging.linearise, condense=condense
-            ):
-                yield window, monitor.meaning
+            yield from window_statistics(monitor, later, judging.plan, linearise=judging.linearise, condense=condense)
             return
-        for window in windows_against_reference(
+        yield from windows_against_reference(
             monitor,
             recordings,
             judging.plan,
             judging.reference,
             last=judging.last,
             linearise=judging.linearise,
-        ):
-            yield window, monitor.meaning
+        )
 
     def _flat(self, file: File) -> Iterator[Window]:
         assert file.table is not None

@@ -1,4 +1,4 @@
-"""One window: its statistics, and what was counted, flown and read in it."""
+"""One window: its statistics, and what was counted, rejected, flown and read in it."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from enginediag_cli.intake.left_out import GrossCounts
 from enginediag_cli.residuals.admission import Elsewhere
 from enginediag_cli.residuals.statistics import LocalStatistics
 
@@ -23,7 +24,8 @@ class WindowStatistics:
     none, of which nothing can be said and which are no suspects. conditions: mean of each input over the
     records that were judged; readings: mean of each sensor over them; flown: inputs of a few of them, evenly chosen,
     column -> (k,). solution: the engine's unknowns (nx, n) at nominal in the records that were judged, where
-    they are known, from which whoever asks the engine again of these records may begin.
+    they are known, from which whoever asks the engine again of these records may begin. gross: readings and records
+    that were rejected as gross errors.
     """
 
     source: str
@@ -48,6 +50,7 @@ class WindowStatistics:
     readings: Mapping[str, float] = field(default_factory=dict)
     flown: Mapping[str, np.ndarray] = field(default_factory=dict, repr=False, compare=False)
     solution: np.ndarray | None = field(default=None, repr=False, compare=False)
+    gross: GrossCounts = field(default_factory=GrossCounts)
 
     @property
     def counts(self) -> dict[str, int]:

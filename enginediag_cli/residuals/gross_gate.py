@@ -1,0 +1,277 @@
+"""Recordings on their way to windows, without their gross errors, and what was rejected, for reports.
+
+`GrossErrorGate` stands between what is read and whatever reads windows, so that statistics, the nonlinear model of
+isolation and reports see the same readings. `GrossCounts` is what it found of a window.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import groupby
+
+import numpy as np
+
+from enginediag_cli.intake.left_out import EXCURSION, GrossCounts, LeftOut
+from enginediag_cli.recordings.table import Recording, concat
+from enginediag_cli.residuals.admission import judged_inputs
+from enginediag_cli.residuals.gross_errors import (
+    LEAST,
+    UNKNOWN,
+    UNRELATED,
+    GrossErrors,
+    Stretch,
+    find_gross_errors,
+    suspected,
+)
+from enginediag_cli.residuals.groups import Key, Timeline, group_rows
+from enginediag_cli.residuals.monitor import Monitor
+from enginediag_cli.residuals.window import WindowStatistics
+
+BLOCK, HALO = 2000, 200
+"""Records that are judged together, and of their neighbours on either side as context: a running median and the nearest
+good neighbours reach 7 and some records; short flights want a few dozen around them."""
+
+
+@dataclass(frozen=True)
+class _Held:
+    """Records that wait for what follows them, with residuals e (N, m) at nominal, what is predicted y (N, m), which
+    are judged (N,), and the engine's unknowns x (nx, N) where it shows them."""
+
+    recording: Recording
+    inputs: Mapping[str, np.ndarray]
+    e: np.ndarray
+    y: np.ndarray
+    judged: np.ndarray
+    x: np.ndarray | None
+
+    def __len__(self) -> int:
+        return len(self.recording)
+
+    def select(self, rows: slice) -> _Held:
+        x = None if self.x is None else self.x[:, rows]
+        inputs = {c: v[rows] for c, v in self.inputs.items()}
+        return _Held(self.recording.select(rows), inputs, self.e[rows], self.y[rows], self.judged[rows], x)
+
+
+def _joined(parts: Sequence[_Held]) -> _Held:
+    if len(parts) == 1:
+        return parts[0]
+    x = [part.x for part in parts if part.x is not None]
+    return _Held(
+        concat([part.recording for part in parts]),
+        {c: np.concatenate([part.inputs[c] for part in parts]) for c in parts[0].inputs},
+        np.concatenate([part.e for part in parts]),
+        np.concatenate([part.y for part in parts]),
+        np.concatenate([part.judged for part in parts]),
+        np.concatenate(x, axis=1) if len(x) == len(parts) else None,
+    )
+
+
+class GrossErrorGate:
+    """Recordings on their way to windows, without their gross errors: a gross reading is missing, a record with a wrong
+    input has no reading. Judged in blocks of `BLOCK` records of a file, counted from its start, so that nothing depends
+    on the chunks in which they come."""
+
+    def __init__(self, monitor: Monitor):
+        self.monitor = monitor
+        self._found: dict[Key, list[tuple[int, GrossCounts]]] = {}
+        self._total: dict[tuple[str, str], GrossCounts] = {}
+        self._waiting: list[_Held] = []
+        self._before = self._after = 0
+
+    def clean(self, recordings: Iterable[Recording]) -> Iterator[Recording]:
+        """The recordings (chunks of files in turn) as they are judged."""
+        for chunk in recordings:
+            if self._waiting and not _alike(self._waiting[-1].recording, chunk):
+                yield from self._end()
+            self._waiting.append(self._predicted(chunk))
+            self._after += len(chunk)
+            while self._after > BLOCK + HALO:
+                yield self._judge(BLOCK)
+        yield from self._end()
+
+    def judged(self, window: WindowStatistics) -> WindowStatistics:
+        """The window with what was rejected of its records. Windows of a flight are asked for in turn: what lies before
+        this one is forgotten."""
+        key = (window.source, window.flight, window.engine)
+        found = [(line, counts) for line, counts in self._found.get(key, ()) if line >= window.first_line]
+        if not found:
+            return window
+        self._found[key] = found
+        judged = window.records - window.outside - window.incomplete - window.failed
+        mine = sum((c for line, c in found if line <= window.last_line), GrossCounts(judged=judged))
+        return replace(window, gross=mine)
+
+    def report(self, left_out: Iterable[LeftOut]) -> None:
+        """Add what was rejected so far to what was left out of each file and engine."""
+        for left in left_out:
+            for (source, engine), counts in self._total.items():
+                if source == left.file and left.engine in ("", engine):
+                    left.gross = left.gross + counts
+        self._total = {}
+
+    def _end(self) -> Iterator[Recording]:
+        if self._waiting:
+            if self._after or not self._before:
+                yield self._judge(self._after)
+            self._waiting, self._before, self._after = [], 0, 0
+
+    def _predicted(self, chunk: Recording) -> _Held:
+        monitor = self.monitor
+        taken = judged_inputs(monitor, chunk)
+        e, level = np.full(taken.y.shape, np.nan), np.zeros(taken.y.shape)
+        rows, x = np.flatnonzero(taken.judged), None
+        if rows.size:
+            inputs = {c: v[rows] for c, v in taken.inputs.items()}
+            y, _, ok, prediction = monitor.predict(inputs, monitor.theta0, nuisance=False)
+            e[rows] = np.where(ok[:, None], taken.y[rows] - y, np.nan)
+            level[rows] = np.where(ok[:, None], y, 0.0)
+            found = getattr(prediction, "x", None)
+            if found is not None:
+                x = np.zeros((len(found), len(chunk)))
+                x[:, rows] = found
+        return _Held(chunk, taken.inputs, e, level, taken.judged & np.isfinite(e).any(axis=1), x)
+
+    def _judge(self, size: int) -> Recording:
+        """The next `size` records, judged; `_before` records stand before them in what waits."""
+        held = _joined(self._waiting)
+        context = held.select(slice(0, min(len(held), self._before + size + HALO)))
+        block = slice(self._before, self._before + size)
+        stretches = list(_stretches(self.monitor, context))
+        for at, keys, *_ in stretches:
+            for key, n in Counter(keys[k] for k in np.flatnonzero((at >= block.start) & (at < block.stop))).items():
+                self._add(key, GrossCounts(judged=n))
+        clean = self._rejected(context, stretches, block)
+        first = max(0, block.stop - HALO)
+        self._waiting = [held.select(slice(first, None))]
+        self._before, self._after = block.stop - first, self._after - size
+        return clean
+
+    def _rejected(
+        self, context: _Held, stretches: list[tuple[np.ndarray, list[Key], np.ndarray, np.ndarray]], block: slice
+    ) -> Recording:
+        """The records of the block without what is gross in the stretches of the context."""
+        monitor, own = self.monitor, context.recording.select(block)
+        sigma = monitor.noise.sigma
+        suspects = [s for s in stretches if suspected(context.e[s[0]] / sigma, context.y[s[0]] / sigma, monitor.noise)]
+        if not suspects:
+            return own
+        rows = np.concatenate([s[0] for s in suspects])
+        start = None if context.x is None else context.x[:, rows]
+        _, J, _, _ = monitor.predict({c: v[rows] for c, v in context.inputs.items()}, monitor.theta0, start=start)
+        readings = np.zeros(context.e.shape, bool)
+        records = np.zeros(len(context), bool)
+        first = 0
+        for at, keys, lags, time in suspects:
+            stretch = Stretch(
+                context.e[at] / sigma,
+                np.nan_to_num(J[first : first + len(at)] / sigma[:, None]),
+                context.y[at] / sigma,
+                lags,
+                time,
+                monitor.precision,
+                monitor.noise,
+                lambda some, at=at: self._input_effects(context, at[some]),  # type: ignore[misc]
+            )
+            first += len(at)
+            found = find_gross_errors(stretch)
+            readings[at], records[at] = found.readings, found.records
+            mine = (at >= block.start) & (at < block.stop)
+            self._remember(context.recording.line[at], keys, found, mine, self._inputs(context))
+        gone = (readings | records[:, None])[block]
+        columns = {}
+        for j, column in enumerate(monitor.sensors):
+            if column in own and gone[:, j].any():
+                columns[column] = np.where(gone[:, j], np.nan, own[column])
+        return own.with_columns(columns) if columns else own
+
+    def _input_effects(self, context: _Held, rows: np.ndarray) -> np.ndarray:
+        """What an error of each input does to each reading of some records, over σ: (n, m, q)."""
+        monitor, columns = self.monitor, self._inputs(context)
+        inputs = {c: v[rows] for c, v in context.inputs.items()}
+        found = monitor.engine.predict(inputs, monitor.base, sensors=monitor.sensors, wrt=columns)
+        return np.asarray(found.jacobian) / monitor.noise.sigma[:, None]
+
+    def _inputs(self, context: _Held) -> tuple[str, ...]:
+        """Inputs that are recorded."""
+        return tuple(c for c in context.inputs if c in context.recording)
+
+    def _remember(
+        self, line: np.ndarray, keys: list[Key], found: GrossErrors, mine: np.ndarray, inputs: tuple[str, ...]
+    ) -> None:
+        """Note what was rejected of those records of a stretch that are `mine` (n,)."""
+        sensors = self.monitor.sensors
+        runs = _excursions(found, line)
+        spoilt = [c for c, bad in zip(sensors, found.spoilt, strict=True) if bad]
+        for k in np.flatnonzero(mine & (found.readings.any(axis=1) | found.records)).tolist():
+            gone = [sensors[j] for j in np.flatnonzero(found.readings[k])]
+            wrong = [] if not found.records[k] else ["" if found.blamed[k] == UNKNOWN else inputs[found.blamed[k]]]
+            counts = GrossCounts(
+                dict.fromkeys(gone, 1),
+                dict.fromkeys(wrong, 1),
+                {c: [int(line[k])] for c in (*gone, *wrong)},
+                {c: [runs[k, j]] for j, c in enumerate(sensors) if (k, j) in runs},
+                [sensors[j] for j in np.flatnonzero(found.readings[k] & found.dead)],
+                judged=len(wrong),
+            )
+            self._note(keys[k], int(line[k]), counts)
+        last = {keys[k]: int(line[k]) for k in np.flatnonzero(mine)} if spoilt else {}
+        for key, at in last.items():
+            self._note(key, at, GrossCounts(spoilt=spoilt))
+
+    def _note(self, key: Key, line: int, counts: GrossCounts) -> None:
+        self._found.setdefault(key, []).append((line, counts))
+        self._add(key, replace(counts, judged=0))
+
+    def _add(self, key: Key, counts: GrossCounts) -> None:
+        place = (key[0], key[2])
+        self._total[place] = self._total.get(place, GrossCounts()) + counts
+
+
+def _excursions(found: GrossErrors, line: np.ndarray) -> dict[tuple[int, int], list[int]]:
+    """Record and sensor at which readings begin to be rejected in a row → first line, last line and how many they
+    are, from `EXCURSION` on; line (n,) of the records."""
+    runs = {}
+    for j in np.flatnonzero(found.readings.any(axis=0) & ~found.dead):
+        first = 0
+        for flag, run in groupby(found.readings[:, j].tolist()):
+            n = len(list(run))
+            if flag and n >= EXCURSION:
+                runs[first, int(j)] = [int(line[first]), int(line[first + n - 1]), n]
+            first += n
+    return runs
+
+
+def _alike(a: Recording, b: Recording) -> bool:
+    """Whether chunks belong to one file and have the same columns."""
+    return a.source == b.source and set(a.columns) == set(b.columns) and set(a.text) == set(b.text)
+
+
+def _stretches(monitor: Monitor, context: _Held) -> Iterator[tuple[np.ndarray, list[Key], np.ndarray, np.ndarray]]:
+    """Records that are judged together: their rows (n,), the flight of each, lags (n,) and times (n,) in s. A flight
+    alone, or short flights of an engine one after the other."""
+    short: dict[str, list[tuple[Key, np.ndarray, np.ndarray, np.ndarray]]] = {}
+    for key, rows in group_rows(context.recording):
+        judged = context.judged[rows]
+        at = rows[judged]
+        if not at.size:
+            continue
+        part = context.recording.columns.get("time_s")
+        time = np.full(len(rows), np.nan) if part is None else part[rows]
+        _, lags = Timeline().advance(len(rows), time if np.isfinite(time).all() else None, False)
+        elapsed = np.cumsum(np.where(np.isfinite(lags), lags, UNRELATED))[judged]
+        lags = np.diff(elapsed, prepend=-np.inf)
+        lags = np.where(lags >= UNRELATED, np.inf, lags)
+        if len(at) >= LEAST:
+            yield at, [key] * len(at), lags, time[judged]
+        else:
+            short.setdefault(key[2], []).append((key, at, lags, time[judged]))
+    for flights in short.values():
+        yield (
+            np.concatenate([at for _, at, _, _ in flights]),
+            [key for key, at, _, _ in flights for _ in at],
+            np.concatenate([lags for *_, lags, _ in flights]),
+            np.concatenate([time for *_, time in flights]),
+        )

@@ -1,0 +1,149 @@
+"""Gross errors against answers that are known because they were put in: linear stretches with readings made wrong."""
+
+import numpy as np
+import pytest
+from toy_engine import SENSORS, SIGMA, toy_monitor, toy_recording
+
+from enginediag_cli.residuals.gross_errors import RUN, Stretch, find_gross_errors, running_median
+from enginediag_cli.residuals.gross_gate import BLOCK, HALO, GrossErrorGate
+from enginediag_cli.residuals.noise import NoiseModel
+
+N, M, P, Q = 130, 7, 5, 3
+
+
+def ar1(rng, rho, n=N, m=M):
+    e = rng.standard_normal((n, m))
+    for k in range(1, n):
+        e[k] = rho * e[k - 1] + np.sqrt(1 - rho**2) * e[k]
+    return e
+
+
+def stretch(rng, *, rho=0.0, theta=None, add=0.0, step_s=60.0):
+    """Records whose sensitivities vary with power; theta (p,) in prior standard deviations, in all records."""
+    power = np.repeat([0.2, 0.9, 0.7, 0.75, 0.3], N // 5)[:, None, None]
+    G = 8 * rng.standard_normal((1, M, P)) * (1 + 0.3 * power)
+    z = ar1(rng, rho) + add + (0 if theta is None else G @ np.asarray(theta))
+    effects = 6 * rng.standard_normal((M, Q))
+    time = np.arange(N) * step_s
+    noise = NoiseModel(np.ones(M), np.full(M, rho))
+    level = 300 * (1 + power[:, :, 0]) * np.ones(M)
+    found = Stretch(z, G, level, np.ones(N), time, np.eye(P), noise, lambda rows: np.tile(effects, (len(rows), 1, 1)))
+    return found, effects
+
+
+def test_running_median_is_numpys():
+    x = np.random.default_rng(0).standard_normal(60)
+    expected = [np.median(x[max(0, min(i - 7, 45)) : max(0, min(i - 7, 45)) + 15]) for i in range(60)]
+    assert np.array_equal(running_median(x), expected)
+
+
+@pytest.mark.parametrize("rho", [0.0, 0.8])
+def test_clean_noise_loses_next_to_nothing(rho):
+    rng = np.random.default_rng(1)
+    lost = sum(find_gross_errors(stretch(rng, rho=rho)[0]).readings.sum() for _ in range(30))
+    assert lost <= 3  # of 27,000 readings, 0.2 by the law of the normal
+
+
+@pytest.mark.parametrize("rho", [0.0, 0.8])
+@pytest.mark.parametrize("theta", [None, [3.0, 0, 0, -2.0, 0]])
+def test_spikes_are_found_and_nothing_else(rho, theta):
+    rng = np.random.default_rng(2)
+    clean, _ = stretch(rng, rho=rho, theta=theta)
+    wrong = rng.random((N, M)) < 0.01
+    clean.z[wrong] += rng.choice([-1, 1], wrong.sum()) * rng.uniform(10, 30, wrong.sum())
+    found = find_gross_errors(clean)
+    assert np.array_equal(found.readings, wrong)
+    assert not found.records.any()
+
+
+@pytest.mark.parametrize("rho", [0.0, 0.8])
+def test_a_burst_of_five_goes_and_a_step_of_ten_stays(rho):
+    rng = np.random.default_rng(3)
+    burst, _ = stretch(rng, rho=rho)
+    burst.z[40:45, 2] += 20
+    found = find_gross_errors(burst)
+    assert found.readings[40:45, 2].all()
+    assert found.readings.sum() == 5
+    step, _ = stretch(rng, rho=rho)
+    step.z[60:70, 2] += 20
+    step.z[100:, 4] -= 20
+    found = find_gross_errors(step)
+    # of noise that remembers, a reading beside a step may be lost: its neighbour foretells another
+    assert found.readings.sum() <= (2 if rho else 0)
+
+
+def test_a_run_is_bounded_in_time_too():
+    rng = np.random.default_rng(4)
+    hourly, _ = stretch(rng, step_s=3600.0)
+    hourly.z[40:45, 2] += 20
+    hourly.z[80, 1] += 20
+    found = find_gross_errors(hourly)
+    assert found.readings.sum() == 1
+    assert found.readings[80, 1]
+    assert RUN * 60.0 < 600.0
+
+
+def test_a_wrong_input_spoils_the_record_and_is_blamed():
+    rng = np.random.default_rng(5)
+    odd, effects = stretch(rng)
+    odd.z[50] += 4 * effects[:, 1]
+    found = find_gross_errors(odd)
+    assert found.records.sum() == 1
+    assert found.blamed[50] == 1
+    assert not found.readings.any()
+
+
+def test_a_dead_sensor_is_no_reading_and_all_dead_is_another_matter():
+    rng = np.random.default_rng(6)
+    dead, _ = stretch(rng)
+    dead.z[:, 3] = -dead.level[:, 3]
+    found = find_gross_errors(dead)
+    assert found.dead.tolist() == [j == 3 for j in range(M)]
+    assert found.readings[:, 3].all()
+    assert found.readings.sum() == N
+    dead.z[:] = -dead.level
+    assert not find_gross_errors(dead).dead.any()
+
+
+def test_missing_readings_and_permuted_sensors_change_nothing():
+    rng = np.random.default_rng(7)
+    one, _ = stretch(rng)
+    one.z[rng.random((N, M)) < 0.1] = np.nan
+    one.z[[10, 90], [1, 5]] = 15.0
+    order = rng.permutation(M)
+    other = Stretch(
+        one.z[:, order], one.G[:, order], one.level[:, order], one.lags, one.time, one.precision, one.noise,
+        lambda rows: one.input_effects(rows)[:, order],
+    )  # fmt: skip
+    assert np.array_equal(find_gross_errors(one).readings[:, order], find_gross_errors(other).readings)
+    assert find_gross_errors(one).readings.sum() == 2
+
+
+def spoilt_recording(rng, n=BLOCK + 3 * HALO, flights=1):
+    clean = toy_recording(rng, n, flights=flights)
+    rows = rng.choice(n * flights, 12, replace=False)
+    columns = {c: clean[c].copy() for c in SENSORS}
+    for i, k in enumerate(rows):
+        columns[SENSORS[i % 5]][k] += 20 * SIGMA[i % 5]
+    return clean, clean.with_columns(columns), rows
+
+
+def test_the_gate_gives_the_same_whatever_the_chunks():
+    rng = np.random.default_rng(8)
+    _, spoilt, rows = spoilt_recording(rng)
+    results = []
+    for size in (len(spoilt), 700):
+        gate = GrossErrorGate(toy_monitor())
+        chunks = [spoilt.select(slice(i, i + size)) for i in range(0, len(spoilt), size)]
+        parts = list(gate.clean(iter(chunks)))
+        results.append(np.concatenate([np.column_stack([p[c] for c in SENSORS]) for p in parts]))
+    assert np.array_equal(*results, equal_nan=True)
+    assert np.array_equal(np.flatnonzero(np.isnan(results[0]).any(axis=1)), np.sort(rows))
+
+
+def test_short_flights_are_judged_by_their_neighbours():
+    rng = np.random.default_rng(9)
+    _, spoilt, rows = spoilt_recording(rng, n=1, flights=60)
+    parts = list(GrossErrorGate(toy_monitor()).clean(iter([spoilt])))
+    found = np.isnan(np.column_stack([parts[0][c] for c in SENSORS])).any(axis=1)
+    assert np.array_equal(np.flatnonzero(found), np.sort(rows))
