@@ -29,6 +29,8 @@ from enginediag_cli.residuals.groups import Key, Timeline, group_rows
 from enginediag_cli.residuals.monitor import Monitor
 from enginediag_cli.residuals.window import WindowStatistics
 
+NOTES = 10_000
+"""Records of one window with gross errors that are remembered each by itself, some megabytes; of more in pairs."""
 BLOCK, HALO = 2000, 200
 """Records that are judged together, and of their neighbours on either side as context: a running median and the nearest
 good neighbours reach 7 and some records; short flights want a few dozen around them."""
@@ -222,7 +224,11 @@ class GrossErrorGate:
             self._note(key, at, GrossCounts(spoilt=spoilt))
 
     def _note(self, key: Key, line: int, counts: GrossCounts) -> None:
-        self._found.setdefault(key, []).append((line, counts))
+        mine = self._found.setdefault(key, [])
+        mine.append((line, counts))
+        if len(mine) > NOTES:  # of a window so long nobody asks for single records
+            pairs = zip(mine[::2], mine[1::2], strict=False)
+            self._found[key] = [(line, a + b) for (_, a), (line, b) in pairs] + mine[len(mine) // 2 * 2 :]
         self._add(key, replace(counts, judged=0))
 
     def _add(self, key: Key, counts: GrossCounts) -> None:
