@@ -11,7 +11,7 @@ import numpy as np
 from enginediag_cli.errors import DataError
 from enginediag_cli.recordings.fill import Filler
 from enginediag_cli.recordings.read import absent_columns
-from enginediag_cli.recordings.stamps import cells_of, stamps_of
+from enginediag_cli.recordings.stamps import cells_of
 from enginediag_cli.recordings.table import Recording, check_clock
 
 if TYPE_CHECKING:
@@ -25,8 +25,7 @@ class Conversion:
     def __init__(self, recorder: Recorder, name: str):
         self._recorder, self._name = recorder, name
         self._engine: Mapping[str, Any] = recorder.engines[name]
-        time = recorder.values["time"]
-        self._stamps = stamps_of(time, recorder.dialect) if time else None
+        self._stamps = recorder.stamps()
         self._filler = Filler({c.target: c.fill for c in recorder.channels if c.fill is not None})
 
     def add(self, recording: Recording, *, end: bool = False) -> Recording:

@@ -20,13 +20,15 @@ from enginediag_cli.recordings.conversion import Conversion
 from enginediag_cli.recordings.derived import RULES
 from enginediag_cli.recordings.dialect import DELIMITERS, FIXED, THOUSANDS, WHITESPACE, Dialect, known_encoding
 from enginediag_cli.recordings.formats.base import ReadingCounts
+from enginediag_cli.recordings.formats.cells import NumberForm
+from enginediag_cli.recordings.joining import Clock, JoinedFile, LongForm, beside, join, pivot
 from enginediag_cli.recordings.masking import Judged, mask_recording
 from enginediag_cli.recordings.quality import MaskReport, QualitySettings, insist_on_something
 from enginediag_cli.recordings.read import read
 from enginediag_cli.recordings.source import Source
-from enginediag_cli.recordings.stamps import NUMBERS, check_forward, zone_of
+from enginediag_cli.recordings.stamps import NUMBERS, Stamps, check_forward, stamps_of, zone_of
 from enginediag_cli.recordings.steady import GateReport, SteadySettings, failures, gate
-from enginediag_cli.recordings.table import Recording, concat
+from enginediag_cli.recordings.table import Recording, concat, rechunk
 
 if TYPE_CHECKING:
     from enginediag_cli.recordings.live import RecorderStream
@@ -102,9 +104,88 @@ class Recorder:
         tolerant: bool = False,
         counts: ReadingCounts | None = None,
     ) -> Iterator[Recording]:
-        """The records of a file (`-`: stdin) in its own columns, those that the recorder names; `tolerant` and
-        `counts` as in `recordings.read.read`. Raises DataError."""
-        yield from read(source, chunk_records=chunk_records, tolerant=tolerant, counts=counts, **self.reading)
+        """The records of a file (`-`: stdin) in its own columns, those that the recorder names, with the columns of the
+        files that it joins; `tolerant` and `counts` as in `recordings.read.read`. Raises DataError."""
+        found = self._records(source, chunk_records, tolerant, counts)
+        if self.values["joins"]:
+            found = rechunk(join(found, self._clock(), self._joined(source, chunk_records, counts)), chunk_records)
+        yield from found
+
+    def stamps(self, since: str = "") -> Stamps | None:
+        """What reads the time of records as `chunks` gives them, for one pass; None where it is a column of numbers."""
+        time, file = self.values["time"], self.values["file"]
+        if time is None:
+            return None
+        if file["long"] is not None:
+            return Stamps(time["from"][:1], "epoch_s", since=since or time["since"])
+        return stamps_of({**time, "since": since or time["since"]}, self.dialect)
+
+    def _records(
+        self, source: Source, chunk_records: int, tolerant: bool, counts: ReadingCounts | None
+    ) -> Iterator[Recording]:
+        """The records of the file itself."""
+        how = self.reading
+        theirs = tuple(settings["name"] + "." for settings in self.values["joins"])
+        ours = [column for column in how["required"] if not column.startswith(theirs)]
+        long = self.values["file"]["long"]
+        if long is None:
+            how |= {"required": ours, "declared": [c for c in how["declared"] if c in ours]}
+            yield from read(source, chunk_records=chunk_records, tolerant=tolerant, counts=counts, **how)
+            return
+        if tolerant:
+            raise DataError(
+                "an export of one reading a line has records only when it is complete, and cannot be followed"
+            )
+        form = LongForm(**{**long, "good": tuple(long["good"])})
+        time = self.values["time"]
+        texts = [c for c in how["texts"] if c in ours and c not in time["from"]]
+        read_texts = tuple(dict.fromkeys((*form.columns, *time["from"])))
+        yield from pivot(
+            read(source, by_suffix=False, dialect=self.dialect, required=read_texts, texts=read_texts, counts=counts),
+            form,
+            lambda: stamps_of({**time, "since": "epoch"}, self.dialect),
+            NumberForm.from_dialect(self.dialect),
+            [c for c in self.source_columns if c in ours],
+            texts,
+            chunk_records,
+        )
+
+    def _clock(self) -> Clock:
+        """The times of records, on the clock of all files."""
+        stamps = self.stamps("epoch")
+        if stamps is not None:
+            return stamps.seconds
+        channel = next(c for c in self.channels if c.target == "time_s")
+        engine = next(iter(self.engines.values()))
+        return lambda chunk: channel.read(chunk[channel.source_of(engine)])
+
+    def _joined(self, source: Source, chunk_records: int, counts: ReadingCounts | None) -> list[JoinedFile]:
+        """The files that are joined to a recording."""
+        files = []
+        for settings in self.values["joins"]:
+            path = beside(source, settings["recording"], settings["cut"])
+            dialect = self.dialect if settings["file"] is None else dialect_of(settings["file"])
+            time = {**(settings["time"] or self.values["time"]), "since": "epoch"}
+            start = settings["name"] + "."
+            columns = [c.removeprefix(start) for c in self.source_columns if c.startswith(start)]
+            stamps = [c for c in time["from"] if c not in columns]
+            chunks = read(
+                path,
+                declared=columns,
+                required=(*columns, *stamps),
+                by_suffix=False,
+                chunk_records=chunk_records,
+                dialect=dialect,
+                texts=stamps,
+                stamps=stamps,
+                counts=counts,
+            )
+            nearest = settings["how"] == "nearest"
+            clock = stamps_of(time, dialect).seconds
+            files.append(
+                JoinedFile(settings["name"], str(path), columns, chunks, clock, nearest, settings["max_age_s"])
+            )
+        return files
 
     def stream(
         self,

@@ -128,14 +128,15 @@ _TIME = Section(
 
 _JOIN = Section(
     "join",
-    "a second file, at another rate, whose columns are read along with the recording's",
+    "a further file, at another rate; its column c is called NAME.c, with the name of the join",
     (
         Field("recording", "text", "its name, beside the recording: {name} is that of the recording without ending"),
         Field("cut", "text", "end of the recording's name that {name} is without, such as _fast", ""),
         Field("file", "section", "how it is written; none: as the recording", None, section=_FILE),
         Field("time", "section", "its time stamps; none: as the recording's", None, section=_TIME),
-        Field("prefix", "text", "put before the names of its columns", ""),
-        Field("how", "choice", "last value held, or each to the nearest record", "hold", choices=("hold", "nearest")),
+        Field(
+            "how", "choice", "last value held, or each to one record, the nearest", "hold", choices=("hold", "nearest")
+        ),
         Field("max_age_s", "number", "how far a value may be from a record that takes it", unit="s", minimum=0.0),
     ),
 )

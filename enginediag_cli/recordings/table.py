@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -97,6 +97,23 @@ def concat(recordings: Sequence[Recording]) -> Recording:
         source=" + ".join(dict.fromkeys(part.source for part in recordings)),
         provenance=tuple(dict.fromkeys(note for part in recordings for note in part.provenance)),
     )
+
+
+def rechunk(recordings: Iterable[Recording], chunk_records: int) -> Iterator[Recording]:
+    """The same records in chunks of exactly so many, the last of fewer; of no records one empty recording."""
+    waiting: list[Recording] = []
+    given = False
+    for recording in recordings:
+        waiting.append(recording)
+        if sum(map(len, waiting)) < chunk_records:
+            continue
+        whole = concat(waiting)
+        full = len(whole) - len(whole) % chunk_records
+        for start in range(0, full, chunk_records):
+            yield whole.select(slice(start, start + chunk_records))
+        waiting, given = [whole.select(slice(full, None))], True
+    if waiting and (not given or sum(map(len, waiting))):
+        yield concat(waiting)
 
 
 def check_clock(recording: Recording) -> None:

@@ -23,7 +23,7 @@ from enginediag_cli.recordings.formats.base import Asked, TableFile, read_positi
 from enginediag_cli.recordings.formats.cells import NumberForm, is_missing, no_number
 from enginediag_cli.recordings.peeked import Peeked
 from enginediag_cli.recordings.source import Source, undecodable
-from enginediag_cli.recordings.table import Recording, check_clock, concat
+from enginediag_cli.recordings.table import Recording, check_clock, rechunk
 from enginediag_cli.safe_text import shortened, unguarded
 from enginediag_cli.units import UnitError, find_unit, is_numeric_column, split_column
 
@@ -75,17 +75,16 @@ def _records(
         _doubt_header(first, order, rows.separator, asked, place)
     table = _Table(name, asked, order, read_positions(order, asked, place), tuple(provenance), cut)
     at_once = max(1, min(chunk_records, CELLS_AT_ONCE // max(len(order), 1)))
-    waiting: list[Recording] = []
-    given = ended = False
+    for chunk in rechunk(_parts(rows, table, at_once), chunk_records):
+        check_clock(chunk)
+        yield chunk
+
+
+def _parts(rows: _Rows, table: _Table, at_once: int) -> Iterator[Recording]:
+    ended = False
     while not ended:
         raw, ended = rows.take(at_once)
-        waiting.append(table.read(raw, ended))
-        while (size := sum(map(len, waiting))) >= chunk_records or (ended and (size or not given)):
-            whole = concat(waiting)
-            waiting, given = [whole.select(slice(chunk_records, None))], True
-            chunk = whole.select(slice(0, chunk_records))
-            check_clock(chunk)
-            yield chunk
+        yield table.read(raw, ended)
 
 
 Row = tuple[int, list[str]]

@@ -15,7 +15,7 @@ from enginediag_cli.errors import DataError
 from enginediag_cli.recordings.formats.arrow import ArrowFile, Kind
 from enginediag_cli.recordings.formats.base import Asked, TableFile, read_positions
 from enginediag_cli.recordings.formats.cells import NumberForm, no_number
-from enginediag_cli.recordings.table import Recording, check_clock, concat
+from enginediag_cli.recordings.table import Recording, check_clock, rechunk
 from enginediag_cli.safe_text import guarded
 
 SUFFIXES = (".parquet", ".pq")
@@ -81,18 +81,15 @@ class ParquetTable(TableFile):
         self._positions = read_positions(self.columns, asked, self.name)
         self._form = NumberForm.from_dialect(asked.dialect)
         self._insist_on_numbers(asked)
-        held: list[Recording] = []
-        waiting, given = 0, False
-        for row, group, columns in self._batches(chunk_records):
-            held.append(self._recording(asked, row, group, columns))
-            waiting += len(held[-1])
-            while waiting >= chunk_records:
-                whole = concat(held)
-                yield whole.select(slice(0, chunk_records))
-                held, given = [whole.select(slice(chunk_records, None))], True
-                waiting -= chunk_records
-        if waiting or not given:
-            yield concat(held) if held else self._recording(asked, 0, 0, None)
+        yield from rechunk(self._parts(asked, chunk_records), chunk_records)
+
+    def _parts(self, asked: Asked, records: int) -> Iterator[Recording]:
+        empty = True
+        for row, group, columns in self._batches(records):
+            yield self._recording(asked, row, group, columns)
+            empty = False
+        if empty:
+            yield self._recording(asked, 0, 0, None)
 
     def _batches(self, records: int) -> Iterator[tuple[int, int, Sequence[Any]]]:
         """(rows before it, row group, columns) of each batch."""
