@@ -151,7 +151,7 @@ def join(chunks: Iterable[Recording], clock: Clock, files: Sequence[JoinedFile])
 
 
 def _with_columns(recording: Recording, at: np.ndarray, final: int, files: Sequence[JoinedFile]) -> Recording:
-    columns = {}
+    columns: dict[str, np.ndarray] = {}
     for file in files:
         found = file.values(at, final)
         columns |= {f"{file.name}.{column}": found[j] for j, column in enumerate(file.columns)}
@@ -232,7 +232,8 @@ def pivot(
     tags; a tag's own readings must be in order of time. The column of the time holds seconds, as `stamps` give them.
     Raises DataError, also for a tag that has no reading."""
     series = {tag: _Series(stamps()) for tag in (*tags, *texts, *([form.clock] if form.clock else []))}
-    source, provenance, seen = "", (), dict[str, None]()
+    source, seen = "", dict[str, None]()
+    provenance: tuple[str, ...] = ()
     for chunk in chunks:
         source, provenance = chunk.source, chunk.provenance
         names = np.array(chunk.text[form.tag], dtype=object)

@@ -365,15 +365,15 @@ def _file_problems(checked: Checked) -> Iterator[Problem]:
         yield checked.problem(("time",), "time_s is made twice", "leave it out of 'columns'")
     if values["file"]["long"] is not None and values["time"] is None:
         yield checked.problem(("file", "long"), "a long export needs 'time:', the column of its time stamps")
-    for join in values["joins"]:
-        here = ("joins", join["name"])
-        yield from _problems_of_file(checked, (*here, "file"), join["file"])
-        yield from _problems_of_time(checked, (*here, "time"), join["time"])
+    for settings in values["joins"]:
+        here = ("joins", settings["name"])
+        yield from _problems_of_file(checked, (*here, "file"), settings["file"])
+        yield from _problems_of_time(checked, (*here, "time"), settings["time"])
         if not timed:
             yield checked.problem(here, "files are joined on time, and this recorder makes no time_s")
-        if join["time"] is None and values["time"] is None:
+        if settings["time"] is None and values["time"] is None:
             yield checked.problem(here, "a joined file needs 'time:', the column of its time stamps")
-        if "{name}" not in join["recording"] or Path(join["recording"]).name != join["recording"]:
+        if "{name}" not in settings["recording"] or Path(settings["recording"]).name != settings["recording"]:
             hint = "such as '{name}_slow.csv'"
             yield checked.problem((*here, "recording"), "the name of a file beside the recording, with {name}", hint)
 
