@@ -108,9 +108,12 @@ def _against(
         return Against()  # what a folder's options give is for its recordings
     mapped = None
     if recorder is not None:
+        from enginediag_cli.presentation.left_out import undecided_lines
         from enginediag_cli.recordings.recorder import load_recorder
 
         mapped = load_recorder(recorder)
+        for text in undecided_lines(mapped.undecided):
+            messages.warning(text)
     if nominal is not None:
         from enginediag_cli.intake.baseline import open_baseline
         from enginediag_cli.presentation.baseline_doubts import tell_baseline
@@ -188,4 +191,11 @@ def _problem_rows(file: str, error: EngineDiagError) -> Iterator[dict[str, Any]]
 def _check_yaml(file: str) -> str:
     from enginediag_cli.config.kinds import check_file
 
-    return f"a file of kind {check_file(file).name}"
+    kind = check_file(file).name
+    undecided: tuple[str, ...] = ()
+    if kind == "recorder":
+        from enginediag_cli.recordings.recorder import load_recorder
+
+        undecided = load_recorder(file).undecided
+    more = "".join(f"\n  open: {text}" for text in undecided)
+    return f"a file of kind {kind}" + (f", a draft with decisions left open:{more}" if undecided else "")

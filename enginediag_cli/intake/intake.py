@@ -131,7 +131,7 @@ class File:
         assert intake.wanted is not None
         chosen = engines_wanted(recorder.engines, wanted, self.name, fleet=intake.fleet)
         stream = recorder.stream(self.name, CHUNK, intake.wanted.given, chosen)
-        left_out = {name: LeftOut(self.name, name) for name in stream.engines}
+        left_out = {name: LeftOut(self.name, name, undecided=recorder.undecided) for name in stream.engines}
         intake.left_out += left_out.values()
         named = dict.fromkeys(stream.engines, False)
         past = Past(intake.wanted.tapes)

@@ -87,7 +87,7 @@ class LeftOut:
     of that column in all; frozen, repeated: whole records not used, because nothing in them moved or because they
     were there before; gate: what the recorder's stability gate kept; absent: sensors without a column; reading: what
     of the file was no record or no reading; gross: what was rejected as gross errors of readings and inputs, judged by
-    the model.
+    the model; undecided: what the recorder, a draft, leaves open.
     Counts are complete when the recording has been read to its end.
     """
 

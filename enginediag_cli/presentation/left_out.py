@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 
 from enginediag_cli.intake.left_out import GrossCounts, LeftOut
 from enginediag_cli.presentation.messages import Messages
@@ -21,6 +21,9 @@ def tell_left_out(
 ) -> None:
     """All of it, `records` being counts of records that came in and were not judged, `elsewhere` of those that lie
     where identification has not been."""
+    left_out = list(left_out)
+    for text in undecided_lines(dict.fromkeys(text for left in left_out for text in left.undecided)):
+        messages.warning(text)
     for left in left_out:
         tell_absent(messages, left)
         for line in left_out_lines(left):
@@ -29,6 +32,12 @@ def tell_left_out(
         messages.note(line, counts=dict(records or {}))
     for line in elsewhere_lines(elsewhere or {}):
         messages.note(line)
+
+
+def undecided_lines(undecided: Collection[str]) -> Iterator[str]:
+    """What the recorder leaves open, which may make every answer wrong."""
+    for text in undecided:
+        yield f"the recorder leaves open: {text}"
 
 
 def tell_absent(messages: Messages, left: LeftOut) -> None:

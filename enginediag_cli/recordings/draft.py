@@ -1,215 +1,579 @@
-"""A recorder YAML drafted from a file's head, for the user to finish: what was guessed, and what is to be decided."""
+"""A recorder drafted from a file's head, for the user to finish: what was guessed, and what is to be decided."""
 
 from __future__ import annotations
 
-import json
-import os
-import re
-from collections.abc import Collection, Sequence
-from dataclasses import dataclass, field
+from collections import defaultdict
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from enginediag_cli.recordings.dialect import DELIMITERS
-from enginediag_cli.recordings.quantities import FLIGHT, Guess, guess, target_of, words_of
-from enginediag_cli.recordings.sniff import Sniffed, known_unit
-from enginediag_cli.recordings.stamps import Stamps
-from enginediag_cli.recordings.table import Recording
-from enginediag_cli.units import split_header
+from enginediag_cli.recordings.clock import Clock, find_clock
+from enginediag_cli.recordings.header import Entry, Header, read_header
+from enginediag_cli.recordings.naming_schemes import CMAPSS_ORDER
+from enginediag_cli.recordings.quantities import Meaning
+from enginediag_cli.recordings.sniff import Sniffed
+from enginediag_cli.recordings.unit_inference import Column, Inferred, infer_units, likelihood_of_range, range_of
+from enginediag_cli.recordings.unit_words import UnitWord
+from enginediag_cli.units import find_unit, split_column
 
-PAIRS = (("lh", "rh"), ("left", "right"), ("l", "r"), ("eng1", "eng2"), ("e1", "e2"), ("1", "2"))
-"""How files name the columns of two engines: a word at the beginning or at the end."""
-FORMS = (
-    "iso",
-    "%d.%m.%Y %H:%M:%S",
-    "%d.%m.%Y %H:%M:%S.%f",
-    "%d/%m/%Y %H:%M:%S",
-    "%m/%d/%Y %H:%M:%S",
-    "%Y/%m/%d %H:%M:%S",
-    "%d-%b-%Y %H:%M:%S",
-    "%H:%M:%S",
-    "%H:%M:%S.%f",
-)
-"""Forms of time stamps that are tried, in this order."""
-STAMP_CELLS = 200
-"""Cells that must be stamps of a form before a column is taken for one."""
+STAND_IN_RPM = 10000.0
+"""Speed or torque at 100 %, where nothing says it: a round number that shows that it is none."""
+FUEL_KG_M3 = 800.0
+"""Density of jet fuel at 15 °C, 775 to 840 kg/m³ by specification."""
+SEA_LEVEL_PA = 101325.0
+"""What a gauge reads against where the ambient pressure is not recorded (ISO 2533)."""
+MOST_OUTSIDE = 0.01
+"""Share of the readings outside the proposed limits from which these, or the unit, are doubtful."""
+MOST_FILLERS = 0.3
+"""Share of readings that may be one or two values far away, such as 9999, which limits then shut out."""
+IMPLAUSIBLE = -4.5
+"""ln likelihood of a column's median from which a stated unit is doubtful: three soft steps outside the usual range."""
+
+
+@dataclass(frozen=True)
+class EngineColumns:
+    """What an engine file asks for. inputs, sensors: its columns; optional: input → value when not recorded; limits:
+    column → lowest and highest value in SI; design_rpm: speed column → design speed."""
+
+    name: str
+    inputs: tuple[str, ...]
+    sensors: tuple[str, ...]
+    optional: Mapping[str, float] = field(default_factory=dict)
+    limits: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    design_rpm: Mapping[str, float] = field(default_factory=dict)
+
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """All columns, in the order in which they are listed."""
+        return (*self.inputs, *self.optional, *self.sensors)
+
+
+@dataclass(frozen=True)
+class Guess:
+    """A source column taken for `target`: unit, factor and offset of its readings, value at 100 %, density of the fuel,
+    limits in the target's unit; remarks: what was guessed, and how surely; doubts: what the user must decide."""
+
+    target: str
+    source: str
+    unit: str
+    scale: float = 1.0
+    offset: float = 0.0
+    full_scale: float | None = None
+    density: float | None = None
+    limits: tuple[float, float] | None = None
+    remarks: tuple[str, ...] = ()
+    doubts: tuple[str, ...] = ()
+    gauge_of: str = ""
+    """The absolute pressure of which it is the part above ambient."""
 
 
 @dataclass
 class Draft:
-    """What was found. columns: source (with {prefix} where engines have their own) → guess; engines: name → prefix;
-    missing: targets asked for that no column gives; unused: columns that were not recognised."""
+    """What was found. columns: target → guess, sources with {prefix} where engines have their own; engines: name →
+    prefix; texts: target text column → source; derived: target → rule; missing: required columns that nothing gives,
+    with what may be done; unused: columns that were not recognised, or are of no use, with the reason; open: further
+    decisions."""
 
     sniffed: Sniffed
+    header: Header
+    clock: Clock | None = None
     columns: dict[str, Guess] = field(default_factory=dict)
-    engines: dict[str, str] = field(default_factory=dict)
-    time: tuple[tuple[str, ...], str] | None = None
-    flight: str = ""
     derived: dict[str, str] = field(default_factory=dict)
-    missing: list[str] = field(default_factory=list)
-    unused: list[str] = field(default_factory=list)
+    constants: dict[str, float] = field(default_factory=dict)
+    missing: dict[str, str] = field(default_factory=dict)
+    unused: dict[str, str] = field(default_factory=dict)
+    open: list[str] = field(default_factory=list)
+
+    @property
+    def engines(self) -> Mapping[str, str]:
+        """Engines of the file by name, and the text that stands for {prefix}."""
+        return self.header.engines
+
+    @property
+    def decisions(self) -> list[str]:
+        """Everything that the user must decide, a sentence each."""
+        columns = [f"{g.target}: {doubt}" for g in self.columns.values() for doubt in g.doubts]
+        return [*columns, *self.open, *(f"{target} is missing: {advice}" for target, advice in self.missing.items())]
 
 
-def draft(sniffed: Sniffed, targets: Collection[str] = ()) -> Draft:
-    """Guess what the columns are; `targets`: the inputs and sensors of an engine, the only ones wanted besides what
-    others are computed from."""
-    result = Draft(sniffed)
-    result.time = _stamps(sniffed)
-    taken = set(result.time[0]) if result.time else set()
-    numbers = {c: v for c in sniffed.header if c not in taken and (v := sniffed.values(c)) is not None}
-    own = _engines(list(numbers))
-    if own:
-        result.engines = own[0]
-    first = next(iter(result.engines.values()), "")
-    for column, values in numbers.items():
-        pattern = own[1].get(column, column) if own else column
-        if own and column in own[1] and pattern.replace("{prefix}", first) != column:
-            continue  # the same column of the other engine
-        quantity, unit = _parted(sniffed, column, pattern)
-        found = target_of(quantity, targets)
-        made = {g.target for g in result.columns.values()} | ({"time_s"} if result.time else set())
-        if found is None or found[0] in made:
-            result.unused.append(column)
-        else:
-            result.columns[pattern] = guess(*found, unit, values)
-    text = [c for c in sniffed.header if c not in numbers and c not in taken]
-    result.flight = next((c for c in (*text, *result.unused) if FLIGHT.fullmatch(words_of(c))), "")
-    result.unused = [c for c in (*result.unused, *text) if c != result.flight]
-    _derive(result, targets)
-    made = {g.target for g in result.columns.values()} | set(result.derived)
-    result.missing = [t for t in targets if t not in made]
+def draft(sniffed: Sniffed, engine: EngineColumns | None = None) -> Draft:
+    """Guess what the columns are; with `engine`, its inputs and sensors, and what others are computed from."""
+    sniffed = _name_columns(sniffed)
+    clock = find_clock(sniffed)
+    if clock is not None and _is_scheme_index(sniffed, clock):
+        clock = None
+    header = read_header(sniffed, clock.sources if clock else ())
+    result = Draft(sniffed, header, clock, open=list(header.open))
+    if sniffed.invented and header.scheme is None:
+        result.open.append("the file names no columns: state them under file: names, and take them up under columns")
+    if clock is not None and clock.number is not None:
+        result.columns["time_s"] = _of_clock(clock)
+    known = [e for e in header.entries if e.meaning is not None]
+    for e in header.entries:
+        if e.meaning is None:
+            result.unused[e.column] = "of no use here" if e.name.features else "not recognised"
+    known = _related(result, known, engine) if engine else known
+    chosen, probes = _one_of_each(result, known)
+    _convert(result, chosen, engine)
+    _add_probes(result, probes, engine)
+    if not result.columns:
+        result.open.append("no column was recognised")
+    _derive(result, engine)
+    _report_rest(result, engine)
     return result
 
 
-def _parted(sniffed: Sniffed, column: str, pattern: str) -> tuple[str, str]:
-    """Quantity and unit of a column, the engine's word left out."""
-    quantity, unit = split_header(re.sub(r"[ _.-]?\{prefix\}[ _.-]?", " ", pattern).strip())
-    row = sniffed.units[sniffed.header.index(column)].strip(" []()")
-    return quantity, unit or (row if row and row != "-" and known_unit(row) else "")
+def _name_columns(sniffed: Sniffed) -> Sniffed:
+    """A file without a header gets the names of a format that is distributed so."""
+    if not sniffed.invented or len(sniffed.header) > len(CMAPSS_ORDER) or len(sniffed.header) < 5:
+        return sniffed
+    names = CMAPSS_ORDER[: len(sniffed.header)]
+    # the first sensors of C-MAPSS: temperatures of stations 2, 24 and 30 in °R rise along the engine
+    columns = [sniffed.values(c) for c in sniffed.header]
+    if any(c is None for c in columns[:8]) or len(names) < 8:
+        return sniffed
+    middle = [float(np.nanmedian(c)) for c in columns[5:8] if c is not None]
+    count = columns[1]
+    if not (440 < middle[0] < 530 and middle[0] < middle[1] < 700 and 1200 < middle[2] < 1650) or count is None:
+        return sniffed
+    if not np.all(np.isin(np.diff(count), (1.0,)) | (np.diff(count) < 0.0)):
+        return sniffed
+    return replace(
+        sniffed,
+        header=names,
+        cells=dict(zip(names, (sniffed.cells[c] for c in sniffed.header), strict=True)),
+        dialect=replace(sniffed.dialect, names=names),
+    )
 
 
-def _engines(columns: Sequence[str]) -> tuple[dict[str, str], dict[str, str]] | None:
-    """Engine → prefix, and column → its pattern with {prefix}, for the pair of words that most columns share."""
-    best: tuple[dict[str, str], dict[str, str]] | None = None
-    for pair in PAIRS:
-        patterns: dict[str, str] = {}
-        words: dict[str, str] = {}
-        for column in columns:
-            for k, word in enumerate(pair):
-                for place in (rf"^({word})(?=[ _.-])", rf"(?<=[ _.-])({word})(?=$|[ _]?[\[(]|_[A-Za-z]+$)"):
-                    hit = re.search(place, column, re.IGNORECASE)
-                    if hit and column not in patterns:
-                        patterns[column] = column[: hit.start(1)] + "{prefix}" + column[hit.end(1) :]
-                        words[column] = f"{k}{hit.group(1)}"
-        both = {p: {words[c] for c in patterns if patterns[c] == p} for p in patterns.values()}
-        shared = {c: p for c, p in patterns.items() if len({w[0] for w in both[p]}) == 2 and len(both[p]) == 2}
-        spelt = sorted({words[c] for c in shared})
-        # two columns each are the least that is no chance, and one spelling for each engine
-        if len(shared) >= 4 and len(spelt) == 2 and (best is None or len(shared) > len(best[1])):
-            names = ("left", "right") if pair[0][0] == "l" else ("engine_1", "engine_2")
-            best = (dict(zip(names, (s[1:] for s in spelt), strict=True)), shared)
-    return best
+def _is_scheme_index(sniffed: Sniffed, clock: Clock) -> bool:
+    """Whether the clock is the count of cycles of a public format: C-MAPSS calls it `time` in some copies."""
+    scheme = read_header(sniffed).scheme
+    found = scheme.find(clock.sources[0]) if scheme else None
+    return found is not None and found.text != ""
 
 
-def _stamps(sniffed: Sniffed) -> tuple[tuple[str, ...], str] | None:
-    """Columns of a time stamp and its form: one column of text, or a date and a time of day."""
-    text = [c for c in sniffed.header if sniffed.values(c) is None]
-    pairs = [(a, b) for a in text for b in text if re.search("dat", a, re.I) and re.search("time|zeit|uhr", b, re.I)]
-    for sources in [(c,) for c in text if re.search("time|zeit|date|datum|utc|stamp", c, re.I)] + [
-        p for p in pairs if p[0] != p[1]
-    ]:
-        cells = {c: [x for x in sniffed.cells[c][:STAMP_CELLS]] for c in sources}
-        for form in FORMS:
-            # a date alone is a stamp, too, but one that says the same in each record
-            try:
-                seconds = Stamps(sources, form).seconds(Recording({}, cells))
-            except ValueError:
-                continue
-            if len(seconds) and np.isfinite(seconds).mean() > 0.5 and (np.ptp(seconds[np.isfinite(seconds)]) > 0.0):
-                if not (form.startswith("%H") and len(sources) == 1 and any(sources[0] == p[1] for p in pairs)):
-                    return sources, form
-    return None
+def _of_clock(clock: Clock) -> Guess:
+    assert clock.number is not None
+    remarks = (clock.remark,) if clock.remark else ()
+    return Guess("time_s", clock.sources[0], clock.number.unit, clock.number.scale, remarks=remarks)
 
 
-def _derive(result: Draft, targets: Collection[str]) -> None:
+# ---- one column for each target ----
+
+
+def _one_of_each(result: Draft, entries: Sequence[Entry]) -> tuple[list[Entry], list[list[Entry]]]:
+    """The column of each target, by the score of its name; and groups of redundant probes."""
+    groups: dict[str, list[Entry]] = defaultdict(list)
+    for e in entries:
+        groups[e.target].append(e)
+    chosen: list[Entry] = []
+    probes: list[list[Entry]] = []
+    for target, group in groups.items():
+        if target in result.columns:
+            result.unused.update({e.column: f"{target} is made by {result.columns[target].source}" for e in group})
+            continue
+        best = max(_rank(e) for e in group)
+        first = [e for e in group if _rank(e) >= best - 1e-9]
+        marked = [e for e in first if e.name.marks]
+        if len(first) > 1 and len(marked) == len(first):
+            probes.append(first)
+        else:
+            chosen.append(first[0])
+            if len(first) > 1:
+                others = ", ".join(repr(e.column) for e in first[1:])
+                chosen[-1] = replace(first[0], doubts=(*first[0].doubts, f"{others} may as well be it"))
+        taken = first if len(first) > 1 and len(marked) == len(first) else first[:1]
+        for e in group:
+            if e not in taken:
+                result.unused[e.column] = f"{target} is taken from {taken[0].column}"
+    return chosen, probes
+
+
+def _rank(e: Entry) -> float:
+    """Score of the name; a column in the quantity's own dimension before one in % or by volume, one with readings
+    before an empty one."""
+    assert e.meaning is not None
+    own = split_column(e.target)[1]
+    same = e.unit is None or e.unit.dimension == find_unit(own or "1").dimension
+    return e.meaning.score + (0.0 if same else -0.3) - 0.05 * len(e.doubts)
+
+
+# ---- units ----
+
+
+def _convert(result: Draft, entries: Sequence[Entry], engine: EngineColumns | None) -> None:
+    """Guess unit, conversion and limits of each column, the units that nothing states from all columns together."""
+    limits = engine.limits if engine else {}
+    columns = [_measured(e, limits) for e in entries]
+    inferred = infer_units(columns, limits)
+    for e, column, unit in zip(entries, columns, inferred, strict=True):
+        _take(result, _guess(e, column, unit, engine))
+
+
+def _take(result: Draft, guess: Guess) -> None:
+    if guess.unit:
+        result.columns[guess.target] = guess
+    else:
+        result.unused[guess.source] = "; ".join(guess.doubts)
+        result.open += [f"{guess.source}: {doubt}" for doubt in guess.doubts]
+
+
+def _measured(e: Entry, limits: Mapping[str, tuple[float, float]]) -> Column:
+    """The column with its unit where it is stated; a documented unit that cannot be is not."""
+    own = find_unit(split_column(e.target)[1] or "1").dimension
+    if e.unit is None or e.unit.dimension != own:
+        return Column(e.target, e.values)
+    column = Column(e.target, e.values, e.unit.unit, e.unit.scale)
+    if e.documented and likelihood_of_range(column, e.unit.unit, limits) < IMPLAUSIBLE:
+        return Column(e.target, e.values)
+    return column
+
+
+def _guess(e: Entry, column: Column, inferred: Inferred | None, engine: EngineColumns | None) -> Guess:
+    """What a column becomes; its unit is empty where the file states one that is no unit of the quantity."""
+    own = split_column(e.target)[1] or "1"
+    dimension = find_unit(own).dimension
+    doubts, remarks = list(e.doubts), []
+    unit = e.unit if column.unit or (e.unit and not e.documented) else None
+    if unit is None and e.documented and e.unit is not None:
+        doubts.append(f"documented in {e.unit.unit}, which the values cannot be")
+    if unit is None:
+        word = inferred.unit if inferred else own
+        unit = UnitWord(word)
+        doubts += _unit_doubt(inferred, own)
+        if inferred and inferred.certain:
+            remarks.append(f"{word} from the values, {_percent(inferred.probability)}")
+    elif e.documented:
+        remarks.append("unit as documented")
+    if unit.unit == "pct" and dimension in ("rotational speed", "torque", "power"):
+        return _full_scale(e, unit, doubts, remarks, engine)
+    if unit.dimension == "volume flow" and dimension == "mass flow":
+        doubts.append("density of the fuel at the meter: 800 kg/m³ is that of jet fuel at 15 °C")
+        guess = Guess(e.target, e.pattern, unit.unit, unit.scale, density=FUEL_KG_M3)
+        return replace(guess, doubts=tuple(doubts), remarks=tuple(remarks))
+    if unit.dimension != dimension:
+        return Guess(e.target, e.column, "", doubts=(f"the file says {unit.unit}, which is no {dimension}",))
+    guess = Guess(e.target, e.pattern, unit.unit, unit.scale, remarks=tuple(remarks))
+    stated = Column(e.target, e.values, unit.unit, unit.scale)
+    if unit.gauge:
+        gauge = f"{split_column(e.target)[0]}_gauge_Pa"
+        return replace(guess, target=gauge, doubts=tuple(doubts), gauge_of=e.target)
+    if column.unit and likelihood_of_range(stated, unit.unit) < IMPLAUSIBLE:
+        median = float(np.nanmedian(stated.in_si(unit.unit)))
+        doubts.append(f"in {unit.unit} its median is {median:.4g} {own}, which cannot be")
+    doubts += _reference_doubt(e, unit, stated)
+    limits, doubt = propose_limits(e.target, stated.in_si(unit.unit), engine)
+    return replace(guess, limits=limits, doubts=(*doubts, *doubt))
+
+
+def _unit_doubt(inferred: Inferred | None, own: str) -> list[str]:
+    if inferred is None:
+        return [] if own == "1" else ["unit not stated"]
+    if inferred.certain:
+        return []
+    others = ", ".join(f"{unit} {_percent(p)}" for unit, p in inferred.others)
+    return [f"unit not stated: {inferred.unit} with {_percent(inferred.probability)}, or {others or 'another'}"]
+
+
+def _percent(probability: float) -> str:
+    return "more than 99 %" if probability > 0.99 else f"{100 * probability:.0f} %"
+
+
+def _reference_doubt(e: Entry, unit: UnitWord, column: Column) -> list[str]:
+    """Whether a pressure may be above ambient: what is written as psi or bar may be either."""
+    if "gauge?" in e.name.features and not unit.absolute:
+        return ["absolute, or above ambient (gauge), as plants mostly record it?"]
+    low = float(np.nanmin(column.in_si(unit.unit)))
+    if unit.dimension == "pressure" and not e.target.startswith(("dP_", "ambient")) and low <= 0.0:
+        return [f"gauge, since it goes down to {low:.4g} Pa: add the ambient pressure"]
+    return []
+
+
+def _full_scale(e: Entry, unit: UnitWord, doubts: list[str], remarks: list[str], engine: EngineColumns | None) -> Guess:
+    """A reading in % of something that only the user, or the engine file, knows."""
+    own = split_column(e.target)[1]
+    full = engine.design_rpm.get(e.target) if engine else None
+    if full is not None:
+        doubts.append(f"full_scale: 100 % taken for the engine file's design speed, {full:.8g} rpm")
+    else:
+        doubts.append(f"full_scale: the {own} at 100 %, here only a stand-in")
+    top = full or STAND_IN_RPM
+    limits = (0.0, 1.3 * top) if own == "rpm" else None
+    guess = Guess(e.target, e.pattern, "pct", full_scale=top, limits=limits)
+    return replace(guess, doubts=tuple(doubts), remarks=tuple(remarks))
+
+
+_LIMITS: Mapping[str, tuple[float, float]] = {
+    "altitude_m": (-600.0, 20_000.0),
+    "mach": (-0.05, 1.5),
+    "cas_m_s": (-5.0, 350.0),
+    "tas_m_s": (-5.0, 450.0),
+    "relative_humidity": (0.0, 1.1),
+    "ambient_temperature_K": (180.0, 345.0),
+    "ambient_pressure_Pa": (5e3, 1.15e5),
+    "TAT_K": (180.0, 360.0),
+    "BPR": (0.0, 20.0),
+    "EPR": (0.5, 6.0),
+}
+"""What readings can truthfully be, in SI, beyond any flight or site: for the air around."""
+_LIMITS_BY_DIMENSION: Mapping[str, tuple[float, float]] = {
+    "temperature": (0.8, 1.15),
+    "pressure": (0.3, 1.1),
+    "mass flow": (0.0, 2.0),
+}
+"""Factors on the usual range of a median (`unit_inference.range_of`) between which every reading must lie: start,
+idle and overshoot included."""
+
+
+def propose_limits(
+    target: str, values: np.ndarray, engine: EngineColumns | None = None
+) -> tuple[tuple[float, float] | None, tuple[str, ...]]:
+    """Plausible limits of a target in SI, wider than the usual range, with a doubt where more than one reading in a
+    hundred (N values in SI) lies outside them."""
+    _quantity, own = split_column(target)
+    limits = _LIMITS.get(target)
+    usual = range_of(target)
+    factors = _LIMITS_BY_DIMENSION.get(find_unit(own or "1").dimension)
+    if limits is None and usual is not None and factors is not None:
+        low = 200.0 if own == "K" else factors[0] * usual[0]  # a cold engine has the temperature of the air
+        limits = (low, factors[1] * usual[1])
+    if limits is not None and engine and target in engine.limits:
+        # a tenth beyond what the engine file holds possible
+        limits = (limits[0], min(limits[1], max(1.1 * engine.limits[target][1], limits[0] + 1.0)))
+    if limits is None:
+        return None, ()
+    known = values[np.isfinite(values)]
+    beyond = (known < limits[0]) | (known > limits[1])
+    outside = float(np.mean(beyond))
+    if outside > MOST_OUTSIDE and not (outside < MOST_FILLERS and len(np.unique(known[beyond])) <= 2):
+        text = f"{100 * outside:.0f} % of the readings lie outside {limits[0]:.4g} to {limits[1]:.4g}"
+        return None, (f"{text} {own}: another unit, or fill values? add limits",)
+    return limits, ()
+
+
+# ---- probes, gauges, derived columns ----
+
+
+def _add_probes(result: Draft, groups: Sequence[Sequence[Entry]], engine: EngineColumns | None) -> None:
+    """Redundant probes become columns of their own, and a consensus of them the target."""
+    for group in groups:
+        target = group[0].target
+        quantity, own = split_column(target)
+        named = [replace(e, pattern=e.pattern) for e in group]
+        first = len(result.columns)
+        before = dict(result.columns)
+        _convert(result, named[:1], engine)
+        made = result.columns.pop(target, None)
+        if made is None or len(result.columns) != first:
+            result.columns = before
+            result.unused.update({e.column: "a probe whose unit is not known" for e in group})
+            continue
+        columns = {}
+        for k, e in enumerate(group):
+            name = f"{quantity}_probe_{k + 1}" + (f"_{own}" if own else "")
+            columns[name] = replace(made, target=name, source=e.pattern, doubts=made.doubts if k == 0 else ())
+        result.columns.update(columns)
+        readings = np.array([Column(target, e.values, made.unit, made.scale).in_si(made.unit) for e in group])
+        with np.errstate(all="ignore"):
+            apart = float(np.nanmedian(np.nanmax(readings, axis=0) - np.nanmin(readings, axis=0)))
+        within = float(f"{max(2.0 * apart, 1e-3 * abs(float(np.nanmedian(readings)))):.2g}")
+        result.derived[target] = f"rule: consensus, of: [{', '.join(columns)}], agree_within: {within:g}"
+        marks = ", ".join(e.column for e in group)
+        result.open.append(
+            f"{target}: {marks} are taken for redundant probes of one engine, since no speed or fuel flow comes in "
+            "pairs; "
+            f"those that agree within {within:g} {own} are averaged"
+        )
+
+
+def _derive(result: Draft, engine: EngineColumns | None) -> None:
     """Rules for what is not recorded but follows from what is."""
-    made = {g.target for g in result.columns.values()}
-    static = "ambient_temperature_K" in made
-    if "mach" not in made:
-        if "tas_m_s" in made and (static or "TAT_K" in made):
+    derived: dict[str, str] = {}
+    for target, guess in [(t, g) for t, g in result.columns.items() if g.gauge_of]:
+        name = guess.gauge_of
+        if "ambient_pressure_Pa" in result.columns:
+            derived[name] = f"rule: sum, of: [{target}, ambient_pressure_Pa]"
+        else:
+            result.columns.pop(target)
+            known = find_unit(guess.unit)
+            offset = SEA_LEVEL_PA / known.factor / guess.scale
+            doubt = "gauge, and no ambient pressure is recorded: offset is the standard atmosphere at sea level"
+            result.columns[name] = replace(
+                guess, target=name, offset=float(f"{offset:.6g}"), doubts=(*guess.doubts, doubt)
+            )
+    result.derived = {**derived, **result.derived}
+    made = {*result.columns, *result.derived}
+    wanted = set(engine.columns) if engine else set()
+    if "mach" not in made and (not engine or "mach" in wanted):
+        static = "ambient_temperature_K" in made
+        if {"cas_m_s", "altitude_m"} <= made:
+            result.derived["mach"] = "rule: mach_from_cas"
+        elif "tas_m_s" in made and (static or "TAT_K" in made):
             which = "" if static else ", temperature: TAT_K, total: true"
             result.derived["mach"] = f"rule: mach_from_tas{which}"
-        elif {"cas_m_s", "altitude_m"} <= made:
-            result.derived["mach"] = "rule: mach_from_cas"
-    if not static and "TAT_K" in made and {"mach"} & {*made, *result.derived}:
-        result.derived["ambient_temperature_K"] = "rule: static_temperature, total: TAT_K"
-    if "altitude_m" in made and {"ambient_temperature_K"} & {*made, *result.derived}:
-        if not targets or "dT_isa_K" in targets:
-            result.derived["dT_isa_K"] = "rule: isa_deviation"
-    if {"relative_humidity", "ambient_pressure_Pa"} <= made and {"ambient_temperature_K"} & {*made, *result.derived}:
+    airspeed = result.columns.get("cas_m_s")
+    if airspeed and "mach" in made and result.derived.get("mach") != "rule: mach_from_cas":
+        # nothing is computed from it
+        result.columns["cas_m_s"] = replace(airspeed, doubts=(), remarks=(*airspeed.remarks, *airspeed.doubts))
+    made = {*result.columns, *result.derived}
+    total = next((t for t in ("TAT_K", "T2_K", "T1_K") if t in made), "")
+    needs_static = not engine or wanted & {"dT_isa_K", "ambient_temperature_K"}
+    if "ambient_temperature_K" not in made and total and "mach" in made and needs_static:
+        result.derived["ambient_temperature_K"] = f"rule: static_temperature, total: {total}"
+    made = {*result.columns, *result.derived}
+    if (
+        {"altitude_m", "ambient_temperature_K"} <= made
+        and "dT_isa_K" not in made
+        and (not engine or "dT_isa_K" in wanted)
+    ):
+        result.derived["dT_isa_K"] = "rule: isa_deviation"
+    if {"relative_humidity", "ambient_pressure_Pa", "ambient_temperature_K"} <= made:
         result.derived["humidity_kg_kg"] = "rule: humidity_ratio"
+    if {"fuel_ratio_kg_s_Pa", "Ps3_Pa"} <= made and "Wf_kg_s" not in made:
+        result.derived["Wf_kg_s"] = "rule: product, of: [fuel_ratio_kg_s_Pa, Ps3_Pa]"
+    speed = next((s for s in ("N2_rpm", "N1_rpm") if s in made), "")
+    if "torque_Nm" in made and "power_W" not in made and speed and (not engine or "power_W" in wanted):
+        if not any(g.full_scale for g in (result.columns.get("torque_Nm"), result.columns.get(speed)) if g):
+            result.derived["power_W"] = f"rule: product, of: [torque_Nm, {speed}], factor: 0.10471975511965977"
+            result.open.append(f"power_W: torque times {speed}; is that the shaft whose torque is measured?")
 
 
-def draft_yaml(found: Draft, engine: str = "") -> str:
-    """The recorder as YAML text with comments; `engine`: the engine file whose columns were asked for."""
-    name, dialect = os.path.basename(found.sniffed.source), found.sniffed.dialect
-    records = len(next(iter(found.sniffed.cells.values()), []))
-    lines = [
-        f"# Recorder drafted from the first {records} records of {_plain(name)}.",
-        "# GUESSED: taken from names or values; see that it is so. DECIDE: nothing in the file says it.",
-        "kind: recorder",
-        f"description: {_quoted('recordings like ' + _plain(name))}   # DECIDE: which engine, which recorder",
-        "",
-        "file:",
-        f"  delimiter: {next(word for word, mark in DELIMITERS.items() if mark == dialect.delimiter)}",
-        f"  decimal: {'comma' if dialect.decimal == ',' else 'point'}",
-        f"  encoding: {dialect.encoding}" + ("   # GUESSED: it is not UTF-8" if found.sniffed.guessed_encoding else ""),
-    ]
-    lines += [f"  header_line: {dialect.header_line}"] if dialect.header_line else []
-    lines += ["  unit_row: true"] if dialect.unit_row else []
-    if found.time:
-        sources, form = found.time
-        what = "day before month" if form.startswith("%d/") else "month before day" if form.startswith("%m/") else ""
-        told = "   # GUESSED" + (f": {what}" if what else "") + "; DECIDE the zone if stamps do not say: zone: +01:00"
-        lines += ["", f"time: {{from: [{', '.join(map(_quoted, sources))}], format: {_quoted(form)}}}{told}"]
-    lines += ["", "columns:" if found.columns else "columns: {}   # DECIDE: no column was recognised"]
-    lines += [_column_line(source, g) for source, g in found.columns.items()]
-    if found.engines:
-        lines += ["", "engines:   # GUESSED from the names of the columns"]
-        lines += [f"  {e}: {{prefix: {_quoted(p)}}}" for e, p in found.engines.items()]
-    if found.flight:
-        lines += ["", f"text: {{flight: {_quoted(found.flight)}}}   # GUESSED: records of one flight"]
-    if found.derived:
-        lines += ["", "derived:   # GUESSED: computed from what is recorded"]
-        lines += [f"  - {{name: {target}, {rule}}}" for target, rule in found.derived.items()]
-    if found.missing:
-        lines += ["", f"# DECIDE: {_plain(engine)} asks for these, and no column was taken for them:"]
-        lines += [f"#   {target}" for target in found.missing]
-        lines += ["# An input that was not recorded may be held: `constants: {humidity_kg_kg: 0}`."]
-    if found.unused:
-        lines += ["", "# Not used; a text to pass through goes under `keep:`:"]
-        lines += [f"#   {_plain(column)}" for column in found.unused]
-    lines += [
-        "",
-        "# DECIDE: which records are steady, such as",
-        "# steady: {window_s: 10, gap_s: 3, spread: {N1_rpm: 100}, dwell_s: 30, dwell: {N1_rpm: 500}}",
-        "# average_s: 10",
-    ]
-    return "\n".join(lines) + "\n"
+# ---- an engine's columns ----
+
+HELPERS = frozenset(
+    "time_s altitude_m mach cas_m_s tas_m_s ambient_temperature_K ambient_pressure_Pa relative_humidity TAT_K".split()
+)
+"""Targets that are of use although an engine does not ask for them: others are computed from them."""
+
+_TURBINE_EXIT = ("EGT_K", "ITT_K")
 
 
-def _column_line(source: str, g: Guess) -> str:
-    parts = [f"from: {_quoted(source)}", f"unit: {_quoted(g.unit)}"]
-    parts += [f"full_scale: {g.full_scale:g}"] if g.full_scale is not None else []
-    parts += [f"density_kg_m3: {g.density:g}"] if g.density is not None else []
-    told = f"   # DECIDE: {g.doubt}" if g.doubt else "" if g.stated else "   # GUESSED"
-    return f"  {g.target}: {{{', '.join(parts)}}}{_plain(told)}"
+def _related(result: Draft, entries: Sequence[Entry], engine: EngineColumns) -> list[Entry]:
+    """The entries as columns of the engine: renamed where the engine has one column that they can be, left out (and
+    why) where it has none."""
+    here = {e.target for e in entries}
+    related = []
+    for e in entries:
+        exact = _exact(e, engine)
+        if exact:
+            related.append(_renamed(e, exact, ""))
+            continue
+        if e.target == "TAT_K" and "T2_K" in engine.columns and not here & {"T2_K"}:
+            related.append(_renamed(e, "T2_K", ""))  # the total temperature of the air is that before the engine
+            continue
+        if e.target in engine.columns or e.target in HELPERS:
+            related.append(e)
+            continue
+        target, doubt = _counterpart(e, here, engine)
+        if target:
+            related.append(_renamed(e, target, doubt))
+        else:
+            result.unused[e.column] = f"{e.target}: {doubt or 'no column of ' + engine.name}"
+            if doubt:
+                result.open.append(f"{e.column}: {doubt}")
+    return related
 
 
-def _quoted(text: str) -> str:
-    return json.dumps(text, ensure_ascii=False)
+def _exact(e: Entry, engine: EngineColumns) -> str:
+    """The engine's column whose name this is, but for case, spaces and unit."""
+
+    def plain(text: str) -> str:
+        return "".join(c for c in text.casefold() if c.isalnum())
+
+    head = split_column(e.column)[0]
+    return next((t for t in engine.columns if plain(split_column(t)[0]) == plain(head) and t != e.target), "")
 
 
-def _plain(text: str) -> str:
-    """On one line and without control characters, for a comment."""
-    return "".join(c if c.isprintable() else "·" for c in text)
+def _renamed(e: Entry, target: str, doubt: str) -> Entry:
+    meaning = e.meaning or Meaning(target, (), 3.0)
+    return replace(e, meaning=replace(meaning, target=target), doubts=(*e.doubts, doubt) if doubt else e.doubts)
+
+
+def _counterpart(e: Entry, here: Collection[str], engine: EngineColumns) -> tuple[str, str]:
+    """The engine's column that a recorded one can be, and what is doubtful of it; no column where several can be."""
+    quantity, own = split_column(e.target)
+    if e.target in _TURBINE_EXIT or e.target == "T5_K":
+        return _gas_temperature(e, engine, here)
+    if quantity.startswith("Ps") and f"P{quantity[2:]}_Pa" in engine.columns and f"P{quantity[2:]}_Pa" not in here:
+        target = f"P{quantity[2:]}_Pa"
+        return (
+            target,
+            f"static pressure, some per cent below the total; or give the engine file a sensor {e.target}: "
+            + (f"{{reads: {{{target}: 0.95}}}}"),
+        )
+    station = quantity[1:] if quantity[:1] in ("T", "P") and quantity[1:].isdigit() else ""
+    if station:
+        # T24 of one numbering is T25 of another, T48 T45: the only station of the same part of the engine
+        near = [t for t in engine.columns if _is_station(t, quantity[0], station[0]) and t not in here]
+        others = [t for t in here if _is_station(t, quantity[0], station[0]) and t not in engine.columns]
+        if len(near) == 1 and len(others) == 1:
+            return near[0], f"station {station} of the file taken for the engine's {split_column(near[0])[0][1:]}"
+    suffix = [t for t in engine.columns if _is_part(t, quantity, own)]
+    if len(suffix) == 1:
+        return suffix[0], ""
+    if len(suffix) > 1:
+        return "", f"{' or '.join(suffix)}"
+    return "", ""
+
+
+def _is_station(target: str, kind: str, first: str) -> bool:
+    quantity = split_column(target)[0]
+    return quantity[:1] == kind and quantity[1:].isdigit() and quantity[1] == first and len(quantity) > 2
+
+
+def _is_part(target: str, quantity: str, unit: str) -> bool:
+    """Whether a column is that quantity of some part: `reduction_gear_torque_N_m` is a torque."""
+    name, own = split_column(target)
+    same = find_unit(own or "1").dimension == find_unit(unit or "1").dimension
+    return same and name.endswith(f"_{quantity}")
+
+
+def _gas_temperature(e: Entry, engine: EngineColumns, here: Collection[str]) -> tuple[str, str]:
+    """An EGT or ITT is the temperature between or behind the turbines, wherever its probes are."""
+    stations = [t for t in engine.sensors if t in _TURBINE_EXIT or (t.startswith("T") and t[1:2] in ("4", "5", "6"))]
+    stations = [t for t in stations if t not in here]
+    between = [t for t in stations if t.startswith("T4") and len(split_column(t)[0]) > 2]
+    name = split_column(e.target)[0]
+    if e.target == "ITT_K" and len(between) == 1:
+        return between[0], ""
+    sure = [t for t in stations if t in _TURBINE_EXIT]
+    stations = sure if len(sure) == 1 else stations
+    if len(stations) == 1:
+        return stations[0], f"{name} taken for {stations[0]}; where its probes lie elsewhere, " + _READS.format(
+            name=name
+        )
+    if len(stations) > 1:
+        return "", f"{name} is measured at {' or '.join(stations)}, or between: map it, or " + _READS.format(name=name)
+    return "", ""
+
+
+_READS = "give the engine file a sensor {name}_K: {{reads: {{T45_K: 0.5, T5_K: 0.5}}}}"
+
+
+def _report_rest(result: Draft, engine: EngineColumns | None) -> None:
+    """What the engine asks for and nothing gives, and columns that cannot be read."""
+    if engine is not None:
+        made = {*result.columns, *result.derived}
+        named = {*engine.inputs, *engine.sensors}
+        result.missing = {t: _advice(t, made, engine) for t in engine.columns if t in named and t not in made}
+    result.unused.update(dict.fromkeys(result.sniffed.unusable, "without a name of its own"))
+    used = {*(g.source for g in result.columns.values()), *result.header.texts.values()}
+    used |= set(result.clock.sources) if result.clock else set()
+    patterns = {s.replace("{prefix}", p) for s in used for p in (result.engines.values() or ("",))}
+    for c in result.sniffed.header:
+        if c not in patterns:
+            result.unused.setdefault(c, "not recognised")
+
+
+def _advice(target: str, made: Collection[str], engine: EngineColumns) -> str:
+    if target in engine.inputs:
+        if target in ("altitude_m", "mach", "dT_isa_K") and not {"altitude_m", "mach", "cas_m_s"} & set(made):
+            return "on a test bench hold it under constants"
+        if target == "dT_isa_K":
+            return "needs an air temperature and an altitude"
+        if target == "mach":
+            return "needs an airspeed and an altitude"
+        return "an input: the engine cannot be judged without it"
+    return "a sensor of the engine file that is not recorded; remove it there, or map a column"

@@ -1,155 +1,521 @@
-"""What a foreign column may be, by its name: the program's column, and the units in which it is usually recorded."""
+"""What a foreign column is, by its name: a scored grammar from words to quantity, station, engine, probe and unit.
+
+A name is cut into words (`Eng (1) FFlow` → eng, 1, f, flow), each word means features (`itt` → temperature, between the
+turbines), and the rule that explains most of the features, and leaves none that it does not know, is the quantity.
+What is left (`oil`, `demand`, `vibration`) makes another quantity of it, which the program has no use for.
+"""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Collection, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import lru_cache
 
-import numpy as np
+from enginediag_cli.recordings.unit_words import UnitWord, trailing_unit
 
-from enginediag_cli.recordings.acceptance import median_of, usual_range
-from enginediag_cli.units import UnitError, find_unit, split_column
+TEMPERATURES = ("K", "degC", "degF", "degR")
+PRESSURES = ("Pa", "kPa", "bar", "psi", "mbar", "MPa", "inHg", "atm")
+SPEEDS = ("kt", "m_s", "kmh")
+FLOWS = ("kg_s", "kg_h", "lb_h", "lb_s", "g_s")
 
-_TEMPERATURES = ("K", "degC", "degF", "degR")
-_PRESSURES = ("Pa", "kPa", "bar", "psi", "mbar", "MPa")
-_SPEEDS = ("kt", "m_s", "kmh")
-_FLOWS = ("kg_s", "kg_h", "lb_h", "g_s", "kg_min")
+_KINDS = {
+    "T": "t temp temps temperature temperatures tmp temperatur tt",
+    "P": "p press pressure pressures pres prs druck",
+    "N": "n rpm rotation revolutions rev drehzahl",
+    "speed": "speed spd velocity",
+    "flow": "flow flw w massflow durchfluss",
+    "rate": "rate mass consumption",
+    "torque": "torque trq tq tor torq drehmoment gtt",
+    "power": "power pwr leistung",
+    "altitude": "altitude alt hoehe höhe",
+    "mach": "mach mn machno xm",
+    "humidity": "humidity hum",
+    "thrust": "thrust",
+    "dp": "dp deltap differential diff",
+    "EPR": "epr",
+    "BPR": "bpr",
+    "date": "date datum",
+    "time": "time zeit uhrzeit timestamp stamp",
+}
+_PLACES = {
+    "ambient": "ambient amb outside atmospheric atm barometric barometer umgebung",
+    "baro": "baro",
+    "air": "air",
+    "fuel": "fuel kraftstoff",
+    "gas": "gas",
+    "fan": "fan",
+    "lpc": "lpc booster",
+    "ipc": "ipc",
+    "compressor": "compressor comp cmp cprsr compr verdichter",
+    "hpc": "hpc",
+    "burner": "burner combustor combustion comb",
+    "turbine": "turbine turb turbines",
+    "hpt": "hpt",
+    "lpt": "lpt",
+    "core": "core",
+    "lp": "lp",
+    "ip": "ip",
+    "hp": "hp",
+    "generator": "generator gen producer",
+    "gg": "gg gasgen",
+    "pt": "pt",
+    "shaft": "shaft spool rotor",
+    "propeller": "prop propeller",
+    "exhaust": "exhaust exh abgas",
+    "nozzle": "nozzle",
+    "interturbine": "interturbine inter interstage",
+    "measured gas": "mgt",
+    "in": "in inlet inl entry entrance intake einlass eintritt",
+    "out": "out outlet exit exi discharge disch dischg dis delivery del auslass austritt",
+    "filter": "filter",
+}
+_PROPERTIES = {
+    "total": "total tot stagnation",
+    "static": "static stat",
+    "standard": "std standard",
+    "relative": "relative rel",
+    "calibrated": "calibrated cal computed",
+    "true": "true",
+    "indicated": "indicated ind",
+    "electrical": "el electric electrical electrics mech mechanical active real",
+    "net": "net",
+    "gross": "gross",
+    "abs": "abs absolute",
+    "gauge": "gauge gage",
+    "no": "no nr number num",
+    "id": "id serial identifier ident",
+    "dry": "dry",
+    "engine": "engine eng engines motor triebwerk",
+}
+_WHOLE = {
+    "altitude pressure": "zp hpalt palt altp pressalt",
+    "altitude geometric": "altmsl altgps gpsalt altgeo gps",
+    "altitude baro": "altb altind baroalt",
+    "mach whole": "ma",
+    "V calibrated": "cas vcas kcas",
+    "V indicated": "ias kias",
+    "V true": "tas ktas vtas",
+    "V air": "airspeed",
+    "T ambient": "oat tamb",
+    "T static air": "sat",
+    "T total air": "tat rat",
+    "P ambient": "pamb",
+    "humidity relative": "rh",
+    "N 1": "n1 xn1",
+    "N 2": "n2 xn2x",
+    "N 3": "n3",
+    "N lp": "nl nlp xnl tnl xn2",
+    "N hp": "nh nhp xnh xn25",
+    "N ip": "ni nip",
+    "N gg": "ng ngg ngen tnh",
+    "N pt": "np npt",
+    "N fan": "nf nfan n1fan",
+    "N core": "nc ncore",
+    "fuel flow": "ff fflow fuelflow wf wfe wff wfuel wfm ffl fuelrate fqg fqgas fql",
+    "T exhaust": "egt tgt totx tot txhaust",
+    "T turbine out": "ttxm ttx ttxd txm",
+    "T interturbine": "itt",
+    "T turbine in": "tit tet",
+    "T compressor out": "cdt ctd",
+    "P compressor out gauge?": "cpd",
+    "P compressor out": "cdp pcd",
+    "T compressor in": "ctim cit ctif",
+    "P compressor in": "cip",
+    "T in": "tinlet",
+    "P static": "ps",
+    "P total": "ptot",
+    "T total": "ttot",
+    "power electrical": "dwatt mwatt watt watts",
+    "power": "shp hpwr",
+    "torque": "etq",
+    "thrust": "fn",
+    "thrust gross": "fg",
+    "thrust net": "fnet",
+    "serial": "esn enginesn engsn",
+    "tail": "tail registration reg acreg tailno aircraft acid msn",
+    "flight": "flight flt leg sortie flug cycle cycles csn",
+    "phase": "phase fltphase flightphase rpt mode regime",
+    "utc": "utc gmt zulu",
+    "local": "lcl local",
+    "epoch": "epoch unix unixtime posix",
+    "elapsed": "elapsed secs seconds sec",
+    "offset": "utcofst",
+}
+_OTHER = """
+    oil lube lub hyd hydraulic vib vibration vibe brg bearing cabin cab bleed tank qty quantity used remaining rem cmd
+    command demand dmd ref reference setpoint setpt sp target limit lim redline max min maximum minimum stdev sigma
+    corrected corr cor margin delta deviation bias error status valid flag fault warn warning alarm spread nacelle nac
+    starter start gearbox volt volts voltage amp amps current frequency freq wind ground gs gnd vertical vert vs radio
+    radar ra lat latitude lon long longitude pitch roll heading hdg track flap flaps gear weight wt gw count cht cyl
+    cylinder manifold map density specific sfc tsfc vane vsv igv vigv vbv csgv valve position pos angle accel
+    acceleration trim avail available wheelspace ws metal blade water steam injection nox co co2 o2 emission emissions
+    level cooling tra pla tla lever throttle rudder aileron elevator bus battery bat quality qual qc cond fsr ttrf
+    surge stall stage row efficiency eff ratio index idx coolant dew humid hobbs hours days age wheel brake tire nav
+    com course crs waypoint wpt satellite cooled clearance case casing skin wall rack bay seal drain vent buffer pump
+    servo chip debris particle acoustic dynamics spray wash anti ice icing deice ecs pack apu nr dynamic slip yaw aoa
+    alpha beta select message word bit offset off decay kmc kmt health"""
+"""Words that make a quantity of which the program has no use, whatever stands beside them."""
+_HARMLESS = """
+    measured actual act meas sensed selected sel value val reading avg average mean sensor probe channel ch signal sig
+    the of at on ac recorded data rec from scada dcs pi tag pv e k gasturbine gt unit degrees live instantaneous inst
+    observed xmtr tx thermocouple tc rtd junction"""
+"""Words that say nothing of the quantity."""
 
-NAMES: tuple[tuple[str, str, tuple[str, ...]], ...] = (
-    (r"t|time|secs?|seconds|elapsed( time)?|zeit", "time_s", ("s",)),
-    (r"(p(ress(ure)?)? ?)?alt(itude)?( (std|press|baro))?|hoehe|höhe|zp|hp", "altitude_m", ("m", "ft", "kft")),
-    (r"mach( (no|nr|number))?|ma|xm", "mach", ("1",)),
-    (r"[kc]?[ci]as|(calibrated|indicated) air ?speed|vc|ias", "cas_m_s", _SPEEDS),
-    (r"k?tas|true air ?speed|vt", "tas_m_s", _SPEEDS),
-    (
-        r"sat|oat|t ?amb|amb(ient)? ?t(emp(erature)?)?|outside air temp(erature)?|t0|at",
-        "ambient_temperature_K",
-        _TEMPERATURES,
-    ),
-    (r"tat|total air temp(erature)?", "TAT_K", _TEMPERATURES),
-    (r"p ?amb|amb(ient)? ?p(ress(ure)?)?|p0|baro(meter)?|ap", "ambient_pressure_Pa", _PRESSURES),
-    (r"r\.?h\.?|rel(ative)? ?hum(idity)?|ah", "relative_humidity", ("pct", "1")),
-    (r"n ?1|n ?l|fan speed|ng|ngg|gg speed|n gg", "N1_rpm", ("rpm", "pct")),
-    (r"n ?2|n ?h|core speed|np|npt|n pt", "N2_rpm", ("rpm", "pct")),
-    (r"w ?f|f ?f|fuel ?flow|fuel|kraftstoff|fuel rate", "Wf_kg_s", _FLOWS),
-    (r"c ?d ?t|compressor (discharge|exit) temp(erature)?", "T3_K", _TEMPERATURES),
-    (r"c ?d ?p|compressor (discharge|exit) press(ure)?", "P3_Pa", _PRESSURES),
-    (r"i ?t ?t", "ITT_K", _TEMPERATURES),
-    (r"e ?g ?t|tgt|exhaust (gas )?temp(erature)?", "EGT_K", _TEMPERATURES),
-    (r"t ?i ?t", "T4_K", _TEMPERATURES),
-    (r"tq|trq|torque", "torque_Nm", ("Nm", "kNm", "lbf_ft", "pct")),
-    (r"shp|(shaft )?power|leistung|load", "power_W", ("W", "kW", "MW", "hp")),
-)
-"""Name of the quantity, in small letters with spaces between words; the target; units in the order of preference."""
+Features = frozenset[str]
 
-_STATION = re.compile(r"(ps|p|t)t? ?(\d{1,2})")
-FLIGHT = re.compile(r"flight( (no|nr|number|id))?|sortie|leg|flug|flt( no)?")
+
+def _lexicon() -> dict[str, Features]:
+    words: dict[str, Features] = {}
+    for table in (_KINDS, _PLACES, _PROPERTIES):
+        for feature, spelt in table.items():
+            words.update({word: frozenset({feature}) for word in spelt.split()})
+    for features, spelt in _WHOLE.items():
+        words.update({word: frozenset(features.split()) for word in spelt.split()})
+    words.update({word: frozenset({f"other {word}"}) for word in _OTHER.split()})
+    words.update({word: frozenset() for word in _HARMLESS.split()})
+    words.update({"tt": frozenset({"T", "total"}), "pt": frozenset({"P or pt"}), "mgt": frozenset({"T", "exhaust"})})
+    return words
+
+
+LEXICON: Mapping[str, Features] = _lexicon()
+"""Word in small letters → what it means; no feature where it means nothing for the quantity."""
 
 
 @dataclass(frozen=True)
-class Guess:
-    """A source column taken for `target`. unit: as stated by the file, or the first in which the values can be;
-    stated: whether the file said so; doubt: what the user must decide, empty where nothing."""
+class Rule:
+    """A quantity: the features that make it, those that may stand beside them, its column ({} the station), the units
+    in which it is usually recorded in the order of preference, and what is to be said of it."""
+
+    needs: Features
+    target: str
+    units: tuple[str, ...]
+    may: Features = frozenset()
+    doubt: str = ""
+    rank: float = 0.0
+
+
+def _rule(needs: str, target: str, units: Sequence[str], may: str = "", doubt: str = "", rank: float = 0.0) -> Rule:
+    return Rule(frozenset(needs.split()), target, tuple(units), frozenset(may.split()), doubt, rank)
+
+
+_SPEED = ("rpm", "pct")
+_AREA = "total static abs air engine gas measured dry"
+_TURBINE = "total static abs gas engine"
+RULES: tuple[Rule, ...] = (
+    _rule("altitude", "altitude_m", ("ft", "m", "kft"), "standard abs"),
+    _rule("altitude P", "altitude_m", ("ft", "m", "kft"), "standard baro abs"),
+    _rule("altitude pressure", "altitude_m", ("ft", "m", "kft"), "standard P"),
+    _rule("altitude baro", "altitude_m", ("ft", "m", "kft"), "P", "set to the local pressure, not to 1013 hPa", -0.6),
+    _rule("altitude geometric", "altitude_m", ("ft", "m", "kft"), "", "geometric, not pressure altitude", -1.2),
+    _rule("mach", "mach", ("1",), "no true indicated whole"),
+    _rule("V calibrated", "cas_m_s", SPEEDS, "air speed"),
+    _rule("V indicated", "cas_m_s", SPEEDS, "air speed", rank=-0.2),
+    _rule("V air", "cas_m_s", SPEEDS, "speed", "indicated, calibrated or true airspeed", -0.4),
+    _rule("speed air calibrated", "cas_m_s", SPEEDS),
+    _rule("speed air indicated", "cas_m_s", SPEEDS),
+    _rule("V air calibrated", "cas_m_s", SPEEDS),
+    _rule("V air indicated", "cas_m_s", SPEEDS),
+    _rule("speed air", "cas_m_s", SPEEDS, "", "indicated, calibrated or true airspeed", -0.4),
+    _rule("V true", "tas_m_s", SPEEDS, "air speed"),
+    _rule("speed air true", "tas_m_s", SPEEDS),
+    _rule("V air true", "tas_m_s", SPEEDS),
+    _rule("T ambient", "ambient_temperature_K", TEMPERATURES, "air static baro abs"),
+    _rule("T static air", "ambient_temperature_K", TEMPERATURES, "ambient abs"),
+    _rule("T total air", "TAT_K", TEMPERATURES, "ambient abs"),
+    _rule("P ambient", "ambient_pressure_Pa", PRESSURES, "static abs air"),
+    _rule("P baro", "ambient_pressure_Pa", PRESSURES, "abs ambient static"),
+    _rule("baro", "ambient_pressure_Pa", PRESSURES, "abs", rank=-0.5),
+    _rule("P static air", "ambient_pressure_Pa", PRESSURES, "abs ambient"),
+    _rule("ambient", "ambient_pressure_Pa", PRESSURES, "baro", "a pressure or a temperature", -1.5),
+    _rule("humidity", "relative_humidity", ("pct", "1"), "relative ambient air"),
+    _rule("fuel flow", "Wf_kg_s", FLOWS, "engine total gas abs burner core rate"),
+    _rule("fuel rate", "Wf_kg_s", FLOWS, "engine", rank=-0.3),
+    _rule("air flow", "W2_kg_s", FLOWS, "engine in rate compressor total", "at which station the air flow is measured"),
+    _rule("torque", "torque_Nm", ("Nm", "kNm", "lbf_ft", "pct"), "shaft out engine propeller pt turbine abs"),
+    _rule(
+        "power", "power_W", ("W", "kW", "MW", "hp", "pct"), "shaft out electrical engine generator net gross turbine"
+    ),
+    _rule("electrical", "power_W", ("W", "kW", "MW"), "net gross", rank=-1.0),
+    _rule("thrust", "Fn_N", ("N", "kN", "lbf"), "net engine"),
+    _rule("thrust gross", "Fg_N", ("N", "kN", "lbf"), "engine"),
+    _rule("EPR", "EPR", ("1",), "engine"),
+    _rule("BPR", "BPR", ("1",), "engine"),
+    _rule("dp in", "dP_inlet_Pa", PRESSURES, "filter air static P total compressor"),
+    _rule("dp filter", "dP_inlet_Pa", PRESSURES, "air in static P total"),
+    _rule("dp exhaust", "dP_exhaust_Pa", PRESSURES, "static P total out turbine"),
+    _rule("T exhaust", "EGT_K", TEMPERATURES, "gas out total turbine abs engine"),
+    _rule("T gas", "EGT_K", TEMPERATURES, "total abs engine", rank=-0.3),
+    _rule("T interturbine", "ITT_K", TEMPERATURES, "turbine total gas abs engine"),
+    _rule("P exhaust", "P5_Pa", PRESSURES, "gas out total static turbine abs nozzle"),
+)
+"""Quantities without a station; those of shafts and stations follow."""
+
+SHAFTS = ("1", "2", "3", "lp", "ip", "hp", "gg", "pt", "fan", "core")
+"""What names a shaft."""
+
+_STATIONS: tuple[tuple[str, str], ...] = (
+    ("2", "in|engine in|fan in|compressor in|lpc in"),
+    ("21", "fan out"),
+    ("24", "lpc out|ipc out"),
+    ("25", "hpc in|core in"),
+    ("3", "compressor out|hpc out|burner in|core out"),
+    ("4", "burner out|turbine in|hpt in"),
+    ("45", "hpt out|lpt in|pt in|generator out|gg out|power turbine in"),
+    ("5", "turbine out|lpt out|pt out|nozzle in|power turbine out"),
+)
+"""ARP755 station → the words that name it."""
+
+
+def _place_rules() -> Iterator[Rule]:
+    for station, places in _STATIONS:
+        for place in places.split("|"):
+            for kind, units in (("T", TEMPERATURES), ("P", PRESSURES)):
+                may = _TURBINE if station in ("45", "5") else _AREA
+                yield _rule(f"{kind} {place}", f"{kind}{station}_{'K' if kind == 'T' else 'Pa'}", units, may)
+            yield _rule(f"P static {place}", f"Ps{station}_Pa", PRESSURES, "abs air gas")
+    for shaft in SHAFTS:
+        for kind in ("N", "speed", "N speed"):
+            yield _rule(f"{kind} {shaft}", f"shaft {shaft}", _SPEED, "shaft engine turbine compressor generator out")
+    for kind in ("N", "speed", "N speed"):
+        yield _rule(f"{kind} gas generator", "shaft gg", _SPEED, "shaft turbine")
+        yield _rule(f"{kind} power turbine", "shaft pt", _SPEED, "shaft out")
+        yield _rule(f"{kind} turbine", "shaft any", _SPEED, "shaft gas engine generator", "which shaft", -0.5)
+        yield _rule(f"{kind} propeller", "shaft pt", _SPEED, "", "the propeller's, not the power turbine's", -0.3)
+        yield _rule(f"{kind} engine", "shaft any", _SPEED, "shaft", "", -0.5)
+        yield _rule(f"{kind} shaft", "shaft any", _SPEED, "engine", "", -0.5)
+    yield _rule("N", "shaft any", _SPEED, "", "", -0.5)
+    yield _rule("N speed", "shaft any", _SPEED, "", "", -0.5)
+
+
+ALL_RULES = (*RULES, *_place_rules())
+
+
+@dataclass(frozen=True)
+class Mark:
+    """A number or letter in a name that tells engines or probes apart. start, end: where it stands in the name;
+    explicit: a word such as `engine` or `left` says that it is an engine's."""
+
+    text: str
+    start: int
+    end: int
+    explicit: bool
+
+
+@dataclass(frozen=True)
+class Name:
+    """A column's name taken apart. features: of its words together; station: the ARP755 number, empty where none stands
+    there; unknown: words that the lexicon does not hold; unit: as the name states it."""
+
+    text: str
+    features: Features
+    station: str = ""
+    marks: tuple[Mark, ...] = ()
+    unknown: tuple[str, ...] = ()
+    unit: UnitWord | None = None
+
+
+@dataclass(frozen=True)
+class Meaning:
+    """What a name is taken for: target (`shaft …` until all shafts of the file are known), usual units, score (features
+    explained less words unknown), doubt."""
 
     target: str
-    unit: str
-    stated: bool
+    units: tuple[str, ...]
+    score: float
     doubt: str = ""
-    full_scale: float | None = None
-    density: float | None = None
+    remarks: tuple[str, ...] = field(default=())
 
 
-def words_of(quantity: str) -> str:
-    """Small letters, words parted by single spaces, brackets left out: `Fuel_Flow (act)` → `fuel flow`."""
-    bare = re.sub(r"[\[(].*?[\])]", " ", quantity)
-    bare = re.sub(r"(?<=[a-z])(?=[A-Z])", " ", bare)
-    return " ".join(re.split(r"[^0-9a-zäöüß.]+", bare.casefold())).strip()
+@dataclass(frozen=True)
+class _Piece:
+    text: str
+    start: int
+    end: int
+    chunk: int
+    kind: str
+    """word, number, letter or unknown"""
 
 
-def target_of(quantity: str, targets: Collection[str] = ()) -> tuple[str, Sequence[str]] | None:
-    """The program's column for a quantity's name, with usual units; with `targets`, one of those."""
-    words = words_of(quantity)
-    found: tuple[str, Sequence[str]] | None = None
-    for target in targets:
-        name, unit = split_column(target)
-        if words_of(name) == words or words_of(name).replace(" ", "") == words.replace(" ", ""):
-            return target, (unit or "1",)
-    station = _STATION.fullmatch(words)
-    known = next(((t, units) for pattern, t, units in NAMES if re.fullmatch(pattern, words)), None)
-    if known:
-        found = known
-    elif station:
-        found = _at_station(*station.groups())
-    else:
-        found = _described(words)
-    if not found or not targets or found[0] in {*targets, *HELPERS}:
-        return found
-    # a torque is that of the gearbox, where an engine has no other
-    quantity, unit = split_column(found[0])
-    own = [t for t in targets if _is_of(t, quantity, unit or "1")]
-    return (own[0], found[1]) if len(own) == 1 else None
+LETTERS = "abcdlr"
+"""Letters that number engines or probes: A to D, left and right."""
 
 
-def _is_of(target: str, quantity: str, unit: str) -> bool:
-    """Whether a column is that quantity of some part: `reduction_gear_torque_N_m` is a torque."""
-    name, own = split_column(target)
-    return name.endswith(f"_{quantity}") and find_unit(own or "1").dimension == find_unit(unit).dimension
+def _cuts(chunk: str) -> set[int]:
+    """Where a chunk may be cut for free: between letters and digits, before a capital after a small letter, before the
+    last capital of several."""
+    return {m.start() for m in re.finditer(r"(?<=[a-zäöüß])(?=[A-ZÄÖÜ])|(?<=[A-Z])(?=[A-Z][a-z])", chunk)} | {
+        m.start() for m in re.finditer(r"(?<=\D)(?=\d)|(?<=\d)(?=\D)", chunk)
+    }
 
 
-def _at_station(kind: str, number: str) -> tuple[str, Sequence[str]]:
-    return (f"T{number}_K", _TEMPERATURES) if kind == "t" else (f"{kind.capitalize()}{number}_Pa", _PRESSURES)
+@lru_cache(maxsize=4096)
+def _segments(chunk: str) -> tuple[tuple[int, int, str], ...]:
+    """The cheapest way to cut a chunk of letters and digits into words, numbers and letters: (start, end, kind)."""
+    cuts, n = _cuts(chunk) | {len(chunk)}, len(chunk)
+    nothing: tuple[tuple[int, int, str], ...] = ()
+    best = [(0.0, nothing)] + [(1e9, nothing)] * n
+    for i in range(n):
+        base, path = best[i]
+        if base >= 1e9:
+            continue
+        for j in range(i + 1, n + 1):
+            piece = chunk[i:j]
+            cost, kind = _piece_cost(piece, i, j == n)
+            cost += base + (0.0 if j in cuts else 0.7) + 0.3
+            if cost < best[j][0]:
+                best[j] = (cost, (*path, (i, j, kind)))
+    return best[n][1]
 
 
-def _described(words: str) -> tuple[str, Sequence[str]] | None:
-    """A name in many words: `Compressor Entry Temperature T3`, `Fuel Flow f`."""
-    if "amb" in words and "press" in words:
-        return "ambient_pressure_Pa", _PRESSURES
-    if re.match(r"fuel flow\b", words):
-        return "Wf_kg_s", _FLOWS
-    named = re.search(r"\b(p|t)(\d{1,2})\b", words)
-    if named and {"p": "press", "t": "temp"}[named[1]] in words:
-        return _at_station("ps" if named[1] == "p" and "static" in words else named[1], named[2])
-    return None
+def _piece_cost(piece: str, start: int, last: bool) -> tuple[float, str]:
+    lowered = piece.casefold()
+    if piece.isdigit():
+        return 0.0, "number"
+    if re.search(r"\d", piece):
+        return (0.0, "word") if lowered in LEXICON else (9.0, "unknown")
+    if lowered in LEXICON and (len(piece) > 1 or start == 0 or lowered not in LETTERS):
+        # letters of a kind (t, p, n, w) mean little inside a chunk
+        return (0.0 if len(piece) > 2 else 0.2 if len(piece) == 2 else 0.4), "word"
+    if len(piece) == 1 and lowered in LETTERS and (last or start == 0):
+        return 0.6, "letter"
+    return 1.8 + 0.1 * len(piece), "unknown"
 
 
-HELPERS = ("time_s", "altitude_m", "mach", "cas_m_s", "tas_m_s", "ambient_temperature_K", "TAT_K")
-"""Targets that are of use although an engine does not ask for them: others are computed from them."""
+def _pieces(head: str, offset: int) -> list[_Piece]:
+    found = []
+    for c, chunk in enumerate(re.finditer(r"[^\W_]+", head)):
+        for start, end, kind in _segments(chunk.group()):
+            at = offset + chunk.start()
+            found.append(_Piece(chunk.group()[start:end], at + start, at + end, c, kind))
+    return found
 
 
-def guess(target: str, usual: Sequence[str], unit: str, values: np.ndarray) -> Guess:
-    """What a column of N values is, taken for `target`; unit: as the file states it, or empty."""
-    quantity, own = split_column(target)
-    dimension = find_unit(own or "1").dimension
-    stated = bool(unit)
-    doubt = ""
-    if not unit and own:
-        unit = _by_values(quantity, dimension, usual, values)
-        doubt = "unit guessed from the values" if unit else "unit not known"
-        unit = unit or usual[0]
-    unit = unit or "1"
-    try:
-        given = find_unit(unit).dimension
-    except UnitError:
-        return Guess(target, own or "1", False, f"the unit {unit!r} is not known")
-    if given == "ratio" and dimension != "ratio":
-        return Guess(target, unit, stated, f"full_scale: the {own} at 100 %, here only a stand-in", full_scale=10000.0)
-    if given == "volume flow" and dimension == "mass flow":
-        return Guess(target, unit, stated, "density of the fuel at the meter", density=800.0)
-    if given != dimension:
-        return Guess(target, own or "1", False, f"the file says {unit}, which is no {dimension}")
-    known, usual_si = find_unit(unit), usual_range(quantity, dimension)
-    median = median_of(values) * known.factor + known.offset
-    if stated and usual_si and not usual_si.low <= median <= usual_si.high:
-        doubt = f"in {unit} the median is {median:.4g} {own}, which cannot be"
-    return Guess(target, unit, stated, doubt)
+def read_name(text: str, *, single_letter_unit: bool = True, ignored: Sequence[str] = ()) -> Name:
+    """Take a column's name apart. single_letter_unit: whether a last C, F, K or R is a unit; ignored: words that all
+    columns of the file share."""
+    found = trailing_unit(text)
+    if found and found[2] and not single_letter_unit and found[0] and text[-1:].isalpha():
+        found = None
+    head, unit = (found[0], found[1]) if found else (text, None)
+    name = _interpret(text, _pieces(head, max(text.find(head), 0)), frozenset(ignored))
+    if unit is not None and unit.dimension == "mass flow" and not name.features & {"flow", "rate"}:
+        name = replace(name, features=name.features | {"flow"})
+    if unit is not None and unit.dimension == "rotational speed" and "N" not in name.features:
+        name = replace(name, features=name.features | {"N"})
+    return replace(name, unit=unit)
 
 
-def _by_values(quantity: str, dimension: str, usual: Sequence[str], values: np.ndarray) -> str:
-    limits, median = usual_range(quantity, dimension), median_of(values)
-    if dimension == "rotational speed" and np.nanmax(np.abs(values)) <= 130.0:
-        return "pct"
-    if limits is None:
-        return usual[0] if len(usual) == 1 else ""
-    units = [find_unit(name) for name in usual if find_unit(name).dimension == dimension]
-    return next((u.name for u in units if limits.low <= median * u.factor + u.offset <= limits.high), "")
+_KIND_LETTERS = {"t", "p", "w", "tt", "pt", "ps", "temp", "press", "temperature", "pressure"}
+
+
+def _interpret(text: str, pieces: Sequence[_Piece], ignored: Features) -> Name:
+    """Features, station and marks of the pieces of a name."""
+    features: set[str] = set()
+    marks: list[Mark] = []
+    unknown: list[str] = []
+    station = ""
+    k = 0
+    pieces = _without_symbol(pieces)
+    while k < len(pieces):
+        piece, lowered = pieces[k], pieces[k].text.casefold()
+        after = pieces[k + 1] if k + 1 < len(pieces) else None
+        k += 1
+        if lowered in ignored and piece.kind != "number":
+            continue
+        if piece.kind == "number" or piece.kind == "letter":
+            marks.append(Mark(piece.text, piece.start, piece.end, False))
+        elif lowered in ("lh", "rh", "left", "right", "port", "stbd"):
+            marks.append(Mark(piece.text, piece.start, piece.end, True))
+        elif (
+            lowered in ("eng", "engine", "e", "engines", "ac", "gt", "unit", "motor")
+            and after
+            and _is_mark(piece, after)
+        ):
+            marks.append(Mark(after.text, after.start, after.end, lowered != "unit"))
+            k += 1
+        elif lowered == "n" and after and after.kind == "number" and after.chunk == piece.chunk:
+            k += 1
+            features |= {"N", after.text[0]}
+            if len(after.text) == 2:
+                marks.append(Mark(after.text[1], after.start + 1, after.end, False))
+        elif lowered in _KIND_LETTERS and after and after.kind == "number" and not station:
+            if len(lowered) > 2 and after.chunk != piece.chunk:
+                features |= LEXICON[lowered]
+                continue
+            k += 1
+            station, more = _station(after, pieces[k : k + 1])
+            k += more
+            features |= {"T" if lowered[0] == "t" else "P" if lowered[0] == "p" else "flow"}
+            features |= {"static"} if lowered == "ps" else {"total"} if lowered in ("pt", "tt") else set()
+        elif piece.kind == "word":
+            features |= LEXICON[lowered]
+        else:
+            unknown.append(piece.text)
+    if "P or pt" in features:
+        features.discard("P or pt")
+        features |= {"pt"} if features & {"T", "N", "speed", "P", "in", "out"} else {"P", "total"}
+    return Name(text, frozenset(features), station, tuple(marks), tuple(unknown))
+
+
+def _without_symbol(pieces: Sequence[_Piece]) -> Sequence[_Piece]:
+    """The pieces without a last letter that is the symbol of what the words name: `Thrust T`, `Fuel Flow f`."""
+    if len(pieces) < 2 or len(pieces[-1].text) > 1 or pieces[-1].text.casefold() not in "tpnwfmq":
+        return pieces
+    kinds = [p for p in pieces[:-1] if len(p.text) > 2 and LEXICON.get(p.text.casefold(), frozenset()) & _KINDS.keys()]
+    return pieces[:-1] if kinds and pieces[-1].chunk != pieces[-2].chunk else pieces
+
+
+def _is_mark(word: _Piece, after: _Piece) -> bool:
+    """Whether a number or letter behind `eng` numbers an engine: `E1`, `Eng (2)`, `ENG_L`; `e 1` is none."""
+    if word.text.casefold() == "e" and after.chunk != word.chunk:
+        return False
+    return (after.kind == "number" and len(after.text) == 1) or (
+        len(after.text) == 1 and after.text.casefold() in LETTERS
+    )
+
+
+def _station(number: _Piece, following: Sequence[_Piece]) -> tuple[str, int]:
+    """The ARP755 station of a number behind T or P, and how many pieces it takes: 30 → 3, 490 → 49, `2.5` → 25."""
+    digits, taken = number.text, 0
+    if len(digits) == 1 and following and following[0].kind == "number" and following[0].start == number.end + 1:
+        if following[0].text in ("5",):
+            digits, taken = digits + following[0].text, 1
+    if len(digits) >= 2 and digits.endswith("0") and digits[0] != "0":
+        digits = digits[:-1]
+    return digits, taken
+
+
+_KIND_OF_STATION = {"T": ("T{}_K", TEMPERATURES), "P": ("P{}_Pa", PRESSURES), "flow": ("W{}_kg_s", FLOWS)}
+_BESIDE_A_STATION = frozenset(
+    "total static abs gas air in out compressor hpc lpc fan turbine hpt lpt pt burner nozzle exhaust engine core "
+    "interturbine fuel ambient gauge generator power gg dry ip hp lp ipc".split()
+)
+"""Words that describe a station which a number names as well."""
+
+
+def meaning_of(name: Name) -> Meaning | None:
+    """The quantity of a name, or None where the words make none that the program has a use for."""
+    features = name.features - {"abs", "gauge", "gauge?"} | ({"abs"} if "abs" in name.features else frozenset())
+    lost = 0.5 * len(name.unknown)
+    remarks = tuple(f"{word!r} in the name is not understood" for word in name.unknown)
+    if name.station:
+        kinds = [kind for kind in _KIND_OF_STATION if kind in features]
+        extra = features - set(kinds) - _BESIDE_A_STATION
+        if len(kinds) != 1 or extra:
+            return None
+        form, units = _KIND_OF_STATION[kinds[0]]
+        if kinds[0] == "P" and "static" in features:
+            form = "Ps{}_Pa"
+        if name.station == "0" and kinds[0] != "flow":
+            target = "ambient_temperature_K" if kinds[0] == "T" else "ambient_pressure_Pa"
+        else:
+            target = form.format(name.station)
+        return Meaning(target, units, 2.0 - lost, "", remarks)
+    best: Meaning | None = None
+    for rule in ALL_RULES:
+        if rule.needs <= features and features - rule.needs <= rule.may:
+            score = len(rule.needs) + rule.rank - lost + 0.1 * len(features & rule.may)
+            if best is None or score > best.score:
+                best = Meaning(rule.target, rule.units, score, rule.doubt, remarks)
+    return best if best is None or best.score > 0.4 else None

@@ -72,6 +72,11 @@ class Recorder:
     values: Mapping[str, Any]
 
     @property
+    def undecided(self) -> tuple[str, ...]:
+        """What a draft leaves open, a sentence each."""
+        return tuple(self.values["decide"])
+
+    @property
     def source_columns(self) -> tuple[str, ...]:
         """Numeric columns that the file must have."""
         return tuple(dict.fromkeys(c.source_of(engine) for engine in self.engines.values() for c in self.channels))

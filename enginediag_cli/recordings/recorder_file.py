@@ -148,6 +148,7 @@ RECORDER_FILE = Section(
         Field("kind", "choice", "recorder", choices=("recorder",)),
         Field("description", "text", "what recorder and which files"),
         Field("sources", "texts", "where the facts come from", ()),
+        Field("decide", "texts", "decisions that a draft leaves open, repeated by every command until removed", ()),
         Field("file", "section", "how the file is written", {}, section=_FILE),
         Field("time", "section", "time stamps; none: time is a number, or not recorded", None, section=_TIME),
         Field("joins", "named_sections", "further files, beside the recording, joined on time", (), section=_JOIN),

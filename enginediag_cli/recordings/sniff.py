@@ -8,19 +8,19 @@ import gzip
 import re
 import sys
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import closing
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from enginediag_cli.errors import DataError
-from enginediag_cli.recordings.dialect import DELIMITERS, OWN, Dialect
+from enginediag_cli.recordings.dialect import DELIMITERS, OWN, WHITESPACE, Dialect
 from enginediag_cli.recordings.formats.base import Asked
 from enginediag_cli.recordings.formats.cells import MISSING
 from enginediag_cli.recordings.formats.parquet_in import ParquetTable, is_parquet
 from enginediag_cli.recordings.source import refuse_devices
-from enginediag_cli.units import UnitError, find_unit
+from enginediag_cli.recordings.unit_words import unit_word
 
 LOOKED_AT = 1 << 18
 """Bytes of the file that are looked at, 256 KiB: some thousand records."""
@@ -30,57 +30,148 @@ MOST_TITLE_LINES = 60
 """Lines among which the header is looked for."""
 NUMBERS = 0.6
 """Share of a column's cells that must be numbers, or missing, for it to be one of numbers."""
+UNITS_OF_A_ROW = 0.4
+"""Share of the cells of a row of units that must be known units; the others are forms of dates and the like."""
+MOST_TAGS = 1000
+"""Tags of an export of one reading a line that are told apart."""
+
+FEWEST_LINES = 3
+"""Lines that a table without a delimiter must have: two lines of words may be any text."""
 
 _NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?")
+_GROUPED = re.compile(r"[-+]?\d{1,3}(,\d{3})+(\.\d*)?")
+_FILL = re.compile(r"\*+|\[-\d+\].*")
+_TAG = re.compile(r"tag|tag ?name|point|point ?name|signal|parameter|param|variable|channel|sensor|item|name", re.I)
+_VALUE = re.compile(r"value|val|reading|data|result|average|avg", re.I)
+_QUALITY = re.compile(r"quality|status|qual|good|confidence|flag", re.I)
+
+
+@dataclass(frozen=True)
+class LongTable:
+    """An export of one reading a line: columns of tag, value and quality ("" where there is none), and the words of
+    quality that came with most values."""
+
+    tag: str
+    value: str
+    quality: str
+    good: tuple[str, ...]
 
 
 @dataclass(frozen=True)
 class Sniffed:
-    """dialect: with its header line always stated where lines stand before it; header: the names; units: cells of the
-    unit row, else empty texts; cells: column → texts of the records looked at; guessed_encoding: it is not UTF-8."""
+    """dialect: with its header line always stated where lines stand before it; header: the names of columns that can be
+    read; units: cells of the unit row, else empty texts; cells: column → texts of the records looked at;
+    guessed_encoding: it is not UTF-8; unusable: columns without a name, or with one that another has; invented: the
+    names, where no line of the file gives them; repeated: rows that are the header again; odd: rows of other width."""
 
     source: str
     dialect: Dialect
     header: tuple[str, ...]
     units: tuple[str, ...]
-    cells: dict[str, list[str]]
+    cells: Mapping[str, Sequence[str]]
     guessed_encoding: bool
+    unusable: tuple[str, ...] = ()
+    invented: bool = False
+    repeated: int = 0
+    odd: int = 0
+    long: LongTable | None = None
+    extra_words: Mapping[str, int] = field(default_factory=dict)
 
     def values(self, column: str) -> np.ndarray | None:
         """The column's numbers (N,), NaN where missing, or None when it holds text."""
         result, good = [], 0
         for cell in self.cells[column]:
-            bare = cell.strip()
-            if self.dialect.decimal == ",":
-                bare = bare.replace(",", ".")
+            bare = self._plain(cell)
             number = _NUMBER.fullmatch(bare) is not None
-            good += number or bare.lower() in MISSING
+            good += number or is_fill(bare)
             result.append(float(bare) if number else np.nan)
         values = np.array(result)
         return values if good >= NUMBERS * max(len(values), 1) and np.isfinite(values).any() else None
+
+    def words(self, column: str) -> Counter[str]:
+        """Words that stand in a column of numbers although no recording knows them for a missing value."""
+        bare = (self._plain(cell) for cell in self.cells[column])
+        return Counter(cell for cell in bare if not _NUMBER.fullmatch(cell) and not is_fill(cell))
+
+    def _plain(self, cell: str) -> str:
+        bare = cell.strip()
+        if self.dialect.thousands:
+            bare = bare.replace(",", "")
+        return bare.replace(",", ".") if self.dialect.decimal == "," else bare
+
+
+def is_fill(cell: str) -> bool:
+    """Whether a cell stands for a missing value in any recording."""
+    bare = cell.strip().lower()
+    return bare in MISSING or _FILL.fullmatch(bare) is not None
 
 
 def sniff(path: str) -> Sniffed:
     """Look at the head of a file (`-`: standard input). Raises DataError when no table is found in it."""
     if path != "-" and is_parquet(path):
-        return _first_records(path)
+        return _lengthwise(_first_records(path))
     raw = _head(path)
     text, encoding = _decoded(raw, path)
     lines = text.splitlines()
     if len(raw) == LOOKED_AT:
         lines = lines[:-1]  # the last one may be cut
     try:
-        delimiter, header = _table(lines, path)
-        rows = [row for row in csv.reader(lines[header:], delimiter=delimiter) if any(c.strip() for c in row)]
+        found = _text_table(lines, path)
     except csv.Error as error:
         raise DataError(f"{path}: no table: {error}") from error
-    names = tuple(cell.strip().lstrip("\ufeff") for cell in rows[0])
-    units = tuple(cell.strip() for cell in rows[1]) if len(rows) > 1 and _is_unit_row(rows[1], len(names)) else ()
-    body = [row for row in rows[2 if units else 1 :] if len(row) == len(names)]
-    cells = {name: [row[k] for row in body] for k, name in enumerate(names)}
-    plain = all(not line.strip() or line.startswith("#") for line in lines[:header])
-    dialect = Dialect(delimiter, _decimal(body, delimiter), encoding, 0 if plain else header + 1, bool(units))
-    return Sniffed(path, dialect, names, units or ("",) * len(names), cells, encoding not in ("utf-8", "utf-16"))
+    guessed = encoding not in ("utf-8", "utf-16")
+    return _lengthwise(replace(found, dialect=replace(found.dialect, encoding=encoding), guessed_encoding=guessed))
+
+
+def _text_table(lines: Sequence[str], path: str) -> Sniffed:
+    """The table in the lines of a text file; its encoding is the caller's."""
+    delimiter, header, width = _table(lines, path)
+    rows = list(_split(lines[max(header, 0) :], delimiter))
+    rows = [row for row in rows if any(c.strip() for c in row) and not (header < 0 and row[0].startswith("#"))]
+    units: tuple[str, ...] = ()
+    if header < 0:
+        names = tuple(f"c{k + 1}" for k in range(width))
+    else:
+        names = tuple(cell.strip().lstrip("\ufeff") for cell in rows[0])
+        above = next(_split(lines[header - 1 : header], delimiter), []) if header else []
+        if above and is_unit_row([above[0].lstrip("#"), *above[1:]], width):
+            units = tuple(cell.strip().lstrip("#") for cell in above)
+        rows = rows[1:]
+    unit_row = bool(header >= 0 and rows and is_unit_row(rows[0], width))
+    if unit_row:
+        units, rows = tuple(cell.strip() for cell in rows[0]), rows[1:]
+    again = [row for row in rows if [c.strip() for c in row] == list(names)]
+    body = [row for row in rows if len(row) == width and row not in again]
+    counts = Counter(names)
+    usable = [k for k, name in enumerate(names) if name and counts[name] == 1]
+    plain = all(not line.strip() or line.startswith("#") for line in lines[: max(header, 0)])
+    decimal, thousands = _marks(body, delimiter)
+    dialect = Dialect(
+        delimiter,
+        decimal,
+        header_line=0 if plain or header < 0 else header + 1,
+        unit_row=unit_row,
+        names=names if header < 0 else (),
+        thousands=thousands,
+    )
+    return Sniffed(
+        path,
+        dialect,
+        tuple(names[k] for k in usable),
+        tuple(units[k] for k in usable) if units else ("",) * len(usable),
+        {names[k]: [row[k] for row in body] for k in usable},
+        False,
+        tuple(dict.fromkeys(name or f"(column {k + 1})" for k, name in enumerate(names) if k not in usable)),
+        invented=header < 0,
+        repeated=len(again),
+        odd=len(rows) - len(again) - len(body),
+    )
+
+
+def _split(lines: Sequence[str], delimiter: str) -> Iterator[list[str]]:
+    if delimiter == WHITESPACE:
+        return (line.split() for line in lines)
+    return csv.reader(lines, delimiter=delimiter)
 
 
 def _first_records(path: str) -> Sniffed:
@@ -89,6 +180,33 @@ def _first_records(path: str) -> Sniffed:
         first = next(table.records(Asked((), by_suffix=False), PARQUET_RECORDS))
     cells = {name: list(first.text[name]) for name in table.columns}
     return Sniffed(path, OWN, table.columns, ("",) * len(table.columns), cells, False)
+
+
+def _lengthwise(found: Sniffed) -> Sniffed:
+    """A file with one reading a line as the table of its tags; any other as it is."""
+    named = {c: found.values(c) is not None for c in found.header}
+    tag = next((c for c, numeric in named.items() if not numeric and _TAG.fullmatch(c.strip())), "")
+    value = next((c for c in named if _VALUE.fullmatch(c.strip())), "")
+    if not tag or not value or len(named) > 6:
+        return found
+    tags = Counter(cell.strip() for cell in found.cells[tag])
+    records = len(found.cells[tag])
+    if not 2 <= len(tags) <= min(MOST_TAGS, records // 2):
+        return found
+    quality = next((c for c, numeric in named.items() if _QUALITY.fullmatch(c.strip()) and c not in (tag, value)), "")
+    good = tuple(w for w, n in Counter(c.strip() for c in found.cells[quality]).most_common(1)) if quality else ()
+    by_tag: dict[str, list[str]] = {name: [] for name in tags if name}
+    for name, cell in zip(found.cells[tag], found.cells[value], strict=True):
+        if name.strip():
+            by_tag[name.strip()].append(cell)
+    others = {c: found.cells[c] for c in found.header if c not in (tag, value, quality)}
+    return replace(
+        found,
+        header=(*others, *by_tag),
+        units=("",) * (len(others) + len(by_tag)),
+        cells={**others, **by_tag},
+        long=LongTable(tag, value, quality, good),
+    )
 
 
 def _head(path: str) -> bytes:
@@ -117,57 +235,60 @@ def _decoded(raw: bytes, path: str) -> tuple[str, str]:
             return raw.decode("latin-1"), "latin-1"
 
 
-def _table(lines: Sequence[str], path: str) -> tuple[str, int]:
-    """Delimiter, and index of the header: the first line that is as wide as most, before the first with numbers."""
-    best: tuple[float, str, int] | None = None
+def _table(lines: Sequence[str], path: str) -> tuple[str, int, int]:
+    """Delimiter, index of the header (−1 where none names the columns) and width: the header is the first line that is
+    as wide as most, before the first with numbers, and that is no row of units."""
+    best: tuple[float, str, int, int] | None = None
     shown = [line for line in lines if line.strip() and not line.startswith("#")]
-    for delimiter in DELIMITERS.values():
-        widths = [len(row) for row in csv.reader(shown, delimiter=delimiter)]
+    for delimiter in (*DELIMITERS.values(), WHITESPACE):
+        if delimiter == WHITESPACE and best is not None:
+            break  # blanks also stand within cells
+        widths = [len(row) for row in _split(shown, delimiter)]
         common, count = Counter(widths[len(widths) // 3 :]).most_common(1)[0] if widths else (1, 0)
-        if common < 2:
+        if common < 2 or (delimiter == WHITESPACE and len(shown) < FEWEST_LINES):
             continue
         score = count / len(shown) * common
-        header = next(
-            (
-                k
-                for k, line in enumerate(lines[:MOST_TITLE_LINES])
-                if not line.startswith("#") and _is_header(next(csv.reader([line], delimiter=delimiter), []), common)
-            ),
-            -1,
-        )
-        if header >= 0 and (best is None or score > best[0]):
-            best = (score, delimiter, header)
+        rows = list(_split(lines[:MOST_TITLE_LINES], delimiter))
+        headers = [k for k, row in enumerate(rows) if is_header(row, common) and not is_unit_row(row, common)]
+        bare = [k for k in headers if not lines[k].startswith("#")]
+        if not headers and not all(is_numeric_row(row) for row in _split(shown[:20], delimiter)):
+            continue
+        header = bare[0] if bare else headers[-1] if headers else -1
+        if best is None or score > best[0]:
+            best = (score, delimiter, header, common)
     if best is None:
-        raise DataError(f"{path}: no table with a header was found (commas, semicolons, tabs and | were tried)")
-    return best[1], best[2]
+        raise DataError(f"{path}: no table with a header was found (commas, semicolons, tabs, | and blanks were tried)")
+    return best[1:]
 
 
-def _is_header(row: Sequence[str], width: int) -> bool:
+def is_header(row: Sequence[str], width: int) -> bool:
+    """Whether a row may name columns: most of its cells are words; one that is empty has no name."""
     named = [cell.strip() for cell in row]
-    return (
-        len(row) == width and all(named) and sum(not _NUMBER.fullmatch(c.replace(",", ".")) for c in named) > width / 2
-    )
+    words = sum(bool(c) and not _NUMBER.fullmatch(c.replace(",", ".")) for c in named)
+    return len(row) == width and words > width / 2 and sum(map(bool, named)) >= min(width - 1, 0.7 * width)
 
 
-def _is_unit_row(row: Sequence[str], width: int) -> bool:
+def is_numeric_row(row: Sequence[str]) -> bool:
+    """Whether all cells are numbers: the row of a file without a header."""
+    return len(row) > 1 and all(_NUMBER.fullmatch(c.strip()) or not c.strip() for c in row)
+
+
+def is_unit_row(row: Sequence[str], width: int) -> bool:
+    """Whether a row states the units of the columns."""
     cells = [cell.strip(" []()") for cell in row]
     filled = [cell for cell in cells if cell and cell != "-"]
-    return len(row) == width and bool(filled) and sum(known_unit(c) for c in filled) >= len(filled) / 2
-
-
-def known_unit(text: str) -> bool:
-    """Whether a text is a unit or an alias of one."""
-    try:
-        find_unit(text)
-    except UnitError:
+    if len(row) != width or not filled or any(_NUMBER.fullmatch(c) for c in filled):
         return False
-    return not _NUMBER.fullmatch(text)
+    return sum(unit_word(c) is not None for c in filled) >= UNITS_OF_A_ROW * len(filled)
 
 
-def _decimal(rows: Sequence[Sequence[str]], delimiter: str) -> str:
-    if delimiter == ",":
-        return "."
+def _marks(rows: Sequence[Sequence[str]], delimiter: str) -> tuple[str, str]:
+    """The decimal mark, and the name of the mark between groups of three digits, empty where there is none."""
     cells = [cell.strip() for row in rows for cell in row]
+    grouped = [cell for cell in cells if _GROUPED.fullmatch(cell)]
     commas = sum(bool(re.fullmatch(r"[-+]?\d*,\d+([eE][-+]?\d+)?", cell)) for cell in cells)
     points = sum(bool(re.fullmatch(r"[-+]?\d*\.\d+([eE][-+]?\d+)?", cell)) for cell in cells)
-    return "," if commas > points else "."
+    surely = any("." in cell or cell.count(",") > 1 for cell in grouped)
+    if grouped and (surely or (points and commas == len(grouped))):
+        return ".", ","
+    return ("," if delimiter != "," and commas > points else "."), ""

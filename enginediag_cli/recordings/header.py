@@ -1,0 +1,364 @@
+"""The columns of a foreign file read together: what all names share, which public format they follow, which of them
+come once for each engine, which are probes of one quantity, and which shaft is which."""
+
+from __future__ import annotations
+
+import re
+from collections import Counter, defaultdict
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from enginediag_cli.recordings.naming_schemes import NamingScheme, scheme_of
+from enginediag_cli.recordings.quantities import Mark, Meaning, Name, meaning_of, read_name
+from enginediag_cli.recordings.sniff import Sniffed
+from enginediag_cli.recordings.unit_words import UnitWord, trailing_unit, unit_word
+
+SHARED = 0.6
+"""Share of the columns that must have a word in common for it to say nothing about any of them."""
+FEWEST_SHARING = 4
+"""Columns that must have it: two or three may share a word that means something."""
+AGREE = 0.004
+"""Relative difference within which two readings are those of two channels of one engine: speeds of two engines differ
+by more over a flight, two probes of one shaft by a tenth of a per cent."""
+
+
+@dataclass(frozen=True)
+class Entry:
+    """A column of numbers and what it is taken for. values: (N,) as the file has them; unit: as the name, the unit
+    row or the format's documentation states it; pattern: its name with {prefix} for the engine; doubts: to be
+    decided; documented: the unit is the documentation's and not the file's."""
+
+    column: str
+    name: Name
+    values: np.ndarray
+    meaning: Meaning | None = None
+    unit: UnitWord | None = None
+    pattern: str = ""
+    doubts: tuple[str, ...] = ()
+    documented: bool = False
+
+    @property
+    def target(self) -> str:
+        """The target column, or an empty text where the name means nothing."""
+        return self.meaning.target if self.meaning else ""
+
+
+@dataclass
+class Header:
+    """entries: the columns of numbers, those of the first engine where engines have their own; engines: name → prefix;
+    texts: target text column → source; open: what the user must decide; scheme: the public format; others: column of
+    another engine → pattern."""
+
+    entries: list[Entry] = field(default_factory=list)
+    engines: dict[str, str] = field(default_factory=dict)
+    texts: dict[str, str] = field(default_factory=dict)
+    open: list[str] = field(default_factory=list)
+    scheme: NamingScheme | None = None
+
+
+def read_header(sniffed: Sniffed, taken: Collection[str] = ()) -> Header:
+    """Read the columns of a file together; taken: columns of time stamps, which are something else."""
+    columns = [c for c in sniffed.header if c not in taken]
+    numbers = {c: v for c in columns if (v := sniffed.values(c)) is not None}
+    result = Header()
+    names = _names(columns, sniffed)
+    bare = {c: trailing_unit(c)[0] if trailing_unit(c) else c for c in columns}  # type: ignore[index]
+    result.scheme = scheme_of([bare[c] for c in columns])
+    for c in columns:
+        documented = result.scheme.find(bare[c]) if result.scheme else None
+        text = documented.text if documented else _identity(names[c])
+        if text and text not in result.texts:
+            result.texts[text] = c
+        elif c in numbers:
+            result.entries.append(_entry(c, names[c], numbers[c], sniffed, result.scheme, bare[c]))
+    _find_engines(result)
+    _resolve_shafts(result)
+    if result.engines:
+        result.texts.pop("engine", None)
+    return result
+
+
+def _names(columns: Sequence[str], sniffed: Sniffed) -> dict[str, Name]:
+    """Each column's name taken apart, without what most of them share."""
+    start = _shared_prefix(columns)
+    tails: dict[str, set[str]] = defaultdict(set)
+    for c in columns:
+        if re.fullmatch(r".+[ _.-][A-Za-z]", c):
+            tails[c[:-2]].add(c[-1].casefold())
+    single = {c: len(tails.get(c[:-2], ())) < 2 for c in columns}
+
+    def read(ignored: Sequence[str]) -> dict[str, Name]:
+        return {
+            c: _shifted(read_name(c[cut:], single_letter_unit=single[c], ignored=ignored), c, cut)
+            for c in columns
+            for cut in (len(start) if c.startswith(start) else 0,)
+        }
+
+    first = read(())
+    words = Counter(w.casefold() for name in first.values() for w in set(name.unknown))
+    ignored = [w for w, n in words.items() if n >= max(SHARED * len(columns), FEWEST_SHARING)]
+    return read(ignored) if ignored else first
+
+
+def _shifted(name: Name, text: str, by: int) -> Name:
+    marks = tuple(replace(m, start=m.start + by, end=m.end + by) for m in name.marks)
+    return replace(name, text=text, marks=marks)
+
+
+def _shared_prefix(columns: Sequence[str]) -> str:
+    """The longest text up to a separator with which most columns begin, if no word in it is a quantity's."""
+    counts: Counter[str] = Counter()
+    for c in columns:
+        for gap in re.finditer(r"[_.:/\\|]+|\s*-\s+|\s+", c):
+            if gap.end() < len(c):
+                counts[c[: gap.end()]] += 1
+    least = max(SHARED * len(columns), FEWEST_SHARING)
+    for prefix, n in sorted(counts.items(), key=lambda item: -len(item[0])):
+        name = read_name(prefix.strip(" _.:/\\|-"))
+        if n >= least and not name.features - {"engine"} and not name.station:
+            return prefix
+    return ""
+
+
+def _identity(name: Name) -> str:
+    """The text column that a name is (`flight`, `engine`, `phase`), or an empty text."""
+    features = name.features - {"no", "id"}
+    if "phase" in features and features <= {"phase", "flight", "engine"}:
+        return "phase"
+    if "flight" in features and features <= {"flight"}:
+        return "flight"
+    if ("serial" in features or ({"engine"} == features and "id" in name.features | _words(name))) and features <= {
+        "serial",
+        "engine",
+    }:
+        return "engine"
+    return ""
+
+
+def _words(name: Name) -> set[str]:
+    return {"id"} if re.search(r"\b(id|serial|s/?n|esn)\b", name.text.replace("_", " "), re.I) else set()
+
+
+def _entry(
+    column: str, name: Name, values: np.ndarray, sniffed: Sniffed, scheme: NamingScheme | None, bare: str
+) -> Entry:
+    """A column of numbers with its meaning and the unit that is stated for it."""
+    row = sniffed.units[sniffed.header.index(column)]
+    unit = name.unit or unit_word(row)
+    documented = scheme.find(bare) if scheme else None
+    if documented is not None and documented.target:
+        doubts = (documented.doubt,) if documented.doubt else ()
+        own = unit or (UnitWord(documented.unit) if documented.unit else None)
+        meaning = Meaning(documented.target, (), 3.0)
+        return Entry(column, name, values, meaning, own, column, doubts, unit is None and own is not None)
+    if documented is not None:
+        return Entry(column, name, values, None, unit, column)
+    name = _with_kind(name, unit)
+    found = meaning_of(name)
+    doubts = (*((found.doubt,) if found.doubt else ()), *found.remarks) if found else ()
+    return Entry(column, name, values, found, unit, column, doubts)
+
+
+_KIND_BY_DIMENSION = {
+    "temperature": "T",
+    "pressure": "P",
+    "rotational speed": "N",
+    "mass flow": "flow",
+    "volume flow": "flow",
+    "torque": "torque",
+    "power": "power",
+    "force": "thrust",
+}
+_ALL_KINDS = {
+    "T",
+    "P",
+    "N",
+    "flow",
+    "torque",
+    "power",
+    "thrust",
+    "speed",
+    "V",
+    "altitude",
+    "mach",
+    "humidity",
+    "dp",
+    "EPR",
+}
+
+
+def _with_kind(name: Name, unit: UnitWord | None) -> Name:
+    """A name whose words name a place alone is of the kind that its unit measures: `Ambient [kPa]`."""
+    kind = _KIND_BY_DIMENSION.get(unit.dimension, "") if unit else ""
+    if kind and name.features and not name.unknown and not name.features & _ALL_KINDS:
+        return replace(name, features=name.features | {kind})
+    return name
+
+
+# ---- engines ----
+
+
+LEFT, RIGHT = ("l", "lh", "left", "port"), ("r", "rh", "right", "stbd")
+
+
+def _side(text: str) -> str:
+    lowered = text.casefold()
+    return (
+        "left"
+        if lowered in LEFT
+        else "right"
+        if lowered in RIGHT
+        else lowered.upper()
+        if len(lowered) == 1
+        else lowered
+    )
+
+
+def _stems(entries: Sequence[Entry]) -> Iterator[tuple[str, Mark, Entry]]:
+    for entry in entries:
+        for mark in entry.name.marks:
+            yield entry.column[: mark.start] + "{prefix}" + entry.column[mark.end :], mark, entry
+
+
+def _find_engines(header: Header) -> None:
+    """Engines of the file: marks by which speeds or fuel flows come in pairs; only the first engine's columns stay.
+
+    Marks of other columns alone (two temperatures, one speed) are those of probes.
+    """
+    known = [e for e in header.entries if e.meaning]
+    stems: dict[str, dict[str, Entry]] = defaultdict(dict)
+    explicit: set[str] = set()
+    for stem, mark, entry in _stems(known):
+        stems[stem].setdefault(mark.text, entry)
+        explicit |= {stem} if mark.explicit else set()
+    evidence = {s: set(by) for s, by in stems.items() if len(by) > 1 and _shows_engines(next(iter(by.values())))}
+    if not evidence:
+        _unpaired_marks(header, explicit, stems)
+        return
+    sets = Counter(frozenset(texts) for texts in evidence.values())
+    texts = max(sets, key=lambda s: (any(evidence[e] == s and e in explicit for e in evidence), sets[s], -len(s)))
+    if _are_channels(known, stems, evidence, texts, explicit):
+        return
+    ordered = sorted(texts, key=lambda t: (_side(t) != "left", t))
+    header.engines = {(_side(t) if _side(t) in ("left", "right") else f"engine_{_side(t)}"): t for t in ordered}
+    _keep_first_engine(header, stems, explicit, ordered)
+
+
+def _shows_engines(entry: Entry) -> bool:
+    return entry.target.startswith("shaft") or entry.target in ("Wf_kg_s", "N1_rpm", "N2_rpm")
+
+
+def _are_channels(
+    known: Sequence[Entry],
+    stems: Mapping[str, Mapping[str, Entry]],
+    evidence: Mapping[str, set[str]],
+    texts: Collection[str],
+    explicit: Collection[str],
+) -> bool:
+    """Whether marks are those of two channels of one engine: speeds in pairs that agree, beside one fuel flow."""
+    paired = [s for s, t in evidence.items() if t == set(texts)]
+    if any(s in explicit for s in paired) or any(next(iter(stems[s].values())).target == "Wf_kg_s" for s in paired):
+        return False
+    if not any(e.target == "Wf_kg_s" and not e.name.marks for e in known):
+        return False
+    for s in paired:
+        one, other = list(stems[s].values())[:2]
+        with np.errstate(invalid="ignore", divide="ignore"):
+            apart = np.nanmedian(np.abs(one.values - other.values) / np.abs(one.values))
+        if not apart < AGREE:
+            return False
+    return True
+
+
+def _keep_first_engine(
+    header: Header, stems: Mapping[str, Mapping[str, Entry]], explicit: Collection[str], texts: Sequence[str]
+) -> None:
+    pattern: dict[str, tuple[str, str]] = {}  # column → stem, mark
+    for stem, by in sorted(stems.items(), key=lambda item: item[0] not in explicit):
+        if set(by) & set(texts) and (stem in explicit or len(by) > 1 or not explicit):
+            for text, entry in by.items():
+                if text in texts:
+                    pattern.setdefault(entry.column, (stem, text))
+    complete = {stem for stem, by in stems.items() if set(texts) <= set(by)}
+    kept: list[Entry] = []
+    for entry in header.entries:
+        stem, text = pattern.get(entry.column, ("", ""))
+        spelt = [
+            m for m in entry.name.marks if m.explicit and m.text not in texts and _side(m.text) in map(_side, texts)
+        ]
+        if spelt and not stem:
+            header.open.append(
+                f"{entry.column}: its engine is spelt otherwise than {' and '.join(texts)}; rename the column"
+            )
+        elif not stem:
+            kept.append(entry)
+        elif stem not in complete:
+            header.open.append(f"{entry.column}: only some of the engines have this column")
+        elif text == texts[0]:
+            rest = tuple(m for m in entry.name.marks if m.text != text or not _is_at(stem, m))
+            kept.append(replace(entry, pattern=stem, name=replace(entry.name, marks=rest)))
+    header.entries = kept
+
+
+def _is_at(stem: str, mark: Mark) -> bool:
+    return stem.find("{prefix}") == mark.start
+
+
+def _unpaired_marks(header: Header, explicit: Collection[str], stems: Mapping[str, Mapping[str, Entry]]) -> None:
+    """Marks of engines without a pair of speeds or fuel flows: one engine's where there is one, else a question."""
+    texts = {_side(t) for s in explicit for t in stems[s]}
+    if len(texts) > 1:
+        header.open.append(
+            f"columns are marked for {' and '.join(sorted(texts))}, but no speed or fuel flow comes for each of them: "
+            "two engines, or probes of one?"
+        )
+    header.entries = [
+        replace(e, name=replace(e.name, marks=tuple(m for m in e.name.marks if not m.explicit or len(texts) > 1)))
+        for e in header.entries
+    ]
+
+
+# ---- shafts ----
+
+
+def _resolve_shafts(header: Header) -> None:
+    """`shaft lp` and the like become N1, N2, N3, by all shafts that the file has."""
+    roles = {e.target.split(" ", 1)[1] for e in header.entries if e.target.startswith("shaft ")}
+    numbers = shaft_numbers(roles)
+    entries = []
+    for e in header.entries:
+        role = e.target.split(" ", 1)[1] if e.target.startswith("shaft ") else ""
+        if not role or e.meaning is None:
+            entries.append(e)
+        elif role not in numbers:
+            entries.append(replace(e, meaning=None))
+        else:
+            doubt = (
+                ()
+                if e.meaning.doubt or role != "hp" or roles & {"lp", "ip", "fan", "1", "gg"}
+                else ("the file has no speed of a low-pressure shaft; N2 by convention",)
+            )
+            entries.append(
+                replace(e, meaning=replace(e.meaning, target=f"{numbers[role]}_rpm"), doubts=(*e.doubts, *doubt))
+            )
+    header.entries = entries
+
+
+def shaft_numbers(roles: Collection[str]) -> dict[str, str]:
+    """Role of a shaft → its label. The gas generator is N1 and the power turbine N2 where the gas generator has one
+    shaft; else the low-pressure shaft is N1, the high-pressure one N2, or N3 above an intermediate one."""
+    three = bool({"ip", "3"} & set(roles))
+    numbers = {"1": "N1", "2": "N2", "3": "N3", "lp": "N1", "fan": "N1", "gg": "N1"}
+    numbers |= {"ip": "N2", "hp": "N3" if three else "N2", "core": "N3" if three else "N2"}
+    two_spools = bool({"hp", "core"} & set(roles)) and bool({"lp", "fan"} & set(roles))
+    if "gg" in roles and {"lp", "1", "fan"} & set(roles):
+        numbers["gg"] = "N2"
+    if "pt" in roles:
+        numbers["pt"] = "N3" if two_spools or {"1", "2"} <= set(roles) else "N2"
+    if "hp" in roles and "pt" in roles and not two_spools:
+        numbers["hp"] = "N1"
+    if not set(roles) & {"1", "lp", "fan", "gg"}:
+        numbers["any"] = "N1"
+    return {role: numbers[role] for role in roles if role in numbers}

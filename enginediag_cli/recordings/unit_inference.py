@@ -1,0 +1,333 @@
+"""The units of a file's columns, where it does not state them: one posterior over all of them together.
+
+An axis is a group of columns that are recorded in one unit (the temperatures of the outside air, those of the gas
+path, …). Each combination of units is judged by a prior (which units are usual), by whether each column's median can
+be what it is taken for, and by what physics says of columns together: total and static temperature at a Mach number,
+the standard atmosphere, airspeed against Mach number, and the work of a compressor. What is left of the other
+combinations is doubt.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from enginediag_cli.recordings.acceptance import usual_range
+from enginediag_cli.recordings.derived.isa_deviation import isa_temperature
+from enginediag_cli.recordings.derived.mach_from_cas import isa_pressure, mach_from_cas
+from enginediag_cli.recordings.derived.static_temperature import static_temperature
+from enginediag_cli.units import find_unit, split_column
+
+PRIORS: Mapping[str, Mapping[str, float]] = {
+    "air temperature": {"degC": 0.70, "K": 0.15, "degF": 0.10, "degR": 0.05},
+    "gas temperature": {"degC": 0.45, "K": 0.30, "degF": 0.15, "degR": 0.10},
+    "air pressure": {"mbar": 0.3, "kPa": 0.2, "psi": 0.2, "Pa": 0.1, "bar": 0.1, "inHg": 0.1},
+    "pressure": {"psi": 0.35, "kPa": 0.25, "bar": 0.25, "Pa": 0.10, "MPa": 0.03, "mbar": 0.02},
+    "altitude": {"ft": 0.80, "m": 0.17, "kft": 0.03},
+    "airspeed": {"kt": 0.85, "m_s": 0.10, "kmh": 0.05},
+    "fuel flow": {"kg_h": 0.35, "lb_h": 0.35, "kg_s": 0.15, "lb_s": 0.10, "g_s": 0.05},
+    "flow": {"kg_s": 0.6, "lb_s": 0.4},
+    "torque": {"Nm": 0.35, "lbf_ft": 0.25, "pct": 0.35, "kNm": 0.05},
+    "power": {"kW": 0.4, "MW": 0.3, "W": 0.15, "hp": 0.15},
+    "thrust": {"N": 0.3, "kN": 0.35, "lbf": 0.35},
+    "difference of pressure": {"mbar": 0.4, "kPa": 0.2, "Pa": 0.2, "psi": 0.2},
+    "humidity": {"pct": 0.9, "1": 0.1},
+    "speed": {"rpm": 0.5, "pct": 0.5},
+}
+"""Axis → unit → how usual it is in flight recorders, test benches and plants, before any value is seen."""
+ALIKE = (("air temperature", "gas temperature", 0.05), ("air pressure", "pressure", 0.3))
+"""Axes that one file mostly records in one unit, and the prior's factor where it does not."""
+STATED_ELSEWHERE = 0.1
+"""The prior's factor for a unit other than that which columns of the axis state."""
+CERTAIN = 0.95
+"""Probability from which an inferred unit is a guess; below it is the user's to decide."""
+WORTH_NAMING = 0.02
+"""Probability from which another unit is named beside the likeliest."""
+WORST = -18.0
+"""Least ln likelihood of one fact: one column that is something else must not outweigh all others."""
+_RECORDS = 64
+"""Records, evenly chosen, at which columns are held against each other; more say the same again."""
+_LARGEST_POSTERIOR = 2_000_000
+"""Combinations of units that are enumerated at most; 8 bytes each."""
+
+Limits = Mapping[str, tuple[float, float]]
+"""Target → lowest and highest value in SI that an engine file allows."""
+
+
+@dataclass(frozen=True)
+class Inferred:
+    """A column's unit: the likeliest, its probability, and other units that are possible with theirs."""
+
+    unit: str
+    probability: float
+    others: tuple[tuple[str, float], ...]
+
+    @property
+    def certain(self) -> bool:
+        """Whether it may be taken as a guess."""
+        return self.probability >= CERTAIN
+
+
+def axis_of(target: str) -> str:
+    """The axis of a target column, or an empty text where its unit is not inferred."""
+    quantity, own = split_column(target)
+    dimension = find_unit(own or "1").dimension
+    if dimension == "temperature":
+        air = quantity in ("ambient_temperature", "TAT", "T0", "T1", "T2")
+        return "air temperature" if air else "gas temperature"
+    if dimension == "pressure":
+        if quantity.startswith("dP_"):
+            return "difference of pressure"
+        return "air pressure" if quantity == "ambient_pressure" else "pressure"
+    if dimension == "mass flow":
+        return "fuel flow" if quantity == "Wf" else "flow"
+    if target == "relative_humidity":
+        return "humidity"
+    return {
+        "length": "altitude",
+        "speed": "airspeed",
+        "torque": "torque",
+        "power": "power",
+        "force": "thrust",
+        "rotational speed": "speed",
+    }.get(dimension, "")
+
+
+_DEVIATION_PER_STEP = 0.04
+"""Relative distance from a usual range that counts as one standard deviation: ranges are soft by a few per cent."""
+
+_FURTHER_RANGES: Mapping[str, tuple[float, float]] = {
+    "mach": (0.0, 1.2),
+    "cas_m_s": (0.0, 230.0),
+    "tas_m_s": (0.0, 320.0),
+    "relative_humidity": (0.02, 1.05),
+    "TAT_K": (200.0, 340.0),
+    "torque_Nm": (20.0, 5e5),
+    "power_W": (1e3, 6e8),
+    "Fn_N": (20.0, 6e5),
+    "Fg_N": (20.0, 6e5),
+    "dP_inlet_Pa": (20.0, 4e3),
+    "dP_exhaust_Pa": (50.0, 1e4),
+    "BPR": (0.1, 15.0),
+    "EPR": (0.8, 5.0),
+}
+"""Ranges of medians of quantities that `acceptance.USUAL` does not hold, in SI, as wide as engines differ."""
+
+
+def range_of(target: str, limits: Limits | None = None) -> tuple[float, float] | None:
+    """Where a target's median usually lies, in SI; by the engine's own limits where they are known."""
+    quantity, own = split_column(target)
+    known = usual_range(quantity, find_unit(own or "1").dimension)
+    usual = (known.low, known.high) if known else _FURTHER_RANGES.get(target)
+    own_limits = (limits or {}).get(target)
+    if own_limits is None:
+        return usual
+    low, high = own_limits
+    return (
+        (max(low, usual[0]), min(high, usual[1])) if usual and max(low, usual[0]) < min(high, usual[1]) else (low, high)
+    )
+
+
+def outside(value: float, limits: tuple[float, float] | None) -> float:
+    """How many soft steps a value lies outside limits; 0 within."""
+    if limits is None or not np.isfinite(value):
+        return 0.0
+    low, high = limits
+    scale = max(abs(low), abs(high)) if low <= 0.0 else None
+    if value < low:
+        return (low - value) / (_DEVIATION_PER_STEP * (scale or low))
+    if value > high:
+        return (value - high) / (_DEVIATION_PER_STEP * (scale or high))
+    return 0.0
+
+
+@dataclass(frozen=True)
+class Column:
+    """A column whose unit is sought: its target, N values as the file has them, and the unit and factor it states."""
+
+    target: str
+    values: np.ndarray
+    unit: str = ""
+    scale: float = 1.0
+
+    def in_si(self, unit: str) -> np.ndarray:
+        """Values (N,) in SI, read in that unit."""
+        known = find_unit(self.unit or unit)
+        return self.values * self.scale * known.factor + known.offset
+
+
+Together = Callable[[Mapping[str, np.ndarray]], np.ndarray]
+
+
+def _total_and_static(c: Mapping[str, np.ndarray]) -> np.ndarray:
+    # T_t = T (1 + 0.2 M²): probes of both agree within some kelvin
+    return (static_temperature(c["TAT_K"], c["mach"]) - c["ambient_temperature_K"]) / 3.0
+
+
+def _standard_atmosphere(c: Mapping[str, np.ndarray]) -> np.ndarray:
+    # air is within about 12 K of the standard atmosphere (standard deviation over seasons and latitudes)
+    return (c["ambient_temperature_K"] - isa_temperature(c["altitude_m"])) / 12.0
+
+
+def _standard_atmosphere_total(c: Mapping[str, np.ndarray]) -> np.ndarray:
+    return (static_temperature(c["TAT_K"], c["mach"]) - isa_temperature(c["altitude_m"])) / 12.0
+
+
+def _pressure_at_altitude(c: Mapping[str, np.ndarray]) -> np.ndarray:
+    # pressure altitude is a pressure; geometric altitude differs by the weather, 3 %
+    return np.log(np.maximum(c["ambient_pressure_Pa"], 1.0) / isa_pressure(c["altitude_m"])) / 0.03
+
+
+def _airspeed_and_mach(c: Mapping[str, np.ndarray]) -> np.ndarray:
+    # 0.02: calibrated against indicated airspeed, and readings of different moments
+    return (mach_from_cas(c["cas_m_s"], c["altitude_m"]) - c["mach"]) / 0.02
+
+
+def _compressor_work(air: str, pressure: str) -> Together:
+    def judge(c: Mapping[str, np.ndarray]) -> np.ndarray:
+        # polytropic: ln(T3/T2) = (γ − 1)/(γ e) ln(P3/P2), with (γ − 1)/γ = 0.28 and e = 0.86 ± 0.06
+        with np.errstate(invalid="ignore", divide="ignore"):
+            work = np.log(c["T3_K"] / c[air])
+            ideal = 0.28 * np.log(c["P3_Pa"] / c[pressure])
+            return (ideal / work - 0.86) / 0.06
+
+    return judge
+
+
+TOGETHER: Sequence[tuple[tuple[str, ...], Together]] = (
+    (("TAT_K", "ambient_temperature_K", "mach"), _total_and_static),
+    (("ambient_temperature_K", "altitude_m"), _standard_atmosphere),
+    (("TAT_K", "altitude_m", "mach"), _standard_atmosphere_total),
+    (("ambient_pressure_Pa", "altitude_m"), _pressure_at_altitude),
+    (("cas_m_s", "altitude_m", "mach"), _airspeed_and_mach),
+    (("T3_K", "T2_K", "P3_Pa", "P2_Pa"), _compressor_work("T2_K", "P2_Pa")),
+    (
+        ("T3_K", "ambient_temperature_K", "P3_Pa", "ambient_pressure_Pa"),
+        _compressor_work("ambient_temperature_K", "ambient_pressure_Pa"),
+    ),
+)
+"""Columns that physics holds together, and by how many standard deviations they disagree, record by record."""
+
+
+def infer_units(columns: Sequence[Column], limits: Limits | None = None) -> list[Inferred | None]:
+    """The unit of each column that states none, from all columns together; None where it states one, or where nothing
+    is known of its kind. Speeds are judged one by one, since % of each shaft is its own."""
+    axes = [axis_of(c.target) for c in columns]
+    names = list(dict.fromkeys(a for a, c in zip(axes, columns, strict=True) if a and a != "speed" and not c.unit))
+    options = {a: tuple(PRIORS[a]) for a in names}
+    while np.prod([len(o) for o in options.values()], dtype=float) > _LARGEST_POSTERIOR:
+        names.remove(max(names, key=lambda a: axes.count(a)))
+        options = {a: options[a] for a in names}
+    log = np.zeros(tuple(len(options[a]) for a in names))
+    for a in names:
+        log = log + _spread(_axis_evidence(a, columns, axes, limits), names, (a,))
+    for one, other, factor in ALIKE:
+        if one in names and other in names:
+            same = np.array([[0.0 if u == v else np.log(factor) for v in options[other]] for u in options[one]])
+            log = log + _spread(same, names, (one, other))
+    for targets, judge in TOGETHER:
+        found = _held_together(targets, judge, columns, axes, options)
+        if found is not None:
+            log = log + _spread(found[0], names, found[1])
+    weight = np.exp(log - log.max())
+    weight /= weight.sum()
+    marginal = {}
+    for k, a in enumerate(names):
+        marginal[a] = dict(zip(options[a], weight.sum(axis=tuple(i for i in range(len(names)) if i != k)), strict=True))
+    return [
+        None
+        if c.unit or not a
+        else _of_speed(c, limits)
+        if a == "speed"
+        else _best(marginal[a])
+        if a in marginal
+        else None
+        for c, a in zip(columns, axes, strict=True)
+    ]
+
+
+def _axis_evidence(axis: str, columns: Sequence[Column], axes: Sequence[str], limits: Limits | None) -> np.ndarray:
+    """ln of prior times plausibility for each unit of an axis."""
+    mine = [c for c, a in zip(columns, axes, strict=True) if a == axis]
+    twin = next(({one, other} - {axis} for one, other, _ in ALIKE if axis in (one, other)), set())
+    stated = {c.unit for c in mine if c.unit}
+    beside = {c.unit for c, a in zip(columns, axes, strict=True) if a in twin and c.unit}
+    result = []
+    for unit, prior in PRIORS[axis].items():
+        value = np.log(prior)
+        if stated or beside:
+            value += 0.0 if unit in (stated or beside) else np.log(STATED_ELSEWHERE)
+        for c in mine:
+            if not c.unit:
+                value += likelihood_of_range(c, unit, limits)
+        result.append(value)
+    return np.array(result)
+
+
+def likelihood_of_range(column: Column, unit: str, limits: Limits | None = None) -> float:
+    """ln likelihood, 0 at most, that the column's median in that unit is what its target usually is."""
+    if find_unit(unit).dimension == "ratio" and split_column(column.target)[1]:
+        return 0.0 if np.nanmax(np.abs(column.values)) <= _FULL_SCALE_PCT else WORST
+    median = float(np.nanmedian(column.in_si(unit)))
+    return float(max(-0.5 * outside(median, range_of(column.target, limits)) ** 2, WORST))
+
+
+_FULL_SCALE_PCT = 135.0
+"""Largest reading of a speed or torque in %: overspeed and overtorque included."""
+
+
+def _held_together(
+    targets: Sequence[str],
+    judge: Together,
+    columns: Sequence[Column],
+    axes: Sequence[str],
+    options: Mapping[str, tuple[str, ...]],
+) -> tuple[np.ndarray, tuple[str, ...]] | None:
+    """ln likelihood over the units of the axes that these targets leave open, or None where one is not recorded."""
+    mine = {c.target: (c, a) for c, a in zip(columns, axes, strict=True) if c.target in targets}
+    if len(mine) < len(targets):
+        return None
+    if any(not c.unit and a and a not in options for c, a in mine.values()):
+        return None
+    open_axes = tuple(dict.fromkeys(a for c, a in mine.values() if a and not c.unit))
+    if not open_axes:
+        return None
+    result = np.zeros(tuple(len(options[a]) for a in open_axes))
+    for index in np.ndindex(*result.shape):
+        units = {a: options[a][k] for a, k in zip(open_axes, index, strict=True)}
+        si = {t: _some(c.in_si(units.get(a, "1") if not c.unit else c.unit)) for t, (c, a) in mine.items()}
+        with np.errstate(all="ignore"):
+            apart = np.abs(judge(si))
+        apart = apart[np.isfinite(apart)]
+        result[index] = max(-0.5 * float(np.median(apart)) ** 2, WORST) if apart.size else WORST
+    return result, open_axes
+
+
+def _some(values: np.ndarray) -> np.ndarray:
+    return values[np.unique(np.linspace(0, len(values) - 1, _RECORDS).astype(int))]
+
+
+def _spread(values: np.ndarray, names: Sequence[str], axes: Sequence[str]) -> np.ndarray:
+    """An array over some axes, as one that broadcasts over all of them."""
+    order = sorted(range(len(axes)), key=lambda k: names.index(axes[k]))
+    moved = np.transpose(values, order)
+    shape = [1] * len(names)
+    for size, k in zip(moved.shape, order, strict=True):
+        shape[names.index(axes[k])] = size
+    return moved.reshape(shape)
+
+
+def _best(marginal: Mapping[str, float]) -> Inferred:
+    ranked = sorted(marginal.items(), key=lambda item: -item[1])
+    others = tuple((unit, float(p)) for unit, p in ranked[1:] if p >= WORTH_NAMING)
+    return Inferred(ranked[0][0], float(ranked[0][1]), others)
+
+
+def _of_speed(column: Column, limits: Limits | None) -> Inferred:
+    """rpm or %: no shaft turns at 135 rpm, and none reads a thousand %."""
+    log = {u: np.log(p) + likelihood_of_range(column, u, limits) for u, p in PRIORS["speed"].items()}
+    best = max(log.values())
+    weight = {u: float(np.exp(v - best)) for u, v in log.items()}
+    return _best({u: w / sum(weight.values()) for u, w in weight.items()})
