@@ -102,6 +102,7 @@ class LeftOut:
     absent: tuple[Absent, ...] = ()
     reading: ReadingCounts = field(default_factory=ReadingCounts)
     gross: GrossCounts = field(default_factory=GrossCounts)
+    undecided: tuple[str, ...] = ()
 
     def masked(self, counts: MaskCounts) -> None:
         """Take over what a masker has counted so far."""
