@@ -89,14 +89,13 @@ def readings_of(
     described: Sequence[Parameter],
     clock: np.ndarray,
     conditions: np.ndarray | None = None,
-    read: Mapping[str, np.ndarray] | None = None,
+    read: Mapping[str, InputReadings] | None = None,
     effects: Mapping[str, Mapping[str, np.ndarray]] | None = None,
 ) -> Readings:
     """One epoch per element, in order; described (p,): their parameters that may change; conditions (n, c): means of
-    what was flown; read: of errors of inputs, what each of their instruments read (n,), in which the error is an
-    addition; effects: of errors of inputs, what one prior standard deviation does to the reading (n,) of each sensor,
-    by the name of its bias, where that is not what the statistics say. ValueError when the statistics are of
-    different parameters."""
+    what was flown; read: what the instruments of inputs read, by column; effects: of errors of inputs, what one prior
+    standard deviation does to the reading (n,) of each sensor, by the name of its bias, where that is not what the
+    statistics say. ValueError when the statistics are of different parameters."""
     first = statistics[0]
     if any(x.parameters != first.parameters for x in statistics):
         raise ValueError("statistics of different parameters have no common trend")
@@ -135,25 +134,40 @@ def readings_of(
         np.flatnonzero(kept),
         _weather(conditions[kept]) if conditions is not None else np.zeros((n, 0)),
     )
-    return _with_inputs(found, {name: values[kept] for name, values in (read or {}).items()})
+    return _with_inputs(found, [each.at(kept) for each in (read or {}).values()])
 
 
 FEWEST_READ = 12
 """Epochs below which what an input does by itself is not known."""
 
 
-def _with_inputs(readings: Readings, read: Mapping[str, np.ndarray]) -> Readings:
+@dataclass(frozen=True)
+class InputReadings:
+    """What the instrument of an input read in each of n epochs, `values` (n,), and what one unit of each of its errors
+    adds to that, `errors`: name → (n,)."""
+
+    values: np.ndarray
+    errors: Mapping[str, np.ndarray]
+
+    def at(self, kept: np.ndarray) -> InputReadings:
+        """In the epochs `kept` (n,) bool."""
+        return InputReadings(self.values[kept], {name: added[kept] for name, added in self.errors.items()})
+
+
+def _with_inputs(readings: Readings, read: Sequence[InputReadings]) -> Readings:
     """The series with what the instruments of inputs `read`; one that reads the same all the time is none."""
     rows, effects = [], []
-    for name, values in read.items():
+    for instrument in read:
+        values, known = instrument.values, [n for n in instrument.errors if n in readings.parameters]
         between = np.abs(np.diff(values))
         moved = between[between > VARIES * np.abs(values).max()]
-        if name not in readings.parameters or len(readings) < FEWEST_READ or not len(moved):
+        if not known or len(readings) < FEWEST_READ or not len(moved):
             continue
         unit = float(np.median(moved))
         effect = np.zeros((len(readings), len(readings.D)))
-        k = readings.parameters.index(name)
-        effect[:, k] = readings.D[k] / unit
+        for name in known:
+            k = readings.parameters.index(name)
+            effect[:, k] = instrument.errors[name] * readings.D[k] / unit
         rows.append((values - np.median(values)) / unit)
         effects.append(effect)
     if not rows:

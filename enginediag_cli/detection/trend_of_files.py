@@ -9,7 +9,7 @@ from typing import Protocol
 
 import numpy as np
 
-from enginediag_cli.detection.readings import Readings, jump, readings_of
+from enginediag_cli.detection.readings import InputReadings, Readings, jump, readings_of
 from enginediag_cli.engine.input_errors import InputError
 from enginediag_cli.errors import DataError
 from enginediag_cli.parameters import Parameter
@@ -67,13 +67,21 @@ class Series:
             name = f"engine {engine}: " if engine else ""
             raise DataError(f"{name}{error}") from None
 
-    def _read(self, mine: Sequence[Stretch]) -> dict[str, np.ndarray]:
-        """What the instruments of inputs read; the logarithm of it where their error multiplies."""
-        found = {}
-        for name, error in self.errors.items():
-            values = np.array([x.window.conditions.get(error.column, np.nan) for x in mine])
-            if np.all(np.isfinite(values)) and (not error.multiplies or np.all(values > 0)):
-                found[name] = np.log(values) if error.multiplies else values
+    def _read(self, mine: Sequence[Stretch]) -> dict[str, InputReadings]:
+        """What the instruments of inputs read, by column; the logarithm of it where their usual error, the first,
+        multiplies."""
+        found: dict[str, InputReadings] = {}
+        by_column: dict[str, list[InputError]] = {}
+        for error in self.errors.values():
+            by_column.setdefault(error.column, []).append(error)
+        for column, errors in by_column.items():
+            values = np.array([x.window.conditions.get(column, np.nan) for x in mine])
+            log = errors[0].multiplies
+            if np.all(np.isfinite(values)) and (not log or np.all(values > 0)):
+                added = {e.parameter.name: values if e.multiplies else np.ones_like(values) for e in errors}
+                if log:
+                    added = {name: what / values for name, what in added.items()}
+                found[column] = InputReadings(np.log(values) if log else values, added)
         return found
 
     def _effects(self, mine: Sequence[Stretch]) -> dict[str, dict[str, np.ndarray]]:

@@ -3,14 +3,15 @@
 A model reads flight condition and power setting from instruments as well, and what such an instrument is wrong by it
 predicts for another operating point. With the reading u of a channel and its error,
 
-    u_true = u − b  (bias b)    or    u_true = u / s  (scale s),        ∂Φ/∂b = −∂Φ/∂u,   ∂Φ/∂s = −∂Φ/∂u · u / s²
+    u_true = (u − b) / s    (bias b, scale s),        ∂Φ/∂b = −∂Φ/∂u / s,   ∂Φ/∂s = −∂Φ/∂u · (u − b) / s²
 
-so that an error of an input is a parameter like any other, with the signature of a change of operating point.
+so that an error of an input is a parameter like any other, with the signature of a change of operating point. Both are
+forms of one fault of one instrument.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -50,7 +51,8 @@ BOUND = 10.0
 
 @dataclass(frozen=True)
 class InputError:
-    """The error of one input column: its parameter, and whether it multiplies the reading or is added to it."""
+    """One form of the error of an input column: its parameter, and whether it multiplies the reading or is added to
+    it."""
 
     column: str
     parameter: Parameter
@@ -73,27 +75,49 @@ class InputErrors(WrappedModel):
         super().__init__(engine, {name: error.parameter for name, error in self.errors.items()})
 
     @staticmethod
-    def of(engine: MonitoredModel, columns: Sequence[str] | None = None) -> MonitoredModel:
+    def of(
+        engine: MonitoredModel, columns: Sequence[str] | None = None, readings: Mapping[str, float] | None = None
+    ) -> MonitoredModel:
         """The engine with the errors of the input `columns` (default: of all that are instruments'), or as it is where
-        there are none."""
-        found = [suspected(engine, column) for column in (engine.inputs if columns is None else columns)]
-        errors = [error for error in found if error is not None and error.parameter.name not in engine.parameters]
+        there are none; readings: column → largest reading that was seen, in its unit."""
+        chosen, seen = engine.inputs if columns is None else columns, readings or {}
+        found = [error for column in chosen for error in forms(engine, column, seen.get(column, 0.0))]
+        errors = [error for error in found if error.parameter.name not in engine.parameters]
         return InputErrors(engine, errors) if errors else engine
 
     def _answer(self, asked: Question) -> Any:
         """Φ and ∂Φ/∂θ as the engine gives them, at the true inputs; those of the question are as they were read."""
-        true, slopes = dict(asked.inputs), {}
-        for name, error in self.errors.items():
+        true, slopes = dict(asked.inputs), dict[str, Any]()
+        for name, error in sorted(self.errors.items(), key=lambda item: item[1].multiplies):  # the bias comes off first
             value = np.asarray(asked.own.get(name, error.parameter.nominal), float)
+            read = np.asarray(true[error.column], float)
+            changed = bool(np.any(value != error.parameter.nominal))
+            if changed and error.multiplies:
+                slopes.update({n: slopes[n] / value for n in slopes if self.errors[n].column == error.column})
             if name in asked.wrt:
-                slopes[name] = error.slope(np.asarray(asked.inputs[error.column], float), value)
-            if np.any(value != error.parameter.nominal):
-                true[error.column] = error.corrected(np.asarray(asked.inputs[error.column], float), value)
+                slopes[name] = error.slope(read, value)
+            if changed:
+                true[error.column] = error.corrected(read, value)
         return self._ask_along(asked, {name: self.errors[name].column for name in slopes}, slopes, inputs=true)
 
 
+def forms(engine: MonitoredModel, column: str, largest: float = 0.0) -> tuple[InputError, ...]:
+    """The error of an input channel as a bias and as a scale, none where no instrument of the engine is read; of equal
+    size at the `largest` reading, where 0 at that which the engine file expects. The usual form alone where neither is
+    known, and of what may be negative: a deviation from ISA has no scale."""
+    usual = suspected(engine, column)
+    size = largest or _largest(engine, column)
+    if usual is None or not size > 0 or getattr(engine, "envelope", {}).get(column, (0.0, 0.0))[0] < 0:
+        return () if usual is None else (usual,)
+    by = 1.0 / size if not usual.multiplies else size
+    sigma, reach = by * usual.parameter.prior_sigma, by * (usual.parameter.upper - usual.parameter.nominal)
+    other = _error(column, not usual.multiplies, sigma, reach if usual.multiplies else min(reach, 0.5))
+    return usual, other
+
+
 def suspected(engine: MonitoredModel, column: str) -> InputError | None:
-    """The error of an input channel, by the dimension of its column; None where no instrument of the engine is read."""
+    """The usual form of the error of an input channel, by the dimension of its column; None where no instrument of the
+    engine is read."""
     quantity, unit = split_column(column)
     kind = known_unit(unit)
     if quantity in AIR_DATA:

@@ -18,7 +18,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from enginediag_cli.isolation.posterior import SetPosterior
-from enginediag_cli.isolation.prior import SetPrior
+from enginediag_cli.isolation.prior import Instruments, SetPrior
 from enginediag_cli.isolation.sizes import ParameterChange
 from enginediag_cli.residuals.score import Score
 
@@ -49,13 +49,14 @@ def averaged_sizes(
         return ()
     found = []
     unit = score.prior_sigma * prior.widths(score.described)
+    inclusion = Instruments.from_parameters(score.described).inclusion(posterior.inclusion)
     for i in score.indices(names).tolist():
         sets = _sets_with(posterior, i)
         weight, mean, spread = _mixture(score, posterior, sets, i, prior, about or {})
         centre = float(weight @ mean)
         error = float(np.sqrt(weight @ (spread**2 + (mean - centre) ** 2)))
         upper = _between(weight, mean, spread, confidence)[1]
-        ends = _held(weight, mean, spread, confidence, min(float(posterior.inclusion[i]), 1.0))
+        ends = _held(weight, mean, spread, confidence, min(float(inclusion[i]), 1.0))
         d = float(unit[i])
         own = (centre * d, error * d, ends[0] * d, ends[1] * d)
         found.append(ParameterChange(score.parameters[i], float(score.theta0[i]), *own, (upper - centre) * d))

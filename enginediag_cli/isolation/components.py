@@ -27,14 +27,14 @@ from enginediag_cli.isolation.classes import Class, class_of
 from enginediag_cli.isolation.enumeration import plan
 from enginediag_cli.isolation.methods import IsolationOptions
 from enginediag_cli.isolation.posterior import size_limit
-from enginediag_cli.isolation.prior import SetPrior, are_sensors
+from enginediag_cli.isolation.prior import Instruments, SetPrior, are_sensors
 from enginediag_cli.isolation.result import Explanation
 from enginediag_cli.isolation.wear import log_wear
 from enginediag_cli.residuals.score import Score
 from enginediag_cli.residuals.statistics import LocalStatistics
 
-MAX_SETS = 5000
-"""Enough for all sets of 12 components, or up to three of 30."""
+MAX_SETS = 15_000
+"""Enough for all sets of five components beside two of 13 instruments in two forms each."""
 HALF = 0.5
 """Probability from which a component is named: as wrong a name as a missing one, both are least often so then."""
 
@@ -73,18 +73,26 @@ def component_posterior(
     prior = prior or SetPrior()
     owner = [p.component for p in score.described]
     components = tuple(dict.fromkeys(owner))
-    members = [[i for i, o in enumerate(owner) if o == c] for c in components]
+    # an instrument is wrong in one of its forms: each is a unit, and two of one instrument have the prior 0
+    wrong, units = are_sensors(score.described), list[list[int]]()
+    for c in components:
+        mine = [i for i, o in enumerate(owner) if o == c]
+        units += [[i] for i in mine] if wrong[mine].all() else [mine]
+    instruments = Instruments(
+        np.array([components.index(owner[m[0]]) if wrong[m].all() else -1 for m in units], int)
+    ).numbered
     b, information = prior.scaled(score)
-    p, width = len(owner), max(map(len, members), default=0)
-    # every component is filled up to the same width with a parameter of which the data tell nothing
+    p, width = len(owner), max(map(len, units), default=0)
+    # every unit is filled up to the same width with a parameter of which the data tell nothing
     beta, I = np.zeros(p + 1), np.zeros((p + 1, p + 1))
     beta[:p], I[:p, :p] = b, information
-    padded = np.array([m + [p] * (width - len(m)) for m in members], dtype=int).reshape(len(members), width)
+    padded = np.array([m + [p] * (width - len(m)) for m in units], dtype=int).reshape(len(units), width)
     variance = np.square(prior.slabs)[:, None]
-    wrong = are_sensors(score.described)
-    c, sensors, few = len(components), np.array([bool(wrong[m].all()) for m in members], bool), prior.wrong_sensors
-    every, _ = plan(c, size_limit(c, largest, MAX_SETS, int(sensors.sum()), few), tuple(sensors.tolist()), few)
-    log_prior, sizes = prior.log_of(every, sensors), every.sum(axis=1)
+    u, forms, few = len(units), instruments.forms_of, prior.wrong_sensors
+    every, _ = plan(u, size_limit(u, largest, MAX_SETS, int(forms.sum()), few), tuple(forms.tolist()), few)
+    log_prior = prior.log_of(every, instruments)
+    every, log_prior = every[np.isfinite(log_prior)], log_prior[np.isfinite(log_prior)]
+    sizes = every.sum(axis=1)
     masks, logs = [every[:1]], [log_prior[:1]]
     for size in range(1, int(sizes.max()) + 1):
         mask = every[sizes == size]
@@ -97,11 +105,18 @@ def component_posterior(
         logs.append(np.logaddexp.reduce(each, axis=0) - np.log(len(each)) + log_prior[sizes == size])
         masks.append(mask)
     sets, weights = np.concatenate(masks), np.concatenate(logs)
-    held = np.array([[o == c for o in owner] for c in components], bool)
+    held = np.array([[i in m for i in range(p)] for m in units], bool).reshape(u, p)
     weights = weights + log_wear(score, sets @ held, weights, prior)
-    order = np.argsort(-weights, kind="stable")
-    probabilities = np.exp(weights[order] - weights[order[0]])
-    return components, sets[order], probabilities / probabilities.sum()
+    of_units = np.array([[owner[m[0]] == c for c in components] for m in units], bool).reshape(u, len(components))
+    return components, *_summed(sets @ of_units, np.exp(weights - weights.max(initial=0.0)))
+
+
+def _summed(sets: np.ndarray, weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Each of the sets (M, c) once, by falling probability, and the probabilities, of weights (M,)."""
+    found, where = np.unique(sets, axis=0, return_inverse=True)
+    total = np.bincount(where.reshape(-1), weights=weights, minlength=len(found))
+    order = np.argsort(-total, kind="stable")
+    return found[order], total[order] / total.sum()
 
 
 def more_probable_than_not(sets: np.ndarray, probabilities: np.ndarray) -> int:
@@ -158,7 +173,7 @@ def isolate_components(
         adequacy,
         class_of(components, sets, probabilities, answer),
         named((sets[0] | (inclusion >= HALF)) & ~sets[answer] & sets[answer].any()),
-        float(probabilities[sets[:, sets[answer]].all(axis=1)].sum()),
+        min(float(probabilities[sets[:, sets[answer]].all(axis=1)].sum()), *inclusion[sets[answer]].tolist(), 1.0),
     )
 
 

@@ -139,12 +139,9 @@ def pair_plan(few: tuple[bool, ...], limit: int, most: int) -> PairPlan:
     return PairPlan(masks, rows[0], rows[1], rows[2])
 
 
-@lru_cache(maxsize=8)
-def counted(p: int, limit: int, few: tuple[bool, ...], most: int) -> tuple[np.ndarray, np.ndarray]:
-    """How many of the `few` parameters, and how many others, each set of `all_sets` has, in its order (M,) each."""
-    rare = np.asarray(few, bool)
-    masks = pair_plan(few, limit, most).masks if rare.any() and most <= PAIRS else plan(p, limit, few, most)[0]
-    return (masks & rare).sum(axis=1), (masks & ~rare).sum(axis=1)
+def sets_of(p: int, limit: int, few: tuple[bool, ...], most: int) -> np.ndarray:
+    """Masks (M, p) of `all_sets`, in its order."""
+    return pair_plan(few, limit, most).masks if any(few) and most <= PAIRS else plan(p, limit, few, most)[0]
 
 
 @lru_cache(maxsize=256)

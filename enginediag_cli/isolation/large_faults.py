@@ -19,7 +19,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from enginediag_cli.isolation.posterior import SetPosterior, set_posterior
-from enginediag_cli.isolation.prior import SetPrior, are_sensors
+from enginediag_cli.isolation.prior import Instruments, SetPrior
 from enginediag_cli.isolation.signs import reweighed
 from enginediag_cli.isolation.wear import wear_factors, wear_signs
 from enginediag_cli.isolation.window_model import Expansion, WindowModel
@@ -148,7 +148,7 @@ def nonlinear_posterior(
     prior = replace(prior, slabs=(*prior.slabs, *((WIDE_SLAB,) if max(prior.slabs) < WIDE_SLAB else ())))
     fits: dict[bytes, SetFit] = {}
     logs: dict[bytes, float] = {}
-    sensors = are_sensors(score.described)
+    instruments = Instruments.from_parameters(score.described)
     error, about, offset, centre = 0.0, score, 0.0, b""
     for turn in range(ROUNDS):
         posterior = set_posterior(about, prior, largest=largest, faults=faults)
@@ -162,7 +162,7 @@ def nonlinear_posterior(
             for mask, fit in zip(new, fit_sets(model, new, start), strict=True):
                 key = mask.tobytes()
                 fits[key] = fit
-                logs[key] = laplace(score, fit, mask, prior) + float(prior.log_of(mask[None], sensors)[0])
+                logs[key] = laplace(score, fit, mask, prior) + float(prior.log_of(mask[None], instruments)[0])
         best = max(logs, key=lambda key: logs[key])
         if best == centre:
             break
@@ -206,7 +206,7 @@ def _combined(
     """Weights (M,) of all sets of `posterior`: those fitted by their fits, the others by the score `about`."""
     final = set_posterior(about, prior, largest=largest, faults=faults)
     anchor = final.masks[0]
-    log_prior = float(prior.log_of(anchor[None], are_sensors(about.described))[0])
+    log_prior = float(prior.log_of(anchor[None], Instruments.from_parameters(about.described))[0])
     level = offset + _log_slabs(about, anchor, prior) + log_prior
     with np.errstate(divide="ignore"):
         known = level + np.log(final.probabilities) - np.log(final.probabilities[0])

@@ -6,9 +6,11 @@ What a method names is a function of its own, so that what judges thousands of w
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import combinations
 from math import comb
+
+import numpy as np
 
 from enginediag_cli.detection.glr import threshold
 from enginediag_cli.isolation.averaging import averaged_sizes
@@ -17,10 +19,11 @@ from enginediag_cli.isolation.holm import holm_minmax
 from enginediag_cli.isolation.incremental import incremental_diagnosis
 from enginediag_cli.isolation.minmax import rejection_test
 from enginediag_cli.isolation.posterior import SetPosterior, set_posterior
-from enginediag_cli.isolation.prior import SetPrior, are_sensors
+from enginediag_cli.isolation.prior import Instruments, SetPrior
 from enginediag_cli.isolation.result import Explanation, IsolationResult
 from enginediag_cli.isolation.sizes import estimate_sizes
 from enginediag_cli.isolation.subsets import best_subsets
+from enginediag_cli.residuals.excitation import range_space
 from enginediag_cli.residuals.score import Score
 
 MAX_RIVALS = 50
@@ -54,6 +57,7 @@ class IsolationOptions:
 def most_probable(score: Score, options: IsolationOptions) -> Named:
     """The most probable set among all sets."""
     posterior = set_posterior(score, options.prior, largest=options.largest, faults=options.faults)
+    posterior = posterior.merged(Instruments.from_parameters(score.described))
     return posterior.names(0), float(posterior.probabilities[0])
 
 
@@ -94,16 +98,17 @@ def posterior_result(
 ) -> IsolationResult:
     """Answer, rivals and sizes from a posterior over sets; `score` and `about` give the sizes, see `averaged_sizes`.
     prior: the one with which the posterior was made."""
+    every, instruments = posterior, Instruments.from_parameters(score.described)
+    posterior = every.merged(instruments)
     isolated = posterior.names(0)
     count = posterior.credible(options.coverage)
     rivals = tuple(
         Explanation(posterior.names(i), float(posterior.probabilities[i])) for i in range(1, min(count, MAX_RIVALS + 1))
     )
-    sensors = are_sensors(score.described)
-    wrong = int(sensors[score.indices(isolated)].sum())
+    wrong = int(instruments.forms_of[score.indices(isolated)].sum())
     cut = options.faults is None and len(isolated) == posterior.largest < len(score.parameters)
     notes = [f"sets of more than {posterior.largest} parameters were not considered"] if cut else []
-    if wrong and wrong == posterior.wrong_sensors < sensors.sum():
+    if wrong and wrong == posterior.wrong_sensors < instruments.count:
         notes.append(f"more than {wrong} wrong sensors were not considered")
     return IsolationResult(
         "posterior",
@@ -112,11 +117,12 @@ def posterior_result(
         rivals,
         max(count - 1 - len(rivals), 0),
         options.coverage,
-        dict(zip(score.parameters, map(float, posterior.inclusion), strict=True)),
-        averaged_sizes(score, posterior, isolated, prior, options.confidence, about),
+        dict(zip(score.parameters, map(float, instruments.inclusion(every.inclusion)), strict=True)),
+        averaged_sizes(score, every, isolated, prior, options.confidence, about),
         not notes,
         "; ".join(notes),
         class_of(score.parameters, posterior.masks, posterior.probabilities),
+        instruments.shares(score.parameters, isolated, every.inclusion),
     )
 
 
@@ -202,7 +208,28 @@ def isolate(score: Score, method: str = "posterior", options: IsolationOptions |
     """Isolate changed parameters by the named method; ValueError lists the methods when it is unknown."""
     if method not in METHODS:
         raise ValueError(f"`method` must be one of {', '.join(METHODS)}, not {method!r}")
-    return METHODS[method](score, options or IsolationOptions())
+    return METHODS[method](score if method == "posterior" else in_usual_forms(score), options or IsolationOptions())
+
+
+def in_usual_forms(score: Score) -> Score:
+    """The score without the further forms of instruments' errors: a test that asks what no other can imitate, or counts
+    parameters, knows one parameter of an instrument."""
+    owner = Instruments.from_parameters(score.described).owner
+    kept = [i for i, k in enumerate(owner.tolist()) if k < 0 or k not in owner[:i]]
+    if len(kept) == len(owner):
+        return score
+    b, information = score.scaled()
+    space = range_space(information[np.ix_(kept, kept)], np.ones(len(kept)))
+    return replace(
+        score,
+        parameters=tuple(score.parameters[i] for i in kept),
+        theta0=score.theta0[kept],
+        prior_sigma=score.prior_sigma[kept],
+        b=score.b[kept],
+        information=score.information[np.ix_(kept, kept)],
+        glr=float(np.sum((b[kept] @ space.basis) ** 2 / space.eigenvalues)),
+        rank=space.rank,
+    )
 
 
 def _best_of_size(score: Score, options: IsolationOptions) -> tuple[tuple[str, ...], bool]:

@@ -24,7 +24,7 @@ from enginediag_cli.errors import DataError
 from enginediag_cli.faults.component_faults import FaultSet
 from enginediag_cli.isolation.directions import NamedFault, named_faults
 from enginediag_cli.isolation.posterior import set_posterior
-from enginediag_cli.isolation.prior import SetPrior, are_sensors
+from enginediag_cli.isolation.prior import Instruments, SetPrior
 from enginediag_cli.isolation.result import Explanation
 from enginediag_cli.isolation.signs import orthant_moments
 from enginediag_cli.residuals.score import Score
@@ -113,7 +113,7 @@ def isolate_named(
     sets = set_posterior(score, prior, largest=largest)
     # all free sets with a change have together the share `unlisted` of the prior of a change
     nothing = np.zeros((1, len(score.parameters)), bool)
-    changed = float(-np.expm1(prior.log_of(nothing, are_sensors(score.described))[0]))
+    changed = float(-np.expm1(prior.log_of(nothing, Instruments.from_parameters(score.described))[0]))
     evidence = sets.log_evidence - np.log(changed) + float(np.log1p(-changed))
     log_free = np.log(unlisted / (1 - unlisted)) + np.log(-np.expm1(n * np.log1p(-presence))) + evidence
     logs = np.array([log for _, log in answers] + [log_free])

@@ -20,7 +20,7 @@ import numpy as np
 
 from enginediag_cli.detection.course import DETERIORATION, STEP, courses, places
 from enginediag_cli.detection.readings import Readings
-from enginediag_cli.isolation.prior import SetPrior
+from enginediag_cli.isolation.prior import SEPARATED, SetPrior
 from enginediag_cli.isolation.series_looks import Found, Looks, effect
 from enginediag_cli.isolation.series_search import Chosen, Search
 from enginediag_cli.isolation.story import UNRECORDED, Event, Fit, Member, Story
@@ -196,7 +196,7 @@ def _member(
 
     suspects = search.suspects
     mine = suspects.members(component)
-    positions = suspects.groups[mine[0]]
+    positions = tuple(sorted({i for k in mine for i in suspects.groups[k]}))
     inclusion, weighed, first, second = (np.zeros(len(positions)) for _ in range(4))
     joint, held = np.zeros((len(positions), len(positions))), 0.0
     for k in mine:
@@ -217,6 +217,14 @@ def _member(
             both = sizes.covariance + sizes.mean[:, :, None] * sizes.mean[:, None, :]
             joint[np.ix_(at, at)] += np.einsum("l,lij->ij", w, both)
             held += float(w.sum())
+    instrument = bool(suspects.instrument[mine[0]])
+    if instrument:  # wrong in one form: that one stands for it, with the size that it has then
+        share = weighed / max(weighed.sum(), 1e-300)
+        k = int(np.argmax(share)) if share.max() >= SEPARATED else 0
+        one = [k]
+        positions, inclusion = (positions[k],), np.array([inclusion.sum()])
+        weighed, first, second, joint = weighed[one], first[one], second[one], joint[np.ix_(one, one)]
+        held = float(weighed[0])
     given = np.maximum(weighed, 1e-300)
     mean = first / given
     deviation = np.sqrt(np.maximum(second / given - mean**2, 0.0))
@@ -230,7 +238,7 @@ def _member(
         tuple(inclusion.tolist()),
         tuple((unit * mean).tolist()),
         tuple((unit * deviation).tolist()),
-        all(p.of_instrument for p in described),
+        instrument,
         tuple((unit * expected).tolist()),
         tuple(map(tuple, covariance.tolist())),
     )

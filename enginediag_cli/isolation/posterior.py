@@ -14,12 +14,13 @@ All sets up to a size limit are visited, not sampled. The model is that of Georg
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 
-from enginediag_cli.isolation.enumeration import all_sets, counted, number_of_sets
-from enginediag_cli.isolation.prior import SetPrior, are_sensors
+from enginediag_cli.isolation.enumeration import all_sets, number_of_sets, sets_of
+from enginediag_cli.isolation.prior import Instruments, SetPrior
 from enginediag_cli.isolation.wear import log_wear
 from enginediag_cli.residuals.score import Score
 
@@ -54,6 +55,19 @@ class SetPosterior:
         """Parameters of the i-th most probable set."""
         return tuple(name for name, member in zip(self.parameters, self.masks[i], strict=True) if member)
 
+    def merged(self, instruments: Instruments) -> SetPosterior:
+        """The same with sets that differ by forms of instruments' errors as one, each instrument in its likeliest
+        form."""
+        if instruments.count == len(self.parameters) - int(np.sum(~instruments.forms_of)):
+            return self
+        masks = instruments.in_one_form(self.masks, self.inclusion)
+        packed = np.packbits(masks, axis=1)
+        keys = np.ascontiguousarray(packed).view(np.dtype((np.void, packed.shape[1]))).ravel()
+        _, first, where = np.unique(keys, return_index=True, return_inverse=True)
+        weights = np.bincount(where.reshape(-1), weights=self.probabilities)
+        order = np.lexsort((first, -weights))
+        return replace(self, masks=masks[first[order]], probabilities=weights[order])
+
     def credible(self, coverage: float = 0.95) -> int:
         """How many of the first sets are needed to hold probability `coverage`."""
         return min(int(np.searchsorted(np.cumsum(self.probabilities), coverage - 1e-12)) + 1, len(self.probabilities))
@@ -85,26 +99,27 @@ def set_posterior(
     prior: of sets and sizes of changes. ValueError when `faults` leaves more than `max_sets` sets to visit.
     """
     prior = prior or SetPrior()
-    p, sensors = len(score.parameters), are_sensors(score.described)
-    limit = size_limit(p, faults if faults is not None else largest, max_sets, int(sensors.sum()), prior.wrong_sensors)
+    p, instruments = len(score.parameters), Instruments.from_parameters(score.described)
+    forms, few = instruments.forms_of, prior.wrong_sensors
+    limit = size_limit(p, faults if faults is not None else largest, max_sets, int(forms.sum()), few)
     if faults is not None and limit < min(faults, p):
         raise ValueError(f"{faults} faults among {p} parameters are more sets than can be visited ({max_sets})")
     b, information = prior.scaled(score)
     slabs = np.asarray(prior.slabs, float)
     A = np.eye(p) + slabs[:, None, None] ** 2 * information
-    masks, quadratic, log_det = all_sets(slabs[:, None] * b, A, limit, sensors, prior.wrong_sensors)
+    masks, quadratic, log_det = all_sets(slabs[:, None] * b, A, limit, forms, few)
     each = quadratic
     each -= log_det
     each *= 0.5
-    wrong, healthy = counted(p, limit, tuple(sensors.tolist()), prior.wrong_sensors)
+    wrong, healthy, log_forms = _counted(tuple(instruments.owner.tolist()), limit, few)
     top = np.maximum.reduce(list(each))  # with the prior, a bound of the weight that is no more than ln(slabs) off
-    m = int(sensors.sum())
-    each_count = np.ogrid[: min(limit, p - m) + 1, : min(prior.wrong_sensors, limit, m) + 1]
-    of_counts = prior.log_of_counts(each_count[0], each_count[1], p, m)
-    logs = top + of_counts.ravel().take(healthy * of_counts.shape[1] + wrong)
+    many = int(forms.sum())
+    each_count = np.ogrid[: min(limit, p - many) + 1, : min(few, limit, many) + 1]
+    of_counts = prior.log_of_counts(each_count[0], each_count[1], p - many, instruments.count)
+    logs = top + of_counts.ravel().take(healthy * of_counts.shape[1] + wrong) + log_forms
     sizes = healthy + wrong
     none = int(np.flatnonzero(sizes == 0)[0])
-    asked: np.ndarray = np.ones(len(logs), bool) if faults is None else np.asarray(sizes == faults)
+    asked = np.isfinite(log_forms) & ((sizes == faults) if faults is not None else True)
     if len(logs) > ALL_LISTED:
         asked &= logs >= logs[asked].max() + np.log(NEGLIGIBLE / len(logs))
         asked[none] |= faults is None
@@ -123,6 +138,16 @@ def set_posterior(
     return SetPosterior(
         score.parameters, masks, probabilities, probabilities @ masks, evidence, limit, prior.wrong_sensors
     )
+
+
+@lru_cache(maxsize=8)
+def _counted(owner: tuple[int, ...], limit: int, few: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Of each set of `all_sets`, in its order (M,): how many errors of instruments, how many parameters of the engine,
+    and the log prior share of the forms in it."""
+    instruments = Instruments(np.array(owner, int))
+    masks = sets_of(len(owner), limit, tuple((instruments.forms_of).tolist()), few)
+    wrong = masks[:, instruments.forms_of].sum(axis=1)
+    return wrong, masks[:, ~instruments.forms_of].sum(axis=1), instruments.log_forms(masks)
 
 
 def _holding_nearly_all(logs: np.ndarray, none: np.ndarray) -> np.ndarray:

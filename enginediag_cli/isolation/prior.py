@@ -10,10 +10,12 @@ k of p parameters then has the probability
 The first part alone would exclude an engine that is worn throughout, however clear the data (on multiplicity and
 priors over the size of a set: Scott, J. G. and Berger, J. O. (2010) Annals of Statistics 38, 2587–2619).
 
-Sensors, those of the model's inputs included, do not wear together: each of m is wrong with probability `sensor`,
-whatever the engine did, and no more than `wrong_sensors` of them at once, so that a set of parameters and j sensors has
+Instruments, those of the model's inputs included, do not wear together: each of m is wrong with probability `sensor`,
+whatever the engine did, and no more than `wrong_sensors` of them at once, in one of its f forms (bias, scale), all as
+probable, so that a set of parameters and j instruments has
 
-    P(S) = P(parameters of S) · sensor^j (1 − sensor)^(m−j) / Σ_{i ≤ wrong_sensors} C(m, i) sensor^i (1 − sensor)^(m−i).
+    P(S) = P(parameters of S) · Π_j 1/f_j · sensor^j (1 − sensor)^(m−j)
+                                          / Σ_{i ≤ wrong_sensors} C(m, i) sensor^i (1 − sensor)^(m−i).
 
 How much: a change of a parameter is N(0, slab² · prior_sigma²), where the slab is common to the parameters of a
 set and one of `slabs`, each as probable as the others. With prior_sigma of 2 %, as health parameters have it, the
@@ -29,6 +31,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -39,9 +42,89 @@ if TYPE_CHECKING:
     from enginediag_cli.residuals.score import Score
 
 
+SEPARATED = 0.9
+"""Chance from which the form of an instrument's error is known: odds of nine to one, as of members of a class."""
+
+
 def are_sensors(parameters: Sequence[Parameter]) -> np.ndarray:
     """Which parameters (p,) are errors of instruments, of a measured output or of an input."""
     return np.array([p.of_instrument for p in parameters], bool)
+
+
+@dataclass(frozen=True)
+class Instruments:
+    """Which parameters are forms of the error of which instrument: number of the instrument (p,), −1 of the engine's
+    parameters. The forms of one instrument (its bias, its scale) exclude each other."""
+
+    owner: np.ndarray
+
+    @staticmethod
+    def from_parameters(parameters: Sequence[Parameter]) -> Instruments:
+        names = {name: k for k, name in enumerate(dict.fromkeys(p.component for p in parameters if p.of_instrument))}
+        return Instruments(np.array([names[p.component] if p.of_instrument else -1 for p in parameters], int))
+
+    @staticmethod
+    def alone(sensors: np.ndarray) -> Instruments:
+        """Instruments of one form each, where `sensors` (p,) bool."""
+        return Instruments(np.where(sensors, np.cumsum(sensors) - 1, -1))
+
+    @property
+    def numbered(self) -> Instruments:
+        """The same with instruments counted from 0 in the order of their numbers."""
+        known = {k: n for n, k in enumerate(sorted({int(k) for k in self.owner if k >= 0}))}
+        return Instruments(np.array([known.get(int(k), -1) for k in self.owner], int))
+
+    @property
+    def forms_of(self) -> np.ndarray:
+        """Whether each parameter (p,) is a form of an instrument's error."""
+        return self.owner >= 0
+
+    @property
+    def count(self) -> int:
+        return int(self.owner.max(initial=-1)) + 1
+
+    @cached_property
+    def log_share(self) -> np.ndarray:
+        """log of the prior share (p,) of each form of its instrument's error; 0 of the engine's parameters."""
+        forms = np.bincount(self.owner[self.forms_of], minlength=self.count)
+        return np.where(self.forms_of, -np.log(np.maximum(forms, 1)[self.owner] if self.count else 1.0), 0.0)
+
+    def log_forms(self, masks: np.ndarray) -> np.ndarray:
+        """log prior share (M,) of the forms in sets (M, p); −inf of a set with two forms of one instrument."""
+        found = np.zeros(len(masks))
+        for i in np.flatnonzero(self.forms_of):
+            found[masks[:, i]] += self.log_share[i]
+        for k in np.flatnonzero(np.bincount(self.owner[self.forms_of], minlength=self.count) > 1):
+            found[masks[:, self.owner == k].sum(axis=1) > 1] = -np.inf
+        return np.asarray(found)
+
+    def inclusion(self, of_forms: np.ndarray) -> np.ndarray:
+        """Chance (p,) that each parameter changed, of an instrument's that it is wrong in any form; of_forms (p,): of
+        each form by itself."""
+        total = np.bincount(self.owner[self.forms_of], weights=of_forms[self.forms_of], minlength=self.count)
+        found = of_forms.copy()
+        found[self.forms_of] = total[self.owner[self.forms_of]]
+        return np.minimum(found, 1.0)
+
+    def shares(self, names: Sequence[str], chosen: Sequence[str], of_forms: np.ndarray) -> dict[str, float]:
+        """Of each instrument among the `chosen` parameters, of `names` (p,), the chance that its error is of that form,
+        given that it is wrong; none of instruments of one form. of_forms (p,): chance of each form."""
+        total, place = self.inclusion(of_forms), {name: i for i, name in enumerate(names)}
+        several = np.bincount(self.owner[self.forms_of], minlength=self.count) > 1
+        at = [place[name] for name in chosen]
+        return {names[i]: float(of_forms[i] / total[i]) for i in at if self.forms_of[i] and several[self.owner[i]]}
+
+    def in_one_form(self, masks: np.ndarray, of_forms: np.ndarray) -> np.ndarray:
+        """The sets (M, p) with every wrong instrument in its likeliest form, or in its usual one, the first, where that
+        is not likelier by nine to one; of_forms (p,): chance of each form."""
+        found = masks.copy()
+        for k in range(self.count):
+            mine = np.flatnonzero(self.owner == k)
+            best = int(np.argmax(of_forms[mine]))
+            form = best if of_forms[mine[best]] >= SEPARATED * of_forms[mine].sum() else 0
+            found[:, mine] = False
+            found[:, mine[form]] = masks[:, mine].any(axis=1)
+        return found
 
 
 @dataclass(frozen=True)
@@ -109,14 +192,16 @@ class SetPrior:
                 np.logaddexp(np.log1p(-self.worn) + separate, np.log(self.worn) + betaln(1 + k, 1 + p - k))
             )
 
-    def log_of(self, masks: np.ndarray, sensors: np.ndarray) -> np.ndarray:
-        """log P(S) (M,) of sets (M, p) bool; sensors (p,) bool: which parameters are errors of sensors."""
-        size, wrong = (masks & ~sensors).sum(axis=1), (masks & sensors).sum(axis=1)
-        return self.log_of_counts(size, wrong, len(sensors), int(sensors.sum()))
+    def log_of(self, masks: np.ndarray, instruments: Instruments) -> np.ndarray:
+        """log P(S) (M,) of sets (M, p) bool."""
+        forms = instruments.forms_of
+        size, wrong = (masks & ~forms).sum(axis=1), (masks & forms).sum(axis=1)
+        healthy = int(np.sum(~forms))
+        return self.log_of_counts(size, wrong, healthy, instruments.count) + instruments.log_forms(masks)
 
-    def log_of_counts(self, size: np.ndarray, wrong: np.ndarray, p: int, m: int) -> np.ndarray:
-        """log P(S) (M,) of sets of `size` parameters of the engine and `wrong` sensors (M,), of p − m and m."""
-        log = self.log_of_size(p - m)[size]
+    def log_of_counts(self, size: np.ndarray, wrong: np.ndarray, healthy: int, m: int) -> np.ndarray:
+        """log P(S) (M,) of sets of `size` of so many parameters of the engine and `wrong` (M,) of m instruments."""
+        log = self.log_of_size(healthy)[size]
         if not m:
             return log
         from scipy.special import bdtr
@@ -130,26 +215,31 @@ class SetPrior:
         rng: np.random.Generator,
         count: int,
         p: int,
-        sensors: np.ndarray | None = None,
+        instruments: Instruments | None = None,
         wear: np.ndarray | None = None,
     ) -> tuple[np.ndarray, np.ndarray]:
         """`count` engines from this prior: which changed (count, p) bool, by how many prior_sigma (count, p).
 
-        sensors (p,) bool: which are errors of sensors; wear (p,): way on which wear takes each, 0 where both.
+        instruments: which parameters are errors of instruments; wear (p,): way on which wear takes each, 0 where both.
         """
         # a chance that is itself uniform makes all numbers of changes equally probable
         separate = rng.choice(self.chances, size=count)
         chance = np.where(rng.random(count) < self.worn, rng.random(count), separate)
         changed = rng.random((count, p)) < chance[:, None]
-        if sensors is not None and sensors.any():
+        if instruments is not None and instruments.count:
+            wrong = np.zeros((count, instruments.count), bool)
             again = np.arange(count)
             while again.size:
-                changed[np.ix_(again, sensors)] = rng.random((len(again), int(sensors.sum()))) < self.sensor
-                again = again[changed[np.ix_(again, sensors)].sum(axis=1) > self.wrong_sensors]
+                wrong[again] = rng.random((len(again), instruments.count)) < self.sensor
+                again = again[wrong[again].sum(axis=1) > self.wrong_sensors]
+            for k in range(instruments.count):
+                mine = np.flatnonzero(instruments.owner == k)
+                form = rng.integers(len(mine), size=count)
+                changed[:, mine] = wrong[:, k, None] & (form[:, None] == np.arange(len(mine)))
         slab = rng.choice(np.asarray(self.slabs), size=(count, 1))
         size = slab * rng.standard_normal((count, p))
-        if sensors is not None:
-            size = np.where(sensors, self.instruments * size, size)
+        if instruments is not None:
+            size = np.where(instruments.forms_of, self.instruments * size, size)
         if wear is not None and np.any(wear):
             way = np.where(rng.random((count, p)) < self.rises, -wear, wear)
             size = np.where(wear == 0, size, way * np.abs(size))

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 
 from enginediag_cli.isolation.classes import Class
 from enginediag_cli.isolation.sizes import ParameterChange
@@ -25,7 +26,9 @@ class IsolationResult:
     hold `coverage`; rivals_left_out: how many more were not listed; inclusion: probability per parameter that
     it changed (empty for methods without one); sizes of the isolated parameters; complete: False when the
     method stopped at a limit before it was satisfied; note says why in plain words. one_of: the class of which the
-    answer is the likeliest member, where these data cannot tell its members apart, or None.
+    answer is the likeliest member, where these data cannot tell its members apart, or None. Sets that differ by the
+    form of an instrument's error, bias or scale, are one, named by the likelier form; forms: of an isolated instrument
+    the chance of that form, given that it is wrong.
     """
 
     method: str
@@ -39,3 +42,4 @@ class IsolationResult:
     complete: bool = True
     note: str = ""
     one_of: Class | None = None
+    forms: Mapping[str, float] = field(default_factory=dict)

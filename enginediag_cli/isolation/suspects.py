@@ -1,6 +1,6 @@
 """Who may change during a series, how, and how probable that is beforehand.
 
-A suspect is a component, with all or one of its parameters, or an instrument:
+A suspect is a component, with all or one of its parameters, or an instrument, with one form of its error:
 
     P(suspect changes) · P(parameters | suspect) · P(kind | suspect) · P(onset | kind)
 """
@@ -59,22 +59,23 @@ def suspects_of(
     for component, mine in members.items():
         instrument = all(described[i].of_instrument for i in mine)
         chance = prior.sensor if instrument else prior.inclusion
-        whole = [tuple(mine)]
-        sets = whole if len(mine) == 1 else [*whole, *((i,) for i in mine)]
+        each, whole = [(i,) for i in mine], [tuple(mine)]
+        # an instrument is wrong in one of its forms, a component in all of its parameters or in one
+        sets = each if instrument or len(mine) == 1 else [*whole, *each]
         for group in sets:
-            share = 1.0 if len(sets) == 1 else 0.5 if group == whole[0] else 0.5 / len(mine)
+            share = 1 / len(sets) if sets is each else 0.5 if group == whole[0] else 0.5 / len(mine)
             groups.append(group)
             owner.append(component)
             wrong.append(instrument)
             shown.append(True)
             log_odds.append(np.log(chance / (1 - chance) * share))
-        if any(described[i].name in governed for i in mine):
-            groups.append(whole[0])
-            owner.append(component)
-            wrong.append(instrument)
-            shown.append(False)
-            log_odds[-1] -= np.log(2)
-            log_odds.append(log_odds[-1])
+            if any(described[i].name in governed for i in group):
+                groups.append(group)
+                owner.append(component)
+                wrong.append(instrument)
+                shown.append(False)
+                log_odds[-1] -= np.log(2)
+                log_odds.append(log_odds[-1])
     return Suspects(
         tuple(described),
         tuple(groups),

@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from enginediag_cli.isolation.diagnosis import Diagnosis
     from enginediag_cli.isolation.named_faults import NamedIsolation
     from enginediag_cli.isolation.of_windows import IsolatedWindow
+    from enginediag_cli.isolation.result import IsolationResult
     from enginediag_cli.parameters import Parameter
     from enginediag_cli.work_scope.scope import WorkScope
 
@@ -76,7 +77,7 @@ def isolation_rows(
         **class_cells(result.one_of),
         rivals=[f"{' & '.join(r.parameters) or 'nothing'} ({r.probability:.2g})" for r in result.rivals],
         rivals_left_out=result.rivals_left_out,
-        note="; ".join(filter(None, [reservation(diagnosis.adequacy, known), result.note])),
+        note="; ".join(filter(None, [reservation(diagnosis.adequacy, known), *_forms(result, known), result.note])),
     )
     if not result.sizes:
         yield ISOLATE.row(row)
@@ -148,6 +149,17 @@ def tell_isolated(messages: Messages, found: IsolatedWindow, scope: WorkScope | 
         messages.note(f"{where(found.verdict)}: {flips_sentence(found.flips, words_of(found))}")
     for sentence in work_scope_sentences(scope) if scope is not None else ():
         messages.note(f"{where(found.verdict)}: {sentence}")
+
+
+def _forms(result: IsolationResult, known: Mapping[str, Parameter]) -> list[str]:
+    """Of which instruments these operating points do not separate a bias from a scale error."""
+    from enginediag_cli.isolation.prior import SEPARATED
+
+    return [
+        f"{known[name].part}: a bias or a scale error, these operating points do not separate them"
+        for name, share in result.forms.items()
+        if share < SEPARATED
+    ]
 
 
 def class_cells(found: Class | None) -> dict[str, Any]:
@@ -230,6 +242,8 @@ def tell(
     left = unexplained(diagnosis.adequacy.before, diagnosis.adequacy.fit, diagnosis.adequacy.explained)
     what = "; ".join(told) if told else "no change of a parameter stands out"
     messages.note(f"{here}: {leading}{what}{exactly}{left and f'; {left}'}", **of)
+    for sentence in _forms(result, known):
+        messages.note(f"{here}: {sentence}", **of)
     if result.one_of is not None:
         messages.note(f"{here}: {one_of(result.one_of, lambda names: in_words(known, names))}", **of)
     if diagnosis.nonlinear:

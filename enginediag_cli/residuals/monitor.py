@@ -306,14 +306,18 @@ def _uncertainty(nominal: Nominal, names: Sequence[str], spread: Sequence[float]
 
 
 def monitor_of(baseline: Baseline, patterns: Sequence[str] = (), *, sensors: bool = False) -> Monitor:
-    """Monitor of a baseline; patterns as in `monitor_from_nominal`; sensors: the bias of every sensor in use and the
-    error of every input channel may have changed, too. Raises DataError for a pattern that names nothing."""
+    """Monitor of a baseline; patterns as in `monitor_from_nominal`; sensors: bias and scale of every sensor in use and
+    of every input channel may have changed, too. Raises DataError for a pattern that names nothing."""
     nominal = baseline.nominal
-    engine = InputErrors.of(baseline.engine) if sensors or patterns else baseline.engine
+    engine: MonitoredModel = baseline.engine
+    if sensors or patterns:
+        seen = nominal.envelope
+        largest = dict(zip(seen.inputs, np.abs(np.asarray(seen.points)).max(axis=0).tolist(), strict=True))
+        engine = InputErrors.of(engine, readings=largest)
     monitor = monitor_from_nominal(engine, nominal, patterns)
     if sensors:
         known = [p for column in monitor.sensors for p in engine.sensors[column].parameters()]
-        wrong = [p.name for p in known if p.quantity == "bias"]
+        wrong = [p.name for p in known if p.quantity in ("bias", "scale")]
         wrong += [p.name for p in engine.parameters.values() if p.of_instrument and not p.of_sensor]
         added = [name for name in wrong if name not in monitor.monitored]
         monitor = monitor_from_nominal(engine, nominal, (*monitor.monitored, *added))

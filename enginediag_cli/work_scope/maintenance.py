@@ -30,6 +30,7 @@ import numpy as np
 
 from enginediag_cli.isolation.adequacy import tempered
 from enginediag_cli.isolation.belief import Belief
+from enginediag_cli.isolation.methods import in_usual_forms
 from enginediag_cli.isolation.moments import moments
 from enginediag_cli.isolation.posterior import set_posterior
 from enginediag_cli.isolation.prior import SetPrior
@@ -140,11 +141,11 @@ def _level(side: Sequence[LocalStatistics], spread: Mapping[str, float]) -> Leve
     """The flights of a side, the nearest first, as long as they have a course in common: two at least, where there are;
     instruments' errors are each flight's own."""
     found: Level | None = None
-    of = _Course.begun(len(side[0].parameters))
+    of: _Course | None = None
     for k, x in enumerate(side, start=1):
         variance = np.square([spread.get(name, 0.0) for name in x.parameters])
-        own = fisher_score(x, uncertainty=np.diag(variance))
-        of = of.joined(own, k - 0.5)
+        own = in_usual_forms(fisher_score(x, uncertainty=np.diag(variance)))
+        of = (of or _Course.begun(len(own.parameters))).joined(own, k - 0.5)
         dispersion = of.dispersion(own)
         if found is not None and k > 2 and dispersion > DIFFERENT:
             break

@@ -214,7 +214,7 @@ def test_what_a_wrong_input_does_is_its_derivative_where_the_maps_have_no_errors
     monitor = monitor_of(open_baseline(files["nominal.yaml"]), sensors=True)
     plain = replace(monitor, engine=InputErrors.of(open_baseline(files["nominal.yaml"]).engine))
     at = {c: plain.envelope.points[:3, i] for i, c in enumerate(plain.envelope.inputs)}
-    [name] = [n for n, e in plain.engine.errors.items() if e.column == plain.engine.power_setting]
+    name, _ = [n for n, e in plain.engine.errors.items() if e.column == plain.engine.power_setting]
     sigma = plain.engine.errors[name].parameter.prior_sigma
     found = effects_of_inputs(plain, at, {name: 1e-3 * sigma})[name]
     base = {n: v for n, v in plain.base.items() if n in plain.engine.parameters}

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from enginediag_cli.detection.readings import jump, readings_of
+from enginediag_cli.detection.readings import InputReadings, jump, readings_of
 from enginediag_cli.detection.trend import flight_change
 from enginediag_cli.detection.wander import LOCAL, Scatter, structure
 from enginediag_cli.isolation.over_time import TrendOptions, judge_series
@@ -187,7 +187,7 @@ def judged_with_an_input(rng, in_readings, in_input, governed=(), n=80):
     sigma = np.array([p.prior_sigma for p in known.values()])
     fixed = {"theta0": np.zeros(8), "prior_sigma": sigma, "F": J.T @ J, "V": J.T @ J, "n": 1, "chi2": 4.0, "dof": 4.0}
     statistics = [LocalStatistics(parameters=tuple(known), s=J.T @ row, **fixed) for row in e]
-    read = {INPUT: 0.1 * rng.standard_normal(n) + in_input * step}
+    read = {"T0_K": InputReadings(0.1 * rng.standard_normal(n) + in_input * step, {INPUT: np.ones(n)})}
     series = readings_of(statistics, list(known.values()), np.arange(float(n)), None, read)
     return judge_series(series, known, TrendOptions(governed=governed))
 

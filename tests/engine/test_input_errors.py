@@ -32,7 +32,24 @@ def model(turbofan):
 
 
 def test_instruments_of_engine_and_aircraft_are_suspects(model):
-    assert list(model.errors) == ["input.altitude.bias", "input.mach.bias", "input.dT_isa.bias", "input.Wf.scale"]
+    assert list(model.errors) == [
+        *("input.altitude.bias", "input.altitude.scale", "input.mach.bias", "input.mach.scale"),
+        *("input.dT_isa.bias", "input.Wf.scale", "input.Wf.bias"),
+    ]
+    seen = InputErrors.of(model.model, readings={"Wf_kg_s": 2.5, "dT_isa_K": 20.0})
+    assert seen.parameters["input.Wf.bias"].prior_sigma == pytest.approx(0.025)
+    assert "input.dT_isa.scale" not in seen.parameters
+
+
+def test_bias_and_scale_of_one_input_act_together_and_have_the_derivatives_of_differences(turbofan):
+    both = InputErrors.of(turbofan, ["Wf_kg_s"], {"Wf_kg_s": 2.5})
+    at = {"input.Wf.bias": 0.05, "input.Wf.scale": 1.02}
+    true = turbofan.predict({**INPUTS, "Wf_kg_s": (INPUTS["Wf_kg_s"] - 0.05) / 1.02}, {})
+    found = both.predict(INPUTS, at, wrt=tuple(at))
+    np.testing.assert_allclose(found.y, true.y, rtol=1e-9)
+    for k, (name, h) in enumerate((("input.Wf.bias", 1e-4), ("input.Wf.scale", 1e-4))):
+        high, low = (both.predict(INPUTS, {**at, name: at[name] + step}).y for step in (h, -h))
+        np.testing.assert_allclose(found.jacobian[:, :, k], (high - low) / (2 * h), rtol=1e-3, atol=1e-3)
 
 
 def test_air_data_are_plausibly_wrong_by_the_same_in_any_unit():

@@ -97,7 +97,7 @@ def test_an_efficiency_that_rises_by_a_fifth_is_not_believed_and_a_fall_or_a_bro
         return judged(Adequacy(1.0, 0.5), replace(score, b=b), [name], 0.99)
 
     assert as_if("hpc.efficiency", 0.2).beyond == ("hpc.efficiency", pytest.approx(0.2))
-    assert as_if("hpc.efficiency", -0.2).stands and as_if("hpc.flow_capacity", 0.2).stands
+    assert as_if("hpc.efficiency", -0.2).stands and as_if("hpt.flow_capacity", 0.2).stands
     assert not as_if("hpc.flow_capacity", 0.4).stands
     assert as_if("sensor.T3.bias", 300.0).stands
 

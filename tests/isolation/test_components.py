@@ -13,7 +13,7 @@ from score_makers import sensitivities
 from enginediag_cli.isolation.components import component_posterior, isolate_components, more_probable_than_not
 from enginediag_cli.isolation.methods import IsolationOptions
 from enginediag_cli.isolation.posterior import set_posterior
-from enginediag_cli.isolation.prior import SetPrior
+from enginediag_cli.isolation.prior import Instruments, SetPrior
 from enginediag_cli.residuals.frame import Frame
 from enginediag_cli.residuals.local import local_statistics
 from enginediag_cli.residuals.noise import white_noise
@@ -48,7 +48,7 @@ def test_the_posterior_is_that_of_the_marginal_likelihoods_of_the_readings():
             covariance = np.eye(15) + wide[:, own] * size**2 @ wide[:, own].T
             logs[chosen] = multivariate_normal.logpdf(e.ravel(), np.zeros(15), covariance)
             mask = np.array([[c in chosen for c in components]])
-            logs[chosen] += prior.log_of(mask, np.array([False, False, False, True]))[0]
+            logs[chosen] += prior.log_of(mask, Instruments(np.array([-1, -1, -1, 0])))[0]
     weights = np.exp(np.array(list(logs.values())) - max(logs.values()))
     direct = dict(zip(logs, weights / weights.sum(), strict=True))
     for row, probability in zip(sets, probabilities, strict=True):

@@ -125,14 +125,13 @@ def monitor(tmp_path_factory):
     return monitor_of(open_baseline(str(folder / "nominal.yaml")), sensors=True)
 
 
-def answer(monitor, path: Path, wrong: dict[str, float], health: dict[str, float]):
-    """What `isolate` answers of a recording with a worn HPC whose columns read too high by `wrong` (a share of inputs
-    that are scaled)."""
+def answer(monitor, path: Path, wrong: dict[tuple[str, str], float], health: dict[str, float]):
+    """What `isolate` answers of a recording with a worn HPC that reads wrong: column and form of the error → size."""
     engine = load_engine(ENGINE)
     inputs = climb(engine, 50)
     table = recorded(engine, inputs, {"hpc.efficiency": 0.99, **health}, np.random.default_rng(3))
-    for column, size in wrong.items():
-        table[column] = table[column] * (1 + size) if column == "Wf_kg_s" else table[column] + size
+    for (column, form), size in wrong.items():
+        table[column] = table[column] * (1 + size) if form == "scale" else table[column] + size
     write_csv(path, [Recording(table)])
     kept = KeptRecords(monitor, short_windows=False)
     files = JudgedFiles(Intake(Source((str(path),)), columns_of(monitor.engine, monitor.sensors)), monitor)
@@ -153,9 +152,10 @@ def test_a_recording_that_carries_the_error_is_named_otherwise_and_one_with_a_li
         for share, changed in ((0.9, False), (1.1, True)):
             a = share * flip.size * flip.error.scale
             health = {flip.what: 1.0 + a - (0.01 if flip.what == "hpc.efficiency" else 0.0)} if kind == "map" else {}
-            wrong = {} if kind == "map" else {flip.error.column: a}
+            instrument, form = flip.what.rsplit(".", 1)
+            wrong = {} if kind == "map" else {(flip.error.column, form): a}
             now = answer(monitor, tmp_path / f"{kind}{share}.csv", wrong, health)
-            left = set(now.diagnosis.result.isolated) - ({flip.what} if kind != "map" else set())
+            left = {n for n in now.diagnosis.result.isolated if kind == "map" or n.rsplit(".", 1)[0] != instrument}
             assert (left != first) == changed, (flip, share)
     cells = flip_cells(found.flips, lambda names: list(names))["flips"]
     assert [cell["times"] for cell in cells] == sorted(cell["times"] for cell in cells)

@@ -8,7 +8,7 @@ from math import comb
 import numpy as np
 import pytest
 
-from enginediag_cli.isolation.prior import SetPrior
+from enginediag_cli.isolation.prior import Instruments, SetPrior
 
 
 @pytest.mark.parametrize("prior", [SetPrior(), SetPrior(0.3, 0.0), SetPrior(0.05, 1.0)])
@@ -41,7 +41,7 @@ def sets_and_sensors(p, m):
 
 def test_sensors_are_wrong_apart_from_the_engine_and_few_at_once():
     prior, (masks, sensors) = SetPrior(0.2, 0.3, sensor=0.1), sets_and_sensors(3, 4)
-    probability = np.exp(prior.log_of(masks, sensors))
+    probability = np.exp(prior.log_of(masks, Instruments.alone(sensors)))
     wrong = (masks & sensors).sum(axis=1)
     assert probability.sum() == pytest.approx(1) and np.all(probability[wrong > 2] == 0)
     expected = np.array([comb(4, j) * 0.1**j * 0.9 ** (4 - j) for j in range(3)])
@@ -52,21 +52,21 @@ def test_sensors_are_wrong_apart_from_the_engine_and_few_at_once():
 
 def test_without_sensors_the_prior_is_that_of_the_size():
     prior, (masks, sensors) = SetPrior(), sets_and_sensors(4, 0)
-    np.testing.assert_allclose(prior.log_of(masks, sensors), prior.log_of_size(4)[masks.sum(axis=1)])
+    np.testing.assert_allclose(prior.log_of(masks, Instruments.alone(sensors)), prior.log_of_size(4)[masks.sum(axis=1)])
 
 
 def test_drawn_sensors_follow_the_prior():
     prior, (masks, sensors) = SetPrior(0.2, 0.3, sensor=0.2), sets_and_sensors(2, 4)
-    changed, _ = prior.draw(np.random.default_rng(2), 20_000, 6, sensors)
+    changed, _ = prior.draw(np.random.default_rng(2), 20_000, 6, Instruments.alone(sensors))
     wrong = np.bincount((changed & sensors).sum(axis=1), minlength=5) / 20_000
     own = (masks & sensors).sum(axis=1)
-    expected = [np.exp(prior.log_of(masks, sensors))[own == j].sum() for j in range(5)]
+    expected = [np.exp(prior.log_of(masks, Instruments.alone(sensors)))[own == j].sum() for j in range(5)]
     np.testing.assert_allclose(wrong, expected, atol=0.015)  # four standard errors at most
 
 
 def test_errors_of_instruments_are_drawn_wider_than_changes_of_the_engine():
     prior, sensors = SetPrior(0.9, sensor=0.5, slabs=(1.0,), instruments=4.0), np.array([False, True])
-    changed, size = prior.draw(np.random.default_rng(3), 20_000, 2, sensors)
+    changed, size = prior.draw(np.random.default_rng(3), 20_000, 2, Instruments.alone(sensors))
     spread = [np.std(size[changed[:, i], i]) for i in range(2)]
     np.testing.assert_allclose(spread, [1.0, 4.0], rtol=0.05)
 

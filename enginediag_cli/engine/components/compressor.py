@@ -139,7 +139,7 @@ class Compressor(Valves):
     def parameters(self) -> tuple[Parameter, ...]:
         found = [
             self.health("efficiency", "isentropic efficiency", words="isentropic efficiency", wear=-1),
-            self.health("flow_capacity", "corrected flow"),
+            self.health("flow_capacity", "corrected flow", wear=-1),
         ]
         if self.table is None:
             for f, shape in zip(compressor_map.FIELDS, self.map_shapes, strict=True):

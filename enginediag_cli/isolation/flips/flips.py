@@ -20,7 +20,8 @@ from enginediag_cli.isolation.flips.errors import MAP, PRIOR, SingleError
 from enginediag_cli.isolation.flips.lines import Lines, log_prior_of
 from enginediag_cli.isolation.flips.search import Crossing, crossings
 from enginediag_cli.isolation.posterior import SetPosterior
-from enginediag_cli.isolation.prior import SetPrior, are_sensors
+from enginediag_cli.isolation.prior import Instruments, SetPrior, are_sensors
+from enginediag_cli.parameters import Parameter
 from enginediag_cli.residuals.score import Score
 
 MOST = 20.0
@@ -65,8 +66,15 @@ class Flips:
 
 def flips_of_parameters(belief: Belief, errors: Sequence[SingleError], most: float = MOST) -> Flips:
     """What would flip the first set of a posterior over sets of parameters."""
-    posterior = belief.posterior
-    masks, reported = _followed(posterior.masks, posterior.probabilities)
+    posterior, instruments = belief.posterior, Instruments.from_parameters(belief.score.described)
+    merged = posterior.merged(instruments)
+    answer = int(
+        np.flatnonzero((instruments.in_one_form(posterior.masks, posterior.inclusion) == merged.masks[0]).all(axis=1))[
+            0
+        ]
+    )
+    order = np.concatenate([[answer], np.delete(np.arange(len(posterior.masks)), answer)])
+    masks, reported = _followed(posterior.masks[order], posterior.probabilities[order])
     possible = log_prior_of(belief, masks)
     kept = np.isfinite(possible) & (masks.sum(axis=1) <= posterior.largest)
     kept[0] = True
@@ -78,14 +86,14 @@ def flips_of_parameters(belief: Belief, errors: Sequence[SingleError], most: flo
         return np.asarray(logs.argmax(axis=1))
 
     found = crossings(
-        lines, likeliest, partial(_same, _cores(masks, errors, posterior.parameters)), _limits(errors, most)
+        lines, likeliest, partial(_same, _cores(masks, errors, belief.score.described)), _limits(errors, most)
     )
     names = posterior.parameters
     told = [_flip(errors[c.line], c, _names(names, masks[c.becomes])) for c in found.values()]
-    if len(posterior.probabilities) > 1 and posterior.probabilities[1] > 0:
-        odds = float(posterior.probabilities[0] / posterior.probabilities[1])
-        told.append(_of_prior(odds, posterior.names(1), belief.prior))
-    return Flips(tuple(sorted(told, key=lambda flip: flip.times)), posterior.names(0), len(errors), most)
+    if len(merged.probabilities) > 1 and merged.probabilities[1] > 0:
+        odds = float(merged.probabilities[0] / merged.probabilities[1])
+        told.append(_of_prior(odds, merged.names(1), belief.prior))
+    return Flips(tuple(sorted(told, key=lambda flip: flip.times)), merged.names(0), len(errors), most)
 
 
 def flips_of_components(
@@ -100,7 +108,7 @@ def flips_of_components(
     answer = more_probable_than_not(sets, probabilities)
     order = np.concatenate([[answer], np.delete(np.arange(len(sets)), answer)])
     followed, reported = _followed(sets[order], probabilities[order])
-    possible = prior.log_of(followed, wrong)
+    possible = prior.log_of(followed, Instruments.alone(wrong))
     kept = np.isfinite(possible) & (followed.sum(axis=1) <= limit)
     followed, reported, possible = followed[kept], reported[kept], possible[kept]
     masks = (followed[:, :, None] & held).any(axis=1)
@@ -110,7 +118,7 @@ def flips_of_components(
     def named(line: np.ndarray, logs: np.ndarray) -> np.ndarray:
         return np.array([_named(followed, row) for row in logs], int)
 
-    found = crossings(lines, named, partial(_same, _cores(masks, errors, owner)), _limits(errors, most))
+    found = crossings(lines, named, partial(_same, _cores(masks, errors, score.described)), _limits(errors, most))
     told = [_flip(errors[c.line], c, _names(components, followed[c.becomes])) for c in found.values()]
     second = next((i for i in range(len(sets)) if i != answer), None)
     if second is not None and probabilities[second] > 0:
@@ -153,14 +161,16 @@ def _limits(errors: Sequence[SingleError], most: float) -> np.ndarray:
     return np.array([most * error.stated for error in errors])
 
 
-def _cores(masks: np.ndarray, errors: Sequence[SingleError], owner: Sequence[str]) -> np.ndarray:
-    """Whether each set (M,) is the first but for the instrument whose error is tried, of each error (D, M). owner (p,):
-    what each parameter belongs to."""
-    apart = masks ^ masks[0]
+def _cores(masks: np.ndarray, errors: Sequence[SingleError], described: Sequence[Parameter]) -> np.ndarray:
+    """Whether each set (M,) is the first but for the instrument whose error is tried, of each error (D, M), and for the
+    forms of other instruments' errors. described (p,): what each parameter is."""
+    instruments = Instruments.from_parameters(described)
+    one = instruments.in_one_form(masks, np.ones(len(described)))
+    apart = one ^ one[0]
     found = np.repeat(~apart.any(axis=1)[None], len(errors), axis=0)
     for k, error in enumerate(errors):
         if error.kind != MAP:
-            others = np.array([o != owner[error.position] for o in owner], bool)
+            others = np.array([p.component != described[error.position].component for p in described], bool)
             found[k] = ~apart[:, others].any(axis=1)
     return found
 

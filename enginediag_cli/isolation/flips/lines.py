@@ -17,7 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from enginediag_cli.isolation.belief import Belief
-from enginediag_cli.isolation.prior import are_sensors
+from enginediag_cli.isolation.prior import Instruments
 from enginediag_cli.isolation.wear import FAINT, wear_factors, wear_signs
 from enginediag_cli.residuals.score import Score
 
@@ -152,4 +152,4 @@ class Lines:
 
 def log_prior_of(belief: Belief, masks: np.ndarray) -> np.ndarray:
     """log P(S) (M,) of sets of parameters (M, p)."""
-    return belief.prior.log_of(masks, are_sensors(belief.score.described))
+    return belief.prior.log_of(masks, Instruments.from_parameters(belief.score.described))

@@ -12,7 +12,7 @@ import numpy as np
 from enginediag_cli.config.fields import Field, Section
 from enginediag_cli.config.hints import near
 from enginediag_cli.errors import DataError
-from enginediag_cli.isolation.prior import SetPrior, are_sensors
+from enginediag_cli.isolation.prior import Instruments, SetPrior
 from enginediag_cli.parameters import meanings
 from enginediag_cli.residuals.monitor import Monitor
 
@@ -87,7 +87,7 @@ class FaultCase:
         prior, sigma = SetPrior(), monitor.prior_sigma[among]
         monitored = list(meanings(monitor.meaning, [monitor.names[i] for i in among]).values())
         wear = np.array([p.wear for p in monitored])
-        changed, size = prior.draw(rng, count, len(among), are_sensors(monitored), wear)
+        changed, size = prior.draw(rng, count, len(among), Instruments.from_parameters(monitored), wear)
         if self.draw["faults"] is not None:
             low, high = self.draw["faults"]
             number = rng.integers(int(low), int(high) + 1, size=count)
