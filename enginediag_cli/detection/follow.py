@@ -1,7 +1,9 @@
 """One engine's flight followed block by block: readings in, a row of evidence out.
 
 What has no life is no evidence: a record whose readings repeat those before to the last digit brings no new noise, and
-readings that scatter impossibly little were not measured. Nor does one sensor alone tell anything.
+readings that scatter impossibly little were not measured. Nor does one sensor alone tell anything. Gross errors are
+rejected before they count, which bounds what a reading adds to the evidence, and keeps the mean of E at most 1: a
+Gaussian reading cut at ±c is sub-Gaussian.
 """
 
 from __future__ import annotations
@@ -17,8 +19,10 @@ from enginediag_cli.detection.lack_of_fit import LackOfFit
 from enginediag_cli.detection.segments import Coordinates
 from enginediag_cli.detection.sequential import EProcess
 from enginediag_cli.detection.verdict import LEAST_SENSORS, lifeless, too_few, too_still
+from enginediag_cli.intake.left_out import GrossCounts
 from enginediag_cli.recordings.table import Recording
 from enginediag_cli.residuals.admission import Elsewhere, judged_inputs
+from enginediag_cli.residuals.gross_gate import LiveGate, LiveRecords
 from enginediag_cli.residuals.groups import Key, Timeline
 from enginediag_cli.residuals.innovations import Innovations
 from enginediag_cli.residuals.monitor import Monitor
@@ -83,6 +87,7 @@ class BlockReport:
     change: Change | None
     reason: str = ""
     elsewhere: Counter[Elsewhere] = field(default_factory=Counter)
+    gross: GrossCounts = field(default_factory=GrossCounts)
 
 
 @dataclass
@@ -94,6 +99,7 @@ class FlightMonitor:
     false_alarm: float
     process: EProcess = field(init=False)
     _innovations: Innovations = field(init=False)
+    _gate: LiveGate | None = None
     _timeline: Timeline = field(default_factory=Timeline)
     _skipped: float = 0.0
     _clock: float = 0.0
@@ -122,17 +128,25 @@ class FlightMonitor:
         self._distinct += kept.size
         if self._distinct == 1 and repeated.any():
             reason = NEVER_MOVED
+        gross = GrossCounts()
         if kept.size:
-            e, J, ok = self._residuals({c: v[kept] for c, v in inputs.items()}, y[kept])
-            failed, judged = int(np.sum(~ok)), int(np.sum(np.isfinite(e).any(axis=1)))
-            z, G = self._innovations.of(e, J, lags)
-            fit = self._scatter(z, G, int(np.isfinite(e).sum()))
+            e, J, predicted, ok = self._residuals({c: v[kept] for c, v in inputs.items()}, y[kept])
+            failed = int(np.sum(~ok))
+            if self._gate is None:
+                self._gate = LiveGate(monitor, [c for c in inputs if c in part])
+            new = LiveRecords(
+                {c: v[kept] for c, v in inputs.items()}, e, J, predicted, lags, clock[kept], part.line[kept]
+            )
+            decided, gross = self._gate.add(new)
+            judged = int(np.sum(np.isfinite(decided.e).any(axis=1)))
+            z, G = self._innovations.of(decided.e, decided.J, decided.lags)
+            fit = self._scatter(z, G, int(np.isfinite(decided.e).sum()))
             if sensors < LEAST_SENSORS:
                 reason = too_few(sensors, sensors_of)
             elif lifeless(fit):
                 reason = too_still(fit)
             elif judged and not reason:
-                self.process.add(z, G, float(clock[kept[0]]), float(np.mean(clock[kept])))
+                self.process.add(z, G, float(decided.time[0]), float(np.mean(decided.time)))
         alarm = self.process.alarm_block is not None
         change = explain_change(self.process.past, self.process.coordinates) if alarm else None
         return BlockReport(
@@ -155,6 +169,7 @@ class FlightMonitor:
             change,
             reason,
             taken.elsewhere(slice(None)),
+            gross,
         )
 
     def _repeated(self, y: np.ndarray) -> np.ndarray:
@@ -185,8 +200,10 @@ class FlightMonitor:
         self._skipped = total - float(elapsed[kept[-1]])
         return found
 
-    def _residuals(self, inputs: dict[str, np.ndarray], y: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """e (n, m) about nominal, J (n, m, p + m) with a column per sensor bias, ok (n,).
+    def _residuals(
+        self, inputs: dict[str, np.ndarray], y: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """e (n, m) about nominal, J (n, m, p + m) with a column per sensor bias, predicted (n, m), ok (n,).
 
         Up to an alarm the model is linearised at nominal, as the bound on false alarms wants; after it, at the
         change estimated so far, and carried back: e = y − Φ(θ̂) + J(θ̂)(θ̂ − θ0).
@@ -196,7 +213,7 @@ class FlightMonitor:
         predicted, J, ok, _ = monitor.predict(inputs, np.clip(monitor.theta0 + shift, monitor.lower, monitor.upper))
         e = np.where(ok[:, None], y - predicted + J @ shift, np.nan)
         bias = np.broadcast_to(np.eye(y.shape[1]), (*y.shape, y.shape[1]))
-        return e, np.concatenate([J, bias], axis=2), ok
+        return e, np.concatenate([J, bias], axis=2), np.where(ok[:, None], predicted, 0.0), ok
 
     def _estimate(self) -> np.ndarray:
         """Change (p,) of the health parameters at which the next block is linearised; zero without an alarm."""

@@ -50,4 +50,6 @@ class Following:
                     repeating=report.repeated,
                 )
                 self.elsewhere.update(report.elsewhere)
+                left = self.intake.left_out[-1]  # files come in turn, each with one engine
+                left.gross = left.gross + report.gross
                 yield report

@@ -101,7 +101,7 @@ class JudgedFiles:
         recordings = self.passing(gate.clean(recordings))
         for window in self._windows(monitor, recordings):
             yield gate.judged(window), monitor.meaning
-        gate.report(self.intake.left_out)
+        gate.report(left for left in self.intake.left_out if left.file == file.name)
 
     def _windows(self, monitor: Monitor, recordings: Iterable[Recording]) -> Iterator[WindowStatistics]:
         judging = self.judging

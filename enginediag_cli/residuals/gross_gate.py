@@ -17,6 +17,7 @@ from enginediag_cli.intake.left_out import EXCURSION, GrossCounts, LeftOut
 from enginediag_cli.recordings.table import Recording, concat
 from enginediag_cli.residuals.admission import judged_inputs
 from enginediag_cli.residuals.gross_errors import (
+    FEWEST,
     LEAST,
     UNKNOWN,
     UNRELATED,
@@ -29,6 +30,8 @@ from enginediag_cli.residuals.groups import Key, Timeline, group_rows
 from enginediag_cli.residuals.monitor import Monitor
 from enginediag_cli.residuals.window import WindowStatistics
 
+HISTORY = 40
+"""Records before a block that it is compared with: the running median, and a fit that few new ones do not bend."""
 NOTES = 10_000
 """Records of one window with gross errors that are remembered each by itself, some megabytes; of more in pairs."""
 BLOCK, HALO = 2000, 200
@@ -107,10 +110,12 @@ class GrossErrorGate:
         return replace(window, gross=mine)
 
     def report(self, left_out: Iterable[LeftOut]) -> None:
-        """Add what was rejected so far to what was left out of each file and engine."""
+        """Add what was rejected to what was left out of each engine; all of `left_out` are of files that came by their
+        whole names, or of the one file that came."""
+        files = {source for source, _ in self._total}
         for left in left_out:
             for (source, engine), counts in self._total.items():
-                if source == left.file and left.engine in ("", engine):
+                if (source == left.file or len(files) == 1) and left.engine in ("", engine):
                     left.gross = left.gross + counts
         self._total = {}
 
@@ -156,6 +161,7 @@ class GrossErrorGate:
     ) -> Recording:
         """The records of the block without what is gross in the stretches of the context."""
         monitor, own = self.monitor, context.recording.select(block)
+        recorded = tuple(c for c in context.inputs if c in context.recording)
         sigma = monitor.noise.sigma
         suspects = [s for s in stretches if suspected(context.e[s[0]] / sigma, context.y[s[0]] / sigma, monitor.noise)]
         if not suspects:
@@ -175,13 +181,13 @@ class GrossErrorGate:
                 time,
                 monitor.precision,
                 monitor.noise,
-                lambda some, at=at: self._input_effects(context, at[some]),  # type: ignore[misc]
+                lambda some, at=at: input_effects(monitor, context.inputs, at[some], recorded),  # type: ignore[misc]
             )
             first += len(at)
             found = find_gross_errors(stretch)
             readings[at], records[at] = found.readings, found.records
             mine = (at >= block.start) & (at < block.stop)
-            self._remember(context.recording.line[at], keys, found, mine, self._inputs(context))
+            self._remember(context.recording.line[at], keys, found, mine, recorded)
         gone = (readings | records[:, None])[block]
         columns = {}
         for j, column in enumerate(monitor.sensors):
@@ -189,35 +195,13 @@ class GrossErrorGate:
                 columns[column] = np.where(gone[:, j], np.nan, own[column])
         return own.with_columns(columns) if columns else own
 
-    def _input_effects(self, context: _Held, rows: np.ndarray) -> np.ndarray:
-        """What an error of each input does to each reading of some records, over σ: (n, m, q)."""
-        monitor, columns = self.monitor, self._inputs(context)
-        inputs = {c: v[rows] for c, v in context.inputs.items()}
-        found = monitor.engine.predict(inputs, monitor.base, sensors=monitor.sensors, wrt=columns)
-        return np.asarray(found.jacobian) / monitor.noise.sigma[:, None]
-
-    def _inputs(self, context: _Held) -> tuple[str, ...]:
-        """Inputs that are recorded."""
-        return tuple(c for c in context.inputs if c in context.recording)
-
     def _remember(
         self, line: np.ndarray, keys: list[Key], found: GrossErrors, mine: np.ndarray, inputs: tuple[str, ...]
     ) -> None:
         """Note what was rejected of those records of a stretch that are `mine` (n,)."""
         sensors = self.monitor.sensors
-        runs = _excursions(found, line)
         spoilt = [c for c, bad in zip(sensors, found.spoilt, strict=True) if bad]
-        for k in np.flatnonzero(mine & (found.readings.any(axis=1) | found.records)).tolist():
-            gone = [sensors[j] for j in np.flatnonzero(found.readings[k])]
-            wrong = [] if not found.records[k] else ["" if found.blamed[k] == UNKNOWN else inputs[found.blamed[k]]]
-            counts = GrossCounts(
-                dict.fromkeys(gone, 1),
-                dict.fromkeys(wrong, 1),
-                {c: [int(line[k])] for c in (*gone, *wrong)},
-                {c: [runs[k, j]] for j, c in enumerate(sensors) if (k, j) in runs},
-                [sensors[j] for j in np.flatnonzero(found.readings[k] & found.dead)],
-                judged=len(wrong),
-            )
+        for k, counts in _counts(found, line, mine, sensors, inputs):
             self._note(keys[k], int(line[k]), counts)
         last = {keys[k]: int(line[k]) for k in np.flatnonzero(mine)} if spoilt else {}
         for key, at in last.items():
@@ -236,6 +220,27 @@ class GrossErrorGate:
         self._total[place] = self._total.get(place, GrossCounts()) + counts
 
 
+def _counts(
+    found: GrossErrors, line: np.ndarray, mine: np.ndarray, sensors: Sequence[str], inputs: Sequence[str]
+) -> Iterator[tuple[int, GrossCounts]]:
+    """What was rejected of each record in lines (n,) that is `mine` (n,) and has gross errors."""
+    runs = _excursions(found, line)
+    for k in np.flatnonzero(mine & (found.readings.any(axis=1) | found.records)).tolist():
+        gone = [sensors[j] for j in np.flatnonzero(found.readings[k]).tolist()]
+        wrong = [] if not found.records[k] else ["" if found.blamed[k] == UNKNOWN else inputs[found.blamed[k]]]
+        yield (
+            k,
+            GrossCounts(
+                dict.fromkeys(gone, 1),
+                dict.fromkeys(wrong, 1),
+                {c: [int(line[k])] for c in (*gone, *wrong)},
+                {c: [runs[k, j]] for j, c in enumerate(sensors) if (k, j) in runs},
+                [sensors[j] for j in np.flatnonzero(found.readings[k] & found.dead).tolist()],
+                judged=len(wrong),
+            ),
+        )
+
+
 def _excursions(found: GrossErrors, line: np.ndarray) -> dict[tuple[int, int], list[int]]:
     """Record and sensor at which readings begin to be rejected in a row → first line, last line and how many they
     are, from `EXCURSION` on; line (n,) of the records."""
@@ -248,6 +253,15 @@ def _excursions(found: GrossErrors, line: np.ndarray) -> dict[tuple[int, int], l
                 runs[first, int(j)] = [int(line[first]), int(line[first + n - 1]), n]
             first += n
     return runs
+
+
+def input_effects(
+    monitor: Monitor, inputs: Mapping[str, np.ndarray], rows: np.ndarray, columns: Sequence[str]
+) -> np.ndarray:
+    """What an error of each input of `columns` does to each reading of some records, over σ: (n, m, q)."""
+    here = {c: v[rows] for c, v in inputs.items()}
+    found = monitor.engine.predict(here, monitor.base, sensors=monitor.sensors, wrt=columns)
+    return np.asarray(found.jacobian) / monitor.noise.sigma[:, None]
 
 
 def _alike(a: Recording, b: Recording) -> bool:
@@ -281,3 +295,84 @@ def _stretches(monitor: Monitor, context: _Held) -> Iterator[tuple[np.ndarray, l
             np.concatenate([lags for *_, lags, _ in flights]),
             np.concatenate([time for *_, time in flights]),
         )
+
+
+@dataclass(frozen=True)
+class LiveRecords:
+    """n records of a flight as they come: inputs, column → (n,); residuals e (n, m), NaN where there is no reading, and
+    sensitivities J (n, m, …), the first p those of the monitor; predicted y (n, m); lags (n,); time (n,) in s; line
+    (n,)."""
+
+    inputs: Mapping[str, np.ndarray]
+    e: np.ndarray
+    J: np.ndarray
+    y: np.ndarray
+    lags: np.ndarray
+    time: np.ndarray
+    line: np.ndarray
+
+    def __len__(self) -> int:
+        return len(self.e)
+
+    def select(self, rows: slice) -> LiveRecords:
+        """Some of the records."""
+        inputs = {c: v[rows] for c, v in self.inputs.items()}
+        return LiveRecords(inputs, *(getattr(self, name)[rows] for name in _ARRAYS))
+
+    def and_then(self, other: LiveRecords) -> LiveRecords:
+        """These records and those after them."""
+        inputs = {c: np.concatenate([v, other.inputs[c]]) for c, v in self.inputs.items()}
+        return LiveRecords(inputs, *(np.concatenate([getattr(self, name), getattr(other, name)]) for name in _ARRAYS))
+
+
+_ARRAYS = ("e", "J", "y", "lags", "time", "line")
+
+
+class LiveGate:
+    """Gross errors of one flight that is still going on. A run of gross readings that has not ended may be the start of
+    a change: its records wait for what follows, `RUN` at most, and nothing of them is lost."""
+
+    def __init__(self, monitor: Monitor, recorded: Sequence[str]):
+        self.monitor, self._recorded = monitor, tuple(recorded)
+        self._known: LiveRecords | None = None
+        self._decided = 0
+
+    def add(self, new: LiveRecords) -> tuple[LiveRecords, GrossCounts]:
+        """The records that are decided by these further ones, without gross readings, and what was rejected of them."""
+        known = new if self._known is None else self._known.and_then(new)
+        found = self._found(known)
+        undecided = _open_run(found) if len(known) >= FEWEST else len(known)
+        stop = len(known) - undecided
+        first = min(self._decided, stop)
+        mine = np.zeros(len(known), bool)
+        mine[first:stop] = True
+        counts = GrossCounts(judged=int(mine.sum()))
+        for _, some in _counts(found, known.line, mine, self.monitor.sensors, self._recorded):
+            counts = counts + replace(some, judged=0)
+        gone = found.readings | found.records[:, None]
+        decided = replace(known, e=np.where(gone, np.nan, known.e)).select(slice(first, stop))
+        kept = max(0, stop - HISTORY)
+        self._known, self._decided = known.select(slice(kept, None)), stop - kept
+        return decided, counts
+
+    def _found(self, known: LiveRecords) -> GrossErrors:
+        monitor, (n, m), p = self.monitor, known.e.shape, len(self.monitor.names)
+        sigma = monitor.noise.sigma
+        z, level = known.e / sigma, known.y / sigma
+        if not suspected(z, level, monitor.noise):
+            no = np.zeros(m, bool)
+            return GrossErrors(np.zeros((n, m), bool), np.zeros(n, bool), np.full(n, -1), no, no)
+        G = np.nan_to_num(known.J[:, :, :p] / sigma[:, None])
+
+        def effects(rows: np.ndarray) -> np.ndarray:
+            return input_effects(monitor, known.inputs, rows, self._recorded)
+
+        stretch = Stretch(z, G, level, known.lags, known.time, monitor.precision, monitor.noise, effects)
+        return find_gross_errors(stretch)
+
+
+def _open_run(found: GrossErrors) -> int:
+    """Records at the end whose gross readings, of a sensor that is not dead, have not ended."""
+    gone = found.records[:, None] | (found.readings & ~found.dead)
+    kept = np.cumsum(~gone[::-1], axis=0) > 0
+    return int(np.max(np.argmax(np.vstack([kept, np.ones_like(kept[:1])]), axis=0), initial=0))

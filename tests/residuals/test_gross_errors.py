@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from toy_engine import SENSORS, SIGMA, toy_monitor, toy_recording
 
-from enginediag_cli.residuals.gross_errors import RUN, Stretch, find_gross_errors, running_median
-from enginediag_cli.residuals.gross_gate import BLOCK, HALO, GrossErrorGate
+from enginediag_cli.residuals.gross_errors import FEWEST, RUN, Stretch, find_gross_errors, running_median
+from enginediag_cli.residuals.gross_gate import BLOCK, HALO, GrossErrorGate, LiveGate, LiveRecords
 from enginediag_cli.residuals.noise import NoiseModel
 
 N, M, P, Q = 130, 7, 5, 3
@@ -147,3 +147,31 @@ def test_short_flights_are_judged_by_their_neighbours():
     parts = list(GrossErrorGate(toy_monitor()).clean(iter([spoilt])))
     found = np.isnan(np.column_stack([parts[0][c] for c in SENSORS])).any(axis=1)
     assert np.array_equal(np.flatnonzero(found), np.sort(rows))
+
+
+def followed(e, block):
+    """What a live gate decides of residuals e (n, m), fed in blocks."""
+    monitor = toy_monitor()
+    inputs = {c: np.full(len(e), x) for c, x in zip(monitor.engine.inputs, (5e3, 0.5, 0.8), strict=True)}
+    y, J, _, _ = monitor.predict(inputs, monitor.theta0)
+    k = np.arange(len(e))
+    whole = LiveRecords(inputs, e * SIGMA, J, y, np.where(k == 0, np.inf, 1.0), 60.0 * k, k + 2)
+    gate, decided = LiveGate(monitor, monitor.engine.inputs), []
+    for i in range(0, len(e), block):
+        decided.append(gate.add(whole.select(slice(i, i + block)))[0])
+    return [len(d) for d in decided], np.concatenate([d.e for d in decided]) / SIGMA
+
+
+@pytest.mark.parametrize("block", [1, 5, 20])
+def test_a_live_gate_drops_spikes_and_keeps_every_record_of_a_step(block):
+    rng = np.random.default_rng(10)
+    e = rng.standard_normal((120, 5))
+    e[[30, 57, 59, 80], [0, 1, 2, 3]] += 20
+    _, decided = followed(e, block)
+    assert np.array_equal(np.argwhere(np.isnan(decided)), [[30, 0], [57, 1], [59, 2], [80, 3]])
+    step = rng.standard_normal((120, 5))
+    step[58:, 1] += 20
+    sizes, decided = followed(step, block)
+    assert len(decided) == len(step)
+    assert np.allclose(decided, step)  # nothing lost, nothing twice
+    assert min(np.cumsum(sizes) - block * np.arange(1, len(sizes) + 1)) >= -max(RUN, FEWEST)

@@ -63,7 +63,8 @@ class ToyEngine:
         J = np.empty((*y.shape, len(wrt)))
         for i, name in enumerate(wrt):
             step = [t + 1e-30j if n == name else t for n, t in zip(self.parameters, theta, strict=True)]
-            J[:, :, i] = outputs(u, step)[:, chosen].imag / 1e-30
+            moved = [x + 1e-30j if c == name else x for c, x in zip(self.inputs, u, strict=True)]
+            J[:, :, i] = outputs(moved, step)[:, chosen].imag / 1e-30
         return SimpleNamespace(
             y=y,
             jacobian=J,
