@@ -16,19 +16,24 @@ from enginediag_cli.progress import touched
 from enginediag_cli.recordings.dialect import OWN, Dialect
 from enginediag_cli.recordings.formats.base import Asked, ReadingCounts, TableFile
 from enginediag_cli.recordings.formats.csv_in import CsvTable
+from enginediag_cli.recordings.formats.excel_in import ExcelTable, is_excel
 from enginediag_cli.recordings.formats.parquet_in import ParquetTable, is_parquet
 from enginediag_cli.recordings.source import Source, opened
 from enginediag_cli.recordings.table import Recording, concat
 
 
 @contextmanager
-def table_file(source: Source, codec: str = "utf-8-sig") -> Iterator[TableFile]:
+def table_file(source: Source, codec: str = "utf-8-sig", sheet: str = "") -> Iterator[TableFile]:
     """The open table, in the format that its first bytes or its name say; CSV of all else, in the encoding `codec`.
 
-    source: path (`-` is stdin, `.gz` is unpacked) or an open text stream. Raises DataError.
+    source: path (`-` is stdin, `.gz` is unpacked) or an open text stream; sheet: of a workbook. Raises DataError.
     """
-    if isinstance(source, (str, Path)) and str(source) != "-" and is_parquet(source):
-        with closing(ParquetTable(source)) as table:
+    path = source if isinstance(source, (str, Path)) and str(source) != "-" else None
+    if path is not None and is_excel(path):
+        with closing(ExcelTable(path, sheet)) as workbook:
+            yield workbook
+    elif path is not None and is_parquet(path):
+        with closing(ParquetTable(path)) as table:
             yield table
     else:
         with opened(source, codec) as (stream, name):
@@ -37,7 +42,7 @@ def table_file(source: Source, codec: str = "utf-8-sig") -> Iterator[TableFile]:
 
 def is_whole(path: str) -> bool:
     """Whether a file is of a format that is read only when it is complete."""
-    return path.endswith(".gz") or is_parquet(path)
+    return path.endswith(".gz") or is_parquet(path) or is_excel(path)
 
 
 def read(
@@ -68,7 +73,7 @@ def read(
         touched("read:", source.name)
         yield from source.records(asked, chunk_records)
         return
-    with table_file(source, dialect.codec) as table:
+    with table_file(source, dialect.codec, dialect.sheet) as table:
         touched("read:", table.name)
         yield from table.records(asked, chunk_records)
 

@@ -29,6 +29,7 @@ from enginediag_cli.recordings.source import Source
 from enginediag_cli.recordings.stamps import NUMBERS, Stamps, check_forward, stamps_of, zone_of
 from enginediag_cli.recordings.steady import GateReport, SteadySettings, failures, gate
 from enginediag_cli.recordings.table import Recording, concat, rechunk
+from enginediag_cli.units import split_column
 
 if TYPE_CHECKING:
     from enginediag_cli.recordings.live import RecorderStream
@@ -392,7 +393,14 @@ def _unknown_columns(checked: Checked, steady: SteadySettings | None) -> list[Pr
     wanted: list[tuple[tuple[str | int, ...], str]] = []
     problems = []
     for settings in values["derived"]:
-        for column in RULES[settings["rule"]].needs(settings):
+        rule, here = RULES[settings["rule"]], ("derived", settings["name"])
+        units = {c: split_column(c)[1] or "1" for c in (settings["name"], *rule.needs(settings))}
+        if len(units) < 2:
+            problems.append(checked.problem(here, "it is computed from no other column"))
+        elif rule.one_unit and len(set(units.values())) > 1:
+            told = ", ".join(f"{column} in {unit}" for column, unit in units.items())
+            problems.append(checked.problem(here, f"columns of different units: {told}"))
+        for column in rule.needs(settings):
             if column not in made:
                 problems.append(
                     checked.problem(

@@ -1,16 +1,21 @@
 from __future__ import annotations
 
+import io
+
 import numpy as np
 import pytest
 from shared_recordings import shared_data
 
+from enginediag_cli.errors import ConfigError
 from enginediag_cli.recordings.derived.humidity_ratio import humidity_ratio, saturation_pressure
 from enginediag_cli.recordings.derived.isa_deviation import isa_temperature
 from enginediag_cli.recordings.derived.mach_from_cas import isa_pressure, mach_from_cas
 from enginediag_cli.recordings.derived.mach_from_tas import mach_from_tas
+from enginediag_cli.recordings.derived.probes import consensus
 from enginediag_cli.recordings.derived.soak import lowpass
 from enginediag_cli.recordings.derived.static_temperature import static_temperature
 from enginediag_cli.recordings.read import read_all
+from enginediag_cli.recordings.recorder import load_recorder
 
 
 def test_the_standard_atmosphere_has_its_published_temperatures():
@@ -79,3 +84,36 @@ def test_mach_from_airspeeds_is_what_an_air_data_computer_recorded():
     from_tas = mach_from_tas(r["tas_kt"] * 1852 / 3600, r["sat_degC"] + 273.15)
     assert np.abs(from_cas - r["mach"])[flying].max() < 0.0015
     assert np.abs(from_tas - r["mach"])[flying].max() < 0.0006
+
+
+def test_a_gauge_pressure_and_the_ambient_one_make_an_absolute_pressure(tmp_path):
+    path = tmp_path / "r.yaml"
+    path.write_text(
+        "kind: recorder\ndescription: x\ncolumns:\n  ambient_pressure_Pa: {from: pa, unit: hPa}\n"
+        "  P3_gauge_Pa: {from: p3, unit: bar}\n"
+        "derived: [{name: P3_Pa, rule: sum, of: [P3_gauge_Pa, ambient_pressure_Pa]}]\n"
+    )
+    r = load_recorder(path).read(io.StringIO("pa,p3\n1013.25,10\n900,\n"))[0].recording
+    np.testing.assert_allclose(r["P3_Pa"], [1101325.0, np.nan])
+    path.write_text(path.read_text().replace("P3_gauge_Pa: {from: p3, unit: bar}", "P3_gauge_K: {from: p3, unit: K}"))
+    with pytest.raises(ConfigError):
+        load_recorder(path)
+
+
+@pytest.mark.parametrize(
+    ("probes", "least", "value"),
+    [
+        ([700, 702, 704], 1, 702),
+        ([700, 702, 900], 1, 701),  # two of three agree
+        ([np.nan, 702, 900], 1, np.nan),  # nobody knows which of two is wrong
+        ([np.nan, np.nan, 702], 1, 702),
+        ([np.nan, np.nan, 702], 2, np.nan),
+        ([700, 701, 900, 901], 1, np.nan),  # two pairs
+        ([np.nan, np.nan, np.nan], 1, np.nan),
+        ([700, 709, 718], 1, 709),  # a chain, all within 10 of the middle one
+    ],
+)
+def test_of_redundant_probes_those_that_agree_are_averaged(probes, least, value):
+    readings = np.array([probes], dtype=float).T
+    for order in ([*range(len(probes))], [*range(len(probes))][::-1]):
+        np.testing.assert_allclose(consensus(readings[order], 10.0, least), [value])

@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import gzip
 import io
+import sys
+import zipfile
+from datetime import datetime, time
 
 import numpy as np
 import pytest
@@ -173,3 +176,53 @@ def test_a_packed_file_is_read_whatever_it_is_called(tmp_path):
     path = tmp_path / "f.csv"
     path.write_bytes(gzip.compress(b"T3_K\n400\n"))
     assert read_all(path)["T3_K"].tolist() == [400.0]
+
+
+@pytest.fixture
+def workbook(tmp_path):
+    openpyxl = pytest.importorskip("openpyxl")
+    book = openpyxl.Workbook()
+    sheet = book.active
+    for row in [
+        ["Test bench 3", None],
+        ["Date", "Time", "T3", "n"],
+        [None, None, "degC", "rpm"],
+        [datetime(2024, 3, 4), time(23, 59, 59), 15.5, 5000],
+        [datetime(2024, 3, 5), time(0, 0, 0), "#N/A", 5001],
+        [datetime(2024, 3, 5), time(0, 0, 1), 16, 5002],
+        [None, "Mean", 15.75, 5001],
+    ]:
+        sheet.append(row)
+    book.create_sheet("notes").append(["nothing"])
+    book.save(tmp_path / "bench.xlsx")
+    return tmp_path / "bench.xlsx"
+
+
+BENCH = "time: {from: [Date, Time]}\nfile: {header_line: 2, unit_row: true, sheet: SHEET, decimal: comma}"
+
+
+def test_a_sheet_of_a_workbook_is_a_table(tmp_path, workbook):
+    columns = "{T3_K: {from: T3, unit: degC}, N1_rpm: {from: n, unit: rpm}}"
+    r = recorder(tmp_path, BENCH.replace("SHEET", "Sheet"), columns)
+    (mapped,) = r.read(workbook)
+    assert mapped.recording["time_s"].tolist() == [0.0, 1.0, 2.0] and mapped.recording.line.tolist() == [4, 5, 6]
+    np.testing.assert_allclose(mapped.recording["T3_K"], [288.65, np.nan, 289.15])
+    assert mapped.counts.words == {"T3": {"#N/A": 1}}
+    with pytest.raises(DataError, match="no sheet 'data'; there are Sheet, notes"):
+        recorder(tmp_path, BENCH.replace("SHEET", "data"), columns).read(workbook)
+
+
+def test_a_workbook_that_is_damaged_or_cannot_be_read_here_is_named(tmp_path, workbook, monkeypatch):
+    whole = workbook.read_bytes()
+    with zipfile.ZipFile(workbook) as archive, zipfile.ZipFile(tmp_path / "cut.xlsx", "w") as cut:
+        for name in archive.namelist():
+            content = archive.read(name)
+            cut.writestr(name, content[: len(content) // 2] if "sheet1" in name else content)
+    with pytest.raises(DataError, match=r"cut.xlsx: a damaged Excel workbook"):
+        read_all(tmp_path / "cut.xlsx")
+    (tmp_path / "half.xlsx").write_bytes(whole[: len(whole) // 2])
+    with pytest.raises(DataError, match=r"half.xlsx: a zip archive, or an Excel workbook"):
+        read_all(tmp_path / "half.xlsx")
+    monkeypatch.setitem(sys.modules, "openpyxl", None)
+    with pytest.raises(DataError, match=r"needs openpyxl.*enginediag\[excel\]', or save it as CSV"):
+        read_all(workbook)

@@ -52,6 +52,7 @@ SUM = Rule(
     ),
     lambda settings: [*settings["of"], *settings["minus"]],
     _sum,
+    one_unit=True,
 )
 
 CONSENSUS = Rule(
@@ -67,4 +68,5 @@ CONSENSUS = Rule(
     ),
     lambda settings: list(settings["of"]),
     _consensus,
+    one_unit=True,
 )

@@ -16,7 +16,8 @@ Settings = Mapping[str, Any]
 
 @dataclass(frozen=True)
 class Rule:
-    """section: the YAML keys; needs: the columns that these settings ask for; compute: the column (N,).
+    """section: the YAML keys; needs: the columns that these settings ask for; compute: the column (N,); one_unit: these
+    columns and that one must be in the same unit.
 
     Missing values (NaN) in give missing values out.
     """
@@ -24,3 +25,4 @@ class Rule:
     section: Section
     needs: Callable[[Settings], list[str]]
     compute: Callable[[Columns, Settings], np.ndarray]
+    one_unit: bool = False

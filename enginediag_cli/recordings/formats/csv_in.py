@@ -33,8 +33,9 @@ _SUMMARY = re.compile(r"\W*(total|sum|count|average|avg|mean|median|min(imum)?|m
 
 CELLS_AT_ONCE = 400_000
 """Cells that are texts in memory at once, some 30 MB, whatever the width of a table."""
-MOST_BLANK_LINES = 1_000_000
-"""Blank lines in a row after which a file is refused: packed, gigabytes of them take no room."""
+MOST_BLANK_LINES = 2_000_000
+"""Blank lines in a row after which a file is refused: packed, gigabytes of them take no room. A sheet has 1,048,576
+rows, which may all be there."""
 MOST_FOOTER_LINES = 50
 """Lines at the end of a file that may be no records."""
 
@@ -51,17 +52,27 @@ class CsvTable(TableFile):
     def records(self, asked: Asked, chunk_records: int) -> Iterator[Recording]:
         """See `TableFile.records`. Raises DataError naming file, physical line and column."""
         try:
-            yield from _records(self.lines, self.name, asked, chunk_records, lambda: getattr(self._text, "cut", False))
+            yield from table_records(
+                self.lines, self.name, asked, chunk_records, lambda: getattr(self._text, "cut", False)
+            )
         except UnicodeDecodeError as error:
             raise undecodable(self._source, self.name, error) from error
         except (gzip.BadGzipFile, EOFError, zlib.error) as error:
             raise DataError(f"{self.name}: damaged gzip file ({error})") from error
 
+    def _cut(self) -> bool:
+        return bool(getattr(self._text, "cut", False))
 
-def _records(
-    stream: Iterable[str], name: str, asked: Asked, chunk_records: int, cut: Callable[[], bool]
+
+def table_records(
+    stream: Iterable[str],
+    name: str,
+    asked: Asked,
+    chunk_records: int,
+    cut: Callable[[], bool] = lambda: False,
 ) -> Iterator[Recording]:
-    """cut: whether the last line has no end, known when it has been read."""
+    """The records of a text table, see `TableFile.records`. cut: whether the last line has no end, known when it has
+    been read. Raises DataError."""
     dialect = asked.dialect
     head, provenance, first = _head(stream, name, dialect)
     place = f"{name}:{head + 1}"
