@@ -10,8 +10,9 @@ from itertools import pairwise, product
 
 import numpy as np
 
+from enginediag_cli.recordings.formats.cells import is_missing
 from enginediag_cli.recordings.quantities import read_name
-from enginediag_cli.recordings.sniff import Sniffed, is_fill
+from enginediag_cli.recordings.sniff import Sniffed
 from enginediag_cli.recordings.unit_words import UnitWord, unit_word
 
 STAMP_CELLS = 300
@@ -105,7 +106,7 @@ def _affinity(*columns: str) -> int:
 
 def _sample(sniffed: Sniffed, columns: Sequence[str]) -> list[str]:
     cells = [" ".join(sniffed.cells[c][k].strip() for c in columns) for k in range(len(sniffed.cells[columns[0]]))]
-    filled = [c for c in cells if c.strip() and not is_fill(c)]
+    filled = [c for c in cells if c.strip() and not is_missing(c)]
     return [filled[k] for k in np.unique(np.linspace(0, len(filled) - 1, STAMP_CELLS).astype(int))] if filled else []
 
 

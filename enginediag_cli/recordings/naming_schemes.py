@@ -131,7 +131,7 @@ UCI_POWER_PLANT = NamingScheme(
         "tit": Documented("T4_K", "degC"),
         "tat": Documented("T5_K", "degC"),
         "cdp": Documented("P3_Pa", "bar", "documented in mbar, with values in bar"),
-        "tey": Documented("power_W", "MWh_h"),
+        "tey": Documented("power_W", "MW"),
     },
 )
 NAVAL = NamingScheme(

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import codecs
 import csv
-import gzip
 import re
-import sys
+import zlib
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import closing
@@ -17,9 +16,9 @@ import numpy as np
 from enginediag_cli.errors import DataError
 from enginediag_cli.recordings.dialect import DELIMITERS, OWN, WHITESPACE, Dialect
 from enginediag_cli.recordings.formats.base import Asked
-from enginediag_cli.recordings.formats.cells import MISSING
+from enginediag_cli.recordings.formats.cells import is_missing
 from enginediag_cli.recordings.formats.parquet_in import ParquetTable, is_parquet
-from enginediag_cli.recordings.source import refuse_devices
+from enginediag_cli.recordings.source import HEAD_BYTES, refuse_binary, unicode_of, unpacked
 from enginediag_cli.recordings.unit_words import unit_word
 
 LOOKED_AT = 1 << 18
@@ -35,12 +34,13 @@ UNITS_OF_A_ROW = 0.4
 MOST_TAGS = 1000
 """Tags of an export of one reading a line that are told apart."""
 
+FEWEST_BYTES = 16
+"""Bytes by which an encoding is recognised: a header line has more."""
 FEWEST_LINES = 3
 """Lines that a table without a delimiter must have: two lines of words may be any text."""
 
 _NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?")
 _GROUPED = re.compile(r"[-+]?\d{1,3}(,\d{3})+(\.\d*)?")
-_FILL = re.compile(r"\*+|\[-\d+\].*")
 _TAG = re.compile(r"tag|tag ?name|point|point ?name|signal|parameter|param|variable|channel|sensor|item|name", re.I)
 _VALUE = re.compile(r"value|val|reading|data|result|average|avg", re.I)
 _QUALITY = re.compile(r"quality|status|qual|good|confidence|flag", re.I)
@@ -83,7 +83,7 @@ class Sniffed:
         for cell in self.cells[column]:
             bare = self._plain(cell)
             number = _NUMBER.fullmatch(bare) is not None
-            good += number or is_fill(bare)
+            good += number or is_missing(bare)
             result.append(float(bare) if number else np.nan)
         values = np.array(result)
         return values if good >= NUMBERS * max(len(values), 1) and np.isfinite(values).any() else None
@@ -91,7 +91,7 @@ class Sniffed:
     def words(self, column: str) -> Counter[str]:
         """Words that stand in a column of numbers although no recording knows them for a missing value."""
         bare = (self._plain(cell) for cell in self.cells[column])
-        return Counter(cell for cell in bare if not _NUMBER.fullmatch(cell) and not is_fill(cell))
+        return Counter(cell for cell in bare if not _NUMBER.fullmatch(cell) and not is_missing(cell))
 
     def _plain(self, cell: str) -> str:
         bare = cell.strip()
@@ -100,18 +100,12 @@ class Sniffed:
         return bare.replace(",", ".") if self.dialect.decimal == "," else bare
 
 
-def is_fill(cell: str) -> bool:
-    """Whether a cell stands for a missing value in any recording."""
-    bare = cell.strip().lower()
-    return bare in MISSING or _FILL.fullmatch(bare) is not None
-
-
 def sniff(path: str) -> Sniffed:
     """Look at the head of a file (`-`: standard input). Raises DataError when no table is found in it."""
     if path != "-" and is_parquet(path):
         return _lengthwise(_first_records(path))
     raw = _head(path)
-    text, encoding = _decoded(raw, path)
+    text, encoding = _decoded(raw)
     lines = text.splitlines()
     if len(raw) == LOOKED_AT:
         lines = lines[:-1]  # the last one may be cut
@@ -119,7 +113,7 @@ def sniff(path: str) -> Sniffed:
         found = _text_table(lines, path)
     except csv.Error as error:
         raise DataError(f"{path}: no table: {error}") from error
-    guessed = encoding not in ("utf-8", "utf-16")
+    guessed = encoding in ("cp1252", "latin-1")
     return _lengthwise(replace(found, dialect=replace(found.dialect, encoding=encoding), guessed_encoding=guessed))
 
 
@@ -210,22 +204,31 @@ def _lengthwise(found: Sniffed) -> Sniffed:
 
 
 def _head(path: str) -> bytes:
-    if path == "-":
-        return sys.stdin.buffer.read(LOOKED_AT)
-    refuse_devices(path)
+    """The first bytes, unpacked. Raises DataError for what cannot be read, and for formats that are no text."""
+    name = "<stdin>" if path == "-" else path
     try:
-        with gzip.open(path, "rb") if path.endswith(".gz") else open(path, "rb") as stream:
-            return bytes(stream.read(LOOKED_AT))
-    except (OSError, EOFError) as error:
-        raise DataError(f"{path}: {getattr(error, 'strerror', None) or error}") from error
+        with unpacked(path, name) as stream:
+            raw = bytes(stream.read(LOOKED_AT))
+    except (OSError, EOFError, zlib.error) as error:
+        raise DataError(f"{name}: {getattr(error, 'strerror', None) or error}") from error
+    refuse_binary(raw[:HEAD_BYTES], name, "utf-8" if not _utf_16(raw) else _utf_16(raw))
+    return raw
 
 
-def _decoded(raw: bytes, path: str) -> tuple[str, str]:
+def _utf_16(raw: bytes) -> str:
+    """UTF-16 without a byte order mark: of Western letters every second byte is zero; empty where it is not."""
+    head = raw[:HEAD_BYTES]
+    for odd, order in ((1, "le"), (0, "be")):
+        if len(head) > FEWEST_BYTES and 0.4 * len(head) <= head.count(0) == head[odd::2].count(0):
+            return f"utf-16-{order}"
+    return ""
+
+
+def _decoded(raw: bytes) -> tuple[str, str]:
     """The text and the encoding; what is no Unicode is taken for Western European Windows text."""
-    if raw.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
-        return raw.decode("utf-16", errors="ignore"), "utf-16"
-    if b"\0" in raw:
-        raise DataError(f"{path}: no text but binary data; export it as CSV or Parquet first")
+    unicode = unicode_of(raw) or _utf_16(raw)
+    if unicode:
+        return raw.decode(unicode, errors="ignore"), unicode
     try:
         return codecs.getincrementaldecoder("utf-8-sig")().decode(raw), "utf-8"
     except UnicodeDecodeError:
