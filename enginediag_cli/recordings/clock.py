@@ -164,7 +164,7 @@ def _number(sniffed: Sniffed) -> Clock | None:
         values = sniffed.values(c)
         if values is None:
             continue
-        only = name.features <= {"date", "time", "utc", "epoch", "elapsed", "local", "engine", "no"}
+        only = name.features <= {"date", "time", "utc", "epoch", "elapsed", "local", "engine", "no", "flight"}
         if not (name.features & {"date", "time", "epoch", "elapsed"} and only) and c.strip().casefold() not in (
             "t",
             "sec",

@@ -109,8 +109,9 @@ def draft(sniffed: Sniffed, engine: EngineColumns | None = None) -> Draft:
         result.open.append("the file names no columns: state them under file: names, and take them up under columns")
     if clock is not None and clock.number is not None:
         result.columns["time_s"] = _of_clock(clock)
-    known = [e for e in header.entries if e.meaning is not None]
-    for e in header.entries:
+    entries = [_named_exactly(e, engine) for e in header.entries]
+    known = [e for e in entries if e.meaning is not None]
+    for e in entries:
         if e.meaning is None:
             result.unused[e.column] = "of no use here" if e.name.features else "not recognised"
     known = _related(result, known, engine) if engine else known
@@ -264,6 +265,8 @@ def _guess(e: Entry, column: Column, inferred: Inferred | None, engine: EngineCo
         median = float(np.nanmedian(stated.in_si(unit.unit)))
         doubts.append(f"in {unit.unit} its median is {median:.4g} {own}, which cannot be")
     doubts += _reference_doubt(e, unit, stated)
+    if unit.dimension == "pressure" and not unit.absolute and _may_be_gauge(e.target) and not doubts:
+        guess = replace(guess, remarks=(*guess.remarks, "absolute, since nothing says gauge"))
     limits, doubt = propose_limits(e.target, stated.in_si(unit.unit), engine)
     return replace(guess, limits=limits, doubts=(*doubts, *doubt))
 
@@ -281,12 +284,17 @@ def _percent(probability: float) -> str:
     return "more than 99 %" if probability > 0.99 else f"{100 * probability:.0f} %"
 
 
+def _may_be_gauge(target: str) -> bool:
+    """Whether a pressure is one of the engine's, which instruments may show above ambient."""
+    return split_column(target)[0].lstrip("Ps").isdigit()
+
+
 def _reference_doubt(e: Entry, unit: UnitWord, column: Column) -> list[str]:
     """Whether a pressure may be above ambient: what is written as psi or bar may be either."""
     if "gauge?" in e.name.features and not unit.absolute:
         return ["absolute, or above ambient (gauge), as plants mostly record it?"]
     low = float(np.nanmin(column.in_si(unit.unit)))
-    if unit.dimension == "pressure" and not e.target.startswith(("dP_", "ambient")) and low <= 0.0:
+    if unit.dimension == "pressure" and _may_be_gauge(e.target) and low <= 0.0:
         return [f"gauge, since it goes down to {low:.4g} Pa: add the ambient pressure"]
     return []
 
@@ -456,14 +464,11 @@ def _related(result: Draft, entries: Sequence[Entry], engine: EngineColumns) -> 
     here = {e.target for e in entries}
     related = []
     for e in entries:
-        exact = _exact(e, engine)
-        if exact:
-            related.append(_renamed(e, exact, ""))
-            continue
         if e.target == "TAT_K" and "T2_K" in engine.columns and not here & {"T2_K"}:
             related.append(_renamed(e, "T2_K", ""))  # the total temperature of the air is that before the engine
             continue
-        if e.target in engine.columns or e.target in HELPERS:
+        inlet = e.target in ("T1_K", "T2_K") and not here & {"TAT_K", "ambient_temperature_K"}
+        if e.target in engine.columns or e.target in HELPERS or inlet:
             related.append(e)
             continue
         target, doubt = _counterpart(e, here, engine)
@@ -476,14 +481,19 @@ def _related(result: Draft, entries: Sequence[Entry], engine: EngineColumns) -> 
     return related
 
 
-def _exact(e: Entry, engine: EngineColumns) -> str:
-    """The engine's column whose name this is, but for case, spaces and unit."""
+OWN_COLUMNS = ("dT_isa_K", "humidity_kg_kg")
+"""Columns of the program that foreign files do not have, with which its own files are drafted, too."""
+
+
+def _named_exactly(e: Entry, engine: EngineColumns | None) -> Entry:
+    """An entry whose name is that of a column of the engine, or of the program, but for case, spaces and unit."""
 
     def plain(text: str) -> str:
         return "".join(c for c in text.casefold() if c.isalnum())
 
-    head = split_column(e.column)[0]
-    return next((t for t in engine.columns if plain(split_column(t)[0]) == plain(head) and t != e.target), "")
+    head = plain(split_column(e.column)[0])
+    asked = (*engine.columns, *OWN_COLUMNS) if engine else OWN_COLUMNS
+    return next((_renamed(e, t, "") for t in asked if plain(split_column(t)[0]) == head and t != e.target), e)
 
 
 def _renamed(e: Entry, target: str, doubt: str) -> Entry:
@@ -504,7 +514,7 @@ def _counterpart(e: Entry, here: Collection[str], engine: EngineColumns) -> tupl
             + (f"{{reads: {{{target}: 0.95}}}}"),
         )
     station = quantity[1:] if quantity[:1] in ("T", "P") and quantity[1:].isdigit() else ""
-    if station:
+    if len(station) > 1:
         # T24 of one numbering is T25 of another, T48 T45: the only station of the same part of the engine
         near = [t for t in engine.columns if _is_station(t, quantity[0], station[0]) and t not in here]
         others = [t for t in here if _is_station(t, quantity[0], station[0]) and t not in engine.columns]

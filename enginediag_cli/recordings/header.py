@@ -115,11 +115,20 @@ def _shared_prefix(columns: Sequence[str]) -> str:
             if gap.end() < len(c):
                 counts[c[: gap.end()]] += 1
     least = max(SHARED * len(columns), FEWEST_SHARING)
-    for prefix, n in sorted(counts.items(), key=lambda item: -len(item[0])):
+    best, most = "", _understood(columns, "")
+    for prefix in sorted((p for p, n in counts.items() if n >= least), key=len):
         name = read_name(prefix.strip(" _.:/\\|-"))
-        if n >= least and not name.features - {"engine"} and not name.station:
-            return prefix
-    return ""
+        understood = _understood(columns, prefix)
+        # a prefix of words that may be a quantity's must make names understood that were not
+        if understood > most or (understood == most and not name.features - {"engine"} and not name.station):
+            best, most = prefix, understood
+    return best
+
+
+def _understood(columns: Sequence[str], prefix: str) -> int:
+    """How many different quantities the names mean when they are read without this prefix."""
+    names = [read_name(c.removeprefix(prefix)) for c in columns]
+    return len({(m.target, name.marks[-1:] and name.marks[-1].text) for name in names if (m := meaning_of(name))})
 
 
 def _identity(name: Name) -> str:
@@ -148,6 +157,7 @@ def _entry(
     row = sniffed.units[sniffed.header.index(column)]
     unit = name.unit or unit_word(row)
     documented = scheme.find(bare) if scheme else None
+    name = replace(name, marks=()) if documented is not None else name
     if documented is not None and documented.target:
         doubts = (documented.doubt,) if documented.doubt else ()
         own = unit or (UnitWord(documented.unit) if documented.unit else None)

@@ -59,7 +59,7 @@ CMAPSS = NamingScheme(
         **_numbered(
             "setting",
             (
-                Documented("altitude_m", "kft", "not in kft at take-off settings: near 0"),
+                Documented("altitude_m", "kft"),
                 Documented("mach", "1"),
                 _NOT_USED,
             ),
@@ -117,7 +117,12 @@ _N_CMAPSS_UNITS = {
 }
 N_CMAPSS = NamingScheme(
     "N-CMAPSS (NASA turbofan data set 2)",
-    {**{name: Documented(*pair) for name, pair in _N_CMAPSS_UNITS.items()}, "tra": _NOT_USED},
+    {
+        **{name: Documented(*pair) for name, pair in _N_CMAPSS_UNITS.items()},
+        **dict.fromkeys(("tra", "fc", "hs"), _NOT_USED),
+        "unit": Documented("", text="engine"),
+        "cycle": Documented("", text="flight"),
+    },
 )
 
 UCI_POWER_PLANT = NamingScheme(

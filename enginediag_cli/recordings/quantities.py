@@ -22,16 +22,16 @@ FLOWS = ("kg_s", "kg_h", "lb_h", "lb_s", "g_s")
 _KINDS = {
     "T": "t temp temps temperature temperatures tmp temperatur tt",
     "P": "p press pressure pressures pres prs druck",
-    "N": "n rpm rotation revolutions rev drehzahl",
+    "N": "n xn rpm rotation revolutions rev drehzahl",
     "speed": "speed spd velocity",
     "flow": "flow flw w massflow durchfluss",
     "rate": "rate mass consumption",
     "torque": "torque trq tq tor torq drehmoment gtt",
     "power": "power pwr leistung",
-    "altitude": "altitude alt hoehe höhe",
+    "altitude": "altitude alt alti hoehe höhe",
     "mach": "mach mn machno xm",
     "humidity": "humidity hum",
-    "thrust": "thrust",
+    "thrust": "thrust schub",
     "dp": "dp deltap differential diff",
     "EPR": "epr",
     "BPR": "bpr",
@@ -39,7 +39,7 @@ _KINDS = {
     "time": "time zeit uhrzeit timestamp stamp",
 }
 _PLACES = {
-    "ambient": "ambient amb outside atmospheric atm barometric barometer umgebung",
+    "ambient": "ambient amb outside atmospheric atm barometric barometer umgebung umgebungs",
     "baro": "baro",
     "air": "air",
     "fuel": "fuel kraftstoff",
@@ -62,7 +62,7 @@ _PLACES = {
     "pt": "pt",
     "shaft": "shaft spool rotor",
     "propeller": "prop propeller",
-    "exhaust": "exhaust exh abgas",
+    "exhaust": "exhaust exh abgas abgases",
     "nozzle": "nozzle",
     "interturbine": "interturbine inter interstage",
     "measured gas": "mgt",
@@ -100,7 +100,8 @@ _WHOLE = {
     "T ambient": "oat tamb",
     "T static air": "sat",
     "T total air": "tat rat",
-    "P ambient": "pamb",
+    "P ambient": "pamb afpap",
+    "P static air": "psa",
     "humidity relative": "rh",
     "N 1": "n1 xn1",
     "N 2": "n2 xn2x",
@@ -108,12 +109,12 @@ _WHOLE = {
     "N lp": "nl nlp xnl tnl xn2",
     "N hp": "nh nhp xnh xn25",
     "N ip": "ni nip",
-    "N gg": "ng ngg ngen tnh",
+    "N gg": "ng ngg ngp ngen tnh",
     "N pt": "np npt",
     "N fan": "nf nfan n1fan",
     "N core": "nc ncore",
     "fuel flow": "ff fflow fuelflow wf wfe wff wfuel wfm ffl fuelrate fqg fqgas fql",
-    "T exhaust": "egt tgt totx tot txhaust",
+    "T exhaust": "egt tgt",
     "T turbine out": "ttxm ttx ttxd txm",
     "T interturbine": "itt",
     "T turbine in": "tit tet",
@@ -174,7 +175,9 @@ def _lexicon() -> dict[str, Features]:
         words.update({word: frozenset(features.split()) for word in spelt.split()})
     words.update({word: frozenset({f"other {word}"}) for word in _OTHER.split()})
     words.update({word: frozenset() for word in _HARMLESS.split()})
-    words.update({"tt": frozenset({"T", "total"}), "pt": frozenset({"P or pt"}), "mgt": frozenset({"T", "exhaust"})})
+    words.update({"tt": frozenset({"T", "total"}), "mgt": frozenset({"T", "exhaust"})})
+    # a power turbine or a total pressure; turbine outlet temperature or total; number or main rotor speed
+    words.update({word: frozenset({f"either {word}"}) for word in ("pt", "tot", "nr")})
     return words
 
 
@@ -225,7 +228,7 @@ RULES: tuple[Rule, ...] = (
     _rule("T total air", "TAT_K", TEMPERATURES, "ambient abs"),
     _rule("P ambient", "ambient_pressure_Pa", PRESSURES, "static abs air"),
     _rule("P baro", "ambient_pressure_Pa", PRESSURES, "abs ambient static"),
-    _rule("baro", "ambient_pressure_Pa", PRESSURES, "abs", rank=-0.5),
+    _rule("baro", "ambient_pressure_Pa", PRESSURES, "abs", "the pressure here, or the altimeter setting", -0.5),
     _rule("P static air", "ambient_pressure_Pa", PRESSURES, "abs ambient"),
     _rule("ambient", "ambient_pressure_Pa", PRESSURES, "baro", "a pressure or a temperature", -1.5),
     _rule("humidity", "relative_humidity", ("pct", "1"), "relative ambient air"),
@@ -452,10 +455,19 @@ def _interpret(text: str, pieces: Sequence[_Piece], ignored: Features) -> Name:
             features |= LEXICON[lowered]
         else:
             unknown.append(piece.text)
-    if "P or pt" in features:
-        features.discard("P or pt")
-        features |= {"pt"} if features & {"T", "N", "speed", "P", "in", "out"} else {"P", "total"}
+    _settle(features)
     return Name(text, frozenset(features), station, tuple(marks), tuple(unknown))
+
+
+def _settle(features: set[str]) -> None:
+    """Abbreviations of two meanings, by the words beside them."""
+    if "either pt" in features:
+        features |= {"pt"} if features & {"T", "N", "speed", "P", "in", "out"} else {"P", "total"}
+    if "either tot" in features:
+        features |= {"total"} if features & {"T", "P", "air", "flow", "fuel"} else {"T", "exhaust"}
+    if "either nr" in features:
+        features |= {"no"} if features - {"either nr"} else {"other rotor"}
+    features -= {"either pt", "either tot", "either nr"}
 
 
 def _without_symbol(pieces: Sequence[_Piece]) -> Sequence[_Piece]:

@@ -1,7 +1,7 @@
-"""Headers of public formats, re-created: what each column is. The values are made here, at one operating point of a machine
-of that kind, with some per cent of variation.
+"""Headers of public formats, re-created: what each column is. The values are made here, at one operating point of a
+machine of that kind, with some per cent of variation.
 
-A row is `column | target | unit`, with `-` for a column of which the program has no use, `clock` for one of the clock and
+A row is `column|target|unit`, with `-` for a column of which the program has no use, `clock` for one of the clock and
 `text` for what names a flight, an engine or a phase. A unit in brackets is not stated by the name.
 """
 
@@ -138,6 +138,7 @@ NOT_IN_UNITS = {
     "kg_cm2": ("Pa", 98066.5, False),
     "kg_cm2g": ("Pa", 98066.5, True),
     "klb_h": ("lb_h", 1000.0, False),
+    "kgf": ("N", 9.80665, False),
     "ms": ("s", 1e-3, False),
 }
 """Units of headers → unit of the program, factor, whether gauge."""

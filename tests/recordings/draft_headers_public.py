@@ -289,4 +289,364 @@ wf_pph|Wf_kg_s|lb_h
 """,
     ),
 ]
-FRESH: list[HeaderCase] = []
+FRESH = [
+    HeaderCase(
+        "Garmin G1000, two PT6",
+        TURBOPROP,
+        """
+Lcl Date|clock|date
+Lcl Time|clock|time
+UTCOfst|-|
+AtvWpt|-|
+Latitude|-|
+Longitude|-|
+AltB|altitude_m|ft
+BaroA|-|
+AltMSL|-|
+OAT|ambient_temperature_K|degC
+IAS|cas_m_s|kt
+GndSpd|-|
+VSpd|-|
+Pitch|-|
+Roll|-|
+volt1|-|
+amp1|-|
+FQtyL|-|
+FQtyR|-|
+E1 FFlow|Wf_kg_s|gal_h
+E1 OilT|-|
+E1 OilP|-|
+E1 Torq|torque_Nm|lbf_ft
+E1 NG|N1_rpm|pct
+E1 ITT|ITT_K|degC
+E2 FFlow|Wf_kg_s|gal_h
+E2 OilT|-|
+E2 OilP|-|
+E2 Torq|torque_Nm|lbf_ft
+E2 NG|N1_rpm|pct
+E2 ITT|ITT_K|degC
+TAS|tas_m_s|kt
+WndSpd|-|
+MagVar|-|
+""",
+        unit_row="yyy-mm-dd|hh:mm:ss|hh:mm|ident|degrees|degrees|ft Baro|inch|ft msl|deg C|kt|kt|fpm|deg|deg|volts|"
+        "amps|gals|gals|gph|deg F|psi|ft-lb|%|deg C|gph|deg F|psi|ft-lb|%|deg C|kt|kt|deg",
+    ),
+    HeaderCase(
+        "NASA sample flight data, four engines",
+        AIRLINER,
+        """
+time|clock|seconds
+ALT|altitude_m|(ft)
+ALTR|-|
+CAS|cas_m_s|(kt)
+TAS|tas_m_s|(kt)
+MACH|mach|
+TAT|TAT_K|(degC)
+SAT|ambient_temperature_K|(degC)
+PSA|ambient_pressure_Pa|(mbar)
+GS|-|
+LATG|-|
+FLAP|-|
+N1.1|N1_rpm|(pct)
+N1.2|N1_rpm|(pct)
+N1.3|N1_rpm|(pct)
+N1.4|N1_rpm|(pct)
+N1C|-|
+N1T|-|
+N2.1|N2_rpm|(pct)
+N2.2|N2_rpm|(pct)
+N2.3|N2_rpm|(pct)
+N2.4|N2_rpm|(pct)
+EGT.1|EGT_K|(degC)
+EGT.2|EGT_K|(degC)
+EGT.3|EGT_K|(degC)
+EGT.4|EGT_K|(degC)
+FF.1|Wf_kg_s|(lb_h)
+FF.2|Wf_kg_s|(lb_h)
+FF.3|Wf_kg_s|(lb_h)
+FF.4|Wf_kg_s|(lb_h)
+OIP.1|-|
+OIT.1|-|
+PLA.1|-|
+VIB.1|-|
+FQTY.1|-|
+""",
+    ),
+    HeaderCase(
+        "quick access recorder with unit suffixes",
+        AIRLINER,
+        """
+FLIGHT_TIME|clock|seconds
+FLPL_AIRC_TYPE|-|
+GRND_SPD_KT|-|
+TRUE_AIR_SPD_KT|tas_m_s|kt
+ALTI_STD_FT|altitude_m|ft
+VERT_SPD_FTMN|-|
+MASS_KG|-|
+MACH_NR|mach|
+FUEL_FLOW_KGH|Wf_kg_s|kg_h
+TOT_AIR_TEMP_C|TAT_K|degC
+""",
+    ),
+    HeaderCase(
+        "LM2500 control system",
+        {**PLANT, "N1_rpm": 9200.0, "N2_rpm": 3600.0, "P3_Pa": 1.8e6, "Ps3_Pa": 1.8e6, "T3_K": 720.0, "T48_K": 1060.0},
+        """
+time|clock|iso
+T1_NGGSEL|N1_rpm|(rpm)
+T1_NPTSEL|N2_rpm|(rpm)
+T1_T2SEL|T2_K|(degC)
+T1_P2SEL|P2_Pa|(kPa)
+T1_T3SEL|T3_K|(degC)
+T1_PS3SEL|Ps3_Pa|(kPa)
+T1_T48SEL|T48_K|(degC)
+T1_DWATT|power_W|(MW)
+T1_IGVSEL|-|
+T1_VSVSEL|-|
+""",
+    ),
+    HeaderCase(
+        "QAR of a twin, A320 style",
+        AIRLINER,
+        """
+TIME|clock|time
+ALT_STD|altitude_m|(ft)
+CAS|cas_m_s|(kt)
+MACH|mach|
+SAT|ambient_temperature_K|(degC)
+TAT|TAT_K|(degC)
+N11|N1_rpm|(pct)
+N12|N1_rpm|(pct)
+N21|N2_rpm|(pct)
+N22|N2_rpm|(pct)
+EGT1|EGT_K|(degC)
+EGT2|EGT_K|(degC)
+FF1|Wf_kg_s|(kg_h)
+FF2|Wf_kg_s|(kg_h)
+VIB_N11|-|
+VIB_N12|-|
+OIL_TMP1|-|
+OIL_PRS1|-|
+FLIGHT_PHASE|text|CR
+PACK1_FLOW|-|
+WING_AI|-|
+""",
+    ),
+    HeaderCase(
+        "PT6A trend sheet",
+        TURBOPROP,
+        """
+Date|clock|date
+Hobbs|-|
+Press Alt (ft)|altitude_m|ft
+OAT (C)|ambient_temperature_K|degC
+IAS (kts)|cas_m_s|kt
+Torque (ft-lb)|torque_Nm|lbf_ft
+Np (rpm)|N2_rpm|rpm
+Ng (%)|N1_rpm|pct
+ITT (C)|ITT_K|degC
+Wf (pph)|Wf_kg_s|lb_h
+Oil Temp (C)|-|
+Oil Press (psi)|-|
+Initials|-|
+""",
+    ),
+    HeaderCase(
+        "helicopter, two engines in words",
+        {**TURBOPROP, "N2_rpm": 20900.0, "N1_rpm": 44700.0},
+        """
+UTC|clock|iso
+Pressure Altitude (ft)|altitude_m|ft
+Indicated Airspeed (kt)|cas_m_s|kt
+Outside Air Temperature (degC)|ambient_temperature_K|degC
+Main Rotor Speed (%)|-|
+Engine 1 Gas Generator Speed (%)|N1_rpm|pct
+Engine 2 Gas Generator Speed (%)|N1_rpm|pct
+Engine 1 Power Turbine Speed (%)|N2_rpm|pct
+Engine 2 Power Turbine Speed (%)|N2_rpm|pct
+Engine 1 Torque (%)|torque_Nm|pct
+Engine 2 Torque (%)|torque_Nm|pct
+Engine 1 TOT (degC)|EGT_K|degC
+Engine 2 TOT (degC)|EGT_K|degC
+Engine 1 Fuel Flow (kg/h)|Wf_kg_s|kg_h
+Engine 2 Fuel Flow (kg/h)|Wf_kg_s|kg_h
+Engine 1 Oil Pressure (bar)|-|
+Engine 2 Oil Pressure (bar)|-|
+Main Gearbox Oil Temperature (degC)|-|
+""",
+        delimiter="\t",
+    ),
+    HeaderCase(
+        "large three-spool turbofan, snapshots",
+        {**AIRLINER, "N1_rpm": 2600.0, "N2_rpm": 7000.0, "N3_rpm": 10500.0},
+        """
+Tail No|-|
+Flt No|text|
+Date Time|clock|eu
+P0 (psia)|ambient_pressure_Pa|psi
+T20 (K)|T2_K|K
+P20 (psia)|P2_Pa|psi
+N1 (%)|N1_rpm|pct
+N2 (%)|N2_rpm|pct
+N3 (%)|N3_rpm|pct
+TGT (degC)|EGT_K|degC
+P25 (psia)|P25_Pa|psi
+T25 (K)|T25_K|K
+P30 (psia)|P3_Pa|psi
+T30 (K)|T3_K|K
+FF (lb/hr)|Wf_kg_s|lb_h
+EPR|EPR|
+Oil Press (psi)|-|
+Vib N1 (ips)|-|
+""",
+    ),
+    HeaderCase(
+        "cycle deck output",
+        AIRLINER,
+        """
+MN|mach|
+alt|altitude_m|(ft)
+W2|W2_kg_s|(lb_s)
+T2|T2_K|(degR)
+P2|P2_Pa|(psi)
+T25|T25_K|(degR)
+P25|P25_Pa|(psi)
+T3|T3_K|(degR)
+P3|P3_Pa|(psi)
+T4|T4_K|(degR)
+T45|T45_K|(degR)
+P45|P45_Pa|(psi)
+T5|T5_K|(degR)
+P5|P5_Pa|(psi)
+WF|Wf_kg_s|(lb_s)
+FN|Fn_N|(lbf)
+FG|Fg_N|(lbf)
+TSFC|-|
+OPR|-|
+BPR|BPR|
+XN_LP|N1_rpm|(rpm)
+XN_HP|N2_rpm|(rpm)
+HPC_eff|-|
+LPT_PR|-|
+""",
+    ),
+    HeaderCase(
+        "plant historian tags, frame machine",
+        PLANT,
+        """
+Timestamp|clock|iso
+GT1.DWATT.PV|power_W|(MW)
+GT1.TNH.PV|N1_rpm|(pct)
+GT1.TTXM.PV|T5_K|(degC)
+GT1.CTD.PV|T3_K|(degC)
+GT1.CTIM.PV|T2_K|(degC)
+GT1.CPD.PV|P3_Pa|(barg)
+GT1.FQG.PV|Wf_kg_s|(kg_s)
+GT1.AMB_TEMP.PV|ambient_temperature_K|(degC)
+GT1.AMB_PRESS.PV|ambient_pressure_Pa|(mbar)
+GT1.REL_HUM.PV|relative_humidity|(pct)
+GT1.IGV_ANGLE.PV|-|
+GT1.LUBE_OIL_TEMP.PV|-|
+GT1.BRG1_VIB.PV|-|
+GT1.INLET_DP.PV|dP_inlet_Pa|(mbar)
+""",
+    ),
+    HeaderCase(
+        "industrial two-shaft machine",
+        {**PLANT, "N1_rpm": 14300.0, "N2_rpm": 13800.0, "power_W": 5.0e6, "T5_K": 780.0, "Wf_kg_s": 0.4},
+        """
+DateTime|clock|us
+NGP (%)|N1_rpm|pct
+NPT (%)|N2_rpm|pct
+T5 Avg (degF)|T5_K|degF
+T5 TC1 (degF)|-|
+PCD (psig)|P3_Pa|psig
+T1 (degF)|T1_K|degF
+Ambient Temp (degF)|ambient_temperature_K|degF
+Barometric Pressure (psia)|ambient_pressure_Pa|psi
+Fuel Flow (lb/hr)|Wf_kg_s|lb_h
+Output Power (kW)|power_W|kW
+Lube Oil Header Pressure (psig)|-|
+Guide Vane Position (deg)|-|
+Fuel Valve Command (%)|-|
+""",
+    ),
+    HeaderCase(
+        "micro turbojet controller",
+        {**BENCH, "N1_rpm": 96000.0},
+        """
+Time (s)|clock|seconds
+RPM|N1_rpm|(rpm)
+EGT (C)|EGT_K|degC
+Pump Voltage|-|
+Throttle (%)|-|
+Battery (V)|-|
+Ambient Temp (C)|ambient_temperature_K|degC
+Ambient Press (kPa)|ambient_pressure_Pa|kPa
+Thrust (kgf)|Fn_N|kgf
+Fuel Flow (g/s)|Wf_kg_s|g_s
+""",
+    ),
+    HeaderCase(
+        "test cell, German",
+        BENCH,
+        """
+Datum|clock|date
+Uhrzeit|clock|time
+Drehzahl [1/min]|N1_rpm|rpm
+Kraftstoff Durchfluss [kg/h]|Wf_kg_s|kg_h
+Umgebungsdruck [mbar]|ambient_pressure_Pa|mbar
+Umgebungstemperatur [°C]|ambient_temperature_K|degC
+T3 [°C]|T3_K|degC
+P3 [bar]|P3_Pa|bar
+Abgastemperatur [°C]|EGT_K|degC
+Schub [N]|Fn_N|N
+Öltemperatur [°C]|-|
+""",
+        delimiter=";",
+    ),
+    HeaderCase(
+        "business jet FADEC download",
+        AIRLINER,
+        """
+Elapsed Time (sec)|clock|seconds
+Flight Number|text|
+LEFT N1 (%)|N1_rpm|pct
+RIGHT N1 (%)|N1_rpm|pct
+LEFT N2 (%)|N2_rpm|pct
+RIGHT N2 (%)|N2_rpm|pct
+LEFT ITT (Deg C)|ITT_K|degC
+RIGHT ITT (Deg C)|ITT_K|degC
+LEFT FUEL FLOW (PPH)|Wf_kg_s|lb_h
+RIGHT FUEL FLOW (PPH)|Wf_kg_s|lb_h
+LEFT OIL PRESS (PSI)|-|
+RIGHT OIL PRESS (PSI)|-|
+LEFT TLA (DEG)|-|
+RIGHT TLA (DEG)|-|
+PRESSURE ALTITUDE (FT)|altitude_m|ft
+MACH NUMBER|mach|
+TOTAL AIR TEMP (DEG C)|TAT_K|degC
+STATIC AIR TEMP (DEG C)|ambient_temperature_K|degC
+N1 TARGET (%)|-|
+""",
+    ),
+    HeaderCase(
+        "full authority control bus, two channels",
+        AIRLINER,
+        """
+time_ms|clock|
+EEC_A_N1_RPM|N1_rpm|rpm
+EEC_B_N1_RPM|N1_rpm|rpm
+EEC_A_T25_DEGC|T25_K|degC
+EEC_B_T25_DEGC|T25_K|degC
+EEC_A_T3_DEGC|T3_K|degC
+EEC_A_PS3_PSIA|Ps3_Pa|psi
+EEC_A_WF_PPH|Wf_kg_s|lb_h
+EEC_A_EGT_DEGC|EGT_K|degC
+EEC_A_VSV_POS_DEG|-|
+EEC_A_N1_CMD_RPM|-|
+""",
+        clock="seconds",
+    ),
+]

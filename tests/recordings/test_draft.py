@@ -105,7 +105,7 @@ def test_decisions_left_open_are_repeated_by_check_until_they_are_removed(tmp_pa
 
 
 @pytest.mark.parametrize(
-    ("content", "message"), [(b"\x00\x01", "binary data"), (b"one line\n", "no table"), (b"", "no table")]
+    ("content", "message"), [(b"\x00\x01\x02\x03" * 8, "binary data"), (b"one line\n", "no table"), (b"", "no table")]
 )
 def test_what_is_no_table_is_refused_in_words(tmp_path, content, message):
     file = tmp_path / "f.csv"
