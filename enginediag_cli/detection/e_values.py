@@ -63,6 +63,8 @@ LEVEL, CONDITIONS = 1e6, 1.0
 errors of the model at an operating point are about as large as that."""
 PEAKS = 25
 """Flights at which E is computed; at the others it stays as it was, which is a rule for stopping as any."""
+AT_A_TIME = 512
+"""Flights of which running sums are held at once: a few megabytes."""
 ONE_FLIGHT = 1e-3
 """Chance of a flight, were it as the others, beyond which it counts for no more: one flight alone is no verdict."""
 
@@ -233,16 +235,45 @@ class _Whitened:
 
 
 def _whitened(rows: Rows, among: _Courses, share: float, length: float) -> _Whitened:
-    from scipy.linalg import solve_triangular
+    """Rows of L⁻¹ W [Z, g], in two steps that are linear in n. A wander of one step's correlation φ beside flights each
+    by itself is, once differenced by D (1 and −φ), correlated with its neighbour alone:
+
+        K = D⁻¹ T D⁻ᵀ,    T tridiagonal = L_T L_Tᵀ,    u = L_T⁻¹ D [X, Z, g]
+
+    so that level and conditions leave I + B Bᵀ with B = u_X λ^½, whose factor is that of least squares as they go on,
+
+        S_i = I + Σ_{j<i} b_j b_jᵀ,    L_ii² = 1 + b_iᵀ S_i⁻¹ b_i,    v_i = (u_i − b_iᵀ S_i⁻¹ Σ_{j<i} b_j u_j) / L_ii
+    """
+    from scipy.linalg import cholesky_banded, solve_banded
 
     n, m = rows.z.shape
-    t = np.arange(n)
-    K = (1 - share) * np.eye(n) + share * np.exp(-np.abs(t[:, None] - t) / length)
-    K += LEVEL + CONDITIONS * rows.conditions @ rows.conditions.T
-    L = np.linalg.cholesky(K * rows.weight * rows.weight[:, None])
-    right = np.concatenate([rows.z, among.g.T], axis=1) * rows.weight[:, None]
-    solved = solve_triangular(L, right, lower=True, check_finite=False)
-    return _Whitened(solved[:, :m], solved[:, m:].T, np.log(np.diag(L)))
+    phi = np.exp(-1.0 / length)
+    alone = 1 - share
+    bands = np.empty((2, n))
+    bands[0] = alone * (1 + phi**2) + share * (1 - phi**2)
+    bands[0, 0] = 1.0
+    bands[1] = -phi * alone
+    T = cholesky_banded(bands, lower=True, check_finite=False)
+    spread = np.sqrt([LEVEL, *np.full(rows.conditions.shape[1], CONDITIONS)])
+    columns = np.concatenate([np.ones((n, 1)), rows.conditions, rows.z, among.g.T], axis=1)
+    columns[1:] -= phi * columns[:-1]
+    u = solve_banded((1, 0), T, columns, overwrite_b=True, check_finite=False)
+    B, u = u[:, : len(spread)] * spread, u[:, len(spread) :]
+    S, known = np.eye(len(spread)), np.zeros((len(spread), u.shape[1]))
+    log_scale = np.log(T[0]) + np.log(rows.weight)
+    for first in range(0, n, AT_A_TIME):
+        part = slice(first, first + AT_A_TIME)
+        b, y = B[part], u[part]
+        squares = S + np.cumsum(b[:, :, None] * b[:, None, :], axis=0)
+        sums = known + np.cumsum(b[:, :, None] * y[:, None, :], axis=0)
+        before = np.concatenate([S[None], squares[:-1]])
+        gain = np.linalg.solve(before, b[:, :, None])[:, :, 0]
+        size = np.sqrt(1 + np.sum(gain * b, axis=1))
+        y -= np.einsum("nq,nqk->nk", gain, np.concatenate([known[None], sums[:-1]]))
+        y /= size[:, None]
+        log_scale[part] += np.log(size)
+        S, known = squares[-1], sums[-1]
+    return _Whitened(u[:, :m], u[:, m:].T, log_scale)
 
 
 def _clipped(v: np.ndarray) -> np.ndarray:
