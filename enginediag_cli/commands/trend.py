@@ -146,7 +146,7 @@ def trend(
         tell_margins(messages, margins)
     if margins is None or what != "margin":
         files = judged_files(source, monitor, judging, summed=whole, series=True)
-        series = series_of(files, of_readings=what == "trend")
+        series = series_of(files, "covariance" if what == "trend" else "whole")
     if monitor is None and series.stretches and what == "trend":
         messages.note(
             "without --nominal it is not known which inputs are weather and which set the power: what follows the "

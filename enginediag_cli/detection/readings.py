@@ -102,19 +102,22 @@ def readings_of(
     at = first.indices([p.name for p in described])
     D = first.prior_sigma[at]
     s = np.stack([x.s[at] for x in statistics]) * D
-    F = np.stack([x.F[np.ix_(at, at)] for x in statistics]) * D * D[:, None]
     sensors = [i for i, p in enumerate(described) if p.of_sensor and p.quantity == "bias"]
-    told = [i for i in sensors if np.median(F[:, i, i]) > TOLD]
+    own = np.median([np.diag(x.F)[at[sensors]] for x in statistics], axis=0) * D[sensors] ** 2
+    told = [i for i, information in zip(sensors, own, strict=True) if information > TOLD]
     directions = np.eye(len(at))[:, told]
     if not told:
-        value, vector = np.linalg.eigh(F.sum(axis=0))
+        value, vector = np.linalg.eigh(sum(x.F[np.ix_(at, at)] for x in statistics) * D * D[:, None])
         directions = vector[:, value > TOLD * value[-1]]
-    inner = directions.T @ F @ directions
+    seen = D[:, None] * directions
+    FJ = np.stack([seen.T @ x.F[np.ix_(at, at)] for x in statistics]) * D  # (n, m, p), not (n, p, p)
+    inner = FJ @ directions
     rank = np.linalg.eigvalsh(inner)
     kept = rank[:, 0] > TOLD * np.median(rank[:, -1])
     inverse = np.linalg.inv(inner[kept])
     z = np.einsum("nab,nb->na", inverse, s[kept] @ directions)
-    J = inverse @ (directions.T @ F[kept])
+    J = inverse @ (FJ if np.all(kept) else FJ[kept])
+    del FJ
     place = {p.name: i for i, p in enumerate(described)}
     for name, on in (effects or {}).items():
         # a bias of one prior standard deviation is the unit of its reading
@@ -122,12 +125,13 @@ def readings_of(
             J[:, :, place[name]] = np.stack([on[described[i].name] / D[i] for i in told], axis=1)[kept]
     noise = np.median(inverse, axis=0)
     scale = np.sqrt(np.diag(noise))
+    J /= scale[:, None]
     n = int(kept.sum())
     found = Readings(
         tuple(p.name for p in described),
         D,
         z / scale,
-        J / scale[:, None],
+        J,
         noise / scale / scale[:, None],
         np.asarray(clock, float)[kept],
         np.ones(n),

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cache
 from math import isfinite
-from typing import Protocol
+from typing import Literal, Protocol
 
 import numpy as np
 
@@ -18,6 +19,8 @@ from enginediag_cli.residuals.monitor import Monitor
 from enginediag_cli.residuals.series_monitor import effects_of_inputs
 from enginediag_cli.residuals.statistics import LocalStatistics
 from enginediag_cli.residuals.window import WindowStatistics, joined
+
+Law = Literal["whole", "covariance", "none"]
 
 FEWEST = 3
 """Flights that a trend needs: a level before, one after, and one to tell noise from either."""
@@ -135,9 +138,10 @@ class Windows(Protocol):
     def windows(self) -> Iterator[Window]: ...
 
 
-def series_of(files: Windows, *, of_readings: bool = False) -> Series:
-    """Raises DataError when windows of a flight have different parameters. `of_readings`: nothing but `readings` will
-    be asked of the series, for which the law of each statistic does not matter, nine tenths of what it holds."""
+def series_of(files: Windows, law: Law = "whole") -> Series:
+    """Raises DataError when windows of a flight have different parameters. law: how much is kept of the law of each
+    statistic, which is nine tenths of what it holds: all of it; its covariance V, which sums need; or nothing (V is
+    NaN), where `readings` alone will be asked of the series."""
     found: dict[str, list[Stretch]] = {}
     place: dict[tuple[str, str, str], int] = {}
     known: dict[str, Parameter] = {}
@@ -146,8 +150,7 @@ def series_of(files: Windows, *, of_readings: bool = False) -> Series:
         if window.statistics is None:
             lost += 1
             continue
-        if of_readings:
-            window = replace(window, statistics=replace(window.statistics, by_sensor=None, rows=None, kurtosis=None))
+        window = replace(window, statistics=_with_law(window.statistics, law))
         assert window.statistics is not None
         known.update(its_own)
         mine = found.setdefault(window.engine, [])
@@ -161,12 +164,27 @@ def series_of(files: Windows, *, of_readings: bool = False) -> Series:
             both = before.statistics + window.statistics
         except ValueError as error:
             raise DataError(f"{window.source}: flight {window.flight}: {error}") from None
-        mine[place[key]] = Stretch(joined([before.window, window]), both)
+        mine[place[key]] = Stretch(joined([before.window, window]), _with_law(both, law))
     if files.monitor is None:
         return Series(found, known, lost)
     engine = files.monitor.engine
     steered = (getattr(engine, "power_setting", ""),)
     return Series(found, known, lost, steered, getattr(engine, "errors", {}), files.monitor)
+
+
+def _with_law(statistics: LocalStatistics, law: Law) -> LocalStatistics:
+    if law == "whole":
+        return statistics
+    V = statistics.V if law == "covariance" else _unknown(len(statistics.parameters))
+    return replace(statistics, by_sensor=None, rows=None, kurtosis=None, V=V)
+
+
+@cache
+def _unknown(p: int) -> np.ndarray:
+    """A covariance of which nothing is known, one for all flights."""
+    V = np.full((p, p), np.nan)
+    V.setflags(write=False)
+    return V
 
 
 def has_times(window: WindowStatistics) -> bool:

@@ -91,7 +91,7 @@ def judge(task: EngineTask) -> Judged:
 def _judged(task: EngineTask) -> Judged:
     monitor = whole_monitor(task.nominal, task.fingerprint)
     stored = _Stored(task, monitor)
-    series = series_of(stored, of_readings=True)
+    series = series_of(stored, "covariance")
     stretches = series.stretches.get(task.serial, [])
     if not stretches:
         return Judged(_nothing(task, stored, series), None, stored.elsewhere)

@@ -18,6 +18,8 @@ from enginediag_cli.fleet_judgement.rows import Flights
 
 PIECES, FLIGHTS_PER_PIECE = 8, 6
 """Pieces of the course at most, and flights that each has at least."""
+AT_A_TIME = 512
+"""Flights of which all columns are held at once: a few megabytes."""
 FAILED = 10.0
 """Standard deviation of a suspected instrument's error, in prior standard deviations."""
 
@@ -85,23 +87,29 @@ def course(flights: Flights, moved: Sequence[Mapping[int, float]], failed: Seque
     place = {int(p): k for k, p in enumerate(own)}
     jumps = tuple((e, place[p]) for e, one in enumerate(moved) for p in one)
     spread = [one[p] for one in moved for p in one]
-    J, scatter = flights.J[:, :, own], flights.scatter()
+    scatter = flights.scatter()
     root = np.linalg.inv(np.linalg.cholesky(scatter))
-    w = flights.weight[:, None]
-    z, J = w * (flights.z @ root.T), w[:, :, None] * (root @ J)
-    columns = [phi[:, k, None, None] * J for k in range(phi.shape[1])]
-    columns += [flights.steps[:, e, None, None] * J[:, :, [k]] for e, k in jumps]
-    X = np.concatenate(columns, axis=2)  # (n, m, r)
+    z = flights.weight[:, None] * (flights.z @ root.T)
     U = flights.weight[:, None] * np.concatenate([np.ones((n, 1)), flights.readings.weather], axis=1)
     inner = U.T @ U + np.diag([1e-9, *np.ones(U.shape[1] - 1)])
-    gain = np.linalg.solve(inner, U.T)  # (c, n)
-    left = X - np.tensordot(U, np.tensordot(gain, X, 1), 1)
     variance = np.concatenate([np.outer(np.diff(edges) / max(after, 1), size**2).ravel(), np.square(spread)])
-    flat = X.reshape(n * m, -1)
-    H = flat.T @ left.reshape(n * m, -1) + np.diag(1 / variance)
+    r = len(variance)
+    XX, Xz, UX = np.zeros((r, r)), np.zeros(r), np.zeros((U.shape[1], m, r))
+    for first in range(0, n, AT_A_TIME):
+        rows = slice(first, first + AT_A_TIME)
+        J = flights.weight[rows, None, None] * (root @ flights.J[rows][:, :, own])
+        columns = [phi[rows, k, None, None] * J for k in range(phi.shape[1])]
+        columns += [flights.steps[rows, e, None, None] * J[:, :, [k]] for e, k in jumps]
+        X = np.concatenate(columns, axis=2)  # (·, m, r)
+        UX += np.tensordot(U[rows].T, X, 1)
+        X = X.reshape(-1, r)
+        XX += X.T @ X
+        Xz += X.T @ z[rows].ravel()
+    of_X = np.linalg.solve(inner, UX.reshape(U.shape[1], -1)).reshape(UX.shape)
+    H = XX - np.tensordot(UX, of_X, ((0, 1), (0, 1))) + np.diag(1 / variance)
     covariance = np.linalg.inv((H + H.T) / 2)
-    mean = covariance @ (left.reshape(n * m, -1).T @ z.ravel())
-    B = gain @ (z - (X @ mean))
+    mean = covariance @ (Xz - np.tensordot(of_X, U.T @ z, ((0, 1), (0, 1))))
+    B = np.linalg.solve(inner, U.T @ z) - of_X @ mean
     level = np.linalg.solve(root, B[0])
     unit = flights.readings.D[own]
     return Course(own, unit, phi, mean, covariance, jumps, flights.steps, level, scatter)

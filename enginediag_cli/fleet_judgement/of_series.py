@@ -84,7 +84,7 @@ def margins_of(files: Windows, monitor: Monitor, question: MarginQuestion) -> Ma
     Raises DataError for a limit of what is no temperature of burnt gas, for events of nobody, for engines taken off
     that do not tell a limit, and when flights of an engine have statistics of different parameters.
     """
-    series = replace(series_of(files, of_readings=True), monitor=monitor)
+    series = replace(series_of(files, "none"), monitor=monitor)
     events, others = events_by_engine(question.events, series.stretches, question.events_file)
     settings = FleetSettings(
         sensors=question.sensors,

@@ -82,7 +82,7 @@ def main() -> None:
         monitor = of_series(monitor)
         intake = Intake(Source(tuple(str(f) for f, _ in files)), columns_of(monitor.engine, monitor.sensors))
         plan = Judging(WindowPlan().of_series)
-        series = series_of(JudgedFiles(intake, monitor, plan, series=True), of_readings=True)
+        series = series_of(JudgedFiles(intake, monitor, plan, series=True), law="none")
     settings = FleetSettings(thorough=False)
     histories = [EngineHistory(serial, "", mine, BASELINE) for serial, mine in series.stretches.items()]
     fleet = judged_fleet([judged_engine(h, series, settings) for h in histories], settings, series.known)

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import tracemalloc
+
 import numpy as np
 import pytest
 from scipy.integrate import dblquad
 
 from enginediag_cli.detection import e_values
 from enginediag_cli.detection.e_bh import listed
-from enginediag_cli.detection.e_values import Rows, Suspects, e_path
+from enginediag_cli.detection.e_values import CONDITIONS, LAWS, LEVEL, Rows, Suspects, _courses, _whitened, e_path
 
 M = 4
 DIRECTIONS = np.array([[1.0, 0, 0, 0], [0, 1, 0, 0], [1, -2, 3, 1], [0.5, 1, 0, -1]])
@@ -112,3 +114,36 @@ def test_until_there_are_more_flights_than_readings_e_is_one():
 
 def test_the_weights_of_onsets_sum_to_one():
     assert np.sum(e_values.onset_weight(np.arange(1e6))) == pytest.approx(1.0, abs=1e-4)
+
+
+@pytest.mark.parametrize("law", LAWS)
+def test_whitening_in_steps_is_the_factor_of_the_whole_covariance(law):
+    rng = np.random.default_rng(5)
+    n, m, c = 90, 4, 3
+    rows = Rows(rng.standard_normal((n, m)), rng.standard_normal((n, c)), rng.uniform(0.4, 1.0, n))
+    among, (share, length, _) = _courses(n, 12), law
+    t = np.arange(n)
+    K = (1 - share) * np.eye(n) + share * np.exp(-np.abs(t[:, None] - t) / length)
+    K += LEVEL + CONDITIONS * rows.conditions @ rows.conditions.T
+    L = np.linalg.cholesky(K * rows.weight * rows.weight[:, None])
+    found = _whitened(rows, among, share, length)
+    np.testing.assert_allclose(L @ found.v, rows.z * rows.weight[:, None], rtol=0, atol=1e-6)
+    np.testing.assert_allclose(L @ found.h.T, among.g.T * rows.weight[:, None], rtol=0, atol=1e-6)
+    np.testing.assert_allclose(found.log_scale, np.log(np.diag(L)), rtol=0, atol=1e-7)
+
+
+def test_memory_of_a_long_history_grows_with_its_flights_and_not_with_their_square():
+    rng = np.random.default_rng(6)
+    suspects = Suspects(np.eye(3), np.full(3, 1 / 3))
+
+    def peak(n: int) -> int:
+        rows = Rows(rng.standard_normal((n, 3)), rng.standard_normal((n, 2)), np.ones(n))
+        tracemalloc.start()
+        try:
+            e_path(rows, suspects, 10)
+            return tracemalloc.get_traced_memory()[1]
+        finally:
+            tracemalloc.stop()
+
+    peak(100)  # what is imported on the way
+    assert peak(6000) < 4 * peak(2000)  # three times the flights, and somewhat more onsets

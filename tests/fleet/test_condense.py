@@ -35,7 +35,7 @@ def tasks(fleet_file, tmp_path_factory):
 
 def readings(task):
     stored = _Stored(task, whole_monitor(task.nominal, task.fingerprint))
-    return series_of(stored, of_readings=True).readings(task.serial)
+    return series_of(stored, law="none").readings(task.serial)
 
 
 def test_each_engine_has_its_flights_and_the_readings_that_trend_has_of_them(fleet_file, tasks):
@@ -44,7 +44,7 @@ def test_each_engine_has_its_flights_and_the_readings_that_trend_has_of_them(fle
     monitor = whole_monitor(task.nominal, task.fingerprint)
     intake = Intake(Source((str(fleet_file.parent / "engine_2.csv"),)), columns_of(monitor.engine, monitor.sensors))
     files = JudgedFiles(intake, monitor, Judging(task_plan(fleet_file)), summed=True, series=True)
-    by_trend, mine = series_of(files, of_readings=True).readings(""), readings(task)
+    by_trend, mine = series_of(files, law="none").readings(""), readings(task)
     assert mine.z.shape == by_trend.z.shape
     assert len(mine) == small_fleet.FLIGHTS
     # only the point of linearisation differs, by what is uncertain about nominal

@@ -25,7 +25,7 @@ def fleet_series(nominal: Path, recording: Path) -> Series:
     monitor = of_series(monitor_of(open_baseline(nominal), sensors=True))
     intake = Intake(Source((str(recording),), str(RECORDER)), columns_of(monitor.engine, monitor.sensors))
     files = JudgedFiles(intake, monitor, Judging(WindowPlan().of_series), series=True)
-    return series_of(files, of_readings=True)
+    return series_of(files, law="none")
 
 
 def histories(series: Series, baseline: int = 20) -> list[EngineHistory]:
