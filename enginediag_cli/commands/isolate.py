@@ -51,7 +51,8 @@ METHODS = ("posterior", "incremental", "sensitivity", "minmax")
     default="posterior",
     show_default=True,
     help="posterior: probability of every set of changes; incremental: the tests of the asymptotic local "
-    "approach, one parameter more at a time; sensitivity, minmax: its single tests.",
+    "approach, one parameter more at a time; sensitivity, minmax: its single tests, eqs. (13) and (14), in whose Σ "
+    "what is uncertain about nominal, instruments and the slopes of the maps counts as noise.",
 )
 @click.option("--faults", metavar="Q", type=click.IntRange(min=1), help="Number of changed parameters, when known.")
 @false_alarm_option

@@ -59,7 +59,8 @@ def residual(
 
     A row of statistics holds s, F and V of a window (upper triangles), the nominal values, prior sizes of
     change and names of the parameters: detect and isolate need nothing else. What is uncertain about the
-    nominal engine and about sensor offsets is counted in s, F and V.
+    nominal engine and about sensor offsets has columns of its own (nuisance), so that rows add over windows,
+    flights and files; it is counted as noise when the rows are read. With --reference it is counted in s, F and V.
     """
     from enginediag_cli.presentation.outputs.residual import RECORDS, RESIDUAL
     from enginediag_cli.recordings.provenance import header_lines
@@ -73,8 +74,9 @@ def residual(
     if what == "records":
         rows, columns = _records(files), None
     else:
+        files.additive = True
         rows = _statistics(files, monitor)
-        columns = (*flat_columns(monitor.monitored), *MADE_COLUMNS, CHECKSUM)
+        columns = (*flat_columns(monitor.monitored, files.nuisance), *MADE_COLUMNS, CHECKSUM)
     first = next(rows, None)  # reads the head of the first file, which the provenance quotes
     notes = {"linearised": "at nominal" if judging.linearise == "nominal" or what == "records" else "at each estimate"}
     head = header_lines(

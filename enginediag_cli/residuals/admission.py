@@ -134,18 +134,10 @@ def nominal_residuals(
     monitor: Monitor,
     inputs: Mapping[str, np.ndarray],
     y: np.ndarray,
-    window: np.ndarray,
     distinct: np.ndarray | None = None,
 ) -> NominalResiduals:
-    """Records that are judged held against nominal: inputs (N,) by column and readings y (N, m) of consecutive
-    records of each window, whose number window (N,) ascends. distinct (N,): number of each record, where windows share
-    some.
-
-    What is judged by the model residual and not by the raw column is judged here: e and J of all records, before any
-    change is estimated, on the one way to statistics at nominal and at the estimate, of short windows (whole) and of
-    long ones (a stretch at a time). A reading that is not believed becomes NaN in `y`; a record whose inputs are not is
-    no longer `ok`.
-    """
+    """Records that are judged held against nominal: inputs (N,) by column and readings y (N, m). distinct (N,): number
+    of each record, where windows share some."""
     rows = slice(None) if distinct is None else np.unique(distinct, return_index=True)[1]
     asked = {c: v[rows] for c, v in inputs.items()}
     predicted, J, ok, prediction = monitor.predict(asked, monitor.theta0)

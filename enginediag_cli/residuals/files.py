@@ -11,6 +11,7 @@ from enginediag_cli.errors import DataError
 from enginediag_cli.intake.intake import File, Intake
 from enginediag_cli.parameters import Parameter
 from enginediag_cli.recordings.table import Recording
+from enginediag_cli.residuals.additive import as_read, marginalised, nuisance_of, unmarginalised
 from enginediag_cli.residuals.admission import Elsewhere
 from enginediag_cli.residuals.economy import Economy
 from enginediag_cli.residuals.flat import is_flat
@@ -61,7 +62,9 @@ class JudgedFiles:
     passing: sees the chunks of recordings on their way. summed: windows of a flight are added up. given: names of the
     choices that the user made, which statistics would ignore. economy: chooses the form of the monitor for each file;
     None: always the one for few records. series: windows are compared with each other, see `series_monitor`, which goes
-    without a reference. solutions: windows hold the engine's unknowns, too. `ledger`: what was read of statistics."""
+    without a reference. solutions: windows hold the engine's unknowns, too. additive: windows of recordings hold what
+    is uncertain beside the monitored parameters, so that they add, as long as no reference is taken out of them.
+    `ledger`: what was read of statistics."""
 
     intake: Intake
     monitor: Monitor | None
@@ -74,6 +77,7 @@ class JudgedFiles:
     economy: Economy | None = None
     series: bool = False
     solutions: bool = False
+    additive: bool = False
 
     _few: Monitor | None = field(default=None, repr=False)
 
@@ -96,7 +100,7 @@ class JudgedFiles:
         if self.economy is not None:
             monitor, recordings = self.economy.of(recordings)
         else:
-            self._few = monitor = self._few or with_lagging(reduced(monitor))
+            monitor = self._reduced(monitor)
         gate = GrossErrorGate(monitor)
         recordings = self.passing(gate.clean(recordings))
         for window in self._windows(monitor, recordings):
@@ -105,9 +109,9 @@ class JudgedFiles:
 
     def _windows(self, monitor: Monitor, recordings: Iterable[Recording]) -> Iterator[WindowStatistics]:
         judging = self.judging
-        if self.series:
+        if self.series or self._adding:
             later = last_records(recordings, judging.last) if judging.last else recordings
-            condense = partial(monitored_as_read, monitor)
+            condense = unmarginalised(monitor) if self._adding else partial(monitored_as_read, monitor)
             yield from window_statistics(monitor, later, judging.plan, linearise=judging.linearise, condense=condense)
             return
         yield from windows_against_reference(
@@ -119,11 +123,31 @@ class JudgedFiles:
             linearise=judging.linearise,
         )
 
+    @property
+    def nuisance(self) -> int:
+        """How many parameters are uncertain beside the monitored ones, where windows hold them."""
+        if self.monitor is None or not self._adding:
+            return 0
+        return nuisance_of(self._reduced(self.monitor))
+
+    @property
+    def _adding(self) -> bool:
+        """Whether windows of recordings hold what is uncertain beside the monitored parameters."""
+        return self.additive and not self.judging.reference
+
+    def _reduced(self, monitor: Monitor) -> Monitor:
+        self._few = self._few or with_lagging(reduced(monitor))
+        return self._few
+
     def _flat(self, file: File) -> Iterator[Window]:
         assert file.table is not None
         refuse_ignored_options(self.given, file.table.name)
         self.intake.inherit(file.table.provenance)
-        yield from read_statistics(file.table.lines, file.table.name, self.ledger)
+        form = as_read if self.series else marginalised
+        for window, known in read_statistics(file.table.lines, file.table.name, self.ledger):
+            if window.statistics is not None:
+                window = replace(window, statistics=form(window.statistics))
+            yield window, known
 
     def _count(self, window: WindowStatistics) -> None:
         self.counts.update(window.counts)

@@ -2,15 +2,22 @@
 
 Columns: those of the window, `n`, `chi2`, `dof`, `noise_A1`, `noise_A2`, `noise_Q`, `parameters` (what each parameter
 is, a JSON list of `Parameter.as_mapping`), `conditions` (mean of each input over the records that were judged, a JSON
-mapping), then `theta0:a`, `prior_sigma:a`, `s:a` per parameter a, and the
-upper triangles `F:a|b`, `V:a|b` and `slopes:a|b`.
+mapping), then `theta0:a`, `prior_sigma:a`, `s:a` per monitored parameter a, and the upper triangles `F:a|b`, `V:a|b`
+and `slopes:a|b`. What is uncertain beside these is described in `nuisance`, a JSON mapping: `common`, how many unit
+normals `nominal.1` … all windows share, and `own`, name -> standard deviation of what each recording has anew. With k
+of them, and a monitored parameters, `nuisance:1` … hold s (k,), F (a, k), the upper triangle of F (k, k), V (a, k) and
+the upper triangle of V (k, k), row by row: one text in base 64 of little-endian float64, in cells of CELL characters.
+All of these but `slopes` add, see `additive.py`.
 """
 
 from __future__ import annotations
 
+import base64
+import binascii
 import json
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from functools import lru_cache
 from typing import Any
 
@@ -44,6 +51,10 @@ SLOPES = "slopes"
 """Covariance that wrong slopes of the maps add to a change of the parameters; a file without these columns has none."""
 MEANING = "parameters"
 """What each parameter is: its component, quantity, words, unit and wear are not to be guessed from its name."""
+NUISANCE = "nuisance"
+"""What is uncertain beside the monitored parameters and has not been marginalised; empty: nothing is left."""
+CELL = 100_000
+"""Characters of a cell: readers of CSV refuse cells of more than 131,072."""
 CONDITIONS = "conditions"
 """What was flown, by which a series of windows is told from the weather; a file without this column does not say."""
 WINDOW_COLUMNS = (
@@ -70,8 +81,10 @@ def window_row(window: WindowStatistics) -> dict[str, Any]:
     return {name: getattr(window, name) for name in WINDOW_COLUMNS}
 
 
-def flat_columns(parameters: Sequence[str]) -> tuple[str, ...]:
-    """Columns of a file of statistics of these parameters."""
+def flat_columns(parameters: Sequence[str], nuisance: int = 0) -> tuple[str, ...]:
+    """Columns of a file of statistics of these monitored parameters, and of so many that are uncertain beside them."""
+    numbers = nuisance + 2 * (len(parameters) * nuisance + nuisance * (nuisance + 1) // 2)
+    cells = -(-(-(-8 * numbers // 3) * 4) // CELL)  # three bytes are four characters
     pairs = [(a, b) for i, a in enumerate(parameters) for b in parameters[i:]]
     return (
         *WINDOW_COLUMNS,
@@ -82,6 +95,8 @@ def flat_columns(parameters: Sequence[str]) -> tuple[str, ...]:
         *DOUBT,
         MEANING,
         CONDITIONS,
+        NUISANCE,
+        *(f"{NUISANCE}:{i + 1}" for i in range(cells)),
         *(f"{what}:{a}" for what in ("theta0", "prior_sigma", "s") for a in parameters),
         *(f"{what}:{a}|{b}" for what in ("F", "V", SLOPES) for a, b in pairs),
     )
@@ -95,9 +110,11 @@ def flat_row(window: WindowStatistics) -> dict[str, Any]:
         return row
     row[SILENT] = list(window.silent)
     row.update(n=x.n, chi2=x.chi2, dof=x.dof, **dict(zip(DOUBT, x.doubt, strict=True)))
-    row[MEANING] = _written(meanings(x.meaning, x.parameters).values())
+    row[MEANING] = _written(meanings(x.meaning, x.monitored).values())
     row[CONDITIONS] = json.dumps(dict(window.conditions), ensure_ascii=False, separators=(",", ":"))
-    for i, a in enumerate(x.parameters):
+    row.update(_nuisance_cells(x))
+    names = x.monitored
+    for i, a in enumerate(names):
         row.update(
             {
                 f"theta0:{a}": x.theta0[i],
@@ -105,11 +122,26 @@ def flat_row(window: WindowStatistics) -> dict[str, Any]:
                 f"s:{a}": x.s[i],
             }
         )
-        for k in range(i, len(x.parameters)):
-            b = x.parameters[k]
+        for k in range(i, len(names)):
+            b = names[k]
             row.update({f"F:{a}|{b}": x.F[i, k], f"V:{a}|{b}": x.V[i, k]})
             row[f"{SLOPES}:{a}|{b}"] = 0.0 if x.slopes is None else x.slopes[i, k]
     return row
+
+
+def _nuisance_cells(x: LocalStatistics) -> dict[str, str]:
+    """What is uncertain beside the monitored parameters, which come first, as cells."""
+    if not x.additive:
+        return {}
+    k = len(x.common) + len(x.own)
+    a = len(x.parameters) - k
+    upper = np.triu_indices(k)
+    parts = [x.s[a:], *(part for M in (x.F, x.V) for part in (M[:a, a:].ravel(), M[a:, a:][upper]))]
+    text = base64.b64encode(np.concatenate(parts).astype("<f8").tobytes()).decode("ascii")
+    own = dict(zip(x.own, x.prior_sigma[len(x.parameters) - len(x.own) :].tolist(), strict=True))
+    described = json.dumps({"common": len(x.common), "own": own}, ensure_ascii=False, separators=(",", ":"))
+    cells = {f"{NUISANCE}:{i // CELL + 1}": text[i : i + CELL] for i in range(0, len(text), CELL)}
+    return {NUISANCE: described, **cells}
 
 
 def is_flat(columns: Iterable[str]) -> bool:
@@ -156,6 +188,7 @@ def read_flat(
                 meaning=meaning,
                 slopes=slopes if slopes.any() else None,
             )
+            statistics = cell.with_nuisance(statistics)
             _check_physical(statistics, f"{source}:{line}")
         values: dict[str, Any] = {c: row.get(c, "") for c in TEXTS}
         values.update({c: cell.count(c) for c in COUNTS})
@@ -279,6 +312,51 @@ class _Cells:
                 f"{self._place}: missing column {MEANING}: what each parameter is; write it with `residual`"
             )
         return _meaning(text, names, f"{self._place}:{MEANING}")
+
+    def with_nuisance(self, x: LocalStatistics) -> LocalStatistics:
+        """The statistics of the monitored parameters x with those of what is uncertain beside them, where there is
+        any."""
+        described = self._row.get(NUISANCE, "").strip()
+        if not described:
+            return x
+        try:
+            found = json.loads(described)
+            common, own = int(found["common"]), {str(c): float(v) for c, v in found["own"].items()}
+            if common < 0 or not all(0 < v < np.inf for v in own.values()):
+                raise ValueError("sizes")
+        except (ValueError, TypeError, KeyError, AttributeError):
+            raise DataError(f"{self._place}:{NUISANCE}: not a JSON mapping of `common` and `own`") from None
+        a, k = len(x.parameters), common + len(own)
+        upper = np.triu_indices(k)
+        sizes = [k, a * k, len(upper[0]), a * k, len(upper[0])]
+        text = "".join(self._row.get(f"{NUISANCE}:{i + 1}", "") for i in range(len(self._row)))
+        try:
+            values = np.frombuffer(base64.b64decode(text, validate=True), "<f8").astype(float)
+        except (binascii.Error, ValueError):
+            values = np.zeros(0)
+        if len(values) != sum(sizes) or not np.all(np.isfinite(values)):
+            raise DataError(f"{self._place}:{NUISANCE}:1: not {sum(sizes)} finite numbers in base 64")
+        s, *blocks = np.split(values, np.cumsum(sizes)[:-1])
+        whole = []
+        for M, beside, inner in ((x.F, *blocks[:2]), (x.V, *blocks[2:])):
+            full = np.zeros((a + k, a + k))
+            full[:a, :a], full[:a, a:] = M, beside.reshape(a, k)
+            full[a:, a:][upper] = inner
+            whole.append(np.triu(full) + np.triu(full, 1).T)
+        normals = tuple(f"nominal.{i + 1}" for i in range(common))
+        return replace(
+            x,
+            parameters=(*x.parameters, *normals, *own),
+            theta0=np.append(x.theta0, np.zeros(k)),
+            prior_sigma=np.concatenate([x.prior_sigma, np.ones(common), list(own.values())]),
+            s=np.append(x.s, s),
+            F=whole[0],
+            V=whole[1],
+            slopes=None if x.slopes is None else np.pad(x.slopes, (0, k)),
+            additive=True,
+            common=normals,
+            own=tuple(own),
+        )
 
     def conditions(self) -> dict[str, float]:
         """Mean of each input, none where the file does not say."""

@@ -112,7 +112,7 @@ class _Estimate:
         """As `start`, of few records in memory."""
         monitor = self._monitor
         taken = self._records.read(spans)
-        nominal = nominal_residuals(monitor, taken.inputs, taken.y, np.zeros(len(taken), int))
+        nominal = nominal_residuals(monitor, taken.inputs, taken.y)
         self.predicted = nominal.predicted
 
         def predict(theta: np.ndarray, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -225,7 +225,7 @@ class _Passes:
         for spans in self._stretches():
             taken = self._records.read(spans)
             number = np.concatenate([np.arange(first, stop) for first, stop in spans])
-            nominal = nominal_residuals(monitor, taken.inputs, taken.y, np.zeros(len(taken), int))
+            nominal = nominal_residuals(monitor, taken.inputs, taken.y)
             e, J, fine = self._there(nominal, theta, mean)
             kept = nominal.ok & fine & ~self._dropped[number]
             lost.append(number[nominal.ok & ~fine & ~self._dropped[number]])

@@ -248,8 +248,7 @@ def _judged(
         return
     sizes = [_size(pieces) for pieces in batch]
     every = RecordsOfWindow([piece.judged for pieces in batch for piece in pieces]).all
-    window = np.repeat(np.arange(len(sizes)), sizes)
-    nominal = nominal_residuals(monitor, every.inputs, every.y, window, _distinct(batch))
+    nominal = nominal_residuals(monitor, every.inputs, every.y, _distinct(batch))
     short = _at_estimate if linearise == "estimate" else _at_nominal
     judged = iter(short(monitor, nominal, sizes, every.lags))
     first = 0

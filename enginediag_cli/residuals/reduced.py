@@ -4,7 +4,8 @@ Identification leaves dozens of parameters uncertain. Their covariance C = L L�
 fewer directions than parameters: those of the eigenvectors of Lᵀ JᵀR⁻¹J L that carry information. The statistics are
 those of the monitor that it comes from, but for what is negligible, and a change of a monitored parameter is told
 apart from the error with which that parameter was identified, so that only the change moves the point at which
-the model is linearised.
+the model is linearised. Offsets, which every recording has anew, stay parameters of their own: what is uncertain about
+nominal is one draw for all recordings.
 """
 
 from __future__ import annotations
@@ -70,19 +71,52 @@ def can_be_reduced(monitor: Monitor) -> bool:
 
 
 def reduced(monitor: Monitor, bent: Curvature | None = None) -> Monitor:
-    """The monitor with unit normals in place of its uncertain parameters, or as it is where there are none to replace.
-    bent: its curvature, where that is known."""
+    """The monitor with unit normals in place of what is uncertain about nominal, or as it is where there is nothing to
+    replace. bent: its curvature, where that is known."""
     if not can_be_reduced(monitor):
         return monitor
-    inputs = _some_points(monitor)
-    _, J, ok, found = monitor.predict(inputs, monitor.theta0)
+    inner, inputs = without_offsets(monitor), _some_points(monitor)
+    _, J, ok, found = inner.predict(inputs, inner.theta0)
     if not ok.any():
         return monitor
-    root = covariance_root(monitor)
-    effects = [J[ok] @ root, *effects_elsewhere(monitor, getattr(found, "frozen", {}), ok, root)]
-    root = root @ leading_directions(effects, noise_weight(monitor))
-    bent = bent or _bent(monitor, inputs, ok, found)
-    return ReducedMonitor(**in_normals(monitor, root.shape[1]), curvature=bent, whole=monitor, root=root)
+    root = covariance_root(inner)
+    effects = [J[ok] @ root, *effects_elsewhere(inner, getattr(found, "frozen", {}), ok, root)]
+    root = root @ leading_directions(effects, noise_weight(inner))
+    bent = bent or _bent(inner, inputs, ok, found)
+    fields = in_normals(inner, root.shape[1])
+    return with_offsets(ReducedMonitor(**fields, curvature=bent, whole=inner, root=root), monitor)
+
+
+def without_offsets(monitor: Monitor) -> Monitor:
+    """The monitor of instruments that are the same in all recordings."""
+    k = len(monitor.names) - len(monitor.offsets)
+    return replace(
+        monitor,
+        names=monitor.names[:k],
+        offsets=(),
+        theta0=monitor.theta0[:k],
+        prior_sigma=monitor.prior_sigma[:k],
+        lower=monitor.lower[:k],
+        upper=monitor.upper[:k],
+        uncertainty=monitor.uncertainty[:k, :k],
+    )
+
+
+def with_offsets(monitor: Monitor, other: Monitor) -> Monitor:
+    """A monitor without offsets with those of another."""
+    n, k = len(monitor.names), len(other.names) - len(other.offsets)
+    uncertainty = np.zeros((n + len(other.offsets),) * 2)
+    uncertainty[:n, :n], uncertainty[n:, n:] = monitor.uncertainty, other.uncertainty[k:, k:]
+    return replace(
+        monitor,
+        names=(*monitor.names, *other.names[k:]),
+        offsets=other.offsets,
+        theta0=np.append(monitor.theta0, other.theta0[k:]),
+        prior_sigma=np.append(monitor.prior_sigma, other.prior_sigma[k:]),
+        lower=np.append(monitor.lower, other.lower[k:]),
+        upper=np.append(monitor.upper, other.upper[k:]),
+        uncertainty=uncertainty,
+    )
 
 
 def curvature_of(monitor: Monitor) -> Curvature | None:

@@ -186,6 +186,7 @@ def marginalise(statistics: LocalStatistics, keep: Sequence[str], uncertainty: n
     score = _score_in(space, statistics, keep, uncertainty)
     in_F = replace(statistics, V=statistics.F, by_sensor=None, rows=None)
     plain = _score_in(space, in_F, keep, uncertainty)
+    a = statistics.indices(score.parameters)
     root = root_of(uncertainty, statistics.prior_sigma)
     inner = np.eye(root.shape[1]) + root.T @ statistics.F @ root
     absorbed = root.T @ statistics.s
@@ -202,5 +203,9 @@ def marginalise(statistics: LocalStatistics, keep: Sequence[str], uncertainty: n
         rows=None,
         kurtosis=None,
         doubt=score.doubt,
+        slopes=None if statistics.slopes is None else statistics.slopes[np.ix_(a, a)],
+        additive=False,
+        common=tuple(name for name in statistics.common if name in score.parameters),
+        own=tuple(name for name in statistics.own if name in score.parameters),
         chi2=statistics.chi2 - explained - plain.glr + score.glr,
     )

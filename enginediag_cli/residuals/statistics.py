@@ -2,7 +2,9 @@
 
     s = Σ_k J_kᵀ R_k⁻¹ e_k     F = Σ_k J_kᵀ R_k⁻¹ J_k     V = covariance of s     r_N = s/√N   (eqs. 7, 8)
 
-They add: the statistics of two windows, flights or machines are the sum of their statistics.
+They add: the statistics of two windows, flights or machines are the sum of their statistics, as long as they are of
+all parameters: what is uncertain beside those that are monitored is a parameter, too, and is marginalised in the sum
+(`additive.py`). Marginalised window by window it would count once for each.
 """
 
 from __future__ import annotations
@@ -33,6 +35,9 @@ class LocalStatistics:
     `slopes` (p, p): covariance that wrong slopes of the maps add to a change of the parameters, should they have
     changed: no matter of the test whether anything has. `points` (k, p, p), as long as it is not known how large they
     are: what they leave where they differ from operating point to operating point (`operating_points.py`).
+    additive: whether nothing has been marginalised; `common` and `own` are then the parameters that are not monitored,
+    but uncertain by their `prior_sigma`, independent of each other: the same in all windows, and anew in each
+    recording.
     """
 
     parameters: tuple[str, ...]
@@ -53,6 +58,9 @@ class LocalStatistics:
     meaning: Mapping[str, Parameter] = field(default_factory=dict)
     slopes: np.ndarray | None = None
     points: np.ndarray | None = None
+    additive: bool = False
+    common: tuple[str, ...] = ()
+    own: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         p = len(self.parameters)
@@ -92,6 +100,11 @@ class LocalStatistics:
             points=None if self.points is None or other.points is None else self.points + other.points,
         )
 
+    @property
+    def monitored(self) -> tuple[str, ...]:
+        """Parameters that may have changed."""
+        return tuple(name for name in self.parameters if name not in {*self.common, *self.own})
+
     def unexcited(self, least_information: float = 1.0) -> tuple[DarkCombination, ...]:
         """Combinations of parameters that these operating points tell less about than the prior does."""
         return dark_combinations(self.parameters, self.F, self.prior_sigma, least_information)
@@ -107,6 +120,8 @@ class LocalStatistics:
             parameters=tuple(self.parameters[i] for i in kept),
             theta0=self.theta0[kept],
             prior_sigma=self.prior_sigma[kept],
+            common=tuple(name for name in self.common if name not in names),
+            own=tuple(name for name in self.own if name not in names),
             s=self.s[kept],
             F=self.F[square],
             V=self.V[square],

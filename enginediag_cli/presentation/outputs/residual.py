@@ -34,12 +34,25 @@ RESIDUAL = Table(
         column("noise_Q", "number", "how far the noise is from Gaussian", empty=True),
         column("parameters", "text", "what each parameter is, as a JSON list", empty=True),
         column("conditions", "text", "mean of each input over the records judged, as a JSON object", empty=True),
+        column(
+            "nuisance",
+            "text",
+            "JSON object: how many unit normals all windows share (common), and the standard deviations of what each "
+            "recording has anew (own); empty: counted in s, F and V already (--reference)",
+            empty=True,
+        ),
         *(column(f"made:{name}", "text", help) for name, help in _MADE.items()),
         column("checksum", "text", "checksum of the other cells of the row"),
     ),
     families=(
         column("theta0:<parameter>", "number", "nominal value", "of the parameter", empty=True),
         column("prior_sigma:<parameter>", "number", "prior size of a change", "of the parameter", empty=True),
+        column(
+            "nuisance:<number>",
+            "text",
+            "s, F and V of what nuisance lists, and F and V between it and the parameters: base 64 of float64",
+            empty=True,
+        ),
         column("s:<parameter>", "number", "score Σ JᵀR⁻¹e", "per parameter", empty=True),
         column("F:<parameter>|<parameter>", "number", "information Σ JᵀR⁻¹J, upper triangle", _SQUARED, empty=True),
         column("V:<parameter>|<parameter>", "number", "covariance of s, upper triangle", _SQUARED, empty=True),

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from enginediag_cli.errors import DataError
 from enginediag_cli.parameters import Parameter, unspecified
@@ -68,6 +68,7 @@ PLACE = ("source", "flight", "first_line", "last_line", "parameter", "components
 
 def evidence_of(results: Sequence[Result], known: Mapping[str, Parameter] | None = None) -> Evidence:
     """Raises DataError for damaged statistics."""
+    from enginediag_cli.residuals.additive import marginalised
     from enginediag_cli.residuals.statistics_file import Ledger, read_statistics
 
     found = Evidence(results, {}, dict(known or {}))
@@ -84,6 +85,8 @@ def evidence_of(results: Sequence[Result], known: Mapping[str, Parameter] | None
                 for name, parameter in meaning.items():
                     found.known.setdefault(name, parameter)
                 mine = found.engines.setdefault(window.engine, EngineEvidence(window.engine))
+                if window.statistics is not None:
+                    window = replace(window, statistics=marginalised(window.statistics))
                 mine.windows.append((window, Origin(result.name, str(first + number))))
     for name, unit in _named(found):
         found.known.setdefault(name, unspecified(name, unit))
