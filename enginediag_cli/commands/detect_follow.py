@@ -87,7 +87,7 @@ def run_follow(
     """One row per block as it comes, what was left out at the end."""
     from enginediag_cli.detection.following import BLOCK, Following
     from enginediag_cli.presentation.detection_rows import block_row
-    from enginediag_cli.presentation.left_out import tell_left_out
+    from enginediag_cli.presentation.left_out import tell_left_out, tell_mismatches
     from enginediag_cli.presentation.outputs.detect import FOLLOW
     from enginediag_cli.recordings.provenance import header_lines
     from enginediag_cli.residuals.lagging import with_lagging
@@ -114,6 +114,7 @@ def run_follow(
         inherited=intake.provenance,
     )
     output.write_rows(chain([first] if first is not None else [], found), provenance=head, live=True)
+    tell_mismatches(messages, intake.mismatches)
     tell_left_out(messages, intake.left_out, following.counts, following.elsewhere)
     counts = {"flights": len(alarms), "alarms": sum(alarms.values())}
     messages.note(f"{counts['alarms']} of {counts['flights']} flights with an alarm", counts=counts)

@@ -102,21 +102,24 @@ def identify(
     from enginediag_cli.identification.nominal_file import write_nominal
     from enginediag_cli.identification.probe_consistency import without_probes, wrong_probes
     from enginediag_cli.identification.repeats import without_repeats
+    from enginediag_cli.intake.agreement import agreement_with_engine
     from enginediag_cli.intake.flights import whole_flights
     from enginediag_cli.intake.intake import Intake
     from enginediag_cli.intake.wanted import columns_of
     from enginediag_cli.physics.engine_file import load_engine
     from enginediag_cli.presentation.identification_report import bounds_line, repeat_lines, report_lines
-    from enginediag_cli.presentation.left_out import tell_left_out
+    from enginediag_cli.presentation.left_out import tell_left_out, tell_mismatches
     from enginediag_cli.presentation.probe_lines import probe_lines
     from enginediag_cli.residuals.compact import is_smooth
     from enginediag_cli.residuals.monitor import monitor_from_nominal
 
     engine = load_engine(engine_path)
     described = EngineDescription.of(engine_path, engine.declared)
-    intake = Intake(source, columns_of(engine, past=True))
+    agreement = agreement_with_engine(engine, model_error)
+    intake = Intake(source, columns_of(engine, past=True), agreement=agreement)
     training = [flight.recording for flight in whole_flights(intake)]
     tell_left_out(messages, intake.left_out)
+    tell_mismatches(messages, intake.mismatches)
     training, repeats = without_repeats(training, (*engine.inputs, *engine.sensors))
     for line in repeat_lines(repeats):
         messages.warning(line)

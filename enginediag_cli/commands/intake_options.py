@@ -22,17 +22,31 @@ LENGTH = re.compile(r"\s*\d+(\.\d+)?\s*(s|min|h|)\s*")
 
 
 def source_options(function: Callable[..., Any]) -> Callable[..., Any]:
-    """`[FILE]...`, `--recorder`, `--engine-instance`: given to the command as one `source: Source`."""
+    """`[FILE]...`, `--recorder`, `--engine-instance`, `--accept-mismatch`, given to the command as one `Source`."""
 
     @wraps(function)
     def with_source(
-        *args: Any, recordings: tuple[str, ...], recorder: str | None, engine_instance: str, **others: Any
+        *args: Any,
+        recordings: tuple[str, ...],
+        recorder: str | None,
+        engine_instance: str,
+        accept_mismatch: bool,
+        **others: Any,
     ) -> Any:
         from enginediag_cli.intake.source import Source
 
-        return function(*args, source=Source(recordings, recorder, engine_instance), **others)
+        return function(*args, source=Source(recordings, recorder, engine_instance, accept_mismatch), **others)
 
-    return recordings_argument(recorder_options(with_source))
+    return recordings_argument(recorder_options(accept_mismatch_option(with_source)))
+
+
+def accept_mismatch_option(function: Function) -> Function:
+    """`--accept-mismatch` as `accept_mismatch: bool`."""
+    return click.option(
+        "--accept-mismatch",
+        is_flag=True,
+        help="Go on with recordings that cannot be of this engine or in these units.",
+    )(function)
 
 
 def recorder_options(function: Function) -> Function:

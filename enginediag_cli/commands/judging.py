@@ -77,14 +77,19 @@ def open_intake(source: Source, monitor: Monitor | None) -> Intake:
     from enginediag_cli.intake.intake import Intake
     from enginediag_cli.intake.wanted import columns_of
 
-    return Intake(source, None if monitor is None else columns_of(monitor.engine, monitor.sensors))
+    if monitor is None:
+        return Intake(source, None)
+    from enginediag_cli.residuals.monitor import agreement_with
+
+    return Intake(source, columns_of(monitor.engine, monitor.sensors), agreement=agreement_with(monitor))
 
 
 def tell_files(messages: Messages, files: JudgedFiles) -> None:
     """What was left out of the files, on stderr."""
-    from enginediag_cli.presentation.left_out import tell_left_out
+    from enginediag_cli.presentation.left_out import tell_left_out, tell_mismatches
     from enginediag_cli.presentation.sentences import count
 
+    tell_mismatches(messages, files.intake.mismatches)
     tell_left_out(messages, files.intake.left_out, files.counts, files.elsewhere)
     if files.ledger.repeated:
         messages.warning(f"{count(files.ledger.repeated, 'row')} of statistics given twice, and counted once")

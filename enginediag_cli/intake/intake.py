@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from enginediag_cli.errors import DataError
+from enginediag_cli.errors import DataError, NoVerdictError
+from enginediag_cli.intake.agreement import SAMPLED, Agreement, Disagreement, MismatchError
 from enginediag_cli.intake.left_out import LeftOut
 from enginediag_cli.intake.past import Past
 from enginediag_cli.intake.source import STDIN, Source, refuse_repeated
@@ -30,6 +31,8 @@ class Intake:
     """The recordings of a `source` for an engine that reads the columns `wanted` (None: for statistics alone).
 
     fleet: a recording of several engines may be read whole; otherwise one of them has to be wanted by name.
+    agreement: what recordings are compared with before they are handed on; one that cannot be of that engine, or in
+    these units, raises DataError, or is kept in `mismatches` where that is accepted.
     left_out, provenance, columns: what was left out, by file and engine, the `#` lines of the files' heads, and the
     names of all their columns, as far as they have been read.
     """
@@ -37,7 +40,9 @@ class Intake:
     source: Source
     wanted: Wanted | None
     fleet: bool = False
+    agreement: Agreement | None = None
     left_out: list[LeftOut] = field(default_factory=list)
+    mismatches: list[Disagreement] = field(default_factory=list)
     provenance: list[str] = field(default_factory=list)
     columns: list[str] = field(default_factory=list)
 
@@ -82,6 +87,15 @@ class Intake:
         """Keep the `#` lines of a file's head."""
         self.provenance += [line for line in provenance if line not in self.provenance]
 
+    def compare(self, recording: Recording, engine: str = "") -> None:
+        """Compare records of the engine that the recorder calls `engine` with the engine. Raises DataError."""
+        if self.agreement is None:
+            return
+        found = self.agreement.disagreements(recording, engine, self._recorder)
+        if found and not self.source.accept_mismatch:
+            raise MismatchError(found)
+        self.mismatches += [f for f in found if str(f) not in {str(m) for m in self.mismatches}]
+
     @property
     def recorder(self) -> Recorder | None:
         return self._recorder
@@ -115,6 +129,7 @@ class File:
                 masker = Masker(judged_columns(wanted, chunk))
             left.records += len(chunk)
             left.reading = counts
+            intake.compare(chunk)
             yield from (past.told("", part) for part in self._counted(masker.add(chunk), masker, left))
         if masker is not None:
             left.reading = counts
@@ -131,17 +146,21 @@ class File:
         assert intake.wanted is not None
         chosen = engines_wanted(recorder.engines, wanted, self.name, fleet=intake.fleet)
         stream = recorder.stream(self.name, CHUNK, intake.wanted.given, chosen)
+        as_read = _AsRead(intake, recorder, chosen)
+        stream.watch = as_read.see
         left_out = {name: LeftOut(self.name, name, undecided=recorder.undecided) for name in stream.engines}
         intake.left_out += left_out.values()
         named = dict.fromkeys(stream.engines, False)
         past = Past(intake.wanted.tapes)
         past.whole(recorder, self.name, intake.wanted.given, tuple(stream.engines))
-        for name, recording in stream:
+        for name, recording in _why_nothing(stream, as_read):
             if not left_out[name].records:
                 intake.remember(recording)
                 left_out[name].absent = intake.wanted.absent(recording)
             left_out[name].mapped(stream.engines[name])
             left_out[name].reading = stream.counts
+            if as_read.gated:
+                intake.compare(recording, name)
             part = past.told(name, recording)
             if wanted and name != wanted:
                 part = part.select(named_rows(recording, wanted))
@@ -152,6 +171,43 @@ class File:
             left_out[name].reading = stream.counts
             if wanted and name != wanted and not named[name]:
                 raise DataError(f"{self.name}: no record of engine {wanted!r}")
+
+
+def _why_nothing(stream: Iterable[tuple[str, Recording]], as_read: _AsRead) -> Iterator[tuple[str, Recording]]:
+    """The stream; where nothing is left of it, because of a wrong unit perhaps, that is what is raised."""
+    try:
+        yield from stream
+    except (DataError, NoVerdictError) as error:
+        if not isinstance(error, MismatchError):
+            as_read.compare()
+        raise
+
+
+class _AsRead:
+    """Records of a foreign file as they stand in it, compared with the engine before limits and masks take readings in
+    another unit for impossible ones; behind a gate for steady records, only where it keeps nothing."""
+
+    def __init__(self, intake: Intake, recorder: Recorder, engines: Collection[str]):
+        self._intake, self._recorder, self._engines = intake, recorder, engines
+        self.gated = recorder.steady is not None or recorder.average_s > 0.0
+        self._latest: Recording | None = None
+
+    def see(self, chunk: Recording) -> None:
+        self._latest = chunk
+        if not self.gated:
+            self.compare()
+
+    def compare(self) -> None:
+        """The latest of them. Raises DataError."""
+        if self._intake.agreement is None or self._latest is None:
+            return
+        from enginediag_cli.recordings.conversion import Conversion
+
+        chunk, self._latest = self._latest, None
+        few = chunk.select(slice(0, None, max(1, len(chunk) // SAMPLED)))
+        for name in self._engines:
+            converted = Conversion(self._recorder, name).add(few, end=True)
+            self._intake.compare(self._recorder.derive(converted), name)
 
 
 def judged_columns(wanted: Wanted, recording: Recording) -> Judged:

@@ -66,6 +66,7 @@ def _mapped(intake: Intake, source: Any, block: int) -> Iterator[Recording]:
         else:
             found = live.add(last, end=chunk is None)
             left.absent = columns.absent(found)
+            intake.compare(found, engine)
             left.mapped(live)
             left.reading = counts
             held.append(found.select(named_rows(found, wanted)) if wanted and live.engine != wanted else found)

@@ -16,11 +16,13 @@ STDIN = "-"
 @dataclass(frozen=True)
 class Source:
     """`files` as given, "-" for standard input; `recorder`: recorder file of foreign recordings, if they are;
-    `engine_instance`: use only this engine of the recordings, "" for all."""
+    `engine_instance`: use only this engine of the recordings, "" for all; `accept_mismatch`: go on with a recording
+    that cannot be of the engine, or in these units."""
 
     files: tuple[str, ...]
     recorder: str | None = None
     engine_instance: str = ""
+    accept_mismatch: bool = False
 
     @property
     def configs(self) -> list[str]:
@@ -30,7 +32,8 @@ class Source:
     @property
     def notes(self) -> Mapping[str, str]:
         """Choices that a result depends on, for its provenance."""
-        return {"engine instance": self.engine_instance} if self.engine_instance else {}
+        found = {"engine instance": self.engine_instance} if self.engine_instance else {}
+        return found | ({"mismatch": "accepted"} if self.accept_mismatch else {})
 
     def label(self, file: str) -> str:
         """How a file is called: without its folder, unless two files would be called alike."""

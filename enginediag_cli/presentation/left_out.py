@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from typing import TYPE_CHECKING
 
 from enginediag_cli.intake.left_out import GrossCounts, LeftOut
 from enginediag_cli.presentation.messages import Messages
 from enginediag_cli.presentation.sentences import count
 from enginediag_cli.residuals.admission import Elsewhere
+
+if TYPE_CHECKING:
+    from enginediag_cli.intake.agreement import Disagreement
 
 SOME_LINES = 5
 """Lines of the file that a sentence names: enough to look at; JSON holds more."""
@@ -38,6 +42,12 @@ def undecided_lines(undecided: Collection[str]) -> Iterator[str]:
     """What the recorder leaves open, which may make every answer wrong."""
     for text in undecided:
         yield f"the recorder leaves open: {text}"
+
+
+def tell_mismatches(messages: Messages, mismatches: Iterable[Disagreement]) -> None:
+    """Recordings that cannot be of the engine or in these units, where that was accepted."""
+    for one in mismatches:
+        messages.warning(f"{one}; accepted", file=one.source, engine=one.engine)
 
 
 def tell_absent(messages: Messages, left: LeftOut) -> None:

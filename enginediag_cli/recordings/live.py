@@ -10,7 +10,7 @@ needs no look ahead is masked.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Collection, Iterator
+from collections.abc import Callable, Collection, Iterator
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -152,7 +152,10 @@ class RecorderStream:
     engines: engine → its LiveRecorder, whose counts and report lines are complete at the end, as are `counts`, what of
     the file was no record or no reading. Rows are those of
     `Recorder.read`, but that heat soak has forgotten its beginning after 12 time constants, where `read` has not.
+    `watch`: sees the records as they stand in the file, before they are mapped.
     """
+
+    watch: Callable[[Recording], None] | None = None
 
     def __init__(
         self,
@@ -180,6 +183,8 @@ class RecorderStream:
                 raise NoVerdictError(f"no steady record is left: {live.report_lines(str(self._source))[-1]}")
 
     def _add(self, chunk: Recording, end: bool) -> Iterator[tuple[str, Recording]]:
+        if self.watch is not None:
+            self.watch(chunk)
         for name, live in self.engines.items():
             found = live.add(chunk, end=end)
             if len(found):

@@ -22,6 +22,8 @@ from enginediag_cli.error_model.slopes import MapSlopes, map_slopes
 from enginediag_cli.errors import DataError
 from enginediag_cli.identification.lagging_reading import LaggingReading
 from enginediag_cli.identification.offset_prior import OffsetPrior
+from enginediag_cli.intake.agreement import Agreement
+from enginediag_cli.intake.comparison import yardstick_of_nominal
 from enginediag_cli.parameters import Parameter
 from enginediag_cli.residuals.frame import Frame
 from enginediag_cli.residuals.noise import NoiseModel
@@ -324,3 +326,14 @@ def monitor_of(baseline: Baseline, patterns: Sequence[str] = (), *, sensors: boo
     # statistics are bound to the engine that made them, too, where it is not the one identified
     changed = baseline.changed_engine and f" engine {baseline.changed_engine[:DIGITS]}"
     return replace(monitor, nominal=monitor.nominal + changed)
+
+
+def agreement_with(monitor: Monitor) -> Agreement | None:
+    """What recordings are compared with before they are judged by a monitor; None for one of a model without an engine
+    file."""
+    if not hasattr(monitor.engine, "network"):
+        return None
+    identified = dict(zip(monitor.names, monitor.theta0.tolist(), strict=False))
+    values = {n: float(v) for n, v in {**monitor.base, **identified}.items() if n in monitor.engine.parameters}
+    yardstick = yardstick_of_nominal(monitor.engine, values, monitor.sensors, monitor.noise.sigma)
+    return Agreement(yardstick, monitor.engine)

@@ -34,6 +34,7 @@ from enginediag_cli.identification.nominal import Nominal
 from enginediag_cli.identification.offset_prior import OffsetPrior
 from enginediag_cli.identification.other_accuracy import with_accuracy
 from enginediag_cli.identification.settings import IdentificationSettings, settings_from_mapping
+from enginediag_cli.intake.agreement import agreement_with_baseline, agreement_with_engine
 from enginediag_cli.intake.baseline import Baseline, open_baseline
 from enginediag_cli.intake.flights import whole_flights
 from enginediag_cli.intake.intake import Intake
@@ -117,7 +118,9 @@ def load_case(
     gated = case.source.recorder is not None and Intake(case.source, None).ungated() is not None
     # what moves is looked for where it was recorded: a gate has left it out
     past = not gated
-    intake = Intake(case.source, columns_of(engine, others=case.asked.drivers, past=past), fleet=True)
+    agreement = agreement_with_baseline(baseline) if baseline else agreement_with_engine(engine, case.asked.model_error)
+    wanted = columns_of(engine, others=case.asked.drivers, past=past)
+    intake = Intake(case.source, wanted, fleet=True, agreement=agreement)
     whole = whole_flights(intake)
     _known_drivers(case.asked.drivers, intake.columns)
     flights = [Flight(f.recording.label, f.engine, f.recording.columns, f.file) for f in whole]

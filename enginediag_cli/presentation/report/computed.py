@@ -21,7 +21,7 @@ from enginediag_cli.presentation.report.results import kinds
 from enginediag_cli.presentation.report.results.read import Result
 from enginediag_cli.progress import each, stage
 from enginediag_cli.residuals.files import JudgedFiles, Judging
-from enginediag_cli.residuals.monitor import Monitor
+from enginediag_cli.residuals.monitor import Monitor, agreement_with
 from enginediag_cli.residuals.records import record_residuals
 from enginediag_cli.residuals.window import WindowStatistics
 
@@ -184,7 +184,8 @@ def _series_files(question: Question, monitor: Monitor) -> JudgedFiles:
 
 
 def _intake(question: Question, monitor: Monitor) -> Intake:
-    return Intake(question.source, columns_of(monitor.engine, monitor.sensors))
+    wanted = columns_of(monitor.engine, monitor.sensors)
+    return Intake(question.source, wanted, agreement=agreement_with(monitor))
 
 
 def _place(window: Any) -> Origin:

@@ -1,0 +1,369 @@
+"""Whether a recording can be of an engine at all, and in these units, decided before anything is fitted or judged.
+
+A bounded sample of every flight is compared with the engine. Flights that are as near as engines of the kind are to
+each other end the matter. Otherwise the misfit with all that may differ is found (comparison.py), and a mistake is
+named that makes recording and engine agree (mistakes.py) where it is likelier than the recording as read by NAMED, fits
+as well as a right file does, and no other mistake does as well. A misfit that nothing mends, and that no fault of an
+engine or of one instrument makes, is a wrong file as well: of another engine, or with several mistakes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from enginediag_cli.errors import DataError
+from enginediag_cli.intake.comparison import (
+    INDEPENDENT,
+    Columns,
+    Misfit,
+    Yardstick,
+    yardstick_of_engine,
+    yardstick_of_nominal,
+)
+from enginediag_cli.intake.mistakes import Mistake, Origin, Trial, factor_trial, trials
+from enginediag_cli.recordings.flights import FlightNumbers
+
+if TYPE_CHECKING:
+    from enginediag_cli.engine.engine import Engine
+    from enginediag_cli.intake.baseline import Baseline
+    from enginediag_cli.recordings.recorder import Recorder
+    from enginediag_cli.recordings.table import Recording
+
+POOLED, PER_FLIGHT, SAMPLED = 24, 6, 1000
+"""Records of a sample that is compared with all that may differ; of one flight where there are several; and of all the
+flights that are read at once."""
+FEWEST = 3
+"""Records below which nothing is said: one or two may be gross errors."""
+NEAR = 0.015
+"""Deviation of every sensor's median from an identified engine up to which a flight is not looked at more closely: a
+mistake that changes less cannot be told from wear."""
+NEAR_GENERIC = 0.05
+"""The same for flights of an engine that is not identified, from the fit to all of them: as far as maps are wrong."""
+NAMED = 8.0
+"""Log odds of a mistake against the recording as it was read, from which it is named: 3,000 to 1, for as rare as a
+mistake is among recordings, and fifty or more are tried."""
+APART = 3.0
+"""Log odds by which a mistake must be likelier than the next that would change the recording otherwise: 20 to 1."""
+ALIKE = 0.03
+"""Relative difference of the changed columns up to which two mistakes are the same change under two names: units a few
+per cent apart (bar and atm) are one."""
+FITS = 0.9
+"""−ln p per independent reading up to which a mistake mends the recording: 2.5 times what noise and maps allow, the
+misfit of right recordings with generic maps. Beyond, the model is wrong by more than a column."""
+WORLDS_APART, AND_TYPICAL = 2.2, 0.25
+"""Mean of ln f (nine times what noise and maps allow) and root mean square deviation, with all that engines differ by
+and one sensor left aside, from which a recording is of another engine or in other units although no single mistake says
+which. A plant whose guide vanes the model lacks is at 2.2 and 0.15."""
+COMPUTED = 0.5
+"""Share of records without a prediction that no envelope and no fault explains."""
+
+
+@dataclass(frozen=True)
+class Disagreement:
+    """A recording, or a stretch of flights of it, that cannot be of this engine or in these units. flights: first and
+    last label of the stretch, () where all records are in it; lines: of its first and last record compared. trial: the
+    mistake that mends it, None where none does or several do, which `others` then names."""
+
+    source: str
+    engine: str
+    flights: tuple[str, ...]
+    lines: tuple[int, int]
+    as_read: Misfit
+    trial: Trial | None = None
+    others: tuple[str, ...] = ()
+
+    @property
+    def place(self) -> str:
+        """The recording, and since which flight."""
+        found = self.source + (f", engine {self.engine}" if self.engine else "")
+        if self.flights:
+            first, last = self.flights[0], self.flights[-1]
+            found += f", flight {first}" if first == last else f", flights {first} to {last}"
+        return found
+
+    @property
+    def what(self) -> str:
+        """What is wrong, with both misfits."""
+        as_read = self.as_read
+        far = worst(as_read)
+        if as_read.computed < COMPUTED:
+            read = f"the model computes {as_read.computed:.0%} of the records as they are read"
+        else:
+            read = f"as read, readings and model are {far} apart"
+        if self.trial is None:
+            said = f"this cannot be this engine or these units: {read}, whatever a fault may explain"
+            if self.others:
+                said += f"; several single mistakes would mend it: {'; '.join(self.others)}"
+            return said
+        if self.trial.mistake.kind == "engine":
+            fits = "with that engine"
+        else:
+            fits = "put right"
+        return f"{self.trial.mistake.words}: {read}; {fits}, {worst(self.trial.misfit)}"
+
+    @property
+    def hint(self) -> str:
+        """How to put it right."""
+        return self.trial.mistake.hint if self.trial is not None else ""
+
+    def __str__(self) -> str:
+        return f"{self.place}: {self.what}" + (f" ({self.hint})" if self.hint else "")
+
+
+def worst(misfit: Misfit) -> str:
+    """The largest deviation of a sensor's median, and the typical one, in words."""
+    if not len(misfit.before):
+        return "nothing to compare"
+    size = np.expm1(np.abs(misfit.before))
+    k = int(np.nanargmax(size))
+    typical = float(np.sqrt(np.nanmean(np.square(size))))
+    return f"{percent(typical)} ({misfit.sensors[k]} {percent(float(size[k]))})"
+
+
+def percent(share: float) -> str:
+    """A deviation in words: in % up to a factor of three."""
+    return f"{100.0 * share:.2g} %" if share < 2.0 else f"a factor of {1.0 + share:.2g}"
+
+
+class MismatchError(DataError):
+    """A recording that cannot be of the engine that it is compared with, or in the units that it is said to be in."""
+
+    def __init__(self, found: Sequence[Disagreement]):
+        self.found = tuple(found)
+        lines = [str(one) for one in found]
+        super().__init__("\n".join([*lines, "nothing was judged; --accept-mismatch goes on all the same"]))
+
+
+class Agreement:
+    """What recordings are compared with before they are judged: a yardstick and the engine behind it."""
+
+    def __init__(self, yardstick: Yardstick, engine: object):
+        self.yardstick, self._engine = yardstick, engine
+
+    def disagreements(
+        self, recording: Recording, engine: str = "", recorder: Recorder | None = None
+    ) -> list[Disagreement]:
+        """Of records of the engine that the `recorder` which mapped them calls `engine`; none where they agree."""
+        sample = _Sample.of(recording, self.yardstick)
+        if sample is None:
+            return []
+        named = recording.text.get("engine")
+        place = (recording.source, engine or (named[0] if named and len(set(named)) == 1 else ""))
+        origin = Origin(self._engine, recorder, engine)
+        if self.yardstick.identified:
+            return self._by_flight(sample, self.yardstick, NEAR, origin, place)
+        pooled = sample.pooled(np.ones(len(sample.flights), bool))
+        misfit = self.yardstick.misfit(pooled, 3)
+        found = self._judged(sample, np.ones(len(sample.flights), bool), misfit, origin, place)
+        if found is None:
+            own = self.yardstick.about(misfit.values)
+            return self._by_flight(sample, own, NEAR_GENERIC, origin, place) if len(sample.labels) > 1 else []
+        if found.trial is None and (apart := self._mixture(sample, origin, place)):
+            return apart
+        return [found]
+
+    def _by_flight(
+        self, sample: _Sample, yardstick: Yardstick, near: float, origin: Origin, place: tuple[str, str]
+    ) -> list[Disagreement]:
+        far = sample.far(yardstick, near)
+        if not far.any():
+            return []
+        found = []
+        for run in _runs(far):
+            rows = np.isin(sample.number, run)
+            if rows.sum() < FEWEST:
+                continue
+            misfit = yardstick.misfit(sample.pooled(rows), 3)
+            one = self._judged(sample, rows, misfit, origin, place, yardstick)
+            if one is not None:
+                found.append(one)
+        return found
+
+    def _mixture(self, sample: _Sample, origin: Origin, place: tuple[str, str]) -> list[Disagreement]:
+        """Flights that fit by themselves show which of the others do not."""
+        numbers = range(len(sample.labels))
+        if not 1 < len(sample.labels) <= PER_FLIGHT * PER_FLIGHT:
+            return []
+        single = [self.yardstick.misfit(sample.pooled(sample.number == k), 1) for k in numbers]
+        right = np.array([_fits(m) for m in single])
+        if not right.any() or right.all():
+            return []
+        own = self.yardstick.misfit(sample.pooled(np.isin(sample.number, np.flatnonzero(right))), 3)
+        return self._by_flight(sample, self.yardstick.about(own.values), NEAR_GENERIC, origin, place)
+
+    def _judged(
+        self,
+        sample: _Sample,
+        rows: np.ndarray,
+        as_read: Misfit,
+        origin: Origin,
+        place: tuple[str, str],
+        yardstick: Yardstick | None = None,
+    ) -> Disagreement | None:
+        """The disagreement of the records (K,) of a sample; None where they agree."""
+        if -as_read.log_likelihood < NAMED:
+            return None  # no mistake can be likelier by more than what is lacking
+        yardstick = yardstick or self.yardstick
+        columns = sample.pooled(rows)
+        labels = [sample.labels[k] for k in dict.fromkeys(sample.number[rows].tolist())]
+        whole = len(labels) == len(sample.labels)
+        lines = sample.line[rows]
+        shown = Disagreement(*place, () if whole else tuple(labels), (int(lines.min()), int(lines.max())), as_read)
+        best, others = _best(trials(yardstick, origin, columns, as_read), origin, columns)
+        if (best is None and not others) or (best is not None and -best.misfit.log_likelihood > NAMED):
+            factor = factor_trial(yardstick, origin, columns, as_read)
+            if (
+                factor is not None
+                and factor.gain >= max(NAMED, best.gain + APART if best else 0.0)
+                and _fits(factor.misfit)
+            ):
+                best = factor
+        if best is not None:
+            return replace(shown, trial=best)
+        if _worlds_apart(as_read) and whole:
+            return replace(shown, others=tuple(m.words for m in others))
+        return None
+
+
+def _best(tried: Sequence[Trial], origin: Origin, columns: Columns) -> tuple[Trial | None, list[Mistake]]:
+    """The mistake to be named, with what else would be the same change, or those between which nothing decides."""
+    able = [t for t in tried if t.gain >= NAMED and _fits(t.misfit)]
+    if not able:
+        return None, []
+    best = able[0]
+    changed = origin.derived(columns, best.mistake.change(columns))
+    close = [t.mistake for t in able[1:] if t.gain > best.gain - APART]
+    same = [m for m in close if _same(changed, origin.derived(columns, m.change(columns)))]
+    rivals = [m for m in close if m not in same]
+    if rivals:
+        return None, [best.mistake, *rivals]
+    words = " or ".join([best.mistake.words, *(m.words.removeprefix(origin.name(m.column) + " ") for m in same[:1])])
+    return replace(best, mistake=replace(best.mistake, words=words)), []
+
+
+def _same(one: Mapping[str, np.ndarray], other: Mapping[str, np.ndarray]) -> bool:
+    """Whether two mistakes change the columns alike."""
+    for column, values in one.items():
+        if column in other and not np.array_equal(values, other[column]):
+            size = np.nanmedian(np.abs(values))
+            if not np.nanmedian(np.abs(values - other[column])) <= ALIKE * size:
+                return False
+    return True
+
+
+def _fits(misfit: Misfit) -> bool:
+    """Whether a right file is misfitted by so much."""
+    readings = INDEPENDENT * len(misfit.factor)
+    return readings > 0 and misfit.computed >= COMPUTED and -misfit.log_likelihood <= FITS * readings
+
+
+def _worlds_apart(misfit: Misfit) -> bool:
+    """Whether no fault makes this: all but the worst sensor far from the model, or no model at all."""
+    if misfit.computed < COMPUTED:
+        return True
+    order = np.argsort(misfit.factor)[:-1]
+    if len(order) < 2:
+        return False
+    typical = float(np.sqrt(np.mean(misfit.after[order] ** 2)))
+    return float(np.mean(np.log(misfit.factor[order]))) >= WORLDS_APART and typical >= AND_TYPICAL
+
+
+def _runs(far: np.ndarray) -> Iterator[np.ndarray]:
+    """Numbers of the flights that are compared together: all where most are far, else each stretch of them."""
+    if np.mean(far) >= 0.8:
+        yield np.arange(len(far))
+        return
+    edges = np.flatnonzero(np.diff(np.r_[False, far, False].astype(np.int8)))
+    pairs = list(zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True))
+    for first, end in sorted(pairs, key=lambda p: p[0] - p[1])[:MOST_RUNS]:
+        yield np.arange(first, end)
+
+
+MOST_RUNS = 4
+"""Stretches of flights, the longest, that are looked at: a mistake lasts."""
+
+
+@dataclass(frozen=True)
+class _Sample:
+    """Records chosen from those that hold all inputs and a reading: columns, `number` of the flight of each, the
+    flights' labels and lines in the file. flights: as number, kept for its length."""
+
+    columns: Mapping[str, np.ndarray]
+    number: np.ndarray
+    labels: tuple[str, ...]
+    line: np.ndarray
+
+    @property
+    def flights(self) -> np.ndarray:
+        return self.number
+
+    @staticmethod
+    def of(recording: Recording, yardstick: Yardstick) -> _Sample | None:
+        columns = {c: np.asarray(v, float) for c, v in recording.columns.items()}
+        inputs, sensors = yardstick.engine.inputs, [s for s in yardstick.sensors if s in columns]
+        if not sensors or any(c not in columns for c in inputs) or not len(recording):
+            return None
+        there = np.all([np.isfinite(columns[c]) for c in inputs], axis=0)
+        there &= np.isfinite(np.column_stack([columns[s] for s in sensors])).any(axis=1)
+        if there.sum() < FEWEST:
+            return None
+        known = FlightNumbers()
+        number = known.of(recording)
+        rows = np.flatnonzero(there)
+        met, place = np.unique(number[rows], return_inverse=True)
+        each = POOLED if len(met) == 1 else max(1, min(PER_FLIGHT, SAMPLED // len(met)))
+        flights = np.split(rows[np.argsort(place, kind="stable")], np.cumsum(np.bincount(place))[:-1])
+        if len(flights) > SAMPLED:
+            kept = np.unique(np.linspace(0, len(flights) - 1, SAMPLED).astype(int))
+            flights, met = [flights[k] for k in kept], met[kept]
+        chosen = [f[np.unique(np.linspace(0, len(f) - 1, min(each, len(f))).astype(int))] for f in flights]
+        picked = np.concatenate(chosen)
+        names = {n: key for key, n in known.known.items()}
+        labels = tuple(next((part for part in names.get(int(n), ()) if part), "") for n in met)
+        own = np.repeat(np.arange(len(chosen)), [len(c) for c in chosen])
+        return _Sample({c: v[picked] for c, v in columns.items()}, own, labels, recording.line[picked])
+
+    def pooled(self, rows: np.ndarray) -> dict[str, np.ndarray]:
+        """At most POOLED of the chosen records (K,), spread over them."""
+        index = np.flatnonzero(rows)
+        index = index[np.unique(np.linspace(0, len(index) - 1, min(POOLED, len(index))).astype(int))]
+        return {c: v[index] for c, v in self.columns.items()}
+
+    def far(self, yardstick: Yardstick, near: float) -> np.ndarray:
+        """Flights of which a sensor's median is farther from the engine than `near`, and than noise explains."""
+        e, sigma = yardstick.deviations(self.columns)
+        found = np.zeros(len(self.labels), bool)
+        count = np.bincount(self.number, minlength=len(found))
+        for j in range(e.shape[1]):
+            order = np.lexsort((e[:, j], self.number))
+            first = np.r_[0, np.cumsum(count)[:-1]]
+            there = np.bincount(self.number, np.isfinite(e[:, j]), minlength=len(found)).astype(int)
+            middle = e[order, j][first + np.maximum(there - 1, 0) // 2]
+            allowed = np.maximum(near, BY_NOISE * sigma[order, j][first] / np.sqrt(np.maximum(there, 1)))
+            found |= (there > 0) & (np.abs(middle) > allowed)
+        return found
+
+
+BY_NOISE = 4.0
+"""Standard deviations of noise that one flight of a thousand has."""
+
+
+def agreement_with_engine(engine: Engine, accuracy: float | None = None) -> Agreement | None:
+    """With an engine as its file describes it, or with maps of another relative accuracy; None for a model without an
+    engine file, whose columns say nothing. Raises DataError."""
+    return Agreement(yardstick_of_engine(engine, accuracy), engine) if hasattr(engine, "network") else None
+
+
+def agreement_with_baseline(baseline: Baseline) -> Agreement | None:
+    """With an engine in its nominal state, as `agreement_with_engine`."""
+    nominal = baseline.nominal
+    if not hasattr(baseline.engine, "network"):
+        return None
+    engine = baseline.engine if nominal.error_model is None else nominal.error_model.of(baseline.engine)
+    values = {n: v for n, v in nominal.theta0.items() if n in engine.parameters}
+    sigma = np.array(list(nominal.sigma.values()))
+    return Agreement(yardstick_of_nominal(engine, values, nominal.sensors, sigma), engine)

@@ -1,0 +1,294 @@
+"""How far a recording is from an engine: the misfit that is left when the engine differs as engines of its kind do.
+
+Of a bounded sample of K records, the readings y of m sensors are compared with the model at the recorded inputs:
+
+    e_ks = ln(y_ks / Φ_s(u_k, θ)),      r = e − J δ,      J = ∂ ln Φ/∂θ
+
+δ are changes of the parameters in which engines of the kind, and their instruments, differ (health, errors of sensors
+and inputs; what identification may move, where nothing has been identified), each with a standard deviation. A sensor
+may be misfitted by a factor f_s ≥ 1 of what noise and maps allow, σ_s; with n independent records in the sample
+
+    ln p = −n Σ_s ln f_s − ½ Σ_j (δ_j/spread_j)²
+
+is maximised over δ and f. One sensor that is wrong by any amount costs its own f alone, a deteriorated or damaged
+engine its δ; readings of another engine, or in another unit, cost both. Mistakes are compared by it (mistakes.py).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from enginediag_cli.engine.input_errors import InputErrors
+
+if TYPE_CHECKING:
+    from enginediag_cli.engine.engine import Engine
+    from enginediag_cli.engine.model import MonitoredModel
+
+Columns = Mapping[str, np.ndarray]
+
+INDEPENDENT = 6
+"""Records of a sample that count as independent: a model's own error follows the operating point, and a recording is at
+a handful of them, however many records it has."""
+SPREAD = 2.0
+"""Standard deviations of a parameter's prior that one engine differs from another by: deterioration and damage go
+farther than manufacture, of which the priors speak. A component fault of 8 % is then two of them."""
+ROUNDS = 8
+"""Times that δ and f are found in turn; they come to rest within five."""
+HUBER = 2.0
+"""Scatters of a sensor beyond which a reading counts less: spikes are tens of them."""
+AT_REST = 0.01
+"""Change of the log-likelihood that is none."""
+SETTLED = 0.3
+"""Spreads; a change of less does not need another linearisation."""
+FARTHEST = 4.0
+"""Spreads that a parameter moves by at most before the model is linearised anew."""
+FAILED = 1.0
+"""|ln(y/Φ)| of a record that the model cannot compute at all: as wrong as a factor of 2.7."""
+MAD = 1.4826
+"""Standard deviation of a normal distribution over the median of its absolute values."""
+SMALL = 0.1
+"""Share of a sensor's largest predicted reading below which a deviation is no longer relative to the reading: power
+and thrust pass through zero."""
+GROSS = 3.0
+"""|ln(y/Φ)| beyond which a reading is not looked at more closely: a factor of 20, or a wrong sign."""
+
+
+@dataclass(frozen=True)
+class Misfit:
+    """What is left between a sample and an engine. Of m sensors with readings: `sensors`, `before`: median of ln(y/Φ)
+    where the engine is expected, `after`: standard deviation of it when the engine differs as it may, both relative.
+    `factor` (m,): f; `departure`: δ over spreads (p,); `log_likelihood`: the sum in the module's head; computed: share
+    of records that the model could compute; `values`: parameters at the end."""
+
+    sensors: tuple[str, ...]
+    before: np.ndarray
+    after: np.ndarray
+    factor: np.ndarray
+    departure: np.ndarray
+    log_likelihood: float
+    computed: float
+    values: Mapping[str, float] = field(default_factory=dict)
+
+    @property
+    def typical(self) -> float:
+        """Root mean square over the sensors of the relative deviation that is left; infinite where there is none."""
+        return float(np.sqrt(np.mean(self.after**2))) if len(self.after) else np.inf
+
+
+@dataclass(frozen=True)
+class Yardstick:
+    """What recordings are compared with: a model, `values` of its parameters where the engine is expected, parameters
+    `names` in which engines differ, by `spread` (p,), `sensors` with the `noise` of a reading (m,) in their units, and
+    the relative `accuracy` of the model. identified: whether `values` were identified from recordings."""
+
+    engine: MonitoredModel
+    values: Mapping[str, float]
+    names: tuple[str, ...]
+    spread: np.ndarray
+    sensors: tuple[str, ...]
+    noise: np.ndarray
+    accuracy: float
+    identified: bool = False
+
+    @property
+    def given(self) -> tuple[str, ...]:
+        """Input columns, optional ones last."""
+        return (*self.engine.inputs, *self.engine.optional_inputs)
+
+    def answer(self, columns: Columns, values: Mapping[str, float] | None = None) -> Any:
+        """The model's prediction at the inputs of K records, with derivatives along `names`."""
+        inputs = inputs_of(self.engine, columns)
+        here = {**self.values, **(values or {})}
+        return self.engine.predict(inputs, here, sensors=self.sensors, wrt=self.names, walk=False)  # type: ignore[call-arg]
+
+    def misfit(
+        self, columns: Columns, steps: int = 2, values: Mapping[str, float] | None = None, answer: Any = None
+    ) -> Misfit:
+        """The misfit of K records, linearised `steps` times; `values`: parameters that are not where expected;
+        `answer`: the prediction there, where it is known."""
+        size = len(next(iter(columns.values())))
+        place = [j for j, s in enumerate(self.sensors) if s in columns and np.isfinite(columns[s]).any()]
+        sensors = tuple(self.sensors[j] for j in place)
+        read = np.column_stack([columns[s] for s in sensors]) if sensors else np.zeros((size, 0))
+        base = {**self.values, **(values or {})}
+        centre = np.array([base.get(n, self.engine.parameters[n].nominal) for n in self.names])
+        moved, best, before = np.zeros(len(self.names)), None, None
+        here = base
+        for _ in range(steps):
+            answer = self.answer(columns, here) if answer is None else answer
+            e, J, sigma = _relative(answer, place, read, self.noise[place], self.accuracy)
+            if before is None:
+                before = e
+            J = J * self.spread
+            found = _fitted(e + J @ moved, J, sigma)
+            after = found.factor * np.median(sigma, axis=0) if len(sensors) else np.zeros(0)
+            reached = Misfit(
+                sensors,
+                _median(before),
+                after,
+                found.factor,
+                moved,
+                found.log_likelihood,
+                float(np.mean(answer.ok)),
+                here,
+            )
+            if best is None or reached.log_likelihood > best.log_likelihood:
+                best = reached
+            step, answer = found.moved - moved, None
+            if np.all(np.abs(step) < SETTLED):
+                break
+            moved = moved + np.clip(step, -FARTHEST, FARTHEST)
+            here = {**base, **dict(zip(self.names, (centre + moved * self.spread).tolist(), strict=True))}
+        assert best is not None
+        return best
+
+    def deviations(self, columns: Columns) -> tuple[np.ndarray, np.ndarray]:
+        """ln(y/Φ) where the engine is expected, (K, m), and its standard deviation by noise and maps (K, m)."""
+        size = len(next(iter(columns.values())))
+        read = np.column_stack([columns.get(s, np.full(size, np.nan)) for s in self.sensors])
+        inputs = inputs_of(self.engine, columns)
+        answer = self.engine.predict(inputs, self.values, sensors=self.sensors, walk=False)  # type: ignore[call-arg]
+        e, _, sigma = _relative(answer, range(len(self.sensors)), read, self.noise, self.accuracy)
+        return e, sigma
+
+    def about(self, values: Mapping[str, float]) -> Yardstick:
+        """The same, with an engine that is expected elsewhere."""
+        return replace(self, values={**self.values, **values})
+
+
+def inputs_of(engine: MonitoredModel, columns: Columns) -> dict[str, np.ndarray]:
+    """Every input (K,), with the value that stands for "not recorded" where there is one."""
+    size = len(next(iter(columns.values())))
+    inputs = {c: np.asarray(columns[c], float) for c in engine.inputs}
+    for column, default in engine.optional_inputs.items():
+        values = np.asarray(columns.get(column, np.full(size, default)), float)
+        inputs[column] = np.where(np.isfinite(values), values, default)
+    return inputs
+
+
+def _relative(
+    answer: Any, place: Sequence[int], read: np.ndarray, noise: np.ndarray, accuracy: float
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """e (K, m), ∂ ln Φ/∂θ (K, m, p) and σ (K, m) of a prediction. The logarithm is that of the ratio where both are
+    positive; for what passes through zero the difference over the larger of prediction and a share of the largest."""
+    y, slope, ok = np.asarray(answer.y)[:, place], np.asarray(answer.jacobian)[:, place], np.asarray(answer.ok)
+    with np.errstate(all="ignore"):
+        largest = np.nanmax(np.abs(np.where(ok[:, None], y, np.nan)), axis=0, initial=0.0)
+        small = SMALL * largest
+        ratio = np.log(read / y)
+        e = np.where((read > 0.0) & (y > small), ratio, (read - y) / np.maximum(np.abs(y), small))
+        e = np.where(np.isfinite(read), np.clip(e, -GROSS, GROSS), np.nan)
+        # an error of an instrument is small beside its reading as well, which may be a thousand times the prediction
+        scale = np.fmax(np.maximum(np.abs(y), small), np.abs(read))
+        J = slope / scale[:, :, None]
+        sigma = np.hypot(accuracy, noise / scale)
+    wrong = ~ok[:, None] | ~np.isfinite(y)
+    e = np.where(wrong & np.isfinite(read), FAILED, e)
+    J = np.where(wrong[:, :, None] | ~np.isfinite(J), 0.0, J)
+    return e, J, np.where(wrong | ~np.isfinite(sigma), accuracy, sigma)
+
+
+@dataclass(frozen=True)
+class _Fitted:
+    moved: np.ndarray
+    factor: np.ndarray
+    log_likelihood: float
+
+
+def _fitted(e: np.ndarray, J: np.ndarray, sigma: np.ndarray) -> _Fitted:
+    """δ over spreads and f that maximise the sum in the head; e (K, m), J (K, m, p) per spread, σ (K, m). The sum has
+    maxima with sensors that are believed and others that are not: sought from all believed, and as they look."""
+    there = np.isfinite(e)
+    r = np.where(there, e, 0.0) / sigma
+    A = np.where(there[:, :, None], J / sigma[:, :, None], 0.0).reshape(r.size, -1)
+    count = there.sum(axis=0)
+    n = np.minimum(count, INDEPENDENT)
+    share = np.where(count > 0, n / np.maximum(count, 1), 0.0)
+    still = np.zeros(A.shape[1])
+    begin = _Fitted(still, *_scored(r, there, n, still))
+    ends = [begin]
+    for factor in (np.ones(len(n)), begin.factor):
+        left = r
+        for _ in range(ROUNDS):
+            # Huber's weights: readings beyond two of what their sensor scatters by count less
+            weight = share / factor**2 * np.minimum(1.0, HUBER * factor / np.maximum(np.abs(left), 1e-9))
+            W = A * weight.reshape(-1, 1)
+            moved = np.linalg.solve(W.T @ A + np.eye(len(still)), W.T @ r.ravel())
+            left = r - (A @ moved).reshape(r.shape)
+            ends.append(_Fitted(moved, *_scored(left, there, n, moved)))
+            factor = ends[-1].factor
+            if abs(ends[-1].log_likelihood - ends[-2].log_likelihood) < AT_REST:
+                break
+    return max(ends, key=lambda one: one.log_likelihood)
+
+
+def _scored(left: np.ndarray, there: np.ndarray, n: np.ndarray, moved: np.ndarray) -> tuple[np.ndarray, float]:
+    factor = _factor(left, there)
+    return factor, float(-np.sum(n * np.log(factor)) - 0.5 * moved @ moved)
+
+
+def _factor(left: np.ndarray, there: np.ndarray) -> np.ndarray:
+    return np.maximum(1.0, MAD * np.nan_to_num(_median(np.where(there, np.abs(left), np.nan))))
+
+
+def _median(values: np.ndarray) -> np.ndarray:
+    """Of each column (K, m), NaN where it is empty."""
+    empty = ~np.isfinite(values).any(axis=0)
+    return np.where(empty, np.nan, np.nanmedian(np.where(empty, 0.0, values), axis=0))
+
+
+def yardstick_of_engine(engine: Engine, accuracy: float | None = None) -> Yardstick:
+    """Of an engine as its file describes it: it differs in health and instruments, and in what identification may move.
+    Raises DataError for an `identification:` block with unknown names."""
+    from enginediag_cli.error_model.error_model import map_accuracy_of
+    from enginediag_cli.identification.problem import match_names
+    from enginediag_cli.identification.settings import settings_from_mapping
+
+    stated = settings_from_mapping(engine.declared.get("identification"))
+    model = InputErrors.of(engine)
+    own = list(engine.parameters)
+    chosen = match_names(stated.parameters, own, "parameter") if stated.parameters else own
+    fixed = set(match_names(stated.fixed, own, "parameter"))
+    names = _differing(model, [n for n in chosen if n not in fixed])
+    spread = [stated.prior_sigma.get(n, model.parameters[n].prior_sigma) for n in names]
+    sensors = tuple(engine.sensors)
+    noise = [stated.noise_sigma.get(s) or engine.sensors[s].noise_sigma or 0.0 for s in sensors]
+    known = map_accuracy_of(engine) if accuracy is None else accuracy
+    return Yardstick(
+        model,
+        {n: v for n, v in stated.prior_mean.items() if n in model.parameters},
+        names,
+        SPREAD * np.array(spread),
+        sensors,
+        np.array(noise),
+        max(known, GENERIC),
+    )
+
+
+def _differing(model: MonitoredModel, chosen: Sequence[str]) -> tuple[str, ...]:
+    """Chosen parameters, with health and errors of instruments; those without a finite spread cannot be searched."""
+    always = [n for n, p in model.parameters.items() if p.family == "health" or p.of_instrument]
+    kept = dict.fromkeys([*chosen, *always])
+    return tuple(n for n in kept if np.isfinite(s := model.parameters[n].prior_sigma) and s > 0.0)
+
+
+GENERIC = 0.01
+"""Relative accuracy that is granted to a model of which nothing has been identified, though its file states more."""
+IDENTIFIED = 0.003
+"""And to an identified one: repeatability from flight to flight, and what an envelope's edge adds."""
+
+
+def yardstick_of_nominal(
+    engine: MonitoredModel, values: Mapping[str, float], sensors: Sequence[str], noise: np.ndarray
+) -> Yardstick:
+    """Of an engine that has been identified: it differs from its nominal state in health and instruments. `values`:
+    identified parameters of the engine itself; `noise`: of a reading of each sensor, in its unit."""
+    model = InputErrors.of(engine)
+    known = {n: v for n, v in values.items() if n in model.parameters}
+    names = _differing(model, ())
+    spread = SPREAD * np.array([model.parameters[n].prior_sigma for n in names])
+    return Yardstick(model, known, names, spread, tuple(sensors), np.asarray(noise, float), IDENTIFIED, True)
