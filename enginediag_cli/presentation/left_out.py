@@ -88,12 +88,12 @@ def gross_lines(gross: GrossCounts) -> Iterator[str]:
         else:
             what = f"{'gross errors (spikes)' if n > 1 else 'a gross error (spike)'}, not used"
             what += ": check the sensor and its wiring" if gross.noteworthy(column) else ""
-        yield f"{column}: {share} {'are' if n > 1 else 'is'} {what} ({_named_lines(gross.lines.get(column, ()), n)})"
+        yield f"{column}: {share} {'are' if n > 1 else 'is'} {what}{_named_lines(gross.lines.get(column, ()), n)}"
     for column, n in gross.wrong_inputs.items():
         why = f"{column} is wrong there" if column else "most of their readings are wrong there"
         why = "most of its readings are wrong there" if n == 1 and not column else why
         lines = _named_lines(gross.lines.get(column, ()), n)
-        yield f"{count(n, 'record')} of {gross.judged:,} not judged: {why} ({lines})"
+        yield f"{count(n, 'record')} of {gross.judged:,} not judged: {why}{lines}"
     for column in gross.spoilt:
         yield f"{column}: more than half of the readings are gross errors; all are used, judge without this sensor"
     for column, runs in gross.excursions.items():
@@ -105,8 +105,9 @@ def gross_lines(gross: GrossCounts) -> Iterator[str]:
 
 
 def _named_lines(lines: Sequence[int], n: int) -> str:
-    named = ", ".join(map(str, lines[:SOME_LINES]))
-    return f"{'line' if n == 1 else 'lines'} {named}" + (", …" if n > len(lines[:SOME_LINES]) else "")
+    """In brackets; nothing where they are not known."""
+    named = ", ".join(map(str, lines[:SOME_LINES])) + (", …" if n > len(lines[:SOME_LINES]) else "")
+    return f" ({'line' if n == 1 else 'lines'} {named})" if lines else ""
 
 
 def not_judged_lines(records: Mapping[str, int]) -> Iterator[str]:

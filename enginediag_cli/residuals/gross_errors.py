@@ -39,6 +39,8 @@ AROUND = 15
 RUN, RUN_S = 7, 600.0
 """Records, and seconds, that a gross error lasts at most, a single record excepted: seven are the minority of `AROUND`;
 ten minutes are longer than any disturbance of a channel that mends itself, and a fault may well begin in that time."""
+EVENT = 3
+"""Records in a row in which several sensors depart together from which it may be an event of the engine."""
 LEAST = 8
 """Readings from which a scatter is estimated, and records from which a flight is judged by itself; shorter flights of
 an engine are judged together, each against those around it."""
@@ -72,6 +74,9 @@ DEAD_SIGMAS = 30.0
 """And it is beyond what is fitted as a sensor's own bias."""
 UNRELATED = 1e9
 """Steps between records of which nobody knows how far they are apart: no noise remembers so long."""
+BLOCK, HALO = 2000, 200
+"""Records that are judged together, and of their neighbours on either side as context: a running median and the nearest
+good neighbours reach 7 and some records; short flights want a few dozen around them."""
 UNKNOWN = -2
 """In the place of the input to blame where most readings of a record are wrong and no one input explains it."""
 
@@ -242,8 +247,9 @@ def _judge_sensor(x: np.ndarray, a: np.ndarray, clock: np.ndarray, rho: float) -
     return gross, depart
 
 
-def find_gross_errors(stretch: Stretch) -> GrossErrors:
-    """The gross errors among consecutive records. `HALO` records on either side are context enough for any record."""
+def find_gross_errors(stretch: Stretch, *, events: bool = False) -> GrossErrors:
+    """The gross errors among consecutive records; `HALO` records on either side are context enough for any record.
+    events: several sensors that depart together, for more than two records, are kept: what a model lacks does so."""
     N, m = stretch.z.shape
     impossible, dead = _impossible(stretch)
     readings, spoilt = np.zeros((N, m), bool), np.zeros(m, bool)
@@ -262,6 +268,9 @@ def find_gross_errors(stretch: Stretch) -> GrossErrors:
     records, blamed = _wrong_inputs(stretch, depart, readings | impossible & ~dead)
     if np.isinf(stretch.lags[1:]).any():  # of several flights one may be another engine state, not a wrong record
         readings[records], records = False, np.zeros(N, bool)
+    if events:
+        kept = _long_runs(records | (readings.sum(axis=1) > 1), EVENT)
+        readings[kept], records[kept] = False, False
     records = _short_runs(records, stretch.time, stretch.clock)
     blamed = np.where(records, blamed, -1)
     return GrossErrors((readings | impossible) & ~records[:, None], records, blamed, dead, spoilt, settled)
@@ -304,6 +313,17 @@ def _short_runs(flagged: np.ndarray, time: np.ndarray, clock: np.ndarray) -> np.
             if n > RUN or lasts > RUN_S or (apart and not np.isfinite(lasts)):
                 kept[first:stop] = False
         first = stop
+    return kept
+
+
+def _long_runs(flagged: np.ndarray, least: int) -> np.ndarray:
+    """The flagged (n,) in runs of at least so many."""
+    kept = flagged.copy()
+    first = 0
+    for flag, run in groupby(flagged.tolist()):
+        n = len(list(run))
+        kept[first : first + n] = flag and n >= least
+        first += n
     return kept
 
 

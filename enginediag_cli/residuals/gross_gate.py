@@ -13,11 +13,14 @@ from itertools import groupby
 
 import numpy as np
 
+from enginediag_cli.engine.model import MonitoredModel
 from enginediag_cli.intake.left_out import EXCURSION, GrossCounts, LeftOut
 from enginediag_cli.recordings.table import Recording, concat
 from enginediag_cli.residuals.admission import judged_inputs
 from enginediag_cli.residuals.gross_errors import (
+    BLOCK,
     FEWEST,
+    HALO,
     LEAST,
     UNKNOWN,
     UNRELATED,
@@ -28,15 +31,13 @@ from enginediag_cli.residuals.gross_errors import (
 )
 from enginediag_cli.residuals.groups import Key, Timeline, group_rows
 from enginediag_cli.residuals.monitor import Monitor
+from enginediag_cli.residuals.noise import NoiseModel
 from enginediag_cli.residuals.window import WindowStatistics
 
 HISTORY = 40
 """Records before a block that it is compared with: the running median, and a fit that few new ones do not bend."""
 NOTES = 10_000
 """Records of one window with gross errors that are remembered each by itself, some megabytes; of more in pairs."""
-BLOCK, HALO = 2000, 200
-"""Records that are judged together, and of their neighbours on either side as context: a running median and the nearest
-good neighbours reach 7 and some records; short flights want a few dozen around them."""
 
 
 @dataclass(frozen=True)
@@ -376,3 +377,61 @@ def _open_run(found: GrossErrors) -> int:
     gone = found.records[:, None] | (found.readings & ~found.dead)
     kept = np.cumsum(~gone[::-1], axis=0) > 0
     return int(np.max(np.argmax(np.vstack([kept, np.ones_like(kept[:1])]), axis=0), initial=0))
+
+
+@dataclass(frozen=True)
+class CleanFlight:
+    """Columns of a flight that lost readings, and what was rejected of it."""
+
+    columns: Mapping[str, np.ndarray]
+    counts: GrossCounts
+
+
+def gross_of_flight(
+    engine: MonitoredModel,
+    theta: Mapping[str, float],
+    columns: Mapping[str, np.ndarray],
+    wrt: Sequence[str],
+    precision: np.ndarray,
+    noise: NoiseModel,
+    sensors: Sequence[str],
+) -> CleanFlight:
+    """A flight in memory, columns → (n,), without gross errors of its `sensors` (m,): judged against an engine at
+    `theta`, of which the parameters `wrt` (p,) are known to `precision` (p, p). Events that several sensors show are
+    kept. A flight in memory does not know its lines."""
+    n = len(next(iter(columns.values()), ()))
+    inputs = {c: columns[c] for c in engine.inputs}
+    inputs |= {c: np.nan_to_num(columns[c], nan=x) for c, x in engine.optional_inputs.items() if c in columns}
+    usable = np.all([np.isfinite(v) for v in inputs.values()], axis=0)
+    time = np.asarray(columns.get("time_s", np.full(n, np.nan)), float)
+    y = np.column_stack([columns[s] for s in sensors])
+    gone, counts = np.zeros(y.shape, bool), GrossCounts()
+    for start in range(0, n, BLOCK):
+        at = np.arange(max(0, start - HALO), min(n, start + BLOCK + HALO))
+        at = at[usable[at]]
+        if len(at) < FEWEST:
+            continue
+        here = {c: v[at] for c, v in inputs.items()}
+        read = tuple(here)
+        p = engine.predict(here, theta, sensors=tuple(sensors), wrt=(*wrt, *read))
+        J = np.nan_to_num(np.asarray(p.jacobian) / noise.sigma[:, None])
+        z = np.where(np.asarray(p.ok)[:, None], y[at] - p.y, np.nan) / noise.sigma
+        level = np.nan_to_num(np.asarray(p.y)) / noise.sigma
+        if not suspected(z, level, noise):
+            counts = counts + GrossCounts(judged=int(np.sum((at >= start) & (at < start + BLOCK))))
+            continue
+        _, lags = Timeline().advance(len(at), time[at] if np.isfinite(time[at]).all() else None, False)
+        q = len(wrt)
+
+        def effects(rows: np.ndarray, J: np.ndarray = J[:, :, q:]) -> np.ndarray:
+            return J[rows]
+
+        stretch = Stretch(z, J[:, :, :q], level, lags, time[at], precision, noise, effects)
+        found = find_gross_errors(stretch, events=True)
+        mine = (at >= start) & (at < start + BLOCK)
+        gone[at[mine]] = (found.readings | found.records[:, None])[mine]
+        for _, some in _counts(found, at, mine, sensors, read):
+            counts = counts + replace(some, lines={}, excursions={}, judged=0)
+        counts = counts + GrossCounts(judged=int(mine.sum()))
+    clean = {s: np.where(gone[:, j], np.nan, y[:, j]) for j, s in enumerate(sensors) if gone[:, j].any()}
+    return CleanFlight(clean, counts)

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from toy_engine import SENSORS, SIGMA, toy_monitor, toy_recording
 
-from enginediag_cli.residuals.gross_errors import FEWEST, RUN, Stretch, find_gross_errors, running_median
-from enginediag_cli.residuals.gross_gate import BLOCK, HALO, GrossErrorGate, LiveGate, LiveRecords
+from enginediag_cli.residuals.gross_errors import BLOCK, FEWEST, HALO, RUN, Stretch, find_gross_errors, running_median
+from enginediag_cli.residuals.gross_gate import GrossErrorGate, LiveGate, LiveRecords
 from enginediag_cli.residuals.noise import NoiseModel
 
 N, M, P, Q = 130, 7, 5, 3

@@ -38,6 +38,7 @@ from enginediag_cli.intake.agreement import agreement_with_baseline, agreement_w
 from enginediag_cli.intake.baseline import Baseline, open_baseline
 from enginediag_cli.intake.flights import whole_flights
 from enginediag_cli.intake.intake import Intake
+from enginediag_cli.intake.left_out import GrossCounts
 from enginediag_cli.intake.source import Source
 from enginediag_cli.intake.wanted import columns_of
 from enginediag_cli.mismatch.controlled.find import Found, find_law
@@ -47,6 +48,8 @@ from enginediag_cli.mismatch.fit.nuisance import amounts_of
 from enginediag_cli.mismatch.fit.self_identified import SelfIdentified, left_by_the_fit, self_identified
 from enginediag_cli.mismatch.fit.share import share_of
 from enginediag_cli.mismatch.fit.stated_priors import with_stated_priors
+from enginediag_cli.residuals.gross_gate import gross_of_flight
+from enginediag_cli.residuals.noise import NoiseModel
 
 SCALE_SIGMA = 0.002
 """Prior standard deviation of a recorded sensor's scale error that nobody states."""
@@ -152,7 +155,33 @@ def load_case(
     elif identified and case.asked.noise is None:
         own = build_evidence(engine, flights, case.asked, nominal=self_identified(engine, healthy))
         evidence = _with_errors_of(evidence, own)
+    evidence, gross = without_gross_errors(evidence)
+    for left in intake.left_out:
+        left.gross = sum(
+            (c for (file, name), c in gross.items() if file == left.file and left.engine in ("", name)), left.gross
+        )
     return Loaded(evidence, intake, baseline, control, described)
+
+
+def without_gross_errors(evidence: Evidence) -> tuple[Evidence, dict[tuple[str, str], GrossCounts]]:
+    """The evidence with gross errors as missing readings, and what was rejected of each file and engine. Judged on the
+    residual where priors have the engine; what the model lacks is no gross error, since it lasts or concerns several
+    readings."""
+    engine, noise = evidence.engine, evidence.noise
+    flights, counts = [], dict[tuple[str, str], GrossCounts]()
+    names = [n for n in evidence.settings.nuisance if n in engine.parameters]
+    prior = {n: v for n, v in evidence.settings.prior_mean.items() if n in engine.parameters}
+    precision = np.diag([evidence.settings.nuisance[n] ** -2.0 for n in names])
+    for flight in evidence.flights:
+        sensors = [s for s in noise.sigma if s in flight.columns]
+        law = NoiseModel(
+            np.array([noise.sigma[s] for s in sensors]), np.array([noise.rho.get(s, 0.0) for s in sensors])
+        )
+        found = gross_of_flight(engine, prior, flight.columns, tuple(names), precision, law, sensors)
+        flights.append(replace(flight, columns={**flight.columns, **found.columns}) if found.columns else flight)
+        place = flight.file, flight.engine
+        counts[place] = counts.get(place, GrossCounts()) + found.counts
+    return replace(evidence, flights=tuple(flights)), counts
 
 
 def _described(engine: Engine, baseline: Baseline | None) -> EngineDescription:
