@@ -184,9 +184,11 @@ def _number(sniffed: Sniffed) -> Clock | None:
         row = sniffed.units[sniffed.header.index(c)]
         unit = name.unit or unit_word(row)
         stated = unit is not None and unit.dimension == "time"
+        restarts = not stated and bool(np.any(step < 0.0)) and bool(np.all((step == 1.0) | (step < 0.0)))
         return Clock(
             (c,),
             number=unit if stated else UnitWord("s"),
+            doubt="a count that begins again: of seconds, or of cycles or flights?" if restarts else "",
             remark="" if stated or ("elapsed" in name.features and "sec" in c.casefold()) else "in seconds",
         )
     return None

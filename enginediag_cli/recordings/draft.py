@@ -94,7 +94,13 @@ class Draft:
     def decisions(self) -> list[str]:
         """Everything that the user must decide, a sentence each."""
         columns = [f"{g.target}: {doubt}" for g in self.columns.values() for doubt in g.doubts]
-        return [*columns, *self.open, *(f"{target} is missing: {advice}" for target, advice in self.missing.items())]
+        stamps = [f"time: {self.clock.doubt}"] if self.clock and self.clock.form and self.clock.doubt else []
+        return [
+            *stamps,
+            *columns,
+            *self.open,
+            *(f"{target} is missing: {advice}" for target, advice in self.missing.items()),
+        ]
 
 
 def draft(sniffed: Sniffed, engine: EngineColumns | None = None) -> Draft:
@@ -158,7 +164,8 @@ def _is_scheme_index(sniffed: Sniffed, clock: Clock) -> bool:
 def _of_clock(clock: Clock) -> Guess:
     assert clock.number is not None
     remarks = (clock.remark,) if clock.remark else ()
-    return Guess("time_s", clock.sources[0], clock.number.unit, clock.number.scale, remarks=remarks)
+    doubts = (clock.doubt,) if clock.doubt else ()
+    return Guess("time_s", clock.sources[0], clock.number.unit, clock.number.scale, remarks=remarks, doubts=doubts)
 
 
 # ---- one column for each target ----

@@ -67,8 +67,10 @@ _PLACES = {
     "interturbine": "interturbine inter interstage",
     "measured gas": "mgt",
     "in": "in inlet inl entry entrance intake einlass eintritt",
-    "out": "out outlet exit exi discharge disch dischg dis delivery del auslass austritt",
+    "out": "out outlet exit exi discharge disch dischg output dis delivery del auslass austritt",
     "filter": "filter",
+    "bypass": "bypass byp",
+    "ratio": "ratio",
 }
 _PROPERTIES = {
     "total": "total tot stagnation",
@@ -127,7 +129,7 @@ _WHOLE = {
     "P static": "ps",
     "P total": "ptot",
     "T total": "ttot",
-    "power electrical": "dwatt mwatt watt watts",
+    "power electrical": "dwatt mwatt watt watts mw",
     "power": "shp hpwr",
     "torque": "etq",
     "thrust": "fn",
@@ -145,25 +147,27 @@ _WHOLE = {
 }
 _OTHER = """
     oil lube lub hyd hydraulic vib vibration vibe brg bearing cabin cab bleed tank qty quantity used remaining rem cmd
-    command demand dmd ref reference setpoint setpt sp target limit lim redline max min maximum minimum stdev sigma
+    command demand demanded dmd ref reference setpoint setpt sp target limit lim redline max min maximum minimum stdev sigma
     corrected corr cor margin delta deviation bias error status valid flag fault warn warning alarm spread nacelle nac
     starter start gearbox volt volts voltage amp amps current frequency freq wind ground gs gnd vertical vert vs radio
     radar ra lat latitude lon long longitude pitch roll heading hdg track flap flaps gear weight wt gw count cht cyl
     cylinder manifold map density specific sfc tsfc vane vsv igv vigv vbv csgv valve position pos angle accel
     acceleration trim avail available wheelspace ws metal blade water steam injection nox co co2 o2 emission emissions
     level cooling tra pla tla lever throttle rudder aileron elevator bus battery bat quality qual qc cond fsr ttrf
-    surge stall stage row efficiency eff ratio index idx coolant dew humid hobbs hours days age wheel brake tire nav
+    surge stall stage row efficiency eff index idx coolant dew humid hobbs hours days age wheel brake tire nav
     com course crs waypoint wpt satellite cooled clearance case casing skin wall rack bay seal drain vent buffer pump
     servo chip debris particle acoustic dynamics spray wash anti ice icing deice ecs pack apu nr dynamic slip yaw aoa
     alpha beta select message word bit offset off decay kmc kmt health"""
 """Words that make a quantity of which the program has no use, whatever stands beside them."""
 _HARMLESS = """
-    measured actual act meas sensed selected sel value val reading avg average mean sensor probe channel ch signal sig
+    measured physical actual act meas sensed selected sel value val reading avg average mean sensor probe channel ch signal sig
     the of at on ac recorded data rec from scada dcs pi tag pv e k gasturbine gt unit degrees live instantaneous inst
     observed xmtr tx thermocouple tc rtd junction"""
 """Words that say nothing of the quantity."""
 
 Features = frozenset[str]
+SIDES = ("left", "right", "lh", "rh", "port", "stbd")
+"""Words that say which engine of two."""
 
 
 def _lexicon() -> dict[str, Features]:
@@ -174,7 +178,7 @@ def _lexicon() -> dict[str, Features]:
     for features, spelt in _WHOLE.items():
         words.update({word: frozenset(features.split()) for word in spelt.split()})
     words.update({word: frozenset({f"other {word}"}) for word in _OTHER.split()})
-    words.update({word: frozenset() for word in _HARMLESS.split()})
+    words.update({word: frozenset() for word in (*_HARMLESS.split(), *SIDES)})
     words.update({"tt": frozenset({"T", "total"}), "mgt": frozenset({"T", "exhaust"})})
     # a power turbine or a total pressure; turbine outlet temperature or total; number or main rotor speed
     words.update({word: frozenset({f"either {word}"}) for word in ("pt", "tot", "nr")})
@@ -244,6 +248,8 @@ RULES: tuple[Rule, ...] = (
     _rule("thrust gross", "Fg_N", ("N", "kN", "lbf"), "engine"),
     _rule("EPR", "EPR", ("1",), "engine"),
     _rule("BPR", "BPR", ("1",), "engine"),
+    _rule("P ratio engine", "EPR", ("1",), "total"),
+    _rule("bypass ratio", "BPR", ("1",), "engine"),
     _rule("dp in", "dP_inlet_Pa", PRESSURES, "filter air static P total compressor"),
     _rule("dp filter", "dP_inlet_Pa", PRESSURES, "air in static P total"),
     _rule("dp exhaust", "dP_exhaust_Pa", PRESSURES, "static P total out turbine"),
@@ -261,11 +267,11 @@ _STATIONS: tuple[tuple[str, str], ...] = (
     ("2", "in|engine in|fan in|compressor in|lpc in"),
     ("21", "fan out"),
     ("24", "lpc out|ipc out"),
-    ("25", "hpc in|core in"),
-    ("3", "compressor out|hpc out|burner in|core out"),
-    ("4", "burner out|turbine in|hpt in"),
-    ("45", "hpt out|lpt in|pt in|generator out|gg out|power turbine in"),
-    ("5", "turbine out|lpt out|pt out|nozzle in|power turbine out"),
+    ("25", "hpc in|core in|hp compressor in"),
+    ("3", "compressor out|hpc out|burner in|core out|hp compressor out"),
+    ("4", "burner out|turbine in|hpt in|hp turbine in|core turbine in"),
+    ("45", "hpt out|lpt in|pt in|generator out|gg out|power turbine in|hp turbine out|lp turbine in|fan turbine in"),
+    ("5", "turbine out|lpt out|pt out|nozzle in|power turbine out|lp turbine out|fan turbine out"),
 )
 """ARP755 station → the words that name it."""
 
@@ -428,7 +434,7 @@ def _interpret(text: str, pieces: Sequence[_Piece], ignored: Features) -> Name:
             continue
         if piece.kind == "number" or piece.kind == "letter":
             marks.append(Mark(piece.text, piece.start, piece.end, False))
-        elif lowered in ("lh", "rh", "left", "right", "port", "stbd"):
+        elif lowered in SIDES:
             marks.append(Mark(piece.text, piece.start, piece.end, True))
         elif (
             lowered in ("eng", "engine", "e", "engines", "ac", "gt", "unit", "motor")

@@ -119,7 +119,9 @@ _FURTHER_RANGES: Mapping[str, tuple[float, float]] = {
 def range_of(target: str, limits: Limits | None = None) -> tuple[float, float] | None:
     """Where a target's median usually lies, in SI; by the engine's own limits where they are known."""
     quantity, own = split_column(target)
-    known = usual_range(quantity, find_unit(own or "1").dimension)
+    between = quantity[:1] in ("T", "P") and quantity[1:2] == "2" and quantity[1:].isdigit() and len(quantity) > 2
+    # all stations between the compressors are alike
+    known = usual_range(f"{quantity[0]}25" if between else quantity, find_unit(own or "1").dimension)
     usual = (known.low, known.high) if known else _FURTHER_RANGES.get(target)
     own_limits = (limits or {}).get(target)
     if own_limits is None:

@@ -221,7 +221,7 @@ def trailing_unit(name: str) -> tuple[str, UnitWord, bool] | None:
     for gap in parts[-4:]:
         head, tail = bare[: gap.start()], bare[gap.end() :]
         word = unit_word(tail) or unit_word(tail.replace("_", "/"))
-        if word is None or not head.strip(" _-") or re.fullmatch(r"\d+|.*(?<!\([ag])[\])}]", tail):
+        if word is None or word.unit == "1" or not head.strip(" _-") or re.fullmatch(r"\d+|.*(?<!\([ag])[\])}]", tail):
             continue
         single = len(tail) == 1
         if tail in ("m", "s", "h", "N", "V", "A", "W", "g", "l", "1", "M", "S", "H", "L", "n") and gap.group() != ", ":

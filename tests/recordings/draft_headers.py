@@ -192,6 +192,8 @@ class HeaderCase:
         if e.target == "text":
             return [e.unit] * RECORDS if e.unit and not e.unit.isdigit() else [str(1 + k // 10) for k in K]
         wave = 1.0 + 0.01 * np.sin(0.3 * K + number)
+        if e.target == "-" and e.unit == "cycles":
+            return [str(1 + k % 10) for k in K]
         if e.target == "-":
             return [f"{x:.4g}" for x in 37.0 * wave]
         si = self.point[e.target] * wave

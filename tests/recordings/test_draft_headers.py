@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 from draft_headers import NOT_IN_UNITS, HeaderCase
-from draft_headers_public import FRESH, TUNED
+from draft_headers_public import FRESH, SECOND, TUNED
 
 from enginediag_cli.recordings.draft import Draft, draft
 from enginediag_cli.recordings.sniff import sniff
@@ -47,17 +47,17 @@ def meanings(found: Draft) -> dict[str, tuple[str, str, float, bool]]:
         for prefix in found.engines.values() or ("",):
             made[g.source.replace("{prefix}", prefix)] = (target, g.unit, g.scale, asked)
     if found.clock:
-        made.update({c: ("clock", "", 1.0, False) for c in found.clock.sources})
+        made.update({c: ("clock", "", 1.0, bool(found.clock.doubt)) for c in found.clock.sources})
     made.update({c: ("text", "", 1.0, False) for c in found.header.texts.values()})
     return made
 
 
-@pytest.mark.parametrize("case", [*TUNED, *FRESH], ids=lambda case: case.name)
+@pytest.mark.parametrize("case", [*TUNED, *FRESH, *SECOND], ids=lambda case: case.name)
 def test_no_column_of_a_public_format_is_silently_wrong(case, tmp_path):
     assert outcome(case, tmp_path)[2] == []
 
 
-@pytest.mark.parametrize("cases", [TUNED, FRESH], ids=["tuned", "fresh"])
+@pytest.mark.parametrize("cases", [TUNED, FRESH, SECOND], ids=["tuned", "fresh", "second"])
 def test_nine_columns_of_ten_are_taken_for_what_they_are(cases, tmp_path):
     outcomes = [outcome(case, tmp_path) for case in cases]
     right = sum(len(right) for right, _, _ in outcomes)
