@@ -147,22 +147,22 @@ _WHOLE = {
 }
 _OTHER = """
     oil lube lub hyd hydraulic vib vibration vibe brg bearing cabin cab bleed tank qty quantity used remaining rem cmd
-    command demand demanded dmd ref reference setpoint setpt sp target limit lim redline max min maximum minimum stdev sigma
-    corrected corr cor margin delta deviation bias error status valid flag fault warn warning alarm spread nacelle nac
-    starter start gearbox volt volts voltage amp amps current frequency freq wind ground gs gnd vertical vert vs radio
-    radar ra lat latitude lon long longitude pitch roll heading hdg track flap flaps gear weight wt gw count cht cyl
-    cylinder manifold map density specific sfc tsfc vane vsv igv vigv vbv csgv valve position pos angle accel
-    acceleration trim avail available wheelspace ws metal blade water steam injection nox co co2 o2 emission emissions
-    level cooling tra pla tla lever throttle rudder aileron elevator bus battery bat quality qual qc cond fsr ttrf
-    surge stall stage row efficiency eff index idx coolant dew humid hobbs hours days age wheel brake tire nav
-    com course crs waypoint wpt satellite cooled clearance case casing skin wall rack bay seal drain vent buffer pump
-    servo chip debris particle acoustic dynamics spray wash anti ice icing deice ecs pack apu nr dynamic slip yaw aoa
-    alpha beta select message word bit offset off decay kmc kmt health"""
+    command demand demanded dmd ref reference setpoint setpt sp target limit lim redline max min maximum minimum stdev
+    sigma corrected corr cor margin delta deviation bias error status valid flag fault warn warning alarm spread
+    nacelle nac starter start gearbox volt volts voltage amp amps current frequency freq wind ground gs gnd vertical
+    vert vs radio radar ra lat latitude lon long longitude pitch roll heading hdg track flap flaps gear weight wt gw
+    count cht cyl cylinder manifold map density specific sfc tsfc vane vsv igv vigv vbv csgv valve position pos angle
+    accel acceleration trim avail available wheelspace ws metal blade water steam injection nox co co2 o2 emission
+    emissions level cooling tra pla tla lever throttle rudder aileron elevator bus battery bat quality qual qc cond
+    fsr ttrf surge stall stage row efficiency eff index idx coolant dew humid hobbs hours days age wheel brake tire
+    nav com course crs waypoint wpt satellite cooled clearance case casing skin wall rack bay seal drain vent buffer
+    pump servo chip debris particle acoustic dynamics spray wash anti ice icing deice ecs pack apu nr dynamic slip yaw
+    aoa alpha beta select message word bit offset off decay kmc kmt health"""
 """Words that make a quantity of which the program has no use, whatever stands beside them."""
 _HARMLESS = """
-    measured physical actual act meas sensed selected sel value val reading avg average mean sensor probe channel ch signal sig
-    the of at on ac recorded data rec from scada dcs pi tag pv e k gasturbine gt unit degrees live instantaneous inst
-    observed xmtr tx thermocouple tc rtd junction"""
+    measured physical actual act meas sensed selected sel value val reading avg average mean sensor probe channel ch
+    signal sig the of at on ac recorded data rec from scada dcs pi tag pv e k gasturbine gt unit degrees live
+    instantaneous inst observed xmtr tx thermocouple tc rtd junction"""
 """Words that say nothing of the quantity."""
 
 Features = frozenset[str]

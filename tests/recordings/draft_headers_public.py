@@ -1,6 +1,6 @@
 """The headers of public formats. Those of TUNED were at hand when the grammar of names was written. Those of FRESH were
-written when it was finished: 230 of their 264 columns were right at first sight, 2 silently wrong; those of SECOND after
-what FRESH had shown was mended: 143 of 154, 1 silently wrong."""
+written when it was finished: 230 of their 264 columns were right at first sight, 2 silently wrong; those of SECOND
+after what FRESH had shown was mended: 143 of 154, 1 silently wrong."""
 
 from __future__ import annotations
 
