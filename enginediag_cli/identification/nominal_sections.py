@@ -57,6 +57,7 @@ OFFSET = Section(
         Field("kind", "choice", "bias in the column's unit, or scale as a fraction", choices=("bias", "scale")),
         Field("prior_sigma", "number", "standard deviation from recording to recording", minimum=0.0),
         Field("recordings", "integer", "recordings whose scatter says so; 0: it was stated", default=0, minimum=0),
+        Field("spread", "number", "standard deviation of ln prior_sigma", default=0.0, minimum=0.0),
     ),
 )
 LAGGING = Section(

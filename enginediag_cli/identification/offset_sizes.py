@@ -11,7 +11,9 @@ engine are all looked after with more care or less, and each is better or worse 
 
     ln s_j = ln usual_j + c + e_j,     c ~ N(0, COMMON²),  e_j ~ N(0, OWN²).
 
-A few recordings say little of each instrument, but much of all together.
+A few recordings say little of each instrument, but much of all together. What one recording differs by as well by an
+input as by the outputs that it moves, the data give to either: how large a size may be beside the likeliest is told by the
+curvature of the posterior of all sizes at once (Laplace), never wider than before the data.
 """
 
 from __future__ import annotations
@@ -25,6 +27,8 @@ COMMON, OWN = 1.0, 1.0
 e of what is usual."""
 RANGE = (0.02, 20.0)
 """Sizes as multiples of what is usual, from and to: smaller ones do nothing, larger ones are defects."""
+STEP = 0.02
+"""Of ln t, for differences of slopes: slopes are exact, and bend over a unit of ln t."""
 SLOPE = 1e-3
 """Slope of ln L per ln t at which the search ends, as for sizes of map errors."""
 
@@ -66,11 +70,10 @@ def likeliest_offsets(data: ArrowData, present: np.ndarray, usual: np.ndarray, f
     """Factors t (q,) on the present sizes (q,), 1 where not `free` (q,); usual (q,): sizes of instruments of a kind."""
     from scipy.optimize import minimize
 
-    k = int(free.sum())
-    if not k:
+    if not free.any():
         return np.ones(len(present))
     centre = np.log(usual / present)[free]
-    precision = np.linalg.inv(OWN**2 * np.eye(k) + COMMON**2)
+    precision = _precision(free)
 
     def lost(log_t: np.ndarray) -> tuple[float, np.ndarray]:
         t = np.ones(len(present))
@@ -81,8 +84,34 @@ def likeliest_offsets(data: ArrowData, present: np.ndarray, usual: np.ndarray, f
         return 0.5 * float(away @ held) - value, held - slope[free]
 
     bounds = list(zip(centre + np.log(RANGE[0]), centre + np.log(RANGE[1]), strict=True))
-    start = np.clip(np.zeros(k), *np.transpose(bounds))
+    start = np.clip(np.zeros(len(centre)), *np.transpose(bounds))
     found = minimize(lost, start, jac=True, method="L-BFGS-B", bounds=bounds, options={"ftol": 0.0, "gtol": SLOPE})
     t = np.ones(len(present))
     t[free] = np.exp(found.x)
     return t
+
+
+def spread_of_sizes(data: ArrowData, free: np.ndarray) -> np.ndarray:
+    """Standard deviations (q,) of ln s about the likeliest sizes, in whose units `data` are; 0 where not `free`."""
+    q, at = len(free), np.flatnonzero(free)
+    found = np.zeros(q)
+    if not len(at):
+        return found
+    slopes = []
+    for j in at:
+        up, down = (log_likelihood(data, np.exp(sign * STEP * (np.arange(q) == j)))[1][at] for sign in (1.0, -1.0))
+        slopes.append((down - up) / (2.0 * STEP))
+    information = np.asarray(slopes)
+    # prior standard deviations as units: what the data say is added to 1, and never negative
+    L = np.linalg.cholesky(_precision(free))
+    inner = np.linalg.inv(L)
+    curved, vectors = np.linalg.eigh(inner @ (information + information.T) @ inner.T / 2.0)
+    root = inner.T @ vectors / np.sqrt(1.0 + np.maximum(curved, 0.0))
+    found[at] = np.sqrt(np.sum(root**2, axis=1))
+    return found
+
+
+def _precision(free: np.ndarray) -> np.ndarray:
+    """Inverse covariance (k, k) of the logarithms of the k free sizes before the data."""
+    k = int(free.sum())
+    return np.asarray(np.linalg.inv(OWN**2 * np.eye(k) + COMMON**2))

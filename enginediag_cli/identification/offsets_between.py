@@ -16,7 +16,7 @@ import numpy as np
 from enginediag_cli.engine.input_errors import suspected
 from enginediag_cli.identification.normal_equations import NormalEquations
 from enginediag_cli.identification.offset_prior import OffsetPrior
-from enginediag_cli.identification.offset_sizes import ArrowData, likeliest_offsets
+from enginediag_cli.identification.offset_sizes import ArrowData, likeliest_offsets, spread_of_sizes
 from enginediag_cli.identification.problem import Problem, TrainingRecording
 
 LEAST = 3
@@ -41,7 +41,8 @@ def with_offsets(problem: Problem, recordings: Sequence[TrainingRecording]) -> P
         return problem
     stated = {o.sensor for o in problem.offsets}
     added = [o for o in _usual(problem, used) if o.sensor not in stated]
-    return replace(problem, offsets=(*problem.offsets, *added))
+    offsets = sorted((*problem.offsets, *added), key=lambda o: o.sensor not in problem.sensors)  # of inputs last
+    return replace(problem, offsets=tuple(offsets))
 
 
 def _usual(problem: Problem, used: int) -> Iterator[OffsetPrior]:
@@ -67,9 +68,7 @@ def resized_offsets(
     free = np.array([o.recordings > 0 for o in problem.offsets], bool)
     if not free.any():
         return problem, z, 0.0
-    b_x = n.H_xx @ x + np.einsum("rpq,rq->p", n.H_xz, z) - n.g_x
-    b_z = np.einsum("rpq,p->rq", n.H_xz, x) + np.einsum("rqk,rk->rq", n.H_zz, z) - n.g_z
-    data = ArrowData(n.H_xx, n.H_xz, n.H_zz, b_x, b_z)
+    data = _data(n, x, z)
     present = np.array([o.prior_sigma for o in problem.offsets])
     factors = likeliest_offsets(data, present, np.array([o.prior_sigma for o in usual]), free) ** share
     offsets = tuple(
@@ -78,3 +77,21 @@ def resized_offsets(
     seen = np.einsum("rqq->q", n.H_zz) * np.maximum(factors, 1.0) ** 2 > NEGLIGIBLE
     change = float(np.max(np.abs(np.log(factors[seen & free])), initial=0.0))
     return replace(problem, offsets=offsets), z / factors, change
+
+
+def with_spreads(problem: Problem, n: NormalEquations, x: np.ndarray, z: np.ndarray) -> Problem:
+    """The problem, at its likeliest sizes, with how far each estimated one may be from them."""
+    free = np.array([o.recordings > 0 for o in problem.offsets], bool)
+    if not free.any():
+        return problem
+    spreads = spread_of_sizes(_data(n, x, z), free)
+    return replace(
+        problem, offsets=tuple(replace(o, spread=float(v)) for o, v in zip(problem.offsets, spreads, strict=True))
+    )
+
+
+def _data(n: NormalEquations, x: np.ndarray, z: np.ndarray) -> ArrowData:
+    """Information and pull about parameters x and offsets z (R, q) by the equations at that point."""
+    b_x = n.H_xx @ x + np.einsum("rpq,rq->p", n.H_xz, z) - n.g_x
+    b_z = np.einsum("rpq,p->rq", n.H_xz, x) + np.einsum("rqk,rk->rq", n.H_zz, z) - n.g_z
+    return ArrowData(n.H_xx, n.H_xz, n.H_zz, b_x, b_z)

@@ -20,7 +20,7 @@ from enginediag_cli.identification.noise import NoiseEstimate, estimate_noise, s
 from enginediag_cli.identification.normal_equations import normal_equations, predict
 from enginediag_cli.identification.offset_start import first_offsets
 from enginediag_cli.identification.offsets_between import SETTLED as OFFSETS_SETTLED
-from enginediag_cli.identification.offsets_between import resized_offsets
+from enginediag_cli.identification.offsets_between import resized_offsets, with_spreads
 from enginediag_cli.identification.problem import Problem
 from enginediag_cli.identification.repeated_points import follows_no_clock, lack_of_fit
 from enginediag_cli.identification.resolution import quantisation_sigma
@@ -160,6 +160,7 @@ def fit_and_noise(problem: Problem, settings: IdentificationSettings, accuracy: 
         other = uncertainty(wide, replace(fit, x=fit.x / widths), noise.rho1, noise.used)
         covariance = other.covariance * widths * widths[:, None]
         found = replace(found, covariance=covariance, from_data=other.from_data, widths=widths)
+    problem = with_spreads(problem, fit.equations, fit.x, fit.z)
     noise = replace(noise, sigma=problem.sigma, sigma_from="fit" if estimated else "stated")
     return Passes(problem, fit, noise, found, number, settled)
 

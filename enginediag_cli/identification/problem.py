@@ -154,7 +154,7 @@ def build_problem(model: Model, recordings: Sequence[TrainingRecording], setting
         tuple(r.label for r in recordings),
         stacked.position,
         stacked.regimes,
-        _offsets(sensors, settings),
+        _offsets((*sensors, *model.inputs), settings),
         Loss(settings.loss, settings.loss_scale),
         stacked.dropped,
     )
@@ -198,11 +198,9 @@ def _recorded_sensors(
     model: Model, recordings: Sequence[TrainingRecording], settings: IdentificationSettings
 ) -> tuple[str, ...]:
     known = list(model.sensors)
-    match_names(
-        [*settings.noise_sigma, *settings.recording_bias_sigma, *settings.recording_scale_sigma],
-        known,
-        "sensor",
-    )
+    match_names([*settings.noise_sigma], known, "sensor")
+    between = [*settings.recording_bias_sigma, *settings.recording_scale_sigma]
+    match_names(between, [*known, *model.inputs], "sensor or input")
     wanted = match_names(settings.sensors, known, "sensor") if settings.sensors else known
     recorded = tuple(s for s in wanted if any(s in r.columns and np.any(np.isfinite(r.columns[s])) for r in recordings))
     if not recorded:
@@ -215,10 +213,11 @@ def _nothing(values: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
     return {}
 
 
-def _offsets(sensors: tuple[str, ...], settings: IdentificationSettings) -> tuple[OffsetPrior, ...]:
+def _offsets(columns: tuple[str, ...], settings: IdentificationSettings) -> tuple[OffsetPrior, ...]:
+    """Offsets that are stated, of the sensors first and of inputs last."""
     wanted = [("bias", settings.recording_bias_sigma), ("scale", settings.recording_scale_sigma)]
     return tuple(
-        OffsetPrior(s, kind, float(sigma[s])) for s in sensors for kind, sigma in wanted if sigma.get(s, 0.0) > 0
+        OffsetPrior(s, kind, float(sigma[s])) for s in columns for kind, sigma in wanted if sigma.get(s, 0.0) > 0
     )
 
 

@@ -8,11 +8,20 @@ import numpy as np
 import pytest
 from identification_toy import ToyEngine, fly
 
+from enginediag_cli.errors import DataError
 from enginediag_cli.identification.covariance import uncertainty
 from enginediag_cli.identification.gauss_newton import solve
 from enginediag_cli.identification.identify import identify
 from enginediag_cli.identification.normal_equations import blocks, normal_equations
 from enginediag_cli.identification.offset_prior import OffsetPrior
+from enginediag_cli.identification.offset_sizes import (
+    COMMON,
+    OWN,
+    ArrowData,
+    likeliest_offsets,
+    log_likelihood,
+    spread_of_sizes,
+)
 from enginediag_cli.identification.offsets_between import LEAST, USUAL_OUTPUT, with_offsets
 from enginediag_cli.identification.pace import NEIGHBOURS
 from enginediag_cli.identification.problem import build_problem
@@ -65,10 +74,48 @@ def test_what_is_stated_stays():
     assert ("T3_K", "scale") not in found
 
 
-def test_a_further_recording_may_differ_by_more_than_few_recordings_showed():
+def test_a_further_recording_differs_by_a_size_that_is_integrated_out():
     assert OffsetPrior("T3_K", "bias", 2.0).next_sigma == 2.0  # stated
-    assert OffsetPrior("T3_K", "bias", 2.0, 4).next_sigma == pytest.approx(2.0 * np.sqrt(5 / 3))
-    assert OffsetPrior("T3_K", "bias", 2.0, 1000).next_sigma == pytest.approx(2.0, rel=2e-3)
+    prior = OffsetPrior("T3_K", "bias", 2.0, 4, 0.6)
+    sizes = 2.0 * np.exp(0.6 * np.random.default_rng(0).standard_normal(400_000))
+    offsets = sizes * np.random.default_rng(1).standard_normal(400_000)
+    assert prior.next_sigma == pytest.approx(np.std(offsets), rel=0.01)
+
+
+def test_sizes_are_known_the_better_the_more_recordings_show_them():
+    few, many = (
+        offsets_of(flights(5.0 * np.random.default_rng(7).standard_normal(count), seed=4))[0]["T3_K", "bias"]
+        for count in (4, 24)
+    )
+    assert 0.0 < many.spread < few.spread
+    # R offsets that are seen exactly tell ln s with a standard error of 1/sqrt(2 R)
+    assert many.spread == pytest.approx(1.0 / np.sqrt(2.0 * 24.0), rel=0.2)
+    quiet = offsets_of(flights((0.0,) * 5, seed=1))[0]["P3_Pa", "bias"]
+    assert quiet.spread > many.spread  # what noise hides is not known to be nothing
+
+
+def test_spread_is_that_of_the_posterior_of_one_size_seen_directly():
+    # one offset of each of R recordings, seen with information h: the integral over ln s is done on a grid
+    R, h = 6, 400.0
+    z = np.array([1.1, -0.7, 0.4, -1.3, 0.9, -0.2])
+    data = ArrowData(np.zeros((1, 1)), np.zeros((R, 1, 1)), np.full((R, 1, 1), h), np.zeros(1), h * z[:, None])
+    t = likeliest_offsets(data, np.ones(1), np.ones(1), np.array([True]))
+    scaled = ArrowData(data.H_xx, data.H_xz * t, data.H_zz * t * t, data.b_x, data.b_z * t)
+    grid = np.linspace(-3.0, 3.0, 4001)
+    posterior = np.array([log_likelihood(scaled, np.exp([g]))[0] for g in grid])
+    posterior -= 0.5 * (grid + np.log(t[0])) ** 2 / (COMMON**2 + OWN**2)
+    w = np.exp(posterior - posterior.max())
+    exact = np.sqrt(np.sum(w * grid**2) / w.sum() - (np.sum(w * grid) / w.sum()) ** 2)
+    assert spread_of_sizes(scaled, np.array([True]))[0] == pytest.approx(exact, rel=0.15)
+
+
+def test_an_offset_of_an_input_may_be_stated_and_is_what_a_judged_recording_may_differ_by():
+    settings = IdentificationSettings(recording_bias_sigma={"altitude_m": 15.0, "T3_K": 2.0})
+    found, result = offsets_of(flights((1.0, -1.0, 0.0)), settings=settings)
+    assert found["altitude_m", "bias"] == OffsetPrior("altitude_m", "bias", 15.0)
+    assert result.problem.offsets[-1].sensor == "altitude_m"  # those of inputs come last
+    with pytest.raises(DataError, match="altitude_m"):
+        identify(ToyEngine(), flights((0.0,)), settings=IdentificationSettings(recording_bias_sigma={"altitud": 1.0}))
 
 
 @pytest.fixture

@@ -276,10 +276,11 @@ def searched_again(evidence: Evidence, freed: Sequence[Flight]) -> Evidence:
 def _instruments(
     nominal: Nominal | SelfIdentified | None, sensors: Sequence[str], engine: Engine
 ) -> tuple[OffsetPrior, ...]:
-    """Offsets between recordings that a nominal state has found, of the size of a further recording's."""
+    """Offsets between recordings that a nominal state has found, of the size of a further recording's; those stated of
+    inputs, too, which settings do not hold."""
     if not isinstance(nominal, Nominal):
         return ()
-    found = [o for o in nominal.offsets if o.recordings and (o.sensor in sensors or o.sensor in engine.inputs)]
+    found = [o for o in nominal.offsets if o.sensor in engine.inputs or (o.recordings and o.sensor in sensors)]
     return tuple(replace(o, prior_sigma=o.next_sigma) for o in found)
 
 
