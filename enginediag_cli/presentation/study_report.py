@@ -1,4 +1,4 @@
-"""What a study found, as rows and as JSON: counts, and rates with their binomial intervals."""
+"""What a study found, as rows and as JSON: counts, and rates with intervals that hold between seeds, by batches."""
 
 from __future__ import annotations
 
@@ -6,10 +6,10 @@ from collections.abc import Mapping
 from typing import Any
 
 from enginediag_cli.presentation.outputs.study import STUDY
-from enginediag_cli.trials.rates import counted
+from enginediag_cli.trials.rates import counted, design_effect
 from enginediag_cli.trials.studies.journal import Finished
 from enginediag_cli.trials.studies.study_file import Study
-from enginediag_cli.trials.studies.tally import EDGES, Tally
+from enginediag_cli.trials.studies.tally import BLOCK, EDGES, Tally
 
 Results = Mapping[tuple[str, str], Tally]
 
@@ -49,7 +49,12 @@ def _seconds(x: Tally) -> float:
 
 def _entry(case: str, method: str, x: Tally, names: tuple[str, ...], reliability: bool) -> dict[str, Any]:
     named = x.isolates
-    changed = x.repetitions - x.unchanged
+    per = {name: x.of_blocks(name) for name in BLOCK}
+    per["changed"], per["seen"] = per["repetitions"] - per["unchanged"], per["detected"] - per["false_alarms"]
+
+    def found(hits: str, of: str) -> dict[str, float] | None:
+        return counted(int(per[hits].sum()), int(per[of].sum()), design_effect(per[hits], per[of]))
+
     entry: dict[str, Any] = {
         "case": case,
         "method": method,
@@ -64,10 +69,10 @@ def _entry(case: str, method: str, x: Tally, names: tuple[str, ...], reliability
         "parameter_counts_contained": dict(zip(names, map(int, x.counts_contained), strict=True)) if named else None,
         "unchanged": x.unchanged,
         "false_alarms": x.false_alarms,
-        "false_alarm_rate": counted(x.false_alarms, x.unchanged),
-        "detected_rate": counted(x.detected - x.false_alarms, changed),
-        "exact_rate": counted(x.exact, x.repetitions) if named else None,
-        "contained_rate": counted(x.contained, x.repetitions) if named else None,
+        "false_alarm_rate": found("false_alarms", "unchanged"),
+        "detected_rate": found("seen", "changed"),
+        "exact_rate": found("exact", "repetitions") if named else None,
+        "contained_rate": found("contained", "repetitions") if named else None,
         "failed_records": x.failed_records,
     }
     if reliability and x.bins[:, 0].any():

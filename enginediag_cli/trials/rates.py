@@ -2,6 +2,13 @@
 
 Studies quote Clopper and Pearson's interval, which is never too short; score sheets Wilson's, whose coverage is right
 on average and which is shorter for few trials. Documents quote both, so both stay.
+
+Trials that share something, operating points or an engine, come in blocks: with h_b hits among n_b trials of block b and
+the rate p of all, they are worth n/d independent trials, with the design effect
+
+    d = B/(B − 1) · Σ_b (h_b − n_b p)² / (p (1 − p) Σ_b n_b),     1 at least
+
+(L. Kish, Survey Sampling (1965) section 5.4), so that intervals hold for other blocks, those of another seed, too.
 """
 
 from __future__ import annotations
@@ -17,7 +24,7 @@ CONFIDENCE = 0.95
 """Of every interval of a rate: two-sided, as is usual."""
 
 
-def clopper_pearson(hits: int, n: int, confidence: float = CONFIDENCE) -> tuple[float, float]:
+def clopper_pearson(hits: float, n: float, confidence: float = CONFIDENCE) -> tuple[float, float]:
     """Exact interval of a binomial rate: Clopper, C. J. and Pearson, E. S. (1934) Biometrika 26, 404–413."""
     from scipy.stats import beta
 
@@ -27,15 +34,29 @@ def clopper_pearson(hits: int, n: int, confidence: float = CONFIDENCE) -> tuple[
     return low, high
 
 
-def counted(hits: int, n: int) -> dict[str, float] | None:
-    """Rate of counts with its exact interval; None where there is nothing to count."""
+def design_effect(hits: Sequence[float], counts: Sequence[float]) -> float:
+    """d of the equation above; 1 where there is one block, or all or none are hits."""
+    h, n = np.asarray(hits, float), np.asarray(counts, float)
+    h, n = h[n > 0], n[n > 0]
+    if len(n) < 2:
+        return 1.0
+    p = h.sum() / n.sum()
+    if p in (0.0, 1.0):
+        return 1.0
+    between = len(n) / (len(n) - 1) * float(np.sum((h - n * p) ** 2))
+    return max(1.0, between / float(p * (1.0 - p) * n.sum()))
+
+
+def counted(hits: float, n: float, effect: float = 1.0) -> dict[str, float] | None:
+    """Rate of counts with its exact interval, of as many trials as they are worth; None where there is nothing to
+    count."""
     if not n:
         return None
-    low, high = clopper_pearson(hits, n)
+    low, high = clopper_pearson(hits / effect, n / effect)
     return {"rate": hits / n, "low": low, "high": high}
 
 
-def wilson(count: float, of: int) -> tuple[float, float]:
+def wilson(count: float, of: float) -> tuple[float, float]:
     """95 % interval of a binomial rate: E. B. Wilson, J. Am. Stat. Assoc. 22 (1927) 209–212."""
     if not of:
         return 0.0, 1.0
@@ -69,18 +90,22 @@ def median(values: Sequence[float]) -> dict[str, Any]:
     return {"rate": float(np.median(x)), "count": float(np.sum(x)), "of": n, "low": ends[0], "high": ends[1]}
 
 
-def rate(marks: Iterable[Any]) -> dict[str, Any]:
-    """Of the marks of trials: True or False each; or each a list of shares or sizes, of which the mean is taken. A
+def rate(marks: Iterable[Any], blocks: Iterable[int] | None = None) -> dict[str, Any]:
+    """Of the marks of trials, which may come in numbered `blocks`: True or False each; or each a list of shares or sizes, of which the mean is taken. A
     list of 0 and 1 counts each as a mark of its own. Empty values where no trial counts."""
     marks = list(marks)
     if not marks:
         return {"rate": None, "count": 0, "of": 0, "low": None, "high": None}
+    effect = 1.0
     if isinstance(marks[0], bool):
         hits, n = sum(marks), len(marks)
+        if blocks is not None:
+            _, place = np.unique(np.fromiter(blocks, int), return_inverse=True)
+            effect = design_effect(np.bincount(place, np.asarray(marks, float)), np.bincount(place))
     else:
         flat = [float(x) for mark in marks for x in mark]
         if not all(x in (0.0, 1.0) for x in flat):
             return mean([float(np.mean(mark)) for mark in marks])
         hits, n = int(sum(flat)), len(flat)
-    low, high = wilson(hits, n)
+    low, high = wilson(hits / effect, n / effect)
     return {"rate": hits / n, "count": hits, "of": n, "low": low, "high": high}

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.stats import binom
 
-from enginediag_cli.trials.rates import clopper_pearson
+from enginediag_cli.trials.rates import clopper_pearson, counted, design_effect, rate
 from enginediag_cli.trials.studies.answers import Answers
 from enginediag_cli.trials.studies.tally import EDGES, Tally, tally
 
@@ -42,7 +42,10 @@ def test_tallies_of_parts_add_up_to_the_tally_of_the_whole_and_survive_json():
 
     whole = tally(CHANGES, ANSWERS, 2.0, 0)
     added = part(slice(0, 1)) + Tally.from_json(json.loads(json.dumps(part(slice(1, 4)).as_json())))
-    assert added.as_json() == whole.as_json()
+    one, other = added.as_json(), whole.as_json()
+    assert np.sum(one.pop("blocks"), axis=0).tolist() == other.pop("blocks")[0]  # each batch stays known
+    assert one == other
+    assert added.of_blocks("exact").tolist() == [1, 1]
 
 
 def test_a_method_that_names_no_parameters_is_not_called_exact():
@@ -55,6 +58,38 @@ def test_the_interval_is_where_the_binomial_tails_are_one_fortieth(hits, n):
     low, high = clopper_pearson(hits, n)
     assert binom.sf(hits - 1, n, low) == pytest.approx(0.025)
     assert binom.cdf(hits, n, high) == pytest.approx(0.025)
+
+
+def test_independent_blocks_have_no_design_effect_and_shared_rates_have_that_of_kish():
+    rng = np.random.default_rng(0)
+    counts = np.full(400, 25)
+    plain = design_effect(rng.binomial(counts, 0.8), counts)
+    assert plain == pytest.approx(1.0, abs=0.25)
+    # with rates of blocks of variance v about p: d = 1 + (n − 1) v/(p (1 − p))
+    rates = rng.beta(8.0, 2.0, 400)
+    shared = design_effect(rng.binomial(counts, rates), counts)
+    assert shared == pytest.approx(1.0 + 24.0 / 11.0, rel=0.2)
+    assert design_effect([3], [10]) == design_effect([5, 5], [5, 5]) == 1.0
+
+
+def test_intervals_hold_between_seeds_where_blocks_share_something():
+    rng, inside = np.random.default_rng(1), {"blocks": 0, "trials": 0}
+    for _ in range(400):
+        counts = np.full(40, 25)
+        hits = rng.binomial(counts, rng.beta(8.0, 2.0, 40))
+        for name, effect in (("blocks", design_effect(hits, counts)), ("trials", 1.0)):
+            found = counted(int(hits.sum()), int(counts.sum()), effect)
+            inside[name] += found["low"] <= 0.8 <= found["high"]
+    assert inside["blocks"] >= 366  # binomial(400, 0.95) is smaller with probability 0.002
+    assert inside["trials"] < 330
+
+
+def test_marks_of_trials_of_one_engine_widen_the_interval():
+    marks, groups = [True] * 8 + [False] * 8 + [True] * 8, [0] * 8 + [1] * 8 + [2] * 8
+    alone, together = rate(marks), rate(marks, groups)
+    assert (alone["count"], alone["of"]) == (together["count"], together["of"]) == (16, 24)
+    assert together["low"] < alone["low"] and together["high"] > alone["high"]
+    assert rate(marks, range(24)) == pytest.approx(rate(marks), rel=0.05)
 
 
 def test_the_interval_of_none_and_of_all_is_one_sided():

@@ -34,10 +34,11 @@ class Score:
 
 
 def mark(name: str, kind: str = "") -> Callable[[Sequence[Record]], dict[str, Any]]:
-    """Rate of a mark over the trials that have it, of one kind or of all."""
+    """Rate of a mark over the trials that have it, of one kind or of all; those of a group share an engine."""
 
     def counted(records: Sequence[Record]) -> dict[str, Any]:
-        return rate(r["marks"][name] for r in records if name in r["marks"] and (not kind or r["kind"] == kind))
+        own = [r for r in records if name in r["marks"] and (not kind or r["kind"] == kind)]
+        return rate((r["marks"][name] for r in own), (r.get("group", k) for k, r in enumerate(own)))
 
     return counted
 

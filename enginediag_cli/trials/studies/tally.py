@@ -13,6 +13,9 @@ from enginediag_cli.trials.studies.answers import Answers
 EDGES = np.array([0.0, 0.15, 0.25, 0.35, 0.45, 0.55, 0.65, 0.75, 0.85, 0.95, 1.0 + 1e-9])
 """Bins of stated probability, centred at 0.2, 0.3 … 0.9, with one below and one above."""
 
+BLOCK = ("repetitions", "unchanged", "detected", "false_alarms", "exact", "contained")
+"""Counts that every batch keeps of its own."""
+
 
 @dataclass(frozen=True)
 class Tally:
@@ -22,7 +25,8 @@ class Tally:
     changed parameters isolated; contained: all of them and perhaps more; right_size: as many isolated as changed;
     isolated: parameters isolated in total; counts (p,): in how many answers each parameter is; counts_contained
     (p,): the same among the answers that contain all changed parameters; failed_records: not computed by the
-    engine; seconds: CPU time of diagnosis; bins (bins, 3): answers, right answers and sum of stated probabilities.
+    engine; seconds: CPU time of diagnosis; bins (bins, 3): answers, right answers and sum of stated probabilities;
+    blocks (B, 6): counts of each batch that was added, as BLOCK names them, whose operating points were drawn together.
     `isolates`: the method names parameters.
     """
 
@@ -41,11 +45,16 @@ class Tally:
     seconds: float
     bins: np.ndarray
     isolates: bool
+    blocks: np.ndarray
 
     def __add__(self, other: Tally) -> Tally:
-        both: dict[str, Any] = {f.name: getattr(self, f.name) + getattr(other, f.name) for f in fields(self)}
+        both: dict[str, Any] = {f.name: getattr(self, f.name) + getattr(other, f.name) for f in fields(self)[:-1]}
         both["isolates"] = self.isolates and other.isolates
-        return Tally(**both)
+        return Tally(**both, blocks=np.concatenate([self.blocks, other.blocks]))
+
+    def of_blocks(self, name: str) -> np.ndarray:
+        """Counts (B,) of each batch."""
+        return np.asarray(self.blocks[:, BLOCK.index(name)])
 
     def as_json(self) -> dict[str, Any]:
         """Plain numbers and lists."""
@@ -59,7 +68,7 @@ class Tally:
     @classmethod
     def from_json(cls, values: Mapping[str, Any]) -> Tally:
         """Inverse of `as_json`; raises TypeError or KeyError for something else."""
-        arrays = ("counts", "counts_contained", "bins")
+        arrays = ("counts", "counts_contained", "bins", "blocks")
         given: dict[str, Any] = {f.name: values[f.name] for f in fields(cls)}
         given.update({name: np.array(given[name]) for name in arrays})
         return cls(**given)
@@ -79,14 +88,11 @@ def tally(changes: np.ndarray, answers: Answers, seconds: float, failed_records:
     stated = named & np.isfinite(answers.probability)
     place = np.digitize(answers.probability[stated], EDGES) - 1
     np.add.at(bins, place, np.column_stack([np.ones(stated.sum()), exact[stated], answers.probability[stated]]))
+    block = np.array([W, *(int(x.sum()) for x in (unchanged, detected, detected & unchanged, exact, contained))])
     return Tally(
         W,
         int(answers.judged.sum()),
-        int(unchanged.sum()),
-        int(detected.sum()),
-        int((detected & unchanged).sum()),
-        int(exact.sum()),
-        int(contained.sum()),
+        *(int(x) for x in block[1:]),
         int((named & (found.sum(axis=1) == truth.sum(axis=1))).sum()),
         int(found[named].sum()),
         found[named].sum(axis=0),
@@ -95,4 +101,5 @@ def tally(changes: np.ndarray, answers: Answers, seconds: float, failed_records:
         seconds,
         bins,
         answers.isolated is not None,
+        block[None],
     )
