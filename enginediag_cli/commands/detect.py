@@ -6,6 +6,7 @@ from collections import Counter
 from collections.abc import Iterator
 from dataclasses import replace
 from itertools import chain
+from math import inf
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -24,6 +25,7 @@ from enginediag_cli.commands.options import (
     output_options,
     pass_messages,
 )
+from enginediag_cli.commands.parameter_types import RequiredChange
 from enginediag_cli.commands.picture_option import picture_option
 from enginediag_cli.presentation.messages import Messages
 from enginediag_cli.presentation.output import Output
@@ -49,7 +51,7 @@ if TYPE_CHECKING:
     "--detectable",
     is_flag=True,
     help="Add the smallest change of each parameter that the window would "
-    "have shown, in the parameter's unit, and what the window does not excite.",
+    "have shown, in the parameter's unit, and what the window does not excite; JSON always has them.",
 )
 @click.option(
     "--power",
@@ -57,7 +59,16 @@ if TYPE_CHECKING:
     type=FiniteRange(0.5, 0.9999),
     default=0.9,
     show_default=True,
-    help="Probability with which --detectable counts a change as shown.",
+    help="Probability with which a change counts as shown.",
+)
+@click.option(
+    "--must-show",
+    metavar="PATTERN=SIZE",
+    type=RequiredChange(),
+    multiple=True,
+    help="Healthy is only a window that would have shown such a change of the parameters of this name or shell "
+    "pattern, in their unit; of a component that of one parameter is enough. Default: efficiency 0.02, flow capacity "
+    "and area 0.03. `none`: any window.",
 )
 @picture_option("the statistic of every window over its threshold")
 @follow_options
@@ -75,6 +86,7 @@ def detect(
     rival: Rival,
     detectable: bool,
     power: float,
+    must_show: tuple[Any, ...],
     picture_path: str | None,
     follow: Follow,
     exit_code: bool,
@@ -88,9 +100,9 @@ def detect(
     enginediag detect -n nominal.yaml flight.csv --window 10min --step 1min --detectable
     tail -n +1 -f flight.csv | enginediag detect -n nominal.yaml --follow -
 
-    The verdict is healthy, fault, or no verdict with its reason: an engine that could not be judged is never
-    called healthy. `fit` is what no change of parameters explains, per degree of freedom: near 1 when model
-    and noise are right.
+    The verdict is healthy, fault, or no verdict with its reason: an engine that could not be judged, or would not have
+    shown a change of the size of --must-show, is never called healthy. `fit` is what no change of parameters explains,
+    per degree of freedom: near 1 when model and noise are right.
 
     With --follow, `log10_e` is the evidence that something has changed since the flight began, as a power of
     ten; the alarm comes when it reaches 1/P of --false-alarm, at any time of the flight, and stays. Then `kind`
@@ -106,8 +118,11 @@ def detect(
         check_follow(follow, judging, detectable)
     if picture_path and (follow.wanted or rival):
         raise click.UsageError("--picture goes with neither --follow nor --method")
-    if detectable and power <= false_alarm:
+    if power <= false_alarm:
         raise click.UsageError("--power must be larger than --false-alarm")
+    if "none" in must_show and len(must_show) > 1:
+        raise click.UsageError("--must-show none goes with no other --must-show")
+    from enginediag_cli.detection.minimum_change import RequiredPower
     from enginediag_cli.detection.verdict import judge
     from enginediag_cli.presentation.detection_rows import detection_row, tell_window
     from enginediag_cli.presentation.outputs.detect import DETECT as DETECT_ROWS
@@ -124,13 +139,17 @@ def detect(
     files.economy = Economy(replace(monitor, slopes=None)) if monitor else None
     tally: Counter[str] = Counter()
     drawn: list[dict[str, Any]] = []
+    required = RequiredPower((("*", inf),) if "none" in must_show else must_show, power)
+    if monitor is not None:
+        required.check(monitor.monitored)
+    shown = detectable or output.chosen_format() in ("json", "ndjson")
 
     def rows() -> Iterator[dict[str, Any]]:
         for found, _ in files.windows():
-            verdict = judge(found, false_alarm)
+            verdict = judge(found, false_alarm, required)
             tally[verdict.verdict] += 1
             tell_window(messages, verdict)
-            row = detection_row(verdict, power if detectable else None, false_alarm)
+            row = detection_row(verdict, shown)
             drawn.extend([row] if picture_path else [])
             yield row
 

@@ -29,6 +29,7 @@ NOT_WITH_A_METHOD = {
     "idle": "it judges windows that are complete",
     "detectable": "the smallest change is that of the tool's own test",
     "power": "the smallest change is that of the tool's own test",
+    "must_show": "the smallest change is that of the tool's own test",
     "reference": "it compares with nominal, or with what it learns from --healthy",
     "last": "it judges whole recordings",
 }

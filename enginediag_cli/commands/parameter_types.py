@@ -28,6 +28,26 @@ class FiniteRange(click.FloatRange):
         return number
 
 
+class RequiredChange(click.ParamType):
+    """PATTERN=SIZE, a shell pattern of parameters and a positive change in their unit; or `none`, which is None."""
+
+    name = "required_change"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        if value == "none" or isinstance(value, tuple):
+            return value
+        pattern, _, size = str(value).rpartition("=")
+        try:
+            number = float(size)
+        except ValueError:
+            number = math.nan
+        if not pattern or not (math.isfinite(number) and number > 0.0):
+            self.fail(
+                f"{value!r} is not PATTERN=SIZE with a positive size, such as '*.efficiency=0.02', or none", param, ctx
+            )
+        return pattern, number
+
+
 class ConfigFile(click.Path):
     """A YAML file that exists. A name that is not in the working folder may be one that comes with the program,
     such as turbofan.yaml or faults/hpc_fouling.yaml."""

@@ -21,6 +21,8 @@ MOST = 2000.0
 """Degrees of freedom up to which the logarithms of Γ cost no more than two of the digits."""
 ITERATIONS = 2000
 """No fraction or series below takes so many terms up to `MOST`."""
+WEIGHTS = 500.0
+"""Degrees of freedom up to which the first Poisson weight exp(−λ/2) of a sum that is needed is a number."""
 TINY = 1e-300
 """In place of a denominator of zero in a continued fraction."""
 EPSILON = 1e-16
@@ -66,6 +68,36 @@ def fdtri(dof1: float, dof2: float, probability: float) -> float:
 
         return float(special.fdtri(dof1, dof2, probability))
     return _root(lambda x: fdtrc(dof1, dof2, x), 1.0 - probability, 1.0)
+
+
+def noncentral_chdtrc(dof: float, noncentrality: float, x: float) -> float:
+    """Probability that χ²(dof; λ) exceeds x: Σ_j Poisson(j; λ/2) Q(dof/2 + j, x/2), with the recurrence
+
+    Q(a + 1, x) = Q(a, x) + x^a e^(−x)/Γ(a + 1)
+    """
+    mean, half, a = 0.5 * noncentrality, 0.5 * x, 0.5 * dof
+    upper, step = chdtrc(dof, x), math.exp(a * math.log(half) - half - math.lgamma(a + 1.0)) if half else 0.0
+    weight = math.exp(-mean)
+    total, left = weight * upper, 1.0 - weight
+    for j in range(1, ITERATIONS):
+        upper, step = upper + step, step * half / (a + j)
+        weight *= mean / j
+        total, left = total + weight * upper, left - weight
+        if j > mean and (left < EPSILON or weight < EPSILON):
+            break
+    return min(total, 1.0)
+
+
+@lru_cache(maxsize=1024)
+def noncentrality_of(dof: float, x: float, probability: float) -> float:
+    """λ at which χ²(dof; λ) exceeds x with this probability; 0 where it does so without."""
+    if dof > WEIGHTS or x > 2.0 * WEIGHTS:
+        from scipy import special
+
+        return max(float(special.chndtrinc(x, dof, 1.0 - probability)), 0.0)
+    if chdtrc(dof, x) >= probability:
+        return 0.0
+    return _root(lambda value: 1.0 - noncentral_chdtrc(dof, value, x), 1.0 - probability, x)
 
 
 def _upper_gamma(a: float, x: float) -> float:

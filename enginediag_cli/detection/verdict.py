@@ -4,9 +4,20 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from enginediag_cli.detection.distributions import chdtrc
 from enginediag_cli.detection.glr import GlrTest, glr_test
 from enginediag_cli.detection.lack_of_fit import LackOfFit, lack_of_fit
+from enginediag_cli.detection.minimum_change import (
+    USUALLY_REQUIRED,
+    RequiredPower,
+    Unseen,
+    minimum_change,
+    must_show,
+    size_with_unit,
+    unseen_components,
+)
 from enginediag_cli.residuals.score import Score, fisher_score
 from enginediag_cli.residuals.window import WindowStatistics
 
@@ -31,7 +42,8 @@ what would be seen within it. An alarm in spite of them stands."""
 
 @dataclass(frozen=True)
 class Verdict:
-    """`reason` says why there is no verdict; `test`, `fit` and `score` are None where there is nothing to test."""
+    """`reason` says why there is no verdict; `test`, `fit` and `score` are None where there is nothing to test.
+    detectable: smallest change (p,) of each parameter of the score that would have shown, in its unit."""
 
     window: WindowStatistics
     verdict: str
@@ -39,6 +51,7 @@ class Verdict:
     test: GlrTest | None = None
     fit: LackOfFit | None = None
     score: Score | None = None
+    detectable: np.ndarray | None = None
 
 
 def unknown_noise(score: Score) -> bool:
@@ -46,8 +59,14 @@ def unknown_noise(score: Score) -> bool:
     return score.rank > 0 and score.doubt[1] > HARDLY_KNOWN * score.rank
 
 
-def judge(window: WindowStatistics, false_alarm: float = 0.01) -> Verdict:
+def judge(
+    window: WindowStatistics,
+    false_alarm: float = 0.01,
+    required: RequiredPower = USUALLY_REQUIRED,
+) -> Verdict:
     """Test one window at the given false-alarm probability.
+
+    required: what silence must rest on.
 
     Errors of sensors that gave no reading are left out of the statistics of the verdict's window: they are no suspects.
     """
@@ -68,9 +87,26 @@ def judge(window: WindowStatistics, false_alarm: float = 0.01) -> Verdict:
     fit = lack_of_fit(statistics)
     if lifeless(fit):
         return Verdict(window, NO_VERDICT, too_still(fit))
-    if not test.alarm and window.extrapolated > MOSTLY * statistics.n:
-        return Verdict(window, NO_VERDICT, nothing_seen(window.extrapolated, statistics.n), test, fit, score)
-    return Verdict(window, FAULT if test.alarm else HEALTHY, "", test, fit, score)
+    sizes = minimum_change(score, false_alarm=false_alarm, power=required.power)
+    found = Verdict(window, FAULT, "", test, fit, score, sizes)
+    if test.alarm:
+        return found
+    if window.extrapolated > MOSTLY * statistics.n:
+        return replace(found, verdict=NO_VERDICT, reason=nothing_seen(window.extrapolated, statistics.n))
+    limits = must_show(score.described, score.prior_sigma, required.changes)
+    unseen = unseen_components(score, sizes, limits)
+    if unseen:
+        return replace(found, verdict=NO_VERDICT, reason=too_few_records(unseen[0]))
+    return replace(found, verdict=HEALTHY)
+
+
+def too_few_records(unseen: Unseen) -> str:
+    """Why nothing is told by a window that would have shown no change of a component that matters."""
+    p = unseen.parameter
+    if not np.isfinite(unseen.size):
+        return f"too few records: no change of {p.words or p.name} would show"
+    size, limit = (size_with_unit(p, x) for x in (unseen.size, unseen.limit))
+    return f"too few records: a change of {p.words or p.name} would show from {size} on, and {limit} must"
 
 
 def nothing_seen(extrapolated: int, judged: int) -> str:

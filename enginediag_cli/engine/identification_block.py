@@ -60,14 +60,16 @@ IDENTIFICATION = Section(
         Field(
             "recording_bias_sigma",
             "number_map",
-            "column of a sensor or an input: standard deviation of its offset from one recording to the next (nuisance)",
+            "column of a sensor or an input: standard deviation of its offset from one recording to the next "
+            "(nuisance)",
             default={},
             unit="the column's",
         ),
         Field(
             "recording_scale_sigma",
             "number_map",
-            "column of a sensor or an input: standard deviation of its scale error from one recording to the next (nuisance)",
+            "column of a sensor or an input: standard deviation of its scale error from one recording to the next "
+            "(nuisance)",
             default={},
             unit="fraction",
         ),

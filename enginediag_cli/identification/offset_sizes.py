@@ -11,9 +11,9 @@ engine are all looked after with more care or less, and each is better or worse 
 
     ln s_j = ln usual_j + c + e_j,     c ~ N(0, COMMON²),  e_j ~ N(0, OWN²).
 
-A few recordings say little of each instrument, but much of all together. What one recording differs by as well by an
-input as by the outputs that it moves, the data give to either: how large a size may be beside the likeliest is told by the
-curvature of the posterior of all sizes at once (Laplace), never wider than before the data.
+A few recordings say little of each instrument, but much of all together. What an input's offset explains, those of the
+outputs that it moves explain nearly as well: how far each size may lie from the likeliest is the curvature of the
+posterior of all sizes at once (Laplace), never wider than before the data.
 """
 
 from __future__ import annotations

@@ -12,9 +12,9 @@ if TYPE_CHECKING:
     from enginediag_cli.presentation.messages import Messages
 
 
-def detection_row(verdict: Verdict, power: float | None, false_alarm: float) -> dict[str, Any]:
-    """Row of one window; power: with the smallest changes that this window would have shown with that probability,
-    in the parameter's unit, and what it does not excite."""
+def detection_row(verdict: Verdict, detectable: bool) -> dict[str, Any]:
+    """Row of one window; detectable: with the smallest changes that it would have shown, in the parameter's unit, and
+    what it does not excite."""
     from enginediag_cli.residuals.flat import window_row
 
     test, fit, statistics = verdict.test, verdict.fit, verdict.window.statistics
@@ -30,14 +30,12 @@ def detection_row(verdict: Verdict, power: float | None, false_alarm: float) -> 
         verdict=verdict.verdict,
         reason=verdict.reason,
     )
-    if power is not None:
+    if detectable:
         row["not_excited"] = None
-        if verdict.score is not None and statistics is not None:
-            from enginediag_cli.detection.minimum_change import minimum_change
-
+        if verdict.score is not None and verdict.detectable is not None and statistics is not None:
             row["not_excited"] = [str(combination) for combination in statistics.unexcited()]
-            sizes = minimum_change(verdict.score, false_alarm=false_alarm, power=power)
-            row.update({f"detectable:{a}": x for a, x in zip(verdict.score.parameters, sizes, strict=True)})
+            sizes = zip(verdict.score.parameters, verdict.detectable, strict=True)
+            row.update({f"detectable:{a}": x for a, x in sizes})
     return DETECT.row(row)
 
 

@@ -3,8 +3,8 @@
 Studies quote Clopper and Pearson's interval, which is never too short; score sheets Wilson's, whose coverage is right
 on average and which is shorter for few trials. Documents quote both, so both stay.
 
-Trials that share something, operating points or an engine, come in blocks: with h_b hits among n_b trials of block b and
-the rate p of all, they are worth n/d independent trials, with the design effect
+Trials that share something, operating points or an engine, come in blocks: with h_b hits among n_b trials of block b
+and the rate p of all, they are worth n/d independent trials, with the design effect
 
     d = B/(B − 1) · Σ_b (h_b − n_b p)² / (p (1 − p) Σ_b n_b),     1 at least
 
@@ -34,7 +34,7 @@ def clopper_pearson(hits: float, n: float, confidence: float = CONFIDENCE) -> tu
     return low, high
 
 
-def design_effect(hits: Sequence[float], counts: Sequence[float]) -> float:
+def design_effect(hits: Sequence[float] | np.ndarray, counts: Sequence[float] | np.ndarray) -> float:
     """d of the equation above; 1 where there is one block, or all or none are hits."""
     h, n = np.asarray(hits, float), np.asarray(counts, float)
     h, n = h[n > 0], n[n > 0]
@@ -91,8 +91,9 @@ def median(values: Sequence[float]) -> dict[str, Any]:
 
 
 def rate(marks: Iterable[Any], blocks: Iterable[int] | None = None) -> dict[str, Any]:
-    """Of the marks of trials, which may come in numbered `blocks`: True or False each; or each a list of shares or sizes, of which the mean is taken. A
-    list of 0 and 1 counts each as a mark of its own. Empty values where no trial counts."""
+    """Of the marks of trials, which may come in numbered `blocks`: True or False each; or each a list of shares or
+    sizes, of which the mean is taken. A list of 0 and 1 counts each as a mark of its own. Empty values where no
+    trial counts."""
     marks = list(marks)
     if not marks:
         return {"rate": None, "count": 0, "of": 0, "low": None, "high": None}

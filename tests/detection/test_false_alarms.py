@@ -12,6 +12,7 @@ from scipy.stats import binom
 from scipy.stats import f as f_law
 
 from enginediag_cli.detection.glr import critical_value, glr_test, noise_correction, numerator, p_value, threshold
+from enginediag_cli.detection.minimum_change import NOTHING_REQUIRED
 from enginediag_cli.detection.verdict import HEALTHY, NO_VERDICT, judge, unknown_noise
 from enginediag_cli.residuals.frame import Frame
 from enginediag_cli.residuals.local import local_statistics
@@ -104,7 +105,7 @@ def test_noise_known_from_too_few_records_gives_no_verdict():
         noise = NoiseModel(np.ones(1), np.zeros(1), readings=np.array([readings]))
         found = statistics_of(0.5 * rng.standard_normal((20, 1)), G, noise)
         assert unknown_noise(fisher_score(found)) == (verdict == NO_VERDICT)
-        judged = judge(replace(WINDOW, statistics=found))
+        judged = judge(replace(WINDOW, statistics=found), required=NOTHING_REQUIRED)
         assert judged.verdict == verdict
         assert ("too few independent records" in judged.reason) == (verdict == NO_VERDICT)
 

@@ -2,11 +2,19 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from enginediag_cli.detection.glr import power
-from enginediag_cli.detection.minimum_change import minimum_change, required_noncentrality
+from enginediag_cli.detection.minimum_change import (
+    minimum_change,
+    must_show,
+    required_noncentrality,
+    unseen_components,
+)
+from enginediag_cli.parameters import Parameter
 from enginediag_cli.residuals.score import Score
 
 
@@ -63,6 +71,38 @@ def test_parameters_that_imitate_each_other_are_detectable_but_not_separable():
     assert np.isfinite(minimum_change(score)).all()
     alone = minimum_change(score, test="minmax")
     assert np.isinf(alone[2:]).all() and np.isfinite(alone[:2]).all()
+
+
+def parameter(name, quantity, family="health"):
+    component = name.rpartition(".")[0]
+    return Parameter(name, family, 1.0, 0.5, 1.5, 0.02, "1", component=component, quantity=quantity, words=name)
+
+
+NAMES = ("fan.efficiency", "fan.flow_capacity", "hpc.efficiency", "sensor.T3.bias", "bleed.fraction")
+QUANTITIES = ("efficiency", "flow_capacity", "efficiency", "bias", "fraction")
+
+
+def described_score():
+    families = ("health", "health", "health", "sensor", "health")
+    known = {n: parameter(n, q, f) for n, q, f in zip(NAMES, QUANTITIES, families, strict=True)}
+    score = score_of(np.eye(5))
+    return replace(score, parameters=NAMES, meaning=known, prior_sigma=np.array([0.02, 0.02, 0.02, 5.0, 0.01]))
+
+
+def test_what_must_show_is_by_quantity_or_as_a_site_chooses_and_nothing_of_instruments():
+    score = described_score()
+    assert must_show(score.described, score.prior_sigma).tolist() == [0.02, 0.03, 0.02, np.inf, 0.01]
+    chosen = (("*.efficiency", 0.005), ("hpc.*", 0.01), ("sensor.*", 2.0))
+    assert must_show(score.described, score.prior_sigma, chosen).tolist() == [0.005, 0.03, 0.01, 2.0, 0.01]
+
+
+def test_a_component_is_seen_by_the_parameter_of_it_that_shows_best():
+    score = described_score()
+    limits = must_show(score.described, score.prior_sigma)
+    assert unseen_components(score, np.array([0.5, 0.029, 0.019, 9.0, 0.01]), limits) == []
+    unseen = unseen_components(score, np.array([0.05, 0.06, 0.1, 9.0, np.inf]), limits)
+    assert [u.parameter.name for u in unseen] == ["bleed.fraction", "hpc.efficiency", "fan.flow_capacity"]
+    assert (unseen[2].size, unseen[2].limit) == (0.06, 0.03)
 
 
 @pytest.mark.parametrize(

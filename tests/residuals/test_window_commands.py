@@ -118,6 +118,23 @@ def test_the_smallest_detectable_changes_are_columns_in_the_parameters_units(run
     assert len(sizes) == 11 and 1e-4 < sizes["detectable:hpc.efficiency"] < 0.02
 
 
+def test_silence_that_would_hide_what_matters_is_no_verdict_and_json_has_the_power(run):
+    code, rows, _, _ = run("detect", "healthy.csv", "--must-show", "*=0.0005", "--format", "json")
+    (row,) = rows
+    assert (code, row["verdict"], row["alarm"]) == (3, "no verdict", False)
+    assert "too few records" in row["reason"] and "0.05 % must" in row["reason"]
+    assert row["detectable:fan.efficiency"] > 0.0005  # JSON has it unasked
+    # what a window would have shown grows as the root of the records falls: one record says nothing of a small change
+    few = run("detect", "healthy.csv", "--window", "1", "--must-show", "*=0.002")[1]
+    assert {r["verdict"] for r in few if r["alarm"] == "false"} == {"no verdict"}
+    assert run("detect", "healthy.csv", "--window", "1", "--must-show", "none")[1][0]["verdict"] == "healthy"
+    assert run("detect", "faulty.csv", "--must-show", "*=0.0005")[1][0]["verdict"] == "fault"  # an alarm stands
+    code, _, err, _ = run("detect", "healthy.csv", "--must-show", "hpc.eficiency=0.01")
+    assert code == 2 and "hpc.efficiency" in err
+    for wrong in ("hpc.efficiency", "hpc.efficiency=-1", "=0.01", "x=nan"):
+        assert run("detect", "healthy.csv", "--must-show", wrong)[0] == 2
+
+
 def test_a_sensor_fault_can_be_monitored_too(run):
     rows = run("residual", "healthy.csv", "--monitor", "hpc.*efficiency", "--monitor", "sensor.T3.bias")[1]
     assert {c for c in rows[0] if c.startswith("s:")} == {"s:hpc.efficiency", "s:sensor.T3.bias"}

@@ -22,7 +22,7 @@ def _own(state: State, changed: Sequence[Parameter], telling: Sequence[str]) -> 
     if state is State.NO_VERDICT:
         return "Mend what stood in the way, or record under conditions that identification covered, and judge again."
     if state is State.NOTHING_FOUND:
-        return "Nothing; keep recording. `detect --detectable` says which changes these flights would have missed."
+        return "Nothing; keep recording. `detect --detectable` shows the smallest change that each window would show."
     if state is State.CANNOT_TELL:
         if telling:
             sensors = [split_column(column)[0] for column in telling]

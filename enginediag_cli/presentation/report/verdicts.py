@@ -5,7 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-from enginediag_cli.parameters import meanings
+from enginediag_cli.detection.minimum_change import size_with_unit
+from enginediag_cli.parameters import Parameter, meanings
 from enginediag_cli.presentation.charts.margin_found import margin_found
 from enginediag_cli.presentation.charts.rows import Row, rival
 from enginediag_cli.presentation.isolation_rows import CANNOT_TELL
@@ -28,7 +29,7 @@ MISFIT = 2.0
 
 def lead_of(engine: EngineEvidence, evidence: Evidence, key: str) -> Lead:
     """The first screen of an engine."""
-    found = _by_trend(engine, evidence) or _by_isolation(engine, evidence) or _by_detection(engine)
+    found = _by_trend(engine, evidence) or _by_isolation(engine, evidence) or _by_detection(engine, evidence)
     state, sentence, names = _in_doubt(engine, found)
     return Lead(
         state,
@@ -59,6 +60,8 @@ def _in_doubt(engine: EngineEvidence, found: _Found) -> _Found:
     return State.CANNOT_TELL, f"{told}ask explain what the model lacks. Nearest to it: {sentence}", names
 
 
+DETECTABLE = "detectable:"
+"""Begin of the columns of `detect` that hold the smallest changes that would have shown."""
 UNCHANGED = ("", "steady", MAINTENANCE)
 """Kinds of rows of `trend` that tell of no change by itself."""
 
@@ -128,7 +131,7 @@ def _by_isolation(engine: EngineEvidence, evidence: Evidence) -> _Found | None:
         return State.CHANGED, f"{listed(told) or listed(list(names))}.", names
     if head.text("verdict") == "fault":
         return State.CANNOT_TELL, f"{_capital(head.window)} departs from nominal, and no parameter stands out.", ()
-    return _quiet(engine)
+    return _quiet(engine, evidence)
 
 
 def size_in_words(row: Row, evidence: Evidence) -> str:
@@ -137,16 +140,16 @@ def size_in_words(row: Row, evidence: Evidence) -> str:
     return change(evidence.known[row.text("parameter")], row.number("change"), half)
 
 
-def _by_detection(engine: EngineEvidence) -> _Found:
+def _by_detection(engine: EngineEvidence, evidence: Evidence) -> _Found:
     rows = [row for row in engine.of(kinds.DETECTED) if row.text("verdict") != "no verdict"]
     if rows and rows[-1].text("verdict") == "fault":
         told = f"The engine departs from nominal in {rows[-1].window}; what changed has not been asked."
         return State.CHANGED, told, ()
-    return _quiet(engine)
+    return _quiet(engine, evidence)
 
 
-def _quiet(engine: EngineEvidence) -> _Found:
-    """Nothing in the last window, or nothing at all: never more than the tests say."""
+def _quiet(engine: EngineEvidence, evidence: Evidence) -> _Found:
+    """Nothing in the last window, or nothing at all: never more than the tests say, and with their power."""
     judged = [r for r in _verdicts(engine) if r.text("verdict") != "no verdict"]
     if not judged:
         reasons = sorted({r.text("reason") or r.text("note") for r in _verdicts(engine)} - {""})
@@ -156,7 +159,24 @@ def _quiet(engine: EngineEvidence) -> _Found:
     if alarms and judged[-1].text("verdict") != "fault":
         told = f"The last window agrees with nominal; {count(len(alarms), 'earlier window')} of {len(judged)} did not."
         return State.CANNOT_TELL, told, ()
-    return State.NOTHING_FOUND, f"All {count(len(judged), 'window')} judged agree with the nominal engine.", ()
+    power = _power(judged[-1], evidence)
+    return State.NOTHING_FOUND, f"All {count(len(judged), 'window')} judged agree with the nominal engine.{power}", ()
+
+
+def _power(window: Row, evidence: Evidence) -> str:
+    """What the window would have shown: of each component the smallest change of a parameter, where `detect` says."""
+    smallest: dict[str, tuple[float, Parameter]] = {}
+    for name in window.cells:
+        parameter = evidence.known.get(name.removeprefix(DETECTABLE)) if name.startswith(DETECTABLE) else None
+        if parameter is None or parameter.of_instrument or not math.isfinite(window.number(name)):
+            continue
+        known = smallest.get(parameter.component)
+        if known is None or window.number(name) < known[0]:
+            smallest[parameter.component] = (window.number(name), parameter)
+    if not smallest:
+        return ""
+    told = [f"{p.words or p.name} by {size_with_unit(p, size)}" for size, p in smallest.values()]
+    return f" The last would have shown a change of {listed(told, 'or')}."
 
 
 def _verdicts(engine: EngineEvidence) -> list[Row]:

@@ -88,11 +88,16 @@ def tally(changes: np.ndarray, answers: Answers, seconds: float, failed_records:
     stated = named & np.isfinite(answers.probability)
     place = np.digitize(answers.probability[stated], EDGES) - 1
     np.add.at(bins, place, np.column_stack([np.ones(stated.sum()), exact[stated], answers.probability[stated]]))
-    block = np.array([W, *(int(x.sum()) for x in (unchanged, detected, detected & unchanged, exact, contained))])
+    false_alarms = detected & unchanged
+    block = [W, *(int(x.sum()) for x in (unchanged, detected, false_alarms, exact, contained))]
     return Tally(
         W,
         int(answers.judged.sum()),
-        *(int(x) for x in block[1:]),
+        int(unchanged.sum()),
+        int(detected.sum()),
+        int(false_alarms.sum()),
+        int(exact.sum()),
+        int(contained.sum()),
         int((named & (found.sum(axis=1) == truth.sum(axis=1))).sum()),
         int(found[named].sum()),
         found[named].sum(axis=0),
@@ -101,5 +106,5 @@ def tally(changes: np.ndarray, answers: Answers, seconds: float, failed_records:
         seconds,
         bins,
         answers.isolated is not None,
-        block[None],
+        np.array([block]),
     )
