@@ -1,26 +1,26 @@
-"""Does the answer fit? What it leaves unexplained, and whether changes of its size can be.
+"""Does the answer fit, and what if nothing that is listed is it: the alternative "something that is not listed".
 
-With the set S of the answer, b_S, I_SS its score and information, and χ²_rest what no parameter explains,
+Noise. With χ²_rest what no parameter explains, of f degrees of freedom, and its ratio r = χ²_rest/f,
 
-    χ²(S) = χ²_rest + bᵀI⁺b − b_SᵀI_SS⁺b_S ~ χ²(measurements − rank I_SS),    ĉ = χ²(S)/freedom.
+    ln r ~ N(ln v, s²),   s² = 2/f + 2/ν
 
-Before any answer it is χ²(∅) per measurement, and of its excess over chance the answer explains
-1 − (χ²(S) − freedom)/(χ²(∅) − measurements).
+where v is the factor by which the variance of the noise is larger than stated and 2/ν, of noise that was estimated, the
+squared error of the logarithm of its variance (A₂/rank of the score's doubt). Where the model is right v is near 1,
+ln v ~ N(0, KNOWN²), and evidence is divided by what it then is most likely (b/v, I/v: the quasi-likelihood of P.
+McCullagh and J. A. Nelder, Generalized Linear Models, 2nd ed. (1989), chapter 9). Where something is missing that moves
+readings in a way of its own, v may be anything up to LARGEST.
 
-ĉ is 1 when the set is right and the model and its noise are too. Where ĉ of all parameters together is larger for
-certain, and by more than noise that was estimated explains, no set is right and evidence is divided by its lower bound:
-b/ĉ, I/ĉ,
-the quasi-likelihood of P. McCullagh and J. A. Nelder, Generalized Linear Models, 2nd ed. (1989), chapter 9. Intervals
-widen by √ĉ and probabilities come nearer to the prior. (ĉ of a set that is too small would hold what it lacks against
-the larger one.)
+Readings. What is not listed may as well look like all suspects at once, by any amounts and beyond all bounds: a free
+vector δ ~ N(0, w²D²) of everything that is watched, w one of FREE. A listed set explains the same with fewer numbers,
+and is likelier by what these cost, if it explains it.
 
-A model that is wrong can also be bent until it fits. Then ĉ is near 1 and the changes tell. With δ̃ the mean of the
-changes under the widest slab w of large faults, which keeps small what the data do not show, the answer is not believed
-where the k parameters of the engine have
+The posterior. With Z = Σ_S P(S) p(data | S) over all listed sets, that of no change included, E that of the free
+vector, both against no change, and ℓ(v) the likelihood of r where noise is as stated, ℓ(U) where it may be anything,
 
-    Σ (δ̃/w)² > χ²(k) at CERTAIN,    or an efficiency rises by more than w.
+    P(not listed | data) ∝ UNLISTED · ⅓ [ℓ(U) Z + ℓ(v) E + ℓ(U) E],     P(listed | data) ∝ (1 − UNLISTED) ℓ(v) Z
 
-A sensor may be wrong by anything.
+so that an answer whose reduced χ² stays at 4 is improbable however far it is ahead of the other listed ones. The share
+of the excess χ² that an answer takes away is 1 − (χ²(S) − freedom)/(χ²(∅) − measurements).
 """
 
 from __future__ import annotations
@@ -31,63 +31,102 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from enginediag_cli.detection.lack_of_fit import lack_of_fit
+from enginediag_cli.isolation.enumeration import all_sets
+from enginediag_cli.isolation.prior import SetPrior
 from enginediag_cli.isolation.sizes import estimate_sizes
 from enginediag_cli.residuals.score import Score
 from enginediag_cli.residuals.statistics import LocalStatistics
 
+UNLISTED = 0.02
+"""Chance beforehand that what happened is none of what is listed: once in fifty windows. Judgement."""
+KNOWN = 0.3
+"""Standard deviation of the logarithm of the noise's variance where the model is right: the noise of another flight is
+known to 15 %. On blind realistic trials the ratio lies between 0.7 and 1.6."""
+LARGEST = 1e4
+"""By how much the variance may be larger where something is missing: readings off by a hundred times their noise."""
+FREE = (0.5, 1.5, 5.0, 20.0)
+"""Sizes of the free vector in widths of the prior: from what is hardly seen to what no component and no instrument
+shows."""
+PAIR = 2
+"""Changes together that are looked at for one that no component can do: a fault and what trades against it."""
 CERTAIN = 1e-3
-"""p value below which a lack of fit is certain."""
-LARGE = 4.0
-"""χ² per degree of freedom up to which probabilities stay as they are: readings are missed by twice the noise. Models
-with generic maps leave 2 to 4 and name the right components."""
-LIMIT = 6.0
-"""χ² per degree of freedom beyond which no answer stands, whatever its probability: 6 to 10 speak of the structure of
-the model rather than of its noise (K. P. Burnham and D. R. Anderson, Model Selection and Multimodel Inference, 2nd ed.
-(2002), section 2.5)."""
-CONVINCING = 0.5
-"""Least probability, after the evidence was divided by ĉ, of an answer that stands."""
-WIDEST = 5.0
-"""The widest slab of large faults in prior_sigma: 10 % where prior_sigma is 2 %."""
-DETERMINED = 0.5
-"""Standard error, in widest slabs, up to which the data count as determining a change."""
+"""p value below which there is an excess of χ² whose share can be stated."""
 
 
 @dataclass(frozen=True)
 class Adequacy:
-    """`fit` = ĉ after the answer (NaN where nothing is left to test it by) with its p value; `least`: ĉ is no less, for
-    certain (a few independent readings say little of it). before: χ² per degree of freedom without any answer;
-    explained: what the answer takes away of its excess over chance, NaN where there is none for certain.
+    """`fit`: χ² per degree of freedom after the answer, NaN where nothing is left to test it by; before: without any
+    answer; explained: what the answer takes away of the excess over chance, NaN where there is none for certain.
 
-    dispersion: by what the evidence was divided, 1 where the model fits; misfit: the answer does not stand because
-    of ĉ; beyond: parameter and size of the change because of which it does not stand, or None.
+    noise: by what the evidence was divided; unlisted: probability that it is something that is not listed; beyond:
+    parameter and size of a change of the answer, or of what would fit best without bounds, that no component can do.
     """
 
     fit: float = float("nan")
-    p_value: float = float("nan")
-    least: float = float("nan")
     before: float = float("nan")
     explained: float = float("nan")
-    dispersion: float = 1.0
-    misfit: bool = False
+    noise: float = 1.0
+    unlisted: float = 0.0
     beyond: tuple[str, float] | None = None
 
     @property
-    def gross(self) -> bool:
-        """Whether the lack of fit is certain and large."""
-        return bool(self.least > LARGE)
-
-    @property
     def stands(self) -> bool:
-        return not self.misfit and self.beyond is None
+        """Whether something listed is likelier than something that is not."""
+        return self.unlisted < 0.5
+
+
+@dataclass(frozen=True)
+class NoiseLevel:
+    """What the rest of χ² says: `factor` v ≥ 1 by which evidence is divided; log likelihoods of that rest where the
+    noise is as stated and where it may be anything."""
+
+    factor: float = 1.0
+    log_stated: float = 0.0
+    log_anything: float = 0.0
+
+
+def noise_level(score: Score, statistics: LocalStatistics) -> NoiseLevel:
+    """Of the statistics of which `score` was made; as stated where nothing is left to tell it by."""
+    from scipy.special import log_ndtr, ndtr
+
+    rest = lack_of_fit(statistics)
+    if not rest.dof > 0 or not rest.consistent or not rest.ratio > 0:
+        return NoiseLevel()
+    doubt = score.doubt[1] / score.rank if score.rank else 0.0
+    variance = 2.0 / rest.dof + doubt
+    log, wide = float(np.log(rest.ratio)), np.log(max(LARGEST, rest.ratio))
+    total = KNOWN**2 + variance
+    s = np.sqrt(variance)
+    inside = max(float(ndtr(log / s) - ndtr((log - wide) / s)), float(np.exp(log_ndtr(log / s))) / 2, 1e-300)
+    return NoiseLevel(
+        max(float(np.exp(log * KNOWN**2 / total)), 1.0),
+        -0.5 * log**2 / total - 0.5 * float(np.log(2 * np.pi * total)),
+        float(np.log(inside) - np.log(wide)),
+    )
+
+
+def probability_of_unlisted(level: NoiseLevel, log_listed: float, log_free: float) -> float:
+    """P(not listed | data); log_listed: ln Z of all listed sets; log_free: ln E."""
+    stated, anything = level.log_stated, level.log_anything
+    several = np.logaddexp.reduce([anything + log_listed, stated + log_free, anything + log_free]) - np.log(3)
+    odds = np.log(UNLISTED) - np.log1p(-UNLISTED) + several - stated - log_listed
+    return float(1 / (1 + np.exp(-np.clip(odds, -700.0, 700.0))))
+
+
+def log_of_free_vector(score: Score, prior: SetPrior) -> float:
+    """ln E: marginal likelihood of all suspects off at once, without bounds, against no change."""
+    b, information = prior.scaled(score)
+    each = []
+    for size in FREE:
+        A = np.eye(len(b)) + size**2 * information
+        each.append(0.5 * size**2 * float(b @ np.linalg.solve(A, b)) - 0.5 * float(np.linalg.slogdet(A)[1]))
+    return float(np.logaddexp.reduce(each) - np.log(len(each)))
 
 
 def fit_after(score: Score, statistics: LocalStatistics, names: Sequence[str]) -> Adequacy:
-    """What the changes of `names` leave unexplained.
-
-    score: from `statistics`, or about the estimate of a large fault. Where noise was estimated, A₂/rank of the score's
-    doubt is the squared error of the logarithm of its variance, 2/ν, and ĉ has the F(freedom, ν) distribution.
-    """
-    from scipy.special import chdtrc, chdtri, fdtrc, fdtri
+    """What the changes of `names` leave unexplained; score: from `statistics`, or about the estimate of a large
+    fault."""
+    from scipy.special import chdtrc
 
     rest = lack_of_fit(statistics)
     explained, rank = _explained(score, names)
@@ -95,60 +134,37 @@ def fit_after(score: Score, statistics: LocalStatistics, names: Sequence[str]) -
     if freedom <= 0:
         return Adequacy()
     ratio = (rest.statistic + max(score.glr - explained, 0.0)) / freedom
-    doubt = score.doubt[1] / score.rank if score.rank else 0.0
-    if doubt > 0:
-        p, chance = fdtrc(freedom, 2 / doubt, ratio), fdtri(freedom, 2 / doubt, 1.0 - CERTAIN)
-    else:
-        p, chance = chdtrc(freedom, ratio * freedom), chdtri(freedom, CERTAIN) / freedom
     before = rest.statistic + score.glr
     share = float("nan")
     if statistics.dof > 0 and chdtrc(statistics.dof, before) < CERTAIN:
         share = 1.0 - max(ratio - 1.0, 0.0) * freedom / (before - statistics.dof)
-    return Adequacy(ratio, float(p), float(ratio / chance), before / statistics.dof, min(max(share, 0.0), 1.0))
+    return Adequacy(ratio, before / statistics.dof, min(max(share, 0.0), 1.0))
 
 
-def dispersed(found: Adequacy) -> Adequacy:
-    """`found` with what its fit makes of the evidence: divided by the least ĉ where the lack of fit is gross."""
-    return replace(found, dispersion=found.least) if found.gross else found
+def tempered(score: Score, noise: float) -> Score:
+    """The score with its evidence divided by `noise`."""
+    if noise == 1.0:
+        return score
+    return replace(score, b=score.b / noise, information=score.information / noise, glr=score.glr / noise)
 
 
-def tempered(score: Score, dispersion: float) -> Score:
-    """The score with its evidence divided by `dispersion`."""
-    return replace(
-        score, b=score.b / dispersion, information=score.information / dispersion, glr=score.glr / dispersion
+def beyond_bounds(score: Score, prior: SetPrior) -> tuple[str, float] | None:
+    """Of the one or two changes that would fit best without bounds the one that is farthest beyond what a component can
+    do, with its size; None where they are possible."""
+    b, information = prior.scaled(score)
+    widest = FREE[-1]
+    masks, quadratic, log_det = all_sets(
+        widest * b[None], np.eye(len(b)) + widest**2 * information[None], min(PAIR, len(b))
     )
-
-
-def judged(found: Adequacy, score: Score, names: Sequence[str], probability: float) -> Adequacy:
-    """`found` with what speaks against the answer `names`, which has `probability`; no change always stands."""
-    if not names:
-        return found
-    misfit = found.gross and (found.fit > LIMIT or probability < CONVINCING)
-    return replace(found, misfit=misfit, beyond=_not_believed(score, names))
-
-
-def _not_believed(score: Score, names: Sequence[str]) -> tuple[str, float] | None:
-    """The change of the engine that makes the answer incredible, with its size, if there is one."""
-    from scipy.special import chdtrc
-
-    a = score.indices(names)
-    parameters = [score.described[i] for i in a]
-    engine = np.array([not p.of_instrument for p in parameters])
-    if not engine.any():
+    a = np.flatnonzero(masks[int(np.argmax(quadratic[0] - log_det[0]))])
+    if not a.size:
         return None
-    b, information = score.scaled()
-    held = np.linalg.solve(information[np.ix_(a, a)] + np.eye(len(a)) / WIDEST**2, b[a]) / WIDEST
-    sizes = estimate_sizes(score, names)
-    scale = WIDEST * score.prior_sigma[a]
-    determined = np.array([size.standard_error for size in sizes]) < DETERMINED * scale
-    change = np.where(determined, np.array([size.change for size in sizes]) / scale, held)
-    rise = np.where([p.wear < 0 for p in parameters], change, 0.0)
-    k = int(np.argmax(rise))
-    if rise[k] <= 1:
-        if chdtrc(int(engine.sum()), float(np.sum(held[engine] ** 2))) >= CERTAIN:
-            return None
-        k = int(np.argmax(np.where(engine, np.abs(held), 0.0)))
-    return names[k], sizes[k].change
+    low, high = prior.bounds([score.described[i] for i in a])
+    change = np.array([size.change for size in estimate_sizes(score, [score.parameters[i] for i in a])])
+    ratio = change / score.prior_sigma[a]
+    over = np.where(ratio > 0, ratio / high, ratio / low)
+    k = int(np.argmax(over))
+    return (score.parameters[a[k]], float(change[k])) if over[k] > 1 else None
 
 
 def _explained(score: Score, names: Sequence[str]) -> tuple[float, int]:

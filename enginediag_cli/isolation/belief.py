@@ -26,7 +26,7 @@ class Belief:
 
 def belief_of_components(score: Score, prior: SetPrior, largest: int | None = None) -> Belief:
     """The posterior over sets of components, each with all its parameters, as one over sets of parameters."""
-    components, sets, probabilities = component_posterior(score, prior, largest=largest)
+    components, sets, probabilities, _ = component_posterior(score, prior, largest=largest)
     held = np.array([[p.component == c for p in score.described] for c in components], bool)
     masks = (sets[:, :, None] & held).any(axis=1)
     posterior = SetPosterior(

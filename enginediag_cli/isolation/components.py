@@ -21,7 +21,16 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from enginediag_cli.isolation.adequacy import Adequacy, dispersed, fit_after, judged, tempered
+from enginediag_cli.isolation.adequacy import (
+    Adequacy,
+    NoiseLevel,
+    beyond_bounds,
+    fit_after,
+    log_of_free_vector,
+    noise_level,
+    probability_of_unlisted,
+    tempered,
+)
 from enginediag_cli.isolation.advice import ODDS
 from enginediag_cli.isolation.classes import Class, class_of
 from enginediag_cli.isolation.enumeration import plan
@@ -65,8 +74,9 @@ class ComponentIsolation:
 
 def component_posterior(
     score: Score, prior: SetPrior | None = None, *, largest: int | None = None
-) -> tuple[tuple[str, ...], np.ndarray, np.ndarray]:
-    """Components, sets of them (M, c) bool by falling probability, and the probabilities (M,), summing to 1.
+) -> tuple[tuple[str, ...], np.ndarray, np.ndarray, float]:
+    """Components, sets of them (M, c) bool by falling probability, the probabilities (M,), summing to 1, and ln Z of
+    all sets against no change.
 
     All sets of up to `largest` components are visited (default: as many as MAX_SETS allows).
     """
@@ -108,7 +118,9 @@ def component_posterior(
     held = np.array([[i in m for i in range(p)] for m in units], bool).reshape(u, p)
     weights = weights + log_wear(score, sets @ held, weights, prior)
     of_units = np.array([[owner[m[0]] == c for c in components] for m in units], bool).reshape(u, len(components))
-    return components, *_summed(sets @ of_units, np.exp(weights - weights.max(initial=0.0)))
+    top = float(weights.max())
+    total = top + float(np.log(np.exp(weights - top).sum()))
+    return components, *_summed(sets @ of_units, np.exp(weights - top)), total
 
 
 def _summed(sets: np.ndarray, weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -143,20 +155,19 @@ def isolate_components(
     statistics: those of which `score` was made, for the question whether the answer fits, as in `diagnose`.
     """
     options = options or IsolationOptions()
-    components, sets, probabilities = component_posterior(score, options.prior, largest=options.largest)
-    adequacy = Adequacy()
-    if statistics is not None:
-        adequacy = dispersed(fit_after(score, statistics, score.parameters))
-        if adequacy.dispersion > 1:
-            components, sets, probabilities = component_posterior(
-                tempered(score, adequacy.dispersion), options.prior, largest=options.largest
-            )
-    answer = more_probable_than_not(sets, probabilities)
-    own, inclusion = float(probabilities[answer]), probabilities @ sets
+    level = NoiseLevel() if statistics is None else noise_level(score, statistics)
+    about, score = score, tempered(score, level.factor)
+    components, sets, probabilities, total = component_posterior(score, options.prior, largest=options.largest)
+    answer, adequacy = more_probable_than_not(sets, probabilities), Adequacy()
     if statistics is not None:
         names = _parameters(score, components, sets[answer])
-        after = replace(fit_after(score, statistics, names), dispersion=adequacy.dispersion)
-        adequacy = judged(after, score, names, own)
+        unlisted = probability_of_unlisted(level, total, log_of_free_vector(score, options.prior))
+        adequacy = replace(fit_after(about, statistics, names), noise=level.factor, unlisted=unlisted)
+        if not adequacy.stands:
+            adequacy = replace(adequacy, beyond=beyond_bounds(about, options.prior))
+    listed = 1.0 - adequacy.unlisted
+    probabilities = listed * probabilities
+    own, inclusion = float(probabilities[answer]), probabilities @ sets
     count = min(int(np.searchsorted(np.cumsum(probabilities), options.coverage - 1e-12)) + 1, len(sets))
 
     def named(row: np.ndarray) -> tuple[str, ...]:

@@ -13,7 +13,16 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from enginediag_cli.faults.component_faults import FaultSet
-from enginediag_cli.isolation.adequacy import Adequacy, dispersed, fit_after, judged, tempered
+from enginediag_cli.isolation.adequacy import (
+    Adequacy,
+    NoiseLevel,
+    beyond_bounds,
+    fit_after,
+    log_of_free_vector,
+    noise_level,
+    probability_of_unlisted,
+    tempered,
+)
 from enginediag_cli.isolation.belief import Belief
 from enginediag_cli.isolation.large_faults import CHECKED, NATS, nonlinear_posterior, quadratic_error
 from enginediag_cli.isolation.methods import IsolationOptions, isolate, posterior_result
@@ -109,33 +118,38 @@ def _by_posterior(
     prior, notes = isolation.prior, []
     if options.one_sided:  # knows the signs by itself
         prior = replace(prior, rises=0.5)
+    level = NoiseLevel() if statistics is None else noise_level(score, statistics)
+    about, score = score, tempered(score, level.factor)
     posterior = set_posterior(score, prior, largest=isolation.largest, faults=isolation.faults)
-    large, own = False, dict[bytes, Score]()
+    large, own, offset = False, dict[bytes, Score](), 0.0
     if options.nonlinear != "never" and records is not None and posterior.masks[0].any():
         model = records()
         if model is None:
             notes.append("the records are no longer at hand for the full model")
-        elif options.nonlinear == "always" or quadratic_error(model, score, posterior.masks[:CHECKED]) > NATS:
-            found = nonlinear_posterior(model, score, prior, largest=isolation.largest, faults=isolation.faults)
-            score, posterior, prior, large = replace(found.score, doubt=score.doubt), found.posterior, found.prior, True
-            own = dict(found.about)
-            if not found.converged:
-                notes.append("a fit of the full model did not converge")
-    adequacy = Adequacy()
-    if statistics is not None:
-        about, adequacy = score, dispersed(fit_after(score, statistics, score.parameters))
-        if adequacy.dispersion > 1:
-            score = tempered(score, adequacy.dispersion)
-            own = {key: tempered(each, adequacy.dispersion) for key, each in own.items()}
-            posterior = set_posterior(score, prior, largest=isolation.largest, faults=isolation.faults)
+        else:
+            model = model.with_noise(level.factor)
+            if options.nonlinear == "always" or quadratic_error(model, score, posterior.masks[:CHECKED]) > NATS:
+                found = nonlinear_posterior(model, score, prior, largest=isolation.largest, faults=isolation.faults)
+                score, posterior, prior = replace(found.score, doubt=score.doubt), found.posterior, found.prior
+                large, own, offset = True, dict(found.about), found.offset
+                about = tempered(score, 1 / level.factor)
+                if not found.converged:
+                    notes.append("a fit of the full model did not converge")
     if options.one_sided:
         faults = options.catalogue.components if options.catalogue is not None else ()
         signs = known_signs(score.described, faults)
         posterior = one_sided_posterior(score, posterior, signs, prior)
-    result = posterior_result(score, posterior, isolation, prior, own)
+    adequacy = Adequacy()
     if statistics is not None:
-        after = replace(fit_after(about, statistics, result.isolated), dispersion=adequacy.dispersion)
-        adequacy = judged(after, about, result.isolated, result.probability)
+        free = log_of_free_vector(score, prior) + offset
+        unlisted = probability_of_unlisted(level, posterior.log_total, free)
+        adequacy = Adequacy(noise=level.factor, unlisted=unlisted)
+        if not adequacy.stands:
+            adequacy = replace(adequacy, beyond=beyond_bounds(about, prior))
+    result = posterior_result(score, posterior, isolation, prior, own, 1.0 - adequacy.unlisted)
+    if statistics is not None:
+        fit = fit_after(about, statistics, result.isolated)
+        adequacy = replace(adequacy, fit=fit.fit, before=fit.before, explained=fit.explained)
     if notes:
         note = "; ".join(filter(None, [result.note, *notes]))
         result = replace(result, note=note, complete=result.complete and len(notes) == 0)

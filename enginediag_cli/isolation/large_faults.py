@@ -21,7 +21,7 @@ import numpy as np
 from enginediag_cli.isolation.posterior import SetPosterior, set_posterior
 from enginediag_cli.isolation.prior import Instruments, SetPrior
 from enginediag_cli.isolation.signs import reweighed
-from enginediag_cli.isolation.wear import wear_factors, wear_signs
+from enginediag_cli.isolation.wear import log_factors
 from enginediag_cli.isolation.window_model import Expansion, WindowModel
 from enginediag_cli.residuals.score import Score
 
@@ -49,7 +49,8 @@ class LargeFaults:
 
     about: of each set that was fitted, by the bytes of its mask, the score about its own estimate;
     prior: the one used, with a wide slab; fitted: how many sets; converged: every fit among the sets that matter
-    settled; error: nats by which the quadratic misjudged the leading sets.
+    settled; error: nats by which the quadratic misjudged the leading sets; offset: log likelihood of `score` at no
+    change, that of the full model being 0.
     """
 
     posterior: SetPosterior
@@ -59,6 +60,7 @@ class LargeFaults:
     fitted: int
     converged: bool
     error: float
+    offset: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -168,11 +170,13 @@ def nonlinear_posterior(
             break
         centre = best
         about, offset = fits[best].expansion.score_about(score, fits[best].change)
-    weights = _combined(posterior, about, offset, prior, logs, largest, faults)
-    combined = reweighed(posterior, weights)
+    log_weights = _combined(posterior, about, offset, prior, logs, largest, faults)
+    weights, top = np.exp(log_weights - log_weights.max()), float(log_weights.max())
+    combined = replace(reweighed(posterior, weights), log_total=top + float(np.log(weights.sum())))
     decisive = [k for k, log in logs.items() if log > logs[centre] + np.log(FITTED_SHARE)]
     own = {key: fit.expansion.score_about(score, fit.change)[0] for key, fit in fits.items() if np.isfinite(logs[key])}
-    return LargeFaults(combined, about, own, prior, len(fits), all(fits[k].converged for k in decisive), error)
+    converged = all(fits[k].converged for k in decisive)
+    return LargeFaults(combined, about, own, prior, len(fits), converged, error, offset)
 
 
 def laplace(score: Score, fit: SetFit, mask: np.ndarray, prior: SetPrior) -> float:
@@ -190,8 +194,8 @@ def _log_slabs(score: Score, mask: np.ndarray, prior: SetPrior) -> float:
         A = np.eye(len(s)) + slab**2 * information[np.ix_(s, s)]
         right = slab * b[s]
         each.append(0.5 * float(right @ np.linalg.solve(A, right)) - 0.5 * float(np.linalg.slogdet(A)[1]))
-    wear = float(wear_factors(score, mask[None], wear_signs(score, prior), prior)[0])
-    return float(np.logaddexp.reduce(each) - np.log(len(each)) + np.log(wear))
+    wear = float(log_factors(score, mask[None], prior)[0])
+    return float(np.logaddexp.reduce(each) - np.log(len(each)) + wear)
 
 
 def _combined(
@@ -203,7 +207,8 @@ def _combined(
     largest: int | None,
     faults: int | None,
 ) -> np.ndarray:
-    """Weights (M,) of all sets of `posterior`: those fitted by their fits, the others by the score `about`."""
+    """Log weights (M,) of all sets of `posterior`, against no change: those fitted by their fits, the others by the
+    score `about`."""
     final = set_posterior(about, prior, largest=largest, faults=faults)
     anchor = final.masks[0]
     log_prior = float(prior.log_of(anchor[None], Instruments.from_parameters(about.described))[0])
@@ -212,4 +217,4 @@ def _combined(
         known = level + np.log(final.probabilities) - np.log(final.probabilities[0])
     quadratic = {mask.tobytes(): log for mask, log in zip(final.masks, known, strict=True)}
     log = np.array([logs.get(key, quadratic.get(key, -np.inf)) for key in (mask.tobytes() for mask in posterior.masks)])
-    return np.asarray(np.exp(log - log.max()))
+    return log

@@ -95,13 +95,15 @@ def posterior_result(
     options: IsolationOptions,
     prior: SetPrior,
     about: Mapping[bytes, Score] | None = None,
+    listed: float = 1.0,
 ) -> IsolationResult:
     """Answer, rivals and sizes from a posterior over sets; `score` and `about` give the sizes, see `averaged_sizes`.
-    prior: the one with which the posterior was made."""
+    prior: the one with which the posterior was made; listed: probability that one of these sets is it."""
     every, instruments = posterior, Instruments.from_parameters(score.described)
     posterior = every.merged(instruments)
+    posterior = replace(posterior, probabilities=listed * posterior.probabilities)
     isolated = posterior.names(0)
-    count = posterior.credible(options.coverage)
+    count = posterior.credible(listed * options.coverage)
     rivals = tuple(
         Explanation(posterior.names(i), float(posterior.probabilities[i])) for i in range(1, min(count, MAX_RIVALS + 1))
     )
@@ -117,7 +119,7 @@ def posterior_result(
         rivals,
         max(count - 1 - len(rivals), 0),
         options.coverage,
-        dict(zip(score.parameters, map(float, instruments.inclusion(every.inclusion)), strict=True)),
+        dict(zip(score.parameters, map(float, listed * instruments.inclusion(every.inclusion)), strict=True)),
         averaged_sizes(score, every, isolated, prior, options.confidence, about),
         not notes,
         "; ".join(notes),

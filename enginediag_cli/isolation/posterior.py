@@ -40,7 +40,8 @@ class SetPosterior:
     were compared; of many, those that are NEGLIGIBLE are not among them, but for that of no change.
 
     `log_evidence`: log of the marginal likelihood ratio of "something changed" to "nothing changed" times the
-    prior odds. `largest`: size limit that was used; `wrong_sensors`: largest number of sensors in a set.
+    prior odds; `log_total`: that of all sets, with their prior, to "nothing changed" without it. `largest`: size limit
+    that was used; `wrong_sensors`: largest number of sensors in a set.
     """
 
     parameters: tuple[str, ...]
@@ -50,6 +51,7 @@ class SetPosterior:
     log_evidence: float
     largest: int
     wrong_sensors: int = 0
+    log_total: float = 0.0
 
     def names(self, i: int) -> tuple[str, ...]:
         """Parameters of the i-th most probable set."""
@@ -135,8 +137,9 @@ def set_posterior(
     probabilities = weights / weights.sum()
     changed = masks.any(axis=1)
     evidence = float(logs[0] + np.log(weights[changed].sum()) - empty) if weights[changed].sum() > 0 else -np.inf
+    total = float(logs[0] + np.log(weights.sum()))
     return SetPosterior(
-        score.parameters, masks, probabilities, probabilities @ masks, evidence, limit, prior.wrong_sensors
+        score.parameters, masks, probabilities, probabilities @ masks, evidence, limit, prior.wrong_sensors, total
     )
 
 

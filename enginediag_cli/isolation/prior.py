@@ -20,7 +20,8 @@ probable, so that a set of parameters and j instruments has
 How much: a change of a parameter is N(0, slab² · prior_sigma²), where the slab is common to the parameters of a
 set and one of `slabs`, each as probable as the others. With prior_sigma of 2 %, as health parameters have it, the
 three widths stand for changes of about 0.3 %, 1 % and 3 %. What wear can only lower, as efficiencies, has risen with
-the probability `rises` where it has changed: modules are repaired and exchanged. Of an instrument the slab is
+the probability `rises` where it has changed: modules are repaired and exchanged. No change goes beyond RISE and REACH.
+Of an instrument the slab is
 `instruments` times as wide. Its prior_sigma is a plausible bias, three times its noise, and what instruments differ by
 from flight to flight is counted beside; one that is *wrong* is off by about half of that bias, by one and a half, or
 by several. Narrower ones are not seen, so that records never speak against them, and a broken probe exceeds them by so
@@ -42,6 +43,9 @@ if TYPE_CHECKING:
     from enginediag_cli.residuals.score import Score
 
 
+RISE, REACH = 2.5, 12.5
+"""What a component can do at most against its wear and else, in prior standard deviations: 5 % and 25 % where these are
+2 %. A module that is restored gains no more than it had lost, and one that has lost a quarter does not run."""
 SEPARATED = 0.9
 """Chance from which the form of an instrument's error is known: odds of nine to one, as of members of a class."""
 
@@ -172,6 +176,14 @@ class SetPrior:
     def widths(self, parameters: Sequence[Parameter]) -> np.ndarray:
         """Size (p,) of a change by one slab, in prior_sigma of each parameter."""
         return np.where(are_sensors(parameters), self.instruments, 1.0)
+
+    def bounds(self, parameters: Sequence[Parameter]) -> tuple[np.ndarray, np.ndarray]:
+        """Lowest and highest change (p,) that is possible, in `widths`: of instruments any; where nothing is known of
+        rises (a repair, a difference of levels) as far up as down."""
+        wear = np.array([p.wear if self.rises != 0.5 else 0 for p in parameters])
+        anything = are_sensors(parameters)
+        low = np.where(anything, -np.inf, np.where(wear > 0, -RISE, -REACH))
+        return low, np.where(anything, np.inf, np.where(wear < 0, RISE, REACH))
 
     def scaled(self, score: Score) -> tuple[np.ndarray, np.ndarray]:
         """Score (p,) and information (p, p) of changes in these `widths`."""

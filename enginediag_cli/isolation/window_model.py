@@ -10,6 +10,7 @@ residuals at the change δ, G and G₀ the whitened sensitivities of the monitor
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from copy import copy
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -78,8 +79,15 @@ class WindowModel:
         self._present = present
         self._doubt = G.reshape(-1, G.shape[2]) @ root
         self._inner = np.eye(root.shape[1]) + self._doubt.T @ self._doubt
+        self._noise = 1.0
         self._at_nominal = 0.0
         self._at_nominal = float(self._log_likelihood(z.reshape(1, -1))[0])
+
+    def with_noise(self, factor: float) -> WindowModel:
+        """The same where the variance of the noise is larger by this factor."""
+        found = copy(self)
+        found._noise = self._noise * factor
+        return found
 
     @property
     def prior_sigma(self) -> np.ndarray:
@@ -111,7 +119,7 @@ class WindowModel:
         """ℓ − ℓ(0) (w,) of whitened residuals (w, n)."""
         s = z @ self._doubt
         known = np.sum(s * np.linalg.solve(self._inner, s.T).T, axis=1)
-        return np.asarray(-0.5 * (np.sum(z**2, axis=1) - known) - self._at_nominal)
+        return np.asarray(-0.5 * (np.sum(z**2, axis=1) - known) - self._at_nominal) / self._noise
 
     def expand(self, changes: np.ndarray) -> list[Expansion]:
         """Expansion about each of w changes (w, p)."""
@@ -153,4 +161,4 @@ class WindowModel:
         log_likelihood = -0.5 * float(residual @ residual - s @ solved[:, 0]) - self._at_nominal
         gradient = columns.T @ residual - cross.T @ solved[:, 0]
         information = columns.T @ columns - cross.T @ solved[:, 1:]
-        return Expansion(log_likelihood, gradient, information)
+        return Expansion(log_likelihood / self._noise, gradient / self._noise, information / self._noise)

@@ -30,15 +30,15 @@ def told_verdict(verdict: Verdict, adequacy: Adequacy | None) -> str:
 
 
 def reservation(adequacy: Adequacy, known: Mapping[str, Parameter]) -> str:
-    """Why the answer does not stand, or what a bad fit did to it; empty where the model fits."""
-    from enginediag_cli.presentation.sentences import does_not_fit, evidence_reduced, not_believed
+    """Why the answer does not stand; empty where it does."""
+    from enginediag_cli.presentation.sentences import not_listed, outside_physics
 
-    if adequacy.misfit:
-        return does_not_fit(adequacy.fit)
+    if adequacy.stands:
+        return ""
     if adequacy.beyond is not None:
         name, change = adequacy.beyond
-        return not_believed(known[name], change)
-    return evidence_reduced(adequacy.dispersion) if adequacy.dispersion > 1 else ""
+        return outside_physics(known[name], change, adequacy.unlisted)
+    return not_listed(adequacy.fit, adequacy.unlisted)
 
 
 def isolation_rows(
@@ -172,13 +172,14 @@ def class_cells(found: Class | None) -> dict[str, Any]:
 
 
 def fit_cells(adequacy: Adequacy | None) -> dict[str, float | None]:
-    """χ² per degree of freedom before and after the answer, and the share of the excess that it explains; None where
-    nothing is left to test it by, or where there is no excess."""
+    """χ² per degree of freedom before and after the answer, and the share of the excess that it explains, None where
+    nothing is left to test it by, or where there is no excess; probability that it is something that is not listed."""
     from math import isfinite
 
     found = adequacy or Adequacy()
     cells = {"fit_before": found.before, "fit": found.fit, "explained": found.explained}
-    return {name: value if isfinite(value) else None for name, value in cells.items()}
+    shown = {name: value if isfinite(value) else None for name, value in cells.items()}
+    return shown | {"unlisted": None if adequacy is None else found.unlisted}
 
 
 def _named_cells(named: NamedIsolation) -> dict[str, Any]:

@@ -41,12 +41,10 @@ def _times(factor: float, value: float | None) -> float | None:
     return None if value is None else factor * value
 
 
-def does_not_fit(ratio: float) -> str:
-    """Why an answer does not stand: readings are missed by far more than their noise, whatever it says."""
-    return (
-        f"the model does not fit these records (chi2 per degree of freedom {ratio:.2g} after the best answer): "
-        "cannot tell"
-    )
+def not_listed(ratio: float, unlisted: float) -> str:
+    """Why an answer does not stand: what happened is likelier none of the suspects."""
+    left = f", chi2 per degree of freedom {ratio:.2g} after the best of them" if math.isfinite(ratio) else ""
+    return f"something that is not among the suspects (probability {probability(unlisted)}{left}): cannot tell"
 
 
 def unexplained(before: float, after: float, explained: float) -> str:
@@ -69,14 +67,12 @@ def one_of(found: Class, words: Callable[[Sequence[str]], Sequence[str]]) -> str
     return f"{told}; {listed(sensors, 'or')} would tell" if sensors else told
 
 
-def not_believed(parameter: Parameter, delta: float) -> str:
-    """Why an answer does not stand: it fits, but only with a change that no engine shows."""
-    return f"the model fits these records only if {change(parameter, delta)}, which is not believed: cannot tell"
-
-
-def evidence_reduced(dispersion: float) -> str:
-    """What was done about a model that fits badly."""
-    return f"the model fits badly; the evidence was divided by {dispersion:.2g}"
+def outside_physics(parameter: Parameter, delta: float, unlisted: float) -> str:
+    """Why an answer does not stand: what would fit best is a change that no component shows."""
+    return (
+        f"something that is not among the suspects (probability {probability(unlisted)}): it would take that "
+        f"{change(parameter, delta)}, outside what a component can do; check units and engine file: cannot tell"
+    )
 
 
 def sensor_or_component(

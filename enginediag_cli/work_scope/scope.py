@@ -60,7 +60,7 @@ class Scoping:
         if not found.named:
             return None
         if found.components is not None and found.score is not None:
-            score = tempered(found.score, found.components.adequacy.dispersion)
+            score = tempered(found.score, found.components.adequacy.noise)
             named = [c for each in _members(found.components.components, found.components.one_of) for c in each]
             return self.of_window(belief_of_components(score, prior, largest), named, recorded)
         if found.diagnosis is None or found.diagnosis.belief is None:

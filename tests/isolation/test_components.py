@@ -37,7 +37,7 @@ def test_the_posterior_is_that_of_the_marginal_likelihoods_of_the_readings():
     J = sensitivities(rng, N=5, m=3)
     score, e = score_of(rng, J, [0, 0, -0.03, 0.02, 0, 0])
     prior = SetPrior(0.2, slabs=(1.5,), rises=0.5)
-    components, sets, probabilities = component_posterior(score, prior)
+    components, sets, probabilities, _ = component_posterior(score, prior)
     assert components == ("fan", "hpc", "nozzle", "sensor.T3") and len(sets) == 16
     wide = J.reshape(-1, 6)
     logs = {}
@@ -60,7 +60,7 @@ def test_with_one_parameter_per_component_it_is_the_posterior_of_parameter_sets(
     rng = np.random.default_rng(2)
     names = tuple(f"part{i}.efficiency" for i in range(6))
     score, _ = score_of(rng, sensitivities(rng), [0.01, 0, -0.005, 0, 0, 0], names)
-    _, sets, probabilities = component_posterior(score)
+    _, sets, probabilities, _ = component_posterior(score)
     reference = set_posterior(score)
     np.testing.assert_array_equal(sets[:10], reference.masks[:10])
     np.testing.assert_allclose(probabilities, reference.probabilities, rtol=1e-6)
@@ -139,7 +139,7 @@ def test_what_is_not_named_of_the_most_probable_set_is_told_as_perhaps_changed()
         J = sensitivities(rng, N=1, p=5, size=20.0)
         score, _ = score_of(rng, J, [-0.03, -0.02, -0.03, 0, -0.01], names)
         found = isolate_components(score, IsolationOptions(prior=prior))
-        _, _, probabilities = component_posterior(score, prior)
+        _, _, probabilities, _ = component_posterior(score, prior)
         assert not set(found.perhaps) & set(found.components)
         if found.probability == probabilities[0]:
             continue

@@ -82,13 +82,18 @@ def test_an_engine_with_other_maps_gets_the_verdict_cannot_tell_and_the_reason(i
     code, rows, err = isolate("other_maps", *options)
     assert code == 0 and rows[0]["verdict"] == "cannot tell"
     reason = rows[0]["note"].split(";")[0]
-    assert reason.startswith("the model ") and reason.endswith("cannot tell") and reason in err
+    assert (
+        reason.startswith("something that is not among the suspects ")
+        and reason.endswith("cannot tell")
+        and reason in err
+    )
     assert rows[0]["fit"] > 1 and isolate("other_maps", *options, "--exit-code")[0] == 0
 
 
 def test_where_the_model_fits_the_verdict_is_a_fault_and_fit_is_near_1(isolate):
     _, rows, _ = isolate("hpc")
     assert rows[0]["verdict"] == "fault" and 0.7 < rows[0]["fit"] < 1.3 and not rows[0]["note"]
+    assert rows[0]["unlisted"] < 0.05 and rows[0]["probability"] + rows[0]["unlisted"] <= 1
 
 
 def test_a_bias_is_told_in_the_sensors_own_words(isolate):

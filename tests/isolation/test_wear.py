@@ -7,12 +7,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from parameter_makers import meaning_of
+from scipy.special import ndtr
 from score_makers import linear_score, sensitivities
 
 from enginediag_cli.isolation.posterior import set_posterior
-from enginediag_cli.isolation.prior import SetPrior
+from enginediag_cli.isolation.prior import REACH, RISE, SetPrior
 from enginediag_cli.isolation.signs import sign_factors
-from enginediag_cli.isolation.wear import log_wear, wear_factors, wear_signs
+from enginediag_cli.isolation.wear import log_factors, log_wear, wear_signs
 
 NAMES = ("fan.efficiency", "fan.flow_capacity", "hpc.efficiency", "hpc.flow_capacity", "hpt.efficiency", "nozzle.area")
 SURE = 1e-9
@@ -35,9 +36,22 @@ def test_one_efficiency_has_the_marginal_likelihood_of_its_lopsided_prior():
     b, information = score.scaled()
     x = np.linspace(-8, 8, 400000)
     density = np.exp(b[0] * x - 0.5 * information[0, 0] * x**2 - 0.5 * (x / 0.5) ** 2)
-    expected = 2 * np.where(x < 0, 0.9, 0.1) @ density / density.sum()
+    within = 2 * np.where(x < 0, 0.9, np.where(x < RISE, 0.1 / (2 * ndtr(RISE / 0.5) - 1), 0.0))
+    expected = np.log(within @ density / density.sum())
     mask = np.arange(6)[None] == 0
-    assert wear_factors(score, mask, wear_signs(score, prior), prior)[0] == pytest.approx(expected, rel=1e-4)
+    assert log_factors(score, mask, prior)[0] == pytest.approx(expected, abs=1e-4)
+
+
+@pytest.mark.parametrize("change", [-0.3, 0.08])
+def test_a_change_beyond_what_a_component_can_do_has_the_likelihood_of_the_bound(change):
+    """Of a fall to 70 % and of a rise by 8 %: as many nats lost as the nearest possible change leaves of χ²."""
+    score = engine_score(np.random.default_rng(4), [change, 0, 0, 0, 0, 0])
+    prior = SetPrior(slabs=(5.0,))
+    b, information = score.scaled()
+    bound = RISE if change > 0 else -REACH
+    short = (b[0] / information[0, 0] - bound) * np.sqrt(information[0, 0])
+    (found,) = log_factors(score, np.arange(6)[None] == 0, prior)
+    assert found == pytest.approx(-0.5 * short**2, rel=0.06) and found < -100
 
 
 def test_of_several_efficiencies_it_is_nearly_the_orthant_integral():
@@ -45,18 +59,17 @@ def test_of_several_efficiencies_it_is_nearly_the_orthant_integral():
     masks = np.array([[1, 0, 1, 0, 0, 0], [1, 1, 1, 0, 0, 0], [1, 0, 1, 0, 1, 0], [1, 1, 1, 1, 1, 1]], bool)
     for change in ([-0.002, 0, -0.001, 0, 0, 0], [0.001, 0, 0, -0.002, -0.001, 0]):
         score, prior = engine_score(rng, change), SetPrior(rises=SURE)
-        signs = wear_signs(score, prior)
-        exact = np.log(sign_factors(score, masks, signs, prior))
-        np.testing.assert_allclose(np.log(wear_factors(score, masks, signs, prior)), exact, atol=0.15)
+        exact = np.log(sign_factors(score, masks, wear_signs(score, prior), prior))
+        np.testing.assert_allclose(log_factors(score, masks, prior), exact, atol=0.15)
 
 
 def test_even_chances_and_sets_without_efficiencies_change_nothing():
     score = engine_score(np.random.default_rng(1), [0, -0.002, 0, 0, 0, 0])
     masks = np.array([[0, 1, 0, 0, 0, 1], [0, 0, 0, 0, 0, 0]], bool)
-    assert log_wear(score, masks, np.zeros(2), SetPrior()).tolist() == [0, 0]
+    np.testing.assert_allclose(log_wear(score, masks, np.zeros(2), SetPrior()), 0, atol=1e-6)
     even = set_posterior(score, SetPrior(rises=0.5))
     plain = set_posterior(replace(score, meaning={}), SetPrior())
-    np.testing.assert_array_equal(even.probabilities, plain.probabilities)
+    np.testing.assert_allclose(even.inclusion, plain.inclusion, atol=0.02)  # rises have a nearer bound
 
 
 def test_a_fall_is_held_more_probable_and_a_rise_less_and_a_clear_rise_is_still_named():

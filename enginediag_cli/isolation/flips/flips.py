@@ -100,7 +100,7 @@ def flips_of_components(
     score: Score, prior: SetPrior, errors: Sequence[SingleError], largest: int | None = None, most: float = MOST
 ) -> Flips:
     """What would flip the components that `isolate_components` names of a score."""
-    components, sets, probabilities = component_posterior(score, prior, largest=largest)
+    components, sets, probabilities, _ = component_posterior(score, prior, largest=largest)
     limit = int(sets.sum(axis=1).max())
     owner = [p.component for p in score.described]
     held = np.array([[o == c for o in owner] for c in components], bool)

@@ -17,8 +17,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from enginediag_cli.isolation.belief import Belief
-from enginediag_cli.isolation.prior import Instruments
-from enginediag_cli.isolation.wear import FAINT, wear_factors, wear_signs
+from enginediag_cli.isolation.prior import Instruments, are_sensors
+from enginediag_cli.isolation.wear import FAINT, log_factors, wear_signs
 from enginediag_cli.residuals.score import Score
 
 LIKELY = 3e-3
@@ -59,9 +59,10 @@ class Lines:
         self._c0, self._c1, self._c2 = np.empty((S, M)), np.empty((S, M, D)), np.empty((S, M, D))
         for group in self._groups:
             self._expand(group)
-        self._signs = wear_signs(belief.score, belief.prior)
+        signs = wear_signs(belief.score, belief.prior)
+        self._bounded = (masks & ~are_sensors(belief.score.described)).any(axis=1)
         self._most = np.log(2 * max(belief.prior.rises, 1 - belief.prior.rises))
-        self._signed = (masks & (self._signs != 0)).sum(axis=1)
+        self._signed = (masks & (signs != 0)).sum(axis=1)
         self._constant = np.zeros(M)
         here = log_prior + self._plain(np.zeros(1, int), np.zeros(1))[0] + self._wear_of(np.arange(M), 0, 0.0)
         # what was found for a set holds more than its quadratic says: of those that the full model was fitted to and
@@ -106,8 +107,6 @@ class Lines:
     def _wear_of(self, sets: np.ndarray, line: int | np.ndarray, a: float | np.ndarray) -> np.ndarray:
         """Log of what wear does to sets number (k,), each at its own size a along its own line."""
         found = np.zeros(len(sets))
-        if not self._signs.any():
-            return found
         lines, sizes = np.broadcast_to(line, sets.shape), np.broadcast_to(a, sets.shape)
         group_of = np.empty(len(self.masks), int)
         for g, group in enumerate(self._groups):
@@ -117,23 +116,20 @@ class Lines:
             if at.size:
                 moved = sizes[at, None] * group.moves[lines[at]]
                 own, of = np.unique(sets[at], return_inverse=True)
-                factors = wear_factors(group.score, self.masks[own], self._signs, self._prior, moved, of)
-                found[at] = np.log(factors)
+                found[at] = log_factors(group.score, self.masks[own], self._prior, moved, of)
         return found
 
     def at(self, line: Sequence[int] | np.ndarray, a: np.ndarray) -> np.ndarray:
         """Log posterior (n, M) at sizes a (n,) along lines number (n,), up to a constant of each."""
         line = np.asarray(line, int)
         logs = self._plain(line, a)
-        if not self._signs.any():
-            return logs
         ceiling = logs + self._most * self._signed
         least = ceiling.max(axis=1, keepdims=True) + np.log(FAINT)
         if self.leader_only:  # no set that stays behind the one with the highest ceiling can lead
             top = ceiling.argmax(axis=1)
             rows = np.arange(len(line))
             least = np.maximum(least, (logs[rows, top] + self._wear_of(top, line, a))[:, None] - 1e-9)
-        n, k = np.nonzero((ceiling > least) & (self._signed > 0))
+        n, k = np.nonzero((ceiling > least) & self._bounded)
         logs[n, k] += self._wear_of(k, line[n], a[n])
         return np.where(ceiling > least, logs, -np.inf) if self.leader_only else logs
 

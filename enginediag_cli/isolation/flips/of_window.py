@@ -31,7 +31,7 @@ def flips_of_isolated_components(
     largest: int | None = None,
 ) -> Flips:
     """Of the components that are named; score: of which they were isolated."""
-    score = tempered(score, found.adequacy.dispersion)
+    score = tempered(score, found.adequacy.noise)
     return flips_of_components(score, prior, _errors(score, window, monitor), largest)
 
 

@@ -12,6 +12,7 @@ _TESTED = (
     column("fit_before", "number", "χ² per degree of freedom without any answer", empty=True),
     column("fit", "number", "χ² per degree of freedom that the answer leaves", empty=True),
     column("explained", "number", "share of the excess χ² that the answer takes away", empty=True),
+    column("unlisted", "number", "probability that it is something that is not among the suspects", empty=True),
 )
 _CLASS = (
     column("class", "number", "probability that one of `members` is it", empty=True),
@@ -27,7 +28,12 @@ ISOLATE = Table(
         *WINDOW,
         *_TESTED,
         column("isolated", "texts", "the set of parameters that changed", empty=True),
-        column("probability", "number", "probability of exactly this set", empty=True),
+        column(
+            "probability",
+            "number",
+            "probability of exactly this set; with those of all others and `unlisted`, 1",
+            empty=True,
+        ),
         *_CLASS,
         column("parameter", "text", "the parameter that this row is about", empty=True),
         column("inclusion", "number", "probability that this parameter changed, in any set", empty=True),
