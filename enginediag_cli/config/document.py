@@ -91,6 +91,8 @@ def parse_document(text: str, name: str) -> Node:
         raise ConfigError([Problem(mark, what)]) from error
     except yaml.MarkedYAMLError as error:
         raise ConfigError([_syntax_problem(error, text, name)]) from error
+    except ValueError as error:
+        raise ConfigError([Problem(Mark(name), f"the file has {error}, which no file of this kind has")]) from error
     except RecursionError as error:
         raise ConfigError([Problem(Mark(name), "brackets or indentation are nested too deeply")]) from error
 

@@ -49,24 +49,47 @@ if yaml.__with_libyaml__:
     _FastLoader.yaml_implicit_resolvers = Loader.yaml_implicit_resolvers
     FastLoader = _FastLoader
 
-OPENERS = ("[", "{", ":", "- ", "-\n", "? ", "?\n")
-"""Each level of nesting takes at least one of these."""
+MOST_DEPTH = 1000
+"""Levels of nesting beyond which a document is refused unread; the deepest files here have ten. libyaml recurses in C
+and overflows the stack near 30,000 levels."""
+MOST_VALUES = 1_000_000
+"""Values of a document, each of which takes some 200 bytes when it is read; the largest files here have a tenth."""
+MOST_QUOTED = 500_000
+"""Characters of a document whose errors are told in the words of the Python parser, which reads 100,000 in a second."""
 
-MOST_OPENERS = 10_000
-"""libyaml recurses in C and overflows the stack near 30,000 levels; Python's own limit is an exception."""
+_DEEP_LINE = re.compile(rf"^[-?: \t]{{{MOST_DEPTH}}}", re.MULTILINE)
+"""Block levels take a column each: indentation, or a mark of an item or a key on the same line."""
+_BRACKET = re.compile(r"[\[\]{}]")
+
+
+def refuse_bombs(text: str) -> None:
+    """Raises RecursionError for a document that may be nested deeper than MOST_DEPTH, and ValueError for one that may
+    have more values than MOST_VALUES; what is in quotes or comments counts as well, which no honest file comes near."""
+    openers = text.count("[") + text.count("{")
+    if openers + sum(text.count(mark) for mark in (",", ":", "- ", "-\n", "? ", "*")) > MOST_VALUES:
+        raise ValueError(f"more than {MOST_VALUES} values")
+    depth = 0
+    for bracket in _BRACKET.finditer(text) if openers > MOST_DEPTH else ():
+        depth = depth + 1 if bracket.group() in "[{" else max(depth - 1, 0)
+        if depth > MOST_DEPTH:
+            raise RecursionError("brackets are nested too deeply")
+    if _DEEP_LINE.search(text):
+        raise RecursionError("indentation is nested too deeply")
 
 
 def compose(text: str) -> yaml.Node | None:
     """PyYAML's tree of a document, None for an empty one.
 
-    Raises yaml.YAMLError and RecursionError always from the Python parser, whose messages and marks are the
-    same on every machine.
+    Raises yaml.YAMLError, for a short document from the Python parser, whose messages and marks are the same on every
+    machine, and RecursionError and ValueError as `refuse_bombs`.
     """
-    if FastLoader is not None and sum(map(text.count, OPENERS)) <= MOST_OPENERS:
+    refuse_bombs(text)
+    if FastLoader is not None:
         try:
             return _single_node(FastLoader(text))
         except yaml.YAMLError:
-            pass  # said again below, in the words of the Python parser
+            if len(text) > MOST_QUOTED:
+                raise
     return _single_node(Loader(text))
 
 

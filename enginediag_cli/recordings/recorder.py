@@ -39,6 +39,10 @@ Place = tuple[str | int, ...]
 """Keys and names on the way to a value of the file."""
 
 
+MOST_COLUMNS = 2000
+"""Columns that a recorder makes; no engine has a tenth of them."""
+
+
 @dataclass(frozen=True)
 class MappedRecording:
     """One engine's recording, and what happened to it on the way.
@@ -297,6 +301,9 @@ def load_recorder(path: str | Path) -> Recorder:
     """The recorder that a YAML file describes. Raises ConfigError with every problem found."""
     checked = load_checked(path, "recorder")
     values = checked.values
+    if len(values["columns"]) > MOST_COLUMNS:
+        what = f"{len(values['columns'])} columns, and a recorder makes at most {MOST_COLUMNS}"
+        raise ConfigError([checked.problem(("columns",), what)])
     problems: list[Problem] = []
     channels = tuple(load_channel(checked, target, problems) for target in values["columns"])
     settings = values["steady"]

@@ -52,9 +52,7 @@ class CsvTable(TableFile):
     def records(self, asked: Asked, chunk_records: int) -> Iterator[Recording]:
         """See `TableFile.records`. Raises DataError naming file, physical line and column."""
         try:
-            yield from table_records(
-                self.lines, self.name, asked, chunk_records, lambda: getattr(self._text, "cut", False)
-            )
+            yield from table_records(self.lines, self.name, asked, chunk_records, self._cut)
         except UnicodeDecodeError as error:
             raise undecodable(self._source, self.name, error) from error
         except (gzip.BadGzipFile, EOFError, zlib.error) as error:
