@@ -5,14 +5,22 @@ from __future__ import annotations
 
 import re
 
-_UNSEEN = "\x00-\x08\x0b-\x1f\x7f-\x9f\u202a-\u202e\u2066-\u2069"
-"""C0 but tab and line end, DEL, C1, and the marks that turn the direction of writing (Unicode TR 9)."""
+_UNSEEN = (
+    "\x00-\x08\x0b-\x1f\x7f-\x9f"  # C0 but tab and line end, DEL, C1
+    "\u061c\u200e\u200f\u202a-\u202e\u2066-\u2069"  # marks of the direction of writing, of every script (Unicode TR 9)
+    "\u2028\u2029"  # ends of lines and paragraphs
+    "\u00ad\u034f\u115f\u1160\u17b4\u17b5\u180b-\u180f\u200b-\u200d\u2060-\u2065\u206a-\u206f\u3164\ufe00-\ufe0f"
+    "\ufeff\uffa0\ufff0-\ufffb\U0001d173-\U0001d17a\U000e0000-\U000e0fff"  # what has no width (default ignorable)
+    "\ud800-\udfff"  # halves of characters: bytes of a name that are no UTF-8
+)
+"""Characters that cannot be seen, or change how others are seen."""
 
 _CONTROL = re.compile(f"[{_UNSEEN}]")
 _CONTROL_OR_BREAK = re.compile(f"[{_UNSEEN}\t\n]")
 
-_FORMULA = re.compile(r"'*[=+\-@\t\r]")
-"""What a spreadsheet takes for a formula, behind any apostrophes: OWASP, "CSV injection"."""
+_FORMULA = re.compile(r"'*[=+\-@\t\r＝＋－＠﹦﹢﹣﹫]")
+"""What a spreadsheet takes for a formula, behind any apostrophes, also in full-width and small forms, which some turn
+into the plain ones: OWASP, "CSV injection"."""
 
 SHORT = 80
 """Characters of a text from a file that are repeated in a message."""
@@ -24,6 +32,13 @@ def visible(text: str, *, breaks: bool = False) -> str:
     return (_CONTROL_OR_BREAK if breaks else _CONTROL).sub(lambda found: _escape(found.group()), text)
 
 
+def json_escaped(text: str) -> str:
+    r"""JSON text with control characters as its own escapes (\u202e, or two for one), so that it is the same JSON."""
+    import json
+
+    return _CONTROL.sub(lambda found: json.dumps(found.group())[1:-1], text)
+
+
 def shortened(text: str, most: int = SHORT) -> str:
     """`text`, cut with "…" behind its first `most` characters."""
     return text if len(text) <= most else text[:most] + "…"
@@ -31,7 +46,7 @@ def shortened(text: str, most: int = SHORT) -> str:
 
 def guarded(text: str) -> str:
     """`text` as a CSV cell that a spreadsheet shows and does not run: with an apostrophe before it where it begins
-    with = + - @, tab or carriage return and is no number. `unguarded` gives the text back."""
+    with = + - @ (of any width), tab or carriage return and is no number. `unguarded` gives the text back."""
     if not _FORMULA.match(text) or text == "-" or _is_number(text):
         return text
     return "'" + text
@@ -45,7 +60,9 @@ def unguarded(text: str) -> str:
 def _escape(character: str) -> str:
     code = ord(character)
     known = {"\t": r"\t", "\n": r"\n"}
-    return known.get(character) or (f"\\x{code:02x}" if code < 0x100 else f"\\u{code:04x}")
+    return known.get(character) or (
+        f"\\x{code:02x}" if code < 0x100 else f"\\u{code:04x}" if code < 0x10000 else f"\\U{code:08x}"
+    )
 
 
 def _is_number(text: str) -> bool:

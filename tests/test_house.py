@@ -200,6 +200,7 @@ READS_MEANING = re.compile(
 """What reads meaning back out of a name or a sentence: a parameter, a driver and a reason say what they are."""
 
 MATCHED_PATTERNS = (
+    "config/patterns.py",
     "detection/minimum_change.py",
     "identification/problem.py",
     "mismatch/fit/load.py",

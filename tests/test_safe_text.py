@@ -12,7 +12,26 @@ from enginediag_cli.recordings.read import read_all
 from enginediag_cli.recordings.write import CsvWriter
 from enginediag_cli.safe_text import guarded, unguarded, visible
 
-TEXTS = ["=1+1", "+x", "-x", "@SUM(A1)", "\tx", "\rx", "'=1", "''+x", "'x", "'", "-", "-3.5", "+1e5", "x=1", "", "007"]
+TEXTS = [
+    "＝1+1",
+    "'＠x",
+    "=1+1",
+    "+x",
+    "-x",
+    "@SUM(A1)",
+    "\tx",
+    "\rx",
+    "'=1",
+    "''+x",
+    "'x",
+    "'",
+    "-",
+    "-3.5",
+    "+1e5",
+    "x=1",
+    "",
+    "007",
+]
 
 
 @pytest.mark.parametrize("text", TEXTS)
@@ -20,7 +39,9 @@ def test_a_guarded_text_comes_back(text):
     assert unguarded(guarded(text)) == text
 
 
-@pytest.mark.parametrize("text", ["=1+1", "+x", "-x", "@SUM(A1)", "\tx", "\rx"])
+@pytest.mark.parametrize(
+    "text", ["=1+1", "+x", "-x", "@SUM(A1)", "\tx", "\rx", "＝1+1", "＋x", "－x", "＠SUM(A1)", "﹦1"]
+)
 def test_what_a_spreadsheet_would_run_gets_an_apostrophe(text):
     assert guarded(text) == "'" + text
 
@@ -49,7 +70,13 @@ def test_a_list_of_numbers_is_no_text():
     assert list(csv.reader(io.StringIO(stream.getvalue())))[1] == ["-1.5; 2.0", "'-x; y", "-1", "-2.5"]
 
 
-@pytest.mark.parametrize("character", ["\x00", "\x1b", "\x7f", "\x9b", "\u202e", "\u2066"])
+@pytest.mark.parametrize(
+    "character",
+    [
+        *("\x00", "\x1b", "\x7f", "\x9b", "\u202e", "\u2066"),
+        *("\u061c", "\u200e", "\u200f", "\u2028", "\u200b", "\u2064", "\ufeff", "\U000e0041", "\udce9"),
+    ],
+)
 def test_control_characters_are_shown_and_never_written_raw(character):
     assert character not in visible(f"a{character}b")
     assert character not in json_text({"a": character})

@@ -10,7 +10,7 @@ from typing import Any
 import yaml
 
 from enginediag_cli.config.reading import read_regular
-from enginediag_cli.config.yaml12 import TAG, compose, scalar_value
+from enginediag_cli.config.yaml12 import TAG, TooManyValues, compose, scalar_value
 from enginediag_cli.errors import ConfigError, Mark, Problem
 from enginediag_cli.safe_text import shortened
 
@@ -91,7 +91,7 @@ def parse_document(text: str, name: str) -> Node:
         raise ConfigError([Problem(mark, what)]) from error
     except yaml.MarkedYAMLError as error:
         raise ConfigError([_syntax_problem(error, text, name)]) from error
-    except ValueError as error:
+    except TooManyValues as error:
         raise ConfigError([Problem(Mark(name), f"the file has {error}, which no file of this kind has")]) from error
     except RecursionError as error:
         raise ConfigError([Problem(Mark(name), "brackets or indentation are nested too deeply")]) from error

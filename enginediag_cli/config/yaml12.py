@@ -62,12 +62,16 @@ _DEEP_LINE = re.compile(rf"^[-?: \t]{{{MOST_DEPTH}}}", re.MULTILINE)
 _BRACKET = re.compile(r"[\[\]{}]")
 
 
+class TooManyValues(yaml.YAMLError):
+    """A document has more values than MOST_VALUES."""
+
+
 def refuse_bombs(text: str) -> None:
-    """Raises RecursionError for a document that may be nested deeper than MOST_DEPTH, and ValueError for one that may
-    have more values than MOST_VALUES; what is in quotes or comments counts as well, which no honest file comes near."""
+    """Raises RecursionError for a document that may be nested deeper than MOST_DEPTH, and TooManyValues for one that
+    may have more than MOST_VALUES; what is in quotes or comments counts as well, which no honest file comes near."""
     openers = text.count("[") + text.count("{")
     if openers + sum(text.count(mark) for mark in (",", ":", "- ", "-\n", "? ", "*")) > MOST_VALUES:
-        raise ValueError(f"more than {MOST_VALUES} values")
+        raise TooManyValues(f"more than {MOST_VALUES} values")
     depth = 0
     for bracket in _BRACKET.finditer(text) if openers > MOST_DEPTH else ():
         depth = depth + 1 if bracket.group() in "[{" else max(depth - 1, 0)
@@ -81,7 +85,7 @@ def compose(text: str) -> yaml.Node | None:
     """PyYAML's tree of a document, None for an empty one.
 
     Raises yaml.YAMLError, for a short document from the Python parser, whose messages and marks are the same on every
-    machine, and RecursionError and ValueError as `refuse_bombs`.
+    machine, and what `refuse_bombs` raises.
     """
     refuse_bombs(text)
     if FastLoader is not None:

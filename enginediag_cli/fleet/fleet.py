@@ -11,6 +11,7 @@ from typing import Any
 from enginediag_cli.config.checked import Checked
 from enginediag_cli.config.kinds import load_checked
 from enginediag_cli.config.named import named_file
+from enginediag_cli.config.patterns import compile_pattern
 from enginediag_cli.errors import ConfigError, Problem
 from enginediag_cli.fleet.events import read_events
 from enginediag_cli.fleet.fleet_file import BUILD
@@ -105,7 +106,7 @@ def load_fleet(path: str | Path) -> Fleet:
         values["description"],
         tuple(builds),
         values["engines"]["serial_from"],
-        re.compile(values["engines"]["pattern"]) if values["engines"]["serial_from"] == "file" else None,
+        compile_pattern(values["engines"]["pattern"]) if values["engines"]["serial_from"] == "file" else None,
         Baseline(values["baseline"]["flights"], values["baseline"]["records"]),
         plan_windows(window) if window else WindowPlan().of_series,
         values["judge"],
@@ -192,9 +193,9 @@ def _pattern_problems(checked: Checked, pattern: str) -> Iterator[Problem]:
         yield checked.problem(("engines",), "serial numbers from file names need a 'pattern'", example)
         return
     try:
-        groups = re.compile(pattern).groups
-    except re.error as error:
-        yield checked.problem(place, f"not a regular expression: {error}", example)
+        groups = compile_pattern(pattern).groups
+    except ValueError as error:
+        yield checked.problem(place, str(error), example)
         return
     if groups != 1:
         what = f"the pattern has {groups} groups in brackets where it needs one, the serial number"

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from enginediag_cli.config.patterns import matching, search
 from enginediag_cli.errors import DataError, NoVerdictError
 from enginediag_cli.fleet.fleet import Build, Fleet
 
@@ -56,12 +57,10 @@ def recordings_of(fleet: Fleet, given: Sequence[str] = ()) -> tuple[Recorded, ..
 
 
 def _matching(fleet: Fleet, build: Build) -> list[str]:
-    import glob
-
     folder = fleet.path.parent
     paths: dict[str, None] = {}
     for pattern in build.recordings:
-        hits = glob.glob(os.path.join(glob.escape(str(folder)), pattern), recursive=True)
+        hits = matching(folder, pattern)
         paths.update(dict.fromkeys(sorted(os.path.normpath(p) for p in hits if os.path.isfile(p))))
     return list(paths)
 
@@ -75,7 +74,7 @@ def _names(paths: Sequence[str]) -> dict[str, str]:
 def _serial(fleet: Fleet, path: str) -> str:
     if fleet.pattern is None:
         return ""
-    found = fleet.pattern.search(Path(path).as_posix())
+    found = search(fleet.pattern, Path(path).as_posix(), str(fleet.path))
     if found is None or not found[1]:
         raise DataError(
             f"{path}: its name has no serial number by the pattern {fleet.pattern.pattern!r} of {fleet.path}"

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any, TextIO
 
-from enginediag_cli.safe_text import guarded, visible
+from enginediag_cli.safe_text import guarded, json_escaped, visible
 
 
 def plain(value: Any) -> Any:
@@ -126,7 +125,7 @@ def json_text(value: Any, indent: int | None = None) -> str:
     import json
 
     text = json.dumps(value, ensure_ascii=False, allow_nan=False, indent=indent)
-    return re.sub("[\x7f-\x9f\u202a-\u202e\u2066-\u2069]", lambda found: f"\\u{ord(found.group()):04x}", text)
+    return json_escaped(text)
 
 
 def _begins_with_text(value: Any) -> bool:

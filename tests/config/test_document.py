@@ -5,6 +5,7 @@ from pathlib import Path
 
 import pytest
 
+from enginediag_cli.config import yaml12
 from enginediag_cli.config.document import document_problems, load_document, parse_document
 from enginediag_cli.errors import ConfigError, Mark
 
@@ -205,3 +206,28 @@ def test_a_file_that_cannot_be_read_is_a_config_error(tmp_path: Path) -> None:
         load_document(tmp_path / "absent.yaml")
     with pytest.raises(ConfigError, match="cannot read the file: is a directory"):
         load_document(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("a: " + "[" * 100_000, "nested too deeply"),
+        ("a: " + "{a: " * 100_000, "nested too deeply"),
+        ("a:\n" + "- " * 100_000 + "b\n", "nested too deeply"),
+        ("? " * 100_000, "nested too deeply"),
+        ("".join(" " * k + "a:\n" for k in range(1500)), "nested too deeply"),
+        ("- \n" * 1_500_000, "more than 1000000 values"),
+        (":" * 1_500_000, "more than 1000000 values"),
+        ("a: &a 1\nb: [" + "*a, " * 800_000 + "]\n", "more than 1000000 values"),
+    ],
+)
+def test_deep_and_huge_documents_are_refused_before_they_are_parsed(monkeypatch, text, message):
+    monkeypatch.setattr(yaml12, "_single_node", None)
+    with pytest.raises(ConfigError, match=message):
+        parse_document(text, "f.yaml")
+
+
+def test_an_alias_of_an_alias_of_an_alias_is_one_value():
+    levels = "".join(f"a{k + 1}: &a{k + 1} [{', '.join([f'*a{k}'] * 9)}]\n" for k in range(40))
+    node = parse_document("a0: &a0 [x, y]\n" + levels, "f.yaml")
+    assert len(list(document_problems(node))) == 0 and len(node.value) == 41
