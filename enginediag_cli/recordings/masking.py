@@ -28,7 +28,7 @@ from enginediag_cli.recordings.quality import (
     tally,
     whole_record_lines,
 )
-from enginediag_cli.recordings.repeated import Repeats
+from enginediag_cli.recordings.repeated import HeldWatch, Repeats, held_readings
 from enginediag_cli.recordings.stuck import stuck
 from enginediag_cli.recordings.table import Recording, concat
 
@@ -174,9 +174,16 @@ class Masker:
         usable = {c: np.where(np.any(list(f.values()), axis=0), np.nan, context[c]) for c, f in found.items()}
         sensors = [c for c in judged.columns if c not in judged.inputs]
         still = np.zeros(len(context), dtype=bool)
+        flights = self._flights.of(context)
+        held, every = held_readings(usable, judged.inputs, flights) if judged.repeated else ({}, 1)
+        for column, mask in held.items():
+            found[column]["held"] = mask
+            usable[column] = np.where(mask, np.nan, usable[column])
         if judged.frozen:
             inputs = [c for c in judged.columns if c in judged.inputs]
-            still = frozen(context, self._flights.of(context), sensors, inputs, settings.frozen_records)
+            # a recorder that holds every reading for so many records stands still only when it does so for longer
+            records = max(settings.frozen_records, 3 * every) if every > 1 else settings.frozen_records
+            still = frozen(context, flights, sensors, inputs, records)
             if self._lifeless:
                 still = still | np.isin(context.line, list(self._lifeless))
             if still.any():
@@ -239,6 +246,7 @@ class LiveMasker:
         self.counts = MaskCounts()
         self._flights = FlightNumbers()
         self._repeats = Repeats()
+        self._held = HeldWatch()
         sensors = [c for c in judged.columns if c not in judged.inputs]
         inputs = [c for c in judged.columns if c in judged.inputs]
         self.watch = FrozenWatch(sensors, inputs, judged.settings.frozen_records if judged.frozen else 0)
@@ -252,9 +260,12 @@ class LiveMasker:
         still = self.watch.add(chunk)
         columns, counts = {}, {}
         whole = QualitySettings(dropped_records=0)  # how long a gap lasts depends on what comes
+        sensors = {c: chunk[c] for c in self.judged.columns if c not in self.judged.inputs}
+        held = self._held.add(sensors) if self.judged.repeated else {}
         for column in self.judged.columns:
             limits = self.judged.limits.get(column) or physical_limits(column)
-            mask, counts[column] = tally(local_reasons(chunk[column], limits, whole))
+            reasons = local_reasons(chunk[column], limits, whole)
+            mask, counts[column] = tally({**reasons, "held": held[column]} if column in held else reasons)
             mask = mask if column in self.judged.inputs else mask | still
             columns[column] = np.where(mask, np.nan, chunk[column])
         self.counts.note(chunk, counts, int(np.count_nonzero(still)))

@@ -15,7 +15,7 @@ from enginediag_cli.errors import DataError
 from enginediag_cli.recordings.table import Recording
 from enginediag_cli.units import find_unit, split_column
 
-REASONS = ("missing", "dropped", "out of limits", "stuck", "outlier")
+REASONS = ("missing", "dropped", "out of limits", "held", "stuck", "outlier")
 
 WHOLE_RECORDS = {
     "frozen": "in which every reading stands still, not used",

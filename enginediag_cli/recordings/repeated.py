@@ -1,11 +1,17 @@
-"""Repeated rows: records of a flight that are there already, to the last digit and with the same time.
+"""What was written more often than it was measured, and counts once: repeated rows, and held readings.
+
+Repeated rows are records of a flight that are there already, to the last digit and with the same time.
 
 Only a record whose time does not go on can be one, so a file in order costs no search. Without `time_s` equal rows
 are no proof (hourly means of a coarse sensor) and none is called repeated.
+
+A reading is held where a channel is sampled more slowly than rows are written: it changes every k-th record and at no
+other, k the same throughout. Rounding makes readings repeat as well, but irregularly, or by one step at a time.
 """
 
 from __future__ import annotations
 
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
 from itertools import pairwise
 
@@ -18,6 +24,18 @@ SEGMENT = 65_536
 SEGMENTS = 16
 """Rows are remembered in sorted segments, 8 bytes a row; the last SEGMENT · SEGMENTS rows, about a million (8 MB), so
 that memory stays bounded. A copy further back than that is not seen."""
+
+LEAST_RUNS = 8
+"""Runs of equal readings by which a channel is called held; of fewer, regular lengths may be chance."""
+REGULAR, SINGLE = 0.9, 0.6
+"""Shares of the runs that last k records, one more or less, or a multiple (two readings in turn may be the same), and
+that last k: of rounded noise a run is as likely to go on as the one before, and a third of them lasts one record."""
+LONE = 0.02
+"""Share of runs of one record up to which a channel is held: where a recorder begins anew."""
+LONE_LIVE = 0.1
+"""The same of a recording that is being written, which has few runs to begin with."""
+ONE_STEP = 0.5
+"""Share of changes of one and the same size from which they are steps of rounding, as a slow climb makes them."""
 
 _PRIME = np.uint64(0x9E3779B97F4A7C15)
 """2⁶⁴ over the golden ratio, odd: Knuth's multiplicative hashing spreads neighbouring numbers over all bits."""
@@ -97,3 +115,96 @@ def _hashes(recording: Recording, flights: np.ndarray) -> np.ndarray:
         rows = (rows ^ bits) * _PRIME
         rows ^= rows >> _SHIFT
     return rows
+
+
+def held_for(values: np.ndarray, flights: np.ndarray) -> int:
+    """k, records for which a channel (N,) holds each reading, 1 where it is not held; flights (N,) numbers."""
+    known = np.flatnonzero(np.isfinite(values))
+    x, flight = values[known], flights[known]
+    if len(x) < 2 * LEAST_RUNS:
+        return 1
+    new = np.r_[True, (x[1:] != x[:-1]) | (flight[1:] != flight[:-1])]
+    starts = np.flatnonzero(new)
+    lengths = np.diff(starts)
+    # the first and the last run of a flight may be cut
+    whole = np.zeros(len(lengths), bool)
+    whole[1:] = (flight[starts[1:-1]] == flight[starts[:-2]]) & (flight[starts[1:-1]] == flight[starts[2:]])
+    lengths, step = lengths[whole], np.abs(np.diff(x[starts]))[whole]
+    if len(lengths) < LEAST_RUNS or np.mean(lengths == 1) > LONE:
+        return 1
+    k = int(np.sort(lengths)[len(lengths) // 2])
+    times = np.maximum(np.round(lengths / max(k, 1)), 1)
+    regular = np.abs(lengths - k * times) <= 1
+    usual = np.sort(step)[len(step) // 2]
+    rounded = np.mean(np.abs(step - usual) <= 1e-4 * usual) > ONE_STEP
+    if k < 2 or regular.mean() < REGULAR or np.mean(times == 1) < SINGLE or rounded:
+        return 1
+    return k
+
+
+def held_readings(
+    columns: Mapping[str, np.ndarray], inputs: Collection[str], flights: np.ndarray
+) -> tuple[dict[str, np.ndarray], int]:
+    """Masks (N,) of the readings that say nothing new, by column, and for how many records the fastest channel holds
+    each reading. Where inputs are held a record without a fresh one of the slowest of them is as old as that: of every
+    sensor no reading there counts, and elsewhere one that has changed since the last record that counts."""
+    k = {c: held_for(x, flights) for c, x in columns.items()}
+    if max(k.values(), default=1) < 2:
+        return {}, 1
+    n = len(flights)
+    start = np.r_[True, flights[1:] != flights[:-1]]
+
+    def fresh(column: str) -> np.ndarray:
+        """Where a run of equal readings begins, and every k records of one that lasts longer."""
+        x = columns[column]
+        new = start | np.r_[True, (x[1:] != x[:-1]) & ~(np.isnan(x[1:]) & np.isnan(x[:-1]))]
+        place = np.arange(n) - np.maximum.accumulate(np.where(new, np.arange(n), 0))
+        return np.asarray(place % k[column] == 0)
+
+    slowest = max((c for c in columns if c in inputs), key=lambda c: k[c], default="")
+    counts = fresh(slowest) if slowest and k[slowest] > 1 else np.ones(n, bool)
+    masks = {}
+    for column in columns:
+        if column in inputs:
+            continue
+        mask = ~counts
+        if k[column] > 1:
+            changes = np.cumsum(fresh(column))
+            at = np.flatnonzero(counts)
+            seen = np.diff(changes[at], prepend=-1) > 0
+            mask[at] = ~seen
+        if mask.any():
+            masks[column] = mask
+    return masks, min((k[c] for c in columns if c not in inputs), default=1)
+
+
+@dataclass
+class HeldWatch:
+    """The causal part, for a recording that is still being written. A reading that repeats the one before is held
+    until the channel has changed often enough from one record to the next, as one does that is rounded. A record in
+    which every reading repeats is another matter."""
+
+    _last: dict[str, float] = field(default_factory=dict)
+    _runs: dict[str, tuple[int, int]] = field(default_factory=dict)  # changes, and those a record after another
+    _changed: dict[str, bool] = field(default_factory=dict)
+
+    def add(self, columns: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+        """Masks (N,) of the readings of the next records that say nothing new, by column."""
+        again, masks = {}, {}
+        for column, x in columns.items():
+            before = np.r_[self._last.get(column, np.nan), x[:-1]]
+            again[column] = x == before
+            if len(x):
+                self._last[column] = float(x[-1])
+        moves = np.any([~same & np.isfinite(columns[c]) for c, same in again.items()], axis=0) if again else None
+        for column, same in again.items():
+            changed = ~same & np.isfinite(columns[column])
+            twice = changed & np.r_[self._changed.get(column, False), changed[:-1]]
+            changes, lone = self._runs.get(column, (0, 0))
+            changes, lone = changes + int(changed.sum()), lone + int(twice.sum())
+            self._runs[column] = changes, lone
+            if len(changed):
+                self._changed[column] = bool(changed[-1])
+            if moves is not None and (same & moves).any() and lone <= LONE_LIVE * changes:
+                masks[column] = same & moves
+        return masks
