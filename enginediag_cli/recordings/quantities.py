@@ -88,6 +88,7 @@ _PROPERTIES = {
     "no": "no nr number num",
     "id": "id serial identifier ident",
     "dry": "dry",
+    "selected": "selected sel select",
     "engine": "engine eng engines motor triebwerk",
 }
 _WHOLE = {
@@ -157,11 +158,13 @@ _OTHER = """
     fsr ttrf surge stall stage row efficiency eff index idx coolant dew humid hobbs hours days age wheel brake tire
     nav com course crs waypoint wpt satellite cooled clearance case casing skin wall rack bay seal drain vent buffer
     pump servo chip debris particle acoustic dynamics spray wash anti ice icing deice ecs pack apu nr dynamic slip yaw
-    aoa alpha beta select message word bit offset off decay kmc kmt health"""
+    aoa alpha beta message word bit offset off decay kmc kmt health theta
+    sqrt reactive apparent aux auxiliary station factor hold exceed exceedance setting rating governor hrsg n2o n1k
+    n2k n3k nfk nck n1r n2r nrf nrc n1r2 n2r25"""
 """Words that make a quantity of which the program has no use, whatever stands beside them."""
 _HARMLESS = """
-    measured physical actual act meas sensed selected sel value val reading avg average mean sensor probe channel ch
-    signal sig the of at on ac recorded data rec from scada dcs pi tag pv e k gasturbine gt unit degrees live
+    measured physical actual act meas sensed value val reading avg average mean sensor probe channel ch
+    signal sig the of at on ac recorded data rec from scada dcs pi tag pv e gasturbine gt unit degrees live
     instantaneous inst observed xmtr tx thermocouple tc rtd junction"""
 """Words that say nothing of the quantity."""
 
@@ -236,7 +239,8 @@ RULES: tuple[Rule, ...] = (
     _rule("P static air", "ambient_pressure_Pa", PRESSURES, "abs ambient"),
     _rule("ambient", "ambient_pressure_Pa", PRESSURES, "baro", "a pressure or a temperature", -1.5),
     _rule("humidity", "relative_humidity", ("pct", "1"), "relative ambient air"),
-    _rule("fuel flow", "Wf_kg_s", FLOWS, "engine total gas abs burner core rate"),
+    _rule("fuel flow", "Wf_kg_s", FLOWS, "engine gas abs burner core rate"),
+    _rule("fuel flow total", "Wf_kg_s", FLOWS, "engine gas rate", "of one engine, or of all together?", -1.0),
     _rule("fuel rate", "Wf_kg_s", FLOWS, "engine", rank=-0.3),
     _rule("air flow", "W2_kg_s", FLOWS, "engine in rate compressor total", "at which station the air flow is measured"),
     _rule("torque", "torque_Nm", ("Nm", "kNm", "lbf_ft", "pct"), "shaft out engine propeller pt turbine abs"),
@@ -386,7 +390,7 @@ def _piece_cost(piece: str, start: int, last: bool) -> tuple[float, str]:
     if lowered in LEXICON and (len(piece) > 1 or start == 0 or lowered not in LETTERS):
         # letters of a kind (t, p, n, w) mean little inside a chunk
         return (0.0 if len(piece) > 2 else 0.2 if len(piece) == 2 else 0.4), "word"
-    if len(piece) == 1 and lowered in LETTERS and (last or start == 0):
+    if len(piece) == 1 and lowered in LETTERS and last:
         return 0.6, "letter"
     return 1.8 + 0.1 * len(piece), "unknown"
 
@@ -408,6 +412,9 @@ def read_name(text: str, *, single_letter_unit: bool = True, ignored: Sequence[s
         found = None
     head, unit = (found[0], found[1]) if found else (text, None)
     name = _interpret(text, _pieces(head, max(text.find(head), 0)), frozenset(ignored))
+    if unit is not None and unit.dimension == "time" and name.features and not name.features & _CLOCKS:
+        # `EGT_min` is a minimum
+        return _interpret(text, _pieces(text, 0), frozenset(ignored))
     if unit is not None and unit.dimension == "mass flow" and not name.features & {"flow", "rate"}:
         name = replace(name, features=name.features | {"flow"})
     if unit is not None and unit.dimension == "rotational speed" and "N" not in name.features:
@@ -415,6 +422,7 @@ def read_name(text: str, *, single_letter_unit: bool = True, ignored: Sequence[s
     return replace(name, unit=unit)
 
 
+_CLOCKS = {"time", "date", "elapsed", "epoch", "utc", "local"}
 _KIND_LETTERS = {"t", "p", "w", "tt", "pt", "ps", "temp", "press", "temperature", "pressure"}
 
 
@@ -448,6 +456,9 @@ def _interpret(text: str, pieces: Sequence[_Piece], ignored: Features) -> Name:
             features |= {"N", after.text[0]}
             if len(after.text) == 2:
                 marks.append(Mark(after.text[1], after.start + 1, after.end, False))
+        elif station and lowered in ("t", "p") and after and after.kind == "number" and after.chunk == piece.chunk:
+            features.add("other station")  # `T3/T2`, `P3-P2`
+            k += 1
         elif lowered in _KIND_LETTERS and after and after.kind == "number" and not station:
             if len(lowered) > 2 and after.chunk != piece.chunk:
                 features |= LEXICON[lowered]
@@ -505,6 +516,8 @@ def _station(number: _Piece, following: Sequence[_Piece]) -> tuple[str, int]:
 
 
 _KIND_OF_STATION = {"T": ("T{}_K", TEMPERATURES), "P": ("P{}_Pa", PRESSURES), "flow": ("W{}_kg_s", FLOWS)}
+_LAST_STATION = 89
+"""Stations behind 8, the nozzle's throat, that ARP755 numbers: 9 is written as one digit."""
 _BESIDE_A_STATION = frozenset(
     "total static abs gas air in out compressor hpc lpc fan turbine hpt lpt pt burner nozzle exhaust engine core "
     "interturbine fuel ambient gauge generator power gg dry ip hp lp ipc".split()
@@ -515,12 +528,16 @@ _BESIDE_A_STATION = frozenset(
 def meaning_of(name: Name) -> Meaning | None:
     """The quantity of a name, or None where the words make none that the program has a use for."""
     features = name.features - {"abs", "gauge", "gauge?"} | ({"abs"} if "abs" in name.features else frozenset())
+    if "selected" in features:
+        if features & {"altitude", "mach", "V", "air"}:
+            return None  # what the autopilot is set to
+        features -= {"selected"}
     lost = 0.5 * len(name.unknown)
     remarks = tuple(f"{word!r} in the name is not understood" for word in name.unknown)
     if name.station:
         kinds = [kind for kind in _KIND_OF_STATION if kind in features]
         extra = features - set(kinds) - _BESIDE_A_STATION
-        if len(kinds) != 1 or extra:
+        if len(kinds) != 1 or extra or len(name.station) > 3 or int(name.station[:2]) > _LAST_STATION:
             return None
         form, units = _KIND_OF_STATION[kinds[0]]
         if kinds[0] == "P" and "static" in features:

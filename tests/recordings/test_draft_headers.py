@@ -7,6 +7,7 @@ from draft_headers import NOT_IN_UNITS, HeaderCase
 from draft_headers_public import FRESH, SECOND, TUNED
 
 from enginediag_cli.recordings.draft import Draft, draft
+from enginediag_cli.recordings.quantities import meaning_of, read_name
 from enginediag_cli.recordings.sniff import sniff
 
 REQUIRED = 0.90
@@ -63,3 +64,18 @@ def test_nine_columns_of_ten_are_taken_for_what_they_are(cases, tmp_path):
     right = sum(len(right) for right, _, _ in outcomes)
     columns = sum(len(case.expected) for case in cases)
     assert right >= REQUIRED * columns, (right, columns, [open_ for _, open_, _ in outcomes if open_])
+
+
+NO_QUANTITY = """Cabin Alt|Selected Altitude|ALT_SEL|Radio Altitude|RALT|Fuel Temp|N1 Redline|EGT Limit|T oil|P_hyd|MAP
+    |Wind Speed|Mach Hold|Ground Speed|Alt Target|Alt rate|N1_std|EGT_max|EGT_min|dEGT|EGT_delta|N1K|N1R2|NGcorr|Wf_corr
+    |T3_corr|T_oil_in|P_oil_out|T_fuel|P_fuel|Fuel Total|Power Lever|Power Setting|N1 exceed|Engine Hours|Exhaust Spread
+    |Compressor Efficiency|Compressor Pressure Ratio|T3/T2|P3/P2|T3-T2|EGT-EGTref|N1/sqrt(theta)|Delta P3|Starter Torque
+    |APU EGT|Bleed Pressure|Wing temp|Steam Temp|HRSG Inlet Temp|Gas fuel temp|Fuel gas pressure|T5 spread|T5 max
+    |Reactive power|Power factor|Speed reference|Temperature|Pressure|Speed|Flow|T|P|x|F|N2O|T99|IVV|TLA|EPR_CMD|N1 vib
+    |Altimeter setting|Dewpoint|Relative bearing|Torque limit|NR|ENG OT|Prop Pitch|ITT Margin|Corrected fan speed"""
+"""Names beside those of quantities: set points, limits, statistics, differences, other systems."""
+
+
+@pytest.mark.parametrize("name", [name.strip() for name in NO_QUANTITY.split("|")])
+def test_a_name_beside_a_quantity_s_is_not_taken_for_it(name):
+    assert meaning_of(read_name(name)) is None
