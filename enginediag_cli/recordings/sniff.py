@@ -9,7 +9,8 @@ import zlib
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import closing
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
+from itertools import islice
 
 import numpy as np
 
@@ -17,14 +18,15 @@ from enginediag_cli.errors import DataError
 from enginediag_cli.recordings.dialect import DELIMITERS, OWN, WHITESPACE, Dialect
 from enginediag_cli.recordings.formats.base import Asked
 from enginediag_cli.recordings.formats.cells import is_missing
+from enginediag_cli.recordings.formats.excel_in import ExcelTable, is_excel
 from enginediag_cli.recordings.formats.parquet_in import ParquetTable, is_parquet
 from enginediag_cli.recordings.source import HEAD_BYTES, refuse_binary, unicode_of, unpacked
 from enginediag_cli.recordings.unit_words import unit_word
 
 LOOKED_AT = 1 << 18
 """Bytes of the file that are looked at, 256 KiB: some thousand records."""
-PARQUET_RECORDS = 2000
-"""Records of a Parquet file that are looked at, as many as fit into those bytes of a CSV file."""
+TABLE_RECORDS = 2000
+"""Records of a Parquet file or workbook that are looked at, as many as fit into those bytes of a CSV file."""
 MOST_TITLE_LINES = 60
 """Lines among which the header is looked for."""
 NUMBERS = 0.6
@@ -75,7 +77,6 @@ class Sniffed:
     repeated: int = 0
     odd: int = 0
     long: LongTable | None = None
-    extra_words: Mapping[str, int] = field(default_factory=dict)
 
     def values(self, column: str) -> np.ndarray | None:
         """The column's numbers (N,), NaN where missing, or None when it holds text."""
@@ -104,6 +105,10 @@ def sniff(path: str) -> Sniffed:
     """Look at the head of a file (`-`: standard input). Raises DataError when no table is found in it."""
     if path != "-" and is_parquet(path):
         return _lengthwise(_first_records(path))
+    if path != "-" and is_excel(path):
+        with closing(ExcelTable(path)) as workbook:
+            rows = [row.rstrip("\r\n") for row in islice(workbook.lines, TABLE_RECORDS)]
+        return _lengthwise(_text_table(rows, path))
     raw = _head(path)
     text, encoding = _decoded(raw)
     lines = text.splitlines()
@@ -171,7 +176,7 @@ def _split(lines: Sequence[str], delimiter: str) -> Iterator[list[str]]:
 def _first_records(path: str) -> Sniffed:
     """The first records of a Parquet file, which says itself what its columns are."""
     with closing(ParquetTable(path)) as table:
-        first = next(table.records(Asked((), by_suffix=False), PARQUET_RECORDS))
+        first = next(table.records(Asked((), by_suffix=False), TABLE_RECORDS))
     cells = {name: list(first.text[name]) for name in table.columns}
     return Sniffed(path, OWN, table.columns, ("",) * len(table.columns), cells, False)
 
