@@ -115,7 +115,7 @@ def test_what_is_no_record_is_passed_over_whatever_the_chunks(content, size):
 def test_what_was_passed_over_is_counted_with_its_line():
     _, counts = counted("a_s,T3_K\n0,1\na_s,T3_K\n1,2\nEnd\n")
     assert counts.lines == {"repeated header": [1, 3], "footer": [1, 5]}
-    assert counts.report_lines()[0] == "line 3: no record but a repeated header, passed over"
+    assert counts.report_lines()[0] == "line 3 is passed over: repeated header"
 
 
 @pytest.mark.parametrize(
@@ -140,7 +140,7 @@ def test_what_is_neither_a_record_nor_a_footer_is_an_error_with_its_place(conten
 
 def test_lines_that_are_no_records_are_counted_in_a_file_that_is_still_written():
     r, counts = counted("time_s,T3_K\n0,400\ngarb\x01age\n1,401\n", tolerant=True)
-    assert r["T3_K"].tolist() == [400.0, 401.0] and counts.lines == {"line that is no record": [1, 3]}
+    assert r["T3_K"].tolist() == [400.0, 401.0] and counts.lines == {"unreadable": [1, 3]}
 
 
 @pytest.mark.parametrize("codec", ["utf-16", "utf-8-sig", "utf-32"])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gzip
 import io
 
 import numpy as np
@@ -163,3 +164,20 @@ def test_naval_states_keep_the_sound_levers_and_their_power_is_that_of_an_lm2500
     error_if_K = np.abs(balance - r["T45_K"])[full]
     error_if_degC = np.abs(balance - r["T45_K"] - 273.15)[full]
     assert np.median(error_if_K) < 150.0 < np.median(error_if_degC)
+
+
+@pytest.mark.shared_data
+def test_cmapss_text_as_distributed_reads_as_the_csv_does(tmp_path):
+    with gzip.open(shared_data("cmapss/train_FD001.csv.gz"), "rt") as stream:
+        lines = stream.readlines()[:400]
+    (tmp_path / "train.csv").write_text("".join(lines))
+    (tmp_path / "train.txt").write_text("".join(line.strip().replace(",", " ") + "  \n" for line in lines[1:]))
+    (as_csv,) = load_recorder(RECORDERS / "cmapss.yaml").read(tmp_path / "train.csv")
+    (as_text,) = load_recorder(RECORDERS / "cmapss_text.yaml").read(tmp_path / "train.txt")
+    assert as_text.recording.text == as_csv.recording.text and len(as_text.recording) == 399
+    for column, values in as_csv.recording.columns.items():
+        np.testing.assert_array_equal(as_text.recording[column], values)
+    wider = (tmp_path / "train.txt").read_text().replace("  \n", " 1.0  \n")
+    (tmp_path / "train.txt").write_text(wider)
+    with pytest.raises(DataError, match=r"train.txt:1: 27 fields where `names` has 26"):
+        load_recorder(RECORDERS / "cmapss_text.yaml").read(tmp_path / "train.txt")

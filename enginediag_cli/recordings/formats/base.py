@@ -49,8 +49,8 @@ class ReadingCounts:
             more = f" and {len(most) - SHOWN_WORDS} other words" if len(most) > SHOWN_WORDS else ""
             found.append(f"{column}: {total} cell{'s' * (total > 1)} taken as missing ({shown}{more})")
         for kind, (n, first) in self.lines.items():
-            where = f"line {first}" if n == 1 else f"{n} lines, the first of them line {first}"
-            found.append(f"{where}: no record but a {kind}, passed over")
+            where = f"line {first} is" if n == 1 else f"{n} lines, line {first} the first, are"
+            found.append(f"{where} passed over: {kind}")
         if self.unread:
             found.append(f"not read: {', '.join(self.unread[:SHOWN_WORDS])}")
         return found

@@ -253,7 +253,7 @@ class _Table:
             first = not self.records and not (good.size and good[0] < line)
             kind = self._kind(cells, line, first)
             if kind or self.asked.tolerant:
-                counts.pass_over(kind or "line that is no record", line)
+                counts.pass_over(kind or "unreadable", line)
             elif first:
                 raise error
             else:
@@ -264,7 +264,7 @@ class _Table:
             if not self._like_a_record(cells):
                 counts.pass_over("footer", line)
             elif self.cut() and k == len(held) - 1 and len(cells) <= len(self.order):
-                counts.pass_over("line that was cut off", line)
+                counts.pass_over("cut off at the end of the file", line)
             else:
                 raise error
 
