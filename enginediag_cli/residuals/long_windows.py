@@ -1,15 +1,18 @@
 """Statistics of a window of any length in the memory of one stretch of it.
 
 A stretch of records is held against nominal, then against the point where the window is linearised; what is kept of it
-are sums. One such pass over all records costs what nominal costs, so few of them may be made: the point is estimated
-first from a thousand records of the window, from there with ten times as many, and so on, each time with what is left
-to move shrinking by √10. The last pass starts a few standard errors from the estimate, and mostly ends there.
+are sums. What nominal gives costs most. Of a window that is not too long it is kept in a file, and steps begin at
+nominal as those of short windows do. Of a longer one it is computed anew in each pass, so few may be made: the point is
+estimated first from some of the records, from there with `FINER` times as many, and so on, each time with what is left
+to move shrinking by the root of that. The last pass starts a standard error or so from the estimate, and mostly ends
+there.
 
 Stretches are counted from the first record of the window: nothing depends on how the file came in chunks.
 """
 
 from __future__ import annotations
 
+import tempfile
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from itertools import pairwise
@@ -19,7 +22,7 @@ import numpy as np
 from enginediag_cli.residuals.admission import NominalResiduals, nominal_residuals
 from enginediag_cli.residuals.blocks import Block
 from enginediag_cli.residuals.judged_records import RecordsOfWindow
-from enginediag_cli.residuals.local import block_statistics, whiten
+from enginediag_cli.residuals.local import block_statistics, whitened
 from enginediag_cli.residuals.monitor import Monitor
 from enginediag_cli.residuals.operating_points import PointSums
 from enginediag_cli.residuals.reduced import ReducedMonitor
@@ -32,8 +35,15 @@ the engine costs little beside so many."""
 RUN = 125
 """Records in a row of which a part of a window consists: long beside the memory of noise, and twelve of them lie all
 over a flight."""
-FINER = 10
-"""How many times more records each estimate of the point of linearisation has than the one before."""
+FINER = 5
+"""How many times more records each estimate of the point of linearisation has than the one before: with ten the last
+step is so long that flights of ten hours need another pass, with two the first passes cost as much as the last."""
+KEPT_BYTES = 600e6
+"""Size of the file that keeps what nominal gives: some 40,000 records of nine sensors. Judgement: what a folder for
+temporary files has to spare."""
+
+MORE = 20
+"""Numbers of a reading that are kept beside its sensitivities: predictions, and what is frozen at nominal."""
 
 Span = tuple[int, int]
 
@@ -51,20 +61,26 @@ class LongStatistics:
 def long_statistics(monitor: Monitor, records: RecordsOfWindow, *, linearise: str, tolerance: float) -> LongStatistics:
     """Statistics of all records of a window at nominal or at its own estimate, `linearise` as in `window_statistics`;
     tolerance: last step of the estimate, in standard errors."""
-    whole = _Passes(monitor, records, [(0, len(records))], monitor.theta0)
+    everything = [(0, len(records))]
     if linearise == "nominal":
-        found = whole.over(monitor.theta0, ((1.0, monitor.theta0),))
+        found = _Passes(monitor, records, everything, monitor.theta0, kept=False).over(
+            monitor.theta0, ((1.0, monitor.theta0),), blocks=True
+        )
+        assert found.block is not None
         return LongStatistics(found.block.statistics, found.failed)
-    estimate = _Estimate(monitor, records, tolerance)
-    whole.start = estimate.start(_parts(len(records), FINER))
-    if monitor.slopes is not None and estimate.predicted is not None:
-        whole.points = PointSums(monitor.noise, monitor.slopes.position, estimate.predicted)
-    loop = estimate.run(whole)
-    statistics = _carried_back(whole.here.block.statistics, (loop.sums.theta[0] - monitor.theta0)[: loop.q])
-    if whole.here.points is not None:
-        statistics = replace(statistics, points=whole.here.points.squared(len(monitor.names)))
+    bent = monitor.curvature if isinstance(monitor, ReducedMonitor) else None
+    # what a part of the records leaves out matters by how much it is of all
+    left_out = (lambda steps, _: bent.left_out(steps, np.array([len(records)]))) if bent else None
+    stop = Stop(left_out=left_out, tolerance=tolerance)
+    kept = 8 * len(records) * len(monitor.sensors) * (len(monitor.names) + MORE) < KEPT_BYTES
+    start, predicted = (monitor.theta0, []) if kept else _start(monitor, records, _parts(len(records)), stop)
+    passes = _Passes(monitor, records, everything, start, kept=kept)
+    passes.final, passes.laid_by = True, predicted
+    loop = GaussNewton(passes, monitor.hold)
+    loop.run(stop)
+    statistics = _carried_back(passes.statistics(), (loop.sums.theta[0] - monitor.theta0)[: loop.q])
     settled = bool(loop.converged[0]) or statistics.n == 0
-    return LongStatistics(statistics, whole.here.failed, None if settled else float(loop.decrement[0]))
+    return LongStatistics(statistics, passes.here.failed, None if settled else float(loop.decrement[0]))
 
 
 def _carried_back(statistics: LocalStatistics, change: np.ndarray) -> LocalStatistics:
@@ -75,58 +91,40 @@ def _carried_back(statistics: LocalStatistics, change: np.ndarray) -> LocalStati
     return replace(statistics, s=statistics.s + moved, chi2=chi2)
 
 
-def _parts(records: int, share: int) -> list[Span]:
-    """Runs of records, one in so many, evenly spread over a window."""
-    edges = range(0, records, RUN * share)
-    return [(first, min(first + RUN, records)) for first in edges]
+def _parts(records: int) -> list[Span]:
+    """Runs of records, one in `FINER`, evenly spread over a window."""
+    return [(first, min(first + RUN, records)) for first in range(0, records, RUN * FINER)]
 
 
 def _count(spans: list[Span]) -> int:
     return sum(stop - first for first, stop in spans)
 
 
-class _Estimate:
-    """Where a window is linearised, from some of its records; `predicted` (n, m): at nominal, of the fewest."""
+def _start(
+    monitor: Monitor, records: RecordsOfWindow, spans: list[Span], stop: Stop
+) -> tuple[np.ndarray, list[np.ndarray]]:
+    """Where a window is linearised, θ (p,), by the records of these spans: few at once, more by one step from where few
+    of them are; and predictions (n, m) at nominal of the few."""
+    if _count(spans) <= STRETCH:
+        return _start_together(monitor, records, spans, stop)
+    start, predicted = _start(monitor, records, spans[::FINER], stop)
+    passes = _Passes(monitor, records, spans, start, kept=False)
+    return GaussNewton(passes, monitor.hold).next_points[0], predicted
 
-    def __init__(self, monitor: Monitor, records: RecordsOfWindow, tolerance: float):
-        self._monitor, self._records = monitor, records
-        bent = monitor.curvature if isinstance(monitor, ReducedMonitor) else None
-        # what a part of the records leaves out matters by how much it is of all
-        left_out = (lambda steps, _: bent.left_out(steps, np.array([len(records)]))) if bent else None
-        self._stop = Stop(left_out=left_out, tolerance=tolerance)
-        self.predicted: np.ndarray | None = None
 
-    def start(self, spans: list[Span]) -> np.ndarray:
-        """θ (p,) from the records of these spans."""
-        if _count(spans) <= STRETCH:
-            return self._together(spans)
-        passes = _Passes(self._monitor, self._records, spans, self.start(spans[::FINER]))
-        return self.run(passes).sums.theta[0]
+def _start_together(
+    monitor: Monitor, records: RecordsOfWindow, spans: list[Span], stop: Stop
+) -> tuple[np.ndarray, list[np.ndarray]]:
+    """As `_start`, of few records in memory."""
+    taken = records.read(spans)
+    nominal = nominal_residuals(monitor, taken.inputs, taken.y)
 
-    def run(self, passes: _Passes) -> GaussNewton:
-        loop = GaussNewton(passes, self._monitor.hold)
-        loop.run(self._stop)
-        return loop
+    def predict(theta: np.ndarray, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        return _predicted(monitor, nominal.rows(rows), theta)
 
-    def _together(self, spans: list[Span]) -> np.ndarray:
-        """As `start`, of few records in memory."""
-        monitor = self._monitor
-        taken = self._records.read(spans)
-        nominal = nominal_residuals(monitor, taken.inputs, taken.y)
-        self.predicted = nominal.predicted
-
-        def predict(theta: np.ndarray, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-            return _predicted(monitor, nominal.rows(rows), theta)
-
-        found = relinearise(
-            predict,
-            nominal.y,
-            monitor.hold,
-            monitor.noise,
-            nominal=(nominal.predicted, nominal.J, nominal.ok),
-            stop=self._stop,
-        )
-        return np.asarray(found.theta[0])
+    known = (nominal.predicted, nominal.J, nominal.ok)
+    found = relinearise(predict, nominal.y, monitor.hold, monitor.noise, nominal=known, stop=stop)
+    return np.asarray(found.theta[0]), [nominal.predicted]
 
 
 def _predicted(
@@ -136,26 +134,51 @@ def _predicted(
     return monitor.predict(nominal.inputs, theta, nuisance=False, start=nominal.x)[:3]
 
 
+class _NominalFile:
+    """What nominal gives of each stretch, in a file without a name."""
+
+    def __init__(self) -> None:
+        self._file = tempfile.TemporaryFile(prefix="enginediag-")
+        self._places: list[tuple[int, tuple[str, ...], bool]] = []
+
+    def __len__(self) -> int:
+        return len(self._places)
+
+    def append(self, nominal: NominalResiduals) -> None:
+        self._places.append((self._file.tell(), tuple(nominal.inputs), nominal.x is not None))
+        x = [] if nominal.x is None else [nominal.x]
+        for values in (*nominal.inputs.values(), nominal.y, nominal.predicted, nominal.J, nominal.ok, *x):
+            np.save(self._file, values)
+
+    def read(self, number: int) -> NominalResiduals:
+        place, columns, shows_x = self._places[number]
+        self._file.seek(place)
+        inputs = {c: np.load(self._file) for c in columns}
+        y, predicted, J, ok = (np.load(self._file) for _ in range(4))
+        return NominalResiduals(inputs, y, predicted, J, ok, np.load(self._file) if shows_x else None)
+
+
 @dataclass
 class _Pass:
-    """Sums over the records of a window, with residuals and sensitivities at one point; `nominal`: z·z and s of those
-    at nominal, None where these are not asked for; used: records that the model can compute; lost: numbers of those
-    that it can compute at nominal, but not here."""
+    """Sums over the records of a window, with residuals and sensitivities at one point; block: all sums, where they are
+    asked for; `nominal`: z·z and s of those at nominal, likewise; used: records that the model can compute; lost:
+    numbers of those that it can compute at nominal, but not here."""
 
-    block: Block
-    nominal: tuple[float, np.ndarray] | None
+    zz: float
+    s: np.ndarray
+    F: np.ndarray
     records: int
     used: int
     lost: np.ndarray
-    points: PointSums | None
+    block: Block | None = None
+    nominal: tuple[float, np.ndarray] | None = None
 
     @property
     def failed(self) -> int:
         return self.records - self.used
 
     def sums(self, theta: np.ndarray) -> Sums:
-        x = self.block.sums
-        return Sums(theta[None].copy(), np.array([x.chi2]), x.s[None].copy(), x.F[None].copy())
+        return Sums(theta[None].copy(), np.array([self.zz]), self.s[None].copy(), self.F[None].copy())
 
 
 Mean = tuple[tuple[float, np.ndarray], ...]
@@ -163,12 +186,18 @@ Mean = tuple[tuple[float, np.ndarray], ...]
 
 
 class _Passes:
-    """The records of one window, or those of some spans of it, as `relinearise.Records`: every sum is a pass."""
+    """The records of one window, or those of some spans of it, as `relinearise.Records`: every sum is a pass. final:
+    whether statistics will be asked for."""
 
-    def __init__(self, monitor: Monitor, records: RecordsOfWindow, spans: list[Span], start: np.ndarray):
+    final = False
+
+    def __init__(self, monitor: Monitor, records: RecordsOfWindow, spans: list[Span], start: np.ndarray, *, kept: bool):
         self._monitor, self._records, self._spans, self.start = monitor, records, spans, start
         self._dropped = np.zeros(len(records), bool)
-        self.points: PointSums | None = None
+        self._kept = _NominalFile() if kept else None
+        self._points: PointSums | None = None
+        self._unmoved: _Unmoved | None = None
+        self.laid_by: list[np.ndarray] = []  # predictions at nominal of some records everywhere in the window
 
     @property
     def used(self) -> np.ndarray:
@@ -176,10 +205,10 @@ class _Passes:
 
     def begin(self) -> tuple[Sums, Sums]:
         theta0 = self._monitor.theta0
-        self.here = self._at(self.start, self.start is not theta0)
+        self.here = self._at(self.start)
         if len(self.here.lost) > MAX_LOST * self.here.used:
             self.start = theta0
-            self.here = self._at(theta0, False)
+            self.here = self._at(theta0)
         self._dropped[self.here.lost] = True
         sums = self.here.sums(self.start)
         if self.here.nominal is None:
@@ -187,24 +216,23 @@ class _Passes:
         zz, s = self.here.nominal
         return sums, Sums(theta0[None], np.array([zz]), s[None], sums.F)
 
-    def _at(self, theta: np.ndarray, with_nominal: bool) -> _Pass:
+    def _at(self, theta: np.ndarray) -> _Pass:
         self._theta = theta
         self._mean: Mean = ((1.0, theta),)
-        return self.over(self._theta, self._mean, with_nominal=with_nominal)
+        return self._pass(theta, self._mean, with_nominal=theta is not self._monitor.theta0)
 
     def trial(self, chosen: np.ndarray, target: np.ndarray, here: Sums) -> Trial:
         self._trial_theta = target[0].copy()
-        self._trial = self.over(self._trial_theta, ((1.0, self._trial_theta),))
+        self._trial = self._pass(self._trial_theta, ((1.0, self._trial_theta),))
         lost = self._trial.lost
-        again = None
-        if len(lost):
-            too_many = len(lost) > MAX_LOST * self.here.used
-            if too_many:
-                return Trial(here, np.array([True]))
-            self._dropped[lost] = True
-            self.here = self.over(self._theta, self._mean)
-            again = self.here.sums(self._theta)
-        return Trial(self._trial.sums(self._trial_theta), np.array([False]), again, np.array([again is not None]))
+        if not len(lost):
+            return Trial(self._trial.sums(self._trial_theta), np.array([False]))
+        if len(lost) > MAX_LOST * self.here.used:
+            return Trial(here, np.array([True]))
+        self._dropped[lost] = True
+        self.here = self._pass(self._theta, self._mean)
+        again = self.here.sums(self._theta)
+        return Trial(self._trial.sums(self._trial_theta), np.array([False]), again, np.array([True]))
 
     def move(self, accepted: np.ndarray) -> None:
         if accepted[0]:
@@ -212,42 +240,84 @@ class _Passes:
 
     def bend(self, refused: np.ndarray) -> Sums:
         self._mean = (*((w / 2, theta) for w, theta in self._mean), (0.5, self._trial_theta))
-        self.here = self.over(self._theta, self._mean)
+        self.here = self._pass(self._theta, self._mean)
         return self.here.sums(self._theta)
 
-    def over(self, theta: np.ndarray, mean: Mean, *, with_nominal: bool = False) -> _Pass:
-        """One pass over the records: residuals at theta, sensitivities to what moves as their mean over some points.
-        with_nominal: sums at nominal, too."""
+    def _pass(self, theta: np.ndarray, mean: Mean, *, with_nominal: bool = False) -> _Pass:
+        """A pass for a step: where another one is cheap, statistics wait until the steps have ended."""
+        return self.over(theta, mean, blocks=self.final and self._kept is None, with_nominal=with_nominal)
+
+    def statistics(self) -> LocalStatistics:
+        """Of all records, where the window stands."""
         monitor = self._monitor
-        points = self.points and self.points.empty()
-        total: Block | None = None
-        zz, s, used, lost = 0.0, np.zeros(len(monitor.names)), 0, [np.zeros(0, int)]
-        for spans in self._stretches():
-            taken = self._records.read(spans)
-            number = np.concatenate([np.arange(first, stop) for first, stop in spans])
-            nominal = nominal_residuals(monitor, taken.inputs, taken.y)
+        if self.here.block is None:
+            self.here = self.over(self._theta, self._mean, blocks=True)
+        assert self.here.block is not None
+        found = self.here.block.statistics
+        return found if self._points is None else replace(found, points=self._points.squared(len(monitor.names)))
+
+    def over(self, theta: np.ndarray, mean: Mean, *, blocks: bool, with_nominal: bool = False) -> _Pass:
+        """One pass over the records: residuals at theta, sensitivities to what moves as their mean over some points.
+        blocks: all sums, not those that steps need alone; with_nominal: sums at nominal, too."""
+        monitor, p = self._monitor, len(self._monitor.names)
+        points = self._empty_points() if blocks else None
+        steps = None if blocks else _StepSums(monitor, self._unmoved)
+        block: Block | None = None
+        zz0, s0, used, lost = 0.0, np.zeros(p), 0, [np.zeros(0, int)]
+        for number, lags, nominal in self._at_nominal():
             e, J, fine = self._there(nominal, theta, mean)
             kept = nominal.ok & fine & ~self._dropped[number]
             lost.append(number[nominal.ok & ~fine & ~self._dropped[number]])
             used += int(kept.sum())
             e[~kept] = np.nan
             if with_nominal:
-                z0, G0 = whiten(np.where(np.isfinite(e), nominal.e, np.nan), nominal.J, monitor.noise)
-                zz, s = zz + float(np.sum(z0**2)), s + z0.ravel() @ G0.reshape(z0.size, -1)
-            (block,) = block_statistics(e, J, monitor.noise, np.array([0]), monitor.frame, lags=taken.lags)
-            total = block if total is None else total + block
+                z, G, _ = whitened(np.where(np.isfinite(e), nominal.e, np.nan), nominal.J, monitor.noise)
+                zz0, s0 = zz0 + float(np.sum(z**2)), s0 + z.ravel() @ G.reshape(-1, p)
+            if steps is None:
+                (more,) = block_statistics(e, J, monitor.noise, np.array([0]), monitor.frame, lags=lags)
+                block = more if block is None else block + more
+            elif not steps.add(e, J, int(number[0])):
+                self._unmoved = None  # other readings count than did: all sums anew
+                return self.over(theta, mean, blocks=blocks, with_nominal=with_nominal)
             if points is not None:
                 points.add(nominal.predicted, e, J)
-        assert total is not None
-        return _Pass(total, (zz, s) if with_nominal else None, _count(self._spans), used, np.concatenate(lost), points)
+        if block is not None:
+            zz, s, F = block.sums.chi2, block.sums.s, block.sums.F
+        else:
+            assert steps is not None
+            zz, s, F, self._unmoved = *steps.sums, steps.unmoved
+        self._points = points
+        n = _count(self._spans)
+        return _Pass(zz, s, F, n, used, np.concatenate(lost), block, (zz0, s0) if with_nominal else None)
+
+    def _empty_points(self) -> PointSums | None:
+        slopes = self._monitor.slopes
+        if slopes is None or not self.laid_by:
+            return None
+        return PointSums(self._monitor.noise, slopes.position, np.concatenate(self.laid_by))
+
+    def _at_nominal(self) -> Iterator[tuple[np.ndarray, np.ndarray, NominalResiduals]]:
+        """The records in stretches, held against nominal: their numbers (n,) and lags (n,)."""
+        known = len(self._kept) if self._kept is not None else 0
+        for i, spans in enumerate(self._stretches()):
+            number = np.concatenate([np.arange(first, stop) for first, stop in spans])
+            taken = self._records.read(spans)
+            if self._kept is not None and i < known:
+                yield number, taken.lags, self._kept.read(i)
+                continue
+            nominal = nominal_residuals(self._monitor, taken.inputs, taken.y)
+            if self._kept is not None:
+                self._kept.append(nominal)
+                self.laid_by.append(nominal.predicted)
+            yield number, taken.lags, nominal
 
     def _there(
         self, nominal: NominalResiduals, theta: np.ndarray, mean: Mean
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Residuals (N, m) at theta, sensitivities (N, m, p) and which records can be computed (N,)."""
         monitor = self._monitor
-        q, theta0 = len(monitor.monitored), monitor.theta0
-        if np.array_equal(theta, theta0) and len(mean) == 1:
+        q = len(monitor.monitored)
+        if np.array_equal(theta, monitor.theta0) and len(mean) == 1:
             return nominal.e, nominal.J, nominal.ok.copy()
         e, fine = nominal.e, nominal.ok.copy()
         moved = np.zeros((*nominal.y.shape, q))
@@ -270,3 +340,47 @@ class _Passes:
             batch.append(span)
         if batch:
             yield batch
+
+
+@dataclass(frozen=True)
+class _Unmoved:
+    """F (p, p) of parameters that do not move, the rest of it being nothing to go by, and which readings it counts
+    (n, m), by the number of the first record of each stretch."""
+
+    F: np.ndarray
+    present: dict[int, np.ndarray]
+
+
+class _StepSums:
+    """z·z, s and F of a pass; known: what does not move, which need not be summed again as long as the same readings
+    count."""
+
+    def __init__(self, monitor: Monitor, known: _Unmoved | None):
+        p = len(monitor.names)
+        self._noise, self._q, self._known = monitor.noise, len(monitor.monitored), known
+        self._zz, self._s, self._F = 0.0, np.zeros(p), np.zeros((p, p))
+        self._present: dict[int, np.ndarray] = {}
+
+    def add(self, e: np.ndarray, J: np.ndarray, first: int) -> bool:
+        """A stretch; whether the sums are those of the readings that were known."""
+        z, G, present = whitened(e, J, self._noise)
+        if self._known is not None and not np.array_equal(present, self._known.present[first]):
+            return False
+        self._present[first] = present
+        columns = G.reshape(-1, G.shape[2])
+        self._zz, self._s = self._zz + float(np.sum(z**2)), self._s + z.ravel() @ columns
+        rows = columns if self._known is None else columns[:, : self._q]
+        self._F[: rows.shape[1]] += rows.T @ columns
+        return True
+
+    @property
+    def sums(self) -> tuple[float, np.ndarray, np.ndarray]:
+        if self._known is None:
+            return self._zz, self._s, self._F
+        q, F = self._q, self._F.copy()
+        F[q:, :q], F[q:, q:] = F[:q, q:].T, self._known.F[q:, q:]
+        return self._zz, self._s, F
+
+    @property
+    def unmoved(self) -> _Unmoved:
+        return self._known or _Unmoved(self._F, self._present)

@@ -235,6 +235,11 @@ class GaussNewton:
         fallen = np.maximum(self.at_nominal - self.cost, 0.0)
         return np.asarray((self.decrement < self.tolerance) | (self.decrement**2 < STALLED * fallen))
 
+    @property
+    def next_points(self) -> np.ndarray:
+        """Where the next step leads (w, p), of the windows that still move, without asking whether it should."""
+        return self._steps().target
+
     def _steps(self) -> _Steps:
         """The next step of every active window, within the bounds."""
         chosen, q = np.flatnonzero(self.active), self.q

@@ -32,10 +32,11 @@ def alike(one, other, **tolerance):
         )
 
 
-def short_limits(monkeypatch, stretch=150, batch=200, in_memory=120):
+def short_limits(monkeypatch, stretch=150, batch=200, in_memory=120, kept=False):
     """What counts as long is short, so that a test is."""
     monkeypatch.setattr(long_windows, "STRETCH", stretch)
     monkeypatch.setattr(long_windows, "RUN", 10)
+    monkeypatch.setattr(long_windows, "KEPT_BYTES", 1e9 if kept else 0.0)
     monkeypatch.setattr(pipeline, "BATCH_RECORDS", batch)
     monkeypatch.setattr(judged_records, "IN_MEMORY", in_memory)
 
@@ -48,15 +49,15 @@ def recording():
     return found.with_columns({"altitude_m": altitude, "T3_K": T3})
 
 
-@pytest.mark.parametrize("linearise", ["nominal", "estimate"])
-def test_a_long_window_has_the_statistics_of_all_its_records_at_once(monkeypatch, recording, linearise):
+@pytest.mark.parametrize(("linearise", "kept"), [("nominal", False), ("estimate", False), ("estimate", True)])
+def test_a_long_window_has_the_statistics_of_all_its_records_at_once(monkeypatch, recording, linearise, kept):
     monitor = toy_monitor(rho=0.6, offset=3.0)
     together = statistics(monitor, [recording], linearise)
-    short_limits(monkeypatch)
+    short_limits(monkeypatch, kept=kept)
     found = statistics(monitor, [recording], linearise)
     assert found.failed == together.failed == 2
     assert found.conditions == pytest.approx(together.conditions)
-    if linearise == "nominal":
+    if linearise == "nominal" or kept:  # the same steps
         alike(found, together)
     else:  # two points within a fifth of a standard error of the estimate: what lies between them is of second order
         alike(found, together, rtol=2e-3, atol=2e-4 * np.max(np.abs(together.statistics.F)))
