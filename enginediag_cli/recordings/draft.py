@@ -255,6 +255,9 @@ def _guess(e: Entry, column: Column, inferred: Inferred | None, engine: EngineCo
             remarks.append(f"{word} from the values, {_percent(inferred.probability)}")
     elif e.documented:
         remarks.append("unit as documented")
+    if e.target == "dT_isa_K" and unit.dimension == "temperature":
+        # a difference of temperatures has no zero point
+        unit = UnitWord("K", unit.scale * unit.known.factor)
     if unit.unit == "pct" and dimension in ("rotational speed", "torque", "power"):
         return _full_scale(e, unit, doubts, remarks, engine)
     if unit.dimension == "volume flow" and dimension == "mass flow":
@@ -280,7 +283,7 @@ def _guess(e: Entry, column: Column, inferred: Inferred | None, engine: EngineCo
 
 def _unit_doubt(inferred: Inferred | None, own: str) -> list[str]:
     if inferred is None:
-        return [] if own == "1" else ["unit not stated"]
+        return [] if own == "1" else [f"unit not stated, taken for {own}"]
     if inferred.certain:
         return []
     others = ", ".join(f"{unit} {_percent(p)}" for unit, p in inferred.others)
