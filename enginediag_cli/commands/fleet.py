@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import click
 
 from enginediag_cli.commands.fleet_store import WithParts, fleet_recordings
+from enginediag_cli.commands.intake_options import accept_mismatch_option
 from enginediag_cli.commands.options import (
     ConfigFile,
     exit_code_option,
@@ -59,6 +60,7 @@ WHAT = ("engines", "health", "flights")
     help="Rows of a table or CSV: engines, worst first; their health, one row per parameter; their flights. JSON holds "
     "all of it.",
 )
+@accept_mismatch_option
 @exit_code_option
 @output_options
 @message_options
@@ -71,6 +73,7 @@ def fleet(
     scheduler: str | None,
     store_folder: str | None,
     what: str,
+    accept_mismatch: bool,
     exit_code: bool,
     output: Output,
 ) -> ExitCode:
@@ -93,6 +96,7 @@ def fleet(
     if scheduler and not store_folder:
         raise click.UsageError("--scheduler needs --store, a folder that the workers share")
     import os
+    from dataclasses import replace
 
     from enginediag_cli.errors import ExitCode
     from enginediag_cli.fleet.fleet import load_fleet
@@ -104,7 +108,7 @@ def fleet(
     from enginediag_cli.presentation.summaries import FLEET
     from enginediag_cli.recordings.provenance import header_lines
 
-    described = load_fleet(fleet_file)
+    described = replace(load_fleet(fleet_file), accept_mismatch=accept_mismatch)
     found = recordings_of(described, recordings)
     with opened_store(store_folder) as store, runner_for(jobs or os.cpu_count() or 1, scheduler or "") as runner:
         result = run_fleet(described, found, store, runner)

@@ -115,7 +115,7 @@ def identify(
 
     engine = load_engine(engine_path)
     described = EngineDescription.of(engine_path, engine.declared)
-    agreement = agreement_with_engine(engine, model_error)
+    agreement = agreement_with_engine(engine)
     intake = Intake(source, columns_of(engine, past=True), agreement=agreement)
     training = [flight.recording for flight in whole_flights(intake)]
     tell_left_out(messages, intake.left_out)

@@ -17,6 +17,7 @@ from enginediag_cli.fleet.fleet import Baseline, Build, Fleet
 from enginediag_cli.fleet.recordings import Recorded, natural
 from enginediag_cli.identification.problem import TrainingRecording
 from enginediag_cli.identification.training import training_recordings
+from enginediag_cli.intake.agreement import Agreement, MismatchError, agreement_with_engine
 from enginediag_cli.intake.intake import Intake
 from enginediag_cli.intake.source import Source
 from enginediag_cli.intake.wanted import Wanted, columns_of
@@ -66,7 +67,8 @@ def identify_common(fleet: Fleet, build: Build, recordings: Sequence[Recorded], 
     assert build.engine is not None
     engine = load_engine(build.engine)
     described = EngineDescription.of(str(build.engine), engine.declared)
-    early = _chosen(_early_lives(fleet, build, recordings, columns_of(engine, past=True)), fleet.identify)
+    wanted, agreement = columns_of(engine, past=True), agreement_with_engine(engine)
+    early = _chosen(_early_lives(fleet, build, recordings, wanted, agreement), fleet.identify)
     training = [recording for life in early for recording in life.training()]
     if not training:
         raise NoVerdictError(f"build {build.name}: its recordings hold no record to identify a model from")
@@ -142,19 +144,30 @@ class _EarlyLife:
         return _EarlyLife(self.serial, kept, total, True)
 
 
-def _early_lives(fleet: Fleet, build: Build, recordings: Sequence[Recorded], wanted: Wanted) -> list[_EarlyLife]:
-    """Early lives of engines, no more recordings read than are needed for the number that is asked for."""
+def _early_lives(
+    fleet: Fleet, build: Build, recordings: Sequence[Recorded], wanted: Wanted, agreement: Agreement | None
+) -> list[_EarlyLife]:
+    """Early lives of engines, no more recordings read than are needed for the number that is asked for; those that
+    cannot be of the engine take no part. Raises DataError where none can."""
+    wrong: list[MismatchError] = []
     most = int(fleet.identify["engines"])
     lives: dict[str, _EarlyLife] = {}
     for recorded in _chosen_recordings(recordings, most):
         if not recorded.serial and sum(life.full for life in lives.values()) >= most:
             break
-        intake = Intake(Source((recorded.path,), str(build.recorder) if build.recorder else None), wanted, fleet=True)
-        for key, part in _parts(intake, recorded):
-            life = lives.setdefault(key[2], _EarlyLife(key[2]))
-            life.take(key[:2], part, fleet.baseline)
-            if recorded.serial and life.full:
-                break
+        recorder = str(build.recorder) if build.recorder else None
+        source = Source((recorded.path,), recorder, accept_mismatch=fleet.accept_mismatch)
+        intake = Intake(source, wanted, fleet=True, agreement=agreement)
+        try:
+            for key, part in _parts(intake, recorded):
+                life = lives.setdefault(key[2], _EarlyLife(key[2]))
+                life.take(key[:2], part, fleet.baseline)
+                if recorded.serial and life.full:
+                    break
+        except MismatchError as error:
+            wrong.append(error)
+    if wrong and not lives:
+        raise wrong[0]
     return sorted(lives.values(), key=lambda life: natural(life.serial))
 
 

@@ -23,7 +23,7 @@ from enginediag_cli.intake.wanted import columns_of
 from enginediag_cli.recordings.provenance import sha256_of
 from enginediag_cli.recordings.table import Recording
 from enginediag_cli.residuals.gross_gate import GrossErrorGate
-from enginediag_cli.residuals.monitor import Monitor
+from enginediag_cli.residuals.monitor import Monitor, agreement_with
 from enginediag_cli.residuals.pipeline import window_statistics
 from enginediag_cli.residuals.series_monitor import for_comparison, monitored_as_read, of_series
 from enginediag_cli.residuals.window import WindowStatistics
@@ -93,7 +93,8 @@ def _condensed(making: Making, store: Store, todo: dict[str, str]) -> dict[str, 
 def _together(making: Making, store: Store, todo: dict[str, str]) -> dict[str, Outcome]:
     monitor = series_monitor(making.nominal, making.fingerprint)
     wanted = columns_of(monitor.engine, monitor.sensors)
-    intake = Intake(Source(tuple(todo), making.recorder or None), wanted, fleet=True)
+    source = Source(tuple(todo), making.recorder or None, accept_mismatch=making.accept_mismatch)
+    intake = Intake(source, wanted, fleet=True, agreement=agreement_with(monitor))
     found: dict[str, Outcome] = {}
     with ExitStack() as stack:
         keeping = {

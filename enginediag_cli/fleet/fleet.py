@@ -59,7 +59,8 @@ class Baseline:
 @dataclass(frozen=True)
 class Fleet:
     """A fleet ready to be worked on. serial_from: "column" or "file", by `pattern`; plan: None for whole flights;
-    judge, identify: the values of these sections."""
+    judge, identify: the values of these sections; accept_mismatch: recordings are used that cannot be of the engine, or
+    in these units."""
 
     path: Path
     description: str
@@ -72,6 +73,7 @@ class Fleet:
     identify: Mapping[str, Any]
     events: tuple[Event, ...] = ()
     configs: tuple[Path, ...] = field(default=())
+    accept_mismatch: bool = False
 
     @property
     def whole(self) -> bool:

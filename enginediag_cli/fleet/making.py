@@ -13,7 +13,7 @@ from enginediag_cli.residuals.windows import WindowPlan
 @dataclass(frozen=True)
 class Making:
     """nominal: path of its file, and `fingerprint` of what is in it; recorder: path of its file, "" for none, and the
-    SHA-256 of that; plan and linearise: as of `residuals.files.Judging`."""
+    SHA-256 of that; plan and linearise: as of `residuals.files.Judging`; accept_mismatch: as of `Source`."""
 
     nominal: str
     fingerprint: str
@@ -21,10 +21,12 @@ class Making:
     recorder_sha256: str
     plan: WindowPlan
     linearise: str
+    accept_mismatch: bool = False
 
     def key(self, sha256: str) -> str:
         """Of a recording whose bytes have this SHA-256: what is condensed alike has the same, whatever files are
         called."""
         settings = (self.plan.length, self.plan.step, self.plan.in_time, self.plan.whole_flights, self.linearise)
-        parts = (__version__, FORMAT, sha256, self.fingerprint, self.recorder_sha256, *settings)
+        accepted = ("mismatch accepted",) if self.accept_mismatch else ()
+        parts = (__version__, FORMAT, sha256, self.fingerprint, self.recorder_sha256, *settings, *accepted)
         return hashlib.sha256("\n".join(map(str, parts)).encode()).hexdigest()

@@ -50,4 +50,5 @@ def making_of(fleet: Fleet, build: Build, nominal: Path) -> Making:
     recorder = os.path.abspath(build.recorder) if build.recorder else ""
     digest = sha256_of(recorder) if recorder else ""
     linearise = str(fleet.judge["linearise"])
-    return Making(os.path.abspath(nominal), fingerprint, recorder, digest, fleet.plan, linearise)
+    accepted = fleet.accept_mismatch
+    return Making(os.path.abspath(nominal), fingerprint, recorder, digest, fleet.plan, linearise, accepted)

@@ -210,11 +210,22 @@ def starting_noise(residual: np.ndarray, gap: np.ndarray, floor: np.ndarray) -> 
 
 
 def _correlation(z: np.ndarray, inside: np.ndarray) -> np.ndarray:
-    """Correlation of sensors over records in which both have a reading; 0 where fewer than 10 do."""
+    """Correlation of sensors over records in which both have a reading; 0 where fewer than 10 do.
+
+    Pairs that are taken over different records need not be the correlation of any numbers: what is negative of its
+    eigenvalues is taken off, and the diagonal brought back to 1 (J. Rousseeuw and G. Molenberghs, Commun. Statist.
+    Theory Meth. 22 (1993) 965–984, eigenvalue method)."""
     v = np.where(inside, z, 0.0)
     both = inside.astype(float).T @ inside.astype(float)
     power = (v**2).T @ inside.astype(float)
     c = (v.T @ v) / np.maximum(np.sqrt(power * power.T), 1e-300)
     c = np.where(both >= 10, c, 0.0)
+    np.fill_diagonal(c, 1.0)
+    values, vectors = np.linalg.eigh(c)
+    if values[0] >= 0.0:
+        return c
+    root = vectors * np.sqrt(np.maximum(values, 0.0))
+    root /= np.sqrt(np.sum(root**2, axis=1, keepdims=True))  # no row is 0: the trace is that of c, m, or more
+    c = root @ root.T
     np.fill_diagonal(c, 1.0)
     return c

@@ -13,6 +13,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from enginediag_cli.errors import NoVerdictError
+from enginediag_cli.intake.agreement import (
+    FEWEST,
+    Agreement,
+    Disagreement,
+    agreement_with_engine,
+    agreement_with_nominal,
+)
 from enginediag_cli.intake.intake import CHUNK, engines_wanted, judged_columns, named_rows, of_engine
 from enginediag_cli.intake.left_out import LeftOut
 from enginediag_cli.intake.wanted import Wanted, columns_of
@@ -29,30 +36,8 @@ if TYPE_CHECKING:
     from enginediag_cli.identification.nominal import Nominal
     from enginediag_cli.recordings.recorder import Recorder
 
-FAR_OFF = 0.30
-"""Share of a predicted reading by which no engine that runs departs from its model: then the unit is doubted."""
-NEAR = 0.10
-"""And a unit fits in which the reading comes as near to the prediction as this, ..."""
-NEARER = 3.0
-"""... and so many times nearer than in the unit of its name: bar and atm, 1 % apart, are not told apart."""
-COMPARED = 60
-"""Records that are computed by the model, spread evenly over the file: medians need no more."""
-LEAST_COMPARED = 3
-"""Records that must be computed before anything is said of a unit."""
 BEYOND = 0.5
 """Share of the range seen, beyond its ends, from which an input's median is doubted to be in its unit."""
-
-
-@dataclass(frozen=True)
-class ModelDoubt:
-    """A sensor whose median is far from what the model predicts at the recorded inputs, both in the column's `unit`;
-    plausible: the units of its dimension in which it would be near."""
-
-    column: str
-    unit: str
-    median: float
-    predicted: float
-    plausible: tuple[str, ...]
 
 
 @dataclass(frozen=True)
@@ -82,8 +67,9 @@ class Coverage:
 
 @dataclass(frozen=True)
 class Accepted:
-    """What is known of one `file`, and one `engine` of it where they are told apart. text: columns of text; units,
-    model: doubts about units by what readings usually are and by the model; coverage: None without an engine;
+    """What is known of one `file`, and one `engine` of it where they are told apart. text: columns of text; units:
+    doubts by what readings usually are, where there is no engine to compare them with; wrong: why it cannot be of the
+    engine, or in these units; coverage: None without an engine;
     refused: why the recorder kept no record at all."""
 
     file: str
@@ -93,7 +79,7 @@ class Accepted:
     left: LeftOut
     wanted: Wanted | None = None
     units: tuple[UnitDoubt, ...] = ()
-    model: tuple[ModelDoubt, ...] = ()
+    wrong: tuple[Disagreement, ...] = ()
     coverage: Coverage | None = None
     refused: str = ""
 
@@ -108,7 +94,7 @@ class Accepted:
     def usable(self) -> bool:
         """Whether it can be judged at all: columns of numbers, every input, a sensor, units that can be, and a record
         that is neither masked nor outside."""
-        impossible = any(d.plausible for d in self.units) or any(d.plausible for d in self.model)
+        impossible = any(d.plausible for d in self.units) or bool(self.wrong)
         enough = (self.coverage is None or self.coverage.inside > 0) and not self.refused
         return self.acceptance.usable and not self.lacks and not self.sensorless and not impossible and enough
 
@@ -131,11 +117,18 @@ class Against:
     recorder: Recorder | None = None
     instance: str = ""
     wanted: Wanted | None = field(init=False)
+    agreement: Agreement | None = field(init=False)
 
     def __post_init__(self) -> None:
         sensors = self.nominal.sensors if self.nominal is not None else None
         wanted = columns_of(self.engine, sensors) if self.engine is not None else None
         object.__setattr__(self, "wanted", wanted)
+        agreement = None
+        if self.engine is not None and self.nominal is not None:
+            agreement = agreement_with_nominal(self.engine, self.nominal)
+        elif self.engine is not None:
+            agreement = agreement_with_engine(self.engine)
+        object.__setattr__(self, "agreement", agreement)
 
     @property
     def switches(self) -> tuple[str, ...]:
@@ -216,14 +209,20 @@ def _held(
     read = [clean[c] for c in wanted.sensors if c in clean.columns]
     complete = np.all([np.isfinite(inputs[c]) for c in wanted.inputs], axis=0) & np.isfinite(read).any(axis=0)
     coverage, of_inputs = _coverage(against.nominal, inputs, complete, clean)
-    near: tuple[str, ...] = ()
-    far: tuple[ModelDoubt, ...] = ()
-    if not of_inputs and not any(d.column in wanted.given for d in found.units):
-        near, far = _by_model(engine, against.nominal, clean, inputs, complete)
-    units = tuple(d for d in found.units if d.column not in near and d.column not in {f.column for f in far})
-    known = {d.column for d in units}
+    wrong: tuple[Disagreement, ...] = ()
+    agreement = against.agreement
+    if agreement is not None:
+        steady = clean if left.gate is not None and len(clean) else raw
+        wrong = tuple(agreement.disagreements(steady, report.engine, against.recorder))
+    # what readings usually are is no better known than by the model
+    compared = agreement is not None and bool(complete.sum() >= FEWEST)
+    units = () if compared else found.units
+    known = {d.column for d in units} | {d.trial.mistake.column for d in wrong if d.trial is not None}
     return replace(
-        report, units=(*units, *(d for d in of_inputs if d.column not in known)), model=far, coverage=coverage
+        report,
+        units=(*units, *(d for d in of_inputs if d.column not in known and not wrong)),
+        wrong=wrong,
+        coverage=coverage,
     )
 
 
@@ -276,52 +275,3 @@ def _input_doubt(column: str, values: np.ndarray, nominal: Nominal, j: int) -> U
         if other.dimension == unit.dimension and low <= value <= high:
             fits.append(name)
     return UnitDoubt(column, suffix, median, low, high, tuple(fits)) if fits else None
-
-
-def _by_model(
-    engine: Engine,
-    nominal: Nominal | None,
-    recording: Recording,
-    inputs: Mapping[str, np.ndarray],
-    complete: np.ndarray,
-) -> tuple[tuple[str, ...], tuple[ModelDoubt, ...]]:
-    """Sensors whose medians are near those that the model predicts at the recorded inputs, and those far off."""
-    rows = np.flatnonzero(complete)
-    rows = rows[np.unique(np.linspace(0, len(rows) - 1, min(COMPARED, len(rows))).astype(int))] if rows.size else rows
-    if rows.size < LEAST_COMPARED:
-        return (), ()
-    sensors = [c for c in (nominal.sensors if nominal else engine.sensors) if c in recording.columns]
-    predicted = engine.predict(
-        {c: v[rows] for c, v in inputs.items()}, nominal.engine_values if nominal else None, sensors=sensors
-    )
-    near, far = [], []
-    for j, column in enumerate(sensors):
-        y, x = predicted.y[:, j], recording[column][rows]
-        both = np.isfinite(y) & np.isfinite(x)
-        if int(both.sum()) < LEAST_COMPARED:
-            continue
-        doubt = model_doubt(column, float(np.median(x[both])), float(np.median(y[both])))
-        if doubt is None:
-            near.append(column)
-        else:
-            far.append(doubt)
-    return tuple(near), tuple(far)
-
-
-def model_doubt(column: str, median: float, predicted: float) -> ModelDoubt | None:
-    """The doubt about a reading of that median where the model says `predicted`, both in the unit of the column."""
-    suffix = split_column(column)[1]
-    unit = find_unit(suffix) if suffix else UNITS["1"]
-    target = predicted * unit.factor + unit.offset
-    if target == 0.0:
-        return None
-    off = abs(median * unit.factor + unit.offset - target) / abs(target)
-    fits = []
-    for name, other in UNITS.items():
-        if other.dimension == unit.dimension and name != unit.name:
-            miss = abs(median * other.factor + other.offset - target) / abs(target)
-            if miss <= NEAR and NEARER * miss < off and off > NEAR:
-                fits.append((miss, name))
-    if off <= FAR_OFF and not fits:
-        return None
-    return ModelDoubt(column, suffix, median, predicted, tuple(name for _, name in sorted(fits)))

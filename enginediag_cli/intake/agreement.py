@@ -29,7 +29,7 @@ from enginediag_cli.recordings.flights import FlightNumbers
 
 if TYPE_CHECKING:
     from enginediag_cli.engine.engine import Engine
-    from enginediag_cli.intake.baseline import Baseline
+    from enginediag_cli.identification.nominal import Nominal
     from enginediag_cli.recordings.recorder import Recorder
     from enginediag_cli.recordings.table import Recording
 
@@ -43,21 +43,23 @@ NEAR = 0.015
 mistake that changes less cannot be told from wear."""
 NEAR_GENERIC = 0.05
 """The same for flights of an engine that is not identified, from the fit to all of them: as far as maps are wrong."""
-NAMED = 8.0
-"""Log odds of a mistake against the recording as it was read, from which it is named: 3,000 to 1, for as rare as a
-mistake is among recordings, and fifty or more are tried."""
-APART = 3.0
-"""Log odds by which a mistake must be likelier than the next that would change the recording otherwise: 20 to 1."""
+NAMED = 4.5
+"""Log odds of a mistake against the recording as it was read, from which it is named: 90 to 1. A hundred are tried, but
+a right recording lacks less than this, so that none can bring it."""
+APART = 2.0
+"""Log odds by which a mistake must be likelier than the next that would change the recording otherwise: 7 to 1."""
+SHOWN = 2
+"""Names of what a column may hold instead, where they cannot be separated: the likeliest."""
 ALIKE = 0.03
 """Relative difference of the changed columns up to which two mistakes are the same change under two names: units a few
 per cent apart (bar and atm) are one."""
-FITS = 0.9
-"""−ln p per independent reading up to which a mistake mends the recording: 2.5 times what noise and maps allow, the
-misfit of right recordings with generic maps. Beyond, the model is wrong by more than a column."""
-WORLDS_APART, AND_TYPICAL = 2.2, 0.25
-"""Mean of ln f (nine times what noise and maps allow) and root mean square deviation, with all that engines differ by
-and one sensor left aside, from which a recording is of another engine or in other units although no single mistake says
-which. A plant whose guide vanes the model lacks is at 2.2 and 0.15."""
+FITS = 2.0
+"""−ln p per independent reading up to which a mistake mends the recording: seven times what noise and repeatability
+allow, the misfit of right recordings with generic maps. Beyond, the model is wrong by more than a column."""
+WORLDS_APART = 0.25
+"""Root mean square of the deviations that are left with all that engines differ by, the worst sensor left aside, from
+which a recording is of another engine or in other units although no single mistake says which. A plant whose guide
+vanes the model lacks is at 0.15."""
 COMPUTED = 0.5
 """Share of records without a prediction that no envelope and no fault explains."""
 
@@ -80,10 +82,15 @@ class Disagreement:
     def place(self) -> str:
         """The recording, and since which flight."""
         found = self.source + (f", engine {self.engine}" if self.engine else "")
-        if self.flights:
-            first, last = self.flights[0], self.flights[-1]
-            found += f", flight {first}" if first == last else f", flights {first} to {last}"
-        return found
+        return found + (f", {self.stretch}" if self.stretch else "")
+
+    @property
+    def stretch(self) -> str:
+        """The flights that it is about, in words; "" for all."""
+        if not self.flights:
+            return ""
+        first, last = self.flights[0], self.flights[-1]
+        return f"flight {first}" if first == last else f"flights {first} to {last}"
 
     @property
     def what(self) -> str:
@@ -239,9 +246,10 @@ def _best(tried: Sequence[Trial], origin: Origin, columns: Columns) -> tuple[Tri
     close = [t.mistake for t in able[1:] if t.gain > best.gain - APART]
     same = [m for m in close if _same(changed, origin.derived(columns, m.change(columns)))]
     rivals = [m for m in close if m not in same]
-    if rivals:
+    if any(m.column != best.mistake.column or m.kind == "swapped" for m in rivals):
         return None, [best.mistake, *rivals]
-    words = " or ".join([best.mistake.words, *(m.words.removeprefix(origin.name(m.column) + " ") for m in same[:1])])
+    names = [best.mistake, *rivals, *same][:SHOWN]
+    words = " or ".join([names[0].words, *(m.words.removeprefix(origin.name(m.column) + " ") for m in names[1:])])
     return replace(best, mistake=replace(best.mistake, words=words)), []
 
 
@@ -268,8 +276,7 @@ def _worlds_apart(misfit: Misfit) -> bool:
     order = np.argsort(misfit.factor)[:-1]
     if len(order) < 2:
         return False
-    typical = float(np.sqrt(np.mean(misfit.after[order] ** 2)))
-    return float(np.mean(np.log(misfit.factor[order]))) >= WORLDS_APART and typical >= AND_TYPICAL
+    return float(np.sqrt(np.mean(misfit.after[order] ** 2))) >= WORLDS_APART
 
 
 def _runs(far: np.ndarray) -> Iterator[np.ndarray]:
@@ -352,18 +359,16 @@ BY_NOISE = 4.0
 """Standard deviations of noise that one flight of a thousand has."""
 
 
-def agreement_with_engine(engine: Engine, accuracy: float | None = None) -> Agreement | None:
-    """With an engine as its file describes it, or with maps of another relative accuracy; None for a model without an
-    engine file, whose columns say nothing. Raises DataError."""
-    return Agreement(yardstick_of_engine(engine, accuracy), engine) if hasattr(engine, "network") else None
+def agreement_with_engine(engine: Engine) -> Agreement | None:
+    """With an engine as its file describes it; None for a model without an engine file. Raises DataError."""
+    return Agreement(yardstick_of_engine(engine), engine) if hasattr(engine, "network") else None
 
 
-def agreement_with_baseline(baseline: Baseline) -> Agreement | None:
+def agreement_with_nominal(engine: Engine, nominal: Nominal) -> Agreement | None:
     """With an engine in its nominal state, as `agreement_with_engine`."""
-    nominal = baseline.nominal
-    if not hasattr(baseline.engine, "network"):
+    if not hasattr(engine, "network"):
         return None
-    engine = baseline.engine if nominal.error_model is None else nominal.error_model.of(baseline.engine)
-    values = {n: v for n, v in nominal.theta0.items() if n in engine.parameters}
+    model = engine if nominal.error_model is None else nominal.error_model.of(engine)
+    values = {n: v for n, v in nominal.theta0.items() if n in model.parameters}
     sigma = np.array(list(nominal.sigma.values()))
-    return Agreement(yardstick_of_nominal(engine, values, nominal.sensors, sigma), engine)
+    return Agreement(yardstick_of_nominal(model, values, nominal.sensors, sigma), model)

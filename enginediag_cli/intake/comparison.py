@@ -34,10 +34,13 @@ INDEPENDENT = 6
 """Records of a sample that count as independent: a model's own error follows the operating point, and a recording is at
 a handful of them, however many records it has."""
 SPREAD = 2.0
-"""Standard deviations of a parameter's prior that one engine differs from another by: deterioration and damage go
-farther than manufacture, of which the priors speak. A component fault of 8 % is then two of them."""
+"""Standard deviations of the prior of a health parameter by which an identified engine departs from its nominal state:
+deterioration and damage go farther than manufacture, of which priors speak. A fault of 8 % is then two of them."""
 ROUNDS = 8
 """Times that δ and f are found in turn; they come to rest within five."""
+REPEATABLE = 0.003
+"""Least relative deviation that is one, beside noise: engines repeat, and models follow them, no better. What the maps
+are wrong by beyond shows in f, of a right file and of a wrong one alike."""
 HUBER = 2.0
 """Scatters of a sensor beyond which a reading counts less: spikes are tens of them."""
 AT_REST = 0.01
@@ -241,10 +244,9 @@ def _median(values: np.ndarray) -> np.ndarray:
     return np.where(empty, np.nan, np.nanmedian(np.where(empty, 0.0, values), axis=0))
 
 
-def yardstick_of_engine(engine: Engine, accuracy: float | None = None) -> Yardstick:
+def yardstick_of_engine(engine: Engine) -> Yardstick:
     """Of an engine as its file describes it: it differs in health and instruments, and in what identification may move.
     Raises DataError for an `identification:` block with unknown names."""
-    from enginediag_cli.error_model.error_model import map_accuracy_of
     from enginediag_cli.identification.problem import match_names
     from enginediag_cli.identification.settings import settings_from_mapping
 
@@ -257,15 +259,14 @@ def yardstick_of_engine(engine: Engine, accuracy: float | None = None) -> Yardst
     spread = [stated.prior_sigma.get(n, model.parameters[n].prior_sigma) for n in names]
     sensors = tuple(engine.sensors)
     noise = [stated.noise_sigma.get(s) or engine.sensors[s].noise_sigma or 0.0 for s in sensors]
-    known = map_accuracy_of(engine) if accuracy is None else accuracy
     return Yardstick(
         model,
         {n: v for n, v in stated.prior_mean.items() if n in model.parameters},
         names,
-        SPREAD * np.array(spread),
+        np.array(spread),
         sensors,
         np.array(noise),
-        max(known, GENERIC),
+        REPEATABLE,
     )
 
 
@@ -276,12 +277,6 @@ def _differing(model: MonitoredModel, chosen: Sequence[str]) -> tuple[str, ...]:
     return tuple(n for n in kept if np.isfinite(s := model.parameters[n].prior_sigma) and s > 0.0)
 
 
-GENERIC = 0.01
-"""Relative accuracy that is granted to a model of which nothing has been identified, though its file states more."""
-IDENTIFIED = 0.003
-"""And to an identified one: repeatability from flight to flight, and what an envelope's edge adds."""
-
-
 def yardstick_of_nominal(
     engine: MonitoredModel, values: Mapping[str, float], sensors: Sequence[str], noise: np.ndarray
 ) -> Yardstick:
@@ -290,5 +285,6 @@ def yardstick_of_nominal(
     model = InputErrors.of(engine)
     known = {n: v for n, v in values.items() if n in model.parameters}
     names = _differing(model, ())
-    spread = SPREAD * np.array([model.parameters[n].prior_sigma for n in names])
-    return Yardstick(model, known, names, spread, tuple(sensors), np.asarray(noise, float), IDENTIFIED, True)
+    known_by = [model.parameters[n] for n in names]
+    spread = np.array([p.prior_sigma if p.of_instrument else SPREAD * p.prior_sigma for p in known_by])
+    return Yardstick(model, known, names, spread, tuple(sensors), np.asarray(noise, float), REPEATABLE, True)

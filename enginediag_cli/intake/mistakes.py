@@ -29,10 +29,10 @@ if TYPE_CHECKING:
     from enginediag_cli.recordings.channel import Channel
     from enginediag_cli.recordings.recorder import Recorder
 
-CONVERTED = -1.0
+CONVERTED = -2.0
 """Log prior odds of a column that was converted by another factor than its unit's before it came, against one that is
 in another unit than its name says: the first takes two slips."""
-RARE = -2.0
+RARE = -2.5
 """The same of what is seldom met: units that engines are seldom recorded in, ambient pressure added twice."""
 FIELD = {
     "temperature": ("K", "degC", "degF", "degR"),
@@ -191,11 +191,8 @@ def _unit(
     prior: float,
     kind: str = "unit",
 ) -> Mistake:
-    where = (
-        f"`unit: {unit}` in the recorder"
-        if origin.channels.get(column)
-        else "convert it, or name its unit in a recorder"
-    )
+    mapped = f"`unit: {unit}` in the recorder"
+    where = mapped if origin.channels.get(column) else f"convert it from {unit}, or state `unit: {unit}` in a recorder"
     return Mistake(kind, column, f"{origin.name(column)} {words}", where, lambda c: {column: right(c[column])}, prior)
 
 
@@ -219,8 +216,8 @@ def _pressures(origin: Origin, column: str, columns: Columns) -> Iterator[Mistak
     yield Mistake(
         "gauge", column, f"{name} is a gauge pressure", hint, lambda c: {column: c[column] + _ambient_pressure(c)}
     )
-    sea = f"{name} is one standard atmosphere too low"
-    yield Mistake("gauge", column, sea, "add 101325 Pa", lambda c: {column: c[column] + SEA_LEVEL_PA}, CONVERTED)
+    sea = f"{name} is a gauge pressure, one standard atmosphere too low"
+    yield Mistake("gauge", column, sea, "add 101325 Pa", lambda c: {column: c[column] + SEA_LEVEL_PA})
     words = f"{name} is an absolute pressure to which the ambient one has been added"
     right = "take the ambient pressure off"
     yield Mistake("gauge", column, words, right, lambda c: {column: c[column] - _ambient_pressure(c)}, RARE)

@@ -147,12 +147,10 @@ def _units(report: Accepted) -> Iterator[Remark]:
         usual = f"{rounded(doubt.low)} to {rounded(doubt.high)}"
         told = f"{doubt.column}: the median is {rounded(doubt.median)}, and {usual} is what can be"
         yield _unit_remark(doubt.column, told, doubt.plausible)
-    for far in report.model:
-        told = (
-            f"{far.column}: the median reading is {rounded(far.median)}, and the model at the recorded inputs gives "
-            f"{rounded(far.predicted)}"
-        )
-        yield _unit_remark(far.column, told, far.plausible)
+    for one in report.wrong:
+        name = one.trial.mistake.column if one.trial is not None else ""
+        since = f"{one.stretch}: " if one.stretch else ""
+        yield Remark(PROBLEM, "units", f"{since}{one.what}", one.hint, name, one.lines if one.stretch else None)
 
 
 def _unit_remark(column: str, told: str, plausible: Sequence[str]) -> Remark:

@@ -34,7 +34,7 @@ from enginediag_cli.identification.nominal import Nominal
 from enginediag_cli.identification.offset_prior import OffsetPrior
 from enginediag_cli.identification.other_accuracy import with_accuracy
 from enginediag_cli.identification.settings import IdentificationSettings, settings_from_mapping
-from enginediag_cli.intake.agreement import agreement_with_baseline, agreement_with_engine
+from enginediag_cli.intake.agreement import agreement_with_engine, agreement_with_nominal
 from enginediag_cli.intake.baseline import Baseline, open_baseline
 from enginediag_cli.intake.flights import whole_flights
 from enginediag_cli.intake.intake import Intake
@@ -121,7 +121,7 @@ def load_case(
     gated = case.source.recorder is not None and Intake(case.source, None).ungated() is not None
     # what moves is looked for where it was recorded: a gate has left it out
     past = not gated
-    agreement = agreement_with_baseline(baseline) if baseline else agreement_with_engine(engine, case.asked.model_error)
+    agreement = agreement_with_nominal(engine, baseline.nominal) if baseline else agreement_with_engine(engine)
     wanted = columns_of(engine, others=case.asked.drivers, past=past)
     intake = Intake(case.source, wanted, fleet=True, agreement=agreement)
     whole = whole_flights(intake)
