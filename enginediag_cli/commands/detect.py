@@ -118,7 +118,7 @@ def detect(
         check_follow(follow, judging, detectable)
     if picture_path and (follow.wanted or rival):
         raise click.UsageError("--picture goes with neither --follow nor --method")
-    if power <= false_alarm:
+    if detectable and power <= false_alarm:
         raise click.UsageError("--power must be larger than --false-alarm")
     if "none" in must_show and len(must_show) > 1:
         raise click.UsageError("--must-show none goes with no other --must-show")

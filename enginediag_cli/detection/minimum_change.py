@@ -75,12 +75,19 @@ def required_noncentrality(dof: int, false_alarm: float, power: float) -> float:
 
 
 def minimum_change(
-    score: Score, *, false_alarm: float = 0.01, power: float = POWER, test: str = "global", sides: int = 2
+    score: Score,
+    *,
+    false_alarm: float = 0.01,
+    power: float = POWER,
+    test: str = "global",
+    sides: int = 2,
+    limit: float | None = None,
 ) -> np.ndarray:
     """Smallest change (p,) of each parameter alone, in its unit, seen with probability `power`.
 
     inf where the operating points do not excite the parameter. `sides` = 1 when the direction of the change
-    is known beforehand (only for the directed and min-max tests, whose statistic has a sign).
+    is known beforehand (only for the directed and min-max tests, whose statistic has a sign). limit: the critical value
+    of the global test, where it is known.
     """
     if test not in TESTS:
         raise ValueError(f"`test` must be one of {', '.join(TESTS)}, not {test!r}")
@@ -91,7 +98,7 @@ def minimum_change(
             return np.full(len(score.parameters), np.inf)
         if not false_alarm < power < 1:
             raise ValueError("`power` must lie between `false_alarm` and 1")
-        needed = noncentrality_of(score.rank, critical_value(score, false_alarm), power)
+        needed = noncentrality_of(score.rank, limit or critical_value(score, false_alarm), power)
     elif sides == 2:
         needed = required_noncentrality(1, false_alarm, power)
     else:

@@ -87,7 +87,8 @@ def judge(
     fit = lack_of_fit(statistics)
     if lifeless(fit):
         return Verdict(window, NO_VERDICT, too_still(fit))
-    sizes = minimum_change(score, false_alarm=false_alarm, power=required.power)
+    power = max(required.power, 0.5 * (1.0 + false_alarm))  # no test has less power than its false alarms
+    sizes = minimum_change(score, false_alarm=false_alarm, power=power, limit=test.threshold)
     found = Verdict(window, FAULT, "", test, fit, score, sizes)
     if test.alarm:
         return found

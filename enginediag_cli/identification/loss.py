@@ -32,6 +32,11 @@ class Loss:
         if not self.scale > 0:
             raise ValueError(f"the scale of a loss must be positive, not {self.scale!r}")
 
+    @property
+    def robust(self) -> bool:
+        """Whether a gross outlier counts less than its square."""
+        return self.name != "none"
+
     def cost(self, z: np.ndarray) -> np.ndarray:
         """ρ(z), any shape, dimensionless."""
         c = self.scale

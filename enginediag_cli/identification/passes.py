@@ -16,7 +16,7 @@ from enginediag_cli.identification.covariance import Uncertainty, uncertainty
 from enginediag_cli.identification.gauss_newton import Fit, resumed, solve
 from enginediag_cli.identification.map_error import SETTLED as SIZES_SETTLED
 from enginediag_cli.identification.map_error import resized, widths_beyond
-from enginediag_cli.identification.noise import NoiseEstimate, estimate_noise, starting_noise
+from enginediag_cli.identification.noise import NoiseEstimate, estimate_noise, gross_readings, starting_noise
 from enginediag_cli.identification.normal_equations import normal_equations, predict
 from enginediag_cli.identification.offset_start import first_offsets
 from enginediag_cli.identification.offsets_between import SETTLED as OFFSETS_SETTLED
@@ -36,6 +36,8 @@ NOISE_SETTLED = 0.03
 NOISE_KNOWN = 0.15
 """The same after the last pass: a standard deviation from twenty independent readings is no better known."""
 
+GROSS_PASSES = 2
+"""Passes after which gross errors are sought among all readings: the first fit is bent by them, the second is not."""
 SIGMA_FLOOR = 0.2
 """Estimated noise is never below this share of what the sensor states."""
 
@@ -100,6 +102,7 @@ def fit_and_noise(problem: Problem, settings: IdentificationSettings, accuracy: 
     rho = noise.rho1
     lent, kept = ways(problem)
     fit: Fit | None = None
+    as_read, gross = problem.measured, np.zeros(problem.measured.shape, bool)
     for number in each(range(1, NOISE_PASSES + 1), "identifying, passes of fit and noise"):
         fit = solve(
             problem,
@@ -112,6 +115,11 @@ def fit_and_noise(problem: Problem, settings: IdentificationSettings, accuracy: 
         here = problem
         # noise, sizes and fit feed back on each other; ever shorter steps end a swing between two states
         damping = max(1.0 / max(number - UNDAMPED_PASSES + 1, 1), LEAST_SHARE)
+        if number <= GROSS_PASSES and problem.loss.robust:
+            gross = gross_readings((as_read - fit.equations.predicted) / problem.sigma, problem.recording)
+            problem = replace(problem, measured=np.where(gross, np.nan, as_read))
+            here = problem
+            fit = replace(fit, equations=normal_equations(problem, fit.x, fit.z, fit.equations.at))
         if problem.offsets and number == 1:
             # offsets take the more of noise the longer it remembers: from above that would confirm itself, up to ρ = 1
             plain = estimate_noise(fit.equations.residual, problem.gap, np.zeros(len(rho)), floor)
@@ -161,7 +169,8 @@ def fit_and_noise(problem: Problem, settings: IdentificationSettings, accuracy: 
         covariance = other.covariance * widths * widths[:, None]
         found = replace(found, covariance=covariance, from_data=other.from_data, widths=widths)
     problem = with_spreads(problem, fit.equations, fit.x, fit.z)
-    noise = replace(noise, sigma=problem.sigma, sigma_from="fit" if estimated else "stated")
+    outliers = noise.outliers + gross.sum(axis=0)
+    noise = replace(noise, outliers=outliers, sigma=problem.sigma, sigma_from="fit" if estimated else "stated")
     return Passes(problem, fit, noise, found, number, settled)
 
 

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import stats
 
+from enginediag_cli.detection.minimum_change import NOTHING_REQUIRED
 from enginediag_cli.detection.verdict import FAULT, NO_VERDICT, judge
 from enginediag_cli.engine.engine import Engine
 from enginediag_cli.identification.identify import identify
@@ -79,7 +80,7 @@ def alarms(engine: Engine, evidence: Evidence, unseen: Sequence[int], window: in
         monitor = with_lagging(compact(monitor_from_nominal(engine, result.nominal("", "", {}))))
         plan = WindowPlan(window, window)
         for w in window_statistics(monitor, [_recording(f) for f in test], plan):
-            verdict = judge(w, NOMINAL_RATE)
+            verdict = judge(w, NOMINAL_RATE, NOTHING_REQUIRED)
             if verdict.verdict == NO_VERDICT:
                 without += 1
                 continue
