@@ -19,7 +19,7 @@ import numpy as np
 
 from enginediag_cli.recordings.flights import FlightNumbers
 from enginediag_cli.recordings.frozen import FrozenWatch, frozen
-from enginediag_cli.recordings.outliers import outliers
+from enginediag_cli.recordings.outliers import spikes
 from enginediag_cli.recordings.quality import (
     MaskReport,
     QualitySettings,
@@ -207,7 +207,6 @@ class Masker:
         found: dict[str, dict[str, np.ndarray]],
     ) -> None:
         settings = self.judged.settings
-        spiked = outliers(usable, settings.outlier_sigma) if settings.outlier_sigma > 0.0 and sensors else {}
         for column in sensors:
             x = usable[column]
             mask = np.zeros(len(x), dtype=bool)
@@ -216,7 +215,8 @@ class Masker:
                 mask = stuck(x, rest, settings.stuck_records, self._span.get(column, (np.inf, -np.inf)))
                 self._go_on(column, x, mask, block)
             found[column]["stuck"] = mask
-            found[column]["outlier"] = spiked.get(column, np.zeros(len(x), dtype=bool))
+            spiked = settings.outlier_sigma > 0.0
+            found[column]["outlier"] = spikes(x, settings.outlier_sigma) if spiked else np.zeros(len(x), dtype=bool)
 
     def _go_on(self, column: str, x: np.ndarray, mask: np.ndarray, block: slice) -> None:
         """A sensor that was stuck when the last block ended is so until it moves; remember how this one ends."""

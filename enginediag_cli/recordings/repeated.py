@@ -34,6 +34,9 @@ LONE = 0.02
 """Share of runs of one record up to which a channel is held: where a recorder begins anew."""
 LONE_LIVE = 0.1
 """The same of a recording that is being written, which has few runs to begin with."""
+RARE = 0.01
+"""Share of the changes of a channel that are followed by a repeat, up to which its resolution is fine: one that repeats
+itself then was not read anew."""
 ONE_STEP = 0.5
 """Share of changes of one and the same size from which they are steps of rounding, as a slow climb makes them."""
 
@@ -181,11 +184,13 @@ def held_readings(
 @dataclass
 class HeldWatch:
     """The causal part, for a recording that is still being written. A reading that repeats the one before is held
-    until the channel has changed often enough from one record to the next, as one does that is rounded. A record in
-    which every reading repeats is another matter."""
+    until the channel has changed often enough from one record to the next, as one does that is rounded; in a channel
+    that hardly ever repeats a reading it is held, or stuck. A record in which every reading repeats is another matter.
+    """
 
     _last: dict[str, float] = field(default_factory=dict)
-    _runs: dict[str, tuple[int, int]] = field(default_factory=dict)  # changes, and those a record after another
+    # changes, those a record after another, and runs of repeats that began
+    _runs: dict[str, tuple[int, int, int]] = field(default_factory=dict)
     _changed: dict[str, bool] = field(default_factory=dict)
 
     def add(self, columns: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
@@ -200,11 +205,13 @@ class HeldWatch:
         for column, same in again.items():
             changed = ~same & np.isfinite(columns[column])
             twice = changed & np.r_[self._changed.get(column, False), changed[:-1]]
-            changes, lone = self._runs.get(column, (0, 0))
-            changes, lone = changes + int(changed.sum()), lone + int(twice.sum())
-            self._runs[column] = changes, lone
+            begun = same & np.r_[self._changed.get(column, False), changed[:-1]]
+            changes, lone, repeats = self._runs.get(column, (0, 0, 0))
+            changes, lone, repeats = changes + int(changed.sum()), lone + int(twice.sum()), repeats + int(begun.sum())
+            self._runs[column] = changes, lone, repeats
             if len(changed):
                 self._changed[column] = bool(changed[-1])
-            if moves is not None and (same & moves).any() and lone <= LONE_LIVE * changes:
+            held = lone <= LONE_LIVE * changes or repeats <= max(1.0, RARE * changes)
+            if moves is not None and (same & moves).any() and held:
                 masks[column] = same & moves
         return masks

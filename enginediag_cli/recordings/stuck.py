@@ -21,11 +21,12 @@ def stuck(
 ) -> np.ndarray:
     """Mask (N,) of the runs of `records` or more identical readings that are not natural.
 
-    A sensor with a fine resolution never repeats itself while anything else changes: any long run is stuck.
-    One with a coarse resolution does in steady flight; its run is stuck only when it is three times longer
-    than any other and the other columns, by a linear regression outside the run, say that it should have
-    moved by more than 6 residual standard deviations. A reading at the end of its scale (an air-speed
-    indicator on the ground) and a column that never changes give no evidence: neither is called stuck.
+    A sensor with a fine resolution never repeats itself while anything else changes: any long run is stuck, be it at
+    the end of the scale, where a filler is found, too. One with a coarse resolution does in steady flight; its run is
+    stuck only when it is three times longer than any other and the other columns, by a linear regression outside the
+    run, say that it should have moved by more than 6 residual standard deviations; at the end of its scale (an
+    air-speed indicator on the ground) it gives no evidence, nor does a column that never changes: neither is called
+    stuck.
     seen: smallest and largest reading of the file before these records, which belong to the scale, too.
     """
     mask = np.zeros(len(values), dtype=bool)
@@ -38,7 +39,7 @@ def stuck(
     lowest, highest = min(x.min(), seen[0]), max(x.max(), seen[1])
     margin = END_OF_SCALE * (highest - lowest)
     within = (x[starts] > lowest + margin) & (x[starts] < highest - margin)
-    suspects = np.flatnonzero((lengths >= records) & within)
+    suspects = np.flatnonzero(lengths >= records)
     if len(suspects) == 0 or len(lengths) == 1:
         return mask
     predictors = _standardised(others, finite)
@@ -48,7 +49,7 @@ def stuck(
         repeats = 1.0 - len(elsewhere) / elsewhere.sum()
         if repeats < COARSE:
             frozen = bool(np.any(np.ptp(predictors[run], axis=0) > 0.0)) if predictors.shape[1] else False
-        elif lengths[k] < 3 * elsewhere.max():
+        elif not within[k] or lengths[k] < 3 * elsewhere.max():
             frozen = False
         else:
             moved, error = _predicted_span(x, predictors, run)

@@ -89,3 +89,17 @@ def test_a_slow_sensor_is_seen_while_it_is_written(chunk):
     parts = [p for i in range(0, N, chunk) for p in masker.add(whole.select(slice(i, i + chunk)))]
     assert sum(readings(p, "T45_K") for p in parts) == N // 5
     assert sum(readings(p, "T3_K") for p in parts) == N
+
+
+@pytest.mark.parametrize("value", [None, 0.0, 999.0])
+def test_a_sensor_that_dies_is_seen_while_it_is_written(value):
+    whole = recording(np.random.default_rng(8))
+    dead = whole["T45_K"].copy()
+    dead[300:] = dead[299] if value is None else value
+    masker = LiveMasker(JUDGED)
+    parts = [
+        p for i in range(0, N, 20) for p in masker.add(whole.with_columns({"T45_K": dead}).select(slice(i, i + 20)))
+    ]
+    assert sum(readings(p, "T45_K") for p in parts) <= 301
+    clean, _ = mask_recording(whole.with_columns({"T45_K": dead}), JUDGED)
+    assert readings(clean, "T45_K") <= 301
