@@ -17,7 +17,7 @@ from enginediag_cli.errors import DataError
 
 MATCH_S = 2.0
 """Time for one match; an honest pattern finds a serial number in microseconds."""
-WALK_S = 60.0
+WALK_S = 30.0
 """Time for one pattern of files: a station's disk has been seen to take a second for 100,000 entries."""
 MOST_ENTRIES = 1_000_000
 """Entries of folders that one pattern looks at."""

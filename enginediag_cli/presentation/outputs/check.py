@@ -13,7 +13,7 @@ CHECK = Table(
         column("engine", "text", "engine of a recording that holds several", empty=True),
         column("ok", "boolean", "false where it keeps the file from being used"),
         column("level", "text", "note, warning or problem", empty=True),
-        column("about", "text", "sensors, inputs, units, frozen, time, repeated, masked, envelope …", empty=True),
+        column("about", "text", "sensors, inputs, units, frozen, time, repeated, read, masked, envelope …", empty=True),
         column("line", "integer", "line of the file, from 1", empty=True),
         column("last_line", "integer", "last line, where it is several", empty=True),
         column("column", "integer", "character of the line, from 1", empty=True),
