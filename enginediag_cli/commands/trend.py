@@ -164,7 +164,8 @@ def trend(
         for engine, stretches in series.stretches.items():
             if len(stretches) < FEWEST:
                 tell_too_few(messages, engine, len(stretches))
-        for engine, story in stories_of(series, reference=healthy, sensors=not no_sensors, generic=generic):
+        stories = stories_of(series, reference=healthy, sensors=not no_sensors, generic=generic, against_nominal=True)
+        for engine, story in stories:
             stretches = series.stretches[engine]
             tell_story(messages, engine, story, series)
             scope = None

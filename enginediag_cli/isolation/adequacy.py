@@ -87,14 +87,18 @@ class NoiseLevel:
 
 def noise_level(score: Score, statistics: LocalStatistics) -> NoiseLevel:
     """Of the statistics of which `score` was made; as stated where nothing is left to tell it by."""
-    from scipy.special import log_ndtr, ndtr
-
     rest = lack_of_fit(statistics)
     if not rest.dof > 0 or not rest.consistent or not rest.ratio > 0:
         return NoiseLevel()
-    doubt = score.doubt[1] / score.rank if score.rank else 0.0
-    variance = 2.0 / rest.dof + doubt
-    log, wide = float(np.log(rest.ratio)), np.log(max(LARGEST, rest.ratio))
+    return level_of_ratio(rest.ratio, rest.dof, score.doubt[1] / score.rank if score.rank else 0.0)
+
+
+def level_of_ratio(ratio: float, dof: float, doubt: float = 0.0) -> NoiseLevel:
+    """Of χ² per degree of freedom that is left, of so many; doubt: 2/ν of estimated noise."""
+    from scipy.special import log_ndtr, ndtr
+
+    variance = 2.0 / dof + doubt
+    log, wide = float(np.log(ratio)), np.log(max(LARGEST, ratio))
     total = KNOWN**2 + variance
     s = np.sqrt(variance)
     inside = max(float(ndtr(log / s) - ndtr((log - wide) / s)), float(np.exp(log_ndtr(log / s))) / 2, 1e-300)

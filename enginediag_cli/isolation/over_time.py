@@ -20,10 +20,11 @@ import numpy as np
 
 from enginediag_cli.detection.course import DETERIORATION, STEP, courses, places
 from enginediag_cli.detection.readings import Readings
+from enginediag_cli.isolation.adequacy import level_of_ratio, probability_of_unlisted
 from enginediag_cli.isolation.prior import SEPARATED, SetPrior
 from enginediag_cli.isolation.series_looks import Found, Looks, effect
-from enginediag_cli.isolation.series_search import Chosen, Search
-from enginediag_cli.isolation.story import UNRECORDED, Event, Fit, Member, Story
+from enginediag_cli.isolation.series_search import TINY, Chosen, Search
+from enginediag_cli.isolation.story import HALF, UNRECORDED, Event, Fit, Member, Story
 from enginediag_cli.isolation.suspects import Suspects, log_of_kinds, suspects_of
 from enginediag_cli.parameters import Parameter, meanings
 from enginediag_cli.progress import stage
@@ -101,13 +102,19 @@ def _told(readings: Readings, search: Search, chosen: Sequence[Chosen], found: S
         if member.component != UNRECORDED:
             missed[member.component] *= 1 - more.probability * member.probability
     events.sort(key=lambda e: -e.weight)
+    fit = _fit(readings, search, chosen)
+    level = level_of_ratio(max(fit.after, TINY), readings.z.size)
+    unlisted = probability_of_unlisted(level, 0.0, -np.inf) if events else 0.0
+    listed = 1.0 - unlisted
+    events = [replace(event, probability=listed * event.probability) for event in events] if listed > HALF else []
     return Story(
         tuple(events),
         int(readings.flights.sum()),
-        {c: 1 - m for c, m in missed.items()},
+        {c: listed * (1 - m) for c, m in missed.items()},
         settled,
-        _fit(readings, search, chosen),
-        None if events else _undecided(readings, search, chosen),
+        fit,
+        None if events or unlisted else _undecided(readings, search, chosen),
+        unlisted,
     )
 
 

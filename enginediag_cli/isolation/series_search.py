@@ -14,7 +14,9 @@ from typing import Any, cast
 import numpy as np
 
 from enginediag_cli.detection.course import Courses, Table, along
+from enginediag_cli.isolation.prior import SetPrior
 from enginediag_cli.isolation.suspects import WRONG_WAY, Suspects
+from enginediag_cli.isolation.wear import piecewise
 
 FREEDOM = 30.0
 """Degrees of freedom ν of what readings wander by at once. Judgement: with tails that are much longer, no change in a
@@ -222,15 +224,15 @@ class Search:
         return Sizes(log, mean, covariance)
 
     def _signs(self, group: np.ndarray, mean: np.ndarray, covariance: np.ndarray) -> np.ndarray:
-        """log of how much likelier the signs are when wear moves a value one way only, mostly."""
-        from scipy.special import ndtr
-
-        wear = np.array([self.suspects.described[i].wear for i in group])
-        if not wear.any():
-            return np.zeros(len(mean))
-        right = ndtr(wear * mean / np.sqrt(np.einsum("lqq->lq", covariance)))
-        each = np.where(wear != 0, np.log(2 * ((1 - WRONG_WAY) * right + WRONG_WAY * (1 - right))), 0.0)
-        return np.asarray(each.sum(axis=1))
+        """log of how much likelier the sizes are when wear moves a value one way only, mostly, and none goes beyond
+        what a component can do."""
+        described = [self.suspects.described[i] for i in group]
+        prior, wear = SetPrior(rises=WRONG_WAY), np.array([p.wear for p in described])
+        low, high = prior.bounds(described)
+        spread = np.sqrt(np.einsum("lqq->lq", covariance))
+        up = 2 * np.where(wear > 0, 1 - WRONG_WAY, np.where(wear < 0, WRONG_WAY, 0.5))
+        cut = ((low - mean) / spread, -mean / spread, (high - mean) / spread)
+        return np.asarray(piecewise(*cut, 2 - up, up)[0][:, np.isfinite(high)].sum(axis=1))
 
 
 def slabs_of(suspects: Suspects, group: int, slabs: Sequence[float]) -> list[float]:

@@ -5,6 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+CHANGED, STEADY, CANNOT_TELL = "changed", "steady", "cannot tell"
+FROM_THE_FIRST = "differs from nominal from the first flight on"
+HALF = 0.5
+"""Probability from which something that is not listed is likelier than what is."""
 CONVINCED = 0.9
 """Probability from which one suspect is named; below it the likeliest are told as a class."""
 UNRECORDED = "unrecorded operation"
@@ -68,7 +72,8 @@ class Story:
     """Events of one series of `flights` flights, surest first; inclusion: component → chance that it changed;
     converged: the search settled; fit: what is left unexplained; undecided: where nothing is told, a change that the
     series shows plainly if its readings scatter by themselves, and does not if they wander, when it is not settled that
-    they do."""
+    they do; unlisted: probability that what happened is something that is not listed, and then no event is told;
+    departures: numbers, from 1, of flights that differ from nominal for certain."""
 
     events: tuple[Event, ...]
     flights: int
@@ -76,3 +81,19 @@ class Story:
     converged: bool = True
     fit: Fit = Fit(1.0, 1.0)
     undecided: Event | None = None
+    unlisted: float = 0.0
+    departures: tuple[int, ...] = ()
+
+    @property
+    def from_the_first(self) -> bool:
+        """Whether the engine, or what was recorded of it, differed from nominal before anything could change."""
+        return 1 in self.departures and 2 * len(self.departures) > self.flights
+
+    @property
+    def verdict(self) -> str:
+        """What is told of the series as a whole; never "steady" where flights differ from nominal for certain."""
+        if self.events:
+            return CHANGED
+        if self.from_the_first:
+            return FROM_THE_FIRST
+        return CANNOT_TELL if self.undecided or self.departures or self.unlisted >= HALF else STEADY

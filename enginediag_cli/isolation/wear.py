@@ -131,7 +131,7 @@ def _log_expected(
         down = np.where(sign < 0, 1 - rises, np.where(sign > 0, rises, 0.5)) / (0.5 - ndtr(low[:, i]))
         spread = np.sqrt(covariance[:, i, i])
         a, c, z = ((x - mean[:, i]) / spread for x in (low[:, i], np.zeros(len(mean)), high[:, i]))
-        log, moved, square = _piecewise(a, c, z, down, up)
+        log, moved, square = piecewise(a, c, z, down, up)
         total += log
         along = covariance[:, :, i] / spread[:, None]
         mean += along * moved[:, None]
@@ -141,7 +141,7 @@ def _log_expected(
     return total
 
 
-def _piecewise(
+def piecewise(
     a: np.ndarray, c: np.ndarray, z: np.ndarray, down: np.ndarray, up: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Log of the mass, mean and mean square (w,) of a standard normal variable with the weight `down` from a to c and
@@ -152,7 +152,8 @@ def _piecewise(
     at_a, at_c = (np.exp(np.log(down) + density[k] - total) for k in (0, 1))
     to_c, to_z = (np.exp(np.log(up) + density[k] - total) for k in (1, 2))
     mean = at_a - at_c + to_c - to_z
-    square = 1.0 + a * at_a - c * at_c + c * to_c - z * to_z
+    low, high = np.where(np.isfinite(a), a, 0.0), np.where(np.isfinite(z), z, 0.0)  # no density so far out
+    square = 1.0 + low * at_a - c * at_c + c * to_c - high * to_z
     # far beyond a bound rounding decides: all of the mass lies at it
     at = np.where(a > FAR, a, np.where(z < -FAR, z, np.nan))
     mean = np.where(np.isfinite(at), at, mean)

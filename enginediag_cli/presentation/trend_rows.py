@@ -7,6 +7,7 @@ from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING, Any
 
 from enginediag_cli.intervals import NORMAL_95
+from enginediag_cli.isolation.story import CANNOT_TELL, HALF
 from enginediag_cli.presentation.messages import Messages
 from enginediag_cli.presentation.outputs.trend import EVENTS, FLIGHTS, TREND
 
@@ -62,12 +63,13 @@ def trend_rows(engine: str, story: Story, series: Series) -> Iterator[dict[str, 
                     "rivals": _rivals(event, member),
                 }
                 yield TREND.row(told)
+    wrong = {series.known[name].component for name in changed if series.known[name].of_instrument}
     for name, parameter in series.known.items():
-        if name not in changed:
+        if name not in changed and parameter.component not in wrong:  # the other form of an instrument's error
             told = {
                 **_head(engine, story, name),
                 "component": parameter.component,
-                "kind": "steady",
+                "kind": CANNOT_TELL if story.from_the_first or story.verdict == CANNOT_TELL else "steady",
                 "probability": story.inclusion.get(parameter.component, 0.0),
                 "unit": parameter.unit,
                 "rivals": [],
@@ -80,8 +82,12 @@ def _head(engine: str, story: Story, parameter: str) -> dict[str, Any]:
 
 
 def _fit(story: Story) -> dict[str, Any]:
-    verdict = "changed" if story.events else "cannot tell" if story.undecided else "steady"
-    return {"verdict": verdict, "fit_before": story.fit.before, "fit": story.fit.after}
+    return {
+        "verdict": story.verdict,
+        "fit_before": story.fit.before,
+        "fit": story.fit.after,
+        "unlisted": story.unlisted,
+    }
 
 
 def component_rows(engine: str, story: Story, series: Series) -> Iterator[dict[str, Any]]:
@@ -152,6 +158,26 @@ def tell_story(messages: Messages, engine: str, story: Story, series: Series) ->
         messages.note(
             f"{name}chi2 per degree of freedom, by the scatter of the series: {story.fit.before:.3g} before what "
             f"follows, {story.fit.after:.3g} after",
+            engine=engine,
+        )
+    if story.from_the_first:
+        messages.warning(
+            f"{name}differs from nominal from the first flight on ({len(story.departures)} of {story.flights} flights):"
+            " another engine, a column or unit read wrong, or a change before that; check and isolate say more",
+            engine=engine,
+        )
+    elif story.departures and not story.events:
+        first = series.stretches[engine][story.departures[0] - 1].window
+        since = f"flight {first.flight}" if first.flight else f"line {first.first_line} of {first.source}"
+        messages.warning(
+            f"{name}cannot tell: {len(story.departures)} of {story.flights} flights differ from nominal for certain,"
+            f" the first of them {since}, and no change that is listed explains the series; isolate says more",
+            engine=engine,
+        )
+    if story.unlisted >= HALF:
+        messages.warning(
+            f"{name}cannot tell: something that is not among the suspects (probability {probability(story.unlisted)}); "
+            f"the best listed change leaves chi2 per degree of freedom {story.fit.after:.3g}",
             engine=engine,
         )
     if story.undecided:

@@ -229,3 +229,18 @@ def test_trend_of_statistics_says_what_cannot_be_judged_without_a_nominal(files,
     assert run(*condense, "-o", files["statistics.csv"])[0] == 0
     assert run("trend", files["statistics.csv"])[0] == 0
     assert "without --nominal it is not known which inputs are weather" in " ".join(capsys.readouterr().err.split())
+
+
+def test_a_series_that_differs_from_nominal_from_its_first_flight_is_never_steady(files, tmp_path, capsys):
+    names, *rows = (line.split(",") for line in Path(files["flown.csv"]).read_text().splitlines() if line[0] != "#")
+    k = names.index("T45_K")
+    off = [[*row[:k], f"{float(row[k]) + 60.0}" if row[k] else "", *row[k + 1 :]] for row in rows]
+    path = tmp_path / "off.csv"
+    path.write_text("\n".join(",".join(row) for row in [names, *off]) + "\n", encoding="utf-8")
+    words = ["trend", "--accept-mismatch", "-n", files["nominal.yaml"], str(path), "--format", "json"]
+    code, out = run(*words)
+    assert code == 0
+    found = json.loads(out)
+    changed = {row["parameter"]: row["kind"] for row in found if row["probability"] > 0.4}
+    assert changed == {"hpc.efficiency": "step"} and {row["kind"] for row in found} == {"cannot tell", "step"}
+    assert "differs from nominal from the first flight on" in " ".join(capsys.readouterr().err.split())

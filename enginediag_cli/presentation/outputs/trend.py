@@ -11,9 +11,14 @@ _SERIES = (
     column("flights", "integer", "flights, or windows, of the series"),
 )
 _FIT = (
-    column("verdict", "text", "changed, steady or cannot tell, of the engine"),
+    column(
+        "verdict",
+        "text",
+        "of the engine: changed, steady, differs from nominal from the first flight on, or cannot tell",
+    ),
     column("fit_before", "number", "χ² per degree of freedom without any change", empty=True),
     column("fit", "number", "χ² per degree of freedom with what is told here", empty=True),
+    column("unlisted", "number", "probability that it is something that is not among the suspects", empty=True),
 )
 _ONSET = (
     column("onset", "integer", "flight from which on, counted from 1 in the series", empty=True),
@@ -35,7 +40,11 @@ TREND = Table(
         column("parameter", "text", "the parameter"),
         *_FIT,
         column("component", "text", "component or instrument that it belongs to"),
-        column("kind", "text", "steady, step or deterioration"),
+        column(
+            "kind",
+            "text",
+            "steady, step, deterioration, or cannot tell where the series is not steady and nothing is told of it",
+        ),
         column("probability", "number", "probability that it changed at all"),
         *_ONSET,
         column("change", "number", "change from before the onset to the last flight", _PARAMETER, empty=True),

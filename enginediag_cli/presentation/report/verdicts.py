@@ -62,7 +62,7 @@ def _in_doubt(engine: EngineEvidence, found: _Found) -> _Found:
 
 DETECTABLE = "detectable:"
 """Begin of the columns of `detect` that hold the smallest changes that would have shown."""
-UNCHANGED = ("", "steady", MAINTENANCE)
+UNCHANGED = ("", "steady", "cannot tell", MAINTENANCE)
 """Kinds of rows of `trend` that tell of no change by itself."""
 
 
