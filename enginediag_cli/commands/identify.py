@@ -103,7 +103,7 @@ def identify(
     from enginediag_cli.identification.probe_consistency import without_probes, wrong_probes
     from enginediag_cli.identification.repeats import without_repeats
     from enginediag_cli.intake.agreement import agreement_with_engine
-    from enginediag_cli.intake.flights import whole_flights
+    from enginediag_cli.intake.flights import MOST, RUN, Thinning, whole_flights
     from enginediag_cli.intake.intake import Intake
     from enginediag_cli.intake.wanted import columns_of
     from enginediag_cli.physics.engine_file import load_engine
@@ -117,7 +117,13 @@ def identify(
     described = EngineDescription.of(engine_path, engine.declared)
     agreement = agreement_with_engine(engine)
     intake = Intake(source, columns_of(engine, past=True), agreement=agreement)
-    training = [flight.recording for flight in whole_flights(intake)]
+    thinning = Thinning(0 if first else MOST)
+    training = [flight.recording for flight in whole_flights(intake, thinning)]
+    if thinning.halved:
+        messages.note(
+            f"of {thinning.came:,} records one run of {RUN} in {2**thinning.halved} is fitted, evenly spread: {MOST:,} "
+            "are as many as memory is taken for"
+        )
     tell_left_out(messages, intake.left_out)
     tell_mismatches(messages, intake.mismatches)
     training, repeats = without_repeats(training, (*engine.inputs, *engine.sensors))

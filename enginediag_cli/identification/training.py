@@ -46,7 +46,7 @@ def _keys(recording: Recording) -> list[tuple[str, ...]]:
 
 def first_records(recordings: Sequence[TrainingRecording], n: int) -> list[TrainingRecording]:
     """At most the first n records of each recording: early life of each engine."""
-    return [_part(r, slice(0, n)) for r in recordings]
+    return [part_of(r, slice(0, n)) for r in recordings]
 
 
 def hold_out_end(
@@ -58,12 +58,13 @@ def hold_out_end(
         n = len(next(iter(r.columns.values())))
         cut = n - round(fraction * n)
         if cut > 0:
-            train.append(_part(r, slice(0, cut)))
+            train.append(part_of(r, slice(0, cut)))
         if cut < n:
-            test.append(_part(r, slice(cut, n)))
+            test.append(part_of(r, slice(cut, n)))
     return train, test
 
 
-def _part(r: TrainingRecording, rows: slice) -> TrainingRecording:
+def part_of(r: TrainingRecording, rows: slice | np.ndarray) -> TrainingRecording:
+    """Some of the records."""
     regimes = None if r.regimes is None else r.regimes[rows]
     return r._replace(columns={c: v[rows] for c, v in r.columns.items()}, regimes=regimes)
