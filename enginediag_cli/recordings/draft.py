@@ -111,6 +111,8 @@ def draft(sniffed: Sniffed, engine: EngineColumns | None = None) -> Draft:
         clock = None
     header = read_header(sniffed, clock.sources if clock else ())
     result = Draft(sniffed, header, clock, open=list(header.open))
+    if sniffed.long is not None:
+        result.open.append("long: which tag gives the records (clock), and how long a value is held (max_age_s)")
     if sniffed.invented and header.scheme is None:
         result.open.append("the file names no columns: state them under file: names, and take them up under columns")
     if clock is not None and clock.number is not None:
@@ -120,6 +122,8 @@ def draft(sniffed: Sniffed, engine: EngineColumns | None = None) -> Draft:
     for e in entries:
         if e.meaning is None:
             result.unused[e.column] = "of no use here" if e.name.features else "not recognised"
+    if result.engines:
+        known = [_one_for_all(e) for e in known]
     known = _related(result, known, engine) if engine else known
     chosen, probes = _one_of_each(result, known)
     _convert(result, chosen, engine)
@@ -129,6 +133,13 @@ def draft(sniffed: Sniffed, engine: EngineColumns | None = None) -> Draft:
     _derive(result, engine)
     _report_rest(result, engine)
     return result
+
+
+def _one_for_all(e: Entry) -> Entry:
+    """An engine's quantity that the file has once for several engines is a question; the air is the same for all."""
+    if e.target in HELPERS or "{prefix}" in e.pattern:
+        return e
+    return replace(e, doubts=(*e.doubts, f"the file has {e.column} once for all engines: of which is it?"))
 
 
 def _name_columns(sniffed: Sniffed) -> Sniffed:
@@ -357,7 +368,7 @@ def propose_limits(
     if limits is None and usual is not None and factors is not None:
         low = 200.0 if own == "K" else factors[0] * usual[0]  # a cold engine has the temperature of the air
         limits = (low, factors[1] * usual[1])
-    if limits is not None and engine and target in engine.limits:
+    if limits is not None and engine and target in engine.sensors and target in engine.limits:
         # a tenth beyond what the engine file holds possible
         limits = (limits[0], min(limits[1], max(1.1 * engine.limits[target][1], limits[0] + 1.0)))
     if limits is None:
@@ -399,10 +410,10 @@ def _add_probes(result: Draft, groups: Sequence[Sequence[Entry]], engine: Engine
         within = float(f"{max(2.0 * apart, 1e-3 * abs(float(np.nanmedian(readings)))):.2g}")
         result.derived[target] = f"rule: consensus, of: [{', '.join(columns)}], agree_within: {within:g}"
         marks = ", ".join(e.column for e in group)
+        why = "" if result.engines else ", since no speed or fuel flow comes in pairs"
         result.open.append(
-            f"{target}: {marks} are taken for redundant probes of one engine, since no speed or fuel flow comes in "
-            "pairs; "
-            f"those that agree within {within:g} {own} are averaged"
+            f"{target}: {marks} are taken for redundant probes of one engine{why}; those that agree within {within:g} "
+            f"{own} are averaged"
         )
 
 

@@ -74,6 +74,7 @@ def read_header(sniffed: Sniffed, taken: Collection[str] = ()) -> Header:
         elif c in numbers:
             result.entries.append(_entry(c, names[c], numbers[c], sniffed, result.scheme, bare[c]))
     _find_engines(result)
+    _doubt_letters(result)
     _resolve_shafts(result)
     if result.engines:
         result.texts.pop("engine", None)
@@ -326,6 +327,21 @@ def _unpaired_marks(header: Header, explicit: Collection[str], stems: Mapping[st
         )
     header.entries = [
         replace(e, name=replace(e.name, marks=tuple(m for m in e.name.marks if not m.explicit or len(texts) > 1)))
+        for e in header.entries
+    ]
+
+
+def _doubt_letters(header: Header) -> None:
+    """A letter at the end of a name that no other column has in its place may be anything: `N1R` is a corrected
+    speed."""
+    texts: dict[str, set[str]] = defaultdict(set)
+    for stem, mark, _ in _stems(header.entries):
+        texts[stem].add(mark.text)
+    alone = {e.column: m.text for s, m, e in _stems(header.entries) if m.text.isalpha() and len(texts[s]) == 1}
+    header.entries = [
+        replace(e, doubts=(*e.doubts, f"{alone[e.column]!r} in the name is not understood"))
+        if e.column in alone and not any(m.explicit for m in e.name.marks)
+        else e
         for e in header.entries
     ]
 

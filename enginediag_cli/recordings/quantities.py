@@ -117,7 +117,7 @@ _WHOLE = {
     "N pt": "np npt",
     "N fan": "nf nfan n1fan",
     "N core": "nc ncore",
-    "fuel flow": "ff fflow fuelflow wf wfe wff wfuel wfm ffl fuelrate fqg fqgas fql",
+    "fuel flow": "ff fflow fuelflow wf wfe wff wfuel wfm fuelrate fqg fqgas fql",
     "T exhaust": "egt tgt",
     "T turbine out": "ttxm ttx ttxd txm",
     "T interturbine": "itt",
@@ -161,7 +161,7 @@ _OTHER = """
     pump servo chip debris particle acoustic dynamics spray wash anti ice icing deice ecs pack apu nr dynamic slip yaw
     aoa alpha beta message word bit offset off decay kmc kmt health theta
     sqrt reactive apparent aux auxiliary station factor hold exceed exceedance setting rating governor hrsg n2o n1k
-    n2k n3k nfk nck n1r n2r nrf nrc n1r2 n2r25"""
+    n2k n3k nfk nck nrf nrc n1r2 n2r25"""
 """Words that make a quantity of which the program has no use, whatever stands beside them."""
 _HARMLESS = """
     measured physical actual act meas sensed value val reading avg average mean sensor probe channel ch

@@ -173,12 +173,26 @@ def test_two_probes_beside_one_speed_are_one_engine_and_their_consensus_is_a_que
         "N1_L [%],N1_R [%],EGT_L [C],EGT_R [C]",
         "LEFT N1 [%],RIGHT N1 [%],LEFT EGT [C],RIGHT EGT [C]",
         "ENG1_N1_PCT,ENG2_N1_PCT,ENG1_EGT_C,ENG2_EGT_C",
+        "N1 (Eng 1) [%],N1 (Eng 2) [%],EGT (Eng 1) [C],EGT (Eng 2) [C]",
+        "1_N1 [%],2_N1 [%],1_EGT [C],2_EGT [C]",
+        "N1L [%],N1R [%],EGTL [C],EGTR [C]",
+        "GT1.N1 [%],GT2.N1 [%],GT1.EGT [C],GT2.EGT [C]",
     ],
 )
 def test_speeds_in_pairs_are_two_engines_however_they_are_numbered(tmp_path, head):
     _, (one, two) = drafted(tmp_path, rows("time," + head, K, 90 + K / 50, 88 + K / 50, 600 + K, 630 + K))
     np.testing.assert_allclose(one["EGT_K"], 873.15 + K)
     np.testing.assert_allclose(two["EGT_K"], 903.15 + K)
+
+
+def test_what_two_engines_share_or_spell_otherwise_is_a_question(tmp_path):
+    shared = found_in(tmp_path, rows("N1_1 [rpm],N1_2 [rpm],EGT [C]", 9000 + K, 9100 + K, 600 + K))
+    assert len(shared.engines) == 2 and "once for all engines" in shared.decisions[0]
+    head = "N1_L [rpm],N1_R [rpm],EGT LEFT [C],EGT RIGHT [C]"
+    mixed = found_in(tmp_path, rows(head, 9000 + K, 9100 + K, 600 + K, 610 + K))
+    assert "EGT_K" not in mixed.columns and "spelt otherwise" in mixed.decisions[0]
+    lone = found_in(tmp_path, rows("N1R [rpm],T3 [K]", 9000 + K, 600 + K))
+    assert "'R' in the name is not understood" in lone.decisions[0]  # a corrected speed
 
 
 def test_two_channels_of_one_speed_beside_one_fuel_flow_are_one_engine(tmp_path):
