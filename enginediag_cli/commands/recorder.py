@@ -11,7 +11,7 @@ from enginediag_cli.presentation.messages import Messages
 
 if TYPE_CHECKING:
     from enginediag_cli.engine.engine import Engine
-    from enginediag_cli.recordings.draft import EngineColumns
+    from enginediag_cli.recordings.engine_columns import EngineColumns
 
 
 @click.command(short_help="Draft a recorder YAML from a foreign file.", epilog=exit_codes())
@@ -67,7 +67,7 @@ def _engine_columns(path: str, model: Engine) -> EngineColumns:
     """What an engine asks for, with the limits and design speeds that its file states."""
     import os
 
-    from enginediag_cli.recordings.draft import EngineColumns
+    from enginediag_cli.recordings.engine_columns import EngineColumns
 
     # inputs may lie a fifth beyond the envelope that the file states
     limits = {c: (low - 0.2 * (high - low), high + 0.2 * (high - low)) for c, (low, high) in model.envelope.items()}

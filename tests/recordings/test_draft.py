@@ -11,8 +11,9 @@ from enginediag_cli.commands.main import enginediag
 from enginediag_cli.errors import DataError
 from enginediag_cli.recordings.derived.isa_deviation import isa_temperature
 from enginediag_cli.recordings.derived.mach_from_cas import isa_pressure
-from enginediag_cli.recordings.draft import EngineColumns, draft
+from enginediag_cli.recordings.draft import draft
 from enginediag_cli.recordings.draft_text import draft_yaml
+from enginediag_cli.recordings.engine_columns import EngineColumns
 from enginediag_cli.recordings.recorder import load_recorder
 from enginediag_cli.recordings.sniff import sniff
 from enginediag_cli.recordings.unit_inference import PRIORS, Column, axis_of, infer_units
