@@ -10,6 +10,7 @@ from enginediag_cli.intake.intake import Intake, engines_wanted, judged_columns,
 from enginediag_cli.intake.left_out import LeftOut
 from enginediag_cli.intake.past import Past
 from enginediag_cli.intake.source import STDIN
+from enginediag_cli.recordings.dialect import OWN
 from enginediag_cli.recordings.formats.base import ReadingCounts
 from enginediag_cli.recordings.growing import GrowingFile
 from enginediag_cli.recordings.live import LiveRecorder
@@ -21,8 +22,9 @@ from enginediag_cli.recordings.table import Recording, concat
 def live_chunks(intake: Intake, block: int, idle_s: float) -> Iterator[Recording]:
     """Masked blocks of up to `block` records of each file in turn; a file to which nothing is added for `idle_s`
     seconds has ended. What only a longer stretch shows (stuck sensors, spikes) is not searched for."""
+    codec = OWN.codec if intake.recorder is None else intake.recorder.dialect.codec
     for file in intake.source.files:
-        source: Any = file if file == STDIN or is_whole(file) else GrowingFile(file, idle_s)
+        source: Any = file if file == STDIN or is_whole(file) else GrowingFile(file, idle_s, codec=codec)
         yield from (_own if intake.recorder is None else _mapped)(intake, source, block)
 
 

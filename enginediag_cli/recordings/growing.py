@@ -18,8 +18,8 @@ class GrowingFile:
     A last line without an end of line is handed over only when the wait is over. `idle_s` inf waits for ever.
     """
 
-    def __init__(self, path: str, idle_s: float, wait: Callable[[float], None] = time.sleep):
-        self.name = path
+    def __init__(self, path: str, idle_s: float, wait: Callable[[float], None] = time.sleep, codec: str = "utf-8-sig"):
+        self.name, self._codec = path, codec
         self._idle_s, self._wait = idle_s, wait
         self._lines = self._read()
 
@@ -32,7 +32,7 @@ class GrowingFile:
 
     def _read(self) -> Iterator[str]:
         try:
-            stream = open(self.name, encoding="utf-8-sig", newline="")
+            stream = open(self.name, encoding=self._codec, newline="")
         except OSError as error:
             raise DataError(f"{self.name}: {error.strerror or error}") from error
         with stream:

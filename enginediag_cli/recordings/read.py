@@ -6,10 +6,11 @@ is that of the file, CSV or Parquet; what is read is the same.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Iterator
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 from enginediag_cli.progress import touched
@@ -55,6 +56,7 @@ def read(
     dialect: Dialect = OWN,
     texts: Collection[str] | None = None,
     stamps: Collection[str] = (),
+    units: Mapping[str, str] = MappingProxyType({}),
     tolerant: bool = False,
     counts: ReadingCounts | None = None,
 ) -> Iterator[Recording]:
@@ -63,12 +65,12 @@ def read(
     source: as in `table_file`, or what that gave. Numbers are the columns named in `declared` and `required` (but for
     those of `texts`) and, with `by_suffix`, those whose name carries a unit; the rest is text, of which only `texts` is
     read if that is given. Columns in `required` must be there; `dialect`: how a CSV file is written; `stamps`: columns
-    of text with a time in every record; `tolerant`: lines that are no records are passed over, for a file that is still
-    being written; `counts` takes what was read as no record or no reading. Raises DataError naming file, physical line
-    (row, in Parquet) and column.
+    of text with a time in every record; `units`: of columns whose names do not say theirs; `tolerant`: lines that are
+    no records are passed over, for a file that is still being written; `counts` takes what was read as no record or no
+    reading. Raises DataError naming file, physical line (row, in Parquet) and column.
     """
     numbers = {*declared, *required} - set(texts or ())
-    asked = Asked(numbers, required, by_suffix, dialect, texts, stamps, tolerant, counts or ReadingCounts())
+    asked = Asked(numbers, required, by_suffix, dialect, texts, stamps, units, tolerant, counts or ReadingCounts())
     if isinstance(source, TableFile):
         touched("read:", source.name)
         yield from source.records(asked, chunk_records)

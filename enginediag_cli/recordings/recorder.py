@@ -223,6 +223,12 @@ class Recorder:
             "dialect": self.dialect,
             "texts": tuple(column for column in texts if column not in numbers),
             "stamps": time,
+            "units": {
+                channel.source_of(engine): channel.unit
+                for engine in self.engines.values()
+                for channel in self.channels
+                if (channel.scale, channel.offset) == (1.0, 0.0)
+            },
         }
 
     def map(

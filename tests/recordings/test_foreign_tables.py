@@ -13,6 +13,7 @@ import pytest
 
 from enginediag_cli.errors import DataError
 from enginediag_cli.recordings.formats.base import ReadingCounts
+from enginediag_cli.recordings.growing import GrowingFile
 from enginediag_cli.recordings.read import read, read_all
 from enginediag_cli.recordings.recorder import load_recorder
 from enginediag_cli.recordings.table import concat
@@ -125,7 +126,8 @@ def test_what_was_passed_over_is_counted_with_its_line():
         ("time_s,T3_K\n0,400\n1,4o1\n2,402\n", ":3:T3_K: not a number: '4o1'"),
         ("time_s,T3_K\n0,400\n1,4o1\n", ":3:T3_K: not a number: '4o1'"),
         ("time_s,T3_K\n0,400\n1,401,7\n", ":3: 3 fields where the header has 2"),
-        ("time_s,T3_K\ns,degC\n0,400\n", ":2:T3_K: the row of units says degC, the column's name K"),
+        ("time_s,T3_K\ns,DEG C\n0,400\n", ":2:T3_K: the row of units says DEG C, the column's name K"),
+        ("time_s,P3_psi\nsec,psig\n0,400\n", ":2:P3_psi: the row of units says psig, the column's name psi"),
         ('time_s,T3_K\n0,"1,400"\n1,2\n', ":2:T3_K: not a number: '1,400'.*thousands: comma"),
         ("1 1 0.5 400.5\n1 2 0.5 401\n", ":1: numbers where a header should.*delimiter: whitespace, header: none"),
         ("0,400\n1,401\n", ":1: numbers where a header should name the columns"),
@@ -226,3 +228,19 @@ def test_a_workbook_that_is_damaged_or_cannot_be_read_here_is_named(tmp_path, wo
     monkeypatch.setitem(sys.modules, "openpyxl", None)
     with pytest.raises(DataError, match=r"needs openpyxl.*enginediag\[excel\]', or save it as CSV"):
         read_all(workbook)
+
+
+@pytest.mark.parametrize("keys", ["file: {unit_row: true}", ""])
+@pytest.mark.parametrize(("unit", "doubts"), [("DEG F", ["t: the row of units says DEG F, the recorder K"]), ("K", [])])
+def test_a_row_of_units_that_the_recorder_contradicts_is_reported(tmp_path, keys, unit, doubts):
+    (mapped,) = recorder(tmp_path, keys).read(text(f"t\n{unit}\n400\n401\n"))
+    assert mapped.recording["T3_K"].tolist() == [400.0, 401.0] and mapped.counts.doubts == doubts
+
+
+def test_a_growing_file_is_read_in_the_stated_encoding_and_its_lines_are_bounded(tmp_path):
+    path = tmp_path / "f.csv"
+    path.write_bytes("t;Öl\n1;2\n".encode("latin-1"))
+    assert list(GrowingFile(str(path), 0.0, codec="latin-1")) == ["t;Öl\n", "1;2\n"]
+    path.write_bytes(b"x" * 3_000_000)
+    with pytest.raises(DataError, match="a line of more than 1000000 characters"):
+        list(GrowingFile(str(path), 0.0))

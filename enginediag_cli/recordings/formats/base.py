@@ -24,11 +24,13 @@ MOST_COLUMNS = 20_000
 class ReadingCounts:
     """What of a file was read as no record or no reading. lines: kind ("repeated header", "footer", …) → lines passed
     over, their number and the first of them; words: column → word or number → cells in which it stood for a missing
-    value; unread: columns without a name of their own, which nobody asked for."""
+    value; unread: columns without a name of their own, which nobody asked for; doubts: where the file's own row of
+    units says something else than the recorder."""
 
     lines: dict[str, list[int]] = field(default_factory=dict)
     words: dict[str, dict[str, int]] = field(default_factory=dict)
     unread: list[str] = field(default_factory=list)
+    doubts: list[str] = field(default_factory=list)
 
     def pass_over(self, kind: str, line: int) -> None:
         """Count a line that holds no record."""
@@ -42,7 +44,7 @@ class ReadingCounts:
 
     def report_lines(self) -> list[str]:
         """One sentence for each column with such words, each kind of line and all columns that were not read."""
-        found = []
+        found = list(self.doubts)
         for column, words in self.words.items():
             most, total = sorted(words, key=lambda word: -words[word]), sum(words.values())
             shown = ", ".join(f"{word!r} {words[word]}" for word in most[:SHOWN_WORDS])
@@ -61,8 +63,9 @@ class Asked:
     """What a reader wants of a table. numbers: columns that hold numbers whatever their names say, and with
     `by_suffix` so do those whose name carries a unit; required: columns that must be there, also those of `texts`;
     dialect: how texts are written; texts: the only columns of text wanted, None for all; stamps: those of them that
-    hold a time in every record; tolerant: lines that are no records are passed over wherever they stand; counts: what
-    was read as no record or no reading."""
+    hold a time in every record; units: column → unit that its numbers are taken for, where its name does not say;
+    tolerant: lines that are no records are passed over wherever they stand; counts: what was read as no record or no
+    reading."""
 
     numbers: Collection[str]
     required: Collection[str] = ()
@@ -70,6 +73,7 @@ class Asked:
     dialect: Dialect = OWN
     texts: Collection[str] | None = None
     stamps: Collection[str] = ()
+    units: Mapping[str, str] = field(default_factory=dict)
     tolerant: bool = False
     counts: ReadingCounts = field(default_factory=ReadingCounts)
 

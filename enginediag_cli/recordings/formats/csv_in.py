@@ -24,8 +24,9 @@ from enginediag_cli.recordings.formats.cells import NumberForm, is_missing, no_n
 from enginediag_cli.recordings.peeked import Peeked
 from enginediag_cli.recordings.source import Source, undecodable
 from enginediag_cli.recordings.table import Recording, check_clock, rechunk
+from enginediag_cli.recordings.unit_words import unit_word
 from enginediag_cli.safe_text import shortened, unguarded
-from enginediag_cli.units import UnitError, find_unit, is_numeric_column, split_column
+from enginediag_cli.units import find_unit, is_numeric_column, split_column
 
 _LINE_END = re.compile(r"\r\n|\r|\n")
 _SUMMARY = re.compile(r"\W*(total|sum|count|average|avg|mean|median|min(imum)?|max(imum)?|std(dev)?|end)\b", re.I)
@@ -36,6 +37,8 @@ CELLS_AT_ONCE = 400_000
 MOST_BLANK_LINES = 2_000_000
 """Blank lines in a row after which a file is refused: packed, gigabytes of them take no room. A sheet has 1,048,576
 rows, which may all be there."""
+LEAST_UNITS = 0.6
+"""Share of the cells of a row of units that must be known units."""
 MOST_FOOTER_LINES = 50
 """Lines at the end of a file that may be no records."""
 
@@ -79,10 +82,10 @@ def table_records(
         order = [column.strip() for column in dialect.names]
     else:
         order = [unguarded(cell.strip()) for cell in rows.next_row() or []]
-        if dialect.unit_row:
-            rows.next_row()
         _doubt_header(first, order, rows.separator, asked, place)
     table = _Table(name, asked, order, read_positions(order, asked, place), tuple(provenance), cut)
+    if dialect.unit_row and not dialect.names:
+        table.check_units(rows.next_row() or [], head + 2)
     at_once = max(1, min(chunk_records, CELLS_AT_ONCE // max(len(order), 1)))
     for chunk in rechunk(_parts(rows, table, at_once), chunk_records):
         check_clock(chunk)
@@ -283,19 +286,31 @@ class _Table:
         return ""
 
     def _units(self, cells: Sequence[str], line: int) -> bool:
-        """Whether a row holds the units of the columns of numbers."""
-        named = [(self.order[j], cells[j].strip("[]() ")) for j in self.numbers if j < len(cells)]
-        given = [(column, cell) for column, cell in named if not is_missing(cell)]
-        try:
-            units = {column: find_unit(cell) for column, cell in given}
-        except UnitError:
+        """Whether a row holds the units of the columns of numbers, or most of them."""
+        named = [cells[j] for j in self.numbers if j < len(cells) and not is_missing(cells[j])]
+        known = sum(unit_word(cell) is not None for cell in named)
+        if not named or known < LEAST_UNITS * len(named) or any(_is_number(cell) for cell in named):
             return False
-        for column, unit in units.items() if self.asked.by_suffix else ():
-            stated = split_column(column)[1]
-            if stated and find_unit(stated).name != unit.name:
-                what = f"the row of units says {unit.name}, the column's name {stated}"
-                raise DataError(f"{self.name}:{line}:{column}: {what}; state in a recorder which of them it is")
-        return bool(given) and not any(_is_number(cell) for _, cell in given)
+        self.check_units(cells, line)
+        return True
+
+    def check_units(self, cells: Sequence[str], line: int) -> None:
+        """Hold a row of units against those that the columns are taken for. Raises DataError where a name says another
+        one; another one than the recorder's is a doubt, which its author may have had a reason for."""
+        for j in self.numbers:
+            column, word = self.order[j], unit_word(cells[j]) if j < len(cells) else None
+            named = split_column(column)[1] if self.asked.by_suffix else ""
+            stated = named or self.asked.units.get(column, "")
+            if word is None or not stated:
+                continue
+            same = (find_unit(stated).name, 1.0) == (word.unit, word.scale)
+            what = f"the row of units says {cells[j].strip()}, "
+            if named and (not same or word.gauge):
+                what += f"the column's name {named}; state in a recorder which of them it is"
+                raise DataError(f"{self.name}:{line}:{column}: {what}")
+            doubt, doubts = f"{column}: {what}the recorder {stated}", self.asked.counts.doubts
+            if not same and doubt not in doubts:
+                doubts.append(doubt)
 
     def _like_a_record(self, cells: Sequence[str]) -> bool:
         """Whether a row holds numbers where a record does, or is as wide and begins with a digit, and does not begin as
