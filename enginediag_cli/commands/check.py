@@ -68,15 +68,17 @@ def check(
             if file in recordings:
                 rows += _recording(messages, file, against, as_rows)
                 continue
-            found = _check_yaml(file)
+            found, remarks = _check_yaml(file)
         except EngineDiagError as error:
             rows += _problem_rows(name, error)
             if not as_rows:
                 _tell(messages, error)
         else:
             rows.append({"file": name, "ok": True, "found": found})
+            rows += ({**row, "file": name, "ok": True} for row in remarks)
             if not as_rows:
                 click.echo(visible(f"{name}: ok, {found}"))
+                _engine_page(messages, name, remarks)
     rows += _given_twice(messages, recordings, as_rows)
     if as_rows:
         from enginediag_cli.presentation.acceptance_rows import ACCEPTANCE_COLUMNS, ACCEPTANCE_SUMMARY
@@ -188,14 +190,29 @@ def _problem_rows(file: str, error: EngineDiagError) -> Iterator[dict[str, Any]]
         }
 
 
-def _check_yaml(file: str) -> str:
+def _check_yaml(file: str) -> tuple[str, list[dict[str, Any]]]:
+    """What a YAML file is, and rows of what is known of an engine. Raises ConfigError."""
     from enginediag_cli.config.kinds import check_file
 
-    kind = check_file(file).name
+    kind, remarks = check_file(file).name, []
     undecided: tuple[str, ...] = ()
     if kind == "recorder":
         from enginediag_cli.recordings.recorder import load_recorder
 
         undecided = load_recorder(file).undecided
+    if kind == "engine":
+        from enginediag_cli.physics.engine_file import load_engine
+        from enginediag_cli.presentation.engine_overview import overview_rows
+
+        remarks = list(overview_rows(load_engine(file)))
     more = "".join(f"\n  open: {text}" for text in undecided)
-    return f"a file of kind {kind}" + (f", a draft with decisions left open:{more}" if undecided else "")
+    return f"a file of kind {kind}" + (f", a draft with decisions left open:{more}" if undecided else ""), remarks
+
+
+def _engine_page(messages: Messages, file: str, remarks: list[dict[str, Any]]) -> None:
+    """The design table on standard output, what is doubted on standard error."""
+    for row in remarks:
+        if row["level"] == "warning":
+            messages.warning(f"{file}: {row['problem']} ({row['hint']})", file=file)
+        else:
+            click.echo(visible(f"  {row['name']}: {row['found']}"))

@@ -98,6 +98,7 @@ def identify(
     if holdout is not None and holdout_last:
         raise click.UsageError("--holdout and --holdout-last exclude each other")
     from enginediag_cli.engine.description import EngineDescription
+    from enginediag_cli.engine.overview import heating_value_doubts
     from enginediag_cli.identification.identify import identify as run
     from enginediag_cli.identification.nominal_file import write_nominal
     from enginediag_cli.identification.probe_consistency import without_probes, wrong_probes
@@ -114,6 +115,8 @@ def identify(
     from enginediag_cli.residuals.monitor import monitor_from_nominal
 
     engine = load_engine(engine_path)
+    for doubt in heating_value_doubts(engine) if hasattr(engine, "network") else ():
+        messages.warning(f"{engine_path}: {doubt}")
     described = EngineDescription.of(engine_path, engine.declared)
     agreement = agreement_with_engine(engine)
     intake = Intake(source, columns_of(engine, past=True), agreement=agreement)

@@ -16,7 +16,7 @@ RECEIVERS = ("receives", "cooling_before_rotor", "cooling_after_rotor")
 
 def wiring_problems(values: Mapping[str, Any], checked: Checked) -> list[Problem]:
     """Everything about the network that is wrong, before it is built."""
-    parts = (_stations, _bleeds, _exchangers, _shafts, driving_problems, _whole)
+    parts = (_stations, _bleeds, _exchangers, _shafts, _gearboxes, driving_problems, _whole)
     return [problem for part in parts for problem in part(values, checked)]
 
 
@@ -55,6 +55,24 @@ def _stations(values: Mapping[str, Any], checked: Checked) -> Iterator[Problem]:
             if station in delivered:
                 yield Problem(checked.mark(("components", k)), f"{c['name']}: station '{station}' is delivered already")
             delivered.append(station)
+
+
+def _gearboxes(values: Mapping[str, Any], checked: Checked) -> Iterator[Problem]:
+    """A gearbox stands behind all that the shaft takes which it drives, and before the turbine that it is driven by,
+    whose work is what is taken from it until then."""
+    components = values["components"]
+    for k, gearbox in enumerate(components):
+        if gearbox["type"] != "gearbox":
+            continue
+        mark = checked.mark(("components", k))
+        early = [c["name"] for c in components[:k] if c["type"] == "turbine" and c.get("shaft") == gearbox["shaft"]]
+        late = [c["name"] for c in components[k + 1 :] if c.get("shaft") == gearbox["drives"]]
+        if early:
+            what = f"gearbox '{gearbox['name']}' must stand before turbine '{early[0]}', which drives it"
+            yield Problem(mark, what, f"move it in the list of components before '{early[0]}'")
+        if late:
+            what = f"gearbox '{gearbox['name']}' must stand behind '{late[-1]}' of shaft '{gearbox['drives']}'"
+            yield Problem(mark, what, f"move it in the list of components behind '{late[-1]}'")
 
 
 def _bleeds(values: Mapping[str, Any], checked: Checked) -> Iterator[Problem]:

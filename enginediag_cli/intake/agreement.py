@@ -24,7 +24,7 @@ from enginediag_cli.intake.comparison import (
     yardstick_of_engine,
     yardstick_of_nominal,
 )
-from enginediag_cli.intake.mistakes import Mistake, Origin, Trial, factor_trial, trials
+from enginediag_cli.intake.mistakes import Mistake, Origin, Trial, factor_trial, other_engines, trials
 from enginediag_cli.recordings.flights import FlightNumbers
 
 if TYPE_CHECKING:
@@ -232,8 +232,19 @@ class Agreement:
         if best is not None:
             return replace(shown, trial=best)
         if _worlds_apart(as_read) and whole:
-            return replace(shown, others=tuple(m.words for m in others))
+            trial = None if others else _other_engine(origin, columns, as_read)
+            return replace(shown, trial=trial, others=tuple(m.words for m in others))
         return None
+
+
+def _other_engine(origin: Origin, columns: Columns, as_read: Misfit) -> Trial | None:
+    """The shipped engine that it is of, if one alone fits it as right files fit."""
+    fitting = [(m, misfit) for m, misfit in other_engines(origin, columns, as_read) if _fits(misfit)]
+    fitting.sort(key=lambda one: -one[1].log_likelihood)
+    if not fitting or (len(fitting) > 1 and fitting[1][1].log_likelihood > fitting[0][1].log_likelihood - APART):
+        return None
+    mistake, misfit = fitting[0]
+    return Trial(mistake, misfit, misfit.log_likelihood - as_read.log_likelihood)
 
 
 def _best(tried: Sequence[Trial], origin: Origin, columns: Columns) -> tuple[Trial | None, list[Mistake]]:

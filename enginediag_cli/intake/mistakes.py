@@ -13,7 +13,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from enginediag_cli.intake.comparison import Columns, Misfit, Yardstick
+from enginediag_cli.engine.overview import heating_value_doubts
+from enginediag_cli.intake.comparison import Columns, Misfit, Yardstick, yardstick_of_engine
 from enginediag_cli.recordings.derived import RULES
 from enginediag_cli.recordings.derived.isa_deviation import isa_temperature
 from enginediag_cli.recordings.derived.mach_from_cas import (
@@ -136,6 +137,13 @@ def mistakes(origin: Origin, columns: Columns, sensors: Sequence[str]) -> list[M
         found += _total_temperature(origin, column, columns)
     found += _air(origin, columns)
     found += _swaps(origin, recorded)
+    for doubt in heating_value_doubts(origin.engine):
+        name = f"{doubt.burner}.lower_heating_value_J_kg"
+        words, hint = (
+            f"the engine file has the wrong heating value: {doubt}",
+            f"{doubt.lower:.3g} J/kg in the engine file",
+        )
+        found.append(Mistake("heating value", name, words, hint, lambda c: {}, values={name: doubt.lower}))
     return [m for m in found if _changes(m, columns)]
 
 
@@ -383,6 +391,8 @@ FINALISTS = 6
 """Mistakes that are linearised anew where they end: the others are behind by more than that would bring."""
 SCREENED = 8
 """Records on which mistakes of inputs, each of which needs the model anew, are compared first."""
+SHARED = 3
+"""Sensors that two engines must have in common: fewer readings fit many engines."""
 LEAST_FACTOR, LARGEST_FACTOR, FACTORS = 1.3, 4.0, 24
 """Factors of a column that are tried where no mistake is found: below, an instrument may be wrong by so much; beyond,
 units are; in steps of 5 %, which errors of instruments bridge."""
@@ -412,6 +422,26 @@ def trials(yardstick: Yardstick, origin: Origin, columns: Columns, as_read: Misf
         misfit = yardstick.misfit(changed, 3, mistake.values)
         ended.append(Trial(mistake, misfit, misfit.log_likelihood + mistake.prior - as_read.log_likelihood))
     return sorted(ended, key=lambda one: -one.gain)
+
+
+def other_engines(origin: Origin, columns: Columns, as_read: Misfit) -> Iterator[tuple[Mistake, Misfit]]:
+    """The engines that come with the program and read these columns, each with the misfit of K records to it."""
+    from enginediag_cli.errors import EngineDiagError
+    from enginediag_cli.physics.engine_file import load_engine
+    from enginediag_cli.shipped import shipped_folder
+
+    for path in sorted(shipped_folder().glob("*.yaml")):
+        try:
+            engine = load_engine(path)
+        except EngineDiagError:
+            continue
+        shared = [s for s in as_read.sensors if s in engine.sensors]
+        if engine.name == origin.engine.name or len(shared) < SHARED or any(c not in columns for c in engine.inputs):
+            continue
+        yardstick = yardstick_of_engine(engine)
+        kept = {c: v for c, v in columns.items() if c in shared or c not in as_read.sensors or c in yardstick.given}
+        words, hint = f"this is the engine {engine.name} ({path.name}), not {origin.engine.name}", f"use {path.name}"
+        yield Mistake("engine", "", words, hint, lambda c: {}, engine=engine), yardstick.misfit(kept, 3)
 
 
 def factor_trial(yardstick: Yardstick, origin: Origin, columns: Columns, as_read: Misfit) -> Trial | None:
