@@ -359,6 +359,8 @@ def propose_limits(
     if limits is None:
         return None, ()
     known = values[np.isfinite(values)]
+    if not known.size:
+        return limits, ()
     beyond = (known < limits[0]) | (known > limits[1])
     outside = float(np.mean(beyond))
     if outside > MOST_OUTSIDE and not (outside < MOST_FILLERS and len(np.unique(known[beyond])) <= 2):

@@ -58,7 +58,7 @@ def relate(entries: Sequence[Entry], engine: EngineColumns) -> tuple[list[Entry]
     return related, left
 
 
-OWN_COLUMNS = ("dT_isa_K", "humidity_kg_kg")
+OWN_COLUMNS = ("dT_isa_K",)
 """Columns of the program that foreign files do not have, with which its own files are drafted, too."""
 
 
@@ -69,7 +69,7 @@ def named_exactly(e: Entry, engine: EngineColumns | None) -> Entry:
         return "".join(c for c in text.casefold() if c.isalnum())
 
     head = plain(split_column(e.column)[0])
-    asked = (*engine.columns, *OWN_COLUMNS) if engine else OWN_COLUMNS
+    asked = (*engine.inputs, *engine.sensors, *OWN_COLUMNS) if engine else OWN_COLUMNS
     return next((_renamed(e, t, "") for t in asked if plain(split_column(t)[0]) == head and t != e.target), e)
 
 

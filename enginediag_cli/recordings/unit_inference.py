@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from enginediag_cli.recordings.acceptance import usual_range
+from enginediag_cli.recordings.acceptance import median_of, usual_range
 from enginediag_cli.recordings.derived.isa_deviation import isa_temperature
 from enginediag_cli.recordings.derived.mach_from_cas import isa_pressure, mach_from_cas
 from enginediag_cli.recordings.derived.static_temperature import static_temperature
@@ -95,6 +95,8 @@ def axis_of(target: str) -> str:
     }.get(dimension, "")
 
 
+_FARTHEST = 1e3
+"""Soft steps outside limits beyond which it makes no difference how many they are."""
 _DEVIATION_PER_STEP = 0.04
 """Relative distance from a usual range that counts as one standard deviation: ranges are soft by a few per cent."""
 
@@ -133,15 +135,15 @@ def range_of(target: str, limits: Limits | None = None) -> tuple[float, float] |
 
 
 def outside(value: float, limits: tuple[float, float] | None) -> float:
-    """How many soft steps a value lies outside limits; 0 within."""
-    if limits is None or not np.isfinite(value):
+    """How many soft steps a value lies outside limits, 1,000 at most; 0 within."""
+    if limits is None or np.isnan(value):
         return 0.0
     low, high = limits
     scale = max(abs(low), abs(high)) if low <= 0.0 else None
     if value < low:
-        return (low - value) / (_DEVIATION_PER_STEP * (scale or low))
+        return min((low - value) / (_DEVIATION_PER_STEP * (scale or low)), _FARTHEST)
     if value > high:
-        return (value - high) / (_DEVIATION_PER_STEP * (scale or high))
+        return min((value - high) / (_DEVIATION_PER_STEP * (scale or high)), _FARTHEST)
     return 0.0
 
 
@@ -157,7 +159,8 @@ class Column:
     def in_si(self, unit: str) -> np.ndarray:
         """Values (N,) in SI, read in that unit."""
         known = find_unit(self.unit or unit)
-        return self.values * self.scale * known.factor + known.offset
+        with np.errstate(over="ignore"):
+            return self.values * self.scale * known.factor + known.offset
 
 
 @dataclass(frozen=True)
@@ -305,7 +308,7 @@ def likelihood_of_range(column: Column, unit: str, limits: Limits | None = None)
     """ln likelihood, 0 at most, that the column's median in that unit is what its target usually is."""
     if find_unit(unit).dimension == "ratio" and split_column(column.target)[1]:
         return 0.0 if np.nanmax(np.abs(column.values)) <= _FULL_SCALE_PCT else WORST
-    median = float(np.nanmedian(column.in_si(unit)))
+    median = median_of(column.in_si(unit))
     return float(max(-0.5 * outside(median, range_of(column.target, limits)) ** 2, WORST))
 
 
