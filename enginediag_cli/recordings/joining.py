@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from tempfile import TemporaryFile
 from typing import Any
 
 import numpy as np
@@ -183,6 +182,8 @@ class _Series:
     def __init__(self, stamps: Stamps):
         self.stamps, self.size, self.latest = stamps, 0, -np.inf
         self.words: dict[str, int] = {}
+        from tempfile import TemporaryFile
+
         self._file: Any = TemporaryFile()  # closed when nothing refers to it any more
         self._buffer = np.zeros((0, 2))
         self._read = 0

@@ -244,3 +244,11 @@ def test_a_growing_file_is_read_in_the_stated_encoding_and_its_lines_are_bounded
     path.write_bytes(b"x" * 3_000_000)
     with pytest.raises(DataError, match="a line of more than 1000000 characters"):
         list(GrowingFile(str(path), 0.0))
+
+
+@pytest.mark.parametrize("size", [3, 1000])
+def test_a_file_that_ends_within_its_last_number_has_one_record_less(size):
+    whole = "time_s,T3_K\n" + "".join(f"{k},{400 + k}.25\n" for k in range(20))
+    lengths = {cut: sum(map(len, read(text(whole[:-cut]), chunk_records=size))) for cut in range(1, 9)}
+    assert lengths == {1: 20, 2: 19, 3: 19, 4: 19, 5: 19, 6: 19, 7: 19, 8: 19}
+    assert len(read_all(text("time_s,T3_K\n0,400.25\n1,4"))) == 2  # nobody knows how long these numbers are

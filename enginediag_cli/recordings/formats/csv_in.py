@@ -37,6 +37,9 @@ CELLS_AT_ONCE = 400_000
 MOST_BLANK_LINES = 2_000_000
 """Blank lines in a row after which a file is refused: packed, gigabytes of them take no room. A sheet has 1,048,576
 rows, which may all be there."""
+CUT = "cut off at the end of the file"
+LEAST_LENGTHS = 10
+"""Records from which the lengths of a column's numbers are known."""
 LEAST_UNITS = 0.6
 """Share of the cells of a row of units that must be known units."""
 MOST_FOOTER_LINES = 50
@@ -166,7 +169,7 @@ def _lines_of(row: Sequence[str]) -> int:
 class _Table:
     """The records of one file. order: its columns; positions: of those that are read; held: rows that are no records,
     and what is wrong with them, until it is known whether they end the file; header: line of the last header that was
-    repeated."""
+    repeated; shortest: characters of the shortest number in the last column."""
 
     name: str
     asked: Asked
@@ -177,6 +180,7 @@ class _Table:
     held: list[tuple[Row, DataError]] = field(default_factory=list)
     records: int = 0
     header: int = 0
+    shortest: int = 1 << 30
 
     def __post_init__(self) -> None:
         asked = self.asked
@@ -192,6 +196,8 @@ class _Table:
         wrong: list[tuple[Row, DataError]] = []
         if not all(map(width.__eq__, (len(cells) for _, cells in rows))):
             rows, wrong = self._fitted(rows)
+        if rows and self._ends_within_a_number(rows, ended):
+            self.asked.counts.pass_over(CUT, rows.pop()[0])
         chunk, bad = self._columns(rows)
         wrong += [(rows[k], error) for k, error in bad.items()]
         if wrong or self.held:
@@ -201,6 +207,17 @@ class _Table:
             chunk = chunk.select(keep) if bad else chunk
         self.records += len(chunk)
         return chunk
+
+    def _ends_within_a_number(self, rows: list[Row], ended: bool) -> bool:
+        """Whether the last row ends the file without a line end, in a number that is shorter than all before it."""
+        last = len(self.order) - 1
+        if last not in self.numbers:
+            return False
+        lengths = [len(cells[last].strip()) for _, cells in rows]
+        cut = ended and self.cut()
+        before = min([self.shortest, *(lengths[:-1] if cut else lengths)])
+        self.shortest = before
+        return cut and self.records + len(rows) > LEAST_LENGTHS and lengths[-1] < before
 
     def _fitted(self, rows: list[Row]) -> tuple[list[Row], list[tuple[Row, DataError]]]:
         """Rows as wide as the header, but for columns without a name at its end and empty cells behind it; others, with
@@ -267,7 +284,7 @@ class _Table:
             if not self._like_a_record(cells):
                 counts.pass_over("footer", line)
             elif self.cut() and k == len(held) - 1 and len(cells) <= len(self.order):
-                counts.pass_over("cut off at the end of the file", line)
+                counts.pass_over(CUT, line)
             else:
                 raise error
 
