@@ -20,6 +20,9 @@ from enginediag_cli.recordings.table import Recording
 FRACTION = re.compile(r"(.*?)[.,](\d+)(.*)")
 """A stamp with a fraction of a second: what stands before it, its digits, what stands behind."""
 
+HOUR = re.compile(r"(^|[ T])(\d):")
+"""An hour of one digit, as spreadsheets write it."""
+
 NUMBERS = ("seconds", "seconds_of_day", "epoch_s", "epoch_ms", "excel_days")
 """Forms of stamps that are numbers: seconds from anywhere, seconds since midnight, seconds and milliseconds since 1970
 in UTC, and days since 30 December 1899, which is how spreadsheets keep local time."""
@@ -222,7 +225,8 @@ def _iso(text: str) -> datetime:
 
 
 def _padded(text: str) -> str:
-    """The stamp with six digits behind the point. Raises ValueError where it has none."""
+    """The stamp with two digits of the hour and six behind the point. Raises ValueError where none are there."""
+    text = HOUR.sub(r"\g<1>0\g<2>:", text)
     match = FRACTION.fullmatch(text)
     if match is None:
         if "." in text or "," in text:

@@ -33,6 +33,8 @@ START = datetime(2024, 3, 4, 22, 0)
         (("t",), "%H:%M:%S", lambda m: {"t": f"{m:%H:%M:%S}"}),
         (("t",), "iso", lambda m: {"t": f"{m:%H:%M:%S}"}),
         (("t",), "seconds_of_day", lambda m: {"t": str(m.hour * 3600 + m.minute * 60 + m.second)}),
+        (("t",), "iso", lambda m: {"t": f"{m.hour}:{m:%M:%S}.0"}),
+        (("t",), "iso", lambda m: {"t": f"{m:%Y-%m-%d} {m.hour}:{m:%M}"}),
         (("d", "t"), "iso", lambda m: {"d": f"{m:%Y-%m-%d}", "t": f"{m:%H:%M:%S}"}),
         (("d", "t"), "iso", lambda m: {"d": f"{START:%Y-%m-%d}", "t": f"{m:%H:%M:%S}"}),  # the day on which it began
         (("d", "t"), "%d.%m.%Y %H:%M", lambda m: {"d": f"{m:%d.%m.%Y}", "t": f"{m:%H:%M}"}),
