@@ -315,6 +315,10 @@ def _full_scale(e: Entry, unit: UnitWord, doubts: list[str], remarks: list[str],
         doubts.append(f"full_scale: the {own} at 100 %, here only a stand-in")
     top = full or STAND_IN_RPM
     limits = (0.0, 1.3 * top) if own == "rpm" else None
+    readings = e.values[np.isfinite(e.values)]
+    if limits and np.mean((readings < 0.0) | (readings > 130.0)) > MOST_OUTSIDE:
+        limits = None
+        doubts.append("readings in % that no shaft has: another unit, or fill values? add limits")
     guess = Guess(e.target, e.pattern, "pct", full_scale=top, limits=limits)
     return replace(guess, doubts=tuple(doubts), remarks=tuple(remarks))
 

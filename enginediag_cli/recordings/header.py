@@ -60,8 +60,7 @@ class Header:
 
 def read_header(sniffed: Sniffed, taken: Collection[str] = ()) -> Header:
     """Read the columns of a file together; taken: columns of time stamps, which are something else."""
-    # a name with the mark of engines in it cannot stand under `from:`
-    columns = [c for c in sniffed.header if c not in taken and "{prefix}" not in c]
+    columns = [c for c in sniffed.header if c not in taken]
     numbers = {c: v for c in columns if (v := sniffed.values(c)) is not None}
     result = Header()
     names = _names(columns, sniffed)

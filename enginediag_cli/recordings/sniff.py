@@ -142,7 +142,8 @@ def _text_table(lines: Sequence[str], path: str) -> Sniffed:
     again = [row for row in rows if [c.strip() for c in row] == list(names)]
     body = [row for row in rows if len(row) == width and row not in again]
     counts = Counter(names)
-    usable = [k for k, name in enumerate(names) if name and counts[name] == 1]
+    # a name with the mark of engines in it cannot stand under `from:`
+    usable = [k for k, name in enumerate(names) if name and counts[name] == 1 and "{prefix}" not in name]
     plain = all(not line.strip() or line.startswith("#") for line in lines[: max(header, 0)])
     decimal, thousands = _marks(body, delimiter)
     dialect = Dialect(
