@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from enginediag_cli.recordings.clock import Clock, find_clock
-from enginediag_cli.recordings.engine_columns import HELPERS, EngineColumns, advice, named_exactly, relate
+from enginediag_cli.recordings.engine_columns import HELPERS, EngineColumns, advice, match_exactly, relate
 from enginediag_cli.recordings.header import Entry, Header, read_header
 from enginediag_cli.recordings.naming_schemes import CMAPSS_ORDER
 from enginediag_cli.recordings.sniff import Sniffed
@@ -98,19 +98,19 @@ def draft(sniffed: Sniffed, engine: EngineColumns | None = None) -> Draft:
     if sniffed.invented and header.scheme is None:
         result.open.append("the file names no columns: state them under file: names, and take them up under columns")
     if clock is not None and clock.number is not None:
-        result.columns["time_s"] = _of_clock(clock)
-    entries = [named_exactly(e, engine) for e in header.entries]
+        result.columns["time_s"] = _clock_column(clock)
+    entries = [match_exactly(e, engine) for e in header.entries]
     known = [e for e in entries if e.meaning is not None]
     for e in entries:
         if e.meaning is None:
             result.unused[e.column] = "of no use here" if e.name.features else "not recognised"
     if result.engines:
-        known = [_one_for_all(e) for e in known]
+        known = [_doubt_shared(e) for e in known]
     if engine is not None:
         known, left = relate(known, engine)
         result.unused |= {e.column: f"{e.target}: {why or 'no column of ' + engine.name}" for e, why in left}
         result.open += [f"{e.column}: {why}" for e, why in left if why]
-    chosen, probes = _one_of_each(result, known)
+    chosen, probes = _choose_columns(result, known)
     _convert(result, chosen, engine)
     _add_probes(result, probes, engine)
     if not result.columns:
@@ -120,7 +120,7 @@ def draft(sniffed: Sniffed, engine: EngineColumns | None = None) -> Draft:
     return result
 
 
-def _one_for_all(e: Entry) -> Entry:
+def _doubt_shared(e: Entry) -> Entry:
     """An engine's quantity that the file has once for several engines is a question; the air is the same for all."""
     if e.target in HELPERS or "{prefix}" in e.pattern:
         return e
@@ -157,7 +157,7 @@ def _is_scheme_index(sniffed: Sniffed, clock: Clock) -> bool:
     return found is not None and found.text != ""
 
 
-def _of_clock(clock: Clock) -> Guess:
+def _clock_column(clock: Clock) -> Guess:
     assert clock.number is not None
     remarks = (clock.remark,) if clock.remark else ()
     doubts = (clock.doubt,) if clock.doubt else ()
@@ -167,7 +167,7 @@ def _of_clock(clock: Clock) -> Guess:
 # ---- one column for each target ----
 
 
-def _one_of_each(result: Draft, entries: Sequence[Entry]) -> tuple[list[Entry], list[list[Entry]]]:
+def _choose_columns(result: Draft, entries: Sequence[Entry]) -> tuple[list[Entry], list[list[Entry]]]:
     """The column of each target, by the score of its name; and groups of redundant probes."""
     groups: dict[str, list[Entry]] = defaultdict(list)
     for e in entries:

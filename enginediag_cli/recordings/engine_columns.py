@@ -62,7 +62,7 @@ OWN_COLUMNS = ("dT_isa_K",)
 """Columns of the program that foreign files do not have, with which its own files are drafted, too."""
 
 
-def named_exactly(e: Entry, engine: EngineColumns | None) -> Entry:
+def match_exactly(e: Entry, engine: EngineColumns | None) -> Entry:
     """An entry whose name is that of a column of the engine, or of the program, but for case, spaces and unit."""
 
     def plain(text: str) -> str:

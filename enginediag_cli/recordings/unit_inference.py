@@ -48,7 +48,7 @@ WORTH_NAMING = 0.02
 WORST = -18.0
 """Least ln likelihood of one fact: one column that is something else must not outweigh all others."""
 _RECORDS = 64
-"""Records, evenly chosen, at which columns are held against each other; more say the same again."""
+"""Records, evenly chosen, at which columns are compared with each other; more say the same again."""
 
 Limits = Mapping[str, tuple[float, float]]
 """Target → lowest and highest value in SI that an engine file allows."""
@@ -249,7 +249,7 @@ def infer_units(columns: Sequence[Column], limits: Limits | None = None) -> list
             same = np.array([[0.0 if u == v else np.log(factor) for v in options[other]] for u in options[one]])
             factors.append((same, (one, other)))
     for forms in FACTS:
-        found = (_held_together(form, columns, axes, options) for form in forms)
+        found = (_joint_likelihood(form, columns, axes, options) for form in forms)
         factors += [f for f in found if f is not None][:1]
     marginal = _marginals(names, options, factors)
     result: list[Inferred | None] = []
@@ -257,7 +257,7 @@ def infer_units(columns: Sequence[Column], limits: Limits | None = None) -> list
         if c.unit or not a:
             result.append(None)
         else:
-            result.append(_of_speed(c, limits) if a == "speed" else _best(marginal[a]))
+            result.append(_speed_unit(c, limits) if a == "speed" else _best(marginal[a]))
     return result
 
 
@@ -270,14 +270,14 @@ def _marginals(
 ) -> dict[str, dict[str, float]]:
     """Probability of each unit of each axis. Only axes that a factor holds together are enumerated together, at most
     some hundred thousand combinations."""
-    bound = {a for _, held in factors if len(held) > 1 for a in held}
+    bound = {a for _, joined in factors if len(joined) > 1 for a in joined}
     groups = [[a for a in names if a in bound], *([a] for a in names if a not in bound)]
     marginal: dict[str, dict[str, float]] = {}
     for group in groups:
         log = np.zeros(tuple(len(options[a]) for a in group))
-        for values, held in factors:
-            if held[0] in group:
-                log = log + _spread(values, group, held)
+        for values, joined in factors:
+            if joined[0] in group:
+                log = log + _broadcast(values, group, joined)
         weight = np.exp(log - log.max())
         weight /= weight.sum()
         for k, a in enumerate(group):
@@ -316,7 +316,7 @@ _FULL_SCALE_PCT = 135.0
 """Largest reading of a speed or torque in %: overspeed and overtorque included."""
 
 
-def _held_together(
+def _joint_likelihood(
     fact: Fact,
     columns: Sequence[Column],
     axes: Sequence[str],
@@ -334,7 +334,7 @@ def _held_together(
     result = np.zeros(tuple(len(options[a]) for a in open_axes))
     for index in np.ndindex(*result.shape):
         units = {a: options[a][k] for a, k in zip(open_axes, index, strict=True)}
-        si = {t: _some(c.in_si(units.get(a, "1") if not c.unit else c.unit)) for t, (c, a) in mine.items()}
+        si = {t: _subsample(c.in_si(units.get(a, "1") if not c.unit else c.unit)) for t, (c, a) in mine.items()}
         with np.errstate(all="ignore"):
             apart = np.abs(fact.judge(si))
         apart = apart[np.isfinite(apart)]
@@ -342,11 +342,11 @@ def _held_together(
     return result, open_axes
 
 
-def _some(values: np.ndarray) -> np.ndarray:
+def _subsample(values: np.ndarray) -> np.ndarray:
     return values[np.unique(np.linspace(0, len(values) - 1, _RECORDS).astype(int))]
 
 
-def _spread(values: np.ndarray, names: Sequence[str], axes: Sequence[str]) -> np.ndarray:
+def _broadcast(values: np.ndarray, names: Sequence[str], axes: Sequence[str]) -> np.ndarray:
     """An array over some axes, as one that broadcasts over all of them."""
     order = sorted(range(len(axes)), key=lambda k: names.index(axes[k]))
     moved = np.transpose(values, order)
@@ -362,7 +362,7 @@ def _best(marginal: Mapping[str, float]) -> Inferred:
     return Inferred(ranked[0][0], float(ranked[0][1]), others)
 
 
-def _of_speed(column: Column, limits: Limits | None) -> Inferred:
+def _speed_unit(column: Column, limits: Limits | None) -> Inferred:
     """rpm or %: no shaft turns at 135 rpm, and none reads a thousand %."""
     log = {u: np.log(p) + likelihood_of_range(column, u, limits) for u, p in PRIORS["speed"].items()}
     best = max(log.values())

@@ -24,10 +24,8 @@ def outcome(case: HeaderCase, tmp_path) -> tuple[list[str], list[str], list[str]
     for e in case.expected:
         target, unit, scale, doubt = made.get(e.column, ("-", "", 1.0, False))
         if target != e.target:
-            told = doubt or target == "-"  # not used, and listed so
-            (open_ if told else silent).append(f"{e.column}: {target} for {e.target}")
-            if target == e.target == "-":
-                right.append(e.column)
+            visible = doubt or target == "-"  # not used, and listed so
+            (open_ if visible else silent).append(f"{e.column}: {target} for {e.target}")
             continue
         wanted = NOT_IN_UNITS.get(e.unit, (e.unit, 1.0, False))[:2]
         if e.target in ("-", "clock", "text") or (unit, round(scale, 6)) == (wanted[0] or "1", round(wanted[1], 6)):
