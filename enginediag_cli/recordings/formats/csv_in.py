@@ -295,7 +295,7 @@ class _Table:
         if [unguarded(cell) for cell in bare] == list(self.order):
             self.header = line
             return "repeated header"
-        if bare[0].startswith("#"):
+        if bare[0].startswith("#") and not is_missing(bare[0]):
             return "comment"
         if (first or line == self.header + 1) and self._units(bare, line):
             self.header = line
