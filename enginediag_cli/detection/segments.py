@@ -88,6 +88,6 @@ def tails(past: list[Segment], law: str = "step") -> Tails:
     begin, clock = np.array([piece.begin for piece in past]), np.array([piece.clock for piece in past])
     since = np.maximum(clock[None, :] - begin[:, None], 0.0)  # (J, pieces)
     g = np.where(np.arange(len(past))[None, :] >= np.arange(len(past))[:, None], since, 0.0)
-    g = g / np.maximum(g[:, -1:], 1e-300)
+    g = g / np.maximum(g.max(axis=1, keepdims=True), 1e-300)  # at 1 now, unless the clock runs backwards
     flat = F.reshape(len(past), -1)
     return Tails(g @ s, (g**2 @ flat).reshape(-1, *F.shape[1:]), (g @ flat).reshape(-1, *F.shape[1:]), total_s, total_F)
