@@ -13,7 +13,7 @@ import numpy as np
 from enginediag_cli.recordings.formats.cells import is_missing
 from enginediag_cli.recordings.quantities import read_name
 from enginediag_cli.recordings.sniff import Sniffed
-from enginediag_cli.recordings.unit_words import UnitWord, unit_word
+from enginediag_cli.recordings.unit_words import UnitWord, trailing_unit, unit_word
 
 STAMP_CELLS = 300
 """Cells that must be stamps of a form, evenly chosen, before a column is taken for a clock."""
@@ -164,11 +164,9 @@ def _number(sniffed: Sniffed) -> Clock | None:
         values = sniffed.values(c)
         if values is None:
             continue
+        bare = (trailing_unit(c) or (c,))[0].strip().casefold()
         only = name.features <= {"date", "time", "utc", "epoch", "elapsed", "local", "engine", "no", "flight"}
-        if not (name.features & {"date", "time", "epoch", "elapsed"} and only) and c.strip().casefold() not in (
-            "t",
-            "sec",
-        ):
+        if not (name.features & {"date", "time", "epoch", "elapsed"} and only) and bare not in ("t", "sec"):
             continue
         known = values[np.isfinite(values)]
         middle = float(np.median(known))

@@ -80,7 +80,7 @@ _PROPERTIES = {
     "calibrated": "calibrated cal computed",
     "true": "true",
     "indicated": "indicated ind",
-    "electrical": "el electric electrical electrics mech mechanical active real",
+    "electrical": "el electric electrical electrics active real",
     "net": "net",
     "gross": "gross",
     "abs": "abs absolute",
@@ -164,7 +164,7 @@ _OTHER = """
     n2k n3k nfk nck nrf nrc n1r2 n2r25"""
 """Words that make a quantity of which the program has no use, whatever stands beside them."""
 _HARMLESS = """
-    measured physical actual act meas sensed value val reading avg average mean sensor probe channel ch
+    mech mechanical measured physical actual act meas sensed value val reading avg average mean sensor probe channel ch
     signal sig the of at on ac recorded data rec from scada dcs pi tag pv e gasturbine gt unit degrees live
     instantaneous inst observed xmtr tx thermocouple tc rtd junction"""
 """Words that say nothing of the quantity."""
@@ -247,7 +247,10 @@ RULES: tuple[Rule, ...] = (
     _rule("air flow", "W2_kg_s", FLOWS, "engine in rate compressor total", "at which station the air flow is measured"),
     _rule("torque", "torque_Nm", ("Nm", "kNm", "lbf_ft", "pct"), "shaft out engine propeller pt turbine abs"),
     _rule(
-        "power", "power_W", ("W", "kW", "MW", "hp", "pct"), "shaft out electrical engine generator net gross turbine"
+        "power",
+        "power_W",
+        ("W", "kW", "MW", "hp", "pct"),
+        "shaft out electrical engine generator net gross gas turbine",
     ),
     _rule("electrical", "power_W", ("W", "kW", "MW"), "net gross", rank=-1.0),
     _rule("thrust", "Fn_N", ("N", "kN", "lbf"), "net engine"),
@@ -421,6 +424,8 @@ def read_name(text: str, *, single_letter_unit: bool = True, ignored: Sequence[s
         name = replace(name, features=name.features | {"flow"})
     if unit is not None and unit.dimension == "rotational speed" and "N" not in name.features:
         name = replace(name, features=name.features | {"N"})
+    if unit is not None and unit.dimension == "power" and "P" in name.features:
+        name = replace(name, features=name.features - {"P"} | {"power"})
     return replace(name, unit=unit)
 
 
@@ -475,6 +480,8 @@ def _interpret(text: str, pieces: Sequence[_Piece], ignored: Features) -> Name:
         else:
             unknown.append(piece.text)
     _settle(features)
+    if not features and not unknown and [m.text.casefold() for m in marks] == ["rh"]:
+        features, marks = {"humidity", "relative"}, []  # not the right-hand engine's
     return Name(text, frozenset(features), station, tuple(marks), tuple(unknown))
 
 

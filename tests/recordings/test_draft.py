@@ -304,7 +304,7 @@ def test_a_quantity_is_that_of_the_one_part_of_the_engine_that_has_it(tmp_path):
 def test_units_that_are_inferred_with_certainty_are_right_as_often_as_that_says():
     rng = np.random.default_rng(5)
     certain = wrong = 0
-    for _ in range(40):
+    for _ in range(25):
         altitude, mach = rng.uniform(0, 11000, 30), rng.uniform(0.2, 0.8, 30)
         static = isa_temperature(altitude) + rng.normal(0, 8)
         total, ram = static * (1 + 0.2 * mach**2), isa_pressure(altitude) * (1 + 0.2 * mach**2) ** 3.5
@@ -326,4 +326,4 @@ def test_units_that_are_inferred_with_certainty_are_right_as_often_as_that_says(
                 certain += 1
                 wrong += inferred.unit != unit
     # 2 % at most by what they claim; one case has up to three columns in one unit, hence twice that
-    assert certain > 100 and wrong <= 0.04 * certain
+    assert certain > 60 and wrong <= 0.04 * certain
