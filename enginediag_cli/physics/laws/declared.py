@@ -178,8 +178,12 @@ def _nothing_problems(entry: _Entry, law: Law, values: Mapping[str, float]) -> I
         at = {n: draws[k] if law.variables[n].recorded else draws[k] * r for k, (n, r) in enumerate(reference.items())}
         absent = {c.name: c.absent for c in law.COEFFICIENTS}
         left = np.broadcast_to(np.asarray(value(f.at({**at, **absent}))), (TRIED,))
-        size = float(np.nanmax(np.abs(np.asarray(value(f.at({**at, **values})))), initial=0.0))
-    if not np.isfinite(there) or abs(there) > NOTHING * max(size, NOTHING):
+        sizes = np.abs(np.asarray(value(f.at({**at, **values}))))
+        size = float(np.max(sizes, where=np.isfinite(sizes), initial=0.0))
+    if not np.isfinite(there):
+        told = "the law has no finite value at the design point, where it must be 0: a pole, 0/0, or a root of less"
+        yield entry.problem(told, ", ".join(f"{n} = {r:g}" for n, r in reference.items()), "expression")
+    elif abs(there) > NOTHING * max(size, NOTHING):
         told = f"the law is {there:g} at the design point, where it must be 0"
         hint = ", ".join(f"{n} = {r:g}" for n, r in reference.items())
         yield entry.problem(told, f"there {hint}" if hint else "", "expression")

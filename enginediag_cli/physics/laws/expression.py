@@ -17,6 +17,10 @@ from enginediag_cli.physics.laws.followers import FOLLOWERS, Followed
 
 LONGEST = 2000
 """Letters of a formula."""
+LARGEST = 1e100
+"""Numbers of a formula: their products and powers stay far from what a computer has no number for."""
+SHOWN = 40
+"""Letters of a part of a formula that are quoted."""
 DEEPEST = 40
 """Parentheses and operations within each other."""
 WHOLE = 9
@@ -81,6 +85,7 @@ class Expression:
             raise ExpressionError(f"'{text}' is no formula", at - 1) from error
         names: set[str] = set()
         _check(root, names, 0)
+        _check_numbers(root)
         calls = (n for n in ast.walk(root) if isinstance(n, ast.Call))
         return Expression(text, frozenset(names), root, {n: _followed(n) for n in calls if _called(n) in FOLLOWERS})
 
@@ -110,8 +115,9 @@ def _check(node: ast.expr, names: set[str], depth: int) -> None:
     match node:
         case ast.Constant(value=bool()) | ast.Constant(value=complex()):
             raise ExpressionError("a formula has numbers, no other constants", node.col_offset)
-        case ast.Constant(value=int() | float()):
-            return
+        case ast.Constant(value=int() | float() as number):
+            if abs(number) > LARGEST:
+                raise ExpressionError(f"a number is larger than {LARGEST:g}", node.col_offset)
         case ast.Name(id=name):
             names.add(name)
         case ast.UnaryOp(op=ast.USub() | ast.UAdd(), operand=a):
@@ -136,6 +142,28 @@ def _check(node: ast.expr, names: set[str], depth: int) -> None:
             raise ExpressionError(f"a formula has {allowed}, nothing else", node.col_offset)
 
 
+def _check_numbers(node: ast.expr) -> bool:
+    """Whether a part of a formula has no names; raises ExpressionError where what has none has no finite value."""
+    if isinstance(node, ast.Name):
+        return False
+    parts = [_check_numbers(part) for part in ast.iter_child_nodes(node) if _is_part(node, part)]
+    if not all(parts):
+        return False
+    with np.errstate(all="ignore"):
+        finite = isinstance(node, ast.Call) and _called(node) in FOLLOWERS or np.isfinite(_value(node, {}, None))
+    if not finite:
+        raise ExpressionError(f"'{_shortened(ast.unparse(node))}' has no finite value", node.col_offset)
+    return True
+
+
+def _is_part(node: ast.AST, part: ast.AST) -> bool:
+    return isinstance(part, ast.expr) and not (isinstance(node, ast.Call) and part is node.func)
+
+
+def _shortened(text: str) -> str:
+    return text if len(text) <= SHOWN else f"{text[:SHOWN]}…"
+
+
 def _called(node: ast.Call) -> str:
     return node.func.id if isinstance(node.func, ast.Name) else ""
 
@@ -149,9 +177,10 @@ def _followed(node: ast.Call) -> Followed:
 def _value(node: ast.expr, values: Mapping[str, Value], follow: Follow | None) -> Value:
     match node:
         case ast.Constant(value=number):
-            return float(number)  # type: ignore[arg-type]  # checked
+            return np.float64(number)  # type: ignore[arg-type]  # checked; as arrays do, it has no errors but inf and nan
         case ast.Name(id=name):
-            return values[name]
+            x = values[name]
+            return np.float64(x) if isinstance(x, float) else x
         case ast.UnaryOp(op=op, operand=a):
             return _value(a, values, follow) * (-1.0 if isinstance(op, ast.USub) else 1.0)
         case ast.BinOp(left=a, op=ast.Pow(), right=b):

@@ -88,3 +88,28 @@ def test_units_go_through_a_formula(text: str, unit: dict[str, int]) -> None:
 def test_units_that_do_not_go_together_are_refused(text: str) -> None:
     with pytest.raises(ExpressionError):
         Expression.parsed(text).unit(UNITS)
+
+
+@pytest.mark.parametrize(
+    ("text", "column"),
+    [
+        ("x + 1 / 0", 4),
+        ("x * (0 - 8) ** 0.5", 4),
+        ("x ** (9 ** 9 ** 9 ** 9)", 11),
+        ("x + ln(0)", 4),
+        ("x - exp(1000)", 4),
+        ("x + 0 / 0 * 3", 4),
+        ("x + 1e200", 4),
+        ("x + " + "9" * 400, 4),
+    ],
+)
+def test_a_part_without_names_that_has_no_finite_value_is_refused_at_its_place(text: str, column: int) -> None:
+    with pytest.raises(ExpressionError, match=r"no finite value|larger than 1e\+100") as refused:
+        Expression.parsed(text)
+    assert refused.value.column == column
+
+
+@pytest.mark.parametrize("text", ["1 / (x - 1)", "0 / (x - 1)", "(x - 2) ** 0.5", "(x * 1e99) ** 99", "ln(x - 1)"])
+def test_where_a_formula_has_no_value_it_is_no_number_and_no_error(text: str) -> None:
+    with np.errstate(all="ignore"):
+        assert not np.isfinite(value(Expression.parsed(text).at({"x": 1.0})))

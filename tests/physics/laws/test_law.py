@@ -164,6 +164,8 @@ def bad(
         (bad("a * (powr - 1)"), "did you mean 'power'"),
         (bad("a * (power - 1)", at="hpc.eficiency"), "did you mean 'hpc.efficiency'"),
         (bad("a * power"), "where it must be 0 (there power = 1)"),
+        (bad("a * (power - 1) / (power - 1)"), "no finite value at the design point"),
+        (bad("a * mach * (0 - 8) ** 0.5"), "no finite value (letter 12)"),
         (bad("a * mach + mach ** 2"), "absent"),
         (bad("a * mach", "a: {value: 1, unit: K, absent: 0, prior_sigma: 1}"), "the formula is in K"),
         (bad("a * mach", at="T45_K"), "what is added at T45_K in K"),
