@@ -169,12 +169,14 @@ def _open_closed_streams() -> None:
 
 def _write_utf_8() -> None:
     """Files and pipes get UTF-8 whatever the locale; a terminal gets what it can show."""
+    from enginediag_cli.safe_text import UNSPEAKABLE
+
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             if stream.isatty():
                 stream.reconfigure(errors="replace")
             else:
-                stream.reconfigure(encoding="utf-8")
+                stream.reconfigure(encoding="utf-8", errors=UNSPEAKABLE)
 
 
 if __name__ == "__main__":

@@ -22,6 +22,9 @@ _FORMULA = re.compile(r"'*[=+\-@\t\r＝＋－＠﹦﹢﹣﹫]")
 """What a spreadsheet takes for a formula, behind any apostrophes, also in full-width and small forms, which some turn
 into the plain ones: OWASP, "CSV injection"."""
 
+UNSPEAKABLE = "backslashreplace"
+"""What an encoder does with a byte of a file's name that is not UTF-8: text of strangers ends no run."""
+
 SHORT = 80
 """Characters of a text from a file that are repeated in a message."""
 
@@ -33,10 +36,16 @@ def visible(text: str, *, breaks: bool = False) -> str:
 
 
 def json_escaped(text: str) -> str:
-    r"""JSON text with control characters as its own escapes (\u202e, or two for one), so that it is the same JSON."""
+    r"""JSON text with control characters as its own escapes (\u202e, or two for one), so that it is the same JSON; a byte
+    of a file's name that is not UTF-8 becomes the text \udce9: as an escape it would be half a character."""
     import json
 
-    return _CONTROL.sub(lambda found: json.dumps(found.group())[1:-1], text)
+    def escape(found: re.Match[str]) -> str:
+        character = found.group()
+        lone = "\ud800" <= character <= "\udfff"
+        return "\\" + _escape(character) if lone else json.dumps(character)[1:-1]
+
+    return _CONTROL.sub(escape, text)
 
 
 def shortened(text: str, most: int = SHORT) -> str:

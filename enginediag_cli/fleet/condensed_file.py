@@ -249,7 +249,7 @@ def _squares(triangles: np.ndarray, p: int) -> np.ndarray:
 
 
 def _json(told: Mapping[str, Any]) -> bytes:
-    return json.dumps(told, ensure_ascii=False, separators=(",", ":")).encode()
+    return json.dumps(told, separators=(",", ":")).encode()
 
 
 def _npy(rows: np.ndarray) -> bytes:

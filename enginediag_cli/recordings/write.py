@@ -27,7 +27,7 @@ from enginediag_cli.progress import touched, wipe
 from enginediag_cli.recordings.formats.base import RecordingWriter
 from enginediag_cli.recordings.formats.parquet_in import named_parquet
 from enginediag_cli.recordings.table import Recording
-from enginediag_cli.safe_text import guarded, visible
+from enginediag_cli.safe_text import UNSPEAKABLE, guarded, visible
 
 PART = ".part"
 """Ending of a file that is being written, beside its final place and hidden."""
@@ -95,10 +95,10 @@ def output(path: str | Path) -> Iterator[TextIO]:
         if Path(os.path.realpath(path)).suffix == ".gz" and raw.seekable():
             # no name and no time in the packed file: the same data give the same bytes
             with gzip.GzipFile(filename="", fileobj=raw, mode="wb", mtime=0) as packed:
-                with io.TextIOWrapper(packed, encoding="utf-8", newline="") as stream:
+                with io.TextIOWrapper(packed, encoding="utf-8", errors=UNSPEAKABLE, newline="") as stream:
                     yield stream
         else:
-            with io.TextIOWrapper(raw, encoding="utf-8", newline="") as stream:
+            with io.TextIOWrapper(raw, encoding="utf-8", errors=UNSPEAKABLE, newline="") as stream:
                 yield stream
 
 

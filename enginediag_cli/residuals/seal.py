@@ -9,6 +9,7 @@ from math import isnan
 from typing import Any
 
 from enginediag_cli.residuals.windows import WindowPlan
+from enginediag_cli.safe_text import UNSPEAKABLE
 
 CHECKSUM = "checksum"
 """Column that holds the checksum of the other columns of its row."""
@@ -82,7 +83,7 @@ def checksum(row: Mapping[str, Any], without: tuple[str, ...] = ()) -> str:
     for column in sorted(row):
         text = _canonical(row[column]) if column != CHECKSUM and column not in without else ""
         if text:
-            digest.update(f"{column}\0{text}\0".encode())
+            digest.update(f"{column}\0{text}\0".encode(errors=UNSPEAKABLE))
     return digest.hexdigest()[:DIGITS]
 
 

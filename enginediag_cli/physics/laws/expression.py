@@ -150,7 +150,7 @@ def _check_numbers(node: ast.expr) -> bool:
     if not all(parts):
         return False
     with np.errstate(all="ignore"):
-        finite = isinstance(node, ast.Call) and _called(node) in FOLLOWERS or np.isfinite(_value(node, {}, None))
+        finite = (isinstance(node, ast.Call) and _called(node) in FOLLOWERS) or np.isfinite(_value(node, {}, None))
     if not finite:
         raise ExpressionError(f"'{_shortened(ast.unparse(node))}' has no finite value", node.col_offset)
     return True

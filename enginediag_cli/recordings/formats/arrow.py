@@ -13,6 +13,7 @@ from typing import Any, BinaryIO
 import numpy as np
 
 from enginediag_cli.errors import DataError
+from enginediag_cli.safe_text import UNSPEAKABLE
 
 NOTES = b"enginediag"
 """Key of a file's metadata that holds the `#` lines of the same file as CSV, one below the other."""
@@ -135,14 +136,14 @@ class ArrowWriter:
         self._arrow, parquet = parquet_library(path, "write a .csv")
         types = {"bool": "bool_"}
         fields = [(name, getattr(self._arrow, types.get(of, of))()) for name, of in columns]
-        metadata = {NOTES: "\n".join(notes).encode()} if notes else None
+        metadata = {NOTES: "\n".join(notes).encode(errors=UNSPEAKABLE)} if notes else None
         self._schema = self._arrow.schema(fields, metadata=metadata)
         self._writer = parquet.ParquetWriter(stream, self._schema, write_page_checksum=True)
 
     def group(self, columns: Sequence[Sequence[Any] | np.ndarray]) -> None:
         """Append a row group; None and NaN are nulls."""
         arrays = [
-            self._arrow.array(values, type=field.type, from_pandas=True)
+            self._arrow.array(_texts(values) if field.type == "string" else values, type=field.type, from_pandas=True)
             for values, field in zip(columns, self._schema, strict=True)
         ]
         self._writer.write_table(self._arrow.Table.from_arrays(arrays, schema=self._schema), row_group_size=1 << 30)
@@ -157,3 +158,7 @@ def _text(value: Any) -> str:
     if isinstance(value, bool):
         return "true" if value else "false"
     return repr(value).removesuffix(".0") if isinstance(value, float) else str(value)
+
+
+def _texts(values: Sequence[Any] | np.ndarray) -> list[Any]:
+    return [v.encode(errors=UNSPEAKABLE).decode() if isinstance(v, str) else v for v in values]
