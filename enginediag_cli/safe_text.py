@@ -36,8 +36,8 @@ def visible(text: str, *, breaks: bool = False) -> str:
 
 
 def json_escaped(text: str) -> str:
-    r"""JSON text with control characters as its own escapes (\u202e, or two for one), so that it is the same JSON; a byte
-    of a file's name that is not UTF-8 becomes the text \udce9: as an escape it would be half a character."""
+    r"""JSON text with control characters as its own escapes (\u202e, or two for one), so that it is the same JSON;
+    a byte of a name that is not UTF-8 becomes the text \udce9: as an escape it would be half a character."""
     import json
 
     def escape(found: re.Match[str]) -> str:

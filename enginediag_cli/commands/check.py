@@ -58,6 +58,8 @@ def check(
     all of it is rows. A recording that can be judged ends with 0, with or without warnings; one that cannot be (no
     column of numbers, an input or all sensors missing, units that cannot be, no record left to judge) ends with 2.
     """
+    from enginediag_cli.intake.intake import refuse_silent_pipe
+
     recordings = [file for file in files if not file.lower().endswith(YAML_SUFFIXES)]
     against = _against(messages, nominal, engine, recorder, engine_instance, accept_changed_engine, recordings)
     as_rows = output.format != "auto" or not output.to_stdout
@@ -65,6 +67,8 @@ def check(
     for file in files:
         name = "<stdin>" if file == "-" else file
         try:
+            if len(files) > 1:
+                refuse_silent_pipe(file)
             if file in recordings:
                 rows += _recording(messages, file, against, as_rows)
                 continue

@@ -169,4 +169,4 @@ def detect(
 
         write_picture(of_detection(drawn), picture_path)
     messages.note(", ".join(f"{n} {what}" for what, n in sorted(tally.items())) or "no window", counts=dict(tally))
-    return ending(tally["fault"], sum(tally.values()) - tally["no verdict"], exit_code)
+    return ending(tally["fault"], sum(tally.values()) - tally["no verdict"], exit_code, files.intake.unread)

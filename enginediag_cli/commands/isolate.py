@@ -202,4 +202,4 @@ def isolate(
         from enginediag_cli.presentation.charts.pictured import of_isolation, write_picture
 
         write_picture(of_isolation(drawn), picture_path)
-    return ending(named, judged, exit_code)
+    return ending(named, judged, exit_code, files.intake.unread)

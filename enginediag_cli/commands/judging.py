@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -78,10 +79,11 @@ def open_intake(source: Source, monitor: Monitor | None) -> Intake:
     from enginediag_cli.intake.wanted import columns_of
 
     if monitor is None:
-        return Intake(source, None)
+        return Intake(source, None, keep_going=True)
     from enginediag_cli.residuals.monitor import agreement_with
 
-    return Intake(source, columns_of(monitor.engine, monitor.sensors), agreement=agreement_with(monitor))
+    wanted = columns_of(monitor.engine, monitor.sensors)
+    return Intake(source, wanted, agreement=agreement_with(monitor), keep_going=True)
 
 
 def tell_files(messages: Messages, files: JudgedFiles) -> None:
@@ -90,6 +92,8 @@ def tell_files(messages: Messages, files: JudgedFiles) -> None:
     from enginediag_cli.presentation.sentences import count
 
     tell_mismatches(messages, files.intake.mismatches)
+    for file, reason in files.intake.unread.items():
+        messages.error(f"not read to its end, the other files are judged: {reason}", file=file)
     tell_left_out(messages, files.intake.left_out, files.counts, files.elsewhere)
     if files.ledger.repeated:
         messages.warning(f"{count(files.ledger.repeated, 'row')} of statistics given twice, and counted once")
@@ -97,12 +101,15 @@ def tell_files(messages: Messages, files: JudgedFiles) -> None:
         messages.warning(f"{count(files.ledger.overlapping, 'window')} with records that another has, too")
 
 
-def ending(found: int, judged: int, exit_code: bool) -> ExitCode:
-    """Exit code: a finding only on request; no verdict when nothing could be judged, or nothing was there."""
+def ending(found: int, judged: int, exit_code: bool, unread: Collection[str] = ()) -> ExitCode:
+    """Exit code: a finding only on request; trouble where files were `unread`; no verdict when nothing could be judged,
+    or nothing was there."""
     from enginediag_cli.errors import ExitCode
 
     if found and exit_code:
         return ExitCode.FINDING
+    if unread:
+        return ExitCode.TROUBLE
     return ExitCode.DONE if judged else ExitCode.NO_VERDICT
 
 

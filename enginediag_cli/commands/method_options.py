@@ -179,4 +179,4 @@ def detect_by_method(
     output.write_rows(chain([first] if first is not None else [], every), provenance=head, live=True)
     tell_files(messages, files)
     messages.note(", ".join(f"{n} {what}" for what, n in sorted(tally.items())) or "no window", counts=dict(tally))
-    return ending(tally["fault"], sum(tally.values()) - tally["no verdict"], exit_code)
+    return ending(tally["fault"], sum(tally.values()) - tally["no verdict"], exit_code, files.intake.unread)

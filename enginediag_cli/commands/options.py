@@ -153,7 +153,7 @@ def recordings_argument(function: Function) -> Function:
         nargs=-1,
         metavar="[FILE]...",
         callback=_input_files,
-        type=click.Path(exists=True, dir_okay=False, readable=True, allow_dash=True),
+        type=click.Path(allow_dash=True),  # what is not there, or no file, is named when it is read: others are judged
     )(function)
 
 

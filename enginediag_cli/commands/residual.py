@@ -89,7 +89,7 @@ def residual(
     rows_found = chain([first] if first is not None else [], rows)
     output.write_rows(rows_found, columns, summary=summary, provenance=head, live=True)
     tell_files(messages, files)
-    return ending(0, files.counts["statistics"], False)
+    return ending(0, files.counts["statistics"], False, files.intake.unread)
 
 
 def _statistics(files: JudgedFiles, monitor: Monitor) -> Iterator[dict[str, Any]]:

@@ -198,4 +198,4 @@ def trend(
         write_picture(of_margin(rows) if what == "margin" else of_trend(series, rows), picture_path)
     if series.lost:
         messages.warning(f"{series.lost} windows without a verdict were left out")
-    return ending(0, len(rows), False)
+    return ending(0, len(rows), False, files.intake.unread)

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import os
+import stat
 from collections.abc import Collection, Iterable, Iterator
+from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from enginediag_cli.errors import DataError, NoVerdictError
+from enginediag_cli.errors import DataError, EngineDiagError, NoVerdictError
 from enginediag_cli.intake.agreement import SAMPLED, Agreement, Disagreement, MismatchError
 from enginediag_cli.intake.left_out import LeftOut
 from enginediag_cli.intake.past import Past
@@ -33,6 +36,7 @@ class Intake:
     fleet: a recording of several engines may be read whole; otherwise one of them has to be wanted by name.
     agreement: what recordings are compared with before they are handed on; one that cannot be of that engine, or in
     these units, raises DataError, or is kept in `mismatches` where that is accepted.
+    keep_going: a file that cannot be read is named in `unread`, with the reason, and the others are read all the same.
     left_out, provenance, columns: what was left out, by file and engine, the `#` lines of the files' heads, and the
     names of all their columns, as far as they have been read.
     """
@@ -41,6 +45,8 @@ class Intake:
     wanted: Wanted | None
     fleet: bool = False
     agreement: Agreement | None = None
+    keep_going: bool = False
+    unread: dict[str, str] = field(default_factory=dict)
     left_out: list[LeftOut] = field(default_factory=list)
     mismatches: list[Disagreement] = field(default_factory=list)
     provenance: list[str] = field(default_factory=list)
@@ -57,16 +63,32 @@ class Intake:
     def files(self) -> Iterator[File]:
         """The files in turn; each has to be read before the next is asked for. Raises DataError."""
         for name in self.source.files:
-            if self.recorder is not None:
-                yield File(self, name, None)
-                continue
-            with table_file(name) as table:
+            with ExitStack() as opened:
+                try:
+                    if self.keep_going and len(self.source.files) > 1:
+                        refuse_silent_pipe(name)
+                    table = opened.enter_context(table_file(name)) if self.recorder is None else None
+                except DataError as error:
+                    self.excuse(name, error)
+                    continue
                 yield File(self, name, table)
 
     def chunks(self) -> Iterator[Recording]:
         """Masked chunks of all files in turn. Raises DataError, NoVerdictError."""
         for file in self.files():
-            yield from file.masked()
+            try:
+                yield from file.masked()
+            except (DataError, NoVerdictError) as error:
+                self.excuse(file.name, error)
+
+    def excuse(self, name: str, error: EngineDiagError) -> None:
+        """Go on without the rest of a file, which `unread` names; raises the error where there is nothing to go on
+        with: no `keep_going`, or no other file that can be read."""
+        if not self.keep_going:
+            raise error
+        self.unread[name] = str(error)
+        if len(self.unread) == len(self.source.files):
+            raise error
 
     def ungated(self) -> Intake | None:
         """The same with every record that was read, steady or not, and no averages; None where nothing but masks leaves
@@ -208,6 +230,16 @@ class _AsRead:
         for name in self._engines:
             converted = Conversion(self._recorder, name).add(few, end=True)
             self._intake.compare(self._recorder.derive(converted), name)
+
+
+def refuse_silent_pipe(name: str) -> None:
+    """Raises DataError for a pipe in a folder, to which nobody may ever write; those of a shell (/dev/fd/63) pass."""
+    try:
+        silent = stat.S_ISFIFO(os.stat(name).st_mode) and not os.path.realpath(name).startswith(("/proc/", "/dev/"))
+    except OSError:
+        return
+    if silent:
+        raise DataError(f"{name}: a pipe, not a file; among several files it would hold up the others")
 
 
 def judged_columns(wanted: Wanted, recording: Recording) -> Judged:

@@ -49,7 +49,7 @@ def refuse_repeated(files: Sequence[str]) -> None:
     by_size: dict[int, list[str]] = {}
     for file in files:
         path = Path(file)
-        if file != STDIN and path.is_file() and path.stat().st_size:
+        if file != STDIN and path.is_file() and os.access(file, os.R_OK) and path.stat().st_size:
             by_size.setdefault(path.stat().st_size, []).append(file)
     for alike in by_size.values():
         seen: dict[str, str] = {}

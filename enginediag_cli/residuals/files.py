@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import partial
 
-from enginediag_cli.errors import DataError
+from enginediag_cli.errors import DataError, NoVerdictError
 from enginediag_cli.intake.intake import File, Intake
 from enginediag_cli.parameters import Parameter
 from enginediag_cli.recordings.table import Recording
@@ -24,7 +24,7 @@ from enginediag_cli.residuals.reference import last_records, windows_against_ref
 from enginediag_cli.residuals.seal import DIGITS, MadeWith, plan_cells
 from enginediag_cli.residuals.series_monitor import monitored_as_read
 from enginediag_cli.residuals.statistics_file import Ledger, read_statistics, refuse_ignored_options
-from enginediag_cli.residuals.window import WindowStatistics
+from enginediag_cli.residuals.window import WindowStatistics, not_read
 from enginediag_cli.residuals.windows import WindowPlan
 
 Window = tuple[WindowStatistics, Mapping[str, Parameter]]
@@ -87,10 +87,15 @@ class JudgedFiles:
     def windows(self) -> Iterator[Window]:
         """All windows in turn. Raises DataError, NoVerdictError."""
         for file in self.intake.files():
-            statistics = file.table is not None and is_flat(file.table.columns)
-            for window, known in self._flat(file) if statistics else self._condensed(file):
-                self._count(window)
-                yield window if self.solutions else replace(window, solution=None), known
+            try:
+                statistics = file.table is not None and is_flat(file.table.columns)
+                for window, known in self._flat(file) if statistics else self._condensed(file):
+                    self._count(window)
+                    yield window if self.solutions else replace(window, solution=None), known
+            except (DataError, NoVerdictError) as error:
+                self.intake.excuse(file.name, error)
+        for name, reason in self.intake.unread.items():
+            yield not_read(name, reason), {}
 
     def _condensed(self, file: File) -> Iterator[Window]:
         monitor = self.monitor

@@ -70,6 +70,12 @@ class WindowStatistics:
         return sum(n for where, n in self.elsewhere.items() if where.judged)
 
 
+def not_read(source: str, reason: str) -> WindowStatistics:
+    """A recording that could not be read, or not to its end, in the place of its windows."""
+    nan = float("nan")
+    return WindowStatistics(source, "", "", 0, 0, nan, nan, 0, 0, 0, 0, None, reason)
+
+
 def joined(parts: Sequence[WindowStatistics]) -> WindowStatistics:
     """Bookkeeping of a window from that of its pieces, in order."""
     first, last = parts[0], parts[-1]

@@ -185,7 +185,7 @@ def _series_files(question: Question, monitor: Monitor) -> JudgedFiles:
 
 def _intake(question: Question, monitor: Monitor) -> Intake:
     wanted = columns_of(monitor.engine, monitor.sensors)
-    return Intake(question.source, wanted, agreement=agreement_with(monitor))
+    return Intake(question.source, wanted, agreement=agreement_with(monitor), keep_going=True)
 
 
 def _place(window: Any) -> Origin:
