@@ -22,6 +22,8 @@ from enginediag_cli.residuals.score import Score
 
 MAX_POINTS = 20_000
 """Records times sets computed in one call of the engine."""
+TOGETHER = 1_500
+"""Records that are held against nominal together: sensitivities to two hundred parameters of each take 100 MB."""
 
 
 @dataclass(frozen=True)
@@ -66,18 +68,33 @@ class WindowModel:
     ):
         self.monitor = monitor
         self.p = len(monitor.monitored)
-        predicted, J, ok, found = monitor.predict(dict(inputs), monitor.theta0, start=start)
-        # errors of the maps stay where nominal has the machines, whatever fault is tried
-        known = {**inputs, **getattr(found, "frozen", {})}
-        self.inputs = {column: np.asarray(values)[ok] for column, values in known.items()}
-        x = getattr(found, "x", None)  # unknowns of the engine, from which the solutions of changes are near
-        self._start = None if x is None else np.asarray(x)[:, ok]
-        self.y = y[ok]
-        z, G = whiten(self.y - predicted[ok], J[ok], monitor.noise)
-        present = np.isfinite(self.y) & np.all(np.isfinite(J[ok]), axis=2)
         root = root_of(monitor.uncertainty, monitor.prior_sigma)
-        self._present = present
-        self._doubt = G.reshape(-1, G.shape[2]) @ root
+        parts = []
+        for first in range(0, max(len(y), 1), TOGETHER):
+            rows = slice(first, first + TOGETHER)
+            here = {column: np.asarray(values)[rows] for column, values in inputs.items()}
+            near = None if start is None else start[:, rows]
+            predicted, J, ok, found = monitor.predict(here, monitor.theta0, start=near)
+            # errors of the maps stay where nominal has the machines, whatever fault is tried
+            known = {**here, **getattr(found, "frozen", {})}
+            x = getattr(found, "x", None)  # unknowns of the engine, from which the solutions of changes are near
+            readings = y[rows][ok]
+            z, G = whiten(readings - predicted[ok], J[ok], monitor.noise)
+            parts.append(
+                (
+                    {column: np.asarray(values)[ok] for column, values in known.items()},
+                    None if x is None else np.asarray(x)[:, ok],
+                    readings,
+                    z,
+                    np.isfinite(readings) & np.all(np.isfinite(J[ok]), axis=2),
+                    G.reshape(-1, G.shape[2]) @ root,
+                )
+            )
+        of_inputs, starts, measured, residuals, present, doubt = zip(*parts, strict=True)
+        self.inputs = {column: np.concatenate([part[column] for part in of_inputs]) for column in of_inputs[0]}
+        self._start = None if starts[0] is None else np.concatenate(starts, axis=1)
+        self.y, z = np.concatenate(measured), np.concatenate(residuals)
+        self._present, self._doubt = np.concatenate(present), np.concatenate(doubt)
         self._inner = np.eye(root.shape[1]) + self._doubt.T @ self._doubt
         self._noise = 1.0
         self._at_nominal = 0.0
