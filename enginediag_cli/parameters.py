@@ -2,7 +2,8 @@
 
 Health parameters are scale factors of nominal 1 on what a component should do (`hpc.efficiency`); sensor
 parameters are a bias of nominal 0 in the sensor's unit or a scale of nominal 1 (`sensor.T3.bias`), input
-parameters the same of an instrument that gives the model an input (`input.Wf.scale`); design
+parameters the same of an instrument that gives the model an input (`input.Wf.scale`); actuator parameters say what a
+valve or a vane does that it should not (`bleed.hpc.fraction`), of nominal 0; design
 parameters describe the engine type itself (`hpc.map.work_slope`) and are identified, not monitored;
 physics parameters are coefficients of effects, of nominal 0 where the effect is absent.
 
@@ -15,7 +16,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, fields, replace
 from typing import Any
 
-FAMILIES = ("health", "sensor", "input", "design", "physics", "discrepancy", "map_error")
+FAMILIES = ("health", "sensor", "input", "actuator", "design", "physics", "discrepancy", "map_error")
 
 ABBREVIATIONS = frozenset(
     {"lpc", "ipc", "hpc", "lpt", "ipt", "hpt", "lp", "ip", "hp", "itt", "egt", "n1", "n2", "igv", "vsv"}
@@ -67,6 +68,11 @@ class Parameter:
     def of_instrument(self) -> bool:
         """Whether it is an error of an instrument, of a measured output or of an input of the model."""
         return self.family in ("sensor", "input")
+
+    @property
+    def fails_alone(self) -> bool:
+        """Whether it seldom changes, and by itself: an instrument or an actuator, which do not wear with the engine."""
+        return self.of_instrument or self.family == "actuator"
 
     def moved(self, nominal: float) -> Parameter:
         """The same parameter with another nominal value, as identified."""

@@ -36,7 +36,7 @@ from enginediag_cli.isolation.classes import Class, class_of
 from enginediag_cli.isolation.enumeration import plan
 from enginediag_cli.isolation.methods import IsolationOptions
 from enginediag_cli.isolation.posterior import size_limit
-from enginediag_cli.isolation.prior import Instruments, SetPrior, are_sensors
+from enginediag_cli.isolation.prior import Instruments, SetPrior
 from enginediag_cli.isolation.result import Explanation
 from enginediag_cli.isolation.wear import log_wear
 from enginediag_cli.residuals.score import Score
@@ -84,7 +84,7 @@ def component_posterior(
     owner = [p.component for p in score.described]
     components = tuple(dict.fromkeys(owner))
     # an instrument is wrong in one of its forms: each is a unit, and two of one instrument have the prior 0
-    wrong, units = are_sensors(score.described), list[list[int]]()
+    wrong, units = np.array([p.fails_alone for p in score.described], bool), list[list[int]]()
     for c in components:
         mine = [i for i, o in enumerate(owner) if o == c]
         units += [[i] for i in mine] if wrong[mine].all() else [mine]

@@ -57,15 +57,15 @@ def are_sensors(parameters: Sequence[Parameter]) -> np.ndarray:
 
 @dataclass(frozen=True)
 class Instruments:
-    """Which parameters are forms of the error of which instrument: number of the instrument (p,), −1 of the engine's
-    parameters. The forms of one instrument (its bias, its scale) exclude each other."""
+    """Which parameters are forms of the error of which instrument or actuator: its number (p,), −1 of what wears with
+    the engine. The forms of one instrument (its bias, its scale) exclude each other."""
 
     owner: np.ndarray
 
     @staticmethod
     def from_parameters(parameters: Sequence[Parameter]) -> Instruments:
-        names = {name: k for k, name in enumerate(dict.fromkeys(p.component for p in parameters if p.of_instrument))}
-        return Instruments(np.array([names[p.component] if p.of_instrument else -1 for p in parameters], int))
+        names = {name: k for k, name in enumerate(dict.fromkeys(p.component for p in parameters if p.fails_alone))}
+        return Instruments(np.array([names[p.component] if p.fails_alone else -1 for p in parameters], int))
 
     @staticmethod
     def alone(sensors: np.ndarray) -> Instruments:

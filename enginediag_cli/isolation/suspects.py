@@ -58,7 +58,7 @@ def suspects_of(
     owner, wrong, shown, log_odds = [], [], [], []
     for component, mine in members.items():
         instrument = all(described[i].of_instrument for i in mine)
-        chance = prior.sensor if instrument else prior.inclusion
+        chance = prior.sensor if all(described[i].fails_alone for i in mine) else prior.inclusion
         each, whole = [(i,) for i in mine], [tuple(mine)]
         # an instrument is wrong in one of its forms, a component in all of its parameters or in one
         sets = each if instrument or len(mine) == 1 else [*whole, *each]

@@ -307,9 +307,22 @@ def _uncertainty(nominal: Nominal, names: Sequence[str], spread: Sequence[float]
     return C
 
 
+def _valves(engine: Any) -> list[str]:
+    """Bleed valves that may stand open, of compressors whose flow is not divided behind them: ahead of a splitter there
+    is none. Vanes off their schedule are no suspects by themselves: to first order they are a change of flow
+    capacity."""
+    network = getattr(engine, "network", None)
+    if network is None:
+        return []
+    divided = {c.values["from"] for c in network.components if c.TYPE == "splitter"}
+    outlets = {f"bleed.{c.name}.fraction": c.values["to"] for c in network.components if c.TYPE == "compressor"}
+    return [name for name, station in outlets.items() if name in engine.parameters and station not in divided]
+
+
 def monitor_of(baseline: Baseline, patterns: Sequence[str] = (), *, sensors: bool = False) -> Monitor:
     """Monitor of a baseline; patterns as in `monitor_from_nominal`; sensors: bias and scale of every sensor in use and
-    of every input channel may have changed, too. Raises DataError for a pattern that names nothing."""
+    of every input channel, and bleed valves, may have changed, too. Raises DataError for a pattern that names
+    nothing."""
     nominal = baseline.nominal
     engine: MonitoredModel = baseline.engine
     if sensors or patterns:
@@ -321,6 +334,7 @@ def monitor_of(baseline: Baseline, patterns: Sequence[str] = (), *, sensors: boo
         known = [p for column in monitor.sensors for p in engine.sensors[column].parameters()]
         wrong = [p.name for p in known if p.quantity in ("bias", "scale")]
         wrong += [p.name for p in engine.parameters.values() if p.of_instrument and not p.of_sensor]
+        wrong += _valves(engine)
         added = [name for name in wrong if name not in monitor.monitored]
         monitor = monitor_from_nominal(engine, nominal, (*monitor.monitored, *added))
     # statistics are bound to the engine that made them, too, where it is not the one identified

@@ -59,6 +59,9 @@ TABLE = Section(
 )
 SHAPE = Section("map", "coefficients of the parametric map", compressor_map.FIELDS)
 
+VANE_DEFAULTS = {f.name: f.default for f in VANES.fields}
+"""What vanes do to a map whose engine file does not say: the usual figures of the form."""
+
 
 class Compressor(Valves):
     """Enthalpy rise Δh and pressure ratio from corrected speed and flow.
@@ -153,6 +156,7 @@ class Compressor(Valves):
                         f.help,
                     )
                 )
+        found += self._actuator_parameters()
         if self.values["vanes"]:
             found += self._vane_parameters(self.values["vanes"])
         for port in self.values["ports"]:
@@ -168,6 +172,22 @@ class Compressor(Valves):
                 )
             )
         return tuple(found)
+
+    def _actuator_parameters(self) -> list[Parameter]:
+        """A bleed valve at the exit that stands open, overboard, and vanes off their schedule; both nominally not."""
+        valve, vane, part = f"bleed.{self.name}", f"vane.{self.name}", spelled(self.name)
+        open_by = f"flow that a bleed valve at the exit of the {part} takes overboard, over its flow"
+        off_by = f"closing of the {part} vanes beyond their schedule"
+        bleed, vanes = f"{part} exit bleed valve", f"{part} vanes"
+        flow, angle = f"{part} exit bleed flow", f"{part} vane angle"
+        return [
+            Parameter(
+                f"{valve}.fraction", "actuator", 0.0, -0.02, 0.3, 0.02, "1", open_by, valve, "fraction", flow, bleed, 1
+            ),
+            Parameter(
+                f"{vane}.offset_deg", "actuator", 0.0, -30.0, 30.0, 2.0, "deg", off_by, vane, "offset_deg", angle, vanes
+            ),
+        ]
 
     def _vane_parameters(self, vanes: Mapping[str, Any]) -> list[Parameter]:
         a, b = vanes["flow_per_deg"], vanes["loss_per_deg2"]
@@ -196,6 +216,11 @@ class Compressor(Valves):
             closing = e[f"{self.name}.vane_closing_deg"]
             capacity = closed_flow(capacity, e[f"{self.name}.vanes.flow_per_deg"], closing)
             efficiency = closed_efficiency(efficiency, e[f"{self.name}.vanes.loss_per_deg2"], closing)
+        off = e[f"vane.{self.name}.offset_deg"]
+        if not (isinstance(off, float) and off == 0.0):
+            of = self.values["vanes"] or VANE_DEFAULTS
+            capacity = closed_flow(capacity, of["flow_per_deg"], off)
+            efficiency = closed_efficiency(efficiency, of["loss_per_deg2"], off)
         e.outputs[f"{self.name}_corrected_rpm"] = corrected_speed
         if self.table is None:
             n = corrected_speed * (1.0 / self.speed_scale)
@@ -241,6 +266,9 @@ class Compressor(Valves):
             e.bleeds[port["name"]] = Flow(inlet.gas, inlet.mixture, taken, P, h=inlet.h + rise * part)
             demand = demand - taken * (rise * (1.0 - part))
             outlet.W = outlet.W - taken
+        lost = e[f"bleed.{self.name}.fraction"]
+        if not (isinstance(lost, float) and lost == 0.0):
+            outlet.W = outlet.W * (1.0 - lost)
         shaft = e.shaft(self.values["shaft"])
         shaft.demand_W = shaft.demand_W + demand
         e.flows[self.values["to"]] = outlet
