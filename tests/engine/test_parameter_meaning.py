@@ -93,7 +93,8 @@ def test_the_effectiveness_of_a_new_component_is_a_place_to_look(tmp_path, monke
 
 def test_what_wears_out_can_only_fall(every):
     parameters = every["turbofan.yaml"].parameters
-    assert parameters["hpc.efficiency"].wear == -1 and parameters["hpc.flow_capacity"].wear == 0
+    assert parameters["hpc.efficiency"].wear == -1 and parameters["hpc.flow_capacity"].wear == -1
+    assert parameters["hpt.flow_capacity"].wear == 0
 
 
 def test_a_loss_that_was_identified_larger_may_vary_by_as_large_a_part_of_itself(every):
