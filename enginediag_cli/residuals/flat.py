@@ -6,8 +6,8 @@ mapping), then `theta0:a`, `prior_sigma:a`, `s:a` per monitored parameter a, and
 and `slopes:a|b`. What is uncertain beside these is described in `nuisance`, a JSON mapping: `common`, how many unit
 normals `nominal.1` … all windows share, and `own`, name -> standard deviation of what each recording has anew. With k
 of them, and a monitored parameters, `nuisance:1` … hold s (k,), F (a, k), the upper triangle of F (k, k), V (a, k) and
-the upper triangle of V (k, k), row by row: one text in base 64 of little-endian float64, in cells of CELL characters.
-All of these but `slopes` add, see `additive.py`.
+the upper triangle of V (k, k), row by row: one text in base 64 of little-endian float64, cut into cells that begin
+with `f8:`. All of these but `slopes` add, see `additive.py`.
 """
 
 from __future__ import annotations
@@ -55,6 +55,8 @@ NUISANCE = "nuisance"
 """What is uncertain beside the monitored parameters and has not been marginalised; empty: nothing is left."""
 CELL = 100_000
 """Characters of a cell: readers of CSV refuse cells of more than 131,072."""
+MARK = "f8:"
+"""Begins a cell of numbers, which would else begin as a formula now and then."""
 CONDITIONS = "conditions"
 """What was flown, by which a series of windows is told from the weather; a file without this column does not say."""
 WINDOW_COLUMNS = (
@@ -140,7 +142,7 @@ def _nuisance_cells(x: LocalStatistics) -> dict[str, str]:
     text = base64.b64encode(np.concatenate(parts).astype("<f8").tobytes()).decode("ascii")
     own = dict(zip(x.own, x.prior_sigma[len(x.parameters) - len(x.own) :].tolist(), strict=True))
     described = json.dumps({"common": len(x.common), "own": own}, ensure_ascii=False, separators=(",", ":"))
-    cells = {f"{NUISANCE}:{i // CELL + 1}": text[i : i + CELL] for i in range(0, len(text), CELL)}
+    cells = {f"{NUISANCE}:{i // CELL + 1}": MARK + text[i : i + CELL] for i in range(0, len(text), CELL)}
     return {NUISANCE: described, **cells}
 
 
@@ -329,7 +331,8 @@ class _Cells:
         a, k = len(x.parameters), common + len(own)
         upper = np.triu_indices(k)
         sizes = [k, a * k, len(upper[0]), a * k, len(upper[0])]
-        text = "".join(self._row.get(f"{NUISANCE}:{i + 1}", "") for i in range(len(self._row)))
+        cells = [self._row.get(f"{NUISANCE}:{i + 1}", "") for i in range(len(self._row))]
+        text = "".join(cell.removeprefix(MARK) for cell in cells)
         try:
             values = np.frombuffer(base64.b64decode(text, validate=True), "<f8").astype(float)
         except (binascii.Error, ValueError):

@@ -50,7 +50,7 @@ RESIDUAL = Table(
         column(
             "nuisance:<number>",
             "text",
-            "s, F and V of what nuisance lists, and F and V between it and the parameters: base 64 of float64",
+            "s, F and V of what nuisance lists, and F and V between it and the parameters: f8: and base 64 of float64",
             empty=True,
         ),
         column("s:<parameter>", "number", "score Σ JᵀR⁻¹e", "per parameter", empty=True),
