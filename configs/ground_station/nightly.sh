@@ -8,6 +8,7 @@
 #   rejected/               recordings that cannot be judged
 #   alarms/                 what ALARM was told: called with a subject, the message on standard input
 #
+# Whatever one recording ends with, the others are judged.
 # Ends with 0 nothing found, 1 a finding, 2 trouble with the options, a recording or ALARM, 75 another run is at work.
 set -euo pipefail
 
@@ -71,9 +72,8 @@ judge() { # RECORDING
             return
             ;;
         *) # killed, or a fault of the program: tried again in the next run
-            cat "work/$name.said" >&2
-            echo "$recording: detect ended with $code" >&2
-            exit "$code"
+            trouble "$name" "detect ended with $code, and is tried again in the next run"
+            return
             ;;
     esac
     mv "work/$name.detect.csv" results/ # last: until it is there, the recording counts as not judged

@@ -12,12 +12,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from enginediag_cli import __version__
-from enginediag_cli.errors import NoVerdictError
+from enginediag_cli.errors import DataError, EngineDiagError, NoVerdictError
 from enginediag_cli.fleet.fleet import Baseline, Build, Fleet
 from enginediag_cli.fleet.recordings import Recorded, natural
 from enginediag_cli.identification.problem import TrainingRecording
 from enginediag_cli.identification.training import training_recordings
-from enginediag_cli.intake.agreement import Agreement, MismatchError, agreement_with_engine
+from enginediag_cli.intake.agreement import Agreement, agreement_with_engine
 from enginediag_cli.intake.intake import Intake
 from enginediag_cli.intake.source import Source
 from enginediag_cli.intake.wanted import Wanted, columns_of
@@ -124,6 +124,12 @@ class _EarlyLife:
             self.flights.setdefault(key, []).append(part)
             self.records += len(part)
 
+    def forget(self, file: str) -> None:
+        """Leave out what was taken of a file that could not be read to its end."""
+        gone = [key for key in self.flights if key[0] == file]
+        self.records -= sum(len(part) for key in gone for part in self.flights.pop(key))
+        self.full = self.full and not gone
+
     def training(self) -> Iterator[TrainingRecording]:
         by_file: dict[str, list[Recording]] = {}
         for (file, _), parts in self.flights.items():
@@ -149,7 +155,7 @@ def _early_lives(
 ) -> list[_EarlyLife]:
     """Early lives of engines, no more recordings read than are needed for the number that is asked for; those that
     cannot be of the engine take no part. Raises DataError where none can."""
-    wrong: list[MismatchError] = []
+    wrong: list[EngineDiagError] = []
     most = int(fleet.identify["engines"])
     lives: dict[str, _EarlyLife] = {}
     for recorded in _chosen_recordings(recordings, most):
@@ -164,9 +170,11 @@ def _early_lives(
                 life.take(key[:2], part, fleet.baseline)
                 if recorded.serial and life.full:
                     break
-        except MismatchError as error:
+        except (DataError, NoVerdictError) as error:  # named again, with the reason, when it is condensed
             wrong.append(error)
-    if wrong and not lives:
+            for life in lives.values():
+                life.forget(recorded.path)
+    if wrong and not any(life.records for life in lives.values()):
         raise wrong[0]
     return sorted(lives.values(), key=lambda life: natural(life.serial))
 

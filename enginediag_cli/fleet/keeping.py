@@ -44,7 +44,7 @@ def standing(fleet: Fleet, recordings: Sequence[Recorded], store: Store) -> Stan
     known = []
     for recorded in recordings:
         making = makings[recorded.build]
-        key = making.key(sha256_of(recorded.path)) if making is not None else ""
+        key = making.key(sha256_of(recorded.path)) if making is not None and not recorded.trouble else ""
         known.append((recorded, key if key in there else ""))
     others = sorted(there - {key for _, key in known})
     return Standing(tuple(known), {n: m is not None for n, m in makings.items()}, tuple(others), _size(store.folder))

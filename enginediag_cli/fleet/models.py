@@ -38,7 +38,7 @@ def model_of(fleet: Fleet, build: Build, recordings: Sequence[Recorded], store: 
 
     path, identified = nominal_path(fleet, build, store), None
     if not path.exists():
-        mine = [r for r in recordings if r.build == build.name]
+        mine = [r for r in recordings if r.build == build.name and not r.trouble]
         identified = identify_common(fleet, build, mine, path)
     generic = open_baseline(path).nominal.error_model is not None
     return Model(build, making_of(fleet, build, path), generic, identified)

@@ -69,8 +69,8 @@ def condense_all(
     recordings: Sequence[Recorded], models: Mapping[str, Model], store: Store, runner: Runner
 ) -> list[Outcome]:
     """What became of each recording. Raises OSError when the store cannot be written."""
-    tasks = list(_batches(recordings, models, store))
-    found: dict[str, Outcome] = {}
+    tasks = list(_batches([r for r in recordings if not r.trouble], models, store))
+    found = {r.path: Outcome(r.path, trouble=r.trouble) for r in recordings if r.trouble}
     for _, outcomes in each(runner.run(condense, tasks), "batches of recordings condensed", len(tasks)):
         found |= {outcome.path: outcome for outcome in outcomes}
     _check_there(store, found.values())
@@ -170,7 +170,9 @@ def engine_tasks(
 
 def run_fleet(fleet: Fleet, recordings: Sequence[Recorded], store: Store, runner: Runner) -> FleetResult:
     """Everything. Raises ConfigError, DataError, OSError, and NoVerdictError where there is no engine to judge."""
-    builds = [b for b in fleet.builds if any(r.build == b.name for r in recordings)]
+    builds = [b for b in fleet.builds if any(r.build == b.name and not r.trouble for r in recordings)]
+    if not builds:
+        raise NoVerdictError(f"{fleet.path}: no recording can be read: {recordings[0].name}: {recordings[0].trouble}")
     models = {build.name: model_of(fleet, build, recordings, store) for build in builds}
     for model in models.values():  # what is wrong with a nominal file is told before work begins
         whole_monitor(model.making.nominal, model.making.fingerprint)

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from enginediag_cli.config.reading import outside_allowed
 from enginediag_cli.errors import ConfigError, DataError, NoVerdictError
 from enginediag_cli.fleet.common_model import _chosen, _EarlyLife, _even
 from enginediag_cli.fleet.fleet import Baseline, load_fleet
@@ -140,3 +142,22 @@ def test_the_model_rests_on_engines_evenly_chosen_and_on_whole_flights_of_them()
     assert {life.records % 100 for life in chosen} == {0}
     assert len(_chosen(lives, {"engines": 10, "records": 20})) == 3  # not one engine in place of a fleet
     assert _even(100, 5) == [0, 25, 50, 74, 99]
+
+
+def test_what_a_pattern_finds_and_nobody_can_read_is_named_and_nothing_outside_is_read(tmp_path):
+    folder = tmp_path / "fleet"
+    (folder / "e_3.csv").mkdir(parents=True)
+    for path in (folder / "e_1.csv", tmp_path / "secret.csv"):
+        path.write_text("x\n", encoding="utf-8")
+    (folder / "e_2.csv").symlink_to(tmp_path / "nowhere")
+    (folder / "e_4.csv").symlink_to(tmp_path / "secret.csv")
+    os.mkfifo(folder / "e_5.csv")
+    fleet = load_fleet(written(folder, GOOD.replace("'*.csv'", "'*.csv', '../sec*'")))
+    troubles = {Path(r.path).name: r.trouble for r in recordings_of(fleet)}
+    assert troubles.pop("e_1.csv") == ""
+    said = {"e_2.csv": "a link to", "e_3.csv": "a folder", "e_4.csv": "outside", "e_5.csv": "a pipe"}
+    said["secret.csv"] = "outside"
+    assert troubles.keys() == said.keys() and all(said[name] in why for name, why in troubles.items())
+    with outside_allowed():
+        allowed = {Path(r.path).name for r in recordings_of(fleet) if not r.trouble}
+    assert allowed == {"e_1.csv", "e_4.csv", "secret.csv"}

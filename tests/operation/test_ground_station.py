@@ -144,8 +144,22 @@ def test_a_run_beside_another_ends_with_75_and_one_that_is_killed_has_judged_not
     assert told.returncode == 75
     assert "another run is at work" in told.stderr
     station.program("enginediag", '#!/bin/sh\nif [ "$1" = detect ]; then kill -9 $$; fi\n')
-    assert station.nightly().returncode == 137
-    assert station.names("results") == station.names("alarms") == []
+    ended = station.nightly()
+    assert ended.returncode == 2 and "ESN1_0002: detect ended with 137" in ended.stdout
+    assert station.names("results") == []
+
+
+def test_whatever_one_recording_ends_with_the_others_are_judged(station):
+    program = station.bin / "enginediag"
+    real = program.rename(station.bin / "real")
+    station.program("enginediag", f'#!/bin/sh\ncase "$*" in detect*0001*) exit 70;; esac\nexec {real} "$@"\n')
+    station.arrives("ESN1_0001.csv", station.recordings["flight"])
+    station.arrives("ESN1_0003.csv", station.recordings["flight"])
+    ended = station.nightly(f"ALARM={station.hook}")
+    assert ended.returncode == 2
+    assert station.names("results") == ["ESN1_0003.detect.csv"]
+    assert "to: ESN1_0001: detect ended with 70, and is tried again in the next run" in station.mail.read_text()
+    assert station.names("incoming") == ["ESN1_0001.csv", "ESN1_0003.csv"]
 
 
 def test_the_script_is_clean_and_the_units_name_it(tmp_path):
