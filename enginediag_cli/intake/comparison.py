@@ -56,8 +56,20 @@ MAD = 1.4826
 SMALL = 0.1
 """Share of a sensor's largest predicted reading below which a deviation is no longer relative to the reading: power
 and thrust pass through zero."""
+LEAST_READ, STILL = 5, 0.5
+"""Readings from which it is seen that a sensor stands still, and the share of them at one value from which it does:
+records of a sample lie all over a recording, where the engine moves."""
 GROSS = 3.0
 """|ln(y/Φ)| beyond which a reading is not looked at more closely: a factor of 20, or a wrong sign."""
+
+
+def _is_read(values: np.ndarray) -> bool:
+    """Whether a column (K,) holds readings: one that stands at one value in most records is a dead sensor's, which no
+    unit puts right."""
+    known = values[np.isfinite(values)]
+    if len(known) < LEAST_READ:
+        return bool(known.size)
+    return bool(np.unique(known, return_counts=True)[1].max() <= STILL * len(known))
 
 
 @dataclass(frozen=True)
@@ -114,7 +126,7 @@ class Yardstick:
         """The misfit of K records, linearised `steps` times; `values`: parameters that are not where expected;
         `answer`: the prediction there, where it is known."""
         size = len(next(iter(columns.values())))
-        place = [j for j, s in enumerate(self.sensors) if s in columns and np.isfinite(columns[s]).any()]
+        place = [j for j, s in enumerate(self.sensors) if s in columns and _is_read(columns[s])]
         sensors = tuple(self.sensors[j] for j in place)
         read = np.column_stack([columns[s] for s in sensors]) if sensors else np.zeros((size, 0))
         base = {**self.values, **(values or {})}
