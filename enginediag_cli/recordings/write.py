@@ -102,9 +102,21 @@ def output(path: str | Path) -> Iterator[TextIO]:
                 yield stream
 
 
+def _descriptor(path: str | Path) -> int | None:
+    """Number of the open file that a name such as /dev/stdout stands for."""
+    name = str(path)
+    known = {"/dev/stdout": 1, "/dev/stderr": 2}
+    folder, _, number = name.rpartition("/")
+    return int(number) if folder in ("/dev/fd", "/proc/self/fd") and number.isdigit() else known.get(name)
+
+
 @contextmanager
 def binary_output(path: str | Path) -> Iterator[BinaryIO]:
     """As `output`, a stream of bytes, packed nowhere; not for stdout."""
+    if (descriptor := _descriptor(path)) is not None:  # what a shell has opened, to be appended to where it says so
+        with os.fdopen(os.dup(descriptor), "wb") as stream:
+            yield stream
+        return
     final = Path(os.path.realpath(path))  # through a symbolic link: replace the file, not the link
     if final.exists() and not final.is_file():
         with open(final, "wb") as stream:

@@ -2,6 +2,8 @@ from __future__ import annotations
 
 import io
 import os
+import subprocess
+import sys
 
 import numpy as np
 import pytest
@@ -87,3 +89,12 @@ def test_provenance_names_the_configuration_by_hash(tmp_path):
     assert str(tmp_path) not in "\n".join(lines) and all("\n" not in line for line in lines)
     assert {"seed: 7", "command: simulate", "flight: climb x"} <= set(lines)
     assert f"config: engine.yaml sha256:{sha256_of(config)[:16]}" in lines
+
+
+def test_a_name_of_an_open_file_is_written_to_as_the_shell_opened_it(tmp_path):
+    kept = tmp_path / "kept.txt"
+    kept.write_text("kept\n", encoding="utf-8")
+    write = "from enginediag_cli.recordings.write import output\nwith output('/dev/stdout') as s: s.write('added\\n')"
+    with open(kept, "a", encoding="utf-8") as stream:
+        subprocess.run([sys.executable, "-c", write], stdout=stream, check=True)
+    assert kept.read_text(encoding="utf-8") == "kept\nadded\n"

@@ -17,8 +17,8 @@ from enginediag_cli.fleet.runners.runner import IN_WORK, Result, Task
 RETRIES = 1
 """Times that a task that failed is begun again, for what passes by itself, such as a file server out of reach. One
 whose worker died is begun again by the cluster's own rule."""
-CONNECT_S = 15
-"""Seconds that a scheduler may take to answer."""
+CONNECT_S = 5
+"""Seconds that a scheduler may take to answer, and its first worker to be there."""
 KEPT = "what was condensed is kept with --store"
 HINT = "pip install 'enginediag[fleet]'"
 
@@ -37,6 +37,11 @@ class OnDask:
         except (OSError, ValueError, TimeoutError) as error:
             raise DataError(f"--scheduler {address}: no Dask scheduler answers there ({error})") from None
 
+        try:
+            self._client.wait_for_workers(1, timeout=CONNECT_S)
+        except TimeoutError:
+            self._client.close()
+            raise DataError(f"--scheduler {address}: it has no workers; start some, such as `dask worker`") from None
         self._check_versions(address)
 
     def _check_versions(self, address: str) -> None:
