@@ -107,8 +107,7 @@ def readings_of(
     told = [i for i, information in zip(sensors, own, strict=True) if information > TOLD]
     directions = np.eye(len(at))[:, told]
     if not told:
-        value, vector = np.linalg.eigh(sum(x.F[np.ix_(at, at)] for x in statistics) * D * D[:, None])
-        directions = vector[:, value > TOLD * value[-1]]
+        directions = _directions(np.stack([x.F[np.ix_(at, at)] for x in statistics]) * D * D[:, None])
     seen = D[:, None] * directions
     FJ = np.stack([seen.T @ x.F[np.ix_(at, at)] for x in statistics]) * D  # (n, m, p), not (n, p, p)
     inner = FJ @ directions
@@ -141,6 +140,19 @@ def readings_of(
     return _with_inputs(found, [each.at(kept) for each in (read or {}).values()])
 
 
+def _directions(F: np.ndarray) -> np.ndarray:
+    """Directions (p, r) of the parameters, as many as the epochs' information F (n, p, p) determines in nine of ten:
+    among many parameters one direction that single epochs do not show would take these out of the series."""
+    value, vector = np.linalg.eigh(F.sum(axis=0))
+    for r in range(int(np.sum(value > TOLD * value[-1])), 1, -1):
+        rank = np.linalg.eigvalsh(vector[:, -r:].T @ F @ vector[:, -r:])
+        if np.mean(rank[:, 0] > TOLD * np.median(rank[:, -1])) >= MOST_EPOCHS:
+            return np.asarray(vector[:, -r:])
+    return np.asarray(vector[:, -1:])
+
+
+MOST_EPOCHS = 0.9
+"""Share of the epochs that must determine a direction: the others are left out."""
 FEWEST_READ = 12
 """Epochs below which what an input does by itself is not known."""
 

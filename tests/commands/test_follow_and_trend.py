@@ -243,3 +243,8 @@ def test_a_series_that_differs_from_nominal_from_its_first_flight_is_never_stead
     found = json.loads(out)
     assert found and "steady" not in {row["kind"] for row in found} | {row["verdict"] for row in found}
     assert "differs from nominal from the first flight on" in " ".join(capsys.readouterr().err.split())
+
+
+def test_a_trend_of_some_parameters_alone_needs_no_direction_that_single_flights_do_not_show(files):
+    code, out = run("trend", "-q", "-n", files["nominal.yaml"], files["flown.csv"], "--monitor", "hpc.*", "-f", "json")
+    assert code == 0 and {"hpc.efficiency", "hpc.map.work_slope"} <= {row["parameter"] for row in json.loads(out)}
