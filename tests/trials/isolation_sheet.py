@@ -13,8 +13,13 @@ from typing import Any
 
 from enginediag_cli.trials.isolated.score import OUTCOMES
 
-DIFFERENCE = "right_less_stated_when_probable"
+DIFFERENCE, GAP = "right_less_stated_when_probable", "largest_gap"
 ROWS = {
+    "false_alarm": ("false alarms of healthy flights", "≤ 3 of 80"),
+    "exact_fault": ("exactly the truth, of all faults", "≥ 55 %"),
+    "exact_instrument": ("exactly the truth, of faults of instruments", "≥ 70 %"),
+    "covered_fault": ("the truth in answer and alternatives, of all faults", "≥ 95 %"),
+    GAP: ("right less stated, the bin furthest off", "within 8 points"),
     "right_when_sure": ("stated at least 0.9 and right", "≥ 88 %"),
     DIFFERENCE: ("right less stated, where 0.7 to 0.9 is stated", "within 7 points"),
     "false_name": ("something named where nothing had changed", "≤ 5 %"),
@@ -33,7 +38,7 @@ Sheet = Mapping[str, Any]
 def counted(name: str, own: Mapping[str, Any]) -> str:
     if not own["of"]:
         return "–"
-    if name == DIFFERENCE:
+    if name in (DIFFERENCE, GAP):
         points = [f"{100 * own[n]:+.0f}" for n in ("rate", "low", "high")]
         return f"{points[0]} points ({points[1]} to {points[2]}, of {own['of']})"
     return f"{own['count']} of {own['of']} ({100 * own['low']:.0f}–{100 * own['high']:.0f} %)"

@@ -28,9 +28,9 @@ INPUT = (4.0, 20.0)
 """Error of an input channel over what such channels differ by from flight to flight."""
 TOGETHER = (2, 3)
 """Changes at once, from and to, in trials with several."""
-FIELD_FAULT, FIELD_INSTRUMENT = (0.01, 0.03), (0.005, 0.02)
-"""Relative change of a component's parameter, and of an instrument's reading at its median, in the field: what a shop
-visit or a check of the instrument confirms."""
+FIELD_FAULT = (0.01, 0.03)
+"""Relative change of a component's parameter, and error of an output sensor over its median reading, in the field: what
+a shop visit or a check of the instrument confirms."""
 FIELD_HEALTHY, FIELD_TOGETHER = 6, 2
 """Healthy flights that an engine is identified on, and changes at once in trials with several, in the field."""
 FIELD_STEP_S, FIELD_EVERY = 10.0, 6
@@ -155,7 +155,7 @@ def _field_changes(
 
 def _field_sensor(engine: Engine, flight: Mapping[str, np.ndarray], rng: np.random.Generator) -> Change:
     column = str(rng.choice(list(engine.sensors)))
-    size, share = _sign(rng) * _log_uniform(FIELD_INSTRUMENT, rng), bool(rng.random() < 0.5)
+    size, share = _sign(rng) * _log_uniform(FIELD_FAULT, rng), bool(rng.random() < 0.5)
     y = engine.predict({c: flight[c] for c in engine.inputs}, sensors=(column,)).y
     return Change(reading(column), size if share else size * float(np.nanmedian(y)), share, instrument=True)
 
