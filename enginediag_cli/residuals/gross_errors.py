@@ -283,7 +283,7 @@ def _impossible(stretch: Stretch) -> tuple[np.ndarray, np.ndarray]:
     dead = far.sum(axis=0) > MOST * np.maximum(stretch.present.sum(axis=0), 1)
     if dead.sum() > MOST * stretch.present.any(axis=0).sum():
         return np.zeros_like(far), np.zeros_like(dead)
-    return far, dead
+    return far | (stretch.present & dead), dead  # a dead one may read right by chance, at idle for instance
 
 
 def _far(z: np.ndarray, level: np.ndarray) -> np.ndarray:
