@@ -65,7 +65,9 @@ class Part:
 @click.option("--no-cross-validation", is_flag=True, help="Skip the refits without a block of records.")
 @click.option("--keep-probes", is_flag=True, help="Fit probes, too, that the heat balances of the others contradict.")
 @model_error_option
-@click.option("--allow-bounds", is_flag=True, help="Write it although parameters end at their bounds.")
+@click.option(
+    "--allow-bounds", is_flag=True, help="Write it although parameters end at their bounds, or far from their priors."
+)
 @picture_option("how well each reading is fitted")
 @output_file_option("Write the nominal file here, completely or not at all; - is standard output.")
 @jobs_option
@@ -108,7 +110,12 @@ def identify(
     from enginediag_cli.intake.intake import Intake
     from enginediag_cli.intake.wanted import columns_of
     from enginediag_cli.physics.engine_file import load_engine
-    from enginediag_cli.presentation.identification_report import bounds_line, repeat_lines, report_lines
+    from enginediag_cli.presentation.identification_report import (
+        bounds_line,
+        doubt_lines,
+        repeat_lines,
+        report_lines,
+    )
     from enginediag_cli.presentation.left_out import tell_left_out, tell_mismatches
     from enginediag_cli.presentation.probe_lines import probe_lines
     from enginediag_cli.residuals.compact import is_smooth
@@ -144,11 +151,17 @@ def identify(
     )
     for line in report_lines(result):
         messages.note(line)
+    for line in doubt_lines(result):
+        messages.warning(line)
     if not result.converged:
         messages.error(f"no nominal state: {result.reason}; nothing is written")
         return ExitCode.NO_VERDICT
     if result.bounds and not allow_bounds:
         messages.error(bounds_line(result.bounds))
+        return ExitCode.NO_VERDICT
+    if result.far_off and not (allow_bounds or source.accept_mismatch):
+        named = ", ".join(e.name for e in result.far_off)
+        messages.error(f"no nominal state: {named} where no engine of this kind is; --allow-bounds writes it as it is")
         return ExitCode.NO_VERDICT
     path = _engine_reference(engine_path, output_path)
     nominal = result.nominal(path, described.sha256, _provenance(source, part))

@@ -44,6 +44,11 @@ MAX_FAILED = 0.5
 """A fit for which more than this share of the records has no prediction is no verdict about the engine."""
 
 
+FAR_OFF = 5.0
+"""Standard deviations of a prior beyond which an estimate is not that of an engine of the kind: 1 in 2,000,000."""
+UNEXPLAINED = 5.0
+"""Noise that a fit leaves over noise as stated, from which the model does not explain a sensor: noise is stated to a
+factor of two."""
 FREED = 2
 """Times that readings are freed of what they lag by, each with a fit after it: the first fit has bent to it."""
 
@@ -71,6 +76,23 @@ class IdentificationResult:
     map_errors: tuple[MapErrorSize, ...] = ()
     given_up: tuple[GivenUp, ...] = ()
     lagging: tuple[LaggingReading, ...] = ()
+
+    @property
+    def far_off(self) -> tuple[Estimate, ...]:
+        """Estimates so many standard deviations of their priors from what was expected that no engine of the kind is
+        there; amounts of map error, whose sizes are estimated with them, aside."""
+        own = (e for e in self.estimates if e.family not in (FAMILY, POINT_FAMILY))
+        return tuple(e for e in own if abs(e.value - e.prior_mean) >= FAR_OFF * e.prior_sigma)
+
+    @property
+    def unexplained(self) -> tuple[tuple[str, float], ...]:
+        """Sensors that the fit misses by far more than their noise as stated, with the ratio."""
+        found = []
+        for sensor, sigma in zip(self.problem.sensors, self.noise.sigma, strict=True):
+            stated = float(self.problem.model.sensors[sensor].noise_sigma or 0.0)
+            if stated > 0.0 and sigma >= UNEXPLAINED * stated:
+                found.append((sensor, float(sigma / stated)))
+        return tuple(found)
 
     @property
     def bounds(self) -> tuple[AtBound, ...]:

@@ -19,7 +19,7 @@ from enginediag_cli.engine.description import EngineDescription
 from enginediag_cli.error_model.curves import MapCurves
 from enginediag_cli.error_model.error_model import ErrorModel
 from enginediag_cli.error_model.points import OperatingPoints
-from enginediag_cli.errors import ConfigError, Mark, Problem
+from enginediag_cli.errors import ConfigError, Mark, NoVerdictError, Problem
 from enginediag_cli.identification.envelope import Envelope
 from enginediag_cli.identification.lagging_reading import LaggingReading
 from enginediag_cli.identification.nominal import Estimate, Nominal, SensorNoise
@@ -71,14 +71,9 @@ def read_nominal(path: str | Path) -> Nominal:
     from enginediag_cli.config.kinds import load_checked
 
     checked = load_checked(path, "nominal")
+    _refuse_impossible(checked, Path(path).read_text(encoding="utf-8-sig"))
     v = checked.values
     p, m = len(v["estimates"]), len(v["noise"])
-    text = Path(path).read_text(encoding="utf-8-sig")
-    if v["covariance_packed"]:
-        v["covariance"] = _unpacked(checked)
-    problems = [*checksum_problems(checked, text), *value_problems(checked)]
-    if problems:
-        raise ConfigError(problems)
     return Nominal(
         engine_path=v["engine"],
         engine_sha256=v["engine_sha256"],
@@ -104,6 +99,15 @@ def read_nominal(path: str | Path) -> Nominal:
         lagging=tuple(_lagging(x) for x in v["lagging"]),
         description=_description(v["engine_description"], Path(path).parent / v["engine"]),
     )
+
+
+def _refuse_impossible(checked: Checked, text: str) -> None:
+    """Raises ConfigError for values that cannot be, and for a text that is not as it was written."""
+    if checked.values["covariance_packed"]:
+        checked.values["covariance"] = _unpacked(checked)
+    problems = [*checksum_problems(checked, text), *value_problems(checked)]
+    if problems:
+        raise ConfigError(problems)
 
 
 def _unpacked(checked: Checked) -> list[float]:
@@ -163,10 +167,17 @@ def format_nominal(nominal: Nominal) -> str:
 
 
 def write_nominal(nominal: Nominal, path: str | Path) -> None:
-    """Write the file completely or not at all. Raises OSError."""
+    """Write the file completely or not at all. Raises OSError, NoVerdictError for a state that could not be read."""
+    from enginediag_cli.config.document import parse_document
+    from enginediag_cli.config.kinds import check_document
     from enginediag_cli.recordings.write import output
 
     text = format_nominal(nominal)
+    try:
+        _refuse_impossible(check_document(parse_document(text, str(path)), "nominal"), text)
+    except ConfigError as error:
+        first = error.problems[0].message
+        raise NoVerdictError(f"no nominal state: what was identified cannot be: {first}; nothing is written") from error
     with output(path) as stream:
         stream.write(text)
 

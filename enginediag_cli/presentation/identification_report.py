@@ -84,6 +84,21 @@ def bounds_line(bounds: Sequence[AtBound]) -> str:
     return f"no nominal state: {named}; nothing is written ({what})"
 
 
+def doubt_lines(result: IdentificationResult) -> Iterator[str]:
+    """What speaks against a fit that has converged: parameters where no engine of the kind is, readings that the model
+    does not explain."""
+    for e in result.far_off:
+        off = abs(e.value - e.prior_mean) / e.prior_sigma
+        unit = f" {e.unit}" if e.unit not in ("", "1") else ""
+        yield (
+            f"{e.name} is {rounded(e.value)}{unit}, {off:.0f} standard deviations of its prior from "
+            f"{rounded(e.prior_mean)}{unit}: check the engine file, and columns and units of the recordings"
+        )
+    if result.unexplained:
+        named = ", ".join(f"{sensor} {ratio:.0f} times" for sensor, ratio in result.unexplained)
+        yield f"the fit leaves far more than the stated noise: {named}; the model does not explain these readings"
+
+
 def noise_lines(result: IdentificationResult) -> Iterator[str]:
     """Which sensors' noise rests on few independent records."""
     noise = result.noise

@@ -1,0 +1,155 @@
+"""Wrong files are recognised, right ones are not refused: single mistakes, faults, flights in which a unit changes."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from made_mistakes import KINDS, mistaken, recording
+
+from enginediag_cli.__main__ import main
+from enginediag_cli.engine.overview import design_table, heating_value_doubts, heating_values
+from enginediag_cli.intake.agreement import Agreement, agreement_with_engine
+from enginediag_cli.intake.comparison import yardstick_of_nominal
+from enginediag_cli.physics.engine_file import load_engine
+from enginediag_cli.recordings.table import Recording
+from enginediag_cli.shipped import shipped
+
+
+@pytest.fixture(scope="module")
+def turbofan():
+    return load_engine(shipped("turbofan.yaml"))
+
+
+@pytest.fixture(scope="module")
+def inputs(turbofan):
+    """Sixty points of flights between 500 m and 11 km."""
+    rng = np.random.default_rng(11)
+    altitude = rng.uniform(500, 11000, 60)
+    known = {
+        "altitude_m": altitude,
+        "mach": np.clip(0.25 + 0.5 * altitude / 11000 + rng.uniform(-0.05, 0.05, 60), 0.2, 0.82),
+        "dT_isa_K": rng.uniform(-12, 12, 60),
+    }
+    return {**known, "Wf_kg_s": turbofan.power_from_fraction(rng.uniform(0.3, 1.0, 60), known)}
+
+
+@pytest.fixture(scope="module")
+def identified(turbofan):
+    noise = np.array([s.noise_sigma for s in turbofan.sensors.values()])
+    return Agreement(yardstick_of_nominal(turbofan, {}, tuple(turbofan.sensors), noise), turbofan)
+
+
+QUICK = ("degF for degC", "lb/h for kg/h", "ft for m", "swapped")
+
+
+@pytest.mark.parametrize("kind", [k if k in QUICK else pytest.param(k, marks=pytest.mark.slow) for k in KINDS])
+def test_a_single_mistake_is_named(kind, turbofan, inputs, identified):
+    rng = np.random.default_rng(5)
+    wrong = mistaken(recording(turbofan, inputs, rng, identified=True), turbofan, kind, rng)
+    (found,) = identified.disagreements(Recording(wrong.columns, source="flight.csv"))
+    assert found.trial is not None, str(found)
+    assert any(word in found.trial.mistake.words for word in wrong.words), str(found)
+    assert wrong.column in ("", found.trial.mistake.column)
+
+
+def test_a_sound_recording_of_another_engine_of_the_kind_passes_and_one_in_fahrenheit_does_not(turbofan, inputs):
+    rng = np.random.default_rng(6)
+    agreement = agreement_with_engine(turbofan)
+    columns = recording(turbofan, inputs, rng)
+    assert agreement.disagreements(Recording(columns, source="x.csv")) == []
+    (found,) = agreement.disagreements(Recording({**columns, "T45_K": columns["T45_K"] * 1.8 - 459.67}, source="x.csv"))
+    assert "T45_K is in degF" in str(found)
+
+
+@pytest.mark.parametrize(
+    "values",
+    [{"hpc.efficiency": 0.92}, {"fan.flow_capacity": 0.92, "fan.efficiency": 0.96}],
+)
+def test_a_damaged_engine_is_not_refused(values, turbofan, inputs, identified):
+    answer = turbofan.predict(inputs, values)
+    columns = {**inputs, **{c: answer.y[:, j] for j, c in enumerate(turbofan.sensors)}}
+    assert identified.disagreements(Recording(columns, source="x.csv")) == []
+
+
+@pytest.mark.parametrize(("sensor", "change"), [("T3_K", 10.0), ("P3_Pa", 4e4)])
+def test_a_wrong_instrument_is_not_refused(sensor, change, turbofan, inputs, identified):
+    columns = recording(turbofan, inputs, np.random.default_rng(8), identified=True)
+    assert identified.disagreements(Recording({**columns, sensor: columns[sensor] + change}, source="x.csv")) == []
+
+
+def test_fillers_in_two_of_a_hundred_cells_are_no_mistake(turbofan, inputs, identified):
+    rng = np.random.default_rng(9)
+    columns = recording(turbofan, inputs, rng, identified=True)
+    spoilt = {c: np.where(rng.uniform(size=60) < 0.02, 999.0, v) for c, v in columns.items()}
+    assert identified.disagreements(Recording(spoilt, source="x.csv")) == []
+
+
+@pytest.mark.parametrize("known", [True, False])
+def test_the_flights_since_which_a_unit_has_changed_are_named(known, turbofan, inputs, identified):
+    agreement = identified if known else agreement_with_engine(turbofan)
+    columns = recording(turbofan, inputs, np.random.default_rng(10), identified=True)
+    flight = np.repeat(np.arange(1, 7), 10)
+    columns["Wf_kg_s"] = np.where(flight >= 4, columns["Wf_kg_s"] / 0.45359237, columns["Wf_kg_s"])
+    table = Recording(columns, {"flight": [str(f) for f in flight]}, line=np.arange(2, 62), source="x.csv")
+    (found,) = agreement.disagreements(table)
+    assert found.flights == ("4", "5", "6") and "lb_" in str(found)
+
+
+def test_another_shipped_engine_is_named(turbofan, inputs):
+    columns = recording(turbofan, inputs, np.random.default_rng(12), identified=True)
+    (found,) = agreement_with_engine(load_engine(shipped("turbojet.yaml"))).disagreements(Recording(columns))
+    assert "this is the engine turbofan (turbofan.yaml)" in str(found)
+
+
+def test_commands_end_with_2_before_they_judge_and_go_on_where_it_is_accepted(tmp_path, capsys):
+    engine, flight, wrong = shipped("turbojet.yaml"), tmp_path / "flight.csv", tmp_path / "wrong.csv"
+    nominal, other = tmp_path / "nominal.yaml", tmp_path / "other.yaml"
+    assert main(["simulate", str(engine), "--records", "80", "--seed", "4", "-q", "-o", str(flight)]) == 0
+    identify = ["identify", str(engine), "--no-cross-validation", "-q"]
+    assert main([*identify, str(flight), "-o", str(nominal)]) == 0
+    lines = [line for line in flight.read_text(encoding="utf-8").splitlines() if not line.startswith("#")]
+    wrong.write_text(
+        "\n".join([lines[0].replace("T5_K", "T_K").replace("T3_K", "T5_K").replace("T_K", "T3_K"), *lines[1:]])
+    )
+    capsys.readouterr()
+    for words in ([*identify, "-o", str(other)], *([c, "-n", str(nominal)] for c in ("detect", "trend", "isolate"))):
+        assert main([*words, str(wrong)]) == 2
+        told = capsys.readouterr()
+        assert "T3_K and T5_K are swapped" in told.err or "T5_K and T3_K are swapped" in told.err
+        assert not told.out and not other.exists()
+    assert main(["detect", "-n", str(nominal), str(wrong), "--accept-mismatch"]) in (0, 3)
+    assert "are swapped" in capsys.readouterr().err
+
+
+def test_heating_values_are_those_of_tables():
+    # methane 50.0 and 55.5, n-octane 44.4 and 47.9 MJ/kg (NIST)
+    for ratio, lower, higher in ((4.0, 50.0e6, 55.5e6), (18 / 8, 44.4e6, 47.9e6)):
+        assert heating_values(ratio) == pytest.approx((lower, higher), rel=0.015)
+
+
+def test_no_shipped_engine_has_a_heating_value_that_does_not_fit():
+    engines = [load_engine(path) for path in sorted(shipped("turbofan.yaml").parent.glob("*.yaml"))]
+    assert [str(doubt) for engine in engines for doubt in heating_value_doubts(engine)] == []
+
+
+def test_the_design_table_is_what_the_engine_predicts(turbofan):
+    table = design_table(turbofan)
+    assert table.points[0] == "design, rating" and len(table.points) == 10
+    known = {c: np.array([turbofan.declared["design"][c]]) for c in ("altitude_m", "mach", "dT_isa_K")}
+    power = turbofan.power_from_fraction(1.0, known)
+    answer = turbofan.predict({**known, "Wf_kg_s": power}, sensors=["Fn_N", "OPR"])
+    shown = dict(zip(table.columns, table.values[0], strict=True))
+    assert [shown["Fn_N"], shown["OPR"]] == pytest.approx(answer.y[0].tolist())
+    assert shown["SFC_kg_Ns"] == pytest.approx(float(power[0]) / answer.y[0, 0])
+
+
+def test_a_gearbox_behind_its_turbine_is_called_so(tmp_path, capsys):
+    lines = shipped("turboprop.yaml").read_text(encoding="utf-8").splitlines(keepends=True)
+    start = next(k for k, line in enumerate(lines) if "type: gearbox" in line)
+    end = next(k for k in range(start + 1, len(lines)) if lines[k].lstrip().startswith("- "))
+    last = next(k for k, line in enumerate(lines) if line.startswith("shafts:"))
+    moved = [*lines[:start], *lines[end:last], *lines[start:end], *lines[last:]]
+    path = tmp_path / "turboprop.yaml"
+    path.write_text("".join(moved), encoding="utf-8")
+    assert main(["check", str(path)]) == 2
+    assert "must stand before turbine 'power_turbine', which drives it" in capsys.readouterr().err
