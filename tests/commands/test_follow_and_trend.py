@@ -231,6 +231,7 @@ def test_trend_of_statistics_says_what_cannot_be_judged_without_a_nominal(files,
     assert "without --nominal it is not known which inputs are weather" in " ".join(capsys.readouterr().err.split())
 
 
+@pytest.mark.slow
 def test_a_series_that_differs_from_nominal_from_its_first_flight_is_never_steady(files, tmp_path, capsys):
     names, *rows = (line.split(",") for line in Path(files["flown.csv"]).read_text().splitlines() if line[0] != "#")
     k = names.index("T45_K")
