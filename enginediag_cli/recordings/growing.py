@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import os
+import stat
 import time
 from collections.abc import Callable, Iterator
+from typing import TextIO
 
 from enginediag_cli.errors import DataError
 from enginediag_cli.recordings.source import LONGEST_LINE
@@ -15,7 +18,9 @@ POLL_S = 0.2
 class GrowingFile:
     """Complete lines of a text file; waits at its end for more, and ends when none has come for `idle_s` seconds.
 
-    A last line without an end of line is handed over only when the wait is over. `idle_s` inf waits for ever.
+    A last line without an end of line is handed over only when the wait is over. `idle_s` inf waits for ever. The name
+    is followed: where another file has taken it, or the file was cut to begin anew, lines go on with that one, whose
+    head (`#` lines and the header that was there before) is not handed over again.
     """
 
     def __init__(self, path: str, idle_s: float, wait: Callable[[float], None] = time.sleep, codec: str = "utf-8-sig"):
@@ -31,6 +36,25 @@ class GrowingFile:
         return next(self._lines)
 
     def _read(self) -> Iterator[str]:
+        header = ""
+        again = False
+        while True:
+            in_head = True
+            for line in self._of_one():
+                if in_head and not line.startswith("#"):
+                    in_head = False
+                    header, repeated = header or line, again and line == header
+                    if repeated:
+                        continue
+                if not (in_head and again):
+                    yield line
+            if not self._replaced:
+                return
+            again = True
+
+    def _of_one(self) -> Iterator[str]:
+        """Lines until none has come for long enough, or there is another file to go on with."""
+        self._replaced = False
         try:
             stream = open(self.name, encoding=self._codec, newline="")
         except OSError as error:
@@ -47,9 +71,23 @@ class GrowingFile:
                         yield held
                         held = ""
                     continue
+                if self._renewed(stream):
+                    self._replaced = True
+                    break
                 if idle >= self._idle_s:
                     break
                 self._wait(POLL_S)
                 idle += POLL_S
             if held:
                 yield held
+
+    def _renewed(self, stream: TextIO) -> bool:
+        """Whether the name stands for another file, or the file is shorter than what was read of it."""
+        mine = os.fstat(stream.fileno())
+        try:
+            there = os.stat(self.name)
+        except OSError:  # between two files, or the last one was removed
+            return False
+        if not stat.S_ISREG(mine.st_mode):
+            return False
+        return not os.path.samestat(mine, there) or mine.st_size < stream.buffer.tell()

@@ -152,6 +152,21 @@ def test_a_growing_file_is_read_to_its_end_and_on(tmp_path):
     assert list(GrowingFile(str(path), 0.5, wait)) == ["a\n", "1\n", "23\n", "4\n"]
 
 
+@pytest.mark.parametrize("way", ["renamed", "cut"])
+def test_a_growing_file_is_followed_by_its_name(tmp_path, way):
+    path, waits = tmp_path / "grow.csv", []
+    path.write_text("# by x\na\n1\n2\n3\n")
+
+    def wait(seconds):
+        waits.append(seconds)
+        if len(waits) == 1:
+            if way == "renamed":
+                path.rename(tmp_path / "grow.csv.1")
+            path.write_text("# by x\na\n4\n")
+
+    assert list(GrowingFile(str(path), 0.5, wait)) == ["# by x\n", "a\n", "1\n", "2\n", "3\n", "4\n"]
+
+
 def test_white_innovations_are_whitened_residuals():
     e, J = np.array([[2.0, np.nan]]), np.ones((1, 2, 1))
     z, G = Innovations(white_noise(np.array([2.0, 1.0]))).of(e, J, np.ones(1))
