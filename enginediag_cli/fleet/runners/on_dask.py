@@ -6,7 +6,12 @@ paths.
 
 from __future__ import annotations
 
+import asyncio
+import threading
 from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import Future
+from concurrent.futures import TimeoutError as FutureTimeoutError
+from functools import partial
 from itertools import islice
 from typing import Any
 
@@ -33,13 +38,13 @@ class OnDask:
         except ImportError:
             raise DataError(f"--scheduler needs Dask, which is not installed: {HINT}, or work with --jobs") from None
         try:
-            self._client: Any = Client(address, timeout=CONNECT_S, set_as_default=False)
-        except (OSError, ValueError, TimeoutError) as error:
+            self._client: Any = _within(partial(Client, address, timeout=CONNECT_S, set_as_default=False))
+        except (OSError, ValueError, TimeoutError, asyncio.TimeoutError) as error:
             raise DataError(f"--scheduler {address}: no Dask scheduler answers there ({error})") from None
 
         try:
             self._client.wait_for_workers(1, timeout=CONNECT_S)
-        except TimeoutError:
+        except (TimeoutError, asyncio.TimeoutError):  # one only from Python 3.11 on
             self._client.close()
             raise DataError(f"--scheduler {address}: it has no workers; start some, such as `dask worker`") from None
         self._check_versions(address)
@@ -101,6 +106,25 @@ class OnDask:
     def close(self) -> None:
         """Leave the cluster, which goes on without us."""
         self._client.close()
+
+
+def _within(connect: Callable[[], Any]) -> Any:
+    """What `connect` gives. TimeoutError where something listens that never answers, for which Dask waits on and on."""
+    found: Future[Any] = Future()
+
+    def work() -> None:
+        try:
+            found.set_result(connect())
+        except BaseException as error:
+            found.set_exception(error)
+
+    threading.Thread(target=work, daemon=True).start()
+    try:
+        return found.result(2 * CONNECT_S)
+    except FutureTimeoutError:
+        if found.done():
+            raise
+        raise TimeoutError("what listens there does not answer as a scheduler does") from None
 
 
 def version() -> str:
