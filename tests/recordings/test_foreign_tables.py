@@ -163,7 +163,7 @@ def test_a_byte_order_mark_says_which_unicode_a_file_is(tmp_path, codec):
         (b"T3_K\n4\x0000\n", "binary data"),
         (b"T3_K\n" + b"400\n" * 500 + b"4\x0001\n", r":502:2: a NUL character"),
         (b"x" * 1_500_000, ":1: a line of more than 1000000 characters"),
-        (gzip.compress(gzip.compress(b"T3_K\n400\n")), "packed by gzip twice"),
+        (gzip.compress(gzip.compress(b"T3_K\n400\n", mtime=0), mtime=0), "packed by gzip twice"),
         (gzip.compress(b"T3_K\n" + b"\0" * 3_000_000), ":2: a line of more than|binary data"),
     ],
 )
