@@ -74,6 +74,7 @@ def test_the_isolator_says_what_the_commands_say(turbojet, tmp_path):
     (window,) = told["windows"]
     assert window["verdict"] == row["verdict"]
     assert window["probabilities"][0] == pytest.approx(float(row["probability"]), rel=1e-6)
+    assert all(p >= window["probabilities"][0] - 1e-9 for p in window["changed"])
     assert len(window["sets"]) - 1 == len(
         json.loads(row["rivals"]) if row["rivals"].startswith("[") else row["rivals"].split(";")
     )
@@ -125,6 +126,15 @@ def test_a_set_with_one_more_is_wrong_and_its_interval_must_hold_nothing(turboje
     sizes = [["turbine.efficiency", "efficiency", -0.011, -0.012, -0.0105], ["reading T3_K", "bias", 3.0, 1.0, 5.0]]
     m = marks(turbojet, component, said(["turbine.efficiency", "reading T3_K"], ["turbine.efficiency"], sizes=sizes))
     assert not m["exact"] and m["covered"] and m["false_sensor"] and m["interval"] == [0.0, 0.0]
+
+
+def test_each_named_place_is_held_against_its_own_probability(turbojet, component):
+    told = said(["turbine.efficiency", "nozzle.area"])
+    told["windows"][0]["changed"] = [0.99, 0.6]
+    m = marks(turbojet, component, told)
+    assert m["stated_changed"] == [[0.99, True], [0.6, False]] and not m["right_name"]
+    rows = reliability([{"kind": kinds.COMPONENT, "marks": m}])["changed"]
+    assert [(b["stated"], b["count"], b["of"]) for b in rows] == [(0.6, 0, 1), (0.99, 1, 1)]
 
 
 def test_a_wrong_input_is_told_apart_from_a_wrong_output(turbojet, component):

@@ -112,12 +112,13 @@ def by_kind(records: Sequence[Record]) -> dict[str, Any]:
 
 def reliability(records: Sequence[Record]) -> dict[str, list[dict[str, Any]]]:
     """Stated probability against how often it is right: of all names, of those of every kind of trials, of classes
-    that hold the truth or not, and of the answer that nothing has changed."""
+    that hold the truth or not, of the answer that nothing has changed, and of every named place that it changed."""
     found = {ALL: _bins(stated(records))}
     for kind in kinds.KINDS:
         found[kind] = _bins(stated([r for r in records if r["kind"] == kind]))
     found["class"] = _bins(stated(records, "stated_class"))
     found["nothing"] = _bins(stated(records, "stated_nothing"))
+    found["changed"] = _bins([(p, right) for r in records for p, right in r["marks"].get("stated_changed", ())])
     return {kind: rows for kind, rows in found.items() if rows}
 
 

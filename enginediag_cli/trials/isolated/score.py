@@ -7,6 +7,8 @@ With T the places that are wrong, A the answer's and R its rivals (sets of place
     covered       T ∈ {A} ∪ R, or the class that is told holds T; not asked of physics
     false_name    a name where nothing is wrong
     false_sensor  A names an output sensor that reads right; false_input: an input channel
+    stated        probability of exactly A, and whether it is right; stated_changed: of each place of A the probability
+                  that it changed, whatever else did, and whether it lies in T (of physics, where the effect acts)
     interval      of every size that is told, whether its interval holds the true change, 0 of what did not change
 
 An instrument is right by its column: whether the error is told as a bias or as a scale is no matter, but sizes of those
@@ -73,12 +75,15 @@ def marks(engine: Engine, sealed: Sealed, told: Mapping[str, Any]) -> Marks:
         found["false_name"] = window["named"]  # a class, too, says that something is wrong
     else:
         found["found"] = came != NOTHING
-    right = said <= _where_it_acts(engine, sealed) if sealed.effects else said == truth
+    acting = _where_it_acts(engine, sealed) if sealed.effects else truth
+    right = said <= acting if sealed.effects else said == truth
     if window["named"] and "class" in window and not sealed.effects:
         one_of = [frozenset(s) for s in window["class"]]
         found["stated_class"] = [float(window["class_probability"] or 0.0), truth in one_of]
     if came == NAMED:
         found["stated"] = [float(window["probabilities"][0] or 0.0), right]
+        each = zip(window["sets"][0], window.get("changed", ()), strict=False)
+        found["stated_changed"] = [[float(p or 0.0), place in acting] for place, p in each]
         found["right_name"] = right
     elif came == NOTHING:
         found["stated_nothing"] = [float(window["probabilities"][0] or 0.0), not truth]
