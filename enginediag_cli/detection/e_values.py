@@ -137,9 +137,10 @@ def _courses(n: int, baseline: int, fine_steps: int = FINE_STEPS, fine_ramps: in
     return _Courses(g, onset, ramp_, np.log(np.maximum(weight, 1e-300)))
 
 
-def e_path(rows: Rows, suspects: Suspects, baseline: int) -> EPath:
+def e_path(rows: Rows, suspects: Suspects, baseline: int, looks: int = PEAKS) -> EPath:
     """E of one engine of which nothing began in its first `baseline` flights. It is 1 until two flights more are known
-    than there are readings. ValueError for readings that are not finite."""
+    than there are readings. looks: flights at which it is computed, the last among them. ValueError for readings that
+    are not finite."""
     if not np.all(np.isfinite(rows.z)):
         raise ValueError("readings must be finite")
     n, m = rows.z.shape
@@ -147,12 +148,13 @@ def e_path(rows: Rows, suspects: Suspects, baseline: int) -> EPath:
     first = max(baseline, m + 1)
     if first >= n:
         return EPath(path, onset, 0.0, suspect)
-    among, peaks = _courses(n, baseline), np.unique(np.linspace(first, n - 1, PEAKS).round().astype(int))
+    among, peaks = _courses(n, baseline), np.unique(np.linspace(n - 1, first, looks).round().astype(int))
     ratios = _Ratios.of(rows, suspects, among, peaks, clipped=True)
     by_course = ratios.by_course(among, suspects)  # (peaks, courses)
     rest = np.log(max(-np.expm1(min(np.logaddexp.reduce(among.log_weight), 0.0)), 1e-300))
     log_e = np.logaddexp(np.logaddexp.reduce(by_course, axis=1), rest)
-    path[first:] = log_e[np.searchsorted(peaks, np.arange(first, n), side="right") - 1]
+    at = np.searchsorted(peaks, np.arange(first, n), side="right") - 1
+    path[first:] = np.where(at >= 0, log_e[at], 0.0)
     total = np.logaddexp.reduce(by_course[-1])
     last = np.exp(by_course[-1] - total)
     np.add.at(onset, among.onset, last)

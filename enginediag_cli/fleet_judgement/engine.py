@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -28,7 +28,7 @@ from enginediag_cli.fleet_judgement.health import Course, course
 from enginediag_cli.fleet_judgement.history import EngineHistory
 from enginediag_cli.fleet_judgement.margin import MarginScale, margin_scale
 from enginediag_cli.fleet_judgement.rows import Flights, compressors_of, event_number, flights_of, renewed
-from enginediag_cli.fleet_judgement.thorough import thoroughly
+from enginediag_cli.fleet_judgement.thorough import by_story, chances, isolated
 from enginediag_cli.intervals import NORMAL_95
 
 BELIEVED = 0.1
@@ -37,9 +37,8 @@ SUSPECTED = 0.5
 """Probability from which an instrument is taken for the one that changed, so that no health is read from it."""
 LAST = 10
 """Flights at the end that say what an engine has come to, for what a fleet has in common."""
-PLAUSIBLE, OVERHEAD = 2.0, 8.0
-"""Change, in prior standard deviations, which an engine that is called healthy must have been able to show, and what
-the logarithm of E loses to onsets, suspects and sizes that might have been."""
+PLAUSIBLE = 2.0
+"""Change, in prior standard deviations, which an engine that is called healthy must have been able to show."""
 
 
 @dataclass(frozen=True)
@@ -72,21 +71,24 @@ def judged_engine(
     suspects, members = flights.suspects(settings.sensors)
     path = e_path(flights.rows(), suspects, flights.baseline)
     chance = _chance(path.log_e[-1])
-    included = _inclusion(path, members)
-    wrong = [i for i, w in included.items() if flights.described[i].of_instrument and w * chance >= SUSPECTED]
+    stands_out = path.log_e[-1] >= -np.log(settings.false_discovery)
+    story = isolated(flights, series, settings, current) if settings.thorough and stands_out else None
+    if story is None:
+        changed = {i: w * chance for i, w in _inclusion(path, members).items()}
+    else:
+        changed = chances(story, [p.name for p in flights.described])
     compressors = compressors_of(series)
     moved = [renewed(e, flights.described, compressors) for e in flights.events]
-    found = _Judged(flights, path, members, course(flights, moved, wrong))
+    found = _Judged(flights, path, members, course(flights, moved, _wrong(flights, changed)))
     verdict, reason = _verdict(found, settings)
     used = consumption_of(flights, found.course, margin_scale(series) if scale is None else scale, settings)
-    stands_out = path.log_e[-1] >= -np.log(settings.false_discovery)
     since = (0, 0, 0)
     if settings.onsets and (verdict == CHANGED or stands_out or chance >= SUSPECTED):
         since = _since(onset_law(flights.rows(), suspects, flights.baseline), flights)
     health = _health(found, chance, since, current)
     best, low, high = since if verdict == CHANGED or stands_out else (0, 0, 0)
-    if settings.thorough and stands_out:
-        health = thoroughly(health, flights, series, settings, current)
+    if story is not None:
+        health = by_story(health, story, current)
     if earlier:
         health = tuple(_counted_from(row, earlier) for row in health)
     return replace(
@@ -101,7 +103,7 @@ def judged_engine(
         severity=severity_of(used, found.course),
         severity_unit="K" if used.margin.column else "sigma",
         health=health,
-        by_flight=_by_flight(found, used, settings, current, earlier),
+        by_flight=_by_flight(found, used, settings, current, earlier, verdict),
         events=_events(found, used, history, earlier),
         margin=used.margin,
         state=_state(found),
@@ -116,6 +118,16 @@ def _inclusion(path: EPath, members: Sequence[tuple[int, ...]]) -> dict[int, flo
         for i in at:
             found[i] = found.get(i, 0.0) + float(weight)
     return found
+
+
+def _wrong(flights: Flights, changed: Mapping[int, float]) -> list[int]:
+    """Positions of the errors of instruments that are taken for what changed: of each instrument the likeliest of its
+    forms, which exclude each other, where together they are probable enough. changed: position → probability."""
+    forms: dict[str, list[int]] = {}
+    for i in changed:
+        if flights.described[i].of_instrument:
+            forms.setdefault(flights.described[i].component, []).append(i)
+    return [max(at, key=lambda i: changed[i]) for at in forms.values() if sum(changed[i] for i in at) >= SUSPECTED]
 
 
 def _since_renewal(history: EngineHistory) -> tuple[EngineHistory, int]:
@@ -139,34 +151,66 @@ def _verdict(found: _Judged, settings: FleetSettings) -> tuple[str, str]:
     if highest >= -np.log(settings.false_alarm):
         fell = last < -np.log(settings.false_alarm)
         return CHANGED, "the evidence has been stronger than it is now" if fell else ""
-    seen = _visible(found)
-    if seen < OVERHEAD - np.log(settings.false_alarm):
-        return NO_VERDICT, f"these flights could not show a change of {PLAUSIBLE:g} prior standard deviations"
+    flights, beyond = found.flights, -np.log(settings.false_alarm)
+    told = _shown(found)
+    shown = f"; its flights show {told}" if told else ""
+    if _visible(found, settings) < beyond:
+        b, n, m = flights.baseline, len(flights) - flights.baseline, flights.z.shape[1]
+        return NO_VERDICT, f"a baseline of {b} flights and {n} after it cannot show a change of {m} readings{shown}"
     if p_of_still(found.flights, found.course) < MOVES:
-        b = found.flights.baseline
+        b = flights.baseline
         return (
             NO_VERDICT,
             f"its readings move during its baseline, the first {b} flights: nothing healthy to hold it to",
         )
+    if told:
+        return NO_VERDICT, f"its flights show {told}, not yet certain beside readings that may wander"
     return HEALTHY, ""
 
 
-def _visible(found: _Judged) -> float:
-    """Logarithm of the likelihood ratio by which a plausible change of the parameter that shows best would stand out,
-    had it come with the first flight after the baseline: of a non-centrality λ, beside a scatter of m readings that n
-    flights themselves have to tell,
-
-        ½ ν ln(1 + λ/ν),    ν = n − m − 1
-
-    which is ½ λ of many flights."""
+def _visible(found: _Judged, settings: FleetSettings) -> float:
+    """Logarithm of the E that the readings of this engine would have come to, had the component that shows best changed
+    with the first flight after the baseline: its parameters by PLAUSIBLE together, the second half as far as the first
+    and so on, since what changes is along none of the directions weighed beforehand."""
     flights = found.flights
-    w = flights.weight**2
-    before, after = w[: flights.baseline].sum(), w[flights.baseline :].sum()
-    d = flights.J[:, :, flights.health].mean(axis=0)
-    told = np.einsum("mp,mk,kp->p", d, np.linalg.inv(found.course.scatter), d)
-    apart = PLAUSIBLE**2 * told.max(initial=0.0) * before * after / max(before + after, 1e-9)
-    left = max(len(flights) - flights.z.shape[1] - 1, 0)
-    return float(0.5 * left * np.log1p(apart / left)) if left else 0.0
+    parts: dict[str, list[int]] = {}
+    for i in flights.health:
+        parts.setdefault(flights.described[i].component, []).append(int(i))
+    changes = np.zeros((len(parts), flights.J.shape[2]))
+    for change, at in zip(changes, parts.values(), strict=True):
+        size = 0.5 ** np.arange(len(at))
+        change[at] = -PLAUSIBLE * size / np.linalg.norm(size)
+    if not len(changes):
+        return float("inf")
+    d = changes @ flights.J.mean(axis=0).T
+    best = changes[np.argmax(np.einsum("cm,mk,ck->c", d, np.linalg.inv(found.course.scatter), d))]
+    after = np.arange(len(flights)) >= flights.baseline
+    rows = flights.rows()
+    moved = replace(rows, z=rows.z + after[:, None] * (flights.J @ best))
+    suspects, _ = flights.suspects(settings.sensors)
+    return float(e_path(moved, suspects, flights.baseline, looks=1).log_e[-1])
+
+
+def _shown(found: _Judged) -> str:
+    """What the flights themselves say has changed, by the scatter from one to the next; empty where they say nothing:
+
+    T = δ_k / s_k ~ t(n − 1),    the smallest p of q parameters taken q times
+    """
+    from scipy.special import stdtr
+
+    flights, c = found.flights, found.course
+    mean, covariance = c.told(c.at(len(flights) - 1))
+    q = len(flights.health)
+    if not q:
+        return ""
+    error = np.sqrt(np.diag(covariance))
+    k = int(np.argmax(np.abs(mean[:q]) / error[:q]))
+    if 2.0 * q * stdtr(len(flights) - 1, -abs(mean[k]) / error[k]) >= MOVES:
+        return ""
+    p, size = flights.described[c.parameters[k]], _estimate(mean[k], error[k], c.unit[k])
+    factor, unit = (1.0, p.shown_unit) if p.shown_unit else (100.0, "%")
+    value, low, high = (f"{factor * x:+.2g}" for x in (size.value, size.low, size.high))
+    return f"{p.words} {value} {unit} [{low}, {high}]"
 
 
 def _since(onset: np.ndarray, flights: Flights) -> tuple[int, int, int]:
@@ -232,13 +276,13 @@ def _estimate(mean: float, error: float, unit: float) -> Estimate:
 
 
 def _by_flight(
-    found: _Judged, used: Consumption, settings: FleetSettings, current: EngineHistory, earlier: int
+    found: _Judged, used: Consumption, settings: FleetSettings, current: EngineHistory, earlier: int, verdict: str
 ) -> tuple[FlightRow, ...]:
     highest = np.maximum.accumulate(np.maximum(found.path.log_e, 0.0))
-    rows = []
+    rows, usual = [], NO_VERDICT if verdict == NO_VERDICT else HEALTHY
     for k, number in enumerate(found.flights.number):
         window, p = current.stretches[number].window, float(np.exp(-highest[k]))
-        verdict = "baseline" if k < found.flights.baseline else CHANGED if p <= settings.false_alarm else HEALTHY
+        by_then = "baseline" if k < found.flights.baseline else CHANGED if p <= settings.false_alarm else usual
         rows.append(
             FlightRow(
                 int(number) + 1 + earlier,
@@ -246,7 +290,7 @@ def _by_flight(
                 window.records,
                 float(found.path.log_e[k] / np.log(10)),
                 p,
-                verdict,
+                by_then,
                 float(used.by_flight[k]),
                 float(used.error[k]),
             )

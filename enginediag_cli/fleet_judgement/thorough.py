@@ -15,11 +15,9 @@ from enginediag_cli.isolation.over_time import OF_A_FLEET, TrendOptions, judge_s
 from enginediag_cli.isolation.story import Story
 
 
-def thoroughly(
-    health: Sequence[HealthRow], flights: Flights, series: Series, settings: FleetSettings, history: EngineHistory
-) -> tuple[HealthRow, ...]:
-    """The rows with kind, onset and probability as isolated; steps at maintenance are conditions like the weather, so
-    that what is told grew or came between events."""
+def isolated(flights: Flights, series: Series, settings: FleetSettings, history: EngineHistory) -> Story:
+    """What changed, and when; steps at maintenance are conditions like the weather, so that what is told grew or came
+    between events."""
     readings = flights.readings
     if flights.steps.shape[1]:
         centred = flights.steps - flights.steps.mean(axis=0)
@@ -28,8 +26,23 @@ def thoroughly(
     options = TrendOptions(
         healthy=history.baseline, sensors=settings.sensors, generic=settings.generic, governed=series.governed
     )
-    story = judge_series(readings.joined(OF_A_FLEET), series.known, options)
+    return judge_series(readings.joined(OF_A_FLEET), series.known, options)
+
+
+def by_story(health: Sequence[HealthRow], story: Story, history: EngineHistory) -> tuple[HealthRow, ...]:
+    """The rows with kind, onset and probability as isolated."""
     return tuple(_told(row, story, history) for row in health)
+
+
+def chances(story: Story, parameters: Sequence[str]) -> dict[int, float]:
+    """Of each parameter, by position, the probability that it changed in one of the events."""
+    found: dict[int, float] = {}
+    for event in story.events:
+        for member in event.members:
+            for name, inclusion in zip(member.parameters, member.inclusion, strict=True):
+                i = parameters.index(name)
+                found[i] = max(found.get(i, 0.0), event.probability * member.probability * inclusion)
+    return found
 
 
 def _told(row: HealthRow, story: Story, history: EngineHistory) -> HealthRow:

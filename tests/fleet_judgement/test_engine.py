@@ -66,7 +66,9 @@ def test_an_instrument_that_fails_uses_no_margin():
     change = lost(100, {"sensor.T45.bias": 6.0}, np.arange(100) >= 50)
     found = judged(engine_history(np.random.default_rng(3), "C", 100, change))
     assert found.verdict == CHANGED
-    assert max(found.health, key=lambda r: r.probability).parameter == "sensor.T45.bias"
+    named = max(found.health, key=lambda r: r.probability)
+    assert named.parameter == "sensor.T45.bias"
+    assert named.change.low < 45.0 < named.change.high and named.change.value > 20.0
     assert abs(found.severity.value) < 6.0 < 6 * 7.5  # K; it reads 45 K too high
 
 
