@@ -14,7 +14,6 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from enginediag_cli.detection.change import Change, explain_change, posterior_change
-from enginediag_cli.detection.distributions import chdtrc
 from enginediag_cli.detection.lack_of_fit import LackOfFit
 from enginediag_cli.detection.segments import Coordinates
 from enginediag_cli.detection.sequential import EProcess
@@ -22,6 +21,7 @@ from enginediag_cli.detection.verdict import LEAST_SENSORS, lifeless, too_few, t
 from enginediag_cli.intake.left_out import GrossCounts
 from enginediag_cli.recordings.table import Recording
 from enginediag_cli.residuals.admission import Elsewhere, judged_inputs
+from enginediag_cli.residuals.distributions import chdtrc
 from enginediag_cli.residuals.gross_gate import LiveGate, LiveRecords
 from enginediag_cli.residuals.groups import Key, Timeline
 from enginediag_cli.residuals.innovations import Innovations

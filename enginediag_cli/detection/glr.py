@@ -35,7 +35,7 @@ class GlrTest:
 
 def threshold(dof: int, false_alarm: float) -> float:
     """Value that χ²(dof) exceeds with probability `false_alarm`."""
-    from enginediag_cli.detection.distributions import chdtri
+    from enginediag_cli.residuals.distributions import chdtri
 
     if not 0 < false_alarm < 1:
         raise ValueError("`false_alarm` must lie between 0 and 1")
@@ -74,7 +74,7 @@ def numerator(rank: int, doubt: tuple[float, float, float]) -> float:
 
 def p_value(statistic: float, score: Score) -> float:
     """Probability of a larger statistic when nothing has changed."""
-    from enginediag_cli.detection.distributions import chdtrc, fdtrc
+    from enginediag_cli.residuals.distributions import chdtrc, fdtrc
 
     scale, nu = noise_correction(score.rank, score.doubt)
     r = numerator(score.rank, score.doubt)
@@ -85,7 +85,7 @@ def p_value(statistic: float, score: Score) -> float:
 
 def critical_value(score: Score, false_alarm: float) -> float:
     """The statistic that is exceeded with probability `false_alarm` when nothing has changed."""
-    from enginediag_cli.detection.distributions import chdtri, fdtri
+    from enginediag_cli.residuals.distributions import chdtri, fdtri
 
     limit = threshold(score.rank, false_alarm)
     if score.rank == 0:

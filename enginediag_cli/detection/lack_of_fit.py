@@ -35,7 +35,7 @@ class LackOfFit:
 
 def lack_of_fit(statistics: LocalStatistics) -> LackOfFit:
     """Test of what no change of the parameters explains; NaN where nothing is left over to test."""
-    from enginediag_cli.detection.distributions import chdtrc
+    from enginediag_cli.residuals.distributions import chdtrc
 
     space = range_space(statistics.F, statistics.prior_sigma)
     v = (statistics.prior_sigma * statistics.s) @ space.basis

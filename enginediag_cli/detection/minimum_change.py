@@ -20,10 +20,10 @@ from fnmatch import fnmatch
 import numpy as np
 
 from enginediag_cli.config.hints import near
-from enginediag_cli.detection.distributions import noncentrality_of
 from enginediag_cli.detection.glr import critical_value, threshold
 from enginediag_cli.errors import DataError
 from enginediag_cli.parameters import Parameter
+from enginediag_cli.residuals.distributions import noncentrality_of
 from enginediag_cli.residuals.score import Score, separable_information
 
 POWER = 0.9

@@ -6,7 +6,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from enginediag_cli.detection.distributions import chdtrc
 from enginediag_cli.detection.glr import GlrTest, glr_test
 from enginediag_cli.detection.lack_of_fit import LackOfFit, lack_of_fit
 from enginediag_cli.detection.minimum_change import (
@@ -18,6 +17,7 @@ from enginediag_cli.detection.minimum_change import (
     size_with_unit,
     unseen_components,
 )
+from enginediag_cli.residuals.distributions import chdtrc
 from enginediag_cli.residuals.score import Score, fisher_score
 from enginediag_cli.residuals.window import WindowStatistics
 

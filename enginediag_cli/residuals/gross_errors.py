@@ -28,6 +28,7 @@ from itertools import groupby
 
 import numpy as np
 
+from enginediag_cli.residuals.distributions import chdtri
 from enginediag_cli.residuals.noise import NoiseModel
 from enginediag_cli.residuals.order_statistics import median
 
@@ -153,11 +154,15 @@ def scatter(r: np.ndarray) -> np.ndarray:
     return S
 
 
+def _farthest(dof: np.ndarray) -> np.ndarray:
+    """The values (N,) that χ² of dof (N,), at least 1, exceeds with the probability `INPUT_CHANCE`."""
+    counts, which = np.unique(np.maximum(dof, 1), return_inverse=True)
+    return np.array([chdtri(float(n), INPUT_CHANCE) for n in counts])[which]
+
+
 def suspected(z: np.ndarray, level: np.ndarray, noise: NoiseModel) -> bool:
     """Whether any reading of z (N, m), level (N, m) as in `Stretch`, or record, might be a gross error: of most short
     stretches none is, and nothing need be fitted."""
-    from scipy.special import chdtri
-
     if _far(z, level).any():
         return True
     a = deviations(z)
@@ -167,7 +172,7 @@ def suspected(z: np.ndarray, level: np.ndarray, noise: NoiseModel) -> bool:
     if bool((u > ALMOST * GROSS).any()):
         return True
     dof = np.isfinite(z).sum(axis=1)
-    return bool(np.any(np.sum(u**2, axis=1) > chdtri(np.maximum(dof, 1), INPUT_CHANCE)))
+    return bool(np.any(np.sum(u**2, axis=1) > _farthest(dof)))
 
 
 def robust_residuals(stretch: Stretch) -> tuple[np.ndarray, np.ndarray, bool]:
@@ -330,13 +335,11 @@ def _long_runs(flagged: np.ndarray, least: int) -> np.ndarray:
 def _wrong_inputs(stretch: Stretch, depart: np.ndarray, gross: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Records (N,) that an error of an input spoils, or most of whose readings are gross (N, m), and the number of the
     input (N,), −1 for none: T = max_i (S_iᵀu)²/S_iᵀS_i, S_i the effect of input i over σ, u what departs (N, m)."""
-    from scipy.special import chdtri
-
     dof = stretch.present.sum(axis=1)
     blamed = np.full(len(dof), -1)
     total = np.sum(depart**2, axis=1)
     most = (dof > 2) & (gross.sum(axis=1) > MOST * dof)
-    rows = np.flatnonzero((dof > 1) & (total > chdtri(np.maximum(dof, 1), INPUT_CHANCE)) | most)
+    rows = np.flatnonzero((dof > 1) & (total > _farthest(dof)) | most)
     if not rows.size:
         return np.zeros(len(dof), bool), blamed
     S = np.where(stretch.present[rows][:, :, None], np.nan_to_num(stretch.input_effects(rows)), 0.0)

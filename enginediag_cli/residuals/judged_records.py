@@ -7,7 +7,6 @@ bytes a value, some 200 bytes a record, in the folder for temporary files.
 from __future__ import annotations
 
 import os
-import tempfile
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import IO
@@ -84,6 +83,8 @@ class Keeping:
         if sum(stored.count for stored in held) <= IN_MEMORY:
             return
         if self._file is None or not any(not stored.in_memory for stored in waiting):
+            import tempfile  # few records need none, and it takes a while to import
+
             self._file = tempfile.TemporaryFile(prefix="enginediag-")
         for stored in held:
             stored.move(self._file)

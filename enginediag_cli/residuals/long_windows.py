@@ -12,7 +12,6 @@ Stretches are counted from the first record of the window: nothing depends on ho
 
 from __future__ import annotations
 
-import tempfile
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from itertools import pairwise
@@ -138,6 +137,8 @@ class _NominalFile:
     """What nominal gives of each stretch, in a file without a name."""
 
     def __init__(self) -> None:
+        import tempfile  # short windows need none, and it takes a while to import
+
         self._file = tempfile.TemporaryFile(prefix="enginediag-")
         self._places: list[tuple[int, tuple[str, ...], bool]] = []
 

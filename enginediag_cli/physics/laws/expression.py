@@ -146,18 +146,22 @@ def _check_numbers(node: ast.expr) -> bool:
     """Whether a part of a formula has no names; raises ExpressionError where what has none has no finite value."""
     if isinstance(node, ast.Name):
         return False
-    parts = [_check_numbers(part) for part in ast.iter_child_nodes(node) if _is_part(node, part)]
+    parts = [_check_numbers(part) for part in _parts(node)]
     if not all(parts):
         return False
     with np.errstate(all="ignore"):
-        finite = (isinstance(node, ast.Call) and _called(node) in FOLLOWERS) or np.isfinite(_value(node, {}, None))
+        finite = (isinstance(node, ast.Call) and _called(node) in FOLLOWERS) or np.isfinite(
+            value(_value(node, {}, None))
+        )
     if not finite:
         raise ExpressionError(f"'{_shortened(ast.unparse(node))}' has no finite value", node.col_offset)
     return True
 
 
-def _is_part(node: ast.AST, part: ast.AST) -> bool:
-    return isinstance(part, ast.expr) and not (isinstance(node, ast.Call) and part is node.func)
+def _parts(node: ast.expr) -> list[ast.expr]:
+    """What stands in it; of a call, its arguments."""
+    inner = [part for part in ast.iter_child_nodes(node) if isinstance(part, ast.expr)]
+    return [part for part in inner if not (isinstance(node, ast.Call) and part is node.func)]
 
 
 def _shortened(text: str) -> str:

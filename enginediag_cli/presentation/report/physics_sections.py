@@ -53,7 +53,11 @@ def _explained(answer: Mapping[str, Any], key: str) -> Lead:
         for x in answer["explanations"][:1]
         if x.get("probability") is not None
     ]
-    rivals = [f"{name}: {why}" for name, why in list(answer["rejected"].items())[:2]]
+    rivals = [
+        f"{x['in_words']} ({probability(float(x['probability']))})"
+        for x in answer["explanations"][1:]
+        if x.get("probability") is not None
+    ]
     flips = [str(f.get("words", f)) if isinstance(f, Mapping) else str(f) for f in answer.get("flips") or ()]
     return Lead(
         state,
