@@ -62,7 +62,9 @@ def _jump(monitor: Monitor, j: int) -> float:
 
 @dataclass(frozen=True)
 class BlockReport:
-    """One block of a flight. repeated: records whose readings are those of the record before, not judged; sensors: how
+    """One block of a flight; one of no records judges those that waited for what followed.
+
+    repeated: records whose readings are those of the record before, not judged; sensors: how
     many of `sensors_of` gave a reading that was judged; log10_e: evidence that something has changed, as a power of
     ten; alarm: E has reached 1/α, in this block or before; change: what it looks like, once there is an alarm; reason:
     why the block tells nothing, "" where it does; elsewhere: how many records training did not cover, by where they
@@ -103,6 +105,7 @@ class FlightMonitor:
     _timeline: Timeline = field(default_factory=Timeline)
     _skipped: float = 0.0
     _clock: float = 0.0
+    _timed: bool = False
     _before: np.ndarray | None = None
     _distinct: int = 0
     _blocks: int = 0
@@ -123,7 +126,7 @@ class FlightMonitor:
         failed, judged, lags = 0, 0, self._thinned(lags, kept)
         sensors, sensors_of, reason = int(np.isfinite(y[kept]).any(axis=0).sum()), y.shape[1], ""
         clock = time if time is not None else self._clock + np.arange(len(part), dtype=float)
-        self._clock += len(part)
+        self._clock, self._timed = self._clock + len(part), time is not None
         self._blocks += 1
         self._distinct += kept.size
         if self._distinct == 1 and repeated.any():
@@ -138,15 +141,7 @@ class FlightMonitor:
                 {c: v[kept] for c, v in inputs.items()}, e, J, predicted, lags, clock[kept], part.line[kept]
             )
             decided, gross = self._gate.add(new)
-            judged = int(np.sum(np.isfinite(decided.e).any(axis=1)))
-            z, G = self._innovations.of(decided.e, decided.J, decided.lags)
-            fit = self._scatter(z, G, int(np.isfinite(decided.e).sum()))
-            if sensors < LEAST_SENSORS:
-                reason = too_few(sensors, sensors_of)
-            elif lifeless(fit):
-                reason = too_still(fit)
-            elif judged and not reason:
-                self.process.add(z, G, float(decided.time[0]), float(np.mean(decided.time)))
+            judged, reason = self._judge(decided, sensors, reason)
         alarm = self.process.alarm_block is not None
         change = explain_change(self.process.past, self.process.coordinates) if alarm else None
         return BlockReport(
@@ -171,6 +166,50 @@ class FlightMonitor:
             taken.elsewhere(slice(None)),
             gross,
         )
+
+    def finish(self) -> BlockReport | None:
+        """Judge the records that still waited for what follows them, if any; the flight has ended."""
+        found = self._gate.finish() if self._gate is not None else None
+        if found is None:
+            return None
+        decided, gross = found
+        self._blocks += 1
+        sensors = int(np.isfinite(decided.e).any(axis=0).sum())
+        judged, reason = self._judge(decided, sensors, "")
+        alarm = self.process.alarm_block is not None
+        return BlockReport(
+            self.key,
+            self._blocks - 1,
+            int(decided.line[0]),
+            int(decided.line[-1]),
+            *((float(decided.time[0]), float(decided.time[-1])) if self._timed else (float("nan"), float("nan"))),
+            records=0,
+            outside=0,
+            incomplete=0,
+            failed=0,
+            repeated=0,
+            judged=judged,
+            sensors=sensors,
+            sensors_of=decided.e.shape[1],
+            log10_e=self.process.log_e / float(np.log(10)),
+            alarm=alarm,
+            change=explain_change(self.process.past, self.process.coordinates) if alarm else None,
+            reason=reason,
+            gross=gross,
+        )
+
+    def _judge(self, decided: LiveRecords, sensors: int, reason: str) -> tuple[int, str]:
+        """Add decided records to the evidence; how many were judged, and why none of them says anything."""
+        judged = int(np.sum(np.isfinite(decided.e).any(axis=1)))
+        z, G = self._innovations.of(decided.e, decided.J, decided.lags)
+        fit = self._scatter(z, G, int(np.isfinite(decided.e).sum()))
+        if sensors < LEAST_SENSORS:
+            return judged, too_few(sensors, decided.e.shape[1])
+        if lifeless(fit):
+            return judged, too_still(fit)
+        if judged and not reason:
+            self.process.add(z, G, float(decided.time[0]), float(np.mean(decided.time)))
+        return judged, reason
 
     def _repeated(self, y: np.ndarray) -> np.ndarray:
         """Mask (N,) of the records whose readings y (N, m) are those of the record before, all of them."""

@@ -41,7 +41,7 @@ class Following:
                 flight = flights.pop(key, None) or FlightMonitor(self.monitor, key, self.false_alarm)
                 flights[key] = flight  # the latest is the last
                 while len(flights) > OPEN_FLIGHTS:
-                    flights.pop(next(iter(flights)))
+                    yield from self._finished(flights.pop(next(iter(flights))))
                 report = flight.add(chunk.select(rows))
                 self.counts.update(
                     outside=report.outside,
@@ -50,6 +50,19 @@ class Following:
                     repeating=report.repeated,
                 )
                 self.elsewhere.update(report.elsewhere)
-                left = self.intake.left_out[-1]  # files come in turn, each with one engine
-                left.gross = left.gross + report.gross
+                self._rejected(report)
                 yield report
+        for flight in flights.values():
+            yield from self._finished(flight)
+
+    def _finished(self, flight: FlightMonitor) -> Iterator[BlockReport]:
+        report = flight.finish()
+        if report is not None:
+            self._rejected(report)
+            yield report
+
+    def _rejected(self, report: BlockReport) -> None:
+        """Count what was rejected where it is reported: files come in turn, each with one engine."""
+        of_file = [left for left in self.intake.left_out if left.file == report.key[0]]
+        left = (of_file or self.intake.left_out)[-1]
+        left.gross = left.gross + report.gross

@@ -5,7 +5,7 @@ A reading is judged by z = e/σ, its residual at nominal in standard deviations 
 - what the engine may be worth of is fitted robustly (Huber, then Tukey: P. J. Huber, Robust Statistics, 1981, ch. 7; A.
   E. Beaton and J. W. Tukey, Technometrics 16 (1974) 147-185): changes of health within their prior, what is uncertain
   about nominal, and of each sensor a bias and a scale, so that a true fault of a sensor is no gross error; r = z − fit;
-- local: a = r − running median of 15 of r, so that what lasts, a step or a misfit of the model, is no gross error;
+- local: a = r − running median of 31 of r, so that what lasts, a step or a misfit of the model, is no gross error;
 - against noise that remembers, r is predicted from the nearest good neighbours on both sides, g_l and g_r steps away:
   with α = ρ^g_l and β = ρ^g_r
 
@@ -35,11 +35,12 @@ from enginediag_cli.residuals.order_statistics import median
 GROSS = 4.5
 """Standard deviations beyond which a reading is a gross error: 7 in a million Gaussian readings are, and the variance
 of those that remain is 0.99985, so that no test needs a correction."""
-AROUND = 15
-"""Readings of the running median: as many as let seven in a row be seen as not belonging to their neighbours."""
+AROUND = 31
+"""Readings of the running median: as many as let two bursts of seven in a row, one after the other, be the minority."""
 RUN, RUN_S = 7, 600.0
-"""Records, and seconds, that a gross error lasts at most, a single record excepted: seven are the minority of `AROUND`;
-ten minutes are longer than any disturbance of a channel that mends itself, and a fault may well begin in that time."""
+"""Records, and seconds, that a gross error lasts at most, a single record excepted: two such are the minority of
+`AROUND`; ten minutes are longer than any disturbance of a channel that mends itself, and a fault may well begin in that
+time."""
 EVENT = 3
 """Records in a row in which several sensors depart together from which it may be an event of the engine."""
 LEAST = 8
@@ -167,8 +168,9 @@ def suspected(z: np.ndarray, level: np.ndarray, noise: NoiseModel) -> bool:
         return True
     a = deviations(z)
     least = (1 - noise.rho**2) / np.sqrt(1 - noise.rho**4)  # v of neighbours one step away, the smallest there is
-    u = np.nan_to_num(np.abs(a / scatter(a))) / least
-    # a fit may move a reading from its neighbours, by little within fifteen records
+    S = scatter(a) if len(a) >= 2 * AROUND else 1.0  # of few, two bursts may be all the scatter
+    u = np.nan_to_num(np.abs(a / S)) / least
+    # a fit may move a reading from its neighbours, by little within thirty records
     if bool((u > ALMOST * GROSS).any()):
         return True
     dof = np.isfinite(z).sum(axis=1)
@@ -266,17 +268,22 @@ def find_gross_errors(stretch: Stretch, *, events: bool = False) -> GrossErrors:
         if len(rows) < FEWEST:
             continue
         rho = float(stretch.noise.rho[j])
-        found, depart[rows, j] = _judge_sensor(r[rows, j] / S[j], a[rows, j] / S_a[j], stretch.clock[rows], rho)
-        found = _short_runs(found, stretch.time[rows], stretch.clock[rows])
-        spoilt[j] = found.sum() > MOST * len(rows)
-        readings[rows, j] = found & ~spoilt[j]
+        readings[rows, j], depart[rows, j] = _judge_sensor(
+            r[rows, j] / S[j], a[rows, j] / S_a[j], stretch.clock[rows], rho
+        )
     records, blamed = _wrong_inputs(stretch, depart, readings | impossible & ~dead)
     if np.isinf(stretch.lags[1:]).any():  # of several flights one may be another engine state, not a wrong record
         readings[records], records = False, np.zeros(N, bool)
+    records = _short_runs(records, records.astype(float), stretch.time, stretch.clock)
+    readings[records], own = False, np.where(records[:, None], 0.0, a)  # an input's doing is no sensor's run
+    for j in range(m):
+        rows = np.flatnonzero(np.isfinite(r[:, j]))
+        found = _short_runs(readings[rows, j], own[rows, j], stretch.time[rows], stretch.clock[rows])
+        spoilt[j] = found.sum() > MOST * len(rows) > 0
+        readings[rows, j] = found & ~spoilt[j]
     if events:
         kept = _long_runs(records | (readings.sum(axis=1) > 1), EVENT)
         readings[kept], records[kept] = False, False
-    records = _short_runs(records, stretch.time, stretch.clock)
     blamed = np.where(records, blamed, -1)
     return GrossErrors((readings | impossible) & ~records[:, None], records, blamed, dead, spoilt, settled)
 
@@ -304,18 +311,23 @@ def _without(stretch: Stretch, readings: np.ndarray) -> Stretch:
     return replace(stretch, z=np.where(readings, np.nan, stretch.z))
 
 
-def _short_runs(flagged: np.ndarray, time: np.ndarray, clock: np.ndarray) -> np.ndarray:
-    """The flagged (n,) of consecutive readings whose run is short, as a number and as a time (n,) in s; a run that
-    reaches over unrelated records, which are far apart by their clock (n,), lasts too long where time is unknown."""
+def _short_runs(flagged: np.ndarray, a: np.ndarray, time: np.ndarray, clock: np.ndarray) -> np.ndarray:
+    """The flagged (n,) of consecutive readings whose run is short, as a number and as a time (n,) in s; neighbours
+    whose local residual a (n,) is half as large or more, to the same side, are of the run. A run that reaches over
+    unrelated records, which are far apart by their clock (n,), lasts too long where time is unknown."""
     kept = flagged.copy()
     first = 0
     for flag, run in groupby(flagged.tolist()):
-        n = len(list(run))
-        stop = first + n
-        if flag and n > 1:
-            lasts = time[stop - 1] - time[first]
-            apart = clock[stop - 1] - clock[first] >= UNRELATED
-            if n > RUN or lasts > RUN_S or (apart and not np.isfinite(lasts)):
+        stop = first + len(list(run))
+        if flag:
+            size = median(a[first:stop])
+            back = a * np.sign(size) < abs(size) / 2
+            before, after = np.flatnonzero(back[:first]), np.flatnonzero(back[stop:])
+            begin = before[-1] + 1 if before.size else 0
+            end = stop + after[0] if after.size else len(a)
+            lasts = time[end - 1] - time[begin]
+            apart = clock[end - 1] - clock[begin] >= UNRELATED
+            if end - begin > 1 and (end - begin > RUN or lasts > RUN_S or (apart and not np.isfinite(lasts))):
                 kept[first:stop] = False
         first = stop
     return kept

@@ -35,7 +35,8 @@ from enginediag_cli.residuals.noise import NoiseModel
 from enginediag_cli.residuals.window import WindowStatistics
 
 HISTORY = 40
-"""Records before a block that it is compared with: the running median, and a fit that few new ones do not bend."""
+"""Records with which new ones are compared: enough for a running median, and a fit that a few do not bend. Of a flight
+that begins, suspected records wait until there are so many."""
 NOTES = 10_000
 """Records of one window with gross errors that are remembered each by itself, some megabytes; of more in pairs."""
 
@@ -331,7 +332,8 @@ _ARRAYS = ("e", "J", "y", "lags", "time", "line")
 
 class LiveGate:
     """Gross errors of one flight that is still going on. A run of gross readings that has not ended may be the start of
-    a change: its records wait for what follows, `RUN` at most, and nothing of them is lost."""
+    a change: its records wait for what follows, `RUN` at most. So do the first ones where any is suspected: two bursts
+    among twenty records leave nobody to say which are right. `finish` decides what waits when the flight has ended."""
 
     def __init__(self, monitor: Monitor, recorded: Sequence[str]):
         self.monitor, self._recorded = monitor, tuple(recorded)
@@ -342,27 +344,40 @@ class LiveGate:
         """The records that are decided by these further ones, without gross readings, and what was rejected of them."""
         known = new if self._known is None else self._known.and_then(new)
         found = self._found(known)
-        undecided = _open_run(found) if len(known) >= FEWEST else len(known)
-        stop = len(known) - undecided
-        first = min(self._decided, stop)
+        few = len(known) < (HISTORY if found is not None else FEWEST)
+        return self._decide(known, found, len(known) if few else 0 if found is None else _open_run(found))
+
+    def finish(self) -> tuple[LiveRecords, GrossCounts] | None:
+        """The records that still waited, where there are any; no more will come."""
+        known = self._known
+        if known is None or self._decided == len(known):
+            return None
+        return self._decide(known, self._found(known), 0)
+
+    def _decide(self, known: LiveRecords, found: GrossErrors | None, undecided: int) -> tuple[LiveRecords, GrossCounts]:
+        """Known records, all but the last, which are undecided, without what was found."""
+        first = self._decided
+        stop = max(first, len(known) - undecided)
         mine = np.zeros(len(known), bool)
         mine[first:stop] = True
         counts = GrossCounts(judged=int(mine.sum()))
-        for _, some in _counts(found, known.line, mine, self.monitor.sensors, self._recorded):
-            counts = counts + replace(some, judged=0)
-        gone = found.readings | found.records[:, None]
-        decided = replace(known, e=np.where(gone, np.nan, known.e)).select(slice(first, stop))
+        clean = known
+        if found is not None:
+            for _, some in _counts(found, known.line, mine, self.monitor.sensors, self._recorded):
+                counts = counts + replace(some, judged=0)
+            clean = replace(known, e=np.where(found.readings | found.records[:, None], np.nan, known.e))
+        decided = clean.select(slice(first, stop))
         kept = max(0, stop - HISTORY)
         self._known, self._decided = known.select(slice(kept, None)), stop - kept
         return decided, counts
 
-    def _found(self, known: LiveRecords) -> GrossErrors:
-        monitor, (n, m), p = self.monitor, known.e.shape, len(self.monitor.names)
+    def _found(self, known: LiveRecords) -> GrossErrors | None:
+        """The gross errors of known records, None where no reading is suspected."""
+        monitor, p = self.monitor, len(self.monitor.names)
         sigma = monitor.noise.sigma
         z, level = known.e / sigma, known.y / sigma
         if not suspected(z, level, monitor.noise):
-            no = np.zeros(m, bool)
-            return GrossErrors(np.zeros((n, m), bool), np.zeros(n, bool), np.full(n, -1), no, no)
+            return None
         G = np.nan_to_num(known.J[:, :, :p] / sigma[:, None])
 
         def effects(rows: np.ndarray) -> np.ndarray:

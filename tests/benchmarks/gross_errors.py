@@ -2,10 +2,10 @@
 
 Healthy and faulty flights of several engines are simulated, identified and judged by the commands, as they are and with
 gross errors put in: 0.2 % of all cells 999 or 0, 1 % of the sensors' or of the inputs' cells off by 10 to 30 standard
-deviations, two bursts of five records a flight, one dead sensor a flight. A table goes to standard output (rows to a
-file with --json): false alarms of windows (one per flight) and of --follow with the most that the stated rate allows,
-and flights of which exactly the component or the instrument at fault is named. Then, on clean data, what the rejection
-costs: smallest detectable changes, statistic of true faults and detection delay, with it and without.
+deviations, two bursts of five records a flight, one dead sensor a flight. A table goes to standard output (each row to
+a file, too, with --json): false alarms of windows (one per flight) and of --follow with the most that the stated rate
+allows, and flights of which exactly the component or the instrument at fault is named. Then, on clean data, what the
+rejection costs: smallest detectable changes, statistic of true faults and detection delay, with it and without.
 """
 
 from __future__ import annotations
@@ -322,7 +322,7 @@ def main() -> None:
     parser.add_argument("--engines", nargs="+", choices=list(FLIGHTS), default=list(FLIGHTS))
     parser.add_argument("--flights", type=int, default=20, help="healthy flights of each")
     parser.add_argument("--faults", type=int, default=12, help="faulty flights of each")
-    parser.add_argument("--json", help="write the rows of every engine and seed to this file")
+    parser.add_argument("--json", help="add each row to this file as it is measured, a JSON document a line")
     options = parser.parse_args()
     rows = []
     for seed in options.seeds:
@@ -330,9 +330,10 @@ def main() -> None:
             for row in measured(engine, 10_000 * seed, options.flights, options.faults):
                 rows.append(row)
                 print(json.dumps(row), file=sys.stderr, flush=True)
+                if options.json:
+                    with open(options.json, "a", encoding="utf-8") as stream:
+                        print(json.dumps(row), file=stream)
     print("\n".join(table_of(rows)))
-    if options.json:
-        Path(options.json).write_text(json.dumps(rows, indent=1), encoding="utf-8")
 
 
 if __name__ == "__main__":

@@ -4,7 +4,16 @@ import numpy as np
 import pytest
 from toy_engine import SENSORS, SIGMA, toy_monitor, toy_recording
 
-from enginediag_cli.residuals.gross_errors import BLOCK, FEWEST, HALO, RUN, Stretch, find_gross_errors, running_median
+from enginediag_cli.residuals.gross_errors import (
+    AROUND,
+    BLOCK,
+    FEWEST,
+    HALO,
+    RUN,
+    Stretch,
+    find_gross_errors,
+    running_median,
+)
 from enginediag_cli.residuals.gross_gate import GrossErrorGate, LiveGate, LiveRecords
 from enginediag_cli.residuals.noise import NoiseModel
 
@@ -33,7 +42,8 @@ def stretch(rng, *, rho=0.0, theta=None, add=0.0, step_s=60.0):
 
 def test_running_median_is_numpys():
     x = np.random.default_rng(0).standard_normal(60)
-    expected = [np.median(x[max(0, min(i - 7, 45)) : max(0, min(i - 7, 45)) + 15]) for i in range(60)]
+    first = np.clip(np.arange(60) - AROUND // 2, 0, 60 - AROUND)
+    expected = [np.median(x[i : i + AROUND]) for i in first]
     assert np.array_equal(running_median(x), expected)
 
 
@@ -159,6 +169,9 @@ def followed(e, block):
     gate, decided = LiveGate(monitor, monitor.engine.inputs), []
     for i in range(0, len(e), block):
         decided.append(gate.add(whole.select(slice(i, i + block)))[0])
+    last = gate.finish()
+    if last is not None:
+        decided.append(last[0])
     return [len(d) for d in decided], np.concatenate([d.e for d in decided]) / SIGMA
 
 
@@ -175,3 +188,20 @@ def test_a_live_gate_drops_spikes_and_keeps_every_record_of_a_step(block):
     assert len(decided) == len(step)
     assert np.allclose(decided, step)  # nothing lost, nothing twice
     assert min(np.cumsum(sizes) - block * np.arange(1, len(sizes) + 1)) >= -max(RUN, FEWEST)
+
+
+def test_two_bursts_of_a_sensor_one_after_the_other_go():
+    rng = np.random.default_rng(11)
+    e = rng.standard_normal((60, 5))
+    e[[*range(2, 7), *range(10, 15)], 4] -= 27
+    for block in (20, 60):
+        _, decided = followed(e, block)
+        assert np.flatnonzero(np.isnan(decided).any(axis=1)).tolist() == [2, 3, 4, 5, 6, 10, 11, 12, 13, 14]
+
+
+def test_a_flight_that_ends_while_records_wait_loses_none():
+    e = np.random.default_rng(12).standard_normal((25, 5))
+    e[7:12, 2] += 20
+    sizes, decided = followed(e, 20)
+    assert sizes == [0, 0, 25]
+    assert np.argwhere(np.isnan(decided)).tolist() == [[k, 2] for k in range(7, 12)]
