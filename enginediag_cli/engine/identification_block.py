@@ -90,6 +90,12 @@ IDENTIFICATION = Section(
             minimum=0,
             unit="records",
         ),
-        Field("max_iterations", "integer", "Gauss–Newton steps before giving up", default=100, minimum=1),
+        Field(
+            "max_iterations",
+            "integer",
+            "Gauss–Newton steps of all passes and attempts before giving up; flights of real engines take about 20",
+            default=75,
+            minimum=1,
+        ),
     ),
 )

@@ -54,7 +54,8 @@ class Attempt:
 
 def best_attempt(problem: Problem, settings: IdentificationSettings, accuracy: float) -> Attempt:
     """The first attempt that converges with no shape at a bound, else the first that converges, else the first of all.
-    accuracy: of the maps as stated, a share."""
+    accuracy: of the maps as stated, a share. All attempts together take no more steps than the settings allow: a file
+    of another engine would keep each of them busy to its end."""
     tried: list[Attempt] = []
     for attempt in _attempts(problem, settings, accuracy):
         if attempt.passes.converged and not attempt.bent:
@@ -72,17 +73,21 @@ def _attempts(problem: Problem, settings: IdentificationSettings, accuracy: floa
     plain = without_shapes(pointed)
     shaped = plain is not pointed
     if shaped and accuracy >= GENERIC and operating_points(problem) <= FREEDOMS:
-        yield Attempt(
+        attempt = Attempt(
             fit_and_noise(with_map_error(plain, accuracy), settings, accuracy), (GivenUp.SHAPES_AT_FEW_POINTS,)
         )
+        yield attempt
     else:
         attempt = Attempt(fit_and_noise(whole, settings, accuracy))
         yield attempt
-        if shaped:
+        settings = settings.after(attempt.passes.steps)
+        if shaped and settings.max_iterations > 0:
             why = GivenUp.SHAPES_AT_BOUND if attempt.passes.converged else GivenUp.SHAPES
-            yield Attempt(fit_and_noise(with_map_error(plain, accuracy), settings, accuracy), (why,))
-    trusted = fit_and_noise(problem, settings, 0.0)
-    if trusted.converged:
+            attempt = Attempt(fit_and_noise(with_map_error(plain, accuracy), settings, accuracy), (why,))
+            yield attempt
+    settings = settings.after(attempt.passes.steps)
+    trusted = fit_and_noise(problem, settings, 0.0) if settings.max_iterations > 0 else None
+    if trusted is not None and trusted.converged:
         yield Attempt(considered(trusted, accuracy), (GivenUp.SIZES,))
 
 

@@ -85,6 +85,11 @@ class Fit:
         return self.iterations[-1].decrement if self.iterations else np.nan
 
     @property
+    def steps(self) -> int:
+        """Steps that were tried."""
+        return max(len(self.iterations) - 1, 0)
+
+    @property
     def failed(self) -> np.ndarray:
         """Records without a prediction at the end, (N,) bool: they took no part in the estimate."""
         return ~self.equations.ok
@@ -220,7 +225,7 @@ def _ended(fit: Fit, tolerance: float, in_vain: int, walls: int) -> Fit:
             return replace(fit, converged=True, reason=reason)
         reason = f"{in_vain} steps in a row did not lower the misfit, {distance} from the optimum"
     else:
-        reason = f"after {len(fit.iterations) - 1} iterations the optimum is {distance} away"
+        reason = f"after {fit.steps} iterations the optimum is {distance} away"
     return replace(fit, reason=reason + _walls(walls))
 
 

@@ -61,7 +61,7 @@ LOST_PASS = 1.0
 @dataclass(frozen=True)
 class Passes:
     """Where the passes ended: the problem with the noise and sizes found, its fit, and how many passes that took.
-    settled: whether noise and sizes had stopped changing."""
+    settled: whether noise and sizes had stopped changing; steps: that the search took in all passes."""
 
     problem: Problem
     fit: Fit
@@ -69,12 +69,13 @@ class Passes:
     found: Uncertainty
     number: int
     settled: bool
+    steps: int = 0
 
     @property
     def reason(self) -> str:
         """Why it did not converge, else how near the optimum is."""
         if self.fit.converged and not self.settled:
-            return f"the noise estimate still changed after {self.number} passes"
+            return f"the noise estimate still changed after {self.number} passes and {self.steps} steps of the search"
         return self.fit.reason
 
     @property
@@ -84,7 +85,8 @@ class Passes:
 
 
 def fit_and_noise(problem: Problem, settings: IdentificationSettings, accuracy: float) -> Passes:
-    """Fit and noise in turn; `accuracy`: of the maps as stated, a share."""
+    """Fit and noise in turn; `accuracy`: of the maps as stated, a share. All passes together take no more steps than
+    the settings allow."""
     stated, estimated, usual = problem.sigma, settings.noise == "estimate", problem.offsets
     floor = np.maximum(SIGMA_FLOOR * stated, quantisation_sigma(problem.measured))
     zeros = (np.zeros(len(problem.parameters)), np.zeros((len(problem.labels), len(problem.offsets))))
@@ -103,16 +105,18 @@ def fit_and_noise(problem: Problem, settings: IdentificationSettings, accuracy: 
     lent, kept = ways(problem)
     fit: Fit | None = None
     as_read, gross = problem.measured, np.zeros(problem.measured.shape, bool)
+    steps, settled = 0, False
     for number in each(range(1, NOISE_PASSES + 1), "identifying, passes of fit and noise"):
         fit = solve(
             problem,
             start,
-            max_iterations=settings.max_iterations,
+            max_iterations=settings.max_iterations - steps,
             tolerance=PASS_TOLERANCE,
             derivatives=lent if number == 1 else kept,
             begin=resumed(problem, start, fit),
         )
         here = problem
+        steps += fit.steps
         # noise, sizes and fit feed back on each other; ever shorter steps end a swing between two states
         damping = max(1.0 / max(number - UNDAMPED_PASSES + 1, 1), LEAST_SHARE)
         if number <= GROSS_PASSES and problem.loss.robust:
@@ -128,7 +132,7 @@ def fit_and_noise(problem: Problem, settings: IdentificationSettings, accuracy: 
         noise = estimate_noise(fit.equations.residual, problem.gap, found.lost, floor)
         rho = rho + damping * (noise.rho1 - rho)
         if not fit.converged and not fit.decrement < LOST_PASS:
-            return Passes(problem, fit, noise, found, number, False)
+            return Passes(problem, fit, noise, found, number, False, steps)
         sigma = noise.sigma if estimated else stated
         inflation, shared = _tempering(problem, noise, described, fit.equations.predicted, found.sensor_dof)
         change = np.log(sigma**2 * inflation) - np.log(problem.sigma**2 * problem.inflation)
@@ -150,17 +154,21 @@ def fit_and_noise(problem: Problem, settings: IdentificationSettings, accuracy: 
         problem = problem.with_noise(sigma, inflation, shared)
         start = (x, z)
         settled = settled and grown < SIZES_SETTLED and offsets_grown < OFFSETS_SETTLED
-        if settled:
+        if settled or steps >= settings.max_iterations:
             break
-    ended = partial(solve, max_iterations=settings.max_iterations, tolerance=FINAL_TOLERANCE, derivatives=kept)
-    fit = ended(problem, start, begin=resumed(problem, start, fit, taken=True))
+    ended = partial(solve, tolerance=FINAL_TOLERANCE, derivatives=kept)
+    left = settings.max_iterations - steps
+    fit = ended(problem, start, max_iterations=left, begin=resumed(problem, start, fit, taken=True))
+    steps += fit.steps
     found = uncertainty(problem, fit, noise.rho1, noise.used)
     for _ in range(ROUNDS):
         freed = given_back(problem, fit, found)
         if freed is None or not fit.converged:
             break
         problem = freed
-        fit = ended(problem, (fit.x, fit.z), begin=resumed(problem, (fit.x, fit.z), fit))
+        left, begin = settings.max_iterations - steps, resumed(problem, (fit.x, fit.z), fit)
+        fit = ended(problem, (fit.x, fit.z), max_iterations=left, begin=begin)
+        steps += fit.steps
         found = uncertainty(problem, fit, noise.rho1, noise.used)
     widths = widths_beyond(problem, fit.equations, fit.x, fit.z, accuracy)
     if np.any(widths > 1.0):
@@ -171,7 +179,7 @@ def fit_and_noise(problem: Problem, settings: IdentificationSettings, accuracy: 
     problem = with_spreads(problem, fit.equations, fit.x, fit.z)
     outliers = noise.outliers + gross.sum(axis=0)
     noise = replace(noise, outliers=outliers, sigma=problem.sigma, sigma_from="fit" if estimated else "stated")
-    return Passes(problem, fit, noise, found, number, settled)
+    return Passes(problem, fit, noise, found, number, settled, steps)
 
 
 def _tempering(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 from enginediag_cli.engine.identification_block import IDENTIFICATION
@@ -26,7 +26,11 @@ class IdentificationSettings:
     loss: str = "soft_l1"
     loss_scale: float = 2.5
     cross_validation_block: int = 0
-    max_iterations: int = 100
+    max_iterations: int = 75
+
+    def after(self, steps: int) -> IdentificationSettings:
+        """What is left when so many steps have been taken."""
+        return replace(self, max_iterations=max(self.max_iterations - steps, 0))
 
 
 def settings_from_mapping(block: Mapping[str, Any] | None) -> IdentificationSettings:

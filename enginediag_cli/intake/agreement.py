@@ -230,9 +230,10 @@ class Agreement:
                 best = factor if best is None or factor.gain >= best.gain + APART else best
         if best is not None:
             return replace(shown, trial=best)
+        if others:  # each is likely enough to be named, so that the recording as it was read is not
+            return replace(shown, others=tuple(m.words for m in others))
         if _worlds_apart(as_read) and whole:
-            trial = None if others else _other_engine(origin, columns, as_read)
-            return replace(shown, trial=trial, others=tuple(m.words for m in others))
+            return replace(shown, trial=_other_engine(origin, columns, as_read))
         return None
 
 

@@ -401,11 +401,13 @@ BEYOND = 0.5
 
 
 def trials(yardstick: Yardstick, origin: Origin, columns: Columns, as_read: Misfit) -> list[Trial]:
-    """All mistakes that may explain a sample of K records, the likeliest first."""
+    """All mistakes that may explain a sample of K records, the likeliest first. One with which fewer sensors have
+    readings (a constant column in a sensor's place) explains nothing: it leaves the sensor out."""
     size = len(next(iter(columns.values())))
     few = np.unique(np.linspace(0, size - 1, min(SCREENED, size)).astype(int))
     sample = {c: v[few] for c, v in columns.items()}
     known = yardstick.answer(sample)
+    read = set(yardstick.misfit(sample, 1, answer=known).sensors)
     inputs = [c for c in yardstick.given if c in columns]
     first: list[tuple[float, Mistake]] = []
     for mistake in mistakes(origin, sample, yardstick.sensors):
@@ -414,6 +416,8 @@ def trials(yardstick: Yardstick, origin: Origin, columns: Columns, as_read: Misf
         if not same and not _flown(origin.engine, changed):
             continue
         found = yardstick.misfit(changed, 1, mistake.values, known if same else None)
+        if not read <= set(found.sensors):
+            continue
         first.append((found.log_likelihood + mistake.prior, mistake))
     first.sort(key=lambda one: -one[0])
     ended = []

@@ -129,6 +129,23 @@ def test_where_nothing_converges_the_first_attempt_is_told(engine, monkeypatch):
     assert not found.passes.converged and not found.given_up
 
 
+def test_all_attempts_share_the_steps_that_are_allowed(engine, monkeypatch):
+    allowed, taken = replace(SETTINGS, max_iterations=12), []
+
+    def fit(problem, settings, stated):
+        taken.append(fit_and_noise(problem, settings, stated).steps)
+        return replace(fit_and_noise(problem, settings, stated), settled=False)
+
+    monkeypatch.setattr(attempts, "fit_and_noise", fit)
+    found = best_attempt(problem_of(engine, 3), allowed, 0.003)
+    assert not found.passes.converged and 0 < sum(taken) <= 12
+
+
+def test_passes_end_without_an_answer_when_the_steps_are_used_up(engine):
+    found = fit_and_noise(problem_of(engine, 3), replace(SETTINGS, max_iterations=1), 0.0)
+    assert found.steps == 1 and not found.converged
+
+
 def test_amounts_that_are_not_sought_keep_their_uncertainty_and_pass_it_on(engine):
     problem = problem_of(engine, 3)
     plain = fit_and_noise(problem, SETTINGS, 0.0)

@@ -126,7 +126,8 @@ def mistaken(columns: Columns, engine: Engine, kind: str, rng: np.random.Generat
     if kind == "swapped":
         pairs = [p for p in map(one_of, ("temperature", "pressure", "rotational speed")) if len(p) > 1]
         a, b = rng.choice(pairs[rng.integers(len(pairs))], 2, replace=False) if pairs else ("", "")
-        return Made(kind, {**c, a: c[b], b: c[a]}, "", ("swapped",)) if pairs else None
+        names = tuple(f"{x} and {y} are swapped" for x, y in ((a, b), (b, a)))
+        return Made(kind, {**c, a: c[b], b: c[a]}, "", names) if pairs else None
     return Made(kind, c, "", ())
 
 

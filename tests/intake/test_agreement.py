@@ -39,6 +39,18 @@ def identified(turbofan):
     return Agreement(yardstick_of_nominal(turbofan, {}, tuple(turbofan.sensors), noise), turbofan)
 
 
+def test_a_constant_input_is_not_taken_for_a_sensor_that_is_in_the_wrong_unit():
+    plant = load_engine(shipped("power_plant.yaml"))
+    rng = np.random.default_rng(13)
+    middle = {c: np.full(40, sum(plant.envelope[c]) / 2) for c in plant.inputs if c in plant.envelope}
+    moved = {c: v * rng.uniform(0.98, 1.02, 40) for c, v in middle.items() if c != "dP_inlet_Pa"}
+    columns = recording(plant, {"dP_inlet_Pa": np.full(40, 450.0), **moved}, rng)
+    (found,) = agreement_with_engine(plant).disagreements(
+        Recording({**columns, "P3_Pa": columns["P3_Pa"] / 6894.757}, source="x.csv")
+    )
+    assert "P3_Pa is in psi" in str(found)
+
+
 QUICK = ("degF for degC", "ft for m", "swapped")
 
 
