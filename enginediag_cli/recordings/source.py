@@ -22,6 +22,8 @@ Source = str | Path | Iterable[str]
 LONGEST_LINE = 1_000_000
 """Characters of a line: a row of statistics may have thousands of cells of 20 characters. A longer one is refused as
 soon as so much of it is read, be there gigabytes more."""
+LONGEST_DOCUMENT = 200_000_000
+"""Characters of a JSON document in one line, as this program writes results: ten thousand engines of 20 kB."""
 
 HEAD_BYTES = 512
 """First bytes of a file, by which formats are recognised."""
@@ -154,7 +156,8 @@ class ShortLines:
         self._lines = self._read(stream, name)
 
     def __iter__(self) -> Iterator[str]:
-        """Raises DataError for a line longer than LONGEST_LINE, of which no more is read, and for one with a NUL."""
+        """Raises DataError for a line longer than LONGEST_LINE (in a text that begins as JSON does, LONGEST_DOCUMENT),
+        of which no more is read, and for one with a NUL."""
         return self._lines
 
     def _read(self, stream: Iterable[str], name: str) -> Iterator[str]:
@@ -163,8 +166,11 @@ class ShortLines:
         number, line = 0, "\n"
         for line in lines:
             number += 1
-            if len(line) > LONGEST_LINE:
-                most = f"a line of more than {LONGEST_LINE} characters"
+            longest = LONGEST_LINE
+            if len(line) > longest and read is not None and number == 1 and line[0] in "{[" and line[-1] != "\n":
+                line, longest = line + read(LONGEST_DOCUMENT), LONGEST_DOCUMENT
+            if len(line) > longest:
+                most = f"a line of more than {longest} characters"
                 raise DataError(f"{name}:{number}: {most}; no table has such lines: is the file damaged or packed?")
             if "\0" in line:
                 where = f"{name}:{number}:{line.index(chr(0)) + 1}"
