@@ -83,22 +83,42 @@ def report(
     from enginediag_cli.presentation.report.build import page_of
     from enginediag_cli.presentation.report.page import State
     from enginediag_cli.presentation.report.rendered import moves, rendered, versions
-    from enginediag_cli.presentation.report.results.read import read_result
     from enginediag_cli.recordings.write import output
 
     judges = compared.nominal is not None
     if asked and not judges:
         raise click.UsageError("limits and --events need -n NOMINAL; of results, give what trend --what margin wrote")
-    results = [read_result(path, source.label(path), recordings=judges) for path in source.files]
+    results, unreadable = _results(messages, source, recordings=judges)
     evidence, left_out = _evidence(messages, source, compared, judging, _Told(false_alarm, asked), results)
     if not static and not moves():
         messages.note(WITHOUT)
-    page = page_of(evidence, title=title, command=[_shown()], left_out=left_out, versions=versions(static))
+    page = page_of(
+        evidence, title=title, command=[_shown()], left_out=[*unreadable, *left_out], versions=versions(static)
+    )
     text = rendered(page, static)
     with output(output_path) as stream:
         stream.write(text)
     judged = [lead for lead in page.leads if lead.state is not State.NO_VERDICT]
     return ExitCode.DONE if judged or not page.leads else ExitCode.NO_VERDICT
+
+
+def _results(messages: Messages, source: Source, *, recordings: bool) -> tuple[list[Result], list[str]]:
+    """What can be read of the files, and why others cannot, which ends nothing as long as one can. Raises DataError."""
+    from enginediag_cli.presentation.report.results.read import read_result
+
+    results, unreadable = [], []
+    for path in source.files:
+        try:
+            results.append(read_result(path, source.label(path), recordings=recordings))
+        except DataError as error:
+            if len(source.files) == 1:
+                raise
+            unreadable.append(f"{error}: left out")
+    if not results:
+        raise DataError("; ".join(unreadable))
+    for sentence in unreadable:
+        messages.warning(sentence)
+    return results, unreadable
 
 
 @dataclass(frozen=True)

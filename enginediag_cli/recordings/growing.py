@@ -13,6 +13,8 @@ from enginediag_cli.recordings.source import LONGEST_LINE
 
 POLL_S = 0.2
 """Between looks at a file that grows: a row appears at once to an eye, and waiting costs nothing."""
+UNREADABLE = "\ufffd"
+"""What Python puts in place of bytes that are no text."""
 
 
 class GrowingFile:
@@ -20,7 +22,9 @@ class GrowingFile:
 
     A last line without an end of line is handed over only when the wait is over. `idle_s` inf waits for ever. The name
     is followed: where another file has taken it, or the file was cut to begin anew, lines go on with that one, whose
-    head (`#` lines and the header that was there before) is not handed over again.
+    head (`#` lines and the header that was there before) is not handed over again. Bytes that are no text, and a line
+    behind the header that is too long for a table, are handed over as U+FFFD: no number, so that a reader passes over
+    such a line and counts it, and whoever waits for the next flight is not sent away.
     """
 
     def __init__(self, path: str, idle_s: float, wait: Callable[[float], None] = time.sleep, codec: str = "utf-8-sig"):
@@ -43,6 +47,10 @@ class GrowingFile:
             for line in self._of_one():
                 if in_head and not line.startswith("#"):
                     in_head = False
+                    if not header and UNREADABLE in line:
+                        hint = "a recorder can state another, as in `file: {encoding: latin-1}`"
+                        codec = self._codec.removesuffix("-sig").upper()
+                        raise DataError(f"{self.name}: the header is no {codec} text ({hint})")
                     header, repeated = header or line, again and line == header
                     if repeated:
                         continue
@@ -56,7 +64,7 @@ class GrowingFile:
         """Lines until none has come for long enough, or there is another file to go on with."""
         self._replaced = False
         try:
-            stream = open(self.name, encoding=self._codec, newline="")
+            stream = open(self.name, encoding=self._codec, errors="replace", newline="")
         except OSError as error:
             raise DataError(f"{self.name}: {error.strerror or error}") from error
         with stream:
@@ -65,8 +73,8 @@ class GrowingFile:
                 line = stream.readline(LONGEST_LINE + 1)
                 if line:
                     held, idle = held + line, 0.0
-                    if len(held) > LONGEST_LINE:
-                        raise DataError(f"{self.name}: a line of more than {LONGEST_LINE} characters; is it a table?")
+                    if len(held) > LONGEST_LINE:  # what came of it is dropped, its end awaited
+                        held = UNREADABLE + "\n" * held.endswith("\n")
                     if held.endswith("\n"):
                         yield held
                         held = ""

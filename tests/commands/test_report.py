@@ -45,3 +45,20 @@ def test_a_nominal_without_a_recording_is_refused(run, tmp_path) -> None:
     (tmp_path / "n.yaml").write_text("kind: nominal\n")
     ended = run("report", "-n", tmp_path / "n.yaml", tmp_path / "d.csv", "-o", tmp_path / "x.html")
     assert ended.exit_code == 2 and "none of the files is a recording" in ended.stderr
+
+
+def test_files_that_cannot_be_read_are_named_and_the_others_reported(run, tmp_path) -> None:
+    nominal, page = tmp_path / "nominal.yaml", tmp_path / "page.html"
+    run("simulate", "turbojet.yaml", "--records", "200", "--seed", "1", "-q", "-o", tmp_path / "healthy.csv")
+    identify = ["identify", "turbojet.yaml", tmp_path / "healthy.csv", "--no-cross-validation", "-q", "-o", nominal]
+    assert run(*identify).exit_code == 0
+    run("detect", "-n", nominal, tmp_path / "healthy.csv", "-o", tmp_path / "detect.json")
+    (tmp_path / "empty.json").touch()
+    (tmp_path / "junk.csv").write_bytes(bytes(range(128, 256)))
+    wrong = [tmp_path / "empty.json", tmp_path / "junk.csv"]
+    found = run("report", *wrong, tmp_path / "detect.json", "--static", "-o", page)
+    assert found.exit_code == 0
+    for text in (found.stderr, page.read_text(encoding="utf-8")):
+        assert all(path.name in text for path in wrong)
+    assert run("report", *wrong, "--static", "-o", tmp_path / "none.html").exit_code == 2
+    assert not (tmp_path / "none.html").exists()

@@ -11,7 +11,9 @@ from toy_engine import toy_monitor, toy_recording
 from enginediag_cli.detection.follow import FlightMonitor
 from enginediag_cli.detection.segments import RECENT, Coordinates, Segment, append, tails
 from enginediag_cli.detection.sequential import EProcess, effect, log_full, log_single, onset_weight
+from enginediag_cli.errors import DataError
 from enginediag_cli.recordings.growing import GrowingFile
+from enginediag_cli.recordings.source import LONGEST_LINE
 from enginediag_cli.residuals.innovations import Innovations
 from enginediag_cli.residuals.noise import NoiseModel, white_noise
 
@@ -172,3 +174,14 @@ def test_white_innovations_are_whitened_residuals():
     z, G = Innovations(white_noise(np.array([2.0, 1.0]))).of(e, J, np.ones(1))
     np.testing.assert_array_equal(z, [[1.0, 0.0]])
     np.testing.assert_array_equal(G[:, :, 0], [[0.5, 0.0]])
+
+
+def test_what_is_no_text_in_a_growing_file_is_a_line_that_a_reader_passes_over(tmp_path):
+    path = tmp_path / "grow.csv"
+    path.write_bytes(b"a\n1\n\xff\x00\xfe\n" + b"x" * (3 * LONGEST_LINE) + b"\n2\n")
+    lines = list(GrowingFile(str(path), 0.0, lambda seconds: None))
+    assert (lines[:2], lines[-1]) == (["a\n", "1\n"], "2\n")
+    assert len(lines) == 5 and all("\ufffd" in line and len(line) <= LONGEST_LINE + 1 for line in lines[2:4])
+    path.write_bytes(b"\xff\xfea\n1\n")
+    with pytest.raises(DataError, match="the header is no UTF-8 text"):
+        list(GrowingFile(str(path), 0.0, lambda seconds: None))
