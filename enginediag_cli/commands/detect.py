@@ -111,6 +111,7 @@ def detect(
 
     With --method, another method judges each window: rows hold the statistic, threshold and p value of each of its
     tests, and what it names in `isolated`, which `isolated_kind` says are parameters of the engine or sensors.
+    Gross errors are not taken out of what it reads.
     """
     if rival:
         rival.check(rival.chosen(judging.linearise), compared.nominal, source.files)

@@ -61,6 +61,8 @@ def residual(
     change and names of the parameters: detect and isolate need nothing else. What is uncertain about the
     nominal engine and about sensor offsets has columns of its own (nuisance), so that rows add over windows,
     flights and files; it is counted as noise when the rows are read. With --reference it is counted in s, F and V.
+
+    Statistics are formed without gross errors; rows of records have every reading as it is, gross errors, too.
     """
     from enginediag_cli.presentation.outputs.residual import RECORDS, RESIDUAL
     from enginediag_cli.recordings.provenance import header_lines

@@ -29,6 +29,7 @@ def detection_row(verdict: Verdict, detectable: bool) -> dict[str, Any]:
         fit=fit.ratio if fit else None,
         verdict=verdict.verdict,
         reason=verdict.reason,
+        gross_readings=verdict.window.gross.rejected if verdict.window.gross.judged else None,
     )
     if detectable:
         row["not_excited"] = None
@@ -81,5 +82,6 @@ def block_row(report: BlockReport) -> dict[str, Any]:
         onset_low_s=change.low_s if change else None,
         onset_high_s=change.high_s if change else None,
         reason=report.reason,
+        gross_readings=report.gross.rejected,
     )
     return FOLLOW.row(row)

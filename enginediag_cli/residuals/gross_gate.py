@@ -103,11 +103,11 @@ class GrossErrorGate:
         """The window with what was rejected of its records. Windows of a flight are asked for in turn: what lies before
         this one is forgotten."""
         key = (window.source, window.flight, window.engine)
+        judged = window.records - window.outside - window.incomplete - window.failed
         found = [(line, counts) for line, counts in self._found.get(key, ()) if line >= window.first_line]
         if not found:
-            return window
+            return replace(window, gross=GrossCounts(judged=judged))
         self._found[key] = found
-        judged = window.records - window.outside - window.incomplete - window.failed
         mine = sum((c for line, c in found if line <= window.last_line), GrossCounts(judged=judged))
         return replace(window, gross=mine)
 

@@ -5,6 +5,12 @@ from __future__ import annotations
 from enginediag_cli.presentation.outputs.declared import Table, column
 from enginediag_cli.presentation.outputs.windows import WINDOW
 
+GROSS = column(
+    "gross_readings",
+    "integer",
+    "readings rejected as gross errors; empty of statistics, which do not tell",
+    empty=True,
+)
 VERDICT = column("verdict", "text", "healthy, fault or no verdict")
 _PLACE = {c.name: c for c in WINDOW}
 
@@ -22,6 +28,7 @@ DETECT = Table(
         column("alarm", "boolean", "whether the statistic is beyond its threshold", empty=True),
         column("fit", "number", "χ² per degree of freedom that no change of parameters explains", empty=True),
         VERDICT,
+        GROSS,
         column("not_excited", "texts", "changes that the window could not have shown", empty=True),
     ),
     families=(
@@ -61,6 +68,7 @@ FOLLOW = Table(
         column("onset_low_s", "number", "lower end of the 95 % interval of the onset", "s", empty=True),
         column("onset_high_s", "number", "upper end of the 95 % interval of the onset", "s", empty=True),
         column("reason", "text", "why the block tells nothing; empty where it does"),
+        GROSS,
     ),
 )
 
