@@ -198,7 +198,7 @@ def _whole(monitor: Monitor, pieces: Sequence[_Piece]) -> WindowStatistics:
         sums += np.nansum(part.y, axis=0)
         flown = {c: flown.get(c, 0.0) + float(values.sum()) for c, values in part.inputs.items()}
     read = seen > 0
-    some = np.unique(np.linspace(0, n - 1, FLOWN).astype(int)) if n else np.zeros(0, int)
+    some = np.array(sorted(set(np.linspace(0, n - 1, FLOWN).astype(int).tolist())) if n else [], int)
     return replace(
         joined([piece.window for piece in pieces]),
         sensors=int(read.sum()),

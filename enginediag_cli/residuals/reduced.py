@@ -132,7 +132,7 @@ def curvature_of(monitor: Monitor) -> Curvature | None:
 
 def _some_points(monitor: Monitor) -> dict[str, np.ndarray]:
     at = np.linspace(0, len(monitor.envelope.points) - 1, POINTS).round().astype(int)
-    points = np.asarray(monitor.envelope.points)[np.unique(at)]
+    points = np.asarray(monitor.envelope.points)[sorted(set(at.tolist()))]
     return {c: points[:, i] for i, c in enumerate(monitor.envelope.inputs)}
 
 

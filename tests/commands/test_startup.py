@@ -17,6 +17,7 @@ HEAVY = {"numpy", "scipy", "rich", "yaml", "importlib.metadata"}
 NOT_FOR_FEW_RECORDS = {
     "scipy",
     "rich",
+    "numpy.ma",
     "numpy.random",
     "tempfile",
     "multiprocessing",
