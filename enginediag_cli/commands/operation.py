@@ -199,7 +199,8 @@ def chosen_besides(context: click.Context) -> dict[str, str]:
         each = value if isinstance(value, (list, tuple)) else [value]
         if isinstance(parameter.type, click.Path):
             each = [os.path.basename(str(item)) for item in each]
-        told[word_of(parameter)] = f"{' '.join(map(str, each))} ({source})"
+        words = (" ".join(map(str, item)) if isinstance(item, tuple) else str(item) for item in each)
+        told[word_of(parameter)] = f"{' '.join(words)} ({source})"
     return told
 
 

@@ -108,6 +108,7 @@ class FlightMonitor:
     _timed: bool = False
     _before: np.ndarray | None = None
     _distinct: int = 0
+    _copies: int = 0
     _blocks: int = 0
 
     def __post_init__(self) -> None:
@@ -124,13 +125,13 @@ class FlightMonitor:
         repeated = self._repeated(y) & ~incomplete & ~outside
         kept = np.flatnonzero(~incomplete & ~outside & ~repeated)
         failed, judged, lags = 0, 0, self._thinned(lags, kept)
-        sensors, sensors_of, reason = int(np.isfinite(y[kept]).any(axis=0).sum()), y.shape[1], ""
+        sensors, sensors_of = int(np.isfinite(y[kept]).any(axis=0).sum()), y.shape[1]
         clock = time if time is not None else self._clock + np.arange(len(part), dtype=float)
         self._clock, self._timed = self._clock + len(part), time is not None
         self._blocks += 1
         self._distinct += kept.size
-        if self._distinct == 1 and repeated.any():
-            reason = NEVER_MOVED
+        self._copies += int(repeated.sum())
+        reason = self._still
         gross = GrossCounts()
         if kept.size:
             e, J, predicted, ok = self._residuals({c: v[kept] for c, v in inputs.items()}, y[kept])
@@ -167,6 +168,11 @@ class FlightMonitor:
             gross,
         )
 
+    @property
+    def _still(self) -> str:
+        """Why nothing can be judged of a flight in which nothing has moved; "" where something has."""
+        return NEVER_MOVED if self._distinct == 1 and self._copies else ""
+
     def finish(self) -> BlockReport | None:
         """Judge the records that still waited for what follows them, if any; the flight has ended."""
         found = self._gate.finish() if self._gate is not None else None
@@ -175,7 +181,7 @@ class FlightMonitor:
         decided, gross = found
         self._blocks += 1
         sensors = int(np.isfinite(decided.e).any(axis=0).sum())
-        judged, reason = self._judge(decided, sensors, "")
+        judged, reason = self._judge(decided, sensors, self._still)
         alarm = self.process.alarm_block is not None
         return BlockReport(
             self.key,

@@ -219,7 +219,7 @@ def _fitted(e: np.ndarray, J: np.ndarray, sigma: np.ndarray) -> _Fitted:
     maxima with sensors that are believed and others that are not: sought from all believed, and as they look."""
     there = np.isfinite(e)
     r = np.where(there, e, 0.0) / sigma
-    A = np.where(there[:, :, None], J / sigma[:, :, None], 0.0).reshape(r.size, -1)
+    A = np.where(there[:, :, None], J / sigma[:, :, None], 0.0).reshape(r.size, J.shape[2])
     count = there.sum(axis=0)
     n = np.minimum(count, INDEPENDENT)
     share = np.where(count > 0, n / np.maximum(count, 1), 0.0)

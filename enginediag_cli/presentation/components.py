@@ -19,6 +19,13 @@ WIDTH = 100
 LABEL = 14
 """Letters that are kept for the labels."""
 
+PARAMETER_FAMILIES = (
+    ("health", "health parameters, watched"),
+    ("actuator", "actuator errors, suspected"),
+    ("design", "design parameters, identified"),
+)
+"""Families of parameters in the order in which a page shows them, with their titles."""
+
 
 def component_row(kind: type[Component], shown: Shown) -> dict[str, Any]:
     """One type of the list."""
@@ -95,7 +102,7 @@ def page(kind: type[Component], shown: Shown) -> str:
     if "shaft" in c.values:
         lines += _labelled("shaft", f"its power counts in the balance of shaft '{c.values['shaft']}'")
     lines += _labelled("columns", ", ".join((*shown.outputs, *_station_columns(c))))
-    for family, title in (("health", "health parameters, watched"), ("design", "design parameters, identified")):
+    for family, title in PARAMETER_FAMILIES:
         found = [p for p in c.parameters() if p.family == family]
         if found:
             lines += ["", title]

@@ -64,7 +64,7 @@ class StoredRecords:
         else:
             self._file.seek(start)
             text = self._file.read((stop - first) * size)
-        return np.frombuffer(text).reshape(-1, self._width)
+        return np.frombuffer(text).reshape(stop - first, self._width)
 
     def records(self, rows: np.ndarray) -> JudgedRecords:
         """What rows (k, inputs + m + 1) say."""

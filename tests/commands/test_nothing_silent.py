@@ -120,7 +120,7 @@ def test_a_frozen_recorder_is_no_verdict_and_never_a_fault(here, run, command, c
     ended = run(*COMMANDS[command], "frozen.csv", "--exit-code")
     found = rows_of(ended)
     if clock == "stands" and command == "detect --follow":  # the first is followed before there is a copy of it
-        assert [row["records"] for row in found] == ["1"] and found[0]["alarm"] == "false"
+        assert sum(int(row["records"]) for row in found) == 1 and {row["alarm"] for row in found} == {"false"}
         assert "59 records that repeat an earlier one" in ended.stderr
         return
     assert ended.exit_code == 3, ended.stdout + ended.stderr
