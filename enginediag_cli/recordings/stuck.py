@@ -46,8 +46,9 @@ def stuck(
     for k in suspects:
         run = slice(starts[k], starts[k] + lengths[k])
         elsewhere = np.delete(lengths, k)
-        # a sensor that is stuck more than once is no coarse one; at the end of its scale it may be at a stop
-        usual = lengths[lengths < records] if within[k] else elsewhere
+        # a sensor that is stuck more than once is no coarse one, but one that rests again at one end of its scale is
+        stop = (x[starts] == x[starts[k]]) & ~within[k]
+        usual = np.delete(lengths, k)[np.delete((lengths < records) | stop, k)]
         repeats = 1.0 - len(usual) / usual.sum() if usual.size else 1.0
         if repeats < COARSE:
             frozen = bool(np.any(np.ptp(predictors[run], axis=0) > 0.0)) if predictors.shape[1] else False
