@@ -50,9 +50,8 @@ class GrowingFile:
                     if not header and UNREADABLE in line:
                         hint = "a recorder can state another, as in `file: {encoding: latin-1}`"
                         codec = self._codec.removesuffix("-sig").upper()
-                        raise DataError(
-                            f"{self.name}: the header is no {codec} text ({hint}), or longer than {LONGEST_LINE} characters"
-                        )
+                        what = f"no {codec} text ({hint}), or longer than {LONGEST_LINE} characters"
+                        raise DataError(f"{self.name}: the header is {what}")
                     header, repeated = header or line, again and line == header
                     if repeated:
                         continue
