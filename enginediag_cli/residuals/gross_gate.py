@@ -332,7 +332,7 @@ _ARRAYS = ("e", "J", "y", "lags", "time", "line")
 
 class LiveGate:
     """Gross errors of one flight that is still going on. A run of gross readings that has not ended may be the start of
-    a change: its records wait for what follows, `RUN` at most. So do the first ones where any is rejected: two bursts
+    a change: its records wait for what follows, `RUN` at most. So do the first ones where any is suspected: two bursts
     among twenty records leave nobody to say which are right. `finish` decides what waits when the flight has ended."""
 
     def __init__(self, monitor: Monitor, recorded: Sequence[str]):
@@ -344,9 +344,7 @@ class LiveGate:
         """The records that are decided by these further ones, without gross readings, and what was rejected of them."""
         known = new if self._known is None else self._known.and_then(new)
         found = self._found(known)
-        # a fault that varies with power is suspected, too, but the robust fit explains it: nothing need wait
-        rejects = found is not None and bool(found.records.any() or (found.readings & ~found.dead).any())
-        few = len(known) < (HISTORY if rejects else FEWEST)
+        few = len(known) < (HISTORY if found is not None else FEWEST)
         return self._decide(known, found, len(known) if few else 0 if found is None else _open_run(found))
 
     def finish(self) -> tuple[LiveRecords, GrossCounts] | None:

@@ -281,7 +281,7 @@ def _wrong(case: Case, code: int, stderr: str, result: Path) -> str:
         return "what stands in another file was told"
     if code == 2 and not stderr.strip():
         return "exit code 2 without a word"
-    if code == 2 and result.exists():
+    if code == 2 and result.exists() and "the other files are judged" not in stderr:
         return "a file was left by a run that was refused"
     if case.command[0] in ("detect", "isolate", "residual") and case.file.endswith(".csv") and result.exists():
         return _lost(case, result, stderr)

@@ -93,6 +93,8 @@ def test_statistics_through_a_pipe_give_the_same_answers_without_the_nominal_fil
     assert "hold no errors of sensors" in err
     assert "hold no errors" not in run("isolate", "-", "--no-sensors", nominal=False, stdin=statistics)[2]
     direct, piped = run("detect", "faulty.csv")[1], run("detect", "-", nominal=False, stdin=statistics)[1]
+    for row in (*direct, *piped):
+        del row["gross_readings"]  # statistics do not hold how many readings were rejected
     assert piped == direct
 
 

@@ -35,7 +35,9 @@ def test_without_noise_and_faults_the_recording_is_the_engines_output(engine, co
 
 
 def test_same_seed_gives_same_bytes_whatever_the_chunks(engine, conditions):
-    faults = load_faults(*sorted((CONFIGS / "faults").glob("*.yaml")))
+    actuators = ("hpc_bleed_stuck_open", "hpc_vanes_off_schedule")  # which this engine has not
+    files = sorted(f for f in (CONFIGS / "faults").glob("*.yaml") if f.stem not in actuators)
+    faults = load_faults(*files)
     one, other = (run(engine, conditions, faults, "correlated", chunk=chunk) for chunk in (1000, 137))
     assert all(one.columns[c].tobytes() == other.columns[c].tobytes() for c in one.columns if c != "status")
     assert all(one.truth[c].tobytes() == other.truth[c].tobytes() for c in one.truth)
