@@ -1,9 +1,10 @@
 """Whether a recording can be of an engine at all, and in these units, decided before anything is fitted or judged.
 
 A bounded sample of every flight is compared with the engine. Flights that are as near as engines of the kind are to
-each other end the matter. Otherwise the misfit with all that may differ is found (comparison.py), and a mistake is
-named that makes recording and engine agree (mistakes.py) where it is likelier than the recording as read by NAMED, fits
-as well as a right file does, and no other mistake does as well. A misfit that nothing mends, and that no fault of an
+each other end the matter. Otherwise the misfit with all that may differ is found (comparison.py); where an engine of
+the kind within its priors explains the recording, that is the explanation. Else a mistake is named that makes recording
+and engine agree (mistakes.py) where it is likelier than the recording as read by NAMED, fits as well as a right file
+does, and no other mistake does as well. A misfit that nothing mends, and that no fault of an
 engine or of one instrument makes, is a wrong file as well: of another engine, or with several mistakes.
 """
 
@@ -43,9 +44,11 @@ NEAR = 0.015
 mistake that changes less cannot be told from wear."""
 NEAR_GENERIC = 0.05
 """The same for flights of an engine that is not identified, from the fit to all of them: as far as maps are wrong."""
+ORDINARY = 1e-4
+"""Share of engines of the kind, rightly recorded, that are as far from the model, from which a recording is one of
+them: it is the ordinary explanation, whatever else would bring them nearer. A hundred mistakes are tried."""
 NAMED = 4.5
-"""Log odds of a mistake against the recording as it was read, from which it is named: 90 to 1. A hundred are tried, but
-a right recording lacks less than this, so that none can bring it."""
+"""Log odds of a mistake against the recording as it was read, from which it is named: 90 to 1."""
 OF_THE_REST, OF_A_FACTOR = 0.3, 1.0
 """Further log odds that are needed for each that is lacking with the mistake put right, of a mistake and a factor that
 no unit explains: where a model does not follow a right file, changes that are none of its mistakes bring a little."""
@@ -215,8 +218,8 @@ class Agreement:
         yardstick: Yardstick | None = None,
     ) -> Disagreement | None:
         """The disagreement of the records (K,) of a sample; None where they agree."""
-        if -as_read.log_likelihood < NAMED:
-            return None  # no mistake can be likelier by more than what is lacking
+        if as_read.tail > ORDINARY:
+            return None
         yardstick = yardstick or self.yardstick
         columns = sample.pooled(rows)
         labels = [sample.labels[k] for k in dict.fromkeys(sample.number[rows].tolist())]

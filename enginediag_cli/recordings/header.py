@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import re
 from collections import Counter, defaultdict
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -68,7 +68,7 @@ def read_header(sniffed: Sniffed, taken: Collection[str] = ()) -> Header:
     result.scheme = scheme_of([bare[c] for c in columns])
     for c in columns:
         documented = result.scheme.find(bare[c]) if result.scheme else None
-        text = documented.text if documented else _identity(names[c])
+        text = documented.text if documented else "" if names[c].unit else _identity(names[c])
         if text and text not in result.texts:
             result.texts[text] = c
         elif c in numbers:
@@ -84,6 +84,7 @@ def read_header(sniffed: Sniffed, taken: Collection[str] = ()) -> Header:
 def _names(columns: Sequence[str], sniffed: Sniffed) -> dict[str, Name]:
     """Each column's name taken apart, without what most of them share."""
     start = _shared_prefix(columns)
+    end = _shared_suffix([c.removeprefix(start) for c in columns])
     tails: dict[str, set[str]] = defaultdict(set)
     for c in columns:
         if re.fullmatch(r".+[ _.-][A-Za-z]", c):
@@ -92,9 +93,9 @@ def _names(columns: Sequence[str], sniffed: Sniffed) -> dict[str, Name]:
 
     def read(ignored: Sequence[str]) -> dict[str, Name]:
         return {
-            c: _shifted(read_name(c[cut:], single_letter_unit=single[c], ignored=ignored), c, cut)
+            c: _shifted(read_name(own, single_letter_unit=single[c], ignored=ignored), c, c.find(own))
             for c in columns
-            for cut in (len(start) if c.startswith(start) else 0,)
+            for own in (c.removeprefix(start).removesuffix(end),)
         }
 
     first = read(())
@@ -109,7 +110,8 @@ def _shifted(name: Name, text: str, by: int) -> Name:
 
 
 def _shared_prefix(columns: Sequence[str]) -> str:
-    """The longest text up to a separator with which most columns begin, if no word in it is a quantity's."""
+    """The longest text up to a separator, or up to three letters, with which most columns begin, if no word in it is a
+    quantity's."""
     counts: Counter[str] = Counter()
     for c in columns:
         for gap in re.finditer(r"[_.:/\\|]+|\s*-\s+|\s+", c):
@@ -123,6 +125,29 @@ def _shared_prefix(columns: Sequence[str]) -> str:
         # a prefix of words that may be a quantity's must make names understood that were not
         if understood > most or (understood == most and not name.features - {"engine"} and not name.station):
             best, most = prefix, understood
+    if best:
+        return best
+    letters = Counter(c[:k] for c in columns for k in (1, 2, 3) if c[:k].isalpha() and len(c) > k)
+    return _making_understood(columns, [p for p, n in letters.items() if n >= least])
+
+
+def _shared_suffix(columns: Sequence[str]) -> str:
+    """The text from a separator on with which most columns end, without which more of them are understood."""
+    counts = Counter(c[gap.start() :] for c in columns for gap in re.finditer(r"[_.:/\\| ]+", c) if gap.start())
+    least = max(SHARED * len(columns), FEWEST_SHARING)
+    return _making_understood(columns, [s for s, n in counts.items() if n >= least], str.removesuffix)
+
+
+def _making_understood(
+    columns: Sequence[str], texts: Sequence[str], without: Callable[[str, str], str] = str.removeprefix
+) -> str:
+    """Of texts that most columns share, that without which most quantities are understood, at least twice as many as
+    with it: one more may be chance."""
+    most, best = 2 * max(_understood(columns, ""), 1), ""
+    for text in sorted(texts, key=len):
+        understood = _understood([without(c, text) for c in columns], "")
+        if understood > most or (understood == most and not best):
+            best, most = text, understood
     return best
 
 

@@ -20,34 +20,35 @@ SPEEDS = ("kt", "m_s", "kmh")
 FLOWS = ("kg_s", "kg_h", "lb_h", "lb_s", "g_s")
 
 _KINDS = {
-    "T": "t temp temps temperature temperatures tmp temperatur tt",
-    "P": "p press pressure pressures pres prs druck",
-    "N": "n xn rpm rotation revolutions rev drehzahl",
-    "speed": "speed spd velocity",
-    "flow": "flow flw w massflow durchfluss",
+    "T": "t temp temps temperature temperatures tmp temperatur température températures tt",
+    "P": "p press pressure pressures pres prs druck pression",
+    "N": "n xn rpm rotation revolutions rev drehzahl régime",
+    "speed": "speed spd velocity vitesse",
+    "flow": "flow flw w massflow durchfluss débit debit",
     "rate": "rate mass consumption",
-    "torque": "torque trq tq tor torq drehmoment gtt",
-    "power": "power pwr leistung",
+    "torque": "torque trq tq tor torq drehmoment gtt couple",
+    "power": "power pwr leistung puissance",
     "altitude": "altitude alt alti hoehe höhe",
     "mach": "mach mn machno xm",
-    "humidity": "humidity hum",
-    "thrust": "thrust schub",
-    "dp": "dp deltap differential diff",
+    "humidity": "humidity hum humidité humidite feuchte",
+    "thrust": "thrust schub poussée poussee",
+    "dp": "dp deltap differential diff loss losses drop",
     "EPR": "epr",
     "BPR": "bpr",
     "date": "date datum",
-    "time": "time zeit uhrzeit timestamp stamp",
+    "time": "time zeit uhrzeit heure timestamp stamp",
 }
 _PLACES = {
-    "ambient": "ambient amb outside atmospheric atm barometric barometer umgebung umgebungs",
+    "ambient": "ambient amb outside atmospheric atm barometric barometer umgebung umgebungs ambiant ambiante "
+    "atmosphérique atmospherique cell",
     "baro": "baro",
     "air": "air",
-    "fuel": "fuel kraftstoff",
-    "gas": "gas",
+    "fuel": "fuel kraftstoff brennstoff combustible carburant",
+    "gas": "gas gaz",
     "fan": "fan",
     "lpc": "lpc booster",
     "ipc": "ipc",
-    "compressor": "compressor comp cmp cprsr compr verdichter",
+    "compressor": "compressor comp cmp cprsr compr verdichter compresseur",
     "hpc": "hpc",
     "burner": "burner combustor combustion comb",
     "turbine": "turbine turb turbines",
@@ -62,11 +63,11 @@ _PLACES = {
     "pt": "pt",
     "shaft": "shaft spool rotor",
     "propeller": "prop propeller",
-    "exhaust": "exhaust exh abgas abgases",
+    "exhaust": "exhaust exh abgas abgases échappement echappement",
     "nozzle": "nozzle",
     "interturbine": "interturbine inter interstage",
     "measured gas": "mgt",
-    "in": "in inlet inl entry entrance intake einlass eintritt",
+    "in": "in inlet inl entry entrance intake einlass eintritt entrée entree",
     "out": "out outlet exit exi discharge disch dischg output dis delivery del auslass austritt",
     "filter": "filter",
     "bypass": "bypass byp",
@@ -110,11 +111,11 @@ _WHOLE = {
     "N 1": "n1 xn1",
     "N 2": "n2 xn2x",
     "N 3": "n3",
-    "N lp": "nl nlp xnl tnl xn2",
+    "N lp": "nl nlp xnl xn2",
     "N hp": "nh nhp xnh xn25",
     "N ip": "ni nip",
     "N gg": "ng ngg ngp ngen tnh",
-    "N pt": "np npt",
+    "N pt": "np npt tnl",
     "N fan": "nf nfan n1fan",
     "N core": "nc ncore",
     "fuel flow": "ff fflow fuelflow wf wfe wff wfuel wfm fuelrate fqg fqgas fql",
@@ -134,12 +135,12 @@ _WHOLE = {
     "power electrical": "dwatt mwatt watt watts mw",
     "power": "shp hpwr",
     "torque": "etq",
-    "thrust": "fn",
+    "thrust": "fn fnm",
     "thrust gross": "fg",
     "thrust net": "fnet",
     "serial": "esn enginesn engsn",
     "tail": "tail registration reg acreg tailno aircraft acid msn",
-    "flight": "flight flt leg sortie flug cycle cycles csn",
+    "flight": "flight flt leg flug cycle cycles csn",
     "phase": "phase fltphase flightphase rpt mode regime",
     "utc": "utc gmt zulu",
     "local": "lcl local",
@@ -148,7 +149,8 @@ _WHOLE = {
     "offset": "utcofst",
 }
 _OTHER = """
-    oil lube lub hyd hydraulic vib vibration vibe brg bearing cabin cab bleed tank qty quantity used remaining rem cmd
+    oil huile öl
+    lube lub hyd hydraulic vib vibration vibe brg bearing cabin cab bleed tank qty quantity used remaining rem cmd
     command demand demanded dmd ref reference setpoint setpt sp target limit lim redline max min maximum minimum stdev
     sigma corrected corr cor margin delta deviation bias error status valid flag fault warn warning alarm spread
     nacelle nac starter start gearbox volt volts voltage amp amps current frequency freq wind ground gs gnd vertical
@@ -166,7 +168,7 @@ _OTHER = """
 _HARMLESS = """
     mech mechanical measured physical actual act meas sensed value val reading avg average mean sensor probe channel ch
     signal sig the of at on ac recorded data rec from scada dcs pi tag pv e gasturbine gt unit degrees live
-    instantaneous inst observed xmtr tx thermocouple tc rtd junction"""
+    instantaneous inst observed xmtr tx thermocouple tc rtd junction dyno dynamometer"""
 """Words that say nothing of the quantity."""
 
 Features = frozenset[str]
@@ -185,7 +187,8 @@ def _lexicon() -> dict[str, Features]:
     words.update({word: frozenset() for word in (*_HARMLESS.split(), *SIDES)})
     words.update({"tt": frozenset({"T", "total"}), "mgt": frozenset({"T", "exhaust"})})
     # a power turbine or a total pressure; turbine outlet temperature or total; number or main rotor speed
-    words.update({word: frozenset({f"either {word}"}) for word in ("pt", "tot", "nr")})
+    # the exit in French, or a flight
+    words.update({word: frozenset({f"either {word}"}) for word in ("pt", "tot", "nr", "sortie")})
     return words
 
 
@@ -259,8 +262,8 @@ RULES: tuple[Rule, ...] = (
     _rule("BPR", "BPR", ("1",), "engine"),
     _rule("P ratio engine", "EPR", ("1",), "total"),
     _rule("bypass ratio", "BPR", ("1",), "engine"),
-    _rule("dp in", "dP_inlet_Pa", PRESSURES, "filter air static P total compressor"),
-    _rule("dp filter", "dP_inlet_Pa", PRESSURES, "air in static P total"),
+    _rule("dp in", "dP_inlet_Pa", PRESSURES, "air static P total compressor"),
+    _rule("dp filter", "dP_inlet_Pa", PRESSURES, "air in static P total", "the filter's, not the whole inlet's"),
     _rule("dp exhaust", "dP_exhaust_Pa", PRESSURES, "static P total out turbine"),
     _rule("T exhaust", "EGT_K", TEMPERATURES, "gas out total turbine abs engine"),
     _rule("T gas", "EGT_K", TEMPERATURES, "total abs engine", rank=-0.3),
@@ -271,6 +274,8 @@ RULES: tuple[Rule, ...] = (
 
 SHAFTS = ("1", "2", "3", "lp", "ip", "hp", "gg", "pt", "fan", "core")
 """What names a shaft."""
+_ALSO_CALLED = {"1": "fan lp gg gas", "2": "core hp ip pt power", "3": "core hp", "lp": "fan", "hp": "core"}
+"""Words for the same shaft beside its name: `Fan speed N1`."""
 
 _STATIONS: tuple[tuple[str, str], ...] = (
     ("2", "in|engine in|fan in|compressor in|lpc in"),
@@ -289,12 +294,14 @@ def _place_rules() -> Iterator[Rule]:
     for station, places in _STATIONS:
         for place in places.split("|"):
             for kind, units in (("T", TEMPERATURES), ("P", PRESSURES)):
-                may = _TURBINE if station in ("45", "5") else _AREA
+                # a gas compressor is one that the engine drives
+                may = _TURBINE if station in ("45", "5") else _AREA if station == "4" else _AREA.replace(" gas", "")
                 yield _rule(f"{kind} {place}", f"{kind}{station}_{'K' if kind == 'T' else 'Pa'}", units, may)
-            yield _rule(f"P static {place}", f"Ps{station}_Pa", PRESSURES, "abs air gas")
+            yield _rule(f"P static {place}", f"Ps{station}_Pa", PRESSURES, "abs air")
     for shaft in SHAFTS:
+        beside = f"shaft engine turbine compressor generator out {_ALSO_CALLED.get(shaft, '')}"
         for kind in ("N", "speed", "N speed"):
-            yield _rule(f"{kind} {shaft}", f"shaft {shaft}", _SPEED, "shaft engine turbine compressor generator out")
+            yield _rule(f"{kind} {shaft}", f"shaft {shaft}", _SPEED, beside)
     for kind in ("N", "speed", "N speed"):
         yield _rule(f"{kind} gas generator", "shaft gg", _SPEED, "shaft turbine")
         yield _rule(f"{kind} power turbine", "shaft pt", _SPEED, "shaft out")
@@ -362,7 +369,7 @@ LETTERS = "abcdlr"
 def _cuts(chunk: str) -> set[int]:
     """Where a chunk may be cut for free: between letters and digits, before a capital after a small letter, before the
     last capital of several."""
-    return {m.start() for m in re.finditer(r"(?<=[a-zäöüß])(?=[A-ZÄÖÜ])|(?<=[A-Z])(?=[A-Z][a-z])", chunk)} | {
+    return {m.start() for m in re.finditer(r"(?<=[a-zà-öø-ÿß])(?=[A-ZÀ-ÖØ-Þ])|(?<=[A-Z])(?=[A-Z][a-z])", chunk)} | {
         m.start() for m in re.finditer(r"(?<=\D)(?=\d)|(?<=\d)(?=\D)", chunk)
     }
 
@@ -400,9 +407,15 @@ def _piece_cost(piece: str, start: int, last: bool) -> tuple[float, str]:
     return 1.8 + 0.1 * len(piece), "unknown"
 
 
+_KKS = re.compile(r"\d{0,2}[A-Z]{3}\d{2}[A-Z]{2}\d{3}")
+"""A power plant's identification of a measuring point (VGB-S-811): it says which one, the words beside it of what."""
+
+
 def _pieces(head: str, offset: int) -> list[_Piece]:
     found = []
     for c, chunk in enumerate(re.finditer(r"[^\W_]+", head)):
+        if _KKS.fullmatch(chunk.group()):
+            continue
         for start, end, kind in _segments(chunk.group()):
             at = offset + chunk.start()
             found.append(_Piece(chunk.group()[start:end], at + start, at + end, c, kind))
@@ -422,6 +435,10 @@ def read_name(text: str, *, single_letter_unit: bool = True, ignored: Sequence[s
         return _interpret(text, _pieces(text, 0), frozenset(ignored))
     if unit is not None and unit.dimension == "mass flow" and not name.features & {"flow", "rate"}:
         name = replace(name, features=name.features | {"flow"})
+    if unit is not None and unit.dimension == "torque":
+        name = replace(name, features=name.features | {"torque"})
+    if unit is not None and unit.dimension == "length" and name.features == {"hp"}:
+        name = replace(name, features=LEXICON["palt"])  # the symbol of pressure altitude
     if unit is not None and unit.dimension == "rotational speed" and "N" not in name.features:
         name = replace(name, features=name.features | {"N"})
     if unit is not None and unit.dimension == "power" and "P" in name.features:
@@ -493,7 +510,9 @@ def _settle(features: set[str]) -> None:
         features |= {"total"} if features & {"T", "P", "air", "flow", "fuel"} else {"T", "exhaust"}
     if "either nr" in features:
         features |= {"no"} if features - {"either nr"} else {"other rotor"}
-    features -= {"either pt", "either tot", "either nr"}
+    if "either sortie" in features:
+        features |= {"out"} if features & _PLACES.keys() else {"flight"}
+    features -= {"either pt", "either tot", "either nr", "either sortie"}
 
 
 def _without_symbol(pieces: Sequence[_Piece]) -> Sequence[_Piece]:
@@ -555,7 +574,22 @@ def meaning_of(name: Name) -> Meaning | None:
             target = "ambient_temperature_K" if kinds[0] == "T" else "ambient_pressure_Pa"
         else:
             target = form.format(name.station)
+        by_words = _by_words(features, lost, remarks)
+        if by_words is not None and _another_station(by_words.target, name.station):
+            # ISO 2314 and others count otherwise: 2 behind the compressor, 3 before the turbine
+            return replace(by_words, doubt=f"station {name.station} of another numbering than ARP755")
         return Meaning(target, units, 2.0 - lost, "", remarks)
+    return _by_words(features, lost, remarks)
+
+
+def _another_station(target: str, station: str) -> bool:
+    """Whether a target's station is of another part of the engine; 1 and 2 are both before the compressor."""
+    found = re.match(r"[TP]s?(\d)", target)
+    return found is not None and found[1].replace("1", "2") != station[0].replace("1", "2")
+
+
+def _by_words(features: Features, lost: float, remarks: tuple[str, ...]) -> Meaning | None:
+    """The quantity of the rule that explains most of the features."""
     best: Meaning | None = None
     for rule in ALL_RULES:
         if rule.needs <= features and features - rule.needs <= rule.may:

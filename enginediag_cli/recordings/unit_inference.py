@@ -23,6 +23,7 @@ from enginediag_cli.units import find_unit, split_column
 PRIORS: Mapping[str, Mapping[str, float]] = {
     "air temperature": {"degC": 0.70, "K": 0.15, "degF": 0.10, "degR": 0.05},
     "gas temperature": {"degC": 0.45, "K": 0.30, "degF": 0.15, "degR": 0.10},
+    "indicated temperature": {"degC": 0.75, "K": 0.10, "degF": 0.10, "degR": 0.05},
     "air pressure": {"mbar": 0.3, "kPa": 0.2, "psi": 0.2, "Pa": 0.1, "bar": 0.1, "inHg": 0.1},
     "pressure": {"psi": 0.35, "kPa": 0.25, "bar": 0.25, "Pa": 0.10, "MPa": 0.03, "mbar": 0.02},
     "altitude": {"ft": 0.80, "m": 0.17, "kft": 0.03},
@@ -37,8 +38,15 @@ PRIORS: Mapping[str, Mapping[str, float]] = {
     "speed": {"rpm": 0.5, "pct": 0.5},
 }
 """Axis → unit → how usual it is in flight recorders, test benches and plants, before any value is seen."""
-ALIKE = (("air temperature", "gas temperature", 0.05), ("air pressure", "pressure", 0.3))
-"""Axes that one file mostly records in one unit, and the prior's factor where it does not."""
+ALIKE = (
+    ("air temperature", "gas temperature", 0.05),
+    ("gas temperature", "indicated temperature", 0.1),
+    ("air temperature", "indicated temperature", 0.1),
+    ("air pressure", "pressure", 0.3),
+)
+"""Axes that one file mostly records in one unit, and the prior's factor where it does not. What a cockpit indicates
+(EGT, ITT) is mostly in °C, whatever the rest is in."""
+INDICATED = ("EGT", "ITT")
 STATED_ELSEWHERE = 0.1
 """The prior's factor for a unit other than that which columns of the axis state."""
 CERTAIN = 0.98
@@ -76,7 +84,7 @@ def axis_of(target: str) -> str:
         return ""
     if dimension == "temperature":
         air = quantity in ("ambient_temperature", "TAT", "T0", "T1", "T2")
-        return "air temperature" if air else "gas temperature"
+        return "air temperature" if air else "indicated temperature" if quantity in INDICATED else "gas temperature"
     if dimension == "pressure":
         if quantity.startswith("dP_"):
             return "difference of pressure"
@@ -190,6 +198,11 @@ def _pressure_at_altitude(c: Mapping[str, np.ndarray]) -> np.ndarray:
     return np.log(np.maximum(c["ambient_pressure_Pa"], 1.0) / isa_pressure(c["altitude_m"])) / 0.03
 
 
+def _pressure_on_the_ground(c: Mapping[str, np.ndarray]) -> np.ndarray:
+    # most plants stand below 1,000 m, and weather is 3 %
+    return np.log(np.maximum(c["ambient_pressure_Pa"], 1.0) / 97e3) / 0.06
+
+
 def _airspeed_and_mach(c: Mapping[str, np.ndarray]) -> np.ndarray:
     # 0.02: calibrated against indicated airspeed, and readings of different moments
     return (mach_from_cas(c["cas_m_s"], c["altitude_m"]) - c["mach"]) / 0.02
@@ -235,6 +248,9 @@ FACTS: Sequence[Sequence[Fact]] = (
     (Fact(("power_W", "Wf_kg_s"), _thermal_efficiency),),
 )
 """What physics says of columns together; of the forms of one fact that which is recorded and comes first."""
+ON_THE_GROUND = (Fact(("ambient_pressure_Pa",), _pressure_on_the_ground),)
+"""What it says of a machine without a column of FLIGHT."""
+FLIGHT = frozenset(("altitude_m", "mach", "cas_m_s", "tas_m_s", "TAT_K"))
 
 
 def infer_units(columns: Sequence[Column], limits: Limits | None = None) -> list[Inferred | None]:
@@ -248,7 +264,8 @@ def infer_units(columns: Sequence[Column], limits: Limits | None = None) -> list
         if one in names and other in names:
             same = np.array([[0.0 if u == v else np.log(factor) for v in options[other]] for u in options[one]])
             factors.append((same, (one, other)))
-    for forms in FACTS:
+    flies = FLIGHT & {c.target for c in columns}
+    for forms in (*FACTS, *(() if flies else (ON_THE_GROUND,))):
         found = (_joint_likelihood(form, columns, axes, options) for form in forms)
         factors += [f for f in found if f is not None][:1]
     marginal = _marginals(names, options, factors)
@@ -289,7 +306,7 @@ def _marginals(
 def _axis_evidence(axis: str, columns: Sequence[Column], axes: Sequence[str], limits: Limits | None) -> np.ndarray:
     """ln of prior times plausibility for each unit of an axis."""
     mine = [c for c, a in zip(columns, axes, strict=True) if a == axis]
-    twin = next(({one, other} - {axis} for one, other, _ in ALIKE if axis in (one, other)), set())
+    twin = {a for one, other, _ in ALIKE if axis in (one, other) for a in (one, other)} - {axis}
     stated = {c.unit for c in mine if c.unit}
     beside = {c.unit for c, a in zip(columns, axes, strict=True) if a in twin and c.unit}
     result = []

@@ -83,6 +83,8 @@ _SPELT = {
     "rev/min": "rpm",
     "revs/min": "rpm",
     "u/min": "rpm",
+    "tr/min": "rpm",
+    "min1": "rpm",
     "pct": "pct",
     "percent": "pct",
     "%": "pct",

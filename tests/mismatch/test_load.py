@@ -66,10 +66,10 @@ def test_engines_and_flights_of_a_file_are_flights_of_their_engine(fleet):
 
 
 def test_one_engine_can_be_chosen_and_one_that_is_not_there_is_refused(fleet):
-    evidence = load_case(Case(TURBOFAN, Source((fleet,), engine_instance="B", accept_mismatch=True))).evidence
+    evidence = load_case(Case(TURBOFAN, Source((fleet,), engine_instance="B"))).evidence
     assert evidence.engines == ("B",)
     with pytest.raises(DataError, match=r"no record of engine 'C' \(A, B\)"):
-        load_case(Case(TURBOFAN, Source((fleet,), engine_instance="C", accept_mismatch=True)))
+        load_case(Case(TURBOFAN, Source((fleet,), engine_instance="C")))
 
 
 def test_several_files_are_flights_of_one_engine(tmp_path):
@@ -82,7 +82,7 @@ def test_several_files_are_flights_of_one_engine(tmp_path):
             encoding="utf-8",
         )
         paths.append(str(path))
-    evidence = load_case(Case(TURBOFAN, Source(tuple(paths), accept_mismatch=True))).evidence
+    evidence = load_case(Case(TURBOFAN, Source(tuple(paths)))).evidence
     assert [f.label for f in evidence.flights] == ["a.csv", "b.csv"]
     assert evidence.engines == ("",)
 

@@ -46,7 +46,7 @@ THE_SAME = 0.5
 may err, half of the laws of the grammar's own forms are then told as an average and 55 of 463 laws of known variables
 are beyond noise; with 1 in its place a quarter and 59, with 0.3 two thirds and 55."""
 NEAR = 0.1
-"""Non-centrality at which what is written is the average."""
+"""Non-centrality at which what is written is the average; what is nearer by less is no nearer."""
 LEAST = 1e-3
 """Probability from which a law has a part."""
 
@@ -98,7 +98,7 @@ class Mean:
 def mean_of(along: Sequence[Along], alone: np.ndarray | None, says: AnyCurve) -> Mean | None:
     """The average of laws at one place along these variables; `alone` (N,): the likeliest one's curve, none where that
     is a smooth curve and no formula is lost by the average; `says`: what the place says of any curve. None where the
-    likeliest is the average as far as it was flown, or no formula that there is room for comes nearer."""
+    likeliest is the average as far as it was flown, or no formula that there is room for comes visibly nearer."""
     parts = sorted(_parts(along), key=lambda x: -x.probability)
     if not parts:
         return None
@@ -109,7 +109,8 @@ def mean_of(along: Sequence[Along], alone: np.ndarray | None, says: AnyCurve) ->
         return None
     weights = _fewest(parts, curves, mean, says)
     curve = curves @ weights
-    if not np.std(curve) or _apart_in_shape(curve, mean, says) >= off:
+    # the likeliest one alone, weighed, is as far but for rounding
+    if not np.std(curve) or _apart_in_shape(curve, mean, says) > off - NEAR:
         return None
     return Mean(tuple(replace(x, weight=float(w)) for x, w in zip(parts, weights, strict=True)), curve)
 

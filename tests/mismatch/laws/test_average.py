@@ -222,7 +222,6 @@ def test_an_average_is_written_with_the_fewest_of_its_laws(ground: Ground) -> No
     assert ground.said.any.apart(mean.curve, (10.0 * one + other) / 11.0) < NEAR
 
 
-@pytest.mark.xfail(reason="fails with the newest packages on earlier trees, too; not traced yet", strict=False)
 def test_where_formulas_have_no_room_the_average_is_what_comes_nearest_or_none(ground: Ground) -> None:
     (mach,) = (k for k in ground.known if k.variable.name == "mach")
     one, other, third = (0.3 * (mach.values - 0.55) ** n for n in (1, 2, 3))
