@@ -77,7 +77,7 @@ class Misfit:
     """What is left between a sample and an engine. Of m sensors with readings: `sensors`, `before`: median of ln(y/Φ)
     where the engine is expected, `after`: standard deviation of it when the engine differs as it may, both relative.
     `factor` (m,): f; `departure`: δ over spreads (p,); `log_likelihood`: the sum in the module's head; computed: share
-    of records that the model could compute; `values`: parameters at the end; `freedom`: how many δ the readings fix."""
+    of records that the model could compute; `values`: parameters at the end."""
 
     sensors: tuple[str, ...]
     before: np.ndarray
@@ -87,14 +87,14 @@ class Misfit:
     log_likelihood: float
     computed: float
     values: Mapping[str, float] = field(default_factory=dict)
-    freedom: float = 0.0
 
     @property
     def tail(self) -> float:
-        """Share of engines of the kind, rightly recorded and as their priors say, that lack more: χ² of `freedom`."""
+        """Share of engines of the kind, rightly recorded and as their priors say, that lack more: −2 ln p is a χ² of
+        one for each sensor, since an engine is off its model much alike wherever it is run."""
         from scipy.special import chdtrc  # only of recordings that are far from the engine
 
-        return float(chdtrc(max(self.freedom, len(self.sensors), 1.0), -2.0 * self.log_likelihood))
+        return float(chdtrc(max(len(self.sensors), 1), -2.0 * self.log_likelihood))
 
     @property
     def typical(self) -> float:
@@ -158,7 +158,6 @@ class Yardstick:
                 found.log_likelihood,
                 float(np.mean(answer.ok)),
                 here,
-                found.freedom,
             )
             if best is None or reached.log_likelihood > best.log_likelihood:
                 best = reached
@@ -218,13 +217,9 @@ def _relative(
 
 @dataclass(frozen=True)
 class _Fitted:
-    """`freedom`: tr H, H = A'WA (A'WA + 1)⁻¹: how many δ of variance 1 the readings fix; δ̂'δ̂ is a sum of their
-    squares."""
-
     moved: np.ndarray
     factor: np.ndarray
     log_likelihood: float
-    freedom: float = 0.0
 
 
 def _fitted(e: np.ndarray, J: np.ndarray, sigma: np.ndarray) -> _Fitted:
@@ -245,11 +240,9 @@ def _fitted(e: np.ndarray, J: np.ndarray, sigma: np.ndarray) -> _Fitted:
             # Huber's weights: readings beyond two of what their sensor scatters by count less
             weight = share / factor**2 * np.minimum(1.0, HUBER * factor / np.maximum(np.abs(left), 1e-9))
             W = A * weight.reshape(-1, 1)
-            fixed, one = W.T @ A, np.eye(len(still))
-            solved = np.linalg.solve(fixed + one, np.column_stack([W.T @ r.ravel(), fixed]))
-            moved, freedom = solved[:, 0], float(np.trace(solved[:, 1:]))
+            moved = np.linalg.solve(W.T @ A + np.eye(len(still)), W.T @ r.ravel())
             left = r - (A @ moved).reshape(r.shape)
-            ends.append(_Fitted(moved, *_scored(left, there, n, moved), freedom))
+            ends.append(_Fitted(moved, *_scored(left, there, n, moved)))
             factor = ends[-1].factor
             if abs(ends[-1].log_likelihood - ends[-2].log_likelihood) < AT_REST:
                 break

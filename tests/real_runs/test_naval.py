@@ -2,7 +2,7 @@
 
 The recording is a simulator's, without noise. Its gas generator has variable stators that the model does not have,
 so that the shaft speed is missed by some 400 rpm; only the three highest lever positions (10 MW and more) are used.
-No sensor of a simulator is wrong, and isolation is told so; where it is not, it may not be sure of what cannot be.
+No sensor of a simulator is wrong; where isolation is not said so, it may not be sure of what cannot be.
 """
 
 from __future__ import annotations
@@ -127,18 +127,20 @@ def lost_efficiency(rows, healthy):
     return sum(1 - ideal_over_real(row) / before[row["lp"]] for row in rows) / len(rows)
 
 
-@pytest.mark.xfail(reason="beside scale errors of every instrument its efficiency has 0.94, where 0.99 is wanted")
+@pytest.mark.parametrize(("sensors", "least"), [("--no-sensors", 0.99), ("--sensors", 0.9)])
 def test_of_the_most_decayed_compressor_the_loss_of_efficiency_is_that_of_its_temperatures_and_pressures(
-    plant, tmp_path
+    plant, tmp_path, sensors, least
 ):
-    """The 18 records of the largest decay; whether its flow or a neighbour changed, too, is left open."""
+    """The 18 records of the largest decay; whether its flow or a neighbour changed, too, is left open. T3 rises by 2.2 %:
+    an instrument that may be wrong by 1 % (1 standard deviation) is another explanation, a tenth at most."""
     with (plant / "high.csv").open(newline="", encoding="utf-8") as file:
         rows = list(csv.DictReader(file))
     worst = [row for row in rows if decay(row)[0] <= 0.952 and decay(row)[1] >= 0.998]
-    out, _ = enginediag(
-        "isolate", "-n", plant / "nominal.yaml", write(tmp_path / "worst.csv", worst), "--recorder", RECORDER
-    )
+    file = write(tmp_path / "worst.csv", worst)
+    out, _ = enginediag("isolate", "-n", plant / "nominal.yaml", file, "--recorder", RECORDER, sensors)
     row = table(out)[0]
     assert row["verdict"] == "fault" and row["isolated"] == "compressor.efficiency"
-    assert float(row["inclusion"]) > 0.99 and float(row["probability"]) < 0.8
+    assert float(row["inclusion"]) > least and float(row["probability"]) < 0.8
     assert float(row["lower"]) < -lost_efficiency(worst, rows) < float(row["upper"])
+    if sensors == "--sensors":
+        assert "sensor.T3." in row["rivals"] and float(row["inclusion"]) < 0.99
